@@ -2,8 +2,8 @@
 
 usage: python benchmarks/link.py [--flights 20] [--speed 1] [--jobs 20] [--write]
 
-- **Flights**: `benchmarks/vehicle.py` and `eadp replan --mavlink --upload`, two processes, `--speed` times as fast as
-  the clock.
+- **Flights**: `docs/examples/vehicle.py` and `eadp replan --mavlink --upload`, two processes, `--speed` times as
+  fast as the clock.
   Every message is lost with 5 %, either way, and comes up to 0.05 s late, so that messages overtake one another. Beside
   it the same vehicle, pack, gusts and losses of charge by JSON lines once a second through the re-planner of
   `eadp replan`: nothing is lost, and what is decided is flown at once. U of both is that of the stages and parameters
@@ -13,9 +13,9 @@ usage: python benchmarks/link.py [--flights 20] [--speed 1] [--jobs 20] [--write
   of ten kinds of messages, and amid as many messages of another sender as can be sent. Latency is the time from sending
   a position to receiving the decision about it.
 - **Memory**: a flight of a day, simulated, by messages in and out, without a socket.
-- **Computations**: `benchmarks/detector.py`, a process that works, measured by `eadp profile --measure`, then told its
-  rate by `eadp replan --publish` while the vehicle flies; and one that does not obey. Where the computer has no sensor,
-  the detector's meter stands for one.
+- **Computations**: `docs/examples/detector.py`, a process that works, measured by `eadp profile --measure`, whose rate
+  `eadp replan --publish` then sets while the vehicle flies; and one that does not obey. Where the computer has no
+  sensor, the detector's meter stands for one.
 
 Needs jsbsim and pymavlink: pip install 'eadp[bench,mavlink]'.
 """
@@ -43,7 +43,7 @@ import numpy as np
 from measured import add_option, head, line, recorded
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.append(str(ROOT / "tests/support"))
+sys.path += [str(ROOT / "tests/support"), str(ROOT / "docs/examples")]
 
 import mavlink_vehicle  # noqa: E402
 from common.plans import placed  # noqa: E402
@@ -71,7 +71,7 @@ CAPACITIES_AH = {"survey": (0.6, 1.2), "meadow": (0.75, 1.1), "slanted": (0.65, 
 LOW_AH = 0.52
 """A battery that lasts for the survey's widest lines at low rates alone."""
 EADP = [sys.executable, "-m", "eadp"]
-VEHICLE = [sys.executable, str(ROOT / "benchmarks/vehicle.py")]
+VEHICLE = [sys.executable, str(ROOT / "docs/examples/vehicle.py")]
 
 
 @dataclass(frozen=True)
@@ -561,7 +561,7 @@ def computing(mission: Mission, speed: float) -> None:
     chip.mkdir(parents=True)
     (chip / "name").write_text("detector\n")
     (chip / "power1_input").write_text("2000000\n")
-    detector = [sys.executable, str(ROOT / "benchmarks/detector.py"), "--meter", str(folder), "--rate", "{fps}"]
+    detector = [sys.executable, str(ROOT / "docs/examples/detector.py"), "--meter", str(folder), "--rate", "{fps}"]
     measure = ["--measure", "--sysfs", str(folder), "--config", "fps=2,4,6,8,10", "--accuracy", "3%", "--longest", "40"]
     measured = mission.folder / "detector.csv"
     subprocess.run([*EADP, "profile", *measure, "-o", str(measured), "--", *detector], check=True, capture_output=True)

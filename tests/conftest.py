@@ -14,11 +14,12 @@ from hypothesis import HealthCheck, settings
 from eadp.cli.main import main
 from eadp.core import compiled
 
-# A loaded machine makes the generation of inputs slow, which is no fault of a test. A build uses the same examples each
-# time; other runs draw new ones.
-settings.register_profile("default", suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("build", settings.get_profile("default"), derandomize=True)
-settings.load_profile("build" if os.environ.get("CI") else "default")
+# The quick tier draws the same examples each time, so that more of them would find nothing new; the slow tier draws new
+# ones. A loaded machine makes the generation of inputs slow, which is no fault of a test. None depends on the clock.
+settings.register_profile("base", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("quick", settings.get_profile("base"), max_examples=25, derandomize=True)
+settings.register_profile("slow", settings.get_profile("base"), max_examples=200)
+settings.load_profile("quick")
 
 # Machine code is compiled once for each version of the sources: by all tests, their processes and pytest's workers
 # together, and kept between runs.

@@ -52,7 +52,7 @@ def test_the_flight_of_the_tutorial(tmp_path):
         while f":{port:04X} " not in Path("/proc/net/udp").read_text():
             assert planner.poll() is None
             time.sleep(0.05)
-        vehicle = run([*command("python benchmarks/vehicle.py", port), "--to", f"127.0.0.1:{port}"], timeout=300)
+        vehicle = run([*command("python docs/examples/vehicle.py", port), "--to", f"127.0.0.1:{port}"], timeout=300)
         planner.wait(60)
     said = err.read_text()
     assert planner.returncode == 0, said

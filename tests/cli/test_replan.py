@@ -371,7 +371,7 @@ CHANGED = st.builds(
 )
 
 
-@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.binary(max_size=60) | CHANGED | st.sampled_from(LINES[:40]), max_size=12))
 def test_no_line_crashes_it(replan, lines):
     code, advice, err = replan(b"\n".join(line.replace(b"\n", b"") for line in lines))

@@ -9,14 +9,13 @@ from functools import partial
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import LinearNDInterpolator, PchipInterpolator, RegularGridInterpolator
 
 from eadp.core.interpolation import EDGE, interpolant, leave_one_out
 from eadp.errors import Infeasible
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 ROUNDING = 1e-9  # relative to values and coordinates of order 1 to 1000
 
 FPS = np.array([[2.0], [4.0], [6.0], [8.0], [10.0]])
@@ -56,7 +55,6 @@ def test_power_between_two_frame_rates_worked_by_hand() -> None:
     assert interpolant(FPS, POWER_W).at((2.1,)) == pytest.approx(5.300767, abs=ROUNDING)
 
 
-@unhurried
 @given(curves(), part)
 def test_line_is_numpys(curve: tuple[np.ndarray, np.ndarray], t: float) -> None:
     knots, values = curve
@@ -65,7 +63,6 @@ def test_line_is_numpys(curve: tuple[np.ndarray, np.ndarray], t: float) -> None:
     assert line.at((x,)) == pytest.approx(np.interp(x, knots, values), abs=ROUNDING)
 
 
-@unhurried
 @given(curves(), st.lists(part, max_size=5))
 def test_many_is_one_by_one(curve: tuple[np.ndarray, np.ndarray], parts: list[float]) -> None:
     knots, values = curve
@@ -74,7 +71,6 @@ def test_many_is_one_by_one(curve: tuple[np.ndarray, np.ndarray], parts: list[fl
     assert line(asked[:, None]) == pytest.approx([line.at((x,)) for x in asked], abs=ROUNDING)
 
 
-@unhurried
 @given(curves())
 def test_measured_configurations_keep_their_values_exactly(curve: tuple[np.ndarray, np.ndarray]) -> None:
     knots, values = curve
@@ -83,7 +79,6 @@ def test_measured_configurations_keep_their_values_exactly(curve: tuple[np.ndarr
         assert [line.at((x,)) for x in knots] == list(values)
 
 
-@unhurried
 @given(curves(), part)
 def test_pchip_is_scipys(curve: tuple[np.ndarray, np.ndarray], t: float) -> None:
     knots, values = curve
@@ -100,7 +95,6 @@ def test_pchip_differs_from_the_line_and_rises_as_the_data_does() -> None:
     assert smooth.at((9.0,)) > interpolant(FPS, POWER_W).at((9.0,)) + 0.01
 
 
-@unhurried
 @given(curves(), st.randoms(use_true_random=False))
 def test_order_of_measurements_does_not_matter(curve: tuple[np.ndarray, np.ndarray], random: object) -> None:
     knots, values = curve
@@ -116,7 +110,6 @@ def test_order_of_measurements_does_not_matter(curve: tuple[np.ndarray, np.ndarr
 # grids
 
 
-@unhurried
 @given(levels(3), st.tuples(*[st.integers(-8, 8)] * 8), st.tuples(part, part, part))
 def test_grid_reproduces_multilinear_functions(
     axes: list[list[float]], coefficients: tuple[int, ...], parts: tuple[float, ...]
@@ -133,7 +126,6 @@ def test_grid_reproduces_multilinear_functions(
     assert grid([asked]) == pytest.approx([function(*asked)], abs=ROUNDING)
 
 
-@unhurried
 @given(levels(2), st.data(), st.tuples(part, part))
 def test_grid_is_scipys(axes: list[list[float]], data: st.DataObject, parts: tuple[float, ...]) -> None:
     points = grid_points(axes)
@@ -171,14 +163,12 @@ mixture = st.lists(st.floats(0.01, 1), min_size=len(SCATTER), max_size=len(SCATT
 )
 
 
-@unhurried
 @given(mixture)
 def test_scattered_reproduces_planes(point: np.ndarray) -> None:
     plane_w = interpolant(SCATTER, 3 + 0.5 * SCATTER[:, 0] + 0.01 * SCATTER[:, 1])
     assert plane_w.at(point) == pytest.approx(3 + 0.5 * point[0] + 0.01 * point[1])
 
 
-@unhurried
 @given(mixture)
 def test_scattered_is_scipys(point: np.ndarray) -> None:
     scattered = interpolant(SCATTER, IRREGULAR_W)
@@ -243,7 +233,6 @@ def test_nearest_in_a_triangle_worked_by_hand() -> None:
     assert triangle.at(triangle.nearest((10.0, 32.0))) == pytest.approx(7.5)
 
 
-@unhurried
 @given(st.floats(0, 12), st.floats(0, 500))
 def test_nearest_in_the_hull_is_optimal(fps: float, keysize: float) -> None:
     scattered = interpolant(SCATTER, IRREGULAR_W)
@@ -313,7 +302,6 @@ def test_lines_and_grids_need_numpy_only() -> None:
 # each point left out
 
 
-@unhurried
 @given(curves(), st.sampled_from(["linear", "pchip"]))
 def test_left_out_is_the_interpolation_of_the_others(curve: tuple[np.ndarray, np.ndarray], kind: str) -> None:
     knots, values = curve
@@ -333,7 +321,6 @@ def test_left_out_worked_by_hand_in_any_order() -> None:
     assert np.isnan(found[[1, 2]]).all()
 
 
-@unhurried
 @given(levels(2), st.data())
 def test_left_out_of_a_grid_is_the_mean_of_its_lines(axes: list[list[float]], data: st.DataObject) -> None:
     points = grid_points(axes)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import shapely
 from common import few
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.core.geometry.curves import wrap_angle_rad
@@ -131,7 +131,6 @@ def unmoved(name, pattern):
     return field, cover(CoverageRequest(field, MOTION, pattern)).path(0.0)
 
 
-@settings(max_examples=25, deadline=None)
 @given(
     st.sampled_from(["rectangle", "trapezoid"]),
     st.sampled_from([ZAMBONI, DUBINS]),

@@ -7,14 +7,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from eadp.core.geometry.dubins import lengths_m, times_s
 from eadp.coverage import line_order
 from eadp.coverage.line_order import best_order, quick_order
 
-unhurried = settings(deadline=None, max_examples=40)  # no test depends on the clock
 ROUNDING = 1e-9
 WELL, QUICK = 1.02, 1.12  # of the whole flight's cost, to the exact order's
 AIRSPEED, WIND = 18.0, (6.0, -5.0)
@@ -257,7 +256,6 @@ def test_a_search_whose_lines_are_numbered_anyhow():
     assert answer[1] <= WELL * best_order(*problem)[1]
 
 
-@unhurried
 @given(SEEDS, st.integers(2, 14), st.booleans())
 def test_what_the_search_says_it_saves_is_saved(seed, count, windless):
     # the running total is of differences alone until it is added up again
@@ -276,7 +274,6 @@ def test_what_the_search_says_it_saves_is_saved(seed, count, windless):
     assert [search.tour[search.position[line]] // 2 for line in range(count)] == list(range(count))
 
 
-@unhurried
 @given(SEEDS, st.integers(2, 6))
 @example(2760, 4)  # after the last improvement a way far from it pays for another
 @example(41743, 6)
@@ -291,7 +288,6 @@ def test_without_wind_no_stretch_is_better_turned_round(seed, count):
         assert total(order, problem) <= total(turned, problem) + 1e-6
 
 
-@unhurried
 @given(SEEDS, st.integers(1, 6))
 def test_directions_are_the_best_for_a_sequence(seed, count):
     problem = arbitrary(seed, count)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 import shapely
+from common import draws
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -48,7 +49,7 @@ def linear(pack_m, way_m):
 
 @pytest.mark.parametrize("field", [RECTANGLE, BAY], ids=["rectangle", "bay"])
 @pytest.mark.parametrize("order", [False, True], ids=["side by side", "shuffled"])
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=draws(0.6))
 @given(shares=st.lists(st.floats(0.02, 0.98), min_size=1, max_size=4, unique=True))
 def test_parts_are_the_field_once(field, order, shares):
     grid = grid_of(field)
@@ -69,7 +70,6 @@ def test_a_cut_line_is_flown_again_by_the_overlap():
     assert first.intersection(second).area == pytest.approx(25.0 * width_m, rel=1e-3)
 
 
-@settings(max_examples=25, deadline=None)
 @given(pack_m=st.floats(900, 9000), way_share=st.floats(0.0, 0.6))
 def test_sorties_are_the_fewest_where_lines_may_be_cut(pack_m, way_share):
     way_m = way_share * pack_m
@@ -113,7 +113,6 @@ def test_a_way_that_takes_the_pack_is_refused():
         divider.fewest(1)
 
 
-@settings(max_examples=30, deadline=None)
 @given(
     st.lists(st.tuples(st.floats(1, 50), st.floats(1, 60)), min_size=1, max_size=5),
     st.floats(61, 300),
@@ -131,7 +130,6 @@ def test_the_bound_is_below_every_division(parts, pack_s):
     assert bound <= least * (1 + 1e-9)
 
 
-@settings(max_examples=40, deadline=None)
 @given(st.lists(st.tuples(st.floats(1, 40), st.floats(1, 30)), min_size=1, max_size=5), st.floats(75, 300))
 def test_the_bound_of_the_number_is_below_every_order(parts, pack_s):
     """Lines with a turn to each, in every grouping: a sortie leaves out the turn to its first line."""

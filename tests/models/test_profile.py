@@ -6,13 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.errors import Infeasible
 from eadp.models.profile import LEVELS_LIMIT, Profile
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 ROUNDING_W = 1e-9
 
 
@@ -152,7 +151,6 @@ def test_too_many_levels() -> None:
     assert len(PEDNET.levels(0, 0, LEVELS_LIMIT - 1)) == LEVELS_LIMIT
 
 
-@unhurried
 @given(st.integers(0, 80).map(lambda k: k / 8), st.integers(0, 80).map(lambda k: k / 8))
 def test_levels_are_within_the_bounds_and_hold_what_is_measured(lo: float, hi: float) -> None:
     for made in (PEDNET, HALF):

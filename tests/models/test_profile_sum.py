@@ -6,14 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.errors import Infeasible
 from eadp.models.profile import Profile
 from eadp.models.profile_sum import ProfileSum, added
-
-unhurried = settings(deadline=None)  # no test depends on the clock
 
 DETECTOR = Profile(("fps",), ("1/s",), np.array([[2.0], [10.0]]), np.array([4.0, 8.0]), source="detector")
 ENCODER = Profile(
@@ -22,7 +20,6 @@ ENCODER = Profile(
 BOTH = ProfileSum((DETECTOR, ENCODER))
 
 
-@unhurried
 @given(st.floats(2, 10), st.floats(32, 448), st.floats(1, 3))
 def test_power_is_the_sum(fps: float, keysize: float, rate: float) -> None:
     # the detector by hand: 4 W and half a watt for each frame above 2

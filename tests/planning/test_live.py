@@ -11,7 +11,7 @@ import pytest
 from common import ROOT
 from common.plans import STADIUM
 from common.recorder import Recorder
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.io.flight.inputs import Files, load_flight
@@ -392,7 +392,6 @@ ANY_FIX = st.builds(
 INPUTS = {planner: inputs_of(planner) for planner in ("static", "paper", "joint")}
 
 
-@settings(deadline=None, max_examples=60)
 @given(
     st.sampled_from(sorted(INPUTS)),
     st.lists(st.tuples(st.floats(1e-6, 50), st.floats(-30, 30), st.floats(-30, 30), ANY_FIX), max_size=25),

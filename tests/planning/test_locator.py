@@ -6,7 +6,7 @@ import math
 
 import pytest
 from common import ROOT
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.io.plan.reader import read_plan
@@ -49,7 +49,6 @@ def stages(found):
     return [(one.executor.cursor.lap, one.executor.stage.index) for one in found.hypotheses]
 
 
-@settings(deadline=None, max_examples=40)
 @given(st.floats(1.0, ENDS_S[-1] - 1.0), st.floats(0.95, 1.05))
 def test_the_stage_is_found_again_after_any_gap(time_s, wrong_share):
     number, found = sighted(time_s, time_s * wrong_share)

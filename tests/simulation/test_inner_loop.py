@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from common import ROOT, few
 from common.plans import PARTS
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from eadp.core import compiled
@@ -236,7 +236,6 @@ def test_what_is_logged_does_not_change_the_flight():
     length_m=st.integers(60, 3000),
 )
 @example("static", 0.1, 1.0, 100.0, 3000)
-@settings(deadline=None, max_examples=25)
 def test_time_always_advances(planner, every_s, update_s, log_every_s, length_m):
     class Advancing(InnerLoop):
         def run(self, k, end):

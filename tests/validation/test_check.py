@@ -6,7 +6,7 @@ import math
 
 import pytest
 from common.plans import APPENDIX_PRINTED, APPENDIX_RIGHT, PARTS
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.core.expressions.derivatives import bind
@@ -178,7 +178,6 @@ def test_curves_have_a_curvature():
     assert radius_of_curvature_m(path, (100.0, 50.0)) == pytest.approx(100 * (1 + 1) ** 1.5)
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     st.floats(-500, 500),
     st.floats(-500, 500),

@@ -28,7 +28,6 @@ from eadp.io.text.schema_faults import STRICT, keys_document, schema_of, validat
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, read_yaml
-from eadp.io.vehicle.vehicle_file import RENAMED as RENAMED_OF_VEHICLES
 from eadp.io.vehicle.vehicle_file import SCHEMA as VEHICLE_SCHEMA
 from eadp.io.vehicle.vehicle_file import VehicleFile, airframe_faults, battery_faults, two_voltages, vehicle_of
 from eadp.models.battery import Battery, BatteryFault
@@ -45,8 +44,6 @@ from eadp.planning.registry import DEFAULT, PLANNERS, planner_class
 
 SCHEMA = "eadp.scenario/1"
 MAX_STEPS = 100_000_000
-RENAMED = {**RENAMED_OF_VEHICLES, "keep_gain": "min_gain", "path_search": "path_rule"}
-"""New names of keys by their old ones."""
 
 ParameterName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Pair = tuple[Coordinate, Coordinate]
@@ -402,7 +399,7 @@ def scenario_of(
 def _checked(document: Document, vehicle_text: Text | None) -> Scenario:
     own, value = document.value.get("battery"), without_nulls(document.value)
     refuse(_raw_faults(value, document))
-    keys = validated(ScenarioFile, document, document.value, lambda keys: _faults(keys, document), RENAMED)
+    keys = validated(ScenarioFile, document, document.value, lambda keys: _faults(keys, document))
     # null restores a default, which is what the key has in a battery of its own
     battery = keys.vehicle.battery.overridden({key: getattr(keys.battery, key) for key in own or ()})
     refuse(battery_faults(document, battery))
@@ -519,10 +516,6 @@ def _raw_faults(value: dict[str, Any], document: Document) -> list[Fault]:
     if isinstance(planner, dict) and "reserve_soc" in planner:
         message = "unknown key planner.reserve_soc"
         faults.append(document.fault(("planner", "reserve_soc"), message, "reserve_soc"))
-    if isinstance(planner, dict) and "solver" in planner:
-        message = "planner.solver is no longer a key"
-        expected = "no such key: paper always solves QPs, joint a closed form"
-        faults.append(document.fault(("planner", "solver"), message, expected))
     return faults
 
 

@@ -10,7 +10,6 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
-from itertools import chain, repeat
 from typing import Any, TypeVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
@@ -93,7 +92,6 @@ def validated(
     document: Document,
     value: Any,
     check: Callable[[Model], list[Fault]] | None = None,
-    renamed: Mapping[str, str] | None = None,
 ) -> Model:
     """A value of a document as a schema's dataclass or model.
 
@@ -104,8 +102,6 @@ def validated(
         What is validated, made of mappings, lists, strings and numbers. A known key that is null is an absent one.
     check : function, optional
         Finds what the schema alone cannot express.
-    renamed : mapping, optional
-        New names by old ones, for the message on an unknown key.
 
     Raises
     ------
@@ -120,8 +116,7 @@ def validated(
             value = without_nulls(value)
             content, problems = _content(model, value)
     if problems:
-        names = chain(repeat(renamed or {}, SUGGESTIONS), repeat(None))
-        found = [_schema_fault(document, each, model, value, new) for each, new in zip(problems, names)]  # noqa: B905
+        found = [_schema_fault(document, each, model, value, i < SUGGESTIONS) for i, each in enumerate(problems)]
         raise InputError(*_merged(found))
     faults = check(content) if check is not None else []
     refuse(faults)
@@ -148,16 +143,15 @@ def _merged(faults: list[Fault]) -> list[Fault]:
     return list(merged.values())
 
 
-def _schema_fault(document: Document, problem: Any, model: Any, value: Any, renamed: Mapping[str, str] | None) -> Fault:
-    """One of pydantic's complaints about a value; without `renamed` there is no suggestion for an unknown key."""
+def _schema_fault(document: Document, problem: Any, model: Any, value: Any, suggests: bool) -> Fault:
+    """One of pydantic's complaints about a value, with a suggestion for an unknown key if wanted."""
     kind, wrong = problem["type"], problem["input"]
     path = _path_in(value, problem["loc"])
     key = ".".join(printable(str(part), 80) for part in path)
     if kind in ("missing", "missing_argument"):
         return document.fault(path, f"the key {key} is missing")
     if kind in _UNKNOWN:
-        suggestion = "" if renamed is None else _instead(model, path, renamed)
-        return document.fault(path, f"unknown key {key}", suggestion)
+        return document.fault(path, f"unknown key {key}", _instead(model, path) if suggests else "")
     message = printable(str(problem["msg"]).removeprefix("Value error, "))
     if kind == "value_error":
         return document.fault(path, f"{key}: {message}" if key else message)
@@ -195,13 +189,13 @@ def _at(value: Any, path: Path) -> Any:
     return value
 
 
-def _instead(model: Any, path: Path, renamed: Mapping[str, str]) -> str:
-    """What to write for an unknown key: the paths of the key of its name, or of its new name; else the known keys."""
+def _instead(model: Any, path: Path) -> str:
+    """What to write for an unknown key: the paths of the key of its name, else the known keys."""
     schema = schema_of(model)
     nodes = [schema]
     for part in path[:-1]:
         nodes = [inner for node in nodes for name, inner in properties(schema, node) if name == part] or nodes
-    wanted = renamed.get(str(path[-1]), str(path[-1]))
+    wanted = str(path[-1])
     found = [".".join(map(str, (*path[:-1], *deeper))) for node in nodes for deeper in _paths_to(wanted, schema, node)]
     if found:
         return " or ".join(dict.fromkeys(found))

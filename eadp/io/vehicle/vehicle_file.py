@@ -17,16 +17,6 @@ from eadp.models.weather import Wind
 
 SCHEMA = "eadp.vehicle/1"
 DEFAULT = next(iter(AIRFRAMES))
-RENAMED = {
-    "most_bank_deg": "max_bank_deg",
-    "highest_lift": "max_lift_coefficient",
-    "zero_lift_drag": "zero_lift_drag_coefficient",
-    "roll_time_s": "roll_time_constant_s",
-    "most_climb_mps": "max_climb_rate_mps",
-    "most_power_w": "max_power_w",
-    "crate_per_h": "letter_crate_per_h",
-}
-"""New names of keys by their old ones."""
 
 
 def _model_of(airframe: Any) -> str:
@@ -77,9 +67,7 @@ def vehicle_of(document: Document) -> VehicleFile:
     """
     value = without_nulls(document.value)
     refuse(airframe_faults(document, value) + two_voltages(document, value))
-    return validated(
-        VehicleFile, document, document.value, lambda keys: battery_faults(document, keys.battery), RENAMED
-    )
+    return validated(VehicleFile, document, document.value, lambda keys: battery_faults(document, keys.battery))
 
 
 def vehicle_warnings(document: Document, vehicle: VehicleFile) -> list[Fault]:

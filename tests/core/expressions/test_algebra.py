@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 import sympy
-from hypothesis import given, settings, target
+from hypothesis import given, target
 from hypothesis import strategies as st
 
 from eadp.core.expressions import algebra
@@ -60,7 +60,6 @@ TREES = st.recursive(
 )
 
 
-@settings(max_examples=300, deadline=None)
 @given(TREES)
 def test_what_is_collected_without_sympy_is_what_sympy_shows(text):
     """Same text, so that plans are shown and flown as with sympy."""

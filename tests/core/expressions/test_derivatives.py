@@ -7,7 +7,7 @@ import math
 import mpmath
 import pytest
 import sympy
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from eadp.core.expressions.algebra import to_sympy
@@ -21,8 +21,6 @@ DIGITS = 60
 ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2))
 C = (0.7, 2.0, -1.3)
 POINT = (1.3, 0.45)
-
-unhurried = settings(deadline=None, max_examples=60)  # no test depends on the clock
 
 
 def jet_of(text, point=POINT, parameters=C):
@@ -217,7 +215,6 @@ def derivative_jumps(text, point):
     return any(abs(a - b) > 1e-5 * (1 + abs(a)) for a, b in zip(one, near, strict=True))
 
 
-@unhurried
 @given(texts, points)
 def test_jet_by_differences(text, point):
     assume(not derivative_jumps(text, point))
@@ -227,14 +224,12 @@ def test_jet_by_differences(text, point):
     assert jet == pytest.approx(oracle, rel=1e-8, abs=1e-10 * (1 + scale))
 
 
-@unhurried
 @given(texts, points)
 def test_the_value_is_that_of_the_expression(text, point):
     wanted = read_expression(text).at(C, *point)
     assert jet_of(text, point)[0] == pytest.approx(wanted, rel=RELATIVE, abs=ABSOLUTE)
 
 
-@unhurried
 @given(texts.filter(lambda text: not any(word in text for word in ("min", "max", "abs"))), points)
 def test_jet_by_symbols(text, point):
     assume(len(text) < 80)
@@ -247,7 +242,6 @@ def test_jet_by_symbols(text, point):
     assert jet_of(text, point) == pytest.approx(oracle, rel=1e-8, abs=1e-10 * (1 + scale))
 
 
-@unhurried
 @given(*[st.integers(-50, 50).map(float)] * 4, points, points)
 def test_a_line_has_one_gradient(a, b, c, parameter, one, other):
     path = bind(read_expression(f"{a}*x - ({b})*y + ({c} - c1)/2"), (parameter,))

@@ -10,7 +10,7 @@ import subprocess
 import sys
 
 import pytest
-from hypothesis import assume, example, given, settings
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from eadp.core.expressions.algebra import from_sympy, is_zero, simplified, to_sympy
@@ -41,7 +41,6 @@ from eadp.core.expressions.tree import (
 )
 from eadp.errors import ExpressionError, PathUndefined
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 ROUNDING = 1e-12
 SAME_VALUE = 1e-9
 PLACE = {"x": 1.25, "y": -2.5, "c1": 3.0, "c2": 0.75}
@@ -349,7 +348,6 @@ def test_the_first_function_that_is_not_smooth_is_known():
     assert (first.non_smooth, second.non_smooth) == ("abs", "")
 
 
-@unhurried
 @given(texts)
 @example("-2^2")
 @example("2^-2^2")
@@ -367,7 +365,6 @@ def test_values_are_those_of_pythons_own_parser(text):
 # --- canonical text ---------------------------------------------------------------------------------------------------
 
 
-@unhurried
 @given(trees)
 def test_reading_the_text_of_a_tree_gives_the_tree(tree):
     text = to_text(tree)
@@ -404,7 +401,6 @@ def test_canonical_text_worked_by_hand(text, canonical):
     assert read_expression(text).text == canonical
 
 
-@unhurried
 @given(st.floats(0, CONSTANT_LIMIT))
 def test_numbers_keep_every_digit(value):
     assert float(number_text(value)) == value
@@ -601,19 +597,16 @@ def test_code_is_no_expression(text, tmp_path, monkeypatch):
     assert not list(tmp_path.iterdir())
 
 
-@unhurried
 @given(st.text(max_size=60))
 def test_any_text_is_read_or_refused(text):
     read_or_refuse(text)
 
 
-@unhurried
 @given(st.text(alphabet="xyc0123456789.e+-*/^(), sqrtinmaxpl", max_size=60))
 def test_any_text_of_the_alphabet_is_read_or_refused(text):
     read_or_refuse(text)
 
 
-@unhurried
 @given(texts, st.integers(0, 100), st.text(max_size=3), st.integers(0, 3))
 def test_a_text_that_is_tampered_with_is_read_or_refused(text, at, inserted, dropped):
     at %= len(text) + 1
@@ -674,7 +667,6 @@ def test_a_parameter_without_a_value():
 # --- substitution -----------------------------------------------------------------------------------------------------
 
 
-@unhurried
 @given(texts, texts)
 def test_a_substituted_value_is_the_value_of_the_value(outer, inner):
     assume(not fails(outer) and not fails(inner))
@@ -724,7 +716,6 @@ def test_constants_that_arise_by_substitution_are_checked(text):
 # --- sympy ------------------------------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=60)
 @given(texts)
 def test_sympys_value_is_the_same(text):
     assume("atan2" not in text)  # of (0, 0) it is nan to sympy
@@ -772,7 +763,6 @@ def test_not_zero_however_small(text):
     assert not is_zero(read_expression(text).node)
 
 
-@settings(deadline=None, max_examples=40)
 @given(*[st.integers(-9, 9)] * 6, st.sampled_from([0, 1, -1, 1e-7]))
 def test_a_product_less_its_expansion_is_zero(a, b, c, d, e, f, rest):
     factored = f"({a}*x + {b}*c1 + {c})*({d}*x + {e}*c1 + {f})"
@@ -804,7 +794,6 @@ def test_is_zero_answers_in_the_end(text):
     assert not is_zero(read_expression(text).node)
 
 
-@settings(deadline=None, max_examples=40)
 @given(texts)
 def test_simpler_has_the_same_value(text):
     assume("atan2" not in text)  # of (0, 0) it is nan to sympy

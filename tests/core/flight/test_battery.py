@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from common import draws
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
@@ -21,7 +22,6 @@ from eadp.core.flight.battery import (
 )
 from eadp.errors import Infeasible
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 EXACT = 1e-12
 SECOND = 1.0
 PAPER = {"voltage_v": 14.8, "resistance_ohm": 0.0012, "capacity_ah": 3.2}  # ../spec/07, Constants
@@ -38,7 +38,6 @@ def largest_w(voltage, resistance):
 # --- current ----------------------------------------------------------------------------------------------------------
 
 
-@unhurried
 @given(voltages, resistances, shares)
 def test_current_is_a_root_of_the_circuits_equation(voltage, resistance, share):
     power = share * largest_w(voltage, resistance) * (1 - 1e-9)
@@ -47,7 +46,6 @@ def test_current_is_a_root_of_the_circuits_equation(voltage, resistance, share):
     assert current_a(power, voltage, resistance) == pytest.approx(wanted, rel=1e-6, abs=1e-9)
 
 
-@unhurried
 @given(voltages, resistances, st.floats(0.001, 0.999))
 def test_current_by_bisection(voltage, resistance, share):
     power = share * largest_w(voltage, resistance)
@@ -56,7 +54,6 @@ def test_current_by_bisection(voltage, resistance, share):
     assert current_a(power, voltage, resistance) == pytest.approx(wanted, rel=1e-9)
 
 
-@unhurried
 @given(voltages, st.floats(0, 0.5), shares)
 def test_what_the_cells_give_is_delivered_or_lost_in_the_resistance(voltage, resistance, share):
     power = share * (1 - 1e-9) * (largest_w(voltage, resistance) if resistance > 1e-6 else 1000)
@@ -83,7 +80,6 @@ def test_at_the_largest_power_half_the_voltage_is_lost():
     assert current_a(14.8**2 / 0.2, 14.8, 0.05) == pytest.approx(148, rel=1e-6)
 
 
-@unhurried
 @given(voltages, st.floats(1e-4, 0.5), st.floats(1e-9, 1e6))
 def test_more_than_it_can_deliver_is_infeasible(voltage, resistance, excess):
     power = largest_w(voltage, resistance) * (1 + 1e-9) + excess
@@ -97,7 +93,6 @@ def test_the_sentence_names_the_figures():
     assert undeliverable(2000.0, 14.8, 0.05) == "2000.0 W exceeds the 1095.2 W that 14.8 V through 0.05 Ω can deliver"
 
 
-@unhurried
 @given(voltages, st.floats(0, 0.2), st.floats(-0.9, 0.9))
 def test_slope_by_differences(voltage, resistance, share):
     power = share * (largest_w(voltage, resistance) if resistance > 1e-3 else 1000)
@@ -128,7 +123,7 @@ def test_a_perfect_battery_holds_its_watt_hours():
     assert soc_rate_per_s(47.36, 14.8, 0.0, 3.2, 1 / 3600) == pytest.approx(-1 / 3600)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=draws(0.8))
 @given(st.floats(0.001, 0.1), st.floats(20, 60), st.floats(0, 15), st.floats(5, 100))
 def test_charge_over_a_flight_by_integration(resistance, mean_w, amplitude_w, period_s):
     def power(t):

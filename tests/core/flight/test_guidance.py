@@ -6,14 +6,13 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
 from eadp.core.flight.guidance import WIND_FACTOR_LIMIT, heading_rate_radps, normalised_jet, wind_factor
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 RADPS = 1e-9
 DIFFERENCE_RADPS = 1e-5
 E = np.array([[0.0, -1.0], [1.0, 0.0]])
@@ -60,7 +59,6 @@ def by_matrices(path, position, velocity, k_e, k_d, sense):
     return float((chi_dot - k_d * towards).item())
 
 
-@unhurried
 @given(names, coordinate, coordinate, angles, st.floats(1, 30), gains, senses)
 def test_heading_rate_is_the_drafts(name, x, y, course, speed, k_d, sense):
     path, k_e = path_of(name)
@@ -71,7 +69,6 @@ def test_heading_rate_is_the_drafts(name, x, y, course, speed, k_d, sense):
     assert got == pytest.approx(wanted, rel=1e-7, abs=RADPS)
 
 
-@unhurried
 @given(names, coordinate, coordinate, angles, senses)
 def test_without_k_d_it_is_how_fast_the_desired_direction_turns(name, x, y, course, sense):
     path, k_e = path_of(name)
@@ -101,7 +98,6 @@ def test_on_a_line_along_it_it_is_zero():
     assert heading_rate_radps(path(1.2, 1.6), -12.0, 9.0, k_e, 1.0, 1) == pytest.approx(0, abs=RADPS)
 
 
-@unhurried
 @given(names, coordinate, coordinate, angles, st.floats(0.01, 5), senses)
 def test_k_d_turns_towards_the_desired_direction(name, x, y, course, k_d, sense):
     path, k_e = path_of(name)
@@ -134,7 +130,6 @@ def test_at_a_critical_point_the_heading_is_kept(k_d):
 # --- the distance to the path to first order --------------------------------------------------------------------------
 
 
-@unhurried
 @given(names, coordinate, coordinate, st.sampled_from([1e-3, -1.0, 40.0]))
 def test_a_normalised_path_does_not_depend_on_its_scale(name, x, y, scale):
     text, _ = PATHS[name]
@@ -155,7 +150,6 @@ def test_a_normalised_path_is_the_distance_near_it():
 # --- wind -------------------------------------------------------------------------------------------------------------
 
 
-@unhurried
 @given(angles, angles, st.floats(0, 9.9))
 def test_wind_factor_is_how_much_faster_the_heading_turns(heading, towards, speed):
     wind = speed * np.array([math.cos(towards), math.sin(towards)])
@@ -189,7 +183,6 @@ def test_wind_factor_is_bounded(velocity, air):
     assert 1 / WIND_FACTOR_LIMIT <= wind_factor(*velocity, *air) <= WIND_FACTOR_LIMIT
 
 
-@unhurried
 @given(*[st.floats(-40, 40)] * 4)
 def test_wind_factor_is_always_finite_and_bounded(vx, vy, ax, ay):
     assert 1 / WIND_FACTOR_LIMIT <= wind_factor(vx, vy, ax, ay) <= WIND_FACTOR_LIMIT

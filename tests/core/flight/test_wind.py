@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 from scipy.stats import chi2
@@ -16,7 +16,6 @@ from eadp.core.flight import wind
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.core.flight.wind import WindFilter, ground_speeds_mps, squared_bank_slopes
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
 AIRSPEED_MPS = 15.0
 NANO = 1e-9
@@ -46,7 +45,6 @@ def heading_by_roots(course_rad, wind_mps):
 # --- the triangle -----------------------------------------------------------------------------------------------------
 
 
-@unhurried
 @given(course=st.floats(-7, 7), speed=st.floats(0, 14.9), towards=st.floats(-7, 7))
 def test_the_triangle_by_complex_numbers_and_root_finding(course, speed, towards):
     wind_mps = (speed * math.cos(towards), speed * math.sin(towards))
@@ -84,7 +82,6 @@ def test_a_wind_stronger_than_the_airspeed(wind_mps, held):
     assert (speed > 0) == held
 
 
-@unhurried
 @given(course=st.floats(-7, 7), speed=st.floats(0, 30), towards=st.floats(-7, 7), turned=st.floats(-7, 7))
 def test_the_speed_does_not_depend_on_where_east_is(course, speed, towards, turned):
     def vector(angle):

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
@@ -31,7 +31,6 @@ from eadp.core.geometry.curves import (
 )
 from eadp.errors import PathUndefined
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 NANOMETRE = 1e-9
 SAME_POINT_RAD = 1e-9  # less than this from its start, a sweep is a whole turn
 LENGTH_SHARE = 1e-3
@@ -171,7 +170,6 @@ def test_every_path_that_reads_has_a_kind_in_the_end(text):
     assert path_kind(read_expression(text)) == LINE
 
 
-@settings(deadline=None, max_examples=50)
 @given(whole, whole, whole, whole, whole, whole)
 def test_the_kind_of_a_quadratic_is_that_of_its_coefficients(xx, xy, yy, x, y, one):
     text = f"{xx}*x^2 + {xy}*x*y + {yy}*y^2 + {x}*x + {y}*y + {one}"
@@ -222,7 +220,6 @@ def test_direction_of_a_line(text, sense, direction):
     assert line_of(path(text), (3.0, 4.0), sense).direction == near(direction)
 
 
-@unhurried
 @given(whole, whole, whole, points, senses, st.sampled_from([1.0, -1.0, 0.01, 50.0]))
 def test_the_foot_is_on_the_line_and_straight_below(a, b, c, point, sense, scale):
     assume((a, b) != (0, 0))
@@ -268,7 +265,6 @@ def test_circles_worked_by_hand(text, parameters, centre, radius, turn):
             assert circle.turn == turn * sense
 
 
-@unhurried
 @given(whole, whole, st.integers(1, 90), st.sampled_from([1, 2, -1, -3]), points, senses)
 def test_a_circle_multiplied_out_is_found(cx, cy, radius, scale, point, sense):
     text = (
@@ -310,7 +306,6 @@ def test_rotation_90_is_counter_clockwise_round_a_circle_positive_outside():
         assert math.copysign(1, 3 * ty - 4 * tx) == circle.turn, "r × t tells the turn"
 
 
-@unhurried
 @given(points, st.floats(0.1, 300), senses, st.floats(-10, 10), st.floats(0.01, 6.27))
 def test_sweep_is_the_angle_travelled(centre, radius, turn, begin, sweep):
     circle = Circle(centre, radius, turn)
@@ -322,7 +317,6 @@ def test_sweep_is_the_angle_travelled(centre, radius, turn, begin, sweep):
     assert back == pytest.approx(2 * math.pi - sweep, abs=rounding)
 
 
-@unhurried
 @given(points, points, points, senses)
 def test_sweep_is_above_0_and_at_most_a_turn(centre, start, end, turn):
     sweep = Circle(centre, 10.0, turn).sweep_rad(start, end)
@@ -363,7 +357,6 @@ def test_sweep_worked_by_hand(turn, start, end, sweep):
 # --- angles -----------------------------------------------------------------------------------------------------------
 
 
-@unhurried
 @given(st.floats(-1e4, 1e4))
 def test_a_wrapped_angle_is_the_same_direction(angle):
     wrapped = wrap_angle_rad(angle)
@@ -380,7 +373,6 @@ def test_wrapped_ends():
 # --- onto a path and along it -----------------------------------------------------------------------------------------
 
 
-@unhurried
 @given(st.floats(0, 7), st.floats(0.2, 3))
 def test_projection_on_a_circle_is_radial(angle, share):
     at = (10 * math.cos(angle), 10 * math.sin(angle))
@@ -389,7 +381,6 @@ def test_projection_on_a_circle_is_radial(angle, share):
     )
 
 
-@unhurried
 @given(points)
 def test_projection_lands_on_a_curve(point):
     x, y = project(path("y - 10*sin(x/20)"), point)

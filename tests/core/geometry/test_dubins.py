@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, example, given, settings
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.special import ellipe
@@ -15,7 +15,6 @@ from scipy.special import ellipe
 from eadp.core.geometry.dubins import TURNS, DubinsPath, flight_time_s, lengths_m, ordered, times_s, ways_to_point
 from eadp.errors import Infeasible
 
-unhurried = settings(deadline=None, max_examples=150)  # no test depends on the clock
 CLOSE = 1e-9
 REACHED_M = 1e-6
 WORDS = ("LSL", "RSR", "LSR", "RSL", "LRL", "RLR")
@@ -83,7 +82,6 @@ def time_by_triangle(path, airspeed, wind):
 # --- paths ------------------------------------------------------------------------------------------------------------
 
 
-@unhurried
 @given(st.one_of(st.tuples(poses, poses), st.tuples(near_poses, near_poses)), radii)
 def test_every_word_reaches_the_goal(pair, radius):
     start, end = pair
@@ -97,7 +95,6 @@ def test_every_word_reaches_the_goal(pair, radius):
         assert min(path.lengths_m) >= 0
 
 
-@unhurried
 @given(near_poses, near_poses, radii)
 @example((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 20.0)
 @example((0.0, 0.0, 0.0), (100.0, 0.0, 0.0), 20.0)
@@ -129,7 +126,6 @@ def test_pieces_follow_one_another(start, end, radius):
             assert apart(start, end) == pytest.approx((0, 0), abs=1e-8)
 
 
-@unhurried
 @given(
     near_poses,
     radii,
@@ -171,7 +167,6 @@ def test_none_is_longer_than_any_of_a_grid():
             assert found[best] == pytest.approx(total[best], rel=CLOSE)
 
 
-@unhurried
 @given(near_poses, near_poses, radii, st.floats(0.01, 0.99))
 def test_the_rest_of_a_shortest_path_is_shortest(start, end, radius, share):
     path = shortest(start, end, radius)
@@ -182,14 +177,12 @@ def test_the_rest_of_a_shortest_path_is_shortest(start, end, radius, share):
     assert shortest(pose, end, radius).length_m == pytest.approx((1 - share) * path.length_m, abs=1e-6)
 
 
-@unhurried
 @given(poses, poses, radii)
 def test_no_path_is_shorter_than_the_straight_line_or_the_turn(start, end, radius):
     distance, turned = apart(start, end)
     assert shortest(start, end, radius).length_m >= max(distance, radius * turned) - 1e-7
 
 
-@unhurried
 @given(near_poses, near_poses, radii, st.floats(-3, 3))
 def test_symmetries(start, end, radius, angle):
     length = shortest(start, end, radius).length_m
@@ -272,7 +265,6 @@ def test_straight_on_is_one_piece():
     assert piece.length_m == pytest.approx(50)
 
 
-@unhurried
 @given(st.lists(near_poses, min_size=1, max_size=4), st.lists(near_poses, min_size=1, max_size=3), radii)
 def test_many_at_once(starts, ends, radius):
     found = lengths_m(starts, ends, radius)
@@ -295,7 +287,6 @@ def test_a_pose_that_is_none():
 # --- time in wind -----------------------------------------------------------------------------------------------------
 
 
-@unhurried
 @given(near_poses, near_poses, radii, winds)
 def test_time_by_the_wind_triangle(start, end, radius, wind):
     wind = (AIRSPEED * wind[0], AIRSPEED * wind[1])
@@ -318,7 +309,6 @@ def test_a_turn_in_strong_wind(share, tolerance):
     )
 
 
-@unhurried
 @given(st.lists(near_poses, min_size=1, max_size=3), st.lists(near_poses, min_size=1, max_size=3), radii, winds)
 def test_many_times_at_once_are_of_the_fastest(starts, ends, radius, wind):
     wind = (AIRSPEED * wind[0], AIRSPEED * wind[1])
@@ -330,7 +320,6 @@ def test_many_times_at_once_are_of_the_fastest(starts, ends, radius, wind):
     assert found == pytest.approx(np.array(wanted), abs=1e-8)
 
 
-@unhurried
 @given(st.lists(poses, min_size=1, max_size=3), st.lists(poses, min_size=1, max_size=3), radii)
 def test_without_wind_time_is_length_over_airspeed(starts, ends, radius):
     found = times_s(starts, ends, radius, AIRSPEED, (0.0, 0.0))
@@ -358,7 +347,6 @@ def test_the_fastest_need_not_be_the_shortest():
     assert np.sum(fastest < of_shortest - 0.1) > 10
 
 
-@unhurried
 @given(near_poses, st.floats(1, 300), winds)
 def test_a_straight_there_and_back(start, length, wind):
     wind = (AIRSPEED * wind[0], AIRSPEED * wind[1])
@@ -385,7 +373,6 @@ def test_a_wind_too_strong(wind):
 # --- to a point -------------------------------------------------------------------------------------------------------
 
 
-@unhurried
 @given(poses, st.tuples(thousandths, thousandths), radii)
 @example((0.0, 0.0, 0.0), (100.0, 0.0), 20.0)
 @example((0.0, 0.0, 0.0), (-100.0, 0.0), 20.0)

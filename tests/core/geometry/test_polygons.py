@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 import shapely
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from eadp.core.geometry.polygons import (
@@ -20,7 +20,6 @@ from eadp.core.geometry.polygons import (
     tidy,
 )
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 SQUARE = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
 
 whole = st.tuples(st.integers(-6, 6), st.integers(-6, 6))
@@ -132,7 +131,6 @@ def test_an_arc_finely_drawn_stays_an_arc():
 
 
 @given(stars(), st.data())
-@unhurried
 def test_what_is_dropped_was_within_a_millimetre(ring, data):
     shakes = st.floats(-0.0006, 0.0006)
     dense = []
@@ -222,7 +220,6 @@ def test_every_flaw_of_a_kind_is_found():
 
 
 @given(grid_rings, st.lists(grid_rings, max_size=3))
-@unhurried
 def test_no_flaw_is_found_exactly_where_shapely_finds_a_polygon_valid(outline, holes):
     found = list(flaws(outline, holes))
     assert (not found) == shapely.Polygon(outline, holes).is_valid

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from eadp.core.geometry.dubins import ordered
@@ -41,7 +41,6 @@ def nearest_m(path, point):
     return min(math.dist(pose[:2], point) for pose in [*poses, (0.0, 0.0, 0.0)])  # from where it starts
 
 
-@settings(deadline=None, max_examples=200)
 @given(targets=routes)
 @example(targets=[Waypoint((0.0, 0.0), 0.0), Loiter((0.0, 59.5), -60.0, 0.5)])  # half a metre within the circle
 def test_a_path_is_continuous_in_position_and_heading(targets):
@@ -63,7 +62,6 @@ def test_a_path_is_continuous_in_position_and_heading(targets):
         assert all(piece.radius_m > RADIUS_M - 1e-6 for _, piece in path.pieces if piece.turn)
 
 
-@settings(deadline=None, max_examples=60)
 @given(targets=st.lists(waypoints, min_size=1, max_size=6))
 def test_every_waypoint_is_passed_as_near_as_it_asks(targets):
     path = through(targets)

@@ -7,12 +7,11 @@ import statistics
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.core.signals.averaging import average
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 sample = st.integers(-1000, 1000).map(lambda k: k / 16)
 
 
@@ -66,7 +65,6 @@ def test_samples_that_alternate_claim_no_more_than_independent_ones() -> None:
     assert found.standard_error == pytest.approx(found.std / math.sqrt(200))
 
 
-@unhurried
 @given(st.lists(sample, min_size=1, max_size=40))
 def test_mean_and_spread_are_those_of_statistics(values: list[float]) -> None:
     found = average([values])
@@ -77,7 +75,6 @@ def test_mean_and_spread_are_those_of_statistics(values: list[float]) -> None:
     assert found.standard_error == pytest.approx(found.std / math.sqrt(found.effective))
 
 
-@unhurried
 @given(st.lists(sample, min_size=3, max_size=30), st.floats(0.1, 10), st.floats(-10, 10))
 def test_error_scales_with_the_samples_and_ignores_their_level(values: list[float], scale: float, level: float) -> None:
     base, moved = average([values]), average([[scale * value + level for value in values]])

@@ -8,7 +8,7 @@ import sys
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_lyapunov
 from scipy.stats import multivariate_normal
@@ -25,7 +25,6 @@ from eadp.core.signals.disturbance import (
     transition,
 )
 
-unhurried = settings(deadline=None)
 ROUNDING = 1e-9
 
 steps = st.sampled_from([0.0, 1e-4, 0.01, 0.1, 1.0, 7.3, 60.0, 2000.0])
@@ -60,14 +59,12 @@ def test_the_incomplete_gamma_function_is_that_of_mpmath(x):
     assert _gamma_3(x) == pytest.approx(exact, rel=1e-14, abs=sys.float_info.min)
 
 
-@unhurried
 @given(steps, times)
 def test_the_step_is_the_matrix_exponential(step_s, time_s):
     scale = np.outer(units(1, time_s), 1 / units(1, time_s))
     assert transition(step_s, time_s) / scale == pytest.approx(expm(system(time_s) * step_s) / scale, abs=ROUNDING)
 
 
-@unhurried
 @given(steps, stds, times)
 def test_the_noise_of_a_step_is_van_loans(step_s, std_w, time_s):
     # exp([[−F, G], [0, Fᵀ]] Δt) = [[…, e^{−FΔt} Q], [0, e^{FᵀΔt}]], in pieces short enough for e^{−FΔt}
@@ -90,7 +87,6 @@ def test_short_steps_keep_their_digits():
     assert process_noise(1e-6, 1.0, 5.0)[1, 1] == pytest.approx(4 * rate**3 * 1e-6, rel=1e-5)
 
 
-@unhurried
 @given(stds, times)
 def test_the_stationary_covariance_solves_lyapunovs_equation(std_w, time_s):
     scale = np.outer(units(std_w, time_s), units(std_w, time_s))
@@ -101,7 +97,6 @@ def test_the_stationary_covariance_solves_lyapunovs_equation(std_w, time_s):
     assert stationary_covariance(std_w, time_s) / scale == pytest.approx(again / scale, rel=1e-4, abs=ROUNDING)
 
 
-@unhurried
 @given(st.lists(st.floats(0.001, 5.0), min_size=1, max_size=6), stds, times)
 def test_prediction_does_not_depend_on_how_time_is_cut(cuts, std_w, time_s):
     scale = np.outer(units(std_w, time_s), units(std_w, time_s))
@@ -268,7 +263,6 @@ def test_columns_that_say_nothing_do_no_harm():
     assert found.std_w**2 + found.noise_w**2 == pytest.approx(power.var(ddof=1), rel=0.5)
 
 
-@unhurried
 @given(st.integers(0, 10**6), st.integers(8, 40))
 def test_any_noise_gives_finite_answers(seed, count):
     rng = np.random.default_rng(seed)

@@ -7,14 +7,13 @@ import math
 import forecast_variance
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.linalg import block_diag, expm
 
 from eadp.core.signals import forecasting
 
-unhurried = settings(deadline=None)
 PERIOD_S, TIME_S, STD_W = 46.0, 4.0, 0.7
 SAME = 1e-8
 DRIFT = np.array([3e-3, 1e-3, 2e-3, 5e-4])
@@ -62,7 +61,6 @@ def with_energy(order):
     return matrix, noise
 
 
-@unhurried
 @given(orders, durations)
 def test_a_step_is_the_matrix_exponential(order, step_s):
     turn, noise = van_loan(system(order), density(order), step_s)
@@ -71,7 +69,6 @@ def test_a_step_is_the_matrix_exponential(order, step_s):
     assert forecasting.output(order).tolist() == row(order).tolist()
 
 
-@unhurried
 @given(orders, st.lists(durations, min_size=1, max_size=4))
 def test_power_rows_and_variances(order, ahead):
     rows = forecasting.power_rows(order, PERIOD_S, TIME_S, ahead)
@@ -82,7 +79,6 @@ def test_power_rows_and_variances(order, ahead):
         assert added[k] == pytest.approx(row(order) @ noise @ row(order), abs=SAME)
 
 
-@unhurried
 @given(orders, durations)
 def test_energy_is_one_more_state(order, duration_s):
     turn, noise = van_loan(*with_energy(order), duration_s)

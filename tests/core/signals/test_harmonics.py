@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
@@ -23,7 +23,6 @@ from eadp.core.signals.harmonics import (
 
 EXACT = 1e-9  # of Lemma III.1, in watts on a signal of some 30 W
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 orders = st.integers(min_value=0, max_value=6)
 periods_s = st.floats(min_value=0.5, max_value=500)
 watts = st.floats(min_value=-50, max_value=50)
@@ -65,7 +64,6 @@ def state_of_coefficients(a, b, period_s: float):
     return np.array([a[0], *(2 * part for pair in zip(a[1:], b, strict=True) for part in pair)]) / period_s
 
 
-@unhurried
 @given(orders, periods_s, st.floats(min_value=-100, max_value=100))
 def test_rotation_is_the_matrix_exponential(order: int, period_s: float, step_s: float) -> None:
     step_s = min(step_s, 3 * period_s)  # expm itself loses digits over many turns
@@ -81,7 +79,6 @@ def test_the_other_way_round_is_not_the_matrix_exponential() -> None:
     assert np.max(np.abs(flipped - expm(system_matrix(3, 46.0) * 1.5))) > 0.1
 
 
-@unhurried
 @given(st.data(), orders, periods_s, st.floats(min_value=0, max_value=1000))
 def test_lemma_of_signal_and_output(data: st.DataObject, order: int, period_s: float, t: float) -> None:
     t = min(t, 5 * period_s)
@@ -124,7 +121,6 @@ def test_many_times_at_once_keep_their_shape() -> None:
     assert forecast_w([30.0], 10.0, times).tolist() == [[30.0] * 3] * 2
 
 
-@unhurried
 @given(st.data(), orders, periods_s)
 def test_conversions_come_back(data: st.DataObject, order: int, period_s: float) -> None:
     state = np.array(data.draw(st.lists(watts, min_size=2 * order + 1, max_size=2 * order + 1)))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from eadp.core.signals.kalman import predict, update
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 ROUNDING = 1e-9
 SIZE = 5
 
@@ -32,7 +31,6 @@ def smallest_eigenvalue(matrix):
 # --- update -----------------------------------------------------------------------------------------------------------
 
 
-@unhurried
 @given(vectors, covariances(), vectors, numbers, noises)
 def test_covariance_is_the_textbooks(state, covariance, output, measured, noise):
     # K = P Cᵀ (C P Cᵀ + R)⁻¹, q + K (y − C q), (I − K C) P
@@ -44,7 +42,6 @@ def test_covariance_is_the_textbooks(state, covariance, output, measured, noise)
     assert got == pytest.approx((np.eye(SIZE) - gain @ row) @ covariance, abs=ROUNDING * (1 + scale / noise) * scale)
 
 
-@unhurried
 @given(vectors, covariances(), vectors, numbers, st.sampled_from([0.1, 1.0, 30.0]))
 def test_update_in_information_form(state, covariance, output, measured, noise):
     # P⁻¹ ← P⁻¹ + Cᵀ C/R and P⁻¹ q ← P⁻¹ q + Cᵀ y/R
@@ -56,7 +53,6 @@ def test_update_in_information_form(state, covariance, output, measured, noise):
     assert got_state == pytest.approx(after @ (information @ state + output * measured / noise), abs=1e-5 * (1 + scale))
 
 
-@unhurried
 @given(vectors, covariances(), vectors, numbers, noises)
 def test_covariance_is_symmetric_positive_and_does_not_grow(state, covariance, output, measured, noise):
     _, after = update(state, covariance, output, measured, noise)
@@ -106,7 +102,6 @@ def test_a_sure_reading_after_a_vague_prior_stays_positive(prior):
 # --- many readings ----------------------------------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=30)
 @given(st.integers(0, 10**6), noises, st.integers(3, 30))
 def test_a_state_that_stands_still_is_found_as_by_least_squares(seed, noise, count):
     rng = np.random.default_rng(seed)
@@ -124,7 +119,6 @@ def test_a_state_that_stands_still_is_found_as_by_least_squares(seed, noise, cou
     assert covariance == pytest.approx(np.linalg.inv(stacked.T @ stacked), abs=1e-6)
 
 
-@unhurried
 @given(vectors, covariances(), vectors, vectors, numbers, numbers, noises)
 def test_the_order_of_two_readings_does_not_matter(state, covariance, one, other, first, second, noise):
     ab = update(*update(state, covariance, one, first, noise), other, second, noise)
@@ -137,7 +131,6 @@ def test_the_order_of_two_readings_does_not_matter(state, covariance, one, other
 # --- prediction -------------------------------------------------------------------------------------------------------
 
 
-@unhurried
 @given(vectors, covariances(), covariances(), st.floats(0.01, 3))
 def test_prediction_is_the_moments_of_the_moved_state(state, covariance, noise, t):
     turning = expm(t * np.diag([1.0, 0, 2, 0], 1) - t * np.diag([1.0, 0, 2, 0], -1))

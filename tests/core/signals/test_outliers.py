@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.core.signals.outliers import MAX_SHARE, WINDOW, spikes
-
-unhurried = settings(deadline=None)  # no test depends on the clock
 
 
 def wavy(n: int = 600, noise_w: float = 0.5) -> np.ndarray:
@@ -61,7 +59,6 @@ def test_too_few_to_tell(n: int) -> None:
     assert spikes(np.arange(n) ** 9.0).tolist() == [False] * n
 
 
-@unhurried
 @given(st.lists(st.floats(-1e9, 1e9), min_size=WINDOW, max_size=60), st.floats(0.01, 100), st.floats(-1000, 1000))
 def test_never_more_than_the_limit_whatever_comes(values: list[float], factor: float, offset: float) -> None:
     power = np.array(values)

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm, solve_discrete_are
 
 from eadp.core.signals.kalman import predict, update
 from eadp.core.signals.riccati import applied, composed, step_map
 
-unhurried = settings(deadline=None)
 SIZE = 4
 SAME = 1e-8
 
@@ -36,7 +35,6 @@ def stepped(covariance, steps, transition, noise, output, variance):
     return covariance
 
 
-@unhurried
 @given(seeds, noises)
 def test_one_step_is_a_prediction_and_a_reading(seed, variance):
     transition, noise, output, covariance = system(seed)
@@ -46,7 +44,6 @@ def test_one_step_is_a_prediction_and_a_reading(seed, variance):
     assert (got == got.T).all()
 
 
-@unhurried
 @given(seeds, noises, st.integers(0, 5))
 def test_doubled_maps_are_the_steps_one_after_the_other(seed, variance, doublings):
     transition, noise, output, covariance = system(seed)
@@ -57,7 +54,6 @@ def test_doubled_maps_are_the_steps_one_after_the_other(seed, variance, doubling
     assert applied(many, covariance) == pytest.approx(wanted, abs=SAME * np.abs(covariance).max())
 
 
-@unhurried
 @given(seeds, seeds, noises)
 def test_two_different_steps(seed, other, variance):
     first, then = system(seed), system(other)

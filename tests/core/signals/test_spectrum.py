@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from common import few
+from common import draws, few
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
@@ -187,7 +187,7 @@ def test_a_trend_hides_no_period() -> None:
     assert found.period_s == pytest.approx(PERIOD_S, rel=0.02)
 
 
-@settings(deadline=None, max_examples=5)
+@settings(max_examples=draws(0.2))
 @given(st.floats(0.01, 100), st.floats(0.01, 1000), st.floats(-1e6, 1e6))
 def test_units_do_not_matter(per_second: float, per_watt: float, start: float) -> None:
     times = sampled(3, step_s=1.0)

@@ -6,15 +6,13 @@ import json
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.errors import Fault, InputError
 from eadp.io.energy.model_file import energy_document, energy_yaml, json_schema, parse_energy
 from eadp.io.text.streams import Text, read_text
 from eadp.models.energy import Disturbance, EnergyModel, Harmonic
-
-unhurried = settings(deadline=None)  # no test depends on the clock
 
 HARMONICS = (Harmonic(2.1, 0.8), Harmonic(1e-9, -3.0))
 MODEL = EnergyModel(46.05, 36.4, HARMONICS, 0.5, 0.01, 0.93, 2303, 230.2, Disturbance(0.3, 4.5), 0.03, (0.04, 0.05))
@@ -51,7 +49,6 @@ def faults_of(body: str) -> list[str]:
     return [first_line(fault) for fault in caught.value.faults]
 
 
-@unhurried
 @given(periodic | aperiodic)
 def test_what_is_written_is_read_back(model: EnergyModel) -> None:
     assert parse(energy_yaml(model)) == model

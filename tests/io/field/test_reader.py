@@ -6,7 +6,7 @@ import json
 import math
 
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
@@ -18,7 +18,6 @@ from eadp.io.text.json import NESTING_LIMIT
 from eadp.io.text.streams import Text
 from eadp.models.field import Field
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 MICROMETRE = 1e-6
 ODENSE = (55.37, 10.43)
 BOX = ((0.0, 0.0), (100.0, 0.0), (100.0, 80.0), (0.0, 80.0))
@@ -136,7 +135,6 @@ def test_the_first_vertex_stays_the_first_where_it_is_a_corner():
 
 
 @given(stars(), st.data())
-@unhurried
 def test_the_same_polygon_reads_to_the_same_field(ring, data):
     start = data.draw(st.integers(0, len(ring) - 1))
     written = [*ring[start:], *ring[:start]]
@@ -153,7 +151,6 @@ def test_the_same_polygon_reads_to_the_same_field(ring, data):
 
 
 @given(stars(), st.floats(-80, 80), st.one_of(st.floats(-180, 180), st.sampled_from([-180.0, 179.9999, -179.9999])))
-@unhurried
 def test_degrees_are_those_of_the_vertices(ring, latitude, longitude):
     degrees = around(ring, (latitude, longitude))
     field, _ = read(polygon(degrees))
@@ -983,7 +980,6 @@ pieces = st.sampled_from('{}[]<>/,:1-&"\n\x00') | st.sampled_from(
 @given(
     st.one_of(st.text(max_size=40), st.lists(pieces, max_size=30).map("".join)), st.booleans(), st.none() | st.text()
 )
-@unhurried
 def test_any_text_is_a_field_or_a_named_fault(body, metres, feature):
     try:
         field, mended = read(body, metres=metres, feature=feature)
@@ -1008,7 +1004,6 @@ EXAMPLES = [
 
 
 @given(st.sampled_from(EXAMPLES), st.data())
-@unhurried
 def test_a_text_with_a_slip_is_a_field_or_a_named_fault(body, data):
     for _ in range(data.draw(st.integers(1, 3))):
         at = data.draw(st.integers(0, len(body) - 1))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.core.signals.spectrum import MIN_SAMPLES
@@ -16,7 +16,6 @@ from eadp.io.log.formats import read_power_log
 from eadp.io.log.power_log import Columns, PowerLog
 from eadp.io.text.streams import Text
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 N = 25
 
 
@@ -333,7 +332,6 @@ def test_file_with_a_byte_order_mark_and_any_line_ends(tmp_path: Path, end: str)
     assert len(read_power_log(str(file)).times_s) == N
 
 
-@unhurried
 @given(
     st.lists(
         st.tuples(st.integers(-(10**6), 10**6), st.floats(-1e6, 1e6, allow_nan=False)), min_size=40, max_size=80
@@ -348,7 +346,6 @@ def test_any_readings_come_out_in_order_once(pairs: list[tuple[int, float]]) -> 
     assert log.power_w.tolist() == [first[time] for time in times]
 
 
-@unhurried
 @given(st.text(max_size=300))
 def test_any_text_is_read_or_refused(body: str) -> None:
     for columns in (Columns(), Columns(names=("time_s", "power_w"))):

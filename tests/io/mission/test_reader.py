@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from common import ROOT
 from common.answers import refused
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import eadp as library
@@ -280,7 +280,6 @@ def with_jumps(draw):
     return items
 
 
-@settings(deadline=None, max_examples=60)
 @given(items=with_jumps(), laps=st.integers(1, 4))
 def test_jumps_are_taken_as_often_as_they_say(items, laps):
     reader = PlanReader(turn_radius_m=1.0, laps=laps)

@@ -20,7 +20,6 @@ from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.plan import Plan, Site
 from eadp.models.plan.stage import COMPUTATION, PATH, Box, Stage
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 NANOMETRE = 1e-9
 
 # Draft 002, Appendix II, as corrected in 01-model, misprint 7: the second lap's circle ends it
@@ -543,7 +542,6 @@ def plans(draw):
     )
 
 
-@unhurried
 @given(plans())
 def test_any_plan_is_read_as_it_was_written(plan):
     again = anywhere(read(plan_text(plan)))
@@ -649,19 +647,17 @@ def test_a_long_line_is_cut_round_its_fault():
 # --- whatever comes ---------------------------------------------------------------------------------------------------
 
 
-@unhurried
 @given(st.binary(max_size=80))
 def test_any_bytes_are_read_or_refused(data):
     read_or_refuse(data.decode("utf-8", errors="replace"))
 
 
-@unhurried
 @given(st.text(alphabet="0123456789.;,:[]()xyc^*+- \nin=tragphp%#sqe", max_size=120))
 def test_any_text_of_the_formats_marks_is_read_or_refused(text):
     read_or_refuse(text)
 
 
-@settings(deadline=None, max_examples=200, suppress_health_check=[HealthCheck.too_slow])
+@settings(suppress_health_check=[HealthCheck.too_slow])
 @given(st.sampled_from([TWO, APPENDIX, SHORT]), st.data())
 def test_a_plan_that_is_tampered_with_is_read_or_refused(text, data):
     for _ in range(data.draw(st.integers(1, 3))):
@@ -672,7 +668,6 @@ def test_a_plan_that_is_tampered_with_is_read_or_refused(text, data):
     read_or_refuse(text)
 
 
-@unhurried
 @given(st.permutations(SHORT.split("\n")))
 def test_lines_in_any_order_are_read_or_refused(lines):
     read_or_refuse("\n".join(lines))

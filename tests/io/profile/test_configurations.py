@@ -6,14 +6,13 @@ import itertools
 from contextlib import suppress
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.errors import InputError
 from eadp.io.profile.configurations import configuration_in_name, configurations_to_measure, parse_configuration
 from eadp.io.profile.measurements import Configuration
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 number = st.integers(-10_000, 10_000).map(lambda k: k / 16)
 
 
@@ -32,7 +31,6 @@ def test_of_a_trace() -> None:
     assert str(parse_configuration("fps=0.5,keysize=32")) == "fps=0.5,keysize=32"
 
 
-@unhurried
 @given(number, number)
 def test_in_a_files_name(fps: float, keysize: float) -> None:
     found = configuration_in_name(f"some/folder_9fps/landing_{fps!r}fps_{keysize!r}bit.csv", "*_{fps}fps_{keysize}bit")
@@ -54,7 +52,6 @@ def test_combinations_unions_and_products() -> None:
     assert values(["fps=10"], ["fps=2:6:2"]) == [(10,), (2,), (4,), (6,)]
 
 
-@unhurried
 @given(
     st.lists(number, min_size=1, max_size=5, unique=True),
     st.lists(number, min_size=1, max_size=5, unique=True),
@@ -129,7 +126,6 @@ def test_names_that_do_not_tell(path: str, pattern: str, start: str) -> None:
     assert fault_of(configuration_in_name, path, pattern).startswith(start)
 
 
-@unhurried
 @given(st.text(st.sampled_from("fps=2,:.-e[ ]k{}*_"), max_size=20))
 def test_any_text_is_read_or_refused(raw: str) -> None:
     for call in (

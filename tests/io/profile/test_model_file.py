@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from common import ROOT
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.core.signals.averaging import average
@@ -31,7 +31,6 @@ from eadp.io.text.streams import Text
 from eadp.models.profile import Profile
 from eadp.models.profile_sum import ProfileSum
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 REFERENCE = ROOT.parent / "shared" / "reference" / "profiles"
 
 
@@ -120,7 +119,6 @@ def test_repeated_configurations_are_averaged_with_their_spread() -> None:
     assert profile.samples.tolist() == [3, 1]
 
 
-@unhurried
 @given(st.lists(st.floats(9.5, 10.5), min_size=1, max_size=20))
 def test_mean_and_spread_are_those_of_statistics(powers_w: list[float]) -> None:
     rows = "".join(f"2,{power_w!r}\n" for power_w in powers_w)
@@ -516,7 +514,6 @@ def test_a_file_that_is_missing() -> None:
         read_profile("nowhere.csv")
 
 
-@unhurried
 @given(st.text(st.sampled_from('0123456789.,-e#\n "[]()fpsower_wW{:'), max_size=60))
 def test_any_text_is_read_or_refused(body: str) -> None:
     try:
@@ -685,7 +682,6 @@ def profiles(draw: st.DrawFn) -> Profile:
     return Profile(tuple(names), units, points, *measured)
 
 
-@unhurried
 @given(profiles())
 def test_round_trip_is_exact(profile: Profile) -> None:
     text = profile_yaml(profile)
@@ -695,7 +691,6 @@ def test_round_trip_is_exact(profile: Profile) -> None:
     assert parse(json.dumps(profile_document(profile))) == profile, "what follows from the points is ignored"
 
 
-@settings(unhurried, max_examples=40)
 @given(profiles(), profiles())
 def test_round_trip_of_parts_is_exact(first: Profile, second: Profile) -> None:
     apart = ProfileSum((first, replace(second, names=tuple(f"{name}_too" for name in second.names))))

@@ -6,13 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.errors import InputError
 from eadp.io.profile.power_sensor import Meter, Sensor, choose_sensor, find_sensors
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 Tree = Callable[[dict[str, object]], str]
 
 RAPL = {
@@ -174,7 +173,6 @@ def test_a_counter_is_the_mean_since_the_last_reading_and_wraps(tree: Tree) -> N
         meter.power_w()
 
 
-@unhurried
 @given(
     st.integers(1_000, 10**12),
     st.lists(st.tuples(st.floats(0.05, 5), st.floats(0, 1)), min_size=1, max_size=20),

@@ -14,7 +14,7 @@ from eadp.errors import InputError
 from eadp.io.text import streams
 from eadp.io.text.streams import LIMIT_BYTES, Text, check_new_folder, limit_bytes, new_folder, read_text, write_text
 
-unhurried = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+unhurried = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def written(folder, data, name="a.txt"):

@@ -6,14 +6,12 @@ import json
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.errors import InputError
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import DIGITS_LIMIT, LIMIT_CHARACTERS, NESTING_LIMIT, Document, read_yaml
-
-unhurried = settings(deadline=None)  # no test depends on the clock
 
 
 def read(body) -> Document:
@@ -92,13 +90,11 @@ def test_scalars_of_the_core_schema(scalar, value):
     assert type(got) is type(value)
 
 
-@unhurried
 @given(st.floats(allow_nan=False, allow_infinity=False))
 def test_every_float_keeps_its_digits(value):
     assert value_of(repr(value)) == value
 
 
-@unhurried
 @given(st.integers(-(10**49), 10**49))
 def test_every_whole_number_is_one(value):
     got = value_of(str(value))
@@ -122,7 +118,6 @@ json_values = st.recursive(
 )
 
 
-@unhurried
 @given(json_values)
 def test_json_is_yaml(value):
     assert read(json.dumps(value, ensure_ascii=False)).value == value
@@ -297,19 +292,16 @@ def test_a_million_aliases_do_not_multiply():
 # --- whatever comes ---------------------------------------------------------------------------------------------------
 
 
-@unhurried
 @given(st.text(max_size=60))
 def test_any_text_is_read_or_refused(body):
     read_or_refuse(body)
 
 
-@unhurried
 @given(st.text("ab1.-:[]{},'\"#&*!|>?%@ \n\t~e", max_size=60))
 def test_any_text_of_yamls_marks_is_read_or_refused(body):
     read_or_refuse(body)
 
 
-@unhurried
 @given(st.integers(0, len(SCENARIO)), st.integers(0, 4), st.text(max_size=3))
 def test_a_document_that_is_tampered_with_is_read_or_refused(at, dropped, inserted):
     read_or_refuse(SCENARIO[:at] + inserted + SCENARIO[at + dropped :])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from common import ROOT
 from common.plans import WAVES
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.core.geometry.curves import CIRCLE, circle_of, line_of
@@ -23,7 +23,6 @@ from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import default_start, nominal_legs
 from eadp.models.plan.triggers import FIRED, PASS_P, PASS_Q, PASS_X, PASS_Y, PROGRESS, RADIUS_SQUARED, REACH_SQUARED
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 NANOMETRE = 1e-9
 MILLIMETRE = 1e-3
 RADIUS_M = 20.0
@@ -429,7 +428,6 @@ def follow(itinerary, table, happenings):
         same_place(itinerary, table)
 
 
-@unhurried
 @given(decisions, events)
 def test_latched_changes_wait_for_stage_4(c1, happenings):
     itinerary, table = begun(survey(), (c1, 2.0)), Latched(c1)
@@ -437,7 +435,6 @@ def test_latched_changes_wait_for_stage_4(c1, happenings):
     assert itinerary.parameters[0] == table.c1
 
 
-@unhurried
 @given(decisions, events, st.sampled_from([PUBLISHED, Rules(LIVE)]))
 def test_live_changes_are_the_published_ones(c1, happenings, rules):
     itinerary, table = begun(survey(), (c1, 2.0), rules=rules), Published(c1)
@@ -452,7 +449,6 @@ def touch_m(one, other):
     return abs(abs(shape[0] - line[0]) - shape[2])
 
 
-@unhurried
 @given(decisions, events)
 def test_latched_stages_always_join(c1, happenings):
     itinerary = begun(survey(), (c1, 2.0))
@@ -697,7 +693,6 @@ def test_an_explicit_plan_ends_at_its_last_trigger():
     assert itinerary.stage.index == 2
 
 
-@unhurried
 @given(*[st.floats(-100, 100)] * 4, st.sampled_from([0.0, 1e-12, 3.0, -3.0]), st.sampled_from([0.0, 0.5, -7.0]))
 def test_reaching_the_final_point_axis_by_axis(x, y, fx, fy, dx, dy):
     def axis(value, end, d):

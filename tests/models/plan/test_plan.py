@@ -6,15 +6,13 @@ import math
 from dataclasses import replace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.core.expressions.reader import read_expression, read_expressions
 from eadp.errors import EadpError, PathUndefined
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import COMPUTATION, PATH, Box, Parameter, Stage
-
-unhurried = settings(deadline=None)  # no test depends on the clock
 
 number = st.floats(-1e6, 1e6)
 boxes = st.tuples(number, number).map(lambda pair: Box(*sorted(pair)))
@@ -36,7 +34,6 @@ def plan(*stages, path_count=1, **more):
 # --- boxes ------------------------------------------------------------------------------------------------------------
 
 
-@unhurried
 @given(boxes, number)
 def test_clipping_gives_the_nearest_value_of_the_box(box, value):
     clipped = box.clip(value)
@@ -45,7 +42,6 @@ def test_clipping_gives_the_nearest_value_of_the_box(box, value):
     assert box.clip(clipped) == clipped
 
 
-@unhurried
 @given(boxes, st.floats(0, 1))
 def test_share_is_where_a_value_lies_between_the_bounds(box, part):
     if box.fixed:
@@ -144,7 +140,6 @@ def test_no_sets_no_hull():
         plan().hull(0)
 
 
-@unhurried
 @given(st.lists(boxes, min_size=1, max_size=5))
 def test_the_hull_holds_every_box_and_no_more(sets):
     hull = plan(*(stage(i, sets=(box,)) for i, box in enumerate(sets, 1))).hull(0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.io.plan.reader import read_plan
@@ -164,7 +164,6 @@ def test_found_laps_are_flown_as_laps_to_the_last_trigger():
     assert (x, y) == pytest.approx((55, 148))
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.integers(1, 4),
     st.integers(2, 4),

@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
@@ -20,7 +20,6 @@ from eadp.models.profile import Profile
 from eadp.planning.base import Mission, PlannerSettings, TradeOff
 from eadp.planning.forecast.envelopes import Envelopes, concave_envelope
 
-unhurried = settings(deadline=None)  # no test depends on the clock
 HULL, ALGEBRA = 1e-9, 1e-9
 
 
@@ -50,7 +49,6 @@ fine = st.floats(0, 30).map(lambda value: round(value, 6))
 fine_points = st.lists(st.tuples(fine, fine), min_size=1, max_size=9)
 
 
-@unhurried
 @given(points=st.one_of(points, fine_points))
 def test_the_envelope_is_the_upper_hull(points):
     powers, values = (np.array(column) for column in zip(*points, strict=True))
@@ -70,7 +68,6 @@ def test_the_envelope_is_the_upper_hull(points):
         )
 
 
-@unhurried
 @given(points=points)
 def test_no_point_of_the_envelope_is_more_than_is_needed(points):
     powers, values = (np.array(column) for column in zip(*points, strict=True))

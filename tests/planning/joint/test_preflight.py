@@ -8,7 +8,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from common import ROOT
+from common import ROOT, draws
 from common.plans import STADIUM
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -137,7 +137,7 @@ def test_a_plan_without_parameters_has_a_forecast(tmp_path):
 AIRSPEED_MPS, STEP_S = 15.0, 0.02
 
 
-@settings(deadline=None, max_examples=8)
+@settings(max_examples=draws(0.3))
 @given(st.lists(st.floats(1.0, 40.0), min_size=4, max_size=4))
 def test_each_stage_ends_within_its_own_radius_in_the_flight_and_its_forecast(radii_m):
     keys = {"planner.name": "static", "step_s": STEP_S, "log_every_s": STEP_S, "battery.capacity_ah": 2.0}

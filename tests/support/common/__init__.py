@@ -1,10 +1,12 @@
 """What several tests need: plans, a planner that is watched."""
 
 from collections.abc import Iterable
+from itertools import combinations, product
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 ROOT = Path(__file__).resolve().parents[3]
 """The repository's root."""
@@ -15,3 +17,20 @@ def few(values: Iterable[Any], count: int) -> list[Any]:
     cases = list(values)
     kept = {round(i * (len(cases) - 1) / max(count - 1, 1)) for i in range(count)}
     return [case if i in kept else pytest.param(case, marks=pytest.mark.slow) for i, case in enumerate(cases)]
+
+
+def pairwise(*factors: Iterable[Any]) -> list[Any]:
+    """All combinations for `parametrize`: some that cover every pair of values, and the others marked slow."""
+    cases = list(product(*factors))
+    pairs = [set(combinations(enumerate(case), 2)) for case in cases]
+    kept, missing = set(), set().union(*pairs)
+    while missing:
+        best = max(range(len(cases)), key=lambda i: len(pairs[i] & missing))
+        kept.add(best)
+        missing -= pairs[best]
+    return [case if i in kept else pytest.param(*case, marks=pytest.mark.slow) for i, case in enumerate(cases)]
+
+
+def draws(share: float) -> int:
+    """A share of the profile's examples, for a property whose every example takes long."""
+    return round(share * settings().max_examples)

@@ -1,6 +1,6 @@
 """An aeroplane that speaks MAVLink, to try `eadp replan --mavlink` with: it flies the mission that it holds.
 
-usage: python benchmarks/vehicle.py MISSION.waypoints [--to 127.0.0.1:14550] [--speed 10] [--wind X Y] [--capacity 1.0]
+usage: python docs/examples/vehicle.py MISSION.waypoints [--to 127.0.0.1:14550] [--wind X Y] [--capacity 1.0]
 
 The aeroplane, its battery and its air are benchmarks/plant.py, which knows nothing of eadp's models; the autopilot here
 knows waypoints, loiters, changes of speed and the return, and MAVLink's mission protocol. It starts in the air, at the
@@ -10,8 +10,9 @@ that it is sent as NAMED_VALUE_FLOAT `fps`, and reports it, unless `--deaf`.
 - `--speed` is how many times as fast as the clock it flies.
 - `--loss`, `--delay`: share of messages that are lost either way, and their largest delay [s], so that they overtake.
 - `--drop S SHARE`: a loss of charge, after so many seconds.
-- `--rates FILE`: a detector that runs, `benchmarks/detector.py`, which watches the file of `eadp replan --publish`; the
-  rate that it reaches is what is reported, and what draws power. With `--deaf` it stays at the highest rate.
+- `--rates FILE`: a detector that runs, `docs/examples/detector.py`, which watches the file of `eadp replan
+  --publish`; the rate that it reaches is what is reported, and what draws power. With `--deaf` it stays at the highest
+  rate.
 
 Needs jsbsim and pymavlink: pip install 'eadp[bench,mavlink]'.
 """
@@ -33,7 +34,7 @@ from typing import Any
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 sys.path += [str(ROOT / "benchmarks"), str(ROOT / "tests/support")]
 
 from mavlink_vehicle import Autopilot, MissionHolder, dialect  # noqa: E402
@@ -87,7 +88,7 @@ class Detector:
     """A process that detects, and says which rate it reaches."""
 
     def __init__(self, *options: str, rate: float) -> None:
-        command = [sys.executable, str(ROOT / "benchmarks/detector.py"), "--rate", str(rate), *options]
+        command = [sys.executable, str(ROOT / "docs/examples/detector.py"), "--rate", str(rate), *options]
         self.rate = rate
         self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         threading.Thread(target=self._read, daemon=True).start()

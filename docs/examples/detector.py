@@ -1,7 +1,7 @@
 """A detector that obeys: it does real work at the rate that a file asks for, and says which rate it reaches.
 
-usage: python benchmarks/detector.py --rate 5
-       python benchmarks/detector.py --rates rates.json
+usage: python docs/examples/detector.py --rate 5
+       python docs/examples/detector.py --rates rates.json
 
 A frame is a picture of 640 by 480 points, filtered at five scales by Fourier transforms. Once a second the rate
 that was reached is printed. `--rates` watches the file of `eadp replan --publish`; `--rate` stays.
