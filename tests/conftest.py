@@ -49,8 +49,27 @@ def eadp(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.fixture(autouse=True)
-def _plain_code():
-    """Switch off compiled code, which a sweep in this process switches on, for the next test."""
+def _code_as_before():
+    """What a test switches, as a sweep in this process does, is switched back for the next one."""
+    before = compiled.enabled()
+    yield
+    compiled.enable(before)
+
+
+COMPILED = [
+    *("cli", "io/figures", "io/flight", "io/link", "io/report", "io/telemetry", "planning/forecast", "planning/joint"),
+    *("planning/state", "planning/test_acquisition.py", "planning/test_live.py", "planning/test_registry.py"),
+    *("simulation/test_fixed_wing.py", "simulation/test_reproduction.py", "simulation/test_wind_over_time.py"),
+    *("test_api.py", "test_notebook.py", "test_pictures.py", "test_readme.py", "test_results_page.py"),
+]
+"""Tests of whole flights whose subject is not the plain form of the code."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _machine_code(request: pytest.FixtureRequest):
+    """Flights of these tests are compiled, where numba is installed."""
+    path = request.path.relative_to(ROOT / "tests")
+    compiled.enable(any(path.is_relative_to(name) for name in COMPILED))
     yield
     compiled.enable(False)
 

@@ -184,7 +184,7 @@ def known(decisions):
 
 
 @pytest.mark.parametrize("begins_s", few([60, 130, 200, 300], 2))
-@pytest.mark.parametrize("reports", [("parameters",), ("parameters", "stage"), ("stage",), ()])
+@pytest.mark.parametrize("reports", few([("parameters",), ("parameters", "stage"), ("stage",), ()], 2))
 def test_telemetry_that_begins_in_the_middle_of_the_flight(replan, begins_s, reports):
     _, whole, _ = replan(EXAMPLE)
     true = places(whole)

@@ -18,7 +18,7 @@ from contextlib import closing
 
 import pytest
 import yaml
-from common import ROOT
+from common import ROOT, few
 from common.answers import refused
 from common.processes import hear_interrupts
 
@@ -383,7 +383,7 @@ def test_killed_and_started_again_it_makes_what_is_missing(folder, eadp):
     assert sorted(item.name for item in folder.glob("results*")) == ["results.db", "results.html"]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", few([signal.SIGINT, signal.SIGTERM], 1))
 def test_an_interrupt_is_130_and_leaves_a_file_that_goes_on(folder, number):
     results = folder / "results.db"
     process = started("sweep", folder / "quick.yaml", "--jobs", 2, "-o", results)

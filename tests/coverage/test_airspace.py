@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from common import few
 
 from eadp.core.geometry.dubins import polyline_m
 from eadp.core.geometry.polygons import FreeSpace
@@ -60,7 +61,7 @@ def gaps(path):
         ({"obstacles": (((580.0, 380.0), (680.0, 380.0), (680.0, 480.0), (580.0, 480.0)),)}, 0.97),
     ],
 )
-@pytest.mark.parametrize("wind", [(0.0, 0.0), (3.0, 4.0)])
+@pytest.mark.parametrize("wind", few([(3.0, 4.0), (0.0, 0.0)], 1))
 def test_lines_and_turns_keep_the_limits(limits, least, wind):
     field = Field(BOX, airspace=airspace(**limits))
     solution = cover(CoverageRequest(field, replace(MOTION, wind_mps=wind), "dubins"))

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from common import ROOT
+from common import ROOT, few, few_rows
 from common.plans import STADIUM
 from common.recorder import Recorder
 from hypothesis import given
@@ -93,16 +93,19 @@ MEASURED = ("velocity_mps", "heading_rad")
 
 @pytest.mark.parametrize(
     ("rate_hz", "keys", "shift_s"),
-    [
-        (1, (), 0),
-        (5, (), 0),
-        (10, (), 0),
-        (1, MEASURED, 0),
-        (1, (*MEASURED, "stage"), 0),
-        (5, ("stage",), 0),
-        (1, MEASURED, EPOCH_S),
-        (0.5, MEASURED, 0),
-    ],
+    few_rows(
+        [
+            (1, (), 0),
+            (5, (), 0),
+            (10, (), 0),
+            (5, ("stage",), 0),
+            (1, MEASURED, 0),
+            (1, (*MEASURED, "stage"), 0),
+            (0.5, MEASURED, 0),
+            (1, MEASURED, EPOCH_S),
+        ],
+        3,
+    ),
 )
 def test_the_stages_are_the_simulations_and_the_decisions_nearly(recorded, rate_hz, keys, shift_s):
     inputs, recorder = recorded
@@ -198,7 +201,7 @@ def test_advice_comes_once_a_second_and_when_parameters_change(recorded):
     assert len(times) < 35
 
 
-@pytest.mark.parametrize("planner", ["static", "paper"])
+@pytest.mark.parametrize("planner", few(["static", "paper"], 1))
 def test_planners_without_a_forecast_have_one_of_held_parameters(planner):
     calm = {"wind.speed_mps": 0, "battery.capacity_ah": 0.7, "parameters.c1": -250.0}
     inputs = inputs_of(planner, **calm, faults=[])

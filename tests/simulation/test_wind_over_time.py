@@ -66,12 +66,10 @@ def test_a_drifting_aircraft_moves_with_the_wind_that_it_is_told():
 @pytest.mark.skipif(not compiled.available(), reason="numba is not installed")
 def test_compiled_flights_are_the_same():
     profile = [[0, 2, 180], [60, 6, 200]]
+    compiled.enable(False)
     plain = flown(profile, time_limit_s=100)
     compiled.enable()
-    try:
-        assert flown(profile, time_limit_s=100).steps == plain.steps
-    finally:
-        compiled.enable(False)
+    assert flown(profile, time_limit_s=100).steps == plain.steps
 
 
 def test_joint_answers_a_rising_wind_and_static_does_not():

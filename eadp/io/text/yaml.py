@@ -70,8 +70,7 @@ def read_yaml(text: Text) -> Document:
     if len(text.body) > LIMIT_CHARACTERS:
         raise source.error((1, 1), "is too large for YAML", f"at most {LIMIT_CHARACTERS} characters")
     try:
-        _refuse_references(source)
-        node = yaml.compose(text.body, Loader=_Loader)
+        node = _Loader(source).get_single_node()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         message = f"is not YAML: {printable(error.problem or 'cannot be read')}"
@@ -87,7 +86,24 @@ def read_yaml(text: Text) -> Document:
 
 
 class _Loader(yaml.SafeLoader):
-    """Leaves every plain scalar a string: the core schema is applied in `_scalar`."""
+    """Refuses references and tags, and leaves every plain scalar a string: the core schema is applied in `_scalar`."""
+
+    def __init__(self, source: SourceText) -> None:
+        super().__init__(source.body)
+        self._source, self._depth = source, 0
+
+    def get_event(self) -> Any:
+        event = super().get_event()  # type: ignore[no-untyped-call]
+        at = _location(event.start_mark)
+        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
+            raise self._source.error(at, "a YAML alias or anchor", "the value written out")
+        tag = getattr(event, "tag", None)
+        if tag:
+            raise self._source.error(at, f"a YAML tag {printable(str(tag))}", "a plain value")
+        self._depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if self._depth > NESTING_LIMIT:
+            raise self._source.error(at, f"nested deeper than {NESTING_LIMIT} levels")
+        return event
 
 
 _Loader.yaml_implicit_resolvers = {}
@@ -95,20 +111,6 @@ _Loader.yaml_implicit_resolvers = {}
 
 def _location(mark: Any) -> Location:
     return (mark.line + 1, mark.column + 1) if mark else (1, 1)
-
-
-def _refuse_references(source: SourceText) -> None:
-    depth = 0
-    for event in yaml.parse(source.body, Loader=_Loader):
-        at = _location(event.start_mark)
-        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None):
-            raise source.error(at, "a YAML alias or anchor", "the value written out")
-        tag = getattr(event, "tag", None)
-        if tag:
-            raise source.error(at, f"a YAML tag {printable(str(tag))}", "a plain value")
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > NESTING_LIMIT:
-            raise source.error(at, f"nested deeper than {NESTING_LIMIT} levels")
 
 
 def _build(node: Node, path: Path, document: Document, faults: list[Fault]) -> Any:

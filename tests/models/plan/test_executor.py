@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from common import ROOT
+from common import ROOT, few
 from common.plans import WAVES
 from hypothesis import given
 from hypothesis import strategies as st
@@ -834,7 +834,7 @@ def test_what_is_watched_may_be_an_array():
     assert plain.stage.index == 2
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", few(range(20), 12))
 def test_a_circle_is_passed_where_the_angle_is_gone(seed):
     """The angle added up at every position, on a way that wanders, turns back and comes near the centre."""
     rng = np.random.default_rng(seed)

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from common import ROOT
+from common import ROOT, few
 
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
@@ -109,7 +109,7 @@ def test_where_a_sum_crosses_a_value(spare, time_s):
     assert _crossing_s(np.array([1.0, 3.0, 7.0]), spare, 2.0) == pytest.approx(time_s)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", few(range(20), 12))
 def test_how_long_a_charge_lasts(seed):
     """Second by second: the head once, then its period again and again, each at the letter's current."""
     rng = np.random.default_rng(seed)

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from common import few
 
 from eadp.core.flight.wind import WindFilter
 from eadp.planning.state.heading_gate import RESTORE_S, HeadingGate
@@ -64,7 +65,7 @@ def disbelieved_at(v, headings, airspeed, batch=1, step_s=1.0, gate=None):
     return None
 
 
-@pytest.mark.parametrize("seed", range(60))
+@pytest.mark.parametrize("seed", few(range(60), 12))
 def test_true_headings_are_never_disbelieved(seed):
     rng = np.random.default_rng(1000 + seed)
     v, heading, airspeed = flown(
@@ -86,7 +87,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("what", WRONG)
-@pytest.mark.parametrize("seed", range(10))
+@pytest.mark.parametrize("seed", few(range(10), 2))
 def test_wrong_headings_are_disbelieved_within_two_laps(seed, what):
     # lines to the north-east and south-west are left out: both angles are nearly the same there
     v, heading, airspeed = flown(seed, gust_mps=1.5, noise_deg=2.0, first_rad=math.radians(6 * seed - 30))

@@ -142,6 +142,7 @@ def test_a_worker_that_cannot_make_runs_is_an_error(scheduler):
     engine.close()
 
 
+@pytest.mark.slow
 def test_a_run_that_kills_its_workers_is_given_back_and_the_rest_is_made(scheduler):
     engine = DaskEngine(operator.call, scheduler)
     assert made(engine, [*RUNS[:3], DEATH, *RUNS[3:]]) == {**expected(RUNS), (3, os._exit): None}

@@ -14,9 +14,18 @@ ROOT = Path(__file__).resolve().parents[3]
 
 def few(values: Iterable[Any], count: int) -> list[Any]:
     """Cases of one kind, as seeds are, for `parametrize`: `count`, spread evenly, and the others marked slow."""
-    cases = list(values)
+    return few_rows(((value,) for value in values), count)
+
+
+def few_rows(rows: Iterable[tuple[Any, ...]], count: int) -> list[Any]:
+    """The same for several names."""
+    cases = list(rows)
     kept = {round(i * (len(cases) - 1) / max(count - 1, 1)) for i in range(count)}
-    return [case if i in kept else pytest.param(case, marks=pytest.mark.slow) for i, case in enumerate(cases)]
+    return _slow_but(kept, cases)
+
+
+def _slow_but(kept: set[int], rows: list[tuple[Any, ...]]) -> list[Any]:
+    return [pytest.param(*row, marks=() if i in kept else pytest.mark.slow) for i, row in enumerate(rows)]
 
 
 def pairwise(*factors: Iterable[Any]) -> list[Any]:
@@ -28,7 +37,7 @@ def pairwise(*factors: Iterable[Any]) -> list[Any]:
         best = max(range(len(cases)), key=lambda i: len(pairs[i] & missing))
         kept.add(best)
         missing -= pairs[best]
-    return [case if i in kept else pytest.param(*case, marks=pytest.mark.slow) for i, case in enumerate(cases)]
+    return _slow_but(kept, cases)
 
 
 def draws(share: float) -> int:
