@@ -487,6 +487,7 @@ def test_obstacles_that_touch_or_overlap_and_one_below_the_ground(eadp, limits, 
     assert eadp("simulate", plan).code == 0
 
 
+@pytest.mark.slow
 def test_thousands_of_obstacles(eadp, limits, tmp_path):
     places = [(650 + 30 * (i % 50), 30 * (i // 50)) for i in range(2_500)]
     features = [

@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from common import few
 from common.answers import refused
 
 from eadp.core.geometry.geodesy import to_geodetic_deg
@@ -29,7 +30,7 @@ def waves(seconds=400, y_m=0.0, x_m=0.0):
     return [(t, 40 + 2 * math.cos(2 * math.pi * t / 50), x_m + 10 * t, y_m) for t in np.arange(0.0, seconds, 0.5)]
 
 
-@pytest.mark.parametrize("suffix", ["svg", "png"])
+@pytest.mark.parametrize("suffix", few(["svg", "png"], 1))
 def test_the_figures(eadp, tmp_path, suffix):
     spectrum, run = tmp_path / f"spectrum.{suffix}", tmp_path / f"filter.{suffix}"
     assert eadp("fit", LOG, "--spectrum", spectrum, "--filter", run, "--gate", "1").code == 0

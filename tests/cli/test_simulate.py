@@ -11,7 +11,7 @@ import sys
 import numpy as np
 import pytest
 from broken_osqp import BROKEN, broken_osqp
-from common import ROOT
+from common import ROOT, few
 from common.answers import refused
 from common.recorder import Recorder
 
@@ -166,7 +166,7 @@ def test_require_reserve_makes_a_flight_below_it_a_no(eadp, line_plan):
     assert eadp("simulate", line_plan, *low, "--require-reserve").code == 1
 
 
-@pytest.mark.parametrize("format_", ["text", "json"])
+@pytest.mark.parametrize("format_", few(["text", "json"], 1))
 def test_failed_runs_of_the_solver_are_seen(eadp, format_):
     """The fallback of planner joint completes the flight, too."""
     flight = ("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--format", format_)

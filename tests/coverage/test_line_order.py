@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from common import few
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -173,7 +174,7 @@ def test_collinear_pieces_are_flown_straight_through():
 # --- by search --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", few(SHAPES, 2))
 @pytest.mark.parametrize("wind", [None, WIND])
 @pytest.mark.parametrize(
     ("count", "spacing", "radius", "home"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from common import ROOT
+from common import ROOT, few
 
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
@@ -37,8 +37,8 @@ def found(c1, begins, in_force, **reported):
     return None
 
 
-@pytest.mark.parametrize("c1", [0.0, -190.0, -700.0])
-@pytest.mark.parametrize("begins", [40, 95, 160])
+@pytest.mark.parametrize("c1", few([0.0, -190.0, -700.0], 2))
+@pytest.mark.parametrize("begins", few([40, 95, 160], 2))
 def test_the_lap_is_found(c1, begins):
     for in_force, within_s in (({0: c1}, 40), ({}, 250)):
         settled_s, place, true = found(c1, begins, in_force)

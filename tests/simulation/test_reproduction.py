@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from common import ROOT
+from common import ROOT, few_rows
 
 from eadp.io.flight.folder import fly_flight, summarise
 from eadp.io.flight.inputs import load_flight
@@ -123,7 +123,7 @@ def _drained(items):
 
 @pytest.mark.parametrize(
     ("case", "published", "corrected"),
-    [("no wind", 0.636, 0.636), ("towards 0", 0.472, 0.538), ("towards 90", 0.468, 0.534)],
+    few_rows([("towards 90", 0.468, 0.534), ("no wind", 0.636, 0.636), ("towards 0", 0.472, 0.538)], 1),
 )
 def test_drained_flights_reach_the_known_quality(case, published, corrected):
     for rules, quality in (((), published), (tuple(CORRECTED.items()), corrected)):

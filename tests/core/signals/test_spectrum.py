@@ -331,11 +331,11 @@ def smooth(rng: np.random.Generator, n: int) -> FloatArray:
     [
         pytest.param(white, 60, id="white"),
         pytest.param(walk, 60, id="random walk"),
-        pytest.param(first_order(0.7), 60, id="first order, 0.7"),
-        pytest.param(first_order(0.95), 60, id="first order, 0.95"),
         pytest.param(smooth, 60, id="smooth"),
-        pytest.param(walk, 300, id="long random walk"),
         pytest.param(first_order(0.95), 300, id="long first order, 0.95"),
+        pytest.param(first_order(0.7), 60, id="first order, 0.7", marks=pytest.mark.slow),
+        pytest.param(first_order(0.95), 60, id="first order, 0.95", marks=pytest.mark.slow),
+        pytest.param(walk, 300, id="long random walk", marks=pytest.mark.slow),
     ],
 )
 @pytest.mark.parametrize("share", [0.25, pytest.param(1.0, marks=pytest.mark.slow)])

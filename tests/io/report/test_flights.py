@@ -69,7 +69,7 @@ def test_a_parameter_of_one_flight_alone_is_drawn_of_it(eadp, folders, tmp_path)
     assert eadp("cover", field, "--swath", "60", "--min-radius", "30", "-o", tmp_path / "meadow.plan").code == 0
     meadow = simulate(str(tmp_path / "meadow.plan"), overrides={"step_s": 0.1}, warn=lambda _: None)
     meadow.write(tmp_path / "meadow")
-    for order in ([folders[0], tmp_path / "meadow"], [tmp_path / "meadow", folders[0]]):
+    for order in ([tmp_path / "meadow", folders[0]], [folders[0], tmp_path / "meadow"]):
         answer = eadp("report", *order, "-o", tmp_path / "page.html")
         assert answer.code == 0, answer.err
         assert "fps" in answer.out

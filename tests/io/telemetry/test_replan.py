@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from common import ROOT
+from common import ROOT, few
 from common.link import DISTURBANCES, UNDISTURBED, Disturbance, flown, through
 
 from eadp.io.flight.inputs import Files, load_flight
@@ -50,7 +50,7 @@ def test_the_undisturbed_flight_has_no_warnings(undisturbed):
     assert all(answer["warnings"] == [] for answer in undisturbed.answers)
 
 
-@pytest.mark.parametrize("disturbance", DISTURBANCES, ids=lambda disturbance: disturbance.name)
+@pytest.mark.parametrize("disturbance", few(DISTURBANCES, 5), ids=lambda disturbance: disturbance.name)
 def test_a_disturbance_costs_little_and_the_stage_is_found_again(undisturbed, disturbance):
     disturbed = flown(short_survey(), disturbance, START_S)
     assert disturbed.outcome.completed

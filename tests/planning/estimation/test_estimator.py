@@ -336,7 +336,7 @@ def gaussian(times_s, first, settings):
     return table @ STATE_W, prior
 
 
-RUNS = 40
+RUNS = 20
 SURE = 1e-4  # probability of each bound's failing by chance
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from common import few_rows
 
 from eadp.core.geometry.polygons import holding, near_edges
 from eadp.io.flight.inputs import load_flight
@@ -48,14 +49,17 @@ def entered_share(tmp_path, name, flights, **case):
 
 @pytest.mark.parametrize(
     ("radius", "clear", "wind"),
-    [
-        (60, 5, {"wind__speed_mps": 4.0}),
-        (60, 5, {"wind__speed_mps": 8.0}),
-        (60, 10, {"wind__speed_mps": 6.0, "wind__gust_std_mps": 2.0}),
-        (80, 8, {"wind__speed_mps": 7.0, "wind__from_deg": 200.0, "wind__gust_std_mps": 3.0}),
-        (45, 20, {"wind__speed_mps": 6.0, "wind__gust_std_mps": 2.0}),
-        (60, 10, {"wind__speed_mps": 6.0, "wind__from_deg": 0.0, "wind__gust_std_mps": 2.0}),
-    ],
+    few_rows(
+        [
+            (60, 5, {"wind__speed_mps": 4.0}),
+            (60, 10, {"wind__speed_mps": 6.0, "wind__gust_std_mps": 2.0}),
+            (45, 20, {"wind__speed_mps": 6.0, "wind__gust_std_mps": 2.0}),
+            (60, 5, {"wind__speed_mps": 8.0}),
+            (60, 10, {"wind__speed_mps": 6.0, "wind__from_deg": 0.0, "wind__gust_std_mps": 2.0}),
+            (80, 8, {"wind__speed_mps": 7.0, "wind__from_deg": 200.0, "wind__gust_std_mps": 3.0}),
+        ],
+        3,
+    ),
 )
 def test_it_is_the_share_of_flights_that_enter(tmp_path, radius, clear, wind):
     case = {"radius": radius, "clear": clear, **wind}

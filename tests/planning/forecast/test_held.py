@@ -16,7 +16,6 @@ from eadp.planning.base import Ending, TrackingPlanner
 from eadp.planning.forecast.held import NAVIGATION_STDS, HeldForecast, before_take_off, held_preflight, margin_m
 from eadp.simulation.loop import Outcome, fly
 
-SEEDS = range(12)
 MOMENTS_S = (30.0, 100.0, 180.0, 250.0, 300.0)
 GUSTS = {"wind.speed_mps": 6.0, "wind.towards_deg": 30.0, "wind.gust_std_mps": 1.5}
 SURE = NormalDist().inv_cdf(0.95)
@@ -81,9 +80,9 @@ def calm():
     return flown(**CALM)
 
 
-@pytest.fixture(scope="module")
-def gusty():
-    return [flown(seed=seed, **GUSTS) for seed in SEEDS]
+@pytest.fixture(scope="module", params=[6, pytest.param(12, marks=pytest.mark.slow)])
+def gusty(request):
+    return [flown(seed=seed, **GUSTS) for seed in range(request.param)]
 
 
 def errors(flight):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from common import ROOT
+from common import ROOT, few
 from common.observations import Piloted, observation
 from common.recorder import Recorder
 
@@ -375,7 +375,7 @@ def test_two_computations_in_gusts_change_seldom_at_measured_levels_and_use_the_
 HOME = {**CALM, "battery.capacity_ah": 0.25, "on_infeasible": "home"}
 
 
-@pytest.mark.parametrize("home_m", [[0.0, -1000.0], [-800.0, 300.0], [900.0, 0.0]])
+@pytest.mark.parametrize("home_m", few([[0.0, -1000.0], [-800.0, 300.0], [900.0, 0.0]], 1))
 def test_where_the_plan_is_infeasible_it_turns_back_at_the_last_moment(home_m):
     flight = flown(**HOME, **{"home.position_m": home_m})
     last, end = flight.records[-1], flight.steps[-1]
