@@ -89,7 +89,10 @@ class Browser:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
-        shutil.rmtree(self._profile, ignore_errors=True)
+        end_s = time.monotonic() + CLOSED_S
+        while os.path.exists(self._profile) and time.monotonic() < end_s:  # until no process of it writes there
+            shutil.rmtree(self._profile, ignore_errors=True)
+            time.sleep(0.02)
 
     def open(
         self, path: Path, width: int = 1280, height: int = 900, *, dark: bool = False, phone: bool = False
