@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from common import ROOT
+from common.browser import ABSENT, CHROMIUM, Browser
 from hypothesis import HealthCheck, settings
 
 from eadp.cli.main import main
@@ -74,9 +75,33 @@ def _machine_code(request: pytest.FixtureRequest):
     compiled.enable(False)
 
 
+@pytest.hookimpl(tryfirst=True)  # before -m chooses by the marker
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files of whole flights and pages come first, so that no worker is left alone with them at the end."""
+    """Files of whole flights and pages come first, so that no worker is left alone with them at the end.
+
+    Tests in a browser are marked, and skipped where there is none, unless `EADP_BROWSER=required`.
+    """
     items.sort(key=lambda item: item.path.parent != ROOT / "tests")
+    for item in items:
+        if "browser" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.browser)
+            if CHROMIUM is None and os.environ.get("EADP_BROWSER") != "required":
+                item.add_marker(pytest.mark.skip(reason=ABSENT))
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)  # below all else but the counts
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter):
+    yield
+    skipped = [report for report in terminalreporter.stats.get("skipped", ()) if "browser" in report.keywords]
+    if skipped:
+        terminalreporter.write_line(f"{len(skipped)} tests of pages were skipped: {ABSENT}", yellow=True)
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """The browser in which pages are opened, started once."""
+    with Browser() as opened:
+        yield opened
 
 
 @pytest.fixture(scope="session")

@@ -1,8 +1,10 @@
-"""Figures saved as SVG or PNG, their common colours, legends and arrows; the only import of matplotlib."""
+"""Figures saved as SVG or PNG, their common colours, legends, callouts and arrows; the only import of matplotlib."""
 
 from __future__ import annotations
 
 import tempfile
+import textwrap
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +15,7 @@ from eadp.core.geometry.curves import CIRCLE, CURVE, LINE
 from eadp.errors import InputError
 from eadp.io.text.streams import write_bytes
 from eadp.models.airspace import Airspace
+from eadp.models.field import Field
 from eadp.models.plan.stage import Stage
 
 if TYPE_CHECKING:
@@ -23,6 +26,15 @@ else:  # matplotlib is imported when a figure is drawn
 
 MAX_NAMED = 20
 """Most obstacles whose names are written."""
+
+LINES, SHORTEST = 3, 6
+"""Most lines of a title or a label, the rest of which is left out, and the fewest characters to which one is broken."""
+
+CALLOUT_CHARACTERS, CALLOUT_LINES = 36, 8
+"""Most characters in a line of a callout, and most lines."""
+
+ROWS, TALL = (0.98, 0.66, 0.34), 0.2
+"""Tops of the rows of callouts, and the height of one, as shares of the axes."""
 
 COLOURS = ("#3b6fb6", "#d1752b", "#3f8f5b", "#a2437c", "#7a6a4f", "#5b5bb0", "#b0413e", "#2f8f8f")
 GREY = "#8a8f98"
@@ -44,6 +56,17 @@ FIELD: dict[str, Any] = {
     "zorder": 0.5,
     "label": "field",
 }
+CALLOUT: dict[str, Any] = {
+    "textcoords": "axes fraction",
+    "va": "top",
+    "ma": "left",
+    "fontsize": 8,
+    "fontweight": "bold",
+    "zorder": 7,
+    "bbox": {"boxstyle": "round", "facecolor": "white", "edgecolor": GREY, "alpha": 0.9},
+    "arrowprops": {"arrowstyle": "-", "color": GREY},
+    "in_layout": False,
+}
 STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.spines.top": False,
@@ -55,6 +78,8 @@ STYLE: dict[Any, Any] = {
     "axes.titlelocation": "left",
     "axes.titlesize": 10,
     "axes.titley": 1.0,  # above the axes, wherever their ticks are: matplotlib would look for them in each drawing
+    "axes.formatter.useoffset": False,
+    "text.parse_math": False,  # names may hold any character
     "legend.frameon": False,
     "legend.fontsize": 8,
     "svg.hashsalt": "eadp",
@@ -79,20 +104,27 @@ def stage_style(stages: Sequence[Stage], index: int) -> tuple[str, str]:
 
 @contextmanager
 def figure_pair(
-    path: Path, width_in: float, height_in: float, suffixes: Sequence[str] = tuple(METADATA)
+    path: Path, width_in: float, height_in: float, suffixes: Sequence[str] = tuple(METADATA), *, formulas: bool = False
 ) -> Iterator[Figure]:
-    """A figure saved as SVG and PNG under a name without its ending; same data, same bytes."""
+    """A figure saved as SVG and PNG under a name without its ending; same data, same bytes.
+
+    With `formulas`, text between two $ is a formula.
+    """
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    with mpl.rc_context(STYLE):
+    with mpl.rc_context({**STYLE, "text.parse_math": formulas}), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph .* missing")  # of a name: it is drawn as a box
         figure = Figure(figsize=(width_in, height_in), layout="constrained")
         FigureCanvasAgg(figure)
         yield figure
         engine = figure.get_layout_engine()
         assert engine is not None
         engine.execute(figure)  # once for both files: with an engine, each would lay out and draw twice
+        for _ in range(2):  # the first time moves the axes
+            if _fit_texts(figure):
+                engine.execute(figure)
         figure.set_layout_engine(None)
         for axes in figure.axes:  # the engine's last digits change from run to run
             x, y, width, height = (round(v, 6) for v in axes.get_position(original=True).bounds)
@@ -108,8 +140,8 @@ def check_figure_name(path: str) -> None:
 
 
 @contextmanager
-def figure_file(path: str, width_in: float, height_in: float) -> Iterator[Figure]:
-    """A figure saved as SVG or PNG, by the ending of its name.
+def figure_file(path: str, width_in: float, height_in: float, *, formulas: bool = False) -> Iterator[Figure]:
+    """A figure saved as SVG or PNG, by the ending of its name; as `figure_pair`.
 
     Raises
     ------
@@ -120,14 +152,43 @@ def figure_file(path: str, width_in: float, height_in: float) -> Iterator[Figure
     suffix = Path(path).suffix.lower()
     with tempfile.TemporaryDirectory() as folder:
         draft = Path(folder) / "figure"
-        with figure_pair(draft, width_in, height_in, [suffix]) as figure:
+        with figure_pair(draft, width_in, height_in, [suffix], formulas=formulas) as figure:
             yield figure
         write_bytes(path, draft.with_suffix(suffix).read_bytes())
 
 
 def write_headline(figure: Figure, parts: Sequence[str]) -> None:
     """The bold line above all panels."""
-    figure.suptitle("  ·  ".join(parts), x=0.01, ha="left", fontsize=11, fontweight="bold")
+    line = figure.suptitle("  ·  ".join(parts), x=0.01, ha="left", fontsize=11, fontweight="bold")
+    _wrap(line, 0.98 * figure.bbox.width)
+
+
+def _wrap(text: Any, room: float) -> bool:
+    """Break a text that is longer than its room [pixels], and return whether it was."""
+    side = 1 if text.get_rotation() == 90 else 0
+    words, length = text.get_text(), text.get_window_extent().size[side]
+    if length <= room:
+        return False
+    width = int(max(map(len, words.splitlines())) * room / length)
+    while text.get_window_extent().size[side] > room and width > SHORTEST:
+        text.set_text(textwrap.fill(words, width, max_lines=LINES, placeholder=" …"))
+        width -= 1
+    return True
+
+
+def _fit_texts(figure: Figure) -> bool:
+    """Wrap titles and labels longer than their axes, raise titles off legends and factors; return whether any was."""
+    fitted = False
+    for axes in figure.axes:
+        box, title = axes.bbox, axes.set_title(axes.get_title(loc="left"))
+        for text, room in ((title, box.width), (axes.xaxis.label, box.width), (axes.yaxis.label, box.height)):
+            fitted |= _wrap(text, room)
+        others: list[Any] = [axes.yaxis.get_offset_text(), axes.get_legend()]
+        for above in [other.get_window_extent() for other in others if other and title.get_text()]:
+            if above.height > 0 and above.overlaps(title.get_window_extent()):
+                axes.set_title(title.get_text(), pad=(above.y1 - box.y1) * 72 / figure.dpi + 4)
+                fitted = True
+    return fitted
 
 
 def label_map(axes: Axes, title: str) -> None:
@@ -138,14 +199,56 @@ def label_map(axes: Axes, title: str) -> None:
     axes.set_title(title)
 
 
-def legend_above(axes: Axes) -> None:
+def fit_legend(owner: Any, columns: int, wide: float = 1.0, **style: Any) -> None:
+    """A legend of axes or of a figure, at most so many times as wide: in fewer columns and more lines where needed."""
+    room = wide * owner.bbox.width
+    while (legend := owner.legend(ncols=columns, **style)).get_window_extent().width > room and columns > 1:
+        legend.remove()
+        columns -= 1
+    texts = legend.get_texts()
+    spare = room - legend.get_window_extent().width + max(text.get_window_extent().width for text in texts)
+    for text in texts:
+        _wrap(text, spare)
+
+
+def legend_above(axes: Axes, columns: int = 2, **style: Any) -> None:
     """A legend on the line of the title, at its right."""
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+    fit_legend(axes, columns, loc="lower right", bbox_to_anchor=(1.0, 1.0), **style)
 
 
-def legend_below(axes: Axes) -> None:
+def legend_below(axes: Axes, columns: int = 4, below: float = 0.08, **style: Any) -> None:
     """A legend under the labels of the x axis."""
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=4)
+    fit_legend(axes, columns, 1.3, loc="upper center", bbox_to_anchor=(0.5, -below), **style)
+
+
+def scale_by_decades(axes: Axes) -> None:
+    """A logarithmic x axis with plain numbers."""
+    from matplotlib.ticker import LogFormatter
+
+    axes.set_xscale("log")
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.xaxis.set_minor_formatter(LogFormatter(minor_thresholds=(1.0, 0.4)))
+
+
+def write_none(axes: Axes, text: str) -> None:
+    """What is not there to be drawn, in the middle of axes."""
+    axes.tick_params(bottom=False, labelbottom=False, left=False, labelleft=False)
+    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=GREY)
+
+
+def write_callouts(axes: Axes, callouts: Sequence[tuple[str, Point]]) -> None:
+    """Texts at points, the last first, each in a free row on its point's side of the axes, which they do not change."""
+    rows = list(ROWS)
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    for text, (x, y) in callouts[: -len(ROWS) - 1 : -1]:
+        up = (y - low) / (high - low)
+        top = min(rows, key=lambda row: abs(abs(row - TALL / 2 - up) - TALL))  # beside the point, not on it
+        rows.remove(top)
+        lines = [line for part in text.splitlines() for line in textwrap.wrap(part, CALLOUT_CHARACTERS)]
+        if len(lines) > CALLOUT_LINES:
+            lines[CALLOUT_LINES - 1 :] = ["…"]
+        place, side = (0.98, "right") if x > (left + right) / 2 else (0.02, "left")
+        axes.annotate("\n".join(lines), (x, y), (place, top), ha=side, **CALLOUT)
 
 
 def draw_arrow(axes: Axes, tail: Point, tip: Point, colour: str) -> None:
@@ -163,14 +266,19 @@ def draw_area(axes: Axes, rings: Sequence[Sequence[Point]], **style: Any) -> Non
     axes.add_patch(PathPatch(outline, **style))
 
 
-def draw_airspace(axes: Axes, airspace: Airspace) -> None:
-    """Obstacles, hatched, with their names, and the boundary."""
+def draw_ground(axes: Axes, field: Field | None, airspace: Airspace) -> None:
+    """The parts of a field; obstacles, hatched, with their names, and the boundary."""
+    for i, part in enumerate(field.parts if field else ()):
+        draw_area(axes, part, **{**FIELD, "label": None} if i else FIELD)
     style = {"facecolor": "#d1752b22", "edgecolor": COLOURS[6], "hatch": "///", "linewidth": 1.2, "zorder": 2}
     for i, obstacle in enumerate(airspace.obstacles):
         draw_area(axes, (obstacle.outline,), **style, label="obstacle" if i == 0 else None)
         if len(airspace.obstacles) <= MAX_NAMED:
             x, y = (sum(values) / len(values) for values in zip(*obstacle.outline, strict=True))
-            axes.annotate(obstacle.name, (x, y), fontsize=7, ha="center", va="center", zorder=6, color=COLOURS[6])
+            name = textwrap.fill(obstacle.name, CALLOUT_CHARACTERS // 2, max_lines=LINES)
+            axes.annotate(
+                name, (x, y), fontsize=7, ha="center", va="center", zorder=6, color=COLOURS[6], parse_math=False
+            )
     for i, ring in enumerate(airspace.boundary):
         x, y = zip(*ring, ring[0], strict=True)
         axes.plot(x, y, color=COLOURS[6], linestyle="--", linewidth=1.2, label="boundary" if i == 0 else None)

@@ -10,13 +10,12 @@ import numpy as np
 from eadp.coverage.swaths import CoveragePath
 from eadp.io.figures.canvas import (
     COLOURS,
-    FIELD,
     START,
     Axes,
-    draw_airspace,
-    draw_area,
     draw_arrow,
+    draw_ground,
     figure_file,
+    fit_legend,
     label_map,
 )
 from eadp.models.field import Field
@@ -35,15 +34,13 @@ def write_coverage_figure(path: str, field: Field, ways: Mapping[str, CoveragePa
     with figure_file(path, 0.8 + 5.5 * wide * len(ways), 6.5) as figure:
         all_axes = np.atleast_1d(figure.subplots(1, len(ways), sharex=True, sharey=True, squeeze=True))
         for axes, (title, way) in zip(all_axes, ways.items(), strict=True):
-            for i, part in enumerate(field.parts):
-                draw_area(axes, part, **{**FIELD, "label": None} if i else FIELD)
+            draw_ground(axes, field, field.airspace)
             _draw_way(axes, way, swath_m)
-            draw_airspace(axes, field.airspace)
             label_map(axes, title)
             axes.set_aspect("equal", adjustable="box")
             axes.label_outer()
         handles, labels = all_axes[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(labels), 6), fontsize=9)
+        fit_legend(figure, 6, handles=handles, labels=labels, loc="outside lower center", fontsize=9)
 
 
 def _draw_way(axes: Axes, way: CoveragePath, swath_m: float) -> None:

@@ -17,6 +17,7 @@ from eadp.io.figures.canvas import (
     label_map,
     legend_above,
     legend_below,
+    scale_by_decades,
     write_headline,
 )
 from eadp.io.log.flown_log import FilteredLog, FlownTrack
@@ -180,8 +181,7 @@ def draw_periodogram(axes: Axes, times_s: FloatArray, power_w: FloatArray, order
     period_s, r2 = periodogram(times_s, power_w, order)
     axes.plot(period_s, r2, color=COLOURS[0], linewidth=0.9)
     axes.axhline(0, color="black", linewidth=0.6)
-    axes.set_xscale("log")
-    axes.xaxis.set_major_formatter("{x:g}")
+    scale_by_decades(axes)
     axes.set_ylim(-0.27, max(0.3, min(1.02, 1.1 * float(r2.max()))))
     axes.set_xlabel("period [s]")
     axes.set_ylabel("cross-validated R²")

@@ -11,21 +11,23 @@ from typing import Any
 
 import numpy as np
 
+from eadp.errors import printable
 from eadp.io.figures.canvas import (
     COLOURS,
-    FIELD,
     GREY,
     START,
     Axes,
-    draw_airspace,
     draw_area,
+    draw_ground,
     figure_pair,
     label_map,
     legend_above,
     legend_below,
     span_text,
     stage_style,
+    write_callouts,
     write_headline,
+    write_none,
 )
 from eadp.io.flight.coverage import flown_lines, flown_of_plan
 from eadp.models.plan.cursor import PlanCursor
@@ -38,9 +40,6 @@ from eadp.simulation.loop import Step, World
 
 APART = 0.015
 """Least distance of the marks of decisions, as a share of the path's extent or of the time."""
-
-ANSWERS = 2
-"""Most answers to losses of charge that are written beside the path."""
 
 _DECISION: dict[str, Any] = {"color": "black", "markersize": 4, "markerfacecolor": "gold"}
 
@@ -79,14 +78,17 @@ def write_flight_figure(
             _draw_parameters(others[-1], time, steps, world)
         _draw_decisions(map_axes, others[-1], steps, records)
         legend_below(map_axes)
+        if others[-1].get_legend_handles_labels()[1]:
+            legend_above(others[-1])
         others[-1].set_xlabel("time [s]")
+        others[-1].tick_params(bottom=True, labelbottom=True)
         for axes in (power, charge, *others[:-1]):
             axes.tick_params(labelbottom=False)
         write_headline(figure, _headline(summary))
 
 
 def _headline(summary: Mapping[str, Any]) -> list[str]:
-    state = "completed" if summary["completed"] else f"not completed: {summary['reason']}"
+    state = "completed" if summary["completed"] else f"not completed: {printable(summary['reason'], 120)}"
     parts = [state, f"{summary['duration_s']:.1f} s", f"{summary['energy_wh']:.2f} Wh"]
     parts.append(f"SoC {100 * summary['soc_final']:.0f} % at the end")
     quality = summary["quality"]
@@ -96,8 +98,8 @@ def _headline(summary: Mapping[str, Any]) -> list[str]:
 def _draw_path(axes: Axes, world: World, steps: Sequence[Step], turned_back_s: float | None = None) -> None:
     x, y = [step.x_m for step in steps], [step.y_m for step in steps]
     stages = np.array([step.stage for step in steps])
-    _draw_field(axes, world.plan, steps, turned_back_s)
-    draw_airspace(axes, world.plan.site.airspace)
+    draw_ground(axes, world.plan.site.field, world.plan.site.airspace)
+    _draw_swath(axes, world.plan, steps, turned_back_s)
     starts = [0, *(np.flatnonzero(np.diff(stages)) + 1).tolist()]
     named: set[str] = set()
     for start, end in itertools.pairwise([*starts, len(steps) - 1]):
@@ -134,32 +136,19 @@ def _draw_answer(axes: Axes, world: World, steps: Sequence[Step], lost: Sequence
         points = [(point.x_m, point.y_m) for point in leg_points(leg, max(leg.distance_m / 40, 1.0))]
         axes.plot(*zip(*points, strict=True), color=GREY, linewidth=0.8, dashes=(3, 3), zorder=1, label=label)
         label = None
-    for record in lost[-ANSWERS:]:
+    callouts = []
+    for record in lost:
         step = min(steps, key=lambda step: abs(step.time_s - record.time_s))
         paths = [parameter.label for parameter in world.plan.parameters[: world.plan.path_count]]
         later = "\n(the path from its next stage on)" if any(f"{name} " in record.reason for name in paths) else ""
-        side = -1 if step.x_m > sum(axes.get_xlim()) / 2 else 1
-        axes.annotate(
-            f"{record.time_s:.0f} s: charge lost\n" + record.reason.replace(", ", "\n") + later,
-            (step.x_m, step.y_m),
-            (14 * side, 10),
-            textcoords="offset points",
-            ha="left" if side > 0 else "right",
-            fontsize=8,
-            fontweight="bold",
-            zorder=7,
-            bbox={"boxstyle": "round", "facecolor": "white", "edgecolor": GREY, "alpha": 0.9},
-            arrowprops={"arrowstyle": "-", "color": GREY},
-        )
+        text = f"{record.time_s:.0f} s: charge lost\n" + record.reason.replace(", ", "\n") + later
+        callouts.append((text, (step.x_m, step.y_m)))
+    write_callouts(axes, callouts)
 
 
-def _draw_field(axes: Axes, plan: Plan, steps: Sequence[Step], turned_back_s: float | None) -> None:
-    """The field, and the ground within half a swath of the lines flown."""
-    if plan.site.field is None:
-        return
-    for i, part in enumerate(plan.site.field.parts):
-        draw_area(axes, part, **{**FIELD, "label": None} if i else FIELD)
-    if plan.site.swath_m is None:
+def _draw_swath(axes: Axes, plan: Plan, steps: Sequence[Step], turned_back_s: float | None) -> None:
+    """The ground of the field within half a swath of the lines flown."""
+    if plan.site.field is None or plan.site.swath_m is None:
         return
     from eadp.core.geometry.polygons import strips
 
@@ -189,11 +178,12 @@ def _draw_charge(axes: Axes, time: Any, steps: Sequence[Step], world: World, res
     soc = [100 * step.soc for step in steps]
     axes.plot(time, soc, color=COLOURS[2], linewidth=1.3, label="state of charge")
     axes.axhline(100 * reserve, color=COLOURS[6], linewidth=1.0, linestyle="--", label="reserve")
-    for fault in world.faults:
+    for i, fault in enumerate(world.faults):
         if fault.at_s <= time[-1] and not world.battery.prescribed:
             axes.axvline(fault.at_s, color=GREY, linewidth=0.8, linestyle=":")
-            text = f" {100 * fault.soc_drop:.3g} % lost"
-            axes.annotate(text, (fault.at_s, 96), fontsize=8, color=GREY, va="top")
+            side = "right" if fault.at_s > time[-1] / 2 else "left"
+            text = f" {100 * fault.soc_drop:.3g} % lost "
+            axes.annotate(text, (fault.at_s, 96 - 14 * (i % 4)), fontsize=8, color=GREY, va="top", ha=side)
     axes.set_ylim(0, 104)
     axes.set_ylabel("state of charge [%]")
     axes.set_title("Battery")
@@ -213,6 +203,8 @@ def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World)
     """
     plan = world.plan
     axes.set_title("Parameters")
+    if not plan.parameters:
+        write_none(axes, "no parameters")
     if len(plan.parameters) <= 2:
         for i, parameter in enumerate(plan.parameters):
             own = axes.twinx() if i else axes
@@ -241,7 +233,6 @@ def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World)
         axes.step(time, normalised, where="post", color=COLOURS[i % len(COLOURS)], **style)
     axes.set_ylim(-0.06, 1.06)
     axes.set_ylabel("normalised value")
-    legend_above(axes)
 
 
 def _draw_decisions(path: Axes, lower: Axes, steps: Sequence[Step], records: Sequence[DecisionRecord]) -> None:

@@ -10,11 +10,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from eadp.core.expressions.tree import number_text
-from eadp.io.figures.canvas import COLOURS, FIELD, GREY, START, Axes, draw_airspace, draw_area, figure_pair, label_map
+from eadp.io.figures.canvas import COLOURS, GREY, START, Axes, draw_ground, figure_pair, label_map, legend_above
 from eadp.models.plan.plan import Plan
 
 COLUMNS = 4
 """Most paths side by side."""
+
+DASHES: tuple[Any, ...] = ("-", *((0, dashes) for dashes in ((8, 4), (3, 3), (10, 3, 2, 3), (14, 4), (5, 2, 1, 2))))
+"""Of the curves, as in the pages: where some have one value, each shows in the gaps of the next."""
 
 
 class DrawnFlight(NamedTuple):
@@ -55,16 +58,14 @@ def write_flights_figure(path: Path, flights: Sequence[DrawnFlight]) -> None:
             if column != charts[-1]:
                 time.tick_params(labelbottom=False)
             if row == maps:
-                time.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(flights))
+                legend_above(time, len(flights), handlelength=3)
         assert time is not None
         time.set_xlabel("time [s]")
 
 
 def _draw_path(axes: Axes, flight: DrawnFlight, colour: str) -> None:
-    columns, field = flight.columns, flight.plan.site.field
-    for part in field.parts if field is not None else ():
-        draw_area(axes, part, **{**FIELD, "label": None})
-    draw_airspace(axes, flight.plan.site.airspace)
+    columns, site = flight.columns, flight.plan.site
+    draw_ground(axes, site.field, site.airspace)
     axes.plot(columns["x_m"], columns["y_m"], color=colour, linewidth=1.0)
     axes.plot(columns["x_m"][0], columns["y_m"][0], **START)
     completed = flight.summary["completed"]
@@ -86,8 +87,8 @@ def _draw_column(axes: Axes, flights: Sequence[DrawnFlight], column: str) -> Non
             axes.set_title(f"{item.label} [{item.unit}]")
         values = flight.columns[column] if item is None else [*map(item.shown, flight.columns[item.name])]
         time, colour = flight.columns["time_s"], COLOURS[i % len(COLOURS)]
-        width = 0.6 if column == "power_w" else 1.4
-        axes.plot(time, values, color=colour, linewidth=width, drawstyle=steps, label=flight.name)
+        style: dict[str, Any] = {"linewidth": 0.6 if column == "power_w" else 1.4, "linestyle": DASHES[i % len(DASHES)]}
+        axes.plot(time, values, color=colour, drawstyle=steps, label=flight.name, **style)
         if not flight.summary["completed"]:
             axes.plot(time[-1], values[-1], "X", color=colour, markersize=9)
     if column == "soc":

@@ -24,6 +24,9 @@ RADIUS, STEP, ROW = 0.45, 2.3, 2.1
 WRITTEN = 40
 """Most characters of a condition that are written at a transition."""
 
+SHORT = 12
+"""Most characters of a point that are written in one line."""
+
 INK = "#444"
 
 
@@ -61,7 +64,7 @@ def write_machine_figure(path: str, plan: Plan, parameters: Sequence[float]) -> 
     blocks = _blocks(plan, parameters)
     right = max(x for block in blocks for x, _ in block.places) + STEP
     width, height = right + 3.7, 1.5 - blocks[-1].bottom
-    with figure_file(path, 0.75 * width, 0.75 * height) as figure:
+    with figure_file(path, 0.75 * width, 0.75 * height, formulas=True) as figure:
         axes = figure.add_subplot()
         axes.set_aspect("equal")
         axes.set_axis_off()
@@ -100,7 +103,8 @@ def _trigger(stage: Stage | None, parameters: Sequence[float]) -> str:
     """The point that ends a stage: its name, and where it is in the first lap."""
     if stage is None:
         return ""
-    return f"{_name('p', stage.index)}\n{_numbers(stage.trigger_at(parameters))}"
+    where = _numbers(stage.trigger_at(parameters))
+    return f"{_name('p', stage.index)}\n{where if len(where) <= SHORT else where.replace(' ', chr(10))}"
 
 
 def _numbers(point: Point) -> str:

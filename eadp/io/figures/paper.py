@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.io.figures.canvas import COLOURS, GREY, Axes, figure_pair, legend_above
+from eadp.io.figures.canvas import COLOURS, Axes, figure_pair, legend_above, write_none
 from eadp.io.figures.fit import draw_periodogram
 from eadp.planning.estimation.estimator import PowerEstimate
 from eadp.simulation.loop import Step, World
@@ -84,7 +84,7 @@ def _draw_detail(
             label = ""
     axes.set_xlim(0, until)
     axes.set_title("Detail: the first periods")
-    axes.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
+    legend_above(axes, 3)
 
 
 def _draw_period(axes: Axes, time: FloatArray, estimates: Sequence[PowerEstimate]) -> None:
@@ -95,7 +95,7 @@ def _draw_period(axes: Axes, time: FloatArray, estimates: Sequence[PowerEstimate
     axes.set_ylabel("T [s]")
     axes.set_title("Period T")
     if np.isnan(periods).all():
-        _write_none(axes, "no period")
+        write_none(axes, "no period")
 
 
 def _draw_battery(axes: Axes, world: World, steps: Sequence[Step], estimates: Sequence[PowerEstimate]) -> None:
@@ -118,7 +118,7 @@ def _draw_battery(axes: Axes, world: World, steps: Sequence[Step], estimates: Se
     charge.set_ylim(0, 108)
     charge.set_ylabel("state of charge b [%]")
     handles = [*axes.get_lines(), *charge.get_lines()]
-    axes.legend(handles=handles, loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3)
+    legend_above(axes, 3, handles=handles)
 
 
 def _draw_state(level: Axes, harmonics: Axes, estimates: Sequence[PowerEstimate]) -> None:
@@ -134,9 +134,9 @@ def _draw_state(level: Axes, harmonics: Axes, estimates: Sequence[PowerEstimate]
         harmonics.plot(time, states[:, 2 * j - 1], color=colour, linewidth=1.2, label=f"α{j}")
         harmonics.plot(time, states[:, 2 * j], color=colour, linewidth=1.2, dashes=(3, 1.5), label=f"β{j}")
     if states.shape[1] > 1:
-        harmonics.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=6, columnspacing=0.9, handlelength=1.4)
+        legend_above(harmonics, 6, columnspacing=0.9, handlelength=1.4)
     else:
-        _write_none(harmonics, "no harmonics")
+        write_none(harmonics, "no harmonics")
     for axes, values in ((level, settled[:, :1]), (harmonics, settled[:, 1:])):
         axes.set_xlabel("time [s]")
         axes.set_ylabel("coefficient [W]")
@@ -153,7 +153,7 @@ def _draw_spectra(left: Axes, right: Axes, time: FloatArray, motion: FloatArray,
     left.set_ylabel("power spectral density [W²/Hz]")
     if len(time) < MIN_SAMPLES or np.ptp(motion) < 1e-9:
         for axes in (left, right):
-            _write_none(axes, "no spectrum")
+            write_none(axes, "no spectrum")
         return
     from scipy.signal import periodogram as spectrum
 
@@ -171,9 +171,3 @@ def _draw_spectra(left: Axes, right: Axes, time: FloatArray, motion: FloatArray,
         legend_above(right)
         if order:
             legend_above(left)
-
-
-def _write_none(axes: Axes, text: str) -> None:
-    axes.set_xticks([])
-    axes.set_yticks([])
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color=GREY)

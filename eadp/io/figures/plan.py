@@ -15,10 +15,10 @@ from eadp.io.figures.canvas import (
     COLOURS,
     START,
     Axes,
-    draw_airspace,
     draw_areas,
     draw_arrow,
     draw_circles,
+    draw_ground,
     figure_file,
     label_map,
     legend_below,
@@ -56,10 +56,10 @@ def write_plan_figure(path: str, plan: Plan, parameters: Sequence[float]) -> Non
     legs = nominal_legs(plan, parameters)
     scale = max(math.dist(leg.start_m, leg.end_m) for leg in legs)
     step = max(scale / 100, 0.1)
-    with figure_file(path, 8.5, 7.5) as figure:
+    with figure_file(path, 8.5, 7.5, formulas=True) as figure:
         axes = figure.add_subplot()
         _draw_range(axes, plan, parameters)
-        draw_airspace(axes, plan.site.airspace)
+        draw_ground(axes, None, plan.site.airspace)
         _draw_legs(axes, plan, legs, step, scale / 50)
         ends = [leg.end_m for leg in legs]
         radii = [plan.radius_m(leg.stage) for leg in legs]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from eadp.io.figures.canvas import COLOURS, GREY, Axes, Figure, figure_file
+from eadp.io.figures.canvas import COLOURS, GREY, Axes, Figure, figure_file, legend_below
 from eadp.models.profile import Profile
 from eadp.models.profile_sum import AnyProfile
 
@@ -60,7 +60,7 @@ def _draw_part(figure: Figure, axes: Axes, part: Profile) -> None:
     axes.set_title(f"Power of the computations, {kind}")
     found = zip(*axes.get_legend_handles_labels(), strict=True)
     handles, labels = zip(*sorted(found, key=lambda item: item[1] in MARKS), strict=True)
-    axes.legend(handles, labels, loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=3)
+    legend_below(axes, 3, 0.14, handles=handles, labels=labels)
 
 
 def _title(part: Profile, axis: int) -> str:

@@ -11,11 +11,10 @@ from eadp.core.geometry.curves import Point
 from eadp.coverage.swaths import CoveragePath
 from eadp.io.figures.canvas import (
     COLOURS,
-    FIELD,
     START,
-    draw_airspace,
-    draw_area,
+    draw_ground,
     figure_pair,
+    fit_legend,
     label_map,
 )
 from eadp.models.field import Field
@@ -35,9 +34,7 @@ def write_sorties_figure(
     """Draw sorties. Written to `path` with the endings .svg and .png."""
     with figure_pair(path, 8.5, 8.0) as figure:
         axes = figure.subplots()
-        for i, part in enumerate(field.parts):
-            draw_area(axes, part, **{**FIELD, "label": None} if i else FIELD)
-        draw_airspace(axes, field.airspace)
+        draw_ground(axes, field, field.airspace)
         for i, sortie in enumerate(sorties):
             colour = COLOURS[i % len(COLOURS)]
             label: str | None = f"sortie {sortie.number}"
@@ -63,4 +60,4 @@ def write_sorties_figure(
         if home_m is not None:
             axes.plot(*home_m, **{**START, "label": "home"})
         label_map(axes, "Sorties")
-        figure.legend(loc="outside lower center", ncols=5, fontsize=8)
+        fit_legend(figure, 5, loc="outside lower center", fontsize=8)

@@ -38,7 +38,9 @@ def write_table_figure(path: str, table: Table) -> None:
         If the name ends in neither .svg nor .png, or the file cannot be written.
     """
     rows, columns = len(table.rows), len(table.columns)
-    with figure_file(path, min(12.0, 3.2 + 0.42 * columns), min(9.0, 1.8 + 0.36 * rows)) as figure:
+    beside_in, below_in = (0.06 * max(map(len, _ticks(labels)[1])) for labels in (table.rows, table.columns))
+    width_in = 3.0 + beside_in + (0.6 if any(map(any, table.crashed)) else 0.42) * columns
+    with figure_file(path, min(12.0, width_in), min(9.0, 1.8 + 0.7 * below_in + 0.36 * rows)) as figure:
         axes = figure.add_subplot()
         means = np.array([[math.nan if mean is None else mean for mean in line] for line in table.means])
         low, high = _ends(table)

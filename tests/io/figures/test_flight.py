@@ -9,14 +9,15 @@ import numpy as np
 import pytest
 from common import ROOT
 from matplotlib.figure import Figure
+from matplotlib.text import Text
 
 import eadp
 from eadp.io.figures import flight as flight_figure
 from eadp.io.figures import paper
-from eadp.io.figures.canvas import COLOURS, stage_style
+from eadp.io.figures.canvas import COLOURS, figure_pair, stage_style
 from eadp.io.figures.flight import APART, _apart, _draw_decisions, _draw_parameters, _draw_path
 from eadp.io.figures.paper import write_paper_figure
-from eadp.planning.base import DecisionRecord
+from eadp.planning.base import INFEASIBLE, JUMPED, DecisionRecord
 
 PLAN = ROOT / "plans/survey.plan"
 
@@ -192,3 +193,32 @@ def test_a_time_without_a_feasible_solution_is_in_the_legend(flight):
     (marks,) = path.lines
     assert len(marks.get_xdata()) < 39
     assert marks.get_label() == "decision (39, some beside others left out)"
+
+
+def test_answers_to_losses_are_few_and_change_no_axes(tmp_path, monkeypatch, flight):
+    drawn = []
+
+    @contextmanager
+    def kept(path, *size):
+        with figure_pair(path, *size, [".png"]) as figure:
+            yield figure
+        drawn.append(figure)
+
+    monkeypatch.setattr(flight_figure, "figure_pair", kept)
+    steps = flight.steps[:: len(flight.steps) // 200]
+    for reason in ("planned", "infeasible: " + "neither this path nor the densest one ends above the reserve; " * 6):
+        records = [
+            DecisionRecord(5.0 * i, JUMPED, 1, 0, (-float(i), 2.0), INFEASIBLE, 0, 0, None, reason) for i in range(40)
+        ]
+        summary = {**flight.summary, "completed": False, "reason": reason}
+        flight_figure.write_flight_figure(tmp_path / "a", flight.inputs.world, steps, summary, records)
+    short, long = drawn
+    for one, other in zip(short.axes, long.axes, strict=True):
+        assert one.get_position().width == pytest.approx(other.get_position().width, abs=0.01)
+    callouts = [text for text in long.axes[0].texts if "charge lost" in text.get_text()]
+    assert [text.get_text().split(" s:")[0] for text in callouts] == ["195", "190", "185"]
+    for text in (*callouts, long.get_children()[-1]):
+        extent = Text.get_window_extent(text)
+        assert extent.x0 >= 0
+        assert extent.x1 <= long.bbox.width
+    assert [text.get_text() for text in long.axes[3].get_legend().get_texts()] == ["nothing was feasible"]

@@ -25,7 +25,7 @@ def drawn(monkeypatch):
         figure = Figure()
 
         @contextmanager
-        def canvas(*_):
+        def canvas(*_, formulas):
             yield figure
 
         monkeypatch.setattr(machine, "figure_file", canvas)

@@ -1,4 +1,4 @@
-"""The pages in a real browser: a headless Chromium. Skipped where there is none."""
+"""The page of a flight in a real browser."""
 
 from __future__ import annotations
 
@@ -6,19 +6,11 @@ import json
 import re
 
 import pytest
-from common.browser import CHROMIUM, Browser
 from common.pages import Page
 
 from eadp.io.report.page import page_html
 
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
 SIZES = [(1440, 900, False), (820, 1100, False), (390, 844, True)]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    with Browser() as opened:
-        yield opened
 
 
 @pytest.fixture

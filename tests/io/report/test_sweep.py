@@ -7,7 +7,6 @@ from contextlib import closing
 
 import pytest
 from common.answers import refused
-from common.browser import CHROMIUM, Browser
 from common.pages import Page
 
 from eadp.io.report import sweep as sweep_page
@@ -147,14 +146,6 @@ def test_the_runs_take_a_bounded_number_of_bytes(many, monkeypatch, tmp_path):
 # --- in a browser
 
 
-@pytest.fixture(scope="module")
-def browser():
-    if CHROMIUM is None:
-        pytest.skip("no Chromium on this machine")
-    with Browser() as opened:
-        yield opened
-
-
 @pytest.fixture
 def opened(browser, swept):
     browser.faults.clear()
@@ -180,8 +171,15 @@ def choose(browser, **chosen):
 def test_the_heat_map_over_any_two_keys(opened, page):
     choose(opened, figure="completed", across="wind.speed_mps", upward="battery.capacity_ah")
     labels = opened.run("[...document.querySelectorAll('#heat button')].map((b) => b.getAttribute('aria-label'))")
-    assert len(labels) == 6
-    assert labels[0].startswith("wind.speed_mps 0, battery.capacity_ah 3: share of flights that complete: 100 %")
+    assert [label.split(" (")[0] for label in labels] == [  # the highest row first
+        "wind.speed_mps 0, battery.capacity_ah 3: share of flights that complete: 100 %",
+        "wind.speed_mps 4, battery.capacity_ah 3: share of flights that complete: 100 %",
+        "wind.speed_mps 0, battery.capacity_ah 0.003: share of flights that complete: 0 %",
+        "wind.speed_mps 4, battery.capacity_ah 0.003: share of flights that complete: 0 %",
+    ]
+    assert [label.splitlines()[-1] for label in labels] == ["4 of 4 flights completed"] * 2 + [
+        "0 of 4 flights completed"
+    ] * 2
     choose(opened, figure="duration_s", across="planner.name", upward="")
     assert opened.run("document.querySelectorAll('#heat button').length") == 2
 

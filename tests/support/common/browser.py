@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import base64
+import contextlib
 import fcntl
 import json
 import os
 import select
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -15,11 +17,28 @@ import time
 from pathlib import Path
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-pipe", "about:blank")
+ABSENT = "no Chromium (apt-get install chromium)"
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--remote-debugging-pipe",
+    "about:blank",
+)
 LAUNCH = "import os, sys; a = sys.argv; os.dup2(int(a[1]), 3); os.dup2(int(a[2]), 4); os.execvp(a[3], a[3:])"
 """The browser reads its descriptor 3 and writes to 4."""
 
-LIMIT_S = 60.0
+LIMIT_S = 120.0
+"""Longest wait for an answer, or for a page: a loaded machine is slow to start a browser."""
+
+CLOSED_S = 10.0
+"""Longest wait for a browser to close itself."""
+
 KEY_CODES = {" ": 32, "End": 35, "Home": 36, "ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}
 
 
@@ -27,6 +46,8 @@ class Browser:
     """One tab. `faults` has what the console shows: errors, warnings, and exceptions."""
 
     def __init__(self) -> None:
+        if CHROMIUM is None:
+            raise FileNotFoundError(ABSENT)
         self.faults: list[str] = []
         self._count = 0
         self._buffer = b""
@@ -35,28 +56,43 @@ class Browser:
         self._write, self._read = pairs[0][1], pairs[1][0]
         ends = [fcntl.fcntl(end, fcntl.F_DUPFD, 10) for end in (pairs[0][0], pairs[1][1])]  # beyond 3 and 4
         self._process = subprocess.Popen(
-            [sys.executable, "-c", LAUNCH, *map(str, ends), str(CHROMIUM), *FLAGS, f"--user-data-dir={self._profile}"],
+            [sys.executable, "-c", LAUNCH, *map(str, ends), CHROMIUM, *FLAGS, f"--user-data-dir={self._profile}"],
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             pass_fds=ends,
+            start_new_session=True,
         )
         for end in (*ends, pairs[0][0], pairs[1][1]):
             os.close(end)
         self._session: str | None = None
+
+    def __enter__(self) -> Browser:
+        try:
+            self._attach()
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def _attach(self) -> None:
+        """Open the tab and listen to it."""
         target = self._send("Target.createTarget", url="about:blank")["targetId"]
         self._session = self._send("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self._send(f"{domain}.enable")
 
-    def __enter__(self) -> Browser:
-        return self
-
     def __exit__(self, *_: object) -> None:
-        self._process.kill()
-        self._process.wait()
+        os.close(self._write)  # at its end the browser closes itself, and its own processes before it
         os.close(self._read)
-        os.close(self._write)
-        shutil.rmtree(self._profile, ignore_errors=True)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(CLOSED_S)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        end_s = time.monotonic() + CLOSED_S
+        while os.path.exists(self._profile) and time.monotonic() < end_s:  # until no process of it writes there
+            shutil.rmtree(self._profile, ignore_errors=True)
+            time.sleep(0.02)
 
     def open(
         self, path: Path, width: int = 1280, height: int = 900, *, dark: bool = False, phone: bool = False

@@ -1,0 +1,115 @@
+"""Texts of figures lie within the figure, off one another, and change no axes, however long they are."""
+
+from __future__ import annotations
+
+import pytest
+from matplotlib.text import Text
+
+from eadp.io.figures.canvas import (
+    ROWS,
+    draw_ground,
+    figure_pair,
+    fit_legend,
+    legend_above,
+    legend_below,
+    write_callouts,
+    write_headline,
+)
+from eadp.models.airspace import Airspace, Obstacle
+
+LONG = "even the computations of minimum power exceed what the battery allows; no path that is left keeps the reserve"
+NARROW = (4.0, 5.0)
+
+
+def box(text):
+    """Where a text is, without the arrow of an annotation."""
+    return Text.get_window_extent(text)
+
+
+def title_of(axes):
+    return next(
+        each for each in axes.get_children() if isinstance(each, Text) and each.get_text() == axes.get_title("left")
+    )
+
+
+def texts(figure):
+    """Every text that is written, but for the numbers of the axes."""
+    for axes in figure.axes:
+        yield from (title_of(axes), axes.xaxis.label, axes.yaxis.label, *axes.texts)
+        yield from axes.get_legend().get_texts() if axes.get_legend() else ()
+    for legend in figure.legends:
+        yield from legend.get_texts()
+    yield from (each for each in figure.get_children() if isinstance(each, Text))
+
+
+def check(figure):
+    """Every text lies in the figure, and neither a legend nor a factor on a title."""
+    for text in filter(Text.get_text, texts(figure)):
+        (x0, y0), (x1, y1) = box(text).min, box(text).max
+        assert (min(x0, y0) >= -1, x1 <= figure.bbox.width + 1, y1 <= figure.bbox.height + 1) == (True,) * 3, text
+    for axes in figure.axes:
+        for other in (axes.get_legend(), axes.yaxis.get_offset_text()):
+            above = other.get_window_extent() if other else None
+            assert not (above and above.height and above.overlaps(box(title_of(axes)))), other
+
+
+def limits(figure):
+    return [(axes.get_xlim(), axes.get_ylim(), axes.get_position().bounds) for axes in figure.axes]
+
+
+def drawn(folder, callouts=()):
+    with figure_pair(folder / "a", 8.0, 6.0, [".png"]) as figure:
+        axes = figure.add_subplot()
+        axes.plot([0, 100, 100, 0], [0, 0, 60, 60])
+        axes.set_aspect("equal", adjustable="datalim")
+        write_callouts(axes, callouts)
+    return figure
+
+
+@pytest.mark.parametrize("text", [LONG, "x" * 400, "a, b\n" * 30, r"$\bad$ costs $3"])
+def test_callouts_change_nothing_and_lie_within(tmp_path, text):
+    points = [(5 * i, 60.0 * (i % 2)) for i in range(20)]
+    figure = drawn(tmp_path, [(text, point) for point in points])
+    assert limits(figure) == limits(drawn(tmp_path))
+    boxes = [box(text) for text in figure.axes[0].texts]
+    assert [text.xy for text in figure.axes[0].texts] == points[: -len(ROWS) - 1 : -1], "the last, and no others"
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[:i])
+    check(figure)
+
+
+def test_a_callout_is_beside_its_point(tmp_path):
+    for point in [(x, y) for x in (0, 100) for y in (0, 20, 40, 60)]:
+        figure = drawn(tmp_path, [(LONG, point)])
+        (callout,) = figure.axes[0].texts
+        assert not box(callout).contains(*figure.axes[0].transData.transform(point)), point
+
+
+@pytest.mark.parametrize("legend", [legend_above, legend_below])
+@pytest.mark.parametrize("label", ["short", LONG])
+def test_long_titles_labels_and_legends_are_wrapped(tmp_path, legend, label):
+    with figure_pair(tmp_path / "a", *NARROW, [".png"]) as figure:
+        axes = figure.add_subplot()
+        for i in range(2):
+            axes.plot([0, 1e-9], [0, i * 1e-9], label=f"{label} {i}")  # small numbers: a factor above the axis
+        axes.set(title=LONG, xlabel=LONG, ylabel=LONG)
+        legend(axes)
+        write_headline(figure, [LONG, LONG])
+    check(figure)
+    assert axes.yaxis.get_offset_text().get_text() == "1e−9"
+
+
+def test_a_legend_of_a_figure_is_no_wider(tmp_path):
+    with figure_pair(tmp_path / "a", *NARROW, [".png"]) as figure:
+        figure.add_subplot().plot(
+            [0, 1], [[0, 1, 2, 3, 4]] * 2, label=[f"ground covered, {i} m wide" for i in range(5)]
+        )
+        fit_legend(figure, 6, loc="outside lower center")
+    check(figure)
+
+
+def test_a_name_may_hold_any_character(tmp_path):
+    square = ((0.0, 0.0), (9.0, 0.0), (9.0, 9.0), (0.0, 9.0))
+    for formulas in (False, True):
+        with figure_pair(tmp_path / "a", *NARROW, [".png"], formulas=formulas) as figure:
+            draw_ground(figure.add_subplot(), None, Airspace((Obstacle(square, r"$\bad$ 草地"),)))
+        assert [text.get_text() for text in figure.axes[0].texts] == [r"$\bad$ 草地"]
