@@ -92,7 +92,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.hookimpl(wrapper=True, tryfirst=True)  # below all else but the counts
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter):
     yield
-    skipped = [report for report in terminalreporter.stats.get("skipped", ()) if "browser" in report.keywords]
+    reports = terminalreporter.stats.get("skipped", ())
+    skipped = [report for report in reports if "browser" in getattr(report, "keywords", ())]
     if skipped:
         terminalreporter.write_line(f"{len(skipped)} tests of pages were skipped: {ABSENT}", yellow=True)
 
