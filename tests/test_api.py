@@ -151,6 +151,6 @@ def test_a_sweep_is_that_of_the_command_and_is_kept(eadp, tmp_path):
     assert rows == library.sweep(path, overrides=["time_limit_s=20", "step_s=0.05"])
     assert [row.seed for row in rows] == [0, 1, 0, 1]
     given = [word for key, value in SHORT.items() for word in ("--set", f"{key}={value}")]
-    answer = eadp("sweep", path, *given, "-o", out, "--format", "csv")
+    answer = eadp("sweep", path, "--jobs", "1", *given, "-o", out, "--format", "csv")
     assert "more runs" not in answer.err
     assert [float(row["soc_final"]) for row in csv.DictReader(answer.out.splitlines())] == [r.soc_final for r in rows]

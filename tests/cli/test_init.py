@@ -18,7 +18,7 @@ def test_there_are_three_classes_of_aircraft_beside_the_default_one():
     assert PRESETS == ("foam-wing", "mapper", "small-wing", "survey-wing")
 
 
-@pytest.mark.parametrize("preset", few(PRESETS, 2))
+@pytest.mark.parametrize("preset", few(PRESETS, 1))
 def test_a_preset_flies_as_it_is(eadp, tmp_path, preset):
     assert eadp("init", tmp_path / "new", "--preset", preset).code == 0
     folder = tmp_path / "new"

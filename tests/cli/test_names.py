@@ -175,7 +175,7 @@ def test_a_sweep_varies_names(eadp, tmp_path):
     fixed = "step_s: [0.1]\n  time_limit_s: [5]\n  planner: [static]"
     names = f"schema: eadp.sweep/1\nplan: {ROOT / PLAN}\nscenario: {ROOT / SCENARIO}\ngrid:\n  {fixed}\n  "
     path.write_text(f"{names}spacing: [10, 20]\n  fps: [2, 10]\n")
-    answer = eadp("sweep", path, "--format", "csv")
+    answer = eadp("sweep", path, "--jobs", "1", "--format", "csv")
     assert [(row["spacing"], row["fps"]) for row in csv.DictReader(answer.out.splitlines())] == [
         (a, b) for a in ("10", "20") for b in ("2", "10")
     ]

@@ -129,6 +129,7 @@ def test_all_sorties_are_flown_with_a_fresh_pack_each(flown, document):
         assert later["take_off_s"] >= earlier["take_off_s"] + earlier["duration_s"] + 120
 
 
+@pytest.mark.slow
 def test_a_windy_day_takes_more_batteries(eadp, folder, tmp_path):
     answer = eadp("simulate", folder, "--set", "wind.speed_mps=9", "--format", "json", "--seed", "2")
     job = json.loads(answer.out)

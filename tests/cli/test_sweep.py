@@ -328,6 +328,7 @@ def test_engines_agree(eadp, folder):
     assert whole(merged) == (0, 0), "nothing was left to make"
 
 
+@pytest.mark.slow
 def test_a_cluster_agrees(eadp, folder):
     distributed = pytest.importorskip("distributed")
     common = ("sweep", folder / "sweep.yaml", "--set", "wind.gust_std_mps=1", "--format", "jsonl")

@@ -54,8 +54,8 @@ def gaps(path):
 @pytest.mark.parametrize(
     ("limits", "least"),
     [
-        ({"obstacles": (MAST,)}, 0.94),
-        ({"boundary": (ROOM,)}, 0.9999),
+        pytest.param({"obstacles": (MAST,)}, 0.94, marks=pytest.mark.slow),
+        pytest.param({"boundary": (ROOM,)}, 0.9999, marks=pytest.mark.slow),
         ({"obstacles": (MAST,), "boundary": (ROOM,)}, 0.94),
         ({"boundary": (BOX,)}, 0.9),
         ({"obstacles": (((580.0, 380.0), (680.0, 380.0), (680.0, 480.0), (580.0, 480.0)),)}, 0.97),

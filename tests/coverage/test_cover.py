@@ -11,8 +11,8 @@ from itertools import product
 import numpy as np
 import pytest
 import shapely
-from common import few, few_rows
-from hypothesis import given
+from common import draws, few, few_rows
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.core.geometry.curves import wrap_angle_rad
@@ -138,6 +138,7 @@ def unmoved(name, pattern):
     st.tuples(st.floats(-500, 500), st.floats(-500, 500)),
     st.booleans(),
 )
+@settings(max_examples=draws(0.4))
 def test_the_path_over_a_field_moved_is_the_path_moved(name, pattern, angle, shift, mirror):
     field, a = unmoved(name, pattern)
     other, place = moved(field, angle, shift, mirror)
@@ -149,6 +150,7 @@ def test_the_path_over_a_field_moved_is_the_path_moved(name, pattern, angle, shi
     assert np.allclose(found, ends, atol=1e-3) or np.allclose(found, backward, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_auto_is_not_plainly_longer_than_either():
     for name in ("rectangle", "T", "hole"):
         times = {pattern: cover(CoverageRequest(FIELDS[name], MOTION, pattern)).time_s for pattern in (AUTO, DUBINS)}

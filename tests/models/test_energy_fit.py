@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from common import few
 from scipy.signal import lfilter
 
 from eadp.core.signals.disturbance import DisturbanceFit
@@ -27,18 +28,19 @@ def white(seed: int = 1) -> np.ndarray:
     return np.random.default_rng(seed).normal(size=len(TIMES))
 
 
-def test_white_noise_is_no_disturbance() -> None:
-    for seed in range(1, 3):
-        assert fit_energy(TIMES, WAVE + 0.3 * white(seed)).model.disturbance is None
-    model = fit_energy(TIMES, WAVE + 0.3 * white(2)).model
+@pytest.mark.parametrize("seed", few(range(1, 5), 2))
+def test_white_noise_is_no_disturbance(seed: int) -> None:
+    model = fit_energy(TIMES, WAVE + 0.3 * white(seed)).model
+    assert model.disturbance is None
     assert model.noise_std_w == pytest.approx(0.3, rel=0.1)
     assert model.period_s == pytest.approx(PERIOD_S, rel=0.005)
 
 
-def test_a_disturbance_is_told_from_noise() -> None:
-    found = [fit_energy(TIMES, WAVE + 0.5 * slow(4.0, seed) + 0.1 * white(seed)).model for seed in range(4)]
+@pytest.mark.parametrize("seeds", [2, pytest.param(4, marks=pytest.mark.slow)])
+def test_a_disturbance_is_told_from_noise(seeds: int) -> None:
+    found = [fit_energy(TIMES, WAVE + 0.5 * slow(4.0, seed) + 0.1 * white(seed)).model for seed in range(seeds)]
     known = [model.disturbance for model in found if model.disturbance is not None]
-    assert len(known) == 4
+    assert len(known) == seeds
     assert np.mean([one.std_w for one in known]) == pytest.approx(0.5, rel=0.25)
     assert np.mean([one.time_s for one in known]) == pytest.approx(4.0, rel=0.4)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from common import few_rows
 
 from eadp.io.flight.folder import fly_flight
 from eadp.io.flight.inputs import load_flight
@@ -27,7 +28,7 @@ def field(eadp, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("keys", "quality"), [({"voltage_v": 22.2, "capacity_ah": 5}, 0.99), ({"capacity_ah": 0.7}, 0.6)]
+    ("keys", "quality"), few_rows([({"capacity_ah": 0.7}, 0.6), ({"voltage_v": 22.2, "capacity_ah": 5}, 0.99)], 1)
 )
 def test_ordinary_packs_cover_a_field(field, keys, quality):
     flight, expected = flown(field, **{f"battery.{key}": value for key, value in keys.items()})

@@ -234,6 +234,7 @@ def test_the_pages_table_is_what_is_flown():
                 assert as_printed(value, text), (row[0], name, value)
 
 
+@pytest.mark.slow
 def test_the_pages_table_of_drained_flights_is_what_is_flown():
     cases = dict(zip(("0 m/s, no drops", "5 m/s towards 0°, drops", "5 m/s towards 90°, drops"), DRAINED, strict=True))
     for row in page_table("| wind | at maximum |")[2:]:

@@ -100,7 +100,7 @@ def test_the_command_makes_the_same_page(swept, eadp, tmp_path):
 
 def test_a_file_of_another_is_kept_and_nothing_is_flown(swept, eadp, tmp_path):
     (tmp_path / "results.html").write_text("mine")
-    answer = eadp("sweep", swept / "sweep.yaml", "-o", tmp_path / "results.db")
+    answer = eadp("sweep", swept / "sweep.yaml", "--jobs", "1", "-o", tmp_path / "results.db")
     refused(answer, "results.html:1:1: error: exists already, and is no page of eadp")
     assert not (tmp_path / "results.db").exists()
 

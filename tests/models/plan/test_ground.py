@@ -151,13 +151,13 @@ def test_uniform_spacing_beats_half_fine_half_coarse_at_equal_charge():
     def halves(first, then, half_s):
         return lambda time_s, _: parameters_of(plan, first if time_s < half_s else then)
 
-    for fine, coarse in ((1.0, 0.0), (0.9, 0.2)):
+    for fine, coarse in ((0.9, 0.2),):
         start = start_of(plan)
         fine_s, coarse_s = (on_paper(plan, start, lambda *_, s=s: parameters_of(plan, s))[1] for s in (fine, coarse))
         for first, then, half_s in ((fine, coarse, fine_s / 2), (coarse, fine, coarse_s / 2)):
             log, mixed_s = on_paper(plan, start, halves(first, then, half_s))
             mixed = log.quality({"c2": 0.0})
-            uniform = [on_paper(plan, start, lambda *_, s=s: parameters_of(plan, s)) for s in np.linspace(0, 1, 101)]
+            uniform = [on_paper(plan, start, lambda *_, s=s: parameters_of(plan, s)) for s in np.linspace(0, 1, 41)]
             best = max(log.quality({"c2": 0.0}) for log, seconds in uniform if seconds <= mixed_s)
             assert best > mixed + 0.01
 

@@ -336,12 +336,12 @@ def gaussian(times_s, first, settings):
     return table @ STATE_W, prior
 
 
-RUNS = 20
 SURE = 1e-4  # probability of each bound's failing by chance
 
 
+@pytest.mark.parametrize("runs", [20, pytest.param(40, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("learn", [True, False])
-def test_forecasts_are_as_sure_as_they_say(learn):
+def test_forecasts_are_as_sure_as_they_say(learn, runs):
     """Standardised errors of power, readings and energy over runs of Matérn noise: their squares add to a χ².
 
     With noise that is learned it is not quite known, which makes errors larger than they say by a little.
@@ -358,7 +358,7 @@ def test_forecasts_are_as_sure_as_they_say(learn):
         patch.setattr(module, "DRIFT_SHARE", 0.0)  # what is simulated does not drift
         patch.setattr(module, "MIN_DISTURBANCE_W", 1e-3)
         settings = replace(settings, harmonic_drift_w_per_sqrt_s=0.0)
-        for _ in range(RUNS):
+        for _ in range(runs):
             readings, power = sampled(rng, times, *truth)
             known = times <= times[-1] - duration_s
             estimator = ExactEstimator(settings, PERIOD_S, period_std_s=0.0)
@@ -372,10 +372,10 @@ def test_forecasts_are_as_sure_as_they_say(learn):
             joule, square = energy_forecast(estimator, duration_s)
             lived = trapezoid(np.concatenate([power[known][-1:], power[~known]]), dx=0.25)
             errors["energy"].append((lived - joule) / math.sqrt(square))
-    low, high = chi2.ppf([SURE, 1 - SURE], RUNS)
+    low, high = chi2.ppf([SURE, 1 - SURE], runs)
     for name, values in errors.items():
         total = float(np.square(values).sum())
-        assert low < total < high * (1.3 if learn else 1.0), f"{name}: variance {total / RUNS:.2f}"
+        assert low < total < high * (1.3 if learn else 1.0), f"{name}: variance {total / runs:.2f}"
 
 
 def test_the_periods_spread_widens_a_forecast_by_its_slope_and_no_farther_than_any_phase():
