@@ -1,12 +1,13 @@
 """Mutation test: random changes of one operator or number, each against the tests of its own layer; by hand.
 
-usage: python benchmarks/mutants.py [--count 200] [--seed 0] [--layers core models planning] [--only TEXT ...]
+usage: python benchmarks/mutants.py [--count 200] [--seed 0] [--layers core models planning] [--only TEXT ...] [--slow]
 
 The operators are mutmut's (pip install mutmut coverage), and `return x` to `return None`. The rest is our own: mutmut
-leaves properties alone and runs all tests. A mutant of `eadp/core` has to fail a test of `tests/core`, and so on.
-Coverage records once which test executes which line, and keeps it in `build/mutants` until the sources change. A
-mutant meets the tests that execute its statement, the quickest first, until one fails; a hang is a failure. Processes
-are forked with the libraries imported. Prints the mutants that survive or hang and the counts of each layer.
+leaves properties alone and runs all tests. A mutant of `eadp/core` has to fail a test of `tests/core`, and so on, of
+the quick tier or, with `--slow`, of both. Coverage records once which test executes which line, and keeps it in
+`build/mutants` until the sources change. A mutant meets the tests that execute its statement, the quickest first,
+until one fails; a hang is a failure. Processes are forked with the libraries imported. Prints the mutants that survive
+or hang and the counts of each layer.
 """
 
 from __future__ import annotations
@@ -28,7 +29,6 @@ from typing import Any, NamedTuple
 
 os.environ.update(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")  # processes are forked
 os.environ.update(NUMBA_DISABLE_JIT="1")  # machine code of a mutant would be kept as the package's own
-os.environ.update(CI="1")  # the same examples each time
 
 import coverage
 import hypothesis
@@ -41,6 +41,8 @@ from mutmut.mutation import mutators
 
 ROOT = Path(__file__).resolve().parent.parent
 KEPT = ROOT / "build" / "mutants"
+TIER = ["not slow"]
+"""Tests that count, as pytest's -m."""
 LIBRARIES = (
     "coverage.types numpy scipy.linalg scipy.optimize scipy.signal scipy.stats shapely sympy osqp numba typer yaml"
 )
@@ -192,7 +194,7 @@ class Chosen:
 
     def pytest_configure(self) -> None:
         phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)
-        hypothesis.settings.register_profile("mutants", hypothesis.settings.get_profile("build"), phases=phases)
+        hypothesis.settings.register_profile("mutants", hypothesis.settings.get_profile("quick"), phases=phases)
         hypothesis.settings.load_profile("mutants")
 
     @pytest.hookimpl(trylast=True)
@@ -202,7 +204,7 @@ class Chosen:
 
 def run_pytest(plugin: object, *arguments: str) -> int:
     """pytest's exit code in this process, where hypothesis is imported before it; keeps no cache."""
-    options = ["-p", "no:cacheprovider", "-W", "ignore::pytest.PytestAssertRewriteWarning"]
+    options = ["-p", "no:cacheprovider", "-W", "ignore::pytest.PytestAssertRewriteWarning", "-m", TIER[0]]
     return int(pytest.main([*options, *arguments], plugins=[plugin]))
 
 
@@ -268,7 +270,8 @@ def recorded(layer: str, jobs: int) -> tuple[dict[str, float], dict[str, dict[in
     KEPT.mkdir(parents=True, exist_ok=True)
     shared = digest([*(ROOT / "eadp").rglob("*.py"), *(ROOT / "tests/support").rglob("*.py")])
     files = sorted((ROOT / "tests" / layer).rglob("test_*.py"))
-    kept = {file: KEPT / f"{file.stem}-{shared}-{digest([file])}.json" for file in files}
+    tier = "quick" if TIER[0] else "slow"
+    kept = {file: KEPT / f"{file.stem}-{tier}-{shared}-{digest([file])}.json" for file in files}
     missing = [
         (file, lambda file=file: record(str(file.relative_to(ROOT)), kept[file]))
         for file in files
@@ -342,6 +345,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--layers", nargs="+", default=["core", "models", "planning"])
     parser.add_argument("--only", nargs="+", default=[""], help="of these alone: parts of FILE:LINE: CHANGE")
+    parser.add_argument("--slow", action="store_true", help="with the tests of the slow tier")
     parser.add_argument("--jobs", type=int, default=2)
     measured.add_option(parser, "mutants")
     options = parser.parse_args()
@@ -351,6 +355,7 @@ def main() -> None:
 
 def _run(options: argparse.Namespace) -> None:
     os.chdir(ROOT)
+    TIER[0] = "" if options.slow else "not slow"
     for library in LIBRARIES.split():
         importlib.import_module(library)
     chosen = mutants(options.layers, options.count, options.seed, options.only, options.jobs)

@@ -146,20 +146,22 @@ class TimeBins:
         n, m = columns.shape
         for eigenbasis in self._eigenbases:
             rotated_columns, rotated_power = eigenbasis.vectors.T @ columns, eigenbasis.vectors.T @ self.power_w
-            for part in _COLOURED_PARTS.tolist():
-                variances = part * eigenbasis.eigenvalues + (1 - part)
-                root = 1 / np.sqrt(variances)
-                basis, factor = np.linalg.qr(rotated_columns * root[:, np.newaxis])
-                target = rotated_power * root
-                residual = target - basis @ (basis.T @ target)
-                # rounding is no noise: a clean signal keeps a billionth of its variance
-                error = max(float(residual @ residual), 1e-9 * float(self.power_w @ self.power_w), 1e-200)
-                volume = 2 * float(np.log(np.maximum(np.abs(np.diag(factor)), 1e-150)).sum())
-                spread = float(np.log(variances).sum())
-                full = -0.5 * (n * math.log(error / n) + spread)
-                # −½ ((n − m) ln s² + ln |V| + ln |XᵀV⁻¹X|)
-                restricted = -0.5 * ((n - m) * math.log(error) + spread + volume)
-                yield NoiseModel(full, restricted, part, error / max(1, n - m), eigenbasis)
+            # of all parts at once; the first axis is theirs
+            variances = _COLOURED_PARTS[:, np.newaxis] * eigenbasis.eigenvalues + (1 - _COLOURED_PARTS[:, np.newaxis])
+            root = 1 / np.sqrt(variances)
+            basis, factor = np.linalg.qr(rotated_columns * root[:, :, np.newaxis])
+            target = (rotated_power * root)[:, :, np.newaxis]
+            residual = target - basis @ (basis.transpose(0, 2, 1) @ target)
+            # rounding is no noise: a clean signal keeps a billionth of its variance
+            least = max(1e-9 * float(self.power_w @ self.power_w), 1e-200)
+            error = np.maximum(np.sum(residual**2, axis=(1, 2)), least)
+            volume = 2 * np.log(np.maximum(np.abs(np.diagonal(factor, axis1=1, axis2=2)), 1e-150)).sum(axis=1)
+            spread = np.log(variances).sum(axis=1)
+            full = -0.5 * (n * np.log(error / n) + spread)
+            # −½ ((n − m) ln s² + ln |V| + ln |XᵀV⁻¹X|)
+            restricted = -0.5 * ((n - m) * np.log(error) + spread + volume)
+            numbers = (full, restricted, _COLOURED_PARTS, error / max(1, n - m))
+            yield from (NoiseModel(*each, eigenbasis) for each in np.transpose(numbers).tolist())
 
     def scan(self, designs: FloatArray, power_w: FloatArray | None = None) -> list[LikelihoodScan]:
         """Likelihood of every order at every frequency, for each of several powers.
