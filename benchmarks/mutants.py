@@ -309,10 +309,11 @@ def mutants(layers: list[str], count: int, seed: int, only: list[str], jobs: int
     """Random mutants, each layer's share in proportion to its possible ones, and the tests that each meets."""
     possible = {layer: sites(layer) for layer in layers}
     total = sum(len(found) for _, found in possible.values())
+    known = {layer: recorded(layer, jobs) for layer in layers}  # first: one loop at a time waits for processes
     for layer, (modules, found) in possible.items():
         share = round(min(count, total) * len(found) / total)
         print(f"{layer}: {share} of {len(found)} possible mutants", file=sys.stderr)
-        tests, lines = recorded(layer, jobs)
+        tests, lines = known[layer]
         for file, site in random.Random(seed).sample(found, share):
             if not any(part.split(":")[0] in file for part in only):
                 continue

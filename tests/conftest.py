@@ -79,9 +79,12 @@ def _machine_code(request: pytest.FixtureRequest):
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files of whole flights and pages come first, so that no worker is left alone with them at the end.
 
+    Behind the first of them is a long one without flights: machine code is then made by one of two workers.
+
     Tests in a browser are marked, and skipped where there is none, unless `EADP_BROWSER=required`.
     """
-    items.sort(key=lambda item: item.path.parent != ROOT / "tests")
+    first = ["test_api.py", "test_spectrum.py", *sorted(path.name for path in (ROOT / "tests").glob("test_*.py"))]
+    items.sort(key=lambda item: first.index(item.path.name) if item.path.name in first else len(first))
     for item in items:
         if "browser" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.browser)

@@ -87,6 +87,7 @@ def test_mathematical_headings_are_disbelieved_and_the_wind_is_found_without(rep
     check_headings(decisions, complex(*right[-2]["wind_mps"]), 100)
 
 
+@pytest.mark.slow
 def test_a_recorded_flight_with_mathematical_headings(replan):
     scenario, lines = recorded("heading")
     code, decisions, _ = replan(lines, TROUBLE / "meadow.plan", scenario)
@@ -137,6 +138,7 @@ def test_an_end_that_is_passed_by_little_is_uncertain_and_the_flight_goes_on(rep
     assert "goes on" in err
 
 
+@pytest.mark.slow
 def test_an_uncertain_end_is_one_where_the_aircraft_flies_elsewhere(replan):
     lines = survey_lines(16, x_m=0.5)
     last = next(k for k, line in enumerate(lines) if line["x_m"] > 175 and line["y_m"] > 165)

@@ -10,9 +10,9 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
-from common import ROOT, few
+from common import ROOT, draws, few
 from common.plans import PARTS
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from eadp.core import compiled
@@ -228,6 +228,7 @@ def test_what_is_logged_does_not_change_the_flight():
     assert every[1][-1] == never[1][-1]
 
 
+@settings(max_examples=draws(0.5))
 @given(
     planner=st.sampled_from(["static", "paper", "joint"]),
     every_s=st.sampled_from([0.05, 0.1, 0.5]),

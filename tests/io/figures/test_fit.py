@@ -17,6 +17,7 @@ TIMES = np.arange(0, 200, 0.5)
 POWER = 36 + 2 * np.cos(2 * np.pi * TIMES / 46) + 0.3 * np.random.default_rng(0).normal(size=len(TIMES))
 
 
+@pytest.mark.slow
 def test_same_fit_same_picture(tmp_path: Path) -> None:
     fitted = fit_energy(TIMES, POWER)
     for name in ("a.svg", "b.svg", "c.png"):

@@ -42,6 +42,7 @@ def test_the_page_has_the_table_and_the_figure(eadp, folders, tmp_path):
     assert data["plans"] == ["survey.plan"]
 
 
+@pytest.mark.slow
 def test_the_same_flights_are_the_same_figure(folders):
     flights = read_flights(folders[:2])
     assert draw_flights(flights) == draw_flights(flights)
