@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 from eadp.errors import EadpError
 
 if TYPE_CHECKING:
-    from eadp.planning.base import Mission, Planner, PlannerSettings, TrackingPlanner
+    from eadp.planning.base import Mission, Planner, PlannerSettings
     from eadp.planning.estimation.estimator import EstimatorSettings
+    from eadp.planning.flight import PlannedFlight
 
 PLANNERS = {
     "static": "eadp.planning.static:StaticPlanner",
@@ -21,7 +22,7 @@ PLANNERS = {
 DEFAULT = "joint"
 
 
-def planner_class(name: str) -> type[TrackingPlanner]:
+def planner_class(name: str) -> type[Planner]:
     """The class of a planner.
 
     Raises
@@ -32,16 +33,24 @@ def planner_class(name: str) -> type[TrackingPlanner]:
     if name not in PLANNERS:
         raise EadpError(f"unknown planner {name}; expected one of {', '.join(PLANNERS)}")
     module, _, attribute = PLANNERS[name].partition(":")
-    planner: type[TrackingPlanner] = getattr(import_module(module), attribute)
+    planner: type[Planner] = getattr(import_module(module), attribute)
     return planner
 
 
-def make_planner(settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission) -> Planner:
-    """A new planner for one flight: the one that the settings name, with its own section of them, if they have it.
+def make_flight(settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission) -> PlannedFlight:
+    """A new flight with the planner that the settings name, with its own section of them, if they have it.
+
+    Where that section has a number `horizon_s`, the power is estimated so far ahead.
 
     Raises
     ------
     EadpError
         On an unknown name.
     """
-    return planner_class(settings.name)(settings, estimator, mission, settings.own)
+    from eadp.planning.flight import PlannedFlight
+    from eadp.planning.state.flight_state import FlightState
+
+    planner = planner_class(settings.name)(settings, mission, settings.own)
+    horizon_s = getattr(settings.own, "horizon_s", None)
+    state = FlightState(mission, settings.weights, estimator, horizon_s if isinstance(horizon_s, float | int) else None)
+    return PlannedFlight(planner, state, mission.parameters)

@@ -161,7 +161,8 @@ class TimeBins:
             # −½ ((n − m) ln s² + ln |V| + ln |XᵀV⁻¹X|)
             restricted = -0.5 * ((n - m) * np.log(error) + spread + volume)
             numbers = (full, restricted, _COLOURED_PARTS, error / max(1, n - m))
-            yield from (NoiseModel(*each, eigenbasis) for each in np.transpose(numbers).tolist())
+            for log_likelihood, of_differences, part, variance in np.transpose(numbers).tolist():
+                yield NoiseModel(log_likelihood, of_differences, part, variance, eigenbasis)
 
     def scan(self, designs: FloatArray, power_w: FloatArray | None = None) -> list[LikelihoodScan]:
         """Likelihood of every order at every frequency, for each of several powers.

@@ -14,7 +14,7 @@ from eadp.models.plan.route import PlannedLegs
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.gate import Notice, OutlierGate, Sample
 from eadp.planning.live import KEPT, TAKE_OFF, Advice, LiveFlight
-from eadp.planning.registry import make_planner
+from eadp.planning.registry import make_flight
 
 Emit = Callable[[dict[str, Any]], None]
 Warn = Callable[[Fault], None]
@@ -86,7 +86,7 @@ class Replanner:
         self._mission = inputs.mission
         self._flight = LiveFlight(
             inputs.mission,
-            lambda mission: make_planner(settings, estimator, mission),
+            lambda mission: make_flight(settings, estimator, mission),
             lambda mission: HeldForecast(settings, mission),
             settings.every_s,
         )
