@@ -1,4 +1,4 @@
-"""Vocabulary of planning: missions, observations, decisions, settings, and the base class of planners.
+"""Vocabulary of planning: missions, observations, decisions, settings.
 
 A planner maps what is known of a flight to a Decision. It knows the plan, the models and its settings, and nothing of
 the simulated world, so that the same object serves a simulation and a telemetry stream.
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from annotated_types import Ge, Le, Len
 
@@ -25,12 +25,9 @@ from eadp.models.plan.cursor import PlanCursor, Rules, Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
 from eadp.models.vehicle import FixedWing
-from eadp.planning.estimation.estimator import EstimatorSettings
 
 if TYPE_CHECKING:
     from eadp.core.geometry.ways import WaysTo
-    from eadp.planning.forecast.held import Preflight
-    from eadp.planning.state.flight_state import FlightState
 
 SOC_JUMP = 0.01
 Levels = Annotated[tuple[NotNegative, ...], Len(1, 1000)]
@@ -375,66 +372,6 @@ class Mission:
     airframe: FixedWing | None = None
     altitude_m: float = 0.0
     live: bool = False
-
-
-class Planner:
-    """A planner: it decides on what is known of a flight. The base class keeps the parameters of take-off.
-
-    Parameters
-    ----------
-    settings : PlannerSettings
-    mission : Mission
-    own : dataclass, optional
-        Its own section of the settings.
-
-    Attributes
-    ----------
-    report : SolverReport
-    next_update_s : float
-        Time of the next update [s]; a new stage or a drop of charge requires one earlier.
-    """
-
-    own_settings: ClassVar[type | None] = None
-    """Dataclass of this planner's own settings, if it has any."""
-
-    optimises_to_end: ClassVar[bool] = False
-    """Whether the planner chooses its parameters so that they last to the end of the mission."""
-
-    def __init__(self, settings: PlannerSettings, mission: Mission, own: Any = None) -> None:
-        self.report = SolverReport()
-        self._settings, self._mission, self._own = settings, mission, own
-        self._decision = Decision(mission.parameters)
-
-    @classmethod
-    def faults(
-        cls, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission
-    ) -> list[tuple[str, str, str]]:
-        """Own settings that the mission contradicts: the key within them, what is wrong, and what was expected."""
-        return trade_off_faults(getattr(settings.own, "trade_offs", ()), mission.plan)
-
-    @classmethod
-    def preflight(
-        cls, settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_std_mps: float
-    ) -> Preflight | None:
-        """The forecast before take-off, in the wind of the weather forecast: with the parameters of take-off held.
-
-        None if the plan cannot be flown in this wind.
-        """
-        from eadp.planning.forecast.held import held_preflight
-
-        return held_preflight(settings, mission, wind_mps, gust_std_mps)
-
-    @property
-    def next_update_s(self) -> float:
-        """Infinity: it has nothing to decide."""
-        return math.inf
-
-    def update(self, state: FlightState) -> Decision:
-        """Decide at an observation, `state.now`."""
-        return self._decision
-
-    def hold(self, held: Mapping[int, float]) -> None:
-        """Take the parameters, by index, that stay at a value whatever is decided; all others may change."""
 
 
 def allowed_levels(

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from eadp.models.plan.cursor import Vector
-from eadp.planning.base import Decision, Observation, Planner, Readings
+from eadp.planning.base import Decision, Mission, Observation, PlannerSettings, Readings
+from eadp.planning.estimation.estimator import EstimatorSettings
+from eadp.planning.planner import Planner
+from eadp.planning.registry import planner_class
 from eadp.planning.state.flight_state import FlightState
 
 
@@ -38,3 +41,19 @@ class PlannedFlight:
         if parameters != self.decision.parameters:
             self.decision = self.decision._replace(parameters=parameters)
         self.planner.hold(held)
+
+
+def make_flight(settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission) -> PlannedFlight:
+    """A new flight with the planner that the settings name, with its own section of them, if they have it.
+
+    Where that section has a number `horizon_s`, the power is estimated so far ahead.
+
+    Raises
+    ------
+    EadpError
+        On an unknown name.
+    """
+    planner = planner_class(settings.name)(settings, mission, settings.own)
+    horizon_s = getattr(settings.own, "horizon_s", None)
+    state = FlightState(mission, settings.weights, estimator, horizon_s if isinstance(horizon_s, float | int) else None)
+    return PlannedFlight(planner, state, mission.parameters)

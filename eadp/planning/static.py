@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from eadp.planning.base import Planner
+from eadp.planning.planner import Planner
 
 
 class StaticPlanner(Planner):

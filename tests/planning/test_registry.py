@@ -23,10 +23,11 @@ from eadp.models.energy import Disturbance, EnergyModel, Harmonic
 from eadp.models.profile import Profile
 from eadp.planning.base import Mission, PlannerSettings, Readings, TradeOff
 from eadp.planning.estimation.estimator import EstimatorSettings
+from eadp.planning.flight import make_flight
 from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.paper.horizon import Horizon
 from eadp.planning.paper.planner import PaperPlanner, PaperSettings, _coverage
-from eadp.planning.registry import PLANNERS, make_flight, planner_class
+from eadp.planning.registry import PLANNERS, planner_class
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.power import _nominal_lap_s
 from eadp.planning.static import StaticPlanner

@@ -35,9 +35,9 @@ from eadp.models.profile import configuration_text
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe, FixedWing
 from eadp.planning.base import HOME_RADII, Mission, WayHome
-from eadp.planning.flight import PlannedFlight
+from eadp.planning.flight import PlannedFlight, make_flight
 from eadp.planning.forecast.held import Preflight
-from eadp.planning.registry import make_flight, planner_class
+from eadp.planning.registry import planner_class
 from eadp.simulation.loop import TakeOff, Timing, World
 from eadp.simulation.sweep.design import Run
 

@@ -23,7 +23,7 @@ from eadp.io.telemetry.decisions import json_line
 from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
 from eadp.io.telemetry.reader import numbered_lines, open_telemetry
 from eadp.io.telemetry.replan import Emit, Replanner, Warn
-from eadp.planning.live import KEPT
+from eadp.planning.track.live import KEPT
 
 WAIT_S, HEARTBEAT_S, LOST_S = 0.2, 1.0, 5.0
 """How long to wait for messages, how often to send a heartbeat, and when the autopilot's are lost [s]."""

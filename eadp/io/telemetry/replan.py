@@ -11,10 +11,10 @@ from eadp.io.telemetry.decisions import decision_line
 from eadp.io.telemetry.log import ReplanLog
 from eadp.io.telemetry.reader import TelemetryReader, numbered_lines, open_telemetry
 from eadp.models.plan.route import PlannedLegs
+from eadp.planning.flight import make_flight
 from eadp.planning.forecast.held import HeldForecast
-from eadp.planning.gate import Notice, OutlierGate, Sample
-from eadp.planning.live import KEPT, TAKE_OFF, Advice, LiveFlight
-from eadp.planning.registry import make_flight
+from eadp.planning.track.gate import Notice, OutlierGate, Sample
+from eadp.planning.track.live import KEPT, TAKE_OFF, Advice, LiveFlight
 
 Emit = Callable[[dict[str, Any]], None]
 Warn = Callable[[Fault], None]

@@ -32,7 +32,6 @@ from eadp.planning.base import (
     DecisionRecord,
     Mission,
     Observation,
-    Planner,
     PlannerSettings,
     next_multiple,
     with_limit,
@@ -45,6 +44,7 @@ from eadp.planning.joint.policy import Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
 from eadp.planning.joint.search import Search, Shares
 from eadp.planning.joint.settings import JointSettings
+from eadp.planning.planner import Planner
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.known import Known
 

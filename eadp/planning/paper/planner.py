@@ -33,7 +33,6 @@ from eadp.planning.base import (
     DecisionRecord,
     Mission,
     Observation,
-    Planner,
     PlannerSettings,
     TradeOff,
     allowed_levels,
@@ -42,6 +41,7 @@ from eadp.planning.base import (
 )
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonCost, HorizonForecast
+from eadp.planning.planner import Planner
 from eadp.planning.qp import require_osqp
 from eadp.planning.state.flight_state import FlightState
 
@@ -154,7 +154,7 @@ class PaperPlanner(Planner):
     def faults(
         cls, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission
     ) -> list[tuple[str, str, str]]:
-        """Settings that the mission contradicts; see `TrackingPlanner.faults`."""
+        """Settings that the mission contradicts; see `Planner.faults`."""
         found, own = super().faults(settings, estimator, mission), settings.own
         if own.horizon_s != "period" and own.horizon_s > MAX_STEPS * settings.every_s:
             message = f"more than {MAX_STEPS} steps of {settings.every_s:g} s in {own.horizon_s:g} s"

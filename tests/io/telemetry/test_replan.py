@@ -8,9 +8,9 @@ from common.link import DISTURBANCES, UNDISTURBED, Disturbance, flown, through
 
 from eadp.io.flight.inputs import Files, load_flight
 from eadp.io.text.streams import Text
-from eadp.planning.applied import APPLY_S
 from eadp.planning.state.power import LAP_ENDS, PowerTracker
 from eadp.planning.state.time_ratio import TimeRatio
+from eadp.planning.track.applied import APPLY_S
 
 START_S = 60.0
 MAX_WRONG_S, MAX_LOSS = 20.0, 0.03

@@ -12,8 +12,9 @@ import pytest
 from common.forecasts import CALM, survey_inputs
 
 from eadp.models.plan.route import MARGIN_M, RoutePredictor
-from eadp.planning.base import Ending, Planner
+from eadp.planning.base import Ending
 from eadp.planning.forecast.held import NAVIGATION_STDS, HeldForecast, before_take_off, held_preflight, margin_m
+from eadp.planning.planner import Planner
 from eadp.simulation.loop import Outcome, fly
 
 MOMENTS_S = (30.0, 100.0, 180.0, 250.0, 300.0)

@@ -16,11 +16,11 @@ from hypothesis import strategies as st
 
 from eadp.io.flight.inputs import Files, load_flight
 from eadp.io.text.streams import Text
-from eadp.planning.applied import APART_S, APPLY_S, AppliedParameters
+from eadp.planning.flight import make_flight
 from eadp.planning.forecast.held import HeldForecast
-from eadp.planning.gate import OutlierGate, Sample
-from eadp.planning.live import COMPLETED, EMPTY, LiveFlight, _GroundVelocity
-from eadp.planning.registry import make_flight
+from eadp.planning.track.applied import APART_S, APPLY_S, AppliedParameters
+from eadp.planning.track.gate import OutlierGate, Sample
+from eadp.planning.track.live import COMPLETED, EMPTY, LiveFlight, _GroundVelocity
 from eadp.simulation.loop import Outcome, fly
 
 EPOCH_S = 1.7e9
