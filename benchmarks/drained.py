@@ -38,7 +38,7 @@ def quality(keys: Mapping[str, Any]) -> float:
         str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/paper-drained.yaml"), overrides=keys
     )
     outcome = Outcome()
-    for _ in fly(inputs.world, inputs.planner(), outcome):
+    for _ in fly(inputs.world, inputs.flight(), outcome):
         pass
     assert outcome.parameters is not None
     return (outcome.parameters.quality(inputs.scenario.planner.weights) or 0.0) if outcome.completed else 0.0

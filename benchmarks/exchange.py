@@ -126,7 +126,7 @@ def plant(folder: Path) -> None:
         except InputError:
             continue
         forecast, outcome = inputs.preflight().forecast, Outcome()
-        for _ in fly(inputs.world, inputs.planner(), outcome):
+        for _ in fly(inputs.world, inputs.flight(), outcome):
             pass
         completed, time_s, energy_wh = plant_flight(inputs.world.plan)
         ratios = forecast.energy_wh / energy_wh, outcome.totals.energy_j / 3600 / energy_wh

@@ -141,7 +141,7 @@ def flown_share(plan: str, field: Field, swath_m: float, wind_deg: float | None,
     inputs = load_flight(plan, overrides=settings)
     outcome, rest = Outcome(), shapely.Polygon(field.outline, field.holes)
     kinds = {stage.index: stage.kind for stage in inputs.world.plan.stages}
-    for stage, steps in itertools.groupby(fly(inputs.world, inputs.planner(), outcome), key=lambda step: step.stage):
+    for stage, steps in itertools.groupby(fly(inputs.world, inputs.flight(), outcome), key=lambda step: step.stage):
         points = [(step.x_m, step.y_m) for step in steps]
         if kinds[stage] == "line" and len(points) > 1:
             rest = shapely.difference(rest, shapely.LineString(points).buffer(swath_m / 2, cap_style="flat"))

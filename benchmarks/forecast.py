@@ -377,7 +377,7 @@ def flown(seed: int, gust_std_mps: float) -> Log:
         str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/survey.yaml"), overrides=overrides
     )
     outcome = Outcome()
-    steps = list(fly(inputs.world, inputs.planner(), outcome))[:-1]
+    steps = list(fly(inputs.world, inputs.flight(), outcome))[:-1]
     sets = inputs.world.plan.stages[0].sets
     computing_w = inputs.world.computing.power_w(steps[0].parameters, sets)
     stages = inputs.world.plan.primitive_stages

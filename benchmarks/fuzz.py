@@ -142,7 +142,7 @@ def flown(text: Text, texts: dict[str, Text]) -> None:
     world = inputs.world
     clock = world.clock
     limited = replace(world, clock=clock._replace(time_limit_s=min(clock.time_limit_s, 20 * clock.step_s)))
-    for _ in itertools.islice(fly(limited, inputs.planner(), Outcome()), 20):
+    for _ in itertools.islice(fly(limited, inputs.flight(), Outcome()), 20):
         pass
 
 

@@ -194,7 +194,7 @@ def hindsight(plan: str, case: Case) -> dict[str, Any]:
         inputs = load(plan, {**base, "parameters": {"c1": float(c1), "c2": float(levels[0])}})
         outcome = Outcome()
         power, stages = [], []
-        for step in fly(inputs.world, inputs.planner(), outcome):
+        for step in fly(inputs.world, inputs.flight(), outcome):
             power.append(step.power_w)
             stages.append(step.stage)
         if not outcome.completed:
@@ -817,7 +817,7 @@ def forecasts(count: int, seed: int, jobs: int) -> None:
 def _scores(keys: Mapping[str, Any]) -> list[float] | None:
     inputs = load(str(ROOT / "plans/survey.plan"), keys)
     outcome = Outcome()
-    for _ in fly(inputs.world, inputs.planner(), outcome):
+    for _ in fly(inputs.world, inputs.flight(), outcome):
         pass
     if not outcome.completed:
         return None

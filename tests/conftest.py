@@ -59,7 +59,12 @@ def _code_as_before():
 
 COMPILED = [
     *("cli", "io/figures", "io/flight", "io/link", "io/report", "io/telemetry", "planning/forecast", "planning/joint"),
-    *("planning/state", "planning/test_acquisition.py", "planning/test_live.py", "planning/test_registry.py"),
+    *(
+        "planning/state",
+        "planning/track/test_acquisition.py",
+        "planning/track/test_live.py",
+        "planning/test_registry.py",
+    ),
     *("simulation/test_fixed_wing.py", "simulation/test_reproduction.py", "simulation/test_wind_over_time.py"),
     *("test_api.py", "test_notebook.py", "test_pictures.py", "test_readme.py", "test_results_page.py"),
 ]

@@ -1,15 +1,15 @@
-"""Interface of planners: observations, decisions, settings, and the base class that tracks laps and power.
+"""Vocabulary of planning: missions, observations, decisions, settings.
 
-A planner maps Observations to Decisions. It knows the plan, the models and its settings, and nothing of the simulated
-world, so that the same object serves a simulation and a telemetry stream.
+A planner maps what is known of a flight to a Decision. It knows the plan, the models and its settings, and nothing of
+the simulated world, so that the same object serves a simulation and a telemetry stream.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Protocol
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 from annotated_types import Ge, Le, Len
 
@@ -18,36 +18,18 @@ from eadp.core.bounds import NotNegative, Reserve
 from eadp.core.flight.wind import GUST_TIME_S
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Piece, Pose, ways_to_point
-from eadp.errors import PathUndefined
 from eadp.models.battery import LIMITS, Battery
 from eadp.models.computing import Computing
 from eadp.models.energy import EnergyModel
 from eadp.models.plan.cursor import PlanCursor, Rules, Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
-from eadp.models.plan.trace import nominal_legs
 from eadp.models.vehicle import FixedWing
-from eadp.planning.estimation.deferred import DeferredEstimator
-from eadp.planning.estimation.estimator import (
-    MIN_NOISE_W,
-    ONE_LAP_SHARE,
-    PUBLISHED,
-    SHORTEST_DISTURBANCE_S,
-    Estimator,
-    EstimatorSettings,
-    ExactEstimator,
-    PowerEstimate,
-    PublishedEstimator,
-)
 
 if TYPE_CHECKING:
     from eadp.core.geometry.ways import WaysTo
-    from eadp.planning.forecast.held import Preflight
-    from eadp.planning.state.flight_state import FlightState
 
 SOC_JUMP = 0.01
-UNKNOWN_PERIOD_S = 6.0
-"""Horizon in place of one period if there is none [s]."""
 Levels = Annotated[tuple[NotNegative, ...], Len(1, 1000)]
 
 
@@ -80,8 +62,8 @@ class Observation(NamedTuple):
         Measured airspeed [m/s].
     flies_mission : bool
         Whether an autopilot flies a mission laid out before, so that its end is certain.
-    state : FlightState or None
-        What is known of the flight, this observation included.
+    soc_measured : bool
+        Whether the charge is measured, and not estimated since.
     """
 
     time_s: float
@@ -98,7 +80,7 @@ class Observation(NamedTuple):
     through_gap: bool = False
     airspeed_mps: float | None = None
     flies_mission: bool = False
-    state: FlightState | None = None
+    soc_measured: bool = True
 
     @property
     def stage(self) -> int:
@@ -392,171 +374,6 @@ class Mission:
     live: bool = False
 
 
-class Planner(Protocol):
-    """The interface of a planner."""
-
-    report: SolverReport
-    takes_arrays: bool
-    """Whether it takes readings as arrays, too."""
-
-    @property
-    def period_s(self) -> float | None:
-        """Period of the power [s]; None if there is none."""
-
-    @property
-    def reading_every_s(self) -> float:
-        """Time between the readings of the power sensor that the planner takes [s]; infinite if it takes none."""
-
-    @property
-    def next_update_s(self) -> float:
-        """Time of the next update [s]; a new stage or a drop of charge requires one earlier."""
-
-    def flight_state(self) -> FlightState:
-        """The state of a flight that starts, for whoever flies it."""
-
-    def update(self, observation: Observation) -> Decision:
-        """Update with an observation and decide."""
-
-    def ingest(self, readings: Readings) -> Decision:
-        """Take the readings since the last observation; stage and parameters have not changed."""
-
-    def estimates(self, times_s: Sequence[float]) -> tuple[list[float], list[PowerEstimate]]:
-        """Forecast of the last reading [W] and the power as estimated after it, at instants since the last call [s]."""
-
-    def hold(self, held: Mapping[int, float]) -> None:
-        """Take the parameters, by index, that stay at a value whatever is decided; all others may change."""
-
-
-class TrackingPlanner:
-    """Base class of planners: it tracks laps and power with its estimator, and keeps the parameters of take-off.
-
-    It takes every reading, unless a subclass overrides `next_update_s`.
-    """
-
-    own_settings: ClassVar[type | None] = None
-    """Dataclass of this planner's own settings, if it has any."""
-
-    optimises_to_end: ClassVar[bool] = False
-    """Whether the planner chooses its parameters so that they last to the end of the mission."""
-
-    takes_arrays = False
-
-    def __init__(
-        self, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission, own: Any = None
-    ) -> None:
-        self.report = SolverReport()
-        self._settings = settings
-        self._mission = mission
-        self._decision = Decision(mission.parameters)
-        self._estimator = DeferredEstimator(_estimator(estimator, mission))
-        self._sensor_every_s = estimator.every_s
-        self._next_reading_s = 0.0
-        self._stages_started = 1
-        self._segment = 0
-        self._laps = 0
-        self._lap_through_gap = False
-        self._computing_for: tuple[Vector, int] | None = None
-        self._computing_w = 0.0
-
-    @classmethod
-    def faults(
-        cls, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission
-    ) -> list[tuple[str, str, str]]:
-        """Own settings that the mission contradicts: the key within them, what is wrong, and what was expected."""
-        return trade_off_faults(getattr(settings.own, "trade_offs", ()), mission.plan)
-
-    @classmethod
-    def preflight(
-        cls, settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_std_mps: float
-    ) -> Preflight | None:
-        """The forecast before take-off, in the wind of the weather forecast: with the parameters of take-off held.
-
-        None if the plan cannot be flown in this wind.
-        """
-        from eadp.planning.forecast.held import held_preflight
-
-        return held_preflight(settings, mission, wind_mps, gust_std_mps)
-
-    def flight_state(self) -> FlightState:
-        """The state of a flight that starts, for whoever flies it."""
-        from eadp.planning.state.flight_state import FlightState
-
-        return FlightState(self._mission, self._settings.weights, self._sensor_every_s)
-
-    @property
-    def period_s(self) -> float | None:
-        """The estimator's period [s]."""
-        return self._estimator.period_s
-
-    @property
-    def reading_every_s(self) -> float:
-        """The estimator's setting `every_s` [s]."""
-        return self._sensor_every_s
-
-    @property
-    def next_update_s(self) -> float:
-        """At every reading."""
-        return self._next_reading_s
-
-    @property
-    def horizon_s(self) -> float:
-        """How far it looks ahead at the power [s]."""
-        return self._horizon_at_s(self.period_s)
-
-    def _horizon_at_s(self, period_s: float | None) -> float:
-        """`horizon_s` at a period [s]: one period."""
-        return period_s or UNKNOWN_PERIOD_S
-
-    def estimates(self, times_s: Sequence[float]) -> tuple[list[float], list[PowerEstimate]]:
-        """Forecast of the last reading [W] and the power as estimated after it, at instants since the last call [s]."""
-        return self._estimator.estimates(times_s, self._computing_w, self._horizon_at_s)
-
-    def ingest(self, readings: Readings) -> Decision:
-        """Take a batch of readings; the parameters stay."""
-        self._estimator.observe(readings.times_s, readings.powers_w, self._computing_w)
-        self._next_reading_s = float(readings.times_s[-1]) + self._sensor_every_s
-        return self._decision
-
-    def update(self, observation: Observation) -> Decision:
-        """Take an observation; the parameters stay."""
-        self._track(observation)
-        return self._decision
-
-    def hold(self, held: Mapping[int, float]) -> None:
-        """Its decisions do not depend on them."""
-
-    def _count_laps(self, o: Observation) -> None:
-        """Count a lap if the stage that has started ends one; the first of a repeated segment starts one."""
-        before, self._segment = self._segment, o.cursor.segment
-        segment = o.cursor.table.segments[self._segment]
-        plan = self._mission.plan
-        lap_stages = None if plan.segments else plan.primitive_stages
-        if segment.repeats:
-            lap_stages = segment.count
-        if lap_stages is None or (o.stage - 1 - segment.first) % lap_stages:
-            return
-        through_gap, self._lap_through_gap = self._lap_through_gap, o.through_gap
-        if self._segment != before or through_gap:
-            self._estimator.start_lap(o.time_s)
-            return
-        self._laps += 1
-        self._estimator.lap(o.time_s)
-
-    def _track(self, o: Observation) -> None:
-        """Update the estimator with the laps that have ended, and with a reading if one is due."""
-        self._lap_through_gap |= o.through_gap
-        if o.stages_started != self._stages_started:
-            self._stages_started = o.stages_started
-            self._count_laps(o)
-        if self._computing_for != (o.parameters, o.stage):
-            self._computing_for = (o.parameters, o.stage)
-            self._computing_w = self._mission.computing.power_w(o.parameters, o.cursor.stage.sets)
-        if o.time_s < self._next_reading_s - 1e-9:
-            return
-        self._next_reading_s = o.time_s + self._sensor_every_s
-        self._estimator.observe([o.time_s], [o.power_w], self._computing_w)
-
-
 def allowed_levels(
     settings: PlannerSettings, mission: Mission, index: int, box: Box, *, measured: bool = False
 ) -> tuple[float, ...]:
@@ -568,7 +385,7 @@ def allowed_levels(
 
 
 def trade_off_faults(rows: Sequence[TradeOff], plan: Plan) -> list[tuple[str, str, str]]:
-    """Trade-offs that no parameters within the plan's sets meet, see `TrackingPlanner.faults`."""
+    """Trade-offs that no parameters within the plan's sets meet, see `Planner.faults`."""
     boxes = {name: plan.hull(i) for i, name in enumerate(plan.names)} if plan.has_sets else {}
     found = []
     for i, row in enumerate(rows):
@@ -599,40 +416,3 @@ def thinned(levels: Sequence[tuple[float, ...]], limit: int) -> list[tuple[float
 def next_multiple(time_s: float, every_s: float) -> float:
     """The first multiple of a period after a time [s]."""
     return (math.floor(time_s / every_s + 1e-6) + 1) * every_s
-
-
-def _estimator(settings: EstimatorSettings, mission: Mission) -> Estimator:
-    if settings.kind == PUBLISHED:
-        return PublishedEstimator(settings)
-    if mission.energy is not None:
-        return _estimator_of_fit(settings, mission.energy)
-    if not mission.plan.primitive_stages:
-        return ExactEstimator(settings, None)
-    return ExactEstimator(settings, _nominal_lap_s(mission))
-
-
-def _estimator_of_fit(settings: EstimatorSettings, fitted: EnergyModel) -> ExactEstimator:
-    """An estimator initialised with a model fitted to a log, whose noise replaces the settings'."""
-    std_s, disturbance = None, fitted.disturbance
-    if fitted.period_s is not None and fitted.period_std_s is not None:
-        std_s = max(fitted.period_std_s, ONE_LAP_SHARE * fitted.period_s)  # the model is of another flight
-    if disturbance is not None:
-        white_w = math.sqrt(max(fitted.noise_std_w**2 - disturbance.std_w**2, 0.0))
-        settings = replace(
-            settings,
-            noise_w=max(white_w, MIN_NOISE_W),
-            disturbance_std_w=disturbance.std_w,
-            disturbance_time_s=max(disturbance.time_s, SHORTEST_DISTURBANCE_S),
-        )
-    return ExactEstimator(settings, fitted.period_s, fitted.state_w(settings.order), period_std_s=std_s)
-
-
-def _nominal_lap_s(mission: Mission) -> float | None:
-    """Time of a nominal lap at cruise speed without wind [s]: the initial period."""
-    try:
-        legs = nominal_legs(mission.plan, mission.parameters, mission.start_m)
-    except PathUndefined:
-        return None
-    whole = max(legs[-1].lap - 1, 0)  # the last lap may be cut short, the first starts anywhere
-    length = sum(leg.length_m for leg in legs if leg.lap == whole)
-    return length / mission.cruise_mps if length > 0 and math.isfinite(length) else None

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from eadp.errors import EadpError
 
 if TYPE_CHECKING:
-    from eadp.planning.base import Mission, Planner, PlannerSettings, TrackingPlanner
-    from eadp.planning.estimation.estimator import EstimatorSettings
+    from eadp.planning.planner import Planner
 
 PLANNERS = {
     "static": "eadp.planning.static:StaticPlanner",
@@ -21,7 +20,7 @@ PLANNERS = {
 DEFAULT = "joint"
 
 
-def planner_class(name: str) -> type[TrackingPlanner]:
+def planner_class(name: str) -> type[Planner]:
     """The class of a planner.
 
     Raises
@@ -32,16 +31,5 @@ def planner_class(name: str) -> type[TrackingPlanner]:
     if name not in PLANNERS:
         raise EadpError(f"unknown planner {name}; expected one of {', '.join(PLANNERS)}")
     module, _, attribute = PLANNERS[name].partition(":")
-    planner: type[TrackingPlanner] = getattr(import_module(module), attribute)
+    planner: type[Planner] = getattr(import_module(module), attribute)
     return planner
-
-
-def make_planner(settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission) -> Planner:
-    """A new planner for one flight: the one that the settings name, with its own section of them, if they have it.
-
-    Raises
-    ------
-    EadpError
-        On an unknown name.
-    """
-    return planner_class(settings.name)(settings, estimator, mission, settings.own)

@@ -2,20 +2,11 @@
 
 from __future__ import annotations
 
-import math
-
-from eadp.planning.base import TrackingPlanner
+from eadp.planning.planner import Planner
 
 
-class StaticPlanner(TrackingPlanner):
-    """Keeps the parameters of take-off; it estimates the power, so that its flights record a forecast.
+class StaticPlanner(Planner):
+    """Keeps the parameters of take-off, as every planner does that decides nothing.
 
     Source: flights I and II of the letter.
     """
-
-    takes_arrays = True
-
-    @property
-    def next_update_s(self) -> float:
-        """Infinity: no decisions."""
-        return math.inf

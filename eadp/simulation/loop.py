@@ -24,8 +24,9 @@ from eadp.models.plan.stage import Stage
 from eadp.models.sensors import Sensors
 from eadp.models.vehicle import Airframe, Guidance
 from eadp.models.weather import Wind
-from eadp.planning.base import Decision, DecisionRecord, Observation, Planner, Readings, WayHome
+from eadp.planning.base import DecisionRecord, Observation, Readings, WayHome
 from eadp.planning.estimation.estimator import PowerEstimate
+from eadp.planning.flight import PlannedFlight
 from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, state_of
 from eadp.simulation.homing import home_plan
 from eadp.simulation.inner_loop import DISTANCE, EMPTY, ENERGY, LOST, MAX_POWER, MIN_POWER, POWER, SAGS, SOC, InnerLoop
@@ -142,10 +143,8 @@ class Outcome:
     """The planner's estimate of the power at each step of the log."""
 
 
-def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
+def fly(world: World, flight: PlannedFlight, outcome: Outcome) -> Iterator[Step]:
     """Fly, yielding a step every `log_every_s` and the last one; `outcome` is filled in at the end.
-
-    The state of the flight takes every reading, and the observations carry it.
 
     The inner loop (`eadp.simulation.inner_loop`) runs until the planner, a loss of charge or a new stage is due, and
     writes the rows of the log on the way.
@@ -155,13 +154,13 @@ def fly(world: World, planner: Planner, outcome: Outcome) -> Iterator[Step]:
     PathUndefined
         If the first path cannot be evaluated where the flight starts.
     """
-    yield from _Flight(world, planner, outcome).steps()
+    yield from _Flight(world, flight, outcome).steps()
 
 
 class _Flight:
     """A flight: what is due next, and what is handed over between the inner loop, the planner and the plan."""
 
-    def __init__(self, world: World, planner: Planner, outcome: Outcome) -> None:
+    def __init__(self, world: World, flight: PlannedFlight, outcome: Outcome) -> None:
         self._world, self._outcome = world, outcome
         self._executor = executor = PlanExecutor(world.plan, world.parameters, world.start.position_m, world.rules)
         self._inner_loop = InnerLoop(
@@ -171,7 +170,8 @@ class _Flight:
             world.wind,
             np.random.default_rng(world.seed),
         )
-        self._bridge = _SensorBridge(world, planner, self._inner_loop, outcome)
+        self._flight = flight
+        self._bridge = _SensorBridge(world, flight, self._inner_loop, outcome)
         self._losses = _losses(world)
         self._alarms = [step + self._bridge.late for step, _ in self._losses]
         """Steps at which the losses are measured."""
@@ -181,7 +181,7 @@ class _Flight:
         self._inner_loop.start_stage(executor, computing_w)
         self._parameters = executor.parameters
         self._plan_stage, self._stages_started = executor.stage.index, executor.stages_started
-        self._decided = self._bridge.decision.parameters
+        self._decided = flight.decision.parameters
         self._returning = False
         self._track: list[Step] = []
         self._k, self._next_update = 0, 1
@@ -257,12 +257,14 @@ class _Flight:
         elif changed:
             self._next_update = self._k + 1  # the planner is updated at once with a new stage or its decision in force
         elif due:
-            self._next_update = max(self._k + 1, step_at(self._bridge.next_update_s, self._world.clock.step_s, end))
+            self._next_update = max(
+                self._k + 1, step_at(self._flight.planner.next_update_s, self._world.clock.step_s, end)
+            )
         return None
 
     def _decide(self) -> bool:
         """Put the planner's decision in force, or turn home; return whether that changes what is flown."""
-        decision = self._bridge.decision
+        decision = self._flight.decision
         if decision.returns_home:
             self._outcome.turned_back_s, self._outcome.turned_back_m = (
                 self._k * self._world.clock.step_s,
@@ -340,11 +342,10 @@ def _turned_back(world: World, executor: PlanExecutor, pose: Pose) -> PlanExecut
 
 
 class _SensorBridge:
-    """Measurements from the inner loop to the planner, its last decision, and rows of the log with its estimates."""
+    """Measurements from the inner loop to the flight as it is planned, and rows of the log with what that estimates."""
 
-    def __init__(self, world: World, planner: Planner, inner_loop: InnerLoop, outcome: Outcome) -> None:
-        self._step_s, self._state = world.clock.step_s, planner.flight_state()
-        self._planner = planner
+    def __init__(self, world: World, flight: PlannedFlight, inner_loop: InnerLoop, outcome: Outcome) -> None:
+        self._step_s, self._flight = world.clock.step_s, flight
         self._inner_loop = inner_loop
         self._ideal = world.sensors.ideal
         self._suite = SensorSuite(world.sensors, world.clock.step_s, np.random.default_rng([world.seed, 1]))
@@ -352,16 +353,10 @@ class _SensorBridge:
         """Delay of the measurements in steps."""
         every_s = log_every_s(world)
         log_every = MAX_STEPS if math.isinf(every_s) else max(1, round(every_s / world.clock.step_s))
-        inner_loop.note(step_at(planner.reading_every_s, world.clock.step_s, MAX_STEPS), self.late, log_every)
+        inner_loop.note(step_at(flight.state.every_s, world.clock.step_s, MAX_STEPS), self.late, log_every)
         self._outcome = outcome
         self.logged_to = -1
         """The last step logged."""
-        self.decision = Decision(world.parameters)
-
-    @property
-    def next_update_s(self) -> float:
-        """When the planner is due next [s]."""
-        return self._planner.next_update_s
 
     def update(self, k: int, executor: PlanExecutor) -> None:
         """Update the planner with an observation after step `k`."""
@@ -371,18 +366,16 @@ class _SensorBridge:
         observation = Observation(k * self._step_s, x, y, *plan, power_w, soc, None, (vx, vy), heading)
         if not self._ideal:
             observation = self._suite.observe(k, observation)
-        self._state.observe(observation)
-        decision = self._planner.update(observation._replace(state=self._state))
-        if decision.record is not None and decision.record is not self.decision.record:
+        before, decision = self._flight.decision, self._flight.take(observation)
+        if decision.record is not None and decision.record is not before.record:
             self._outcome.records.append(decision.record)
-        self.decision = decision
 
     def logged(self, rows: list[list[float]], k: int, stage: int, parameters: Vector) -> list[Step]:
         """Rows of the inner loop with what the planner forecast and estimated, after readings up to step `k`."""
         self.ingest(k)
         self.logged_to = int(rows[-1][0])
         times_s = [row[0] * self._step_s for row in rows]
-        forecasts_w, estimates = self._planner.estimates(times_s)
+        forecasts_w, estimates = self._flight.state.estimates(times_s)
         self._outcome.estimates += estimates
         return [
             Step(time_s, stage, x, y, altitude, heading, power_w, forecast_w, soc, parameters)
@@ -392,7 +385,7 @@ class _SensorBridge:
         ]
 
     def ingest(self, k: int) -> None:
-        """Pass the new readings up to step `k` to the planner; a later one is part of its next observation."""
+        """Pass the new readings up to step `k` to the flight; a later one is part of its next observation."""
         columns: Any = self._inner_loop.readings()
         count = len(columns[0])
         if count and columns[0][-1] > k:
@@ -400,7 +393,7 @@ class _SensorBridge:
             columns = [numbers[:count] for numbers in columns]
         if not count:
             return
-        if isinstance(columns[0], np.ndarray) and not (self._ideal and self._planner.takes_arrays):
+        if isinstance(columns[0], np.ndarray) and not self._ideal:
             columns = [numbers.tolist() for numbers in columns]
         steps, x, y, powers_w, charges, vx, vy, headings = columns
         if not self._ideal:
@@ -411,9 +404,7 @@ class _SensorBridge:
                 charges[i] = suite.soc(n, charges[i])
         step_s = self._step_s
         times_s: Any = steps * step_s if isinstance(steps, np.ndarray) else [n * step_s for n in steps]
-        readings = Readings(times_s, x, y, powers_w, charges, vx, vy, headings, [math.nan] * len(times_s))
-        self._state.ingest(readings)
-        self.decision = self._planner.ingest(readings)
+        self._flight.take(Readings(times_s, x, y, powers_w, charges, vx, vy, headings, [math.nan] * len(times_s)))
 
 
 def step_at(time_s: float, step_s: float, max_step: int) -> int:

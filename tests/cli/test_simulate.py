@@ -13,7 +13,7 @@ import pytest
 from broken_osqp import BROKEN, broken_osqp
 from common import ROOT, few
 from common.answers import refused
-from common.recorder import Recorder
+from common.recorder import watched
 
 from eadp.io.flight.inputs import load_flight
 from eadp.models.vehicle import FixedWing
@@ -249,9 +249,9 @@ def test_a_planner_sees_the_power_and_the_commanded_rate():
     overrides = {"computations.c2.max_rate": 7.0, "time_limit_s": 20.0, "planner.name": "joint"}
     overrides["planner.joint.max_interval_s"] = 0
     inputs = load_flight(str(ROOT / PLAN), scenario_path=str(ROOT / "scenarios/survey.yaml"), overrides=overrides)
-    recorder, outcome = Recorder(inputs.planner()), Outcome()
-    rows = {row.time_s: row.power_w for row in fly(inputs.world, recorder, outcome)}
-    shared = [o for o in recorder.seen if o.time_s in rows]
+    flight, outcome = watched(inputs), Outcome()
+    rows = {row.time_s: row.power_w for row in fly(inputs.world, flight, outcome)}
+    shared = [o for o in flight.planner.seen if o.time_s in rows]
     assert len(shared) > 10
     assert all(o.parameters[1] == 10 and o.power_w == rows[o.time_s] for o in shared)
 

@@ -255,7 +255,7 @@ def flown_share(field, solution, path, wind_deg, c1):
     inputs = load_flight(str(path), overrides=settings)
     outcome, rest = Outcome(), shapely.Polygon(field.outline, field.holes)
     kinds = {stage.index: stage.kind for stage in inputs.world.plan.stages}
-    runs = itertools.groupby(fly(inputs.world, inputs.planner(), outcome), key=lambda step: step.stage)
+    runs = itertools.groupby(fly(inputs.world, inputs.flight(), outcome), key=lambda step: step.stage)
     for stage, steps in runs:
         points = [(step.x_m, step.y_m) for step in steps]
         if kinds[stage] == "line" and len(points) > 1:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from broken_osqp import BROKEN, break_osqp
 from common import ROOT
+from common.observations import Piloted
 from common.observations import observation as observed
 from scipy.integrate import solve_ivp
 
@@ -20,12 +21,15 @@ from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.energy import Disturbance, EnergyModel, Harmonic
 from eadp.models.profile import Profile
-from eadp.planning.base import Mission, PlannerSettings, Readings, TrackingPlanner, TradeOff, _nominal_lap_s
+from eadp.planning.base import Mission, PlannerSettings, Readings, TradeOff
 from eadp.planning.estimation.estimator import EstimatorSettings
+from eadp.planning.flight import make_flight
 from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.paper.horizon import Horizon
 from eadp.planning.paper.planner import PaperPlanner, PaperSettings, _coverage
-from eadp.planning.registry import PLANNERS, make_planner, planner_class
+from eadp.planning.registry import PLANNERS, planner_class
+from eadp.planning.state.flight_state import FlightState
+from eadp.planning.state.power import _nominal_lap_s
 from eadp.planning.static import StaticPlanner
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
@@ -41,7 +45,7 @@ def mission(plan=PLAN, profile=PROFILE, battery=BATTERY, parameters=(0.0, 10.0))
 
 def planner(own=OWN, settings=SETTINGS, **changes):
     own = own if settings.name == "paper" else None
-    return planner_class(settings.name)(settings, EstimatorSettings(), mission(**changes), own)
+    return Piloted(planner_class(settings.name)(settings, mission(**changes), own))
 
 
 def observation(time_s, soc=1.0, power_w=36.0, parameters=(0.0, 10.0), started=1, plan=PLAN):
@@ -50,12 +54,11 @@ def observation(time_s, soc=1.0, power_w=36.0, parameters=(0.0, 10.0), started=1
 
 def run(pilot, seconds, soc=lambda t: 1.0, step_s=0.1, start_s=0.1, power_w=36.0):
     """Observations at steady power; decisions with their times, where they change."""
-    changes, last, state = [], None, pilot.flight_state()
+    changes, last = [], None
     for k in range(round(seconds / step_s)):
         time_s = start_s + k * step_s
         seen = observation(time_s, soc(time_s), power_w, last or (0.0, 10.0))
-        state.observe(seen)
-        decision = pilot.update(seen._replace(state=state))
+        decision = pilot.take(seen)
         if decision.parameters != last:
             last = decision.parameters
             changes.append((round(time_s, 6), last))
@@ -63,9 +66,9 @@ def run(pilot, seconds, soc=lambda t: 1.0, step_s=0.1, start_s=0.1, power_w=36.0
 
 
 def test_names():
-    assert isinstance(planner(settings=replace(SETTINGS, name="static")), StaticPlanner)
-    assert isinstance(planner(), PaperPlanner)
-    assert isinstance(planner(settings=replace(SETTINGS, name="joint")), JointPlanner)
+    assert isinstance(planner(settings=replace(SETTINGS, name="static")).planner, StaticPlanner)
+    assert isinstance(planner().planner, PaperPlanner)
+    assert isinstance(planner(settings=replace(SETTINGS, name="joint")).planner, JointPlanner)
     with pytest.raises(EadpError, match="unknown planner greedy"):
         planner(settings=replace(SETTINGS, name="greedy"))
 
@@ -81,24 +84,23 @@ def test_a_planner_is_named_in_the_registry_alone():
 def test_static_never_changes_and_forecasts():
     pilot = planner(settings=replace(SETTINGS, name="static"))
     assert run(pilot, 30, soc=lambda t: 1 - t / 40) == [(0.1, (0.0, 10.0))]
-    pilot.update(observation(31.0))
-    assert pilot.estimates([31.0])[0] == pytest.approx([36.0], abs=0.05)
+    pilot.take(observation(31.0))
+    assert pilot.state.estimates([31.0])[0] == pytest.approx([36.0], abs=0.05)
     assert pilot.report.replans == 0
 
 
 def test_readings_are_taken_as_often_as_the_sensor_has_them():
-    pilot = TrackingPlanner(SETTINGS, EstimatorSettings(every_s=0.1), mission())
-    assert pilot.next_update_s == 0.0
-    pilot.update(observation(1.0, power_w=30.0))
-    assert pilot.next_update_s == pytest.approx(1.1)
-    pilot.update(observation(1.05, power_w=90.0))
-    assert pilot.estimates([1.05])[0] == pytest.approx([30.0])
-    assert pilot.next_update_s == pytest.approx(1.1)
+    state = FlightState(mission(), {}, EstimatorSettings(every_s=0.1))
+    state.observe(observation(1.0, power_w=30.0))
+    assert state.next_reading_s == pytest.approx(1.1)
+    state.observe(observation(1.05, power_w=90.0))
+    assert state.estimates([1.05])[0] == pytest.approx([30.0])
+    assert state.next_reading_s == pytest.approx(1.1)
     zeros = [0.0] * 3
-    pilot.ingest(Readings([1.1, 1.15, 1.2], zeros, zeros, [30.0] * 3, [1.0] * 3, zeros, zeros, zeros, zeros))
-    assert pilot.next_update_s == pytest.approx(1.3)
-    pilot.update(observation(1.3, power_w=30.0))
-    assert pilot.next_update_s == pytest.approx(1.4)
+    state.ingest(Readings([1.1, 1.15, 1.2], zeros, zeros, [30.0] * 3, [1.0] * 3, zeros, zeros, zeros, zeros))
+    assert state.next_reading_s == pytest.approx(1.3)
+    state.observe(observation(1.3, power_w=30.0))
+    assert state.next_reading_s == pytest.approx(1.4)
 
 
 def test_it_replans_every_so_often_from_when_it_may_start():
@@ -126,7 +128,7 @@ def test_it_waits_for_its_periods():
     pilot = planner(replace(OWN, min_periods=2))
     for lap in range(3):
         for stage in range(1, 5):
-            pilot.update(observation(10.0 * (4 * lap + stage), started=4 * lap + stage))
+            pilot.take(observation(10.0 * (4 * lap + stage), started=4 * lap + stage))
         assert bool(pilot.report.solve_ms) == (lap == 2)
 
 
@@ -177,10 +179,10 @@ def test_time_to_the_reserve_of_a_battery_whose_voltage_falls():
 def test_time_to_an_empty_battery_follows_a_periodic_power():
     """Readings of a level and a harmonic of the lap's period: the closed form against a plain sum of seconds."""
     pilot = planner()
-    period = pilot.period_s
+    period = pilot.state.period_s
     power = lambda t: 30 + 4 * np.sin(2 * np.pi * t / period)  # noqa: E731
     for k in range(1, 2000):
-        pilot.update(observation(0.1 * k, power_w=float(power(0.1 * k)) + 9.75462))
+        pilot.take(observation(0.1 * k, power_w=float(power(0.1 * k)) + 9.75462))
     o = observation(199.9, soc=0.7)
     t, soc = 199.9, 0.7
     while soc > 0:
@@ -220,9 +222,9 @@ def test_the_path_is_lowered_by_delta_while_time_is_short_and_raised_while_there
 def test_the_largest_path_that_fits_just_fits():
     pilot = planner(replace(OWN, path_rule="largest"))
     for k in range(1, 100):
-        decision = pilot.update(observation(0.1 * k, soc=0.8))
+        decision = pilot.take(observation(0.1 * k, soc=0.8))
     o = observation(10.0, soc=0.8)
-    decision = pilot.update(o)
+    decision = pilot.take(o)
     t_b = pilot._time_to_reserve_s(o, 0.0)
     assert -1000 < decision.parameters[0] < 0
     assert pilot._remaining_s(decision.parameters, 10.0, pilot._coverage) == pytest.approx(t_b, abs=0.01)
@@ -243,7 +245,7 @@ def test_the_output_constraint_limits_the_computations():
     pilot = planner(battery=battery)
     # b Q_c V = 0.76 · 47.36 = 36.0 W allows what is flown; 0.70 allows 33.2 W: a motion of 26.2 W leaves 6.9 W
     for k in range(1, 60):
-        decision = pilot.update(observation(0.1 * k, soc=0.70, parameters=(0.0, 10.0)))
+        decision = pilot.take(observation(0.1 * k, soc=0.70, parameters=(0.0, 10.0)))
     motion = 36.0 - 9.75462
     g = PROFILE.power_w_at((decision.parameters[1],))
     nxt = PROFILE.power_w_at((decision.parameters[1] + 1,))
@@ -255,7 +257,7 @@ def test_nothing_admissible_is_the_lowest_counted_and_said():
     pilot = planner(battery=replace(BATTERY, letter_crate_per_h=1.0))
     decision = None
     for k in range(1, 30):
-        decision = pilot.update(observation(0.1 * k, soc=0.3))
+        decision = pilot.take(observation(0.1 * k, soc=0.3))
     assert decision.parameters[1] == 2.0
     assert decision.reason.startswith("infeasible")
     report = pilot.report
@@ -268,21 +270,21 @@ def test_a_failed_solve_is_counted_and_answered_by_the_stated_fallback(monkeypat
     break_osqp(monkeypatch, BROKEN["failing"])
     pilot = planner(replace(OWN, delta={"c1": 500, "c2": 3}), battery=replace(BATTERY, letter_crate_per_h=1.0))
     for k in range(1, 30):
-        decision = pilot.update(observation(0.1 * k, soc=0.70))
+        decision = pilot.take(observation(0.1 * k, soc=0.70))
     report = pilot.report
     assert report.fallbacks == report.replans == len(report.solve_ms) > 0
     assert (report.failed, report.solved, report.retried) == (report.calls, 0, report.calls / 2)
     assert (decision.record.status, decision.record.gap) == ("fallback", None)
     assert decision.reason.startswith("fallback, lowered by δ: OSQP")
     assert decision.parameters[1] == 4.0, "10, then 7, then 4, which fits 6.9 W"
-    assert pilot.update(observation(4.0, soc=1.0)).parameters[1] == 10.0, "from the maximum again"
+    assert pilot.take(observation(4.0, soc=1.0)).parameters[1] == 10.0, "from the maximum again"
 
 
 def test_a_failed_solve_without_an_admissible_answer_falls_back_to_the_lowest(monkeypatch):
     monkeypatch.setattr(Horizon, "solve", lambda self, forecast: (_ for _ in ()).throw(SolverFailed("x")))
     monkeypatch.setattr(Horizon, "lowered", lambda *args: (_ for _ in ()).throw(Infeasible("y")))
     pilot = planner()
-    decision = pilot.update(observation(0.1))
+    decision = pilot.take(observation(0.1))
     assert decision.parameters[1] == 2.0
     assert decision.reason.startswith("fallback, minimum")
 
@@ -317,7 +319,7 @@ def test_the_subroutine_is_that_of_the_drafts(delta):
         own = replace(OWN, solver="subroutine", path_rule="delta", delta=delta)
         pilot = planner(own, battery=replace(BATTERY, letter_crate_per_h=1.0))
         for k in range(1, 31):
-            decision = pilot.update(observation(0.1 * k, soc=soc))
+            decision = pilot.take(observation(0.1 * k, soc=soc))
         expected = by_subroutine(3.0, soc, 36.0 - 9.75462, delta)
         assert decision.parameters == pytest.approx(expected)
         assert decision.record.status == ("infeasible" if decision.reason.startswith("infeasible") else "lowered")
@@ -331,13 +333,13 @@ def test_inhibited_computations_are_not_solved_for():
     plan, _ = read_plan(Text("p", text))
     pilot = planner(replace(OWN, longest_s=None, shortest_s=None), plan=plan, parameters=(10.0,))
     for k in range(1, 30):
-        decision = pilot.update(observation(0.1 * k, parameters=(0.0,), power_w=26.0, plan=plan))
+        decision = pilot.take(observation(0.1 * k, parameters=(0.0,), power_w=26.0, plan=plan))
     assert pilot.report.calls == 0
     assert pilot.report.solve_ms
     assert decision.record.status == "nothing to choose"
     assert decision.parameters == (10.0,), "what was decided waits for the stage that runs it"
     for k in range(30, 60):
-        decision = pilot.update(observation(0.1 * k, parameters=(10.0,), started=2, plan=plan))
+        decision = pilot.take(observation(0.1 * k, parameters=(10.0,), started=2, plan=plan))
     assert pilot.report.calls > 0
 
 
@@ -353,7 +355,7 @@ def test_trade_offs_between_computations_and_the_path_are_kept():
     pilot = planner(settings, parameters=(-900.0, 10.0))
     decision = None
     for k in range(1, 20):
-        decision = pilot.update(observation(0.1 * k, parameters=(-900.0, 10.0)))
+        decision = pilot.take(observation(0.1 * k, parameters=(-900.0, 10.0)))
     assert decision.parameters[1] == 5.0, "10 − 4.5, and whole"
 
 
@@ -372,7 +374,7 @@ def test_trade_offs_are_kept_with_the_path_in_force_and_the_one_decided():
     decisions = []
     for k in range(1, 40):
         now = decisions[-1].parameters if decisions else (0.0, 10.0)
-        decisions.append(pilot.update(observation(0.1 * k, soc=0.5, parameters=(0.0, now[1]))))
+        decisions.append(pilot.take(observation(0.1 * k, soc=0.5, parameters=(0.0, now[1]))))
     assert decisions[-1].parameters[0] == -1000.0
     for decision in decisions[2:]:
         for c1 in (0.0, decision.parameters[0]):
@@ -392,7 +394,7 @@ def test_the_subroutine_lowers_from_the_maximum_until_the_time_suffices():
     own = replace(OWN, path_rule="subroutine", delta={"c1": 100})
     pilot = planner(own, parameters=(-1000.0, 10.0))
     for k in range(1, 100):
-        decision = pilot.update(observation(0.1 * k, soc=0.8, parameters=(-1000.0, 10.0)))
+        decision = pilot.take(observation(0.1 * k, soc=0.8, parameters=(-1000.0, 10.0)))
     o, chosen = observation(10.0, soc=0.8), decision.parameters
     ladder = [-100.0 * k for k in range(11)]
     enough = [
@@ -405,11 +407,11 @@ def test_gains_step_the_level_when_the_path_changes():
     """002's Ω: 0.002 W per m² of c1, so −500 takes 1 W off the motion's level, once."""
     pilot = planner(replace(OWN, gains={"c1": 0.002}), settings=replace(SETTINGS, every_s=60.0))
     for k in range(1, 200):
-        pilot.update(observation(0.1 * k))
-    before = pilot._estimator.now.state_w[0]
+        pilot.take(observation(0.1 * k))
+    before = pilot.state.estimator.state_w[0]
     for k in (200, 201):
-        pilot.update(observation(0.1 * k, power_w=None, parameters=(-500.0, 10.0)))
-        assert pilot._estimator.now.state_w[0] == pytest.approx(before - 1.0, abs=0.01)
+        pilot.take(observation(0.1 * k, power_w=None, parameters=(-500.0, 10.0)))
+        assert pilot.state.estimator.state_w[0] == pytest.approx(before - 1.0, abs=0.01)
     longer = pilot._time_to_reserve_s(observation(20.2), pilot._gained_w((-1000.0,)))
     assert longer > pilot._time_to_reserve_s(observation(20.2), pilot._gained_w((-500.0,)))
 
@@ -418,8 +420,8 @@ def test_a_sensor_without_readings_is_lived_with():
     pilot = planner()
     for k in range(1, 50):
         power = 36.0 if k < 20 else None
-        pilot.update(observation(0.1 * k, power_w=power))
-    assert pilot.estimates([4.9])[0] == pytest.approx([36.0], abs=0.1)
+        pilot.take(observation(0.1 * k, power_w=power))
+    assert pilot.state.estimates([4.9])[0] == pytest.approx([36.0], abs=0.1)
 
 
 def test_coverage_times_without_being_told_are_those_of_the_nominal_flight():
@@ -435,16 +437,16 @@ def test_coverage_times_without_being_told_are_those_of_the_nominal_flight():
 
 def test_a_fit_is_what_the_estimator_starts_from():
     fitted = EnergyModel(46.0, 31.0, (Harmonic(2.0, 0.3),), 0.5, 0.1, disturbance=Disturbance(0.3, 7.0))
-    pilot = make_planner(SETTINGS, EstimatorSettings(), replace(mission(), energy=fitted))
-    estimator = pilot._estimator.now
+    pilot = make_flight(SETTINGS, EstimatorSettings(), replace(mission(), energy=fitted))
+    estimator = pilot.state.estimator
     assert estimator.state_w == pytest.approx(fitted.state_w(3))
     assert estimator.noise_w == pytest.approx(0.4), "0.5 in all, of which 0.3 stays a while"
     assert estimator.disturbance == (0.3, 7.0)
     assert estimator.period_std_s == pytest.approx(0.02 * 46.0), "another flight's period is not as sure as its fit"
-    white = make_planner(SETTINGS, EstimatorSettings(), replace(mission(), energy=replace(fitted, disturbance=None)))
-    assert white._estimator.now.disturbance == (0.5, 5.0)
-    mean = make_planner(SETTINGS, EstimatorSettings(), replace(mission(), energy=EnergyModel(None, 31.0)))
-    assert mean._estimator.now.state_w.tolist() == [31.0]
+    white = make_flight(SETTINGS, EstimatorSettings(), replace(mission(), energy=replace(fitted, disturbance=None)))
+    assert white.state.estimator.disturbance == (0.5, 5.0)
+    mean = make_flight(SETTINGS, EstimatorSettings(), replace(mission(), energy=EnergyModel(None, 31.0)))
+    assert mean.state.estimator.state_w.tolist() == [31.0]
 
 
 def test_the_first_period_of_a_single_lap_is_the_lap():

@@ -236,7 +236,7 @@ def test_a_climb_costs_ground_speed():
         scenario_path=str(ROOT / "scenarios/survey.yaml"),
         overrides={"planner.name": "static", "wind.speed_mps": 0, "start.altitude_m": 0.0, "time_limit_s": 4.0},
     )
-    steps = list(loop.fly(inputs.world, inputs.planner(), loop.Outcome()))
+    steps = list(loop.fly(inputs.world, inputs.flight(), loop.Outcome()))
     one, other = steps[15], steps[16]
     climb = (other.altitude_m - one.altitude_m) / (other.time_s - one.time_s)
     over_ground = math.dist((one.x_m, one.y_m), (other.x_m, other.y_m)) / (other.time_s - one.time_s)

@@ -52,33 +52,20 @@ class EveryStep:
         self.report = planner.report
         self.asked = 0
 
-    reading_every_s = math.inf
     next_update_s = 0.0
-    takes_arrays = False
 
-    @property
-    def period_s(self):
-        return self._planner.period_s
-
-    def update(self, observation):
+    def update(self, state):
         self.asked += 1
-        return self._planner.update(observation)
-
-    def estimates(self, times_s):
-        return self._planner.estimates(times_s)
-
-    def flight_state(self):
-        return self._planner.flight_state()
-
-    def ingest(self, readings):
-        raise AssertionError("readings are seen in observations")
+        return self._planner.update(state)
 
 
-def flown(overrides, plan=SURVEY, scenario=SCENARIO, wrapped=lambda it: it, on=False, world=lambda it: it):
+def flown(overrides, plan=SURVEY, scenario=SCENARIO, wrapped=lambda planner: planner, on=False, world=lambda it: it):
     inputs = load_flight(plan, scenario_path=scenario, overrides=overrides)
     compiled.enable(on)
     outcome = Outcome()
-    steps = list(fly(world(inputs.world), wrapped(inputs.planner()), outcome))
+    flight = inputs.flight()
+    flight.planner = wrapped(flight.planner)
+    steps = list(fly(world(inputs.world), flight, outcome))
     return outcome, steps
 
 

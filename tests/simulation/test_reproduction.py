@@ -35,9 +35,9 @@ def flown(scenario, overrides=()):
         scenario_path=str(ROOT / f"scenarios/{scenario}.yaml"),
         overrides=dict(overrides),
     )
-    planner, outcome = inputs.planner(), Outcome()
-    steps = list(fly(inputs.world, planner, outcome))
-    summary = summarise(inputs.world, planner, outcome, inputs.scenario.planner)
+    flight, outcome = inputs.flight(), Outcome()
+    steps = list(fly(inputs.world, flight, outcome))
+    summary = summarise(inputs.world, flight, outcome, inputs.scenario.planner)
     shares = [outcome.parameters.mean_share(i) for i in range(2)]
     return summary, shares, steps
 
@@ -115,7 +115,7 @@ def _drained(items):
         overrides={key: ast.literal_eval(value) for key, value in items},
     )
     outcome = Outcome()
-    for _ in fly(inputs.world, inputs.planner(), outcome):
+    for _ in fly(inputs.world, inputs.flight(), outcome):
         pass
     shares = [outcome.parameters.mean_share(i) for i in range(2)]
     return outcome, sum(shares) / 2

@@ -9,7 +9,7 @@ import json
 import math
 
 from common import ROOT
-from common.recorder import Recorder
+from common.recorder import watched
 
 from eadp.io.flight.inputs import load_flight
 from eadp.simulation.loop import Outcome, fly
@@ -22,11 +22,12 @@ def example():
     """The lines of telemetry of a flight by the joint planner."""
     scenario = str(ROOT / "scenarios/survey.yaml")
     inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=scenario, overrides={"planner.name": "joint"})
-    recorder = Recorder(inputs.planner(), every_step=True)
-    for _ in fly(inputs.world, recorder, Outcome()):
+    flight = watched(inputs, every_step=True)
+    for _ in fly(inputs.world, flight, Outcome()):
         pass
-    for k, o in enumerate(recorder.seen, 1):
-        if k % LINES_APART and k != len(recorder.seen):
+    seen = flight.planner.seen
+    for k, o in enumerate(seen, 1):
+        if k % LINES_APART and k != len(seen):
             continue
         yield {
             "time_s": round(o.time_s, 3),

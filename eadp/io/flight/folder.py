@@ -24,8 +24,9 @@ from eadp.io.flight.estimate import estimate_rows
 from eadp.io.flight.inputs import FlightInputs
 from eadp.io.text.streams import Text, new_folder
 from eadp.models.plan.stage import PATH
-from eadp.planning.base import DecisionRecord, Ending, Planner, PlannerSettings
+from eadp.planning.base import DecisionRecord, Ending, PlannerSettings
 from eadp.planning.estimation.estimator import PowerEstimate
+from eadp.planning.flight import PlannedFlight
 from eadp.planning.forecast.held import Preflight
 from eadp.simulation.loop import RETURNED, Outcome, Step, World, fly
 
@@ -38,7 +39,7 @@ LONGEST_NAME = 200
 
 def summarise(
     world: World,
-    planner: Planner,
+    flight: PlannedFlight,
     outcome: Outcome,
     settings: PlannerSettings,
     expected: Preflight | None = None,
@@ -47,7 +48,7 @@ def summarise(
 
     `settings` are the planner's; `expected` is the forecast before take-off.
     """
-    log, totals, report = outcome.parameters, outcome.totals, planner.report
+    log, totals, report = outcome.parameters, outcome.totals, flight.planner.report
     assert log is not None
     parameters: dict[str, Any] = {}
     for i, parameter in enumerate(world.plan.parameters):
@@ -88,7 +89,7 @@ def summarise(
         },
         "soc_final": outcome.soc_final,
         "soc_reserve": settings.reserve_soc,
-        "period_s": planner.period_s,
+        "period_s": flight.state.period_s,
         "lap_times_s": _lap_times_s(world, outcome),
         "parameters": parameters,
         "quality": log.quality(settings.weights),
@@ -310,11 +311,11 @@ def fly_flight(
     overrides: Sequence[str] = (),
 ) -> Flight:
     """Fly; `expected` is the forecast before take-off, for the summary, and `on_step` is called with each step."""
-    planner, outcome, steps = inputs.planner(), Outcome(), []
-    for step in fly(inputs.world, planner, outcome):
+    planned, outcome, steps = inputs.flight(), Outcome(), []
+    for step in fly(inputs.world, planned, outcome):
         steps.append(step)
         on_step(step)
-    summary = summarise(inputs.world, planner, outcome, inputs.scenario.planner, expected)
+    summary = summarise(inputs.world, planned, outcome, inputs.scenario.planner, expected)
     flight = Flight(inputs, summary, steps, outcome.records, overrides, outcome.estimates)
     if (
         steps

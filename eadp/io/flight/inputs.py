@@ -34,9 +34,10 @@ from eadp.models.plan.trace import KEPT_ROUTES, default_start, whole_route
 from eadp.models.profile import configuration_text
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe, FixedWing
-from eadp.planning.base import HOME_RADII, Mission, Planner, WayHome
+from eadp.planning.base import HOME_RADII, Mission, WayHome
+from eadp.planning.flight import PlannedFlight, make_flight
 from eadp.planning.forecast.held import Preflight
-from eadp.planning.registry import make_planner, planner_class
+from eadp.planning.registry import planner_class
 from eadp.simulation.loop import TakeOff, Timing, World
 from eadp.simulation.sweep.design import Run
 
@@ -115,9 +116,9 @@ class FlightInputs:
     warnings: tuple[Fault, ...]
     texts: Mapping[str, Text]
 
-    def planner(self) -> Planner:
-        """A new planner for one flight."""
-        return make_planner(self.scenario.planner, self.scenario.estimator, self.mission)
+    def flight(self) -> PlannedFlight:
+        """A new flight with its planner."""
+        return make_flight(self.scenario.planner, self.scenario.estimator, self.mission)
 
     def preflight(self) -> Preflight | None:
         """The forecast of the flight before take-off, with its wind as the weather forecast."""

@@ -19,11 +19,10 @@ from eadp.io.link.mission import PROTOCOL
 from eadp.io.link.recorded import MAGICS, log_values
 from eadp.io.link.upload import HeldMission
 from eadp.io.mission.items import MappedItem, items_text, parse_items, read_items
-from eadp.io.telemetry.decisions import json_line
 from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
 from eadp.io.telemetry.reader import numbered_lines, open_telemetry
 from eadp.io.telemetry.replan import Emit, Replanner, Warn
-from eadp.planning.live import KEPT
+from eadp.planning.track.live import KEPT
 
 WAIT_S, HEARTBEAT_S, LOST_S = 0.2, 1.0, 5.0
 """How long to wait for messages, how often to send a heartbeat, and when the autopilot's are lost [s]."""
@@ -231,7 +230,7 @@ class LinkFlight:
         """Take what a message says, and re-plan with the lines that are due."""
         for line in self._lines.update(values):
             self._count += 1
-            self._replanner.take(self._count, json_line(line).encode())
+            self._replanner.take(self._count, line)
 
     def tick(self, now_s: float) -> None:
         """Send a heartbeat if one is due, and say where the autopilot's are lost."""
@@ -414,7 +413,7 @@ def replay_flight(
             for number, raw in numbered_lines(stream, path):
                 if _kind(raw) == TELEMETRY:
                     line = {key: value for key, value in json.loads(raw).items() if key != "kind"}
-                    replanner.take(number + 1, json_line(line).encode())
+                    replanner.take(number + 1, line)
             used, completes = replanner.used, replanner.completes
         else:
             flight = LinkFlight(inputs, path, options, log, emit, warn)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from eadp.io.text.source import Location
+from eadp.models.vehicle import FixedWing
 
 ITEMS_LIMIT = 10_000
 """Most items of a mission, and most that are flown: an autopilot holds hundreds."""
@@ -74,3 +75,24 @@ class MissionDraft:
     items: list[DraftItem] = field(default_factory=list)
     multirotor: bool = False
     fences: list[Fence] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class MissionMotion:
+    """How an aircraft flies a mission.
+
+    Attributes
+    ----------
+    turn_radius_m, airspeed_mps, climb_rate_mps : float
+        Radius of its turns [m], airspeed [m/s] and rate of climb [m/s].
+    repeated_m : float
+        Distance after which a mission that repeats for ever goes on, if no number of laps is given [m].
+    laps : int or None
+        How many times it is flown.
+    """
+
+    turn_radius_m: float = FixedWing().turn_radius_m
+    airspeed_mps: float = FixedWing.airspeed_mps
+    climb_rate_mps: float = FixedWing.max_climb_rate_mps
+    repeated_m: float = 100_000.0
+    laps: int | None = None

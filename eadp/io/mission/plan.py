@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import constant
@@ -15,15 +15,12 @@ from eadp.core.geometry.waypoints import Loiter, Target, Waypoint, path_through
 from eadp.coverage.plan_builder import TRIGGER_RADIUS_M, piece_path
 from eadp.errors import Fault, Unreachable, refuse
 from eadp.io.mission import draft as d
-from eadp.io.mission.draft import DraftItem, MissionDraft
+from eadp.io.mission.draft import DraftItem, MissionDraft, MissionMotion
 from eadp.io.plan.reader import LIMIT_STAGES
 from eadp.io.text.source import Location, SourceText
 from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.plan.plan import Finding, Plan, Site
 from eadp.models.plan.stage import Stage
-
-if TYPE_CHECKING:
-    from eadp.io.mission.reader import PlanReader
 
 HIGHEST_M = 1e5
 LOW_M = 50.0
@@ -66,7 +63,7 @@ class MissionPlan:
 
     source: SourceText
     draft: MissionDraft
-    motion: PlanReader
+    motion: MissionMotion
     faults: list[Fault] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
     points: dict[int, Point | None] = field(default_factory=dict)

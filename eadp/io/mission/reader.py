@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from eadp.errors import InputError
-from eadp.io.mission.draft import MissionDraft
+from eadp.io.mission.draft import MissionDraft, MissionMotion
 from eadp.io.mission.qgc import read_qgc
 from eadp.io.mission.wpl import read_wpl
 from eadp.io.plan import reader as plan_reader
@@ -39,25 +39,8 @@ FORMATS = (
 """Formats of missions; the first that recognises a text reads it."""
 
 
-@dataclass(frozen=True)
-class PlanReader:
-    """Reads a plan, or a mission as a plan of an aircraft: called with a text, returns the plan and warnings.
-
-    Attributes
-    ----------
-    turn_radius_m, airspeed_mps, climb_rate_mps : float
-        The aircraft's: radius of its turns [m], airspeed [m/s] and rate of climb [m/s].
-    repeated_m : float
-        Distance after which a mission that repeats for ever goes on, if no number of laps is given [m].
-    laps : int or None
-        How many times it is flown.
-    """
-
-    turn_radius_m: float = FixedWing().turn_radius_m
-    airspeed_mps: float = FixedWing.airspeed_mps
-    climb_rate_mps: float = FixedWing.max_climb_rate_mps
-    repeated_m: float = 100_000.0
-    laps: int | None = None
+class PlanReader(MissionMotion):
+    """Reads a plan, or a mission as a plan of an aircraft: called with a text, returns the plan and warnings."""
 
     @classmethod
     def of(cls, airframe: Airframe, battery: Battery, laps: int | None = None) -> PlanReader:

@@ -66,7 +66,7 @@ class FlyRun:
             inputs = self._inputs(run)
             clock = inputs.world.clock
             world = replace(inputs.world, clock=clock._replace(time_limit_s=clock.step_s))
-            for _ in fly(world, inputs.planner(), Outcome()):
+            for _ in fly(world, inputs.flight(), Outcome()):
                 pass
 
     def _inputs(self, run: Run) -> FlightInputs:

@@ -7,7 +7,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from eadp.planning.live import Advice
+from eadp.planning.track.live import Advice
 
 
 class DecisionLine(BaseModel):

@@ -19,7 +19,7 @@ from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
 from eadp.planning.base import Mission
-from eadp.planning.gate import Sample
+from eadp.planning.track.gate import Sample
 
 LINE_LIMIT_BYTES = 65_536
 MAX_UNKNOWN_KEYS = 100
@@ -133,11 +133,14 @@ class TelemetryReader:
         raw : bytes
             The line, with or without its end.
         """
-        document = JsonObject()
         try:
             document = self._document(number, raw)
         except InputError as error:
-            return None, document, [replace(error.faults[0], line=number, source="", severity="warning")]
+            return None, JsonObject(), [replace(error.faults[0], line=number, source="", severity="warning")]
+        return self.sample(number, document)
+
+    def sample(self, number: int, document: JsonObject) -> tuple[Sample | None, JsonObject, list[Fault]]:
+        """The sample of a line's object, as `read` returns it."""
         warnings = self._unknown_keys(number, document)
         line, faults = self._line(number, document)
         if line is not None and (beyond := self._beyond(line)):
@@ -203,7 +206,7 @@ class TelemetryReader:
         except ValidationError as error:
             wrong = sorted(
                 {str(problem["loc"][0]) for problem in error.errors() if problem["type"] != "missing"},
-                key=lambda key: document.offsets[key],
+                key=lambda key: document.offsets.get(key, 0),
             )
         faults = [self._fault_of(number, document, key) for key in wrong]
         document.update(dict.fromkeys(wrong))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, BinaryIO
 
 from eadp.errors import Fault
@@ -10,11 +10,12 @@ from eadp.io.flight.inputs import FlightInputs
 from eadp.io.telemetry.decisions import decision_line
 from eadp.io.telemetry.log import ReplanLog
 from eadp.io.telemetry.reader import TelemetryReader, numbered_lines, open_telemetry
+from eadp.io.text.json import JsonObject
 from eadp.models.plan.route import PlannedLegs
+from eadp.planning.flight import make_flight
 from eadp.planning.forecast.held import HeldForecast
-from eadp.planning.gate import Notice, OutlierGate, Sample
-from eadp.planning.live import KEPT, TAKE_OFF, Advice, LiveFlight
-from eadp.planning.registry import make_planner
+from eadp.planning.track.gate import Notice, OutlierGate, Sample
+from eadp.planning.track.live import KEPT, TAKE_OFF, Advice, LiveFlight
 
 Emit = Callable[[dict[str, Any]], None]
 Warn = Callable[[Fault], None]
@@ -86,7 +87,7 @@ class Replanner:
         self._mission = inputs.mission
         self._flight = LiveFlight(
             inputs.mission,
-            lambda mission: make_planner(settings, estimator, mission),
+            lambda mission: make_flight(settings, estimator, mission),
             lambda mission: HeldForecast(settings, mission),
             settings.every_s,
         )
@@ -105,9 +106,13 @@ class Replanner:
         """What is left to fly, see `LiveFlight.rest`."""
         return self._flight.rest()
 
-    def take(self, number: int, raw: bytes) -> None:
-        """Take a line: warn of what is wrong with it, log it, and emit the decision if one is due."""
-        sample, document, warnings = self._reader.read(number, raw)
+    def take(self, number: int, line: bytes | Mapping[str, Any]) -> None:
+        """Take a line, as text or as its keys: warn of what is wrong, log it, and emit the decision if one is due."""
+        if isinstance(line, bytes):
+            sample, document, warnings = self._reader.read(number, line)
+        else:
+            keys = JsonObject({key: tuple(value) if isinstance(value, list) else value for key, value in line.items()})
+            sample, document, warnings = self._reader.sample(number, keys)
         for warning in warnings:
             self._warn(warning)
         if sample is None:

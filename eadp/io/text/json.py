@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Mapping
 from typing import Any
 
 from eadp.errors import InputError, printable
@@ -42,7 +43,8 @@ class JsonObject(dict[str, Any]):
 
     __slots__ = ("offsets",)
 
-    def __init__(self) -> None:
+    def __init__(self, values: Mapping[str, Any] | None = None) -> None:
+        super().__init__(values or {})
         self.offsets: dict[str, int] = {}
 
 

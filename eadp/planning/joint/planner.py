@@ -33,11 +33,9 @@ from eadp.planning.base import (
     Mission,
     Observation,
     PlannerSettings,
-    TrackingPlanner,
     next_multiple,
     with_limit,
 )
-from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.forecast.evaluate import ROUNDING, Evaluation, Evaluator, Objective
 from eadp.planning.forecast.held import Preflight, before_take_off
 from eadp.planning.forecast.home import home_spare
@@ -46,6 +44,8 @@ from eadp.planning.joint.policy import Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
 from eadp.planning.joint.search import Search, Shares
 from eadp.planning.joint.settings import JointSettings
+from eadp.planning.planner import Planner
+from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.known import Known
 
 WARM_UP_S = 5.0
@@ -74,7 +74,7 @@ class Candidate(NamedTuple):
         return float(self.evaluation.knapsack.available[0] - self.solution.filling.use[0])
 
 
-class JointPlanner(TrackingPlanner):
+class JointPlanner(Planner):
     """One optimisation over path and computations to the end of the mission; see the module.
 
     Source: letter, Sec. VI (future work).
@@ -82,16 +82,9 @@ class JointPlanner(TrackingPlanner):
 
     own_settings = JointSettings
     optimises_to_end = True
-    takes_arrays = True
 
-    def __init__(
-        self,
-        settings: PlannerSettings,
-        estimator: EstimatorSettings,
-        mission: Mission,
-        own: JointSettings | None = None,
-    ) -> None:
-        super().__init__(settings, estimator, mission)
+    def __init__(self, settings: PlannerSettings, mission: Mission, own: JointSettings | None = None) -> None:
+        super().__init__(settings, mission)
         self._own = own = own or JointSettings()
         self._places = Places(_evaluator(settings, mission, own), mission.parameters)
         self._program = ComputationProgram(self.report)
@@ -100,7 +93,7 @@ class JointPlanner(TrackingPlanner):
         self._searched: tuple[float, float] | None = None
         self._infeasible_since_s: float | None = None
         self._losses = 0
-        self._started, self._ambiguous = 1, False
+        self._started, self._next_reading_s = 1, math.inf
         self._home: tuple[float | None, float] = (None, 0.0)
         self._by_stage = any(row.stages for row in own.trade_offs)
         # what is shown is forecast again and again, and a way home on which it depends
@@ -111,7 +104,7 @@ class JointPlanner(TrackingPlanner):
         cls, settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_std_mps: float
     ) -> Preflight | None:
         """The forecast before take-off, at the parameters that it would choose."""
-        planner = cls(settings, EstimatorSettings(), mission, settings.own)
+        planner = cls(settings, mission, settings.own)
         places, (_, known) = planner._places, before_take_off(settings, mission, wind_mps, gust_std_mps)
         places.enter(known)
         plan = planner._plan(known, places.shares)
@@ -125,20 +118,18 @@ class JointPlanner(TrackingPlanner):
     @property
     def next_update_s(self) -> float:
         """When it looks next; at the next reading where the charge may have jumped."""
-        return min(self._next_s, self._next_reading_s) if self._ambiguous else self._next_s
+        return min(self._next_s, self._next_reading_s)
 
-    def update(self, observation: Observation) -> Decision:
-        """Update with an observation: look at the plan when due, at a new stage, and at once when charge was lost."""
-        o = observation
-        self._track(o)
-        state = o.state
-        if self._decision.returns_home or state is None:
+    def update(self, state: FlightState) -> Decision:
+        """Look at the plan when due, at a new stage, and at once when charge was lost."""
+        o = state.now
+        if self._decision.returns_home:
             return self._decision
         entered, self._started = o.stages_started != self._started, o.stages_started
         due = o.time_s >= self._next_s - 1e-9
         entered &= self._mission.live or self._by_stage or (bool(self._places.open) and o.cursor.accepts_changes())
         jumped = state.losses > self._losses
-        self._ambiguous = state.is_ambiguous(o.soc)
+        self._next_reading_s = state.next_reading_s if state.is_ambiguous(o.soc) else math.inf
         starts_s = WARM_UP_S if jumped else WARM_UP_S + self._own.start_after_s
         if o.time_s < starts_s - 1e-9:
             self._next_s = starts_s

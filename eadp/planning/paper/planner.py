@@ -34,8 +34,6 @@ from eadp.planning.base import (
     Mission,
     Observation,
     PlannerSettings,
-    Readings,
-    TrackingPlanner,
     TradeOff,
     allowed_levels,
     next_multiple,
@@ -43,7 +41,9 @@ from eadp.planning.base import (
 )
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.paper.horizon import ComputationLevels, Horizon, HorizonCost, HorizonForecast
+from eadp.planning.planner import Planner
 from eadp.planning.qp import require_osqp
+from eadp.planning.state.flight_state import FlightState
 
 Matrix = tuple[tuple[float, ...], ...]
 Weight = NotNegative | Matrix
@@ -121,7 +121,7 @@ class PaperSettings:
     """Rows R c − r ≥ 0 that the parameters keep to."""
 
 
-class PaperPlanner(TrackingPlanner):
+class PaperPlanner(Planner):
     """The letter's Algorithm 2: computations by a receding horizon, then the path by the remaining time.
 
     Source: letter, Alg. 2, with misprint 5 corrected unless `remaining_time` is `published`; draft 002 for the gains
@@ -130,22 +130,17 @@ class PaperPlanner(TrackingPlanner):
     """
 
     own_settings = PaperSettings
+    _state: FlightState
 
-    def __init__(
-        self,
-        settings: PlannerSettings,
-        estimator: EstimatorSettings,
-        mission: Mission,
-        own: PaperSettings | None = None,
-    ) -> None:
-        super().__init__(settings, estimator, mission)
+    def __init__(self, settings: PlannerSettings, mission: Mission, own: PaperSettings | None = None) -> None:
+        super().__init__(settings, mission)
         self._own = own = own or PaperSettings()
         if own.solver != SUBROUTINE:
             require_osqp()
         self._rho = mission.plan.path_count
         self._next_s = own.start_after_s
         self._next_path_s = own.start_after_s
-        self._soc: float | None = None
+        self._laps = 0
         self._horizons: dict[tuple[object, ...], Horizon] = {}
         self._coverage = _coverage(own, mission)
         hulls = [mission.plan.hull(i) for i in range(self._rho)]
@@ -159,7 +154,7 @@ class PaperPlanner(TrackingPlanner):
     def faults(
         cls, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission
     ) -> list[tuple[str, str, str]]:
-        """Settings that the mission contradicts; see `TrackingPlanner.faults`."""
+        """Settings that the mission contradicts; see `Planner.faults`."""
         found, own = super().faults(settings, estimator, mission), settings.own
         if own.horizon_s != "period" and own.horizon_s > MAX_STEPS * settings.every_s:
             message = f"more than {MAX_STEPS} steps of {settings.every_s:g} s in {own.horizon_s:g} s"
@@ -179,26 +174,15 @@ class PaperPlanner(TrackingPlanner):
         """Time of the next re-planning; infinite before the first periods are flown."""
         return self._next_s if self._laps_known() else math.inf
 
-    def _horizon_at_s(self, period_s: float | None) -> float:
-        own_s = self._own.horizon_s
-        return super()._horizon_at_s(period_s) if own_s == "period" else own_s
-
-    def ingest(self, readings: Readings) -> Decision:
-        """Take a batch of readings; the fall of the charge within it is no jump."""
-        self._soc = readings.charges[-1]
-        return super().ingest(readings)
-
-    def update(self, observation: Observation) -> Decision:
-        """Update with an observation; re-plan when due, and at once when the state of charge jumps."""
-        o = observation
-        self._track(o)
+    def update(self, state: FlightState) -> Decision:
+        """Re-plan when due, and at once when the state of charge jumps."""
+        self._state, self._laps, o = state, state.laps, state.now
         path = o.parameters[: self._rho]
         if path != self._flown_path:
             # α0 steps by Ω (c − c⁻): 002, Eq. 7
-            self._estimator.shift_level(self._gained_w(path))
+            state.shift_level(self._gained_w(path))
             self._flown_path = path
-        jumped = self._soc is not None and abs(o.soc - self._soc) > SOC_JUMP
-        self._soc = o.soc
+        jumped = state.soc_before is not None and abs(o.soc - state.soc_before) > SOC_JUMP
         if not self._laps_known() or o.time_s < self._own.start_after_s - 1e-9:
             return self._decision
         if jumped or o.time_s >= self._next_s - 1e-9:
@@ -244,7 +228,7 @@ class PaperPlanner(TrackingPlanner):
         nothing = NOTHING_TO_CHOOSE, 0, 0, None, NOTHING_TO_CHOOSE
         record = DecisionRecord(o.time_s, TIME, o.stage, o.cursor.lap, decided, *nothing)
         if not free:
-            self._computing_plan_w = np.full(self._steps(), self._computing_w)
+            self._computing_plan_w = np.full(self._steps(), self._state.computing_w)
             return decided, record
         horizon, forecast = self._horizon(o, decided[: self._rho]), self._horizon_forecast(o)
         values, powers_w = [sets[i].lo for i in free], None
@@ -287,7 +271,7 @@ class PaperPlanner(TrackingPlanner):
         return [i for i in range(self._rho, len(sets)) if not sets[i].fixed]
 
     def _steps(self) -> int:
-        return min(max(1, round(self.horizon_s / self._settings.every_s)), MAX_STEPS)
+        return min(max(1, round(self._state.horizon_s / self._settings.every_s)), MAX_STEPS)
 
     def _horizon(self, o: Observation, path: Vector) -> Horizon:
         """The problem for the sets of a stage, built once; trade-offs hold with the path now and the decided one."""
@@ -335,10 +319,10 @@ class PaperPlanner(TrackingPlanner):
         steps, every_s = self._steps(), self._settings.every_s
         instants_s = np.arange(1.0, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
         worst = self._own.constraint_at == "worst"
-        motion = self._estimator.now.forecast(instants_s).reshape(steps, SAMPLES_PER_STEP)
+        motion = self._state.estimator.forecast(instants_s).reshape(steps, SAMPLES_PER_STEP)
         limit = motion.max(axis=1) if worst else motion[:, -1]
         mean = np.maximum(motion.sum(axis=1) / SAMPLES_PER_STEP, 0.0)
-        return HorizonForecast(limit, mean, o.soc, every_s, self._estimator.now.state_w, self.period_s)
+        return HorizonForecast(limit, mean, o.soc, every_s, self._state.estimator.state_w, self._state.period_s)
 
     # --- path
 
@@ -427,10 +411,10 @@ class PaperPlanner(TrackingPlanner):
             return 0.0
         every_s, step_s, computing_w = self._settings.every_s, LOOK_AHEAD_STEP_S, self._computing_plan_w
         head = max(1, round(len(computing_w) * every_s / step_s))
-        count = head + max(1, round((self.period_s or step_s) / step_s))
+        count = head + max(1, round((self._state.period_s or step_s) / step_s))
         at_s = np.arange(count, dtype=np.float64) * step_s
         of_step = np.minimum(at_s // every_s, len(computing_w) - 1).astype(int)
-        motion_w = self._estimator.now.forecast(at_s + 0.5 * step_s)
+        motion_w = self._state.estimator.forecast(at_s + 0.5 * step_s)
         power_w = np.maximum(motion_w + gained_w, 0.0) + computing_w[of_step]
         battery = self._mission.battery.near((o.soc + self._settings.reserve_soc) / 2)
         return _lasting_s(power_w, head, step_s, spare, battery)

@@ -156,7 +156,7 @@ def test_a_flight_that_starts_with_heading_90_flies_east(tmp_path):
     plan.write_text("0.1; 270; y\n400, 0\n")  # along y = 0, to a trigger in the east
     overrides = {"start.position_m": [0, 0], "start.heading_deg": 90, "planner.name": "static", "time_limit_s": 5}
     inputs = load_flight(str(plan), overrides=overrides)
-    steps = list(fly(inputs.world, inputs.planner(), Outcome()))
+    steps = list(fly(inputs.world, inputs.flight(), Outcome()))
     assert steps[-1].x_m == pytest.approx(5 * 15, abs=1)
     assert abs(steps[-1].y_m) < 0.1
 

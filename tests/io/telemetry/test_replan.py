@@ -8,9 +8,9 @@ from common.link import DISTURBANCES, UNDISTURBED, Disturbance, flown, through
 
 from eadp.io.flight.inputs import Files, load_flight
 from eadp.io.text.streams import Text
-from eadp.planning.applied import APPLY_S
-from eadp.planning.estimation.deferred import DeferredEstimator
+from eadp.planning.state.power import LAP_ENDS, PowerTracker
 from eadp.planning.state.time_ratio import TimeRatio
+from eadp.planning.track.applied import APPLY_S
 
 START_S = 60.0
 MAX_WRONG_S, MAX_LOSS = 20.0, 0.03
@@ -114,18 +114,20 @@ def test_what_is_applied_makes_up_for_what_is_not():
 def test_a_stage_flown_through_a_gap_teaches_nothing(monkeypatch):
     """The times learned are those of whole stages and laps: no gap over a start or an end makes one longer."""
     learned, periods_s = [], []
-    learn, lap = TimeRatio.learn, DeferredEstimator.lap
+    learn, lap = TimeRatio.learn, PowerTracker._lap
 
     def recorded(self, forecast_s, flown_s, *others):
         learned.append((forecast_s, flown_s))
         learn(self, forecast_s, flown_s, *others)
 
-    def recorded_lap(self, time_s):
-        lap(self, time_s)
-        periods_s.append(self.period_s)
+    def recorded_lap(self, o):
+        found = lap(self, o)
+        if found == LAP_ENDS:
+            periods_s.append(self.last_lap_s)
+        return found
 
     monkeypatch.setattr(TimeRatio, "learn", recorded)
-    monkeypatch.setattr(DeferredEstimator, "lap", recorded_lap)
+    monkeypatch.setattr(PowerTracker, "_lap", recorded_lap)
     flown(short_survey(), UNDISTURBED)
     whole, lap_s = len(learned), periods_s[-1]
     for disturbance in DISTURBANCES[:2]:

@@ -209,7 +209,7 @@ def test_ground_of_a_covered_field_is_the_same_over_the_set_of_c1(covered, name)
 
 def flown(inputs):
     outcome = Outcome()
-    return outcome, list(fly(inputs.world, inputs.planner(), outcome))
+    return outcome, list(fly(inputs.world, inputs.flight(), outcome))
 
 
 def from_rows(rows):

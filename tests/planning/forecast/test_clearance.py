@@ -42,7 +42,7 @@ def entered_share(tmp_path, name, flights, **case):
     count = 0
     for seed in range(flights):
         flight, outcome = inputs(tmp_path, seed=seed, **case), Outcome()
-        list(fly(flight.world, flight.planner(), outcome))
+        list(fly(flight.world, flight.flight(), outcome))
         count += any(entry.name == name for entry in outcome.entries)
     return count / flights
 

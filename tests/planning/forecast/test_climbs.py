@@ -44,7 +44,7 @@ def inputs_of(tmp_path):
 
 def flown(inputs):
     outcome = Outcome()
-    return list(fly(inputs.world, inputs.planner(), outcome)), outcome
+    return list(fly(inputs.world, inputs.flight(), outcome)), outcome
 
 
 def test_a_climb_of_100_m_costs_its_energy_and_its_time(inputs_of):

@@ -12,8 +12,9 @@ import pytest
 from common.forecasts import CALM, survey_inputs
 
 from eadp.models.plan.route import MARGIN_M, RoutePredictor
-from eadp.planning.base import Ending, TrackingPlanner
+from eadp.planning.base import Ending
 from eadp.planning.forecast.held import NAVIGATION_STDS, HeldForecast, before_take_off, held_preflight, margin_m
+from eadp.planning.planner import Planner
 from eadp.simulation.loop import Outcome, fly
 
 MOMENTS_S = (30.0, 100.0, 180.0, 250.0, 300.0)
@@ -30,20 +31,22 @@ class Evaluated(NamedTuple):
     of_stages: dict[int, float]
 
 
-class Following(TrackingPlanner):
+class Following(Planner):
     """Keeps its parameters, and has the rest forecast at some moments."""
+
+    next_update_s = 0.0
 
     def __init__(self, inputs, moments_s):
         scenario = inputs.scenario
-        super().__init__(scenario.planner, scenario.estimator, inputs.mission)
+        super().__init__(scenario.planner, inputs.mission)
         self.held = HeldForecast(scenario.planner, inputs.mission)
         self.evaluated, self._moments_s = [], list(moments_s)
 
-    def update(self, observation):
-        o, decision = observation, super().update(observation)
+    def update(self, state):
+        o, decision = state.now, super().update(state)
         if self._moments_s and o.time_s >= self._moments_s[0]:
             self._moments_s.pop(0)
-            known = o.state.known(o.time_s, (o.x_m, o.y_m))
+            known = state.known(o.time_s, (o.x_m, o.y_m))
             found = self.held.evaluation(known, self._mission.parameters)
             forecast = found.forecast(0, found.filled())
             assert forecast == self.held.at(known, self._mission.parameters)
@@ -69,10 +72,11 @@ class Flight(NamedTuple):
 
 def flown(moments_s=MOMENTS_S, **overrides):
     inputs = survey_inputs("static", **{"parameters.c1": -1000.0, **overrides})
-    planner, outcome = Following(inputs, moments_s), Outcome()
-    steps = list(fly(inputs.world, planner, outcome))
+    flight, outcome = inputs.flight(), Outcome()
+    flight.planner = Following(inputs, moments_s)
+    steps = list(fly(inputs.world, flight, outcome))
     assert outcome.completed
-    return Flight(outcome, planner.evaluated, steps)
+    return Flight(outcome, flight.planner.evaluated, steps)
 
 
 @pytest.fixture(scope="module")
@@ -162,7 +166,7 @@ def test_before_take_off_time_and_energy_are_those_flown_without_gusts(wind, c1)
     keys = {"parameters.c1": c1, "battery.capacity_ah": 1.0, "wind.gust_std_mps": 0.0, **wind}
     inputs = survey_inputs("static", **keys)
     expected, outcome = inputs.preflight(), Outcome()
-    for _ in fly(inputs.world, inputs.planner(), outcome):
+    for _ in fly(inputs.world, inputs.flight(), outcome):
         pass
     assert outcome.completed
     assert expected.forecast.remaining_s == pytest.approx(outcome.duration_s, rel=0.01)

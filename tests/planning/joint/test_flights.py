@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from common.forecasts import survey_inputs
-from common.recorder import Recorder
+from common.recorder import watched
 
 from eadp.planning.base import CLOSED_FORM, FALLBACK, INFEASIBLE, JUMPED
 from eadp.planning.joint.planner import WARM_UP_S
@@ -22,12 +22,12 @@ GUSTS = {"wind.speed_mps": 6.0, "wind.gust_std_mps": 1.5}
 CAPACITIES_AH = (0.34, 0.42, 0.5)
 
 
-def flown(planner=None, **overrides):
+def flown(make=None, **overrides):
     inputs = survey_inputs("joint", **overrides)
     outcome = Outcome()
-    planner = planner(inputs) if planner else inputs.planner()
-    rows = list(fly(inputs.world, planner, outcome))
-    return outcome, rows, planner
+    flight = make(inputs) if make else inputs.flight()
+    rows = list(fly(inputs.world, flight, outcome))
+    return outcome, rows, flight.planner
 
 
 @pytest.fixture(scope="module", params=[2, pytest.param(4, marks=pytest.mark.slow)])
@@ -115,17 +115,17 @@ def test_computations_do_not_rise_soon_after_they_fell(gusty):
 
 def test_parameters_that_are_held_stay():
     def held(inputs):
-        planner = inputs.planner()
-        planner.hold({0: -640.0, 1: 6.0})
-        return planner
+        flight = inputs.flight()
+        flight.planner.hold({0: -640.0, 1: 6.0})
+        return flight
 
     outcome, *_ = flown(held, **{"battery.capacity_ah": 0.5})
     assert {record.parameters for record in outcome.records} == {(-640.0, 6.0)}
 
     def path_held(inputs):
-        planner = inputs.planner()
-        planner.hold({0: -640.0})
-        return planner
+        flight = inputs.flight()
+        flight.planner.hold({0: -640.0})
+        return flight
 
     outcome, *_ = flown(path_held, **{"battery.capacity_ah": 0.34})
     assert {record.parameters[0] for record in outcome.records} == {-640.0}
@@ -139,12 +139,6 @@ def test_it_is_a_pure_function_of_its_readings():
     assert [record._replace(time_s=0) for record in once.records] == [
         record._replace(time_s=0) for record in again.records
     ]
-    recorder = {}
-
-    def watched(inputs):
-        recorder["planner"] = Recorder(inputs.planner())
-        return recorder["planner"]
-
     other, *_ = flown(watched, **keys)
     assert [record.parameters for record in other.records] == [record.parameters for record in once.records]
 

@@ -16,7 +16,6 @@ from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.route import RoutePredictor
 from eadp.models.profile import Profile
 from eadp.planning.base import Mission, Observation, PlannerSettings
-from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.forecast.held import margin_m
 from eadp.planning.joint.planner import JointPlanner
 
@@ -33,7 +32,7 @@ def plan_of(text):
 def planner_for(plan, parameters, profile=PROFILE, battery=FULL_AH, start=(0.0, 0.0), **settings):
     computing = join_profile(plan, profile)
     mission = Mission(plan, computing, battery, SPEED_MPS, parameters, start, motion_w=MOTION_W)
-    return Piloted(JointPlanner(PlannerSettings(name="joint", **settings), EstimatorSettings(), mission))
+    return Piloted(JointPlanner(PlannerSettings(name="joint", **settings), mission))
 
 
 def up_a_line(pilot, parameters, length_m, stage_m=900.0, soc=lambda t: PLENTY):
@@ -45,7 +44,7 @@ def up_a_line(pilot, parameters, length_m, stage_m=900.0, soc=lambda t: PLENTY):
         own = {"power_w": MOTION_W + 9.8, "velocity_mps": (0.0, SPEED_MPS), "heading_rad": np.pi / 2}
         plan = pilot._mission.plan
         seen = observation(plan, parameters, float(k), 0.0, y, started=stage, soc=soc(k), **own)
-        decisions.append(pilot.update(seen))
+        decisions.append(pilot.take(seen))
         parameters = decisions[-1].parameters
     return decisions
 
@@ -74,7 +73,7 @@ def test_a_wind_stronger_than_the_airspeed_is_said():
     for k in range(1, 60):  # blown backwards
         own = {"velocity_mps": (0.0, -3.0), "heading_rad": np.pi / 2}
         seen = observation(plan, (10.0,), float(k), 0.0, 100.0 - 3 * k, soc=PLENTY, **own)
-        decision = pilot.update(seen)
+        decision = pilot.take(seen)
     assert "cannot be flown" in decision.reason
     assert decision.parameters == (10.0,)
     assert pilot.report.infeasible > 0
@@ -137,15 +136,15 @@ def test_a_decision_that_comes_too_late_for_its_stage_does_not_stay_in_the_route
     for k in range(1, 31):
         if k in (10, 20):
             executor.skip(executor.trigger_m)
-        pilot.update(seen(float(k), -40.0, -60.0, 1.0 if k < 30 else 0.5))
+        pilot.take(seen(float(k), -40.0, -60.0, 1.0 if k < 30 else 0.5))
         if k == 20:  # nothing but the loss of charge is to change the path
-            first = pilot.update(seen(20.5, -40.0, -60.0, 1.0)).parameters
+            first = pilot.take(seen(20.5, -40.0, -60.0, 1.0)).parameters
             executor.decide(first, (-40.0, -60.0))
-    decided = pilot.update(seen(30.5, -40.0, -60.0, 0.5)).parameters
+    decided = pilot.take(seen(30.5, -40.0, -60.0, 0.5)).parameters
     assert decided[0] != first[0], "decided in the last moment of stage 3"
     executor.skip(executor.trigger_m)
     executor.decide(decided, executor.joined_m)  # a moment after stage 4 has started with what was in force before
-    pilot.update(seen(31.0, 35.0, 0.0, 0.5))
+    pilot.take(seen(31.0, 35.0, 0.0, 0.5))
     known = pilot.state.known(31.0, (35.0, 0.0))
     pilot._places.enter(known)
     route = pilot._places.route(known, pilot._places.shares)

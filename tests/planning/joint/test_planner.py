@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from common import ROOT, few
 from common.observations import Piloted, observation
-from common.recorder import Recorder
+from common.recorder import Recorder, watched
 
 from eadp.core.flight.battery import soc_rate_per_s
 from eadp.errors import InputError
@@ -23,7 +23,6 @@ from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
 from eadp.planning.base import Mission, PlannerSettings
-from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.joint.planner import GAUGE_DISBELIEVED, JUMPED, NEW_STAGE, TIME, WARM_UP_S, JointPlanner
 from eadp.planning.joint.policy import HELD_S, LAST_S, SETTLED_S
 from eadp.planning.joint.settings import JointSettings
@@ -60,9 +59,9 @@ def flown(plan=str(ROOT / "plans/survey.plan"), **overrides):
         scenario_path=str(ROOT / "scenarios/survey.yaml"),
         overrides={"step_s": STEP_S, **overrides},
     )
-    pilot, outcome = Recorder(inputs.planner()), Outcome()
-    steps = list(fly(inputs.world, pilot, outcome))
-    return SweepFlight(inputs, outcome, pilot, steps)
+    flight, outcome = watched(inputs), Outcome()
+    steps = list(fly(inputs.world, flight, outcome))
+    return SweepFlight(inputs, outcome, flight.planner, steps)
 
 
 @pytest.fixture(scope="module")
@@ -210,7 +209,7 @@ def planner_of(text, battery, **settings):
     first = (10.0,)
     mission = Mission(plan, join_profile(plan, PROFILE), battery, SPEED_MPS, first, (0.0, 0.0), motion_w=MOTION_W)
     own = JointSettings(loss_rate_per_h=0.0)
-    return Piloted(JointPlanner(PlannerSettings(name="joint", **settings), EstimatorSettings(), mission, own))
+    return Piloted(JointPlanner(PlannerSettings(name="joint", **settings), mission, own))
 
 
 def north(pilot, battery, seconds, stage_m=1e9, running=lambda stage: True, lost=lambda time_s: 0.0):
@@ -225,7 +224,7 @@ def north(pilot, battery, seconds, stage_m=1e9, running=lambda stage: True, lost
         motion = {"velocity_mps": (0.0, SPEED_MPS), "heading_rad": np.pi / 2}
         plan, y, known = pilot._mission.plan, SPEED_MPS * k, soc - lost(k)
         seen = observation(plan, (own,), float(k), 0.0, y, started=stage, power_w=power, soc=known, **motion)
-        decisions.append(pilot.update(seen))
+        decisions.append(pilot.take(seen))
         parameters = decisions[-1].parameters
     return decisions, soc
 
@@ -322,8 +321,8 @@ def test_a_gauge_that_is_stuck_is_warned_of(stuck):
         scenario_path=str(ROOT / "scenarios/survey.yaml"),
         overrides={"step_s": STEP_S, **CALM, "battery.capacity_ah": 0.6, "time_limit_s": 200},
     )
-    planner, outcome = inputs.planner(), Outcome()
-    state, held = planner.flight_state(), 0.8
+    flight, outcome = inputs.flight(), Outcome()
+    state, held = flight.state, 0.8
     ingest, observe = state.ingest, state.observe
 
     def shown(soc):
@@ -331,8 +330,7 @@ def test_a_gauge_that_is_stuck_is_warned_of(stuck):
 
     state.ingest = lambda r: ingest(r._replace(charges=[shown(soc) for soc in r.charges]))
     state.observe = lambda o: observe(o._replace(soc=shown(o.soc)))
-    planner.flight_state = lambda: state
-    for _ in fly(inputs.world, planner, outcome):
+    for _ in fly(inputs.world, flight, outcome):
         pass
     last = outcome.records[-1]
     assert last.reason.endswith(GAUGE_DISBELIEVED) == stuck
@@ -350,7 +348,7 @@ def test_two_computations_in_gusts_change_seldom_at_measured_levels_and_use_the_
     battery, parameters = Battery(14.8, 0.05, capacity_ah), (10.0, 4.0)
     mission = Mission(plan, join_profile(plan, profile), battery, SPEED_MPS, parameters, (0.0, 0.0), motion_w=MOTION_W)
     own = JointSettings(loss_rate_per_h=0.0)
-    pilot = Piloted(JointPlanner(PlannerSettings(name="joint"), EstimatorSettings(), mission, own))
+    pilot = Piloted(JointPlanner(PlannerSettings(name="joint"), mission, own))
     rng = np.random.default_rng(2)
     soc, gust_w, flown_with = 1.0, 0.0, []
     for k in range(1, 900):
@@ -359,7 +357,7 @@ def test_two_computations_in_gusts_change_seldom_at_measured_levels_and_use_the_
         soc += soc_rate_per_s(power_w, 14.8, 0.05, capacity_ah, battery.k_b_per_s)
         motion = {"velocity_mps": (0.0, SPEED_MPS), "heading_rad": np.pi / 2}
         seen = observation(plan, parameters, float(k), 0.0, SPEED_MPS * k, power_w=power_w, soc=soc, **motion)
-        parameters = pilot.update(seen).parameters
+        parameters = pilot.take(seen).parameters
         flown_with.append(parameters)
     assert {a for a, _ in flown_with} <= set(rates)
     assert {b for _, b in flown_with} <= set(sizes)

@@ -40,7 +40,7 @@ def inputs_of(plan, planner, **overrides):
 
 def flown(inputs):
     outcome = Outcome()
-    for _ in fly(inputs.world, inputs.planner(), outcome):
+    for _ in fly(inputs.world, inputs.flight(), outcome):
         pass
     return outcome
 
@@ -145,7 +145,7 @@ def test_each_stage_ends_within_its_own_radius_in_the_flight_and_its_forecast(ra
     inputs = load_flight(plan.name, overrides=keys, files=Files({plan.name: plan}))
     triggers = [(-75.0, 0.0), (75.0, 0.0), (75.0, 200.0), (-75.0, 200.0)]
     outcome, ends = Outcome(), {}
-    for row in fly(inputs.world, inputs.planner(), outcome):
+    for row in fly(inputs.world, inputs.flight(), outcome):
         ends[row.stage] = math.dist((row.x_m, row.y_m), triggers[row.stage - 1])
     assert outcome.completed
     for stage, (radius_m, gap_m) in enumerate(zip(radii_m, ends.values(), strict=True), 1):

@@ -17,6 +17,7 @@ from eadp.models.profile import Profile
 from eadp.planning.base import Mission, PlannerSettings, TradeOff
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.paper.planner import PaperPlanner, PaperSettings, _crossing_s, _lasting_s, _matrix_fault
+from eadp.planning.state.flight_state import FlightState
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.0, 12.0]))
@@ -99,7 +100,7 @@ def test_trade_offs_out_of_reach_are_a_fault():
 )
 def test_the_largest_share_that_the_time_allows(rule, times_s, time_s, last_s, share):
     own = PaperSettings(remaining_time=rule, shortest_s=times_s[0], longest_s=times_s[1])
-    pilot = PaperPlanner(PlannerSettings(), EstimatorSettings(), MISSION, own)
+    pilot = PaperPlanner(PlannerSettings(), MISSION, own)
     assert pilot._largest_share(time_s, last_s, pilot._coverage) == pytest.approx(share)
 
 
@@ -134,7 +135,8 @@ def test_stages_with_other_fixed_computations_have_powers_of_their_own():
     for fixed, lowest_w in ((1, 4.0), (5, 14.0)):
         plan, _ = read_plan(Text("two", text.format(fixed, fixed)))
         mission = Mission(plan, join_profile(plan, profile), Battery(), 15.0, (10.0, float(fixed)), (100.0, 0.0))
-        pilot = PaperPlanner(PlannerSettings(), EstimatorSettings(), mission)
+        pilot = PaperPlanner(PlannerSettings(), mission)
+        pilot._state = FlightState(mission)
         stages = [SimpleNamespace(stage=k, parameters=mission.parameters, soc=0.8) for k in (1, 2)]
         first, second = (pilot._horizon(o, ()) for o in stages)
         assert [first.powers_w[0], first.powers_w[-1]] == pytest.approx([lowest_w, lowest_w + 8.0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -32,17 +33,15 @@ class Tape(FlightState):
         super().ingest(readings)
 
     def observe(self, observation):
-        self.taken.append(observation._replace(state=None))
+        self.taken.append(observation)
         super().observe(observation)
 
 
 def recorded(inputs):
     """A flight: its inputs, what its state took, and its outcome."""
-    planner, outcome = inputs.planner(), Outcome()
-    own = planner.flight_state()
-    tape = Tape(inputs.mission, inputs.scenario.planner.weights, own._every_s)
-    planner.flight_state = lambda: tape
-    steps = list(fly(inputs.world, planner, outcome))
+    flight, outcome = inputs.flight(), Outcome()
+    flight.state = tape = Tape(inputs.mission, inputs.scenario.planner.weights, inputs.scenario.estimator)
+    steps = list(fly(inputs.world, flight, outcome))
     return inputs, tape.taken, outcome, steps
 
 
@@ -58,7 +57,9 @@ def time_of(each):
 
 def state_of(inputs, taken, *, every=0, every_s=None, weights=None):
     """A state that took all of it, asked at every so many items."""
-    state = FlightState(inputs.mission, weights or {}, inputs.planner().reading_every_s if every_s is None else every_s)
+    estimator = inputs.scenario.estimator
+    estimator = estimator if every_s is None else replace(estimator, every_s=every_s)
+    state = FlightState(inputs.mission, weights or {}, estimator)
     for i, each in enumerate(taken):
         state.observe(each) if isinstance(each, Observation) else state.ingest(each)
         if every and i % every == 0:
@@ -199,7 +200,7 @@ def test_the_ground_it_has_seen_is_that_of_the_metrics():
 
 def test_time_since_the_stage_was_joined_is_of_the_flight():
     inputs, taken, outcome, _ = survey_flight()
-    state = FlightState(inputs.mission, {}, inputs.planner().reading_every_s)
+    state = FlightState(inputs.mission, {}, inputs.scenario.estimator)
     starts = [0.0, *outcome.stage_times_s]
     for each in taken:
         if not isinstance(each, Observation):
@@ -285,7 +286,7 @@ def test_an_observation_sooner_than_a_reading_is_due_is_none():
     inputs, taken, *_ = survey_flight()
     observations = [each for each in taken if isinstance(each, Observation)]
     one = observations[3]
-    state = FlightState(inputs.mission, {}, 0.5)
+    state = FlightState(inputs.mission, {}, replace(inputs.scenario.estimator, every_s=0.5))
     state.observe(one)
     before = state.known(one.time_s, (one.x_m, one.y_m))
     state.observe(one._replace(time_s=one.time_s + 0.2, power_w=500.0, soc=0.2))
@@ -298,7 +299,7 @@ def test_an_observation_sooner_than_a_reading_is_due_is_none():
 def test_a_measured_wind_is_used_for_a_while():
     inputs, taken, *_ = survey_flight()
     one = next(each for each in taken if isinstance(each, Observation))
-    state = FlightState(inputs.mission, {}, 0.0)
+    state = FlightState(inputs.mission)
     state.observe(one._replace(wind_mps=(2.0, -1.0)))
     assert state.wind_mps == (2.0, -1.0)
     known = state.known(one.time_s, (0.0, 0.0))
@@ -344,7 +345,7 @@ def test_altitudes_are_followed_and_their_power_is_not_that_of_level_flight(tmp_
     keys = {"start.position_m": [0, 0], "wind.speed_mps": 0.0, "planner.name": "joint", "battery.capacity_ah": 2.0}
     inputs, taken, outcome, steps = recorded(plan_inputs(tmp_path, STAIRS, **keys))
     assert outcome.completed
-    state = FlightState(inputs.mission, {}, inputs.planner().reading_every_s)
+    state = FlightState(inputs.mission, {}, inputs.scenario.estimator)
     altitude_at = {round(step.time_s, 2): step.altitude_m for step in steps}
     errors = []
     for each in taken:

@@ -10,7 +10,6 @@ from common import ROOT
 
 from eadp.core import compiled
 from eadp.io.flight.inputs import load_flight
-from eadp.planning.base import TrackingPlanner
 from eadp.planning.state.power_gate import MAX_RATIO, PERSISTENT_S, PowerGate
 from eadp.simulation.loop import Outcome, fly
 
@@ -61,44 +60,16 @@ def test_the_greatest_power_is_one_that_two_readings_reach():
     assert passed([40.0, 60.0, 41.0, 55.0, 50.0, 42.0])[0].max_motion_w == 50.0 - 5.0
 
 
-class Corrupted(TrackingPlanner):
-    """A planner, some of whose readings of power are false."""
+def corrupt(state, false_w):
+    """Have a state take readings of power that are false, some of them."""
+    ingest, observe = state.ingest, state.observe
 
-    def __init__(self, planner, false_w):
-        self._planner, self._false_w, self.report = planner, false_w, planner.report
+    def corrupted(readings):
+        powers_w = [false_w(t, power) for t, power in zip(readings.times_s, readings.powers_w, strict=True)]
+        ingest(readings._replace(powers_w=powers_w))
 
-    @property
-    def period_s(self):
-        return self._planner.period_s
-
-    @property
-    def next_update_s(self):
-        return self._planner.next_update_s
-
-    @property
-    def reading_every_s(self):
-        return self._planner.reading_every_s
-
-    def estimates(self, times_s):
-        return self._planner.estimates(times_s)
-
-    def flight_state(self):
-        state, false_w = self._planner.flight_state(), self._false_w
-        ingest, observe = state.ingest, state.observe
-
-        def corrupted(readings):
-            powers_w = [false_w(t, power) for t, power in zip(readings.times_s, readings.powers_w, strict=True)]
-            ingest(readings._replace(powers_w=powers_w))
-
-        state.ingest = corrupted
-        state.observe = lambda o: observe(o._replace(power_w=false_w(o.time_s, o.power_w)))
-        return state
-
-    def ingest(self, readings):
-        return self._planner.ingest(readings)
-
-    def update(self, observation):
-        return self._planner.update(observation)
+    state.ingest = corrupted
+    state.observe = lambda o: observe(o._replace(power_w=false_w(o.time_s, o.power_w)))
 
 
 def quality(false_w):
@@ -107,8 +78,9 @@ def quality(false_w):
         scenario_path=str(ROOT / "scenarios/survey.yaml"),
         overrides={"step_s": 0.05, "faults": [], "wind.gust_std_mps": 0.5, "battery.capacity_ah": 0.4},
     )
-    outcome = Outcome()
-    for _ in fly(inputs.world, Corrupted(inputs.planner(), false_w), outcome):
+    flight, outcome = inputs.flight(), Outcome()
+    corrupt(flight.state, false_w)
+    for _ in fly(inputs.world, flight, outcome):
         pass
     assert outcome.completed
     return outcome.parameters.quality({})

@@ -117,25 +117,16 @@ class Autopilot:
     stages: list[tuple[float, StageAndLap, StageAndLap]] = field(default_factory=list)
     """Time of each line that was answered [s], the true stage and lap then, and those of the answer."""
     answers: list[Line] = field(default_factory=list)
-    period_s = None
-    reading_every_s = math.inf
     next_update_s = LINES_EVERY_S
-    ingest = None
-
-    def estimates(self, times_s):
-        return [0.0 for _ in times_s], []
-
-    def flight_state(self):
-        """The simulation's own, which nobody asks: the other end of the link has one from the lines."""
-        return FlightState(self.inputs.mission)
 
     def __post_init__(self) -> None:
         self._replanner = Replanner(self.inputs, "telemetry", None, self.answers.append, self.warnings.append)
         self._decision = Decision(self.inputs.mission.parameters)
         self._numbers = 0
 
-    def update(self, o: Observation) -> Decision:
+    def update(self, state: FlightState) -> Decision:
         """Send a line if one is due, and take the last answer to the lines that arrive."""
+        o = state.now
         if o.time_s < self.next_update_s - 1e-6:
             return self._decision
         self.next_update_s = o.time_s + LINES_EVERY_S
@@ -190,8 +181,9 @@ def flown(
     deaf_to: tuple[str, ...] = (),
 ) -> Flown:
     """Fly with a disturbance from a start on [s]."""
-    autopilot, outcome = Autopilot(inputs, disturbance.link(start_s), keys, deaf_to), Outcome()
-    for _ in fly(inputs.world, autopilot, outcome):
+    flight, outcome = inputs.flight(), Outcome()
+    flight.planner = autopilot = Autopilot(inputs, disturbance.link(start_s), keys, deaf_to)
+    for _ in fly(inputs.world, flight, outcome):
         pass
     assert outcome.parameters is not None
     quality = outcome.parameters.quality(inputs.scenario.planner.weights) or 0.0

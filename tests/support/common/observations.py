@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from eadp.models.plan.cursor import PlanCursor
 from eadp.planning.base import Observation
+from eadp.planning.flight import PlannedFlight
+from eadp.planning.state.flight_state import FlightState
 
 
 def observation(plan, parameters, time_s, x_m, y_m, *, started=1, power_w=46.0, soc=1.0, **more):
@@ -14,15 +16,14 @@ def observation(plan, parameters, time_s, x_m, y_m, *, started=1, power_w=46.0, 
     return Observation(time_s, x_m, y_m, cursor, joined_m, started, power_w, soc, **more)
 
 
-class Piloted:
-    """A planner with the state of its flight, which takes each observation before the planner does."""
+class Piloted(PlannedFlight):
+    """A planner with the state of its flight; what is asked of it beside is asked of the planner."""
 
-    def __init__(self, planner):
-        self.planner, self.state = planner, planner.flight_state()
+    def __init__(self, planner, estimator=None):
+        mission, horizon_s = planner._mission, getattr(planner._own, "horizon_s", "period")
+        horizon_s = None if horizon_s == "period" else horizon_s
+        state = FlightState(mission, planner._settings.weights, estimator, horizon_s)
+        super().__init__(planner, state, mission.parameters)
 
     def __getattr__(self, name):
         return getattr(self.planner, name)
-
-    def update(self, seen):
-        self.state.observe(seen)
-        return self.planner.update(seen._replace(state=self.state))

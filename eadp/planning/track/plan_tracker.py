@@ -9,12 +9,12 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, printable
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.executor import PlanExecutor
-from eadp.planning.acquisition import Acquisition
-from eadp.planning.applied import AppliedParameters
 from eadp.planning.base import Mission, Observation
-from eadp.planning.ending import Continuation, is_certain
-from eadp.planning.gate import GAP_S, GAP_STEPS, Notice
-from eadp.planning.locator import Hypothesis, Locator, Sighting
+from eadp.planning.track.acquisition import Acquisition
+from eadp.planning.track.applied import AppliedParameters
+from eadp.planning.track.ending import Continuation, is_certain
+from eadp.planning.track.gate import GAP_S, GAP_STEPS, Notice
+from eadp.planning.track.locator import Hypothesis, Locator, Sighting
 
 MAX_NOTICES = 100
 FOUND = "stage and lap are found"

@@ -20,12 +20,14 @@ from eadp.errors import EadpError, printable
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.legs import rest_of
 from eadp.models.plan.route import PlannedLegs, RoutePredictor
-from eadp.planning.acquisition import Acquisition
-from eadp.planning.base import Decision, Ending, Mission, Observation, Planner, next_multiple
+from eadp.planning.base import Decision, Ending, Mission, Observation, next_multiple
+from eadp.planning.flight import PlannedFlight
 from eadp.planning.forecast.held import HeldForecast
-from eadp.planning.gate import SLACK_M, SPEED_FACTOR, Notice, Sample
-from eadp.planning.locator import Sighting
-from eadp.planning.plan_tracker import Messages, PlanTracker
+from eadp.planning.state.flight_state import FlightState
+from eadp.planning.track.acquisition import Acquisition
+from eadp.planning.track.gate import SLACK_M, SPEED_FACTOR, Notice, Sample
+from eadp.planning.track.locator import Sighting
+from eadp.planning.track.plan_tracker import Messages, PlanTracker
 
 WINDOW_S, MIN_SPAN_S, MAX_CHORD_S = 2.5, 0.9, 3.0
 """Window of positions for the ground velocity, its minimum span, and the maximum step in it [s]."""
@@ -87,7 +89,7 @@ class LiveFlight:
         Known before take-off. The flight starts at the first sample with a position if that is far from the mission's
         start.
     make, make_forecast : function of a Mission
-        A new planner, and a forecast for planners without their own.
+        A new flight with its planner, and a forecast for planners without their own.
     every_s : float
         Maximum time between two pieces of advice [s].
 
@@ -100,7 +102,7 @@ class LiveFlight:
     def __init__(
         self,
         mission: Mission,
-        make: Callable[[Mission], Planner],
+        make: Callable[[Mission], PlannedFlight],
         make_forecast: Callable[[Mission], HeldForecast],
         every_s: float,
     ) -> None:
@@ -111,7 +113,9 @@ class LiveFlight:
         self._ground = _GroundVelocity(mission.cruise_mps)
         self._started = False
         self._tracker: PlanTracker
-        self._pilot: _Pilot | None = None
+        self._flight: PlannedFlight | None = None
+        self._held: HeldForecast
+        self._failure = ""
         self._origin_s = 0.0
         self._last: tuple[float, float] = (0.0, 1.0)
         self._next_s = -math.inf
@@ -131,10 +135,10 @@ class LiveFlight:
         PathUndefined
             If they cannot be laid out.
         """
-        if not self._started or self._tracker.complete or self._tracker.lost or self._pilot is None:
+        if not self._started or self._tracker.complete or self._tracker.lost or self._flight is None:
             return None
         executor, (time_s, position) = self._tracker.executor, self._tracker.located
-        cursor = executor.cursor.decide(self._pilot.decision.parameters)
+        cursor = executor.cursor.decide(self._flight.decision.parameters)
         rest = RoutePredictor().route(cursor, executor.joined_m).planned()
         flown_m = self._mission.cruise_mps * (time_s - self._tracker.locator.hypotheses[0].since_s)
         first, *others = rest.legs
@@ -160,18 +164,18 @@ class LiveFlight:
         """Track the plan, update the planner, and return advice if any is due."""
         tracker, before, to = self._tracker, self._decision, _sighting(sample, time_s, velocity)
         tracker.flies_mission = sample.flies_mission
-        known_soc = self._pilot.state.soc if self._pilot is not None else self._last[1]
+        known_soc = self._flight.state.soc if self._flight is not None else self._last[1]
         soc = known_soc if sample.soc is None else sample.soc
         reported = self._mission.plan.by_name(sample.parameters)
         acquiring = tracker.acquisition is not None and self._acquire(tracker.acquisition, to, reported)
-        pilot = self._pilot
-        if pilot is None:
+        flight = self._flight
+        if flight is None:
             return self._unknown(sample, time_s)
         if acquiring:
             position = tracker.located[1]
         else:
-            position = self._track(pilot, to, soc, measured=sample.soc is not None)
-            tracker.put_in_force(reported, time_s, position, pilot.planner.hold)
+            position = self._track(flight, to, soc, measured=sample.soc is not None)
+            tracker.put_in_force(reported, time_s, position, flight.planner.hold)
         step_s, self._last = time_s - self._last[0], (time_s, soc)
         was_complete, ends = tracker.complete, tracker.update_end(to, position, step_s)
         if ends is not None:
@@ -185,13 +189,14 @@ class LiveFlight:
             velocity_mps=velocity,
             heading_rad=sample.heading_rad,
             airspeed_mps=sample.airspeed_mps,
+            soc_measured=sample.soc is not None,
         )
-        self._update_planner(pilot, observation, measured=sample.soc is not None)
-        now = pilot.decision
+        self._update_planner(flight, observation)
+        now = flight.decision
         replanned = now.record is not before.record or now[:2] != before[:2]
         if not (replanned or time_s >= self._next_s - 1e-9):
             return None
-        advice = self._advise(pilot, sample, observation)
+        advice = self._advise(flight, sample, observation)
         self._next_s = next_multiple(time_s, self._every_s)
         self.forecast_completes = tracker.end_uncertain or (advice.ending.soc_end or 0.0) > 0
         return advice
@@ -224,7 +229,7 @@ class LiveFlight:
 
     def _plan_with(self, parameters: Vector, start_m: Point) -> None:
         mission = replace(self._mission, parameters=parameters, start_m=start_m, live=True)
-        self._pilot = _Pilot(self._make(mission), self._make_forecast(mission), parameters, self._messages)
+        self._flight, self._held = self._make(mission), self._make_forecast(mission)
 
     def _acquire(self, acquisition: Acquisition, to: Sighting, parameters: Mapping[str, float]) -> bool:
         """Find stage and lap where telemetry begins in the middle of the flight; return whether it does.
@@ -239,40 +244,56 @@ class LiveFlight:
             return False
         best, rho = acquisition.hypotheses[0], plan.path_count
         path = best.executor.cursor.waiting[:rho]
-        if acquisition.stage_found and self._pilot is None:
+        if acquisition.stage_found and self._flight is None:
             self._last = (to.time_s, self._last[1])
             self._plan_with((*path, *best.executor.parameters[rho:]), best.executor.joined_m)
         decided = (*path, *self._decision.parameters[rho:])
-        if self._pilot is not None:
-            self._pilot.keep(decided, {} if acquisition.settled else dict(enumerate(path)))
+        if self._flight is not None:
+            self._flight.keep(decided, {} if acquisition.settled else dict(enumerate(path)))
         tracker.place(best, to, decided, settled=acquisition.settled)
         return True
 
-    def _track(self, pilot: _Pilot, to: Sighting, soc: float, *, measured: bool) -> Point:
+    def _track(self, flight: PlannedFlight, to: Sighting, soc: float, *, measured: bool) -> Point:
         """Advance to a sample; the planner observes each stage that starts before it, at that time."""
         t0, soc0 = self._last
 
         def started(time_s: float, position: Point, part: float) -> None:
             at = self._tracker.observation(max(time_s, t0), position, soc0 + part * (soc - soc0))
-            self._update_planner(pilot, at, measured=measured)
+            self._update_planner(flight, at._replace(soc_measured=measured))
 
-        return self._tracker.track(to, t0, pilot.state.wind_mps, started)
+        return self._tracker.track(to, t0, flight.state.wind_mps, started)
 
     # --- the planner
 
     @property
     def _decision(self) -> Decision:
-        return Decision(self._mission.parameters) if self._pilot is None else self._pilot.decision
+        return Decision(self._mission.parameters) if self._flight is None else self._flight.decision
 
-    def _update_planner(self, pilot: _Pilot, observation: Observation, *, measured: bool) -> None:
+    def _update_planner(self, flight: PlannedFlight, observation: Observation) -> None:
         """Update the planner with an observation, and the plan with its decision; not once the plan is complete."""
-        if not self._tracker.complete and pilot.update(observation, measured=measured):
-            self._tracker.decide(pilot.decision.parameters, (observation.x_m, observation.y_m))
+        if self._tracker.complete:
+            return
+        before = flight.decision
+        try:
+            now = flight.take(observation)
+            # in flight the figures of each re-planning are asked for by no one, and a flight may last
+            flight.planner.report.gaps.clear()
+            flight.planner.report.solve_ms.clear()
+        except Exception as error:  # in flight, a failure of the planner must not stop the advice
+            what = f"the planner failed, and parameters stay: {type(error).__name__}: {printable(str(error))}"
+            if what != self._failure:
+                self._failure = what
+                self._messages.notices.append(Notice("time_s", what))
+            return
+        if now.parameters != before.parameters:
+            self._messages.reasons.append(now.reason)
+        if now.parameters is not before.parameters:
+            self._tracker.decide(now.parameters, (observation.x_m, observation.y_m))
 
     # --- advice
 
-    def _advise(self, pilot: _Pilot, sample: Sample, observation: Observation) -> Advice:
-        decision, record, reasons = pilot.decision, pilot.decision.record, self._messages.reasons
+    def _advise(self, flight: PlannedFlight, sample: Sample, observation: Observation) -> Advice:
+        decision, record, reasons = flight.decision, flight.decision.record, self._messages.reasons
         if record is not None and observation.time_s - record.time_s > max(RECENT_S, 3 * self._every_s):
             record = None
         if decision.reason not in reasons and not (reasons and decision.reason.startswith(KEPT)):
@@ -280,8 +301,14 @@ class LiveFlight:
         reason = "; ".join(reason for reason in reasons if reason) or KEPT
         if record is not None and record.ending.soc_end is not None:
             return self._advice(sample, reason, record.wind_mps, record.ending.finite)
-        end = None if self._tracker.lost else pilot.forecast(observation, self._tracker.applied.effective)
+        end = None if self._tracker.lost else self._forecast(flight.state, self._tracker.applied.effective)
         return self._advice(sample, reason, sample.wind_mps, Ending() if end is None else end.finite)
+
+    def _forecast(self, state: FlightState, parameters: Vector) -> Ending | None:
+        """The end of the plan at parameters that are held; None where it is unknown."""
+        with contextlib.suppress(EadpError):
+            return self._held.at(state.known(state.now.time_s, (state.now.x_m, state.now.y_m)), parameters)
+        return None
 
     def _unknown(self, sample: Sample, time_s: float) -> Advice | None:
         """Stage and lap are not known yet: the parameters stay."""
@@ -324,54 +351,13 @@ class LiveFlight:
         return (
             *sample.warnings,
             *(code for code, holds in known.items() if holds),
-            *(() if self._pilot is None else self._pilot.state.warnings),
+            *(() if self._flight is None else self._flight.state.warnings),
         )
 
 
 def _sighting(sample: Sample, time_s: float, velocity: Point | None) -> Sighting:
     course = math.atan2(velocity[1], velocity[0]) if velocity is not None else None
     return Sighting(time_s, sample.position_m, course, sample.stage, sample.stages_started)
-
-
-class _Pilot:
-    """The planner in flight with its last decision, the state that it decides on, and a forecast for one without."""
-
-    def __init__(self, planner: Planner, held: HeldForecast, parameters: Vector, messages: Messages) -> None:
-        self.planner, self._held, self._messages = planner, held, messages
-        self.state = planner.flight_state()
-        self.decision = Decision(parameters)
-        self._failure = ""
-
-    def keep(self, parameters: Vector, held: Mapping[int, float]) -> None:
-        """Decide on parameters in the planner's place, and hold some of them, by index."""
-        if parameters != self.decision.parameters:
-            self.decision = self.decision._replace(parameters=parameters)
-        self.planner.hold(held)
-
-    def update(self, observation: Observation, *, measured: bool) -> bool:
-        """Update the planner; return whether it decided. `measured` is whether the charge is."""
-        before = self.decision
-        try:
-            self.state.observe(observation if measured else observation._replace(soc=math.nan))
-            self.decision = self.planner.update(observation._replace(state=self.state))
-            # in flight the figures of each re-planning are asked for by no one, and a flight may last
-            self.planner.report.gaps.clear()
-            self.planner.report.solve_ms.clear()
-        except Exception as error:  # in flight, a failure of the planner must not stop the advice
-            what = f"the planner failed, and parameters stay: {type(error).__name__}: {printable(str(error))}"
-            if what != self._failure:
-                self._failure = what
-                self._messages.notices.append(Notice("time_s", what))
-            return False
-        if self.decision.parameters != before.parameters:
-            self._messages.reasons.append(self.decision.reason)
-        return self.decision.parameters is not before.parameters
-
-    def forecast(self, observation: Observation, parameters: Vector) -> Ending | None:
-        """The end of the plan at parameters that are held; None where it is unknown."""
-        with contextlib.suppress(EadpError):
-            return self._held.at(self.state.known(observation.time_s, (observation.x_m, observation.y_m)), parameters)
-        return None
 
 
 class _GroundVelocity:

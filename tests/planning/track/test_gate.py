@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from eadp.planning.gate import CLOCK, FROZEN_S, MIN_AGREEING, MIN_BACK, OutlierGate, Sample
+from eadp.planning.track.gate import CLOCK, FROZEN_S, MIN_AGREEING, MIN_BACK, OutlierGate, Sample
 
 SPEED = 15.0
 

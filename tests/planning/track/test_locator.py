@@ -15,7 +15,7 @@ from eadp.models.plan.cursor import PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.legs import leg_points
 from eadp.models.plan.route import RoutePredictor
-from eadp.planning.locator import COURSE_STD_RAD, DISTANCE_STD_M, Locator, Sighting, path_mismatch
+from eadp.planning.track.locator import COURSE_STD_RAD, DISTANCE_STD_M, Locator, Sighting, path_mismatch
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 START, SPEED = (-100.0, 220.0), 15.0

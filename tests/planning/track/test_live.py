@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from common import ROOT, few, few_rows
 from common.plans import STADIUM
-from common.recorder import Recorder
+from common.recorder import Recorder, watched
 from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.io.flight.inputs import Files, load_flight
 from eadp.io.text.streams import Text
-from eadp.planning.applied import APART_S, APPLY_S, AppliedParameters
+from eadp.planning.flight import make_flight
 from eadp.planning.forecast.held import HeldForecast
-from eadp.planning.gate import OutlierGate, Sample
-from eadp.planning.live import COMPLETED, EMPTY, LiveFlight, _GroundVelocity
-from eadp.planning.registry import make_planner
+from eadp.planning.track.applied import APART_S, APPLY_S, AppliedParameters
+from eadp.planning.track.gate import OutlierGate, Sample
+from eadp.planning.track.live import COMPLETED, EMPTY, LiveFlight, _GroundVelocity
 from eadp.simulation.loop import Outcome, fly
 
 EPOCH_S = 1.7e9
@@ -40,9 +40,10 @@ def inputs_of(planner="joint", **overrides):
 def recorded():
     """The survey flown with the joint planner: the inputs, and all that it saw."""
     inputs = inputs_of()
-    recorder, outcome = Recorder(inputs.planner(), every_step=True), Outcome()
-    for _ in fly(inputs.world, recorder, outcome):
+    watching, outcome = watched(inputs, every_step=True), Outcome()
+    for _ in fly(inputs.world, watching, outcome):
         pass
+    recorder = watching.planner
     assert outcome.completed
     return inputs, recorder
 
@@ -51,7 +52,7 @@ def live(inputs):
     scenario = inputs.scenario
     return LiveFlight(
         inputs.mission,
-        lambda mission: make_planner(scenario.planner, scenario.estimator, mission),
+        lambda mission: make_flight(scenario.planner, scenario.estimator, mission),
         lambda mission: HeldForecast(scenario.planner, mission),
         scenario.planner.every_s,
     )
@@ -77,9 +78,10 @@ def changes(pairs):
 def test_each_stage_ends_within_its_own_radius_on_telemetry_too():
     plan = Text("stadium.plan", STADIUM.format(2, 40, 8, 30))
     inputs = load_flight(plan.name, overrides={"step_s": 0.1}, files=Files({plan.name: plan}))
-    recorder, outcome = Recorder(inputs.planner(), every_step=True), Outcome()
-    for _ in fly(inputs.world, recorder, outcome):
+    watching, outcome = watched(inputs, every_step=True), Outcome()
+    for _ in fly(inputs.world, watching, outcome):
         pass
+    recorder = watching.planner
     flight = live(inputs)
     answers = [(sample.time_s, flight.update(sample)[0]) for sample in samples(recorder.seen, 1, keys=MEASURED)]
     found = changes((time_s, advice.stage) for time_s, advice in answers if advice is not None)
@@ -205,9 +207,10 @@ def test_advice_comes_once_a_second_and_when_parameters_change(recorded):
 def test_planners_without_a_forecast_have_one_of_held_parameters(planner):
     calm = {"wind.speed_mps": 0, "battery.capacity_ah": 0.7, "parameters.c1": -250.0}
     inputs = inputs_of(planner, **calm, faults=[])
-    recorder, outcome = Recorder(inputs.planner(), every_step=True), Outcome()
-    for _ in fly(inputs.world, recorder, outcome):
+    watching, outcome = watched(inputs, every_step=True), Outcome()
+    for _ in fly(inputs.world, watching, outcome):
         pass
+    recorder = watching.planner
     flight = live(inputs)
     advised = {}
     for sample in samples(recorder.seen, 100):
@@ -330,18 +333,18 @@ def test_an_aircraft_that_starts_a_stage_a_second_before_positions_show_it(recor
     class Deciding(Recorder):
         """Decides once, in the first stage."""
 
-        def update(self, observation):
-            decision = super().update(observation)
-            return decision._replace(parameters=(-500.0, 10.0)) if observation.time_s > 5 else decision
+        def update(self, state):
+            decision = super().update(state)
+            return decision._replace(parameters=(-500.0, 10.0)) if state.now.time_s > 5 else decision
 
-        ingest = None
         next_update_s = 0.0
 
-    recorder = Deciding(inputs_of("static").planner())
-    for _ in fly(inputs_of("static").world, recorder, Outcome()):
+    watching = watched(inputs_of("static"), Deciding)
+    for _ in fly(inputs_of("static").world, watching, Outcome()):
         pass
+    recorder = watching.planner
     held = HeldForecast(inputs.scenario.planner, inputs.mission)
-    flight = LiveFlight(inputs.mission, lambda _: Deciding(inputs_of("static").planner()), lambda _: held, 1.0)
+    flight = LiveFlight(inputs.mission, lambda _: watched(inputs_of("static"), Deciding), lambda _: held, 1.0)
     ahead = 0
     for o, later in itertools.pairwise(recorder.seen[99::100]):
         reported = dict(zip(inputs.mission.plan.names, later.parameters, strict=True))
@@ -366,11 +369,11 @@ def test_a_planner_that_fails_gives_a_notice_and_does_not_end_it(recorded):
     inputs = recorded[0]
 
     class Failing(Recorder):
-        def update(self, observation):
+        def update(self, state):
             raise RuntimeError("out of order")
 
     held = HeldForecast(inputs.scenario.planner, inputs.mission)
-    flight = LiveFlight(inputs.mission, lambda mission: Failing(inputs.planner()), lambda mission: held, 1.0)
+    flight = LiveFlight(inputs.mission, lambda mission: watched(inputs, Failing), lambda mission: held, 1.0)
     advice, notices = flight.update(start(inputs))
     assert "the planner failed, and parameters stay: RuntimeError: out of order" in notices[0].message
     assert advice.parameters == {"c1": 0.0, "c2": 10.0}

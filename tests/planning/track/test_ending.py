@@ -11,8 +11,8 @@ from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 from eadp.models.plan.cursor import Rules
 from eadp.models.plan.executor import PlanExecutor
-from eadp.planning.ending import Continuation, is_certain
-from eadp.planning.locator import Sighting
+from eadp.planning.track.ending import Continuation, is_certain
+from eadp.planning.track.locator import Sighting
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 NORTH = math.pi / 2

@@ -17,8 +17,8 @@ from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.legs import Leg
 from eadp.models.plan.route import RoutePredictor
-from eadp.planning.gate import GAP_S, GAP_STEPS
-from eadp.planning.locator import (
+from eadp.planning.track.gate import GAP_S, GAP_STEPS
+from eadp.planning.track.locator import (
     ALIKE,
     INDEPENDENT_S,
     MAX_STDS,

@@ -7,7 +7,7 @@ import math
 from eadp.core.geometry.curves import Point
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.route import MARGIN_M
-from eadp.planning.locator import ALIKE, INDEPENDENT_S, MAX_STDS, Sighting, path_mismatch
+from eadp.planning.track.locator import ALIKE, INDEPENDENT_S, MAX_STDS, Sighting, path_mismatch
 
 AHEAD_M = 20.0
 """Distance straight on within which a certain end is passed by the error of a position, `MARGIN_M` [m]."""

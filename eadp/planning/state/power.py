@@ -1,0 +1,172 @@
+"""The power of a flight as its estimator knows it, and the laps by which it does.
+
+`FlightState` feeds it from the queue of what waits, as far as it is asked. Laps are counted at once: they are known
+with the stage.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from eadp.core.arrays import Column, FloatArray
+from eadp.errors import PathUndefined
+from eadp.models.energy import EnergyModel
+from eadp.models.plan.cursor import Vector
+from eadp.models.plan.trace import nominal_legs
+from eadp.planning.base import Mission, Observation
+from eadp.planning.estimation.estimator import (
+    MIN_NOISE_W,
+    ONE_LAP_SHARE,
+    PUBLISHED,
+    SHORTEST_DISTURBANCE_S,
+    Estimator,
+    EstimatorSettings,
+    ExactEstimator,
+    PowerEstimate,
+    PublishedEstimator,
+)
+
+UNKNOWN_PERIOD_S = 6.0
+"""Horizon in place of one period if there is none [s]."""
+
+SAME_INSTANT_S = 1e-9
+
+NO_LAP, LAP_STARTS, LAP_ENDS = 0, 1, 2
+
+
+class Powers(NamedTuple):
+    """Readings of the power [W], None or NaN where there is none, beside one power of the computations [W].
+
+    `lap` is what has started or ended just before the first of them.
+    """
+
+    times_s: Column
+    powers_w: Sequence[float | None] | FloatArray
+    computing_w: float
+    lap: int = NO_LAP
+    lap_s: float = 0.0
+
+
+class PowerTracker:
+    """Counts laps, and has the estimator of the power.
+
+    Parameters
+    ----------
+    settings : EstimatorSettings
+    mission : Mission
+    horizon_s : float, optional
+        How far ahead the planner looks at the power [s]; by default one period.
+    limit_w : float
+        What motor and battery can deliver [W]: a reading above it is none.
+
+    Attributes
+    ----------
+    laps : int
+        Laps flown whole.
+    computing_w : float
+        Power of the computations in force [W].
+    forecast_w : float
+        Forecast of the last reading [W].
+    """
+
+    def __init__(self, settings: EstimatorSettings, mission: Mission, horizon_s: float | None, limit_w: float) -> None:
+        self.estimator: Estimator = _estimator(settings, mission)
+        self.laps, self.computing_w, self.forecast_w = 0, 0.0, 0.0
+        self._mission, self._horizon_s, self._limit_w = mission, horizon_s, limit_w
+        self._segment, self._through_gap = 0, False
+        self._lap_from_s, self._lap_s = math.inf, self.estimator.period_s
+        self._computing_for: tuple[Vector, int] | None = None
+
+    @property
+    def last_lap_s(self) -> float | None:
+        """Time of the last lap, known before its readings are processed [s]."""
+        return self._lap_s
+
+    def horizon_of_s(self, period_s: float | None) -> float:
+        """How far ahead the planner looks, by the period [s]."""
+        return self._horizon_s or period_s or UNKNOWN_PERIOD_S
+
+    def locate(self, o: Observation, *, entered: bool) -> int:
+        """Take the place of an observation; return whether a lap has started or ended with its stage."""
+        self._through_gap |= o.through_gap
+        if self._computing_for != (o.parameters, o.stage):
+            self._computing_for = (o.parameters, o.stage)
+            self.computing_w = self._mission.computing.power_w(o.parameters, o.cursor.stage.sets)
+        return self._lap(o) if entered else NO_LAP
+
+    def _lap(self, o: Observation) -> int:
+        """Count a lap if the stage that has started ends one; the first of a repeated segment starts one."""
+        before, self._segment = self._segment, o.cursor.segment
+        segment = o.cursor.table.segments[self._segment]
+        plan = self._mission.plan
+        lap_stages = None if plan.segments else plan.primitive_stages
+        if segment.repeats:
+            lap_stages = segment.count
+        if lap_stages is None or (o.stage - 1 - segment.first) % lap_stages:
+            return NO_LAP
+        through_gap, self._through_gap = self._through_gap, o.through_gap
+        whole = self._segment == before and not through_gap
+        if whole:
+            self.laps += 1
+            if o.time_s > self._lap_from_s:
+                self._lap_s = o.time_s - self._lap_from_s
+        self._lap_from_s = o.time_s
+        return LAP_ENDS if whole else LAP_STARTS
+
+    def observe(self, powers: Powers, first: int, until_s: float = math.inf) -> int:
+        """Update the estimator with the readings from the index `first` up to a time; return the next index."""
+        times_s = np.asarray(powers.times_s, dtype=float)
+        if first == 0 and powers.lap:
+            (self.estimator.lap if powers.lap == LAP_ENDS else self.estimator.start_lap)(powers.lap_s)
+        end = int(np.searchsorted(times_s, until_s, "right"))
+        beside_w, powers_w = powers.computing_w, np.array(powers.powers_w, dtype=float)[first:end]
+        for time_s, value in zip(times_s[first:end].tolist(), (powers_w - beside_w).tolist(), strict=True):
+            motion_w = value if value + beside_w <= self._limit_w else None  # not a number is none, too
+            self.forecast_w = self.estimator.observe(time_s, motion_w) + beside_w
+        return end
+
+    def estimate(self) -> PowerEstimate:
+        """The power as estimated after the last reading processed, beside the computations in force."""
+        return self.estimator.estimate(self.computing_w, self.horizon_of_s(self.estimator.period_s))
+
+
+def _estimator(settings: EstimatorSettings, mission: Mission) -> Estimator:
+    if settings.kind == PUBLISHED:
+        return PublishedEstimator(settings)
+    if mission.energy is not None:
+        return _estimator_of_fit(settings, mission.energy)
+    if not mission.plan.primitive_stages:
+        return ExactEstimator(settings, None)
+    return ExactEstimator(settings, _nominal_lap_s(mission))
+
+
+def _estimator_of_fit(settings: EstimatorSettings, fitted: EnergyModel) -> ExactEstimator:
+    """An estimator initialised with a model fitted to a log, whose noise replaces the settings'."""
+    std_s, disturbance = None, fitted.disturbance
+    if fitted.period_s is not None and fitted.period_std_s is not None:
+        std_s = max(fitted.period_std_s, ONE_LAP_SHARE * fitted.period_s)  # the model is of another flight
+    if disturbance is not None:
+        white_w = math.sqrt(max(fitted.noise_std_w**2 - disturbance.std_w**2, 0.0))
+        settings = replace(
+            settings,
+            noise_w=max(white_w, MIN_NOISE_W),
+            disturbance_std_w=disturbance.std_w,
+            disturbance_time_s=max(disturbance.time_s, SHORTEST_DISTURBANCE_S),
+        )
+    return ExactEstimator(settings, fitted.period_s, fitted.state_w(settings.order), period_std_s=std_s)
+
+
+def _nominal_lap_s(mission: Mission) -> float | None:
+    """Time of a nominal lap at cruise speed without wind [s]: the initial period."""
+    try:
+        legs = nominal_legs(mission.plan, mission.parameters, mission.start_m)
+    except PathUndefined:
+        return None
+    whole = max(legs[-1].lap - 1, 0)  # the last lap may be cut short, the first starts anywhere
+    length = sum(leg.length_m for leg in legs if leg.lap == whole)
+    return length / mission.cruise_mps if length > 0 and math.isfinite(length) else None

@@ -1,0 +1,1 @@
+"""Where a live flight is in its plan: samples of telemetry to observations, decisions to advice."""
