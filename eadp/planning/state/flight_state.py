@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -27,11 +26,10 @@ from eadp.planning.state.climb import ClimbFollower
 from eadp.planning.state.heading_gate import HEADING_DISBELIEVED, HeadingGate
 from eadp.planning.state.known import ChargeKnown, Known, MotionKnown, TimeKnown, WindKnown
 from eadp.planning.state.motion import MotionPower
-from eadp.planning.state.power import SAME_INSTANT_S, Powers, PowerTracker
+from eadp.planning.state.power import PowerTracker
 from eadp.planning.state.power_gate import MAX_OF_MOTOR, PowerGate
+from eadp.planning.state.queue import SAME_TIME_S, ReadingQueue, Seen
 from eadp.planning.state.time_ratio import TimeRatio
-
-SAME_TIME_S = 1e-9
 
 MAX_AIRSPEEDS = 5.0
 """Ratio of a measured airspeed to that of cruise, or the inverse, above which it is false."""
@@ -45,35 +43,8 @@ NAVIGATION_M = 0.25, 10.0
 OFF_PATH_S, MEDIAN_PER_STD = 30.0, 0.6745
 """Time constant of the median cross-track error [s], and the median of a normal variable's size per its deviation."""
 
-MAX_WAITING = 10_000
-"""Most batches of readings and observations that wait."""
-
 GAUGE_STUCK, GAUGE_RISES, POWER_OUTLIER = "gauge-stuck", "gauge-rises", "power-outlier"
 """Codes of warnings: the gauge is disbelieved, as it does not fall or rises; the last reading of power is false."""
-
-
-class _Batch(NamedTuple):
-    """Readings that wait, beside the power of the computations then in force [W]."""
-
-    readings: Readings
-    computing_w: float
-
-    @property
-    def powers(self) -> Powers:
-        return Powers(self.readings.times_s, self.readings.powers_w, self.computing_w)
-
-
-class _Seen(NamedTuple):
-    """An observation that waits.
-
-    `stages_before` is how many stages had started before it; `is_reading` whether it is a reading, too; `powers` what
-    the estimator takes of it.
-    """
-
-    observation: Observation
-    stages_before: int
-    is_reading: bool
-    powers: Powers
 
 
 class FlightState:
@@ -88,20 +59,7 @@ class FlightState:
         Of the power; its `every_s` is the least time between readings: an observation sooner after one is none.
     horizon_s : float, optional
         How far ahead the planner looks at the power [s]; by default one period.
-
-    Attributes
-    ----------
-    now : Observation
-        The last observation; there is none before the first.
-    soc_before : float or None
-        The gauge's reading before it; None where it is the first.
-    next_reading_s : float
-        From when the next reading may be taken [s].
-    every_s : float
-        Least time between readings [s].
     """
-
-    now: Observation
 
     def __init__(
         self,
@@ -110,14 +68,7 @@ class FlightState:
         estimator: EstimatorSettings | None = None,
         horizon_s: float | None = None,
     ) -> None:
-        self._mission, self._horizon_s = mission, horizon_s
-        self._estimator_settings = estimator or EstimatorSettings()
-        self.every_s, self.next_reading_s = self._estimator_settings.every_s, -math.inf
-        self.soc_before: float | None = None
-        self._last_soc: float | None = None
-        self._stages_started = 1
-        self._waiting: list[_Batch | _Seen | float] = []
-        self._filtered = self._estimated = self._within = 0
+        settings, self._mission = estimator or EstimatorSettings(), mission
         self._place = _Place(mission)
         self._ground = GroundLog(mission.plan, weights or {})
         self._wind = WindFilter(mission.gust_time_s)
@@ -129,12 +80,12 @@ class FlightState:
         full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)
         limit_w = min(float(battery.max_power_w(battery.voltage_v)), MAX_OF_MOTOR * mission.max_motion_w)
         self._gate = PowerGate(mission.motion_w, limit_w)
-        self._power = PowerTracker(self._estimator_settings, mission, horizon_s, limit_w)
+        self._power = PowerTracker(settings, mission, horizon_s, limit_w)
+        self._queue = ReadingQueue(self._power, settings.every_s)
         per_as = 0.0 if battery.prescribed else battery.drain_per_as
         model = DrainModel(empty_v, full_v - empty_v, battery.resistance_ohm, per_as)
         self._charge = ChargeFilter(model, (full_v - empty_v) / battery.voltage_at(0.5), battery.soc)
         self._climb = ClimbFollower.of(mission)
-        self._computing_w = 0.0
         self._last_s: float | None = None
         self._losses = 0
 
@@ -142,31 +93,22 @@ class FlightState:
 
     def ingest(self, readings: Readings) -> None:
         """Take readings since the last observation: stage and parameters have not changed."""
-        self._wait(_Batch(readings, self._power.computing_w))
-        self.next_reading_s = float(readings.times_s[-1]) + self.every_s
-        self._last_soc = float(readings.charges[-1])
+        self._make_room()
+        self._queue.ingest(readings)
 
     def observe(self, observation: Observation) -> None:
         """Take an observation, which is a reading, too, unless it is too soon after the last one."""
-        o = observation
-        before, self._stages_started = self._stages_started, o.stages_started
-        is_reading = o.time_s >= self.next_reading_s - SAME_TIME_S
-        lap = self._power.locate(o, entered=o.stages_started != before)
-        times_s, powers_w = ([o.time_s], [o.power_w]) if is_reading else ([], [])
-        self._wait(_Seen(o, before, is_reading, Powers(times_s, powers_w, self._power.computing_w, lap, o.time_s)))
-        if is_reading:
-            self.next_reading_s = o.time_s + self.every_s
-        self.now, self.soc_before, self._last_soc = o, self._last_soc, o.soc
+        self._make_room()
+        self._queue.observe(observation)
 
     def shift_level(self, by_w: float) -> None:
         """Step the level of the motion's power by a known change [W], see `ExactEstimator.shift_level`."""
-        self._wait(by_w)
+        self._queue.step_level(by_w)
 
-    def _wait(self, item: _Batch | _Seen | float) -> None:
-        if len(self._waiting) >= MAX_WAITING:  # without this one: the next instants asked for may lie in it
+    def _make_room(self) -> None:
+        if self._queue.full:  # before more comes: the next instants that are asked for may lie in it
             self._process()
-            self._estimate()
-        self._waiting.append(item)
+            self._queue.estimate()
 
     def assume(self, wind_mps: Point, gust_std_mps: float) -> None:
         """Before take-off: the wind of the weather forecast [m/s], and its gusts."""
@@ -175,43 +117,21 @@ class FlightState:
 
     def _process(self) -> None:
         """Pass what waits through the filters, in its order; an observation's reading goes with those before it."""
-        waiting, self._filtered = self._waiting[self._filtered :], len(self._waiting)
         readings: Readings | None = None
-        for each in waiting:
-            if isinstance(each, _Seen):
+        for each in self._queue.to_filter():
+            if isinstance(each, Seen):
                 if each.is_reading:
                     readings = _with_reading(readings, each.observation)
                 if readings is not None:
                     self._read(readings)
                 self._locate(each.observation, each.stages_before)
                 readings = None
-            elif isinstance(each, _Batch):
+            else:
                 if readings is not None:
                     self._read(readings)
                 readings = each.readings
         if readings is not None:
             self._read(readings)
-        self._forget()
-
-    def _estimate(self, until_s: float = math.inf) -> None:
-        """Pass what waits to the estimator of the power, in its order, up to a time [s]."""
-        while self._estimated < len(self._waiting):
-            each = self._waiting[self._estimated]
-            if isinstance(each, float):
-                self._power.estimator.shift_level(each)
-            else:
-                self._within = self._power.observe(each.powers, self._within, until_s)
-                if self._within < len(each.powers.times_s):
-                    break
-            self._estimated, self._within = self._estimated + 1, 0
-        self._forget()
-
-    def _forget(self) -> None:
-        """Drop what both have taken."""
-        taken = min(self._filtered, self._estimated)
-        if taken:
-            del self._waiting[:taken]
-            self._filtered, self._estimated = self._filtered - taken, self._estimated - taken
 
     def _locate(self, o: Observation, stages_before: int) -> None:
         """Take the place of an observation: a new stage, or changed parameters; power of computations; measured wind.
@@ -226,7 +146,7 @@ class FlightState:
         elif (o.cursor.parameters, o.cursor.decided) != (place.cursor.parameters, place.cursor.decided):
             self._ground.hold(o.time_s, o.cursor, o.parameters)
         place.cursor, place.flies_mission = o.cursor, o.flies_mission
-        self._computing_w = self._mission.computing.power_w(o.parameters, o.cursor.stage.sets)
+        place.computing_w = self._mission.computing.power_w(o.parameters, o.cursor.stage.sets)
         if o.wind_mps is not None:
             self._measured_wind = o.wind_mps, o.time_s + MEASURED_WIND_S
 
@@ -266,7 +186,7 @@ class FlightState:
         whole_s = np.floor(times_s + SAME_TIME_S)
         for i in np.flatnonzero(np.diff(whole_s, prepend=math.floor(before_s + SAME_TIME_S)) > 0).tolist():
             self._place.off_path((float(readings.x_m[i]), float(readings.y_m[i])), float(times_s[i]))
-        powers_w = np.asarray(self._gate.ingest(times_s, readings.powers_w, self._computing_w))
+        powers_w = np.asarray(self._gate.ingest(times_s, readings.powers_w, self._place.computing_w))
         climb_w, level_mps = self._followed(steps_s)
         airspeeds_mps = np.asarray(_numbers(readings.airspeeds_mps), dtype=float)
         ratios = airspeeds_mps / self._mission.cruise_mps
@@ -280,7 +200,9 @@ class FlightState:
         self._wind.ingest(*(column[moving] for column in (vx, vy, headings, steps_s, airspeeds_mps)))
         # over a long gap the charge goes on with the power before it; the motion takes the reading for MAX_STEP_S
         drain_powers_w = np.where(steps_s > MAX_STEP_S, math.nan, powers_w)
-        self._motion.ingest(powers_w, self._computing_w + climb_w, np.minimum(steps_s, MAX_STEP_S), self._place.slope)
+        self._motion.ingest(
+            powers_w, self._place.computing_w + climb_w, np.minimum(steps_s, MAX_STEP_S), self._place.slope
+        )
         self._losses += self._charge.ingest(_numbers(readings.charges), drain_powers_w, steps_s)
 
     def _followed(self, steps_s: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -295,6 +217,26 @@ class FlightState:
         return added_w, level_mps
 
     # --- what is known
+
+    @property
+    def now(self) -> Observation:
+        """The last observation."""
+        return self._queue.now
+
+    @property
+    def soc_before(self) -> float | None:
+        """The gauge's reading before the last observation; None where that is the first."""
+        return self._queue.soc_before
+
+    @property
+    def every_s(self) -> float:
+        """Least time between readings [s]."""
+        return self._queue.every_s
+
+    @property
+    def next_reading_s(self) -> float:
+        """From when the next reading may be taken [s]."""
+        return self._queue.next_reading_s
 
     @property
     def wind_mps(self) -> Point:
@@ -326,14 +268,14 @@ class FlightState:
     @property
     def estimator(self) -> Estimator:
         """The estimator of the power, after all readings; only to be asked."""
-        self._estimate()
+        self._queue.estimate()
         return self._power.estimator
 
     def estimates(self, times_s: Sequence[float]) -> tuple[list[float], list[PowerEstimate]]:
         """Forecast of the last reading [W] and the power as estimated after it, at instants since the last call [s]."""
         forecasts_w, estimates = [], []
         for time_s in times_s:
-            self._estimate(time_s + SAME_INSTANT_S)
+            self._queue.estimate(time_s + SAME_TIME_S)
             forecasts_w.append(self._power.forecast_w)
             estimates.append(self._power.estimate())
         return forecasts_w, estimates
@@ -379,7 +321,7 @@ class FlightState:
             place.cursor,
             place.joined_m,
             place.since_s,
-            self._stages_started,
+            self._queue.stages_started,
             self._mission.cruise_mps,
             wind,
             TimeKnown(times.ratio, times.variance, times.noise_s),
@@ -404,6 +346,8 @@ class _Place:
         When it was joined [s].
     slope : float
         Its mean tan² φ.
+    computing_w : float
+        Power of the computations as of the last observation [W].
     through_gap : bool
         Whether its start or end may be unknown.
     flies_mission : bool
@@ -416,7 +360,7 @@ class _Place:
         self.cursor = PlanCursor.start(mission.plan, mission.parameters, mission.rules)
         self.joined_m: Point = mission.start_m or (0.0, 0.0)
         self.route: Route | None = None
-        self.since_s = self.slope = 0.0
+        self.since_s = self.slope = self.computing_w = 0.0
         self.through_gap = self.flies_mission = False
         self.reach_std_m = NAVIGATION_M[0]
         self._located_s = 0.0

@@ -34,8 +34,6 @@ from eadp.planning.estimation.estimator import (
 UNKNOWN_PERIOD_S = 6.0
 """Horizon in place of one period if there is none [s]."""
 
-SAME_INSTANT_S = 1e-9
-
 NO_LAP, LAP_STARTS, LAP_ENDS = 0, 1, 2
 
 

@@ -14,7 +14,7 @@ from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
 from eadp.planning.base import Mission, Readings
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator
-from eadp.planning.state import flight_state as module
+from eadp.planning.state import queue as module
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.power import _estimator
 
@@ -98,7 +98,7 @@ def test_it_answers_as_one_that_does_not_wait(settings, asked_every, most_waitin
         if n % asked_every == asked_every - 1:
             ask()
     assert waiting.laps == laps > 5
-    assert len(waiting._waiting) <= most_waiting
+    assert len(waiting._queue) <= most_waiting
     assert waiting.estimator.state_w == pytest.approx(eager.state_w, abs=1e-6)
     assert waiting.computing_w == pytest.approx(computing_w(6.0))
 
