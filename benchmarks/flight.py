@@ -17,7 +17,6 @@ import math
 import resource
 import statistics
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 import eadp.cli  # noqa: F401 - first: its environment is one thread for linear algebra
@@ -28,9 +27,6 @@ from measured import add_option, head, line, recorded
 
 from eadp.core import compiled
 from eadp.io.flight.inputs import load_flight
-from eadp.planning.base import Decision, Mission, Observation, SolverReport
-from eadp.planning.estimation.estimator import PowerEstimate
-from eadp.planning.state.flight_state import FlightState
 from eadp.simulation.loop import Outcome, fly
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -42,36 +38,12 @@ def ours(*, fast: bool = False) -> tuple[float, int, list[tuple[float, float]]]:
     """CPU seconds of the whole flight, its steps, and the logged positions."""
     compiled.enable(fast)
     inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/paper-I-static.yaml"))
-    planner, outcome = inputs.planner(), Outcome()
+    flight, outcome = inputs.flight(), Outcome()
     started = time.process_time()
-    steps = list(fly(inputs.world, planner, outcome))
+    steps = list(fly(inputs.world, flight, outcome))
     spent = time.process_time() - started
     compiled.enable(False)
     return spent, round(outcome.duration_s / inputs.world.clock.step_s), [(step.x_m, step.y_m) for step in steps]
-
-
-class Nobody:
-    """A planner that is never asked again and hears no sensor."""
-
-    def __init__(self, mission: Mission) -> None:
-        self.report, self.takes_arrays = SolverReport(), False
-        self.period_s = None
-        self.reading_every_s = self.next_update_s = math.inf
-        self._decision, self._state = Decision(mission.parameters), FlightState(mission)
-
-    def flight_state(self) -> FlightState:
-        """Nobody asks for it."""
-        return self._state
-
-    def update(self, _observation: Observation) -> Decision:
-        """Keep the parameters."""
-        return self._decision
-
-    def estimates(self, times_s: Sequence[float]) -> tuple[list[float], list[PowerEstimate]]:
-        """Nothing is known."""
-        return [0.0 for _ in times_s], []
-
-    ingest = None
 
 
 def alone(*, fast: bool) -> tuple[float, float]:
@@ -81,9 +53,10 @@ def alone(*, fast: bool) -> tuple[float, float]:
     inputs = load_flight(
         str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/paper-drained.yaml"), overrides=keys
     )
-    planner, outcome = Nobody(inputs.mission), Outcome()
+    flight, outcome = inputs.flight(), Outcome()
+    flight.state.every_s = math.inf  # no sensor is heard
     started = time.process_time()
-    for _ in fly(inputs.world, planner, outcome):
+    for _ in fly(inputs.world, flight, outcome):
         pass
     spent = time.process_time() - started
     compiled.enable(False)

@@ -51,11 +51,12 @@ from eadp.core.signals import disturbance
 from eadp.core.signals.spectrum import analyse
 from eadp.errors import Infeasible
 from eadp.io.figures.canvas import COLOURS, GREY, figure_file
-from eadp.io.flight.inputs import load_flight
+from eadp.io.flight.inputs import FlightInputs, load_flight
 from eadp.models.battery import Battery
-from eadp.planning.base import Decision, Observation, TrackingPlanner
+from eadp.planning.base import Decision, Observation
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator, PublishedEstimator
 from eadp.planning.forecast.held import HeldForecast, held_preflight
+from eadp.planning.planner import Planner
 from eadp.planning.state.flight_state import FlightState
 from eadp.simulation.loop import Outcome, fly
 
@@ -444,13 +445,20 @@ TRUTHS = {"as stated": (1.0, 1.0, 1.0), "voltage falls": (1.0, 1.1, 0.9), "15 % 
 """Batteries flown: capacity, voltage when full and voltage when empty, as shares of what is stated."""
 
 
-class Recording(TrackingPlanner):
-    """Keeps its parameters, and every observation."""
+class Recording(Planner):
+    """Keeps its parameters, and an observation at every reading."""
 
-    def update(self, observation: Observation) -> Decision:
+    next_update_s = 0.0
+
+    def __init__(self, inputs: FlightInputs) -> None:
+        super().__init__(inputs.scenario.planner, inputs.mission)
+        self.seen = list[Observation]()
+
+    def update(self, state: FlightState) -> Decision:
         """Keep an observation."""
-        self.seen.append(observation)
-        return super().update(observation)
+        self.seen.append(state.now)
+        self.next_update_s = state.next_reading_s
+        return super().update(state)
 
 
 def reliability(count: int, seed: int, jobs: int, out: str | None, picture: str | None) -> None:
@@ -510,9 +518,9 @@ def forecasts_of(task: tuple[dict[str, str], int, int]) -> list[dict[str, Any]]:
         "c2": float(round(boxes[1].lo + float(starts[1]) * (boxes[1].hi - boxes[1].lo))),
     }
     inputs = load(found[place], keys)
-    recording = Recording(inputs.scenario.planner, inputs.scenario.estimator, inputs.mission)
-    recording.seen, outcome = [], Outcome()
-    for _ in fly(inputs.world, recording, outcome):
+    flight, outcome = inputs.flight(), Outcome()
+    flight.planner = recording = Recording(inputs)
+    for _ in fly(inputs.world, flight, outcome):
         pass
     if not outcome.completed:
         return []
@@ -533,7 +541,7 @@ def forecasts_of(task: tuple[dict[str, str], int, int]) -> list[dict[str, Any]]:
         mission = replace(inputs.mission, battery=stated)
         settings, gusts = inputs.scenario.planner, inputs.world.wind
         held = HeldForecast(settings, mission)
-        state = FlightState(mission, settings.weights)
+        state = FlightState(mission, settings.weights, EstimatorSettings(every_s=1e-3))  # all are readings
         forecast = held_preflight(settings, mission, gusts.steady_mps, gusts.gust_std_mps)
         assert forecast is not None
         made = [("take-off", forecast.forecast)]

@@ -60,7 +60,8 @@ from eadp.io.link.mission import PROTOCOL  # noqa: E402
 from eadp.io.link.upload import HeldMission  # noqa: E402
 from eadp.io.mission.items import read_items  # noqa: E402
 from eadp.io.telemetry.replan import Replanner  # noqa: E402
-from eadp.planning.base import Decision, Observation, SolverReport  # noqa: E402
+from eadp.planning.base import Decision  # noqa: E402
+from eadp.planning.planner import Planner  # noqa: E402
 from eadp.planning.state.flight_state import FlightState  # noqa: E402
 from eadp.simulation.loop import Outcome  # noqa: E402
 from eadp.simulation.loop import fly as simulate  # noqa: E402
@@ -276,7 +277,7 @@ def quality(inputs: FlightInputs, lines: Iterable[bytes]) -> float:
     for number, raw in enumerate(lines, 1):
         replanner.take(number, raw)
         flight, said = replanner._flight, json.loads(raw)
-        if not flight._started or flight._pilot is None:
+        if not flight._started or flight._flight is None:
             continue
         executor, time_s = flight._tracker.executor, said["time_s"] - flight._origin_s
         now = executor.stages_started, executor.parameters
@@ -457,30 +458,20 @@ trig:
 """The published survey, twenty times as large."""
 
 
-class Linked:
+class Linked(Planner):
     """Stands for a planner in the simulation: an observation a second goes to a process of its own as messages."""
 
-    period_s = None
-    reading_every_s = math.inf
     next_update_s = 1.0
-    ingest = None
 
     def __init__(self, inputs: FlightInputs, folder: Path) -> None:
-        self.inputs, self.report, self.rows = inputs, SolverReport(), list[tuple[float, float, int]]()
-        self._autopilot, self._decision = Autopilot(), Decision(inputs.mission.parameters)
+        super().__init__(inputs.scenario.planner, inputs.mission)
+        self._autopilot, self.rows = Autopilot(), list[tuple[float, float, int]]()
         command = [sys.executable, __file__, "--day", str(folder)]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
-    def estimates(self, times_s: Any) -> Any:
-        """None: those of the other end are its own."""
-        return [0.0 for _ in times_s], []
-
-    def flight_state(self) -> FlightState:
-        """The simulation's own, which nobody asks."""
-        return FlightState(self.inputs.mission)
-
-    def update(self, o: Observation) -> Decision:
+    def update(self, state: FlightState) -> Decision:
         """Send messages, and take the last decision."""
+        o = state.now
         if o.time_s < self.next_update_s - 1e-6:
             return self._decision
         self.next_update_s = o.time_s + 1.0
@@ -532,10 +523,13 @@ def memory(folder: Path, hours: float) -> None:
     (folder / "day.plan").write_text(DAY_PLAN)
     battery = {"capacity_ah": 15 * hours, "resistance_ohm": 0.001}
     scenario = {"schema": "eadp.scenario/1", "vehicle": str(OWNER), "profile": str(PROFILE), "battery": battery}
-    (folder / "day.yaml").write_text(json.dumps({**scenario, "reserve_soc": 0.05, "time_limit_s": 3600 * hours + 2}))
+    scenario |= {"reserve_soc": 0.05, "time_limit_s": 3600 * hours + 2, "log_every_s": 3600}
+    (folder / "day.yaml").write_text(json.dumps(scenario))
     inputs = load_flight(str(folder / "day.plan"), scenario_path=str(folder / "day.yaml"))
-    linked = Linked(inputs, folder)
-    for _ in simulate(inputs.world, linked, Outcome()):
+    flight = inputs.flight()
+    flight.planner = linked = Linked(inputs, folder)
+    flight.state.every_s = math.inf  # the other end has readings of its own
+    for _ in simulate(inputs.world, flight, Outcome()):
         pass
     rows = linked.rows
     print(head("hours flown", "memory [MB]", "decisions"))

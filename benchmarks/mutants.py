@@ -56,8 +56,8 @@ LIBRARIES = (
 # - core/signals/spectrum.py: _ZOOMS 6 → 7: 24 made logs in coloured noise took 5 at most
 # - planning/paper/planner.py, _path: range(10, 0, -1) → -2: a path between, in fifths of the change instead of
 #   tenths
-# - planning/track/live.py: no usual step before the first sample → 1 s: differs where the first sample comes 5 s or more
-#   after the start
+# - planning/track/live.py: no usual step before the first sample → 1 s: differs where the first sample comes 5 s or
+#   more after the start
 # - planning/track/locator.py: len(self.hypotheses) > 1 → >=: one hypothesis is weighed against none
 # - planning/paper/planner.py, _path: stages[o.stage - 1] → - 2: differs where trade-offs bind and the stage before
 #   has other free computations

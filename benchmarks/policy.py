@@ -59,7 +59,7 @@ def flown(keys: Keys) -> tuple[Outcome, list[float]]:
     )
     outcome = Outcome()
     for _ in fly(
-        replace(inputs.world, clock=inputs.world.clock._replace(log_every_s=float("inf"))), inputs.planner(), outcome
+        replace(inputs.world, clock=inputs.world.clock._replace(log_every_s=float("inf"))), inputs.flight(), outcome
     ):
         pass
     return outcome, [fault.at_s for fault in inputs.world.faults]

@@ -50,7 +50,7 @@ from eadp.core.compiled import enable
 from eadp.io.flight.inputs import FlightInputs, load_flight
 from eadp.models.plan.ground import lap_scale
 from eadp.models.plan.route import MARGIN_M, RoutePredictor
-from eadp.planning.base import Decision, Mission, Observation, PlannerSettings, SolverReport, TrackingPlanner
+from eadp.planning.base import Decision, Observation, SolverReport
 from eadp.planning.forecast.evaluate import Evaluator, Objective
 from eadp.planning.forecast.held import before_take_off
 from eadp.planning.joint.places import Places
@@ -58,6 +58,8 @@ from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.joint.program import ComputationProgram
 from eadp.planning.joint.search import Search
 from eadp.planning.joint.settings import JointSettings
+from eadp.planning.planner import Planner
+from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.known import Known
 from eadp.simulation.loop import Outcome, fly
 from eadp.simulation.metrics import ParameterLog
@@ -152,12 +154,12 @@ def cases(count: int, seed: int, found: Mapping[str, str]) -> list[Case]:
     return made
 
 
-def flown(inputs: FlightInputs, planner: TrackingPlanner | None = None) -> dict[str, Any]:
+def flown(inputs: FlightInputs, planner: Planner | None = None) -> dict[str, Any]:
     """Fly, and tell what came of it."""
-    outcome = Outcome()
-    pilot = planner or inputs.planner()
+    flight, outcome = inputs.flight(), Outcome()
+    flight.planner = planner or flight.planner
     started = time.process_time()
-    for _ in fly(inputs.world, pilot, outcome):
+    for _ in fly(inputs.world, flight, outcome):
         pass
     log = outcome.parameters
     assert log is not None
@@ -171,8 +173,8 @@ def flown(inputs: FlightInputs, planner: TrackingPlanner | None = None) -> dict[
         "time_s": outcome.duration_s,
         "changes": changes,
         "cpu_s": time.process_time() - started,
-        "failures": pilot.report.failed,
-        "replans": pilot.report.replans,
+        "failures": flight.planner.report.failed,
+        "replans": flight.planner.report.replans,
     }
 
 
@@ -264,28 +266,25 @@ Rank = tuple[bool, bool, float, float]
 NONE = False, False, -math.inf, 0.0
 
 
-class Scheduled(TrackingPlanner):
+class Scheduled(Planner):
     """A value of c1 for each lap, decided as the lap before starts, so that it takes effect as soon as it can."""
 
+    next_update_s = FIRST_DECISION_S
+
     def __init__(self, inputs: FlightInputs, schedule: list[float]) -> None:
-        super().__init__(inputs.scenario.planner, inputs.scenario.estimator, inputs.mission)
+        super().__init__(inputs.scenario.planner, inputs.mission)
         self._schedule, self._place = schedule, (0, 0)
-        self._first_s = FIRST_DECISION_S
         self.laps_s = [0.0]
 
-    @property
-    def next_update_s(self) -> float:
-        """The first decision, then new stages alone."""
-        return self._first_s
-
-    def update(self, observation: Observation) -> Decision:
+    def update(self, state: FlightState) -> Decision:
         """At a new lap the value of the next one."""
-        place = observation.cursor.segment, observation.cursor.lap
+        o = state.now
+        place = o.cursor.segment, o.cursor.lap
         if place != self._place:
             self._place = place
-            self.laps_s.append(observation.time_s)
-        if observation.time_s >= FIRST_DECISION_S:
-            self._first_s = math.inf
+            self.laps_s.append(o.time_s)
+        if o.time_s >= FIRST_DECISION_S:
+            self.next_update_s = math.inf  # then at new stages alone
             c1 = self._schedule[min(len(self.laps_s), len(self._schedule)) - 1]
             self._decision = self._decision._replace(parameters=(c1, self._decision.parameters[1]))
         return self._decision
@@ -333,9 +332,10 @@ class ScheduleSearch:
         if key not in self._flights:
             first = {"c1": self._start, "c2": float(self._levels[0])}
             inputs, outcome = load(self._plan, {**self._base, "parameters": first}), Outcome()
-            planner = Scheduled(inputs, values)
+            flight = inputs.flight()
+            flight.planner = planner = Scheduled(inputs, values)
             power, stages = [], []
-            for step in fly(inputs.world, planner, outcome):
+            for step in fly(inputs.world, flight, outcome):
                 power.append(step.power_w)
                 stages.append(step.stage)
             runs = np.array([not stage.sets[1].fixed for stage in inputs.mission.plan.stages])[np.array(stages) - 1]
@@ -458,27 +458,24 @@ def batteries(task: tuple[dict[str, str], Case]) -> list[tuple[float, float, boo
 # --- the plain rule ---------------------------------------------------------------------------------------------------
 
 
-class LapBudget(TrackingPlanner):
+class LapBudget(Planner):
     """At each new lap: what a metre has cost so far, times what is left of the plan, against the charge that is left.
 
     Takes the highest c1 that fits with the computations at their highest; at the lowest c1, the highest that fits.
     """
 
-    def __init__(self, settings: PlannerSettings, estimator: Any, mission: Mission) -> None:
-        super().__init__(settings, estimator, mission)
+    next_update_s = 0.0
+
+    def __init__(self, inputs: FlightInputs) -> None:
+        super().__init__(inputs.scenario.planner, inputs.mission)
         self._predictor = RoutePredictor()
         self._energy_j = self._metres = 0.0
         self._last: Observation | None = None
         self._lap = -1
 
-    @property
-    def next_update_s(self) -> float:
-        """At every step."""
-        return 0.0
-
-    def update(self, observation: Observation) -> Decision:
+    def update(self, state: FlightState) -> Decision:
         """Take an observation; at a new lap, decide."""
-        o = observation
+        o = state.now
         if self._last is not None:
             step_s = o.time_s - self._last.time_s
             self._metres += math.dist((o.x_m, o.y_m), (self._last.x_m, self._last.y_m))
@@ -513,55 +510,27 @@ class LapBudget(TrackingPlanner):
         return box.lo, levels[0]
 
 
-class Lowest(TrackingPlanner):
-    """Another planner until a time, then the lowest parameters: whether it could still be completed from there."""
+class Lowest(Planner):
+    """The planner of a flight until a time, then the lowest parameters: whether it could still be completed."""
 
-    def __init__(self, inner: Any, inputs: FlightInputs, from_s: float) -> None:
-        self._inner, self._from_s = inner, from_s
+    next_update_s = 0.0
+
+    def __init__(self, inputs: FlightInputs, from_s: float) -> None:
+        super().__init__(inputs.scenario.planner, inputs.mission)
+        self._inner, self._from_s = inputs.flight().planner, from_s
         plan = inputs.mission.plan
-        self._lowest = tuple(plan.hull(i).lo for i in range(len(plan.parameters)))
-        self.report = inner.report
+        self._lowest = Decision(tuple(plan.hull(i).lo for i in range(len(plan.parameters))))
 
-    @property
-    def period_s(self) -> float | None:
-        """The inner planner's."""
-        return self._inner.period_s
-
-    @property
-    def reading_every_s(self) -> float:
-        """The inner planner's."""
-        return float(self._inner.reading_every_s)
-
-    @property
-    def next_update_s(self) -> float:
-        """At every step."""
-        return 0.0
-
-    def flight_state(self) -> Any:
-        """The inner planner's."""
-        return self._inner.flight_state()
-
-    def ingest(self, readings: Any) -> Decision:
-        """The inner planner's decision, or the lowest."""
-        decision: Decision = self._inner.ingest(readings)
-        return decision if readings.times_s[-1] < self._from_s - 1e-9 else Decision(self._lowest)
-
-    def estimates(self, times_s: Any) -> Any:
-        """The inner planner's."""
-        return self._inner.estimates(times_s)
-
-    def update(self, observation: Observation) -> Decision:
-        """The inner planner's decision, or the lowest."""
-        if observation.time_s >= self._from_s - 1e-9:
-            return Decision(self._lowest)
-        return self._inner.update(observation)
+    def update(self, state: FlightState) -> Decision:
+        """The planner's decision, or the lowest."""
+        return self._lowest if state.now.time_s >= self._from_s - 1e-9 else self._inner.update(state)
 
 
 def could(plan: str, case: Case, name: str) -> bool:
     """Whether, at take-off and at each loss, the lowest parameters from there on still finish, as this planner flew."""
     for at_s in [0.0, *(fault["at_s"] for fault in case.keys["faults"])]:
         inputs = load(plan, case.keys, **{"planner.name": name})
-        if not flown(inputs, Lowest(inputs.planner(), inputs, at_s))["completed"]:
+        if not flown(inputs, Lowest(inputs, at_s))["completed"]:
             return False
     return True
 
@@ -581,8 +550,7 @@ def run(task: tuple[dict[str, str], Case]) -> dict[str, Any]:
     for name in ("paper", "joint"):
         result[name] = flown(load(plan, case.keys, **{"planner.name": name}))
     inputs = load(plan, case.keys, **{"planner.name": "static"})
-    rule = LapBudget(inputs.scenario.planner, inputs.scenario.estimator, inputs.mission)
-    result["lap budget"] = flown(inputs, rule)
+    result["lap budget"] = flown(inputs, LapBudget(inputs))
     result["hindsight"] = hindsight(plan, case)
     if not result["joint"]["completed"]:
         result["could"] = could(plan, case, "joint")
@@ -710,7 +678,7 @@ def programs(count: int, seed: int) -> None:
         best = brute_force(places, evaluator, known)
         search = Search(functools.partial(places.evaluate, known), evaluator.path_weight)
         start = (float(rng.uniform()),)
-        found = search.best(start, 1)
+        found = search.best(start)
         evaluated.append(len(search.known))
         if best is None:
             continue
@@ -755,7 +723,8 @@ def replannings() -> None:
             str(ROOT / "plans/survey.plan"),
             {"battery.capacity_ah": 1.0, "planner.name": "joint", "wind.gust_std_mps": 1, "wind.speed_mps": 2 * index},
         )
-        planner = inputs.planner()
+        flight = inputs.flight()
+        planner = flight.planner
         assert isinstance(planner, JointPlanner)
 
         def noted(*given: Any, search: Any = planner._searched_plan) -> Any:
@@ -774,7 +743,7 @@ def replannings() -> None:
 
         planner._searched_plan = noted  # type: ignore[method-assign]
         planner._replan = timed  # type: ignore[method-assign]
-        for _ in fly(inputs.world, planner, Outcome()):
+        for _ in fly(inputs.world, flight, Outcome()):
             pass
     print(head("a re-planning with 50 to 66 legs left", "CPU, median [ms]", "95 %", "most", "re-plannings"))
     for kind, title in ((False, "path not searched"), (True, "path searched")):

@@ -46,12 +46,12 @@ from eadp.models.computing import join_profile
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.profile import Profile
 from eadp.planning.base import Mission, Observation, PlannerSettings
-from eadp.planning.estimation.deferred import DeferredEstimator
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator
 from eadp.planning.paper import horizon
 from eadp.planning.paper.horizon import Horizon, HorizonForecast, HorizonSolution
 from eadp.planning.paper.planner import PaperPlanner, PaperSettings
 from eadp.planning.qp import OsqpSolver, QuadraticProgram
+from eadp.planning.state.flight_state import FlightState
 
 try:
     import casadi
@@ -125,7 +125,8 @@ class Ours:
         profile = Profile(("fps",), ("",), np.array([[LOW], [HIGH]]), np.array([LOW_W, HIGH_W]))
         mission = Mission(plan, join_profile(plan, profile), BATTERY, 15.0, (0.0, HIGH), (-100.0, 220.0))
         settings = PaperSettings(horizon_s=float(steps), constraint_at="end")
-        self._planner = PaperPlanner(PlannerSettings(), EstimatorSettings(), mission, settings)
+        self._planner = PaperPlanner(PlannerSettings(), mission, settings)
+        self._planner._state = FlightState(mission, horizon_s=settings.horizon_s)
         cursor = PlanCursor.start(plan, mission.parameters)
         self._observation = Observation(0.0, 0.0, 0.0, cursor, (-100.0, 220.0), 1, None, 1.0)
         self._horizon = self._planner._horizon(self._observation, (0.0,))
@@ -134,7 +135,7 @@ class Ours:
 
     def prepare(self, instance: Instance) -> Observation:
         """Make the planner's estimate that of an instance."""
-        self._planner._estimator = DeferredEstimator(ExactEstimator(EstimatorSettings(), PERIOD_S, instance.state_w))
+        self._planner._state._power.estimator = ExactEstimator(EstimatorSettings(), PERIOD_S, instance.state_w)
         return self._observation._replace(soc=instance.soc)
 
     def solve(self, observation: Observation) -> tuple[HorizonForecast, HorizonSolution]:

@@ -63,6 +63,7 @@ from eadp.io.text.streams import read_text
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.triggers import ENDS, FIRES_IN, PASS_Q, RADIUS_SQUARED
 from eadp.planning.estimation.estimator import ExactEstimator
+from eadp.planning.flight import PlannedFlight
 from eadp.simulation.aircraft import constants_of, state_of
 from eadp.simulation.inner_loop import InnerLoop
 from eadp.simulation.loop import Outcome, World, fly
@@ -229,13 +230,12 @@ def breakdown(folder: Path, planner: str, count: int, seed: int) -> None:
     """Where the time of a flight goes."""
     sweep = sampled(folder, count, seed, planner)
     runs = [sweep.run(index) for index in range(count)]
-    kind = type(sweep.kept.load(runs[0]).planner())
     parts: dict[str, list[tuple[type, str]]] = {
         "inner loop": [(InnerLoop, "run")],
         "stages": [(PlanExecutor, "handle"), (PlanExecutor, "decide"), (InnerLoop, "start_stage")],
-        "planner": [(owner, name) for owner in kind.__mro__ for name in ("update", "ingest") if name in vars(owner)],
+        "planner": [(PlannedFlight, "take")],
         "estimator": [(ExactEstimator, name) for name in ("observe", "lap", "start_lap", "forecast")],
-        "inputs": [(Files, "load"), (FlightInputs, "planner")],
+        "inputs": [(Files, "load"), (FlightInputs, "flight")],
     }
     print("  where it goes, ms a flight:", end="")
     for fast in (True, False) if compiled.available() else (False,):
@@ -295,8 +295,8 @@ def compiling(planner: str) -> None:
         f"i = load_flight({str(ROOT / 'plans/survey.plan')!r}, scenario_path={str(ROOT / 'scenarios/survey.yaml')!r},"
         f"overrides={{'planner.name': {planner!r}, 'vehicle.airframe.model': 'fixed-wing', 'log_every_s': 1e9}});"
         "w = replace(i.world, clock=i.world.clock._replace(log_every_s=math.inf));"  # as in a sweep
-        "p = i.planner(); t = time.process_time(); list(fly(w, p, Outcome())); a = time.process_time() - t;"
-        "p = i.planner(); t = time.process_time(); list(fly(w, p, Outcome()));"
+        "f = i.flight(); t = time.process_time(); list(fly(w, f, Outcome())); a = time.process_time() - t;"
+        "f = i.flight(); t = time.process_time(); list(fly(w, f, Outcome()));"
         "print(n, a, time.process_time() - t)"
     )
     print(f"\ncompiling, planner {planner}, CPU s:")
@@ -334,9 +334,9 @@ def growth(planner: str) -> None:
         compiled.enable()
         spent = []
         for _ in range(3):
-            pilot, outcome = inputs.planner(), Outcome()
+            flight, outcome = inputs.flight(), Outcome()
             start_s = time.process_time()
-            for _ in fly(inputs.world, pilot, outcome):
+            for _ in fly(inputs.world, flight, outcome):
                 pass
             spent.append(time.process_time() - start_s)
         assert outcome.completed, outcome.reason
