@@ -106,8 +106,7 @@ class FlightState:
         self._queue.step_level(by_w)
 
     def _make_room(self) -> None:
-        if self._queue.full:  # before more comes: the next instants that are asked for may lie in it
-            self._process()
+        if self._queue.full:  # without what comes: the next instants that are asked for may lie in it
             self._queue.estimate()
 
     def assume(self, wind_mps: Point, gust_std_mps: float) -> None:

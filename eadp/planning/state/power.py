@@ -116,14 +116,19 @@ class PowerTracker:
         self._lap_from_s = o.time_s
         return LAP_ENDS if whole else LAP_STARTS
 
-    def observe(self, powers: Powers, first: int, until_s: float = math.inf) -> int:
-        """Update the estimator with the readings from the index `first` up to a time; return the next index."""
-        times_s = np.asarray(powers.times_s, dtype=float)
-        if first == 0 and powers.lap:
+    def begin(self, powers: Powers) -> Powers:
+        """Have the estimator take a lap that starts or ends with readings; return these, as arrays."""
+        if powers.lap:
             (self.estimator.lap if powers.lap == LAP_ENDS else self.estimator.start_lap)(powers.lap_s)
+        times_s, powers_w = np.asarray(powers.times_s, dtype=float), np.array(powers.powers_w, dtype=float)
+        return powers._replace(times_s=times_s, powers_w=powers_w)
+
+    def observe(self, powers: Powers, first: int, until_s: float = math.inf) -> int:
+        """Update the estimator with readings as arrays, from the index `first` up to a time; return the next index."""
+        times_s, beside_w = np.asarray(powers.times_s), powers.computing_w
         end = int(np.searchsorted(times_s, until_s, "right"))
-        beside_w, powers_w = powers.computing_w, np.array(powers.powers_w, dtype=float)[first:end]
-        for time_s, value in zip(times_s[first:end].tolist(), (powers_w - beside_w).tolist(), strict=True):
+        motions_w = np.asarray(powers.powers_w)[first:end] - beside_w
+        for time_s, value in zip(times_s[first:end].tolist(), motions_w.tolist(), strict=True):
             motion_w = value if value + beside_w <= self._limit_w else None  # not a number is none, too
             self.forecast_w = self.estimator.observe(time_s, motion_w) + beside_w
         return end

@@ -10,7 +10,7 @@ from eadp.planning.base import Observation, Readings
 from eadp.planning.state.power import Powers, PowerTracker
 
 MAX_WAITING = 10_000
-"""Most batches of readings and observations that wait."""
+"""Most batches of readings and observations that wait for the estimator."""
 
 SAME_TIME_S = 1e-9
 
@@ -71,14 +71,15 @@ class ReadingQueue:
         self._power = power
         self._waiting: list[Batch | Seen | LevelStep] = []
         self._filtered = self._estimated = self._within = 0
+        self._begun: Powers | None = None
 
     def __len__(self) -> int:
         return len(self._waiting)
 
     @property
     def full(self) -> bool:
-        """Whether it is to be processed before it takes more."""
-        return len(self._waiting) >= MAX_WAITING
+        """Whether the estimator is to take what waits before more comes."""
+        return len(self._waiting) - self._estimated >= MAX_WAITING
 
     def ingest(self, readings: Readings) -> None:
         """Take a batch of readings."""
@@ -115,10 +116,13 @@ class ReadingQueue:
             if isinstance(each, LevelStep):
                 self._power.estimator.shift_level(each.by_w)
             else:
-                self._within = self._power.observe(each.powers, self._within, until_s)
-                if self._within < len(each.powers.times_s):
+                if self._begun is None:
+                    self._begun, self._within = self._power.begin(each.powers), 0
+                self._within = self._power.observe(self._begun, self._within, until_s)
+                if self._within < len(self._begun.times_s):
                     break
-            self._estimated, self._within = self._estimated + 1, 0
+                self._begun = None
+            self._estimated += 1
         self._forget()
 
     def _forget(self) -> None:

@@ -14,6 +14,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from common import ROOT, few
+from common.observations import Piloted
 from common.plans import PARTS, WAVES
 from common.routes import Tracked
 from scipy.integrate import quad
@@ -38,7 +39,6 @@ from eadp.models.plan.trace import default_start, nominal_legs
 from eadp.models.vehicle import FixedWing, Guidance
 from eadp.models.weather import Wind
 from eadp.planning.base import Mission, PlannerSettings
-from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.static import StaticPlanner
 from eadp.simulation.loop import Outcome, TakeOff, Timing, World, fly
 
@@ -580,7 +580,7 @@ def test_a_simulated_flight_takes_the_times_told(wind):
     )
     mission = Mission(plan, computing, battery, plane.airspeed_mps, parameters, start)
     outcome = Outcome()
-    for _ in fly(world, StaticPlanner(PlannerSettings(), EstimatorSettings(), mission), outcome):
+    for _ in fly(world, Piloted(StaticPlanner(PlannerSettings(), mission)), outcome):
         pass
     assert outcome.completed
     course = Tracked(plan, parameters, start).route(parameters)
@@ -750,7 +750,7 @@ def flown_survey(c1):
     )
     mission = Mission(plan, computing, battery, plane.airspeed_mps, parameters, start)
     outcome = Outcome()
-    for _ in fly(world, StaticPlanner(PlannerSettings(), EstimatorSettings(), mission), outcome):
+    for _ in fly(world, Piloted(StaticPlanner(PlannerSettings(), mission)), outcome):
         pass
     assert outcome.completed
     return len(outcome.stage_times_s) + 1, outcome.duration_s

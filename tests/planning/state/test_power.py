@@ -98,6 +98,7 @@ def test_it_answers_as_one_that_does_not_wait(settings, asked_every, most_waitin
         if n % asked_every == asked_every - 1:
             ask()
     assert waiting.laps == laps > 5
+    assert waiting.soc <= 1.0, "the filters have taken all, too"
     assert len(waiting._queue) <= most_waiting
     assert waiting.estimator.state_w == pytest.approx(eager.state_w, abs=1e-6)
     assert waiting.computing_w == pytest.approx(computing_w(6.0))
@@ -154,3 +155,15 @@ def test_what_nothing_delivers_is_no_reading(false_w):
         one.observe(seen(0.1 * k, 40.0))
         other.observe(seen(0.1 * k, false_w if 100 < k < 150 else 40.0))
     assert other.estimator.state_w == pytest.approx(one.estimator.state_w, abs=1e-2)
+
+
+def test_a_lap_ends_once_however_often_it_is_asked_before_its_reading():
+    once, often = (FlightState(MISSION, {}, EstimatorSettings(), 6.0) for _ in range(2))
+    for state in (once, often):
+        for k in range(9):
+            state.observe(seen(10.0 * k, 40.0, started=4 * k + 1))
+            if state is often:
+                for instant_s in (10.0 * k - 5, 10.0 * k - 4):
+                    state.estimates([instant_s])
+    assert often.estimator.state_w == pytest.approx(once.estimator.state_w, abs=ROUNDING)
+    assert often.estimator.period_s == once.estimator.period_s == 10.0
