@@ -138,6 +138,7 @@ def test_a_windy_day_takes_more_batteries(eadp, folder, tmp_path):
     assert answer.code == 0
 
 
+@pytest.mark.slow
 def test_a_sweep_says_how_many_batteries_the_job_takes(eadp, folder, tmp_path):
     sweep = tmp_path / "job.yaml"
     sweep.write_text(f"schema: eadp.sweep/1\nplan: {folder}\ngrid:\n  wind.speed_mps: [1, 9]\n")
@@ -201,6 +202,7 @@ def test_a_job_goes_on_where_it_stopped(eadp, scenario, flown, document, tmp_pat
     assert ground.intersection(seen).area <= 0.05 * whole.area
 
 
+@pytest.mark.slow
 def test_aircraft_that_fly_at_once_are_kept_apart(eadp, scenario, tmp_path):
     out = tmp_path / "two"
     answer = eadp(*COVER, "--scenario", scenario, "--sorties", "auto", "--aircraft", "2", "-o", out)

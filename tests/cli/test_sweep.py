@@ -265,6 +265,7 @@ def test_a_pipeline_requires_what_it_needs(eadp, folder, require, code, failures
     assert sum("battery empty; state of charge 0.000 at the end" in words for words in found) == 4
 
 
+@pytest.mark.slow
 def test_the_pipeline_of_the_page_runs_as_it_stands(eadp, tmp_path, monkeypatch):
     page = (ROOT / "docs/sweep.md").read_text(encoding="utf-8")
     (text,) = re.findall(r"```yaml\n(on:.*?)```", page, re.DOTALL)

@@ -60,7 +60,7 @@ def whole(legs):
         assert abs(wrap_angle_rad(a.piece.end[2] - b.piece.start[2])) < math.radians(1e-3)
 
 
-@pytest.mark.parametrize(("name", "pattern"), few_rows(product(FIELDS, PATTERNS), 16))
+@pytest.mark.parametrize(("name", "pattern"), few_rows(product(FIELDS, PATTERNS), 10))
 def test_every_shape_is_covered(name, pattern):
     field = FIELDS[name]
     try:

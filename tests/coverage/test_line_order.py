@@ -175,7 +175,7 @@ def test_collinear_pieces_are_flown_straight_through():
 
 
 @pytest.mark.parametrize("shape", few(SHAPES, 2))
-@pytest.mark.parametrize("wind", [None, WIND])
+@pytest.mark.parametrize("wind", few([WIND, None], 1))
 @pytest.mark.parametrize(
     ("count", "spacing", "radius", "home"),
     [(2, 30.0, 45.0, None), (5, 20.0, 75.0, (-90.0, -60.0, 0.4)), (7, 40.0, 20.0, None), (9, 25.0, 45.0, None)],

@@ -78,7 +78,7 @@ class _Leg:
     """The way to a target, and the turn at its end: round a circle, or a fillet of `corner_rad`, or none.
 
     The way is straight, or with `round` an arc of that circle. `trim_m` is what fillets take off at the start and end;
-    one that is wider than it must be passes the corner within `eased_m`.
+    one that is wider than it must be passes the corner within `eased_m`. The way goes `past_m` beyond the waypoint.
     """
 
     target: int
@@ -89,11 +89,17 @@ class _Leg:
     circle: Loiter | None = None
     corner_rad: float = 0.0
     eased_m: float = 0.0
+    past_m: float = 0.0
     trim_m: tuple[float, float] = (0.0, 0.0)
 
     @property
     def length_m(self) -> float:
         return math.dist(self.start, self.end)
+
+    @property
+    def room_m(self) -> float:
+        """Its length up to the waypoint [m]: a fillet that took more would pass it by."""
+        return max(0.0, self.length_m - self.past_m)
 
 
 def path_through(start: Point, targets: Sequence[Target], radius_m: float) -> WaypointPath:
@@ -199,7 +205,7 @@ def _turned(leg: _Leg, waypoint: Waypoint, following: Target, radius_m: float, t
     """Choose the turn at the end of a leg; return what the next leg leaves."""
     course = leg.course_rad
     if waypoint.past_m and leg.round is None:
-        leg.end = _ahead(leg.end, course, waypoint.past_m)
+        leg.end, leg.past_m = _ahead(leg.end, course, waypoint.past_m), waypoint.past_m
     here = Waypoint(leg.end, 0.0)
     onward = _tangent(here, following)
     if onward is None:
@@ -236,16 +242,16 @@ def _trim(legs: list[_Leg], radius_m: float, tight: list[TightTurn]) -> None:
         if any(angle * leg.corner_rad > 0 and abs(angle - leg.corner_rad) < ARC_RAD for angle in beside):
             # it passes the corner r (1/cos(θ/2) − 1) away
             wide_m = leg.eased_m / abs(math.tan(leg.corner_rad / 4))
-            wanted[k] = max(wanted[k], min(wide_m, leg.length_m / 2, after.length_m / 2))
+            wanted[k] = max(wanted[k], min(wide_m, leg.room_m / 2, after.room_m / 2))
     share = [1.0] * len(wanted)
     for k, leg in enumerate(legs):
         needed = wanted[k] + wanted[k + 1]
-        if needed <= leg.length_m:
+        if needed <= leg.room_m:
             continue
         for end in (k, k + 1):
-            share[end] = min(share[end], leg.length_m / needed)
-        if needed > leg.length_m + 2 * MIN_PIECE_M:
-            tight.append(TightTurn(leg.target, leg.length_m, needed))
+            share[end] = min(share[end], leg.room_m / needed)
+        if needed > leg.room_m + 2 * MIN_PIECE_M:
+            tight.append(TightTurn(leg.target, leg.room_m, needed))
     trims = [a * b for a, b in zip(wanted, share, strict=True)]
     for k, leg in enumerate(legs):
         leg.trim_m = trims[k], trims[k + 1]

@@ -63,6 +63,7 @@ def test_a_path_is_continuous_in_position_and_heading(targets):
 
 
 @given(targets=st.lists(waypoints, min_size=1, max_size=6))
+@example(targets=[Waypoint((0.6, 0.0), 50.0), Waypoint((0.5, 0.1), 0.0, 30.0), Waypoint((0.0, 0.0), 0.0)])
 def test_every_waypoint_is_passed_as_near_as_it_asks(targets):
     path = through(targets)
     for target in targets:

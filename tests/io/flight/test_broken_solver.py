@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from broken_osqp import BROKEN, BUG, broken_osqp
-from common import ROOT
+from common import ROOT, few
 
 import eadp
 
@@ -59,7 +59,7 @@ def test_every_replanning_of_a_sound_solver_is_accounted_for(sound):
     assert all(record.iterations > 0 and record.gap is not None for record in solved)
 
 
-@pytest.mark.parametrize("broken", BROKEN)
+@pytest.mark.parametrize("broken", few(BROKEN, 3))
 def test_a_broken_solver_shows_and_the_fallback_flies(sound, broken):
     planner, good = sound
     with broken_osqp(BROKEN[broken]):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from common import ROOT
+from common import ROOT, few
 
 import eadp
 from eadp.errors import InputError
@@ -24,7 +24,7 @@ def flown(**overrides):
     )
 
 
-@pytest.mark.parametrize("c1", [0, -400])
+@pytest.mark.parametrize("c1", few([-400, 0], 1))
 @pytest.mark.parametrize(("r1", "r2", "least"), [(1 / 200, -1.0, -10.0), (1 / 250, 1.0, 3.0)])
 def test_every_row_of_a_flight_keeps_to_the_trade_offs(c1, r1, r2, least):
     row = {"coefficients": {"c1": r1, "c2": r2}, "at_least": least}

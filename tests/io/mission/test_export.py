@@ -67,7 +67,7 @@ coordinates = st.integers(-7000, 7000).map(lambda i: i / 10)
 items = st.tuples(st.sampled_from(KINDS), coordinates, coordinates)
 
 
-@settings(max_examples=draws(0.6))
+@settings(max_examples=draws(0.4))
 @given(flown=st.lists(items, min_size=1, max_size=7), to=st.sampled_from(["qgc", "ardupilot"]))
 def test_what_is_exported_reads_back_as_the_same_path(flown, to):
     """A loiter round the place of a neighbour is left out: where it is left turns with a millimetre."""

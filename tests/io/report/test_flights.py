@@ -65,6 +65,7 @@ def test_planners_name_flights_where_they_differ(folders):
     assert [flight.name for flight in read_flights(folders[:2])] == ["static", "paper"]
 
 
+@pytest.mark.slow
 def test_a_parameter_of_one_flight_alone_is_drawn_of_it(eadp, folders, tmp_path):
     field = ROOT / "plans/meadow.geojson"
     assert eadp("cover", field, "--swath", "60", "--min-radius", "30", "-o", tmp_path / "meadow.plan").code == 0
