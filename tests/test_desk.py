@@ -30,6 +30,7 @@ def command(start, port):
     return [sys.executable, "-m", *words] if words[0] == "eadp" else [sys.executable, str(ROOT / words[1]), *words[2:]]
 
 
+@pytest.mark.slow
 def test_the_flight_of_the_tutorial(tmp_path):
     console = Console(tmp_path)
     console.write_files(TUTORIAL)
