@@ -65,6 +65,7 @@ def test_a_stream_that_cannot_be_used_is_exit_2(command, message):
     assert done.stdout == ""
 
 
+@pytest.mark.slow
 def test_without_standard_error_nothing_else_is_printed():
     done = shell("plan nosuch.plan 2>&-")
     assert (done.returncode, done.stdout) == (2, "")

@@ -374,6 +374,7 @@ def test_obstacles_and_a_boundary(eadp, limits, tmp_path):
     assert (document["obstacles"], document["boundary"]) == (1, True)
 
 
+@pytest.mark.slow
 def test_obstacles_in_the_fields_own_file(eadp, tmp_path):
     path = tmp_path / "field.geojson"
     box = [[10.0, 55.0], [10.01, 55.0], [10.01, 55.004], [10.0, 55.004], [10.0, 55.0]]
@@ -426,6 +427,7 @@ def test_a_wanted_and_an_acceptable_overlap(eadp, tmp_path):
     assert document["lines"] > document["at_lowest_c1"]["lines"]
 
 
+@pytest.mark.slow
 def test_limits_that_turn_the_choice_of_lines_off_say_so(eadp, limits, tmp_path):
     answer = eadp("cover", *limits, "--avoid", tmp_path / "avoid.csv", "-o", tmp_path / "p.plan")
     assert "spacing    fixed: a planner cannot save lines in flight" in answer.out
@@ -451,6 +453,7 @@ def test_an_obstacle_across_a_line_cuts_it(eadp, limits, tmp_path):
     assert 0.7 < document["coverage"] < 0.92
 
 
+@pytest.mark.slow
 def test_a_boundary_that_cuts_the_field_in_two_is_a_no(eadp, limits, tmp_path):
     parts = [rectangle(-60, -60, 250, 460), rectangle(350, -60, 660, 460)]
     rings = [[[float(number) for number in row.split(",")] for row in part.splitlines()[1:]] for part in parts]

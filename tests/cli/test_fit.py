@@ -292,6 +292,7 @@ def test_what_is_left_out_is_said(run: Run, tmp_path: Path) -> None:
     assert "spike" not in err
 
 
+@pytest.mark.slow
 def test_a_picture_of_the_fit(run: Run, tmp_path: Path) -> None:
     picture = tmp_path / "fit.svg"
     code, out, err = run("fit", EXAMPLE, "--plot", str(picture), "--format", "json")

@@ -98,6 +98,7 @@ def test_check_finds_a_path_into_an_obstacle(eadp, covered, tmp_path):
     assert found["message"] == "the path enters house"
 
 
+@pytest.mark.slow
 def test_an_obstacle_lower_than_the_flight_is_flown_over(eadp, covered, tmp_path):
     plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500", "house height 12")
     high = eadp("simulate", plan, *PROFILE)  # at the aircraft's own altitude

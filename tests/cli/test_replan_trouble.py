@@ -161,6 +161,7 @@ def test_an_end_that_a_wrong_position_declares_is_taken_back(replan):
     assert decisions[-1]["lap"] >= 15
 
 
+@pytest.mark.slow
 def test_a_recorded_flight_that_goes_on_after_an_end_passed_by_little(replan):
     scenario, lines = recorded("early_end")
     code, decisions, _ = replan(lines, SURVEY, scenario)

@@ -93,6 +93,7 @@ def test_the_result_folder(eadp, tmp_path):
     assert [item.name for item in folder.parent.iterdir()] == ["i"], "no temporary folder is left"
 
 
+@pytest.mark.slow
 def test_the_papers_figure_stands_in_the_folder(eadp, tmp_path, line_plan):
     answer = eadp("simulate", line_plan, "-o", tmp_path / "flight", "--figure", "paper")
     assert answer.code == 0

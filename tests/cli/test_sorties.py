@@ -239,6 +239,7 @@ def test_laps_keep_their_spacing_free(eadp, tmp_path, scenario):
         assert row["spacing_m"] <= 20 + 1e-6
 
 
+@pytest.mark.slow
 def test_one_answer_first(eadp, tmp_path, scenario):
     plan = tmp_path / "whole.plan"
     assert eadp(*COVER, "--scenario", scenario, "-o", plan).code == 0
@@ -326,6 +327,7 @@ def test_a_damaged_folder_is_a_fault_of_its_file(eadp, folder, tmp_path):
     assert refused(eadp("simulate", folder, "--scenario", "scenarios/survey.yaml"), "beside a folder of sorties")
 
 
+@pytest.mark.slow
 def test_the_library_plans_the_same(folder, scenario, document):
     options = CoverageOptions(swath_m=20, home=HOME, pattern="dubins", heading_deg=94)
     plan = library.cover_in_sorties(ROOT / MEADOW, options, SortieOptions(), scenario=scenario, warn=lambda _: None)

@@ -403,6 +403,7 @@ def test_an_interrupt_is_130_and_leaves_a_file_that_goes_on(folder, number):
     assert sorted(item.name for item in folder.glob("results*")) == ["results.db"]
 
 
+@pytest.mark.slow
 def test_two_at_once_share_the_work(folder, eadp):
     results = folder / "results.db"
     arguments = ("sweep", folder / "quick.yaml", "--jobs", 1, "-o", results, "--format", "csv")

@@ -662,6 +662,7 @@ def ring_of(n):
     ]
 
 
+@pytest.mark.slow
 def test_as_many_vertices_as_allowed_and_one_more():
     ring = ring_of(VERTICES_LIMIT)
     field, repaired = read(table(ring))

@@ -260,6 +260,7 @@ def test_the_command_writes_every_format_at_the_parameters_given(eadp, tmp_path)
     assert printed.out == (tmp_path / "out0.gpx").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_small_gaps_that_triggers_leave_are_one_waypoint(eadp, tmp_path):
     """The survey's triggers lie up to 3.2 m off its paths."""
     out = tmp_path / "survey.plan"

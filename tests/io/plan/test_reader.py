@@ -717,6 +717,7 @@ def test_values_beyond_a_float_are_no_warning():
     read_or_refuse(stage.format(50) + stage.format(60))
 
 
+@pytest.mark.slow
 def test_a_plan_that_is_too_long():
     stage = "0.05; 90; y\n30, 0\n"
     assert len(read_plan(Text("a.plan", stage * LIMIT_STAGES))[0].stages) == LIMIT_STAGES

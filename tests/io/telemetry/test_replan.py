@@ -111,6 +111,7 @@ def test_what_is_applied_makes_up_for_what_is_not():
     assert not flown(short_survey(**battery), UNDISTURBED, deaf_to=("c1", "c2")).outcome.completed
 
 
+@pytest.mark.slow
 def test_a_stage_flown_through_a_gap_teaches_nothing(monkeypatch):
     """The times learned are those of whole stages and laps: no gap over a start or an end makes one longer."""
     learned, periods_s = [], []

@@ -124,6 +124,7 @@ def test_a_cluster(scheduler):
     engine.close()
 
 
+@pytest.mark.slow
 def test_short_runs_share_a_task_and_a_long_one_has_its_own(scheduler):
     engine = DaskEngine(operator.call, scheduler)
     assert engine.room == 2 * QUEUED
@@ -134,6 +135,7 @@ def test_short_runs_share_a_task_and_a_long_one_has_its_own(scheduler):
     engine.close()
 
 
+@pytest.mark.slow
 def test_a_worker_that_cannot_make_runs_is_an_error(scheduler):
     engine = DaskEngine(operator.neg, scheduler)
     engine.submit(RUNS[0])
