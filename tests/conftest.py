@@ -97,13 +97,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 item.add_marker(pytest.mark.skip(reason=ABSENT))
 
 
-@pytest.hookimpl(wrapper=True, tryfirst=True)  # below all else but the counts
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter):
-    yield
-    reports = terminalreporter.stats.get("skipped", ())
+def pytest_unconfigure(config: pytest.Config) -> None:
+    """Say in the last line, below the counts, that pages were not tested."""
+    reporter = config.pluginmanager.get_plugin("terminalreporter")
+    reports = reporter.stats.get("skipped", ()) if reporter is not None else ()
     skipped = [report for report in reports if "browser" in getattr(report, "keywords", ())]
     if skipped:
-        terminalreporter.write_line(f"{len(skipped)} tests of pages were skipped: {ABSENT}", yellow=True)
+        reporter.write_line(f"{len(skipped)} tests of pages were skipped: {ABSENT}", yellow=True)
 
 
 @pytest.fixture(scope="session")
