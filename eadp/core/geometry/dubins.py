@@ -143,15 +143,8 @@ def polyline_m(pieces: Sequence[Piece]) -> FloatArray:
     """Points along pieces, close enough on arcs; shape (n, 2) [m]."""
     points = [pieces[0].start[:2]]
     for piece in pieces:
-        if piece.centre_m is not None:
-            (x, y), radius_m = piece.centre_m, piece.radius_m
-            steps = max(1, math.ceil(piece.length_m / (radius_m * ARC_STEP_RAD)))
-            first, step = (
-                math.atan2(piece.start[1] - y, piece.start[0] - x),
-                piece.turn * piece.length_m / radius_m / steps,
-            )
-            angles = [first + k * step for k in range(1, steps)]
-            points += [(x + radius_m * math.cos(angle), y + radius_m * math.sin(angle)) for angle in angles]
+        steps = max(1, math.ceil(piece.length_m / (piece.radius_m * ARC_STEP_RAD))) if piece.turn else 1
+        points += [piece.pose_at(piece.length_m * k / steps)[:2] for k in range(1, steps)]
         points.append(piece.end[:2])
     return np.array(points)
 

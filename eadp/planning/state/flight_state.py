@@ -123,7 +123,7 @@ class FlightState:
                     readings = _with_reading(readings, each.observation)
                 if readings is not None:
                     self._read(readings)
-                self._locate(each.observation, each.stages_before)
+                self._locate(each)
                 readings = None
             else:
                 if readings is not None:
@@ -132,20 +132,20 @@ class FlightState:
         if readings is not None:
             self._read(readings)
 
-    def _locate(self, o: Observation, stages_before: int) -> None:
+    def _locate(self, seen: Seen) -> None:
         """Take the place of an observation: a new stage, or changed parameters; power of computations; measured wind.
 
         Readings before it are processed already, with the parameters that were in force.
         """
-        place = self._place
+        o, place = seen.observation, self._place
         place.through_gap |= o.through_gap
         # without a route: at take-off, or where it could not be laid out, tried again
-        if o.stages_started != stages_before or place.route is None:
-            self._start_stage(o, stages_before)
+        if o.stages_started != seen.stages_before or place.route is None:
+            self._start_stage(o, seen.stages_before)
         elif (o.cursor.parameters, o.cursor.decided) != (place.cursor.parameters, place.cursor.decided):
             self._ground.hold(o.time_s, o.cursor, o.parameters)
         place.cursor, place.flies_mission = o.cursor, o.flies_mission
-        place.computing_w = self._mission.computing.power_w(o.parameters, o.cursor.stage.sets)
+        place.computing_w = seen.powers.computing_w
         if o.wind_mps is not None:
             self._measured_wind = o.wind_mps, o.time_s + MEASURED_WIND_S
 
@@ -257,7 +257,7 @@ class FlightState:
     def period_s(self) -> float | None:
         """Period of the power [s]; None if there is none."""
         # that of the last lap does not wait
-        return self._power.last_lap_s if self._power.estimator.follows_laps else self.estimator.period_s
+        return self._power.lap_time_s if self._power.estimator.follows_laps else self.estimator.period_s
 
     @property
     def horizon_s(self) -> float:

@@ -66,6 +66,8 @@ class PowerTracker:
     ----------
     laps : int
         Laps flown whole.
+    lap_time_s : float or None
+        Time of the last lap, known before its readings are processed [s].
     computing_w : float
         Power of the computations in force [W].
     forecast_w : float
@@ -77,13 +79,8 @@ class PowerTracker:
         self.laps, self.computing_w, self.forecast_w = 0, 0.0, 0.0
         self._mission, self._horizon_s, self._limit_w = mission, horizon_s, limit_w
         self._segment, self._through_gap = 0, False
-        self._lap_from_s, self._lap_s = math.inf, self.estimator.period_s
+        self._lap_from_s, self.lap_time_s = math.inf, self.estimator.period_s
         self._computing_for: tuple[Vector, int] | None = None
-
-    @property
-    def last_lap_s(self) -> float | None:
-        """Time of the last lap, known before its readings are processed [s]."""
-        return self._lap_s
 
     def horizon_of_s(self, period_s: float | None) -> float:
         """How far ahead the planner looks, by the period [s]."""
@@ -112,7 +109,7 @@ class PowerTracker:
         if whole:
             self.laps += 1
             if o.time_s > self._lap_from_s:
-                self._lap_s = o.time_s - self._lap_from_s
+                self.lap_time_s = o.time_s - self._lap_from_s
         self._lap_from_s = o.time_s
         return LAP_ENDS if whole else LAP_STARTS
 

@@ -124,7 +124,7 @@ def test_a_stage_flown_through_a_gap_teaches_nothing(monkeypatch):
     def recorded_lap(self, o):
         found = lap(self, o)
         if found == LAP_ENDS:
-            periods_s.append(self.last_lap_s)
+            periods_s.append(self.lap_time_s)
         return found
 
     monkeypatch.setattr(TimeRatio, "learn", recorded)
