@@ -196,8 +196,10 @@ class ChargeFilter:
         # κ is what is stated at half of the charge: when full, it is less by half of s
         slope = SLOPE_OF_USE_STD**2
         of_ratio = RATIO_OF_USE_STD**2 + slope / 4
-        no_offset = 0.0, 0.0, 0.0, 0.0, 0.0
-        charge = Charge(start_soc, 1.0, 0.0, 0.0, 0.0, 0.0, of_ratio, -slope / 2, slope, *no_offset)
+        nothing = Charge(*(0.0,) * len(Charge._fields))
+        charge = nothing._replace(
+            soc=start_soc, use_ratio=1.0, var_ratio=of_ratio, cov_ratio_slope=-slope / 2, var_slope=slope
+        )
         self._state = ChargeState(
             charge,
             Drain(since=0.0, unmeasured=0.0, total=0.0, power_w=0.0),
@@ -284,72 +286,120 @@ class ChargeFilter:
 def after_drain(charge: Charge, drain: float) -> Charge:
     """The state after a predicted drain d, a state of charge: x ← F x, P ← F P Fᵀ + Q.
 
-    The extra variance of a drain without a measured power is the caller's.
+        F = [[1, −d, −d²/2, 0], [0, 1, d, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+
+    Q: κ is a random walk of variance σ² d, so that b gains σ² d³/3, and both covary by −σ² d²/2; and b gains the noise
+    of the charge used. The extra variance of a drain without a measured power is the caller's.
 
     Source: prediction of a Kalman filter.
     """
-    # covariances are named by their two states; one by one, as this function may be compiled
     # fmt: off
-    (soc, ratio, slope, var_soc, soc_ratio, soc_slope, var_ratio, ratio_slope, var_slope,
+    (soc, ratio, slope,
+     var_soc, soc_ratio, soc_slope, var_ratio, ratio_slope, var_slope,
      offset, soc_offset, ratio_offset, slope_offset, var_offset) = charge
     # fmt: on
-    d, h = drain, drain * drain / 2  # h = d²/2
-    # x ← F x with F = [[1, −d, −d²/2, 0], [0, 1, d, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
-    soc, ratio = soc - ratio * d - slope * h, ratio + slope * d
-    # F P, the first row
+    d, h, drift = drain, drain * drain / 2, USE_DRIFT**2 * drain  # h = d²/2, drift = σ² d
+    # the first row of F P: P_b − d P_κ − d²/2 P_s
     row_soc = var_soc - d * soc_ratio - h * soc_slope
     row_ratio = soc_ratio - d * var_ratio - h * ratio_slope
     row_slope = soc_slope - d * ratio_slope - h * var_slope
-    # P ← F P Fᵀ + Q: κ is a random walk of variance σ² d, so that b gains σ² d³/3, and both covary by −σ² d²/2
-    drift = USE_DRIFT**2 * d
+    # fmt: off
     return Charge(
-        soc,
-        ratio,
-        slope,
+        # b ← b − κ d − s d²/2,  κ ← κ + s d
+        soc - ratio * d - slope * h, ratio + slope * d, slope,
+        # the first row of F P times Fᵀ, plus Q
         row_soc - d * row_ratio - h * row_slope + USE_NOISE**2 * d + drift * d * d / 3,
         row_ratio + d * row_slope - drift * d / 2,
         row_slope,
+        # the second row, P_κ + d P_s, times Fᵀ, plus Q; and the third
         var_ratio + 2 * d * ratio_slope + d * d * var_slope + drift,
         ratio_slope + d * var_slope,
         var_slope,
+        # o is constant: the last column of F P
         offset,
         soc_offset - d * ratio_offset - h * slope_offset,
         ratio_offset + d * slope_offset,
         slope_offset,
         var_offset,
     )
+    # fmt: on
 
 
 def corrected(charge: Charge, error: float, noise: float) -> Charge:
-    """The state after a reading of b − o that is above the state's by `error`, of variance `noise`.
+    """The state after a reading of b − o that is above the state's by e, `error`, of variance R, `noise`.
+
+        H = [1, 0, 0, −1],  S = H P Hᵀ + R,  K = P Hᵀ/S,  x ← x + K e,  P ← P − K H P
 
     Source: correction of a Kalman filter.
     """
     c = charge
-    # H P with H = [1, 0, 0, −1]
+    # H P
     of_soc, of_ratio = c.var_soc - c.cov_soc_offset, c.cov_soc_ratio - c.cov_ratio_offset
     of_slope, of_offset = c.cov_soc_slope - c.cov_slope_offset, c.cov_soc_offset - c.var_offset
-    # S = H P Hᵀ + R,  K = P Hᵀ/S; an exact reading is the charge
+    # S = H P Hᵀ + R
     innovation = max(of_soc - of_offset + noise, 1e-18)
+    # K = P Hᵀ/S; an exact reading is the charge
     by_soc = 1.0 if noise <= 1e-12 and c.var_offset == 0.0 else of_soc / innovation
     by_ratio, by_slope, by_offset = of_ratio / innovation, of_slope / innovation, of_offset / innovation
-    # x ← x + K e,  P ← P − K H P
+    # x ← x + K e
+    soc = c.soc + by_soc * error
+    ratio = min(max(c.use_ratio + by_ratio * error, 1 / MAX_USE), MAX_USE)
+    slope = c.use_slope + by_slope * error
+    offset = c.offset + by_offset * error
+    # P ← P − K H P, its upper triangle
+    var_soc = c.var_soc - by_soc * of_soc
+    soc_ratio = c.cov_soc_ratio - by_soc * of_ratio
+    soc_slope = c.cov_soc_slope - by_soc * of_slope
+    soc_offset = c.cov_soc_offset - by_soc * of_offset
+    var_ratio = c.var_ratio - by_ratio * of_ratio
+    ratio_slope = c.cov_ratio_slope - by_ratio * of_slope
+    ratio_offset = c.cov_ratio_offset - by_ratio * of_offset
+    var_slope = c.var_slope - by_slope * of_slope
+    slope_offset = c.cov_slope_offset - by_slope * of_offset
+    var_offset = c.var_offset - by_offset * of_offset
+    # fmt: off
     return Charge(
-        c.soc + by_soc * error,
-        min(max(c.use_ratio + by_ratio * error, 1 / MAX_USE), MAX_USE),
-        c.use_slope + by_slope * error,
-        c.var_soc - by_soc * of_soc,
-        c.cov_soc_ratio - by_soc * of_ratio,
-        c.cov_soc_slope - by_soc * of_slope,
-        c.var_ratio - by_ratio * of_ratio,
-        c.cov_ratio_slope - by_ratio * of_slope,
-        c.var_slope - by_slope * of_slope,
-        c.offset + by_offset * error,
-        c.cov_soc_offset - by_soc * of_offset,
-        c.cov_ratio_offset - by_ratio * of_offset,
-        c.cov_slope_offset - by_slope * of_offset,
-        c.var_offset - by_offset * of_offset,
+        soc, ratio, slope,
+        var_soc, soc_ratio, soc_slope, var_ratio, ratio_slope, var_slope,
+        offset, soc_offset, ratio_offset, slope_offset, var_offset,
     )
+    # fmt: on
+
+
+def _with_soc(charge: Charge, soc: float, var_soc: float) -> Charge:
+    """The state with another b and variance of it; covariances stay."""
+    c = charge
+    # fmt: off
+    return Charge(
+        soc, c.use_ratio, c.use_slope,
+        var_soc, c.cov_soc_ratio, c.cov_soc_slope, c.var_ratio, c.cov_ratio_slope, c.var_slope,
+        c.offset, c.cov_soc_offset, c.cov_ratio_offset, c.cov_slope_offset, c.var_offset,
+    )
+    # fmt: on
+
+
+def _with_new_soc(charge: Charge, soc: float, var_soc: float) -> Charge:
+    """The state with a b that is known from elsewhere: it covaries with nothing."""
+    c = charge
+    # fmt: off
+    return Charge(
+        soc, c.use_ratio, c.use_slope,
+        var_soc, 0.0, 0.0, c.var_ratio, c.cov_ratio_slope, c.var_slope,
+        c.offset, 0.0, c.cov_ratio_offset, c.cov_slope_offset, c.var_offset,
+    )
+    # fmt: on
+
+
+def _with_new_offset(charge: Charge, offset: float, var_soc: float, cov_soc_offset: float, var_offset: float) -> Charge:
+    """The state with an o that is known from elsewhere: it covaries with b alone."""
+    c = charge
+    # fmt: off
+    return Charge(
+        c.soc, c.use_ratio, c.use_slope,
+        var_soc, c.cov_soc_ratio, c.cov_soc_slope, c.var_ratio, c.cov_ratio_slope, c.var_slope,
+        offset, cov_soc_offset, 0.0, 0.0, var_offset,
+    )
+    # fmt: on
 
 
 def _ingested(state: ChargeState, model: DrainModel, charges: Column, powers_w: Column, steps_s: Column) -> ChargeState:
@@ -365,7 +415,7 @@ def _ingested(state: ChargeState, model: DrainModel, charges: Column, powers_w: 
             drained = drain_per_s(power_w, volts, model.resistance_ohm, model.per_as) * steps_s[i]
         unmeasured = 0.0 if measured and steps_s[i] <= MAX_STEP_S else drained
         drain = Drain(drain.since + drained, drain.unmeasured + unmeasured, drain.total + drained, power_w)
-        state = ChargeState(state.charge, drain, *state[2:])
+        state = ChargeState(state.charge, drain, state.readings, state.gauge, state.belief, state.checkpoint)
         if not math.isnan(charges[i]):
             state = _with_reading(state, charges[i], drained)
     return state
@@ -373,57 +423,82 @@ def _ingested(state: ChargeState, model: DrainModel, charges: Column, powers_w: 
 
 def _with_reading(state: ChargeState, reading: float, drained: float) -> ChargeState:
     """The state after a reading, and after the drain since the last one."""
-    charge, drain, readings, gauge, belief, checkpoint = state
-    first, last, taken, changes, outliers = readings
-    if math.isnan(last):
-        charge = Charge(reading, *charge[1:])
-        gauge = Gauge(gauge.noise_variance, gauge.quantum, gauge.step, reading == 1.0)
-        checkpoint = Checkpoint(reading, drain.total, charge)
-        drain = Drain(0.0, 0.0, drain.total, drain.power_w)
-        return ChargeState(charge, drain, GaugeReadings(reading, reading, *readings[2:]), gauge, belief, checkpoint)
-    readings = GaugeReadings(first, reading, taken + 1, changes, outliers)
-    state = ChargeState(charge, drain, readings, gauge, belief, checkpoint)
-    fell = last - reading
-    if fell != 0.0 or outliers > 0 or drained == 0.0:
+    readings = state.readings
+    if math.isnan(readings.last):
+        return _with_first_reading(state, reading)
+    fell = readings.last - reading
+    readings = GaugeReadings(readings.first, reading, readings.taken + 1, readings.changes, readings.outliers)
+    state = ChargeState(state.charge, state.drain, readings, state.gauge, state.belief, state.checkpoint)
+    if fell != 0.0 or readings.outliers > 0 or drained == 0.0:
         state = _with_change(state, fell, drained)
     return _checked(state)
 
 
+def _with_first_reading(state: ChargeState, reading: float) -> ChargeState:
+    """The state after the first reading, which is the charge."""
+    readings, gauge = state.readings, state.gauge
+    charge = _with_soc(state.charge, reading, state.charge.var_soc)
+    return ChargeState(
+        charge,
+        _none_since(state.drain),
+        GaugeReadings(reading, reading, readings.taken, readings.changes, readings.outliers),
+        Gauge(gauge.noise_variance, gauge.quantum, gauge.step, from_full=reading == 1.0),
+        state.belief,
+        Checkpoint(reading, state.drain.total, charge),
+    )
+
+
+def _none_since(drain: Drain) -> Drain:
+    """The drain where the state of charge holds now."""
+    return Drain(since=0.0, unmeasured=0.0, total=drain.total, power_w=drain.power_w)
+
+
 def _with_change(state: ChargeState, fell: float, drained: float) -> ChargeState:
-    """The state after a reading that is another than the one before: an outlier, a loss, or a correction."""
-    charge, drain, readings, gauge, belief, checkpoint = state
-    first, reading, taken, changes, outliers = readings
-    changes += 1
-    exact = gauge.noise_variance < EXACT_GAUGE
+    """The state after a reading that is another than the one before: an outlier, a loss, or a correction.
+
+    `fell` is by how much it is below the one before, `drained` the drain predicted between the two.
+    """
+    drain, belief, last = state.drain, state.belief, state.readings
+    readings = GaugeReadings(last.first, last.last, last.taken, last.changes + 1, last.outliers)
+    charge, gauge = state.charge, state.gauge
     if fell != 0.0:
         charge, gauge = _with_step(charge, gauge, fell, drained)
+    # the prior of this reading
     now = after_drain(charge, drain.since)
     var_soc = now.var_soc + (UNMEASURED * drain.unmeasured) ** 2
-    # a variance of b is at or above that of the mean of the first readings
-    if changes <= FIRST_READINGS and not gauge.from_full:
-        var_soc = max(var_soc, gauge.noise_variance / (changes - 1))
-    # a gauge that rises by a step is where it falls to the last reading
-    error = reading + now.offset - (gauge.step if fell < 0 else 0.0) - now.soc
+    if readings.changes <= FIRST_READINGS and not gauge.from_full:  # not below that of the mean of the first readings
+        var_soc = max(var_soc, gauge.noise_variance / (readings.changes - 1))
+    # e = z + o − b and its variance; a gauge that rises by a step is where it falls to the last reading
+    error = readings.last + now.offset - (gauge.step if fell < 0 else 0.0) - now.soc
     variance = var_soc - 2 * now.cov_soc_offset + now.var_offset
-    if _is_outlier(abs(error), variance, gauge.noise_variance, taken, drain.since):
-        readings = GaugeReadings(first, reading, taken, changes, outliers + 1)
-        state = ChargeState(charge, drain, readings, gauge, belief, checkpoint)
+
+    exact = gauge.noise_variance < EXACT_GAUGE
+    if _is_outlier(abs(error), variance, gauge.noise_variance, readings.taken, drain.since):
+        again = GaugeReadings(readings.first, readings.last, readings.taken, readings.changes, readings.outliers + 1)
+        state = ChargeState(charge, drain, again, gauge, belief, state.checkpoint)
         is_back = belief.believed and error <= belief.lost + MIN_JUMP
-        return _with_loss(state, now, error) if (outliers > 0 or exact) and (error < 0 or is_back) else state
-    readings = GaugeReadings(first, reading, taken, changes, 0)
+        return _with_loss(state, now, error) if (readings.outliers > 0 or exact) and (error < 0 or is_back) else state
+    readings = GaugeReadings(readings.first, readings.last, readings.taken, readings.changes, outliers=0)
     if not belief.believed:
-        return ChargeState(charge, drain, readings, gauge, belief, checkpoint)
+        return ChargeState(charge, drain, readings, gauge, belief, state.checkpoint)
     # a small loss is one of charge, not of capacity; a coarse gauge looks exact before it has changed a few times
-    if not exact or changes <= FIRST_CHANGES:
+    if not exact or readings.changes <= FIRST_CHANGES:
         var_soc += max(0.0, error * error - SMALL_JUMP_STDS**2 * (variance + gauge.noise_variance))
-    noise = gauge.noise_variance
-    if drain.unmeasured == 0.0:
-        # the difference of two readings has twice the noise of one
-        change = now.use_ratio * drain.since - fell
-        noise += max(NOISE_SHARE, 1 / (changes - 1)) * (change * change / 2 - noise)
+    noise = (
+        gauge.noise_variance if drain.unmeasured > 0.0 else _noise(gauge, readings, now.use_ratio * drain.since - fell)
+    )
     gauge = Gauge(noise, min(max(gauge.quantum, fell), MAX_QUANTUM), gauge.step, gauge.from_full)
-    charge = corrected(Charge(*now[:3], var_soc, *now[4:]), error, noise)
-    return ChargeState(charge, Drain(0.0, 0.0, drain.total, drain.power_w), readings, gauge, belief, checkpoint)
+    charge = corrected(_with_soc(now, now.soc, var_soc), error, noise)
+    return ChargeState(charge, _none_since(drain), readings, gauge, belief, state.checkpoint)
+
+
+def _noise(gauge: Gauge, readings: GaugeReadings, change: float) -> float:
+    """The gauge's variance R by one more difference of readings δ, less its drain: R ← R + g (δ²/2 − R).
+
+    The difference of two readings has twice the noise of one.
+    """
+    noise = gauge.noise_variance
+    return noise + max(NOISE_SHARE, 1 / (readings.changes - 1)) * (change * change / 2 - noise)
 
 
 def _is_outlier(size: float, variance: float, noise: float, taken: int, drain: float) -> bool:
@@ -435,42 +510,44 @@ def _is_outlier(size: float, variance: float, noise: float, taken: int, drain: f
 
 def _with_loss(state: ChargeState, now: Charge, error: float) -> ChargeState:
     """The state after a loss of charge, or the end of a false one: the reading holds, and covaries with nothing."""
-    _, drain, readings, gauge, belief, _ = state
-    of_use, of_offset = now[6:10], now[11:]
-    charge = Charge(readings.last, *now[1:3], gauge.noise_variance, 0.0, 0.0, *of_use, 0.0, *of_offset)
+    readings, gauge, belief = state.readings, state.gauge, state.belief
+    charge = _with_new_soc(now, readings.last, gauge.noise_variance)
     return ChargeState(
         charge,
-        Drain(0.0, 0.0, drain.total, drain.power_w),
+        _none_since(state.drain),
         GaugeReadings(readings.first, readings.last, taken=2, changes=2, outliers=0),
         Gauge(gauge.noise_variance, gauge.quantum, gauge.step, from_full=False),
         Belief(True, belief.rises, max(belief.lost - error, 0.0), belief.losses + 1),
-        Checkpoint(readings.last, drain.total, charge),
+        Checkpoint(readings.last, state.drain.total, charge),
     )
 
 
 def _with_step(charge: Charge, gauge: Gauge, fell: float, drained: float) -> tuple[Charge, Gauge]:
-    """See whether the gauge has steps: its first change is more than the last drain, and the others multiples of it."""
-    noise, quantum, step, from_full = gauge
-    size = abs(fell)
-    if math.isnan(step):
+    """State and gauge once a change of its reading shows whether it has steps, of size q.
+
+    It has if its first change is more than the last drain; it has none once another change is no multiple of q. With
+    steps, o is uniform in 0 to q: of mean q/2 and variance q²/12. Without, it is 0.
+    """
+    step, size = gauge.step, abs(fell)
+    if math.isnan(step):  # the first change
         step = min(size, MAX_QUANTUM) if size > charge.use_ratio * drained + MIN_JUMP else 0.0
-        var_soc, cov_soc_offset, var_offset = charge.var_soc, 0.0, step * step / 12
-        if not from_full:  # the first reading was somewhere on a step: b = reading + o − u, u as uncertain as o
-            var_soc += step * step / 6
-            cov_soc_offset = step * step / 12
-        charge = Charge(*charge[:3], var_soc, *charge[4:9], step / 2, cov_soc_offset, *charge[11:13], var_offset)
+        uniform = step * step / 12
+        if gauge.from_full:  # b is 1 whatever o is
+            charge = _with_new_offset(charge, step / 2, charge.var_soc, 0.0, uniform)
+        else:  # the first reading was somewhere on a step: b = reading + o − u, u as uncertain as o
+            charge = _with_new_offset(charge, step / 2, charge.var_soc + step * step / 6, uniform, uniform)
     elif step > 0.0 and abs(size / step - round(size / step)) > SAME_STEPS:
-        charge, step = Charge(*charge[:9], 0.0, 0.0, 0.0, 0.0, 0.0), 0.0
-    return charge, Gauge(noise, quantum, step, from_full)
+        charge, step = _with_new_offset(charge, 0.0, charge.var_soc, 0.0, 0.0), 0.0
+    return charge, Gauge(gauge.noise_variance, gauge.quantum, step, gauge.from_full)
 
 
 def _checked(state: ChargeState) -> ChargeState:
     """Compare what the gauge has fallen by with the drain, now and then; once disbelieved, with the integral."""
-    charge, drain, readings, gauge, belief, checkpoint = state
-    drained = drain.total - checkpoint.total_drain
+    charge, drain, gauge, belief, checkpoint = state.charge, state.drain, state.gauge, state.belief, state.checkpoint
+    reading, drained = state.readings.last, drain.total - checkpoint.total_drain
     if drained < max(CHECKED_DRAIN, CHECKED_QUANTA * gauge.quantum, CHECKED_STDS * math.sqrt(gauge.noise_variance)):
         return state
-    fell, expected = checkpoint.reading - readings.last, checkpoint.charge.use_ratio * drained
+    fell, expected = checkpoint.reading - reading, checkpoint.charge.use_ratio * drained
     falls = MIN_FALL * expected <= fell
     now = after_drain(charge, drain.since)
     if belief.believed and not falls:
@@ -479,7 +556,6 @@ def _checked(state: ChargeState) -> ChargeState:
         drain = Drain(0.0, drain.unmeasured, drain.total, drain.power_w)
     elif falls and fell <= expected / MIN_FALL:
         far = max(CHECKED_QUANTA * gauge.quantum, JUMP_STDS * math.sqrt(now.var_soc))
-        if readings.last <= now.soc + far:
+        if reading <= now.soc + far:
             belief = Belief(True, belief.rises, belief.lost, belief.losses)
-    checkpoint = Checkpoint(readings.last, drain.total, now)
-    return ChargeState(charge, drain, readings, gauge, belief, checkpoint)
+    return ChargeState(charge, drain, state.readings, gauge, belief, Checkpoint(reading, drain.total, now))
