@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from measured import add_option, head, line, recorded
 
+from eadp.api.inputs import load_flight
 from eadp.core.compiled import enable
-from eadp.io.flight.inputs import load_flight
 from eadp.simulation.loop import Outcome, fly
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -25,8 +25,8 @@ import eadp.cli  # noqa: F401 - first: its environment is one thread for linear 
 import numpy as np
 from measured import add_option, head, line, recorded
 
+from eadp.api.inputs import load_flight
 from eadp.core import compiled
-from eadp.io.flight.inputs import load_flight
 from eadp.simulation.loop import Outcome, fly
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -47,11 +47,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from measured import head, line, recorded
 from quality import RESERVE, load, plans
 
+from eadp.api.inputs import FlightInputs, load_flight
 from eadp.core.signals import disturbance
 from eadp.core.signals.spectrum import analyse
 from eadp.errors import Infeasible
 from eadp.io.figures.canvas import COLOURS, GREY, figure_file
-from eadp.io.flight.inputs import FlightInputs, load_flight
 from eadp.models.battery import Battery
 from eadp.planning.base import Decision, Observation
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator, PublishedEstimator

@@ -43,6 +43,11 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]):
     import numpy as np
 
+    from eadp.api.inputs import Files, load_flight
+    from eadp.api.replan.decisions import json_line
+    from eadp.api.replan.link import LinkFlight, LinkOptions
+    from eadp.api.replan.replanner import replan
+    from eadp.api.sweep.sweep_file import read_sweep
     from eadp.core.compiled import enable
     from eadp.coverage.cover import CoverageRequest, cover
     from eadp.coverage.plan_builder import build_plan
@@ -50,8 +55,6 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.errors import EadpError, InputError
     from eadp.io.energy.model_file import energy_yaml, parse_energy
     from eadp.io.field.reader import read_field
-    from eadp.io.flight.inputs import Files, load_flight
-    from eadp.io.link.flight import LinkFlight, LinkOptions
     from eadp.io.link.mavlink import Codec, tlog_messages
     from eadp.io.link.messages import WANTED
     from eadp.io.link.recorded import MAGICS, log_values
@@ -68,17 +71,14 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.io.scenario import scenario_file
     from eadp.io.sweep import sweep_file
     from eadp.io.sweep.results import Results
-    from eadp.io.sweep.sweep_file import read_sweep
-    from eadp.io.telemetry.decisions import json_line
     from eadp.io.telemetry.log import ReplanLog
     from eadp.io.telemetry.reader import TelemetryLine
-    from eadp.io.telemetry.replan import replan
     from eadp.io.text.streams import Text
     from eadp.models.energy_fit import fit_energy
     from eadp.models.plan.plan import Site
     from eadp.models.plan.trace import nominal_legs
+    from eadp.models.sweep import Result, Run
     from eadp.simulation.loop import Outcome, fly
-    from eadp.simulation.sweep.design import Result, Run
     from eadp.validation.check import check_plan
 
 ROOT = Path(__file__).resolve().parent.parent

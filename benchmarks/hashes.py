@@ -124,8 +124,8 @@ def digest(value: Any) -> str:
 
 def flown(case: Case, planner: str, files: Mapping[str, str]) -> dict[str, Any]:
     """Hashes and figures of a flight."""
-    from eadp.io.flight.folder import fly_flight
-    from eadp.io.flight.inputs import load_flight
+    from eadp.api.flight import fly_flight
+    from eadp.api.inputs import load_flight
 
     keys = {**case.keys, "planner.name": planner, "log_every_s": 0.5, "step_s": 0.05}
     if case.scenario and case.scenario.startswith("paper"):
@@ -154,7 +154,7 @@ def flown(case: Case, planner: str, files: Mapping[str, str]) -> dict[str, Any]:
 
 def replayed(case: Case, inputs: Any) -> dict[str, Any]:
     """Hashes of what `eadp replan` prints on the example's telemetry, whole or with gaps."""
-    from eadp.io.telemetry.replan import replan
+    from eadp.api.replan.replanner import replan
 
     lines = (ROOT / "scenarios/example-telemetry.jsonl").read_bytes().splitlines(keepends=True)
     if "gaps" in case.name:

@@ -51,15 +51,15 @@ from mavlink_vehicle import Autopilot  # noqa: E402
 from twin import OHM_AH, OWNER, PROFILE, plans  # noqa: E402
 from vehicle import SECOND_STEPS, TELEMETRY_STEPS, Vehicle  # noqa: E402
 
+from eadp.api.inputs import FlightInputs, load_flight  # noqa: E402
+from eadp.api.replan.link import LinkFlight, LinkOptions  # noqa: E402
+from eadp.api.replan.replanner import Replanner  # noqa: E402
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m  # noqa: E402
-from eadp.io.flight.inputs import FlightInputs, load_flight  # noqa: E402
-from eadp.io.link.flight import LinkFlight, LinkOptions  # noqa: E402
 from eadp.io.link.mavlink import Codec  # noqa: E402
 from eadp.io.link.messages import WANTED  # noqa: E402
 from eadp.io.link.mission import PROTOCOL  # noqa: E402
 from eadp.io.link.upload import HeldMission  # noqa: E402
 from eadp.io.mission.items import read_items  # noqa: E402
-from eadp.io.telemetry.replan import Replanner  # noqa: E402
 from eadp.planning.base import Decision  # noqa: E402
 from eadp.planning.planner import Planner  # noqa: E402
 from eadp.planning.state.flight_state import FlightState  # noqa: E402

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 from measured import add_option, head, line, recorded
 
+from eadp.api.inputs import load_flight
 from eadp.core.compiled import enable
-from eadp.io.flight.inputs import load_flight
 from eadp.planning.base import INFEASIBLE
 from eadp.simulation.loop import Outcome, fly
 

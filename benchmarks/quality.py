@@ -46,8 +46,8 @@ import numpy as np
 from ablation import ablated, ablation_table, losses, losses_table, plans_of_several, value
 from measured import head, line, recorded
 
+from eadp.api.inputs import FlightInputs, load_flight
 from eadp.core.compiled import enable
-from eadp.io.flight.inputs import FlightInputs, load_flight
 from eadp.models.plan.ground import lap_scale
 from eadp.models.plan.route import MARGIN_M, RoutePredictor
 from eadp.planning.base import Decision, Observation, SolverReport

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from measured import add_option, head, line, recorded
 
-from eadp.io.flight.inputs import FlightInputs, load_flight
+from eadp.api.inputs import FlightInputs, load_flight
 from eadp.io.scenario.scenario_file import override_texts, read_overrides
 
 ROOT = Path(__file__).resolve().parent.parent

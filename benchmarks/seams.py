@@ -30,10 +30,10 @@ from measured import add_option, head, line, recorded
 from scipy.spatial import cKDTree
 
 import eadp
+from eadp.api.inputs import FlightInputs, load_flight
+from eadp.api.replan.replanner import replan
 from eadp.core.geometry.bearings import compass_deg
 from eadp.errors import Infeasible
-from eadp.io.flight.inputs import FlightInputs, load_flight
-from eadp.io.telemetry.replan import replan
 from eadp.models.plan.legs import leg_points
 from eadp.models.plan.plan import Plan
 from eadp.planning.base import DecisionRecord

@@ -15,7 +15,7 @@ from eadp.errors import Fault, Infeasible
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from eadp.io.sorties.plan import SortiePlan
+    from eadp.api.sorties.plan import SortiePlan
 
 Pattern = enum.StrEnum("Pattern", ["auto", "zamboni", "dubins"])
 Holes = enum.StrEnum("Holes", ["cover", "avoid"])
@@ -148,8 +148,7 @@ def command(
 
     Exit code 0 if a plan covers the field, 1 if the pattern asked for does not fit it, 2 on bad input.
     """
-    from eadp import api
-    from eadp.io.field.coverage import CoverageOptions
+    from eadp.api.cover import CoverageOptions, cover
     from eadp.io.text.streams import write_text
 
     wanted = format_ or (CoverFormat.plan if out in (None, "-") else CoverFormat.text)
@@ -194,13 +193,14 @@ def command(
         image_width,
     )
     if divided:
-        from eadp.io.sorties.plan import SortieOptions
+        from eadp.api.sorties.cover import cover_in_sorties
+        from eadp.api.sorties.plan import SortieOptions
 
         count = None if sorties in (None, "auto") else _count(sorties or "")
         division = SortieOptions(count, aircraft, sortie_overlap, separation, swap_time)
         try:
             return _sorties(
-                api.cover_in_sorties(
+                cover_in_sorties(
                     file, options, division, profile, scenario, vehicle=vehicle, resume=resume or (), warn=warn
                 ),
                 out,
@@ -212,7 +212,7 @@ def command(
             warn([Fault(name, 1, 1, str(error), "a nearer home, a larger pack, or less wind")])
             return 1
     try:
-        found = api.cover(file, options, profile, scenario, vehicle=vehicle, warn=warn)
+        found = cover(file, options, profile, scenario, vehicle=vehicle, warn=warn)
     except Infeasible as error:
         warn([Fault(name, 1, 1, str(error), "a field, a pattern, a swath and a spacing that fit together")])
         return 1
@@ -244,7 +244,7 @@ def _count(raw: str) -> int:
 
 def _sorties(plan: SortiePlan, out: str | None, wanted: CoverFormat, *, force: bool, exports: Sequence[str]) -> int:
     """Write and print sorties."""
-    from eadp.io.sorties.folder import write_sorties
+    from eadp.api.sorties.folder import write_sorties
 
     if out is not None:
         write_sorties(plan, out, force=force, exports=exports)

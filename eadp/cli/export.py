@@ -67,13 +67,12 @@ def command(
 
     Exit code 0 if it is written, 2 on bad input.
     """
-    from eadp import api
-    from eadp.io.flight.export import ExportOptions
+    from eadp.api.export import ExportOptions, export
 
     options = ExportOptions(
         set_ or (), scenario, altitude, home, origin, trigger_distance, tolerance, min_radius, laps, from_, telemetry
     )
-    written = api.export(plan, to.value, options, out, warn=warn)
+    written = export(plan, to.value, options, out, warn=warn)
     if out is None or out == "-":
         emit(written)
     else:

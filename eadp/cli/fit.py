@@ -14,8 +14,8 @@ from eadp.cli.output import emit, emit_json, usage_fault, warn
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from eadp.api.fit.power import LogFit
     from eadp.errors import Fault
-    from eadp.io.log.fit_inputs import LogFit
     from eadp.models.energy import EnergyModel
 
 
@@ -117,8 +117,8 @@ def command(
 
     Exit code 0 if the log has a period, 1 if it has none, 2 if it cannot be read.
     """
-    from eadp.io.log.battery_fit import BatteryOptions, read_battery_fit
-    from eadp.io.log.fit_inputs import FitOptions, read_fit
+    from eadp.api.fit.battery import BatteryOptions, read_battery_fit
+    from eadp.api.fit.power import FitOptions, read_fit
     from eadp.io.log.power_log import Columns
 
     if output == "-" and format is Format.json:
@@ -128,7 +128,7 @@ def command(
     if vehicle:
         from dataclasses import replace
 
-        from eadp.io.log.vehicle_fit import read_vehicle_fit
+        from eadp.api.fit.vehicle import read_vehicle_fit
 
         flown = replace(read_vehicle_fit(log, chosen, base), battery=found)
         _print(flown.document, flown.text, flown.yaml, flown.warnings, output, format)
@@ -150,8 +150,8 @@ def _write_pictures(fit: LogFit, plot: str, spectrum: str, filter_: tuple[str, f
     """Write the figures and tables that are asked for."""
     from eadp.io.figures import fit as figures
     from eadp.io.figures.canvas import check_figure_name
-    from eadp.io.log.flown_log import filtered
     from eadp.io.text.streams import write_text
+    from eadp.planning.estimation.flown_log import filtered
 
     for name in (plot, spectrum, *(name for name in (filter_[0], track[0]) if not _is_table(name))):
         if name:

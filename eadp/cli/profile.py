@@ -13,8 +13,8 @@ from eadp.cli.output import Progress, aligned, emit, emit_json, usage_fault, war
 from eadp.errors import Fault, InputError, printable
 
 if TYPE_CHECKING:
+    from eadp.api.profile import MeasureOptions
     from eadp.core.interpolation import Kind
-    from eadp.io.profile.measure_command import MeasureOptions
     from eadp.models.profile import Profile
     from eadp.models.profile_sum import AnyProfile
 
@@ -88,8 +88,8 @@ def command(
 
     Computations that were measured apart: eadp profile detector.csv --add encoder.csv -o both.yaml
     """
+    from eadp.api.profile import MeasureOptions
     from eadp.io.profile.configurations import parse_configuration
-    from eadp.io.profile.measure_command import MeasureOptions
     from eadp.io.profile.model_file import Sources, profile_document, profile_yaml, read_profiles
     from eadp.io.profile.power_at import powers_at
     from eadp.io.text.streams import write_text
@@ -138,7 +138,7 @@ def _refuse(options: list[str], where: str) -> None:
 
 def _measure(command: list[str], options: MeasureOptions, output: str) -> int:
     """Measure and write the CSV; the results are noted on stderr."""
-    from eadp.io.profile.measure_command import measure_profile
+    from eadp.api.profile import measure_profile
     from eadp.io.text.streams import write_text
 
     progress = Progress("measuring")

@@ -87,14 +87,14 @@ def command(
 
     Exit code 0 if the plan is complete or forecast to be at the last line, 1 if not, 2 on bad input.
     """
+    from eadp.api.inputs import load_flight
+    from eadp.api.replan.apply import Hook, ValuesFile
+    from eadp.api.replan.decisions import json_line
+    from eadp.api.replan.replanner import replan
     from eadp.errors import Fault
-    from eadp.io.flight.inputs import load_flight
     from eadp.io.scenario.scenario_file import override_texts, read_overrides
-    from eadp.io.telemetry.apply import Hook, ValuesFile
-    from eadp.io.telemetry.decisions import json_line
     from eadp.io.telemetry.log import ReplanLog, hash_of
     from eadp.io.telemetry.reader import open_telemetry
-    from eadp.io.telemetry.replan import replan
 
     sources = {"--mavlink": mavlink, "--replay": replay, "--telemetry": None if telemetry == "-" else telemetry}
     given_sources = [name for name, value in sources.items() if value is not None]
@@ -148,7 +148,7 @@ def command(
             doors.append(hook)
             stack.callback(hook.close)
         if linked:
-            from eadp.io.link.flight import LinkOptions, fly, replay_flight
+            from eadp.api.replan.link import LinkOptions, fly, replay_flight
 
             options = LinkOptions(items, system, upload, return_home, signing_key)
             link = (inputs, options, kept, emit, lambda fault: warn([fault]))

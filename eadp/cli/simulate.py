@@ -27,7 +27,7 @@ from eadp.models.airspace import BOUNDARY, risk_text
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from eadp.simulation.loop import Step
+    from eadp.models.world import Step
 
 
 class FigureName(enum.StrEnum):
@@ -72,8 +72,8 @@ def command(
 
     Exit code 0 if the flight completes, 1 if it does not, 2 on bad input.
     """
-    from eadp import api
-    from eadp.io.sorties import is_sorties
+    from eadp.api.simulate import simulate
+    from eadp.api.sorties import is_sorties
     from eadp.io.text.streams import check_new_folder
 
     if out is not None:
@@ -94,7 +94,7 @@ def command(
 
     name = planner and planner.value
     texts = [*(set_ or ()), *load_overrides(at)]
-    flight = api.simulate(plan, scenario, profile, energy, texts, name, seed, laps=laps, on_step=show, warn=warn)
+    flight = simulate(plan, scenario, profile, energy, texts, name, seed, laps=laps, on_step=show, warn=warn)
     progress.close()
     summary = flight.summary
     if out is not None:
@@ -117,10 +117,10 @@ def _sorties(
     folder: str, texts: list[str], seed: int | None, out: str | None, *, force: bool, format_: Format, kept: bool
 ) -> int:
     """Fly all sorties of a folder."""
-    from eadp import api
+    from eadp.api.sorties.job import simulate_sorties
 
     progress = Progress("flying")
-    job = api.simulate_sorties(folder, texts, seed or 0, on_flight=progress.show, warn=warn)
+    job = simulate_sorties(folder, texts, seed or 0, on_flight=progress.show, warn=warn)
     progress.close()
     if out is not None:
         job.write(out, force=force)
@@ -135,7 +135,7 @@ def _text(
     summary: Mapping[str, Any], out: str | None, *, decisions: int, figure: FigureName | None, verbose: bool
 ) -> str:
     """The summary for people."""
-    from eadp.io.flight.folder import REPORT
+    from eadp.api.flight import REPORT
     from eadp.io.report.words import label_of, parameter_text, reserve_text
 
     done = "completed" if summary["completed"] else "NOT completed"

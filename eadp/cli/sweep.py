@@ -19,9 +19,9 @@ from eadp.errors import printable
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from eadp.api.sweep.sweep_file import Sweep
     from eadp.io.sweep.results import Results
-    from eadp.io.sweep.sweep_file import Sweep
-    from eadp.simulation.sweep.design import Result
+    from eadp.models.sweep import Result
 
 PROGRESS_S = 60.0
 """Time between two lines of progress without a terminal [s]."""
@@ -87,14 +87,14 @@ def command(
     Exit code 0 if every run was made, whether its flight completes or not; 1 if some could not be made, or are not what
     --require asks for; 2 on bad input.
     """
+    from eadp.api.report import page_of, write_report
+    from eadp.api.sweep.sweep_file import read_sweep
     from eadp.cli import sweep_text
     from eadp.io.report.page import check_page
-    from eadp.io.report.result import page_of, write_report
     from eadp.io.scenario.scenario_file import read_overrides
     from eadp.io.sweep.results import Results
-    from eadp.io.sweep.sweep_file import read_sweep
     from eadp.io.text.streams import output_file, read_text, write_text
-    from eadp.simulation.sweep.design import shard as part_of
+    from eadp.models.sweep import shard as part_of
 
     _check_options(out, jobs, scheduler, table, plot)
     if out is not None and not dry_run:
@@ -205,8 +205,8 @@ def _make(
     resumable: bool,
 ) -> None:
     """Make the runs that are missing, with the progress on stderr."""
+    from eadp.api.sweep.run import missing_runs
     from eadp.core import compiled
-    from eadp.io.sweep.run import missing_runs
 
     with missing_runs(sweep, indices, results, jobs, scheduler, keep) as (missing, workers, made):
         if missing and scheduler is None:

@@ -15,7 +15,7 @@ from common import ROOT, few
 from common.answers import refused
 from common.recorder import watched
 
-from eadp.io.flight.inputs import load_flight
+from eadp.api.inputs import load_flight
 from eadp.models.vehicle import FixedWing
 from eadp.simulation.loop import Outcome, fly
 
@@ -504,7 +504,7 @@ def test_too_little_memory_is_exit_2(eadp, monkeypatch):
     def hungry(*_args, **_options):
         raise MemoryError("Unable to allocate 7.28 TiB")
 
-    monkeypatch.setattr("eadp.api.simulate", hungry)
+    monkeypatch.setattr("eadp.api.simulate.simulate", hungry)
     answer = eadp("simulate", "plans/survey.plan")
     assert (answer.code, answer.err) == (2, "eadp: error: not enough memory: Unable to allocate 7.28 TiB\n")
 

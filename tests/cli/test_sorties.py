@@ -15,9 +15,9 @@ from common import ROOT
 from common.answers import refused
 
 import eadp as library
+from eadp.api.cover import CoverageOptions
+from eadp.api.sorties.plan import SortieOptions
 from eadp.cli.main import main
-from eadp.io.field.coverage import CoverageOptions
-from eadp.io.sorties.plan import SortieOptions
 
 MEADOW, WING = "plans/meadow.geojson", "vehicles/foam-wing.yaml"
 HOME = "55.4715,10.333"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from common import few_rows
 
-from eadp.io.flight.folder import fly_flight
-from eadp.io.flight.inputs import load_flight
+from eadp.api.flight import fly_flight
+from eadp.api.inputs import load_flight
 
 
 def flown(plan, profile=None, **keys):

@@ -8,10 +8,10 @@ from dataclasses import replace
 import pytest
 from common import ROOT
 
+from eadp.api.inputs import load_flight
 from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
-from eadp.io.flight.inputs import load_flight
 from eadp.models.vehicle import AIRFRAMES, FixedWing, Guidance, PowerCurve
 from eadp.models.weather import Wind
 from eadp.simulation import loop

@@ -15,8 +15,8 @@ from common.plans import PARTS
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from eadp.api.inputs import load_flight
 from eadp.core import compiled
-from eadp.io.flight.inputs import load_flight
 from eadp.simulation import loop
 from eadp.simulation.inner_loop import InnerLoop
 from eadp.simulation.loop import Outcome, fly, step_at

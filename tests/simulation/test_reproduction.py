@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from common import ROOT, few_rows
 
-from eadp.io.flight.folder import fly_flight, summarise
-from eadp.io.flight.inputs import load_flight
+from eadp.api.flight import fly_flight, summarise
+from eadp.api.inputs import load_flight
 from eadp.simulation.loop import Outcome, fly
 
 DURATION_SHARE = 1e-3

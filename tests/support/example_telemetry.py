@@ -11,7 +11,7 @@ import math
 from common import ROOT
 from common.recorder import watched
 
-from eadp.io.flight.inputs import load_flight
+from eadp.api.inputs import load_flight
 from eadp.simulation.loop import Outcome, fly
 
 LINES_APART = 100

@@ -19,8 +19,7 @@ from eadp import __version__
 from eadp.errors import Fault, InputError
 from eadp.io.telemetry.reader import KEYS, TelemetryReader
 from eadp.io.text.streams import Text
-from eadp.planning.base import Mission
-from eadp.planning.track.gate import Sample
+from eadp.planning.base import Mission, Sample
 
 SCHEMA = "eadp.replan-log/1"
 START, TELEMETRY, DECISION, APPLIED, MISSION = "start", "telemetry", "decision", "applied", "mission"

@@ -14,8 +14,8 @@ pytest.importorskip("pyulog")
 from common.plans import ORIGIN, placed_survey
 from mavlink_vehicle import VOLTS, Autopilot, frames, is_near, recorded, tlog
 
+from eadp.api.inputs import load_flight
 from eadp.core.geometry.geodesy import to_geodetic_deg
-from eadp.io.flight.inputs import load_flight
 from eadp.io.link.lines import LineMaker
 from eadp.io.link.mavlink import Codec
 from eadp.io.link.messages import WANTED, values_of

@@ -8,9 +8,9 @@ import pytest
 from common import ROOT
 from settings_page import pages
 
+from eadp.api.inputs import load_flight
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import InputError
-from eadp.io.flight.inputs import load_flight
 from eadp.io.scenario.scenario_file import json_schema, read_scenario
 from eadp.io.text.schema_faults import properties
 from eadp.io.vehicle import vehicle_file

@@ -13,8 +13,8 @@ from common import ROOT
 from common.forecasts import survey_inputs
 from common.plans import TWO_BLOCKS
 
+from eadp.api.inputs import load_flight
 from eadp.cli.main import main
-from eadp.io.flight.inputs import load_flight
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.cursor import PlanCursor

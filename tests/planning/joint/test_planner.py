@@ -13,10 +13,10 @@ from common import ROOT, few
 from common.observations import Piloted, observation
 from common.recorder import Recorder, watched
 
+from eadp.api.flight import record_row
+from eadp.api.inputs import load_flight
 from eadp.core.flight.battery import soc_rate_per_s
 from eadp.errors import InputError
-from eadp.io.flight.folder import record_row
-from eadp.io.flight.inputs import load_flight
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
 from eadp.models.battery import Battery

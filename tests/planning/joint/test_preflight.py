@@ -13,8 +13,8 @@ from common.plans import STADIUM
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from eadp.api.inputs import Files, load_flight
 from eadp.cli.main import main
-from eadp.io.flight.inputs import Files, load_flight
 from eadp.io.text.streams import Text
 from eadp.simulation.loop import Outcome, fly
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from common import ROOT
 
+from eadp.api.inputs import load_flight
 from eadp.core import compiled
-from eadp.io.flight.inputs import load_flight
 from eadp.planning.state.power_gate import MAX_RATIO, PERSISTENT_S, PowerGate
 from eadp.simulation.loop import Outcome, fly
 

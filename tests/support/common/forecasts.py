@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from common import ROOT
+from eadp.api.inputs import load_flight
 from eadp.errors import PathUndefined
-from eadp.io.flight.inputs import load_flight
 from eadp.models.plan.route import RoutePredictor
 from eadp.planning.forecast.evaluate import Evaluator, Objective
 from eadp.planning.forecast.held import before_take_off
