@@ -57,8 +57,8 @@ from eadp.api.replan.replanner import Replanner  # noqa: E402
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m  # noqa: E402
 from eadp.io.link.mavlink import Codec  # noqa: E402
 from eadp.io.link.messages import WANTED  # noqa: E402
-from eadp.io.link.mission import PROTOCOL  # noqa: E402
-from eadp.io.link.upload import HeldMission  # noqa: E402
+from eadp.io.link.mission import PROTOCOL, Outgoing  # noqa: E402
+from eadp.io.link.upload import HeldMission, Mapped, Output, Warned  # noqa: E402
 from eadp.io.mission.items import read_items  # noqa: E402
 from eadp.planning.base import Decision  # noqa: E402
 from eadp.planning.planner import Planner  # noqa: E402
@@ -209,29 +209,24 @@ class Bridge:
         self.items = read_items(f"{mission.waypoints}.items.json", self.names)
         self.lines, self.decisions = list[bytes](), list[dict[str, Any]]()
         self.replanner = Replanner(self.inputs, "lines", None, self.decisions.append, str)
-        self._frames: list[tuple[str, dict[str, Any]]] = []
-        self._held = HeldMission(
-            self.plan, self.inputs.mission.cruise_mps, self.items, self._give, print, str, self._changed
-        )
+        self._held = HeldMission(self.plan, self.inputs.mission.cruise_mps, self.items)
         self._codec, self._answers = Codec(frozenset()), Codec(PROTOCOL)
         self._held.ardupilot = True
-        self._held.read(0.0)
-        self._exchange(0.0)
+        self._exchange(self._held.read(0.0), 0.0)
 
-    def _give(self, kind: str, fields: Any) -> None:
-        self._frames.append((kind, dict(fields)))
-
-    def _changed(self, items: Any) -> None:
-        self.items = items
-
-    def _exchange(self, now_s: float) -> None:
+    def _exchange(self, outputs: list[Output], now_s: float) -> None:
         """Exchange messages of the mission protocol until there are none."""
-        while self._frames:
-            kind, fields = self._frames.pop(0)
-            frame = self._codec.encoded(1, kind, {"target_system": 1, "target_component": 1, **fields})
-            for answer in self.vehicle.holder.answer(frame):
-                for message in self._answers.decoded(answer):
-                    self._held.take(message.kind, message.fields, now_s)
+        while outputs:
+            match outputs.pop(0):
+                case Mapped(items) if items is not None:
+                    self.items = items
+                case Warned(text):
+                    print(text)
+                case Outgoing(kind, fields):
+                    frame = self._codec.encoded(1, kind, {"target_system": 1, "target_component": 1, **fields})
+                    for answer in self.vehicle.holder.answer(frame):
+                        for message in self._answers.decoded(answer):
+                            outputs += self._held.take(message.kind, message.fields, now_s)
 
     def fly(self) -> Flown:
         """The flight."""
@@ -250,9 +245,10 @@ class Bridge:
             vehicle.fps = decided["parameters"][self.plan.names[-1]]
             if self.replanner.planned:
                 path = tuple([decided["parameters"][name] for name in self.names])
-                self._held.tick(vehicle.plane.time_s, vehicle.holder.current)
-                self._held.update(vehicle.plane.time_s, path, self.replanner.rest)
-                self._exchange(vehicle.plane.time_s)
+                now_s = vehicle.plane.time_s
+                self._exchange(self._held.tick(now_s, vehicle.holder.current), now_s)
+                for _ in ("checked", "sent"):
+                    self._exchange(self._held.decide(now_s, path, self.replanner.rest), now_s)
         return Flown(vehicle.completed, float(vehicle.pack.soc), quality(self.inputs, self.lines))
 
     def _line(self) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import itertools
 import json
 import re
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,9 +16,9 @@ from eadp.errors import Fault, InputError
 from eadp.io.link.lines import LINE_S, LineMaker
 from eadp.io.link.mavlink import COMPONENT, SHARE, Link, Message, Throttle, read_key, require_pymavlink, tlog_messages
 from eadp.io.link.messages import NO_AUTOPILOT, NOT_AIRCRAFT, TIMED, WANTED, values_of
-from eadp.io.link.mission import PROTOCOL
+from eadp.io.link.mission import PROTOCOL, Outgoing
 from eadp.io.link.recorded import MAGICS, log_values
-from eadp.io.link.upload import HeldMission
+from eadp.io.link.upload import HeldMission, Mapped, Noted, Output, Warned
 from eadp.io.mission.items import MappedItem, items_text, parse_items, read_items
 from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
 from eadp.io.telemetry.reader import numbered_lines, open_telemetry
@@ -146,14 +146,13 @@ class LinkFlight:
         self._count, self._text, self._armed = 0, "", False
         self._replanner = Replanner(inputs, name, log, self._decided, self._warn_once)
         self._replanner.restore()
+        exported = mapped
         if mapped is not None and log is not None and log.items is not None:
             mapped = parse_items(log.items, path_names)
         self._lines = LineMaker(plan, inputs.mission.battery, mapped, self._say)
         self._mission: HeldMission | None = None
         if mapped is not None and send is not None:
-            self._mission = HeldMission(
-                plan, inputs.mission.cruise_mps, mapped, self._to_autopilot, self._tell, self._note, self._map
-            )
+            self._mission = HeldMission(plan, inputs.mission.cruise_mps, exported or mapped, mapped)
         self._uploads = options.upload
 
     @property
@@ -184,7 +183,7 @@ class LinkFlight:
                 message.fields.get("mission_type", 0),
             )
             if self._mission is not None and to == (self._system, COMPONENT, 0):
-                self._mission.take(message.kind, message.fields, now_s)
+                self._do(self._mission.take(message.kind, message.fields, now_s))
             return
         try:
             values = values_of(message.kind, message.fields)
@@ -199,7 +198,7 @@ class LinkFlight:
                 mission.ardupilot = values["home_is_item"]
         if message.kind == "MISSION_CURRENT":
             if mission is not None:
-                mission.count(values["item_count"], now_s)
+                self._do(mission.count(values["item_count"], now_s))
             elif self._lines.items is not None and values["item_count"] not in (None, len(self._lines.items)):
                 self._say("another mission than that of --items is flown: the stage is found by the position")
                 self._lines.items = None
@@ -213,9 +212,9 @@ class LinkFlight:
         if begins or self._lines.restarts > restarts:
             self._requests.start()
             if mission is not None:
-                mission.read(now_s)
+                self._do(mission.read(now_s))
         if mission is not None and self._uploads and self._decided_path is not None:
-            mission.update(now_s, self._decided_path, self._replanner.rest)
+            self._do(mission.decide(now_s, self._decided_path, self._replanner.rest))
 
     def lost(self, damaged: int, refused: int, left_out: int) -> None:
         """Say that so many frames were no messages, so many not signed, and so many positions too many."""
@@ -245,7 +244,7 @@ class LinkFlight:
             if self._returns and self._may_return and not self._lost and self._lines.flies_by_itself:
                 self._return()
         if self._mission is not None:
-            self._mission.tick(now_s, self._lines.item)
+            self._do(self._mission.tick(now_s, self._lines.item))
 
     # --- the autopilot
 
@@ -281,6 +280,19 @@ class LinkFlight:
 
     def _to_autopilot(self, kind: str, values: Mapping[str, Any]) -> None:
         self._give(kind, {"target_system": self._system, "target_component": self._component, **values})
+
+    def _do(self, outputs: Iterable[Output]) -> None:
+        """Do what an event of the mission asks for."""
+        for output in outputs:
+            match output:
+                case Outgoing(kind, fields):
+                    self._to_autopilot(kind, fields)
+                case Warned(text):
+                    self._tell(text)
+                case Noted(text):
+                    self._note(text)
+                case Mapped(items):
+                    self._map(items)
 
     def _map(self, items: list[MappedItem] | None) -> None:
         if items is not None and items != self._lines.items and self._log is not None:

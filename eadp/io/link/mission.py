@@ -7,8 +7,8 @@ times. ArduPilot answers an item that comes twice with an error, and goes on rec
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 from eadp.io.link.mavlink import is_number
 from eadp.io.mission.draft import FRAMES, ITEMS_LIMIT, MissionItem
@@ -21,107 +21,113 @@ SCALE = 1e7
 PROTOCOL = frozenset(("MISSION_COUNT", "MISSION_ITEM_INT", "MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK"))
 """Messages of the protocol that an autopilot sends."""
 
-Give = Callable[[str, Mapping[str, Any]], None]
+
+class Outgoing(NamedTuple):
+    """A message to the autopilot: its name and fields."""
+
+    kind: str
+    fields: Mapping[str, Any]
+
+
+class Received(NamedTuple):
+    """The end of a reading: the items, or None where the mission cannot be read."""
+
+    items: list[MissionItem] | None
+
+
+class Sent(NamedTuple):
+    """The end of a writing, however it went."""
 
 
 class MissionClient:
     """One transfer at a time: a mission from an autopilot, or to it.
 
-    Parameters
+    Attributes
     ----------
-    give : function
-        Sends a message of the protocol, by its name and fields, to the autopilot.
+    messages : list of Outgoing
+        To be sent; the caller takes them.
     """
 
-    def __init__(self, give: Give) -> None:
-        self._give = give
-        self._request: tuple[str, dict[str, Any]] = ("", {})
+    def __init__(self) -> None:
+        self.messages: list[Outgoing] = []
+        self._request = Outgoing("", {})
         self._due_s, self._tries = 0.0, 0
-        self._received: list[MissionItem] = []
+        self._received: list[MissionItem] | None = None
         self._count: int | None = None
-        self._sent: dict[int, MissionItem] = {}
-        self._downloaded: Callable[[list[MissionItem] | None], None] | None = None
-        self._uploaded: Callable[[], None] | None = None
+        self._sent: dict[int, MissionItem] | None = None
 
     @property
     def busy(self) -> bool:
         """Whether a transfer goes on."""
-        return self._downloaded is not None or self._uploaded is not None
+        return self._received is not None or self._sent is not None
 
-    def download(self, now_s: float, then: Callable[[list[MissionItem] | None], None]) -> None:
-        """Read the mission; `then` takes its items, or None where it cannot be read."""
-        self._received, self._count, self._downloaded = [], None, then
+    def download(self, now_s: float) -> None:
+        """Read the mission."""
+        self._received, self._count, self._sent = [], None, None
         self._ask(now_s, "MISSION_REQUEST_LIST", {})
 
-    def upload(
-        self, now_s: float, items: Sequence[MissionItem], first: int, then: Callable[[], None], *, partial: bool
-    ) -> None:
-        """Write a mission, or with `partial` its items from the `first` on, and call `then` however it ends."""
-        self._sent, self._uploaded = dict(enumerate(items)), then
+    def upload(self, now_s: float, items: Sequence[MissionItem], first: int, *, partial: bool) -> None:
+        """Write a mission, or with `partial` its items from the `first` on."""
+        self._received, self._sent = None, dict(enumerate(items))
         if partial:
             self._ask(now_s, "MISSION_WRITE_PARTIAL_LIST", {"start_index": first, "end_index": len(items) - 1})
         else:
             self._ask(now_s, "MISSION_COUNT", {"count": len(items)})
 
-    def take(self, kind: str, fields: Mapping[str, Any], now_s: float) -> None:
-        """Take a message of the protocol that has come for this computer."""
-        if self._downloaded is not None:
-            self._receive(kind, fields, now_s)
-        elif self._uploaded is not None:
-            if kind in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
-                if fields["seq"] in self._sent:
-                    self._ask(now_s, "MISSION_ITEM_INT", _fields(fields["seq"], self._sent[fields["seq"]]))
-            elif kind == "MISSION_ACK" and fields["type"] != INVALID_SEQUENCE:
-                self._end_upload()
+    def take(self, kind: str, fields: Mapping[str, Any], now_s: float) -> Received | Sent | None:
+        """Take a message of the protocol that has come for this computer; return the end of a transfer."""
+        if self._received is not None:
+            return self._receive(self._received, kind, fields, now_s)
+        if self._sent is None:
+            return None
+        if kind in ("MISSION_REQUEST", "MISSION_REQUEST_INT"):
+            if fields["seq"] in self._sent:
+                self._ask(now_s, "MISSION_ITEM_INT", _fields(fields["seq"], self._sent[fields["seq"]]))
+        elif kind == "MISSION_ACK" and fields["type"] != INVALID_SEQUENCE:
+            return self._end()
+        return None
 
-    def tick(self, now_s: float) -> None:
-        """Repeat what is not answered; give up after `MAX_TRIES`."""
+    def tick(self, now_s: float) -> Received | Sent | None:
+        """Repeat what is not answered; give up after `MAX_TRIES`, which is the end of a transfer."""
         if not self.busy or now_s < self._due_s:
-            return
+            return None
         if self._tries < MAX_TRIES:
             self._tries += 1
             self._send(now_s)
-        elif self._downloaded is not None:
-            self._end_download(None)
-        else:
-            self._end_upload()
+            return None
+        return self._end()
 
     # --- steps
 
-    def _receive(self, kind: str, fields: Mapping[str, Any], now_s: float) -> None:
+    def _receive(
+        self, received: list[MissionItem], kind: str, fields: Mapping[str, Any], now_s: float
+    ) -> Received | Sent | None:
         if kind == "MISSION_COUNT" and self._count is None:
             self._count = min(fields["count"], ITEMS_LIMIT)
-        elif kind == "MISSION_ITEM_INT" and self._count is not None and fields["seq"] == len(self._received):
-            self._received.append(_item(fields))
+        elif kind == "MISSION_ITEM_INT" and self._count is not None and fields["seq"] == len(received):
+            received.append(_item(fields))
         elif kind == "MISSION_ACK" and fields["type"] != ACCEPTED:
-            self._end_download(None)
-            return
+            return self._end()
         else:
-            return
-        if len(self._received) < (self._count or 0):
-            self._ask(now_s, "MISSION_REQUEST_INT", {"seq": len(self._received)})
-        else:
-            self._give("MISSION_ACK", {"type": ACCEPTED})
-            self._end_download(self._received)
+            return None
+        if len(received) < (self._count or 0):
+            self._ask(now_s, "MISSION_REQUEST_INT", {"seq": len(received)})
+            return None
+        self.messages.append(Outgoing("MISSION_ACK", {"type": ACCEPTED}))
+        return self._end(received)
 
     def _ask(self, now_s: float, kind: str, fields: dict[str, Any]) -> None:
-        self._request, self._tries = (kind, fields), 1
+        self._request, self._tries = Outgoing(kind, fields), 1
         self._send(now_s)
 
     def _send(self, now_s: float) -> None:
-        kind, fields = self._request
-        self._due_s = now_s + (ITEM_RETRY_S if kind == "MISSION_REQUEST_INT" else RETRY_S)
-        self._give(kind, fields)
+        self._due_s = now_s + (ITEM_RETRY_S if self._request.kind == "MISSION_REQUEST_INT" else RETRY_S)
+        self.messages.append(self._request)
 
-    def _end_download(self, items: list[MissionItem] | None) -> None:
-        then, self._downloaded = self._downloaded, None
-        if then is not None:
-            then(items)
-
-    def _end_upload(self) -> None:
-        then, self._uploaded = self._uploaded, None
-        if then is not None:
-            then()
+    def _end(self, items: list[MissionItem] | None = None) -> Received | Sent:
+        ended = Sent() if self._received is None else Received(items)
+        self._received = self._sent = None
+        return ended
 
 
 def _fields(number: int, item: MissionItem) -> dict[str, Any]:

@@ -2,47 +2,119 @@
 
 Items up to the stage being flown stay as they are, so that the autopilot's item stays the same one: a new path
 parameter waits for a later stage. The mission is read before each upload, and one that somebody has changed is left
-alone. A mission counts as uploaded once the autopilot has given it back.
+alone. A mission counts as uploaded once the autopilot has given it back; one that is torn, the first items of the new
+mission before the rest of the old one, is sent again.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from enum import Enum
 from typing import Any, NamedTuple
 
-from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
-from eadp.io.link.mission import MissionClient
+from eadp.io.link.mission import MissionClient, Outgoing, Received, Sent
+from eadp.io.link.rest import RestLayout
 from eadp.io.mission import draft as d
 from eadp.io.mission.draft import MissionItem
-from eadp.io.mission.export import mission_items
-from eadp.io.mission.items import MappedItem, mapped_items, same_items
-from eadp.io.mission.path import PlannedPath, planned_sections
+from eadp.io.mission.items import MappedItem, same_items
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import PlannedLegs
 
 SETTLED_S = 5.0
 """Time in which an autopilot goes back to the item that it flew to, after an upload [s]."""
-AGAIN_S = 10.0
-"""Time after which a transfer that failed is tried again [s]."""
+AGAIN_S, RECHECK_S = 10.0, 60.0
+"""Time after which what failed is tried again, and a mission that is not known is read again; and one that is [s]."""
 SINGLE = 1e-6
 """Relative error of numbers that were sent in single precision."""
 WHOLE_M = 10.0
 """ArduPilot keeps the radius of a loiter in whole metres, above 255 m in tens [m]."""
 
 
+class Warned(NamedTuple):
+    """Something that the pilot is to know."""
+
+    text: str
+
+
+class Noted(NamedTuple):
+    """Something that has happened as it should."""
+
+    text: str
+
+
+class Mapped(NamedTuple):
+    """The map that holds from now on; None where the mission is another."""
+
+    items: list[MappedItem] | None
+
+
+Output = Outgoing | Warned | Noted | Mapped
+
+Rest = Callable[[], PlannedLegs | None]
+"""Gives what is left to fly."""
+
+
+class State(Enum):
+    """What is known of the mission that the autopilot holds, and what is done about it."""
+
+    UNKNOWN = "not read, or not ours: read again after `AGAIN_S`"
+    READING = "being read"
+    HELD = "ours: read again after `RECHECK_S`"
+    REFUSED = "ours, but the rest could not be replaced: tried again after `AGAIN_S`"
+    CHECKING = "being read, so that nothing that somebody else has sent is replaced"
+    CHECKED = "as it was: the rest is laid out and sent at the next decision"
+    UPLOADING = "the rest is being sent"
+    VERIFYING = "being read back"
+    TORN = "the first items of the new one, then the rest of the old one: replaced at the next decision"
+
+
+REPLACING = (State.CHECKING, State.CHECKED, State.UPLOADING, State.VERIFYING, State.TORN)
+"""States in which a mission with the parameters decided is on its way."""
+
+
 class _Upload(NamedTuple):
-    """An upload that is not verified yet: its items, home included, their map, and the path parameters decided."""
+    """What is being uploaded: the items, home included, from which one on, their map, the path parameters decided."""
 
     items: list[MissionItem]
+    first: int
     mission: list[MappedItem]
     decided: tuple[float, ...]
     partial: bool
 
 
+class _ItemFlown:
+    """The item that the aircraft flies to; after an upload it goes back to it where the autopilot has not."""
+
+    def __init__(self) -> None:
+        self.item: int | None = None
+        self._beyond: int | None = None
+        """The last one beyond the first."""
+        self._resume: tuple[int, float] | None = None
+
+    def uploaded(self, now_s: float) -> None:
+        """An upload has ended."""
+        if self._beyond is not None:
+            self._resume = self._beyond, now_s + SETTLED_S
+
+    def take(self, item: int | None, first: int, now_s: float) -> int | None:
+        """Take the item that is flown to; return the one to go back to, if the autopilot started again."""
+        self.item = item
+        if item is not None and item > first:
+            self._beyond = item
+        if self._resume is None:
+            return None
+        number, until_s = self._resume
+        if now_s > until_s:
+            self._resume = None
+            return None
+        # to any other one a pilot may have gone back
+        return number if item is not None and item <= first < number else None
+
+
 class HeldMission:
-    """What the autopilot holds, beside the map of the mission's items.
+    """What the autopilot holds, as a machine of `State`: each event returns what is to be done.
 
     Parameters
     ----------
@@ -50,13 +122,9 @@ class HeldMission:
     airspeed_mps : float
         Of the aircraft [m/s].
     items : sequence of MappedItem
-        The map.
-    give : function
-        Sends a message to the autopilot, by its name and fields.
-    say, note : function
-        Take a warning, and what happened.
-    changed : function
-        Takes the map that holds from now on; None where the mission is unknown.
+        The map of the mission that was exported.
+    latest : sequence of MappedItem, optional
+        That of the last mission that was uploaded, if one was.
 
     Attributes
     ----------
@@ -69,197 +137,203 @@ class HeldMission:
         plan: Plan,
         airspeed_mps: float,
         items: Sequence[MappedItem],
-        give: Callable[[str, Mapping[str, Any]], None],
-        say: Callable[[str], None],
-        note: Callable[[str], None],
-        changed: Callable[[list[MappedItem] | None], None],
+        latest: Sequence[MappedItem] | None = None,
     ) -> None:
-        self._plan, self._airspeed_mps, self._items = plan, airspeed_mps, list(items)
-        self._give, self._say, self._note, self._changed = give, say, note, changed
-        self._client = MissionClient(give)
+        self._layout, self._client = RestLayout(plan, airspeed_mps), MissionClient()
         self.ardupilot = False
+        self._state = State.UNKNOWN
+        self._exported, self._items = list(items), list(items if latest is None else latest)
         self._held: list[MissionItem] | None = None
         """As read from the autopilot, home included where it has one."""
         self._upload: _Upload | None = None
         self._takes_parts = True
         self._asked: tuple[float, ...] | None = None
         self._count: int | None = None
-        self._failed_s = -math.inf
-        self._unread = False
-        self._now_s = 0.0
-        self._item: int | None = None
-        self._beyond: int | None = None
-        """The item that is flown to, and the last one beyond the first: to that one an autopilot goes back."""
-        self._resume: tuple[int, float] | None = None
+        self._again_s, self._now_s = math.inf, 0.0
+        self._flown = _ItemFlown()
+        self._outputs: list[Output] = []
+
+    # --- events
+
+    def read(self, now_s: float) -> list[Output]:
+        """Read the autopilot's mission, and see whether it is that of the map."""
+        if not self._client.busy:
+            self._go(State.READING if self._upload is None else State.VERIFYING)
+            self._client.download(now_s)
+        return self._done()
+
+    def count(self, items: int | None, now_s: float) -> list[Output]:
+        """Read the mission again where the autopilot has another number of items than before."""
+        if items == self._count or self._client.busy:
+            return []
+        before, self._count = self._count, items
+        return [] if before is None else self.read(now_s)
+
+    def take(self, kind: str, fields: Mapping[str, Any], now_s: float) -> list[Output]:
+        """Take a message of the mission protocol."""
+        self._now_s = now_s
+        self._ended(self._client.take(kind, fields, now_s))
+        return self._done()
+
+    def tick(self, now_s: float, item: int | None) -> list[Output]:
+        """Repeat what is not answered, or is to be tried again; `item` is the one that is flown to."""
+        self._now_s = now_s
+        self._ended(self._client.tick(now_s))
+        if self._state in (State.UNKNOWN, State.HELD) and now_s >= self._again_s:
+            self._outputs += self.read(now_s)
+        if (number := self._flown.take(item, self._home, now_s)) is not None:
+            self._outputs.append(Outgoing("MISSION_SET_CURRENT", {"seq": number}))
+        return self._done()
+
+    def decide(self, now_s: float, decided: tuple[float, ...], rest: Rest) -> list[Output]:
+        """Replace the rest of the mission where other path parameters are decided."""
+        self._now_s = now_s
+        waits = self._state is State.REFUSED and now_s < self._again_s
+        if self._state in (State.HELD, State.REFUSED, State.CHECKED, State.TORN) and not waits:
+            if self._has(decided):
+                self._go(State.HELD, RECHECK_S)
+            elif self._state is State.CHECKED:
+                self._send(decided, rest)
+            elif (why := self._layout.altitude_fault((self._held or [])[self._home :])) is not None:
+                self._refuse(f"{why}; no upload")
+            else:
+                self._go(State.CHECKING)
+                self._client.download(now_s)
+        return self._done()
+
+    def gets(self, decided: tuple[float, ...] | None) -> bool:
+        """Whether the mission has the path parameters decided, or they are on their way."""
+        replacing = self._state in REPLACING or self._upload is not None
+        return self._held is not None and (replacing or self._has(decided))
+
+    # --- steps
 
     @property
     def _home(self) -> int:
         return int(self.ardupilot)
 
-    # --- reading
+    def _done(self) -> list[Output]:
+        """What is to be done, messages of the transfer first."""
+        outputs, self._outputs = [*self._client.messages, *self._outputs], []
+        self._client.messages.clear()
+        return outputs
 
-    def read(self, now_s: float) -> None:
-        """Read the autopilot's mission, and see whether it is that of the map."""
-        if not self._client.busy:
-            self._client.download(now_s, self._judge)
+    def _go(self, state: State, again_s: float = math.inf) -> None:
+        self._state, self._again_s = state, self._now_s + again_s
 
-    def count(self, items: int | None, now_s: float) -> None:
-        """Read the mission again where the autopilot has another number of items than before."""
-        if items == self._count or self._client.busy:
-            return
-        if self._count is not None:
-            self.read(now_s)
-        self._count = items
-
-    def take(self, kind: str, fields: Mapping[str, Any], now_s: float) -> None:
-        """Take a message of the mission protocol."""
-        self._now_s = now_s
-        self._client.take(kind, fields, now_s)
-
-    def tick(self, now_s: float, item: int | None) -> None:
-        """Repeat what is not answered; and go back to the item that was flown to, where an upload has reset it."""
-        self._now_s = now_s
-        self._client.tick(now_s)
-        if self._unread and now_s - self._failed_s >= AGAIN_S:
-            self.read(now_s)
-        self._item = item
-        if item is not None and item > self._home:
-            self._beyond = item
-        if self._resume is not None:
-            number, until_s = self._resume
-            if now_s > until_s:
-                self._resume = None
-            elif item is not None and item <= self._home < number:  # to any other one a pilot may have gone back
-                self._give("MISSION_SET_CURRENT", {"seq": number})
+    def _ended(self, transfer: Received | Sent | None) -> None:
+        if isinstance(transfer, Sent):
+            self._flown.uploaded(self._now_s)
+            self._go(State.VERIFYING)
+            self._client.download(self._now_s)
+        elif isinstance(transfer, Received):
+            held = transfer.items
+            if self._state is State.CHECKING and held is not None and self._equal(held, self._held or []):
+                self._go(State.CHECKED)
+            else:
+                self._judge(held)
 
     def _judge(self, held: list[MissionItem] | None) -> None:
-        """See which mission the autopilot holds: the one uploaded, the one before, or another."""
-        upload, self._unread = self._upload, held is None
+        """See which mission the autopilot holds: the one uploaded, the one before, parts of both, or another."""
         if held is None:
-            self._failed_s = self._now_s
-            self._say("mission cannot be read: read again each 10 s, and taken as that of before")
+            self._go(State.UNKNOWN, AGAIN_S)
+            self._outputs.append(Warned("mission cannot be read: read again each 10 s, and taken as that of before"))
             return
-        self._upload = None
-        if upload is not None and self._equal(held, upload.items):
-            self._held, self._items, self._asked, self._count = held, upload.mission, upload.decided, None
-            self._changed(upload.mission)
-            self._note(f"the rest of the mission is uploaded and verified: {len(upload.mission)} items")
-        elif upload is not None and self._held is not None and self._equal(held, self._held):
-            self._failed_s, self._takes_parts = self._now_s, self._takes_parts and not upload.partial
-            self._say("new mission refused; the old one is kept")
-        elif upload is not None:
-            self._lose("mission unknown after an upload: see to it")
-        elif same_items([each.item for each in self._items], held[self._home :]):
-            if self._held is None:
-                self._note(f"the autopilot holds the mission of --items: {len(self._items)} items")
-            self._held = held
-            self._changed(self._items)
+        upload, self._upload = self._upload, None
+        if upload is not None and self._held is not None:
+            self._judge_upload(upload, held, self._held)
+            return
+        for known in (self._items, self._exported):
+            if same_items([each.item for each in known], held[self._home :]):
+                if self._held is None:
+                    self._outputs.append(Noted(f"the autopilot holds the mission of --items: {len(known)} items"))
+                self._hold(held, known, None if known is not self._items else self._asked)
+                return
+        self._lose("another mission than that of --items is held: the stage is found by the position")
+
+    def _judge_upload(self, upload: _Upload, held: list[MissionItem], before: list[MissionItem]) -> None:
+        new = self._shared(held, upload.items)
+        if new == len(held) == len(upload.items):
+            self._count = None
+            self._hold(held, upload.mission, upload.decided)
+            self._outputs.append(Noted(f"the rest of the mission is uploaded and verified: {new} items"))
+        elif self._equal(held, before):
+            self._takes_parts = self._takes_parts and not upload.partial
+            self._refuse("new mission refused; the old one is kept")
+        elif self._equal(held[new:], before[new : len(held)], home=False):
+            # it is flown meanwhile, as it is
+            mixed = [*upload.mission[: new - self._home], *self._items[new - self._home :]]
+            self._count = None
+            self._hold(held, mixed[: len(held) - self._home], None, State.TORN)
+            self._outputs.append(Warned("upload interrupted: it is sent again"))
         else:
-            self._lose("another mission than that of --items is held: the stage is found by the position")
+            self._lose("mission unknown after an upload: see to it")
+
+    def _hold(
+        self,
+        held: list[MissionItem],
+        items: list[MappedItem],
+        asked: tuple[float, ...] | None,
+        state: State = State.HELD,
+    ) -> None:
+        self._held, self._items, self._asked = held, items, asked
+        self._go(state, RECHECK_S)
+        self._outputs.append(Mapped(items))
 
     def _lose(self, what: str) -> None:
         self._held = None
-        self._say(what)
-        self._changed(None)
+        self._go(State.UNKNOWN, AGAIN_S)
+        self._outputs += [Warned(what), Mapped(None)]
 
-    def gets(self, decided: tuple[float, ...] | None) -> bool:
-        """Whether the mission has the path parameters decided, or they are on their way."""
-        return self._held is not None and (self._client.busy or self._upload is not None or self._has(decided))
+    def _refuse(self, why: str) -> None:
+        self._go(State.REFUSED, AGAIN_S)
+        self._outputs.append(Warned(why))
 
     def _has(self, decided: tuple[float, ...] | None) -> bool:
         """Whether these were uploaded, or the items of the stages ahead have them; the last, where none is flown to."""
+        if self._state is State.TORN:
+            return False
         if self._asked is not None:
             return decided == self._asked
-        index = -1 if self._item is None else self._item - self._home
+        index = -1 if self._flown.item is None else self._flown.item - self._home
         if not 0 <= index < len(self._items):
             return decided == self._items[-1].parameters if self._items else True
         return all(each.parameters == decided for each in self._items if each.first > self._items[index].first)
 
     # --- writing
 
-    def update(self, now_s: float, decided: tuple[float, ...], rest: Callable[[], PlannedLegs | None]) -> None:
-        """Replace the rest of the mission where other path parameters are decided; `rest` gives what is left to fly."""
-        if self._held is None or self._unread or self.gets(decided) or now_s - self._failed_s < AGAIN_S:
-            return
-        if (why := self._altitude_fault(self._held)) is not None:
-            self._failed_s = now_s
-            self._say(f"{why}; no upload")
-            return
-        self._client.download(now_s, lambda held: self._replace(held, decided, rest))
-
-    def _replace(
-        self, held: list[MissionItem] | None, decided: tuple[float, ...], rest: Callable[[], PlannedLegs | None]
-    ) -> None:
-        """Upload, if the autopilot holds what it held."""
+    def _send(self, decided: tuple[float, ...], rest: Rest) -> None:
+        """Lay the rest out, and upload it."""
         assert self._held is not None
-        if held is None or not self._equal(held, self._held):
-            self._judge(held)
-            return
         try:
             planned = rest()
-            made = None if planned is None else self._replaced(planned)
+            made = None if planned is None else self._layout.after(self._held[self._home :], self._items, planned)
         except PathUndefined as error:
-            self._say(f"the rest cannot be laid out; no upload: {error}")
-            made = None
+            self._refuse(f"the rest cannot be laid out; no upload: {error}")
+            return
         if made is None:
-            self._failed_s = self._now_s
+            self._go(State.REFUSED, AGAIN_S)
             return
         kept, new = made
-        items = [*self._held[: self._home + kept], *(each.item for each in new)]
+        first = self._home + kept
+        items = [*self._held[:first], *(each.item for each in new)]
         partial = self._takes_parts and self.ardupilot and len(items) == len(self._held) and bool(new)
-        self._upload = _Upload(items, [*self._items[:kept], *new], decided, partial)
+        self._upload = _Upload(items, first, [*self._items[:kept], *new], decided, partial)
+        self._go(State.UPLOADING)
+        self._client.upload(self._now_s, items, first, partial=partial)
 
-        def verify() -> None:
-            if self._beyond is not None:
-                self._resume = self._beyond, self._now_s + SETTLED_S
-            self._client.download(self._now_s, self._judge)
+    def _equal(self, held: Sequence[MissionItem], written: Sequence[MissionItem], *, home: bool = True) -> bool:
+        """Whether items held are those written, in all numbers but those of home, which ArduPilot sets."""
+        first = self._home if home else 0
+        return _equal(held[first:], written[first:])
 
-        self._client.upload(self._now_s, items, self._home + kept, verify, partial=partial)
-
-    def _altitude_fault(self, held: list[MissionItem]) -> str | None:
-        """Why the altitudes of the mission cannot be kept: new items are above home, at the altitude of the others."""
-        placed = [item for item in held[self._home :] if item.frame in d.FRAMES and any(item.parameters[4:6])]
-        if any(d.FRAMES[item.frame] != d.RELATIVE for item in placed):
-            return "altitudes of the mission are not above home"
-        own = all(stage.altitude_m is None for stage in self._plan.stages)
-        if own and len({round(item.parameters[6], 1) for item in placed}) > 1:
-            return "altitudes of the mission are not those of the plan"
-        return None
-
-    def _replaced(self, planned: PlannedLegs) -> tuple[int, list[MappedItem]] | None:
-        """How many items stay, and those that follow."""
-        assert self._held is not None
-        kept = sum(each.first <= planned.started for each in self._items)
-        done = max([planned.started, *(each.last for each in self._items[:kept])])
-        left = planned.after(done - planned.started + 1)
-        if not any(leg.distance_m > 0 for leg in left.legs):
-            return kept, []
-        held = self._held[self._home :]
-        altitudes_m = [
-            item.parameters[6] for item in held[:kept] if item.frame in d.FRAMES and any(item.parameters[4:6])
-        ]
-        triggers_m = [
-            item.parameters[0] for item in held if item.command == d.TRIGGER_DISTANCE and item.parameters[0] > 0
-        ]
-        returns = held[-1].command == d.RETURN
-        site = self._plan.site
-        assert site.origin_deg is not None
-        home: Point | None = site.origin_deg if returns else None
-        path = PlannedPath(
-            "the rest",
-            planned_sections(left.legs),
-            site.origin_deg,
-            altitudes_m[-1] if altitudes_m else held[0].parameters[6],
-            self._airspeed_mps,
-            home,
-            triggers_m[0] if triggers_m else None,
-            airspace=site.airspace,
+    def _shared(self, held: Sequence[MissionItem], written: Sequence[MissionItem]) -> int:
+        """How many items held are those written, from the first on, home included."""
+        pairs = zip(held[self._home :], written[self._home :], strict=False)
+        return self._home + next(
+            (k for k, (one, other) in enumerate(pairs) if not _equal([one], [other])),
+            min(len(held), len(written)) - self._home,
         )
-        return kept, mapped_items(mission_items(path, flying=True), left, self._plan.path_count)
-
-    def _equal(self, held: Sequence[MissionItem], written: Sequence[MissionItem]) -> bool:
-        """Whether the mission held is the one written, in all numbers but home, which ArduPilot sets."""
-        return _equal(held[self._home :], written[self._home :])
 
 
 def _equal(held: Sequence[MissionItem], written: Sequence[MissionItem]) -> bool:

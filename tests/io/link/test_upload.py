@@ -20,7 +20,8 @@ from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import InputError
 from eadp.io.link.mavlink import Codec
 from eadp.io.link.messages import WANTED
-from eadp.io.link.upload import HeldMission, _equal
+from eadp.io.link.rest import RestLayout
+from eadp.io.link.upload import _equal
 from eadp.io.mission.draft import MissionItem
 from eadp.io.mission.items import MappedItem, read_items
 from eadp.io.mission.reader import PlanReader
@@ -352,7 +353,8 @@ def test_another_number_of_items_is_read_at_once(inputs, mission, lines, counts)
 
     flown = Changed(inputs, mission, upload=False).fly(lines, current=True)
     assert any("another mission" in text for text in flown.said) == counts
-    assert flown.holder.kinds.count("MISSION_REQUEST_LIST") == 2 + counts  # at first, at arming, and at the change
+    # at first, at arming, at the change, and each 10 s from then on
+    assert flown.holder.kinds.count("MISSION_REQUEST_LIST") == 2 + counts * (1 + int(flown.now_s - 111) // 10)
 
 
 def test_an_upload_of_our_own_is_not_read_again(inputs, mission, lines):
@@ -517,17 +519,70 @@ def test_a_log_of_a_mission_with_another_number_of_items_has_the_stage_by_positi
 def test_a_partial_list_that_is_refused_is_followed_by_the_whole(inputs, mission, lines, monkeypatch):
     """As many items as before, moved a little."""
 
-    def moved(held_mission, _planned):
+    def moved(_layout, held, mapped, _planned):
         return 10, [
-            each._replace(item=each.item._replace(parameters=(*each.item.parameters[:6], 61.0)), parameters=(-1.0,))
-            for each in (
-                MappedItem(item, old.first, old.last, old.parameters)
-                for old, item in zip(held_mission._items[10:], held_mission._held[11:], strict=True)
-            )
+            MappedItem(item._replace(parameters=(*item.parameters[:6], 61.0)), old.first, old.last, (-1.0,))
+            for old, item in zip(mapped[10:], held[10:], strict=True)
         ]
 
-    monkeypatch.setattr(HeldMission, "_replaced", moved)
+    monkeypatch.setattr(RestLayout, "after", moved)
     flown = Flying(inputs, mission, refuses=("MISSION_WRITE_PARTIAL_LIST",)).fly(lines, current=True)
     kinds = [kind for kind in flown.holder.kinds if kind in ("MISSION_WRITE_PARTIAL_LIST", "MISSION_COUNT")]
     assert kinds[:2] == ["MISSION_WRITE_PARTIAL_LIST", "MISSION_COUNT"]
     assert any("uploaded and verified" in text for text in flown.said)
+
+
+class Tears(MissionHolder):
+    """A link that is down for some seconds while the rest of a mission is sent; ArduPilot keeps what has come."""
+
+    def __init__(self, items, now_s, after, silent_s=12.0):
+        super().__init__(items)
+        self._now_s, self._after, self._silent_s, self._from_s = now_s, after, silent_s, None
+        self.torn = None
+
+    def answer(self, frame):
+        if self._from_s is None and len(self.writes) >= self._after:
+            self._from_s, self.torn = self._now_s(), list(self.items)
+        if self._from_s is not None and self._now_s() - self._from_s < self._silent_s:
+            return []
+        if self._from_s is not None and self._due and self._now_s() - self._from_s < self._silent_s + 2:
+            self._due.clear()
+        return super().answer(frame)
+
+
+@pytest.mark.parametrize("after", [30, 60])
+def test_an_upload_that_is_interrupted_is_sent_again(inputs, mission, after):
+    """What is held is the first items of the new mission before the rest of the old one: eadp's own."""
+    flown = Finely(inputs, mission)
+    flown.holder = Tears(mission[1], lambda: flown.now_s, after)
+    flown.fly(recorded()[:60])
+    new, old = flown.holder.items, [flown.holder.items[0], *mission[1]]
+    assert flown.holder.torn[after:] == old[after : len(flown.holder.torn)] != new[after:]
+    told = [message.fields["text"] for message in flown.sent if message.kind == "STATUSTEXT"]
+    assert any("upload interrupted" in text for text in told)
+    assert flown.said.index("upload interrupted: it is sent again") < max(
+        k for k, text in enumerate(flown.said) if "uploaded and verified" in text
+    )
+    assert not any("unknown" in text or "another mission" in text for text in flown.said)
+    decided = flown.decisions[-1]["parameters"]["c1"]
+    assert {each.parameters[0] for each in flown.flight._lines.items if each.first > 4} == {decided}
+
+
+def test_the_right_mission_sent_again_is_known(inputs, mission):
+    """As many items as before: other ones, and then those of --items again, from a ground station."""
+
+    class Changed(Flying):
+        def _give(self, frame):
+            if 135 < self.now_s < 180:
+                self.holder.items[1:] = [(c, f, (*p[:4], p[4] + 0.001, *p[5:])) for c, f, p in mission[1]]
+            elif self.now_s >= 180 and self.seen is None:
+                self.holder.items[1:] = mission[1]
+                self.seen = self.now_s
+            super()._give(frame)
+
+    Changed.seen = None
+    flown = Changed(inputs, mission, upload=False).fly(recorded()[:100], current=True)
+    held = [text for text in flown.said if "mission of --items" in text or "another mission" in text]
+    # read again each minute, and once it is another each 10 s
+    assert ["autopilot holds" in text for text in held] == [True, False, True]
+    assert flown.flight._lines.items is not None

@@ -1,0 +1,83 @@
+"""The rest of a mission as new items, after those that stay."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from eadp.io.mission import draft as d
+from eadp.io.mission.draft import MissionItem
+from eadp.io.mission.export import mission_items
+from eadp.io.mission.items import MappedItem, mapped_items
+from eadp.io.mission.path import PlannedPath, planned_sections
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.route import PlannedLegs
+
+
+class RestLayout:
+    """Lays out what is left of a plan as items.
+
+    Parameters
+    ----------
+    plan : Plan
+    airspeed_mps : float
+        Of the aircraft [m/s].
+    """
+
+    def __init__(self, plan: Plan, airspeed_mps: float) -> None:
+        self._plan, self._airspeed_mps = plan, airspeed_mps
+
+    def altitude_fault(self, held: Sequence[MissionItem]) -> str | None:
+        """Why the altitudes of items cannot be kept: new items are above home, at the altitude of the others."""
+        placed = [item for item in held if item.frame in d.FRAMES and any(item.parameters[4:6])]
+        if any(d.FRAMES[item.frame] != d.RELATIVE for item in placed):
+            return "altitudes of the mission are not above home"
+        own = all(stage.altitude_m is None for stage in self._plan.stages)
+        if own and len({round(item.parameters[6], 1) for item in placed}) > 1:
+            return "altitudes of the mission are not those of the plan"
+        return None
+
+    def after(
+        self, held: Sequence[MissionItem], mapped: Sequence[MappedItem], planned: PlannedLegs
+    ) -> tuple[int, list[MappedItem]]:
+        """How many of the items held stay, and those that follow.
+
+        Parameters
+        ----------
+        held, mapped : sequence
+            The items that are held, home aside, and their map.
+        planned : PlannedLegs
+            What is left to fly.
+
+        Raises
+        ------
+        PathUndefined
+            If it cannot be laid out.
+        """
+        kept = sum(each.first <= planned.started for each in mapped)
+        done = max([planned.started, *(each.last for each in mapped[:kept])])
+        left = planned.after(done - planned.started + 1)
+        if not any(leg.distance_m > 0 for leg in left.legs):
+            return kept, []
+        altitudes_m = [
+            item.parameters[6] for item in held[:kept] if item.frame in d.FRAMES and any(item.parameters[4:6])
+        ]
+        site = self._plan.site
+        assert site.origin_deg is not None
+        path = PlannedPath(
+            "the rest",
+            planned_sections(left.legs),
+            site.origin_deg,
+            altitudes_m[-1] if altitudes_m else held[0].parameters[6],
+            self._airspeed_mps,
+            site.origin_deg if held[-1].command == d.RETURN else None,
+            self._trigger_distance_m(held),
+            airspace=site.airspace,
+        )
+        return kept, mapped_items(mission_items(path, flying=True), left, self._plan.path_count)
+
+    def _trigger_distance_m(self, held: Sequence[MissionItem]) -> float | None:
+        """Distance between pictures of a mission that takes them all the way; None where the stages say it [m]."""
+        if any(command[0] == d.TRIGGER_DISTANCE for stage in self._plan.stages for command in stage.commands):
+            return None
+        distances = (item.parameters[0] for item in held if item.command == d.TRIGGER_DISTANCE)
+        return next((distance_m for distance_m in distances if distance_m > 0), None)
