@@ -81,6 +81,11 @@ class Sample(NamedTuple):
         """Its position [m]."""
         return None if self.x_m is None or self.y_m is None else (self.x_m, self.y_m)
 
+    @property
+    def course_rad(self) -> float | None:
+        """Direction of the ground velocity, 0 east, counter-clockwise [rad]."""
+        return None if self.velocity_mps is None else math.atan2(self.velocity_mps[1], self.velocity_mps[0])
+
 
 class Observation(NamedTuple):
     """Measurements and the position in the plan at one time.

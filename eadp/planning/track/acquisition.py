@@ -17,13 +17,13 @@ from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.legs import Leg
 from eadp.models.plan.route import RoutePredictor
+from eadp.planning.base import Sample
 from eadp.planning.track.gate import GAP_S, GAP_STEPS
 from eadp.planning.track.locator import (
     ALIKE,
     INDEPENDENT_S,
     MAX_STDS,
     Hypothesis,
-    Sighting,
     best_match,
     cursors,
     likely,
@@ -79,7 +79,7 @@ class Acquisition:
         self._usual_s = 0.0
         self._stage_s = self._lap_s = math.inf
 
-    def update(self, to: Sighting, in_force: dict[int, float]) -> None:
+    def update(self, to: Sample, in_force: dict[int, float]) -> None:
         """Take a position, and the parameters reported to be in force, by index.
 
         The first course is waited for; after a gap it starts again.
@@ -118,13 +118,13 @@ class Acquisition:
         self.stage_found = self.stage_found or to.time_s - self._stage_s >= SETTLE_S
         self.settled = to.time_s - self._lap_s >= SETTLE_S
 
-    def _anew(self, to: Sighting) -> Hypothesis:
+    def _anew(self, to: Sample) -> Hypothesis:
         """A flight that has just started."""
         cursor = self._start.cursor
         assert to.position_m is not None
         return Hypothesis(self._start.placed(cursor, to.position_m, 1, to.position_m, 0.0), to.time_s, START_LOG_PRIOR)
 
-    def _candidates(self, to: Sighting, in_force: dict[int, float]) -> Iterator[Hypothesis]:
+    def _candidates(self, to: Sample, in_force: dict[int, float]) -> Iterator[Hypothesis]:
         """The best match on each leg of the nominal flights."""
         plan, rules = self._start.cursor.table.plan, self._start.cursor.table.rules
         for values in self._choices():
@@ -156,7 +156,7 @@ class Acquisition:
         return list(dict.fromkeys(choices))
 
 
-def _matched(executor: PlanExecutor, cursor: PlanCursor, leg: Leg, legs_before: int, to: Sighting) -> Hypothesis | None:
+def _matched(executor: PlanExecutor, cursor: PlanCursor, leg: Leg, legs_before: int, to: Sample) -> Hypothesis | None:
     """The flight placed on a leg, at the position sighted; None where position or course do not fit.
 
     `executor` is at the start of the plan. The likelihood is left at 1: `update` weighs the position next, as it does
@@ -181,7 +181,7 @@ def _matched(executor: PlanExecutor, cursor: PlanCursor, leg: Leg, legs_before: 
     return Hypothesis(placed, to.time_s)
 
 
-def _follow(hypothesis: Hypothesis, last: tuple[float, Point], to: Sighting, in_force: dict[int, float]) -> None:
+def _follow(hypothesis: Hypothesis, last: tuple[float, Point], to: Sample, in_force: dict[int, float]) -> None:
     """Advance a hypothesis, in place, along a line to a position: by the stage reported, else by its triggers.
 
     It is excluded (log likelihood −∞) where the stage reported is more than one ahead, where its plan has ended, and
@@ -205,7 +205,7 @@ def _follow(hypothesis: Hypothesis, last: tuple[float, Point], to: Sighting, in_
         hypothesis.log_likelihood = -math.inf
 
 
-def _put_in_force(hypothesis: Hypothesis, to: Sighting, in_force: dict[int, float]) -> None:
+def _put_in_force(hypothesis: Hypothesis, to: Sample, in_force: dict[int, float]) -> None:
     executor = hypothesis.executor
     assert to.position_m is not None
     sets = executor.stage.sets

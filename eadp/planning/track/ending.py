@@ -7,7 +7,8 @@ import math
 from eadp.core.geometry.curves import Point
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.route import MARGIN_M
-from eadp.planning.track.locator import ALIKE, INDEPENDENT_S, MAX_STDS, Sighting, path_mismatch
+from eadp.planning.base import Sample
+from eadp.planning.track.locator import ALIKE, INDEPENDENT_S, MAX_STDS, path_mismatch
 
 AHEAD_M = 20.0
 """Distance straight on within which a certain end is passed by the error of a position, `MARGIN_M` [m]."""
@@ -60,7 +61,7 @@ class Continuation:
         self._stages_started = executor.stages_started
         self._log_odds = 0.0
 
-    def update(self, executor: PlanExecutor, to: Sighting, step_s: float) -> bool | None:
+    def update(self, executor: PlanExecutor, to: Sample, step_s: float) -> bool | None:
         """Take a position, `step_s` [s] after the last one; return whether the flight goes on, None while unknown."""
         if executor.complete:
             return False

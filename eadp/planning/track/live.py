@@ -26,7 +26,6 @@ from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.track.acquisition import Acquisition
 from eadp.planning.track.gate import SLACK_M, SPEED_FACTOR, Notice
-from eadp.planning.track.locator import Sighting
 from eadp.planning.track.plan_tracker import Messages, PlanTracker
 
 WINDOW_S, MIN_SPAN_S, MAX_CHORD_S = 2.5, 0.9, 3.0
@@ -151,18 +150,22 @@ class LiveFlight:
             if sample.position_m is None and self._mission.start_m is None:
                 return None, (Notice("x_m", "the flight starts at the first position", "a position"),)
             self._start(sample)
-        velocity, tracker = self._ground.update(sample), self._tracker
+        tracker = self._tracker
+        to = sample._replace(time_s=sample.time_s - self._origin_s, velocity_mps=self._ground.update(sample))
         if tracker.complete and not tracker.end_uncertain:
             return None, ()
         if not tracker.complete and sample.soc is not None and sample.soc <= 0:
             return self._empty_advice(sample), ()
         self._empty = False
-        advice = self._advice_at(sample, sample.time_s - self._origin_s, velocity)
+        advice = self._advice_at(sample, to)
         return advice, () if advice is None and tracker.complete else tuple(self._messages.notices)
 
-    def _advice_at(self, sample: Sample, time_s: float, velocity: Point | None) -> Advice | None:
-        """Track the plan, update the planner, and return advice if any is due."""
-        tracker, before, to = self._tracker, self._decision, _sighting(sample, time_s, velocity)
+    def _advice_at(self, sample: Sample, to: Sample) -> Advice | None:
+        """Track the plan, update the planner, and return advice if any is due.
+
+        `to` is the sample at the time of the flight, with its ground velocity.
+        """
+        tracker, before, time_s = self._tracker, self._decision, to.time_s
         tracker.flies_mission = sample.flies_mission
         known_soc = self._flight.state.soc if self._flight is not None else self._last[1]
         soc = known_soc if sample.soc is None else sample.soc
@@ -186,7 +189,7 @@ class LiveFlight:
         observation = tracker.observation(time_s, position, soc)._replace(
             power_w=sample.power_w,
             wind_mps=sample.wind_mps,
-            velocity_mps=velocity,
+            velocity_mps=to.velocity_mps,
             heading_rad=sample.heading_rad,
             airspeed_mps=sample.airspeed_mps,
             soc_measured=sample.soc is not None,
@@ -231,7 +234,7 @@ class LiveFlight:
         mission = replace(self._mission, parameters=parameters, start_m=start_m, live=True)
         self._flight, self._held = self._make(mission), self._make_forecast(mission)
 
-    def _acquire(self, acquisition: Acquisition, to: Sighting, parameters: Mapping[str, float]) -> bool:
+    def _acquire(self, acquisition: Acquisition, to: Sample, parameters: Mapping[str, float]) -> bool:
         """Find stage and lap where telemetry begins in the middle of the flight; return whether it does.
 
         Planning starts with the stage. Path parameters are held until the lap is found.
@@ -253,7 +256,7 @@ class LiveFlight:
         tracker.place(best, to, decided, settled=acquisition.settled)
         return True
 
-    def _track(self, flight: PlannedFlight, to: Sighting, soc: float, *, measured: bool) -> Point:
+    def _track(self, flight: PlannedFlight, to: Sample, soc: float, *, measured: bool) -> Point:
         """Advance to a sample; the planner observes each stage that starts before it, at that time."""
         t0, soc0 = self._last
 
@@ -353,11 +356,6 @@ class LiveFlight:
             *(code for code, holds in known.items() if holds),
             *(() if self._flight is None else self._flight.state.warnings),
         )
-
-
-def _sighting(sample: Sample, time_s: float, velocity: Point | None) -> Sighting:
-    course = math.atan2(velocity[1], velocity[0]) if velocity is not None else None
-    return Sighting(time_s, sample.position_m, course, sample.stage, sample.stages_started)
 
 
 class _GroundVelocity:

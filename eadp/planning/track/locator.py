@@ -19,6 +19,7 @@ from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.legs import Leg, left_m, leg_points
 from eadp.models.plan.route import RoutePredictor
+from eadp.planning.base import Sample
 
 STEP_M, MAX_STEPS = 1.0, 5000
 """Distance of trigger checks between two samples [m], and their maximum number."""
@@ -44,39 +45,18 @@ POINT_M, MAX_POINTS = 3.0, 400
 """Distance of the points of a stage at which a position is sought [m], and their maximum number."""
 
 
-class Sighting(NamedTuple):
-    """What is known after a gap.
+def max_time_stds(seen: Sample) -> float:
+    """Maximum mismatch of time in standard deviations: a report without a position decides, whatever the time."""
+    reported = seen.stage is not None or seen.stages_started is not None
+    return math.inf if reported and seen.position_m is None else MAX_STDS
 
-    Attributes
-    ----------
-    time_s : float
-        Time of the flight [s].
-    position_m : (float, float) or None
-        Position [m].
-    course_rad : float or None
-        Direction of the ground velocity, 0 east, counter-clockwise [rad].
-    stage, stages_started : int or None
-        Reported: index of the stage, from 1 within the plan's stages; and number of stages started, the first included.
-    """
 
-    time_s: float
-    position_m: Point | None
-    course_rad: float | None = None
-    stage: int | None = None
-    stages_started: int | None = None
-
-    @property
-    def max_time_stds(self) -> float:
-        """Maximum mismatch of time in standard deviations: a report without a position decides, whatever the time."""
-        reported = self.stage is not None or self.stages_started is not None
-        return math.inf if reported and self.position_m is None else MAX_STDS
-
-    def allows(self, executor: PlanExecutor) -> bool:
-        """Whether a flight is on the stage that is reported, or before it."""
-        following = executor.cursor.next()
-        stages = None, executor.stage.index, following and following.stage.index
-        counts = None, executor.stages_started, executor.stages_started + 1
-        return self.stage in stages and self.stages_started in counts
+def allows(seen: Sample, executor: PlanExecutor) -> bool:
+    """Whether a flight is on the stage that a sample reports, or before it."""
+    following = executor.cursor.next()
+    stages = None, executor.stage.index, following and following.stage.index
+    counts = None, executor.stages_started, executor.stages_started + 1
+    return seen.stage in stages and seen.stages_started in counts
 
 
 @dataclass
@@ -93,7 +73,7 @@ class Hypothesis:
         cursor = self.executor.cursor
         return cursor.segment, cursor.lap, cursor.stage.index
 
-    def weigh(self, to: Sighting, share: float, max_mismatch: float, distance_std_m: float | None = None) -> None:
+    def weigh(self, to: Sample, share: float, max_mismatch: float, distance_std_m: float | None = None) -> None:
         """Update the likelihood with a position, the share of independent evidence in it, see `path_mismatch`."""
         mismatch = path_mismatch(self.executor, to, distance_std_m or DISTANCE_STD_M)
         self.log_likelihood -= min(mismatch, max_mismatch) / 2 * share
@@ -185,12 +165,12 @@ class Locator:
 
     # --- ordinary flight
 
-    def follow(self, to: Sighting, skips: int | None, started: Callable[[float, Point, float], None]) -> None:
+    def follow(self, to: Sample, skips: int | None, started: Callable[[float, Point, float], None]) -> None:
         """Advance along the straight line from the last position.
 
         Parameters
         ----------
-        to : Sighting
+        to : Sample
             With a position.
         skips : int or None
             Number of stages to skip there, as reported; None where positions decide.
@@ -257,11 +237,11 @@ class Locator:
     def _start(self, hypothesis: Hypothesis, time_s: float) -> None:
         hypothesis.since_s, self.through_gap = time_s, len(self.hypotheses) > 1
 
-    def _weigh(self, to: Sighting, step_s: float) -> None:
+    def _weigh(self, to: Sample, step_s: float) -> None:
         """Update the likelihoods with a position, and drop hypotheses that are no longer likely."""
         for hypothesis in self.hypotheses:
             hypothesis.weigh(to, min(1.0, step_s / INDEPENDENT_S), 2 * MAX_STDS**2)
-        reported = [one for one in self.hypotheses if to.allows(one.executor)]
+        reported = [one for one in self.hypotheses if allows(to, one.executor)]
         self._keep(reported or self.hypotheses)
         if self.executor.complete and len(self.hypotheses) > 1:
             best = self.hypotheses[0].log_likelihood
@@ -277,12 +257,12 @@ class Locator:
 
     # --- after a gap
 
-    def seek(self, sighting: Sighting, wind_mps: Point) -> Point | None:
+    def seek(self, seen: Sample, wind_mps: Point) -> Point | None:
         """Find the flight again after a gap, or forecast where it is.
 
         Parameters
         ----------
-        sighting : Sighting
+        seen : Sample
             Without a position, or where none fits, the flight is where the time puts it.
         wind_mps : (float, float)
             Wind [m/s].
@@ -294,9 +274,9 @@ class Locator:
         """
         if not self._before:
             self._before = self.hypotheses
-        unknown = sighting._replace(position_m=None, course_rad=None)
-        stated = sighting.stage is not None or sighting.stages_started is not None
-        located = list(self._candidates(sighting, wind_mps)) if sighting.position_m is not None else []
+        unknown = seen._replace(x_m=None, y_m=None, velocity_mps=None)
+        stated = seen.stage is not None or seen.stages_started is not None
+        located = list(self._candidates(seen, wind_mps)) if seen.position_m is not None else []
         found = located or list(self._candidates(unknown, wind_mps))
         if not found and stated:
             found = list(self._candidates(unknown._replace(stage=None, stages_started=None), wind_mps))
@@ -308,27 +288,27 @@ class Locator:
         best = max(found, key=lambda one: one.log_likelihood)
         lowest = best.log_likelihood - ALIKE
         ranked = [one for one in found if one.log_likelihood >= lowest] if located else [best]
-        self._keep([one.placed(sighting.position_m) for one in ranked])
-        position = sighting.position_m or best.position_m
-        if located or (stated and sighting.position_m is not None):
+        self._keep([one.placed(seen.position_m) for one in ranked])
+        position = seen.position_m or best.position_m
+        if located or (stated and seen.position_m is not None):
             self._before = []
-            self._time_s, self._position = sighting.time_s, position
+            self._time_s, self._position = seen.time_s, position
         return position
 
-    def _candidates(self, sighting: Sighting, wind_mps: Point) -> Iterator[_Candidate]:
+    def _candidates(self, seen: Sample, wind_mps: Point) -> Iterator[_Candidate]:
         """The best match on each leg that the time and the reports allow."""
-        elapsed_s = sighting.time_s - self._time_s
+        elapsed_s = seen.time_s - self._time_s
         std_s = TIME_STD_S + TIME_STD_SHARE * elapsed_s
         for before in self._before:
             for leg in self._legs_ahead(before, wind_mps):
-                if leg.start_s > elapsed_s + sighting.max_time_stds * std_s:
+                if leg.start_s > elapsed_s + max_time_stds(seen) * std_s:
                     break
                 count = before.executor.stages_started + leg.number
-                if sighting.stage not in (None, leg.leg.stage.index) or sighting.stages_started not in (None, count):
+                if seen.stage not in (None, leg.leg.stage.index) or seen.stages_started not in (None, count):
                     continue
-                match = leg.match(sighting, elapsed_s, std_s)
+                match = leg.match(seen, elapsed_s, std_s)
                 if match is not None:
-                    yield _Candidate(before, leg, sighting.time_s, *match)
+                    yield _Candidate(before, leg, seen.time_s, *match)
 
     def _legs_ahead(self, hypothesis: Hypothesis, wind_mps: Point) -> Iterator[_LegAhead]:
         """The legs left to fly from a hypothesis at the last position, and when they are flown."""
@@ -364,12 +344,12 @@ class _LegAhead(NamedTuple):
     start_s: float
     duration_s: float
 
-    def match(self, sighting: Sighting, elapsed_s: float, std_s: float) -> tuple[float, Point, float] | None:
+    def match(self, seen: Sample, elapsed_s: float, std_s: float) -> tuple[float, Point, float] | None:
         """Share of the leg, point and log likelihood of the best match; None where none fits."""
         leg = self.leg
-        if self.start_s + self.duration_s < elapsed_s - sighting.max_time_stds * std_s:
+        if self.start_s + self.duration_s < elapsed_s - max_time_stds(seen) * std_s:
             return None
-        return best_match(leg, sighting, (self.start_s, self.duration_s, elapsed_s, std_s))
+        return best_match(leg, seen, (self.start_s, self.duration_s, elapsed_s, std_s))
 
 
 class _Candidate(NamedTuple):
@@ -394,7 +374,7 @@ class _Candidate(NamedTuple):
         return Hypothesis(placed, self.time_s - self.share * ahead.duration_s, self.log_likelihood)
 
 
-def path_mismatch(executor: PlanExecutor, to: Sighting, distance_std_m: float = DISTANCE_STD_M) -> float:
+def path_mismatch(executor: PlanExecutor, to: Sample, distance_std_m: float = DISTANCE_STD_M) -> float:
     """Square of the mismatch of position and course with the path of a flight's stage, in standard deviations.
 
     That of the distance is `distance_std_m` [m].
@@ -415,7 +395,7 @@ def path_mismatch(executor: PlanExecutor, to: Sighting, distance_std_m: float = 
 
 
 def best_match(
-    leg: Leg, sighting: Sighting, times_s: tuple[float, float, float, float] | None = None
+    leg: Leg, seen: Sample, times_s: tuple[float, float, float, float] | None = None
 ) -> tuple[float, Point, float] | None:
     """Share of a leg, point and log likelihood of the best match; None where none fits.
 
@@ -428,13 +408,13 @@ def best_match(
         start_s, duration_s, elapsed_s, std_s = times_s
         late += ((start_s + shares * duration_s - elapsed_s) / std_s) ** 2
     fit = np.zeros(len(points))
-    if sighting.position_m is not None:
-        offsets = np.array([(point.x_m, point.y_m) for point in points]) - sighting.position_m
+    if seen.position_m is not None:
+        offsets = np.array([(point.x_m, point.y_m) for point in points]) - seen.position_m
         fit += np.sum(offsets**2, axis=1) / DISTANCE_STD_M**2
-        if sighting.course_rad is not None:
-            turned = np.array([point.heading_rad for point in points]) - sighting.course_rad
+        if seen.course_rad is not None:
+            turned = np.array([point.heading_rad for point in points]) - seen.course_rad
             fit += (np.remainder(turned + math.pi, 2 * math.pi) - math.pi) ** 2 / COURSE_STD_RAD**2
-    total = np.where((late <= sighting.max_time_stds**2) & (fit <= MAX_STDS**2), late + fit, math.inf)
+    total = np.where((late <= max_time_stds(seen) ** 2) & (fit <= MAX_STDS**2), late + fit, math.inf)
     best = int(np.argmin(total))
     if not math.isfinite(total[best]):
         return None

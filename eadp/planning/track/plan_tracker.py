@@ -9,12 +9,12 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, printable
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.executor import PlanExecutor
-from eadp.planning.base import Mission, Observation
+from eadp.planning.base import Mission, Observation, Sample
 from eadp.planning.track.acquisition import Acquisition
 from eadp.planning.track.applied import AppliedParameters
 from eadp.planning.track.ending import Continuation, is_certain
 from eadp.planning.track.gate import GAP_S, GAP_STEPS, Notice
-from eadp.planning.track.locator import Hypothesis, Locator, Sighting
+from eadp.planning.track.locator import Hypothesis, Locator
 
 MAX_NOTICES = 100
 FOUND = "stage and lap are found"
@@ -114,7 +114,7 @@ class PlanTracker:
         """Find stage and lap of a flight that may have started there [m] long ago."""
         self.acquisition = Acquisition(self.executor, start_m)
 
-    def place(self, found: Hypothesis, to: Sighting, parameters: Vector, *, settled: bool) -> None:
+    def place(self, found: Hypothesis, to: Sample, parameters: Vector, *, settled: bool) -> None:
         """Track on from a hypothesis, with the parameters decided; `settled` if stage and lap are found."""
         self.applied = AppliedParameters(parameters, self._mission.plan)
         self.locator = Locator(found.executor, self._mission.cruise_mps, to.time_s, to.position_m)
@@ -127,7 +127,7 @@ class PlanTracker:
             self._messages.reasons.append(FOUND)
 
     def track(
-        self, to: Sighting, last_s: float, wind_mps: Point, started: Callable[[float, Point, float], None]
+        self, to: Sample, last_s: float, wind_mps: Point, started: Callable[[float, Point, float], None]
     ) -> Point:
         """Find the position in the plan; return that of the aircraft, or its forecast [m].
 
@@ -156,7 +156,7 @@ class PlanTracker:
         return position
 
     def _seek(
-        self, to: Sighting, last_s: float, wind_mps: Point, started: Callable[[float, Point, float], None]
+        self, to: Sample, last_s: float, wind_mps: Point, started: Callable[[float, Point, float], None]
     ) -> Point | None:
         """Find the flight again after a gap."""
         before = self.executor.stages_started
@@ -166,7 +166,7 @@ class PlanTracker:
             started(since_s, self.executor.joined_m, 1.0)
         return found
 
-    def _skips(self, to: Sighting) -> int | None:
+    def _skips(self, to: Sample) -> int | None:
         """Number of stages to advance to the reported one; None where positions decide."""
         executor, reported = self.executor, to.stage
         if to.stages_started is not None:
@@ -197,7 +197,7 @@ class PlanTracker:
         self._past_stage = None
         return skips
 
-    def update_end(self, to: Sighting, position: Point, step_s: float) -> bool | None:
+    def update_end(self, to: Sample, position: Point, step_s: float) -> bool | None:
         """Update `complete` and `end_uncertain` with a sample, `step_s` [s] after the last one.
 
         Where the plan has more after the end reached, it is followed past that end, and later positions decide whether

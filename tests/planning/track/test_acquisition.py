@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 from common import ROOT, few
+from common.observations import seen_at
 
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
@@ -12,7 +13,6 @@ from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.legs import leg_points
 from eadp.models.plan.route import RoutePredictor
 from eadp.planning.track.acquisition import SETTLE_S, Acquisition
-from eadp.planning.track.locator import Sighting
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 START, SPEED = (-45.0, 216.0), 15.0
@@ -31,7 +31,7 @@ def found(c1, begins, in_force, **reported):
     at = PlanExecutor(PLAN, (0.0, 10.0), points[begins][1], Rules())
     acquisition = Acquisition(at, START)
     for k, (true, position, course) in enumerate(points[begins:]):
-        acquisition.update(Sighting(float(k), position, course, **reported), in_force)
+        acquisition.update(seen_at(float(k), position, course, **reported), in_force)
         if acquisition.settled:
             return k, acquisition.hypotheses[0].stage[1:], true
     return None
@@ -48,7 +48,7 @@ def test_the_lap_is_found(c1, begins):
 
 def test_a_position_on_no_leg_is_a_start():
     acquisition = Acquisition(PlanExecutor(PLAN, (0.0, 10.0), (5e3, 5e3), Rules()), START)
-    acquisition.update(Sighting(0.0, (5e3, 5e3), 0.0), {})
+    acquisition.update(seen_at(0.0, (5e3, 5e3), 0.0), {})
     assert acquisition.is_start
     assert not acquisition.settled
 
@@ -56,7 +56,7 @@ def test_a_position_on_no_leg_is_a_start():
 def test_a_course_is_waited_for_unless_a_stage_is_reported():
     for stage, count in ((None, 1), (4, 2)):
         acquisition = Acquisition(PlanExecutor(PLAN, (0.0, 10.0), (95.0, 80.0), Rules()), START)
-        acquisition.update(Sighting(0.0, (95.0, 80.0), None, stage), {})
+        acquisition.update(seen_at(0.0, (95.0, 80.0), None, stage), {})
         assert len(acquisition.hypotheses) >= count
         assert {one.executor.stage.index for one in acquisition.hypotheses} <= {1, stage}
         assert not acquisition.stage_found
@@ -66,5 +66,5 @@ def test_a_number_of_stages_started_leaves_one_lap():
     lap_and_stage, position, course = list(track(-190.0))[95]
     lap, stage = lap_and_stage
     acquisition = Acquisition(PlanExecutor(PLAN, (0.0, 10.0), position, Rules()), START)
-    acquisition.update(Sighting(0.0, position, course, stages_started=4 * lap + stage), {})
+    acquisition.update(seen_at(0.0, position, course, stages_started=4 * lap + stage), {})
     assert {one.stage[1:] for one in acquisition.hypotheses} == {lap_and_stage}

@@ -6,13 +6,13 @@ import math
 
 import pytest
 from common import ROOT
+from common.observations import seen_at
 
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 from eadp.models.plan.cursor import Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.planning.track.ending import Continuation, is_certain
-from eadp.planning.track.locator import Sighting
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 NORTH = math.pi / 2
@@ -59,12 +59,12 @@ def test_the_next_leg_decides_that_it_goes_on_and_positions_elsewhere_that_it_do
     executor = in_lap(15).past_end()
     continuation = Continuation(executor)
     (ox, oy), _ = executor.cursor.offset_m, executor.stage
-    on_circle = Sighting(0.0, (-45.0 + ox, 216.0 + oy), math.pi)
+    on_circle = seen_at(0.0, (-45.0 + ox, 216.0 + oy), math.pi)
     assert all(continuation.update(executor, on_circle, 1.0) is None for _ in range(60))
     executor.skip(executor.trigger_m)
-    on_line = Sighting(0.0, (-115.0 + ox, 80.0 + oy), -NORTH)
+    on_line = seen_at(0.0, (-115.0 + ox, 80.0 + oy), -NORTH)
     verdicts = [continuation.update(executor, on_line, 1.0) for _ in range(8)]
     assert verdicts[:4] == [None] * 4
     assert verdicts[-1]
-    away = Sighting(0.0, (500.0, 500.0), 0.0)
+    away = seen_at(0.0, (500.0, 500.0), 0.0)
     assert [Continuation(executor).update(executor, away, 4.0)] == [False]

@@ -6,6 +6,7 @@ import math
 
 import pytest
 from common import ROOT
+from common.observations import seen_at
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,7 +16,7 @@ from eadp.models.plan.cursor import PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.legs import leg_points
 from eadp.models.plan.route import RoutePredictor
-from eadp.planning.track.locator import COURSE_STD_RAD, DISTANCE_STD_M, Locator, Sighting, path_mismatch
+from eadp.planning.track.locator import COURSE_STD_RAD, DISTANCE_STD_M, Locator, allows, path_mismatch
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 START, SPEED = (-100.0, 220.0), 15.0
@@ -41,7 +42,7 @@ def nominal(time_s):
 def sighted(time_s, elapsed_s=None, **known):
     number, position, course = nominal(time_s)
     found = locator()
-    found.seek(Sighting(elapsed_s or time_s, position, course)._replace(**known), (0.0, 0.0))
+    found.seek(seen_at(elapsed_s or time_s, position, course)._replace(**known), (0.0, 0.0))
     return number, found
 
 
@@ -72,11 +73,11 @@ def test_a_lap_that_the_time_does_not_allow_is_none():
 
 
 def test_without_a_position_it_is_where_the_time_puts_it():
-    number, found = sighted(100.0, position_m=None, course_rad=None)
+    number, found = sighted(100.0, x_m=None, y_m=None, velocity_mps=None)
     assert found.uncertain
     assert stages(found) == [(LEGS[number].lap, LEGS[number].stage.index)]
     _, position, _ = nominal(100.0)
-    now = found.seek(Sighting(100.0, None), (0.0, 0.0))
+    now = found.seek(seen_at(100.0, None), (0.0, 0.0))
     assert math.dist(now, position) < 3.0
 
 
@@ -86,7 +87,7 @@ def through(text, start, positions):
     found, time_s, at = Locator(PlanExecutor(plan, (), start, Rules()), SPEED, 0.0), 0.0, start
     for position in positions:
         time_s, at = time_s + math.dist(at, position) / SPEED, position
-        found.follow(Sighting(time_s, position), None, lambda *_: None)
+        found.follow(seen_at(time_s, position), None, lambda *_: None)
     return found, time_s
 
 
@@ -99,7 +100,7 @@ def test_without_a_position_it_goes_on_round_a_circle_from_where_it_was(flown_de
         return 50 * math.cos(math.radians(angle_deg)), 50 * math.sin(math.radians(angle_deg))
 
     found, time_s = through(CIRCLE, (50.0, 0.0), [on_round(angle_deg) for angle_deg in range(5, flown_deg + 1, 5)])
-    now = found.seek(Sighting(time_s + 5.0, None), (0.0, 0.0))
+    now = found.seek(seen_at(time_s + 5.0, None), (0.0, 0.0))
     assert math.dist(now, on_round(flown_deg + math.degrees(5.0 * SPEED / 50))) < 3.0
 
 
@@ -107,14 +108,14 @@ def test_without_a_position_it_goes_on_from_within_a_short_leg():
     text = "%: trigger-radius 1\n0.1; 90; x\n0, 12\n0.1; 90; x\n0, 900\n"
     found, time_s = through(text, (0.0, 0.0), [(0.0, 3.0), (0.0, 9.0)])
     assert found.executor.stages_started == 1
-    now = found.seek(Sighting(time_s + 5.0, None), (0.0, 0.0))
+    now = found.seek(seen_at(time_s + 5.0, None), (0.0, 0.0))
     assert now == pytest.approx((0.0, 9.0 + 5.0 * SPEED), abs=3.0)
 
 
 @pytest.mark.parametrize("skips", [0, 1, 2, 3])
 def test_stages_that_are_reported_to_be_over_are_skipped_and_spread_over_the_step(skips):
     found, starts = locator(), []
-    found.follow(Sighting(6.0, (-100.0, 240.0)), skips, lambda *start: starts.append(start))
+    found.follow(seen_at(6.0, (-100.0, 240.0)), skips, lambda *start: starts.append(start))
     assert found.executor.stages_started == 1 + skips
     assert starts == [(6.0 * k / skips, (-100.0, 240.0), 1.0) for k in range(1, skips)]
     assert found.hypotheses[0].since_s == (6.0 if skips else 0.0)
@@ -124,22 +125,22 @@ def test_a_sighting_allows_the_stage_that_it_reports_and_the_one_before():
     executor = locator().executor
     for _ in range(2):
         executor.skip(START)
-    allowed = [count for count in range(7) if Sighting(9.0, START, stages_started=count).allows(executor)]
+    allowed = [count for count in range(7) if allows(seen_at(9.0, START, stages_started=count), executor)]
     assert allowed == [3, 4]
-    assert [stage for stage in range(1, 5) if Sighting(9.0, START, stage=stage).allows(executor)] == [3, 4]
+    assert [stage for stage in range(1, 5) if allows(seen_at(9.0, START, stage=stage), executor)] == [3, 4]
 
 
 def test_a_course_decides_between_two_lines():
     """Two lines of opposite directions, side by side."""
     number = next(i for i, leg in enumerate(LEGS) if leg.lap == 2 and leg.stage.kind == "line")
     time_s = (ENDS_S[number - 1] + ENDS_S[number]) / 2
-    _, found = sighted(time_s, position_m=None, course_rad=None)
+    _, found = sighted(time_s, x_m=None, y_m=None, velocity_mps=None)
     _, position, course = nominal(time_s)
-    found.seek(Sighting(time_s, position, course), (0.0, 0.0))
+    found.seek(seen_at(time_s, position, course), (0.0, 0.0))
     assert not found.lost
     assert stages(found)[0] == (2, LEGS[number].stage.index)
     back = locator()
-    back.seek(Sighting(time_s, position, course + math.pi), (0.0, 0.0))
+    back.seek(seen_at(time_s, position, course + math.pi), (0.0, 0.0))
     assert (2, LEGS[number].stage.index) not in stages(back) or back.lost
 
 
@@ -153,23 +154,23 @@ def test_thepath_mismatch_is_the_distance_from_the_path_and_the_angle_to_it(turn
     beside = (x - 7 * math.sin(course), y + 7 * math.cos(course))
     angle = (turned / COURSE_STD_RAD) ** 2
     for whole in (0, 2 * math.pi, -2 * math.pi):
-        on_path = path_mismatch(executor, Sighting(9.0, (x, y), course + turned + whole))
+        on_path = path_mismatch(executor, seen_at(9.0, (x, y), course + turned + whole))
         assert on_path == pytest.approx(angle, abs=1e-6)
-        off_path = path_mismatch(executor, Sighting(9.0, beside, course + turned + whole))
+        off_path = path_mismatch(executor, seen_at(9.0, beside, course + turned + whole))
         assert off_path == pytest.approx(angle + (7 / DISTANCE_STD_M) ** 2, rel=1e-6)
 
 
 def test_a_number_of_stages_started_settles_it():
     for number in (3, 12, 20):
         found = locator()
-        found.seek(Sighting(1.0, None, stages_started=number + 1), (0.0, 0.0))
+        found.seek(seen_at(1.0, None, stages_started=number + 1), (0.0, 0.0))
         assert stages(found) == [(LEGS[number].lap, LEGS[number].stage.index)]
         assert found.executor.stages_started == number + 1
 
 
 def test_a_reported_stage_settles_it_at_a_position_that_fits_none():
     found = locator()
-    found.seek(Sighting(60.0, (900.0, 900.0), stage=3), (0.0, 0.0))
+    found.seek(seen_at(60.0, (900.0, 900.0), stage=3), (0.0, 0.0))
     assert not found.uncertain
     assert stages(found)[0][1] == 3
 
@@ -181,7 +182,7 @@ def test_positions_decide_between_hypotheses_and_the_wrong_ones_go():
     for _ in range(20):
         time_s += 1.0
         _, position, course = nominal(time_s)
-        found.follow(Sighting(time_s + 7.0, position, course), None, lambda *_: None)
+        found.follow(seen_at(time_s + 7.0, position, course), None, lambda *_: None)
     assert not found.uncertain
     true = LEGS[nominal(time_s)[0]]
     assert stages(found) == [(true.lap, true.stage.index)]

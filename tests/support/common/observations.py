@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 from eadp.models.plan.cursor import PlanCursor
-from eadp.planning.base import Observation
+from eadp.planning.base import Observation, Sample
 from eadp.planning.flight import PlannedFlight
 from eadp.planning.state.flight_state import FlightState
 
@@ -14,6 +16,13 @@ def observation(plan, parameters, time_s, x_m, y_m, *, started=1, power_w=46.0, 
     for _ in range(started - 1):
         cursor, joined_m = cursor.next(), cursor.trigger_m()
     return Observation(time_s, x_m, y_m, cursor, joined_m, started, power_w, soc, **more)
+
+
+def seen_at(time_s, position_m, course_rad=None, stage=None, stages_started=None):
+    """A sample of where an aircraft is and where it flies to, at 1 m/s, with what it reports of its stage."""
+    x_m, y_m = position_m or (None, None)
+    velocity = None if course_rad is None else (math.cos(course_rad), math.sin(course_rad))
+    return Sample(time_s, x_m, y_m, None, None, stage, velocity_mps=velocity, stages_started=stages_started)
 
 
 class Piloted(PlannedFlight):
