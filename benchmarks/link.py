@@ -238,7 +238,7 @@ class Bridge:
                 continue
             self.lines.append(json.dumps(self._line()).encode())
             count = len(self.decisions)
-            self.replanner.take(len(self.lines), self.lines[-1])
+            self.replanner.take(self.replanner.reader.read(len(self.lines), self.lines[-1]))
             if len(self.decisions) == count:
                 continue
             decided = self.decisions[-1]
@@ -271,7 +271,7 @@ def quality(inputs: FlightInputs, lines: Iterable[bytes]) -> float:
     """U of the stages and parameters that lines of telemetry report."""
     replanner, log, before = Replanner(inputs, "log", None, str, str), None, (0, ())
     for number, raw in enumerate(lines, 1):
-        replanner.take(number, raw)
+        replanner.take(replanner.reader.read(number, raw))
         flight, said = replanner._flight, json.loads(raw)
         if not flight._started or flight._flight is None:
             continue

@@ -143,13 +143,13 @@ class LinkFlight:
         self._lost = False
         self._may_return, self._returns, self._commands = options.return_home, False, 0
         self._requests = _Requests(lambda *numbers: self._command(SET_INTERVAL, numbers))
-        self._count, self._text, self._armed = 0, "", False
+        self._text, self._armed = "", False
         self._replanner = Replanner(inputs, name, log, self._decided, self._warn_once)
         self._replanner.restore()
         exported = mapped
         if mapped is not None and log is not None and log.items is not None:
             mapped = parse_items(log.items, path_names)
-        self._lines = LineMaker(plan, inputs.mission.battery, mapped, self._say)
+        self._lines = LineMaker(self._replanner.reader, inputs.mission, mapped, self._say)
         self._mission: HeldMission | None = None
         if mapped is not None and send is not None:
             self._mission = HeldMission(plan, inputs.mission.cruise_mps, exported or mapped, mapped)
@@ -227,9 +227,8 @@ class LinkFlight:
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Take what a message says, and re-plan with the lines that are due."""
-        for line in self._lines.update(values):
-            self._count += 1
-            self._replanner.take(self._count, line)
+        for reading in self._lines.update(values):
+            self._replanner.take(reading)
 
     def tick(self, now_s: float) -> None:
         """Send a heartbeat if one is due, and say where the autopilot's are lost."""
@@ -338,7 +337,7 @@ class LinkFlight:
     # --- warnings
 
     def _say(self, what: str) -> None:
-        self._warn_once(Fault(self._name, max(self._count, 1), 1, what, severity="warning"))
+        self._warn_once(Fault(self._name, max(self._lines.count, 1), 1, what, severity="warning"))
 
     def _tell(self, what: str) -> None:
         """Warn the pilot, too, and once."""
@@ -348,7 +347,7 @@ class LinkFlight:
             self._show(what, WARNING)
 
     def _note(self, what: str) -> None:
-        self._warn(Fault(self._name, max(self._count, 1), 1, what, severity="note"))
+        self._warn(Fault(self._name, max(self._lines.count, 1), 1, what, severity="note"))
 
     def _warn_once(self, fault: Fault) -> None:
         """Warn of each thing once: a link repeats what is wrong with it many times a second."""
@@ -425,7 +424,7 @@ def replay_flight(
             for number, raw in numbered_lines(stream, path):
                 if _kind(raw) == TELEMETRY:
                     line = {key: value for key, value in json.loads(raw).items() if key != "kind"}
-                    replanner.take(number + 1, line)
+                    replanner.take(replanner.reader.reading(number + 1, line))
             used, completes = replanner.used, replanner.completes
         else:
             flight = LinkFlight(inputs, path, options, log, emit, warn)

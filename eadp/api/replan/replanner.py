@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, BinaryIO
 
 from eadp.api.inputs import FlightInputs
 from eadp.api.replan.decisions import decision_line
 from eadp.errors import Fault
 from eadp.io.telemetry.log import ReplanLog
-from eadp.io.telemetry.reader import TelemetryReader, numbered_lines, open_telemetry
-from eadp.io.text.json import JsonObject
+from eadp.io.telemetry.reader import Reading, TelemetryReader, numbered_lines, open_telemetry
 from eadp.models.plan.route import PlannedLegs
 from eadp.planning.base import Sample
 from eadp.planning.flight import make_flight
@@ -50,7 +49,7 @@ def replan(inputs: FlightInputs, stream: BinaryIO, name: str, log: ReplanLog | N
     flight = Replanner(inputs, name, log, emit, warn)
     flight.restore()
     for number, raw in numbered_lines(stream, name):
-        flight.take(number, raw)
+        flight.take(flight.reader.read(number, raw))
     if not flight.used:
         warn(Fault(name, 1, 1, "no line could be used", "telemetry as JSON lines", severity="warning"))
     return flight.completes
@@ -68,15 +67,17 @@ def rest_after(inputs: FlightInputs, telemetry: str, warn: Warn) -> tuple[Planne
     flight = Replanner(inputs, telemetry, None, decisions.append, warn)
     with open_telemetry(telemetry) as stream:
         for number, raw in numbered_lines(stream, telemetry):
-            flight.take(number, raw)
+            flight.take(flight.reader.read(number, raw))
     return flight.rest(), decisions[-1] if decisions else None
 
 
 class Replanner:
-    """The planner on lines of telemetry, see `replan`.
+    """The planner on readings of telemetry, see `replan`.
 
     Attributes
     ----------
+    reader : TelemetryReader
+        Makes them.
     used : bool
         Whether any line could be used.
     planned : bool
@@ -92,7 +93,7 @@ class Replanner:
             lambda mission: HeldForecast(settings, mission),
             settings.every_s,
         )
-        self._gate, self._reader = OutlierGate(inputs.mission.cruise_mps), TelemetryReader(name, inputs.mission)
+        self._gate, self.reader = OutlierGate(inputs.mission.cruise_mps), TelemetryReader(name, inputs.mission)
         self._log, self._emit, self._warn = log, emit, warn
         self._logged: set[tuple[float | None, ...]] = set()
         self._logged_to_s = 0.0
@@ -107,13 +108,9 @@ class Replanner:
         """What is left to fly, see `LiveFlight.rest`."""
         return self._flight.rest()
 
-    def take(self, number: int, line: bytes | Mapping[str, Any]) -> None:
-        """Take a line, as text or as its keys: warn of what is wrong, log it, and emit the decision if one is due."""
-        if isinstance(line, bytes):
-            sample, document, warnings = self._reader.read(number, line)
-        else:
-            keys = JsonObject({key: tuple(value) if isinstance(value, list) else value for key, value in line.items()})
-            sample, document, warnings = self._reader.sample(number, keys)
+    def take(self, reading: Reading) -> None:
+        """Take a reading: warn of what is wrong, log it, and emit the decision if one is due."""
+        sample, document, warnings, number = reading
         for warning in warnings:
             self._warn(warning)
         if sample is None:
@@ -122,7 +119,7 @@ class Replanner:
             if not self._skipped:  # a recorded flight, again from its start
                 self._skipped = True
                 message = f"lines up to {self._logged_to_s:.15g} s are in the log already, and are skipped"
-                self._warn(self._reader.fault(number, document, "time_s", message, ""))
+                self._warn(self.reader.fault(number, document, "time_s", message, ""))
             return
         self._logged.clear()
         self.used = True
@@ -130,7 +127,7 @@ class Replanner:
             self._log.telemetry(document)
         advice, notices = self._update(sample)
         for notice in notices:
-            self._warn(self._reader.fault(number, document, *notice))
+            self._warn(self.reader.fault(number, document, *notice))
         if advice is not None:
             self._decide(advice)
         self._warn_of_log()

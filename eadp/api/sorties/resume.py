@@ -135,7 +135,7 @@ def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurve
     reader, rows = TelemetryReader(source, origin_deg=planner.task.field.origin_deg), []
     with open_telemetry(source) as stream:
         for number, raw in numbered_lines(stream, source):
-            sample, _, found = reader.read(number, raw)
+            sample, _, found, _ = reader.read(number, raw)
             warn([each for each in found if "missing" not in each.message])
             if sample is not None and sample.x_m is not None and sample.y_m is not None:
                 rows.append((sample.time_s, sample.x_m, sample.y_m))

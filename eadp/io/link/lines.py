@@ -1,4 +1,4 @@
-"""Lines of telemetry from what an autopilot's messages say, one for each position, five a second at most.
+"""Readings of telemetry from what an autopilot's messages say: one for each position, five a second at most.
 
 They depend on the messages and the autopilot's clock alone, so that a recording gives the same lines.
 """
@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from eadp.io.mission.items import MappedItem
-from eadp.models.battery import Battery
-from eadp.models.plan.plan import Plan
+from eadp.io.telemetry.reader import Reading, TelemetryReader
+from eadp.planning.base import Mission
 
 LINE_S = 0.2
 """Least time between two lines [s]: ten a second to one in two seconds are enough."""
@@ -40,8 +40,9 @@ class LineMaker:
 
     Parameters
     ----------
-    plan : Plan
-    battery : Battery
+    reader : TelemetryReader
+        Checks values, and makes samples of them.
+    mission : Mission
     items : list of MappedItem, optional
         The stages of its mission's items.
     warn : function
@@ -57,12 +58,20 @@ class LineMaker:
         Whether the aircraft has been in the air.
     restarts : int
         How often the autopilot's time started again.
+    count : int
+        Of the lines made.
     """
 
     def __init__(
-        self, plan: Plan, battery: Battery, items: Sequence[MappedItem] | None, warn: Callable[[str], None]
+        self,
+        reader: TelemetryReader,
+        mission: Mission,
+        items: Sequence[MappedItem] | None,
+        warn: Callable[[str], None],
     ) -> None:
-        self._plan, self._battery, self.items, self._warn = plan, battery, items, warn
+        self._reader, self.items, self._warn = reader, items, warn
+        self._plan, self._battery = mission.plan, mission.battery
+        self.count = 0
         self._known: dict[str, tuple[float, Any]] = {}
         self._parameters: dict[str, tuple[float, float]] = {}
         self._now_s = self._line_s = -math.inf
@@ -74,8 +83,15 @@ class LineMaker:
         self._reached = -1
         self._speed_mps = 0.0
 
-    def update(self, values: Mapping[str, Any]) -> list[dict[str, Any]]:
+    def update(self, values: Mapping[str, Any]) -> list[Reading]:
         """Take what a message says; return the lines that are due: one, or two where the aircraft takes off."""
+        readings = []
+        for line in self._due(values):
+            self.count += 1
+            readings.append(self._reader.reading(self.count, line))
+        return readings
+
+    def _due(self, values: Mapping[str, Any]) -> list[dict[str, Any]]:
         if "home_is_item" in values:
             self._home_is_item = values["home_is_item"]
         if "named" in values and values["named"] is not None:

@@ -172,10 +172,14 @@ class ReplanLog:
         if kind == MISSION and isinstance(line.get("items"), str):
             self.items = Text(self._path, line["items"])
         elif kind == TELEMETRY:
-            sample, _, faults = reader.read(number, telemetry)
-            if sample is None:
-                return None, None, Fault(self._path, number, 1, f"is no line of a log: {faults[0].message}", expected)
-            return kind, sample, None
+            reading = reader.read(number, telemetry)
+            if reading.sample is None:
+                return (
+                    None,
+                    None,
+                    Fault(self._path, number, 1, f"is no line of a log: {reading.warnings[0].message}", expected),
+                )
+            return kind, reading.sample, None
         elif kind not in (DECISION, APPLIED):
             return None, None, Fault(self._path, number, 1, "is no line of a log", expected)
         return kind, None, None

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Annotated, Any, BinaryIO
+from typing import Annotated, Any, BinaryIO, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -93,6 +93,25 @@ def json_schema() -> dict[str, Any]:
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **TelemetryLine.model_json_schema()}
 
 
+class Reading(NamedTuple):
+    """A sample of telemetry, or None where there is none, and what it was read from.
+
+    Attributes
+    ----------
+    sample : Sample or None
+    line : JsonObject
+        The values as they are told, which a log keeps; invalid ones are null.
+    warnings : list of Fault
+    number : int
+        Number of the line, from 1.
+    """
+
+    sample: Sample | None
+    line: JsonObject
+    warnings: list[Fault]
+    number: int
+
+
 class TelemetryReader:
     """Reads the lines of one stream, and warns once of each key that is unknown or missing.
 
@@ -120,10 +139,8 @@ class TelemetryReader:
         self._unknown: set[str] = set()
         self._missing: set[str] = set()
 
-    def read(self, number: int, raw: bytes) -> tuple[Sample | None, JsonObject, list[Fault]]:
-        """Read one line; return the sample or None, the object with its locations, and warnings.
-
-        Invalid values are null in the object. There is no sample without a time, or with nothing but a time.
+    def read(self, number: int, raw: bytes) -> Reading:
+        """Read one line; there is no sample without a time, or with nothing but a time.
 
         Parameters
         ----------
@@ -135,11 +152,17 @@ class TelemetryReader:
         try:
             document = self._document(number, raw)
         except InputError as error:
-            return None, JsonObject(), [replace(error.faults[0], line=number, source="", severity="warning")]
-        return self.sample(number, document)
+            fault = replace(error.faults[0], line=number, source="", severity="warning")
+            return Reading(None, JsonObject(), [fault], number)
+        return self.reading(number, document)
 
-    def sample(self, number: int, document: JsonObject) -> tuple[Sample | None, JsonObject, list[Fault]]:
-        """The sample of a line's object, as `read` returns it."""
+    def reading(self, number: int, values: Mapping[str, Any]) -> Reading:
+        """As `read`, of the values of a line; what is wrong is null in its object."""
+        document = (
+            values
+            if isinstance(values, JsonObject)
+            else JsonObject({key: tuple(value) if isinstance(value, list) else value for key, value in values.items()})
+        )
         warnings = self._unknown_keys(number, document)
         line, faults = self._line(number, document)
         if line is not None and (beyond := self._beyond(line)):
@@ -154,7 +177,7 @@ class TelemetryReader:
             if missing and not faults:
                 what = f"{', '.join(missing)} {'are' if len(missing) > 1 else 'is'} missing"
                 faults = [self.fault(number, document, "", what, f"the keys {', '.join(EXPECTED)}")]
-        return None if useless else sample, document, [*warnings, *faults, *more]
+        return Reading(None if useless else sample, document, [*warnings, *faults, *more], number)
 
     def fault(self, number: int, document: JsonObject, key: str, message: str, expected: str) -> Fault:
         """A warning about a key of a line that has been read."""

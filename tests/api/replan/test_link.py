@@ -12,6 +12,7 @@ import struct
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -40,6 +41,7 @@ from eadp.io.link.mavlink import (
 )
 from eadp.io.link.messages import WANTED, values_of
 from eadp.io.mission.items import read_items
+from eadp.io.telemetry.reader import TelemetryReader
 
 SCENARIO = "scenarios/survey.yaml"
 
@@ -104,13 +106,18 @@ def flown(inputs, lines):
 # --- messages to lines
 
 
+def lines_of(maker, values):
+    """What a log keeps of the readings that are made."""
+    return [reading.line for reading in maker.update(values)]
+
+
 def test_a_line_has_what_the_messages_say(inputs, lines):
-    maker = LineMaker(inputs.mission.plan, inputs.mission.battery, None, lambda _: None)
+    maker = LineMaker(TelemetryReader("link", inputs.mission), inputs.mission, None, lambda _: None)
     made = []
     for _, parts in frames(lines, Autopilot(), ground_s=0):
         for frame in parts:
             for message in Codec(WANTED).decoded(frame):
-                made += maker.update(values_of(message.kind, message.fields))
+                made += lines_of(maker, values_of(message.kind, message.fields))
     assert len(made) == len(lines)
     for one, line in zip(made, lines, strict=True):
         assert is_near(one["time_s"], 100 + line["time_s"], 1e-3)
@@ -176,28 +183,29 @@ def test_whether_a_mission_is_flown_is_told_by_the_mode(autopilot, kind, mission
 
 
 def test_a_share_that_another_message_does_not_know_stays(inputs):
-    maker = LineMaker(inputs.mission.plan, inputs.mission.battery, None, lambda _: None)
+    maker = LineMaker(TelemetryReader("link", inputs.mission), inputs.mission, None, lambda _: None)
     maker.update({"armed": True, "active": True, "remaining": 0.8})
     maker.update({"status_remaining": None})
-    (line,) = maker.update({"time_s": 1.0, "lat_deg": 55.0, "lon_deg": 10.0})
+    (line,) = lines_of(maker, {"time_s": 1.0, "lat_deg": 55.0, "lon_deg": 10.0})
     assert line["soc"] == 0.8
 
 
 def test_the_charge_drawn_counts_before_the_share_that_remains(inputs):
-    maker = LineMaker(inputs.mission.plan, inputs.mission.battery, None, lambda _: None)
+    maker = LineMaker(TelemetryReader("link", inputs.mission), inputs.mission, None, lambda _: None)
     maker.update({"armed": True, "active": True})
     maker.update({"consumed_ah": 0.012, "remaining": 0.9})
-    (line,) = maker.update({"time_s": 1.0, "lat_deg": 55.0, "lon_deg": 10.0})
+    (line,) = lines_of(maker, {"time_s": 1.0, "lat_deg": 55.0, "lon_deg": 10.0})
     assert line["current_consumed_ah"] == 0.012
     assert "soc" not in line
-    (later,) = maker.update({"time_s": 2.0 + STALE_S, "lat_deg": 55.0, "lon_deg": 10.0})
+    (later,) = lines_of(maker, {"time_s": 2.0 + STALE_S, "lat_deg": 55.0, "lon_deg": 10.0})
     assert later["current_consumed_ah"] is None  # old, and the coarser share does not take its place
 
 
 def test_a_voltage_of_another_charge_is_warned_of(inputs):
     said = []
     battery = inputs.mission.battery.overridden({"voltage_v": 16.8, "voltage_empty_v": 14.0})
-    maker = LineMaker(inputs.mission.plan, battery, None, said.append)
+    mission = replace(inputs.mission, battery=battery)
+    maker = LineMaker(TelemetryReader("link", mission), mission, None, said.append)
     maker.update({"armed": True, "active": True, "voltage_v": 16.5, "current_a": 1.0, "remaining": 0.9})
     maker.update({"time_s": 1.0, "lat_deg": 55.0, "lon_deg": 10.0})
     assert said == []
@@ -211,11 +219,11 @@ def test_items_give_the_stage(eadp, plan, inputs, tmp_path, autopilot, shift):
     mission = tmp_path / "survey.waypoints"
     assert eadp("export", plan, "--to", "ardupilot", "-o", mission).code == 0
     items = read_items(f"{mission}.items.json", ("c1",))
-    maker = LineMaker(inputs.mission.plan, inputs.mission.battery, items, lambda _: None)
+    maker = LineMaker(TelemetryReader("link", inputs.mission), inputs.mission, items, lambda _: None)
     maker.update(heartbeat(autopilot))
     for index, each in enumerate(items):
         maker.update({"item": index + shift})
-        (line,) = maker.update({"time_s": 10.0 + index, "lat_deg": 55.37, "lon_deg": 10.43})
+        (line,) = lines_of(maker, {"time_s": 10.0 + index, "lat_deg": 55.37, "lon_deg": 10.43})
         assert line["stages_started"] == each.first
         assert line["parameters"] == {"c1": each.parameters[0]}
 
@@ -225,7 +233,7 @@ def test_an_item_that_is_reached_gives_the_next_one(eadp, plan, inputs, tmp_path
     assert eadp("export", plan, "--to", "ardupilot", "-o", mission).code == 0
     items = read_items(f"{mission}.items.json", ("c1",))
     said = []
-    maker = LineMaker(inputs.mission.plan, inputs.mission.battery, items, said.append)
+    maker = LineMaker(TelemetryReader("link", inputs.mission), inputs.mission, items, said.append)
     maker.update(heartbeat(12))
 
     def after(kind, number):
@@ -247,12 +255,12 @@ def test_an_item_that_is_reached_gives_the_next_one(eadp, plan, inputs, tmp_path
 
 
 def test_decisions_are_those_of_the_lines_as_json(eadp, plan, inputs, lines, flown, tmp_path):
-    maker = LineMaker(inputs.mission.plan, inputs.mission.battery, None, lambda _: None)
+    maker = LineMaker(TelemetryReader("link", inputs.mission), inputs.mission, None, lambda _: None)
     path = tmp_path / "lines.jsonl"
     with path.open("w") as file:
         for _, parts in frames(lines, Autopilot()):
             for message in (message for frame in parts for message in Codec(WANTED).decoded(frame)):
-                file.writelines(json_line(line) for line in maker.update(values_of(message.kind, message.fields)))
+                file.writelines(json_line(line) for line in lines_of(maker, values_of(message.kind, message.fields)))
     answer = eadp("replan", plan, "--scenario", SCENARIO, "--telemetry", path)
     assert [json.loads(line) for line in answer.out.splitlines()] == flown.decisions
     assert len(flown.decisions) >= len(lines)
@@ -452,7 +460,7 @@ def test_an_autopilot_that_starts_again_in_the_air_does_not_end_the_flight(input
 
 
 def test_a_flood_makes_no_more_lines(inputs):
-    maker = LineMaker(inputs.mission.plan, inputs.mission.battery, None, lambda _: None)
+    maker = LineMaker(TelemetryReader("link", inputs.mission), inputs.mission, None, lambda _: None)
     maker.update({"armed": True, "active": True})
     made = sum(len(maker.update({"time_s": k / 50, "lat_deg": 55.0, "lon_deg": 10.0})) for k in range(500))
     assert made == 50

@@ -21,6 +21,7 @@ from eadp.io.link.mavlink import Codec
 from eadp.io.link.messages import WANTED, values_of
 from eadp.io.link.recorded import log_values
 from eadp.io.mission.items import read_items
+from eadp.io.telemetry.reader import TelemetryReader
 
 SCENARIO = "scenarios/survey.yaml"
 KINDS = {"Q": "uint64_t", "d": "double", "f": "float", "B": "uint8_t", "H": "uint16_t"}
@@ -138,8 +139,8 @@ WRITERS = {"ulog": ulog, "dataflash": dataflash}
 
 
 def made_lines(inputs, values, items=None):
-    maker = LineMaker(inputs.mission.plan, inputs.mission.battery, items, lambda _: None)
-    return [line for each in values for line in maker.update(each)], maker
+    maker = LineMaker(TelemetryReader("log", inputs.mission), inputs.mission, items, lambda _: None)
+    return [reading.line for each in values for reading in maker.update(each)], maker
 
 
 @FORMS
@@ -166,7 +167,7 @@ def test_lines_are_those_of_the_messages(plan, lines, tmp_path, form, made):
             assert is_near(one[key], other[key], 1e-4)
         assert is_near((one["heading_deg"] - other["heading_deg"] + 180) % 360, 180, 0.01)
         assert all(is_near(a, b, 0.006) for a, b in zip(one["velocity_mps"], other["velocity_mps"], strict=True))
-    assert logged[0]["wind_mps"] == [-1.0, 3.0]
+    assert logged[0]["wind_mps"] == (-1.0, 3.0)
     assert logged[0]["airspeed_mps"] == 12.0
     assert "wind_mps" not in logged[-1]  # old
 

@@ -24,7 +24,7 @@ GOOD = {"time_s": 1.0, "x_m": 2.0, "y_m": 3, "power_w": 36.5, "soc": 0.5}
 
 def read(raw, number=7):
     raw = raw if isinstance(raw, bytes) else raw.encode()
-    sample, _, warnings = TelemetryReader("<stdin>").read(number, raw)
+    sample, _, warnings, _ = TelemetryReader("<stdin>").read(number, raw)
     return sample, [str(warning) for warning in warnings]
 
 
@@ -55,7 +55,7 @@ def test_any_value_but_the_time_may_be_null(key):
 def test_missing_keys_give_one_warning_and_count_as_null():
     reader = TelemetryReader("log.jsonl")
     raw = json.dumps({"time_s": 1.0, "power_w": 36.5}).encode()
-    sample, _, warnings = reader.read(1, raw)
+    sample, _, warnings, _ = reader.read(1, raw)
     assert sample[:5] == (1.0, None, None, 36.5, None)
     assert [str(warning) for warning in warnings] == [
         "log.jsonl:1:1: warning: x_m, y_m, soc are missing; expected the keys time_s, x_m, y_m, power_w, soc"
@@ -69,18 +69,18 @@ def test_latitude_longitude_and_the_charge_drawn_stand_for_position_and_charge()
     battery = Battery(capacity_ah=4.0, soc=0.9)
     reader = TelemetryReader("log.jsonl", Mission(plan, join_profile(plan, None), battery, 15.0, ()))
     line = {"time_s": 1.0, "lat_deg": place[0], "lon_deg": place[1], "power_w": 36.5, "current_consumed_ah": 1.0}
-    sample, _, warnings = reader.read(1, json.dumps({**line, "airspeed_mps": 16}).encode())
+    sample, _, warnings, _ = reader.read(1, json.dumps({**line, "airspeed_mps": 16}).encode())
     assert warnings == []
     assert sample.position_m == pytest.approx((120.0, -40.0), abs=1e-3)
     assert (sample.soc, sample.airspeed_mps) == (pytest.approx(0.9 - 1.0 / 4.0), 16)
     # what they stand for has precedence
-    sample, _, _ = reader.read(2, json.dumps({**line, **GOOD}).encode())
+    sample, _, _, _ = reader.read(2, json.dumps({**line, **GOOD}).encode())
     assert sample[:5] == (1.0, 2.0, 3.0, 36.5, 0.5)
-    far, _, warnings = reader.read(3, json.dumps({**line, "lat_deg": 57.5}).encode())
+    far, _, warnings, _ = reader.read(3, json.dumps({**line, "lat_deg": 57.5}).encode())
     assert far.position_m is None
     assert "too far from the plan's origin" in str(warnings[0])
     assert reader.read(4, json.dumps({**line, "lat_deg": 57.5}).encode())[2] == []
-    wrong, _, warnings = reader.read(5, json.dumps({**line, "lat_deg": 91, "current_consumed_ah": -1}).encode())
+    wrong, _, warnings, _ = reader.read(5, json.dumps({**line, "lat_deg": 91, "current_consumed_ah": -1}).encode())
     assert (wrong.position_m, wrong.soc) == (None, None)
     assert len(warnings) == 2
 
@@ -101,7 +101,7 @@ def test_what_the_aircraft_cannot_have_counts_as_null(key, value, message):
     plan = PlanReader()(Text("p", "0.1; 90; x\n0, 300\n"))[0]
     reader = TelemetryReader("log", Mission(plan, join_profile(plan, None), Battery(capacity_ah=4.0), 15.0, ()))
     line = {"time_s": 1.0, "x_m": 2.0, "y_m": 3.0, "power_w": 36.5}
-    sample, _, (warning,) = reader.read(1, json.dumps({**line, key: value}).encode())
+    sample, _, (warning,), _ = reader.read(1, json.dumps({**line, key: value}).encode())
     assert f"warning: {message}" in str(warning)
     assert (sample.velocity_mps, sample.wind_mps, sample.soc) == (None, None, None)
     faster = replace(plan, stages=tuple(replace(stage, airspeed_mps=25.0) for stage in plan.stages))
@@ -171,7 +171,7 @@ def test_what_is_no_line_of_telemetry(raw, warning):
 )
 def test_an_invalid_value_costs_that_value_alone(key, value, shown):
     raw = json.dumps({name: inner for name, inner in GOOD.items() if name != key})[:-1] + f', "{key}": {value}}}'
-    sample, document, warnings = TelemetryReader("<stdin>").read(7, raw.encode())
+    sample, document, warnings, _ = TelemetryReader("<stdin>").read(7, raw.encode())
     whole, _ = read(json.dumps(GOOD))
     rest = {"parameters": {}} if key == "parameters" else {key: None}
     assert sample == (None if key == "time_s" else whole._replace(**rest))
@@ -192,7 +192,7 @@ def test_each_invalid_value_has_a_warning():
 def test_unknown_keys_give_one_warning_and_are_ignored():
     reader = TelemetryReader("log.jsonl")
     raw = json.dumps({**GOOD, "altitude_m": 30, "mode": "AUTO"}).encode()
-    sample, _, warnings = reader.read(1, raw)
+    sample, _, warnings, _ = reader.read(1, raw)
     assert sample is not None
     assert [str(warning).partition("; expected")[0] for warning in warnings] == [
         "log.jsonl:1:82: warning: unknown key altitude_m; ignored here and from now on",

@@ -134,7 +134,7 @@ class Autopilot:
             self._numbers += 1
             about = line.pop("_sent")
             count = len(self.answers)
-            self._replanner.take(self._numbers, json.dumps(line).encode())
+            self._replanner.take(self._replanner.reader.read(self._numbers, json.dumps(line).encode()))
             line["_sent"] = about
             if len(self.answers) == count:
                 continue
