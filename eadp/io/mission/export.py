@@ -23,6 +23,14 @@ from eadp.io.mission.wpl import wpl_text
 HALVES_TOLERANCE = 1e-4
 """How near to a whole number of half turns an arc is one."""
 
+LARGE_M = 255.5
+"""Radius of a loiter from which on ArduPilot holds it in tens of metres [m]."""
+
+STRAIGHT_RAD, LONG_M, ACCEPTANCE_M = math.radians(5.0), 50.0, 2.0
+"""Turn at the end of a line up to which the path goes straight on; length from which on a line is long, so that the
+aircraft does not come out of a turn beyond its end [m]; and the acceptance radius (p2) of the waypoint there [m].
+Without, ArduPilot leaves a waypoint before a loiter at its turn distance, tens of metres before the end of the line."""
+
 JOINED_M = 5.0
 """Largest gap that a trigger off its path leaves which becomes one waypoint, in its middle [m]."""
 
@@ -70,23 +78,28 @@ class _ItemBuilder:
         """Add a section; where an arc joins another one, its end is no waypoint."""
         arc = section.arc
         halves = arc.sweep_rad / math.pi if arc else 0.0
-        if arc and arc.radius_m > 1 and (halves > 2 - HALVES_TOLERANCE or abs(halves - 1) < HALVES_TOLERANCE):
+        whole = halves > 2 - HALVES_TOLERANCE or abs(halves - 1) < HALVES_TOLERANCE
+        radius_m = held_radius_m(arc.radius_m) if arc else 0.0
+        if arc and whole and radius_m >= 1 and abs(radius_m - arc.radius_m) <= self.path.tolerance_m:
             # a loiter goes on to where the next waypoint lies ahead
             turns = math.floor(halves / 2 + TURNS_TOLERANCE) if halves > 1.5 else 0.5
-            self._add(d.LOITER_TURNS, (turns, 0.0, -arc.turn * arc.radius_m, 1.0), arc.centre_m)
+            self._add(d.LOITER_TURNS, (turns, 0.0, -arc.turn * radius_m, 1.0), arc.centre_m)
         else:
             for point in section.corners(self.path.tolerance_m):
                 self._fly_to(point)
-        end = section.end_m
+        end, acceptance_m = section.end_m, 0.0
         if following is not None:
+            turn = math.remainder(following.courses_rad[0] - section.courses_rad[1], 2 * math.pi)
+            long = section.arc is None and math.dist(section.start_m, end) >= LONG_M
+            acceptance_m = ACCEPTANCE_M if long and abs(turn) <= STRAIGHT_RAD else 0.0
             if arc and following.arc:
                 return
             if self.path.tolerance_m < math.dist(end, following.start_m) <= JOINED_M:
                 end = (end[0] + following.start_m[0]) / 2, (end[1] + following.start_m[1]) / 2
-        self._fly_to(end)
+        self._fly_to(end, acceptance_m)
 
-    def _fly_to(self, point: Point) -> None:
-        self._add(d.WAYPOINT, (0.0,) * 4, point)
+    def _fly_to(self, point: Point, acceptance_m: float = 0.0) -> None:
+        self._add(d.WAYPOINT, (0.0, acceptance_m, 0.0, 0.0), point)
 
     def _add(self, command: int, parameters: Sequence[float], point: Point | None) -> None:
         place = (0.0, 0.0) if point is None else self.path.geodetic_deg(point)
@@ -94,6 +107,11 @@ class _ItemBuilder:
 
     def _command(self, command: Sequence[float]) -> None:
         self.items.append(MissionItem(int(command[0]), d.NO_POSITION, tuple(command[1:]), self._legs))
+
+
+def held_radius_m(radius_m: float) -> float:
+    """The radius of a loiter as ArduPilot holds it: whole metres, above 255 m tens [m]."""
+    return float(round(radius_m) if radius_m < LARGE_M else 10 * round(radius_m / 10))
 
 
 def _fences(path: PlannedPath) -> list[Fence]:

@@ -51,6 +51,16 @@ class Section:
     first: int = 0
     last: int = 0
 
+    @property
+    def courses_rad(self) -> tuple[float, float]:
+        """Directions in which it starts and ends, 0 east, counter-clockwise [rad]."""
+        if self.arc is not None:
+            first = self.arc.start_rad + self.arc.turn * math.pi / 2
+            return first, first + self.arc.turn * self.arc.sweep_rad
+        points = [self.start_m, *self.points_m, self.end_m]
+        (x0, y0), (x1, y1), (x2, y2), (x3, y3) = *points[:2], *points[-2:]
+        return math.atan2(y1 - y0, x1 - x0), math.atan2(y3 - y2, x3 - x2)
+
     def corners(self, tolerance_m: float) -> list[Point]:
         """Points [m] whose fillets are the arc, none farther than a tolerance [m] from it; else its points."""
         if self.arc is None:

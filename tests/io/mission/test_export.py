@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import InputError
 from eadp.io.mission import WITH_ITEMS
-from eadp.io.mission.export import EXPORTS, mission_items
+from eadp.io.mission.export import EXPORTS, held_radius_m, mission_items
 from eadp.io.mission.paparazzi import NUMBER_LIMIT
 from eadp.io.mission.path import PlannedPath, planned_sections
 from eadp.io.mission.reader import PlanReader
@@ -110,6 +110,28 @@ def test_half_and_whole_turns_are_loiters_and_lines_have_their_ends():
         assert min(math.dist(end, point) for point in points) < 1e-3
     twice, _ = READER(Text("m", EXPORTS["ardupilot"](path_of(plan))))
     assert sum(item.command == 18 for item in mission_items(path_of(twice))) == 1
+
+
+def test_lines_are_flown_to_their_ends():
+    """ArduPilot leaves a waypoint before a loiter 39 to 77 m early, unless its acceptance radius (p2) is small."""
+    plan, _ = read_plan(Text("p", LINES.replace("2500", "2496").replace("x - 100", "x - 99.96")))
+    for to in WITH_ITEMS:
+        again, _ = READER(Text("m", EXPORTS[to](path_of(plan))))
+        flown = mission_items(path_of(again))
+        (k,) = (k for k, item in enumerate(flown) if item.command == 18)
+        assert flown[k - 1].parameters[:2] == (0, 2)
+        # an aircraft that comes out of a loiter beyond the next waypoint may not have to turn back to it
+        assert flown[k + 1].parameters[:2] == (0, 0)
+        assert flown[k].parameters[2] == 50  # of 49.96: ArduPilot holds whole metres
+
+
+@pytest.mark.parametrize(
+    ("radius_m", "held_m"), [(82.16, 82), (72.76, 73), (254.9, 255), (255.6, 260), (1234.0, 1230), (4.5, 4)]
+)
+def test_radii_are_those_that_ardupilot_holds(radius_m, held_m):
+    """A byte, in metres or in tens of metres."""
+    assert held_radius_m(radius_m) == held_m
+    assert held_m <= 255 or held_m % 10 == 0
 
 
 def test_home_adds_take_off_and_return_and_stages_their_settings():
