@@ -132,7 +132,7 @@ def flown(case: Case, planner: str, files: Mapping[str, str]) -> dict[str, Any]:
         keys = {**case.keys, "planner.name": planner}
     profile = case.profile and files[{"two": "two profile"}.get(case.profile, case.profile)]
     scenario = case.scenario and str(ROOT / f"scenarios/{case.scenario}.yaml")
-    inputs = load_flight(files[case.plan], scenario_path=scenario, profile_path=profile, overrides=keys)
+    inputs = load_flight(files[case.plan], scenario=scenario, profile=profile, overrides=keys)
     if case.replay:
         return replayed(case, inputs)
     flight = fly_flight(inputs, inputs.preflight(), lambda _: None, ())
