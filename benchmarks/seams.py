@@ -31,7 +31,7 @@ from scipy.spatial import cKDTree
 
 import eadp
 from eadp.api.inputs import FlightInputs, load_flight
-from eadp.api.replan.replanner import replan
+from eadp.api.replan.replanner import replan_lines
 from eadp.core.geometry.bearings import compass_deg
 from eadp.errors import Infeasible
 from eadp.models.plan.legs import leg_points
@@ -178,7 +178,7 @@ def replanned(inputs: FlightInputs, flight: eadp.Flight) -> list[dict[str, Any]]
         lines.append(json.dumps({**row, **heading, "parameters": names}))
     decisions: list[dict[str, Any]] = []
     stream = io.BytesIO("\n".join(lines).encode())
-    replan(inputs, stream, "flight", None, decisions.append, lambda _: None)
+    replan_lines(inputs, stream, "flight", None, decisions.append, lambda _: None)
     return decisions
 
 
