@@ -37,7 +37,7 @@ TARGET_MB = 300
 def ours(*, fast: bool = False) -> tuple[float, int, list[tuple[float, float]]]:
     """CPU seconds of the whole flight, its steps, and the logged positions."""
     compiled.enable(fast)
-    inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/paper-I-static.yaml"))
+    inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario=str(ROOT / "scenarios/paper-I-static.yaml"))
     flight, outcome = inputs.flight(), Outcome()
     started = time.process_time()
     steps = list(fly(inputs.world, flight, outcome))
@@ -51,7 +51,7 @@ def alone(*, fast: bool) -> tuple[float, float]:
     compiled.enable(fast)
     keys = {"planner.name": "static", "faults": [], "log_every_s": 1e9, "battery.capacity_ah": 100}
     inputs = load_flight(
-        str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/paper-drained.yaml"), overrides=keys
+        str(ROOT / "plans/survey.plan"), scenario=str(ROOT / "scenarios/paper-drained.yaml"), overrides=keys
     )
     flight, outcome = inputs.flight(), Outcome()
     flight.state.every_s = math.inf  # no sensor is heard

@@ -375,7 +375,7 @@ def flown(seed: int, gust_std_mps: float) -> Log:
         "seed": seed,
     }
     inputs = load_flight(
-        str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/survey.yaml"), overrides=overrides
+        str(ROOT / "plans/survey.plan"), scenario=str(ROOT / "scenarios/survey.yaml"), overrides=overrides
     )
     outcome = Outcome()
     steps = list(fly(inputs.world, inputs.flight(), outcome))[:-1]

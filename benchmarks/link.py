@@ -103,7 +103,7 @@ class Mission:
     @property
     def inputs(self) -> FlightInputs:
         """As the owner states them."""
-        return load_flight(self.plan, scenario_path=str(self.file("scenario.yaml")))
+        return load_flight(self.plan, scenario=str(self.file("scenario.yaml")))
 
 
 def missions(count: int, folder: Path) -> list[Mission]:
@@ -492,7 +492,7 @@ class Linked(Planner):
 
 def answer(folder: Path) -> None:
     """The link's end of a day: a line of messages in, the last decision, the memory and the decisions so far out."""
-    inputs = load_flight(str(folder / "day.plan"), scenario_path=str(folder / "day.yaml"))
+    inputs = load_flight(str(folder / "day.plan"), scenario=str(folder / "day.yaml"))
     codec, out, decisions, count = Codec(WANTED), Codec(frozenset()), [inputs.mission.parameters], 0
 
     def decided(decision: dict[str, Any]) -> None:
@@ -521,7 +521,7 @@ def memory(folder: Path, hours: float) -> None:
     scenario = {"schema": "eadp.scenario/1", "vehicle": str(OWNER), "profile": str(PROFILE), "battery": battery}
     scenario |= {"reserve_soc": 0.05, "time_limit_s": 3600 * hours + 2, "log_every_s": 3600}
     (folder / "day.yaml").write_text(json.dumps(scenario))
-    inputs = load_flight(str(folder / "day.plan"), scenario_path=str(folder / "day.yaml"))
+    inputs = load_flight(str(folder / "day.plan"), scenario=str(folder / "day.yaml"))
     flight = inputs.flight()
     flight.planner = linked = Linked(inputs, folder)
     flight.state.every_s = math.inf  # the other end has readings of its own

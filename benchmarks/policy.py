@@ -54,7 +54,7 @@ def flown(keys: Keys) -> tuple[Outcome, list[float]]:
     """A flight of the survey, and when it lost charge [s]."""
     inputs = load_flight(
         str(ROOT / "plans/survey.plan"),
-        profile_path=str(ROOT / "profiles/pednet-jetson-nano.yaml"),
+        profile=str(ROOT / "profiles/pednet-jetson-nano.yaml"),
         overrides={"vehicle.airframe.model": "fixed-wing", "planner.name": "joint", "step_s": 0.05, **NOISY, **keys},
     )
     outcome = Outcome()

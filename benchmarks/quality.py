@@ -115,7 +115,7 @@ def load(plan: str, keys: Mapping[str, Any], **more: Any) -> FlightInputs:
         **keys,
         **more,
     }
-    return load_flight(plan, profile_path=PROFILE, overrides=overrides)
+    return load_flight(plan, profile=PROFILE, overrides=overrides)
 
 
 def cases(count: int, seed: int, found: Mapping[str, str]) -> list[Case]:

@@ -43,7 +43,7 @@ def _print(options: argparse.Namespace) -> None:
 
     def inputs() -> FlightInputs:
         return load_flight(
-            options.plan, scenario_path=options.scenario, overrides=read_overrides(override_texts(options.set))
+            options.plan, scenario=options.scenario, overrides=read_overrides(override_texts(options.set))
         )
 
     print(head("telemetry", "start [s]", "U", "stage wrong after it [s]", "charge left", "end"))

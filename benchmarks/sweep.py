@@ -293,7 +293,7 @@ def compiling(planner: str) -> None:
         "import math; from dataclasses import replace; from eadp.core import compiled;"
         "from eadp.api.inputs import load_flight;"
         "from eadp.simulation.loop import Outcome, fly; compiled.enable();"
-        f"i = load_flight({str(ROOT / 'plans/survey.plan')!r}, scenario_path={str(ROOT / 'scenarios/survey.yaml')!r},"
+        f"i = load_flight({str(ROOT / 'plans/survey.plan')!r}, scenario={str(ROOT / 'scenarios/survey.yaml')!r},"
         f"overrides={{'planner.name': {planner!r}, 'vehicle.airframe.model': 'fixed-wing', 'log_every_s': 1e9}});"
         "w = replace(i.world, clock=i.world.clock._replace(log_every_s=math.inf));"  # as in a sweep
         "f = i.flight(); t = time.process_time(); list(fly(w, f, Outcome())); a = time.process_time() - t;"
@@ -331,7 +331,7 @@ def growth(planner: str) -> None:
                 "time_limit_s": 1e5,
                 "faults": [],
             }
-            inputs = load_flight(file.name, scenario_path=str(ROOT / "scenarios/survey.yaml"), overrides=overrides)
+            inputs = load_flight(file.name, scenario=str(ROOT / "scenarios/survey.yaml"), overrides=overrides)
         compiled.enable()
         spent = []
         for _ in range(3):

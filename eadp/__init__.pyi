@@ -3,8 +3,11 @@ from eadp.api.export import ExportOptions, export
 from eadp.api.fit.power import fit_power
 from eadp.api.fit.vehicle import fit_vehicle
 from eadp.api.flight import Flight
-from eadp.api.plan import read_mission, read_plan
+from eadp.api.given import FlightOptions
+from eadp.api.plan import check_plan, read_mission, read_plan
 from eadp.api.profile import read_profile
+from eadp.api.replan.link import LinkOptions
+from eadp.api.replan.replan import ReplanOptions, replan
 from eadp.api.report import report
 from eadp.api.simulate import forecast, simulate
 from eadp.api.sorties.cover import cover_in_sorties
@@ -29,15 +32,19 @@ __all__ = [
     "EnergyModel",
     "ExportOptions",
     "Flight",
+    "FlightOptions",
     "Infeasible",
     "InputError",
     "JobFlight",
+    "LinkOptions",
     "Plan",
     "Profile",
     "ProfileSum",
+    "ReplanOptions",
     "SortieOptions",
     "SortiePlan",
     "SweepFlight",
+    "check_plan",
     "cover",
     "cover_in_sorties",
     "export",
@@ -47,6 +54,7 @@ __all__ = [
     "read_mission",
     "read_plan",
     "read_profile",
+    "replan",
     "report",
     "simulate",
     "simulate_sorties",

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.profile import read_profile
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_local_m
-from eadp.coverage.cover import AUTO, CoverageRequest, CoverageSolution
+from eadp.coverage.cover import CoverageRequest, CoverageSolution
 from eadp.coverage.cover import cover as cover_field
 from eadp.coverage.plan_builder import FieldComputations, build_plan
 from eadp.coverage.report import CoverageReport, PowerDraw
@@ -27,6 +27,7 @@ from eadp.io.plan.writer import plan_text
 from eadp.io.profile import model_file
 from eadp.io.scenario.scenario_file import read_scenario
 from eadp.io.text.named import parse_named
+from eadp.io.text.options import Flag
 from eadp.io.text.streams import read_text
 from eadp.io.vehicle.vehicle_file import read_vehicle
 from eadp.models.airspace import Airspace, Obstacle
@@ -57,7 +58,7 @@ class PathOptions:
     """How the field is flown: turns and lines, where they start and end, and in which wind."""
 
     min_radius_m: float | None = None
-    """Smallest turning radius of the path [m]; by default what the aircraft needs in the wind."""
+    """Smallest turning radius [m]; by default what the aircraft needs in the wind."""
 
     swath_m: float | None = None
     """Width of ground that a line covers [m]; or it follows from the camera."""
@@ -66,28 +67,29 @@ class PathOptions:
     """Ideal turning radius [m]; by default 1.5 times the smallest."""
 
     spacing_m: float | None = None
-    """Distance of the lines [m]; by default half the swath for Zamboni-like laps, else the swath."""
+    """Distance of the lines [m]. Of Zamboni-like laps the finest, by default half the swath, up to which a planner
+    widens it; of lines in an order by default the swath."""
 
     heading_deg: float | None = None
-    """Compass bearing of the lines [°]; by default the quickest."""
+    """Heading of the lines [°], a compass bearing; the quickest by default."""
 
-    pattern: str = AUTO
-    """`zamboni`, `dubins`, or `auto`, the shorter."""
+    pattern: Literal["auto", "zamboni", "dubins"] = "auto"
+    """Zamboni-like laps, lines in an order with Dubins turns, or the shorter."""
 
-    start: Pair | None = None
-    """Where the flight starts: x, y [m], or latitude, longitude [°] of a field in degrees."""
+    start: Annotated[Pair | None, Flag(metavar="POINT")] = None
+    """Where the flight starts: X,Y [m], or LAT,LON [°] of a field in degrees."""
 
-    home: Pair | None = None
-    """Where the flight ends, as `start`."""
+    home: Annotated[Pair | None, Flag(metavar="POINT")] = None
+    """Where the flight ends; as --start."""
 
-    wind: Pair | None = None
-    """Speed of the wind [m/s], and the bearing it blows from [°]; by default the scenario's."""
+    wind: Annotated[Pair | None, Flag(metavar="SPEED,FROM_DEG")] = None
+    """Wind: speed [m/s] and the bearing it blows from [°]; by default the scenario's."""
 
     airspeed_mps: float | None = None
     """Airspeed [m/s]; by default that of the scenario's vehicle."""
 
     turns_off: bool = False
-    """Whether the computations stop on turns."""
+    """Computations stop on turns."""
 
 
 @dataclass(frozen=True)
@@ -95,19 +97,19 @@ class FieldOptions:
     """How the field's file is read, and what lines and turns keep to."""
 
     metres: bool = False
-    """Whether the field is in local metres and not degrees."""
+    """The file is in local metres, not degrees."""
 
     feature: str | None = None
-    """Which polygon of a file that holds several: id, name or number."""
+    """Which polygon of a file that holds several: id, name or number; or all, as parts."""
 
-    avoid: str | None = None
-    """File of polygons that lines and turns stay out of."""
+    avoid: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Polygons that lines and turns stay out of: GeoJSON, KML or CSV."""
 
-    inside: str | None = None
-    """File of polygons that lines and turns stay inside of."""
+    inside: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Polygons that lines and turns stay inside of, as --avoid."""
 
-    avoid_holes: bool = False
-    """Whether lines and turns stay out of the field's holes, too."""
+    holes: Literal["cover", "avoid"] = "cover"
+    """Whether the field's holes may be flown over."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +117,7 @@ class CameraOptions:
     """The camera, and how its pictures overlap."""
 
     altitude_m: float | None = None
-    """Altitude above the ground, held by the plan [m]."""
+    """Altitude above the ground [m], which the plan holds."""
 
     sensor_width_mm: float | None = None
     """Width of the camera's sensor, across the lines [mm]."""
@@ -126,15 +128,15 @@ class CameraOptions:
     focal_length_mm: float | None = None
     """Focal length of the camera [mm]."""
 
-    side_overlap: float | str | None = None
-    """Overlap of the pictures of neighbouring lines [%]; by default 0. Or two, `wanted:acceptable`, as 70:60: laps are
+    side_overlap: Annotated[float | str | None, Flag(metavar="PERCENT")] = None
+    """Overlap of the pictures of neighbouring lines [%]; by default 0. Or wanted and acceptable, as 70:60: laps are
     flown at the first, and widen up to the second."""
 
-    forward_overlap: float | None = None
-    """Overlap of the pictures along a line [%], for their distance; by default none are taken."""
+    forward_overlap: Annotated[float | None, Flag(metavar="PERCENT")] = None
+    """Overlap of the pictures along a line [%]: the plan takes them."""
 
     image_width_px: int | None = None
-    """Width of a picture, across the lines [pixels], for the ground sampling distance."""
+    """Width of a picture, across the lines [pixels]: the size of a pixel is said."""
 
     def _footprint_m(self, option: str, size_mm: float | None, overlap: float | None) -> float:
         """Ground that a picture adds beside its neighbour [m]: h s / f, less the overlap; `option` names the size."""
@@ -483,7 +485,7 @@ def _limited(field: Field, options: CoverageOptions) -> Field:
         () if path is None else read_zones(read_field_text(path), field, metres=options.metres)
         for path in (options.avoid, options.inside)
     )
-    holes = [hole for part in field.parts for hole in part[1:]] if options.avoid_holes else ()
+    holes = [hole for part in field.parts for hole in part[1:]] if options.holes == "avoid" else ()
     named = [Obstacle(hole, f"hole {i}") for i, hole in enumerate(holes, 1)]
     airspace = Airspace((*field.airspace.obstacles, *avoid, *named), tuple(each.outline for each in inside))
     return replace(field, airspace=airspace)

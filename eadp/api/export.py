@@ -5,19 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
-from eadp.api.given import File, Warn, path_of, python_warnings
-from eadp.api.inputs import Files, FlightInputs, load_flight
+from eadp.api.given import File, Warn, python_warnings
+from eadp.api.inputs import FlightInputs, load_flight
+from eadp.api.plan import plan_of
 from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_near_local_m
 from eadp.errors import Fault, InputError, PathUndefined, one_of, printable
 from eadp.io.mission import ITEMS_ENDING, WITH_ITEMS
 from eadp.io.mission.export import EXPORTS, FENCED, mission_items
 from eadp.io.mission.items import items_text, mapped_items
 from eadp.io.mission.path import PlannedPath, planned_sections
-from eadp.io.mission.reader import PlanReader
 from eadp.io.plan.parameters import parameters_of
 from eadp.io.scenario.scenario_file import override_texts, read_overrides
+from eadp.io.text.options import Flag
 from eadp.io.text.streams import write_text
 from eadp.models.airspace import risk_text
 from eadp.models.plan.legs import Leg
@@ -35,23 +36,23 @@ Position = str | tuple[float, float]
 class ExportOptions:
     """Options of an export. Faults name them as the command `eadp export` does."""
 
-    overrides: Sequence[str] = ()
-    """Parameters, as in `spacing=20`; with a scenario any of its keys."""
+    overrides: Annotated[Sequence[str], Flag("--set", metavar="NAME=VALUE")] = ()
+    """A parameter, as in spacing=20; with --scenario any of its keys."""
 
-    scenario: str | None = None
-    """Path of the scenario: parameters are those that the forecast before take-off chooses."""
+    scenario: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Scenario (YAML): parameters are those that the forecast before take-off chooses."""
 
     altitude_m: float | None = None
-    """Altitude above home where the plan has none [m]; by default the aircraft's."""
+    """Altitude above home [m], where the plan has none; by default the aircraft's."""
 
-    home_deg: Position | None = None
-    """Where to take off and return to; by default the plan's home."""
+    home_deg: Annotated[Position | None, Flag(metavar="POINT")] = None
+    """Where to take off and return to: LAT,LON [°]; by default the plan's home, if it has one."""
 
-    origin_deg: Position | None = None
-    """Where the plan's (0, 0) lies, for a plan without."""
+    origin_deg: Annotated[Position | None, Flag(metavar="POINT")] = None
+    """Where the plan's (0, 0) lies: LAT,LON [°], for a plan without."""
 
     trigger_distance_m: float | None = None
-    """Distance between pictures [m]."""
+    """Take a picture every so many metres [m]."""
 
     tolerance_m: float = 1.0
     """Largest distance of the exported path from the plan's [m]."""
@@ -59,14 +60,14 @@ class ExportOptions:
     min_radius_m: float | None = None
     """Turning radius of a mission's turns [m]."""
 
-    laps: int | None = None
+    laps: Annotated[int | None, Flag(metavar="N", low=1, high=10_000)] = None
     """How many times a mission that repeats for ever is flown."""
 
-    start: str | None = None
-    """Stage and lap from which the rest is written, as in `3,2`."""
+    start: Annotated[str | None, Flag("--from", metavar="STAGE,LAP")] = None
+    """Write the rest, from this stage of this lap on."""
 
-    telemetry: str | None = None
-    """Path of telemetry: what is left where it ends is written, as then decided."""
+    telemetry: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Write what is left where this telemetry ends, as then decided; with --scenario."""
 
     def check(self) -> None:
         """Refuse values out of range, and options that do not go together; raises InputError."""
@@ -97,20 +98,18 @@ class Exported(NamedTuple):
             write_text(path + ITEMS_ENDING, self.items)
 
 
-def exported(plan: str, to: str, options: ExportOptions, warn: Warn, files: Files | None = None) -> Exported:
+def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> Exported:
     """A plan in the format of an autopilot or a map.
 
     Parameters
     ----------
-    plan : str
-        Path of a plan or a mission.
+    plan : path or Plan
+        A path may be that of a mission.
     to : str
         Name of the format, of `EXPORT_NAMES`.
     options : ExportOptions
     warn : function
         Takes what was forecast, and what the format cannot hold.
-    files : Files, optional
-        Texts that were read or made before.
 
     Returns
     -------
@@ -122,21 +121,18 @@ def exported(plan: str, to: str, options: ExportOptions, warn: Warn, files: File
         With the faults of the files, or of an option.
     """
     options.check()
-    files = files or Files()
     if to not in EXPORTS:
         raise _fault("--to", to, "is no format", one_of(EXPORTS, to))
     if options.scenario is None:
-        text = files.text(plan)
-        flown, findings = PlanReader(laps=options.laps).turning(options.min_radius_m)(text)
-        warn([finding.fault(text.name) for finding in findings])
+        flown, name = plan_of(plan, options.min_radius_m, options.laps, warn)
         made = flown.site.made_for
         airframe: Airframe = FixedWing() if made is None else FixedWing(airspeed_mps=made.airspeed_mps)
-        name, forecast, planned = text.name, None, _planned(flown, text.name, parameters_of(flown, options.overrides))
+        forecast, planned = None, _planned(flown, name, parameters_of(flown, options.overrides))
     else:
         overrides = read_overrides(override_texts(options.overrides, laps=options.laps))
-        inputs = load_flight(plan, scenario_path=options.scenario, overrides=overrides, files=files)
+        inputs = load_flight(plan, scenario=options.scenario, overrides=overrides)
         warn(inputs.warnings)
-        flown, name, airframe = inputs.world.plan, inputs.texts["plan"].name, inputs.world.vehicle
+        flown, name, airframe = inputs.world.plan, inputs.sources["plan"].name, inputs.world.vehicle
         forecast = None
         if options.telemetry is not None:
             planned = _after(inputs, options.telemetry, name, warn)
@@ -293,8 +289,7 @@ def export(
     InputError
         With the faults of the files, or of an option under its name on the command line.
     """
-    files = Files()
-    mission = exported(path_of(plan, files.texts), to, options or ExportOptions(), warn, files)
+    mission = exported(plan, to, options or ExportOptions(), warn)
     if out is not None and str(out) != "-":
         mission.write(str(out))
     return mission.text

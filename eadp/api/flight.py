@@ -16,13 +16,13 @@ from typing import Any
 
 import numpy as np
 
-from eadp.api.inputs import FlightInputs
+from eadp.api.inputs import FlightInputs, Source
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.figures.flight import write_flight_figure
 from eadp.io.flight.coverage import flown_coverage, flown_of_plan
 from eadp.io.flight.estimate import estimate_rows
-from eadp.io.text.streams import Text, new_folder
+from eadp.io.text.streams import new_folder
 from eadp.models.plan.stage import PATH
 from eadp.models.world import Step, World
 from eadp.planning.base import DecisionRecord, Ending, PlannerSettings
@@ -302,7 +302,7 @@ class Flight:
                 write_paper_figure(target / "paper.svg", world, self.steps, self.estimates)
             flown = FlownFlight(world, self.inputs.scenario, self.summary, self.lists, estimates, rows)
             (target / REPORT).write_text(page_html("flight", flight_data(flown)), encoding="utf-8")
-            _copy_inputs(target / "inputs", self.inputs.texts, self.overrides)
+            _copy_inputs(target / "inputs", self.inputs.sources, self.overrides)
 
 
 def fly_flight(
@@ -342,9 +342,9 @@ def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:
     return row
 
 
-def _copy_inputs(folder: Path, texts: Mapping[str, Text], overrides: Sequence[str]) -> None:
+def _copy_inputs(folder: Path, sources: Mapping[str, Source], overrides: Sequence[str]) -> None:
     folder.mkdir()
-    for kind, text in texts.items():
+    for kind, text in sources.items():
         name = Path(text.name).name if text.name != "<stdin>" else f"stdin.{kind}"
         while (folder / name).exists() or name == OVERRIDES:
             # with another file's name, its kind comes first, and stands alone where the name would be too long

@@ -8,14 +8,18 @@ import statistics
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from os import PathLike
 from typing import Any, TypeVar
 
 from eadp import __version__
+from eadp.api.given import File
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined, refuse
+from eadp.io.energy.model_file import energy_yaml, parse_energy
 from eadp.io.mission.reader import PlanReader, is_mission
-from eadp.io.profile.model_file import parse_profile
-from eadp.io.scenario.scenario_file import Scenario, scenario_document, scenario_of
+from eadp.io.plan.writer import plan_text
+from eadp.io.profile.model_file import parse_profile, profile_yaml
+from eadp.io.scenario.scenario_file import SCHEMA, Scenario, plain, scenario_document, scenario_of, value_text
 from eadp.io.text.named import parse_named
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
@@ -27,14 +31,14 @@ from eadp.models.doubts import aircraft_doubts, fault_doubts, position_doubts
 from eadp.models.energy import EnergyModel
 from eadp.models.performance import too_tight
 from eadp.models.plan.cursor import Vector
-from eadp.models.plan.plan import Plan
+from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.route import MARGIN_M
 from eadp.models.plan.stage import COMPUTATION, Stage
 from eadp.models.plan.trace import KEPT_ROUTES, default_start, whole_route
 from eadp.models.profile import configuration_text
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.sweep import Run
-from eadp.models.vehicle import Airframe, FixedWing
+from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.models.world import TakeOff, Timing, World
 from eadp.planning.base import Mission
 from eadp.planning.flight import PlannedFlight, make_flight
@@ -50,6 +54,24 @@ COMMANDED = ComputationRate()
 """A computation that runs as commanded."""
 
 Content = TypeVar("Content")
+
+
+@dataclass(frozen=True)
+class Given:
+    """An object that is given in place of a file; `write` gives the text of its file."""
+
+    content: Any
+    name: str
+    write: Callable[[Any], str]
+
+    @property
+    def body(self) -> str:
+        """Its text."""
+        return self.write(self.content)
+
+
+Source = Text | Given
+"""Where the content of an input comes from; its `name` stands in messages, its `body` is kept with results."""
 
 
 class Files:
@@ -85,20 +107,30 @@ class Files:
         content: Content = self._contents[path, parse]
         return text, content
 
-    def document(self, path: str | None, reference: Fault | None = None) -> Document:
-        """A scenario's document, or that of the defaults."""
-        if path is None:
+    def document(self, given: File | Mapping[str, Any] | None, reference: Fault | None = None) -> Document:
+        """A scenario's document: of its file, of its keys, or of the defaults."""
+        if given is None:
             return Document(SourceText(Text("scenario", "")), {})
-        return self.read(path, scenario_document, reference)[1]
+        if isinstance(given, Mapping):
+            return Document(SourceText(Text("given-keys.yaml", "")), {"schema": SCHEMA, **plain(given)})
+        return self.read(str(given), scenario_document, reference)[1]
 
-    def scenario(self, path: str | None, overrides: Mapping[str, Any] | None) -> Scenario:
+    def scenario(self, given: File | Mapping[str, Any] | None, overrides: Mapping[str, Any] | None = None) -> Scenario:
         """A scenario with some keys overridden."""
-        return scenario_of(self.document(path), overrides, self.text)
+        return scenario_of(self.document(given), overrides, self.text)
+
+    def profile(
+        self, given: File | AnyProfile, reference: Fault | None = None
+    ) -> tuple[Source, AnyProfile, list[Fault]]:
+        """A profile, a model or of measurements, where it comes from, and warnings."""
+        if not isinstance(given, str | PathLike):
+            return Given(given, "given-profile.yaml", profile_yaml), given, []
+        text, (profile, found) = self.read(str(given), profile_of, reference)
+        return text, profile, found
 
     def load(self, run: Run) -> FlightInputs:
         """The flight of a run, ready to be flown."""
-        paths = {f"{kind}_path": path for kind, path in run.files.items()}
-        return load_flight(**paths, overrides=run.overrides, files=self)
+        return load_flight(**run.files, overrides=run.overrides, files=self)
 
 
 def profile_of(text: Text) -> tuple[AnyProfile, list[Fault]]:
@@ -108,13 +140,13 @@ def profile_of(text: Text) -> tuple[AnyProfile, list[Fault]]:
 
 @dataclass(frozen=True)
 class FlightInputs:
-    """A flight ready to be flown: the world, the planner's mission, and the texts that they were read from."""
+    """A flight ready to be flown: the world, the planner's mission, and what they were read from, by kind."""
 
     world: World
     mission: Mission
     scenario: Scenario
     warnings: tuple[Fault, ...]
-    texts: Mapping[str, Text]
+    sources: Mapping[str, Source]
 
     def flight(self) -> PlannedFlight:
         """A new flight with its planner."""
@@ -140,15 +172,15 @@ class FlightInputs:
 
 
 def load_flight(
-    plan_path: str,
+    plan: File | Plan,
     *,
-    scenario_path: str | None = None,
-    profile_path: str | None = None,
-    energy_path: str | None = None,
+    scenario: File | Mapping[str, Any] | None = None,
+    profile: File | AnyProfile | None = None,
+    energy: File | EnergyModel | None = None,
     overrides: Mapping[str, Any] | None = None,
     files: Files | None = None,
 ) -> FlightInputs:
-    """Read and check a flight's files; those in `files` are not read again.
+    """Read and check what a flight is of, paths or objects; those in `files` are not read again.
 
     Raises
     ------
@@ -156,48 +188,56 @@ def load_flight(
         With every fault found in the first file that has any.
     """
     files = files or Files()
-    scenario = files.scenario(scenario_path, overrides)
-    plan_text, plan, warnings = _plan(files, plan_path, scenario)
-    texts = {"plan": plan_text}
-    if scenario_path is not None:
-        texts["scenario"] = Text(scenario.document.name, scenario.document.source.body)
-    if scenario.vehicle_text is not None:
-        texts["vehicle"] = scenario.vehicle_text
-    profile, energy = None, None
-    reference = None if profile_path else scenario.fault("profile", "")
-    profile_path = profile_path or scenario.profile_path
-    if profile_path is not None:
-        texts["profile"], (profile, found) = files.read(profile_path, profile_of, reference)
+    setting = files.scenario(scenario, overrides)
+    plan_source, flown, warnings = _plan(files, plan, setting)
+    sources: dict[str, Source] = {"plan": plan_source}
+    if isinstance(scenario, Mapping):
+        sources["scenario"] = Given(setting.document.value, "given-keys.yaml", value_text)
+    elif scenario is not None:
+        sources["scenario"] = files.text(str(scenario))
+    if setting.vehicle_text is not None:
+        sources["vehicle"] = setting.vehicle_text
+    computations, model = None, None
+    reference = None if profile is not None else setting.fault("profile", "")
+    given_profile = setting.profile_path if profile is None else profile
+    if given_profile is not None:
+        sources["profile"], computations, found = files.profile(given_profile, reference)
         warnings += found
-    plan, scenario = _named(plan, plan_text, profile, scenario)
-    computing = _computing(plan, plan_text, profile, profile_path, scenario)
-    if profile is not None and not may_compute(plan):
-        warnings.append(_load_note(profile, profile_path or "", computing, scenario))
-    if energy_path is not None:
-        from eadp.io.energy.model_file import parse_energy
+    flown, setting = _named(flown, plan_source, computations, setting)
+    place = "" if computations is None else sources["profile"].name
+    computing = _computing(flown, plan_source, computations, place, setting)
+    if computations is not None and not may_compute(flown):
+        warnings.append(_load_note(computations, place, computing, setting))
+    if isinstance(energy, EnergyModel):
+        sources["energy"], model = Given(energy, "given-energy.yaml", energy_yaml), energy
+    elif energy is not None:
+        sources["energy"], model = files.read(str(energy), parse_energy)
+    parameters = _parameters_at_take_off(flown, setting)
+    _check_paths(flown, plan_source, parameters)
+    start = _start(flown, plan_source, setting, parameters)
+    _check_aircraft(flown, plan_source, setting)
+    _check_battery(setting, computing.power_w(parameters, flown.stages[0].sets))
+    world = _world(flown, computing, setting, parameters, start)
+    _check_rates(world, setting)
+    _check_names(flown, setting)
+    warnings += _unused(flown, setting)
+    mission = _mission(world, setting, model)
+    _check_planner(setting, mission)
+    warnings += _doubts(setting, world)
+    return FlightInputs(world, mission, setting, tuple(warnings), sources)
 
-        texts["energy"], energy = files.read(energy_path, parse_energy)
-    parameters = _parameters_at_take_off(plan, scenario)
-    _check_paths(plan, plan_text, parameters)
-    start = _start(plan, plan_text, scenario, parameters)
-    _check_aircraft(plan, plan_text, scenario)
-    _check_battery(scenario, computing.power_w(parameters, plan.stages[0].sets))
-    world = _world(plan, computing, scenario, parameters, start)
-    _check_rates(world, scenario)
-    _check_names(plan, scenario)
-    warnings += _unused(plan, scenario)
-    mission = _mission(world, scenario, energy)
-    _check_planner(scenario, mission)
-    warnings += _doubts(scenario, world)
-    return FlightInputs(world, mission, scenario, tuple(warnings), texts)
 
-
-def _plan(files: Files, path: str, scenario: Scenario) -> tuple[Text, Plan, list[Fault]]:
-    """Text of a plan or a mission, the plan as it is flown, and warnings."""
+def _plan(files: Files, given: File | Plan, scenario: Scenario) -> tuple[Source, Plan, list[Fault]]:
+    """Where a plan or a mission comes from, the plan as it is flown, and warnings."""
     keys, vehicle = scenario.keys, scenario.keys.vehicle.airframe
-    foreign = is_mission(files.text(path))
-    reader = PlanReader.of(vehicle, keys.battery, keys.laps) if foreign else PlanReader()
-    text, (plan, findings) = files.read(path, reader)
+    text: Source
+    findings: list[Finding] = []
+    foreign = not isinstance(given, Plan) and is_mission(files.text(str(given)))
+    if isinstance(given, Plan):
+        text, plan = Given(given, "given.plan", plan_text), given
+    else:
+        reader = PlanReader.of(vehicle, keys.battery, keys.laps) if foreign else PlanReader()
+        text, (plan, findings) = files.read(str(given), reader)
     if keys.obstacles == IGNORE:
         plan = replace(plan, site=plan.site._replace(airspace=EVERYWHERE))
     warnings = [finding.fault(text.name) for finding in findings]
@@ -210,7 +250,7 @@ def _plan(files: Files, path: str, scenario: Scenario) -> tuple[Text, Plan, list
         message = f"the plan was made for {made.aircraft}, and is flown at {vehicle.airspeed_mps:g} m/s"
         expected = "its aircraft, as --scenario or --set vehicle=FILE"
         warnings.append(Fault(text.name, 1, 1, message, expected, severity="note"))
-    if not isinstance(vehicle, FixedWing) and _commands(plan):
+    if isinstance(vehicle, PaperVehicle) and _commands(plan):
         message = f"altitudes and airspeeds of stages are not flown: the airframe {vehicle.model} holds its own"
         warnings.append(Fault(text.name, plan.stages[0].line, 1, message, severity="note"))
         level = [replace(stage, altitude_m=None, airspeed_mps=None) for stage in plan.stages]
@@ -218,7 +258,7 @@ def _plan(files: Files, path: str, scenario: Scenario) -> tuple[Text, Plan, list
     return text, plan, warnings
 
 
-def _named(plan: Plan, text: Text, profile: AnyProfile | None, scenario: Scenario) -> tuple[Plan, Scenario]:
+def _named(plan: Plan, text: Source, profile: AnyProfile | None, scenario: Scenario) -> tuple[Plan, Scenario]:
     """The plan as it is flown, its computations named as in the profile where they have no names, and its scenario."""
     columns = () if profile is None else tuple(zip(profile.names, profile.units, strict=True))
     if not plan.computations and len(plan.parameters) == plan.path_count + len(columns):
@@ -312,7 +352,7 @@ def _doubts(scenario: Scenario, world: World) -> list[Fault]:
     return [replace(scenario.fault(*doubt), severity="warning") for doubt in found]
 
 
-def _check_aircraft(plan: Plan, text: Text, scenario: Scenario) -> None:
+def _check_aircraft(plan: Plan, text: Source, scenario: Scenario) -> None:
     """The aircraft can fly, and faster than the wind."""
     vehicle, wind_mps = scenario.keys.vehicle.airframe, scenario.keys.wind.speeds_mps[1]
     refuse([scenario.fault("vehicle.airframe", fault, "an aeroplane that can fly so") for fault in vehicle.faults()])
@@ -362,7 +402,7 @@ def _altitude_m(plan: Plan, scenario: Scenario, vehicle: Airframe) -> float:
     return vehicle.cruise_altitude_m if first_m is None else first_m
 
 
-def _check_airspeeds(plan: Plan, text: Text, vehicle: FixedWing, wind_mps: float) -> None:
+def _check_airspeeds(plan: Plan, text: Source, vehicle: FixedWing, wind_mps: float) -> None:
     """The aircraft can fly at the airspeeds of the stages, and faster than the wind."""
     checked = {stage.airspeed_mps: stage for stage in reversed(plan.stages) if stage.airspeed_mps is not None}
     faults = []
@@ -377,7 +417,7 @@ def _check_airspeeds(plan: Plan, text: Text, vehicle: FixedWing, wind_mps: float
     refuse(faults)
 
 
-def _with_sets(plan: Plan, text: Text, scenario: Scenario) -> Plan:
+def _with_sets(plan: Plan, text: Source, scenario: Scenario) -> Plan:
     """The plan's own sets, else the scenario's bounds."""
     if plan.has_sets:
         if scenario.bounds:
@@ -394,7 +434,7 @@ def _with_sets(plan: Plan, text: Text, scenario: Scenario) -> Plan:
     return plan
 
 
-def _computing(plan: Plan, text: Text, profile: AnyProfile | None, path: str | None, scenario: Scenario) -> Computing:
+def _computing(plan: Plan, text: Source, profile: AnyProfile | None, place: str, scenario: Scenario) -> Computing:
     """The computations of a plan, or the constant load of those that it does not decide."""
     load_at = scenario.keys.profile_at
     if load_at and (profile is None or may_compute(plan)):
@@ -412,20 +452,20 @@ def _computing(plan: Plan, text: Text, profile: AnyProfile | None, path: str | N
     try:
         return join_profile(plan, profile, load_at)
     except EadpError as error:
-        if path is None:
+        if not place:
             raise InputError.at(
                 text.name, plan.stages[0].line, 1, str(error), "--profile, or profile: in the scenario"
             ) from None
-        raise InputError.at(path, 1, 1, str(error), "a profile of the plan's computations") from None
+        raise InputError.at(place, 1, 1, str(error), "a profile of the plan's computations") from None
 
 
-def _load_note(profile: AnyProfile, path: str, computing: Computing, scenario: Scenario) -> Fault:
+def _load_note(profile: AnyProfile, place: str, computing: Computing, scenario: Scenario) -> Fault:
     """What a profile beside a plan without computations counts as."""
     load_at = scenario.keys.profile_at
     at = configuration_text(profile.names, load_configuration(profile, load_at), ",")
     why = "as stated" if set(load_at) == set(profile.names) else "the highest; --at states another"
     message = f"the plan has no parameter for it: a constant load of {computing.load_w:.2f} W at {at} ({why})"
-    return Fault(path, 1, 1, message, severity="note")
+    return Fault(place, 1, 1, message, severity="note")
 
 
 def _parameters_at_take_off(plan: Plan, scenario: Scenario) -> Vector:
@@ -508,7 +548,7 @@ def _check_planner(scenario: Scenario, mission: Mission) -> None:
 
 
 @lru_cache(KEPT_ROUTES)
-def _check_paths(plan: Plan, text: Text, parameters: Vector) -> None:
+def _check_paths(plan: Plan, text: Source, parameters: Vector) -> None:
     """Every stage has a path and a trigger, at take-off and at every corner of the path parameters' sets."""
     rho = plan.path_count
     corners: list[Sequence[float]] = [parameters]
@@ -537,7 +577,7 @@ def _check_stage(stage: Stage, parameters: Sequence[float]) -> None:
         raise PathUndefined(f"the path of stage {stage.index} {error}") from None
 
 
-def _start(plan: Plan, text: Text, scenario: Scenario, parameters: Vector) -> tuple[Point, float]:
+def _start(plan: Plan, text: Source, scenario: Scenario, parameters: Vector) -> tuple[Point, float]:
     """Position and heading at the start of the flight."""
     stage = plan.stages[0]
     start, heading = scenario.position_m("start", plan.site.origin_deg), scenario.keys.start.heading_rad

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 from eadp.api.given import File, Warn, python_warnings
 from eadp.errors import Fault, InputError, printable
@@ -13,6 +14,7 @@ from eadp.io.profile import measuring, model_file
 from eadp.io.profile.configurations import configurations_to_measure
 from eadp.io.profile.measuring import MeasurementSettings, check_command, mean_text, measure, measurements_csv
 from eadp.io.profile.power_sensor import Sensor, choose_sensor
+from eadp.io.text.options import Flag, option_name
 from eadp.models.profile_sum import AnyProfile
 
 SHORTEST_INTERVAL_S = 0.01
@@ -21,33 +23,51 @@ SHORTEST_INTERVAL_S = 0.01
 
 @dataclass(frozen=True)
 class MeasureOptions:
-    """The options of a measurement; None is one that was not given."""
+    """How the power of a command is measured; None is an option that was not given."""
 
-    config: Sequence[str] | None = None
-    sweep: Sequence[str] | None = None
-    sysfs: str | None = None
-    sensor: str | None = None
-    warmup: float | None = None
-    interval: float | None = None
-    accuracy: str | None = None
-    longest: float | None = None
-    idle: float | None = None
+    config: Annotated[Sequence[str], Flag(metavar="NAME=VALUE,…")] = ()
+    """Configuration of a trace, one option for each trace; with --measure, configurations to measure, all combinations:
+    fps=2,4,keysize=32,448."""
+
+    sweep: Annotated[Sequence[str], Flag(metavar="NAME=FROM:TO:STEP")] = ()
+    """Values to measure at, both ends included."""
+
+    sensor: Annotated[str | None, Flag(metavar="KIND:NAME")] = None
+    """The sensor to read, or its path."""
+
+    sysfs: Annotated[str | None, Flag(metavar="DIR")] = None
+    """Root of the sensors [/sys]."""
+
+    warmup_s: float | None = None
+    """Time before the first sample [5 s]."""
+
+    interval_s: float | None = None
+    """Time from one sample to the next [0.2 s]."""
+
+    accuracy: Annotated[str | None, Flag(metavar="W")] = None
+    """Standard error to measure to [0.05 W], or as in 1%."""
+
+    longest_s: float | None = None
+    """Longest time at a configuration [120 s]."""
+
+    idle_s: float | None = None
+    """First measure for this time without the command."""
 
     def given(self) -> list[str]:
         """Those given, as options; without `--config`, which is not for measuring alone."""
-        return [f"--{name}" for name, value in vars(self).items() if name != "config" and value is not None]
+        return [option_name(name) for name, value in vars(self).items() if name != "config" and value not in (None, ())]
 
     @property
     def settings(self) -> MeasurementSettings:
         """The settings, with their defaults; raises InputError."""
         accuracy, relative = _accuracy(self.accuracy) if self.accuracy else (MeasurementSettings.accuracy, False)
         return MeasurementSettings(
-            _seconds("--warmup", self.warmup, MeasurementSettings.warm_up_s),
-            _seconds("--interval", self.interval, MeasurementSettings.interval_s, SHORTEST_INTERVAL_S),
+            _seconds("--warmup", self.warmup_s, MeasurementSettings.warm_up_s),
+            _seconds("--interval", self.interval_s, MeasurementSettings.interval_s, SHORTEST_INTERVAL_S),
             accuracy,
             relative,
-            _seconds("--longest", self.longest, MeasurementSettings.max_time_s, SHORTEST_INTERVAL_S),
-            _seconds("--idle", self.idle, MeasurementSettings.idle_s),
+            _seconds("--longest", self.longest_s, MeasurementSettings.max_time_s, SHORTEST_INTERVAL_S),
+            _seconds("--idle", self.idle_s, MeasurementSettings.idle_s),
         )
 
 

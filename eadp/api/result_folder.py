@@ -113,7 +113,7 @@ def _inputs(folder: Path) -> FlightInputs:
         named = vehicle_path(document, overrides)
         if named is not None:
             files.texts[named] = files.text(paths["vehicle"])
-    chosen = {f"{kind}_path": paths.get(kind) for kind in ("scenario", "profile", "energy")}
+    chosen = {kind: paths.get(kind) for kind in ("scenario", "profile", "energy")}
     return load_flight(paths["plan"], **chosen, overrides=overrides, files=files)
 
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from eadp.api.flight import Flight, fly_flight, forecast_values
-from eadp.api.given import File, Overrides, Warn, path_of, python_warnings
-from eadp.api.inputs import Files, FlightInputs, load_flight
+from eadp.api.given import File, Overrides, Warn, python_warnings
+from eadp.api.inputs import load_flight
 from eadp.io.scenario.scenario_file import override_texts, read_overrides
 from eadp.models.energy import EnergyModel
 from eadp.models.plan.plan import Plan
@@ -61,7 +61,8 @@ def simulate(
     InputError
         With every fault of the first file that has any.
     """
-    inputs, texts = _load(plan, scenario, profile, energy, override_texts(overrides, planner, seed, laps))
+    texts = override_texts(overrides, planner, seed, laps)
+    inputs = load_flight(plan, scenario=scenario, profile=profile, energy=energy, overrides=read_overrides(texts))
     warn(inputs.warnings)
     return fly_flight(inputs, inputs.preflight(), on_step, texts)
 
@@ -95,21 +96,8 @@ def forecast(
     InputError
         As `simulate`.
     """
-    inputs, _ = _load(plan, scenario, profile, energy, override_texts(overrides, planner, None, laps))
+    keys = read_overrides(override_texts(overrides, planner, None, laps))
+    inputs = load_flight(plan, scenario=scenario, profile=profile, energy=energy, overrides=keys)
     warn(inputs.warnings)
     found = inputs.preflight()
     return None if found is None else forecast_values(found)
-
-
-def _load(plan: Any, scenario: Any, profile: Any, energy: Any, texts: list[str]) -> tuple[FlightInputs, list[str]]:
-    """A flight's inputs, of paths or objects, with overrides as texts."""
-    files = Files()
-    inputs = load_flight(
-        path_of(plan, files.texts),
-        scenario_path=None if scenario is None else path_of(scenario, files.texts, "eadp.scenario/1"),
-        profile_path=None if profile is None else path_of(profile, files.texts),
-        energy_path=None if energy is None else path_of(energy, files.texts),
-        overrides=read_overrides(texts),
-        files=files,
-    )
-    return inputs, texts

@@ -22,7 +22,7 @@ def written(root, tmp_path_factory):
     for planner in ("joint", "static"):
         inputs = load_flight(
             str(root / "plans/survey.plan"),
-            scenario_path=str(root / "scenarios/survey.yaml"),
+            scenario=str(root / "scenarios/survey.yaml"),
             overrides={"planner.name": planner, "time_limit_s": 30, "step_s": 0.05, "planner.joint.max_interval_s": 5},
         )
         flight = fly_flight(inputs, inputs.preflight())
@@ -90,7 +90,7 @@ def test_the_forecast_of_take_off(written, planner):
 def test_without_a_forecast_there_is_none(root):
     inputs = load_flight(
         str(root / "plans/survey.plan"),
-        scenario_path=str(root / "scenarios/paper-i-dynamic.yaml"),
+        scenario=str(root / "scenarios/paper-i-dynamic.yaml"),
         overrides={"time_limit_s": 2},
     )
     expected = inputs.preflight()
@@ -140,6 +140,6 @@ def test_forecasts_are_at_parts_of_the_horizon():
 def test_the_published_filter_follows_at_the_default_rate(root):
     overrides = {"estimator.kind": "published", "time_limit_s": 90}
     scenario = str(root / "scenarios/survey.yaml")
-    inputs = load_flight(str(root / "plans/survey.plan"), scenario_path=scenario, overrides=overrides)
+    inputs = load_flight(str(root / "plans/survey.plan"), scenario=scenario, overrides=overrides)
     columns = fly_flight(inputs).columns
     assert np.median(np.abs(columns["power_forecast_w"] - columns["power_w"])) < 0.2

@@ -15,6 +15,11 @@ from common import ROOT
 import eadp as library
 
 PUBLIC = {
+    "FlightOptions",
+    "LinkOptions",
+    "ReplanOptions",
+    "check_plan",
+    "replan",
     "CoverageOptions", "CoveragePlan", "EadpError", "EnergyFit", "EnergyModel", "ExportOptions", "Flight",
     "Infeasible", "InputError", "JobFlight", "SortieOptions", "SortiePlan", "cover_in_sorties", "simulate_sorties",
     "Plan", "Profile", "ProfileSum", "SweepFlight", "cover", "export", "fit_power", "fit_vehicle",
@@ -72,7 +77,7 @@ def test_objects_stand_for_their_files():
     by_object = library.simulate(library.read_plan(PLAN), keys, library.read_profile(profile), energy)
     assert by_object.steps == by_path.steps
     assert by_object.inputs.mission.energy == energy
-    assert set(by_object.inputs.texts) == {"plan", "scenario", "profile", "energy"}
+    assert set(by_object.inputs.sources) == {"plan", "scenario", "profile", "energy"}
 
 
 def test_each_step_can_be_followed():

@@ -10,7 +10,7 @@ from eadp.api.inputs import load_flight
 
 
 def flown(plan, profile=None, **keys):
-    inputs = load_flight(plan, profile_path=profile, overrides={"step_s": 0.05, "wind.speed_mps": 4, **keys})
+    inputs = load_flight(plan, profile=profile, overrides={"step_s": 0.05, "wind.speed_mps": 4, **keys})
     expected = inputs.preflight()
     return fly_flight(inputs, expected), expected
 

@@ -60,7 +60,7 @@ class EveryStep:
 
 
 def flown(overrides, plan=SURVEY, scenario=SCENARIO, wrapped=lambda planner: planner, on=False, world=lambda it: it):
-    inputs = load_flight(plan, scenario_path=scenario, overrides=overrides)
+    inputs = load_flight(plan, scenario=scenario, overrides=overrides)
     compiled.enable(on)
     outcome = Outcome()
     flight = inputs.flight()

@@ -4,26 +4,33 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 from eadp.core.flight.battery_fit import CURVES_V, BatteryFit, CapacityFit, fit_battery, fit_capacity
 from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.log.formats import read_power_log
 from eadp.io.log.power_log import Columns
+from eadp.io.text.options import Flag
 
 
 @dataclass(frozen=True)
 class BatteryOptions:
-    """Capacity [Ah], k_b [1/s], state of charge at the start of the log; cells and chemistry to estimate a capacity by.
+    """What is known of a battery that is fitted."""
 
-    None is what is missing.
-    """
+    capacity_ah: float | None = None
+    """The battery's capacity [Ah]; or --cells."""
 
-    capacity_ah: float | None
-    k_b_per_s: float
-    soc: float
-    cells: int | None = None
-    chemistry: str = "lipo"
+    cells: Annotated[int | None, Flag(metavar="N")] = None
+    """Cells in series: the capacity is estimated by their voltage."""
+
+    chemistry: Annotated[str, Flag(metavar="NAME")] = "lipo"
+    """Chemistry of the cells: lipo or li-ion."""
+
+    k_b_per_s: float = 1 / 3600
+    """k_b [1/s]; 1/3600 is a battery without losses."""
+
+    soc: Annotated[float, Flag(metavar="SHARE")] = 1.0
+    """State of charge at the start of the log."""
 
     def check(self) -> None:
         """Refuse values that no battery has; raises InputError."""

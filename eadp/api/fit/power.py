@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,6 +17,7 @@ from eadp.io.log.formats import read_power_log
 from eadp.io.log.power_log import Columns, PowerLog
 from eadp.io.mission.reader import PlanReader
 from eadp.io.profile.model_file import read_profile
+from eadp.io.text.options import Flag
 from eadp.io.text.streams import read_text
 from eadp.models.energy_fit import EnergyFit, fit_energy
 from eadp.models.plan.legs import Leg
@@ -31,20 +32,34 @@ AIRSPEED_MPS = 15.0
 
 @dataclass(frozen=True)
 class FitOptions:
-    """Options of a fit. Paths are '' where there is none; `start_s` and `end_s` are seconds from the first reading.
+    """How a log's power is fitted."""
 
-    With `track` the log's positions are laid beside the plan's path.
-    """
-
-    order: int | None = None
     period_prior_s: float | None = None
-    plan: str = ""
+    """Search the period near this one [s], within a factor of 1.3."""
+
+    plan: Annotated[str, Flag(metavar="FILE")] = ""
+    """Search the period near the nominal time of this plan's lap."""
+
     airspeed_mps: float | None = None
-    start_s: float | None = None
-    end_s: float | None = None
+    """Speed the plan's lap is flown at [m/s]; default 15 m/s."""
+
+    order: Annotated[int | None, Flag(metavar="R", low=1)] = None
+    """Number of harmonics; default: by cross-validation."""
+
+    start_s: Annotated[float | None, Flag("--from")] = None
+    """Leave out earlier readings, in seconds of the log."""
+
+    end_s: Annotated[float | None, Flag("--to")] = None
+    """Leave out later readings, in seconds of the log."""
+
     keep_spikes: bool = False
-    profile: str = ""
-    track: bool = False
+    """Fit single samples far from their neighbours too."""
+
+    profile: Annotated[str, Flag(metavar="FILE")] = ""
+    """Subtract the computations' power first: configurations are in the log, under the profile's names."""
+
+    track: Annotated[str, Flag(metavar="FILE")] = ""
+    """The log's positions beside the path of --plan (.svg, .png, .csv)."""
 
     def check(self) -> None:
         """Refuse times and speeds that cannot be; raises InputError."""

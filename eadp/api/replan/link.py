@@ -8,7 +8,7 @@ import re
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 from eadp.api.inputs import FlightInputs
 from eadp.api.replan.replanner import Emit, Replanner, Warn
@@ -22,6 +22,7 @@ from eadp.io.link.upload import HeldMission, Mapped, Noted, Output, Warned
 from eadp.io.mission.items import MappedItem, items_text, parse_items, read_items
 from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
 from eadp.io.telemetry.reader import numbered_lines, open_telemetry
+from eadp.io.text.options import Flag
 from eadp.planning.track.live import KEPT
 
 WAIT_S, HEARTBEAT_S, LOST_S = 0.2, 1.0, 5.0
@@ -53,27 +54,22 @@ Send = Callable[[int, str, Mapping[str, Any]], None]
 
 @dataclass(frozen=True)
 class LinkOptions:
-    """What a link may do.
+    """What a link may do."""
 
-    Attributes
-    ----------
-    items : str, optional
-        Path of the map of the mission's items.
-    system : int, optional
-        The autopilot's number; the first one heard for None.
-    upload : bool
-        Whether to replace the rest of the autopilot's mission where other path parameters are decided.
-    return_home : bool
-        Whether to command a return where the planner decides on it; else it only says so.
-    signing_key : str, optional
-        Path of the key that signs messages.
-    """
+    items: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Stages of the mission's items, as eadp export writes them."""
 
-    items: str | None = None
-    system: int | None = None
+    system: Annotated[int | None, Flag(metavar="N", low=1, high=255)] = None
+    """The autopilot's MAVLink system; by default the first one heard."""
+
     upload: bool = False
+    """Replace the rest of the autopilot's mission where another path is decided."""
+
     return_home: bool = False
-    signing_key: str | None = None
+    """Command the autopilot to return where only home can be reached."""
+
+    signing_key: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Passphrase of MAVLink's signatures: others' messages are ignored, ours signed."""
 
 
 class _Requests:
@@ -125,7 +121,7 @@ class LinkFlight:
     ) -> None:
         plan = inputs.mission.plan
         if plan.site.origin_deg is None:
-            text = inputs.texts["plan"].name
+            text = inputs.sources["plan"].name
             raise InputError.at(
                 text, 1, 1, "the plan has no place on the earth, and an autopilot's positions have", "%: origin"
             )

@@ -21,7 +21,9 @@ Emit = Callable[[dict[str, Any]], None]
 Warn = Callable[[Fault], None]
 
 
-def replan(inputs: FlightInputs, stream: BinaryIO, name: str, log: ReplanLog | None, emit: Emit, warn: Warn) -> bool:
+def replan_lines(
+    inputs: FlightInputs, stream: BinaryIO, name: str, log: ReplanLog | None, emit: Emit, warn: Warn
+) -> bool:
     """Re-plan a flight from its telemetry, to the end of the stream.
 
     Parameters
@@ -72,7 +74,7 @@ def rest_after(inputs: FlightInputs, telemetry: str, warn: Warn) -> tuple[Planne
 
 
 class Replanner:
-    """The planner on readings of telemetry, see `replan`.
+    """The planner on readings of telemetry, see `replan_lines`.
 
     Attributes
     ----------

@@ -23,8 +23,9 @@ from eadp.coverage.separation import LATE_S, Nearest, TimedTrack, nearest
 from eadp.errors import Fault, Infeasible
 from eadp.io.flight.coverage import flown_lines, flown_of_plan
 from eadp.io.scenario.scenario_file import override_texts, read_overrides
-from eadp.io.text.streams import Text, new_folder
+from eadp.io.text.streams import new_folder
 from eadp.models.field import Field
+from eadp.models.plan.plan import Plan
 
 SCHEMA = "eadp.job/1"
 JOB = "job.json"
@@ -134,9 +135,7 @@ def fly_sorties(
         before = job.coverage()
         for k, sortie in enumerate(again.sorties):
             name = f"sortie-{len(job.flights) + 1:02d}"
-            path = f"{name}.plan"
-            planner.files.texts[path] = Text(path, sortie.plan.text)
-            job.fly(name, job.load(path, scenario))
+            job.fly(name, job.load(sortie.plan.plan, scenario))
             tours[k * len(tours) // len(again.sorties)].append(name)
         if job.coverage() <= before:
             break
@@ -164,10 +163,10 @@ class _Job:
         self._warned: set[str] = set()
         self.reason = "ground is left"
 
-    def load(self, plan: str, scenario: str) -> FlightInputs:
+    def load(self, plan: str | Plan, scenario: str) -> FlightInputs:
         """The inputs of a flight, with a seed of its own."""
         overrides = {**self.overrides, "seed": self._seed + len(self.flights)}
-        inputs = load_flight(plan, scenario_path=scenario, overrides=overrides, files=self._planner.files)
+        inputs = load_flight(plan, scenario=scenario, overrides=overrides, files=self._planner.files)
         new = [fault for fault in inputs.warnings if fault.message not in self._warned]
         self._warned |= {fault.message for fault in new}
         self._warn(new)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from statistics import NormalDist
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -23,9 +23,8 @@ from eadp.coverage.separation import Nearest, TimedTrack, nearest, stagger_s, tr
 from eadp.coverage.sorties import Divided, Divider, Division, min_sorties, min_time_s, tours
 from eadp.coverage.swaths import CoveragePath, straight
 from eadp.errors import Infeasible, InputError
-from eadp.io.plan.writer import plan_text
 from eadp.io.scenario.scenario_file import value_text
-from eadp.io.text.streams import Text
+from eadp.io.text.options import Flag
 from eadp.models.field import Field
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
@@ -33,7 +32,7 @@ from eadp.planning.forecast.evaluate import Objective
 from eadp.planning.forecast.held import Preflight
 
 SCHEMA = "eadp.sorties/1"
-MAX_AIRCRAFT = 20
+MAX_AIRCRAFT, MAX_SORTIES = 20, 200
 OVERLAP_M, SEPARATION_M, SWAP_S = 20.0, 50.0, 120.0
 """Metres that both parts of a line that is cut have in common; the distance that aircraft keep; the time on the ground
 between two sorties [s]."""
@@ -49,24 +48,32 @@ _Z = NormalDist().inv_cdf(Objective.probability)
 class SortieOptions:
     """How a field is divided among flights. Faults name the options as the command `eadp cover` does."""
 
-    count: int | None = None
-    """The number of sorties; None for the fewest."""
+    sorties: Annotated[int | str | None, Flag(metavar="NUMBER")] = None
+    """Divide the field among flights from home: auto for the fewest, or a number."""
 
-    aircraft: int = 1
-    """How many aircraft fly at once; the number of sorties is a multiple of it."""
+    aircraft: Annotated[int, Flag(metavar="N")] = 1
+    """How many aircraft fly sorties at once; the number of sorties is a multiple of it."""
 
-    overlap_m: float = OVERLAP_M
+    overlap_m: Annotated[float, Flag("--sortie-overlap")] = OVERLAP_M
     """What both parts of a line that is cut have in common [m]."""
 
     separation_m: float = SEPARATION_M
     """Distance that aircraft keep from one another [m]."""
 
-    swap_s: float = SWAP_S
+    swap_s: Annotated[float, Flag("--swap-time")] = SWAP_S
     """Time on the ground between two sorties of an aircraft [s]."""
 
+    @property
+    def count(self) -> int | None:
+        """The number of sorties; None for the fewest."""
+        return None if self.sorties in (None, "auto") else int(self.sorties)
+
     def __post_init__(self) -> None:
+        if not (self.sorties in (None, "auto") or str(self.sorties).isdecimal()):
+            expected = f"auto, or a whole number from 1 to {MAX_SORTIES}"
+            raise InputError.at("--sorties", 1, 1, "no number of sorties", expected, str(self.sorties))
         for option, value, low, high in (
-            ("--sorties", self.count or 1, 1, 200),
+            ("--sorties", 1 if self.count is None else self.count, 1, MAX_SORTIES),
             ("--aircraft", self.aircraft, 1, MAX_AIRCRAFT),
             ("--sortie-overlap", self.overlap_m, 0, 1000),
             ("--separation", self.separation_m, 0, 1000),
@@ -223,11 +230,9 @@ class SortiePlanner:
     def sortie(self, solution: CoverageSolution, part: Field, *, held: bool = True) -> PlannedSortie:
         """A sortie along a path; with `held`, at the lowest parameters throughout."""
         planned = self.task.planned(solution, part)
-        text = plan_text(_at_lowest(planned.plan)) if held else planned.text
-        name = f"sortie {len(self.files.texts)}"  # of its own: what was read stays known by its name
-        self.files.texts[name] = Text(name, text)
+        plan = _at_lowest(planned.plan) if held else planned.plan
         inputs = load_flight(
-            name, scenario_path=self.scenario, profile_path=self.profile, overrides=self.overrides, files=self.files
+            plan, scenario=self.scenario, profile=self.profile, overrides=self.overrides, files=self.files
         )
         found = inputs.preflight()
         if found is None or found.forecast.soc_end is None or found.forecast.soc_end_std is None:

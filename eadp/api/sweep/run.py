@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from eadp.api.flight import fly_flight
-from eadp.api.given import File, Overrides, Warn, path_of, python_warnings
+from eadp.api.given import File, Overrides, Warn, python_warnings
 from eadp.api.inputs import Files, FlightInputs
 from eadp.api.sorties import SORTIES
 from eadp.api.sweep.flights import SweepFlights
@@ -23,7 +23,7 @@ from eadp.core.compiled import enable, enabled
 from eadp.errors import EadpError, Fault, InputError, printable
 from eadp.io.scenario.scenario_file import override_texts, read_overrides
 from eadp.io.sweep.results import Results
-from eadp.io.text.streams import Text, read_text
+from eadp.io.text.streams import read_text
 from eadp.models.sweep import Result, Run, interleaved, make_runs
 from eadp.simulation.loop import Outcome, fly
 from eadp.simulation.sweep.engines.base import EngineOptions
@@ -176,9 +176,8 @@ def sweep(
     InputError
         With every fault of the first file that has any.
     """
-    texts: dict[str, Text] = {}
-    path = path_of(file, texts, "eadp.sweep/1")
-    checked = read_sweep(texts.get(path) or read_text(path), read_overrides(override_texts(overrides)))
+    given = file if isinstance(file, Mapping) else read_text(str(file))
+    checked = read_sweep(given, read_overrides(override_texts(overrides)))
     warn(checked.warnings)
     indices, compiled = range(len(checked.design)), enabled()
     try:

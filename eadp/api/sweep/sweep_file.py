@@ -20,10 +20,11 @@ from eadp.api.sorties import SORTIES, SORTIES_SCENARIO, is_sorties
 from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.energy.model_file import parse_energy
 from eadp.io.mission.reader import PlanReader
-from eadp.io.scenario.scenario_file import REPLACED, Scenario, ScenarioFile, beside, override_key, vehicle_path
+from eadp.io.scenario.scenario_file import REPLACED, Scenario, ScenarioFile, beside, override_key, plain, vehicle_path
 from eadp.io.sweep.statistics import SweepFlight
 from eadp.io.text.kinds import refuse_others
 from eadp.io.text.schema_faults import validated
+from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, read_yaml
 from eadp.io.text.yaml import Path as KeyPath
@@ -161,13 +162,13 @@ def full_key(name: str) -> str:
     return SHORT.get(name) or override_key(name) or name
 
 
-def read_sweep(text: Text, overrides: Mapping[str, Any] | None = None) -> Sweep:
+def read_sweep(given: Text | Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> Sweep:
     """Read a sweep file and every file it names, and check every value it lists by the scenario's schema.
 
     Parameters
     ----------
-    text : Text
-        The file.
+    given : Text or mapping
+        The file, or its keys.
     overrides : mapping of dotted key to value, optional
         Set in every run, as `read_override` gives them.
 
@@ -176,8 +177,11 @@ def read_sweep(text: Text, overrides: Mapping[str, Any] | None = None) -> Sweep:
     InputError
         With every fault of the first file that has any; a value that no flight accepts is a fault of the sweep file.
     """
-    refuse_others(text, "sweep")
-    document = read_yaml(text)
+    if isinstance(given, Text):
+        refuse_others(given, "sweep")
+        document = read_yaml(given)
+    else:
+        document = Document(SourceText(Text("given-keys.yaml", "")), {"schema": SCHEMA, **plain(given)})
     if not isinstance(document.value, dict):
         raise InputError(document.fault((), "is not a mapping of keys", f"keys such as schema: {SCHEMA}"))
     keys = validated(SweepKeys, document, document.value, lambda keys: _faults(keys, document))

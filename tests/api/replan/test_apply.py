@@ -87,7 +87,7 @@ def _fps(decision):
 
 
 def test_it_is_written_where_values_change_and_a_failure_is_said_once(tmp_path):
-    plan = load_flight(PLAN, scenario_path=SCENARIO).mission.plan
+    plan = load_flight(PLAN, scenario=SCENARIO).mission.plan
     (tmp_path / "there").mkdir()
     said, file = [], tmp_path / "there" / "rates.json"
     door = ValuesFile(str(file), plan.parameters[plan.path_count :], said.append)

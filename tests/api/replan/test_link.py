@@ -54,7 +54,7 @@ def plan(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def inputs(plan):
-    return load_flight(str(plan), scenario_path=SCENARIO)
+    return load_flight(str(plan), scenario=SCENARIO)
 
 
 @pytest.fixture(scope="module")

@@ -32,7 +32,7 @@ def short_survey(**overrides):
     name = str(ROOT / "plans/short.plan")
     return load_flight(
         name,
-        scenario_path=str(ROOT / "scenarios/survey.yaml"),
+        scenario=str(ROOT / "scenarios/survey.yaml"),
         overrides={"step_s": 0.05, "faults": [], "battery.capacity_ah": 0.26, **overrides},
         files=Files({name: Text(name, body)}),
     )

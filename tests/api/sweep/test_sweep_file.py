@@ -138,7 +138,7 @@ def test_a_run_is_the_flight_of_simulate_and_needs_no_files(folder, root):
     run = sweep.run(0)
     make = pickle.loads(pickle.dumps(FlyRun(sweep.kept)))
     summary = make(run).summary
-    inputs = load_flight(run.files["plan"], scenario_path=run.files["scenario"], overrides=run.overrides)
+    inputs = load_flight(run.files["plan"], scenario=run.files["scenario"], overrides=run.overrides)
     pilot, outcome = inputs.flight(), Outcome()
     list(fly(inputs.world, pilot, outcome))
     expected = summarise(inputs.world, pilot, outcome, inputs.scenario.planner)

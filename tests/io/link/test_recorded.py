@@ -145,7 +145,7 @@ def made_lines(inputs, values, items=None):
 
 @FORMS
 def test_lines_are_those_of_the_messages(plan, lines, tmp_path, form, made):
-    inputs = load_flight(str(plan), scenario_path=SCENARIO)
+    inputs = load_flight(str(plan), scenario=SCENARIO)
     path = tmp_path / "flight.log"
     path.write_bytes(WRITERS[form](made(lines)))
     logged, maker = made_lines(inputs, log_values(str(path), form))
@@ -177,7 +177,7 @@ def test_the_item_gives_the_stage(eadp, plan, lines, tmp_path, form, made):
     mission = tmp_path / "survey.waypoints"
     assert eadp("export", plan, "--to", "ardupilot", "-o", mission).code == 0
     items = read_items(f"{mission}.items.json", ("c1",))
-    inputs, path = load_flight(str(plan), scenario_path=SCENARIO), tmp_path / "flight.log"
+    inputs, path = load_flight(str(plan), scenario=SCENARIO), tmp_path / "flight.log"
     path.write_bytes(WRITERS[form](made(lines, range(form == "dataflash", len(items)))))
     logged, _ = made_lines(inputs, log_values(str(path), form), items)
     for line, item in zip(logged, items, strict=False):
@@ -202,7 +202,7 @@ def test_decisions_are_those_of_the_flight(eadp, plan, lines, tmp_path, name, fo
 def test_a_log_without_a_state_is_of_a_flight(plan, lines, tmp_path):
     path = tmp_path / "flight.bin"
     path.write_bytes(dataflash({k: v for k, v in ardupilot(lines).items() if k != "ARM"}))
-    inputs = load_flight(str(plan), scenario_path=SCENARIO)
+    inputs = load_flight(str(plan), scenario=SCENARIO)
     logged, maker = made_lines(inputs, log_values(str(path), "dataflash"))
     assert len(logged) == len(lines) + 1  # after the landing, too
     assert not maker.landed

@@ -201,7 +201,7 @@ def test_a_plan_without_an_origin_has_no_latitudes():
     with pytest.raises(InputError) as refused:
         load_flight(
             str(ROOT / "plans/survey.plan"),
-            scenario_path=str(ROOT / "scenarios/survey.yaml"),
+            scenario=str(ROOT / "scenarios/survey.yaml"),
             overrides={"home": {"lat_deg": 55.37, "lon_deg": 10.43}},
         )
     assert "the plan has no origin" in str(refused.value.faults[0])

@@ -48,7 +48,7 @@ def covered(tmp_path_factory):
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(io.StringIO()):
             assert main([*field, *flags, "--profile", profile]) == 0
         path.write_text(out.getvalue())
-        found[name] = load_flight(str(path), overrides={"planner.name": "static"}, profile_path=profile)
+        found[name] = load_flight(str(path), overrides={"planner.name": "static"}, profile=profile)
     return found
 
 

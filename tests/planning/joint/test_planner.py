@@ -56,7 +56,7 @@ class SweepFlight(NamedTuple):
 def flown(plan=str(ROOT / "plans/survey.plan"), **overrides):
     inputs = load_flight(
         plan,
-        scenario_path=str(ROOT / "scenarios/survey.yaml"),
+        scenario=str(ROOT / "scenarios/survey.yaml"),
         overrides={"step_s": STEP_S, **overrides},
     )
     flight, outcome = watched(inputs), Outcome()
@@ -318,7 +318,7 @@ def test_before_it_starts_a_jump_alone_is_answered_and_looks_stay_rare():
 def test_a_gauge_that_is_stuck_is_warned_of(stuck):
     inputs = load_flight(
         str(ROOT / "plans/survey.plan"),
-        scenario_path=str(ROOT / "scenarios/survey.yaml"),
+        scenario=str(ROOT / "scenarios/survey.yaml"),
         overrides={"step_s": STEP_S, **CALM, "battery.capacity_ah": 0.6, "time_limit_s": 200},
     )
     flight, outcome = inputs.flight(), Outcome()

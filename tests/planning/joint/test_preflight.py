@@ -35,7 +35,7 @@ def meadow(tmp_path_factory):
 
 def inputs_of(plan, planner, **overrides):
     fixed = {"planner.name": planner, "step_s": 0.05, "faults": [], "wind.speed_mps": 0.0, **overrides}
-    return load_flight(str(plan), scenario_path=str(ROOT / "scenarios/survey.yaml"), overrides=fixed)
+    return load_flight(str(plan), scenario=str(ROOT / "scenarios/survey.yaml"), overrides=fixed)
 
 
 def flown(inputs):

@@ -75,7 +75,7 @@ def corrupt(state, false_w):
 def quality(false_w):
     inputs = load_flight(
         str(ROOT / "plans/survey.plan"),
-        scenario_path=str(ROOT / "scenarios/survey.yaml"),
+        scenario=str(ROOT / "scenarios/survey.yaml"),
         overrides={"step_s": 0.05, "faults": [], "wind.gust_std_mps": 0.5, "battery.capacity_ah": 0.4},
     )
     flight, outcome = inputs.flight(), Outcome()

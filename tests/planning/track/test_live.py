@@ -32,7 +32,7 @@ NEAR_C1 = 40.0
 def inputs_of(planner="joint", **overrides):
     return load_flight(
         str(ROOT / "plans/survey.plan"),
-        scenario_path=str(ROOT / "scenarios/survey.yaml"),
+        scenario=str(ROOT / "scenarios/survey.yaml"),
         overrides={"planner.name": planner, **overrides},
     )
 

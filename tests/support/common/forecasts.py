@@ -17,7 +17,7 @@ CALM = {"wind.speed_mps": 0.0}
 def survey_inputs(planner="joint", plan="plans/survey.plan", **overrides):
     """The survey without faults."""
     fixed = {"planner.name": planner, "step_s": 0.05, "faults": [], **overrides}
-    return load_flight(str(ROOT / plan), scenario_path=str(ROOT / "scenarios/survey.yaml"), overrides=fixed)
+    return load_flight(str(ROOT / plan), scenario=str(ROOT / "scenarios/survey.yaml"), overrides=fixed)
 
 
 def plan_inputs(tmp_path, text, **overrides):
@@ -25,7 +25,7 @@ def plan_inputs(tmp_path, text, **overrides):
     path = tmp_path / "a.plan"
     path.write_text(text)
     profile = str(ROOT / "profiles/pednet-jetson-nano.yaml")
-    return load_flight(str(path), profile_path=profile, overrides={"step_s": 0.05, **overrides})
+    return load_flight(str(path), profile=profile, overrides={"step_s": 0.05, **overrides})
 
 
 class Forecasting:
