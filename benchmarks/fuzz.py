@@ -47,6 +47,7 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.api.replan.decisions import json_line
     from eadp.api.replan.link import LinkFlight, LinkOptions
     from eadp.api.replan.replanner import replan_lines
+    from eadp.api.sweep import sweep_file
     from eadp.api.sweep.sweep_file import read_sweep
     from eadp.core.compiled import enable
     from eadp.coverage.cover import CoverageRequest, cover
@@ -69,7 +70,6 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.io.profile import model_file
     from eadp.io.profile.model_file import parse_profile, profile_yaml
     from eadp.io.scenario import scenario_file
-    from eadp.api.sweep import sweep_file
     from eadp.io.sweep.results import Results
     from eadp.io.telemetry.log import ReplanLog
     from eadp.io.telemetry.reader import TelemetryLine

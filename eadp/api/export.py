@@ -25,7 +25,7 @@ from eadp.models.plan.legs import Leg
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import PlannedLegs
 from eadp.models.plan.trace import nominal_route
-from eadp.models.vehicle import Airframe, FixedWing
+from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.planning.forecast.held import Preflight
 
 Position = str | tuple[float, float]
@@ -133,6 +133,11 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
         inputs = load_flight(plan, scenario=options.scenario, overrides=overrides)
         warn(inputs.warnings)
         flown, name, airframe = inputs.world.plan, inputs.sources["plan"].name, inputs.world.vehicle
+        if isinstance(airframe, PaperVehicle) and options.altitude_m is None:
+            stated, _ = plan_of(plan, options.min_radius_m, options.laps, lambda _: None)
+            if any(stage.altitude_m is not None for stage in stated.stages):
+                message = f"the plan commands altitudes, and the airframe {airframe.model} holds its own"
+                raise _fault("--scenario", str(options.scenario), message, "another airframe, or --altitude")
         forecast = None
         if options.telemetry is not None:
             planned = _after(inputs, options.telemetry, name, warn)

@@ -125,6 +125,32 @@ def test_lines_are_flown_to_their_ends():
         assert flown[k].parameters[2] == 50  # of 49.96: ArduPilot holds whole metres
 
 
+@pytest.mark.parametrize("model", ["fixed-wing", "power-curve"])
+def test_the_altitude_is_the_plans_whatever_the_airframe(eadp, tmp_path, model):
+    """An aircraft fitted to a log holds another altitude."""
+    plan = tmp_path / "high.plan"
+    plan.write_text("%: origin 55.37 10.43\n%: altitude 60\n" + LINES)
+    settings = [f"vehicle.airframe.model={model}", "vehicle.airframe.cruise_altitude_m=100", "battery.capacity_ah=2"]
+    out = tmp_path / "m.waypoints"
+    options = [word for setting in settings for word in ("--set", setting)]
+    answer = eadp(
+        "export", plan, "--to", "ardupilot", "--scenario", ROOT / "scenarios/survey.yaml", *options, "-o", out
+    )
+    assert answer.code == 0, answer.err
+    rows = [line.split("\t") for line in out.read_text().splitlines()[2:]]
+    assert {row[10] for row in rows if row[3] in ("16", "18")} == {"60"}
+
+
+def test_an_airframe_that_holds_its_own_altitude_overrules_no_plan(eadp, tmp_path):
+    plan = tmp_path / "high.plan"
+    plan.write_text("%: origin 55.37 10.43\n%: altitude 60\n" + LINES)
+    given = ("export", plan, "--to", "ardupilot", "--scenario", ROOT / "scenarios/survey.yaml")
+    paper = ("--set", "vehicle.airframe.model=paper", "-o", tmp_path / "m.waypoints")
+    assert refused(eadp(*given, *paper), "the airframe paper holds its own", "--altitude")
+    assert not (tmp_path / "m.waypoints").exists()
+    assert eadp(*given, *paper, "--altitude", "60").code == 0
+
+
 @pytest.mark.parametrize(
     ("radius_m", "held_m"), [(82.16, 82), (72.76, 73), (254.9, 255), (255.6, 260), (1234.0, 1230), (4.5, 4)]
 )
