@@ -17,9 +17,10 @@ from eadp.io.link.lines import LINE_S, LineMaker
 from eadp.io.link.mavlink import COMPONENT, SHARE, Link, Message, Throttle, read_key, require_pymavlink, tlog_messages
 from eadp.io.link.messages import NO_AUTOPILOT, NOT_AIRCRAFT, TIMED, WANTED, values_of
 from eadp.io.link.mission import PROTOCOL, Outgoing
-from eadp.io.link.recorded import MAGICS, log_values
+from eadp.io.link.recorded import MAGICS, MISSION, log_values
 from eadp.io.link.upload import HeldMission, Mapped, Noted, Output, Warned
-from eadp.io.mission.items import MappedItem, items_text, parse_items, read_items
+from eadp.io.mission.draft import MissionItem
+from eadp.io.mission.items import MappedItem, items_text, parse_items, read_items, same_items
 from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
 from eadp.io.telemetry.reader import numbered_lines, open_telemetry
 from eadp.io.text.options import Flag
@@ -46,6 +47,8 @@ INTERVALS = {
     "MISSION_CURRENT": (42, 1_000_000),
 }
 """The messages that are asked for: their numbers and intervals [µs]."""
+
+OTHER_MISSION = "another mission than that of --items is flown: the stage is found by the position"
 
 _NUMBERS = re.compile(r"[-+.\d]+")
 
@@ -142,7 +145,7 @@ class LinkFlight:
         self._text, self._armed = "", False
         self._replanner = Replanner(inputs, name, log, self._decided, self._warn_once)
         self._replanner.restore()
-        exported = mapped
+        exported = self._exported = mapped
         if mapped is not None and log is not None and log.items is not None:
             mapped = parse_items(log.items, path_names)
         self._lines = LineMaker(self._replanner.reader, inputs.mission, mapped, self._say)
@@ -196,7 +199,7 @@ class LinkFlight:
             if mission is not None:
                 self._do(mission.count(values["item_count"], now_s))
             elif self._lines.items is not None and values["item_count"] not in (None, len(self._lines.items)):
-                self._say("another mission than that of --items is flown: the stage is found by the position")
+                self._say(OTHER_MISSION)
                 self._lines.items = None
         if values.get("answer") == (RETURN, ACCEPTED) and self._commands:
             self._may_return = False
@@ -223,6 +226,9 @@ class LinkFlight:
 
     def update(self, values: Mapping[str, Any]) -> None:
         """Take what a message says, and re-plan with the lines that are due."""
+        if MISSION in values:
+            self._is_held(values[MISSION])
+            return
         for reading in self._lines.update(values):
             self._replanner.take(reading)
 
@@ -275,6 +281,14 @@ class LinkFlight:
 
     def _to_autopilot(self, kind: str, values: Mapping[str, Any]) -> None:
         self._give(kind, {"target_system": self._system, "target_component": self._component, **values})
+
+    def _is_held(self, items: list[MissionItem]) -> None:
+        """Go on by the items of a log, or where they are others by the position."""
+        if self._exported is not None:
+            same = same_items([each.item for each in self._exported], items)
+            self._lines.items = self._exported if same else None
+            if not same:
+                self._say(OTHER_MISSION)
 
     def _do(self, outputs: Iterable[Output]) -> None:
         """Do what an event of the mission asks for."""

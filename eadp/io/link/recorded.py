@@ -14,6 +14,7 @@ from eadp.core.arrays import FloatArray
 from eadp.errors import InputError
 from eadp.io.link.messages import Values, finite
 from eadp.io.log.messages import read_tables
+from eadp.io.mission.draft import NO_POSITION, MissionItem
 
 Row = dict[str, float]
 Table = dict[str, FloatArray]
@@ -25,6 +26,8 @@ _ARMED, _NAV_LAST = 2, 95
 """PX4's state of an armed aircraft; the last of the commands that move it."""
 _INSTANCES = ("Instance", "Inst", "C", "I")
 _UNKNOWN = float("nan")
+MISSION = "mission"
+"""Key of the items that the autopilot holds from then on, home aside."""
 
 
 def _battery(row: Row, volts: str, amps: str, consumed_mah: str, remaining: str, full: float) -> Values:
@@ -50,6 +53,26 @@ def _position(latitude: str, longitude: str) -> Callable[[Row], Values]:
 
 def _item(row: Row) -> Values:
     return {"item": int(row["CNum"])} if row["CId"] <= _NAV_LAST else {}
+
+
+class _Mission:
+    """Collects the items of a mission: ArduPilot logs each that it holds, home first, when a mission has come."""
+
+    def __init__(self) -> None:
+        self._items: list[MissionItem] = []
+
+    def read(self, row: Row) -> Values:
+        number = int(row["CNum"])
+        if number != len(self._items):
+            self._items = self._items[: number if number == 0 else None]
+        if number == len(self._items):
+            numbers = (row.get(f"Prm{k}", _UNKNOWN) for k in range(1, 5))
+            place = row["Lat"], row["Lng"], row["Alt"]
+            self._items.append(MissionItem(int(row["CId"]), int(row.get("Frame", NO_POSITION)), (*numbers, *place)))
+        if len(self._items) < row["CTot"] or number != row["CTot"] - 1:
+            return {}
+        held, self._items = self._items, []
+        return {MISSION: held[1:]}
 
 
 _ULOG: dict[str, Callable[[Row], Values]] = {
@@ -100,7 +123,7 @@ def log_values(path: str, form: str) -> Iterator[Values]:
     """
     if not os.path.isfile(path):
         raise InputError.at(path, 1, 1, "is not a regular file", "an autopilot's log as a file")
-    readers = _ULOG if form == "ulog" else _DATAFLASH
+    readers = _ULOG if form == "ulog" else {"CMD": _Mission().read, **_DATAFLASH}
     read = read_tables(path, path, form, [*readers, *(topic for topic, *_ in _MOTION[form])]).columns
     tables = {topic.removesuffix(" 0"): first for topic, table in read.items() if (first := _first_instance(table))}
     yield {"home_is_item": form == "dataflash"}
@@ -118,7 +141,7 @@ def log_values(path: str, form: str) -> Iterator[Values]:
         ]
     for _, _, reader, row in sorted(rows, key=lambda each: each[:2]):
         try:
-            yield {key: finite(value) for key, value in reader(row).items()}
+            yield {key: value if key == MISSION else finite(value) for key, value in reader(row).items()}
         except (ArithmeticError, LookupError, ValueError):
             continue
 
