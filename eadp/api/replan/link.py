@@ -33,7 +33,8 @@ ONBOARD, INVALID = 18, 8
 NOTICE, WARNING, CRITICAL = 5, 4, 2
 RETURN, ACCEPTED, MAX_COMMANDS = 20, 0, 10
 """The command to return to launch, the answer that it is accepted, and how often a command is given at most."""
-TEXT_CHARACTERS, NAME_CHARACTERS = 50, 10
+TEXT_CHARACTERS, NAME_CHARACTERS, MAX_TEXT = 50, 10, 200
+"""Characters of a piece of a text, of a name, and of a text at most."""
 SET_INTERVAL = 511
 """The command that asks for a message at an interval."""
 INTERVALS = {
@@ -82,8 +83,9 @@ class _Requests:
         self._ask, self._count = ask, 0
         self.missing: set[str] = set()
 
-    def start(self) -> None:
-        self.missing, self._count = set(INTERVALS), 0
+    def start(self, ardupilot: bool) -> None:
+        # ArduPilot has a message of its own for the wind, and shows each request of the other one to the pilot
+        self.missing, self._count = set(INTERVALS) - {"WIND_COV" if ardupilot else "WIND"}, 0
         self.repeat()
 
     def repeat(self) -> None:
@@ -142,7 +144,8 @@ class LinkFlight:
         self._lost = False
         self._may_return, self._returns, self._commands = options.return_home, False, 0
         self._requests = _Requests(lambda *numbers: self._command(SET_INTERVAL, numbers))
-        self._text, self._armed = "", False
+        self._text, self._armed, self._ardupilot = "", False, False
+        self._told_path, self._texts = inputs.mission.parameters[: plan.path_count], 0
         self._replanner = Replanner(inputs, name, log, self._decided, self._warn_once)
         self._replanner.restore()
         exported = self._exported = mapped
@@ -192,9 +195,9 @@ class LinkFlight:
         mission, begins = self._mission, False
         if message.kind == "HEARTBEAT":
             begins = first or lost or (values["armed"] and not self._armed)
-            self._armed = values["armed"]
+            self._armed, self._ardupilot = values["armed"], values["home_is_item"]
             if mission is not None:
-                mission.ardupilot = values["home_is_item"]
+                mission.ardupilot = self._ardupilot
         if message.kind == "MISSION_CURRENT":
             if mission is not None:
                 self._do(mission.count(values["item_count"], now_s))
@@ -209,7 +212,7 @@ class LinkFlight:
         restarts = self._lines.restarts
         self.update(values)
         if begins or self._lines.restarts > restarts:
-            self._requests.start()
+            self._requests.start(self._ardupilot)
             if mission is not None:
                 self._do(mission.read(now_s))
         if mission is not None and self._uploads and self._decided_path is not None:
@@ -329,16 +332,33 @@ class LinkFlight:
         if line["returns_home"] and not self._returns:
             self._returns, self._decided_path = True, None
             self._show("only home can be reached: fly home", CRITICAL)
-        # a reason whose numbers alone change is said once
+        # a reason whose numbers alone change is said once; another path always, and first
         about = repr(line["parameters"]) + _NUMBERS.sub("", line["reason"])
-        if line["reason"] != KEPT and about != self._text:
+        path = self._new_path(line)
+        if (line["reason"] != KEPT or path) and about != self._text:
             self._text = about
-            self._show(line["reason"], NOTICE if self._replanner.completes else WARNING)
+            named = not path or line["reason"].startswith(path.partition(" ")[0])
+            text = line["reason"] if named else f"{path}: {line['reason']}"
+            self._show(text, NOTICE if self._replanner.completes else WARNING)
+
+    def _new_path(self, line: Mapping[str, Any]) -> str:
+        """Path parameters that are others than those told before, for people; empty if none are."""
+        parameters = self._plan.parameters[: self._plan.path_count]
+        before, self._told_path = self._told_path, tuple([line["parameters"][each.name] for each in parameters])
+        new = zip(parameters, before, self._told_path, strict=True)
+        return ", ".join(f"{each.label} now {each.text(now)}" for each, was, now in new if now != was)
 
     def _show(self, what: str, severity: int) -> None:
-        """Show a text at the ground station."""
-        text = _ascii(f"eadp: {what}")[:TEXT_CHARACTERS]
-        self._give("STATUSTEXT", {"severity": severity, "text": text.encode()})
+        """Show a text at the ground station, in pieces where it is long."""
+        text = _ascii(f"eadp: {what}")[:MAX_TEXT].encode()
+        if len(text) <= TEXT_CHARACTERS:
+            self._give("STATUSTEXT", {"severity": severity, "text": text})
+            return
+        self._texts = self._texts % 65_535 + 1
+        # the last piece is shorter than the others, if need be empty
+        for number, start in enumerate(range(0, len(text) + 1, TEXT_CHARACTERS)):
+            piece = {"text": text[start : start + TEXT_CHARACTERS], "id": self._texts, "chunk_seq": number}
+            self._give("STATUSTEXT", {"severity": severity, **piece})
 
     def _give(self, kind: str, values: Mapping[str, Any]) -> None:
         if self._send is not None:

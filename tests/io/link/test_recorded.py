@@ -211,7 +211,15 @@ def test_the_mission_of_a_log_is_the_one_that_is_held(eadp, plan, lines, tmp_pat
     def held(time_us, moved):
         places = [(float(row[8]) + (moved if k > 9 else 0.0), float(row[9])) for k, row in enumerate(rows)]
         return [
-            (time_us - len(rows) + k, len(rows), k, int(row[3]), *(round(1e7 * value) for value in place), 25.0, int(row[2]))
+            (
+                time_us - len(rows) + k,
+                len(rows),
+                k,
+                int(row[3]),
+                *(round(1e7 * value) for value in place),
+                25.0,
+                int(row[2]),
+            )
             for k, (row, place) in enumerate(zip(rows, places, strict=True))
         ]
 

@@ -23,11 +23,14 @@ from eadp.io.link.messages import WANTED
 from eadp.io.link.rest import RestLayout
 from eadp.io.link.upload import _equal
 from eadp.io.mission.draft import MissionItem
-from eadp.io.mission.items import MappedItem, read_items
+from eadp.io.mission.export import mission_items
+from eadp.io.mission.items import MappedItem, mapped_items, read_items
+from eadp.io.mission.path import PlannedPath, planned_sections
 from eadp.io.mission.reader import PlanReader
+from eadp.io.plan.reader import read_plan
 from eadp.io.telemetry.log import ReplanLog, hash_of
 from eadp.io.text.streams import Text
-from eadp.models.plan.trace import nominal_legs
+from eadp.models.plan.trace import nominal_legs, nominal_route
 
 SCENARIO = "scenarios/survey.yaml"
 
@@ -142,7 +145,7 @@ def test_nothing_is_uploaded_before_the_first_plan(eadp, inputs, plan, lines, tm
 def test_items_before_an_upload_are_no_refusal(inputs, mission, lines, tmp_path, refuses):
     """The items flown are of c1 = 0: in force where the new mission is refused, else those of before it."""
     path = tmp_path / "log.jsonl"
-    log = ReplanLog(str(path), hash_of(inputs.texts, {}))
+    log = ReplanLog(str(path), hash_of(inputs.sources, {}))
     flown = Flying(inputs, mission, log, refuses=refuses).fly(lines, current=True)
     log.close()
     assert flown.decisions[-1]["parameters"]["c1"] < 0
@@ -398,7 +401,7 @@ def test_acks_of_others_end_no_upload(inputs, mission, lines):
 
 
 def test_after_a_kill_before_the_upload_it_is_made(inputs, mission, lines, tmp_path):
-    path, kept = str(tmp_path / "flight.jsonl"), hash_of(inputs.texts, {})
+    path, kept = str(tmp_path / "flight.jsonl"), hash_of(inputs.sources, {})
     log = ReplanLog(path, kept)
     first = Flying(inputs, mission, log, refuses=("MISSION_COUNT", "MISSION_WRITE_PARTIAL_LIST")).fly(lines[:12])
     log.close()
@@ -456,14 +459,14 @@ def test_the_mission_is_read_again_when_the_autopilot_is_back(inputs, mission):
         flown.now_s = start_s
         before = flown.holder.kinds.count("COMMAND_LONG")
         flown._give(flown.autopilot.heartbeat(armed=True, active=True))
-        assert flown.holder.kinds.count("COMMAND_LONG") == before + 8
+        assert flown.holder.kinds.count("COMMAND_LONG") == before + 7
         assert flown.holder.kinds.count("MISSION_REQUEST_LIST") == 1 + (start_s > 0)
         flown.flight.tick(start_s + 20.0)
         flown._give(b"")
 
 
 def test_after_a_kill_the_mission_that_was_uploaded_is_still_known(eadp, inputs, mission, lines, tmp_path):
-    path, kept = str(tmp_path / "flight.jsonl"), hash_of(inputs.texts, {})
+    path, kept = str(tmp_path / "flight.jsonl"), hash_of(inputs.sources, {})
     log = ReplanLog(path, kept)
     first = Flying(inputs, mission, log).fly(lines)
     log.close()
@@ -586,3 +589,34 @@ def test_the_right_mission_sent_again_is_known(inputs, mission):
     # read again each minute, and once it is another each 10 s
     assert ["autopilot holds" in text for text in held] == [True, False, True]
     assert flown.flight._lines.items is not None
+
+
+CAMERA = """\
+%: origin 55.37 10.43
+%: command 206 15 0 1 0 0 0 0
+0.1; 90; x
+0, 300
+%: command 206 0 0 1 0 0 0 0
+0.0005; 270; (x - 50)^2 + (y - 300)^2 - 2500
+100, 300
+%: command 206 15 0 1 0 0 0 0
+0.1; 270; x - 100
+100, 0
+%: command 206 0 0 1 0 0 0 0
+0.0005; 90; (x - 150)^2 + y^2 - 2500
+200, 0
+%: command 206 15 0 1 0 0 0 0
+0.1; 90; x - 200
+200, 300
+"""
+
+
+def test_the_rest_has_the_camera_of_each_line():
+    plan, _ = read_plan(Text("camera", CAMERA))
+    planned = nominal_route(plan, ()).planned()
+    path = PlannedPath("whole", planned_sections(planned.legs), ORIGIN, 60.0, 15.0, ORIGIN)
+    whole = mapped_items(mission_items(path), planned, 0)
+    kept, rest = RestLayout(plan, 15.0).after([each.item for each in whole], whole, planned)
+    assert 0 < kept < len(whole)
+    assert [each.item[:3] for each in rest] == [each.item[:3] for each in whole[kept:]]  # legs count from the first
+    assert [each.item.parameters[0] for each in rest if each.item.command == 206] == [0, 15, 0, 15, 0]
