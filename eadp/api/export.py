@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, NamedTuple
 
 from eadp.api.given import File, Warn, python_warnings
@@ -13,6 +14,7 @@ from eadp.api.plan import plan_of
 from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_near_local_m
 from eadp.errors import Fault, InputError, PathUndefined, one_of, printable
 from eadp.io.mission import ITEMS_ENDING, WITH_ITEMS
+from eadp.io.mission.autopilot import PARAMETER_FILES, wanted_parameters
 from eadp.io.mission.export import EXPORTS, FENCED, mission_items
 from eadp.io.mission.items import items_text, mapped_items
 from eadp.io.mission.path import PlannedPath, planned_sections
@@ -69,10 +71,18 @@ class ExportOptions:
     telemetry: Annotated[str | None, Flag(metavar="FILE")] = None
     """Write what is left where this telemetry ends, as then decided; with --scenario."""
 
+    parameters: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Write the autopilot's parameters that the forecast holds for: .param of ArduPilot, .params of PX4."""
+
     def check(self) -> None:
         """Refuse values out of range, and options that do not go together; raises InputError."""
         if self.telemetry is not None and (self.scenario is None or self.start is not None):
             raise _fault("--telemetry", self.telemetry, "needs a planner", "--scenario, and no --from")
+        if self.parameters is not None:
+            if Path(self.parameters).suffix not in PARAMETER_FILES:
+                raise _fault("--parameters", self.parameters, "is no file of parameters", "a name in .param or .params")
+            if self.scenario is None:
+                raise _fault("--parameters", self.parameters, "needs an aircraft and a battery", "--scenario")
         for option, value in (
             ("--trigger-distance", self.trigger_distance_m),
             ("--tolerance", self.tolerance_m),
@@ -86,10 +96,20 @@ class ExportOptions:
 
 
 class Exported(NamedTuple):
-    """A plan in another format; `items` is the file of the map of its items to stages, empty where it has no items."""
+    """A plan in another format.
+
+    Attributes
+    ----------
+    text : str
+    items : str
+        The file of the map of its items to stages; empty where it has no items.
+    parameters : str
+        The file of an autopilot's parameters; empty where none is asked for.
+    """
 
     text: str
     items: str = ""
+    parameters: str = ""
 
     def write(self, path: str) -> None:
         """Write the file, and the map beside it. Raises InputError."""
@@ -123,6 +143,7 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     options.check()
     if to not in EXPORTS:
         raise _fault("--to", to, "is no format", one_of(EXPORTS, to))
+    parameters = ""
     if options.scenario is None:
         flown, name = plan_of(plan, options.min_radius_m, options.laps, warn)
         made = flown.site.made_for
@@ -138,6 +159,8 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
             if any(stage.altitude_m is not None for stage in stated.stages):
                 message = f"the plan commands altitudes, and the airframe {airframe.model} holds its own"
                 raise _fault("--scenario", str(options.scenario), message, "another airframe, or --altitude")
+        if options.parameters is not None:
+            parameters = _parameters(inputs, options.parameters, name, warn)
         forecast = None
         if options.telemetry is not None:
             planned = _after(inputs, options.telemetry, name, warn)
@@ -175,9 +198,19 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
         flown.site.airspace,
     )
     if to not in WITH_ITEMS:
-        return Exported(EXPORTS[to](path))
+        return Exported(EXPORTS[to](path), "", parameters)
     mapped = mapped_items(mission_items(path), planned, flown.path_count)
-    return Exported(EXPORTS[to](path), items_text(mapped, flown.names[: flown.path_count]))
+    return Exported(EXPORTS[to](path), items_text(mapped, flown.names[: flown.path_count]), parameters)
+
+
+def _parameters(inputs: FlightInputs, path: str, name: str, warn: Warn) -> str:
+    """The file of the autopilot's parameters, which are said, too."""
+    ardupilot, text = PARAMETER_FILES[Path(path).suffix]
+    mission = inputs.mission
+    found = wanted_parameters(mission.plan, inputs.world.vehicle, mission.battery, ardupilot=ardupilot)
+    said = ", ".join(f"{each.name} {each.value:.6g}" for each in found)
+    warn([Fault(name, 1, 1, f"the forecast holds for {said}", severity="note")])
+    return text(found)
 
 
 def _planned(plan: Plan, name: str, parameters: Sequence[float]) -> PlannedLegs:
@@ -295,6 +328,8 @@ def export(
         With the faults of the files, or of an option under its name on the command line.
     """
     mission = exported(plan, to, options or ExportOptions(), warn)
+    if options is not None and options.parameters is not None:
+        write_text(options.parameters, mission.parameters)
     if out is not None and str(out) != "-":
         mission.write(str(out))
     return mission.text

@@ -107,7 +107,8 @@ class MissionHolder:
     """An autopilot's end of the mission protocol: it holds a mission, home at 0, and answers frames with frames.
 
     `lost` is how many of its first messages are lost; `refuses` lists kinds that it refuses; `spoils` is an item that
-    it stores wrong; `resets` whether it goes back to the first item when a mission is written.
+    it stores wrong; `resets` whether it goes back to the first item when a mission is written. `parameters` are those
+    that it has, by name; it says nothing of others.
     """
 
     def __init__(
@@ -117,6 +118,7 @@ class MissionHolder:
         self.autopilot, self.items = Autopilot(), [(16, 0, (0.0, 0.0, 0.0, 0.0, *ORIGIN, 0.0)), *items]
         self.lost, self.refuses, self.spoils, self.resets = lost, refuses, spoils, resets
         self.current, self.writes, self.kinds = 1, [], list[str]()
+        self.parameters: dict[str, float] = {}
         self._parser = dialect.MAVLink(None)
         self._due: list[int] = []
 
@@ -151,9 +153,15 @@ class MissionHolder:
             return [self._frame("mission_ack", 13), self._frame("mission_request_int", self._due[0])]
         if kind == "MISSION_ITEM_INT":
             return [self._frame("mission_ack", 1)]
+        if kind == "PARAM_REQUEST_READ" and message.param_id in self.parameters:
+            value = self.parameters[message.param_id]
+            return [self._parameter(message.param_id, value)]
         if kind == "MISSION_SET_CURRENT":
             self.current = message.seq
         return []
+
+    def _parameter(self, name: str, value: float) -> bytes:
+        return self.autopilot.frame("param_value", name.encode(), value, 9, len(self.parameters), 65535)
 
     def _store(self, message: Any) -> None:
         scale = 1e7 if message.frame in (0, 3, 5, 6, 10, 11) else 1.0

@@ -17,8 +17,10 @@ from eadp.io.link.lines import LINE_S, LineMaker
 from eadp.io.link.mavlink import COMPONENT, SHARE, Link, Message, Throttle, read_key, require_pymavlink, tlog_messages
 from eadp.io.link.messages import NO_AUTOPILOT, NOT_AIRCRAFT, TIMED, WANTED, values_of
 from eadp.io.link.mission import PROTOCOL, Outgoing
+from eadp.io.link.parameters import ParameterCheck
 from eadp.io.link.recorded import MAGICS, MISSION, log_values
 from eadp.io.link.upload import HeldMission, Mapped, Noted, Output, Warned
+from eadp.io.mission.autopilot import wanted_parameters
 from eadp.io.mission.draft import MissionItem
 from eadp.io.mission.items import MappedItem, items_text, parse_items, read_items, same_items
 from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
@@ -156,6 +158,8 @@ class LinkFlight:
         if mapped is not None and send is not None:
             self._mission = HeldMission(plan, inputs.mission.cruise_mps, exported or mapped, mapped)
         self._uploads = options.upload
+        self._aircraft = plan, inputs.world.vehicle, inputs.mission.battery
+        self._check: ParameterCheck | None = None
 
     @property
     def over(self) -> bool:
@@ -195,6 +199,9 @@ class LinkFlight:
         mission, begins = self._mission, False
         if message.kind == "HEARTBEAT":
             begins = first or lost or (values["armed"] and not self._armed)
+            if first and self._send is not None:
+                aircraft = self._aircraft
+                self._check = ParameterCheck(wanted_parameters(*aircraft, ardupilot=values["home_is_item"]))
             self._armed, self._ardupilot = values["armed"], values["home_is_item"]
             if mission is not None:
                 mission.ardupilot = self._ardupilot
@@ -204,6 +211,8 @@ class LinkFlight:
             elif self._lines.items is not None and values["item_count"] not in (None, len(self._lines.items)):
                 self._say(OTHER_MISSION)
                 self._lines.items = None
+        if self._check is not None and values.get("parameter") is not None:
+            self._check.take(*values["parameter"])
         if values.get("answer") == (RETURN, ACCEPTED) and self._commands:
             self._may_return = False
             self._note("the autopilot returns")
@@ -245,6 +254,7 @@ class LinkFlight:
             beat = {"type": ONBOARD, "autopilot": INVALID, "base_mode": 0, "custom_mode": 0, "system_status": 4}
             self._give("HEARTBEAT", beat | {"mavlink_version": 3})
             self._requests.repeat()
+            self._check_parameters()
             if self._returns and self._may_return and not self._lost and self._lines.flies_by_itself:
                 self._return()
         if self._mission is not None:
@@ -272,6 +282,15 @@ class LinkFlight:
         if message.kind == "NAMED_VALUE_FLOAT":  # not our own, which a router may send back
             return message.component != COMPONENT
         return message.component == self._component
+
+    def _check_parameters(self) -> None:
+        """Ask for the autopilot's parameters, and say once which the forecast does not hold for."""
+        if self._check is None or self._lost:
+            return
+        for name in self._check.names():
+            self._to_autopilot("PARAM_REQUEST_READ", {"param_id": name.encode(), "param_index": -1})
+        if said := self._check.result():
+            self._tell(f"the forecast does not hold: {said}")
 
     def _return(self) -> None:
         """Command the autopilot to return; until it accepts, once with each heartbeat, `MAX_COMMANDS` times at most."""

@@ -23,7 +23,10 @@ STALE_S = 5.0
 """Age from which a value is unknown [s]: the gap from which positions are."""
 
 PASSING = frozenset(
-    ("time_s", "home_is_item", "named", "answer", "reached", "lat_deg", "lon_deg", "velocity_mps", "heading_deg")
+    (
+        *("time_s", "home_is_item", "named", "answer", "parameter", "reached"),
+        *("lat_deg", "lon_deg", "velocity_mps", "heading_deg"),
+    )
 )
 """What a message says of its own time alone; the rest is known until it is old."""
 

@@ -97,9 +97,15 @@ def _landed(fields: Fields) -> Values:
 
 
 def _named(fields: Fields) -> Values:
-    name = fields["name"]
-    text = name if isinstance(name, str) else bytes(name).decode("ascii", "replace")
-    return {"named": (text.rstrip("\0"), fields["value"])}
+    return {"named": (_text(fields["name"]), fields["value"])}
+
+
+def _parameter(fields: Fields) -> Values:
+    return {"parameter": (_text(fields["param_id"]), fields["param_value"])}
+
+
+def _text(name: str | bytes) -> str:
+    return (name if isinstance(name, str) else bytes(name).decode("ascii", "replace")).rstrip("\0")
 
 
 def _answer(fields: Fields) -> Values:
@@ -120,6 +126,7 @@ READERS: dict[str, Callable[[Fields], Values]] = {
     "EXTENDED_SYS_STATE": _landed,
     "NAMED_VALUE_FLOAT": _named,
     "COMMAND_ACK": _answer,
+    "PARAM_VALUE": _parameter,
 }
 """The messages that are read, and what each says."""
 

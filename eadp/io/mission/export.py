@@ -13,6 +13,7 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.waypoints import TURNS_TOLERANCE
 from eadp.io.mission import EXPORT_NAMES
 from eadp.io.mission import draft as d
+from eadp.io.mission.autopilot import ACCEPTANCE_M
 from eadp.io.mission.draft import Fence, MissionItem
 from eadp.io.mission.maps import geojson_text, gpx_text, kml_text
 from eadp.io.mission.paparazzi import paparazzi_text
@@ -26,10 +27,10 @@ HALVES_TOLERANCE = 1e-4
 LARGE_M = 255.5
 """Radius of a loiter from which on ArduPilot holds it in tens of metres [m]."""
 
-STRAIGHT_RAD, LONG_M, ACCEPTANCE_M = math.radians(5.0), 50.0, 2.0
+STRAIGHT_RAD, LONG_M = math.radians(5.0), 50.0
 """Turn at the end of a line up to which the path goes straight on; length from which on a line is long, so that the
-aircraft does not come out of a turn beyond its end [m]; and the acceptance radius (p2) of the waypoint there [m].
-Without, ArduPilot leaves a waypoint before a loiter at its turn distance, tens of metres before the end of the line."""
+aircraft does not come out of a turn beyond its end [m]. The waypoint there has an acceptance radius (p2): without,
+ArduPilot leaves a waypoint before a loiter at its turn distance, tens of metres before the end of the line."""
 
 JOINED_M = 5.0
 """Largest gap that a trigger off its path leaves which becomes one waypoint, in its middle [m]."""

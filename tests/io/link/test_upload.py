@@ -22,6 +22,7 @@ from eadp.io.link.mavlink import Codec
 from eadp.io.link.messages import WANTED
 from eadp.io.link.rest import RestLayout
 from eadp.io.link.upload import _equal
+from eadp.io.mission.autopilot import wanted_parameters
 from eadp.io.mission.draft import MissionItem
 from eadp.io.mission.export import mission_items
 from eadp.io.mission.items import MappedItem, mapped_items, read_items
@@ -620,3 +621,30 @@ def test_the_rest_has_the_camera_of_each_line():
     assert 0 < kept < len(whole)
     assert [each.item[:3] for each in rest] == [each.item[:3] for each in whole[kept:]]  # legs count from the first
     assert [each.item.parameters[0] for each in rest if each.item.command == 206] == [0, 15, 0, 15, 0]
+
+
+@pytest.mark.parametrize("older", [False, True])
+def test_parameters_that_disagree_are_said_once(inputs, mission, lines, older):
+    """And by how much; an older autopilot has them by other names, in other units."""
+    flown, cruise_mps = Flying(inputs, mission), inputs.mission.cruise_mps
+    speed = {"TRIM_ARSPD_CM": 1800.0} if older else {"AIRSPEED_CRUISE": 18.0}
+    mah = 1000 * inputs.mission.battery.capacity_ah
+    flown.holder.parameters = {**speed, "BATT_CAPACITY": mah, "ROLL_LIMIT_DEG": 45.0}
+    flown.fly(lines)
+    (said,) = [text for text in flown.said if "forecast does not hold" in text]
+    wanted = (
+        f"TRIM_ARSPD_CM is 1800, not {100 * cruise_mps:g}" if older else f"AIRSPEED_CRUISE is 18, not {cruise_mps:g}"
+    )
+    assert said == f"the forecast does not hold: {wanted}"
+    asked = flown.holder.kinds.count("PARAM_REQUEST_READ")
+    assert asked < 20
+    assert sum("forecast does not hold" in m.fields["text"] for m in flown.sent if m.kind == "STATUSTEXT") == 1
+
+
+def test_parameters_that_agree_are_not_said(inputs, mission, lines):
+    flown = Flying(inputs, mission)
+    aircraft = inputs.mission.plan, inputs.world.vehicle, inputs.mission.battery
+    flown.holder.parameters = {each.name: each.value for each in wanted_parameters(*aircraft, ardupilot=True)}
+    flown.fly(lines)
+    assert flown.holder.kinds.count("PARAM_REQUEST_READ") == len(flown.holder.parameters)
+    assert not any("forecast does not hold" in text for text in flown.said)

@@ -152,6 +152,35 @@ def test_an_airframe_that_holds_its_own_altitude_overrules_no_plan(eadp, tmp_pat
 
 
 @pytest.mark.parametrize(
+    ("ending", "expected"),
+    [
+        (
+            ".param",
+            {"AIRSPEED_CRUISE": 15, "ROLL_LIMIT_DEG": 40, "WP_RADIUS": 27, "WP_LOITER_RAD": 27, "BATT_CAPACITY": 1200},
+        ),
+        (
+            ".params",
+            {"FW_AIRSPD_TRIM": 15, "FW_R_LIM": 40, "NAV_ACC_RAD": 2, "NAV_LOITER_RAD": 27, "BAT1_CAPACITY": 1200},
+        ),
+    ],
+)
+def test_the_parameters_of_the_autopilot(eadp, tmp_path, ending, expected):
+    """The radius is that of a bank of 40° at 15 m/s; the battery in mAh."""
+    settings = ["vehicle.airframe.max_bank_deg=40", "battery.capacity_ah=1.2"]
+    given = ["--scenario", ROOT / "scenarios/survey.yaml", *(word for each in settings for word in ("--set", each))]
+    path, plan = tmp_path / f"p{ending}", ROOT / "plans/survey.plan"
+    to = ("--to", "ardupilot", "--origin", "55.37,10.43", "-o", tmp_path / "m", "--parameters")
+    answer = eadp("export", plan, *given, *to, path)
+    assert answer.code == 0, answer.err
+    rows = [line.replace(",", "\t").split("\t") for line in path.read_text().splitlines() if line[0] != "#"]
+    found = {row[-3 if ending == ".params" else 0]: float(row[-2 if ending == ".params" else 1]) for row in rows}
+    assert found == expected
+    assert all(f"{name} {value}" in answer.err for name, value in expected.items())
+    assert refused(eadp("export", plan, *given, *to, tmp_path / "p.txt"), "is no file of parameters")
+    assert refused(eadp("export", plan, *to, path), "needs an aircraft and a battery", "--scenario")
+
+
+@pytest.mark.parametrize(
     ("radius_m", "held_m"), [(82.16, 82), (72.76, 73), (254.9, 255), (255.6, 260), (1234.0, 1230), (4.5, 4)]
 )
 def test_radii_are_those_that_ardupilot_holds(radius_m, held_m):
