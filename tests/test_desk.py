@@ -65,3 +65,50 @@ def test_the_flight_of_the_tutorial(tmp_path):
     again = [word for word in command("eadp replan", port) if word not in ("--log", "my-field/live.jsonl", "--upload")]
     again[again.index("--mavlink") : again.index("--mavlink") + 2] = ["--replay", "my-field/live.jsonl"]
     assert run(again).stdout == out.read_text()
+
+
+ROUGH = {
+    "take-off": ("--take-off", "10"),
+    "a lossy link": ("--loss", "0.05", "--delay", "0.05"),
+    "a lost cell": ("--cell", "60", "0.1"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rough", ROUGH)
+def test_a_flight_as_rough_as_a_real_one(tmp_path, rough):
+    """The vehicle leaves waypoints as ArduPlane does; nothing that it does stops the planner, or an upload halfway."""
+    console = Console(tmp_path)
+    console.write_files(TUTORIAL)
+    (cover,) = re.findall(r"^\$ (eadp cover plans/meadow.geojson --wind.*)", TUTORIAL.replace("\\\n", " "), re.M)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+
+    def run(words, **options):
+        return subprocess.run(words, cwd=console.folder, capture_output=True, text=True, check=True, **options)
+
+    run([sys.executable, "-m", *shlex.split(cover)])
+    run(command("eadp export", port))
+    err = tmp_path / "err.txt"
+    with (
+        err.open("w") as stderr,
+        subprocess.Popen(
+            command("eadp replan", port), cwd=console.folder, stdout=subprocess.DEVNULL, stderr=stderr
+        ) as planner,
+    ):
+        while f":{port:04X} " not in Path("/proc/net/udp").read_text():
+            assert planner.poll() is None
+            time.sleep(0.05)
+        words = [*command("python docs/examples/vehicle.py", port), "--to", f"127.0.0.1:{port}", *ROUGH[rough]]
+        flown = json.loads(run(words, timeout=300).stdout)
+        planner.wait(60)
+    said = err.read_text()
+    assert planner.returncode in (0, 1), said
+    assert "Traceback" not in said
+    assert "holds the mission of --items" in said
+    assert flown["completed"]
+    # an upload that is begun is verified, refused or sent again: no mission is left unknown
+    assert "unknown after an upload" not in said
+    if flown["items_written"]:
+        assert "uploaded and verified" in said

@@ -9,7 +9,9 @@ that it is sent as NAMED_VALUE_FLOAT `fps`, and reports it, unless `--deaf`.
 
 - `--speed` is how many times as fast as the clock it flies.
 - `--loss`, `--delay`: share of messages that are lost either way, and their largest delay [s], so that they overtake.
-- `--drop S SHARE`: a loss of charge, after so many seconds.
+- `--drop S SHARE`: a loss of charge, after so many seconds, that the charge drawn counts; `--cell S SHARE`: one that
+  the voltage alone shows, as of a cell that is lost.
+- `--take-off FACTOR`: how many times as much power it draws in its first 30 s.
 - `--rates FILE`: a detector that runs, `docs/examples/detector.py`, which watches the file of `eadp replan
   --publish`; the rate that it reaches is what is reported, and what draws power. With `--deaf` it stays at the highest
   rate.
@@ -45,6 +47,8 @@ from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m  # noqa: E402
 
 WAYPOINT, LOITER_TURNS, RETURN, TAKEOFF, CHANGE_SPEED = 16, 18, 20, 22, 178
 BANK_RAD, HOME_M, SET_INTERVAL = math.radians(35), 60.0, 511
+EARLY_M, TAKE_OFF_S = 50.0, 30.0
+"""How early ArduPilot leaves a waypoint before a loiter without an acceptance radius; the time of a take-off."""
 TELEMETRY_STEPS, BATTERY_STEPS, SECOND_STEPS = 4, 10, 20
 """Steps of CONTROL_S between messages."""
 DETECTOR = 192
@@ -154,8 +158,10 @@ class Pilot:
         x, y = self.place(item)
         course = math.atan2(y - (self._from or at)[1], x - (self._from or at)[0])
         left = (x - at[0]) * math.cos(course) + (y - at[1]) * math.sin(course)
+        if item[2][1] > 0:
+            return left < item[2][1]
         later = next((other for other in self.holder.items[number + 1 :] if other[0] in (WAYPOINT, LOITER_TURNS)), None)
-        early = 5.0
+        early = 5.0 if later is None or later[0] == WAYPOINT else EARLY_M
         if later is not None and later[0] == WAYPOINT:
             nx, ny = self.place(later)
             turn = abs(_wrapped(math.atan2(ny - y, nx - x) - course))
@@ -211,8 +217,10 @@ class Vehicle:
         A file of `eadp export --to ardupilot`.
     wind_mps, capacity_ah, seed
         Air, pack, and the gusts' numbers.
-    drop : (float, float), optional
-        A loss of charge: when [s], and which share.
+    drop, cell : (float, float), optional
+        A loss of charge: when [s], and which share; and one that the charge drawn does not count.
+    take_off : float
+        How many times as much power it draws at first.
     """
 
     def __init__(
@@ -222,6 +230,8 @@ class Vehicle:
         capacity_ah: float,
         seed: int,
         drop: tuple[float, float] | None = None,
+        cell: tuple[float, float] | None = None,
+        take_off: float = 1.0,
     ) -> None:
         home, *items = rows_of(mission)
         self.origin_deg = home[2][4], home[2][5]
@@ -232,6 +242,7 @@ class Vehicle:
         course = math.atan2(points[1][1] - points[0][1], points[1][0] - points[0][0])
         self.plane = Aeroplane(points[0], course, wind_mps, Dryden(math.hypot(*wind_mps), seed, 7200.0))
         self.pack, self._drop = Lipo(capacity_ah, OHM_AH / capacity_ah), drop
+        self._cell, self._take_off = cell, take_off
         self.fps, self.power_w, self.consumed_ah = float(LEVELS[-1]), 0.0, 0.0
 
     @property
@@ -248,17 +259,29 @@ class Vehicle:
         """Fly for CONTROL_S."""
         self.plane.control(self.pilot.bank_rad(self.plane))
         self.power_w = float(battery_w(self.plane.shaft_w) + np.interp(self.fps, LEVELS, LEVELS_W))
-        lost = 0.0
+        if self.plane.time_s < TAKE_OFF_S:
+            self.power_w *= self._take_off
+        lost = uncounted = 0.0
         if self._drop is not None and self.plane.time_s >= self._drop[0]:
             lost, self._drop = self._drop[1], None
-        before = float(self.pack.soc)
-        self.pack.step(self.power_w, CONTROL_S, lost)
+        if self._cell is not None and self.plane.time_s >= self._cell[0]:
+            uncounted, self._cell = self._cell[1], None
+        before = float(self.pack.soc) - uncounted
+        self.pack.step(self.power_w, CONTROL_S, lost + uncounted)
         self.consumed_ah += (before - float(self.pack.soc)) * self.pack.capacity_ah
 
 
 def fly(options: argparse.Namespace) -> dict[str, Any]:
     """A flight over a link, from the first waypoint until it is home or out of charge; what came of it."""
-    vehicle = Vehicle(Path(options.mission), tuple(options.wind), options.capacity, options.seed, options.drop)
+    vehicle = Vehicle(
+        Path(options.mission),
+        tuple(options.wind),
+        options.capacity,
+        options.seed,
+        options.drop,
+        options.cell,
+        options.take_off,
+    )
     holder, detector = vehicle.holder, Autopilot(component=DETECTOR)
     autopilot, wire = holder.autopilot, Wire(options.to, options.loss, options.delay, options.seed)
     plane, pack, pilot = vehicle.plane, vehicle.pack, vehicle.pilot
@@ -276,7 +299,8 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
             wire.send(autopilot.frame("mission_current", holder.current))
             wire.send(detector.frame("named_value_float", round(now_s * 1000), b"fps", vehicle.fps))
         if step % BATTERY_STEPS == 0:
-            wire.send(autopilot.battery(pack.voltage_v, pack.current_a, vehicle.consumed_ah, pack.soc))
+            drawn_ah = vehicle.consumed_ah
+            wire.send(autopilot.battery(pack.voltage_v, pack.current_a, drawn_ah, 1 - drawn_ah / pack.capacity_ah))
         if step % TELEMETRY_STEPS == 0:
             wire.send(autopilot.frame("vfr_hud", plane.airspeed_mps, 0.0, 0, 50, plane.altitude_m, plane.climb_mps))
             wire.send(position(autopilot, now_s, plane, vehicle.origin_deg))
@@ -337,6 +361,8 @@ def main() -> None:
     parser.add_argument("--loss", type=float, default=0.0)
     parser.add_argument("--delay", type=float, default=0.0)
     parser.add_argument("--drop", type=float, nargs=2)
+    parser.add_argument("--cell", type=float, nargs=2)
+    parser.add_argument("--take-off", type=float, default=1.0)
     parser.add_argument("--deaf", action="store_true")
     parser.add_argument("--rates")
     parser.add_argument("--seed", type=int, default=0)
