@@ -147,7 +147,7 @@ class LinkFlight:
         self._may_return, self._returns, self._commands = options.return_home, False, 0
         self._requests = _Requests(lambda *numbers: self._command(SET_INTERVAL, numbers))
         self._text, self._armed, self._ardupilot = "", False, False
-        self._told_path, self._texts = inputs.mission.parameters[: plan.path_count], 0
+        self._said_path, self._texts = inputs.mission.parameters[: plan.path_count], 0
         self._replanner = Replanner(inputs, name, log, self._decided, self._warn_once)
         self._replanner.restore()
         exported = self._exported = mapped
@@ -361,10 +361,10 @@ class LinkFlight:
             self._show(text, NOTICE if self._replanner.completes else WARNING)
 
     def _new_path(self, line: Mapping[str, Any]) -> str:
-        """Path parameters that are others than those told before, for people; empty if none are."""
+        """Path parameters that are others than those said before, for people; empty if none are."""
         parameters = self._plan.parameters[: self._plan.path_count]
-        before, self._told_path = self._told_path, tuple([line["parameters"][each.name] for each in parameters])
-        new = zip(parameters, before, self._told_path, strict=True)
+        before, self._said_path = self._said_path, tuple([line["parameters"][each.name] for each in parameters])
+        new = zip(parameters, before, self._said_path, strict=True)
         return ", ".join(f"{each.label} now {each.text(now)}" for each, was, now in new if now != was)
 
     def _show(self, what: str, severity: int) -> None:

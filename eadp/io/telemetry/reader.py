@@ -100,7 +100,7 @@ class Reading(NamedTuple):
     ----------
     sample : Sample or None
     line : JsonObject
-        The values as they are told, which a log keeps; invalid ones are null.
+        The values as given, which a log keeps; invalid ones are null.
     warnings : list of Fault
     number : int
         Number of the line, from 1.
