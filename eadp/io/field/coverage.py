@@ -471,8 +471,8 @@ def _pictures(distance_m: float) -> tuple[float, ...]:
 def _limited(field: Field, options: CoverageOptions) -> Field:
     """The field with its obstacles and its boundary."""
     avoid, inside = (
-        () if path is None else read_zones(read_field_text(path), field, metres=options.metres)
-        for path in (options.avoid, options.inside)
+        () if path is None else read_zones(read_field_text(path), field, metres=options.metres, inside=inside)
+        for path, inside in ((options.avoid, False), (options.inside, True))
     )
     holes = [hole for part in field.parts for hole in part[1:]] if options.avoid_holes else ()
     named = [Obstacle(hole, f"hole {i}") for i, hole in enumerate(holes, 1)]

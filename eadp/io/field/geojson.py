@@ -58,7 +58,7 @@ def read_geojson(source: SourceText, metres: bool, feature: str | None) -> Field
     return FieldDraft(rings, not in_metres, True, remedy if in_metres else "--metres", name, [], obstacles, others)
 
 
-def geojson_zones(source: SourceText, metres: bool) -> tuple[list[Ring], bool]:
+def geojson_zones(source: SourceText, metres: bool, inside: bool) -> tuple[list[Ring], bool]:
     """The outlines of all polygons, and whether they are in degrees; raises InputError as `read_geojson`."""
     candidates = _candidates(source)
     rings = [ring for each in candidates for ring in each.outlines(_rings, source)]

@@ -143,7 +143,7 @@ def read_kml(source: SourceText, metres: bool, feature: str | None) -> FieldDraf
     return FieldDraft(rings, True, True, "", "".join(chosen.names[:1]), [], obstacles, parts)
 
 
-def kml_zones(source: SourceText, metres: bool) -> tuple[list[Ring], bool]:
+def kml_zones(source: SourceText, metres: bool, inside: bool) -> tuple[list[Ring], bool]:
     """The outlines of all polygons, and that they are in degrees; raises InputError as `read_kml`."""
     candidates = _candidates(source, metres)
     return [ring for each in candidates for ring in each.outlines(_rings, source)], True

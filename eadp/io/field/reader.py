@@ -17,9 +17,12 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import FAULTS_SHOWN, Fault, printable, refuse
 from eadp.io.field.draft import FieldDraft, Ring, Vertex, counted
+from eadp.io.field.fences import no_field, qgc_zones, wpl_zones
 from eadp.io.field.geojson import geojson_zones, read_geojson
 from eadp.io.field.kml import kml_zones, read_kml
 from eadp.io.field.table import read_table
+from eadp.io.mission.qgc import is_qgc
+from eadp.io.text.kinds import HEAD
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.models.airspace import Airspace, Obstacle
@@ -56,17 +59,19 @@ class FieldFormat:
     name: str
     recognise: Callable[[str], bool]
     read: Callable[[SourceText, bool, str | None], FieldDraft]
-    zones: Callable[[SourceText, bool], tuple[list[Ring], bool]]
+    zones: Callable[[SourceText, bool, bool], tuple[list[Ring], bool]]
 
 
-def _table_zones(source: SourceText, metres: bool) -> tuple[list[Ring], bool]:
+def _table_zones(source: SourceText, metres: bool, inside: bool) -> tuple[list[Ring], bool]:
     draft = read_table(source, metres, None)
     return draft.rings, draft.degrees
 
 
 FORMATS = (
-    FieldFormat("GeoJSON", lambda head: head in "{[", read_geojson, geojson_zones),
-    FieldFormat("KML", lambda head: head == "<", read_kml, kml_zones),
+    FieldFormat("QGroundControl plan", is_qgc, no_field, qgc_zones),
+    FieldFormat("WPL", lambda head: head.startswith("QGC WPL"), no_field, wpl_zones),
+    FieldFormat("GeoJSON", lambda head: head[0] in "{[", read_geojson, geojson_zones),
+    FieldFormat("KML", lambda head: head[0] == "<", read_kml, kml_zones),
     FieldFormat("CSV of vertices", lambda head: True, read_table, _table_zones),
 )
 """Formats of fields; the first that recognises a text reads it."""
@@ -102,10 +107,10 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     return _field(_format(source).read(source, metres, feature), source)
 
 
-def read_zones(text: Text, field: Field, *, metres: bool = False) -> tuple[Obstacle, ...]:
+def read_zones(text: Text, field: Field, *, metres: bool = False, inside: bool = False) -> tuple[Obstacle, ...]:
     """Read the outlines of all polygons of a file, as obstacles or as a boundary of a field's flight, in its metres.
 
-    Obstacles that have no name are numbered.
+    Obstacles that have no name are numbered. Of fences, those to keep inside are read, or those to keep out of.
 
     Raises
     ------
@@ -113,7 +118,7 @@ def read_zones(text: Text, field: Field, *, metres: bool = False) -> tuple[Obsta
         With the faults of the file; also if it is in degrees and the field is not, or the other way round.
     """
     source = SourceText(text)
-    rings, degrees = _format(source).zones(source, metres)
+    rings, degrees = _format(source).zones(source, metres, inside)
     if degrees != (field.origin_deg is not None):
         message = f"is in {'degrees' if degrees else 'metres'}, and the field is not"
         raise source.error(rings[0].location, message, "the units of the field")
@@ -169,7 +174,7 @@ def _outlines(
 
 
 def _format(source: SourceText) -> FieldFormat:
-    head = source.body.lstrip()[:1]
+    head = source.body.lstrip()[:HEAD]
     if not head:
         raise source.error((1, 1), "is empty", "a field as GeoJSON, KML or a CSV of vertices")
     return next(each for each in FORMATS if each.recognise(head))

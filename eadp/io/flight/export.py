@@ -14,7 +14,7 @@ from eadp.io.mission import ITEMS_ENDING, WITH_ITEMS
 from eadp.io.mission.export import EXPORTS, FENCED, mission_items
 from eadp.io.mission.items import items_text, mapped_items
 from eadp.io.mission.path import PlannedPath, planned_sections
-from eadp.io.mission.reader import PlanReader
+from eadp.io.mission.reader import PlanReader, is_mission
 from eadp.io.plan.parameters import parameters_of
 from eadp.io.scenario.scenario_file import override_texts, read_overrides
 from eadp.io.text.streams import write_text
@@ -137,7 +137,8 @@ def exported(plan: str, to: str, options: ExportOptions, warn: Warn, files: File
         overrides = read_overrides(override_texts(options.overrides, laps=options.laps))
         inputs = load_flight(plan, scenario_path=options.scenario, overrides=overrides, files=files)
         warn(inputs.warnings)
-        flown, name, airframe = inputs.world.plan, inputs.texts["plan"].name, inputs.world.vehicle
+        text = inputs.texts["plan"]
+        flown, name, airframe = inputs.world.plan, text.name, inputs.world.vehicle
         forecast = None
         if options.telemetry is not None:
             planned = _after(inputs, options.telemetry, name, warn)
@@ -147,7 +148,7 @@ def exported(plan: str, to: str, options: ExportOptions, warn: Warn, files: File
                 message, expected = "the forecast before take-off finds no parameters", "a battery that is drained"
                 raise _fault("--scenario", options.scenario, message, f"{expected}, or --set without --scenario")
             planned = forecast.planned(inputs.mission)
-    place, home_deg = _places(flown, name, options)
+    place, home_deg = _places(flown, name, options, mission=is_mission(text))
     altitude_m = options.altitude_m
     if altitude_m is None:
         altitude_m = airframe.cruise_altitude_m
@@ -187,8 +188,10 @@ def _planned(plan: Plan, name: str, parameters: Sequence[float]) -> PlannedLegs:
         raise InputError.at(name, plan.stages[0].line, 1, str(error), "a path that can be flown") from None
 
 
-def _places(plan: Plan, name: str, options: ExportOptions) -> tuple[tuple[float, float], tuple[float, float] | None]:
-    """Where the plan lies, and home: latitude and longitude [°]."""
+def _places(
+    plan: Plan, name: str, options: ExportOptions, *, mission: bool
+) -> tuple[tuple[float, float], tuple[float, float] | None]:
+    """Where the plan lies, and the home that is written: that of a mission has its take-off and return, if any."""
     given = {"--home": options.home_deg, "--origin": options.origin_deg}
     points = {option: _position_deg(option, raw) for option, raw in given.items() if raw is not None}
     if plan.site.origin_deg is not None and "--origin" in points:
@@ -201,7 +204,7 @@ def _places(plan: Plan, name: str, options: ExportOptions) -> tuple[tuple[float,
             expected = f"LAT,LON in that order, within {FARTHEST_M / 1000:g} km"
             raise _fault("--home", str(options.home_deg), "is far from the plan's origin", expected)
         return place, points["--home"]
-    return place, None if plan.site.home_m is None else to_geodetic_deg(*plan.site.home_m, place)
+    return place, None if mission or plan.site.home_m is None else to_geodetic_deg(*plan.site.home_m, place)
 
 
 def _forecast_text(forecast: Preflight, plan: Plan, legs: Sequence[Leg]) -> str:
