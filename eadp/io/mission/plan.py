@@ -221,7 +221,8 @@ class MissionPlan:
             i += 1
         after = [later for later in items[i + 1 :] if later.command in _MOVING]
         if after:
-            message = f"{after[0].label} and what follows it is not flown: {items[i].label}, {command_text(items[i].command)}, ends it"
+            ending = f"{items[i].label}, {command_text(items[i].command)}, ends the mission"
+            message = f"{after[0].label} and what follows it is not flown: {ending}"
             self._find(after[0].locations[0], "not-flown", message)
         return order
 

@@ -243,14 +243,14 @@ def _read_landing(item: _Value, draft: MissionDraft, landing: int) -> None:
     if item.member("loiterClockwise").value is False:
         radius = -radius
     circle = item.member("useLoiterToAlt").value is not False
-    frame, land_frame = (
+    above, land_above = (
         ABSOLUTE if False in (item.member(key).value, item.member("altitudesAreRelative").value) else RELATIVE
         for key in ("loiterAltitudeRelative", "landAltitudeRelative")
     )
     for command, frame, values in (
         (LAND_START, NO_POSITION, (0.0,) * 7),
-        (LOITER_TO_ALTITUDE if circle else WAYPOINT, frame, (0.0, radius if circle else 0.0, 0.0, 0.0, *approach)),
-        (landing, land_frame, (0.0, 0.0, 0.0, 0.0, *land)),
+        (LOITER_TO_ALTITUDE if circle else WAYPOINT, above, (0.0, radius if circle else 0.0, 0.0, 0.0, *approach)),
+        (landing, land_above, (0.0, 0.0, 0.0, 0.0, *land)),
     ):
         number = len(draft.items) + 1
         draft.items.append(DraftItem(item.path, number, command, frame, values, (item.location,) * 9))

@@ -478,7 +478,7 @@ def test_a_hover_is_a_circle_for_its_time_and_hovering_for_pictures_is_refused()
     assert "hovers for each picture" in fault_of(edited(FIRST, survey)).message
 
 
-# --- what other software writes -----------------------------------------------------------------------------------------
+# --- what other software writes ---------------------------------------------------------------------------------------
 
 
 def test_names_and_commands_without_motion_are_mavlinks():
