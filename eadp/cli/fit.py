@@ -130,7 +130,7 @@ def command(
 
         from eadp.io.log.vehicle_fit import read_vehicle_fit
 
-        flown = replace(read_vehicle_fit(log, chosen, base), battery=found)
+        flown = replace(read_vehicle_fit(log, chosen, base, start, end), battery=found)
         _print(flown.document, flown.text, flown.yaml, flown.warnings, output, format)
         return 0 if flown.sure else 1
     if found is not None:

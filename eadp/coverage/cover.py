@@ -230,7 +230,7 @@ def cover(request: CoverageRequest) -> CoverageSolution:
 
 
 def _tried_headings(request: CoverageRequest) -> list[float]:
-    """The headings to compare; where lines are many, those alone with the fewest: the effort is that of their square."""
+    """The headings to compare; of many lines those alone that need the fewest: the effort is that of their square."""
     headings = list(_headings(request.field))
     outline = np.concatenate([np.array(part[0]) for part in request.field.parts])
     widths_m = [float(np.ptp(frame_of(heading).into(outline)[:, 0])) for heading in headings]

@@ -67,7 +67,7 @@ def _dataflash(form: str, path: str, topics: list[str]) -> dict[str, Any]:
     rows: dict[tuple[str, tuple[str, ...]], array[float]] = {}
     while (message := log.recv_match(type=topics, strict=True)) is not None:
         fields = tuple(message.get_fieldnames())
-        rows.setdefault((message.get_type(), fields), array("d")).extend(_number(message, field) for field in fields)
+        rows.setdefault((message.get_type(), fields), array("d")).extend(_numbers(message, fields))
     columns: dict[str, Any] = {}
     # where the fields of a topic change on the way, the longest part is kept
     for (topic, fields), flat in sorted(rows.items(), key=lambda item: len(item[1])):
@@ -76,6 +76,15 @@ def _dataflash(form: str, path: str, topics: list[str]) -> dict[str, Any]:
     read = sum(len(log.offsets[number]) * each.len for number, each in log.formats.items()) if binary else log.data_len
     skipped = log.data_len - read
     return columns | {"notes": [f"{skipped} bytes that are no message skipped"] * (skipped > 0)}
+
+
+def _numbers(message: Any, fields: tuple[str, ...]) -> list[float]:
+    """The values of fields; volts and amperes that old firmware wrote as whole numbers are in hundredths."""
+    letters = dict(zip(message.fmt.columns, message.fmt.format, strict=False))
+    return [
+        _number(message, field) / (100 if field in ("Volt", "Curr") and letters.get(field) in tuple("bBhHiI") else 1)
+        for field in fields
+    ]
 
 
 def _number(message: Any, field: str) -> float:

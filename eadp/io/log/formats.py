@@ -45,7 +45,7 @@ class LogSource:
         try:
             return read_text(self.name)
         except InputError as error:
-            if os.path.isfile(self.name) or "not UTF-8" not in str(error):
+            if os.path.isfile(self.name) or "UTF-8" not in str(error):
                 raise
             raise InputError(replace(error.faults[0], expected=_OF_A_PIPE)) from None
 

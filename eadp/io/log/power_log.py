@@ -19,6 +19,8 @@ from eadp.errors import Fault, InputError
 
 LARGEST_W = 1e9
 """Largest power, voltage or current [W, V, A]: beyond it, a log is not of a small aircraft."""
+IMPOSSIBLE_W = 5e4
+"""Mean power beyond that of any aircraft of the kind [W]: the units are others."""
 LARGE_W, SLOW_S, LONG_S = 1e4, 60.0, 86_400.0
 """Mean power [W], time between rows and length [s] beyond which a log's units may be others: an electric aircraft of
 150 kg draws about 6 kW, and batteries last for hours."""
@@ -146,6 +148,16 @@ def in_order(
     if times[gap + 1] - times[gap] > times[-1] / 2:
         message = f"a gap of {times[gap + 1] - times[gap]:g} s before this row, more than half of the log"
         warnings.append(Fault(name, int(readings.lines[gap + 1]), 1, message, severity="warning"))
+    mean_w = float(readings.factors.prod(axis=1).mean())
+    if abs(mean_w) > IMPOSSIBLE_W:
+        means = ["power", "voltage", "current"][slice(1, 3) if readings.factors.shape[1] == 2 else slice(0, 1)]
+        columns = ", ".join(
+            f"{what} {mean:.4g}" for what, mean in zip(means, readings.factors.mean(axis=0), strict=True)
+        )
+        message = f"a mean power of {mean_w:.4g} W (mean of the columns: {columns})"
+        raise InputError(
+            Fault(name, 1, 1, message, f"at most {IMPOSSIBLE_W:g} W; columns in mW, mV or mA are named so")
+        )
     warnings += _doubts(name, times, readings.factors.prod(axis=1))
     found = sorted(warnings, key=lambda fault: (fault.line, fault.column))
     factors, others = readings.factors, readings.others

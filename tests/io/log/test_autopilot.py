@@ -102,9 +102,10 @@ def test_ulog_readings_that_are_unknown(tmp_path: Path) -> None:
     log = read_power_log(stored(tmp_path, "flight.ulg", ulog(unknown=(N - 1, N - 2))))
     assert_read(log, N - 2)
     assert log.counts == {"rows": N, "unknown": 2}
-    assert str(log.warnings[0]).endswith("2 rows with an unknown voltage or current (0 or -1) left out")
-    # a whole column of unknown: the next name is taken
-    assert_read(read_power_log(stored(tmp_path, "other.ulg", ulog(unknown=tuple(range(N))))))
+    assert str(log.warnings[0]).endswith("2 rows with an unknown voltage (0 or -1) or current (-1) left out")
+    # a whole column of unknown: a mean that the autopilot makes up of it is no reading
+    with pytest.raises(InputError, match="no current is measured: it is -1 or 0 throughout"):
+        read_power_log(stored(tmp_path, "other.ulg", ulog(unknown=tuple(range(N)))))
 
 
 def test_ulog_fields_by_name(tmp_path: Path) -> None:
