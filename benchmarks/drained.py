@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from measured import add_option, head, line, recorded
 
+from eadp.api.inputs import load_flight
 from eadp.core.compiled import enable
-from eadp.io.flight.inputs import load_flight
 from eadp.simulation.loop import Outcome, fly
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -35,7 +35,7 @@ C1, C2 = np.linspace(-1000.0, 0.0, 21), (2.0, 4.0, 6.0, 8.0, 10.0)
 def quality(keys: Mapping[str, Any]) -> float:
     """U of a flight that completes, else 0."""
     inputs = load_flight(
-        str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/paper-drained.yaml"), overrides=keys
+        str(ROOT / "plans/survey.plan"), scenario=str(ROOT / "scenarios/paper-drained.yaml"), overrides=keys
     )
     outcome = Outcome()
     for _ in fly(inputs.world, inputs.flight(), outcome):

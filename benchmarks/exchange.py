@@ -25,9 +25,9 @@ from measured import add_option, head, line, recorded
 from pyproj import Geod
 
 import eadp
+from eadp.api.inputs import load_flight
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import InputError
-from eadp.io.flight.inputs import load_flight
 from eadp.io.mission.export import EXPORTS
 from eadp.io.mission.path import PlannedPath, planned_sections
 from eadp.io.mission.reader import PlanReader

@@ -30,6 +30,7 @@ import numpy as np
 import shapely
 from measured import add_option, recorded
 
+from eadp.api.inputs import load_flight
 from eadp.core.geometry.polygons import signed_area_m2
 from eadp.coverage.cover import AUTO, DUBINS, ZAMBONI, CoverageRequest, cover, line_costs
 from eadp.coverage.line_order import EXACT_LINES, best_order
@@ -37,7 +38,6 @@ from eadp.coverage.plan_builder import build_plan
 from eadp.coverage.report import covered_by_lines
 from eadp.coverage.swaths import MotionLimits, frame_of
 from eadp.errors import Infeasible
-from eadp.io.flight.inputs import load_flight
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text

@@ -25,8 +25,8 @@ import eadp.cli  # noqa: F401 - first: its environment is one thread for linear 
 import numpy as np
 from measured import add_option, head, line, recorded
 
+from eadp.api.inputs import load_flight
 from eadp.core import compiled
-from eadp.io.flight.inputs import load_flight
 from eadp.simulation.loop import Outcome, fly
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -37,7 +37,7 @@ TARGET_MB = 300
 def ours(*, fast: bool = False) -> tuple[float, int, list[tuple[float, float]]]:
     """CPU seconds of the whole flight, its steps, and the logged positions."""
     compiled.enable(fast)
-    inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/paper-I-static.yaml"))
+    inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario=str(ROOT / "scenarios/paper-I-static.yaml"))
     flight, outcome = inputs.flight(), Outcome()
     started = time.process_time()
     steps = list(fly(inputs.world, flight, outcome))
@@ -51,7 +51,7 @@ def alone(*, fast: bool) -> tuple[float, float]:
     compiled.enable(fast)
     keys = {"planner.name": "static", "faults": [], "log_every_s": 1e9, "battery.capacity_ah": 100}
     inputs = load_flight(
-        str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/paper-drained.yaml"), overrides=keys
+        str(ROOT / "plans/survey.plan"), scenario=str(ROOT / "scenarios/paper-drained.yaml"), overrides=keys
     )
     flight, outcome = inputs.flight(), Outcome()
     flight.state.every_s = math.inf  # no sensor is heard

@@ -47,11 +47,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from measured import head, line, recorded
 from quality import RESERVE, load, plans
 
+from eadp.api.inputs import FlightInputs, load_flight
 from eadp.core.signals import disturbance
 from eadp.core.signals.spectrum import analyse
 from eadp.errors import Infeasible
 from eadp.io.figures.canvas import COLOURS, GREY, figure_file
-from eadp.io.flight.inputs import FlightInputs, load_flight
 from eadp.models.battery import Battery
 from eadp.planning.base import Decision, Observation
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator, PublishedEstimator
@@ -375,7 +375,7 @@ def flown(seed: int, gust_std_mps: float) -> Log:
         "seed": seed,
     }
     inputs = load_flight(
-        str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/survey.yaml"), overrides=overrides
+        str(ROOT / "plans/survey.plan"), scenario=str(ROOT / "scenarios/survey.yaml"), overrides=overrides
     )
     outcome = Outcome()
     steps = list(fly(inputs.world, inputs.flight(), outcome))[:-1]

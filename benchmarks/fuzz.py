@@ -43,6 +43,12 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]):
     import numpy as np
 
+    from eadp.api.inputs import Files, load_flight
+    from eadp.api.replan.decisions import json_line
+    from eadp.api.replan.link import LinkFlight, LinkOptions
+    from eadp.api.replan.replanner import replan_lines
+    from eadp.api.sweep import sweep_file
+    from eadp.api.sweep.sweep_file import read_sweep
     from eadp.core.compiled import enable
     from eadp.coverage.cover import CoverageRequest, cover
     from eadp.coverage.plan_builder import build_plan
@@ -50,8 +56,6 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.errors import EadpError, InputError
     from eadp.io.energy.model_file import energy_yaml, parse_energy
     from eadp.io.field.reader import read_field
-    from eadp.io.flight.inputs import Files, load_flight
-    from eadp.io.link.flight import LinkFlight, LinkOptions
     from eadp.io.link.mavlink import Codec, tlog_messages
     from eadp.io.link.messages import WANTED
     from eadp.io.link.recorded import MAGICS, log_values
@@ -66,19 +70,15 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.io.profile import model_file
     from eadp.io.profile.model_file import parse_profile, profile_yaml
     from eadp.io.scenario import scenario_file
-    from eadp.io.sweep import sweep_file
     from eadp.io.sweep.results import Results
-    from eadp.io.sweep.sweep_file import read_sweep
-    from eadp.io.telemetry.decisions import json_line
     from eadp.io.telemetry.log import ReplanLog
     from eadp.io.telemetry.reader import TelemetryLine
-    from eadp.io.telemetry.replan import replan
     from eadp.io.text.streams import Text
     from eadp.models.energy_fit import fit_energy
     from eadp.models.plan.plan import Site
     from eadp.models.plan.trace import nominal_legs
+    from eadp.models.sweep import Result, Run
     from eadp.simulation.loop import Outcome, fly
-    from eadp.simulation.sweep.design import Result, Run
     from eadp.validation.check import check_plan
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -138,7 +138,7 @@ def flown(text: Text, texts: dict[str, Text]) -> None:
     """Load a flight with a scenario, and fly some steps by its planner."""
     files = Files({**KNOWN.texts, text.name: text, **texts})
     files._contents.update(KNOWN._contents)
-    inputs = load_flight(PLAN, scenario_path=text.name, files=files)
+    inputs = load_flight(PLAN, scenario=text.name, files=files)
     world = inputs.world
     clock = world.clock
     limited = replace(world, clock=clock._replace(time_limit_s=min(clock.time_limit_s, 20 * clock.step_s)))
@@ -237,9 +237,7 @@ class Telemetry:
         """Re-plan: static mostly, the other planners seldom, as they take longer."""
         if not self.inputs:
             names = ["static"] * 6 + ["paper", "joint"]
-            loaded = {
-                name: load_flight(PLAN, scenario_path=SCENARIO, overrides={"planner.name": name}) for name in names
-            }
+            loaded = {name: load_flight(PLAN, scenario=SCENARIO, overrides={"planner.name": name}) for name in names}
             self.inputs = [loaded[name] for name in names]
         inputs = self.inputs[zlib.crc32(data) % len(self.inputs)]
         stream, log = data, None
@@ -251,7 +249,7 @@ class Telemetry:
                 file.write(data[data.find(b"\n") + 1 :])
             log = ReplanLog(str(SCRATCH), "fuzz")
         try:
-            replan(inputs, io.BytesIO(stream), "fuzz", log, json_line, str)
+            replan_lines(inputs, io.BytesIO(stream), "fuzz", log, json_line, str)
         finally:
             if log is not None:
                 log.close()
@@ -268,7 +266,7 @@ class Link:
         """A new flight of the survey, which answers to the mission protocol."""
         if self._inputs is None:
             placed = importlib.import_module("common.plans").placed_survey(SCRATCH.parent)
-            self._inputs = load_flight(str(placed), scenario_path=SCENARIO, overrides={"planner.name": "static"})
+            self._inputs = load_flight(str(placed), scenario=SCENARIO, overrides={"planner.name": "static"})
             mission = SCRATCH.with_name("placed.waypoints")
             command = [sys.executable, "-m", "eadp", "export", str(placed), "--to", "ardupilot", "-o", str(mission)]
             subprocess.run(command, check=True, capture_output=True)
@@ -510,7 +508,7 @@ def main() -> None:
         for j, part in enumerate({data[: target.max_bytes], data[:500]}):
             (seeds / f"seed{i}-{j}").write_bytes(part)
     enable(False)
-    load_flight(PLAN, scenario_path=SCENARIO, files=KNOWN)
+    load_flight(PLAN, scenario=SCENARIO, files=KNOWN)
     LINK.flight()
     messages.subprocess.run = in_process  # type: ignore[attr-defined]
     sys.dont_write_bytecode = True

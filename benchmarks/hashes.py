@@ -124,15 +124,15 @@ def digest(value: Any) -> str:
 
 def flown(case: Case, planner: str, files: Mapping[str, str]) -> dict[str, Any]:
     """Hashes and figures of a flight."""
-    from eadp.io.flight.folder import fly_flight
-    from eadp.io.flight.inputs import load_flight
+    from eadp.api.flight import fly_flight
+    from eadp.api.inputs import load_flight
 
     keys = {**case.keys, "planner.name": planner, "log_every_s": 0.5, "step_s": 0.05}
     if case.scenario and case.scenario.startswith("paper"):
         keys = {**case.keys, "planner.name": planner}
     profile = case.profile and files[{"two": "two profile"}.get(case.profile, case.profile)]
     scenario = case.scenario and str(ROOT / f"scenarios/{case.scenario}.yaml")
-    inputs = load_flight(files[case.plan], scenario_path=scenario, profile_path=profile, overrides=keys)
+    inputs = load_flight(files[case.plan], scenario=scenario, profile=profile, overrides=keys)
     if case.replay:
         return replayed(case, inputs)
     flight = fly_flight(inputs, inputs.preflight(), lambda _: None, ())
@@ -154,14 +154,14 @@ def flown(case: Case, planner: str, files: Mapping[str, str]) -> dict[str, Any]:
 
 def replayed(case: Case, inputs: Any) -> dict[str, Any]:
     """Hashes of what `eadp replan` prints on the example's telemetry, whole or with gaps."""
-    from eadp.io.telemetry.replan import replan
+    from eadp.api.replan.replanner import replan_lines
 
     lines = (ROOT / "scenarios/example-telemetry.jsonl").read_bytes().splitlines(keepends=True)
     if "gaps" in case.name:
         lines = [line for i, line in enumerate(lines) if i % 97 < 80]
     advice: list[dict[str, Any]] = []
     warnings: list[str] = []
-    completes = replan(
+    completes = replan_lines(
         inputs, io.BytesIO(b"".join(lines)), "telemetry", None, advice.append, lambda fault: warnings.append(str(fault))
     )
     stages = [[line["time_s"], line["stage"], line["parameters"]] for line in advice]

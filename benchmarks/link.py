@@ -51,15 +51,15 @@ from mavlink_vehicle import Autopilot  # noqa: E402
 from twin import OHM_AH, OWNER, PROFILE, plans  # noqa: E402
 from vehicle import SECOND_STEPS, TELEMETRY_STEPS, Vehicle  # noqa: E402
 
+from eadp.api.inputs import FlightInputs, load_flight  # noqa: E402
+from eadp.api.replan.link import LinkFlight, LinkOptions  # noqa: E402
+from eadp.api.replan.replanner import Replanner  # noqa: E402
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m  # noqa: E402
-from eadp.io.flight.inputs import FlightInputs, load_flight  # noqa: E402
-from eadp.io.link.flight import LinkFlight, LinkOptions  # noqa: E402
 from eadp.io.link.mavlink import Codec  # noqa: E402
 from eadp.io.link.messages import WANTED  # noqa: E402
 from eadp.io.link.mission import PROTOCOL  # noqa: E402
 from eadp.io.link.upload import HeldMission  # noqa: E402
 from eadp.io.mission.items import read_items  # noqa: E402
-from eadp.io.telemetry.replan import Replanner  # noqa: E402
 from eadp.planning.base import Decision  # noqa: E402
 from eadp.planning.planner import Planner  # noqa: E402
 from eadp.planning.state.flight_state import FlightState  # noqa: E402
@@ -103,7 +103,7 @@ class Mission:
     @property
     def inputs(self) -> FlightInputs:
         """As the owner states them."""
-        return load_flight(self.plan, scenario_path=str(self.file("scenario.yaml")))
+        return load_flight(self.plan, scenario=str(self.file("scenario.yaml")))
 
 
 def missions(count: int, folder: Path) -> list[Mission]:
@@ -496,7 +496,7 @@ class Linked(Planner):
 
 def answer(folder: Path) -> None:
     """The link's end of a day: a line of messages in, the last decision, the memory and the decisions so far out."""
-    inputs = load_flight(str(folder / "day.plan"), scenario_path=str(folder / "day.yaml"))
+    inputs = load_flight(str(folder / "day.plan"), scenario=str(folder / "day.yaml"))
     codec, out, decisions, count = Codec(WANTED), Codec(frozenset()), [inputs.mission.parameters], 0
 
     def decided(decision: dict[str, Any]) -> None:
@@ -525,7 +525,7 @@ def memory(folder: Path, hours: float) -> None:
     scenario = {"schema": "eadp.scenario/1", "vehicle": str(OWNER), "profile": str(PROFILE), "battery": battery}
     scenario |= {"reserve_soc": 0.05, "time_limit_s": 3600 * hours + 2, "log_every_s": 3600}
     (folder / "day.yaml").write_text(json.dumps(scenario))
-    inputs = load_flight(str(folder / "day.plan"), scenario_path=str(folder / "day.yaml"))
+    inputs = load_flight(str(folder / "day.plan"), scenario=str(folder / "day.yaml"))
     flight = inputs.flight()
     flight.planner = linked = Linked(inputs, folder)
     flight.state.every_s = math.inf  # the other end has readings of its own

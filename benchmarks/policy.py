@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 from measured import add_option, head, line, recorded
 
+from eadp.api.inputs import load_flight
 from eadp.core.compiled import enable
-from eadp.io.flight.inputs import load_flight
 from eadp.planning.base import INFEASIBLE
 from eadp.simulation.loop import Outcome, fly
 
@@ -54,7 +54,7 @@ def flown(keys: Keys) -> tuple[Outcome, list[float]]:
     """A flight of the survey, and when it lost charge [s]."""
     inputs = load_flight(
         str(ROOT / "plans/survey.plan"),
-        profile_path=str(ROOT / "profiles/pednet-jetson-nano.yaml"),
+        profile=str(ROOT / "profiles/pednet-jetson-nano.yaml"),
         overrides={"vehicle.airframe.model": "fixed-wing", "planner.name": "joint", "step_s": 0.05, **NOISY, **keys},
     )
     outcome = Outcome()

@@ -46,8 +46,8 @@ import numpy as np
 from ablation import ablated, ablation_table, losses, losses_table, plans_of_several, value
 from measured import head, line, recorded
 
+from eadp.api.inputs import FlightInputs, load_flight
 from eadp.core.compiled import enable
-from eadp.io.flight.inputs import FlightInputs, load_flight
 from eadp.models.plan.ground import lap_scale
 from eadp.models.plan.route import MARGIN_M, RoutePredictor
 from eadp.planning.base import Decision, Observation, SolverReport
@@ -115,7 +115,7 @@ def load(plan: str, keys: Mapping[str, Any], **more: Any) -> FlightInputs:
         **keys,
         **more,
     }
-    return load_flight(plan, profile_path=PROFILE, overrides=overrides)
+    return load_flight(plan, profile=PROFILE, overrides=overrides)
 
 
 def cases(count: int, seed: int, found: Mapping[str, str]) -> list[Case]:

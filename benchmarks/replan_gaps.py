@@ -15,7 +15,7 @@ from pathlib import Path
 
 from measured import add_option, head, line, recorded
 
-from eadp.io.flight.inputs import FlightInputs, load_flight
+from eadp.api.inputs import FlightInputs, load_flight
 from eadp.io.scenario.scenario_file import override_texts, read_overrides
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -43,7 +43,7 @@ def _print(options: argparse.Namespace) -> None:
 
     def inputs() -> FlightInputs:
         return load_flight(
-            options.plan, scenario_path=options.scenario, overrides=read_overrides(override_texts(options.set))
+            options.plan, scenario=options.scenario, overrides=read_overrides(override_texts(options.set))
         )
 
     print(head("telemetry", "start [s]", "U", "stage wrong after it [s]", "charge left", "end"))

@@ -30,10 +30,10 @@ from measured import add_option, head, line, recorded
 from scipy.spatial import cKDTree
 
 import eadp
+from eadp.api.inputs import FlightInputs, load_flight
+from eadp.api.replan.replanner import replan_lines
 from eadp.core.geometry.bearings import compass_deg
 from eadp.errors import Infeasible
-from eadp.io.flight.inputs import FlightInputs, load_flight
-from eadp.io.telemetry.replan import replan
 from eadp.models.plan.legs import leg_points
 from eadp.models.plan.plan import Plan
 from eadp.planning.base import DecisionRecord
@@ -93,7 +93,7 @@ def mission(index: int, seed: int, folder: Path) -> dict[str, Any] | None:
     except Infeasible:
         return None
     plan.write_text(covered.text)
-    inputs = load_flight(str(plan), scenario_path=str(scenario), overrides={"planner.name": "static"})
+    inputs = load_flight(str(plan), scenario=str(scenario), overrides={"planner.name": "static"})
     need_wh = inputs.preflight().forecast.energy_wh
     battery = inputs.world.battery
     capacity_ah = float(rng.uniform(0.7, 1.5)) * need_wh / battery.voltage_v
@@ -123,15 +123,15 @@ def _differences(covered: Any, plan: Path, scenario: Path, exported: Path, altit
     # a constant load of the computations' mean power
     mean_w = before["computing_wh"] * 3600 / before["time_s"]
     load = {"profile_at.fps": float(np.interp(mean_w, [PEDNET.power_w_at([fps]) for fps in RATES], RATES))}
-    read = load_flight(str(exported), scenario_path=str(scenario), overrides={"planner.name": "static", **load})
+    read = load_flight(str(exported), scenario=str(scenario), overrides={"planner.name": "static", **load})
     again = read.preflight().forecast
-    inputs = load_flight(str(plan), scenario_path=str(scenario))
+    inputs = load_flight(str(plan), scenario=str(scenario))
     decisions = replanned(inputs, joint) if joint.summary["completed"] else []
     ends = [row["soc_end_forecast"] for row in decisions if row["soc_end_forecast"] is not None]
     apart = [others(covered.plan, joint.decisions, row) for row in decisions]
     soc = joint.summary["soc_final"]
     steady = {"planner.name": "static", "battery.capacity_ah": 50.0}
-    own = load_flight(str(plan), scenario_path=str(scenario), overrides=steady)
+    own = load_flight(str(plan), scenario=str(scenario), overrides=steady)
     found = {
         "cover to forecast: time": relative(expected["time_s"], covered.report.full.time_s),
         "forecast to flight: time": relative(static.summary["duration_s"], expected["time_s"]),
@@ -178,7 +178,7 @@ def replanned(inputs: FlightInputs, flight: eadp.Flight) -> list[dict[str, Any]]
         lines.append(json.dumps({**row, **heading, "parameters": names}))
     decisions: list[dict[str, Any]] = []
     stream = io.BytesIO("\n".join(lines).encode())
-    replan(inputs, stream, "flight", None, decisions.append, lambda _: None)
+    replan_lines(inputs, stream, "flight", None, decisions.append, lambda _: None)
     return decisions
 
 

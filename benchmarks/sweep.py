@@ -54,20 +54,21 @@ import eadp.cli  # noqa: F401 - first: its environment is one thread for linear 
 import numpy as np
 from measured import add_option, head, line, recorded
 
+from eadp.api.inputs import Files, FlightInputs, load_flight
+from eadp.api.sweep.run import FlyRun
+from eadp.api.sweep.sweep_file import Sweep, read_sweep
 from eadp.core import compiled
-from eadp.io.flight.inputs import Files, FlightInputs, load_flight
 from eadp.io.sweep.results import Results
-from eadp.io.sweep.run import FlyRun
-from eadp.io.sweep.sweep_file import Sweep, read_sweep
 from eadp.io.text.streams import read_text
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.triggers import ENDS, FIRES_IN, PASS_Q, RADIUS_SQUARED
+from eadp.models.sweep import Result, Run, make_runs
+from eadp.models.world import World
 from eadp.planning.estimation.estimator import ExactEstimator
 from eadp.planning.flight import PlannedFlight
 from eadp.simulation.aircraft import constants_of, state_of
 from eadp.simulation.inner_loop import InnerLoop
-from eadp.simulation.loop import Outcome, World, fly
-from eadp.simulation.sweep.design import Result, Run, make_runs
+from eadp.simulation.loop import Outcome, fly
 from eadp.simulation.sweep.engines.base import Make
 from eadp.simulation.sweep.engines.pool import PoolEngine
 from eadp.simulation.sweep.engines.serial import SerialEngine
@@ -290,9 +291,9 @@ def compiling(planner: str) -> None:
     first = (
         "import time; t = time.process_time(); import numba; n = time.process_time() - t;"
         "import math; from dataclasses import replace; from eadp.core import compiled;"
-        "from eadp.io.flight.inputs import load_flight;"
+        "from eadp.api.inputs import load_flight;"
         "from eadp.simulation.loop import Outcome, fly; compiled.enable();"
-        f"i = load_flight({str(ROOT / 'plans/survey.plan')!r}, scenario_path={str(ROOT / 'scenarios/survey.yaml')!r},"
+        f"i = load_flight({str(ROOT / 'plans/survey.plan')!r}, scenario={str(ROOT / 'scenarios/survey.yaml')!r},"
         f"overrides={{'planner.name': {planner!r}, 'vehicle.airframe.model': 'fixed-wing', 'log_every_s': 1e9}});"
         "w = replace(i.world, clock=i.world.clock._replace(log_every_s=math.inf));"  # as in a sweep
         "f = i.flight(); t = time.process_time(); list(fly(w, f, Outcome())); a = time.process_time() - t;"
@@ -330,7 +331,7 @@ def growth(planner: str) -> None:
                 "time_limit_s": 1e5,
                 "faults": [],
             }
-            inputs = load_flight(file.name, scenario_path=str(ROOT / "scenarios/survey.yaml"), overrides=overrides)
+            inputs = load_flight(file.name, scenario=str(ROOT / "scenarios/survey.yaml"), overrides=overrides)
         compiled.enable()
         spent = []
         for _ in range(3):

@@ -68,7 +68,7 @@ from plant import (  # noqa: E402
     sampled,
 )
 
-from eadp.api import read_plan  # noqa: E402
+from eadp import read_plan  # noqa: E402
 from eadp.models.plan.cursor import Rules  # noqa: E402
 from eadp.models.plan.executor import PlanExecutor  # noqa: E402
 from eadp.models.plan.plan import Plan  # noqa: E402

@@ -58,7 +58,7 @@ def _code_as_before():
 
 
 COMPILED = [
-    *("cli", "io/figures", "io/flight", "io/link", "io/report", "io/telemetry", "planning/forecast", "planning/joint"),
+    *("api", "cli", "io/figures", "io/flight", "io/link", "io/report", "planning/forecast", "planning/joint"),
     *(
         "planning/state",
         "planning/track/test_acquisition.py",
@@ -66,7 +66,7 @@ COMPILED = [
         "planning/test_registry.py",
     ),
     *("simulation/test_fixed_wing.py", "simulation/test_reproduction.py", "simulation/test_wind_over_time.py"),
-    *("test_api.py", "test_notebook.py", "test_pictures.py", "test_readme.py", "test_results_page.py"),
+    *("test_notebook.py", "test_pictures.py", "test_readme.py", "test_results_page.py"),
 ]
 """Tests of whole flights whose subject is not the plain form of the code."""
 
@@ -88,7 +88,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     Tests in a browser are marked, and skipped where there is none, unless `EADP_BROWSER=required`.
     """
-    first = ["test_api.py", "test_spectrum.py", *sorted(path.name for path in (ROOT / "tests").glob("test_*.py"))]
+    first = ["test_public.py", "test_spectrum.py", *sorted(path.name for path in (ROOT / "tests").glob("test_*.py"))]
     items.sort(key=lambda item: first.index(item.path.name) if item.path.name in first else len(first))
     for item in items:
         if "browser" in getattr(item, "fixturenames", ()):

@@ -16,7 +16,7 @@ def test_the_blocks_run(tmp_path, monkeypatch, capsys):
     names: dict[str, object] = {}
     for block in blocks:
         exec(compile(block.replace("runs/", f"{tmp_path}/"), str(PAGE), "exec"), names)
-    assert len(blocks) == 8
+    assert len(blocks) == 9
     printed = capsys.readouterr().out
     assert "4 stages" in printed
     assert "period " in printed

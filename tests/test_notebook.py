@@ -31,7 +31,7 @@ def test_the_cells_run(monkeypatch):
             shown.append(eval(compile(ast.Expression(last.value), str(PAGE), "eval"), names))
     assert any("spacing" in line for line in names["covered"].lines)
     flight = names["flight"]
-    assert repr(flight).startswith("<Flight of given.plan: completed, ")
+    assert repr(flight).startswith("<Flight of meadow.geojson: completed, ")
     assert len(repr(flight)) < 200
     assert "<th>energy</th>" in flight._repr_html_()
     table = names["flights"].table()

@@ -102,16 +102,15 @@ def settings():
 
 @cache
 def help_of(command):
-    """The source of a command: its options stand in it."""
-    return (ROOT / "eadp/cli" / f"{command}.py").read_text(encoding="utf-8")
+    """The help of a command: its options stand in it."""
+    return (ROOT / "docs/cli.md").read_text(encoding="utf-8").partition(f"## eadp {command}\n")[2].partition("\n## ")[0]
 
 
 def exists(name):
     """Whether a file, module, class, function, scenario key or command of the page is there."""
     if name.startswith("eadp "):
         command, *options = name.split()[1:]
-        words = [(option, option.removeprefix("--").replace("-", "_")) for option in options]
-        return all(re.search(rf'^    {word}: |"{option}"', help_of(command), re.MULTILINE) for option, word in words)
+        return all(re.search(rf"^  (-., )?{option}\b", help_of(command), re.MULTILINE) for option in options)
     if "/" in name:
         return (ROOT / name).exists()
     if name.split(".")[0] not in PACKAGES:

@@ -3,107 +3,71 @@
 from __future__ import annotations
 
 import math
-from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from typer import Argument, Option
+from typer import Argument
 
-from eadp.cli.options import Format, FormatOption, names_in
+from eadp.api.fit.battery import BatteryOptions, read_battery_fit
+from eadp.api.fit.power import FitOptions, LogFit, read_fit
+from eadp.cli.options import names_in
 from eadp.cli.output import emit, emit_json, usage_fault, warn
+from eadp.io.log.power_log import ColumnOptions, Columns
+from eadp.io.text.options import Flag
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from eadp.errors import Fault
-    from eadp.io.log.fit_inputs import LogFit
     from eadp.models.energy import EnergyModel
 
 
-TimeUnit = StrEnum("TimeUnit", ["s", "ms", "us", "ns", "min", "h"])
+@dataclass(frozen=True)
+class FitKind:
+    """What is fitted."""
+
+    vehicle: bool = False
+    """Fit the aircraft's power instead, from a log with airspeed; -o is a vehicle file."""
+
+    base: Annotated[str, Flag(metavar="FILE")] = ""
+    """Vehicle file of what is known: mass, wing, avionics, for a drag polar."""
+
+    battery: bool = False
+    """Fit the battery, instead or beside, from voltage and current."""
+
+
+@dataclass(frozen=True)
+class FitOutputs:
+    """What is written and printed."""
+
+    output: Annotated[str, Flag("-o --output", metavar="MODEL.yaml")] = ""
+    """Write the model; - is standard output."""
+
+    plot: Annotated[str, Flag(metavar="FILE")] = ""
+    """Draw log, fit, residuals, periodogram and folded power (.svg or .png)."""
+
+    spectrum: Annotated[str, Flag(metavar="FILE")] = ""
+    """Draw the power's spectrum, its harmonics marked (.svg or .png)."""
+
+    filter_: Annotated[str, Flag(metavar="FILE")] = ""
+    """The planners' filter over the log: estimate and states (.svg, .png, .csv)."""
+
+    gate_w: Annotated[float, Flag(low=0)] = 0.0
+    """The filter leaves out readings so near to their forecast [W]."""
+
+    format: Literal["text", "json"] = "text"
+    """How to print."""
 
 
 def command(
     log: Annotated[
         str, Argument(metavar="LOG", help="Power log: CSV, PX4 ULog, ArduPilot DataFlash; - is standard input.")
     ],
-    output: Annotated[
-        str, Option("--output", "-o", metavar="MODEL.yaml", help="Write the model; - is standard output.")
-    ] = "",
-    period_prior: Annotated[
-        float | None, Option(metavar="S", help="Search the period near this one [s], within a factor of 1.3.")
-    ] = None,
-    plan: Annotated[
-        str, Option(metavar="FILE", help="Search the period near the nominal time of this plan's lap.")
-    ] = "",
-    airspeed: Annotated[
-        float | None, Option(metavar="MPS", help="Speed the plan's lap is flown at; default 15 m/s.")
-    ] = None,
-    order: Annotated[
-        int | None, Option(metavar="R", min=1, help="Number of harmonics; default: by cross-validation.")
-    ] = None,
-    time: Annotated[str, Option(metavar="NAME", help="The column of time.")] = "",
-    power: Annotated[str, Option(metavar="NAME", help="The column of power.")] = "",
-    voltage: Annotated[str, Option(metavar="NAME", help="The column of voltage.")] = "",
-    current: Annotated[str, Option(metavar="NAME", help="The column of current.")] = "",
-    columns: Annotated[
-        str, Option(metavar="NAME,…", help="Names of the first columns of a log without a header.")
-    ] = "",
-    time_unit: Annotated[TimeUnit | None, Option(help="Unit of the times, where their column's name has none.")] = None,
-    instance: Annotated[int | None, Option(metavar="N", help="Which battery of an autopilot's log.")] = None,
-    start: Annotated[
-        float | None, Option("--from", metavar="S", help="Leave out earlier readings, in seconds of the log.")
-    ] = None,
-    end: Annotated[
-        float | None, Option("--to", metavar="S", help="Leave out later readings, in seconds of the log.")
-    ] = None,
-    keep_spikes: Annotated[
-        bool, Option("--keep-spikes", help="Fit single samples far from their neighbours too.")
-    ] = False,
-    profile: Annotated[
-        str,
-        Option(
-            metavar="FILE",
-            help="Subtract the computations' power first: configurations are in the log, under the profile's names.",
-        ),
-    ] = "",
-    plot: Annotated[
-        str, Option(metavar="FILE", help="Draw log, fit, residuals, periodogram and folded power (.svg or .png).")
-    ] = "",
-    spectrum: Annotated[
-        str, Option(metavar="FILE", help="Draw the power's spectrum, its harmonics marked (.svg or .png).")
-    ] = "",
-    filter_: Annotated[
-        str,
-        Option(
-            "--filter",
-            metavar="FILE",
-            help="The planners' filter over the log: estimate and states (.svg, .png, .csv).",
-        ),
-    ] = "",
-    gate: Annotated[
-        float, Option(metavar="W", min=0, help="The filter leaves out readings so near to their forecast [W].")
-    ] = 0.0,
-    track: Annotated[
-        str, Option(metavar="FILE", help="The log's positions beside the path of --plan (.svg, .png, .csv).")
-    ] = "",
-    vehicle: Annotated[
-        bool,
-        Option("--vehicle", help="Fit the aircraft's power instead, from a log with airspeed; -o is a vehicle file."),
-    ] = False,
-    base: Annotated[
-        str, Option(metavar="FILE", help="Vehicle file of what is known: mass, wing, avionics, for a drag polar.")
-    ] = "",
-    battery: Annotated[
-        bool, Option("--battery", help="Fit the battery, instead or beside, from voltage and current.")
-    ] = False,
-    capacity: Annotated[float | None, Option(metavar="AH", help="The battery's capacity [Ah]; or --cells.")] = None,
-    cells: Annotated[
-        int | None, Option(metavar="N", help="Cells in series: the capacity is estimated by their voltage.")
-    ] = None,
-    chemistry: Annotated[str, Option(metavar="NAME", help="Chemistry of the cells: lipo or li-ion.")] = "lipo",
-    k_b: Annotated[float, Option(metavar="PER_S", help="k_b [1/s]; 1/3600 is a battery without losses.")] = 1 / 3600,
-    soc: Annotated[float, Option(metavar="SHARE", help="State of charge at the start of the log.")] = 1.0,
-    format: FormatOption = Format.text,
+    options: FitOptions,
+    named: ColumnOptions,
+    kind: FitKind,
+    pack: BatteryOptions,
+    out: FitOutputs,
 ) -> int:
     """Example: eadp fit scenarios/example-power-log.csv
 
@@ -117,76 +81,69 @@ def command(
 
     Exit code 0 if the log has a period, 1 if it has none, 2 if it cannot be read.
     """
-    from eadp.io.log.battery_fit import BatteryOptions, read_battery_fit
-    from eadp.io.log.fit_inputs import FitOptions, read_fit
-    from eadp.io.log.power_log import Columns
+    if out.output == "-" and out.format == "json":
+        raise usage_fault("--output", out.output, "standard output is taken by --format json", "a file")
+    columns = Columns(**{**vars(named), "names": names_in(",".join(named.names))})
+    found = read_battery_fit(log, columns, pack) if kind.battery else None
+    if kind.vehicle:
+        from eadp.api.fit.vehicle import read_vehicle_fit
 
-    if output == "-" and format is Format.json:
-        raise usage_fault("--output", output, "standard output is taken by --format json", "a file")
-    chosen = Columns(time, power, voltage, current, names_in(columns), time_unit or "", instance=instance)
-    found = read_battery_fit(log, chosen, BatteryOptions(capacity, k_b, soc, cells, chemistry)) if battery else None
-    if vehicle:
-        from dataclasses import replace
-
-        from eadp.io.log.vehicle_fit import read_vehicle_fit
-
-        flown = replace(read_vehicle_fit(log, chosen, base, start, end), battery=found)
-        _print(flown.document, flown.text, flown.yaml, flown.warnings, output, format)
+        flown = replace(read_vehicle_fit(log, columns, kind.base, options.start_s, options.end_s), battery=found)
+        _print(flown.document, flown.text, flown.yaml, flown.warnings, out)
         return 0 if flown.sure else 1
     if found is not None:
-        _print(found.document, found.text, found.block, found.warnings, output, format)
+        _print(found.document, found.text, found.block, found.warnings, out)
         return 0 if found.fit.resistance_ohm is not None else 1
-    if track and not plan:
-        raise usage_fault("--track", track, "beside no plan", "--plan FILE")
-    options = FitOptions(order, period_prior, plan, airspeed, start, end, keep_spikes, profile, bool(track))
-    fit = read_fit(log, chosen, options)
-    if plot or spectrum or filter_ or track:
-        _write_pictures(fit, plot, spectrum, (filter_, gate), (track, plan))
-    _print(fit.document, _text(fit), fit.yaml, fit.warnings, output, format)
+    if options.track and not options.plan:
+        raise usage_fault("--track", options.track, "beside no plan", "--plan FILE")
+    fit = read_fit(log, columns, options)
+    if out.plot or out.spectrum or out.filter_ or options.track:
+        _write_pictures(fit, options, out)
+    _print(fit.document, _text(fit), fit.yaml, fit.warnings, out)
     return 0 if fit.fitted.model.periodic else 1
 
 
-def _write_pictures(fit: LogFit, plot: str, spectrum: str, filter_: tuple[str, float], track: tuple[str, str]) -> None:
+def _write_pictures(fit: LogFit, options: FitOptions, out: FitOutputs) -> None:
     """Write the figures and tables that are asked for."""
     from eadp.io.figures import fit as figures
     from eadp.io.figures.canvas import check_figure_name
-    from eadp.io.log.flown_log import filtered
     from eadp.io.text.streams import write_text
+    from eadp.planning.estimation.flown_log import filtered
 
-    for name in (plot, spectrum, *(name for name in (filter_[0], track[0]) if not _is_table(name))):
+    for name in (out.plot, out.spectrum, *(name for name in (out.filter_, options.track) if not _is_table(name))):
         if name:
             check_figure_name(name)
-    if plot:
-        figures.write_fit_figure(plot, fit.fitted)
-    if spectrum:
-        figures.write_spectrum_figure(spectrum, fit.fitted)
-    if filter_[0]:
-        log = filtered(fit.fitted, filter_[1])
-        if _is_table(filter_[0]):
-            write_text(filter_[0], log.csv)
+    if out.plot:
+        figures.write_fit_figure(out.plot, fit.fitted)
+    if out.spectrum:
+        figures.write_spectrum_figure(out.spectrum, fit.fitted)
+    if out.filter_:
+        log = filtered(fit.fitted, out.gate_w)
+        if _is_table(out.filter_):
+            write_text(out.filter_, log.csv)
         else:
-            figures.write_filter_figure(filter_[0], log)
+            figures.write_filter_figure(out.filter_, log)
     if fit.track is not None:
-        if _is_table(track[0]):
-            write_text(track[0], fit.track.csv)
+        if _is_table(options.track):
+            write_text(options.track, fit.track.csv)
         else:
-            figures.write_track_figure(track[0], fit.track, track[1].rpartition("/")[2])
+            figures.write_track_figure(options.track, fit.track, options.plan.rpartition("/")[2])
 
 
 def _is_table(name: str) -> bool:
     return name.lower().endswith(".csv")
 
 
-def _print(document: dict[str, Any], text: str, file: str, warnings: list[Fault], output: str, format: Format) -> None:
+def _print(document: dict[str, Any], text: str, file: str, warnings: list[Fault], out: FitOutputs) -> None:
     """Write the result to a file if there is one, and print it as JSON, or as text unless the file is stdout."""
     from eadp.io.text.streams import write_text
 
-    if output:
-        write_text(output, file)
+    if out.output:
+        write_text(out.output, file)
     warn(warnings)
-    if format is Format.json:
+    if out.format == "json":
         emit_json(document)
-    elif output != "-":
+    elif out.output != "-":
         emit(text)
 
 

@@ -23,7 +23,7 @@ def command(
 
     Exit code 0 if the files are written, 2 on bad input; a file that exists is replaced with --force alone.
     """
-    from eadp.io.vehicle.presets import PLAN, SCENARIO, start_texts, write_new
+    from eadp.api.init import PLAN, SCENARIO, start_texts, write_new
 
     texts = start_texts(folder, preset)
     write_new(texts, force=force)

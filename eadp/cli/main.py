@@ -7,7 +7,7 @@ import io
 import os
 import sys
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection
 from importlib import import_module
 from typing import Annotated, Any
 
@@ -15,6 +15,7 @@ import typer
 import typer.core
 
 from eadp import __version__
+from eadp.cli.grouped import grouped
 from eadp.errors import EadpError, InputError, printable
 
 YES, NO, BAD_INPUT, BUG, INTERRUPTED = 0, 1, 2, 70, 130
@@ -76,6 +77,11 @@ def _shielded(command: Callable[..., int]) -> Callable[..., int]:
     return shielded
 
 
+def _unknown() -> int:
+    """In place of a command that is not run."""
+    return NO
+
+
 def _show_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"eadp {__version__}")
@@ -90,8 +96,8 @@ def _options(
     pass
 
 
-def _app(names: Iterable[str]) -> typer.Typer:
-    """The command line with some of its commands: to import and to build them all takes longer than to parse a plan."""
+def _app(names: Collection[str]) -> typer.Typer:
+    """The command line; of other commands than these it knows the names: to import all takes long."""
     app = typer.Typer(
         name="eadp",
         cls=_Grouped,
@@ -103,9 +109,9 @@ def _app(names: Iterable[str]) -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback()(_options)
-    for name in names:
-        command = import_module(f"eadp.cli.{name}").command
-        app.command(name, short_help=COMMANDS[name])(_shielded(command))
+    for name, text in COMMANDS.items():
+        command = grouped(import_module(f"eadp.cli.{name}").command) if name in names else _unknown
+        app.command(name, short_help=text)(_shielded(command))
     return app
 
 
@@ -119,7 +125,8 @@ def main(arguments: list[str]) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
         named = [name for name in arguments[:1] if name in COMMANDS]
-        result = _app(named or COMMANDS)(args=arguments, prog_name="eadp", standalone_mode=False)
+        completed = COMMANDS if "_EADP_COMPLETE" in os.environ else ()
+        result = _app(named or completed)(args=arguments, prog_name="eadp", standalone_mode=False)
         sys.stdout.flush()
         if result == INTERRUPTED:  # typer's own answer, outside of a command
             return _interrupted()

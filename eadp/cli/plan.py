@@ -74,10 +74,10 @@ def command(
 
     Exit code 0 if the plan can be read, 1 if --check finds an error, 2 if it cannot be read.
     """
+    from eadp.api.plan import check_plan
     from eadp.errors import InputError, PathUndefined
-    from eadp.io.mission.reader import PlanReader, is_mission
+    from eadp.io.plan.parameters import parameters_of
     from eadp.io.plan.writer import plan_text
-    from eadp.io.text.streams import read_text
 
     if trace is not None and not 0 < trace < math.inf:
         raise usage_fault(
@@ -85,36 +85,25 @@ def command(
         )
     if machine and plot is None:
         raise usage_fault("--machine", "--machine", "nothing to draw to", "--plot FILE as well")
-    text = read_text(file)
-    plan, findings = PlanReader(laps=laps).turning(min_radius or None)(text)
-    from eadp.io.plan.parameters import parameters_of
-
-    parameters, report = parameters_of(plan, set_), None
-    if check:
-        from eadp.validation.check import check_plan
-        from eadp.validation.proof import StageProof, prove_plan
-
-        # a mission's coordinates are rounded, and it has no parameters: there is nothing to prove
-        proofs = (StageProof(),) * len(plan.stages) if is_mission(text) else prove_plan(plan)
-        report = check_plan(plan, min_radius_m=min_radius, proofs=proofs)
-        findings = [*findings, *report.findings]
-    lines = [finding.fault(text.name) for finding in findings]
+    read = check_plan(file, min_radius_m=min_radius, laps=laps, geometry=check)
+    plan, report, lines = read.plan, read.report, read.faults
+    parameters = parameters_of(plan, set_)
     try:
         if plot is not None:
             _draw(plot, plan, parameters, machine=machine)
         points = _trace_csv(plan, parameters, trace) if trace is not None else None
     except PathUndefined as error:
-        raise InputError.at(text.name, plan.stages[0].line, 1, str(error), "a path that can be flown") from None
+        raise InputError.at(read.name, plan.stages[0].line, 1, str(error), "a path that can be flown") from None
     if points is not None:
         warn(lines)
         emit(points)
     elif format_ is PlanFormat.json:
-        emit_json(document(plan, findings, report))
+        emit_json(document(plan, read.findings, report))
     elif format_ is PlanFormat.plan:
         warn(lines)
         emit(plan_text(plan))
     elif format_ in (PlanFormat.sympy, PlanFormat.latex):
-        expressions = _expressions(plan, text.name, format_)
+        expressions = _expressions(plan, read.name, format_)
         warn(lines)
         emit("\n".join(expressions))
     elif report is not None:

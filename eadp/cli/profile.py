@@ -3,24 +3,53 @@
 from __future__ import annotations
 
 import math
-from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any, cast
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from eadp.cli.options import Format, FormatOption, names_in
+from eadp.api.profile import MeasureOptions, measure_profile
+from eadp.cli.options import names_in
 from eadp.cli.output import Progress, aligned, emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, InputError, printable
+from eadp.io.text.options import Flag, option_name
 
 if TYPE_CHECKING:
-    from eadp.core.interpolation import Kind
-    from eadp.io.profile.measure_command import MeasureOptions
     from eadp.models.profile import Profile
     from eadp.models.profile_sum import AnyProfile
 
 
-Interpolation = StrEnum("Interpolation", ["linear", "pchip"])
-Device = StrEnum("Device", ["total", "cpu", "gpu"])
+@dataclass(frozen=True)
+class ModelOptions:
+    """Of what the model is made, and what of it is printed."""
+
+    at: Annotated[Sequence[str], Flag(metavar="NAME=VALUE,…")] = ()
+    """Print the power at a configuration. May repeat."""
+
+    plot: Annotated[str, Flag(metavar="FILE")] = ""
+    """Draw the model: FILE.svg or FILE.png."""
+
+    add: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
+    """Computations measured apart: their power is added. May repeat."""
+
+    names: Annotated[str, Flag(metavar="NAME,…")] = ""
+    """New names of the parameters, in order."""
+
+    from_name: Annotated[str, Flag(metavar="PATTERN")] = ""
+    """Configurations of traces are in their names: '*_{fps}fps'."""
+
+    interpolation: Literal["linear", "pchip"] | None = None
+    """Between configurations; the default is linear, or the model's."""
+
+    device: Literal["total", "cpu", "gpu"] | None = None
+    """Which of powprofiler's columns is the power; the default is total."""
+
+    clamp: bool = False
+    """Outside the measured range, take the nearest inside."""
+
+    format: Literal["text", "json"] = "text"
+    """How to print."""
 
 
 def command(
@@ -32,52 +61,14 @@ def command(
             "--measure and after --, the command.",
         ),
     ],
-    output: Annotated[
-        str, Option("--output", "-o", metavar="FILE", help="Write the model (YAML), or with --measure the CSV.")
-    ] = "",
-    at: Annotated[
-        list[str] | None, Option(metavar="NAME=VALUE,…", help="Print the power at a configuration. May repeat.")
-    ] = None,
-    format: FormatOption = Format.text,
-    plot: Annotated[str, Option(metavar="FILE", help="Draw the model: FILE.svg or FILE.png.")] = "",
-    add: Annotated[
-        list[str] | None, Option(metavar="FILE", help="Computations measured apart: their power is added. May repeat.")
-    ] = None,
-    names: Annotated[str, Option(metavar="NAME,…", help="New names of the parameters, in order.")] = "",
-    config: Annotated[
-        list[str] | None,
-        Option(
-            "--config",
-            metavar="NAME=VALUE,…",
-            help="Configuration of a trace, one option for each trace; with --measure, configurations to measure, all "
-            "combinations: fps=2,4,keysize=32,448.",
-        ),
-    ] = None,
-    from_name: Annotated[
-        str, Option(metavar="PATTERN", help="Configurations of traces are in their names: '*_{fps}fps'.")
-    ] = "",
-    interpolation: Annotated[
-        Interpolation | None, Option(help="Between configurations; the default is linear, or the model's.")
-    ] = None,
-    device: Annotated[
-        Device | None, Option(help="Which of powprofiler's columns is the power; the default is total.")
-    ] = None,
-    clamp: Annotated[bool, Option("--clamp", help="Outside the measured range, take the nearest inside.")] = False,
+    model: ModelOptions,
+    options: MeasureOptions,
     measure: Annotated[
         bool, Option("--measure", help="Run a command at each configuration and measure its power.")
     ] = False,
-    sweep: Annotated[
-        list[str] | None, Option(metavar="NAME=FROM:TO:STEP", help="Values to measure at, both ends included.")
-    ] = None,
-    sensor: Annotated[str | None, Option(metavar="KIND:NAME", help="The sensor to read, or its path.")] = None,
-    sysfs: Annotated[str | None, Option(metavar="DIR", help="Root of the sensors [/sys].")] = None,
-    warmup: Annotated[float | None, Option(metavar="S", help="Time before the first sample [5 s].")] = None,
-    interval: Annotated[float | None, Option(metavar="S", help="Time from one sample to the next [0.2 s].")] = None,
-    accuracy: Annotated[
-        str | None, Option(metavar="W", help="Standard error to measure to [0.05 W], or as in 1%.")
-    ] = None,
-    longest: Annotated[float | None, Option(metavar="S", help="Longest time at a configuration [120 s].")] = None,
-    idle: Annotated[float | None, Option(metavar="S", help="First measure for this time without the command.")] = None,
+    output: Annotated[
+        str, Option("--output", "-o", metavar="FILE", help="Write the model (YAML), or with --measure the CSV.")
+    ] = "",
 ) -> int:
     """Example: eadp profile profiles/pednet-jetson-nano.csv --at fps=5
 
@@ -89,42 +80,30 @@ def command(
     Computations that were measured apart: eadp profile detector.csv --add encoder.csv -o both.yaml
     """
     from eadp.io.profile.configurations import parse_configuration
-    from eadp.io.profile.measure_command import MeasureOptions
     from eadp.io.profile.model_file import Sources, profile_document, profile_yaml, read_profiles
     from eadp.io.profile.power_at import powers_at
     from eadp.io.text.streams import write_text
 
-    options = MeasureOptions(config, sweep, sysfs, sensor, warmup, interval, accuracy, longest, idle)
     if measure:
-        model_options = {
-            "--at": at,
-            "--plot": plot,
-            "--add": add,
-            "--names": names,
-            "--from-name": from_name,
-            "--interpolation": interpolation,
-            "--device": device,
-            "--clamp": clamp,
-            "--format": format is Format.json,
-        }
-        _refuse([name for name, value in model_options.items() if value], "without --measure, on its result")
+        given = [option_name(name) for name, value in vars(model).items() if value not in (None, "", (), False, "text")]
+        _refuse(given, "without --measure, on its result")
         return _measure(files, options, output)
     _refuse(options.given(), "with --measure")
-    if output == "-" and (at or format is Format.json):
+    at, json = model.at, model.format == "json"
+    if output == "-" and (at or json):
         raise usage_fault("--output", output, "standard output is taken by --at or --format", "a file")
-    configurations = [parse_configuration(raw) for raw in config or ()]
-    kind = cast("Kind | None", interpolation and interpolation.value)
-    sources = Sources(files, add or (), names_in(names), configurations, from_name, kind, device or "")
-    profile, warnings = read_profiles(sources)
-    values, clamped = powers_at(profile, at or [], clamp)
-    if plot:
+    configurations = [parse_configuration(raw) for raw in options.config]
+    names, kind, device = names_in(model.names), model.interpolation, model.device or ""
+    profile, warnings = read_profiles(Sources(files, model.add, names, configurations, model.from_name, kind, device))
+    values, clamped = powers_at(profile, at, model.clamp)
+    if model.plot:
         from eadp.io.figures.profile import write_profile_figure
 
-        write_profile_figure(plot, profile)
+        write_profile_figure(model.plot, profile)
     if output:
         write_text(output, profile_yaml(profile))
     warn(warnings + clamped)
-    if format is Format.json:
+    if json:
         emit_json({"schema": "eadp.power/1", "values": values} if at else profile_document(profile))
     elif at or output != "-":
         emit(_powers(values) if at else _summary(profile))
@@ -138,7 +117,6 @@ def _refuse(options: list[str], where: str) -> None:
 
 def _measure(command: list[str], options: MeasureOptions, output: str) -> int:
     """Measure and write the CSV; the results are noted on stderr."""
-    from eadp.io.profile.measure_command import measure_profile
     from eadp.io.text.streams import write_text
 
     progress = Progress("measuring")

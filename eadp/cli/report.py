@@ -33,18 +33,16 @@ def command(
 
     Exit code 0 when the page is written, 2 on bad input.
     """
-    from eadp import api
+    from eadp.api.report import report, write_comparison
 
     if len(result) > 1:
-        from eadp.io.report.result import write_comparison
-
         if keep is not None:
             raise usage_fault("--keep", keep, "is of a sweep's results", "no --keep beside several folders")
         target, table = write_comparison(result, out)
         if target != "-":
             emit(table)
     else:
-        target = api.report(result[0], out, keep)
+        target = report(result[0], out, keep)
     if target != "-":
         emit(f"written    {printable(target)}")
     return 0

@@ -15,9 +15,9 @@ _MODULES = {
     "energy": "eadp.io.energy.model_file",
     "scenario": "eadp.io.scenario.scenario_file",
     "vehicle": "eadp.io.vehicle.vehicle_file",
-    "sweep": "eadp.io.sweep.sweep_file",
+    "sweep": "eadp.api.sweep.sweep_file",
     "telemetry": "eadp.io.telemetry.reader",
-    "decision": "eadp.io.telemetry.decisions",
+    "decision": "eadp.api.replan.decisions",
 }
 _NAMES = ", ".join(_MODULES)
 

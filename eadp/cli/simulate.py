@@ -2,38 +2,51 @@
 
 from __future__ import annotations
 
-import enum
 import sys
-from typing import TYPE_CHECKING, Annotated, Any
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from eadp.cli.options import (
-    AtOption,
-    EnergyOption,
-    Format,
-    FormatOption,
-    LapsOption,
-    PlannerOption,
-    ProfileOption,
-    ScenarioOption,
-    SetOption,
-    VerboseOption,
-    load_overrides,
-)
+from eadp.api.flight import REPORT
+from eadp.api.given import FlightOptions
+from eadp.api.simulate import simulate
+from eadp.api.sorties import is_sorties
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
+from eadp.io.text.options import Flag
+from eadp.io.text.streams import check_new_folder
 from eadp.models.airspace import BOUNDARY, risk_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from eadp.simulation.loop import Step
+    from eadp.models.world import Step
 
 
-class FigureName(enum.StrEnum):
-    """Figures of `--figure`."""
+@dataclass(frozen=True)
+class SimulateOutputs:
+    """What is written and printed, and what the exit code says."""
 
-    paper = enum.auto()
+    out: Annotated[str | None, Flag("-o --out", metavar="DIR")] = None
+    """Folder for the results."""
+
+    force: bool = False
+    """Replace the folder if it exists."""
+
+    figure: Literal["paper"] | None = None
+    """Draw one more figure into the folder: the letter's Figs. 6b and 1."""
+
+    require_reserve: bool = False
+    """Exit 1 also where the flight ends below the reserve."""
+
+    strict_solver: bool = False
+    """Exit 1 also where a run of the solver fails."""
+
+    verbose: Annotated[bool, Flag("-v --verbose")] = False
+    """Say more: the papers' quantities, the solver's runs."""
+
+    format: Literal["text", "json"] = "text"
+    """How to print."""
 
 
 def command(
@@ -44,27 +57,9 @@ def command(
             metavar="PLAN",
         ),
     ],
-    scenario: ScenarioOption = None,
-    profile: ProfileOption = None,
-    at: AtOption = None,
-    energy: EnergyOption = None,
-    planner: PlannerOption = None,
-    set_: SetOption = None,
-    laps: LapsOption = None,
+    options: FlightOptions,
+    output: SimulateOutputs,
     seed: Annotated[int | None, Option(min=0, help="Seed of gusts and noise.")] = None,
-    out: Annotated[str | None, Option("-o", "--out", help="Folder for the results.", metavar="DIR")] = None,
-    force: Annotated[bool, Option("--force", help="Replace the folder if it exists.")] = False,
-    figure: Annotated[
-        FigureName | None, Option(help="Draw one more figure into the folder: the letter's Figs. 6b and 1.")
-    ] = None,
-    require_reserve: Annotated[
-        bool, Option("--require-reserve", help="Exit 1 also where the flight ends below the reserve.")
-    ] = False,
-    strict_solver: Annotated[
-        bool, Option("--strict-solver", help="Exit 1 also where a run of the solver fails.")
-    ] = False,
-    verbose: VerboseOption = False,
-    format_: FormatOption = Format.text,
 ) -> int:
     """Example: eadp simulate plans/survey.plan --scenario scenarios/paper-i-dynamic.yaml
 
@@ -72,70 +67,70 @@ def command(
 
     Exit code 0 if the flight completes, 1 if it does not, 2 on bad input.
     """
-    from eadp import api
-    from eadp.io.sorties import is_sorties
-    from eadp.io.text.streams import check_new_folder
-
-    if out is not None:
-        check_new_folder(out, force=force)
+    if output.out is not None:
+        check_new_folder(output.out, force=output.force)
     if is_sorties(plan):
-        alone = {"--scenario": scenario, "--profile": profile, "--energy": energy, "--figure": figure, "--laps": laps}
-        for option, value in alone.items():
+        alone = {name: getattr(options, name) for name in ("scenario", "profile", "energy", "laps")}
+        for name, value in {**alone, "figure": output.figure}.items():
             if value is not None:
-                raise usage_fault(option, str(value), "beside a folder of sorties", "the folder's scenario, or --set")
-        texts = [*(set_ or ()), *load_overrides(at), *([f"planner.name={planner.value}"] if planner else [])]
-        return _sorties(plan, texts, seed, out, force=force, format_=format_, kept=require_reserve)
-    if figure is not None and out is None:
-        raise usage_fault("--figure", figure.value, "a figure without a folder for it", "-o DIR")
+                raise usage_fault(f"--{name}", str(value), "beside a folder of sorties", "its scenario, or --set")
+        named = [f"planner.name={options.planner}"] if options.planner else []
+        return _sorties(plan, [*options.overrides, *named], seed, output)
+    if output.figure is not None and output.out is None:
+        raise usage_fault("--figure", output.figure, "a figure without a folder for it", "-o DIR")
     progress = Progress("flying")
 
     def show(step: Step) -> None:
         progress.show(f"{step.time_s:.0f} s, stage {step.stage}, SoC {step.soc:.2f}")
 
-    name = planner and planner.value
-    texts = [*(set_ or ()), *load_overrides(at)]
-    flight = api.simulate(plan, scenario, profile, energy, texts, name, seed, laps=laps, on_step=show, warn=warn)
+    flight = simulate(
+        plan,
+        options.scenario,
+        options.profile,
+        options.energy,
+        options.overrides,
+        options.planner,
+        seed,
+        laps=options.laps,
+        on_step=show,
+        warn=warn,
+    )
     progress.close()
     summary = flight.summary
-    if out is not None:
-        flight.write(out, force=force, paper_figure=figure is FigureName.paper)
-    if format_ is Format.json:
+    if output.out is not None:
+        flight.write(output.out, force=output.force, paper_figure=output.figure == "paper")
+    if output.format == "json":
         emit_json(summary)
     else:
         from eadp.io.report.words import setting_text
 
-        shown = _text(summary, out, decisions=len(flight.decisions), figure=figure, verbose=verbose)
+        shown = _text(summary, output, decisions=len(flight.decisions))
         emit(f"aircraft   {setting_text(flight.inputs.scenario)}\n{shown}")
     failures = _failures(summary)
     if failures is not None:
         sys.stderr.write(f"eadp: warning: {failures}\n")
-    kept = summary["reserve_kept"] or not require_reserve
-    return 0 if summary["completed"] and kept and not (strict_solver and failures) else 1
+    kept = summary["reserve_kept"] or not output.require_reserve
+    return 0 if summary["completed"] and kept and not (output.strict_solver and failures) else 1
 
 
-def _sorties(
-    folder: str, texts: list[str], seed: int | None, out: str | None, *, force: bool, format_: Format, kept: bool
-) -> int:
+def _sorties(folder: str, texts: list[str], seed: int | None, output: SimulateOutputs) -> int:
     """Fly all sorties of a folder."""
-    from eadp import api
+    from eadp.api.sorties.job import simulate_sorties
 
     progress = Progress("flying")
-    job = api.simulate_sorties(folder, texts, seed or 0, on_flight=progress.show, warn=warn)
+    job = simulate_sorties(folder, texts, seed or 0, on_flight=progress.show, warn=warn)
     progress.close()
-    if out is not None:
-        job.write(out, force=force)
-    if format_ is Format.json:
+    if output.out is not None:
+        job.write(output.out, force=output.force)
+    if output.format == "json":
         emit_json(job.summary)
     else:
-        emit("\n".join([*job.text(), *([f"written    {out}"] if out else [])]))
-    return 0 if job.summary["completed"] and (job.summary["reserve_kept"] or not kept) else 1
+        emit("\n".join([*job.text(), *([f"written    {output.out}"] if output.out else [])]))
+    return 0 if job.summary["completed"] and (job.summary["reserve_kept"] or not output.require_reserve) else 1
 
 
-def _text(
-    summary: Mapping[str, Any], out: str | None, *, decisions: int, figure: FigureName | None, verbose: bool
-) -> str:
+def _text(summary: Mapping[str, Any], output: SimulateOutputs, *, decisions: int) -> str:
     """The summary for people."""
-    from eadp.io.flight.folder import REPORT
     from eadp.io.report.words import label_of, parameter_text, reserve_text
 
     done = "completed" if summary["completed"] else "NOT completed"
@@ -156,7 +151,7 @@ def _text(
     if summary["turned_back_s"] is not None:
         x, y = summary["turned_back_m"]
         lines.append(f"home       decided at {summary['turned_back_s']:.2f} s, at ({x:.0f}, {y:.0f}) m")
-    lines += _endurance(summary["endurance"], verbose=verbose)
+    lines += _endurance(summary["endurance"], verbose=output.verbose)
     parameters = summary["parameters"].items()
     lines += [f"{label_of(name, values):<10} {parameter_text(values)}" for name, values in parameters]
     if summary["quality"] is not None:
@@ -164,16 +159,18 @@ def _text(
     if summary["coverage"] is not None:
         lines.append(f"covered    {100 * summary['coverage']:.2f} % of the field, by the lines flown")
     replans = f"; re-planned {decisions} times" if decisions else ""
-    if verbose:
+    if output.verbose:
         replans += f"; {summary['replans']} by OSQP ({solver['calls']} runs, {solver['failed']} failed), "
         replans += f"{solver['skipped']} kept, {solver['fallbacks']} by the fallback, {solver['infeasible']} infeasible"
     lines.append(f"planner    {summary['planner']}{replans}")
     if failures := _failures(summary):
         lines.append(f"solver     {failures}")
-    if out is not None:
+    if output.out is not None:
         decided = "decisions.jsonl, " if decisions else ""
-        names = [name for kind in ("flight", figure) if kind for name in (f"{kind}.svg", f"{kind}.png")] + [REPORT]
-        lines.append(f"written    {out}/flight.csv, estimate.csv, summary.json, {decided}{', '.join(names)}")
+        names = [name for kind in ("flight", output.figure) if kind for name in (f"{kind}.svg", f"{kind}.png")] + [
+            REPORT
+        ]
+        lines.append(f"written    {output.out}/flight.csv, estimate.csv, summary.json, {decided}{', '.join(names)}")
     return "\n".join(lines)
 
 

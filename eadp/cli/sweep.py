@@ -8,20 +8,20 @@ import re
 import statistics
 import sys
 import time
-from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from typer import Argument, Option
+from typer import Argument
 
 from eadp.cli.output import Progress, emit, usage_fault, warn
 from eadp.errors import printable
+from eadp.io.text.options import Flag
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
+    from eadp.api.sweep.sweep_file import Sweep
     from eadp.io.sweep.results import Results
-    from eadp.io.sweep.sweep_file import Sweep
-    from eadp.simulation.sweep.design import Result
+    from eadp.models.sweep import Result
 
 PROGRESS_S = 60.0
 """Time between two lines of progress without a terminal [s]."""
@@ -33,49 +33,67 @@ FIRST_RUNS = 3
 """Runs from which a sweep's time is estimated; one for each worker if that is more."""
 
 
-SweepFormat = StrEnum("SweepFormat", ["text", "csv", "jsonl"])
-Figure = StrEnum(
-    "Figure", ["completed", "reserve_kept", "duration_s", "soc_final", "quality", "energy_wh", "distance_m"]
-)
-Require = StrEnum("Require", ["completed", "reserve"])
+@dataclass(frozen=True)
+class SweepOptions:
+    """Which runs are made, by whom, and where they are kept."""
+
+    out: Annotated[str | None, Flag("-o --out", metavar="FILE")] = None
+    """Keep results in this file, or continue it."""
+
+    jobs: Annotated[int | None, Flag(low=1, high=1024)] = None
+    """Processes; default: one for each core."""
+
+    scheduler: Annotated[str | None, Flag(metavar="ADDRESS")] = None
+    """A Dask scheduler's workers, as in tcp://host:8786."""
+
+    shard: Annotated[str | None, Flag(metavar="I/N")] = None
+    """Part I of N alone, for an array of jobs on many machines."""
+
+    merge: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
+    """Add another file's results first; may repeat."""
+
+    retry: bool = False
+    """Try again the runs that could not be made."""
+
+    set_: Annotated[Sequence[str], Flag(metavar="KEY=VALUE")] = ()
+    """Set a scenario key in every run, as in time_limit_s=60."""
+
+    keep: Annotated[str | None, Flag(metavar="DIR")] = None
+    """Keep each flight's result folder here, linked from the page."""
+
+    dry_run: bool = False
+    """Print the runs; make none."""
+
+
+@dataclass(frozen=True)
+class SweepOutputs:
+    """What is printed of the runs, and what is required of them."""
+
+    table: Annotated[tuple[str, str] | None, Flag(metavar="KEY1 KEY2")] = None
+    """Means by two keys, over all others."""
+
+    value: Literal["completed", "reserve_kept", "duration_s", "soc_final", "quality", "energy_wh", "distance_m"] = (
+        "completed"
+    )
+    """The table's figure."""
+
+    plot: Annotated[str | None, Flag(metavar="FILE")] = None
+    """The table as a heat map, .svg or .png."""
+
+    require: Literal["completed", "reserve"] | None = None
+    """Exit 1 unless every flight completes; or keeps the reserve, too."""
+
+    junit: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Write the runs as a JUnit report of what is required [completed]."""
+
+    format: Literal["text", "csv", "jsonl"] = "text"
+    """How to print."""
 
 
 def command(
     file: Annotated[str, Argument(metavar="SWEEP.yaml", help="Sweep file, - for standard input.")],
-    out: Annotated[
-        str | None, Option("-o", "--out", metavar="FILE", help="Keep results in this file, or continue it.")
-    ] = None,
-    jobs: Annotated[int | None, Option(min=1, max=1024, help="Processes; default: one for each core.")] = None,
-    scheduler: Annotated[
-        str | None, Option(metavar="ADDRESS", help="A Dask scheduler's workers, as in tcp://host:8786.")
-    ] = None,
-    shard: Annotated[
-        str | None, Option(metavar="I/N", help="Part I of N alone, for an array of jobs on many machines.")
-    ] = None,
-    merge: Annotated[
-        list[str] | None, Option(metavar="FILE", help="Add another file's results first; may repeat.")
-    ] = None,
-    retry: Annotated[bool, Option("--retry", help="Try again the runs that could not be made.")] = False,
-    set_: Annotated[
-        list[str] | None,
-        Option("--set", help="Set a scenario key in every run, as in time_limit_s=60.", metavar="KEY=VALUE"),
-    ] = None,
-    table: Annotated[
-        tuple[str, str] | None, Option(metavar="KEY1 KEY2", help="Means by two keys, over all others.")
-    ] = None,
-    value: Annotated[Figure, Option(help="The table's figure.")] = Figure.completed,
-    plot: Annotated[str | None, Option(metavar="FILE", help="The table as a heat map, .svg or .png.")] = None,
-    require: Annotated[
-        Require | None, Option(help="Exit 1 unless every flight completes; or keeps the reserve, too.")
-    ] = None,
-    junit: Annotated[
-        str | None, Option(metavar="FILE", help="Write the runs as a JUnit report of what is required [completed].")
-    ] = None,
-    keep: Annotated[
-        str | None, Option(metavar="DIR", help="Keep each flight's result folder here, linked from the page.")
-    ] = None,
-    dry_run: Annotated[bool, Option("--dry-run", help="Print the runs; make none.")] = False,
-    format_: Annotated[SweepFormat, Option("--format", help="How to print.")] = SweepFormat.text,
+    options: SweepOptions,
+    output: SweepOutputs,
 ) -> int:
     """Example: eadp sweep scenarios/sweep-wind-battery.yaml --dry-run
 
@@ -87,56 +105,57 @@ def command(
     Exit code 0 if every run was made, whether its flight completes or not; 1 if some could not be made, or are not what
     --require asks for; 2 on bad input.
     """
+    from eadp.api.report import page_of, write_report
+    from eadp.api.sweep.sweep_file import read_sweep
     from eadp.cli import sweep_text
     from eadp.io.report.page import check_page
-    from eadp.io.report.result import page_of, write_report
     from eadp.io.scenario.scenario_file import read_overrides
     from eadp.io.sweep.results import Results
-    from eadp.io.sweep.sweep_file import read_sweep
     from eadp.io.text.streams import output_file, read_text, write_text
-    from eadp.simulation.sweep.design import shard as part_of
+    from eadp.models.sweep import shard as part_of
 
-    _check_options(out, jobs, scheduler, table, plot)
-    if out is not None and not dry_run:
+    _check_options(options, output)
+    out, table, require = options.out, output.table, output.require
+    if out is not None and not options.dry_run:
         check_page(page_of(out))
-    if junit is not None:
-        output_file(junit)
-    part, parts = _shard(shard)
-    sweep = read_sweep(read_text(file), read_overrides(set_ or ()))
+    if output.junit is not None:
+        output_file(output.junit)
+    part, parts = _shard(options.shard)
+    sweep = read_sweep(read_text(file), read_overrides(options.set_))
     _check_table(table, sweep)
     warn(sweep.warnings)
     indices = part_of(len(sweep.design), part, parts)
     keys = (sweep.run(index).key for index in indices)
-    if dry_run:
-        sweep_text.print_runs(sweep, indices, format_.value, _already_made(out, keys))
+    if options.dry_run:
+        sweep_text.print_runs(sweep, indices, output.format, _already_made(out, keys))
         return 0
     with contextlib.closing(Results(out)) as results:
-        for other in merge or []:
+        for other in options.merge:
             results.merge(other)
         results.expect(keys)
-        if retry:
+        if options.retry:
             results.forget_failures()
-        _make(sweep, indices, results, jobs, scheduler, keep, resumable=out is not None)
+        _make(sweep, indices, results, options)
         if out is not None:
-            write_report(out, keep=keep)
+            write_report(out, keep=options.keep)
         flights = sweep.flights(indices, results.rows())
-        if junit is not None:
-            write_text(junit, sweep_text.junit_text(sweep, flights, require or Require.completed))
-        if format_ is SweepFormat.jsonl and table is None:
+        if output.junit is not None:
+            write_text(output.junit, sweep_text.junit_text(sweep, flights, require or "completed"))
+        if output.format == "jsonl" and table is None:
             sweep_text.print_summaries(sweep, indices, results)
     if table is not None:
-        sweep_text.print_table(sweep, flights, table, value.value, format_.value, plot)
-    elif format_ is SweepFormat.csv:
+        sweep_text.print_table(sweep, flights, table, output.value, output.format, output.plot)
+    elif output.format == "csv":
         sweep_text.print_csv(sweep, flights)
-    elif format_ is SweepFormat.text:
+    elif output.format == "text":
         sweep_text.print_answer(sweep, flights, out)
     short = [] if require is None else [flight for flight in flights if not sweep_text.meets(flight, require)]
-    if format_ is SweepFormat.text and table is None:
+    if output.format == "text" and table is None:
         if require is not None:
             met = f"NO, not in {len(short)} of" if short else "yes, in all"
             emit(f"required   {require}: {met} {len(flights)} runs")
-        if junit is not None:
-            emit(f"written    {printable(junit)}")
+        if output.junit is not None:
+            emit(f"written    {printable(output.junit)}")
     if short:
         sys.stderr.write(f"eadp: {len(short)} of {len(flights)} runs are not what --require {require} asks for\n")
     return int(bool(short) or any(flight.error is not None for flight in flights))
@@ -145,16 +164,15 @@ def command(
 # --- options
 
 
-def _check_options(
-    out: str | None, jobs: int | None, scheduler: str | None, table: tuple[str, str] | None, plot: str | None
-) -> None:
-    if out == "-":
-        raise usage_fault("--out", out, "results cannot go to standard output", "a file; --format prints them")
-    if scheduler is not None and jobs is not None:
-        raise usage_fault("--jobs", str(jobs), "a scheduler has its own workers", "--jobs or --scheduler")
+def _check_options(options: SweepOptions, output: SweepOutputs) -> None:
+    scheduler, plot = options.scheduler, output.plot
+    if options.out == "-":
+        raise usage_fault("--out", "-", "results cannot go to standard output", "a file; --format prints them")
+    if scheduler is not None and options.jobs is not None:
+        raise usage_fault("--jobs", str(options.jobs), "a scheduler has its own workers", "--jobs or --scheduler")
     if scheduler is not None and not re.match(r"[a-z]+://.", scheduler):
         raise usage_fault("--scheduler", scheduler, f"{printable(scheduler)} is no address", "as in tcp://host:8786")
-    if plot is not None and table is None:
+    if plot is not None and output.table is None:
         raise usage_fault("--plot", plot, "a picture of no table", "--table KEY1 KEY2 too")
     if plot is not None and os.path.splitext(plot)[1].lower() not in (".svg", ".png"):
         raise usage_fault("--plot", plot, "is no picture's name", "a name that ends in .svg or .png")
@@ -194,22 +212,17 @@ def _already_made(out: str | None, keys: Iterable[str]) -> int | None:
         return sum(1 for _ in results.rows())
 
 
-def _make(
-    sweep: Sweep,
-    indices: Sequence[int],
-    results: Results,
-    jobs: int | None,
-    scheduler: str | None,
-    keep: str | None,
-    *,
-    resumable: bool,
-) -> None:
+def _make(sweep: Sweep, indices: Sequence[int], results: Results, options: SweepOptions) -> None:
     """Make the runs that are missing, with the progress on stderr."""
+    from eadp.api.sweep.run import missing_runs
     from eadp.core import compiled
-    from eadp.io.sweep.run import missing_runs
 
-    with missing_runs(sweep, indices, results, jobs, scheduler, keep) as (missing, workers, made):
-        if missing and scheduler is None:
+    with missing_runs(sweep, indices, results, options.jobs, options.scheduler, options.keep) as (
+        missing,
+        workers,
+        made,
+    ):
+        if missing and options.scheduler is None:
             why = compiled.why_off()
             if why is None and not compiled.kept():
                 sys.stderr.write(
@@ -224,7 +237,7 @@ def _make(
                 progress.add(result)
         except KeyboardInterrupt:
             progress.close()
-            if resumable:
+            if options.out is not None:
                 sys.stderr.write(f"sweep: {progress.done} of {missing} runs made; the same command makes the rest\n")
             raise
         finally:

@@ -10,12 +10,12 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
+from eadp.api.report import page_of
+from eadp.api.sweep.sweep_file import Sweep
 from eadp.cli.output import aligned, emit, json_text
 from eadp.errors import printable
-from eadp.io.report.result import page_of
 from eadp.io.sweep.results import COLUMNS, Results
-from eadp.io.sweep.sweep_file import Sweep
-from eadp.simulation.sweep.statistics import (
+from eadp.io.sweep.statistics import (
     Group,
     SweepFlight,
     Table,

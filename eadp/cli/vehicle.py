@@ -31,7 +31,7 @@ def command(
     Exit code 0 if it can fly as described, 1 if it cannot (it stalls, or its motor or battery is too weak), 2 on bad
     input.
     """
-    from eadp import api
+    from eadp.api import vehicle as use_case
     from eadp.io.vehicle.report import document
 
     if not 0 <= computing <= 1e6:
@@ -39,7 +39,7 @@ def command(
     if not 0 <= reserve < 1:
         raise usage_fault("--reserve", f"{reserve:g}", "no share of the charge", "0 or more, below 1")
     winds = _winds(wind)
-    vehicle, found = api.vehicle(file, winds, computing_w=computing, reserve_soc=reserve, warn=warn)
+    vehicle, found = use_case.vehicle(file, winds, computing_w=computing, reserve_soc=reserve, warn=warn)
     if plot:
         from eadp.io.figures.vehicle import write_vehicle_figure
 

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from eadp.core.geometry.curves import Point
+from eadp.core.geometry.dubins import Piece, Pose, ways_to_point
 
 if TYPE_CHECKING:
     from eadp.core.geometry.polygons import FreeSpace, Ring
+    from eadp.core.geometry.ways import WaysTo
 
 BOUNDARY = "the boundary"
 
@@ -120,3 +122,39 @@ class Airspace(NamedTuple):
 
 
 EVERYWHERE = Airspace()
+
+
+HOME_RADII = 1.5
+"""Radius of the turn home, in least turning radii: gusts and wind widen a turn."""
+
+
+class WayHome(NamedTuple):
+    """Where to return to, and how.
+
+    Attributes
+    ----------
+    position_m : (float, float)
+        [m].
+    turn_radius_m : float
+        Least radius of a turn [m].
+    turns_back : bool
+        Whether to fly home where the plan cannot be completed with the reserve kept.
+    ways : WaysTo or None
+        Round obstacles and within the boundary; None without either.
+    """
+
+    position_m: Point
+    turn_radius_m: float
+    turns_back: bool = False
+    ways: WaysTo | None = None
+
+    def line(self, start_m: Point) -> tuple[Point, ...]:
+        """The shortest way from a point [m]: where its straight lines end."""
+        found = self.ways and next(self.ways.lines(start_m), None)
+        return found or (self.position_m,)
+
+    def pieces(self, start: Pose) -> tuple[Piece, ...]:
+        """Turns and straight lines from a pose."""
+        if self.ways is not None:
+            return self.ways.pieces(start)
+        return ways_to_point(start, self.position_m, HOME_RADII * self.turn_radius_m)[0]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from annotated_types import Ge, Le, Len
 
@@ -17,7 +17,7 @@ from eadp.core.arrays import Column, FloatArray
 from eadp.core.bounds import NotNegative, Reserve
 from eadp.core.flight.wind import GUST_TIME_S
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Piece, Pose, ways_to_point
+from eadp.models.airspace import WayHome
 from eadp.models.battery import LIMITS, Battery
 from eadp.models.computing import Computing
 from eadp.models.energy import EnergyModel
@@ -26,11 +26,60 @@ from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
 from eadp.models.vehicle import FixedWing
 
-if TYPE_CHECKING:
-    from eadp.core.geometry.ways import WaysTo
-
 SOC_JUMP = 0.01
 Levels = Annotated[tuple[NotNegative, ...], Len(1, 1000)]
+
+
+class Sample(NamedTuple):
+    """One sample of telemetry; None where a quantity is not measured.
+
+    Attributes
+    ----------
+    time_s : float
+        Time of any clock that rises [s].
+    x_m, y_m : float or None
+        Position in the local frame [m].
+    power_w : float or None
+        Measured power of motion and computations [W].
+    soc : float or None
+        State of charge, 0 to 1.
+    stage : int or None
+        Stage being flown, from 1 within the plan's stages; None if the autopilot does not report it.
+    wind_mps, velocity_mps : (float, float) or None
+        Vector that the wind blows towards, and ground velocity [m/s].
+    heading_rad : float or None
+        Heading of the nose, 0 east, counter-clockwise [rad].
+    parameters : mapping of name to value
+        Reported to be in force.
+    stages_started : int or None
+        Stages started over the whole flight, the first included.
+    warnings : tuple of str
+        Codes of what is wrong with it.
+    airspeed_mps : float or None
+        Airspeed [m/s].
+    flies_mission : bool
+        Whether an autopilot flies a mission laid out before, so that its end is certain.
+    """
+
+    time_s: float
+    x_m: float | None
+    y_m: float | None
+    power_w: float | None
+    soc: float | None
+    stage: int | None = None
+    wind_mps: Point | None = None
+    velocity_mps: Point | None = None
+    heading_rad: float | None = None
+    parameters: Mapping[str, float] = {}
+    stages_started: int | None = None
+    warnings: tuple[str, ...] = ()
+    airspeed_mps: float | None = None
+    flies_mission: bool = False
+
+    @property
+    def position_m(self) -> Point | None:
+        """Its position [m]."""
+        return None if self.x_m is None or self.y_m is None else (self.x_m, self.y_m)
 
 
 class Observation(NamedTuple):
@@ -309,42 +358,6 @@ class SolverReport:
     by_status: dict[str, int] = field(default_factory=dict)
     gaps: list[float] = field(default_factory=list)
     solve_ms: list[float] = field(default_factory=list)
-
-
-HOME_RADII = 1.5
-"""Radius of the turn home, in least turning radii: gusts and wind widen a turn."""
-
-
-class WayHome(NamedTuple):
-    """Where to return to, and how.
-
-    Attributes
-    ----------
-    position_m : (float, float)
-        [m].
-    turn_radius_m : float
-        Least radius of a turn [m].
-    turns_back : bool
-        Whether to fly home where the plan cannot be completed with the reserve kept.
-    ways : WaysTo or None
-        Round obstacles and within the boundary; None without either.
-    """
-
-    position_m: Point
-    turn_radius_m: float
-    turns_back: bool = False
-    ways: WaysTo | None = None
-
-    def line(self, start_m: Point) -> tuple[Point, ...]:
-        """The shortest way from a point [m]: where its straight lines end."""
-        found = self.ways and next(self.ways.lines(start_m), None)
-        return found or (self.position_m,)
-
-    def pieces(self, start: Pose) -> tuple[Piece, ...]:
-        """Turns and straight lines from a pose."""
-        if self.ways is not None:
-            return self.ways.pieces(start)
-        return ways_to_point(start, self.position_m, HOME_RADII * self.turn_radius_m)[0]
 
 
 @dataclass(frozen=True)

@@ -7,10 +7,10 @@ from dataclasses import replace
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import constant
 from eadp.core.geometry.dubins import Pose
+from eadp.models.airspace import WayHome
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
-from eadp.planning.base import WayHome
 
 
 def home_plan(cursor: PlanCursor, pose: Pose, way_home: WayHome) -> Plan:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -15,16 +15,11 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
 from eadp.errors import EadpError, PathUndefined
 from eadp.models.airspace import Entry
-from eadp.models.battery import CUT_OFF, Battery, BatteryFault
-from eadp.models.computing import ComputationRate, Computing
+from eadp.models.battery import CUT_OFF
 from eadp.models.plan.cursor import Rules, Vector
 from eadp.models.plan.executor import PlanExecutor
-from eadp.models.plan.plan import Plan
-from eadp.models.plan.stage import Stage
-from eadp.models.sensors import Sensors
-from eadp.models.vehicle import Airframe, Guidance
-from eadp.models.weather import Wind
-from eadp.planning.base import DecisionRecord, Observation, Readings, WayHome
+from eadp.models.world import Step, World
+from eadp.planning.base import DecisionRecord, Observation, Readings
 from eadp.planning.estimation.estimator import PowerEstimate
 from eadp.planning.flight import PlannedFlight
 from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, state_of
@@ -43,81 +38,6 @@ WIND_S = 0.1
 
 TRACK_S = 0.1
 """Longest time between the points of a track that is checked for obstacles [s]."""
-
-
-class TakeOff(NamedTuple):
-    """State of the aircraft at take-off: where it is [m], and where its nose points [rad]."""
-
-    position_m: Point
-    heading_rad: float
-    altitude_m: float
-
-
-class Timing(NamedTuple):
-    """Times of a simulation.
-
-    Attributes
-    ----------
-    step_s : float
-        Time step [s].
-    log_every_s : float
-        Time between rows of the log [s]; infinite for no log, not even of the end.
-    time_limit_s : float
-        Time after which the flight is ended [s].
-    """
-
-    step_s: float = 0.01
-    log_every_s: float = 0.1
-    time_limit_s: float = 7200.0
-
-
-@dataclass(frozen=True)
-class World:
-    """Everything in a flight except the planner."""
-
-    plan: Plan
-    computing: Computing
-    vehicle: Airframe
-    guidance: Guidance
-    wind: Wind
-    battery: Battery
-    faults: tuple[BatteryFault, ...]
-    start: TakeOff
-    parameters: Vector
-    rules: Rules
-    clock: Timing
-    seed: int = 0
-    sensors: Sensors = field(default_factory=Sensors)
-    rates: Mapping[str, ComputationRate] = field(default_factory=dict)
-    """Computations, by parameter, that run at another rate than commanded."""
-    way_home: WayHome | None = None
-    """Where the aircraft flies when the planner gives the plan up, and how."""
-
-    def actual(self, parameters: Vector) -> Vector:
-        """Parameters with the rates at which the computations run in place of the commanded ones."""
-        if not self.rates:
-            return parameters
-        named = zip(self.plan.names, parameters, strict=True)
-        return tuple([self.rates[name].actual(value) if name in self.rates else value for name, value in named])
-
-    def computing_w(self, parameters: Vector, stage: Stage) -> float:
-        """Power of the computations [W] at the rates at which they run; raises Infeasible as `Computing.power_w`."""
-        return self.computing.power_w(self.actual(parameters), stage.sets)
-
-
-class Step(NamedTuple):
-    """A row of the log; `stage` is the index within the plan's stages, from 1."""
-
-    time_s: float
-    stage: int
-    x_m: float
-    y_m: float
-    altitude_m: float
-    heading_rad: float
-    power_w: float
-    power_forecast_w: float
-    soc: float
-    parameters: Vector
 
 
 @dataclass

@@ -9,8 +9,8 @@ import pytest
 from common import few_rows
 from common.answers import refused
 
+from eadp.api.cover import wind_vector_mps
 from eadp.core.geometry.geodesy import to_local_m
-from eadp.io.field.coverage import wind_vector_mps
 
 FLAGS = ("--min-radius", "30", "--swath", "30")
 BOX = "x_m,y_m\n0,0\n400,0\n400,300\n0,300\n"

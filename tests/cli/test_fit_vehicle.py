@@ -14,9 +14,9 @@ import pytest
 import yaml
 from common import ROOT
 
-from eadp.api import fit_vehicle
+from eadp import fit_vehicle
 from eadp.io.text.streams import read_text
-from eadp.io.vehicle.presets import read_vehicle
+from eadp.io.vehicle.vehicle_file import read_vehicle
 from eadp.models.vehicle import FixedWing, PowerCurve
 
 WING = FixedWing(

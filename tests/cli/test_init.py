@@ -8,9 +8,10 @@ import re
 import pytest
 from common import few
 
+from eadp.api.init import PRESETS
 from eadp.io.scenario.scenario_file import read_scenario
 from eadp.io.text.streams import Text, read_text
-from eadp.io.vehicle.presets import PRESETS, read_vehicle
+from eadp.io.vehicle.vehicle_file import read_vehicle
 from eadp.models.performance import performance
 
 

@@ -118,7 +118,7 @@ def test_a_bug_is_70_and_says_so_without_a_traceback(eadp, monkeypatch):
     def broken(_path):
         raise RuntimeError("the unexpected")
 
-    monkeypatch.setattr("eadp.io.text.streams.read_text", broken)
+    monkeypatch.setattr("eadp.api.plan.read_text", broken)
     answer = eadp("plan", "plans/survey.plan")
     assert answer.code == 70
     assert "bug" in answer.err
@@ -130,7 +130,7 @@ def test_an_interrupt_is_130(eadp, monkeypatch):
     def interrupted(_path):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("eadp.io.text.streams.read_text", interrupted)
+    monkeypatch.setattr("eadp.api.plan.read_text", interrupted)
     assert eadp("plan", "plans/survey.plan").code == cli.INTERRUPTED
 
 

@@ -55,7 +55,7 @@ class Computer:
 @pytest.fixture
 def computer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Computer:
     made = Computer(tmp_path / "sys")
-    monkeypatch.setattr("eadp.io.profile.measure_command.time", made)
+    monkeypatch.setattr("eadp.api.profile.time", made)
     monkeypatch.setattr("eadp.io.profile.measuring.launched", made.launched)
     return made
 

@@ -15,7 +15,7 @@ from common import ROOT, few
 from common.answers import refused
 from common.recorder import watched
 
-from eadp.io.flight.inputs import load_flight
+from eadp.api.inputs import load_flight
 from eadp.models.vehicle import FixedWing
 from eadp.simulation.loop import Outcome, fly
 
@@ -249,7 +249,7 @@ def test_power_and_quality_follow_the_rate_at_which_computations_run(eadp, tmp_p
 def test_a_planner_sees_the_power_and_the_commanded_rate():
     overrides = {"computations.c2.max_rate": 7.0, "time_limit_s": 20.0, "planner.name": "joint"}
     overrides["planner.joint.max_interval_s"] = 0
-    inputs = load_flight(str(ROOT / PLAN), scenario_path=str(ROOT / "scenarios/survey.yaml"), overrides=overrides)
+    inputs = load_flight(str(ROOT / PLAN), scenario=str(ROOT / "scenarios/survey.yaml"), overrides=overrides)
     flight, outcome = watched(inputs), Outcome()
     rows = {row.time_s: row.power_w for row in fly(inputs.world, flight, outcome)}
     shared = [o for o in flight.planner.seen if o.time_s in rows]
@@ -504,14 +504,14 @@ def test_too_little_memory_is_exit_2(eadp, monkeypatch):
     def hungry(*_args, **_options):
         raise MemoryError("Unable to allocate 7.28 TiB")
 
-    monkeypatch.setattr("eadp.api.simulate", hungry)
+    monkeypatch.setattr("eadp.cli.simulate.simulate", hungry)
     answer = eadp("simulate", "plans/survey.plan")
     assert (answer.code, answer.err) == (2, "eadp: error: not enough memory: Unable to allocate 7.28 TiB\n")
 
 
 def test_without_a_time_limit_a_flight_has_three_times_its_forecast():
     files = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
-    inputs = load_flight(files[0], scenario_path=files[1], overrides={"planner.name": "static", "wind.speed_mps": 0})
+    inputs = load_flight(files[0], scenario=files[1], overrides={"planner.name": "static", "wind.speed_mps": 0})
     forecast = inputs.preflight().forecast
     late_s = max(inputs.world.clock.time_limit_s / 3, forecast.remaining_s)
     assert forecast.remaining_s <= late_s < 1.15 * forecast.remaining_s

@@ -15,9 +15,9 @@ from common import ROOT
 from common.answers import refused
 
 import eadp as library
+from eadp.api.cover import CoverageOptions
+from eadp.api.sorties.plan import SortieOptions
 from eadp.cli.main import main
-from eadp.io.field.coverage import CoverageOptions
-from eadp.io.sorties.plan import SortieOptions
 
 MEADOW, WING = "plans/meadow.geojson", "vehicles/foam-wing.yaml"
 HOME = "55.4715,10.333"
@@ -262,7 +262,7 @@ def test_one_answer_first(eadp, tmp_path, scenario):
 @pytest.mark.parametrize(
     ("extra", "code", "words"),
     [
-        (("--sorties", "0"), 2, "--sorties:1:1: error: no number of sorties"),
+        (("--sorties", "0"), 2, "--sorties:1:1: error: 0 is out of range; expected from 1 to 200"),
         (("--sorties", "many"), 2, "auto, or a whole number"),
         (("--sorties", "1"), 2, "too few for the packs; expected"),
         (("--sorties", "auto", "--aircraft", "0"), 2, "--aircraft:1:1: error: 0 is out of range"),

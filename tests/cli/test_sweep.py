@@ -22,8 +22,8 @@ from common import ROOT, few
 from common.answers import refused
 from common.processes import hear_interrupts
 
+from eadp.api.sweep.sweep_file import read_sweep
 from eadp.core import compiled
-from eadp.io.sweep.sweep_file import read_sweep
 from eadp.io.text.streams import read_text
 
 SHIPPED = "scenarios/sweep-wind-battery.yaml"
@@ -147,7 +147,7 @@ def test_every_run_made_is_exit_0_whether_it_completes_or_not(eadp, folder):
 def test_it_says_that_it_compiles_where_no_machine_code_is_kept(eadp, folder, monkeypatch, kept):
     monkeypatch.setattr(compiled, "why_off", lambda: None)
     monkeypatch.setattr(compiled, "kept", lambda: kept)
-    monkeypatch.setattr("eadp.io.sweep.run.enable", lambda _on: False)
+    monkeypatch.setattr("eadp.api.sweep.run.enable", lambda _on: False)
     answer = eadp("sweep", folder / "sweep.yaml", "--jobs", 1, "--set", "time_limit_s=0.1")
     assert answer.err.count("compiling") == (not kept)
 
@@ -490,7 +490,7 @@ def test_standard_input(eadp, folder, monkeypatch):
 
 def test_the_estimate_and_the_progress(capsys, monkeypatch, folder):
     from eadp.cli import sweep as module
-    from eadp.simulation.sweep.design import Result
+    from eadp.models.sweep import Result
 
     clock = iter(range(0, 10_000, 15))
     monkeypatch.setattr("eadp.cli.sweep.time.monotonic", lambda: float(next(clock)))

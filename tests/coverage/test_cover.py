@@ -15,6 +15,7 @@ from common import draws, few, few_rows
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from eadp.api.inputs import load_flight
 from eadp.core.geometry.curves import wrap_angle_rad
 from eadp.coverage.cover import AUTO, DUBINS, PATTERNS, ZAMBONI, CoverageRequest, cover
 from eadp.coverage.plan_builder import FieldComputations, build_plan
@@ -22,7 +23,6 @@ from eadp.coverage.report import PowerDraw, covered_by_lines, path_report, round
 from eadp.coverage.swaths import CoverageLeg, MotionLimits, straight
 from eadp.errors import Infeasible
 from eadp.io.field.reader import read_field
-from eadp.io.flight.inputs import load_flight
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 from common import few_rows
 
-from eadp.io.flight.folder import fly_flight
-from eadp.io.flight.inputs import load_flight
+from eadp.api.flight import fly_flight
+from eadp.api.inputs import load_flight
 
 
 def flown(plan, profile=None, **keys):
-    inputs = load_flight(plan, profile_path=profile, overrides={"step_s": 0.05, "wind.speed_mps": 4, **keys})
+    inputs = load_flight(plan, profile=profile, overrides={"step_s": 0.05, "wind.speed_mps": 4, **keys})
     expected = inputs.preflight()
     return fly_flight(inputs, expected), expected
 

@@ -8,10 +8,10 @@ from dataclasses import replace
 import pytest
 from common import ROOT
 
+from eadp.api.inputs import load_flight
 from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
-from eadp.io.flight.inputs import load_flight
 from eadp.models.vehicle import AIRFRAMES, FixedWing, Guidance, PowerCurve
 from eadp.models.weather import Wind
 from eadp.simulation import loop
@@ -233,7 +233,7 @@ def test_a_climb_costs_ground_speed():
     """At 3 m/s of climb, 15 m/s of airspeed are √(15² − 3²) m/s over the ground."""
     inputs = load_flight(
         str(ROOT / "plans/survey.plan"),
-        scenario_path=str(ROOT / "scenarios/survey.yaml"),
+        scenario=str(ROOT / "scenarios/survey.yaml"),
         overrides={"planner.name": "static", "wind.speed_mps": 0, "start.altitude_m": 0.0, "time_limit_s": 4.0},
     )
     steps = list(loop.fly(inputs.world, inputs.flight(), loop.Outcome()))

@@ -15,8 +15,8 @@ from common.plans import PARTS
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from eadp.api.inputs import load_flight
 from eadp.core import compiled
-from eadp.io.flight.inputs import load_flight
 from eadp.simulation import loop
 from eadp.simulation.inner_loop import InnerLoop
 from eadp.simulation.loop import Outcome, fly, step_at
@@ -60,7 +60,7 @@ class EveryStep:
 
 
 def flown(overrides, plan=SURVEY, scenario=SCENARIO, wrapped=lambda planner: planner, on=False, world=lambda it: it):
-    inputs = load_flight(plan, scenario_path=scenario, overrides=overrides)
+    inputs = load_flight(plan, scenario=scenario, overrides=overrides)
     compiled.enable(on)
     outcome = Outcome()
     flight = inputs.flight()

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 from common import ROOT, few_rows
 
-from eadp.io.flight.folder import fly_flight, summarise
-from eadp.io.flight.inputs import load_flight
+from eadp.api.flight import fly_flight, summarise
+from eadp.api.inputs import load_flight
 from eadp.simulation.loop import Outcome, fly
 
 DURATION_SHARE = 1e-3
@@ -32,7 +32,7 @@ SAME_STATE_W = 0.005
 def flown(scenario, overrides=()):
     inputs = load_flight(
         str(ROOT / "plans/survey.plan"),
-        scenario_path=str(ROOT / f"scenarios/{scenario}.yaml"),
+        scenario=str(ROOT / f"scenarios/{scenario}.yaml"),
         overrides=dict(overrides),
     )
     flight, outcome = inputs.flight(), Outcome()
@@ -111,7 +111,7 @@ def drained(case, rules=()):
 def _drained(items):
     inputs = load_flight(
         str(ROOT / "plans/survey.plan"),
-        scenario_path=str(ROOT / "scenarios/paper-drained.yaml"),
+        scenario=str(ROOT / "scenarios/paper-drained.yaml"),
         overrides={key: ast.literal_eval(value) for key, value in items},
     )
     outcome = Outcome()
@@ -162,7 +162,7 @@ def test_path_and_power_follow_the_published_data(reference, flight):
 
 def test_the_states_of_the_published_filter_follow_the_published_data(reference):
     """Flight I from 100 s on. The letter's α0 is that of the whole power, ours of the motion's."""
-    inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=str(ROOT / "scenarios/paper-I-static.yaml"))
+    inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario=str(ROOT / "scenarios/paper-I-static.yaml"))
     estimates = fly_flight(inputs).estimates
     with open(reference / "flights/static-I_energy.csv", newline="") as stream:
         published = np.array([[float(cell) for cell in row] for row in csv.reader(stream) if row])

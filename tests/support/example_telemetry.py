@@ -11,7 +11,7 @@ import math
 from common import ROOT
 from common.recorder import watched
 
-from eadp.io.flight.inputs import load_flight
+from eadp.api.inputs import load_flight
 from eadp.simulation.loop import Outcome, fly
 
 LINES_APART = 100
@@ -21,7 +21,7 @@ LINES_APART = 100
 def example():
     """The lines of telemetry of a flight by the joint planner."""
     scenario = str(ROOT / "scenarios/survey.yaml")
-    inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario_path=scenario, overrides={"planner.name": "joint"})
+    inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario=scenario, overrides={"planner.name": "joint"})
     flight = watched(inputs, every_step=True)
     for _ in fly(inputs.world, flight, Outcome()):
         pass

@@ -20,8 +20,8 @@ from eadp.io.figures.canvas import (
     scale_by_decades,
     write_headline,
 )
-from eadp.io.log.flown_log import FilteredLog, FlownTrack
 from eadp.models.energy_fit import EnergyFit
+from eadp.planning.estimation.flown_log import FilteredLog, FlownTrack
 
 POINTS = 4000
 """Most samples drawn: a longer log is thinned evenly."""

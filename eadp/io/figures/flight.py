@@ -35,8 +35,8 @@ from eadp.models.plan.legs import leg_points
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.replay import PlanReplay
 from eadp.models.plan.stage import point_at
+from eadp.models.world import Step, World
 from eadp.planning.base import INFEASIBLE, JUMPED, TURNS_BACK, DecisionRecord
-from eadp.simulation.loop import Step, World
 
 APART = 0.015
 """Least distance of the marks of decisions, as a share of the path's extent or of the time."""

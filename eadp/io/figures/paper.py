@@ -10,8 +10,8 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.io.figures.canvas import COLOURS, Axes, figure_pair, legend_above, write_none
 from eadp.io.figures.fit import draw_periodogram
+from eadp.models.world import Step, World
 from eadp.planning.estimation.estimator import PowerEstimate
-from eadp.simulation.loop import Step, World
 
 DETAIL_PERIODS = 4
 DETAIL_S = 120.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from eadp.errors import printable
 from eadp.io.figures.canvas import COLOURS, Axes, figure_file
-from eadp.simulation.sweep.statistics import Table
+from eadp.io.sweep.statistics import Table
 
 TITLES = {
     "completed": "share of flights that complete",

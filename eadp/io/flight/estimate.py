@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from eadp.models.battery import Battery
+from eadp.models.world import Step
 from eadp.planning.estimation.estimator import LOOK_AHEADS, PowerEstimate
-from eadp.simulation.loop import Step
 
 DIGITS = 6
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.signals.spectrum import MIN_SAMPLES
 from eadp.errors import Fault, InputError
+from eadp.io.text.options import Flag
 
 LARGEST_W = 1e9
 """Largest power, voltage or current [W, V, A]: beyond it, a log is not of a small aircraft."""
@@ -32,24 +33,42 @@ GAP = 5.0
 
 
 @dataclass(frozen=True)
-class Columns:
-    """The columns to read; '' chooses one by its name.
+class ColumnOptions:
+    """Which columns of a log are read."""
 
-    `names` are those of the first columns of a file without a header, '' for a column to skip. `factors` asks for
-    voltage and current even if there is a power; `also` for other columns, by name; `motion` for the motion that the
-    log has, in the columns `MOTION` of `also`; `instance` is the battery of an autopilot's log. Positions in degrees
-    become metres about `origin_deg`, None for the first of them.
+    time: Annotated[str, Flag(metavar="NAME")] = ""
+    """The column of time."""
+
+    power: Annotated[str, Flag(metavar="NAME")] = ""
+    """The column of power."""
+
+    voltage: Annotated[str, Flag(metavar="NAME")] = ""
+    """The column of voltage."""
+
+    current: Annotated[str, Flag(metavar="NAME")] = ""
+    """The column of current."""
+
+    names: Annotated[Sequence[str], Flag("--columns", metavar="NAME,…")] = ()
+    """Names of the first columns of a log without a header, empty for a column to skip."""
+
+    time_unit: Literal["s", "ms", "us", "ns", "min", "h"] | None = None
+    """Unit of the times, where their column's name has none."""
+
+    instance: Annotated[int | None, Flag(metavar="N")] = None
+    """Which battery of an autopilot's log."""
+
+
+@dataclass(frozen=True)
+class Columns(ColumnOptions):
+    """The columns to read.
+
+    `factors` asks for voltage and current even if there is a power; `also` for other columns, by name; `motion` for the
+    motion that the log has, in the columns `MOTION` of `also`. Positions in degrees become metres about `origin_deg`,
+    None for the first of them.
     """
 
-    time: str = ""
-    power: str = ""
-    voltage: str = ""
-    current: str = ""
-    names: Sequence[str] = ()
-    time_unit: str = ""
     factors: bool = False
     also: Sequence[str] = ()
-    instance: int | None = None
     motion: bool = False
     origin_deg: tuple[float, float] | None = None
 

@@ -13,9 +13,9 @@ import numpy as np
 from eadp.core.geometry.curves import LINE, Point
 from eadp.errors import EadpError
 from eadp.io.flight.coverage import flown_coverage, flown_of_plan
-from eadp.io.flight.inputs import FlightInputs
 from eadp.io.report.thinning import changes, evenly, significant, thinned
 from eadp.io.report.words import flight_facts, flight_words, setting_text
+from eadp.io.scenario.scenario_file import Scenario
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import Plan
@@ -23,6 +23,7 @@ from eadp.models.plan.replay import PlanReplay, legs_from
 from eadp.models.plan.stage import point_at
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.weather import Wind
+from eadp.models.world import World
 from eadp.planning.base import FALLBACK, INFEASIBLE, TIME, TURNS_BACK
 
 POSITION_M, HEADING_RAD, SOC, ALTITUDE_M = 0.3, 0.05, 5e-4, 0.5
@@ -52,7 +53,8 @@ class FlownFlight:
 
     Attributes
     ----------
-    inputs : FlightInputs
+    world : World
+    scenario : Scenario
     summary : mapping
         As `summary.json`.
     columns : mapping of str to sequence of float
@@ -63,7 +65,8 @@ class FlownFlight:
         The lines of `decisions.jsonl`.
     """
 
-    inputs: FlightInputs
+    world: World
+    scenario: Scenario
     summary: Mapping[str, Any]
     columns: Mapping[str, Sequence[float]]
     estimates: Sequence[Sequence[Any]]
@@ -72,7 +75,7 @@ class FlownFlight:
 
 def flight_data(flight: FlownFlight) -> dict[str, Any]:
     """The data of a flight's page."""
-    world, summary = flight.inputs.world, flight.summary
+    world, summary = flight.world, flight.summary
     plan, columns = world.plan, flight.columns
     times = columns["time_s"]
     parameters = [
@@ -93,7 +96,7 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
         "title": plan.name.rpartition("/")[2],
         "words": [
             *flight_words(summary, flight.decisions, world.faults),
-            f"It flew with {setting_text(flight.inputs.scenario)}.",
+            f"It flew with {setting_text(flight.scenario)}.",
         ],
         "completed": summary["completed"],
         "end": {key: summary[key] for key in ("reason", "duration_s", "energy_wh", "soc_final", "quality")},

@@ -8,40 +8,10 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from eadp.errors import InputError
 from eadp.io.figures.flights import DrawnFlight, write_flights_figure
-from eadp.io.report.result_folder import read_folder
 from eadp.io.report.words import label_of, parameter_text
 
 Row = tuple[str, Callable[[Mapping[str, Any]], str]]
-
-
-def read_flights(folders: Sequence[str]) -> list[DrawnFlight]:
-    """The flights of result folders, each named by its planner, or by its folder where two have one planner.
-
-    Raises
-    ------
-    InputError
-        If a folder stands twice, or as `read_folder`.
-    """
-    places = [Path(folder).resolve() for folder in folders]
-    for i, place in enumerate(places):
-        if place in places[:i]:
-            raise InputError.at(folders[i], 1, 1, "stands twice", "folders of different flights")
-    flights = [read_folder(Path(folder)) for folder in folders]
-    planners = [flight.summary["planner"] for flight in flights]
-    names = planners if len(set(planners)) == len(planners) else [place.name for place in places]
-    if len(set(names)) < len(names):
-        names = list(folders)
-    return [
-        DrawnFlight(
-            name if flight.summary["completed"] else f"{name}: NOT completed",
-            flight.inputs.world.plan,
-            flight.summary,
-            flight.columns,
-        )
-        for name, flight in zip(names, flights, strict=True)
-    ]
 
 
 UNKNOWN = "–"

@@ -18,10 +18,10 @@ from eadp.io.report.flight import (
     SOC,
     decisions_data,
 )
-from eadp.io.report.result_folder import json_lines
 from eadp.io.report.thinning import changes, thinned
 from eadp.io.report.words import log_words
 from eadp.io.telemetry.log import APPLIED, MISSION, SCHEMA, START, TELEMETRY
+from eadp.io.text.json import json_lines
 from eadp.io.text.streams import Text
 
 GAP_S, GAP_INTERVALS = 10.0, 10.0

@@ -13,7 +13,7 @@ from typing import Any
 from eadp.io.report.thinning import significant
 from eadp.io.report.words import sweep_words
 from eadp.io.sweep.results import COLUMNS, Results
-from eadp.simulation.sweep.statistics import SweepFlight, label_of
+from eadp.io.sweep.statistics import SweepFlight, label_of
 
 MAX_RUNS = 20_000
 MAX_BYTES = 2_500_000

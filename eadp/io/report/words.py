@@ -9,11 +9,11 @@ from typing import Any
 from eadp.core.geometry.bearings import compass_deg
 from eadp.errors import printable
 from eadp.io.scenario.scenario_file import Scenario
+from eadp.io.sweep.statistics import SweepFlight, marginal, wilson_interval
 from eadp.models.airspace import risk_text
 from eadp.models.battery import LIMITS, BatteryFault
 from eadp.models.vehicle import PaperVehicle
 from eadp.planning.base import INFEASIBLE, TURNS_BACK
-from eadp.simulation.sweep.statistics import SweepFlight, marginal, wilson_interval
 
 SHOWN = 3
 """Most changes that are named one by one."""

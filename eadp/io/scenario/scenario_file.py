@@ -449,9 +449,20 @@ def read_override(raw: str) -> tuple[str, Any]:
         raise InputError.at("--set", 1, column, first.message, first.expected, raw) from None
 
 
+def plain(value: Any) -> Any:
+    """A value of mappings, lists and what YAML has: arrays become lists, and paths texts."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(inner) for inner in value]
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
+
+
 def value_text(value: Any) -> str:
-    """A value as text that is both JSON and YAML; arrays become lists, and paths texts."""
-    return json.dumps(value, default=lambda other: other.tolist() if hasattr(other, "tolist") else str(other))
+    """A value as text that is both JSON and YAML."""
+    return json.dumps(plain(value))
 
 
 def override_texts(

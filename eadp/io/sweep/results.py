@@ -24,7 +24,7 @@ from urllib.parse import quote
 from eadp import __version__
 from eadp.errors import InputError, printable
 from eadp.io.text.streams import output_file
-from eadp.simulation.sweep.design import Result, Run
+from eadp.models.sweep import Result, Run
 
 APPLICATION_ID = 0x65616470
 """`eadp` in ASCII, as SQLite's identifier of an application's files."""

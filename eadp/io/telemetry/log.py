@@ -19,8 +19,7 @@ from eadp import __version__
 from eadp.errors import Fault, InputError
 from eadp.io.telemetry.reader import KEYS, TelemetryReader
 from eadp.io.text.streams import Text
-from eadp.planning.base import Mission
-from eadp.planning.track.gate import Sample
+from eadp.planning.base import Mission, Sample
 
 SCHEMA = "eadp.replan-log/1"
 START, TELEMETRY, DECISION, APPLIED, MISSION = "start", "telemetry", "decision", "applied", "mission"
@@ -28,7 +27,7 @@ SYNC_EVERY_S = 1.0
 """Maximum loss at a power cut [s]; a kill loses nothing that is written."""
 
 
-def hash_of(texts: Mapping[str, Text], overrides: Mapping[str, Any]) -> str:
+def hash_of(texts: Mapping[str, Any], overrides: Mapping[str, Any]) -> str:
     """Hash of the texts of the inputs, and of the settings on the command line."""
     bodies = {kind: text.body for kind, text in texts.items()}
     whole = json.dumps([bodies, dict(overrides)], sort_keys=True, default=str)

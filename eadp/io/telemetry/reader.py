@@ -18,8 +18,7 @@ from eadp.io.text.json import JsonObject, JsonReader
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
-from eadp.planning.base import Mission
-from eadp.planning.track.gate import Sample
+from eadp.planning.base import Mission, Sample
 
 LINE_LIMIT_BYTES = 65_536
 MAX_UNKNOWN_KEYS = 100

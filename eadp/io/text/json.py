@@ -15,6 +15,7 @@ from typing import Any
 
 from eadp.errors import InputError, printable
 from eadp.io.text.source import SourceText
+from eadp.io.text.streams import Text
 
 NESTING_LIMIT = 50
 """Greatest nesting of lists and objects, the document included."""
@@ -152,3 +153,24 @@ class JsonReader:
             if c != ",":
                 raise self._fail(i, "a comma or }")
             i = self._skip(i + 1)
+
+
+def json_lines(text: Text, *, whole: bool = False) -> list[dict[str, Any]]:
+    """The objects of a text, one a line; with `whole`, the one that the text is.
+
+    Raises
+    ------
+    InputError
+        At what is no JSON object.
+    """
+    documents = []
+    for number, line in enumerate([text.body] if whole else text.body.splitlines(), 1):
+        try:
+            document = json.loads(line)
+        except (ValueError, RecursionError) as error:
+            place = getattr(error, "lineno", 1) + number - 1, getattr(error, "colno", 1)
+            raise InputError.at(text.name, *place, "is not JSON", "a JSON object") from None
+        if not isinstance(document, dict):
+            raise InputError.at(text.name, number, 1, "is no JSON object", "a JSON object")
+        documents.append(document)
+    return documents

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 from pydantic import Discriminator, Tag
 
 from eadp.errors import Fault, printable, refuse
-from eadp.io.text.schema_faults import STRICT, schema_of, validated, without_nulls
+from eadp.io.text.schema_faults import STRICT, keys_document, schema_of, validated, without_nulls
+from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, Path
 from eadp.models.battery import Battery
 from eadp.models.doubts import aircraft_doubts
@@ -111,3 +112,14 @@ def airframe_faults(document: Document, vehicle: Any, at: Path = ()) -> list[Fau
             message = f"{'.'.join(map(str, place))}.{key} is a key of model {', '.join(owners)}, not of {model}"
             faults.append(document.fault((*place, key), message, f"keys of model {model} alone"))
     return faults
+
+
+def read_vehicle(text: Text) -> VehicleFile:
+    """The vehicle of a file's text.
+
+    Raises
+    ------
+    InputError
+        With every fault found.
+    """
+    return vehicle_of(keys_document(text, SCHEMA))

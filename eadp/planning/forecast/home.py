@@ -12,8 +12,8 @@ import numpy as np
 from eadp.core.flight.battery import drain_per_s
 from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.curves import Point
+from eadp.models.airspace import HOME_RADII, WayHome
 from eadp.models.plan.legs import leg_points
-from eadp.planning.base import HOME_RADII, WayHome
 from eadp.planning.forecast.evaluate import Evaluation
 from eadp.planning.forecast.final_charge import LOSS, LOSS_SQUARE, FinalCharge
 from eadp.planning.forecast.knapsack import Filling

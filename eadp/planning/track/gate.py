@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import NamedTuple
 
 from eadp.core.geometry.curves import Point
+from eadp.planning.base import Sample
 
 GAP_S, GAP_STEPS = 5.0, 3.0
 """A gap: minimum length [s], and in multiples of the step before."""
@@ -28,58 +28,6 @@ DRAINED_SHARE = 0.5
 """Share of the charge drained at the mean rate so far above which a time has passed."""
 
 CLOCK = "clock"
-
-
-class Sample(NamedTuple):
-    """One sample of telemetry; None where a quantity is not measured.
-
-    Attributes
-    ----------
-    time_s : float
-        Time of any clock that rises [s].
-    x_m, y_m : float or None
-        Position in the local frame [m].
-    power_w : float or None
-        Measured power of motion and computations [W].
-    soc : float or None
-        State of charge, 0 to 1.
-    stage : int or None
-        Stage being flown, from 1 within the plan's stages; None if the autopilot does not report it.
-    wind_mps, velocity_mps : (float, float) or None
-        Vector that the wind blows towards, and ground velocity [m/s].
-    heading_rad : float or None
-        Heading of the nose, 0 east, counter-clockwise [rad].
-    parameters : mapping of name to value
-        Reported to be in force.
-    stages_started : int or None
-        Stages started over the whole flight, the first included.
-    warnings : tuple of str
-        Codes of what is wrong with it.
-    airspeed_mps : float or None
-        Airspeed [m/s].
-    flies_mission : bool
-        Whether an autopilot flies a mission laid out before, so that its end is certain.
-    """
-
-    time_s: float
-    x_m: float | None
-    y_m: float | None
-    power_w: float | None
-    soc: float | None
-    stage: int | None = None
-    wind_mps: Point | None = None
-    velocity_mps: Point | None = None
-    heading_rad: float | None = None
-    parameters: Mapping[str, float] = {}
-    stages_started: int | None = None
-    warnings: tuple[str, ...] = ()
-    airspeed_mps: float | None = None
-    flies_mission: bool = False
-
-    @property
-    def position_m(self) -> Point | None:
-        """Its position [m]."""
-        return None if self.x_m is None or self.y_m is None else (self.x_m, self.y_m)
 
 
 class Notice(NamedTuple):

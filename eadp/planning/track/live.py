@@ -20,12 +20,12 @@ from eadp.errors import EadpError, printable
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.legs import rest_of
 from eadp.models.plan.route import PlannedLegs, RoutePredictor
-from eadp.planning.base import Decision, Ending, Mission, Observation, next_multiple
+from eadp.planning.base import Decision, Ending, Mission, Observation, Sample, next_multiple
 from eadp.planning.flight import PlannedFlight
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.track.acquisition import Acquisition
-from eadp.planning.track.gate import SLACK_M, SPEED_FACTOR, Notice, Sample
+from eadp.planning.track.gate import SLACK_M, SPEED_FACTOR, Notice
 from eadp.planning.track.locator import Sighting
 from eadp.planning.track.plan_tracker import Messages, PlanTracker
 

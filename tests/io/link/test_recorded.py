@@ -14,8 +14,8 @@ pytest.importorskip("pyulog")
 from common.plans import ORIGIN, placed_survey
 from mavlink_vehicle import VOLTS, Autopilot, frames, is_near, recorded, tlog
 
+from eadp.api.inputs import load_flight
 from eadp.core.geometry.geodesy import to_geodetic_deg
-from eadp.io.flight.inputs import load_flight
 from eadp.io.link.lines import LineMaker
 from eadp.io.link.mavlink import Codec
 from eadp.io.link.messages import WANTED, values_of
@@ -144,7 +144,7 @@ def made_lines(inputs, values, items=None):
 
 @FORMS
 def test_lines_are_those_of_the_messages(plan, lines, tmp_path, form, made):
-    inputs = load_flight(str(plan), scenario_path=SCENARIO)
+    inputs = load_flight(str(plan), scenario=SCENARIO)
     path = tmp_path / "flight.log"
     path.write_bytes(WRITERS[form](made(lines)))
     logged, maker = made_lines(inputs, log_values(str(path), form))
@@ -176,7 +176,7 @@ def test_the_item_gives_the_stage(eadp, plan, lines, tmp_path, form, made):
     mission = tmp_path / "survey.waypoints"
     assert eadp("export", plan, "--to", "ardupilot", "-o", mission).code == 0
     items = read_items(f"{mission}.items.json", ("c1",))
-    inputs, path = load_flight(str(plan), scenario_path=SCENARIO), tmp_path / "flight.log"
+    inputs, path = load_flight(str(plan), scenario=SCENARIO), tmp_path / "flight.log"
     path.write_bytes(WRITERS[form](made(lines, range(form == "dataflash", len(items)))))
     logged, _ = made_lines(inputs, log_values(str(path), form), items)
     for line, item in zip(logged, items, strict=False):
@@ -201,7 +201,7 @@ def test_decisions_are_those_of_the_flight(eadp, plan, lines, tmp_path, name, fo
 def test_a_log_without_a_state_is_of_a_flight(plan, lines, tmp_path):
     path = tmp_path / "flight.bin"
     path.write_bytes(dataflash({k: v for k, v in ardupilot(lines).items() if k != "ARM"}))
-    inputs = load_flight(str(plan), scenario_path=SCENARIO)
+    inputs = load_flight(str(plan), scenario=SCENARIO)
     logged, maker = made_lines(inputs, log_values(str(path), "dataflash"))
     assert len(logged) == len(lines) + 1  # after the landing, too
     assert not maker.landed

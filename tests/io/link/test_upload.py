@@ -13,11 +13,11 @@ pytest.importorskip("pymavlink")
 from common.plans import ORIGIN, placed_survey
 from mavlink_vehicle import Autopilot, MissionHolder, frames, recorded
 
+from eadp.api.inputs import load_flight
+from eadp.api.replan.link import LinkFlight, LinkOptions
 from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import InputError
-from eadp.io.flight.inputs import load_flight
-from eadp.io.link.flight import LinkFlight, LinkOptions
 from eadp.io.link.mavlink import Codec
 from eadp.io.link.messages import WANTED
 from eadp.io.link.upload import HeldMission, _equal
@@ -38,7 +38,7 @@ def plan(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def inputs(plan):
-    return load_flight(str(plan), scenario_path=SCENARIO)
+    return load_flight(str(plan), scenario=SCENARIO)
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from eadp import api
+from eadp import read_plan
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import InputError
 from eadp.io.mission.draft import WAYPOINT
@@ -22,7 +22,7 @@ ORIGIN = (55.37, 10.43)
 
 @pytest.fixture(scope="module")
 def survey():
-    return api.read_plan("plans/survey.plan")
+    return read_plan("plans/survey.plan")
 
 
 def mapped(plan, parameters, **given):

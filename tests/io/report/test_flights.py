@@ -9,8 +9,9 @@ import pytest
 from common import ROOT
 from common.answers import refused
 
-from eadp.api import simulate
-from eadp.io.report.flights import comparison, draw_flights, read_flights, table_text
+from eadp import simulate
+from eadp.api.result_folder import read_flights
+from eadp.io.report.flights import comparison, draw_flights, table_text
 
 PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
 

@@ -11,8 +11,8 @@ from common.pages import Page
 
 from eadp.io.report import sweep as sweep_page
 from eadp.io.sweep.results import Results
-from eadp.simulation.sweep.design import Result, Run
-from eadp.simulation.sweep.statistics import wilson_interval
+from eadp.io.sweep.statistics import wilson_interval
+from eadp.models.sweep import Result, Run
 
 LINE = "0.1; 90; x\n0, 400\n"
 SWEEP = """schema: eadp.sweep/1

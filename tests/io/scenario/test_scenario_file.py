@@ -8,9 +8,9 @@ import pytest
 from common import ROOT
 from settings_page import pages
 
+from eadp.api.inputs import load_flight
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import InputError
-from eadp.io.flight.inputs import load_flight
 from eadp.io.scenario.scenario_file import json_schema, read_scenario
 from eadp.io.text.schema_faults import properties
 from eadp.io.vehicle import vehicle_file
@@ -201,7 +201,7 @@ def test_a_plan_without_an_origin_has_no_latitudes():
     with pytest.raises(InputError) as refused:
         load_flight(
             str(ROOT / "plans/survey.plan"),
-            scenario_path=str(ROOT / "scenarios/survey.yaml"),
+            scenario=str(ROOT / "scenarios/survey.yaml"),
             overrides={"home": {"lat_deg": 55.37, "lon_deg": 10.43}},
         )
     assert "the plan has no origin" in str(refused.value.faults[0])

@@ -17,7 +17,7 @@ from common import few
 from eadp.errors import InputError
 from eadp.io.sweep import results as results_file
 from eadp.io.sweep.results import COLUMNS, Results
-from eadp.simulation.sweep.design import Result, Run
+from eadp.models.sweep import Result, Run
 
 RUNS = [Run(i, f"key{i}", {"plan": "p"}, {"seed": i, "wind.speed_mps": 1}) for i in range(6)]
 SUMMARY = {"completed": True, "reason": "r", "duration_s": 2.5, "soc_final": 0.25, "quality": None, "more": [1]}
@@ -41,7 +41,7 @@ def keys(runs):
 OTHER = """
 import sys
 from eadp.io.sweep.results import Results
-from eadp.simulation.sweep.design import Result, Run
+from eadp.models.sweep import Result, Run
 runs = [Run(i, f"key{i}", {}, {"seed": i}) for i in range(3)]
 results = Results(sys.argv[1])
 mine, theirs = results.claim(runs)

@@ -13,8 +13,8 @@ from common import ROOT
 from common.forecasts import survey_inputs
 from common.plans import TWO_BLOCKS
 
+from eadp.api.inputs import load_flight
 from eadp.cli.main import main
-from eadp.io.flight.inputs import load_flight
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.cursor import PlanCursor
@@ -48,7 +48,7 @@ def covered(tmp_path_factory):
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(io.StringIO()):
             assert main([*field, *flags, "--profile", profile]) == 0
         path.write_text(out.getvalue())
-        found[name] = load_flight(str(path), overrides={"planner.name": "static"}, profile_path=profile)
+        found[name] = load_flight(str(path), overrides={"planner.name": "static"}, profile=profile)
     return found
 
 

@@ -38,9 +38,10 @@ from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
 from eadp.models.plan.trace import default_start, nominal_legs
 from eadp.models.vehicle import FixedWing, Guidance
 from eadp.models.weather import Wind
+from eadp.models.world import TakeOff, Timing, World
 from eadp.planning.base import Mission, PlannerSettings
 from eadp.planning.static import StaticPlanner
-from eadp.simulation.loop import Outcome, TakeOff, Timing, World, fly
+from eadp.simulation.loop import Outcome, fly
 
 MICROMETRE, MILLIMETRE = 1e-6, 1e-3
 STEP_M = 2.0

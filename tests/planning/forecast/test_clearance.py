@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from common import few_rows
 
+from eadp.api.inputs import load_flight
 from eadp.core.geometry.polygons import holding, near_edges
-from eadp.io.flight.inputs import load_flight
 from eadp.simulation.loop import Outcome, fly
 
 PLAN = """%: trigger-radius 10

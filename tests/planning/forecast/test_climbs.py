@@ -6,10 +6,10 @@ import math
 
 import pytest
 
+from eadp.api.inputs import load_flight
 from eadp.core import compiled
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.errors import InputError
-from eadp.io.flight.inputs import load_flight
 from eadp.models.vehicle import FixedWing
 from eadp.planning.state.climb import ClimbFollower
 from eadp.simulation.loop import Outcome, fly

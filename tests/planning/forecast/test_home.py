@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from common.forecasts import CALM, Forecasting, survey_inputs
 
-from eadp.planning.base import HOME_RADII
+from eadp.models.airspace import HOME_RADII
 from eadp.planning.forecast.evaluate import Objective
 from eadp.planning.forecast.home import home_spare, latest_turn_back
 from eadp.planning.state.known import WindKnown

@@ -13,10 +13,10 @@ from common import ROOT, few
 from common.observations import Piloted, observation
 from common.recorder import Recorder, watched
 
+from eadp.api.flight import record_row
+from eadp.api.inputs import load_flight
 from eadp.core.flight.battery import soc_rate_per_s
 from eadp.errors import InputError
-from eadp.io.flight.folder import record_row
-from eadp.io.flight.inputs import load_flight
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
@@ -56,7 +56,7 @@ class SweepFlight(NamedTuple):
 def flown(plan=str(ROOT / "plans/survey.plan"), **overrides):
     inputs = load_flight(
         plan,
-        scenario_path=str(ROOT / "scenarios/survey.yaml"),
+        scenario=str(ROOT / "scenarios/survey.yaml"),
         overrides={"step_s": STEP_S, **overrides},
     )
     flight, outcome = watched(inputs), Outcome()
@@ -318,7 +318,7 @@ def test_before_it_starts_a_jump_alone_is_answered_and_looks_stay_rare():
 def test_a_gauge_that_is_stuck_is_warned_of(stuck):
     inputs = load_flight(
         str(ROOT / "plans/survey.plan"),
-        scenario_path=str(ROOT / "scenarios/survey.yaml"),
+        scenario=str(ROOT / "scenarios/survey.yaml"),
         overrides={"step_s": STEP_S, **CALM, "battery.capacity_ah": 0.6, "time_limit_s": 200},
     )
     flight, outcome = inputs.flight(), Outcome()

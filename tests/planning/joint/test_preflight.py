@@ -13,8 +13,8 @@ from common.plans import STADIUM
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from eadp.api.inputs import Files, load_flight
 from eadp.cli.main import main
-from eadp.io.flight.inputs import Files, load_flight
 from eadp.io.text.streams import Text
 from eadp.simulation.loop import Outcome, fly
 
@@ -35,7 +35,7 @@ def meadow(tmp_path_factory):
 
 def inputs_of(plan, planner, **overrides):
     fixed = {"planner.name": planner, "step_s": 0.05, "faults": [], "wind.speed_mps": 0.0, **overrides}
-    return load_flight(str(plan), scenario_path=str(ROOT / "scenarios/survey.yaml"), overrides=fixed)
+    return load_flight(str(plan), scenario=str(ROOT / "scenarios/survey.yaml"), overrides=fixed)
 
 
 def flown(inputs):

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from common.forecasts import plan_inputs, survey_inputs
 
-from eadp.io.flight.inputs import load_flight
+from eadp.api.inputs import load_flight
 from eadp.planning.base import Observation, Readings
 from eadp.planning.state import flight_state as module
 from eadp.planning.state.flight_state import FlightState

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from common import ROOT
 
+from eadp.api.inputs import load_flight
 from eadp.core import compiled
-from eadp.io.flight.inputs import load_flight
 from eadp.planning.state.power_gate import MAX_RATIO, PERSISTENT_S, PowerGate
 from eadp.simulation.loop import Outcome, fly
 
@@ -75,7 +75,7 @@ def corrupt(state, false_w):
 def quality(false_w):
     inputs = load_flight(
         str(ROOT / "plans/survey.plan"),
-        scenario_path=str(ROOT / "scenarios/survey.yaml"),
+        scenario=str(ROOT / "scenarios/survey.yaml"),
         overrides={"step_s": 0.05, "faults": [], "wind.gust_std_mps": 0.5, "battery.capacity_ah": 0.4},
     )
     flight, outcome = inputs.flight(), Outcome()

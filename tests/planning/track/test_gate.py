@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from eadp.planning.track.gate import CLOCK, FROZEN_S, MIN_AGREEING, MIN_BACK, OutlierGate, Sample
+from eadp.planning.base import Sample
+from eadp.planning.track.gate import CLOCK, FROZEN_S, MIN_AGREEING, MIN_BACK, OutlierGate
 
 SPEED = 15.0
 

@@ -14,12 +14,13 @@ from common.recorder import Recorder, watched
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eadp.io.flight.inputs import Files, load_flight
+from eadp.api.inputs import Files, load_flight
 from eadp.io.text.streams import Text
+from eadp.planning.base import Sample
 from eadp.planning.flight import make_flight
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.track.applied import APART_S, APPLY_S, AppliedParameters
-from eadp.planning.track.gate import OutlierGate, Sample
+from eadp.planning.track.gate import OutlierGate
 from eadp.planning.track.live import COMPLETED, EMPTY, LiveFlight, _GroundVelocity
 from eadp.simulation.loop import Outcome, fly
 
@@ -31,7 +32,7 @@ NEAR_C1 = 40.0
 def inputs_of(planner="joint", **overrides):
     return load_flight(
         str(ROOT / "plans/survey.plan"),
-        scenario_path=str(ROOT / "scenarios/survey.yaml"),
+        scenario=str(ROOT / "scenarios/survey.yaml"),
         overrides={"planner.name": planner, **overrides},
     )
 

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from eadp.simulation.sweep.design import (
+from eadp.models.sweep import (
     DIED,
     LATIN,
     Choice,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from common import ROOT
+from eadp.api.inputs import load_flight
 from eadp.errors import PathUndefined
-from eadp.io.flight.inputs import load_flight
 from eadp.models.plan.route import RoutePredictor
 from eadp.planning.forecast.evaluate import Evaluator, Objective
 from eadp.planning.forecast.held import before_take_off
@@ -17,7 +17,7 @@ CALM = {"wind.speed_mps": 0.0}
 def survey_inputs(planner="joint", plan="plans/survey.plan", **overrides):
     """The survey without faults."""
     fixed = {"planner.name": planner, "step_s": 0.05, "faults": [], **overrides}
-    return load_flight(str(ROOT / plan), scenario_path=str(ROOT / "scenarios/survey.yaml"), overrides=fixed)
+    return load_flight(str(ROOT / plan), scenario=str(ROOT / "scenarios/survey.yaml"), overrides=fixed)
 
 
 def plan_inputs(tmp_path, text, **overrides):
@@ -25,7 +25,7 @@ def plan_inputs(tmp_path, text, **overrides):
     path = tmp_path / "a.plan"
     path.write_text(text)
     profile = str(ROOT / "profiles/pednet-jetson-nano.yaml")
-    return load_flight(str(path), profile_path=profile, overrides={"step_s": 0.05, **overrides})
+    return load_flight(str(path), profile=profile, overrides={"step_s": 0.05, **overrides})
 
 
 class Forecasting:

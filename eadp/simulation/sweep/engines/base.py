@@ -13,7 +13,7 @@ from queue import SimpleQueue
 from typing import Any
 
 from eadp.errors import printable
-from eadp.simulation.sweep.design import Result, Run
+from eadp.models.sweep import Result, Run
 
 Make = Callable[[Run], Result]
 

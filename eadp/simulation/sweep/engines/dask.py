@@ -10,7 +10,7 @@ from typing import Any
 
 from eadp import __version__
 from eadp.errors import EadpError, InputError
-from eadp.simulation.sweep.design import Run
+from eadp.models.sweep import Run
 from eadp.simulation.sweep.engines.base import Done, EngineOptions, Make, QueueEngine, first_line, make_task
 
 CLUSTER_WAIT_S = 10

@@ -12,7 +12,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
-from eadp.simulation.sweep.design import Run
+from eadp.models.sweep import Run
 from eadp.simulation.sweep.engines.base import Done, EngineOptions, Make, QueueEngine, make_task
 
 if TYPE_CHECKING:

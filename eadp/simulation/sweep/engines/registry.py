@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from eadp.simulation.sweep.design import Engine
+from eadp.models.sweep import Engine
 from eadp.simulation.sweep.engines.base import EngineOptions, Make
 from eadp.simulation.sweep.engines.dask import DaskEngine
 from eadp.simulation.sweep.engines.pool import PoolEngine

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 
-from eadp.simulation.sweep.design import Result, Run
+from eadp.models.sweep import Result, Run
 from eadp.simulation.sweep.engines.base import EngineOptions, Make
 
 

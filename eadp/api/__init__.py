@@ -1,0 +1,1 @@
+"""The use cases of eadp, a module a command: what `import eadp` shows, and what the commands call."""

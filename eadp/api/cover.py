@@ -1,0 +1,638 @@
+"""The use case of `eadp cover`: a field, an aircraft and computations in, a plan and its report out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from os import PathLike
+from typing import Annotated, Any, Literal, NamedTuple
+
+from eadp.api.given import File, Warn, python_warnings
+from eadp.api.profile import read_profile
+from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, heading_rad
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.geodesy import to_local_m
+from eadp.coverage.cover import CoverageRequest, CoverageSolution
+from eadp.coverage.cover import cover as cover_field
+from eadp.coverage.plan_builder import FieldComputations, build_plan
+from eadp.coverage.report import CoverageReport, PowerDraw
+from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
+from eadp.errors import EadpError, Fault, InputError, printable
+from eadp.io.field.draft import NAME_LIMIT
+from eadp.io.field.files import read_field_text
+from eadp.io.field.reader import read_field, read_zones
+from eadp.io.mission.draft import TRIGGER_DISTANCE
+from eadp.io.plan.writer import plan_text
+from eadp.io.profile import model_file
+from eadp.io.scenario.scenario_file import read_scenario
+from eadp.io.text.named import parse_named
+from eadp.io.text.options import Flag
+from eadp.io.text.streams import read_text
+from eadp.io.vehicle.vehicle_file import read_vehicle
+from eadp.models.airspace import Airspace, Obstacle
+from eadp.models.computing import Computing, join_profile
+from eadp.models.field import Field
+from eadp.models.performance import PATH_MARGIN, ground_radius_m, too_tight
+from eadp.models.plan.plan import MadeFor, Plan, Site
+from eadp.models.plan.stage import Box
+from eadp.models.profile_sum import AnyProfile
+from eadp.models.vehicle import Airframe
+
+MIN_RADIUS_M = 0.1
+MAX_LENGTH_M = 1e5
+MAX_AIRSPEED_MPS = 1e3
+MAX_ALTITUDE_M = 1e5
+MIN_LENGTH_MM, MAX_LENGTH_MM = 0.5, 1e3
+"""Sensors have from 2 mm (of thermal cameras) to 100 mm, lenses from 1.5 mm to 800 mm: metres are refused [mm]."""
+MAX_OVERLAP = 99.0
+MAX_DISTANCE_M = 50_000.0
+"""Largest distance of the start and home points from the field [m]."""
+
+Pair = str | Point
+"""Two numbers, or the text of two numbers."""
+
+
+@dataclass(frozen=True)
+class PathOptions:
+    """How the field is flown: turns and lines, where they start and end, and in which wind."""
+
+    min_radius_m: float | None = None
+    """Smallest turning radius [m]; by default what the aircraft needs in the wind."""
+
+    swath_m: float | None = None
+    """Width of ground that a line covers [m]; or it follows from the camera."""
+
+    radius_m: float | None = None
+    """Ideal turning radius [m]; by default 1.5 times the smallest."""
+
+    spacing_m: float | None = None
+    """Distance of the lines [m]. Of Zamboni-like laps the finest, by default half the swath, up to which a planner
+    widens it; of lines in an order by default the swath."""
+
+    heading_deg: float | None = None
+    """Heading of the lines [°], a compass bearing; the quickest by default."""
+
+    pattern: Literal["auto", "zamboni", "dubins"] = "auto"
+    """Zamboni-like laps, lines in an order with Dubins turns, or the shorter."""
+
+    start: Annotated[Pair | None, Flag(metavar="POINT")] = None
+    """Where the flight starts: X,Y [m], or LAT,LON [°] of a field in degrees."""
+
+    home: Annotated[Pair | None, Flag(metavar="POINT")] = None
+    """Where the flight ends; as --start."""
+
+    wind: Annotated[Pair | None, Flag(metavar="SPEED,FROM_DEG")] = None
+    """Wind: speed [m/s] and the bearing it blows from [°]; by default the scenario's."""
+
+    airspeed_mps: float | None = None
+    """Airspeed [m/s]; by default that of the scenario's vehicle."""
+
+    turns_off: bool = False
+    """Computations stop on turns."""
+
+
+@dataclass(frozen=True)
+class FieldOptions:
+    """How the field's file is read, and what lines and turns keep to."""
+
+    metres: bool = False
+    """The file is in local metres, not degrees."""
+
+    feature: str | None = None
+    """Which polygon of a file that holds several: id, name or number; or all, as parts."""
+
+    avoid: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Polygons that lines and turns stay out of: GeoJSON, KML or CSV."""
+
+    inside: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Polygons that lines and turns stay inside of, as --avoid."""
+
+    holes: Literal["cover", "avoid"] = "cover"
+    """Whether the field's holes may be flown over."""
+
+
+@dataclass(frozen=True)
+class CameraOptions:
+    """The camera, and how its pictures overlap."""
+
+    altitude_m: float | None = None
+    """Altitude above the ground [m], which the plan holds."""
+
+    sensor_width_mm: float | None = None
+    """Width of the camera's sensor, across the lines [mm]."""
+
+    sensor_height_mm: float | None = None
+    """Height of the camera's sensor, along the lines [mm]."""
+
+    focal_length_mm: float | None = None
+    """Focal length of the camera [mm]."""
+
+    side_overlap: Annotated[float | str | None, Flag(metavar="PERCENT")] = None
+    """Overlap of the pictures of neighbouring lines [%]; by default 0. Or wanted and acceptable, as 70:60: laps are
+    flown at the first, and widen up to the second."""
+
+    forward_overlap: Annotated[float | None, Flag(metavar="PERCENT")] = None
+    """Overlap of the pictures along a line [%]: the plan takes them."""
+
+    image_width_px: int | None = None
+    """Width of a picture, across the lines [pixels]: the size of a pixel is said."""
+
+    def _footprint_m(self, option: str, size_mm: float | None, overlap: float | None) -> float:
+        """Ground that a picture adds beside its neighbour [m]: h s / f, less the overlap; `option` names the size."""
+        for name, value, lowest, limit in (
+            ("--altitude", self.altitude_m, 0.0, MAX_ALTITUDE_M),
+            (option, size_mm, MIN_LENGTH_MM, MAX_LENGTH_MM),
+            ("--focal-length-mm", self.focal_length_mm, MIN_LENGTH_MM, MAX_LENGTH_MM),
+        ):
+            if value is None:
+                message = f"the camera needs {name} too"
+                raise _fault(name, "", message, f"--altitude, {option} and --focal-length-mm")
+            if not lowest < value <= limit:
+                raise _fault(name, f"{value:g}", f"{value:g} is out of range", f"above {lowest:g}, at most {limit:g}")
+        assert self.altitude_m is not None
+        assert size_mm is not None
+        assert self.focal_length_mm is not None
+        side = option == "--sensor-width-mm"
+        overlap = overlap or 0.0
+        if not (overlap == 0 or 1 <= overlap <= MAX_OVERLAP):
+            name = "--side-overlap" if side else "--forward-overlap"
+            raise _fault(name, f"{overlap:g}", f"{overlap:g} %", f"percent from 1 to {MAX_OVERLAP:g}, as 70; or 0")
+        # similar triangles: h/f on the ground for each millimetre of the sensor
+        return self.altitude_m * size_mm / self.focal_length_mm * (1 - overlap / 100)
+
+    @cached_property
+    def _side_overlaps(self) -> tuple[float | None, float]:
+        """Overlap that is wanted, None where one value is given, and that is acceptable [%]."""
+        raw = str(self.side_overlap or 0)
+        try:
+            *wanted, acceptable = map(float, raw.split(":"))
+        except ValueError:
+            wanted, acceptable = [math.nan] * 2, math.nan
+        if len(wanted) > 1 or (wanted and not wanted[0] > acceptable):
+            expected = "percent, as 70, or wanted and acceptable, as 70:60"
+            raise _fault("--side-overlap", raw, f"{printable(raw, 40)}", expected)
+        return (wanted[0] if wanted else None), acceptable
+
+    @property
+    def wanted_spacing_m(self) -> float | None:
+        """Distance of lines whose pictures overlap as wanted [m]; None where nothing is."""
+        wanted, _ = self._side_overlaps
+        if wanted is None:
+            return None
+        return self._footprint_m("--sensor-width-mm", self.sensor_width_mm, wanted)
+
+    def pictures(self, sensed_m: float) -> Pictures | None:
+        """The pictures along lines of a length [m]; None without a camera."""
+        if self.sensor_width_mm is None:
+            return None
+        width_m = self._footprint_m("--sensor-width-mm", self.sensor_width_mm, 0.0)
+        apart_m = self.picture_distance_m
+        count = None if apart_m is None else math.ceil(sensed_m / apart_m)
+        forward = None if self.forward_overlap is None else self.forward_overlap / 100
+        gsd_cm = None if self.image_width_px is None else 100 * width_m / self.image_width_px
+        return Pictures(width_m, apart_m, forward, count, gsd_cm)
+
+    @cached_property
+    def picture_distance_m(self) -> float | None:
+        """Distance between pictures along a line [m]; None where none are taken."""
+        if self.forward_overlap is None:
+            return None
+        return self._footprint_m("--sensor-height-mm", self.sensor_height_mm, self.forward_overlap)
+
+
+@dataclass(frozen=True)
+class CoverageOptions(CameraOptions, FieldOptions, PathOptions):
+    """Options of a coverage: in order those of the path, the field and the camera.
+
+    Faults name them as the command `eadp cover` does.
+    """
+
+    @cached_property
+    def line_swath_m(self) -> float:
+        """Width of ground that a line covers beside its neighbours [m]: as given, or the camera's."""
+        camera = (self.sensor_width_mm, self.focal_length_mm, self.side_overlap)
+        if self.swath_m is None:
+            if camera == (None, None, None):
+                expected = "--swath, or --altitude, --sensor-width-mm and --focal-length-mm"
+                raise _fault("--swath", "", "no width of ground that a line covers", expected)
+            return self._footprint_m("--sensor-width-mm", self.sensor_width_mm, self._side_overlaps[1])
+        if self.sensor_width_mm is not None or self.side_overlap is not None:
+            raise _fault("--swath", f"{self.swath_m:g}", "a swath beside that of the camera", "one of the two")
+        return self.swath_m
+
+    def motion(self, airframe: Airframe, wind_mps: Point) -> MotionLimits:
+        """The limits of the motion of an aircraft; the wind given here holds where the options have none."""
+        swath = self.line_swath_m
+        apart = self.wanted_spacing_m or SPACING_SHARE * swath if self.spacing_m is None else self.spacing_m
+        speed = airframe.airspeed_mps if self.airspeed_mps is None else self.airspeed_mps
+        if self.wind is not None:
+            wind_mps = wind_vector_mps(self.wind)
+        least = self.min_radius_m
+        if least is None:
+            least = float(math.ceil(PATH_MARGIN * ground_radius_m(airframe, speed, math.hypot(*wind_mps))))
+        ideal = min(RADIUS_SHARE * least, MAX_LENGTH_M) if self.radius_m is None else self.radius_m
+        for option, value, low, high, closed in (
+            ("--airspeed", speed, 0.0, MAX_AIRSPEED_MPS, False),
+            ("--min-radius", least, MIN_RADIUS_M, MAX_LENGTH_M, True),
+            ("--swath", swath, 0.0, MAX_LENGTH_M, False),
+            ("--radius", ideal, least, MAX_LENGTH_M, True),
+            ("--spacing", apart, 0.0, swath, False),
+        ):
+            if not (low < value <= high or (closed and value == low)):
+                expected = f"from {low:g} to {high:g}" if closed else f"above {low:g}, at most {high:g}"
+                raise _fault(option, f"{value:g}", f"{value:g} is out of range", expected)
+        if math.hypot(*wind_mps) >= speed:
+            message = f"a wind of {math.hypot(*wind_mps):g} m/s, no slower than the aircraft"
+            raise _fault("--wind", _raw(self.wind or ""), message, f"less than its {speed:g} m/s")
+        return MotionLimits(swath, least, ideal, apart, speed, wind_mps)
+
+    @property
+    def heading_rad(self) -> float | None:
+        """The mathematical heading (0 east, counter-clockwise) of the lines, if it is given."""
+        if self.heading_deg is None:
+            return None
+        if not abs(self.heading_deg) <= 360:
+            raise _fault("--heading", f"{self.heading_deg}", "no heading", "a compass bearing [°]: 0 north, 90 east")
+        return heading_rad(self.heading_deg)
+
+
+class Pictures(NamedTuple):
+    """A camera's pictures.
+
+    Attributes
+    ----------
+    width_m : float
+        Of the ground in one, across the lines [m].
+    distance_m : float or None
+        Between pictures along a line [m]; None where none are taken.
+    forward_overlap : float or None
+        Share of a picture that the next one of the line shows too.
+    number : int or None
+        Of all lines, the densest.
+    gsd_cm : float or None
+        Ground sampling distance, of a pixel [cm]; None where the picture's width in pixels is not known.
+    """
+
+    width_m: float
+    distance_m: float | None
+    forward_overlap: float | None
+    number: int | None
+    gsd_cm: float | None
+
+    def text(self) -> str:
+        """For people."""
+        parts = [f"pictures of {self.width_m:.1f} m across"]
+        parts += [] if self.gsd_cm is None else [f"{self.gsd_cm:.2g} cm a pixel"]
+        if self.distance_m is not None and self.forward_overlap is not None:
+            overlap = f"forward overlap {100 * self.forward_overlap:.0f} %"
+            parts += [f"one each {self.distance_m:.1f} m, {overlap}", f"{self.number} in all"]
+        return f"camera     {'; '.join(parts)}"
+
+
+@dataclass(frozen=True)
+class CoveragePlan:
+    """A plan that covers a field: its text, its report, the repairs made to the field, and the camera's pictures.
+
+    `pack_wh` is what a full pack holds above the reserve [Wh], if the aircraft has one.
+    """
+
+    plan: Plan
+    text: str
+    report: CoverageReport
+    repairs: Sequence[str]
+    pictures: Pictures | None = None
+    pack_wh: float | None = None
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The values of `eadp.cover/1`."""
+        shot = self.pictures
+        return self.report.document(self.repairs, self.text) | {
+            "side_overlap": self._side_overlaps,
+            "forward_overlap": None if shot is None else shot.forward_overlap,
+            "pictures": None if shot is None else shot.number,
+            "gsd_cm": None if shot is None else shot.gsd_cm,
+            "batteries": self._batteries,
+            "camera": None if shot is None else {"width_m": shot.width_m, "distance_m": shot.distance_m},
+        }
+
+    @property
+    def _side_overlaps(self) -> list[float | None]:
+        """Share of a line's ground that the next line shows too, at the finest spacing and at the coarsest."""
+        return [self._overlap(end.spacing_m) for end in (self.report.full, self.report.least)]
+
+    def _overlap(self, apart_m: float | None) -> float | None:
+        width_m = self.report.motion.swath_m if self.pictures is None else self.pictures.width_m
+        return None if apart_m is None else 1 - apart_m / width_m
+
+    @property
+    def _batteries(self) -> list[float] | None:
+        """Full packs, down to their reserve, for the path at the finest spacing and at the coarsest."""
+        ends = (self.report.full, self.report.least)
+        return None if self.pack_wh is None else [(end.energy_wh or 0.0) / self.pack_wh for end in ends]
+
+    @property
+    def lines(self) -> list[str]:
+        """A summary for people, line by line."""
+        camera = [] if self.pictures is None else [self.pictures.text()]
+        return [*self.report.text(), *camera, *self._overlap_text(), *self._batteries_text()]
+
+    def _overlap_text(self) -> list[str]:
+        """The overlap of neighbouring lines, and where it is always less."""
+        shares = [f"{100 * share:.0f} %" for share in self._side_overlaps if share is not None]
+        seam_m = self.report.seam_m
+        seam = self._overlap(seam_m)
+        where = "" if seam is None else f"; {100 * seam:.0f} %, {seam_m:.1f} m, in the middle of each block"
+        return [f"overlap    {' to '.join(dict.fromkeys(shares))} from line to line{where}"] if shares else []
+
+    def _batteries_text(self) -> list[str]:
+        """How many packs the path takes."""
+        if self._batteries is None or self.pack_wh is None:
+            return []
+        packs = " to ".join(dict.fromkeys(f"{count:.2g}" for count in self._batteries))
+        return [f"batteries  {packs}; a full one gives {self.pack_wh:.3g} Wh before its reserve"]
+
+
+@dataclass(frozen=True)
+class CoverageTask:
+    """A field to cover: as its file, the options and the aircraft have it.
+
+    Attributes
+    ----------
+    file : str
+        Name of the field's file.
+    field : Field
+    repairs : sequence of str
+        Repairs made to the field.
+    options : CoverageOptions
+    motion : MotionLimits
+    vehicle : str
+        Name of the aircraft, '' if it has none.
+    airframe : Airframe
+        For the airspeed, and the power of the motion in level flight.
+    profile : profile or None
+        Its computations run over the field; with it, or with a pack, the report has the energy.
+    pack_wh : float or None
+        What a full pack holds above the reserve [Wh].
+    """
+
+    file: str
+    field: Field
+    repairs: Sequence[str]
+    options: CoverageOptions
+    motion: MotionLimits
+    vehicle: str
+    airframe: Airframe
+    profile: AnyProfile | None = None
+    pack_wh: float | None = None
+
+    @classmethod
+    def read(
+        cls,
+        path: str,
+        options: CoverageOptions,
+        vehicle: str,
+        airframe: Airframe,
+        wind_mps: Point,
+        profile: AnyProfile | None = None,
+        pack_wh: float | None = None,
+    ) -> CoverageTask:
+        """Read a field's file, `-` for standard input; `wind_mps` (east, north) holds unless the options have one.
+
+        Raises
+        ------
+        InputError
+            Of the options and of the file.
+        """
+        motion = options.motion(airframe, wind_mps)
+        if options.altitude_m is not None and not 0 < options.altitude_m <= MAX_ALTITUDE_M:
+            message = f"{options.altitude_m:g} is out of range"
+            raise _fault("--altitude", f"{options.altitude_m:g}", message, f"above 0, at most {MAX_ALTITUDE_M:g}")
+        text = read_field_text(path)
+        field, repairs = read_field(text, metres=options.metres, feature=options.feature)
+        field, notes = _limited(field, options)
+        return cls(text.name, field, [*repairs, *notes], options, motion, vehicle, airframe, profile, pack_wh)
+
+    @cached_property
+    def home_m(self) -> Point | None:
+        """Where the flight ends."""
+        return _point("--home", self.options.home, self.field)
+
+    @property
+    def request(self) -> CoverageRequest:
+        """The coverage of the whole field."""
+        options = self.options
+        start = _point("--start", options.start, self.field)
+        heading = options.heading_rad
+        apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
+        return CoverageRequest(self.field, self.motion, options.pattern, heading, start, self.home_m, apart)
+
+    def planned(self, solution: CoverageSolution, field: Field | None = None) -> CoveragePlan:
+        """The plan of a path over the field, or over a part of it.
+
+        Raises
+        ------
+        InputError
+            If the profile does not measure whole settings.
+        """
+        field, options, motion = field or self.field, self.options, self.motion
+        distance_m, computations = options.picture_distance_m, _computations(self.profile, options.turns_off)
+        parts = [tuple(map(_millimetres, part)) for part in field.parts]
+        name = printable(" ".join(field.name.split()), NAME_LIMIT)
+        covered = Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:]))
+        plan = build_plan(
+            solution,
+            name=self.file,
+            computations=computations,
+            min_radius_m=motion.min_radius_m,
+            site=_site(field, covered, motion, self.home_m, self.vehicle),
+            altitude_m=options.altitude_m,
+            commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
+        )
+        known = self.profile is not None or self.pack_wh is not None
+        power = _power(plan, self.profile, self.airframe.cruise_power_w, computations) if known else None
+        report = CoverageReport.of(field, motion, solution, power)
+        comments = "".join(f"% {line}\n" for line in report.comments(printable(self.file, 100)))
+        sensed_m = sum(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing)
+        pictures = options.pictures(sensed_m)
+        return CoveragePlan(plan, comments + plan_text(plan), report, self.repairs, pictures, self.pack_wh)
+
+
+def _site(field: Field, covered: Field, motion: MotionLimits, home: Point | None, vehicle: str) -> Site:
+    """What the plan carries of its mission."""
+    obstacles = tuple(each._replace(outline=_millimetres(each.outline)) for each in field.airspace.obstacles)
+    airspace = Airspace(obstacles, tuple(map(_millimetres, field.airspace.boundary)))
+    wind_mps = math.hypot(*motion.wind_mps)
+    from_deg = compass_deg(math.atan2(-motion.wind_mps[1], -motion.wind_mps[0])) if wind_mps else 0.0
+    made_for = MadeFor(vehicle, motion.airspeed_mps, round(wind_mps, 3), round(from_deg, 1) % 360)
+    home_m = None if home is None else _millimetres((home,))[0]
+    return Site(field.origin_deg, None, covered, motion.swath_m, home_m, airspace, made_for)
+
+
+def _millimetres(points: Sequence[Point]) -> tuple[Point, ...]:
+    return tuple((round(x, 3), round(y, 3)) for x, y in points)
+
+
+def _pictures(distance_m: float) -> tuple[float, ...]:
+    """The command to take a picture every so many metres; 0 for none."""
+    return (TRIGGER_DISTANCE, round(distance_m, 6), 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def _limited(field: Field, options: CoverageOptions) -> tuple[Field, list[str]]:
+    """The field with its obstacles and its boundary, and notes on what was left out of these."""
+    (avoid, far), (inside, beyond) = (
+        ((), []) if path is None else read_zones(read_field_text(path), field, metres=options.metres, inside=within)
+        for path, within in ((options.avoid, False), (options.inside, True))
+    )
+    holes = [hole for part in field.parts for hole in part[1:]] if options.holes == "avoid" else ()
+    named = [Obstacle(hole, f"hole {i}") for i, hole in enumerate(holes, 1)]
+    airspace = Airspace((*field.airspace.obstacles, *avoid, *named), tuple(each.outline for each in inside))
+    return replace(field, airspace=airspace), [*far, *beyond]
+
+
+def wind_vector_mps(given: Pair) -> Point:
+    """The wind's vector (east, north), of its speed and the compass bearing that it blows from."""
+    speed, from_deg = _two_numbers("--wind", given, "a speed [m/s] and a bearing [°], like 5,270 for a west wind")
+    if speed < 0:
+        raise _fault("--wind", _raw(given), f"a speed of {speed:g}", "0 or more")
+    if abs(from_deg) > 360:
+        raise _fault("--wind", _raw(given), f"a bearing of {from_deg:g}°", "0 to 360: where the wind comes from")
+    angle = blowing_to_rad(from_deg)
+    return speed * math.cos(angle), speed * math.sin(angle)
+
+
+def _point(option: str, given: Pair | None, field: Field) -> Point | None:
+    """A point in the field's coordinates: metres, or latitude and longitude if the field was given in degrees."""
+    if given is None:
+        return None
+    if field.origin_deg is None:
+        point = _two_numbers(option, given, "X,Y in metres, like -50,20")
+    else:
+        expected = "LAT,LON in degrees, like 55.37,10.43"
+        lat, lon = _two_numbers(option, given, expected)
+        if not (abs(lat) <= 90 and abs(lon) <= 180):
+            raise _fault(option, _raw(given), "no latitude and longitude", expected)
+        point = to_local_m(lat, lon, field.origin_deg)
+    distance_m = min(math.dist(point, vertex) for part in field.parts for vertex in part[0])
+    if distance_m > MAX_DISTANCE_M:
+        expected = f"{MAX_DISTANCE_M / 1000:g} km or less (LAT,LON in that order, or X,Y)"
+        raise _fault(option, _raw(given), f"{distance_m / 1000:.0f} km from the field", expected)
+    if not field.airspace.admits(point):
+        raise _fault(
+            option, _raw(given), "lies in an obstacle or beyond the boundary", "a place that may be flown over"
+        )
+    return point
+
+
+def _raw(given: Pair) -> str:
+    return given if isinstance(given, str) else f"{given[0]},{given[1]}"
+
+
+def _two_numbers(option: str, given: Pair, expected: str) -> Point:
+    try:
+        first, second = (float(word) for word in _raw(given).replace(",", " ").replace("@", " ").split())
+    except ValueError:
+        first = second = math.nan
+    if not (math.isfinite(first) and math.isfinite(second)):
+        raise _fault(option, _raw(given), "not two numbers", expected)
+    return first, second
+
+
+def _fault(option: str, raw: str, message: str, expected: str) -> InputError:
+    return InputError.at(option, 1, 1, message, expected, raw)
+
+
+def _computations(profile: AnyProfile | None, off_on_turns: bool) -> FieldComputations:
+    """The computations of a profile, over the range that it measures, in whole numbers if it has any."""
+    if profile is None:
+        return FieldComputations()
+    sets = []
+    for name in profile.names:
+        lo, hi = profile.range_of(name)
+        lo = max(lo, 0.0)  # bounds of computations are 0 or more
+        whole = float(math.ceil(lo)), float(math.floor(hi))
+        sets.append(Box(*whole) if whole[0] <= whole[1] else Box(lo, hi))
+    return FieldComputations(tuple(zip(profile.names, profile.units, strict=True)), tuple(sets), off_on_turns)
+
+
+def _power(plan: Plan, profile: AnyProfile | None, cruise_power_w: float, computations: FieldComputations) -> PowerDraw:
+    """The power drawn with every computation at its maximum."""
+    try:
+        computing: Computing = join_profile(plan, profile)
+        maxima = [plan.hull(i).hi for i in range(len(plan.parameters))]
+        path = plan.stages[0].sets[: plan.path_count]
+        drawn = [computing.power_w(maxima, [*path, *computations.sets_for(sensing)]) for sensing in (True, False)]
+    except EadpError as error:
+        raise InputError.at("--profile", 1, 1, str(error), "a profile that measures whole settings") from None
+    return PowerDraw(cruise_power_w, *drawn)
+
+
+def cover(
+    field: File,
+    options: CoverageOptions,
+    profile: File | AnyProfile | None = None,
+    scenario: File | None = None,
+    *,
+    vehicle: File | None = None,
+    warn: Warn = python_warnings,
+) -> CoveragePlan:
+    """Plan the coverage of a field: from its outline to a plan whose line spacing can vary in flight.
+
+    Parameters
+    ----------
+    field : path
+        Outline: GeoJSON, KML or CSV of vertices.
+    options : CoverageOptions
+        The turning radius and the swath, and what else is prescribed.
+    profile : path or profile, optional
+        The plan gets its computations, and the report the energy; by default the scenario's.
+    scenario : path, optional
+        For the vehicle, the wind and the energy.
+    vehicle : path, optional
+        The aircraft, instead of the scenario's.
+    warn : function, optional
+
+    Raises
+    ------
+    Infeasible
+        If no path of this pattern covers the field.
+    InputError
+        With the faults of the files, or of an option under its name on the command line.
+    """
+    task = coverage_task(str(field), options, profile, scenario, vehicle, warn)
+    return task.planned(cover_field(task.request))
+
+
+def coverage_task(
+    field: str,
+    options: CoverageOptions,
+    profile: File | AnyProfile | None,
+    scenario: File | None,
+    vehicle: File | None,
+    warn: Warn,
+) -> CoverageTask:
+    """A field to cover, with the aircraft and the wind of a scenario; warns of turns that are too tight."""
+    setting = read_scenario(None if scenario is None else str(scenario))
+    if profile is None and setting.profile_path is not None:
+        reference = setting.fault("profile", "")
+        profile, found = parse_named(read_text(setting.profile_path), model_file.parse_profile, reference)
+        warn(found)
+    if isinstance(profile, str | PathLike):
+        profile = read_profile(profile, warn=warn)
+    if options.turns_off and profile is None:
+        message = "no computations to stop on turns; --profile names some"
+        warn([Fault("--turns-off", 1, 1, message, severity="note")])
+    flown = setting.keys.vehicle if vehicle is None else read_vehicle(read_text(str(vehicle)))
+    pack_wh = None
+    if vehicle is not None or "battery" in setting.chosen:
+        battery = flown.battery if vehicle is not None else setting.keys.battery
+        reserve = setting.keys.reserve_soc
+        pack_wh = (1 - reserve) * battery.capacity_ah * battery.voltage_at((1 + reserve) / 2)
+    wind_mps = setting.keys.wind.steady_mps
+    task = CoverageTask.read(field, options, flown.name, flown.airframe, wind_mps, profile, pack_wh)
+    speed_mps = math.hypot(*task.motion.wind_mps)
+    if tight := too_tight(flown.airframe, task.motion.airspeed_mps, task.motion.min_radius_m, speed_mps):
+        warn([Fault("--min-radius", 1, 1, tight, severity="warning")])
+    return task

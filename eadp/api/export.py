@@ -1,0 +1,297 @@
+"""A plan as the mission of an autopilot: at which parameters, which of its legs, and where on the earth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
+
+from eadp.api.given import File, Warn, python_warnings
+from eadp.api.inputs import FlightInputs, load_flight
+from eadp.api.plan import plan_of
+from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_near_local_m
+from eadp.errors import Fault, InputError, PathUndefined, one_of, printable
+from eadp.io.mission import ITEMS_ENDING, WITH_ITEMS
+from eadp.io.mission.export import EXPORTS, FENCED, mission_items
+from eadp.io.mission.items import items_text, mapped_items
+from eadp.io.mission.path import PlannedPath, planned_sections
+from eadp.io.plan.parameters import parameters_of
+from eadp.io.scenario.scenario_file import override_texts, read_overrides
+from eadp.io.text.options import Flag
+from eadp.io.text.streams import write_text
+from eadp.models.airspace import risk_text
+from eadp.models.plan.legs import Leg
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.route import PlannedLegs
+from eadp.models.plan.trace import nominal_route
+from eadp.models.vehicle import Airframe, FixedWing
+from eadp.planning.forecast.held import Preflight
+
+Position = str | tuple[float, float]
+"""Latitude and longitude [°], as a pair or as text."""
+
+
+@dataclass(frozen=True)
+class ExportOptions:
+    """Options of an export. Faults name them as the command `eadp export` does."""
+
+    overrides: Annotated[Sequence[str], Flag("--set", metavar="NAME=VALUE")] = ()
+    """A parameter, as in spacing=20; with --scenario any of its keys."""
+
+    scenario: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Scenario (YAML): parameters are those that the forecast before take-off chooses."""
+
+    altitude_m: float | None = None
+    """Altitude above home [m], where the plan has none; by default the aircraft's."""
+
+    home_deg: Annotated[Position | None, Flag(metavar="POINT")] = None
+    """Where to take off and return to: LAT,LON [°]; by default the plan's home, if it has one."""
+
+    origin_deg: Annotated[Position | None, Flag(metavar="POINT")] = None
+    """Where the plan's (0, 0) lies: LAT,LON [°], for a plan without."""
+
+    trigger_distance_m: float | None = None
+    """Take a picture every so many metres [m]."""
+
+    tolerance_m: float = 1.0
+    """Largest distance of the exported path from the plan's [m]."""
+
+    min_radius_m: float | None = None
+    """Turning radius of a mission's turns [m]."""
+
+    laps: Annotated[int | None, Flag(metavar="N", low=1, high=10_000)] = None
+    """How many times a mission that repeats for ever is flown."""
+
+    start: Annotated[str | None, Flag("--from", metavar="STAGE,LAP")] = None
+    """Write the rest, from this stage of this lap on."""
+
+    telemetry: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Write what is left where this telemetry ends, as then decided; with --scenario."""
+
+    def check(self) -> None:
+        """Refuse values out of range, and options that do not go together; raises InputError."""
+        if self.telemetry is not None and (self.scenario is None or self.start is not None):
+            raise _fault("--telemetry", self.telemetry, "needs a planner", "--scenario, and no --from")
+        for option, value in (
+            ("--trigger-distance", self.trigger_distance_m),
+            ("--tolerance", self.tolerance_m),
+            ("--min-radius", self.min_radius_m),
+        ):
+            if value is not None and not 0.01 <= value <= 10_000:
+                raise _fault(option, f"{value:g}", f"{value:g} m is out of range", "from 0.01 to 10000")
+        if self.altitude_m is not None and not abs(self.altitude_m) <= 10_000:
+            message = f"{self.altitude_m:g} m is out of range"
+            raise _fault("--altitude", f"{self.altitude_m:g}", message, "from -10000 to 10000")
+
+
+class Exported(NamedTuple):
+    """A plan in another format; `items` is the file of the map of its items to stages, empty where it has no items."""
+
+    text: str
+    items: str = ""
+
+    def write(self, path: str) -> None:
+        """Write the file, and the map beside it. Raises InputError."""
+        write_text(path, self.text)
+        if self.items:
+            write_text(path + ITEMS_ENDING, self.items)
+
+
+def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> Exported:
+    """A plan in the format of an autopilot or a map.
+
+    Parameters
+    ----------
+    plan : path or Plan
+        A path may be that of a mission.
+    to : str
+        Name of the format, of `EXPORT_NAMES`.
+    options : ExportOptions
+    warn : function
+        Takes what was forecast, and what the format cannot hold.
+
+    Returns
+    -------
+    Exported
+
+    Raises
+    ------
+    InputError
+        With the faults of the files, or of an option.
+    """
+    options.check()
+    if to not in EXPORTS:
+        raise _fault("--to", to, "is no format", one_of(EXPORTS, to))
+    if options.scenario is None:
+        flown, name = plan_of(plan, options.min_radius_m, options.laps, warn)
+        made = flown.site.made_for
+        airframe: Airframe = FixedWing() if made is None else FixedWing(airspeed_mps=made.airspeed_mps)
+        forecast, planned = None, _planned(flown, name, parameters_of(flown, options.overrides))
+    else:
+        overrides = read_overrides(override_texts(options.overrides, laps=options.laps))
+        inputs = load_flight(plan, scenario=options.scenario, overrides=overrides)
+        warn(inputs.warnings)
+        flown, name, airframe = inputs.world.plan, inputs.sources["plan"].name, inputs.world.vehicle
+        forecast = None
+        if options.telemetry is not None:
+            planned = _after(inputs, options.telemetry, name, warn)
+        else:
+            forecast = inputs.preflight()
+            if forecast is None:
+                message, expected = "the forecast before take-off finds no parameters", "a battery that is drained"
+                raise _fault("--scenario", options.scenario, message, f"{expected}, or --set without --scenario")
+            planned = forecast.planned(inputs.mission)
+    place, home_deg = _places(flown, name, options)
+    altitude_m = options.altitude_m
+    if altitude_m is None:
+        altitude_m = airframe.cruise_altitude_m
+        if any(stage.altitude_m is None for stage in flown.stages):
+            known = options.scenario is not None
+            whose = "the aircraft's" if known else "that of the default aircraft, as there is no --scenario"
+            message = f"altitude {altitude_m:g} m, {whose}; --altitude sets another"
+            warn([Fault(name, 1, 1, message, severity="note" if known else "warning")])
+    if forecast is not None:
+        warn([Fault(name, 1, 1, _forecast_text(forecast, flown, planned.legs), severity="note")])
+    if options.start is not None:
+        planned = _rest(planned, options.start)
+    if any(flown.site.airspace) and to not in FENCED:
+        message = f"obstacles and boundary are not in the format {to}"
+        warn([Fault(name, 1, 1, message, severity="note")])
+    path = PlannedPath(
+        (flown.site.field.name if flown.site.field else "") or printable(name.rpartition("/")[2]),
+        planned_sections(planned.legs),
+        place,
+        altitude_m,
+        airframe.airspeed_mps,
+        home_deg,
+        options.trigger_distance_m,
+        options.tolerance_m,
+        flown.site.airspace,
+    )
+    if to not in WITH_ITEMS:
+        return Exported(EXPORTS[to](path))
+    mapped = mapped_items(mission_items(path), planned, flown.path_count)
+    return Exported(EXPORTS[to](path), items_text(mapped, flown.names[: flown.path_count]))
+
+
+def _planned(plan: Plan, name: str, parameters: Sequence[float]) -> PlannedLegs:
+    try:
+        return nominal_route(plan, parameters).planned()
+    except PathUndefined as error:
+        raise InputError.at(name, plan.stages[0].line, 1, str(error), "a path that can be flown") from None
+
+
+def _places(plan: Plan, name: str, options: ExportOptions) -> tuple[tuple[float, float], tuple[float, float] | None]:
+    """Where the plan lies, and home: latitude and longitude [°]; no home where it starts there, as a mission does."""
+    given = {"--home": options.home_deg, "--origin": options.origin_deg}
+    points = {option: _position_deg(option, raw) for option, raw in given.items() if raw is not None}
+    if plan.site.origin_deg is not None and "--origin" in points:
+        raise _fault("--origin", str(options.origin_deg), "the plan has an origin", "no --origin")
+    place = plan.site.origin_deg or points.get("--origin")
+    if place is None:
+        raise InputError.at(name, 1, 1, "the plan has no place on the earth", "--origin LAT,LON")
+    if "--home" in points:
+        if to_near_local_m(*points["--home"], place) is None:
+            expected = f"LAT,LON in that order, within {FARTHEST_M / 1000:g} km"
+            raise _fault("--home", str(options.home_deg), "is far from the plan's origin", expected)
+        return place, points["--home"]
+    if plan.site.home_m is None or plan.site.home_m == plan.site.start_m:
+        return place, None
+    return place, to_geodetic_deg(*plan.site.home_m, place)
+
+
+def _forecast_text(forecast: Preflight, plan: Plan, legs: Sequence[Leg]) -> str:
+    """The forecast that is exported, for people."""
+    paths = plan.parameters[: plan.path_count]
+    chosen = [f"{item.label} = {item.text(forecast.parameters[item.name])}" for item in paths]
+    end, length_m = forecast.forecast, sum(leg.distance_m for leg in legs)
+    reserve = f"; keeps the reserve with {100 * (end.reserve_probability or 0.0):.1f} %"
+    energy = "" if end.energy_wh is None else f", {end.energy_wh:.2f} Wh"
+    at = f"at {', '.join(chosen)}: " if chosen else ""
+    risks = "".join(f"; {risk_text(name, share)}" for name, share in forecast.entering.items())
+    return f"forecast {at}{length_m / 1000:.2f} km, {end.remaining_s:.0f} s{energy}{reserve}{risks}"
+
+
+def _after(inputs: FlightInputs, telemetry: str, name: str, warn: Warn) -> PlannedLegs:
+    """The legs that are left after telemetry; what was decided is said."""
+    from eadp.api.replan.replanner import rest_after
+
+    planned, decision = rest_after(inputs, telemetry, lambda fault: warn([fault]))
+    if planned is None or decision is None:
+        raise _fault("--telemetry", telemetry, "leaves nothing to fly", "telemetry of a flight that goes on")
+    parameters = inputs.world.plan.parameters
+    values = ", ".join(f"{item.label} = {item.text(decision['parameters'][item.name])}" for item in parameters)
+    length_m, end = sum(leg.distance_m for leg in planned.legs), decision["soc_end_forecast"]
+    message = f"after {decision['time_s']:g} s, in stage {decision['stage']} of lap {decision['lap']}, at {values}: "
+    message += f"{length_m / 1000:.2f} km left, SoC {math.nan if end is None else end:.3f} at the end"
+    warn([Fault(name, 1, 1, message, severity="note")])
+    return planned
+
+
+def _rest(planned: PlannedLegs, raw: str) -> PlannedLegs:
+    """The legs from a stage of a lap on."""
+    try:
+        stage, lap = map(int, raw.split(","))
+    except ValueError:
+        raise _fault("--from", raw, "no stage and lap", "two whole numbers, as in 3,2") from None
+    for i, leg in enumerate(planned.legs):
+        if (leg.stage.index, leg.lap) == (stage, lap):
+            return planned.after(i)
+    last = max((leg.lap for leg in planned.legs if leg.stage.index == stage), default=None)
+    known = "one of the plan" if last is None else f"a lap from 0 to {last}"
+    raise _fault("--from", raw, f"stage {stage} is not flown in lap {lap}", known)
+
+
+def _position_deg(option: str, given: Position) -> tuple[float, float]:
+    """Latitude and longitude of an option [°]."""
+    raw = given if isinstance(given, str) else f"{given[0]},{given[1]}"
+    try:
+        latitude, longitude = (float(part) for part in raw.split(","))
+    except ValueError:
+        latitude = longitude = math.nan
+    if not (abs(latitude) <= 85 and abs(longitude) <= 180):
+        raise _fault(option, raw, "no position", "a latitude within ±85° and a longitude, as in 55.37,10.43")
+    return latitude, longitude
+
+
+def _fault(option: str, raw: str, message: str, expected: str) -> InputError:
+    return InputError.at(option, 1, 1, message, expected, raw)
+
+
+def export(
+    plan: File | Plan,
+    to: str,
+    options: ExportOptions | None = None,
+    out: File | None = None,
+    *,
+    warn: Warn = python_warnings,
+) -> str:
+    """Write a plan as the mission of an autopilot, or as a map.
+
+    Parameters
+    ----------
+    plan : path or Plan
+    to : str
+        Format: `qgc`, `ardupilot`, `paparazzi`, `geojson`, `kml` or `gpx`.
+    options : ExportOptions, optional
+        With a scenario the parameters are those that the forecast chooses.
+    out : path, optional
+        Write it here, too; beside the mission of an autopilot a file `.items.json`, which `eadp replan` reads.
+    warn : function, optional
+        Takes what was forecast, as a note, and what the format cannot hold.
+
+    Returns
+    -------
+    str
+        The text of the mission.
+
+    Raises
+    ------
+    InputError
+        With the faults of the files, or of an option under its name on the command line.
+    """
+    mission = exported(plan, to, options or ExportOptions(), warn)
+    if out is not None and str(out) != "-":
+        mission.write(str(out))
+    return mission.text

@@ -1,0 +1,1 @@
+"""What `eadp fit` does: the power of a log, its battery, its aircraft."""

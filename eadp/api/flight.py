@@ -1,0 +1,355 @@
+"""Results of a flight: `flight.csv`, `estimate.csv`, `summary.json`, the figures, and a copy of the inputs."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import json
+import math
+import os
+import statistics
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eadp.api.inputs import FlightInputs, Source
+from eadp.core.arrays import FloatArray
+from eadp.core.geometry.geodesy import to_geodetic_deg
+from eadp.io.figures.flight import write_flight_figure
+from eadp.io.flight.coverage import flown_coverage, flown_of_plan
+from eadp.io.flight.estimate import estimate_rows
+from eadp.io.text.streams import new_folder
+from eadp.models.plan.stage import PATH
+from eadp.models.world import Step, World
+from eadp.planning.base import DecisionRecord, Ending, PlannerSettings
+from eadp.planning.estimation.estimator import PowerEstimate
+from eadp.planning.flight import PlannedFlight
+from eadp.planning.forecast.held import Preflight
+from eadp.simulation.loop import RETURNED, Outcome, fly
+
+SCHEMA = "eadp.flight/1"
+OVERRIDES = "overrides.txt"
+REPORT = "report.html"
+LONGEST_NAME = 200
+"""Longest name of an input [bytes] before which its kind is written."""
+
+
+def summarise(
+    world: World,
+    flight: PlannedFlight,
+    outcome: Outcome,
+    settings: PlannerSettings,
+    expected: Preflight | None = None,
+) -> dict[str, Any]:
+    """The summary of a flight as `summary.json` holds it; units end the keys' names.
+
+    `settings` are the planner's; `expected` is the forecast before take-off.
+    """
+    log, totals, report = outcome.parameters, outcome.totals, flight.planner.report
+    assert log is not None
+    parameters: dict[str, Any] = {}
+    for i, parameter in enumerate(world.plan.parameters):
+        record = log.records[i]
+        parameters[parameter.name] = {
+            "mean": log.mean(i),
+            "first": record.first,
+            "last": record.last,
+            "changes": record.changes,
+        }
+        if parameter.name in world.rates:
+            parameters[parameter.name]["actual_mean"] = log.actual_mean(i)
+        if parameter.kind == PATH:
+            parameters[parameter.name]["changes_at"] = [list(change) for change in record.history]
+        if parameter.title:
+            parameters[parameter.name] |= {"title": parameter.title, "unit": parameter.unit}
+        if parameter.stands_for is not None:
+            values = {key: parameter.shown(getattr(record, key)) for key in ("first", "last")}
+            parameters[parameter.name]["shown"] = {"mean": log.mean_shown(i, parameter.shown), **values}
+    duration_s = outcome.duration_s
+    return {
+        "schema": SCHEMA,
+        "completed": outcome.completed,
+        "reserve_kept": (outcome.completed or outcome.reason == RETURNED) and outcome.soc_final >= settings.reserve_soc,
+        "turned_back_s": None if outcome.turned_back_s is None else round(outcome.turned_back_s, 9),
+        "turned_back_m": None if outcome.turned_back_m is None else list(outcome.turned_back_m),
+        "reason": outcome.reason,
+        "battery_limit": outcome.battery_limit,
+        "planner": settings.name,
+        "field": None if world.plan.site.field is None else world.plan.site.field.summary,
+        "duration_s": round(duration_s, 9),
+        "distance_m": totals.distance_m,
+        "energy_wh": totals.energy_j / 3600,
+        "power_w": {
+            "mean": totals.energy_j / duration_s if duration_s else None,
+            "min": totals.power_min_w,
+            "max": totals.power_max_w,
+        },
+        "soc_final": outcome.soc_final,
+        "soc_reserve": settings.reserve_soc,
+        "period_s": flight.state.period_s,
+        "lap_times_s": _lap_times_s(world, outcome),
+        "parameters": parameters,
+        "quality": log.quality(settings.weights),
+        "coverage": None,
+        "obstacles": [entry._asdict() for entry in outcome.entries],
+        "paper_metric": log.paper_metric(outcome.soc_final),
+        "endurance": _endurance(world, outcome) if duration_s else None,
+        "decisions": len(outcome.records),
+        "replans": report.replans,
+        "solver": {
+            "calls": report.calls,
+            "solved": report.solved,
+            "retried": report.retried,
+            "failed": report.failed,
+            "fallbacks": report.fallbacks,
+            "closed_form_better": report.outdone,
+            "skipped": report.skipped,
+            "infeasible": report.infeasible,
+            "by_status": dict(sorted(report.by_status.items())),
+            "gap_max": max(report.gaps, default=None),
+            "median_ms": statistics.median(report.solve_ms) if report.solve_ms else None,
+            "max_ms": max(report.solve_ms, default=None),
+        },
+        "energy_forecast": None if expected is None else forecast_values(expected),
+        "seed": world.seed,
+    }
+
+
+def _endurance(world: World, outcome: Outcome) -> dict[str, Any]:
+    """Time that a full battery lasts at the flight's mean motion power, by configuration of the computations."""
+    log, rho, duration_s = outcome.parameters, world.plan.path_count, outcome.duration_s
+    assert log is not None
+    computing_w = log.computing_j / duration_s
+    motion_w = outcome.totals.energy_j / duration_s - computing_w
+    means = {name: log.records[i].actual_integral / duration_s for i, name in enumerate(world.plan.names) if i >= rho}
+    low, high = (world.computing.extreme(world.plan, end, world.actual) for end in ("lo", "hi"))
+    result: dict[str, Any] = {"motion_w": motion_w}
+    for name, (own_w, values) in {"lowest": low, "flown": (computing_w, means), "highest": high}.items():
+        power_w = motion_w + own_w
+        time_s = world.battery.endurance_s(power_w) if power_w > 0 else None
+        result[name] = {"parameters": values, "computing_w": own_w, "power_w": power_w, "time_s": time_s}
+    longest_s, shortest_s = result["lowest"]["time_s"], result["highest"]["time_s"]
+    result["gain_min_per_h"] = 60 * (longest_s / shortest_s - 1) if longest_s and shortest_s else None
+    return result
+
+
+def forecast_values(expected: Preflight) -> dict[str, Any]:
+    """The content of `energy_forecast`."""
+    forecast = expected.forecast
+    return {
+        "completes": (forecast.completes_probability or 0.0) >= 0.5,
+        "completes_probability": forecast.completes_probability,
+        "reserve_probability": forecast.reserve_probability,
+        "time_s": forecast.remaining_s,
+        "time_std_s": forecast.remaining_std_s,
+        "energy_wh": forecast.energy_wh,
+        "energy_std_wh": forecast.energy_std_wh,
+        "computing_wh": expected.computing_wh,
+        "soc_end": forecast.soc_end,
+        "soc_end_std": forecast.soc_end_std,
+        "parameters": expected.parameters,
+        "quality": expected.quality,
+        "turn_back_s": None if expected.turn_back is None else expected.turn_back.time_s,
+        "turn_back_m": None if expected.turn_back is None else list(expected.turn_back.position_m),
+        "batteries": batteries(expected),
+        "reach_share": None if expected.reach is None else expected.reach.share,
+        "reach_s": None if expected.reach is None else expected.reach.time_s,
+        "reach_m": None if expected.reach is None else list(expected.reach.position_m),
+        "obstacles": [{"name": name, "probability": share} for name, share in expected.entering.items()],
+        "stages": [
+            {"stage": stage, "time_s": seconds, "energy_wh": energy_wh}
+            for stage, (seconds, energy_wh) in sorted(expected.stages.items())
+        ],
+    }
+
+
+def batteries(expected: Preflight) -> int | None:
+    """Packs that a mission takes at least, each down to the reserve with its probability; None if one is of no use.
+
+    Ways home and back to the mission are not in it.
+    """
+    if expected.feasible:
+        return 1
+    share = 0.0 if expected.reach is None else expected.reach.energy_share
+    return max(2, math.ceil(1 / share - 1e-9)) if share > 0 else None
+
+
+def _lap_times_s(world: World, outcome: Outcome) -> list[float]:
+    """Time of each lap after the first [s], from the start of its first stage to the next lap's; not of parts."""
+    n = world.plan.primitive_stages
+    if not n or world.plan.segments:
+        return []
+    starts = outcome.stage_times_s[n - 1 :: n]
+    return [round(later - earlier, 9) for earlier, later in itertools.pairwise(starts)]
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """A flight that was flown.
+
+    Attributes
+    ----------
+    inputs : FlightInputs
+        What was flown.
+    summary : dict
+        The content of `summary.json`.
+    steps : list of Step
+        The logged moments, the rows of `flight.csv`.
+    decisions : list of DecisionRecord
+        The re-plannings, the lines of `decisions.jsonl`; empty for a planner that records none.
+    estimates : list of PowerEstimate
+        The planner's estimate of the power at each step, the rows of `estimate.csv`.
+    overrides : sequence of str
+        The overrides of the scenario's keys, each as key=value.
+    """
+
+    inputs: FlightInputs
+    summary: dict[str, Any]
+    steps: list[Step]
+    decisions: Sequence[DecisionRecord] = ()
+    overrides: Sequence[str] = ()
+    estimates: Sequence[PowerEstimate] = ()
+
+    def table(self) -> Any:
+        """`columns` as a table of pandas, polars or Arrow, whichever is installed; else a dict of lists."""
+        from eadp.io.text.frames import frame
+
+        return frame(self.columns)
+
+    def __repr__(self) -> str:
+        """One line, not the log."""
+        return f"<Flight of {self.inputs.world.plan.name.rpartition('/')[2]}: {', '.join(self._words)}>"
+
+    def _repr_html_(self) -> str:
+        from eadp.io.report.words import flight_facts
+        from eadp.io.text.frames import html_table
+
+        return html_table([("flight", ", ".join(self._words)), *flight_facts(self.summary)])
+
+    @property
+    def _words(self) -> list[str]:
+        summary = self.summary
+        ended = "completed" if summary["completed"] else f"NOT completed: {summary['reason']}"
+        words = [ended, f"{summary['duration_s']:.0f} s", f"{summary['energy_wh']:.2f} Wh"]
+        return [*words, f"{100 * summary['soc_final']:.0f} % of the charge left"]
+
+    @cached_property
+    def columns(self) -> dict[str, FloatArray]:
+        """The columns of `flight.csv` by name, such as time_s, x_m, soc and c1; each an array, shape (steps,)."""
+        return dict(zip(self._names, np.array(self._rows, dtype=float).T, strict=True))
+
+    @cached_property
+    def lists(self) -> dict[str, list[float]]:
+        """`columns` as lists."""
+        return {name: column.tolist() for name, column in self.columns.items()}
+
+    @cached_property
+    def _rows(self) -> list[list[float]]:
+        return [*map(self._row, self.steps)]
+
+    @property
+    def _names(self) -> list[str]:
+        world = self.inputs.world
+        earth = () if world.plan.site.origin_deg is None else ("lat_deg", "lon_deg")
+        return [*Step._fields[:-1], *world.plan.names, *(f"{name}_actual" for name in world.rates), *earth]
+
+    def _row(self, step: Step) -> list[float]:
+        world = self.inputs.world
+        actual = dict(zip(world.plan.names, world.actual(step.parameters), strict=True))
+        row = [round(step.time_s, 9), *step[1:-1], *step.parameters, *(actual[name] for name in world.rates)]
+        if world.plan.site.origin_deg is not None:
+            row += [round(each, 9) for each in to_geodetic_deg(step.x_m, step.y_m, world.plan.site.origin_deg)]
+        return row
+
+    def write(self, folder: str | Path, *, force: bool = False, paper_figure: bool = False) -> None:
+        """Write the result folder, whole or not at all.
+
+        Parameters
+        ----------
+        folder : str or Path
+        force : bool, optional
+            Whether a folder of this name is replaced.
+        paper_figure : bool, optional
+            Whether `paper.svg` and `.png` are drawn, too: the letter's Figs. 6b and 1.
+
+        Raises
+        ------
+        InputError
+            If the name is taken and `force` is not set, or the folder cannot be written.
+        """
+        from eadp.io.report.flight import FlownFlight, flight_data
+        from eadp.io.report.page import page_html
+
+        world = self.inputs.world
+        with new_folder(str(folder), force=force) as target:
+            _write_csv(target / "flight.csv", [self._names, *self._rows])
+            estimates = list(estimate_rows(self.steps, self.estimates, world.battery))
+            _write_csv(target / "estimate.csv", estimates)
+            summary = json.dumps(self.summary, indent=2, ensure_ascii=False, allow_nan=False)
+            (target / "summary.json").write_text(f"{summary}\n", encoding="utf-8")
+            rows = [record_row(record, world.plan.names) for record in self.decisions]
+            if rows:
+                lines = (json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n" for row in rows)
+                (target / "decisions.jsonl").write_text("".join(lines), encoding="utf-8")
+            write_flight_figure(target / "flight", world, self.steps, self.summary, self.decisions)
+            if paper_figure:
+                from eadp.io.figures.paper import write_paper_figure
+
+                write_paper_figure(target / "paper.svg", world, self.steps, self.estimates)
+            flown = FlownFlight(world, self.inputs.scenario, self.summary, self.lists, estimates, rows)
+            (target / REPORT).write_text(page_html("flight", flight_data(flown)), encoding="utf-8")
+            _copy_inputs(target / "inputs", self.inputs.sources, self.overrides)
+
+
+def fly_flight(
+    inputs: FlightInputs,
+    expected: Preflight | None = None,
+    on_step: Callable[[Step], None] = lambda _step: None,
+    overrides: Sequence[str] = (),
+) -> Flight:
+    """Fly; `expected` is the forecast before take-off, for the summary, and `on_step` is called with each step."""
+    planned, outcome, steps = inputs.flight(), Outcome(), []
+    for step in fly(inputs.world, planned, outcome):
+        steps.append(step)
+        on_step(step)
+    summary = summarise(inputs.world, planned, outcome, inputs.scenario.planner, expected)
+    flight = Flight(inputs, summary, steps, outcome.records, overrides, outcome.estimates)
+    if (
+        steps
+        and inputs.world.plan.site.field is not None
+        and (covered := flown_coverage(inputs.world.plan, flown_of_plan(flight.lists, outcome.turned_back_s), 1))
+    ):
+        summary["coverage"] = covered[1][-1]
+    return flight
+
+
+def _write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        csv.writer(stream, lineterminator="\n").writerows(rows)
+
+
+def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:
+    """A re-planning's record as a line of `decisions.jsonl`; see `DecisionRecord` for its keys."""
+    row: dict[str, Any] = {}
+    for key, value in record._asdict().items():
+        row |= value._asdict() if isinstance(value, Ending) else {key: value}
+    row["time_s"] = round(record.time_s, 9)
+    row["parameters"] = dict(zip(names, record.parameters, strict=True))
+    return row
+
+
+def _copy_inputs(folder: Path, sources: Mapping[str, Source], overrides: Sequence[str]) -> None:
+    folder.mkdir()
+    for kind, text in sources.items():
+        name = Path(text.name).name if text.name != "<stdin>" else f"stdin.{kind}"
+        while (folder / name).exists() or name == OVERRIDES:
+            # with another file's name, its kind comes first, and stands alone where the name would be too long
+            name = f"{kind}-{name}" if len(os.fsencode(name)) < LONGEST_NAME else kind
+        (folder / name).write_text(text.body, encoding="utf-8")
+    if overrides:
+        lines = "".join(f"{line}\n" for line in overrides)
+        (folder / OVERRIDES).write_text(lines, encoding="utf-8", errors="surrogateescape")

@@ -1,0 +1,65 @@
+"""Aircraft that are shipped, and the files that `eadp init` starts a folder with."""
+
+from __future__ import annotations
+
+import os
+from importlib.resources import files
+
+from eadp.api.cover import CoverageOptions, CoverageTask
+from eadp.coverage.cover import cover
+from eadp.errors import Fault, InputError, printable, refuse
+from eadp.io.text.streams import Text, write_text
+from eadp.io.vehicle.vehicle_file import read_vehicle
+
+FOLDER = files("eadp") / "presets"
+PRESETS = tuple(sorted(file.name.removesuffix(".yaml") for file in (FOLDER / "vehicles").iterdir()))
+"""Names of the aircraft that are shipped."""
+
+DEFAULT = "foam-wing"
+SCENARIO, FIELD, PLAN = "scenario.yaml", "field.geojson", "survey.plan"
+SWATH_M = 40.0
+"""Swath of the plan [m]."""
+
+WIND = 4.0, 270.0
+"""Wind of the plan and of the scenario [m/s], and the bearing that it blows from [°]."""
+
+
+def start_texts(folder: str, preset: str) -> dict[str, str]:
+    """Texts by path of a folder's first files: a preset's vehicle, a scenario, a field, and a plan that covers it.
+
+    Raises
+    ------
+    InputError
+        If there is no preset of this name.
+    """
+    if preset not in PRESETS:
+        raise InputError.at("--preset", 1, 1, "no such aircraft", f"one of {', '.join(PRESETS)}", preset)
+    vehicle, field = f"{preset}.yaml", FOLDER / FIELD
+    body = (FOLDER / "vehicles" / vehicle).read_text("utf-8")
+    airframe = read_vehicle(Text(vehicle, body)).airframe
+    options = CoverageOptions(swath_m=SWATH_M, pattern="zamboni", wind=WIND)
+    task = CoverageTask.read(str(field), options, preset, airframe, (0.0, 0.0))
+    covered = task.planned(cover(task.request))
+    plan = covered.text.replace(printable(str(field), 100), FIELD)
+    names = {"vehicle": vehicle, "scenario": SCENARIO, "plan": PLAN, "wind_mps": WIND[0], "from_deg": WIND[1]}
+    scenario = (FOLDER / SCENARIO).read_text("utf-8").format(**names)
+    texts = {vehicle: body, SCENARIO: scenario, FIELD: field.read_text("utf-8"), PLAN: plan}
+    return {os.path.join(folder, name): text for name, text in texts.items()}
+
+
+def write_new(texts: dict[str, str], *, force: bool) -> None:
+    """Write files by path, their folders too.
+
+    Raises
+    ------
+    InputError
+        If one exists and `force` is not set, and nothing is written; or if one cannot be written.
+    """
+    taken = [path for path in texts if os.path.lexists(path) and not force]
+    refuse([Fault(path, 1, 1, "exists already", "a new file, or --force to replace it") for path in taken])
+    for path, text in texts.items():
+        try:
+            os.makedirs(os.path.dirname(path) or ".", exist_ok=True)
+        except OSError as error:
+            raise InputError.at(path, 1, 1, f"cannot be written: {error.strerror}", "a writable location") from None
+        write_text(path, text)

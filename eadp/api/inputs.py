@@ -1,0 +1,603 @@
+"""Everything a flight needs, brought together from its files and checked before it takes off."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import statistics
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from os import PathLike
+from typing import Any, TypeVar
+
+from eadp import __version__
+from eadp.api.given import File
+from eadp.core.geometry.curves import Point
+from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined, refuse
+from eadp.io.energy.model_file import energy_yaml, parse_energy
+from eadp.io.mission.reader import PlanReader, is_mission
+from eadp.io.plan.writer import plan_text
+from eadp.io.profile.model_file import parse_profile, profile_yaml
+from eadp.io.scenario.scenario_file import SCHEMA, Scenario, plain, scenario_document, scenario_of, value_text
+from eadp.io.text.named import parse_named
+from eadp.io.text.source import SourceText
+from eadp.io.text.streams import Text, read_text
+from eadp.io.text.yaml import Document
+from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, HOME_RADII, WayHome
+from eadp.models.battery import CURRENT, CUT_OFF
+from eadp.models.computing import ComputationRate, Computing, join_profile, load_configuration, may_compute
+from eadp.models.doubts import aircraft_doubts, fault_doubts, position_doubts
+from eadp.models.energy import EnergyModel
+from eadp.models.performance import too_tight
+from eadp.models.plan.cursor import Vector
+from eadp.models.plan.plan import Finding, Plan
+from eadp.models.plan.route import MARGIN_M
+from eadp.models.plan.stage import COMPUTATION, Stage
+from eadp.models.plan.trace import KEPT_ROUTES, default_start, whole_route
+from eadp.models.profile import configuration_text
+from eadp.models.profile_sum import AnyProfile
+from eadp.models.sweep import Run
+from eadp.models.vehicle import Airframe, FixedWing
+from eadp.models.world import TakeOff, Timing, World
+from eadp.planning.base import Mission
+from eadp.planning.flight import PlannedFlight, make_flight
+from eadp.planning.forecast.held import Preflight
+from eadp.planning.registry import planner_class
+
+LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
+"""Time limit of a flight as a multiple of its forecast time, and where there is no forecast [s]."""
+
+CORNERS_LIMIT = 6
+RETURN_HOME, IGNORE = "home", "ignore"
+COMMANDED = ComputationRate()
+"""A computation that runs as commanded."""
+
+Content = TypeVar("Content")
+
+
+@dataclass(frozen=True)
+class Given:
+    """An object that is given in place of a file; `write` gives the text of its file."""
+
+    content: Any
+    name: str
+    write: Callable[[Any], str]
+
+    @property
+    def body(self) -> str:
+        """Its text."""
+        return self.write(self.content)
+
+
+Source = Text | Given
+"""Where the content of an input comes from; its `name` stands in messages, its `body` is kept with results."""
+
+
+class Files:
+    """Files of flights, by path: each is read and parsed once. Only the texts are pickled.
+
+    `texts` are those that are known already.
+    """
+
+    def __init__(self, texts: Mapping[str, Text] | None = None) -> None:
+        self.texts = dict(texts or {})
+        self._contents: dict[tuple[str, Callable[[Text], Any]], Any] = {}
+
+    def __getstate__(self) -> tuple[str, dict[str, Text]]:
+        return __version__, self.texts
+
+    def __setstate__(self, state: tuple[str, dict[str, Text]]) -> None:
+        version, self.texts = state
+        self._contents = {}
+        if version != __version__:  # another version's flights may differ
+            raise EadpError(f"this is eadp {__version__}")
+
+    def text(self, path: str) -> Text:
+        """A file's text."""
+        if path not in self.texts:
+            self.texts[path] = read_text(path)
+        return self.texts[path]
+
+    def read(self, path: str, parse: Callable[[Text], Content], reference: Fault | None = None) -> tuple[Text, Content]:
+        """A file's text and content; `reference` is where another file names it."""
+        text = self.text(path)
+        if (path, parse) not in self._contents:
+            self._contents[path, parse] = parse_named(text, parse, reference)
+        content: Content = self._contents[path, parse]
+        return text, content
+
+    def document(self, given: File | Mapping[str, Any] | None, reference: Fault | None = None) -> Document:
+        """A scenario's document: of its file, of its keys, or of the defaults."""
+        if given is None:
+            return Document(SourceText(Text("scenario", "")), {})
+        if isinstance(given, Mapping):
+            return Document(SourceText(Text("given-keys.yaml", "")), {"schema": SCHEMA, **plain(given)})
+        return self.read(str(given), scenario_document, reference)[1]
+
+    def scenario(self, given: File | Mapping[str, Any] | None, overrides: Mapping[str, Any] | None = None) -> Scenario:
+        """A scenario with some keys overridden."""
+        return scenario_of(self.document(given), overrides, self.text)
+
+    def profile(
+        self, given: File | AnyProfile, reference: Fault | None = None
+    ) -> tuple[Source, AnyProfile, list[Fault]]:
+        """A profile, a model or of measurements, where it comes from, and warnings."""
+        if not isinstance(given, str | PathLike):
+            return Given(given, "given-profile.yaml", profile_yaml), given, []
+        text, (profile, found) = self.read(str(given), profile_of, reference)
+        return text, profile, found
+
+    def load(self, run: Run) -> FlightInputs:
+        """The flight of a run, ready to be flown."""
+        return load_flight(**run.files, overrides=run.overrides, files=self)
+
+
+def profile_of(text: Text) -> tuple[AnyProfile, list[Fault]]:
+    """A profile and its warnings: a model, or measurements."""
+    return parse_profile(text)
+
+
+@dataclass(frozen=True)
+class FlightInputs:
+    """A flight ready to be flown: the world, the planner's mission, and what they were read from, by kind."""
+
+    world: World
+    mission: Mission
+    scenario: Scenario
+    warnings: tuple[Fault, ...]
+    sources: Mapping[str, Source]
+
+    def flight(self) -> PlannedFlight:
+        """A new flight with its planner."""
+        return make_flight(self.scenario.planner, self.scenario.estimator, self.mission)
+
+    def preflight(self) -> Preflight | None:
+        """The forecast of the flight before take-off, with its wind as the weather forecast."""
+        if self.mission.battery.prescribed:
+            return None
+        wind, settings = self.world.wind, self.scenario.planner
+        planner = planner_class(settings.name)
+        plan, altitudes_m = self.world.plan, _altitudes_m(self.world.plan, self.world.vehicle)
+        wind_mps = wind.steady_at_mps(0.0, statistics.median_high(altitudes_m))
+        found = planner.preflight(settings, self.mission, wind_mps, wind.gust_std_mps)
+        airspace = plan.site.airspace.in_the_way(min(altitudes_m))
+        if found is None or not any(airspace):
+            return found
+        from eadp.planning.forecast.clearance import entering  # few plans have obstacles
+
+        gusts, world = (wind.gust_std_mps, wind.gust_time_s), self.world
+        legs = found.planned(self.mission).legs
+        return replace(found, entering=entering(legs, airspace, world.vehicle, world.guidance, wind_mps, gusts))
+
+
+def load_flight(
+    plan: File | Plan,
+    *,
+    scenario: File | Mapping[str, Any] | None = None,
+    profile: File | AnyProfile | None = None,
+    energy: File | EnergyModel | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    files: Files | None = None,
+) -> FlightInputs:
+    """Read and check what a flight is of, paths or objects; those in `files` are not read again.
+
+    Raises
+    ------
+    InputError
+        With every fault found in the first file that has any.
+    """
+    files = files or Files()
+    setting = files.scenario(scenario, overrides)
+    plan_source, flown, warnings = _plan(files, plan, setting)
+    sources: dict[str, Source] = {"plan": plan_source}
+    if isinstance(scenario, Mapping):
+        sources["scenario"] = Given(setting.document.value, "given-keys.yaml", value_text)
+    elif scenario is not None:
+        sources["scenario"] = files.text(str(scenario))
+    if setting.vehicle_text is not None:
+        sources["vehicle"] = setting.vehicle_text
+    computations, model = None, None
+    reference = None if profile is not None else setting.fault("profile", "")
+    given_profile = setting.profile_path if profile is None else profile
+    if given_profile is not None:
+        sources["profile"], computations, found = files.profile(given_profile, reference)
+        warnings += found
+    flown, setting = _named(flown, plan_source, computations, setting)
+    place = "" if computations is None else sources["profile"].name
+    computing = _computing(flown, plan_source, computations, place, setting)
+    if computations is not None and not may_compute(flown):
+        warnings.append(_load_note(computations, place, computing, setting))
+    if isinstance(energy, EnergyModel):
+        sources["energy"], model = Given(energy, "given-energy.yaml", energy_yaml), energy
+    elif energy is not None:
+        sources["energy"], model = files.read(str(energy), parse_energy)
+    parameters = _parameters_at_take_off(flown, setting)
+    _check_paths(flown, plan_source, parameters)
+    start = _start(flown, plan_source, setting, parameters)
+    _check_aircraft(flown, plan_source, setting)
+    _check_battery(setting, computing.power_w(parameters, flown.stages[0].sets))
+    world = _world(flown, computing, setting, parameters, start)
+    _check_rates(world, setting)
+    _check_names(flown, setting)
+    warnings += _unused(flown, setting)
+    mission = _mission(world, setting, model)
+    _check_planner(setting, mission)
+    warnings += _doubts(setting, world)
+    return FlightInputs(world, mission, setting, tuple(warnings), sources)
+
+
+def _plan(files: Files, given: File | Plan, scenario: Scenario) -> tuple[Source, Plan, list[Fault]]:
+    """Where a plan or a mission comes from, the plan as it is flown, and warnings."""
+    keys, vehicle = scenario.keys, scenario.keys.vehicle.airframe
+    text: Source
+    findings: list[Finding] = []
+    foreign = not isinstance(given, Plan) and is_mission(files.text(str(given)))
+    if isinstance(given, Plan):
+        text, plan = Given(given, "given.plan", plan_text), given
+    else:
+        reader = PlanReader.of(vehicle, keys.battery, keys.laps) if foreign else PlanReader()
+        text, (plan, findings) = files.read(str(given), reader)
+    if keys.obstacles == IGNORE:
+        plan = replace(plan, site=plan.site._replace(airspace=EVERYWHERE))
+    warnings = [finding.fault(text.name) for finding in findings]
+    radius_m, wind_mps = plan.min_radius_m, keys.wind.speeds_mps[1]
+    if not foreign and radius_m and (tight := too_tight(vehicle, vehicle.airspeed_mps, radius_m, wind_mps)):
+        expected = "a path of eadp cover with --wind, or less wind"
+        warnings.append(Fault(text.name, 1, 1, tight, expected, severity="warning"))
+    made = plan.site.made_for
+    if made is not None and f"{made.airspeed_mps:g}" != f"{vehicle.airspeed_mps:g}":
+        message = f"the plan was made for {made.aircraft}, and is flown at {vehicle.airspeed_mps:g} m/s"
+        expected = "its aircraft, as --scenario or --set vehicle=FILE"
+        warnings.append(Fault(text.name, 1, 1, message, expected, severity="note"))
+    if not isinstance(vehicle, FixedWing) and _commands(plan):
+        message = f"altitudes and airspeeds of stages are not flown: the airframe {vehicle.model} holds its own"
+        warnings.append(Fault(text.name, plan.stages[0].line, 1, message, severity="note"))
+        level = [replace(stage, altitude_m=None, airspeed_mps=None) for stage in plan.stages]
+        plan = replace(plan, stages=tuple(level))
+    return text, plan, warnings
+
+
+def _named(plan: Plan, text: Source, profile: AnyProfile | None, scenario: Scenario) -> tuple[Plan, Scenario]:
+    """The plan as it is flown, its computations named as in the profile where they have no names, and its scenario."""
+    columns = () if profile is None else tuple(zip(profile.names, profile.units, strict=True))
+    if not plan.computations and len(plan.parameters) == plan.path_count + len(columns):
+        plan = replace(plan, computations=columns)
+    scenario = scenario.with_names(plan.parameters, tuple(map(plan.hull, range(len(plan.stages[0].sets)))))
+    return _with_sets(plan, text, scenario).laps(), scenario
+
+
+def _world(
+    plan: Plan, computing: Computing, scenario: Scenario, parameters: Vector, start: tuple[Point, float]
+) -> World:
+    keys, (start_m, heading_rad) = scenario.keys, start
+    vehicle, rates = keys.vehicle.airframe, keys.computations
+    limit_s = keys.time_limit_s or _time_limit_s(plan, parameters, start_m, scenario, vehicle.airspeed_mps)
+    return World(
+        plan=plan,
+        computing=computing,
+        vehicle=vehicle,
+        guidance=keys.guidance,
+        wind=keys.wind,
+        battery=keys.battery,
+        faults=keys.faults,
+        start=TakeOff(start_m, heading_rad, _altitude_m(plan, scenario, vehicle)),
+        parameters=parameters,
+        rules=scenario.rules,
+        clock=Timing(keys.step_s, keys.log_every_s, limit_s),
+        seed=keys.seed,
+        sensors=keys.sensors,
+        rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},
+        way_home=_way_home(plan, scenario, start_m),
+    )
+
+
+def _altitudes_m(plan: Plan, vehicle: Airframe) -> list[float]:
+    """Altitudes of a plan's stages, the aircraft's own where the plan commands none [m]."""
+    return [vehicle.cruise_altitude_m if stage.altitude_m is None else stage.altitude_m for stage in plan.stages]
+
+
+def _way_home(plan: Plan, scenario: Scenario, start_m: Point) -> WayHome | None:
+    """Home and the way to it, round what is in the way; None without a home."""
+    home_m = scenario.position_m("home", plan.site.origin_deg) or plan.site.home_m
+    airspace = plan.site.airspace.in_the_way(min(_altitudes_m(plan, scenario.keys.vehicle.airframe)))
+    for key, point in (("start", start_m), ("home", home_m)):
+        if point is not None and not airspace.admits(point):
+            message = f"the {key} ({point[0]:g}, {point[1]:g}) lies in an obstacle or beyond the boundary"
+            raise InputError(scenario.fault(key, message, "another place, or obstacles: ignore"))
+    if home_m is None:
+        return None
+    turn_radius_m, turns_back = scenario.keys.vehicle.airframe.turn_radius_m, scenario.keys.on_infeasible == RETURN_HOME
+    ways = None
+    if any(airspace):
+        from eadp.core.geometry.ways import WaysTo
+
+        radius_m = HOME_RADII * turn_radius_m
+        clear, near = airspace.free_space(CLEARANCE_SHARE * radius_m), airspace.free_space(0.0)
+        ways = WaysTo(home_m, clear, near, radius_m)
+    return WayHome(home_m, turn_radius_m, turns_back, ways)
+
+
+def _mission(world: World, scenario: Scenario, energy: EnergyModel | None) -> Mission:
+    """What the planner knows of a world before take-off."""
+    vehicle = world.vehicle
+    return Mission(
+        plan=world.plan,
+        computing=world.computing,
+        battery=world.battery,
+        cruise_mps=vehicle.airspeed_mps,
+        parameters=world.parameters,
+        start_m=world.start.position_m,
+        energy=energy,
+        motion_w=vehicle.cruise_power_w,
+        way_home=world.way_home,
+        rules=world.rules,
+        max_motion_w=vehicle.max_motion_w,
+        gust_time_s=world.wind.gust_time_s,
+        airframe=vehicle if isinstance(vehicle, FixedWing) else None,
+        altitude_m=world.start.altitude_m,
+    )
+
+
+def _doubts(scenario: Scenario, world: World) -> list[Fault]:
+    """Warnings about settings that may mean something else."""
+    keys, plan = scenario.keys, world.plan
+    first_m, origin_deg = plan.stages[0].trigger_at(world.parameters), plan.site.origin_deg
+    found = [
+        *aircraft_doubts(keys.vehicle.airframe, keys.battery, keys.wind),
+        *position_doubts("start", keys.start.position_m, first_m, origin_deg),
+        *position_doubts("home", keys.home.position_m, first_m, origin_deg),
+        *fault_doubts(keys.faults, world.clock.time_limit_s),
+    ]
+    return [replace(scenario.fault(*doubt), severity="warning") for doubt in found]
+
+
+def _check_aircraft(plan: Plan, text: Source, scenario: Scenario) -> None:
+    """The aircraft can fly, and faster than the wind."""
+    vehicle, wind_mps = scenario.keys.vehicle.airframe, scenario.keys.wind.speeds_mps[1]
+    refuse([scenario.fault("vehicle.airframe", fault, "an aeroplane that can fly so") for fault in vehicle.faults()])
+    if wind_mps >= vehicle.airspeed_mps:
+        message = f"a wind of {wind_mps:g} m/s, at an airspeed of {vehicle.airspeed_mps:g} m/s"
+        key = "wind.profile" if scenario.keys.wind.profile else "wind.speed_mps"
+        raise InputError(scenario.fault(key, message, "a wind below the airspeed"))
+    if isinstance(vehicle, FixedWing):
+        _check_airspeeds(plan, text, vehicle, wind_mps)
+
+
+def _check_battery(scenario: Scenario, computing_w: float) -> None:
+    """The battery can deliver the power of level flight and of the computations [W]."""
+    battery, power_w = scenario.keys.battery, scenario.keys.vehicle.airframe.cruise_power_w + computing_w
+    if power_w > battery.max_power_w(battery.voltage_v):
+        key = {CURRENT: "max_c_rate", CUT_OFF: "cutoff_voltage_v"}.get(
+            battery.limit_at(battery.voltage_v), "resistance_ohm"
+        )
+        message = f"level flight: {battery.undeliverable(power_w, 1.0)}"
+        raise InputError(scenario.fault(f"battery.{key}", message, "a battery that can"))
+
+
+def _time_limit_s(plan: Plan, parameters: Vector, start: Point, scenario: Scenario, airspeed_mps: float) -> float:
+    """Time limit of a flight without one [s]: a multiple of the forecast at the parameters of take-off."""
+    try:
+        route = whole_route(plan, parameters, scenario.rules, start, MARGIN_M)
+    except PathUndefined:
+        return LIMIT_S
+    forecast_s = float(route.times_s(airspeed_mps, scenario.keys.wind.steady_mps)[0].sum())
+    return LIMIT_FORECASTS * forecast_s if math.isfinite(forecast_s) else LIMIT_S
+
+
+def _commands(plan: Plan) -> bool:
+    """Whether stages command altitudes or airspeeds."""
+    return any(stage.altitude_m is not None or stage.airspeed_mps is not None for stage in plan.stages)
+
+
+def _altitude_m(plan: Plan, scenario: Scenario, vehicle: Airframe) -> float:
+    """Altitude at the start [m]: as given, else the first stage's; a mission, which starts at home, on the ground."""
+    if scenario.keys.start.altitude_m is not None:
+        return scenario.keys.start.altitude_m
+    commanded_m = [stage.altitude_m for stage in plan.stages if stage.altitude_m is not None]
+    from_home = plan.site.start_m == (0.0, 0.0)  # the origin of a mission
+    if commanded_m and from_home and scenario.position_m("start", plan.site.origin_deg) is None:
+        return 0.0
+    first_m = plan.stages[0].altitude_m
+    return vehicle.cruise_altitude_m if first_m is None else first_m
+
+
+def _check_airspeeds(plan: Plan, text: Source, vehicle: FixedWing, wind_mps: float) -> None:
+    """The aircraft can fly at the airspeeds of the stages, and faster than the wind."""
+    checked = {stage.airspeed_mps: stage for stage in reversed(plan.stages) if stage.airspeed_mps is not None}
+    faults = []
+    for airspeed_mps, stage in checked.items():
+        found = replace(vehicle, airspeed_mps=airspeed_mps).faults()
+        if wind_mps >= airspeed_mps:
+            found.append(f"a wind of {wind_mps:g} m/s, at an airspeed of {airspeed_mps:g} m/s")
+        faults += [
+            Fault(text.name, stage.line, 1, f"stage {stage.index}: {what}", "an airspeed at which the aircraft can fly")
+            for what in found
+        ]
+    refuse(faults)
+
+
+def _with_sets(plan: Plan, text: Source, scenario: Scenario) -> Plan:
+    """The plan's own sets, else the scenario's bounds."""
+    if plan.has_sets:
+        if scenario.bounds:
+            raise InputError(scenario.fault("bounds", "bounds for a plan whose stages carry sets", "one or the other"))
+        return plan
+    if scenario.bounds:
+        try:
+            return plan.with_bounds(scenario.bounds)
+        except EadpError as error:
+            raise InputError(scenario.fault("bounds", str(error), "bounds for every parameter")) from None
+    if plan.path_count or plan.computations:
+        what = "the stages carry no sets and the scenario no bounds"
+        raise InputError.at(text.name, plan.stages[0].line, 1, what, "sets like [-1000, 0] after each trigger")
+    return plan
+
+
+def _computing(plan: Plan, text: Source, profile: AnyProfile | None, place: str, scenario: Scenario) -> Computing:
+    """The computations of a plan, or the constant load of those that it does not decide."""
+    load_at = scenario.keys.profile_at
+    if load_at and (profile is None or may_compute(plan)):
+        what = "no profile" if profile is None else "a plan that has parameters for its computations"
+        raise InputError(
+            scenario.fault("profile_at", f"a constant load beside {what}", "a profile, and a plan without")
+        )
+    if profile is not None and load_at:
+        try:
+            load_configuration(profile, load_at)
+        except EadpError as error:
+            raise InputError(
+                scenario.fault("profile_at", str(error), f"measured values of {', '.join(profile.names)}")
+            ) from None
+    try:
+        return join_profile(plan, profile, load_at)
+    except EadpError as error:
+        if not place:
+            raise InputError.at(
+                text.name, plan.stages[0].line, 1, str(error), "--profile, or profile: in the scenario"
+            ) from None
+        raise InputError.at(place, 1, 1, str(error), "a profile of the plan's computations") from None
+
+
+def _load_note(profile: AnyProfile, place: str, computing: Computing, scenario: Scenario) -> Fault:
+    """What a profile beside a plan without computations counts as."""
+    load_at = scenario.keys.profile_at
+    at = configuration_text(profile.names, load_configuration(profile, load_at), ",")
+    why = "as stated" if set(load_at) == set(profile.names) else "the highest; --at states another"
+    message = f"the plan has no parameter for it: a constant load of {computing.load_w:.2f} W at {at} ({why})"
+    return Fault(place, 1, 1, message, severity="note")
+
+
+def _parameters_at_take_off(plan: Plan, scenario: Scenario) -> Vector:
+    """Parameters at take-off: as stated, else each at its maximum."""
+    faults = []
+    values = []
+    given = dict(scenario.keys.parameters)
+    for i, name in enumerate(plan.names):
+        box = plan.hull(i)
+        value = given.pop(name, box.hi)
+        if box.clip(value) != value:
+            message = f"{name} = {value:.10g} is outside its set"
+            faults.append(scenario.fault(f"parameters.{name}", message, f"a value in [{box.lo:.10g}, {box.hi:.10g}]"))
+        values.append(value)
+    for name in given:
+        faults.append(scenario.unknown_parameter(f"parameters.{name}", name, plan))
+    if faults:
+        raise InputError(*faults)
+    return tuple(values)
+
+
+def _check_rates(world: World, scenario: Scenario) -> None:
+    """The actual rates are of computations of the plan, and within what was measured."""
+    computations = [parameter.name for parameter in world.plan.parameters if parameter.kind == COMPUTATION]
+    expected = f"one of {', '.join(computations) or 'none'}"
+    faults = [
+        scenario.fault(f"computations.{name}", f"the plan has no computation {name}", expected)
+        for name in scenario.keys.computations
+        if name not in computations
+    ]
+    refuse(faults)
+    for stage in world.plan.stages if world.rates else ():
+        for corner in zip(*((box.lo, box.hi) for box in stage.sets), strict=True):
+            try:
+                world.computing_w(corner, stage)
+            except Infeasible as error:
+                what = f"stage {stage.index}: the actual rates leave what was measured: {error}"
+                raise InputError(scenario.fault("computations", what, "rates that the profile has measured")) from None
+
+
+def _check_names(plan: Plan, scenario: Scenario) -> None:
+    """Parameters that the planner's settings name are the plan's."""
+    settings = scenario.planner
+    own = settings.own
+    named = {f"planner.{key}.{name}": name for key in ("weights", "levels") for name in getattr(settings, key)}
+    named |= {
+        f"planner.{settings.name}.{key}.{name}": name for key in ("delta", "gains") for name in getattr(own, key, ())
+    }
+    for i, row in enumerate(getattr(own, "trade_offs", ())):
+        named |= {f"planner.{settings.name}.trade_offs.{i}.coefficients.{name}": name for name in row.coefficients}
+    faults = [scenario.unknown_parameter(key, name, plan) for key, name in named.items() if name not in plan.names]
+    if faults and plan.names:  # a plan without parameters may share a scenario with others
+        raise InputError(*faults)
+
+
+def _unused(plan: Plan, scenario: Scenario) -> list[Fault]:
+    """A note on settings of parameters beside a plan that has none, if any."""
+    unused = [key for key in ("weights", "levels") if not plan.names and getattr(scenario.planner, key)]
+    if not unused:
+        return []
+    keys = ", ".join(f"planner.{name}" for name in unused)
+    return [
+        replace(
+            scenario.fault(f"planner.{unused[0]}", f"not used: {keys}: the plan has no parameters"), severity="note"
+        )
+    ]
+
+
+def _check_planner(scenario: Scenario, mission: Mission) -> None:
+    """The planner's own settings fit the mission, and it can turn back where that is asked for."""
+    name, turns_back = scenario.planner.name, scenario.keys.on_infeasible == RETURN_HOME
+    if turns_back and mission.way_home is None:
+        raise InputError(scenario.fault("on_infeasible", "home, which has no location", "home: {position_m: [x, y]}"))
+    if turns_back and not planner_class(name).optimises_to_end:
+        raise InputError(
+            scenario.fault("on_infeasible", f"home, with planner {name}", "planner joint, which forecasts")
+        )
+    if found := planner_class(name).faults(scenario.planner, scenario.estimator, mission):
+        raise InputError(*(scenario.fault(f"planner.{name}.{key}", what, hint) for key, what, hint in found))
+
+
+@lru_cache(KEPT_ROUTES)
+def _check_paths(plan: Plan, text: Source, parameters: Vector) -> None:
+    """Every stage has a path and a trigger, at take-off and at every corner of the path parameters' sets."""
+    rho = plan.path_count
+    corners: list[Sequence[float]] = [parameters]
+    if plan.has_sets and rho <= CORNERS_LIMIT:
+        ends = [(box.lo, box.hi) for box in (plan.hull(i) for i in range(rho))]
+        corners += [(*corner, *parameters[rho:]) for corner in itertools.product(*ends)]
+    faults = []
+    for stage in plan.stages:
+        for corner in corners:
+            try:
+                _check_stage(stage, corner)
+            except PathUndefined as error:
+                at = ", ".join(f"{name} = {value:g}" for name, value in zip(plan.names, corner[:rho], strict=False))
+                message = f"{error}" + (f", at {at}" if at else "")
+                faults.append(Fault(text.name, stage.line, 1, message, "a path that can be flown"))
+                break
+    if faults:
+        raise InputError(*faults)
+
+
+def _check_stage(stage: Stage, parameters: Sequence[float]) -> None:
+    path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
+    try:
+        stage.track(path, trigger).nearest(trigger)
+    except PathUndefined as error:
+        raise PathUndefined(f"the path of stage {stage.index} {error}") from None
+
+
+def _start(plan: Plan, text: Source, scenario: Scenario, parameters: Vector) -> tuple[Point, float]:
+    """Position and heading at the start of the flight."""
+    stage = plan.stages[0]
+    start, heading = scenario.position_m("start", plan.site.origin_deg), scenario.keys.start.heading_rad
+    try:
+        usual, usual_heading = default_start(plan, parameters)
+    except PathUndefined as error:
+        raise InputError.at(text.name, stage.line, 1, f"stage 1: {error}", "a path that can be joined") from None
+    if start is None:
+        return usual, usual_heading if heading is None else heading
+    try:
+        jet = stage.path_at(parameters)(*start)
+        if not all(math.isfinite(value) for value in jet):
+            raise ValueError
+    except (ArithmeticError, ValueError):
+        message = f"the path of stage 1 has no value at the start ({start[0]:g}, {start[1]:g})"
+        key = "position_m" if scenario.keys.start.lat_deg is None else "lat_deg"
+        raise InputError(scenario.fault(f"start.{key}", message, "a start from which it can be joined")) from None
+    if heading is None:
+        phi, gx, gy = jet[:3]
+        dx = -stage.sense * gy - stage.gain * phi * gx
+        dy = stage.sense * gx - stage.gain * phi * gy
+        heading = math.atan2(dy, dx) if dx or dy else usual_heading
+    return start, heading

@@ -1,0 +1,112 @@
+"""Reading plans, and missions of other software as plans."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+from eadp.api.given import File, Warn, python_warnings
+from eadp.errors import Fault, InputError
+from eadp.io.mission.reader import PlanReader, is_mission
+from eadp.io.text.streams import Text, read_text
+from eadp.models.plan.plan import Finding, Plan
+
+if TYPE_CHECKING:
+    from eadp.validation.check import Report
+
+
+class CheckedPlan(NamedTuple):
+    """A plan, its name in messages, what was found in it, and what was checked."""
+
+    plan: Plan
+    name: str
+    findings: Sequence[Finding]
+    report: Report | None = None
+
+    @property
+    def faults(self) -> list[Fault]:
+        """The findings, in the file's lines."""
+        return [finding.fault(self.name) for finding in self.findings]
+
+
+def check_plan(
+    file: File, *, min_radius_m: float | None = None, laps: int | None = None, geometry: bool = True
+) -> CheckedPlan:
+    """Read a plan, or a mission, and check it over the whole range of every path parameter, by value and by proof.
+
+    Parameters
+    ----------
+    file, min_radius_m, laps
+        As for `read_plan`; turns that are tighter than the radius are found, too.
+    geometry : bool, optional
+        Whether the geometry is checked.
+
+    Raises
+    ------
+    InputError
+        With every fault of the file.
+    """
+    text = read_text(str(file))
+    plan, findings = PlanReader(laps=laps).turning(min_radius_m or None)(text)
+    if not geometry:
+        return CheckedPlan(plan, text.name, findings)
+    from eadp.validation.check import check_plan as check_geometry
+    from eadp.validation.proof import StageProof, prove_plan
+
+    # a mission's coordinates are rounded, and it has no parameters: there is nothing to prove
+    proofs = (StageProof(),) * len(plan.stages) if is_mission(text) else prove_plan(plan)
+    report = check_geometry(plan, min_radius_m=min_radius_m, proofs=proofs)
+    return CheckedPlan(plan, text.name, [*findings, *report.findings], report)
+
+
+def read_plan(
+    file: File, *, min_radius_m: float | None = None, laps: int | None = None, warn: Warn = python_warnings
+) -> Plan:
+    """Read a plan, or a mission of other software.
+
+    Parameters
+    ----------
+    file : str or path
+        The file, `-` for standard input.
+    min_radius_m : float, optional
+        Radius of a mission's turns [m]; by default the default aircraft's.
+    laps : int, optional
+        How many times a mission that repeats for ever is flown.
+    warn : function, optional
+
+    Raises
+    ------
+    InputError
+        With every fault of the file.
+    """
+    return plan_of(file, min_radius_m, laps, warn)[0]
+
+
+def read_mission(
+    file: File, *, min_radius_m: float | None = None, laps: int | None = None, warn: Warn = python_warnings
+) -> Plan:
+    """Read a mission of other software as a plan: as `read_plan`, which also reads plans.
+
+    Raises
+    ------
+    InputError
+        With every fault of the file; where it is a plan of eadp, too.
+    """
+    text = read_text(str(file))
+    if not is_mission(text):
+        raise InputError.at(text.name, 1, 1, "is no mission", "a QGroundControl plan or a WPL file")
+    return _of_text(text, min_radius_m, laps, warn)
+
+
+def plan_of(given: File | Plan, min_radius_m: float | None, laps: int | None, warn: Warn) -> tuple[Plan, str]:
+    """A plan that is given, and its name in messages."""
+    if isinstance(given, Plan):
+        return given, given.name
+    text = read_text(str(given))
+    return _of_text(text, min_radius_m, laps, warn), text.name
+
+
+def _of_text(text: Text, min_radius_m: float | None, laps: int | None, warn: Warn) -> Plan:
+    plan, findings = PlanReader(laps=laps).turning(min_radius_m)(text)
+    warn([finding.fault(text.name) for finding in findings])
+    return plan

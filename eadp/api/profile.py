@@ -1,0 +1,163 @@
+"""The use case of `eadp profile --measure`: options in, the table of measurements out."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+from eadp.api.given import File, Warn, python_warnings
+from eadp.errors import Fault, InputError, printable
+from eadp.io.profile import measuring, model_file
+from eadp.io.profile.configurations import configurations_to_measure
+from eadp.io.profile.measuring import MeasurementSettings, check_command, mean_text, measure, measurements_csv
+from eadp.io.profile.power_sensor import Sensor, choose_sensor
+from eadp.io.text.options import Flag, option_name
+from eadp.models.profile_sum import AnyProfile
+
+SHORTEST_INTERVAL_S = 0.01
+"""Shortest time between two samples [s]: sensors do not change faster."""
+
+
+@dataclass(frozen=True)
+class MeasureOptions:
+    """How the power of a command is measured; None is an option that was not given."""
+
+    config: Annotated[Sequence[str], Flag(metavar="NAME=VALUE,…")] = ()
+    """Configuration of a trace, one option for each trace; with --measure, configurations to measure, all combinations:
+    fps=2,4,keysize=32,448."""
+
+    sweep: Annotated[Sequence[str], Flag(metavar="NAME=FROM:TO:STEP")] = ()
+    """Values to measure at, both ends included."""
+
+    sensor: Annotated[str | None, Flag(metavar="KIND:NAME")] = None
+    """The sensor to read, or its path."""
+
+    sysfs: Annotated[str | None, Flag(metavar="DIR")] = None
+    """Root of the sensors [/sys]."""
+
+    warmup_s: float | None = None
+    """Time before the first sample [5 s]."""
+
+    interval_s: float | None = None
+    """Time from one sample to the next [0.2 s]."""
+
+    accuracy: Annotated[str | None, Flag(metavar="W")] = None
+    """Standard error to measure to [0.05 W], or as in 1%."""
+
+    longest_s: float | None = None
+    """Longest time at a configuration [120 s]."""
+
+    idle_s: float | None = None
+    """First measure for this time without the command."""
+
+    def given(self) -> list[str]:
+        """Those given, as options; without `--config`, which is not for measuring alone."""
+        return [option_name(name) for name, value in vars(self).items() if name != "config" and value not in (None, ())]
+
+    @property
+    def settings(self) -> MeasurementSettings:
+        """The settings, with their defaults; raises InputError."""
+        accuracy, relative = _accuracy(self.accuracy) if self.accuracy else (MeasurementSettings.accuracy, False)
+        return MeasurementSettings(
+            _seconds("--warmup", self.warmup_s, MeasurementSettings.warm_up_s),
+            _seconds("--interval", self.interval_s, MeasurementSettings.interval_s, SHORTEST_INTERVAL_S),
+            accuracy,
+            relative,
+            _seconds("--longest", self.longest_s, MeasurementSettings.max_time_s, SHORTEST_INTERVAL_S),
+            _seconds("--idle", self.idle_s, MeasurementSettings.idle_s),
+        )
+
+
+def measure_profile(
+    command: Sequence[str],
+    options: MeasureOptions,
+    chosen: Callable[[Fault], None],
+    report: Callable[[str], None],
+) -> tuple[str, list[Fault]]:
+    """Run a command at each configuration and sample a power sensor.
+
+    Parameters
+    ----------
+    command : sequence of str
+        Program and arguments, see `measuring.measure`.
+    options : MeasureOptions
+    chosen : function
+        Called with a note of the sensor, before anything runs.
+    report : function
+        Called with the progress, as a short text.
+
+    Returns
+    -------
+    str
+        The table of measurements; see `measuring.measurements_csv`.
+    list of Fault
+        Notes of the results, and warnings of configurations that were not measured accurately.
+
+    Raises
+    ------
+    InputError
+        Of the options, the sensor or the command.
+    """
+    configurations = configurations_to_measure(options.config or (), options.sweep or ())
+    check_command(command, configurations[0].names)
+    settings = options.settings
+    sensor: Sensor = choose_sensor(options.sysfs or "/sys", options.sensor or "")
+    chosen(_note("--sensor", f"{printable(sensor.label)} at {printable(str(sensor.path))}"))
+    results, idle = measure(command, configurations, sensor, settings, time, measuring.launched, report)
+    notes = [_note("--idle", f"{mean_text(idle)} without the command; not subtracted")] if idle else []
+    for each in results:
+        notes.append(_note("--measure", f"{each.configuration}: {mean_text(each.average)}"))
+        if not each.accurate:
+            what = "not as accurate as asked" if each.average.std else "the sensor showed one value only"
+            message = f"{each.configuration}: {what} within {settings.max_time_s:g} s"
+            notes.append(_note("--longest", message, "warning"))
+    return measurements_csv(results, idle, command, sensor, settings), notes
+
+
+def _note(option: str, message: str, severity: str = "note") -> Fault:
+    return Fault(option, 1, 1, message, severity=severity)
+
+
+def _seconds(option: str, value: float | None, default: float, least: float = 0.0) -> float:
+    if value is None:
+        return default
+    if not least <= value < math.inf:
+        expected = f"a number of seconds, {least:g} or more"
+        raise InputError.at(option, 1, 1, f"{value:g} s", expected, f"{value:g}")
+    return value
+
+
+def _accuracy(raw: str) -> tuple[float, bool]:
+    """Read `0.05`, in watts, or `1%` of the mean; and whether it is the latter."""
+    text = raw.strip()
+    relative = text.endswith("%")
+    try:
+        value = float(text.removesuffix("%"))
+    except ValueError:
+        value = math.nan
+    if not 0 < value < math.inf:
+        expected = "watts above 0, as in 0.05, or a share, as in 1%"
+        raise InputError.at("--accuracy", 1, 1, "no accuracy", expected, raw)
+    return (value / 100, True) if relative else (value, False)
+
+
+def read_profile(file: File, *, warn: Warn = python_warnings) -> AnyProfile:
+    """Read a computation profile.
+
+    Parameters
+    ----------
+    file : str or path
+        Measurements (CSV) or a model (YAML), `-` for standard input.
+    warn : function, optional
+
+    Raises
+    ------
+    InputError
+        With the faults of the file.
+    """
+    profile, found = model_file.read_profile(str(file))
+    warn(found)
+    return profile

@@ -1,0 +1,172 @@
+"""The planner on a stream of telemetry, line by line, with a log from which it resumes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, BinaryIO
+
+from eadp.api.inputs import FlightInputs
+from eadp.api.replan.decisions import decision_line
+from eadp.errors import Fault
+from eadp.io.telemetry.log import ReplanLog
+from eadp.io.telemetry.reader import TelemetryReader, numbered_lines, open_telemetry
+from eadp.io.text.json import JsonObject
+from eadp.models.plan.route import PlannedLegs
+from eadp.planning.base import Sample
+from eadp.planning.flight import make_flight
+from eadp.planning.forecast.held import HeldForecast
+from eadp.planning.track.gate import Notice, OutlierGate
+from eadp.planning.track.live import KEPT, TAKE_OFF, Advice, LiveFlight
+
+Emit = Callable[[dict[str, Any]], None]
+Warn = Callable[[Fault], None]
+
+
+def replan_lines(
+    inputs: FlightInputs, stream: BinaryIO, name: str, log: ReplanLog | None, emit: Emit, warn: Warn
+) -> bool:
+    """Re-plan a flight from its telemetry, to the end of the stream.
+
+    Parameters
+    ----------
+    inputs : FlightInputs
+    stream : binary stream
+        Lines of telemetry.
+    name : str
+        Name of the stream in messages.
+    log : ReplanLog or None
+        Its entries are replayed without output, then new ones are appended.
+    emit, warn : functions
+        Called with each decision and with each warning.
+
+    Returns
+    -------
+    bool
+        Whether the plan is complete, or forecast at the last line to be complete before the battery is empty.
+
+    Raises
+    ------
+    InputError
+        At a line that is no entry of a log.
+    """
+    flight = Replanner(inputs, name, log, emit, warn)
+    flight.restore()
+    for number, raw in numbered_lines(stream, name):
+        flight.take(number, raw)
+    if not flight.used:
+        warn(Fault(name, 1, 1, "no line could be used", "telemetry as JSON lines", severity="warning"))
+    return flight.completes
+
+
+def rest_after(inputs: FlightInputs, telemetry: str, warn: Warn) -> tuple[PlannedLegs | None, dict[str, Any] | None]:
+    """What is left to fly after the telemetry of a file, and the last decision.
+
+    Raises
+    ------
+    PathUndefined
+        If the rest cannot be laid out.
+    """
+    decisions: list[dict[str, Any]] = []
+    flight = Replanner(inputs, telemetry, None, decisions.append, warn)
+    with open_telemetry(telemetry) as stream:
+        for number, raw in numbered_lines(stream, telemetry):
+            flight.take(number, raw)
+    return flight.rest(), decisions[-1] if decisions else None
+
+
+class Replanner:
+    """The planner on lines of telemetry, see `replan_lines`.
+
+    Attributes
+    ----------
+    used : bool
+        Whether any line could be used.
+    planned : bool
+        Whether there was a plan after that of take-off.
+    """
+
+    def __init__(self, inputs: FlightInputs, name: str, log: ReplanLog | None, emit: Emit, warn: Warn) -> None:
+        settings, estimator = inputs.scenario.planner, inputs.scenario.estimator
+        self._mission = inputs.mission
+        self._flight = LiveFlight(
+            inputs.mission,
+            lambda mission: make_flight(settings, estimator, mission),
+            lambda mission: HeldForecast(settings, mission),
+            settings.every_s,
+        )
+        self._gate, self._reader = OutlierGate(inputs.mission.cruise_mps), TelemetryReader(name, inputs.mission)
+        self._log, self._emit, self._warn = log, emit, warn
+        self._logged: set[tuple[float | None, ...]] = set()
+        self._logged_to_s = 0.0
+        self._skipped = self.used = self.planned = False
+
+    @property
+    def completes(self) -> bool:
+        """Whether the plan is complete, or forecast to be before the battery is empty."""
+        return self._flight.forecast_completes
+
+    def rest(self) -> PlannedLegs | None:
+        """What is left to fly, see `LiveFlight.rest`."""
+        return self._flight.rest()
+
+    def take(self, number: int, line: bytes | Mapping[str, Any]) -> None:
+        """Take a line, as text or as its keys: warn of what is wrong, log it, and emit the decision if one is due."""
+        if isinstance(line, bytes):
+            sample, document, warnings = self._reader.read(number, line)
+        else:
+            keys = JsonObject({key: tuple(value) if isinstance(value, list) else value for key, value in line.items()})
+            sample, document, warnings = self._reader.sample(number, keys)
+        for warning in warnings:
+            self._warn(warning)
+        if sample is None:
+            return
+        if self._logged and sample[:5] in self._logged:
+            if not self._skipped:  # a recorded flight, again from its start
+                self._skipped = True
+                message = f"lines up to {self._logged_to_s:.15g} s are in the log already, and are skipped"
+                self._warn(self._reader.fault(number, document, "time_s", message, ""))
+            return
+        self._logged.clear()
+        self.used = True
+        if self._log is not None:
+            self._log.telemetry(document)
+        advice, notices = self._update(sample)
+        for notice in notices:
+            self._warn(self._reader.fault(number, document, *notice))
+        if advice is not None:
+            self._decide(advice)
+        self._warn_of_log()
+
+    def _update(self, sample: Sample) -> tuple[Advice | None, tuple[Notice, ...]]:
+        accepted, notice = self._gate.accept(sample)
+        advice, notices = self._flight.update(accepted) if accepted is not None else (None, ())
+        advice = advice and advice._replace(time_s=sample.time_s)
+        self.planned |= advice is not None and advice.reason not in (TAKE_OFF, KEPT)
+        return advice, notices if notice is None else (notice, *notices)
+
+    def _decide(self, advice: Advice) -> None:
+        line = decision_line(advice)
+        self._emit(line)
+        if self._log is not None:  # emitted first: after a kill between the two it is repeated, not lost
+            self._log.decision(line)
+
+    def restore(self) -> None:
+        """Replay the log, if there is one; emit the last decision if it is missing."""
+        if self._log is None:
+            return
+        pending: Advice | None = None
+        for sample in self._log.entries(self._mission):
+            if sample is None:
+                pending = None
+                continue
+            self._logged.add(sample[:5])
+            self._logged_to_s = sample.time_s
+            pending, _ = self._update(sample)
+        self._warn_of_log()
+        self.used = bool(self._logged)
+        if pending is not None:
+            self._decide(pending)
+
+    def _warn_of_log(self) -> None:
+        while self._log is not None and self._log.warnings:
+            self._warn(self._log.warnings.pop(0))

@@ -1,0 +1,69 @@
+"""The coverage of a field in the fewest flights."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from eadp.api.cover import CoverageOptions, coverage_task
+from eadp.api.given import File, Warn, python_warnings
+from eadp.api.inputs import Files
+from eadp.api.sorties.plan import SortieOptions, SortiePlan, SortiePlanner
+from eadp.api.sorties.resume import resumed
+from eadp.io.scenario.scenario_file import read_scenario
+from eadp.io.text.streams import read_text
+from eadp.io.vehicle.vehicle_file import read_vehicle
+
+
+def cover_in_sorties(
+    field: File,
+    options: CoverageOptions,
+    sorties: SortieOptions | None = None,
+    profile: File | None = None,
+    scenario: File | None = None,
+    *,
+    vehicle: File | None = None,
+    resume: Sequence[File] = (),
+    warn: Warn = python_warnings,
+) -> SortiePlan:
+    """Plan the coverage of a field in the fewest flights from home and back, each with a full pack.
+
+    Parameters
+    ----------
+    field, options, scenario, vehicle, warn
+        As for `cover`; the options have a home.
+    sorties : SortieOptions, optional
+        How the field is divided, and among how many aircraft.
+    profile : path, optional
+    resume : sequence of paths, optional
+        Flown result folders or telemetry: the ground that they covered is left out.
+
+    Raises
+    ------
+    Infeasible
+        If the field is out of reach of a pack, or no path of this pattern covers a part of it.
+    InputError
+        With the faults of the files, or of an option under its name on the command line.
+    """
+
+    setting = read_scenario(None if scenario is None else str(scenario))
+    flown = setting.keys.vehicle if vehicle is None else read_vehicle(read_text(str(vehicle)))
+    if options.altitude_m is None:
+        options = replace(options, altitude_m=flown.airframe.cruise_altitude_m)
+    task = coverage_task(str(field), options, profile, scenario, vehicle, warn)
+    overrides: dict[str, Any] = {"start": {"altitude_m": 0.0}}
+    if vehicle is not None:
+        overrides["vehicle"] = str(vehicle)
+    if options.wind is not None:
+        east, north = task.motion.wind_mps
+        from_deg = (90 - math.degrees(math.atan2(-north, -east))) % 360
+        overrides |= {"wind.speed_mps": math.hypot(east, north), "wind.from_deg": round(from_deg, 6)}
+    profile_path = None if profile is None else str(profile)
+    scenario_path = None if scenario is None else str(scenario)
+    planner = SortiePlanner(task, sorties or SortieOptions(), Files(), scenario_path, profile_path, overrides)
+    if not resume:
+        return planner.plan()
+    planner, ground = resumed(planner, [*map(str, resume)], warn)
+    return planner.plan(ground)

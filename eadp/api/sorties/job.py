@@ -1,0 +1,292 @@
+"""All sorties of a folder flown in turn, each with a fresh pack; what they leave is planned again and flown."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eadp.api.flight import Flight, fly_flight
+from eadp.api.given import File, Overrides, Warn, python_warnings
+from eadp.api.inputs import FlightInputs, load_flight
+from eadp.api.sorties import SORTIES, SORTIES_SCENARIO
+from eadp.api.sorties.folder import read_sorties
+from eadp.api.sorties.plan import SortiePlanner
+from eadp.api.sorties.resume import SLIVER_SHARE
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.polygons import covered_shares, uncovered
+from eadp.coverage.separation import LATE_S, Nearest, TimedTrack, nearest
+from eadp.errors import Fault, Infeasible
+from eadp.io.flight.coverage import flown_lines, flown_of_plan
+from eadp.io.scenario.scenario_file import override_texts, read_overrides
+from eadp.io.text.streams import new_folder
+from eadp.models.field import Field
+from eadp.models.plan.plan import Plan
+
+SCHEMA = "eadp.job/1"
+JOB = "job.json"
+MAX_ROUNDS = 5
+"""Most times that what is left is planned again."""
+
+LEAST_SHARE = 1e-3
+"""Share of the field that is not worth a flight: below it, the job is done."""
+
+
+@dataclass(frozen=True, eq=False)
+class JobFlight:
+    """All flights of a job.
+
+    Attributes
+    ----------
+    summary : dict
+        The values of `eadp.job/1`.
+    flights : dict of str to Flight
+        By their names, in the order of take-off.
+    """
+
+    summary: dict[str, Any]
+    flights: dict[str, Flight]
+
+    def write(self, folder: str | Path, *, force: bool = False) -> None:
+        """Write the folder: `job.json`, and a result folder of each flight.
+
+        Raises
+        ------
+        InputError
+            If the name is taken and `force` is not set, or the folder cannot be written.
+        """
+        with new_folder(str(folder), force=force) as target:
+            for name, flight in self.flights.items():
+                flight.write(target / name)
+            body = json.dumps(self.summary, indent=2, allow_nan=False) + "\n"
+            (target / JOB).write_text(body, encoding="utf-8")
+
+    def text(self) -> list[str]:
+        """A summary for people, line by line."""
+        summary = self.summary
+        done = "done" if summary["completed"] else f"NOT done: {summary['reason']}"
+        more = summary["batteries"] - summary["planned"]
+        again = f"; {more} more than planned, for what was left" if more else ""
+        lines = [
+            f"{done}: {100 * summary['coverage']:.2f} % of the field with {summary['batteries']} batteries{again}",
+            f"time       {summary['duration_s'] / 60:.0f} min, {summary['distance_m'] / 1000:.1f} km",
+            f"energy     {summary['energy_wh']:.1f} Wh; least charge at a landing {summary['soc_final']:.3f}, "
+            f"reserve {'kept' if summary['reserve_kept'] else 'NOT kept'} in all flights",
+        ]
+        if summary["nearest_m"] is not None:
+            x, y = summary["nearest_at_m"]
+            where = f"at {summary['nearest_s']:.0f} s at ({x:.0f}, {y:.0f}) m"
+            lines.append(f"apart      {summary['nearest_m']:.0f} m or more: {where}")
+        for row in summary["flights"]:
+            end = "completed" if row["completed"] else row["reason"]
+            lines.append(
+                f"{row['sortie']:<10} {row['duration_s'] / 60:5.1f} min, {row['energy_wh']:6.1f} Wh, "
+                f"SoC {row['soc_final']:.3f}: {end}"
+            )
+        return lines
+
+
+def fly_sorties(
+    folder: str,
+    overrides: Sequence[str] = (),
+    seed: int = 0,
+    on_flight: Callable[[str], None] = lambda _name: None,
+    warn: Warn = lambda _faults: None,
+) -> JobFlight:
+    """Fly all sorties of a folder, and what they leave.
+
+    Parameters
+    ----------
+    folder : str
+    overrides : sequence of str
+        Keys of the scenario, as key=value.
+    seed : int
+        Of the first flight's gusts and noise; each later one's is one more. Of the delays of take-off, too.
+    on_flight : function
+        Called with the name of each flight before it.
+    warn : function
+
+    Raises
+    ------
+    InputError
+        With the faults of the folder.
+    """
+    planner, document = read_sorties(folder)
+    job = _Job(planner, document, {**read_overrides(overrides)}, list(overrides), seed, on_flight, warn)
+    scenario = str(Path(folder) / SORTIES_SCENARIO)
+    tours: list[list[str]] = [[] for _ in range(document["aircraft"])]
+    for row in document["sorties"]:
+        inputs = job.load(str(Path(folder) / row["plan"]), scenario)
+        job.fly(row["sortie"], inputs)
+        tours[row["aircraft"] - 1].append(row["sortie"])
+    for _ in range(MAX_ROUNDS):
+        left = job.left()
+        if left is None:
+            break
+        try:
+            again = replace(planner, overrides=job.overrides).plan(left)
+        except Infeasible as error:
+            job.reason = str(error)
+            break
+        before = job.coverage()
+        for k, sortie in enumerate(again.sorties):
+            name = f"sortie-{len(job.flights) + 1:02d}"
+            job.fly(name, job.load(sortie.plan.plan, scenario))
+            tours[k * len(tours) // len(again.sorties)].append(name)
+        if job.coverage() <= before:
+            break
+    return job.flown(tours)
+
+
+class _Job:
+    """Flights so far."""
+
+    def __init__(
+        self,
+        planner: SortiePlanner,
+        document: Mapping[str, Any],
+        overrides: dict[str, Any],
+        texts: list[str],
+        seed: int,
+        on_flight: Callable[[str], None],
+        warn: Warn,
+    ) -> None:
+        self._planner, self._document, self.overrides, self._texts = planner, document, overrides, texts
+        self._seed, self._on_flight, self._warn = seed, on_flight, warn
+        self._random = np.random.default_rng(seed)
+        self.flights: dict[str, Flight] = {}
+        self._lines: list[tuple[Point, ...]] = []
+        self._warned: set[str] = set()
+        self.reason = "ground is left"
+
+    def load(self, plan: str | Plan, scenario: str) -> FlightInputs:
+        """The inputs of a flight, with a seed of its own."""
+        overrides = {**self.overrides, "seed": self._seed + len(self.flights)}
+        inputs = load_flight(plan, scenario=scenario, overrides=overrides, files=self._planner.files)
+        new = [fault for fault in inputs.warnings if fault.message not in self._warned]
+        self._warned |= {fault.message for fault in new}
+        self._warn(new)
+        return inputs
+
+    def fly(self, name: str, inputs: FlightInputs) -> None:
+        """Fly, and count the ground covered."""
+        self._on_flight(name)
+        flight = fly_flight(
+            inputs, inputs.preflight(), overrides=[*self._texts, f"seed={self._seed + len(self.flights)}"]
+        )
+        self.flights[name] = flight
+        columns = flown_of_plan(flight.lists, flight.summary["turned_back_s"])
+        self._lines += flown_lines(inputs.world.plan, columns)
+
+    def left(self) -> Field | None:
+        """The ground that is left; None where it is not worth a flight."""
+        field, swath_m = self._planner.task.field, self._planner.task.motion.swath_m
+        parts = uncovered(field.parts, self._lines, swath_m, SLIVER_SHARE * swath_m)
+        if not parts:
+            return None
+        (outline, *holes), *others = parts
+        left = replace(field, outline=outline, holes=tuple(holes), others=tuple(map(tuple, others)))
+        return None if left.area_m2 < LEAST_SHARE * field.area_m2 else left
+
+    def coverage(self) -> float:
+        """Share of the field that is covered."""
+        task = self._planner.task
+        return covered_shares(task.field.parts, [self._lines], task.motion.swath_m)[-1]
+
+    def flown(self, tours: Sequence[Sequence[str]]) -> JobFlight:
+        """The job as it was flown by the tours of the aircraft."""
+        starts, tracks = self._starts_s(tours)
+        flights = {name: self.flights[name].summary for name in sorted(self.flights, key=starts.__getitem__)}
+        near = nearest(tracks)
+        if near is not None and near.distance_m < self._document["separation_m"]:
+            self._warn_near(near)
+        done = self.left() is None
+        rows = [
+            {
+                "sortie": name,
+                "take_off_s": starts[name],
+                **{key: one[key] for key in ("completed", "reason", "duration_s", "energy_wh", "distance_m")},
+                **{key: one[key] for key in ("soc_final", "reserve_kept", "quality")},
+            }
+            for name, one in flights.items()
+        ]
+        qualities = [row["quality"] for row in rows if row["quality"] is not None]
+        summary = {
+            "schema": SCHEMA,
+            "completed": done,
+            "reason": "all ground is covered" if done else self.reason,
+            "planned": len(self._document["sorties"]),
+            "batteries": len(rows),
+            "coverage": self.coverage(),
+            "duration_s": max(row["take_off_s"] + row["duration_s"] for row in rows),
+            "distance_m": sum(row["distance_m"] for row in rows),
+            "energy_wh": sum(row["energy_wh"] for row in rows),
+            "soc_final": min(row["soc_final"] for row in rows),
+            "reserve_kept": all(row["reserve_kept"] for row in rows),
+            "quality": sum(qualities) / len(qualities) if qualities else None,
+            "nearest_m": None if near is None else near.distance_m,
+            "nearest_s": None if near is None else near.time_s,
+            "nearest_at_m": None if near is None else list(near.place_m),
+            "flights": rows,
+            "seed": self._seed,
+        }
+        return JobFlight(summary, {name: self.flights[name] for name in flights})
+
+    def _starts_s(self, tours: Sequence[Sequence[str]]) -> tuple[dict[str, float], list[TimedTrack]]:
+        """Take-off of each flight [s], and the track of each aircraft."""
+        starts, tracks = {}, []
+        for k, tour in enumerate(tours):
+            at_s = k * self._document["stagger_s"]
+            track: TimedTrack | None = None
+            for name in tour:
+                at_s += float(self._random.uniform(0.0, LATE_S))
+                starts[name] = at_s
+                columns = self.flights[name].columns
+                points = np.stack([columns["x_m"], columns["y_m"]], axis=1)
+                own = TimedTrack(columns["time_s"], points).later(at_s)
+                track = own if track is None else track.then(own, own.times_s[0] - track.times_s[-1])
+                at_s += float(self.flights[name].summary["duration_s"]) + self._document["swap_s"]
+            if track is not None:
+                tracks.append(track)
+        return starts, tracks
+
+    def _warn_near(self, near: Nearest) -> None:
+        one, other = (i + 1 for i in near.pair)
+        message = f"aircraft {one} and {other} come within {near.distance_m:.0f} m at {near.time_s:.0f} s, at "
+        message += f"({near.place_m[0]:.0f}, {near.place_m[1]:.0f}) m"
+        expected = f"{self._document['separation_m']:g} m: a later take-off, or altitudes apart"
+        self._warn([Fault(SORTIES, 1, 1, message, expected, severity="warning")])
+
+
+def simulate_sorties(
+    folder: File,
+    overrides: Overrides = (),
+    seed: int = 0,
+    *,
+    on_flight: Callable[[str], None] = lambda _name: None,
+    warn: Warn = python_warnings,
+) -> JobFlight:
+    """Fly all sorties of a folder in turn, each with a fresh pack, and then what they leave of the field.
+
+    Parameters
+    ----------
+    folder : path
+        Of `eadp cover --sorties`.
+    overrides
+        As for `simulate`, in every flight.
+    seed : int, optional
+        Of gusts, noise and late take-offs.
+    on_flight : function, optional
+        Called with the name of each flight before it.
+    warn : function, optional
+
+    Raises
+    ------
+    InputError
+        With the faults of the folder.
+    """
+    return fly_sorties(str(folder), override_texts(overrides), seed, on_flight, warn)

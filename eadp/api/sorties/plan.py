@@ -1,0 +1,529 @@
+"""The use case of `eadp cover --sorties`: a field and an aircraft in, the fewest flights and their forecasts out."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
+from statistics import NormalDist
+from typing import Annotated, Any
+
+import numpy as np
+
+from eadp.api.cover import CoveragePlan, CoverageTask
+from eadp.api.inputs import Files, FlightInputs, load_flight
+from eadp.core.arrays import FloatArray
+from eadp.core.geometry.bearings import heading_rad
+from eadp.core.geometry.curves import Point
+from eadp.coverage.cover import AUTO, DUBINS, ZAMBONI, CoverageRequest, CoverageSolution, LineGrid, cover, line_costs
+from eadp.coverage.report import covered_by_lines, rounded_deg
+from eadp.coverage.separation import Nearest, TimedTrack, nearest, stagger_s, track_of
+from eadp.coverage.sorties import Divided, Divider, Division, min_sorties, min_time_s, tours
+from eadp.coverage.swaths import CoveragePath, straight
+from eadp.errors import Infeasible, InputError
+from eadp.io.scenario.scenario_file import value_text
+from eadp.io.text.options import Flag
+from eadp.models.field import Field
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import Box
+from eadp.planning.forecast.evaluate import Objective
+from eadp.planning.forecast.held import Preflight
+
+SCHEMA = "eadp.sorties/1"
+MAX_AIRCRAFT, MAX_SORTIES = 20, 200
+OVERLAP_M, SEPARATION_M, SWAP_S = 20.0, 50.0, 120.0
+"""Metres that both parts of a line that is cut have in common; the distance that aircraft keep; the time on the ground
+between two sorties [s]."""
+
+PART_M = 200.0
+"""Length of the parts of lines for which the way there is counted [m]."""
+
+
+_Z = NormalDist().inv_cdf(Objective.probability)
+
+
+@dataclass(frozen=True)
+class SortieOptions:
+    """How a field is divided among flights. Faults name the options as the command `eadp cover` does."""
+
+    sorties: Annotated[int | str | None, Flag(metavar="NUMBER")] = None
+    """Divide the field among flights from home: auto for the fewest, or a number."""
+
+    aircraft: Annotated[int, Flag(metavar="N")] = 1
+    """How many aircraft fly sorties at once; the number of sorties is a multiple of it."""
+
+    overlap_m: Annotated[float, Flag("--sortie-overlap")] = OVERLAP_M
+    """What both parts of a line that is cut have in common [m]."""
+
+    separation_m: float = SEPARATION_M
+    """Distance that aircraft keep from one another [m]."""
+
+    swap_s: Annotated[float, Flag("--swap-time")] = SWAP_S
+    """Time on the ground between two sorties of an aircraft [s]."""
+
+    @property
+    def count(self) -> int | None:
+        """The number of sorties; None for the fewest."""
+        return None if self.sorties in (None, "auto") else int(self.sorties)
+
+    def __post_init__(self) -> None:
+        if not (self.sorties in (None, "auto") or str(self.sorties).isdecimal()):
+            expected = f"auto, or a whole number from 1 to {MAX_SORTIES}"
+            raise InputError.at("--sorties", 1, 1, "no number of sorties", expected, str(self.sorties))
+        for option, value, low, high in (
+            ("--sorties", 1 if self.count is None else self.count, 1, MAX_SORTIES),
+            ("--aircraft", self.aircraft, 1, MAX_AIRCRAFT),
+            ("--sortie-overlap", self.overlap_m, 0, 1000),
+            ("--separation", self.separation_m, 0, 1000),
+            ("--swap-time", self.swap_s, 0, 86400),
+        ):
+            if not low <= value <= high:
+                expected = f"from {low:g} to {high:g}"
+                raise InputError.at(option, 1, 1, f"{value:g} is out of range", expected, f"{value:g}")
+
+
+@dataclass(frozen=True)
+class PlannedSortie:
+    """One flight: its path, its plan, and its forecast with the highest parameters that the division reckons with.
+
+    Attributes
+    ----------
+    solution : CoverageSolution
+    plan : CoveragePlan
+    inputs : FlightInputs
+    forecast : Preflight
+    spare : float
+        Charge above the reserve at the end, that is there with the probability of the reserve, as a share of a pack.
+    """
+
+    solution: CoverageSolution
+    plan: CoveragePlan
+    inputs: FlightInputs
+    forecast: Preflight
+    spare: float
+
+    @property
+    def used(self) -> float:
+        """Charge that the whole flight takes, as a share of a pack."""
+        return self.inputs.world.battery.soc - (self.forecast.forecast.soc_end or 0.0)
+
+    @property
+    def energy_wh(self) -> float:
+        """Energy that it takes [Wh]."""
+        return self.forecast.forecast.energy_wh or 0.0
+
+    @property
+    def time_s(self) -> float:
+        """Time that it takes [s]."""
+        return self.forecast.forecast.remaining_s or 0.0
+
+    @property
+    def pack_wh(self) -> float:
+        """Energy after which its spare charge would be used up, too [Wh]."""
+        return self.energy_wh * (1 + self.spare / self.used)
+
+    @property
+    def used_on_lines(self) -> float:
+        """Charge that it takes from the first line to the last, as a share of a pack."""
+        return self.used * (1 - self.solution.access_s / self.solution.time_s)
+
+    def path(self) -> CoveragePath:
+        """Its path at the spacing that is forecast."""
+        return self.solution.path(self.forecast.decided[0] if self.solution.min_c1 < 0 else 0.0)
+
+
+@dataclass(frozen=True)
+class SortiePlanner:
+    """Plans sorties over the ground of a field, or of what is left of it.
+
+    Attributes
+    ----------
+    task : CoverageTask
+        With a home.
+    files : Files
+        Of the flights.
+    scenario : str or None
+        Path of the scenario, of which `overrides` replace keys.
+    profile : str or None
+        Path of the profile.
+    """
+
+    task: CoverageTask
+    options: SortieOptions
+    files: Files
+    scenario: str | None = None
+    profile: str | None = None
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+    lines: tuple[float, str] | None = None
+    """Compass bearing of the lines [°] and pattern, where they are known."""
+
+    @cached_property
+    def _request(self) -> CoverageRequest:
+        """The pattern and the heading of the whole field, from home to home."""
+        request = self.task.request
+        if request.home_m is None:
+            expected = "--home LAT,LON, or X,Y of a field in metres"
+            raise InputError.at("--home", 1, 1, "sorties start and end at home", expected)
+        if self.lines is not None:
+            request = replace(request, heading_rad=heading_rad(self.lines[0]), pattern=self.lines[1])
+        if request.heading_rad is None or request.pattern == AUTO:
+            whole = cover(replace(request, start_m=None, home_m=None))
+            request = replace(request, pattern=whole.pattern, heading_rad=whole.heading_rad)
+        return replace(request, start_m=request.home_m)
+
+    @property
+    def heading_rad(self) -> float:
+        """The mathematical heading of the lines."""
+        assert self._request.heading_rad is not None
+        return self._request.heading_rad
+
+    def plan(self, ground: Field | None = None) -> SortiePlan:
+        """Sorties over a field's ground, by default the whole.
+
+        Raises
+        ------
+        Infeasible
+            If the field is out of reach, or the pattern fits no part of it.
+        InputError
+            Of `--home`, and of a number of sorties that is too small.
+        """
+        ground = ground or self.task.field
+        if self._request.pattern == ZAMBONI:
+            try:
+                return self._planned(ground, self._request)
+            except Infeasible as error:
+                if self.task.request.pattern == ZAMBONI:
+                    raise Infeasible(f"{error}; in sorties, --pattern dubins") from None
+        return self._planned(ground, replace(self._request, pattern=DUBINS))
+
+    def _planned(self, ground: Field, request: CoverageRequest) -> SortiePlan:
+        motion, laps = self.task.motion, request.pattern == ZAMBONI
+        spacing_m = motion.swath_m if laps else request.order_spacing_m or motion.swath_m
+        assert request.heading_rad is not None
+        grid = LineGrid.over(self.task.field, request.heading_rad, motion.swath_m, spacing_m)
+
+        def forecast(part: Field) -> PlannedSortie:
+            ground = _without_bays(part) if laps else part  # laps cover bays and holes as if they were field
+            return self.sortie(cover(replace(request, field=ground, grid=None if laps else grid)), part)
+
+        def divided(order: Sequence[int] | None) -> Divided[PlannedSortie]:
+            division = Division(ground, grid, self.options.overlap_m, order)
+            divider = Divider(division, forecast, cuts=not laps, step=self.options.aircraft)
+            return divider.fewest(max(least.count, self.options.count or 1))
+
+        side_by_side = Division(ground, grid, self.options.overlap_m)
+        sample = forecast(side_by_side.part(0.0, side_by_side.total_m if laps else side_by_side.end_of_first_m))
+        least = self._least(sample.inputs, grid, ground)
+        found = divided(None)
+        width_m = side_by_side.lines / len(found.sorties) * float(np.diff(grid.edges_m).mean())
+        if not laps and self.options.aircraft == 1 and width_m < 4 * motion.min_radius_m and len(found.sorties) > 1:
+            # a strip narrower than two turns has no room to leave lines out and come back for them
+            tour = divided(grid.order_of(cover(replace(request, field=ground, grid=grid))))
+            found = min(found, tour, key=lambda each: (len(each.sorties), sum(one.energy_wh for one in each.sorties)))
+        if self.options.count is not None and len(found.sorties) > self.options.count:
+            expected = f"{len(found.sorties)} or more"
+            raise InputError.at("--sorties", 1, 1, "too few for the packs", expected, f"{self.options.count}")
+        return SortiePlan(self, ground, found, least.within(found.sorties))
+
+    def sortie(self, solution: CoverageSolution, part: Field, *, held: bool = True) -> PlannedSortie:
+        """A sortie along a path; with `held`, at the lowest parameters throughout."""
+        planned = self.task.planned(solution, part)
+        plan = _at_lowest(planned.plan) if held else planned.plan
+        inputs = load_flight(
+            plan, scenario=self.scenario, profile=self.profile, overrides=self.overrides, files=self.files
+        )
+        found = inputs.preflight()
+        if found is None or found.forecast.soc_end is None or found.forecast.soc_end_std is None:
+            raise Infeasible("a sortie has no forecast: the battery's charge is prescribed, or the wind is too strong")
+        end, reserve_soc = found.forecast, inputs.scenario.keys.reserve_soc
+        spare = found.forecast.soc_end - _Z * found.forecast.soc_end_std - reserve_soc
+        if not found.feasible:
+            spare = min(spare, -1e-6)
+        assert end.energy_wh is not None
+        return PlannedSortie(solution, planned, inputs, found, spare)
+
+    def _least(self, sample: FlightInputs, grid: LineGrid, ground: Field) -> LeastSorties:
+        """A lower bound: level flight along the lines, as often either way, and straight there and back.
+
+        Raises
+        ------
+        Infeasible
+            If some line cannot be reached.
+        """
+        motion, home_m, world = self.task.motion, self._request.home_m, sample.world
+        assert home_m is not None
+        parts = []
+        for u, spans in zip(grid.middles_m.tolist(), grid.extents(ground), strict=True):
+            for low, high in spans:
+                places = np.linspace(low, high, max(2, math.ceil((high - low) / PART_M) + 1)).tolist()
+                parts += [(grid.frame.out(u, a), grid.frame.out(u, b)) for a, b in itertools.pairwise(places)]
+
+        def seconds(start: Point, end: Point) -> float:
+            return motion.time_s([straight(start, end)]) if start != end else 0.0
+
+        # in wind, a flight that returns has flown as far one way as the other
+        lines_s = np.array([(seconds(a, b) + seconds(b, a)) / 2 for a, b in parts])
+        access_s = np.array([min(seconds(home_m, end) + seconds(end, home_m) for end in part) for part in parts])
+        computing_w, _ = world.computing.extreme(world.plan, "lo", world.actual)
+        battery, reserve_soc = world.battery, sample.scenario.keys.reserve_soc
+        power_w = world.vehicle.cruise_power_w + computing_w
+        pack_s = battery.endurance_s(power_w, reserve_soc) - battery.endurance_s(power_w, battery.soc)
+        if pack_s <= access_s.max():
+            far = int(access_s.argmax())
+            far_km = min(math.dist(home_m, end) for end in parts[far]) / 1000
+            reach = f"a pack {far_km * pack_s / access_s[far]:.2f} km there and back, with nothing left for lines"
+            raise Infeasible(f"the field reaches {far_km:.2f} km from home, and {reach}")
+        directed = grid.whole_lines(ground)
+        between_s = line_costs(replace(self._request, field=ground), directed)[0]
+        lines = len(directed) // 2
+        own = np.kron(np.eye(lines, dtype=bool), np.ones((2, 2), dtype=bool))
+        to_line_s = np.where(own, np.inf, between_s).min(axis=0).reshape(lines, 2).min(axis=1)
+        turns_s = np.where(np.isfinite(to_line_s), to_line_s, 0.0)
+        return LeastSorties(lines_s, access_s, turns_s, power_w, pack_s)
+
+
+def _without_bays(part: Field) -> Field:
+    """The convex hull of a field's parts."""
+    from scipy.spatial import ConvexHull
+
+    points = np.concatenate([np.array(rings[0]) for rings in part.parts])
+    hull = tuple((float(x), float(y)) for x, y in points[ConvexHull(points).vertices])
+    return replace(part, outline=hull, holes=(), others=())
+
+
+def _at_lowest(plan: Plan) -> Plan:
+    """A plan whose parameters are fixed at their lowest values: the widest lines and the slowest computations."""
+    stages = [replace(stage, sets=tuple(Box(box.lo, box.lo) for box in stage.sets)) for stage in plan.stages]
+    return replace(plan, stages=tuple(stages))
+
+
+@dataclass(frozen=True)
+class LeastSorties:
+    """A lower bound of sorties.
+
+    Attributes
+    ----------
+    lines_s, access_s : array, shape (n,)
+        Times of parts of the lines, and of the shortest ways from home to each and back [s].
+    turns_s : array, shape (lines,)
+        Times of the quickest turns to each line [s].
+    power_w : float
+        Least power, of level flight and of the computations [W].
+    pack_s : float
+        Time that a pack lasts at it before it has to be back [s].
+    """
+
+    lines_s: FloatArray
+    access_s: FloatArray
+    turns_s: FloatArray
+    power_w: float
+    pack_s: float
+
+    def within(self, sorties: Sequence[PlannedSortie]) -> LeastSorties:
+        """The bound where a pack is used no further than keeps the reserve with its probability, as in some sorties."""
+        packs_s = [each.pack_wh * 3600 / self.power_w for each in sorties]
+        return replace(self, pack_s=max(min(self.pack_s, max(packs_s)), 1.001 * float(self.access_s.max())))
+
+    @property
+    def count(self) -> int:
+        """Number of sorties."""
+        return min_sorties(min_time_s(self.lines_s, self.access_s, self.pack_s), self.turns_s, self.pack_s)
+
+    def energy_wh(self, count: int) -> float:
+        """Energy of so many sorties together [Wh]."""
+        turns = np.sort(self.turns_s)[: max(len(self.turns_s) - count, 0)]
+        return self.power_w * (min_time_s(self.lines_s, self.access_s, self.pack_s) + float(turns.sum())) / 3600
+
+
+@dataclass(frozen=True)
+class SortiePlan:
+    """Sorties over a field, in the order of its lines: aircraft by aircraft.
+
+    Attributes
+    ----------
+    planner : SortiePlanner
+    ground : Field
+        What they cover.
+    divided : Divided
+        The sorties at the lowest parameters, by which they were divided.
+    least : LeastSorties
+    """
+
+    planner: SortiePlanner
+    ground: Field
+    divided: Divided[PlannedSortie]
+    least: LeastSorties
+
+    @cached_property
+    def sorties(self) -> list[PlannedSortie]:
+        """The sorties as the scenario's planner forecasts them."""
+        return [self.planner.sortie(each.solution, each.plan.report.field, held=False) for each in self.divided.sorties]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of their files, without an ending."""
+        return [f"sortie-{i:02d}" for i in range(1, len(self.divided.sorties) + 1)]
+
+    @cached_property
+    def tours(self) -> list[Sequence[int]]:
+        """The sorties of each aircraft."""
+        return tours(len(self.divided.sorties), self.planner.options.aircraft)
+
+    @cached_property
+    def starts_s(self) -> list[float]:
+        """Take-off of each sortie [s]: of an aircraft one after the other, of several a delay after one another."""
+        options, starts = self.planner.options, []
+        for k, tour in enumerate(self.tours):
+            at_s = k * self.stagger_s
+            for i in tour:
+                starts.append(at_s)
+                at_s += self.sorties[i].time_s + options.swap_s
+        return starts
+
+    @cached_property
+    def _tracks(self) -> list[TimedTrack]:
+        """Where each aircraft is, from its own take-off on."""
+        tracks = []
+        for tour in self.tours:
+            parts = [track_of(self.sorties[i].path(), self.planner.task.motion) for i in tour]
+            track = parts[0]
+            for part in parts[1:]:
+                track = track.then(part, self.planner.options.swap_s)
+            tracks.append(track)
+        return tracks
+
+    @cached_property
+    def stagger_s(self) -> float:
+        """Delay of take-off from one aircraft to the next [s]."""
+        return stagger_s(self._tracks, self.planner.options.separation_m) if len(self.tours) > 1 else 0.0
+
+    @property
+    def nearest(self) -> Nearest | None:
+        """The least distance of two aircraft as planned; None with one."""
+        return nearest([track.later(k * self.stagger_s) for k, track in enumerate(self._tracks)])
+
+    @property
+    def coverage(self) -> float:
+        """Share of the ground that the sorties' lines cover."""
+        legs = [leg for sortie in self.sorties for leg in sortie.path().legs]
+        return covered_by_lines(CoveragePath(tuple(legs)), self.ground, self.planner.task.motion.swath_m)
+
+    @property
+    def time_s(self) -> float:
+        """From the first take-off to the last landing [s]."""
+        return max(start + each.time_s for start, each in zip(self.starts_s, self.sorties, strict=True))
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The figures of each sortie, by key."""
+        rows = []
+        aircraft = {i: k for k, tour in enumerate(self.tours, 1) for i in tour}
+        for i, (name, each) in enumerate(zip(self.names, self.sorties, strict=True)):
+            end, path = each.forecast.forecast, each.path()
+            spacing = each.forecast.parameters.get("c1") if each.solution.min_c1 < 0 else None
+            rows.append(
+                {
+                    "sortie": name,
+                    "plan": f"{name}.plan",
+                    "aircraft": aircraft[i],
+                    "take_off_s": round(self.starts_s[i], 3),
+                    "lines": path.lines,
+                    "spacing_m": None if spacing is None else each.plan.plan.parameters[0].shown(spacing),
+                    "length_m": path.length_m,
+                    "time_s": end.remaining_s,
+                    "time_std_s": end.remaining_std_s,
+                    "energy_wh": end.energy_wh,
+                    "energy_std_wh": end.energy_std_wh,
+                    "soc_end": end.soc_end,
+                    "soc_end_std": end.soc_end_std,
+                    "reserve_probability": end.reserve_probability,
+                }
+            )
+        return rows
+
+    def document(self) -> dict[str, Any]:
+        """The values of `eadp.sorties/1`."""
+        task, options, rows = self.planner.task, self.planner.options, self.rows()
+        near, first = self.nearest, self.divided.sorties[0].solution
+        return {
+            "schema": SCHEMA,
+            "file": task.file,
+            "field": task.field.summary,
+            "pattern": first.pattern,
+            "heading_deg": rounded_deg(first.heading_rad, 9),
+            "origin_deg": task.field.origin_deg,
+            "home_m": task.home_m,
+            "swath_m": task.motion.swath_m,
+            "count": len(rows),
+            "min_count": self.least.count,
+            "min_energy_wh": self.least.energy_wh(len(rows)),
+            "energy_wh": sum(row["energy_wh"] for row in rows),
+            "length_m": sum(row["length_m"] for row in rows),
+            "time_s": self.time_s,
+            "coverage": self.coverage,
+            "aircraft": options.aircraft,
+            "stagger_s": self.stagger_s,
+            "swap_s": options.swap_s,
+            "separation_m": options.separation_m,
+            "nearest_m": None if near is None else near.distance_m,
+            "overlap_m": options.overlap_m,
+            "options": {key: value for key, value in asdict(task.options).items() if value is not None},
+            "sorties": rows,
+            "parts": task.field.parts,
+            "obstacles": [each._asdict() for each in task.field.airspace.obstacles],
+            "boundary": task.field.airspace.boundary,
+        }
+
+    def table(self) -> list[list[str]]:
+        """The figures of each sortie as text, a header first."""
+        head = ["sortie", "aircraft", "take-off", "lines", "km", "time", "energy", "lands with", "keeps the reserve"]
+        return [
+            head,
+            *(
+                [
+                    row["sortie"].removeprefix("sortie-"),
+                    str(row["aircraft"]),
+                    f"{int(row['take_off_s']) // 60}:{int(row['take_off_s']) % 60:02d}",
+                    str(row["lines"]),
+                    f"{row['length_m'] / 1000:.2f}",
+                    f"{row['time_s'] / 60:.1f} min",
+                    f"{row['energy_wh']:.1f} ± {row['energy_std_wh']:.1f} Wh",
+                    f"{100 * row['soc_end']:.0f} ± {100 * row['soc_end_std']:.0f} %",
+                    f"{100 * row['reserve_probability']:.1f} %",
+                ]
+                for row in self.rows()
+            ),
+        ]
+
+    def lines(self) -> list[str]:
+        """A summary for people, line by line."""
+        document, task, table = self.document(), self.planner.task, self.table()
+        name = f"{task.field.name}, " if task.field.name else ""
+        least = f"{document['count']} ({document['min_count']} or more are needed)"
+        lines = [
+            f"field      {name}{self.ground.area_m2 / 1e4:.2f} ha, {100 * document['coverage']:.2f} % covered",
+            f"sorties    {least}: {document['energy_wh']:.1f} Wh, {document['length_m'] / 1000:.1f} km",
+            f"done       after {document['time_s'] / 60:.0f} min with {document['aircraft']} aircraft, "
+            f"{document['swap_s']:g} s on the ground between two sorties",
+        ]
+        near = self.nearest
+        if near is not None:
+            later = f"with {document['stagger_s']:g} s from one take-off to the next"
+            lines.append(f"apart      {near.distance_m:.0f} m or more, {later}")
+        widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
+        cells = ["  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)) for row in table]
+        return [*lines, "", *cells]
+
+    def scenario_text(self, profile: str | None) -> str:
+        """A scenario that flies the sorties: all of the given one and its vehicle, from the ground at home."""
+        value = dict(self.divided.sorties[0].inputs.scenario.document.value)
+        value.pop("home", None)
+        value.pop("parameters", None)
+        value["planner"] = {**(value.get("planner") or {}), "name": self.sorties[0].inputs.scenario.keys.planner.name}
+        if profile is not None:
+            value["profile"] = profile
+        value.setdefault("on_infeasible", "home")  # what a sortie leaves is flown by another
+        value = {"schema": "eadp.scenario/1", **value}
+        head = "# One sortie: eadp simulate sortie-01.plan --scenario scenario.yaml. All: eadp simulate of the folder."
+        return f"{head}\n" + "".join(f"{key}: {value_text(part)}\n" for key, part in value.items())

@@ -1,0 +1,179 @@
+"""What flights have left of a field: their swath is taken out of it, as it was flown and not as it was planned."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from eadp.api.given import Warn
+from eadp.api.result_folder import SUMMARY, read_folder
+from eadp.api.sorties.plan import SortiePlanner
+from eadp.core.arrays import FloatArray
+from eadp.core.geometry.bearings import compass_deg
+from eadp.core.geometry.curves import LINE, Point
+from eadp.core.geometry.polygons import covered_share, uncovered
+from eadp.coverage.cover import DUBINS, ZAMBONI
+from eadp.errors import InputError, PathUndefined
+from eadp.io.flight.coverage import flown_lines, flown_of_plan
+from eadp.io.telemetry.reader import TelemetryReader, numbered_lines, open_telemetry
+from eadp.models.field import Field
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.trace import nominal_legs
+
+SLIVER_SHARE = 0.3
+"""Width of ground between flown lines that is not flown again, over the swath: errors of flights leave so much."""
+
+ALONG_RAD = math.radians(20.0)
+"""A log is on a line where its course is so near to that of the lines."""
+
+MAX_GAP_S = 5.0
+"""Longest gap of a log within a line [s]."""
+
+SAME_M, SAME_S = 1.0, 10.0
+"""Two logs are of one flight where they are so near to each other for so long."""
+
+Line = tuple[Point, ...]
+
+
+@dataclass(frozen=True)
+class FlownSurvey:
+    """A flight that was flown: its source, its times [s] and positions [m], and its lines.
+
+    `heading_rad` is that of the lines, and `laps` whether they were flown in laps; None where it is not known.
+    """
+
+    source: str
+    times_s: FloatArray
+    points_m: FloatArray
+    lines: Sequence[Line]
+    heading_rad: float | None = None
+    laps: bool | None = None
+
+
+def resumed(planner: SortiePlanner, sources: Sequence[str], warn: Warn) -> tuple[SortiePlanner, Field]:
+    """What plans the rest of a field on the lines that were flown, and the ground that is left.
+
+    Parameters
+    ----------
+    planner : SortiePlanner
+    sources : sequence of str
+        Result folders of flights, folders of such, or telemetry.
+    warn : function
+
+    Raises
+    ------
+    InputError
+        If one cannot be read, is of another field, stands twice, or if nothing is left.
+    """
+    field, swath_m = planner.task.field, planner.task.motion.swath_m
+    tracks: list[FlownSurvey] = []
+    for source in sources:
+        tracks += _read(source, planner, warn)
+    for i, track in enumerate(tracks):
+        if not track.lines or covered_share(field.parts, _segments(track.lines), swath_m) <= 0:
+            what = "covers no ground of the field"
+            raise InputError.at(track.source, 1, 1, what, "a flight over this field, with its lines")
+        for other in tracks[:i]:
+            if _same(track, other):
+                raise InputError.at(track.source, 1, 1, f"has the same minutes as {other.source}", "each flight once")
+    lines = [line for track in tracks for line in track.lines]
+    left = uncovered(field.parts, lines, swath_m, SLIVER_SHARE * swath_m)
+    if not left:
+        raise InputError.at("--resume", 1, 1, "nothing is left to cover", "flights that leave some of the field")
+    (outline, *holes), *others = left
+    known = [track for track in tracks if track.heading_rad is not None]
+    if known and planner.task.options.heading_deg is None:
+        heading_rad, laps = known[0].heading_rad, known[0].laps
+        assert heading_rad is not None
+        planner = replace(planner, lines=(compass_deg(heading_rad), ZAMBONI if laps else DUBINS))
+    return planner, replace(field, outline=outline, holes=tuple(holes), others=tuple(map(tuple, others)))
+
+
+def _read(source: str, planner: SortiePlanner, warn: Warn) -> list[FlownSurvey]:
+    path = Path(source)
+    if not path.is_dir():
+        return [_of_telemetry(source, planner, warn)]
+    folders = [path] if (path / SUMMARY).exists() else sorted(each.parent for each in path.glob(f"*/{SUMMARY}"))
+    if not folders:
+        raise InputError.at(source, 1, 1, "has no flight", "a folder of eadp simulate -o DIR, or telemetry")
+    return [_of_folder(folder, planner) for folder in folders]
+
+
+def _of_folder(folder: Path, planner: SortiePlanner) -> FlownSurvey:
+    flight, field = read_folder(folder), planner.task.field
+    plan = flight.world.plan
+    origin, own = plan.site.origin_deg, field.origin_deg
+    if (origin is None) != (own is None) or (origin and own and math.dist(origin, own) > 1e-6):
+        raise InputError.at(str(folder), 1, 1, "is of another field", f"a flight over {field.name or 'this field'}")
+    columns = flown_of_plan(flight.columns, flight.summary["turned_back_s"])
+    points = np.array([columns["x_m"], columns["y_m"]]).T
+    heading_rad = _heading_rad(plan, flight.world.parameters)
+    laps = plan.path_count > 0
+    times_s = np.array(columns["time_s"])
+    return FlownSurvey(str(folder), times_s, points, flown_lines(plan, columns), heading_rad, laps)
+
+
+def _heading_rad(plan: Plan, parameters: Sequence[float]) -> float | None:
+    """The heading of the longest line of a plan over its field."""
+    try:
+        legs = [leg for leg in nominal_legs(plan, parameters) if leg.stage.kind == LINE]
+    except PathUndefined:
+        return None
+    if not legs:
+        return None
+    longest = max(legs, key=lambda leg: leg.distance_m)
+    (x0, y0), (x1, y1) = longest.start_m, longest.end_m
+    return math.atan2(y1 - y0, x1 - x0)
+
+
+def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurvey:
+    """A flight of telemetry: it is on a line where it flies along the lines of the plan."""
+    reader, rows = TelemetryReader(source, origin_deg=planner.task.field.origin_deg), []
+    with open_telemetry(source) as stream:
+        for number, raw in numbered_lines(stream, source):
+            sample, _, found = reader.read(number, raw)
+            warn([each for each in found if "missing" not in each.message])
+            if sample is not None and sample.x_m is not None and sample.y_m is not None:
+                rows.append((sample.time_s, sample.x_m, sample.y_m))
+    if len(rows) < 2:
+        raise InputError.at(source, 1, 1, "has no positions", "telemetry with x_m and y_m, or lat_deg and lon_deg")
+    table = np.array(rows)
+    times_s, points = table[:, 0], table[:, 1:]
+    steps = np.diff(points, axis=0)
+    courses = np.arctan2(steps[:, 1], steps[:, 0])
+    along = np.abs((courses - planner.heading_rad + math.pi / 2) % math.pi - math.pi / 2) < ALONG_RAD
+    along &= (np.diff(times_s) > 0) & (np.diff(times_s) <= MAX_GAP_S)
+    lines: list[Line] = []
+    run: list[Point] = []
+    for i, on_line in enumerate(along.tolist()):
+        if on_line:
+            run = run or [(float(points[i, 0]), float(points[i, 1]))]
+            run.append((float(points[i + 1, 0]), float(points[i + 1, 1])))
+        elif run:
+            lines.append(tuple(run))
+            run = []
+    if run:
+        lines.append(tuple(run))
+    return FlownSurvey(source, times_s, points, [line for line in lines if len(line) > 2])
+
+
+def _segments(lines: Sequence[Line]) -> list[tuple[Point, Point]]:
+    return [(line[0], line[-1]) for line in lines]
+
+
+def _same(one: FlownSurvey, other: FlownSurvey) -> bool:
+    """Whether two logs have minutes of one flight in common."""
+    start, end = max(one.times_s[0], other.times_s[0]), min(one.times_s[-1], other.times_s[-1])
+    if end - start < SAME_S:
+        return False
+    times = np.arange(start, end, SAME_S / 10)
+    places = [
+        np.stack([np.interp(times, track.times_s, track.points_m[:, k]) for k in (0, 1)], axis=1)
+        for track in (one, other)
+    ]
+    near = np.linalg.norm(places[0] - places[1], axis=1) < SAME_M
+    return bool(near.mean() > 0.5)

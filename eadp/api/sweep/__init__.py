@@ -1,0 +1,1 @@
+"""What `eadp sweep` does: many runs, made and kept."""

@@ -1,0 +1,51 @@
+"""What an aircraft can do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from eadp.api.given import File, Warn, python_warnings
+from eadp.io.text.schema_faults import keys_document
+from eadp.io.text.streams import read_text
+from eadp.io.vehicle.vehicle_file import SCHEMA, VehicleFile, vehicle_of, vehicle_warnings
+from eadp.models.performance import Performance, performance
+
+
+def vehicle(
+    file: File,
+    winds_mps: Sequence[float] = (0.0, 5.0, 8.0),
+    *,
+    computing_w: float = 0.0,
+    reserve_soc: float = 0.05,
+    warn: Warn = python_warnings,
+) -> tuple[VehicleFile, Performance]:
+    """What an aircraft can do: stall, best speeds, level power, turning radius, endurance and range in wind.
+
+    Parameters
+    ----------
+    file : path
+        Vehicle file.
+    winds_mps : sequence of float
+        Speeds of the wind, for endurance and range [m/s].
+    computing_w : float
+        Power of the computations, beside the motion's [W].
+    reserve_soc : float
+        State of charge to keep.
+    warn : function, optional
+
+    Returns
+    -------
+    (VehicleFile, Performance)
+        The aircraft, and what it can do; `faults` says why it cannot fly as described, if it cannot.
+
+    Raises
+    ------
+    InputError
+        With the faults of the file.
+    """
+    keys = keys_document(read_text(str(file)), SCHEMA)
+    found = vehicle_of(keys)
+    warn(vehicle_warnings(keys, found))
+    return found, performance(
+        found.airframe, found.battery, winds_mps, computing_w=computing_w, reserve_soc=reserve_soc
+    )

@@ -1,0 +1,110 @@
+"""Options of a command from the fields of dataclasses: name, type, help and default stand there alone."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import inspect
+import sys
+import types
+from collections.abc import Callable, Sequence
+from dataclasses import MISSING, Field, fields, is_dataclass
+from enum import StrEnum
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from typer import Option
+
+from eadp.io.text.options import UNITS, Flag, option_name
+
+
+def grouped(command: Callable[..., int]) -> Callable[..., int]:
+    """A command whose parameters that are dataclasses become an option for each of their fields."""
+    hints = get_type_hints(command, include_extras=True)
+    hints.pop("return", None)
+    parameters: list[inspect.Parameter] = []
+    groups: dict[str, type] = {}
+    for name, parameter in inspect.signature(command).parameters.items():
+        if is_dataclass(hints[name]):
+            groups[name] = hints[name]
+            parameters += _options(hints[name])
+        else:
+            parameters.append(parameter.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY))
+
+    def run(**given: Any) -> int:
+        values = {name: kind(**_taken(kind, given)) for name, kind in groups.items()}
+        return command(**given, **values)
+
+    run.__doc__ = command.__doc__
+    run.__annotations__ = {each.name: each.annotation for each in parameters}
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return run
+
+
+def _taken(kind: type, given: dict[str, Any]) -> dict[str, Any]:
+    """The values of a dataclass's fields, taken out of those given; a field keeps its default where none is."""
+    values = {field.name: given.pop(field.name) for field in _fields(kind)}
+    return {name: getattr(value, "value", value) for name, value in values.items() if value is not None}
+
+
+def _fields(kind: Any) -> tuple[Field[Any], ...]:
+    return fields(kind)
+
+
+def _options(kind: Any) -> list[inspect.Parameter]:
+    hints, texts = get_type_hints(kind, include_extras=True), _docstrings(kind)
+    return [_option(field, hints[field.name], texts[field.name]) for field in _fields(kind)]
+
+
+def _option(field: Field[Any], hint: Any, text: str) -> inspect.Parameter:
+    """The option of a field."""
+    flag, kind = Flag(), hint
+    if get_origin(hint) is Annotated:
+        kind, *notes = get_args(hint)
+        flag = next((note for note in notes if isinstance(note, Flag)), flag)
+    kind, default = _plain(field.name, kind), None if field.default is MISSING else field.default
+    metavar = flag.metavar or next((word for unit, word in UNITS.items() if field.name.endswith(unit)), None)
+    names = flag.names.split() or [option_name(field.name)]
+    if get_origin(kind) is list or default == "":
+        default = None
+    if default is None:
+        kind = kind | None
+    metavar = None if kind is bool else metavar
+    option = Option(*names, help=text, metavar=metavar, min=flag.low, max=flag.high)
+    annotation = Annotated[kind, option]  # type: ignore[valid-type]
+    return inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+
+
+def _plain(name: str, kind: Any) -> Any:
+    """The type that an option's text is read as: of several the text, which the use case reads."""
+    if get_origin(kind) is Literal:
+        return StrEnum(name, {str(value): str(value) for value in get_args(kind)})
+    if get_origin(kind) in (Union, types.UnionType):
+        kinds = [each for each in get_args(kind) if each is not type(None)]
+        return str if str in kinds else _plain(name, kinds[0])
+    if get_origin(kind) is not None and issubclass(get_origin(kind), Sequence) and get_origin(kind) is not tuple:
+        return list[str]
+    return kind
+
+
+def _docstrings(kind: type) -> dict[str, str]:
+    """The texts under a dataclass's fields, without marks, by field."""
+    texts: dict[str, str] = {}
+    for base in reversed(kind.__mro__):
+        if is_dataclass(base):
+            texts |= _module_docstrings(base.__module__)[base.__name__]
+    return texts
+
+
+@functools.cache
+def _module_docstrings(module: str) -> dict[str, dict[str, str]]:
+    """The texts under the fields of a module's classes."""
+    found: dict[str, dict[str, str]] = {}
+    for node in ast.walk(ast.parse(inspect.getsource(sys.modules[module]))):
+        if isinstance(node, ast.ClassDef):
+            texts = found.setdefault(node.name, {})
+            for one, after in zip(node.body, node.body[1:], strict=False):
+                if isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name) and isinstance(after, ast.Expr):
+                    texts[one.target.id] = (
+                        inspect.cleandoc(ast.literal_eval(after.value)).replace("\n", " ").replace("`", "")
+                    )
+    return found

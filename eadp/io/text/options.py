@@ -1,0 +1,52 @@
+"""How options, which are fields of dataclasses, are written on the command line.
+
+A field's name, type, docstring and default are the option's. The command line is built from them, and its names stand
+in faults.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Flag:
+    """What a field's name and type do not say of its option; an annotation of the type.
+
+    Attributes
+    ----------
+    names : str
+        Names, separated by spaces, as in `-o --out`; by default the field's, without its unit.
+    metavar : str
+        What stands for the value in the help; by default that of the field's unit.
+    low, high : float or None
+        Bounds of the value.
+    """
+
+    names: str = ""
+    metavar: str = ""
+    low: float | None = None
+    high: float | None = None
+
+
+UNITS = {
+    "_per_s": "PER_S",
+    "_mps": "MPS",
+    "_deg": "DEG",
+    "_ah": "AH",
+    "_m": "METRES",
+    "_s": "SECONDS",
+    "_w": "W",
+    "_mm": "MM",
+    "_px": "PX",
+}
+"""What stands for a value in the help, by the unit that ends its field's name."""
+
+KEPT = ("_mm", "_px")
+"""Units that are part of an option's name."""
+
+
+def option_name(field: str) -> str:
+    """The option of a field, where it has no other name."""
+    unit = next((unit for unit in UNITS if field.endswith(unit) and unit not in KEPT), "")
+    return "--" + field.removesuffix(unit).rstrip("_").replace("_", "-")

@@ -1,0 +1,139 @@
+"""Flights by `eadp replan` in a closed loop: disturbed telemetry, and an autopilot that does not apply parameters."""
+
+from __future__ import annotations
+
+import pytest
+from common import ROOT, few
+from common.link import DISTURBANCES, UNDISTURBED, Disturbance, flown, through
+
+from eadp.api.inputs import Files, load_flight
+from eadp.io.text.streams import Text
+from eadp.planning.state.power import LAP_ENDS, PowerTracker
+from eadp.planning.state.time_ratio import TimeRatio
+from eadp.planning.track.applied import APPLY_S
+
+START_S = 60.0
+MAX_WRONG_S, MAX_LOSS = 20.0, 0.03
+CODES = {
+    "gap 30 s": {"stage-unknown"},
+    "gap 120 s": {"stage-unknown"},
+    "frozen position 20 s": {"stale", "stage-unknown"},
+    "null charge 60 s": {"stale"},
+    "clock + 7,200 s": {"clock"},
+    "clock back 50 s": {"clock"},
+    "gauge stuck from the start on": {"gauge-stuck"},
+}
+"""Warnings of each disturbance."""
+
+
+def short_survey(**overrides):
+    """Some laps of the survey, with a battery that does not last at the highest parameters."""
+    body = (ROOT / "plans/survey.plan").read_text(encoding="utf-8").replace("175, 161", "95, 152")
+    name = str(ROOT / "plans/short.plan")
+    return load_flight(
+        name,
+        scenario=str(ROOT / "scenarios/survey.yaml"),
+        overrides={"step_s": 0.05, "faults": [], "battery.capacity_ah": 0.26, **overrides},
+        files=Files({name: Text(name, body)}),
+    )
+
+
+@pytest.fixture(scope="module")
+def undisturbed():
+    return flown(short_survey(), UNDISTURBED)
+
+
+def test_the_undisturbed_flight_has_no_warnings(undisturbed):
+    assert undisturbed.outcome.completed
+    assert undisturbed.wrong_s == 0
+    assert undisturbed.warnings == []
+    assert all(answer["warnings"] == [] for answer in undisturbed.answers)
+
+
+@pytest.mark.parametrize("disturbance", few(DISTURBANCES, 5), ids=lambda disturbance: disturbance.name)
+def test_a_disturbance_costs_little_and_the_stage_is_found_again(undisturbed, disturbance):
+    disturbed = flown(short_survey(), disturbance, START_S)
+    assert disturbed.outcome.completed
+    assert disturbed.wrong_s <= MAX_WRONG_S
+    assert disturbed.quality >= undisturbed.quality - MAX_LOSS
+    assert {code for answer in disturbed.answers for code in answer["warnings"]} == CODES.get(disturbance.name, set())
+
+
+def test_the_end_of_an_autopilots_mission_is_certain(undisturbed):
+    """Whether one more lap is flown is in doubt at 6 s where the aircraft follows the plan itself."""
+    of_items = flown(short_survey(), Disturbance("items", 0.0, through(lambda line: line | {"flies_mission": True})))
+    doubtful, certain = ({a["time_s"]: a for a in flight.answers}[6.0] for flight in (undisturbed, of_items))
+    assert certain["energy_std_wh"] < 0.8 * doubtful["energy_std_wh"]
+    assert of_items.outcome.completed
+    assert of_items.warnings == []
+
+
+def test_a_gauge_that_rises_and_a_false_power_are_warned_of():
+    def rising(line):
+        return line | {"soc": 0.8 + line["time_s"] / 1e4, "power_w": 1e5 if line["time_s"] == 100 else line["power_w"]}
+
+    flight = flown(short_survey(), Disturbance("rising", 0.0, through(rising)), START_S)
+    codes = {answer["time_s"]: answer["warnings"] for answer in flight.answers}
+    assert codes[100.0] == ["gauge-rises", "power-outlier"]
+    assert codes[101.0] == ["gauge-rises"]
+    assert codes[START_S] == []
+
+
+def after_hold(flight):
+    """The answers from the first on that has the warning, and the time of that."""
+    first = next(i for i, answer in enumerate(flight.answers) if "not-applied" in answer["warnings"])
+    return flight.answers[first:], flight.answers[first]["time_s"]
+
+
+def test_parameters_that_are_not_applied_are_forecast_as_they_are():
+    """c1 takes effect with the lap that starts at 39 s; without it the battery ends before the plan does."""
+    flight = flown(short_survey(), UNDISTURBED, deaf_to=("c1", "c2"))
+    answers, time_s = after_hold(flight)
+    assert flight.outcome.reason == "battery empty"
+    assert 39 < time_s < 39 + 1 + APPLY_S + 1
+    assert {answer["in_force"]["c1"] for answer in answers} == {0.0}
+    assert all(answer["completes_probability"] < 0.01 for answer in answers[1:])
+    assert all(answer["parameters"]["c1"] < 0 for answer in answers), "they are asked for all the same"
+    asked = answers[0]["parameters"]["c1"]
+    assert [warning.split(": ")[2] for warning in flight.warnings] == [
+        f"c1 = {asked:g} is not applied",
+        "c2 = 2 is not applied",
+    ]
+
+
+def test_what_is_applied_makes_up_for_what_is_not():
+    """With c1 unchanged, the lowest computations last where the highest do not."""
+    battery = {"battery.capacity_ah": 0.32}
+    deaf = flown(short_survey(**battery), UNDISTURBED, deaf_to=("c1",))
+    answers, _ = after_hold(deaf)
+    assert deaf.outcome.completed
+    assert {answer["parameters"]["c2"] for answer in answers} == {2.0}
+    assert not flown(short_survey(**battery), UNDISTURBED, deaf_to=("c1", "c2")).outcome.completed
+
+
+@pytest.mark.slow
+def test_a_stage_flown_through_a_gap_teaches_nothing(monkeypatch):
+    """The times learned are those of whole stages and laps: no gap over a start or an end makes one longer."""
+    learned, periods_s = [], []
+    learn, lap = TimeRatio.learn, PowerTracker._lap
+
+    def recorded(self, forecast_s, flown_s, *others):
+        learned.append((forecast_s, flown_s))
+        learn(self, forecast_s, flown_s, *others)
+
+    def recorded_lap(self, o):
+        found = lap(self, o)
+        if found == LAP_ENDS:
+            periods_s.append(self.lap_time_s)
+        return found
+
+    monkeypatch.setattr(TimeRatio, "learn", recorded)
+    monkeypatch.setattr(PowerTracker, "_lap", recorded_lap)
+    flown(short_survey(), UNDISTURBED)
+    whole, lap_s = len(learned), periods_s[-1]
+    for disturbance in DISTURBANCES[:2]:
+        learned.clear()
+        flown(short_survey(), disturbance, START_S)
+        assert 0 < len(learned) < whole
+        assert all(abs(flown_s - forecast_s) < 1.5 for forecast_s, flown_s in learned)
+        assert max(periods_s) < 1.15 * lap_s
