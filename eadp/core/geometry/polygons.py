@@ -241,7 +241,7 @@ def ground_m2(*rings: Sequence[Point]) -> float:
     return float(sum(part.area for part in shapely.get_parts(_valid(rings))))
 
 
-def mended(*rings: Sequence[Point]) -> list[list[Ring]]:
+def made_valid(*rings: Sequence[Point]) -> list[list[Ring]]:
     """An outline and its holes made valid: parts, each its outline and its holes, of opposite windings.
 
     Where rings cross themselves, what has an odd number of windings is ground; what holes share with one another, or

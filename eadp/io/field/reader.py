@@ -49,8 +49,8 @@ DEGREE_M = 111_000.0
 ZONES_M = 2 * EXTENT_LIMIT_M
 """How far from the middle of a field obstacles and boundaries are read [m]."""
 _FAR = f"farther than {ZONES_M / 1000:g} km left out"
-MENDED_SHARE = 1e-3
-"""Share of its area by which a polygon that crosses or touches itself may change where it is mended."""
+VALID_SHARE = 1e-3
+"""Share of its area by which a polygon that crosses or touches itself may change where it is made valid."""
 
 RING_LIMIT = 1000
 """Most vertices of a ring: the time to find a path grows with their number."""
@@ -204,7 +204,7 @@ def _solid_parts(
     Raises
     ------
     InputError
-        Where they cross or touch one another, or themselves, so that mending them would change the area.
+        Where they cross or touch one another, or themselves, so that repairing them would change the area.
     """
     from eadp.core.geometry.polygons import flaws, ground_m2, tidy
 
@@ -219,7 +219,7 @@ def _solid_parts(
                 return []
         else:
             kept.append(outline)
-    parts = _mended(kept, counts)
+    parts = _made_valid(kept, counts)
     if parts is None:
         flaw = next(flaws(kept[0], kept[1:]))
         message = f"a polygon {flaw.message} at ({flaw.point_m[0]:.2f}, {flaw.point_m[1]:.2f}) m"
@@ -227,29 +227,33 @@ def _solid_parts(
     return parts
 
 
-def _mended(rings: Sequence[tuple[Point, ...]], counts: Counter[str]) -> list[list[tuple[Point, ...]]] | None:
-    """Rings without flaws, mended if need be, as parts; None where that would change their area."""
-    from eadp.core.geometry.polygons import flaws, ground_m2, mended, signed_area_m2
+def _made_valid(rings: Sequence[tuple[Point, ...]], counts: Counter[str]) -> list[list[tuple[Point, ...]]] | None:
+    """Rings without flaws, made valid if need be, as parts; None where that would change their area."""
+    from eadp.core.geometry.polygons import flaws, ground_m2, made_valid, signed_area_m2
 
     if next(flaws(rings[0], rings[1:]), None) is None:
         return [list(rings)]
     outline_m2, *holes_m2 = (abs(signed_area_m2(ring)) for ring in rings)
     before_m2 = outline_m2 - sum(holes_m2)
-    parts = [part for part in mended(*rings) if ground_m2(*part) >= MENDED_SHARE * before_m2]
+    parts = [part for part in made_valid(*rings) if ground_m2(*part) >= VALID_SHARE * before_m2]
     after_m2 = sum(ground_m2(*part) for part in parts)
-    if not abs(after_m2 - before_m2) < MENDED_SHARE * before_m2:
+    if not abs(after_m2 - before_m2) < VALID_SHARE * before_m2:
         return None
-    counts["mended"] += 1
+    counts["repaired"] += 1
     return parts
 
 
 def _note(counts: Counter[str], notes: list[str], smallest_m2: float) -> None:
-    """Add sentences on what was left out and mended."""
+    """Add sentences on what was left out and repaired."""
     for key, names, what in (
         ("far", ("polygon", "polygons"), _FAR),
         ("small", ("polygon", "polygons"), f"of less than {smallest_m2:g} m² left out"),
         ("holes", ("hole", "holes"), "without an area left out"),
-        ("mended", ("outline", "outlines"), "that crossed or touched itself mended, the area by less than 0.1 %"),
+        (
+            "repaired",
+            ("outline", "outlines"),
+            "that crossed or touched itself repaired, by less than 0.1 % of the area",
+        ),
     ):
         if counts[key]:
             notes.append(f"{counted(counts[key], *names)} {what}")
@@ -342,9 +346,9 @@ def _sound(
     source: SourceText,
     counts: Counter[str],
 ) -> list[list[tuple[Point, ...]]]:
-    """An outline and its holes without flaws, mended if that hardly changes their area; else raises the flaws."""
+    """An outline and its holes without flaws, made valid if that hardly changes their area; else raises the flaws."""
     corners = [tuple((vertex.x, vertex.y) for vertex in ring) for ring in rings]
-    parts = _mended(corners, counts)
+    parts = _made_valid(corners, counts)
     if parts is None:
         _check_shape(rings, origin_deg, source)
     return parts or [corners]

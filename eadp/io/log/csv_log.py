@@ -331,9 +331,9 @@ def _values(row: Row, columns: Sequence[tuple[int, float]], *, dates: bool = Fal
 
 
 def _seconds(raw: str) -> float | None:
-    """Seconds since 1970 of a time by ISO 8601, of UTC without a zone; None if it is none."""
+    """Seconds since 1970 of a time by ISO 8601, or with slashes in its date, of UTC without a zone; None for no time."""
     try:
-        time = datetime.fromisoformat(raw)
+        time = datetime.fromisoformat(raw.replace("/", "-", 2))
     except ValueError:
         return None
     return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()

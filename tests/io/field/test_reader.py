@@ -676,7 +676,7 @@ def test_a_ring_that_needs_too_many_vertices():
     assert fault_of(table(saw)) == f"2:1: error: {what}; expected at most {RING_LIMIT}"
 
 
-MENDED = "1 outline that crossed or touched itself mended, the area by less than 0.1 %"
+MENDED = "1 outline that crossed or touched itself repaired, by less than 0.1 % of the area"
 
 
 @pytest.mark.parametrize(

@@ -400,3 +400,8 @@ def test_dates_with_zones_and_without(tmp_path):
     path.write_text("time,power_w\n" + "".join(f"2024-05-01T12:00:{i:02d},5\n" for i in range(50)) + "yesterday,5\n")
     with pytest.raises(InputError, match=r"log\.csv:52:1: error: yesterday is no time by ISO 8601"):
         read_power_log(str(path))
+
+
+def test_dates_with_slashes() -> None:
+    body = "time,power_w\n" + "".join(f"2024/05/06 10:00:{i:02d},5\n" for i in range(N))
+    assert parse(body).times_s[-1] == N - 1
