@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,9 @@ _TIME_US = ("timestamp", "TimeUS")
 _TIME_MS = ("TimeMS",)
 ULOG_TOPICS = ("battery_status", "vehicle_local_position")
 DATAFLASH_TOPICS = ("BAT", "BAT2", "CURR", "CUR2", "POS", "GPS")
+_USED = ("discharged_mah", "CurrTot")
+PARAMETERS, LARGEST_MAH = "parameters", 1e6
+"""The topic of the parameters; no battery holds so much."""
 _INSTANCE = ("Instance", "Inst", "I")
 
 
@@ -46,7 +50,22 @@ def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
     motion = autopilot_motion(tables, time_us) if columns.motion else {}
     others = np.stack([*(() if position_m is None else position_m.T), *motion.values(), time_us], axis=1)[:, :-1]
     readings = LogReadings(time_us, factors, others, np.ones(len(time_us), dtype=np.int64)).at(known)
-    return in_order(name, readings, 1e6, warnings, counts, position=position_m is not None, also=tuple(motion))
+    log = in_order(name, readings, 1e6, warnings, counts, position=position_m is not None, also=tuple(motion))
+    return replace(log, battery=_of_battery(tables, columns.instance))
+
+
+def _of_battery(tables: Tables, instance: int | None) -> dict[str, float]:
+    """The capacity among the parameters, and the charge used before the first reading [Ah]."""
+    found = {}
+    capacity_mah = tables.columns.get(PARAMETERS, {}).get("capacity_mah")
+    if capacity_mah is not None and len(capacity_mah) and capacity_mah[-1] > 0:
+        found["capacity_ah"] = float(capacity_mah[-1]) / 1e3
+    batteries = dict(_batteries(tables))
+    table = batteries.get(min(batteries) if instance is None else instance, {})
+    used_mah = next((table[label] for label in _USED if label in table), None)
+    if used_mah is not None and len(used_mah) and 0 < used_mah[0] < LARGEST_MAH:
+        found["used_ah"] = float(used_mah[0]) / 1e3
+    return found
 
 
 def battery_table(

@@ -331,7 +331,7 @@ def _values(row: Row, columns: Sequence[tuple[int, float]], *, dates: bool = Fal
 
 
 def _seconds(raw: str) -> float | None:
-    """Seconds since 1970 of a time by ISO 8601, or with slashes in its date, of UTC without a zone; None for no time."""
+    """Seconds since 1970 of a time by ISO 8601, or with slashes in its date, of UTC without a zone; None if none."""
     try:
         time = datetime.fromisoformat(raw.replace("/", "-", 2))
     except ValueError:

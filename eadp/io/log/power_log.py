@@ -99,6 +99,8 @@ class PowerLog:
         The other columns asked for.
     counts : dict of str to int or float
         Rows read, rows left out by reason, gaps, and the longest gap [s].
+    battery : dict of str to float
+        What an autopilot says of its battery, as far as it does: `capacity_ah`, and `used_ah` before the first reading.
     """
 
     name: str
@@ -110,6 +112,7 @@ class PowerLog:
     position_m: FloatArray | None = None
     also: dict[str, FloatArray] = field(default_factory=dict)
     counts: dict[str, int | float] = field(default_factory=dict)
+    battery: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from common import few
 
+from eadp.api.fit.battery import BatteryOptions, read_battery_fit
 from eadp.errors import InputError
 from eadp.io.log import messages
 from eadp.io.log.formats import is_dataflash_text, read_power_log
@@ -343,3 +344,16 @@ def test_without_the_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     for name, data in (("f.ulg", ulog()), ("f.bin", dataflash()), ("f.log", text_log())):
         with pytest.raises(InputError, match=r"is missing; expected pip install 'eadp\[logs\]'"):
             read_power_log(stored(tmp_path, name, data))
+
+
+def test_what_the_autopilot_says_of_its_battery(tmp_path: Path) -> None:
+    lines = text_log(labels="TimeUS,Instance,Volt,Curr,CurrTot").replace(", 2, 0.5", ", 2, 1790").splitlines()
+    head = ["FMT, 132, 31, PARM, QNff, TimeUS,Name,Value,Default", "PARM, 1, BATT_CAPACITY, 3300, 0"]
+    log = read_power_log(stored(tmp_path, "flight.log", "\n".join([*lines[:3], *head, *lines[3:]]) + "\n"))
+    assert log.battery == {"capacity_ah": 3.3, "used_ah": 1.79}
+    path = tmp_path / "flight.log"
+    found = read_battery_fit(str(path), Columns(), BatteryOptions(capacity_ah=3.3))
+    assert found.fit.charge_from == pytest.approx(1 - 1.79 / 3.3)
+    assert "1.79 Ah were used before" in str(found.warnings[0])
+    assert found.fit.notes[-1] == "the autopilot's parameters state a capacity of 3.3 Ah"
+    assert read_battery_fit(str(path), Columns(), BatteryOptions(capacity_ah=3.3, soc=0.9)).fit.charge_from == 0.9
