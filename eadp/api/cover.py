@@ -20,8 +20,9 @@ from eadp.coverage.plan_builder import FieldComputations, build_plan
 from eadp.coverage.report import CoverageReport, PowerDraw
 from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
 from eadp.errors import EadpError, Fault, InputError, printable
-from eadp.io.field.kmz import read_field_text
-from eadp.io.field.reader import NAME_LIMIT, read_field, read_zones
+from eadp.io.field.draft import NAME_LIMIT
+from eadp.io.field.files import read_field_text
+from eadp.io.field.reader import read_field, read_zones
 from eadp.io.mission.draft import TRIGGER_DISTANCE
 from eadp.io.plan.writer import plan_text
 from eadp.io.profile import model_file
@@ -411,8 +412,8 @@ class CoverageTask:
             raise _fault("--altitude", f"{options.altitude_m:g}", message, f"above 0, at most {MAX_ALTITUDE_M:g}")
         text = read_field_text(path)
         field, repairs = read_field(text, metres=options.metres, feature=options.feature)
-        field = _limited(field, options)
-        return cls(text.name, field, repairs, options, motion, vehicle, airframe, profile, pack_wh)
+        field, notes = _limited(field, options)
+        return cls(text.name, field, [*repairs, *notes], options, motion, vehicle, airframe, profile, pack_wh)
 
     @cached_property
     def home_m(self) -> Point | None:
@@ -479,16 +480,16 @@ def _pictures(distance_m: float) -> tuple[float, ...]:
     return (TRIGGER_DISTANCE, round(distance_m, 6), 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def _limited(field: Field, options: CoverageOptions) -> Field:
-    """The field with its obstacles and its boundary."""
-    avoid, inside = (
-        () if path is None else read_zones(read_field_text(path), field, metres=options.metres)
-        for path in (options.avoid, options.inside)
+def _limited(field: Field, options: CoverageOptions) -> tuple[Field, list[str]]:
+    """The field with its obstacles and its boundary, and notes on what was left out of these."""
+    (avoid, far), (inside, beyond) = (
+        ((), []) if path is None else read_zones(read_field_text(path), field, metres=options.metres, inside=within)
+        for path, within in ((options.avoid, False), (options.inside, True))
     )
     holes = [hole for part in field.parts for hole in part[1:]] if options.holes == "avoid" else ()
     named = [Obstacle(hole, f"hole {i}") for i, hole in enumerate(holes, 1)]
     airspace = Airspace((*field.airspace.obstacles, *avoid, *named), tuple(each.outline for each in inside))
-    return replace(field, airspace=airspace)
+    return replace(field, airspace=airspace), [*far, *beyond]
 
 
 def wind_vector_mps(given: Pair) -> Point:

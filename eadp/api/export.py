@@ -221,7 +221,7 @@ def _planned(plan: Plan, name: str, parameters: Sequence[float]) -> PlannedLegs:
 
 
 def _places(plan: Plan, name: str, options: ExportOptions) -> tuple[tuple[float, float], tuple[float, float] | None]:
-    """Where the plan lies, and home: latitude and longitude [°]."""
+    """Where the plan lies, and home: latitude and longitude [°]; no home where it starts there, as a mission does."""
     given = {"--home": options.home_deg, "--origin": options.origin_deg}
     points = {option: _position_deg(option, raw) for option, raw in given.items() if raw is not None}
     if plan.site.origin_deg is not None and "--origin" in points:
@@ -234,7 +234,9 @@ def _places(plan: Plan, name: str, options: ExportOptions) -> tuple[tuple[float,
             expected = f"LAT,LON in that order, within {FARTHEST_M / 1000:g} km"
             raise _fault("--home", str(options.home_deg), "is far from the plan's origin", expected)
         return place, points["--home"]
-    return place, None if plan.site.home_m is None else to_geodetic_deg(*plan.site.home_m, place)
+    if plan.site.home_m is None or plan.site.home_m == plan.site.start_m:
+        return place, None
+    return place, to_geodetic_deg(*plan.site.home_m, place)
 
 
 def _forecast_text(forecast: Preflight, plan: Plan, legs: Sequence[Leg]) -> str:

@@ -88,7 +88,7 @@ def command(
     if kind.vehicle:
         from eadp.api.fit.vehicle import read_vehicle_fit
 
-        flown = replace(read_vehicle_fit(log, columns, kind.base), battery=found)
+        flown = replace(read_vehicle_fit(log, columns, kind.base, options.start_s, options.end_s), battery=found)
         _print(flown.document, flown.text, flown.yaml, flown.warnings, out)
         return 0 if flown.sure else 1
     if found is not None:

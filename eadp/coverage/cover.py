@@ -48,6 +48,9 @@ MAX_TIME_RATIO = 1.02
 HEADING_STEP_DEG = 10
 """Step of the headings tried besides those of the hull's edges, counted from the longest edge [°]."""
 
+MAX_SQUARES, MIN_HEADINGS = 300_000, 6
+"""Largest sum of the squares of lines over the headings tried, and fewest headings: more would take over 10 s."""
+
 SAME_HEADING_RAD = math.radians(1.0)
 
 FULL_SEARCHES = 3
@@ -194,7 +197,7 @@ def cover(request: CoverageRequest) -> CoverageSolution:
     wind_mps = math.hypot(*motion.wind_mps)
     if wind_mps >= motion.airspeed_mps:
         raise Infeasible(f"a wind of {wind_mps:g} m/s is not slower than the aircraft's {motion.airspeed_mps:g}")
-    headings = list(_headings(request.field)) if request.heading_rad is None else [request.heading_rad]
+    headings = _tried_headings(request) if request.heading_rad is None else [request.heading_rad]
     if request.pattern == DUBINS:
         return _best_in_order(request, headings)
     parted = bool(request.field.others)
@@ -224,6 +227,17 @@ def cover(request: CoverageRequest) -> CoverageSolution:
     if laps_s <= MAX_TIME_RATIO * lines_s:
         return replace(zamboni, other_share=lines_s / laps_s)
     return replace(order, other_share=laps_s / lines_s, laps=zamboni)
+
+
+def _tried_headings(request: CoverageRequest) -> list[float]:
+    """The headings to compare; of many lines those alone that need the fewest: the effort is that of their square."""
+    headings = list(_headings(request.field))
+    outline = np.concatenate([np.array(part[0]) for part in request.field.parts])
+    widths_m = [float(np.ptp(frame_of(heading).into(outline)[:, 0])) for heading in headings]
+    lines = min(widths_m) / (request.order_spacing_m or request.motion.swath_m)
+    count = max(MIN_HEADINGS, int(MAX_SQUARES / lines**2))
+    kept = sorted(range(len(headings)), key=lambda i: round(widths_m[i], TIE_DIGITS))[:count]
+    return [headings[i] for i in sorted(kept)]
 
 
 def _headings(field: Field) -> Iterator[float]:

@@ -74,3 +74,14 @@ def test_a_log_without_current(eadp):
     answer = eadp("fit", "scenarios/example-power-log.csv", "--battery", "--capacity", "2")
     assert answer.code == 2
     assert "voltage" in answer.err
+
+
+def test_the_charge_at_the_start_needs_evidence(eadp, flight):
+    doubt = "nothing shows the charge at the start of the log: it is taken as full; expected --soc SHARE"
+    assert doubt in eadp("fit", flight, "--battery", "--capacity", "2").err
+    assert doubt not in eadp("fit", flight, "--battery", "--capacity", "2", "--soc", "1").err
+    lines = flight.read_text().splitlines()
+    lines[1] = "0,16.75,0,0"  # at rest, 4.19 V a cell
+    flight.write_text("\n".join(lines) + "\n")
+    assert doubt not in eadp("fit", flight, "--battery", "--capacity", "2").err
+    assert doubt in eadp("fit", flight, "--battery", "--cells", "5").err

@@ -72,6 +72,25 @@ def test_the_wing_of_a_log(eadp, log, tmp_path):
         assert found.airframe.level_power_w(speed, 0.5) == pytest.approx(WING.level_power_w(speed, 0.5), rel=0.01)
 
 
+def test_a_take_off_is_left_out_and_the_options_cut(eadp, log):
+    plain = log((15.0,))
+    steady = json.loads(eadp("fit", plain, "--vehicle", "--format", "json").out)
+    rows = plain.read_text().splitlines()
+    # 20 s at 300 W with a climb of 5 m/s before the flight
+    start = [f"{t / 5:g},300,15,0,5" for t in range(100)]
+    later = [f"{float(row.split(',')[0]) + 20:g},{row.partition(',')[2]}" for row in rows[1:]]
+    plain.write_text("\n".join([rows[0], *start, *later]) + "\n")
+    answer = eadp("fit", plain, "--vehicle", "--format", "json")
+    assert answer.code == 0
+    assert re.search(r"a take-off, to (2\d) s of the log, left out; --from 0 fits it too", answer.err)
+    found = json.loads(answer.out)["power"]
+    assert found["level_w"][0][1] == pytest.approx(steady["power"]["level_w"][0][1], rel=0.01)
+    assert (found["polar"], len(found["level_w"])) == (False, 1)
+    assert "take-off" not in eadp("fit", plain, "--vehicle", "--from", "0").err
+    cut = json.loads(eadp("fit", plain, "--vehicle", "--from", "30", "--to", "130", "--format", "json").out)
+    assert cut["power"]["windows"] < found["windows"] // 1.5
+
+
 def test_without_a_base_it_is_a_power_curve(eadp, log, tmp_path):
     out = tmp_path / "mine.yaml"
     answer = eadp("fit", log(), "--vehicle", "-o", out, "--format", "json")

@@ -6,11 +6,16 @@ import math
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
-from eadp.core.flight.battery_fit import CURVES_V, BatteryFit, CapacityFit, fit_battery, fit_capacity
+import numpy as np
+
+from eadp.core.flight.battery_fit import CURVES_V, BatteryFit, CapacityFit, fit_battery, fit_capacity, is_full_at_rest
 from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.log.formats import read_power_log
-from eadp.io.log.power_log import Columns
+from eadp.io.log.power_log import Columns, PowerLog
 from eadp.io.text.options import Flag
+
+NO_CHARGE, RESTING = 0.01, 0.05
+"""Share of the capacity below which nothing was used; share of the largest current below which a battery is at rest."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +34,8 @@ class BatteryOptions:
     k_b_per_s: float = 1 / 3600
     """k_b [1/s]; 1/3600 is a battery without losses."""
 
-    soc: Annotated[float, Flag(metavar="SHARE")] = 1.0
-    """State of charge at the start of the log."""
+    soc: Annotated[float | None, Flag(metavar="SHARE")] = None
+    """State of charge at the start of the log; default: by the charge that the log says was used before, else full."""
 
     def check(self) -> None:
         """Refuse values that no battery has; raises InputError."""
@@ -139,16 +144,38 @@ def read_battery_fit(path: str, columns: Columns, options: BatteryOptions) -> Ba
     assert log.voltage_v is not None
     assert log.current_a is not None
     found, readings = None, (log.times_s, log.voltage_v, log.current_a)
+    soc, doubt = _charge_at_start(log, options)
+    if doubt:
+        log.warnings.append(Fault(log.name, 1, 1, doubt, "--soc SHARE", severity="warning"))
     try:
         if options.capacity_ah is None:
             assert options.cells is not None
-            found = fit_capacity(*readings, options.cells, options.chemistry, options.soc)
+            found = fit_capacity(*readings, options.cells, options.chemistry, soc)
             options = replace(options, capacity_ah=found.capacity_ah)
         assert options.capacity_ah is not None
-        fit = fit_battery(*readings, options.capacity_ah, k_b_per_s=options.k_b_per_s, soc=options.soc)
+        fit = fit_battery(*readings, options.capacity_ah, k_b_per_s=options.k_b_per_s, soc=soc)
     except Infeasible as error:
         raise InputError.at(log.name, 1, 1, str(error), "a log of the battery that is given") from None
     if found is not None:
         note = f"the capacity is that with which the voltage falls as that of {options.chemistry} cells does"
         fit = replace(fit, notes=(note, *fit.notes[1:]))
+    if stated_ah := log.battery.get("capacity_ah"):
+        note = f"the autopilot's parameters state a capacity of {stated_ah:g} Ah"
+        fit = replace(fit, notes=(*fit.notes, note))
     return BatteryLogFit(fit, options, log.warnings, found)
+
+
+def _charge_at_start(log: PowerLog, options: BatteryOptions) -> tuple[float, str]:
+    """The state of charge at the start of a log, and what is doubtful about it."""
+    if options.soc is not None:
+        return options.soc, ""
+    used_ah, capacity_ah = log.battery.get("used_ah", 0.0), options.capacity_ah or log.battery.get("capacity_ah")
+    if used_ah > 0 and capacity_ah and NO_CHARGE < used_ah / capacity_ah < 1:
+        soc = 1 - used_ah / capacity_ah
+        return soc, f"{used_ah:.3g} Ah were used before the log's first reading: its charge is taken as {soc:.3f}"
+    assert log.voltage_v is not None
+    assert log.current_a is not None
+    first_v, resting = float(log.voltage_v[0]), abs(log.current_a[0]) <= RESTING * float(np.max(log.current_a))
+    if resting and is_full_at_rest(first_v, options.cells, options.chemistry):
+        return 1.0, ""
+    return 1.0, "nothing shows the charge at the start of the log: it is taken as full"

@@ -128,7 +128,7 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
     log = read_power_log(path, replace(columns, also=profile.names) if profile else columns)
     warnings = [*log.warnings, *warnings]
     counts = dict(log.counts)
-    log = _part(log, options.start_s, options.end_s, counts)
+    log = log_part(log, options.start_s, options.end_s, counts)
     power_w = log.power_w
     if profile is not None:
         configurations = np.stack([log.also[name] for name in profile.names], axis=1)
@@ -165,7 +165,7 @@ def _fit(log: PowerLog, power_w: FloatArray, options: FitOptions, prior_s: float
         return fit_energy(log.times_s, power_w, order=options.order, keep_spikes=options.keep_spikes)
 
 
-def _part(log: PowerLog, start_s: float | None, end_s: float | None, counts: dict[str, int | float]) -> PowerLog:
+def log_part(log: PowerLog, start_s: float | None, end_s: float | None, counts: dict[str, int | float]) -> PowerLog:
     """The log from one time to another."""
     inside = (log.times_s >= (start_s or 0.0)) & (log.times_s <= (math.inf if end_s is None else end_s))
     if inside.all():
@@ -182,6 +182,8 @@ def _kept(log: PowerLog, inside: IntArray) -> PowerLog:
         log,
         times_s=log.times_s[inside],
         power_w=log.power_w[inside],
+        voltage_v=None if log.voltage_v is None else log.voltage_v[inside],
+        current_a=None if log.current_a is None else log.current_a[inside],
         position_m=None if log.position_m is None else log.position_m[inside],
         also={name: values[inside] for name, values in log.also.items()},
     )

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from eadp.api.fit.battery import BatteryLogFit
+from eadp.api.fit.power import FitOptions, log_part
 from eadp.api.given import File, Warn, python_warnings
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
-from eadp.core.flight.power_fit import PowerFit, fit_power
+from eadp.core.flight.power_fit import MIN_AIRSPEED_MPS, PowerFit, fit_power
 from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.log.formats import read_power_log
 from eadp.io.log.power_log import AIRSPEED, ALTITUDE, BANK, CLIMB, Columns, PowerLog
@@ -21,6 +22,8 @@ from eadp.models.vehicle import FixedWing, PaperVehicle, PowerCurve
 
 POINTS = 5
 ASSUMED_EFFICIENCY = PowerCurve.propulsive_efficiency
+TAKE_OFF_POWER, TAKE_OFF_CLIMB_MPS, TAKE_OFF_PAUSE_S = 1.5, 1.0, 5.0
+"""A take-off draws so many times the median power in flight, climbs so fast, and is over after so long without both."""
 SURE = 0.1
 """Largest standard error of the level power, as a share of it, of an aircraft that counts as identified."""
 
@@ -125,7 +128,9 @@ class VehicleLogFit:
         return "\n".join(lines)
 
 
-def read_vehicle_fit(path: str, columns: Columns, base: str) -> VehicleLogFit:
+def read_vehicle_fit(
+    path: str, columns: Columns, base: str, start_s: float | None = None, end_s: float | None = None
+) -> VehicleLogFit:
     """Read a log and fit an aircraft's power to it.
 
     Parameters
@@ -135,6 +140,8 @@ def read_vehicle_fit(path: str, columns: Columns, base: str) -> VehicleLogFit:
     columns : Columns
     base : str
         Vehicle file of what is known: mass, wing, avionics, limits; '' for none.
+    start_s, end_s : float, optional
+        The part of the log to fit [s]; without a start a take-off is left out.
 
     Raises
     ------
@@ -144,7 +151,12 @@ def read_vehicle_fit(path: str, columns: Columns, base: str) -> VehicleLogFit:
     known = read_vehicle(read_text(base)) if base else None
     if known is not None and isinstance(known.airframe, PaperVehicle):
         raise InputError.at("--base", 1, 1, "an aircraft of model paper", "model fixed-wing or power-curve", base)
-    log = read_power_log(path, replace(columns, motion=True))
+    FitOptions(start_s=start_s, end_s=end_s).check()
+    log = log_part(read_power_log(path, replace(columns, motion=True)), start_s, end_s, {})
+    if start_s is None and (airborne_s := _airborne_s(log)) is not None:
+        log = log_part(log, airborne_s, None, {})
+        message = f"a take-off, to {airborne_s:.0f} s of the log, left out; --from 0 fits it too"
+        log.warnings.append(Fault(log.name, 1, 1, message, severity="warning"))
     motion = _motion(log)
     constant_w = None if known is None or isinstance(known.airframe, PaperVehicle) else known.airframe.avionics_w
     try:
@@ -156,6 +168,23 @@ def read_vehicle_fit(path: str, columns: Columns, base: str) -> VehicleLogFit:
     airframe, stds, notes = _airframe(fit, known, float(np.percentile(log.power_w, 99.9)))
     name = known.name if known is not None and known.name else "aircraft of a log"
     return VehicleLogFit(fit, name, airframe, stds, [*fit.notes, *notes], log.warnings)
+
+
+def _airborne_s(log: PowerLog) -> float | None:
+    """When the take-off of a log ends [s]: the first climb with much more power than later; None without one."""
+    motion = _motion(log)
+    flying = np.flatnonzero(motion[AIRSPEED] >= MIN_AIRSPEED_MPS)
+    if CLIMB not in motion or len(flying) < 2:
+        return None
+    steady_w = float(np.median(log.power_w[flying]))
+    up = (log.power_w > TAKE_OFF_POWER * steady_w) & (motion[CLIMB] > TAKE_OFF_CLIMB_MPS)
+    first_s = log.times_s[flying[0]]
+    climbing = np.flatnonzero(up & (log.times_s >= first_s))
+    if not len(climbing) or log.times_s[climbing[0]] > first_s + TAKE_OFF_PAUSE_S:
+        return None
+    pauses = np.flatnonzero(np.diff(log.times_s[climbing]) > TAKE_OFF_PAUSE_S)
+    last = climbing[pauses[0]] if len(pauses) else climbing[-1]
+    return float(log.times_s[last]) + TAKE_OFF_PAUSE_S
 
 
 def _motion(log: PowerLog) -> dict[str, Any]:

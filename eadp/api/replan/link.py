@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import re
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -12,6 +13,7 @@ from typing import Annotated, Any
 
 from eadp.api.inputs import FlightInputs
 from eadp.api.replan.replanner import Emit, Replanner, Warn
+from eadp.core.geometry.geodesy import to_near_local_m
 from eadp.errors import Fault, InputError
 from eadp.io.link.lines import LINE_S, LineMaker
 from eadp.io.link.mavlink import COMPONENT, SHARE, Link, Message, Throttle, read_key, require_pymavlink, tlog_messages
@@ -26,8 +28,11 @@ from eadp.io.mission.items import MappedItem, items_text, parse_items, read_item
 from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
 from eadp.io.telemetry.reader import numbered_lines, open_telemetry
 from eadp.io.text.options import Flag
+from eadp.models.plan.plan import Plan
 from eadp.planning.track.live import KEPT
 
+NEAR_M, NEAR_SIZES = 5000.0, 3.0
+"""How far from its plan a flight may be that is replayed [m], or in sizes of the plan."""
 WAIT_S, HEARTBEAT_S, LOST_S = 0.2, 1.0, 5.0
 """How long to wait for messages, how often to send a heartbeat, and when the autopilot's are lost [s]."""
 
@@ -480,18 +485,34 @@ def replay_flight(
             form = next((form for magic, form in MAGICS.items() if head.startswith(magic)), None)
             if form is None:
                 require_pymavlink("--replay", path)
-                for message in itertools.takewhile(
-                    lambda _: not flight.over, tlog_messages(head + stream.read(), WANTED)
-                ):
+                messages = list(tlog_messages(head + stream.read(), WANTED))
+                places = [values_of(each.kind, each.fields) for each in messages if each.kind == "GLOBAL_POSITION_INT"]
+                _check_place(path, inputs.world.plan, places)
+                for message in itertools.takewhile(lambda _: not flight.over, messages):
                     flight.take(message)
             else:
-                for values in itertools.takewhile(lambda _: not flight.over, log_values(path, form)):
+                rows = list(log_values(path, form))
+                _check_place(path, inputs.world.plan, rows)
+                for values in itertools.takewhile(lambda _: not flight.over, rows):
                     flight.update(values)
             used, completes = flight.used, flight.completes
     if not used:
         what = "a log of eadp replan, or a log (.tlog, .bin, .ulg) of a flight of the plan"
         raise InputError.at(path, 1, 1, "has no flight that can be used", what)
     return completes
+
+
+def _check_place(path: str, plan: Plan, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Refuse a flight that is nowhere near its plan: none of its positions is."""
+    found = [(row["lat_deg"], row["lon_deg"]) for row in rows if row.get("lat_deg") is not None]
+    if plan.site.origin_deg is None or not found:
+        return
+    ends = [stage.trigger_at([plan.hull(i).hi for i in range(plan.path_count)]) for stage in plan.stages]
+    reach_m = max(NEAR_M, NEAR_SIZES * max(math.dist(end, ends[0]) for end in ends))
+    points = [to_near_local_m(*place, plan.site.origin_deg) for place in found]
+    if all(point is None or min(math.dist(point, end) for end in ends) > reach_m for point in points):
+        message = f"is a flight elsewhere, as at {found[0][0]:.4f}, {found[0][1]:.4f}"
+        raise InputError.at(path, 1, 1, message, f"a log of a flight within {reach_m / 1000:.3g} km of the plan")
 
 
 def _kind(raw: bytes) -> str | None:

@@ -77,6 +77,20 @@ CURVES_V = {
 """Open-circuit voltage of a cell at each twentieth of the charge [V], as tables of chargers (lipo) and data sheets of
 18650 cells (li-ion) have it."""
 
+FULL_SHARE = 0.95
+"""Charge whose voltage is that of a full battery."""
+MAX_GUESSED_CELLS = 8
+"""Most cells in series that a voltage tells from one more."""
+
+
+def is_full_at_rest(voltage_v: float, cells: int | None = None, chemistry: str = "lipo") -> bool:
+    """Whether a voltage at rest is that of full cells: of so many, or of some number up to `MAX_GUESSED_CELLS`."""
+    curve = CURVES_V.get(chemistry, CURVES_V["lipo"])
+    low, high = float(np.interp(FULL_SHARE, CELL_SOC, curve)), curve[-1] + 0.05
+    numbers = range(1, MAX_GUESSED_CELLS + 1) if cells is None else [cells]
+    return any(low <= voltage_v / number <= high for number in numbers)
+
+
 CURVE_STD_V = 0.01
 """Standard deviation of a cell's curve about the table [V], as far as it acts like a change of the capacity."""
 
@@ -143,9 +157,8 @@ def fit_capacity(
     best = int(np.argmin([cost(float(x)) for x in grid]))
     around = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, len(grid) - 1)])
     found = float(minimize_scalar(cost, bounds=around, method="bounded").x)
-    share = total / math.exp(found)
-    if share < MIN_DISCHARGE:
-        raise Infeasible(f"{100 * share:.0f} % of the charge is used; {100 * MIN_DISCHARGE:.0f} % are needed")
+    if total / math.exp(found) < MIN_DISCHARGE:
+        raise Infeasible(f"the voltage falls too little: {100 * MIN_DISCHARGE:.0f} % of the charge must be used")
     step = 1e-3
     slope = (open_v(found + step) - open_v(found - step)) / (2 * step)
     noise = regressed(np.stack([slope, -amps], axis=1), volts - open_v(found), t).std(0)

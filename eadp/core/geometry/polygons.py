@@ -236,6 +236,33 @@ def _complaint(shell: Sequence[Point], *holes: Sequence[Point]) -> tuple[str, Po
     return (match[1], (float(match[2]), float(match[3]))) if match else None
 
 
+def ground_m2(*rings: Sequence[Point]) -> float:
+    """Area of an outline and its holes where they are made valid, whatever crosses or lies upon itself [m²]."""
+    return float(sum(part.area for part in shapely.get_parts(_valid(rings))))
+
+
+def made_valid(*rings: Sequence[Point]) -> list[list[Ring]]:
+    """An outline and its holes made valid: parts, each its outline and its holes, of opposite windings.
+
+    Where rings cross themselves, what has an odd number of windings is ground; what holes share with one another, or
+    have beyond the outline, counts once.
+    """
+    return _rings(_valid(rings))
+
+
+def _valid(rings: Sequence[Sequence[Point]]) -> shapely.Geometry:
+    return shapely.make_valid(shapely.Polygon(rings[0], rings[1:]), method="structure", keep_collapsed=False)
+
+
+def joined(parts: Sequence[Sequence[Sequence[Point]]], overlap_m2: float) -> list[list[Ring]] | None:
+    """The union of parts, as `strips`; None where no two overlap by more than an area [m²]."""
+    polygons = [shapely.Polygon(outline, holes) for outline, *holes in parts]
+    one, other = shapely.STRtree(polygons).query(polygons, predicate="intersects")
+    once = one < other
+    shared = [polygons[i].intersection(polygons[j]).area for i, j in zip(one[once], other[once], strict=True)]
+    return _rings(shapely.union_all(polygons)) if any(area > overlap_m2 for area in shared) else None
+
+
 # --- extents in strips ------------------------------------------------------------------------------------------------
 
 EDGE_M = 1e-6

@@ -152,7 +152,11 @@ def _kept(start: Point, targets: Sequence[Target]) -> list[tuple[int, Target]]:
             if isinstance(before, Loiter) and apart_m < ON_CIRCLE_M and before.radius_m == target.radius_m:
                 target = target._replace(turns=before.turns + target.turns)
                 kept.pop()
-            elif isinstance(before, Waypoint) and len(kept) > 1 and apart_m <= abs(target.radius_m) + ON_CIRCLE_M:
+            while (
+                len(kept) > 1
+                and isinstance(last := kept[-1][1], Waypoint)
+                and math.dist(last.centre_m, target.centre_m) <= abs(target.radius_m) + ON_CIRCLE_M
+            ):
                 kept.pop()
         elif isinstance(before, Waypoint):
             if apart_m < MIN_PIECE_M and isinstance(target, Waypoint):

@@ -16,6 +16,10 @@ from eadp.io.text.source import Location, SourceText
 
 VERTICES_LIMIT = 20_000
 """Most vertices of a field, those of its holes among them."""
+NAME_LIMIT = 100
+"""Most characters of a name."""
+NAME_KEYS = ("name", "Name", "NAME", "id")
+"""Properties that are names."""
 ALL = "all"
 """In the place of a feature's name: all of them, as parts of one field."""
 
@@ -101,7 +105,8 @@ class VertexReader:
 class FeatureCandidate:
     """A feature with polygons: its location, its names, and its polygons, each with its location.
 
-    The type of a polygon is its reader's. `chain` are the objects of GeoJSON that enclose it, which may have the units.
+    The type of a polygon is its reader's. `chain` are the objects of GeoJSON that enclose it, which may have the units;
+    `properties` are its other texts and numbers, by which it may be asked for.
     """
 
     location: Location
@@ -109,6 +114,7 @@ class FeatureCandidate:
     polygons: list[tuple[Any, Location]]
     chain: list[Any] = field(default_factory=list)
     height_m: float | None = None
+    properties: dict[str, str] = field(default_factory=dict)
 
     @property
     def avoided(self) -> bool:
@@ -122,22 +128,29 @@ class FeatureCandidate:
         for polygon in self.polygons:
             yield replace(rings(*polygon, source)[0], name=name, height_m=self.height_m)
 
-    @property
-    def label(self) -> str:
-        """Its name in messages."""
-        return printable(self.names[0], 40) if self.names else "without a name"
+    def label(self, key: str) -> str:
+        """Its name in messages, or the value of a property that tells it from the others."""
+        if self.names:
+            return printable(self.names[0], 40)
+        return printable(f"{key}={self.properties[key]}", 60) if key in self.properties else "without a name"
 
 
 def choose_feature(candidates: Sequence[FeatureCandidate], feature: str | None, source: SourceText) -> FeatureCandidate:
-    """The feature that was asked for, by a name or by its number from 1, or the only one.
+    """The feature that was asked for, by a name, by KEY=VALUE of a property, by its number from 1, or the only one.
 
     Raises
     ------
     InputError
         Of the file if there are several and none was asked for; of `--feature` if none or several have the name.
     """
-    shown = [f"{i} {candidate.label}" for i, candidate in enumerate(candidates[:NAMES_SHOWN], 1)]
+    differing = _differing(candidates)
+    shown = [
+        f"{i} {candidate.label(differing[0] if differing else '')}"
+        for i, candidate in enumerate(candidates[:NAMES_SHOWN], 1)
+    ]
     known = "; ".join(shown) + (f"; and {len(candidates) - NAMES_SHOWN} more" if len(candidates) > NAMES_SHOWN else "")
+    if differing:
+        known += f"; or KEY=VALUE by {', '.join(printable(key, 40) for key in differing[:NAMES_SHOWN])}"
     if len(candidates) > 1 and feature is not None and feature.strip() == ALL:
         polygons = [polygon for candidate in candidates for polygon in candidate.polygons]
         return replace(candidates[0], names=[], polygons=polygons)
@@ -147,8 +160,11 @@ def choose_feature(candidates: Sequence[FeatureCandidate], feature: str | None, 
         message = f"{len(candidates)} features with polygons"
         raise source.error(candidates[1].location, message, f"one, or --feature with a name or number of {known}")
     named = [candidate for candidate in candidates if feature.strip() in candidate.names]
+    key, is_property, value = feature.partition("=")
+    if is_property and not named:
+        named = [each for each in candidates if each.properties.get(key.strip()) == value.strip()]
     if len(named) > 1:
-        message = f"{len(named)} features have the name {printable(feature, 80)}"
+        message = f"{len(named)} features have {'' if is_property else 'the name '}{printable(feature, 80)}"
         raise InputError.at("--feature", 1, 1, message, f"a name or number of {known}", printable(feature, 80))
     if named:
         return named[0]
@@ -156,6 +172,15 @@ def choose_feature(candidates: Sequence[FeatureCandidate], feature: str | None, 
         return candidates[int(feature) - 1]
     message = f"no feature {printable(feature, 80)} with a polygon"
     raise InputError.at("--feature", 1, 1, message, f"a name or number of {known}", printable(feature, 80))
+
+
+def _differing(candidates: Sequence[FeatureCandidate]) -> list[str]:
+    """Properties by which features without names of their own differ, those by which all do first."""
+    if len({each.names[0] for each in candidates if each.names}) == len(candidates):
+        return []
+    keys = dict.fromkeys(key for each in candidates for key in each.properties if key not in NAME_KEYS)
+    counts = {key: len({each.properties.get(key) for each in candidates}) for key in keys}
+    return sorted((key for key in keys if counts[key] > 1), key=lambda key: -counts[key])
 
 
 def counted(count: int, one: str, several: str) -> str:

@@ -11,6 +11,7 @@ from typing import Any
 
 from eadp.errors import Fault, printable
 from eadp.io.field.draft import (
+    NAME_KEYS,
     NAMES_SHOWN,
     FeatureCandidate,
     FieldDraft,
@@ -26,7 +27,13 @@ _A_POLYGON = "a Polygon, or a Feature or FeatureCollection with one"
 MAX_HEIGHT_M = 10_000.0
 """Largest height of an obstacle [m]."""
 
+_ASSIGNED = re.compile(r"\s*(?:var|let|const|export default)?\s*[\w.$]{1,80}\s*=\s*(?=\{)")
 _POSITION = "longitude, latitude and perhaps altitude, or x and y in metres"
+
+
+def is_geojson(head: str) -> bool:
+    """Whether a text that starts so is JSON, or a script that gives a name to it."""
+    return head[0] in "{[" or _ASSIGNED.match(head) is not None
 
 
 def read_geojson(source: SourceText, metres: bool, feature: str | None) -> FieldDraft:
@@ -58,7 +65,7 @@ def read_geojson(source: SourceText, metres: bool, feature: str | None) -> Field
     return FieldDraft(rings, not in_metres, True, remedy if in_metres else "--metres", name, [], obstacles, others)
 
 
-def geojson_zones(source: SourceText, metres: bool) -> tuple[list[Ring], bool]:
+def geojson_zones(source: SourceText, metres: bool, inside: bool) -> tuple[list[Ring], bool]:
     """The outlines of all polygons, and whether they are in degrees; raises InputError as `read_geojson`."""
     candidates = _candidates(source)
     rings = [ring for each in candidates for ring in each.outlines(_rings, source)]
@@ -67,11 +74,16 @@ def geojson_zones(source: SourceText, metres: bool) -> tuple[list[Ring], bool]:
 
 def _candidates(source: SourceText) -> list[FeatureCandidate]:
     """The features with polygons, one or more."""
+    if match := _ASSIGNED.match(source.body):  # a script that holds the object: blanks keep its places
+        body = " " * match.end() + source.body[match.end() :].rstrip().removesuffix(";")
+        source.body = body
     root = JsonReader(source).document()
     start = source.location(len(source.body) - len(source.body.lstrip()))
     candidates: list[FeatureCandidate] = []
     seen: Counter[str] = Counter()
     _collect(source, root, start, [], candidates, seen)
+    if not candidates:
+        _collect(source, root, start, [], candidates, Counter(), lines=True)
     if not candidates:
         only = ", ".join(printable(kind, 40) for kind in islice(seen, NAMES_SHOWN))
         raise source.error(start, f"no polygon, only {only}" if only else "no polygon", _A_POLYGON)
@@ -85,8 +97,13 @@ def _collect(
     chain: Sequence[JsonObject],
     found: list[FeatureCandidate],
     seen: Counter[str],
+    *,
+    lines: bool = False,
 ) -> None:
-    """Collect the features with polygons at and below a GeoJSON object, and count the types of the others."""
+    """Collect the features with polygons at and below a GeoJSON object, and count the types of the others.
+
+    With `lines` closed lines are outlines.
+    """
     if not isinstance(node, JsonObject):
         raise source.error(location, f"{_kind(node)} where an object of GeoJSON belongs", _A_POLYGON)
     chain = [*chain, node]
@@ -96,24 +113,25 @@ def _collect(
     if kind == "FeatureCollection":
         features = _members(source, node, "features", location)
         for item, offset in zip(features, features.offsets, strict=True):
-            _collect(source, item, source.location(offset), chain, found, seen)
+            _collect(source, item, source.location(offset), chain, found, seen, lines=lines)
     elif kind == "Feature":
         geometry = node.get("geometry")
         if geometry is None:
             seen["a Feature without a geometry"] += 1
             return
-        polygons, objects = _polygons(source, geometry, source.location(node.offsets["geometry"]), seen)
+        polygons, objects = _polygons(source, geometry, source.location(node.offsets["geometry"]), seen, lines)
         if polygons:
             height_m = _height_m(node, source)
-            found.append(FeatureCandidate(location, _names(node), polygons, [*chain, *objects], height_m))
+            own = [*chain, *objects]
+            found.append(FeatureCandidate(location, _names(node), polygons, own, height_m, _properties(node)))
     else:
-        polygons, objects = _polygons(source, node, location, seen)
+        polygons, objects = _polygons(source, node, location, seen, lines)
         if polygons:
             found.append(FeatureCandidate(location, [], polygons, [*chain[:-1], *objects]))
 
 
 def _polygons(
-    source: SourceText, node: Any, location: Location, seen: Counter[str]
+    source: SourceText, node: Any, location: Location, seen: Counter[str], lines: bool
 ) -> tuple[list[tuple[Any, Location]], list[JsonObject]]:
     """The polygons of a geometry, and the objects on the way to them."""
     if not isinstance(node, JsonObject) or not isinstance(kind := node.get("type"), str):
@@ -123,10 +141,15 @@ def _polygons(
         polygons: list[tuple[Any, Location]] = []
         objects = [node]
         for item, offset in zip(geometries, geometries.offsets, strict=True):
-            more, way = _polygons(source, item, source.location(offset), seen)
+            more, way = _polygons(source, item, source.location(offset), seen, lines)
             polygons += more
             objects += way if more else []
         return polygons, objects
+    if lines and kind in ("LineString", "MultiLineString"):
+        given = node.get("coordinates")
+        each = [given] if kind == "LineString" else given if isinstance(given, JsonList) else []
+        at = source.location(node.offsets.get("coordinates", 0))
+        return [(_closed(line), at) for line in each if _is_closed(line)], [node]
     if kind not in ("Polygon", "MultiPolygon"):
         seen[f"a {kind}"] += 1
         return [], []
@@ -137,6 +160,19 @@ def _polygons(
         raise source.error(source.location(node.offsets["coordinates"]), "a MultiPolygon of no polygons", "one")
     locations = [source.location(offset) for offset in coordinates.offsets]
     return list(zip(coordinates, locations, strict=True)), [node]
+
+
+def _is_closed(line: Any) -> bool:
+    """Whether a line ends where it starts, and may have an area."""
+    return isinstance(line, JsonList) and len(line) > 3 and line[0] == line[-1]
+
+
+def _closed(line: Any) -> JsonList:
+    """A polygon with a line as its outline."""
+    polygon = JsonList()
+    polygon.append(line)
+    polygon.offsets.append(line.offsets[0])
+    return polygon
 
 
 def _members(source: SourceText, node: JsonObject, key: str, location: Location) -> JsonList:
@@ -150,9 +186,16 @@ def _members(source: SourceText, node: JsonObject, key: str, location: Location)
 def _names(feature: JsonObject) -> list[str]:
     """The names of a feature: its name first, then its ids."""
     properties = feature.get("properties")
-    given = [properties.get(key) for key in ("name", "Name", "id")] if isinstance(properties, JsonObject) else []
+    given = [properties.get(key) for key in NAME_KEYS] if isinstance(properties, JsonObject) else []
     names = [str(value).strip() for value in (*given, feature.get("id")) if type(value) in (str, int, float)]
     return list(dict.fromkeys(name for name in names if name))
+
+
+def _properties(feature: JsonObject) -> dict[str, str]:
+    """The texts and numbers among the properties of a feature, as texts."""
+    properties = feature.get("properties")
+    items = properties.items() if isinstance(properties, JsonObject) else ()
+    return {key: str(value).strip() for key, value in items if type(value) in (str, int, float)}
 
 
 def _height_m(feature: JsonObject, source: SourceText) -> float | None:

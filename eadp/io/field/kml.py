@@ -10,28 +10,31 @@ import re
 import xml.parsers.expat
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import accumulate
 
 from eadp.errors import InputError, printable
 from eadp.io.field.draft import (
+    NAME_LIMIT,
     VERTICES_LIMIT,
     FeatureCandidate,
     FieldDraft,
     Ring,
     VertexReader,
     choose_feature,
+    counted,
 )
 from eadp.io.text.csv import number_fault
 from eadp.io.text.source import Location, SourceText
 
 _OUTER, _INNER = "outerBoundaryIs", "innerBoundaryIs"
 _RING_PATHS = [["Polygon", role, "LinearRing", "coordinates"] for role in (_OUTER, _INNER)]
+_LINE_PATH = ["LineString", "coordinates"]
 
 
 @dataclass
 class _RingText:
-    """The text of a ring's coordinates in pieces with their locations; blanks between them are pieces too."""
+    """The text of a ring's, or a line's, coordinates in pieces with their locations; blanks between are pieces too."""
 
     role: str
     location: Location
@@ -48,6 +51,12 @@ class _RingText:
             self.pieces.append((" ", location))
             self.blanks += 1
 
+    @property
+    def is_closed(self) -> bool:
+        """Whether it ends where it starts, and may have an area."""
+        tokens = "".join(piece for piece, _ in self.pieces).split()
+        return len(tokens) > 3 and tokens[0] == tokens[-1]
+
 
 class _KmlReader:
     """Collects the Placemarks with polygons; refuses a document type."""
@@ -55,6 +64,8 @@ class _KmlReader:
     def __init__(self, source: SourceText) -> None:
         self.source = source
         self.found: list[FeatureCandidate] = []
+        self.lines: list[FeatureCandidate] = []
+        self.key = ""
         self.path: list[str] = []
         self.placemark: FeatureCandidate | None = None
         self.name: list[str] = []
@@ -74,6 +85,15 @@ class _KmlReader:
             raise self.source.error(location, f"is not XML: {reason}", "a KML file") from None
         return self.found
 
+    def outlines(self) -> list[FeatureCandidate]:
+        """The Placemarks with lines that are closed, as polygons."""
+        return [line for line in self.lines if line.polygons[0][0][0].is_closed]
+
+    @property
+    def _coordinates(self) -> bool:
+        """Whether the parser is within the coordinates of a ring or a line."""
+        return self.path[-4:] in _RING_PATHS or self.path[-2:] == _LINE_PATH
+
     def _location(self) -> Location:
         return self.parser.CurrentLineNumber, self.parser.CurrentColumnNumber + 1
 
@@ -82,7 +102,7 @@ class _KmlReader:
         raise self.source.error(self._location(), message, "a KML file without <!DOCTYPE>")
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        if self.path[-4:] in _RING_PATHS:
+        if self._coordinates:
             raise self.source.error(self._location(), "an element within coordinates", "vertices alone")
         local = tag.rpartition(":")[2]
         self.path.append(local)
@@ -97,6 +117,11 @@ class _KmlReader:
             elif not holder.polygons:
                 self.found.append(holder)
             holder.polygons.append(([], self._location()))
+        elif local in ("Data", "SimpleData"):
+            self.key = attributes.get("name", "")[:NAME_LIMIT]
+        elif self.path[-2:] == _LINE_PATH and self.placemark is not None:
+            ring = _RingText(_OUTER, self._location())
+            self.lines.append(replace(self.placemark, polygons=[([ring], self._location())]))
         elif self.path[-4:] in _RING_PATHS:
             self._polygon().append(_RingText(self.path[-3], self._location()))
 
@@ -107,8 +132,13 @@ class _KmlReader:
     def _text(self, data: str) -> None:
         if self.path[-4:] in _RING_PATHS:
             self._polygon()[-1].add(data, self._location())
+        elif self.path[-2:] == _LINE_PATH and self.placemark is not None:
+            self.lines[-1].polygons[0][0][0].add(data, self._location())
         elif self.path[-2:] == ["Placemark", "name"]:
             self.name.append(data)
+        elif self.placemark is not None and (self.path[-1] == "SimpleData" or self.path[-2:] == ["Data", "value"]):
+            known = self.placemark.properties.get(self.key, "")
+            self.placemark.properties[self.key] = (known + data.strip())[:NAME_LIMIT]
 
     def _end(self, tag: str) -> None:
         local = self.path.pop()
@@ -143,7 +173,7 @@ def read_kml(source: SourceText, metres: bool, feature: str | None) -> FieldDraf
     return FieldDraft(rings, True, True, "", "".join(chosen.names[:1]), [], obstacles, parts)
 
 
-def kml_zones(source: SourceText, metres: bool) -> tuple[list[Ring], bool]:
+def kml_zones(source: SourceText, metres: bool, inside: bool) -> tuple[list[Ring], bool]:
     """The outlines of all polygons, and that they are in degrees; raises InputError as `read_kml`."""
     candidates = _candidates(source, metres)
     return [ring for each in candidates for ring in each.outlines(_rings, source)], True
@@ -153,9 +183,11 @@ def _candidates(source: SourceText, metres: bool) -> list[FeatureCandidate]:
     """The Placemarks with polygons, one or more."""
     if metres:
         raise InputError.at("--metres", 1, 1, "a KML file is in degrees (WGS-84)", "KML without --metres")
-    candidates = _KmlReader(source).document()
+    reader = _KmlReader(source)
+    candidates = reader.document() or reader.outlines()
     if not candidates:
-        raise source.error((1, 1), "no polygon", "KML with a Polygon in a Placemark")
+        only = f", only {counted(len(reader.lines), 'open line', 'open lines')}" if reader.lines else ""
+        raise source.error((1, 1), f"no polygon{only}", "KML with a Polygon, or a closed line, in a Placemark")
     return candidates
 
 

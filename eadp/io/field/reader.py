@@ -10,23 +10,24 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, islice
 
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import FAULTS_SHOWN, Fault, printable, refuse
-from eadp.io.field.draft import FieldDraft, Ring, Vertex, counted
-from eadp.io.field.geojson import geojson_zones, read_geojson
+from eadp.io.field.draft import NAME_LIMIT, FieldDraft, Ring, Vertex, counted
+from eadp.io.field.fences import no_field, qgc_zones, wpl_zones
+from eadp.io.field.geojson import geojson_zones, is_geojson, read_geojson
 from eadp.io.field.kml import kml_zones, read_kml
 from eadp.io.field.table import read_table
+from eadp.io.mission.qgc import is_qgc
+from eadp.io.text.kinds import HEAD
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.field import Field
 
-NAME_LIMIT = 100
-"""Most characters of a name."""
 HOLES_LIMIT = 1_000
 """Most holes of a field."""
 EXTENT_LIMIT_M = 50_000.0
@@ -39,7 +40,17 @@ LATITUDE_LIMIT_DEG = 85.0
 LARGEST_M = 1e8
 """Largest coordinate in metres: grids have numbers of seven or eight digits."""
 SMALLEST_M2 = 1.0
-"""Smallest area of a field [m²]."""
+"""Smallest area of a field and of its parts [m²]."""
+NO_AREA_M2 = 0.01
+"""A hole or an obstacle that is smaller has no area [m²]."""
+
+DEGREE_M = 111_000.0
+"""Length of a degree of latitude, roughly [m]."""
+ZONES_M = 2 * EXTENT_LIMIT_M
+"""How far from the middle of a field obstacles and boundaries are read [m]."""
+_FAR = f"farther than {ZONES_M / 1000:g} km left out"
+VALID_SHARE = 1e-3
+"""Share of its area by which a polygon that crosses or touches itself may change where it is made valid."""
 
 RING_LIMIT = 1000
 """Most vertices of a ring: the time to find a path grows with their number."""
@@ -56,17 +67,19 @@ class FieldFormat:
     name: str
     recognise: Callable[[str], bool]
     read: Callable[[SourceText, bool, str | None], FieldDraft]
-    zones: Callable[[SourceText, bool], tuple[list[Ring], bool]]
+    zones: Callable[[SourceText, bool, bool], tuple[list[Ring], bool]]
 
 
-def _table_zones(source: SourceText, metres: bool) -> tuple[list[Ring], bool]:
+def _table_zones(source: SourceText, metres: bool, inside: bool) -> tuple[list[Ring], bool]:
     draft = read_table(source, metres, None)
     return draft.rings, draft.degrees
 
 
 FORMATS = (
-    FieldFormat("GeoJSON", lambda head: head in "{[", read_geojson, geojson_zones),
-    FieldFormat("KML", lambda head: head == "<", read_kml, kml_zones),
+    FieldFormat("QGroundControl plan", is_qgc, no_field, qgc_zones),
+    FieldFormat("WPL", lambda head: head.startswith("QGC WPL"), no_field, wpl_zones),
+    FieldFormat("GeoJSON", is_geojson, read_geojson, geojson_zones),
+    FieldFormat("KML", lambda head: head[0] == "<", read_kml, kml_zones),
     FieldFormat("CSV of vertices", lambda head: True, read_table, _table_zones),
 )
 """Formats of fields; the first that recognises a text reads it."""
@@ -102,74 +115,152 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     return _field(_format(source).read(source, metres, feature), source)
 
 
-def read_zones(text: Text, field: Field, *, metres: bool = False) -> tuple[Obstacle, ...]:
+def read_zones(
+    text: Text, field: Field, *, metres: bool = False, inside: bool = False
+) -> tuple[tuple[Obstacle, ...], list[str]]:
     """Read the outlines of all polygons of a file, as obstacles or as a boundary of a field's flight, in its metres.
 
-    Obstacles that have no name are numbered.
+    Obstacles that have no name are numbered. Of fences, those to keep inside are read, or those to keep out of. What
+    lies farther than `ZONES_M` from the field's middle is left out, which the notes say.
 
     Raises
     ------
     InputError
-        With the faults of the file; also if it is in degrees and the field is not, or the other way round.
+        With the faults of the file; also if it is in degrees and the field is not, or the other way round, and if
+        nothing is left of a boundary.
     """
     source = SourceText(text)
-    rings, degrees = _format(source).zones(source, metres)
+    rings, degrees = _format(source).zones(source, metres, inside)
     if degrees != (field.origin_deg is not None):
         message = f"is in {'degrees' if degrees else 'metres'}, and the field is not"
         raise source.error(rings[0].location, message, "the units of the field")
-    return _obstacles(rings, field.origin_deg, source)
+    notes: list[str] = []
+    obstacles = _obstacles(rings, field.origin_deg, source, notes)
+    if not obstacles and (inside or not all(note.endswith(_FAR) for note in notes)):
+        expected = f"a polygon within {ZONES_M / 1000:g} km, of {NO_AREA_M2:g} m² or more in the units of the field"
+        raise source.error(rings[0].location, "; ".join(notes) or "no polygon", expected)
+    return obstacles, [f"{printable(source.name)}: {note}" for note in notes]
 
 
 def _obstacles(
-    rings: Sequence[Ring], origin_deg: tuple[float, float] | None, source: SourceText
+    rings: Sequence[Ring], origin_deg: tuple[float, float] | None, source: SourceText, notes: list[str]
 ) -> tuple[Obstacle, ...]:
-    """Obstacles in the metres of a field, checked."""
-    outlines = _outlines(rings, origin_deg, source)
-    return tuple(
-        Obstacle(
-            outline,
-            printable(" ".join(ring.name.replace(",", " ").split()), NAME_LIMIT) or f"obstacle {i}",
-            ring.height_m,
-        )
-        for i, (ring, outline) in enumerate(zip(rings, outlines, strict=True), 1)
-    )
+    """Obstacles in the metres of a field, checked; what is far away or has no area is left out, with notes."""
+    from eadp.core.geometry.polygons import clipped
 
-
-def _outlines(
-    rings: Sequence[Ring], origin_deg: tuple[float, float] | None, source: SourceText
-) -> tuple[tuple[Point, ...], ...]:
-    """Outlines in the metres of a field, checked."""
-    from eadp.core.geometry.polygons import flaws, signed_area_m2, tidy
-
-    found = []
-    for ring in rings:
-        corners = [(vertex.x, vertex.y) for vertex in ring.vertices]
-        for vertex in ring.vertices if origin_deg is not None else ():
-            if not (abs(vertex.x) <= 180 and abs(vertex.y) <= LATITUDE_LIMIT_DEG):
-                raise source.error(vertex.location, f"a vertex at {vertex.y:.6g}, {vertex.x:.6g}", _DEGREES)
-        if origin_deg is not None:
-            corners = [to_local_m(y, x, origin_deg) for x, y in corners]
-        far = next((i for i, corner in enumerate(corners) if max(map(abs, corner)) > 2 * EXTENT_LIMIT_M), None)
-        if far is not None and origin_deg is not None:
-            raise source.error(
-                ring.vertices[far].location, "is far from the field", f"within {EXTENT_LIMIT_M / 500:g} km"
-            )
-        kept = tidy(corners[:-1] if len(corners) > 1 and corners[0] == corners[-1] else corners).kept
-        if len(kept) < 3:
-            raise source.error(ring.location, "a polygon without an area", "three vertices or more, not on one line")
-        outline = tuple(corners[i] for i in kept)
-        if flaw := next(flaws(outline, []), None):
-            message = f"a polygon {flaw.message} at ({flaw.point_m[0]:.2f}, {flaw.point_m[1]:.2f}) m"
-            raise source.error(ring.location, message, "a ring that neither crosses nor touches itself")
-        if abs(area_m2 := signed_area_m2(outline)) < SMALLEST_M2:
-            message = f"a polygon of {abs(area_m2):.3g} m²"
-            raise source.error(ring.location, message, f"{SMALLEST_M2:g} m² or more, in the units of the field")
-        found.append(outline)
+    window = ((-ZONES_M, -ZONES_M), (ZONES_M, -ZONES_M), (ZONES_M, ZONES_M), (-ZONES_M, ZONES_M))
+    found: list[Obstacle] = []
+    counts: Counter[str] = Counter()
+    for number, ring in enumerate(rings, 1):
+        corners = _near_corners(ring, origin_deg, source)
+        outlines: list[tuple[Point, ...]] = []
+        if corners is None:
+            counts["far"] += 1
+        elif parts := _solid_parts([corners], ring, source, counts, NO_AREA_M2):
+            outlines = [outline for outline, *_ in parts]
+            if any(max(map(abs, corner)) > ZONES_M for outline in outlines for corner in outline):
+                outlines = [outline for outline, *_ in clipped([[each] for each in outlines], [window])]
+                counts["far"] += not outlines
+        name = printable(" ".join(ring.name.replace(",", " ").split()), NAME_LIMIT) or f"obstacle {number}"
+        found += [Obstacle(outline, name, ring.height_m) for outline in outlines]
+    _note(counts, notes, NO_AREA_M2)
     return tuple(found)
 
 
+def _near_corners(ring: Ring, origin_deg: tuple[float, float] | None, source: SourceText) -> list[Point] | None:
+    """The corners of a polygon in the metres of a field; None where all are far away to one side."""
+    if origin_deg is None:
+        corners = [(vertex.x, vertex.y) for vertex in ring.vertices]
+    else:
+        for vertex in ring.vertices:
+            if not (abs(vertex.x) <= 180 and abs(vertex.y) <= 90):
+                raise source.error(vertex.location, f"a vertex at {vertex.y:.6g}, {vertex.x:.6g}", _DEGREES)
+        # the plane is that of the field, where it is far the scale of its parallel
+        latitude, longitude = origin_deg
+        east_m = DEGREE_M * math.cos(math.radians(latitude))
+        rough = [
+            (east_m * ((vertex.x - longitude + 180) % 360 - 180), DEGREE_M * (vertex.y - latitude))
+            for vertex in ring.vertices
+        ]
+        if not _is_near(rough):
+            return None
+        corners = [
+            to_local_m(vertex.y, vertex.x, origin_deg) if max(map(abs, point)) < 5 * ZONES_M else point
+            for vertex, point in zip(ring.vertices, rough, strict=True)
+        ]
+    return corners if _is_near(corners) else None
+
+
+def _is_near(corners: Sequence[Point]) -> bool:
+    """Whether the box around corners comes within `ZONES_M` of the origin."""
+    return all(min(values) <= ZONES_M and max(values) >= -ZONES_M for values in zip(*corners, strict=True))
+
+
+def _solid_parts(
+    corners: Sequence[Sequence[Point]], ring: Ring, source: SourceText, counts: Counter[str], smallest_m2: float
+) -> list[list[tuple[Point, ...]]]:
+    """A polygon's outline and holes as parts without flaws; none where it has no area. Counts what is left out.
+
+    Raises
+    ------
+    InputError
+        Where they cross or touch one another, or themselves, so that repairing them would change the area.
+    """
+    from eadp.core.geometry.polygons import flaws, ground_m2, tidy
+
+    kept: list[tuple[Point, ...]] = []
+    for k, closed in enumerate(corners):
+        open_ring = closed[:-1] if len(closed) > 1 and closed[0] == closed[-1] else closed
+        indices = tidy(open_ring).kept
+        outline = tuple(open_ring[i] for i in indices)
+        if len(indices) < 3 or ground_m2(outline) < (NO_AREA_M2 if k else smallest_m2):
+            counts["holes" if k else "small"] += 1
+            if k == 0:
+                return []
+        else:
+            kept.append(outline)
+    parts = _made_valid(kept, counts)
+    if parts is None:
+        flaw = next(flaws(kept[0], kept[1:]))
+        message = f"a polygon {flaw.message} at ({flaw.point_m[0]:.2f}, {flaw.point_m[1]:.2f}) m"
+        raise source.error(ring.location, message, "a ring that neither crosses nor touches itself")
+    return parts
+
+
+def _made_valid(rings: Sequence[tuple[Point, ...]], counts: Counter[str]) -> list[list[tuple[Point, ...]]] | None:
+    """Rings without flaws, made valid if need be, as parts; None where that would change their area."""
+    from eadp.core.geometry.polygons import flaws, ground_m2, made_valid, signed_area_m2
+
+    if next(flaws(rings[0], rings[1:]), None) is None:
+        return [list(rings)]
+    outline_m2, *holes_m2 = (abs(signed_area_m2(ring)) for ring in rings)
+    before_m2 = outline_m2 - sum(holes_m2)
+    parts = [part for part in made_valid(*rings) if ground_m2(*part) >= VALID_SHARE * before_m2]
+    after_m2 = sum(ground_m2(*part) for part in parts)
+    if not abs(after_m2 - before_m2) < VALID_SHARE * before_m2:
+        return None
+    counts["repaired"] += 1
+    return parts
+
+
+def _note(counts: Counter[str], notes: list[str], smallest_m2: float) -> None:
+    """Add sentences on what was left out and repaired."""
+    for key, names, what in (
+        ("far", ("polygon", "polygons"), _FAR),
+        ("small", ("polygon", "polygons"), f"of less than {smallest_m2:g} m² left out"),
+        ("holes", ("hole", "holes"), "without an area left out"),
+        (
+            "repaired",
+            ("outline", "outlines"),
+            "that crossed or touched itself repaired, by less than 0.1 % of the area",
+        ),
+    ):
+        if counts[key]:
+            notes.append(f"{counted(counts[key], *names)} {what}")
+
+
 def _format(source: SourceText) -> FieldFormat:
-    head = source.body.lstrip()[:1]
+    head = source.body.lstrip()[:HEAD]
     if not head:
         raise source.error((1, 1), "is empty", "a field as GeoJSON, KML or a CSV of vertices")
     return next(each for each in FORMATS if each.recognise(head))
@@ -177,9 +268,10 @@ def _format(source: SourceText) -> FieldFormat:
 
 def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
     """The field of a draft, repaired and checked, and the repairs."""
-    from eadp.core.geometry.polygons import signed_area_m2
+    from eadp.core.geometry.polygons import joined, signed_area_m2
 
     notes = list(draft.notes)
+    draft = _without_small(draft, notes)
     _check_counts(draft, source)
     origin_deg: tuple[float, float] | None = None
     rings = [ring.vertices for ring in draft.rings]
@@ -190,16 +282,22 @@ def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
     _check_extent(rings, draft, source)
     rings = _simplified(rings, source, notes)
     rings = _repaired(rings, draft, source, notes)
-    _check_shape(rings, origin_deg, source)
-    corners = [tuple((vertex.x, vertex.y) for vertex in ring) for ring in rings]
-    counter_clockwise = [signed_area_m2(ring) > 0 for ring in corners]
+    counts: Counter[str] = Counter()
+    parts = _sound(rings, origin_deg, source, counts)
+    for part in draft.others:
+        parts += _part(part, origin_deg, source, counts)
+    _note(counts, notes, SMALLEST_M2)
+    if len(parts) > 1 and (union := joined(parts, SMALLEST_M2)) is not None:
+        parts = union
+        notes.append("polygons that overlap joined: ground counts once")
+    counter_clockwise = [signed_area_m2(ring) > 0 for ring in parts[0]]
     # the outline runs counter-clockwise, the holes clockwise
     wound = [
         ring if up == (i == 0) else (ring[0], *ring[:0:-1])
-        for i, (ring, up) in enumerate(zip(corners, counter_clockwise, strict=True))
+        for i, (ring, up) in enumerate(zip(parts[0], counter_clockwise, strict=True))
     ]
-    airspace = Airspace(_obstacles(draft.obstacles, origin_deg, source))
-    others = tuple(_outlines(part, origin_deg, source) for part in draft.others)
+    airspace = Airspace(_obstacles(draft.obstacles, origin_deg, source, notes))
+    others = tuple(map(tuple, parts[1:]))
     result = Field(wound[0], tuple(wound[1:]), printable(draft.name), origin_deg, airspace, others)
     if result.area_m2 < SMALLEST_M2:
         message = f"an area of {result.area_m2:.3g} m²"
@@ -209,6 +307,67 @@ def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
     if holes := sum(counter_clockwise[1:]):
         notes.append(f"winding of {counted(holes, 'hole', 'holes')} reversed")
     return result, notes
+
+
+def _without_small(draft: FieldDraft, notes: list[str]) -> FieldDraft:
+    """The draft without polygons and holes that have no area, where another polygon has one."""
+    counts: Counter[str] = Counter()
+    parts = []
+    for part in (draft.rings, *draft.others):
+        if _is_small(part[0], draft.degrees, SMALLEST_M2):
+            counts["small"] += 1
+            continue
+        kept = [ring for i, ring in enumerate(part) if i == 0 or not _is_small(ring, draft.degrees, NO_AREA_M2)]
+        counts["holes"] += len(part) - len(kept)
+        parts.append(kept)
+    if not parts:
+        return draft
+    _note(counts, notes, SMALLEST_M2)
+    return replace(draft, rings=parts[0], others=parts[1:])
+
+
+def _is_small(ring: Ring, degrees: bool, smallest_m2: float) -> bool:
+    """Whether a ring encloses less than an area."""
+    from eadp.core.geometry.polygons import ground_m2
+
+    if len({vertex[:2] for vertex in ring.vertices}) < 3:
+        return True
+    if max(max(abs(vertex.x), abs(vertex.y)) for vertex in ring.vertices) > LARGEST_M:
+        return False  # which is refused later
+    x, y, _ = ring.vertices[0]
+    north = DEGREE_M if degrees else 1.0
+    east = north * math.cos(math.radians(y)) if degrees else 1.0
+    return ground_m2([(east * (vertex.x - x), north * (vertex.y - y)) for vertex in ring.vertices]) < smallest_m2
+
+
+def _sound(
+    rings: Sequence[Sequence[Vertex]],
+    origin_deg: tuple[float, float] | None,
+    source: SourceText,
+    counts: Counter[str],
+) -> list[list[tuple[Point, ...]]]:
+    """An outline and its holes without flaws, made valid if that hardly changes their area; else raises the flaws."""
+    corners = [tuple((vertex.x, vertex.y) for vertex in ring) for ring in rings]
+    parts = _made_valid(corners, counts)
+    if parts is None:
+        _check_shape(rings, origin_deg, source)
+    return parts or [corners]
+
+
+def _part(
+    part: Sequence[Ring], origin_deg: tuple[float, float] | None, source: SourceText, counts: Counter[str]
+) -> list[list[tuple[Point, ...]]]:
+    """Another polygon of a field in its metres, as parts without flaws."""
+    moved = []
+    for ring in part:
+        corners = _near_corners(ring, origin_deg, source)
+        if corners is None:
+            raise source.error(ring.location, "is far from the field", f"within {ZONES_M / 1000:g} km")
+        moved.append([Vertex(x, y, vertex.location) for (x, y), vertex in zip(corners, ring.vertices, strict=True)])
+    rings = _simplified(moved, source, [])
+    return _solid_parts(
+        [[(vertex.x, vertex.y) for vertex in ring] for ring in rings], part[0], source, counts, SMALLEST_M2
+    )
 
 
 def _simplified(rings: list[list[Vertex]], source: SourceText, notes: list[str]) -> list[list[Vertex]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +18,14 @@ from eadp.io.log.power_log import LARGEST_W, Columns, LogReadings, PowerLog, in_
 
 # names changed from version to version: the first that has readings is taken
 _VOLTAGE = ("voltage_v", "voltage_filtered_v", "Volt")
-_CURRENT = ("current_a", "current_filtered_a", "current_average_a", "Curr")
+_CURRENT = ("current_a", "current_filtered_a", "Curr")
 _TIME_US = ("timestamp", "TimeUS")
 _TIME_MS = ("TimeMS",)
 ULOG_TOPICS = ("battery_status", "vehicle_local_position")
 DATAFLASH_TOPICS = ("BAT", "BAT2", "CURR", "CUR2", "POS", "GPS")
+_USED = ("discharged_mah", "CurrTot")
+PARAMETERS, LARGEST_MAH = "parameters", 1e6
+"""The topic of the parameters; no battery holds so much."""
 _INSTANCE = ("Instance", "Inst", "I")
 
 
@@ -37,14 +41,31 @@ def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
     warnings = [Fault(name, 1, 1, note, severity="warning") for note in notes]
     counts: dict[str, int | float] = {"rows": len(time_us)}
     known = _is_known(factors) & (factors[:, 0] > 0) & (np.abs(factors) <= LARGEST_W).all(axis=1)
+    if len(factors) and not (known & (factors[:, 1] != 0)).any():
+        raise InputError.at(name, 1, 1, "no current is measured: it is -1 or 0 throughout", "a log of a power module")
     if unknown := int(np.count_nonzero(~known)):
         counts["unknown"] = unknown
-        message = f"{rows_text(unknown)} with an unknown voltage or current (0 or -1) left out"
+        message = f"{rows_text(unknown)} with an unknown voltage (0 or -1) or current (-1) left out"
         warnings.append(Fault(name, 1, 1, message, severity="warning"))
     motion = autopilot_motion(tables, time_us) if columns.motion else {}
     others = np.stack([*(() if position_m is None else position_m.T), *motion.values(), time_us], axis=1)[:, :-1]
     readings = LogReadings(time_us, factors, others, np.ones(len(time_us), dtype=np.int64)).at(known)
-    return in_order(name, readings, 1e6, warnings, counts, position=position_m is not None, also=tuple(motion))
+    log = in_order(name, readings, 1e6, warnings, counts, position=position_m is not None, also=tuple(motion))
+    return replace(log, battery=_of_battery(tables, columns.instance))
+
+
+def _of_battery(tables: Tables, instance: int | None) -> dict[str, float]:
+    """The capacity among the parameters, and the charge used before the first reading [Ah]."""
+    found = {}
+    capacity_mah = tables.columns.get(PARAMETERS, {}).get("capacity_mah")
+    if capacity_mah is not None and len(capacity_mah) and capacity_mah[-1] > 0:
+        found["capacity_ah"] = float(capacity_mah[-1]) / 1e3
+    batteries = dict(_batteries(tables))
+    table = batteries.get(min(batteries) if instance is None else instance, {})
+    used_mah = next((table[label] for label in _USED if label in table), None)
+    if used_mah is not None and len(used_mah) and 0 < used_mah[0] < LARGEST_MAH:
+        found["used_ah"] = float(used_mah[0]) / 1e3
+    return found
 
 
 def battery_table(
@@ -125,12 +146,12 @@ def _column(name: str, option: str, table: dict[str, FloatArray], asked: str, na
     there = [table[label] for label in names if label in table]
     if not there:
         raise InputError.at(name, 1, 1, f"the battery has no {option.strip('-')}", " or ".join(names))
-    return next((values for values in there if np.any(_is_known(values[:, np.newaxis]))), there[0])
+    return next((values for values in there if np.any(np.isfinite(values) & (values != 0) & (values != -1))), there[0])
 
 
 def _is_known(readings: FloatArray) -> NDArray[np.bool_]:
-    """Rows whose values are all known: autopilots write 0 or −1 for unknown."""
-    known: NDArray[np.bool_] = (np.isfinite(readings) & (readings != 0) & (readings != -1)).all(axis=1)
+    """Rows whose values are all known: autopilots write −1 for unknown, and 0 for a voltage. 0 A is a motor at rest."""
+    known: NDArray[np.bool_] = (np.isfinite(readings) & (readings != -1)).all(axis=1) & (readings[:, 0] != 0)
     return known
 
 

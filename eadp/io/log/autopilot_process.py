@@ -20,6 +20,8 @@ MEMORY_BYTES, MEMORY_PER_BYTE = 400_000_000, 8
 """Address space of the process: a constant, and more for each byte of the file."""
 CPU_S, BYTES_PER_S = 10, 500_000
 """CPU time of the process [s], and one more second for so many bytes of the file."""
+CAPACITIES = ("BATT_CAPACITY", "BAT1_CAPACITY", "BAT_CAPACITY")
+"""Parameters with the capacity of the first battery [mAh]."""
 MAX_FIELDS = 10_000
 """Most fields of a topic, nested ones included."""
 
@@ -55,6 +57,8 @@ def _ulog(path: str, topics: list[str]) -> dict[str, Any]:
             raise ValueError(f"{name} has {count} fields; at most {MAX_FIELDS} are read")
     log = ULog(path, topics)
     columns = {f"{data.name} {data.multi_id}/{label}": v for data in log.data_list for label, v in data.data.items()}
+    stated = [log.initial_parameters[name] for name in CAPACITIES if name in log.initial_parameters]
+    columns |= {"parameters/capacity_mah": stated[:1]} if stated else {}
     return columns | {"notes": ["messages that are damaged left out"] * bool(log.file_corruption)}
 
 
@@ -65,10 +69,14 @@ def _dataflash(form: str, path: str, topics: list[str]) -> dict[str, Any]:
     binary = form == "dataflash"
     log = (DFReader.DFReader_binary if binary else DFReader.DFReader_text)(path, zero_time_base=True)
     rows: dict[tuple[str, tuple[str, ...]], array[float]] = {}
-    while (message := log.recv_match(type=topics, strict=True)) is not None:
+    stated: list[float] = []
+    while (message := log.recv_match(type=[*topics, "PARM"], strict=True)) is not None:
+        if message.get_type() == "PARM":
+            stated += [_number(message, "Value")] if getattr(message, "Name", "") in CAPACITIES else []
+            continue
         fields = tuple(message.get_fieldnames())
-        rows.setdefault((message.get_type(), fields), array("d")).extend(_number(message, field) for field in fields)
-    columns: dict[str, Any] = {}
+        rows.setdefault((message.get_type(), fields), array("d")).extend(_numbers(message, fields))
+    columns: dict[str, Any] = {"parameters/capacity_mah": stated} if stated else {}
     # where the fields of a topic change on the way, the longest part is kept
     for (topic, fields), flat in sorted(rows.items(), key=lambda item: len(item[1])):
         table = np.array(flat).reshape(-1, len(fields))
@@ -76,6 +84,15 @@ def _dataflash(form: str, path: str, topics: list[str]) -> dict[str, Any]:
     read = sum(len(log.offsets[number]) * each.len for number, each in log.formats.items()) if binary else log.data_len
     skipped = log.data_len - read
     return columns | {"notes": [f"{skipped} bytes that are no message skipped"] * (skipped > 0)}
+
+
+def _numbers(message: Any, fields: tuple[str, ...]) -> list[float]:
+    """The values of fields; volts and amperes that old firmware wrote as whole numbers are in hundredths."""
+    letters = dict(zip(message.fmt.columns, message.fmt.format, strict=False))
+    return [
+        _number(message, field) / (100 if field in ("Volt", "Curr") and letters.get(field) in tuple("bBhHiI") else 1)
+        for field in fields
+    ]
 
 
 def _number(message: Any, field: str) -> float:

@@ -1,7 +1,7 @@
 """The CSV format of power logs: times and power, or voltage and current, in columns under their names.
 
-A row that is no reading is left out and counted in a warning: an empty cell, NaN, an infinity; of voltage and current
-also 0 and −1, which autopilots write for unknown. A cell that is not a number is an error.
+A row that is no reading is left out and counted in a warning: an empty cell, NaN, an infinity; also a voltage of 0 or
+−1 and a current of −1, which autopilots write for unknown. A cell that is not a number is an error.
 """
 
 from __future__ import annotations
@@ -41,6 +41,25 @@ SHORTEST_STEP_S, LONGEST_STEP_S = 5e-3, 60.0
 
 # in units to a second, a watt, a volt, an ampere: a division keeps the digits that a product with 0.001 would not
 _PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "µs": 1e6, "ns": 1e9, "min": 1 / 60, "h": 1 / 3600}
+_WORDS = {
+    "sec": "s",
+    "second": "s",
+    "millisecond": "ms",
+    "microsecond": "us",
+    "nanosecond": "ns",
+    "minute": "min",
+    "hour": "h",
+    "watt": "w",
+    "milliwatt": "mw",
+    "kilowatt": "kw",
+    "volt": "v",
+    "millivolt": "mv",
+    "ampere": "a",
+    "amp": "a",
+    "milliampere": "ma",
+    "milliamp": "ma",
+}
+"""Units in words; an s at the end is left off."""
 _PER_UNIT = {
     "time": _PER_SECOND,
     "power": {"w": 1.0, "mw": 1e3, "kw": 1e-3},
@@ -213,6 +232,7 @@ def _stem_and_unit(name: str, role: str) -> tuple[str, str]:
     if match is None:
         return name.lower(), ""
     unit = match[2] or match[3] or ""
+    unit = _WORDS.get(unit.removesuffix("s"), unit)
     return (match[1].strip(), unit) if unit in _PER_UNIT[role] or match[2] else (name.strip().lower(), "")
 
 
@@ -244,7 +264,7 @@ def _per_unit(header: Row, index: int, role: str, columns: Columns, warnings: li
 _REASONS = {
     "empty": "with an empty cell",
     "not_finite": "with a cell that is not finite",
-    "unknown": "with an unknown voltage or current (0 or -1)",
+    "unknown": "with an unknown voltage (0 or -1) or current (-1)",
 }
 
 
@@ -305,15 +325,15 @@ def _values(row: Row, columns: Sequence[tuple[int, float]], *, dates: bool = Fal
             reason = "not_finite"
         elif fault := number_fault(raw, limit):
             return row.fault(index, *fault)
-    if not reason and len(values) == 3 and (values[1] <= 0 or values[2] in (0, -1)):
+    if not reason and len(values) == 3 and (values[1] <= 0 or values[2] == -1):
         reason = "unknown"
     return reason or values
 
 
 def _seconds(raw: str) -> float | None:
-    """Seconds since 1970 of a time by ISO 8601, of UTC without a zone; None if it is none."""
+    """Seconds since 1970 of a time by ISO 8601, or with slashes in its date, of UTC without a zone; None if none."""
     try:
-        time = datetime.fromisoformat(raw)
+        time = datetime.fromisoformat(raw.replace("/", "-", 2))
     except ValueError:
         return None
     return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()

@@ -15,6 +15,7 @@ from eadp.io.log.autopilot_motion import MOTION_TOPICS
 from eadp.io.log.csv_log import read_csv_log
 from eadp.io.log.messages import read_tables
 from eadp.io.log.power_log import Columns, PowerLog
+from eadp.io.log.tlog import is_tlog, tlog_tables
 from eadp.io.text.streams import Text, read_text
 
 HEAD = 20_000
@@ -45,7 +46,7 @@ class LogSource:
         try:
             return read_text(self.name)
         except InputError as error:
-            if os.path.isfile(self.name) or "not UTF-8" not in str(error):
+            if os.path.isfile(self.name) or "UTF-8" not in str(error):
                 raise
             raise InputError(replace(error.faults[0], expected=_OF_A_PIPE)) from None
 
@@ -83,6 +84,10 @@ def _dataflash_text(source: LogSource, columns: Columns) -> PowerLog:
         )
 
 
+def _tlog(source: LogSource, columns: Columns) -> PowerLog:
+    return battery_log(source.name, tlog_tables(source.name), columns)
+
+
 FORMATS = (
     LogFormat("PX4 ULog", lambda head: head.startswith(b"ULog"), partial(_autopilot, "ulog", ULOG_TOPICS)),
     LogFormat(
@@ -90,6 +95,7 @@ FORMATS = (
         lambda head: head.startswith(b"\xa3\x95"),
         partial(_autopilot, "dataflash", DATAFLASH_TOPICS),
     ),
+    LogFormat("telemetry log", is_tlog, _tlog),
     LogFormat("ArduPilot DataFlash as text", is_dataflash_text, _dataflash_text),
     LogFormat("CSV", lambda head: True, lambda source, columns: read_csv_log(source.text, columns)),
 )

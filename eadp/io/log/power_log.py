@@ -20,6 +20,8 @@ from eadp.io.text.options import Flag
 
 LARGEST_W = 1e9
 """Largest power, voltage or current [W, V, A]: beyond it, a log is not of a small aircraft."""
+IMPOSSIBLE_W = 5e4
+"""Mean power beyond that of any aircraft of the kind [W]: the units are others."""
 LARGE_W, SLOW_S, LONG_S = 1e4, 60.0, 86_400.0
 """Mean power [W], time between rows and length [s] beyond which a log's units may be others: an electric aircraft of
 150 kg draws about 6 kW, and batteries last for hours."""
@@ -97,6 +99,8 @@ class PowerLog:
         The other columns asked for.
     counts : dict of str to int or float
         Rows read, rows left out by reason, gaps, and the longest gap [s].
+    battery : dict of str to float
+        What an autopilot says of its battery, as far as it does: `capacity_ah`, and `used_ah` before the first reading.
     """
 
     name: str
@@ -108,6 +112,7 @@ class PowerLog:
     position_m: FloatArray | None = None
     also: dict[str, FloatArray] = field(default_factory=dict)
     counts: dict[str, int | float] = field(default_factory=dict)
+    battery: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -165,6 +170,16 @@ def in_order(
     if times[gap + 1] - times[gap] > times[-1] / 2:
         message = f"a gap of {times[gap + 1] - times[gap]:g} s before this row, more than half of the log"
         warnings.append(Fault(name, int(readings.lines[gap + 1]), 1, message, severity="warning"))
+    mean_w = float(readings.factors.prod(axis=1).mean())
+    if abs(mean_w) > IMPOSSIBLE_W:
+        means = ["power", "voltage", "current"][slice(1, 3) if readings.factors.shape[1] == 2 else slice(0, 1)]
+        columns = ", ".join(
+            f"{what} {mean:.4g}" for what, mean in zip(means, readings.factors.mean(axis=0), strict=True)
+        )
+        message = f"a mean power of {mean_w:.4g} W (mean of the columns: {columns})"
+        raise InputError(
+            Fault(name, 1, 1, message, f"at most {IMPOSSIBLE_W:g} W; columns in mW, mV or mA are named so")
+        )
     warnings += _doubts(name, times, readings.factors.prod(axis=1))
     found = sorted(warnings, key=lambda fault: (fault.line, fault.column))
     factors, others = readings.factors, readings.others

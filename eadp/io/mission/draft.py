@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
+from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.text.source import Location
 from eadp.models.vehicle import FixedWing
 
@@ -16,12 +18,8 @@ RETURN, LAND, TAKEOFF, LOITER_TO_ALTITUDE = 20, 21, 22, 31
 SPLINE, VTOL_TAKEOFF, VTOL_LAND = 82, 84, 85
 JUMP, CHANGE_SPEED, LAND_START, TRIGGER_DISTANCE = 177, 178, 189, 206
 
-MOTIONLESS = frozenset((
-    112, 114, 115, 181, 182, 183, 184, 187, 188, 195, 196, 197, 198, 200, 201, 202, 203, 204, 205, TRIGGER_DISTANCE,
-    207, 211, 212, 214, 215, 216, 217, 218, 220, 530, 531, 532, 533, 534, 600, 1000, 1001, 2000, 2001, 2003, 2004,
-    2005, 2010, 2500, 2501, 2502, 2503, 3000,
-))  # fmt: skip
-"""Commands that do not move the aircraft: waits, cameras, mounts, servos, fences. They are kept."""
+CIRCLE_CORNERS, MAX_FENCE_M = 32, 1e6
+"""Corners of a round fence, and its largest radius [m]."""
 
 ABSOLUTE, RELATIVE, TERRAIN, NO_POSITION = 0, 3, 10, 2
 FRAMES = {0: ABSOLUTE, 5: ABSOLUTE, 3: RELATIVE, 6: RELATIVE, 10: TERRAIN, 11: TERRAIN}
@@ -61,13 +59,24 @@ class Fence(NamedTuple):
 
     inclusion: bool
     corners_deg: list[tuple[float, float]]
+    location: Location = (1, 1)
+
+    @classmethod
+    def circle(cls, inclusion: bool, centre_deg: tuple[float, float], radius_m: float, location: Location) -> Fence:
+        """A circle as a polygon that lies around what is to be left out, and within what is to be kept in."""
+        if not inclusion:
+            radius_m /= math.cos(math.pi / CIRCLE_CORNERS)
+        angles = [2 * math.pi * i / CIRCLE_CORNERS for i in range(CIRCLE_CORNERS)]
+        corners = [to_geodetic_deg(radius_m * math.cos(a), radius_m * math.sin(a), centre_deg) for a in angles]
+        return cls(inclusion, corners, location)
 
 
 @dataclass
 class MissionDraft:
     """A mission before it is checked: latitude, longitude [°] and altitude [m] of home, and the items.
 
-    `multirotor` is whether it says that it is for an aircraft that hovers.
+    `multirotor` is whether it says that it is for an aircraft that hovers; `doubts` are what the reader took one way of
+    several: where, a code of a finding, and a sentence.
     """
 
     home: tuple[float, ...]
@@ -75,6 +84,7 @@ class MissionDraft:
     items: list[DraftItem] = field(default_factory=list)
     multirotor: bool = False
     fences: list[Fence] = field(default_factory=list)
+    doubts: list[tuple[Location, str, str]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)

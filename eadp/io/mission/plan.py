@@ -15,6 +15,7 @@ from eadp.core.geometry.waypoints import Loiter, Target, Waypoint, path_through
 from eadp.coverage.plan_builder import TRIGGER_RADIUS_M, piece_path
 from eadp.errors import Fault, Unreachable, refuse
 from eadp.io.mission import draft as d
+from eadp.io.mission.commands import MOTIONLESS, command_text
 from eadp.io.mission.draft import DraftItem, MissionDraft, MissionMotion
 from eadp.io.plan.reader import LIMIT_STAGES
 from eadp.io.text.source import Location, SourceText
@@ -37,7 +38,7 @@ _LOITERS = frozenset((d.LOITER_UNLIMITED, d.LOITER_TURNS, d.LOITER_TIME, d.LOITE
 _LANDS = frozenset((d.LAND, d.VTOL_LAND))
 _HERE_IF_NULL = frozenset((d.TAKEOFF, d.VTOL_TAKEOFF, *_LANDS))
 _MOVING = _POSITIONED | {d.RETURN}
-_CONTROLS = frozenset((d.JUMP, d.CHANGE_SPEED, d.LAND_START)) | d.MOTIONLESS
+_CONTROLS = frozenset((d.JUMP, d.CHANGE_SPEED, d.LAND_START)) | MOTIONLESS
 
 
 class _Visit(NamedTuple):
@@ -70,6 +71,8 @@ class MissionPlan:
     """Where each item with a position lies [m]; None for where the aircraft is."""
 
     def plan(self) -> tuple[Plan, list[Finding]]:
+        for doubt in self.draft.doubts:
+            self._find(*doubt)
         self._check_home()
         for index, item in enumerate(self.draft.items):
             self._check_item(index, item)
@@ -116,7 +119,7 @@ class MissionPlan:
         if command not in _MOVING | _CONTROLS:
             hover = ": it hovers" if command == 93 else ""
             expected = "a command for fixed wings that eadp knows (docs/missions.md lists them)"
-            self._fault(at[0], item, f"the command {command} cannot be flown{hover}", expected)
+            self._fault(at[0], item, f"the command {command_text(command)} cannot be flown{hover}", expected)
         elif command in _POSITIONED:
             self._check_position(index, item)
         for k, value in enumerate(item.parameters):
@@ -124,8 +127,9 @@ class MissionPlan:
                 self._fault(at[k + 2], item, f"a parameter of {value:g}", "a number of at most 1e9")
         p1, p2 = item.parameters[:2]
         hold = command == d.LOITER_TIME or (command in (d.WAYPOINT, d.SPLINE) and p1 > 0)
-        if self.draft.multirotor and hold:
-            self._fault(at[2], item, f"a hover of {p1:g} s", "no hold: a fixed wing does not hover")
+        if self.draft.multirotor and hold and all(finding.code != "hover" for finding in self.findings):
+            message = f"{item.label}: a hover of {p1:g} s, flown as a circle of {LOITER_RADIUS_M:g} m for that time"
+            self._find(at[2], "hover", message)
         if command in (d.LOITER_TIME, d.LOITER_TURNS) and not p1 >= 0:
             self._fault(at[2], item, "no time or number of turns", "a number of 0 or more")
         if command == d.JUMP and math.isnan(p2):
@@ -217,7 +221,8 @@ class MissionPlan:
             i += 1
         after = [later for later in items[i + 1 :] if later.command in _MOVING]
         if after:
-            message = f"{after[0].label} and what follows it is not flown: {items[i].label} ends the mission"
+            ending = f"{items[i].label}, {command_text(items[i].command)}, ends the mission"
+            message = f"{after[0].label} and what follows it is not flown: {ending}"
             self._find(after[0].locations[0], "not-flown", message)
         return order
 
@@ -263,7 +268,7 @@ class MissionPlan:
                 if target is not None:
                     visits.append(_Visit(target, item, altitude, airspeed, tuple(commands)))
                     commands = []
-            elif item.command in d.MOTIONLESS or item.command == d.CHANGE_SPEED:
+            elif item.command in MOTIONLESS or item.command == d.CHANGE_SPEED:
                 values = [0.0 if math.isnan(value) else value for value in item.parameters]
                 commands.append((float(item.command), *values))
         if commands and visits:
@@ -362,7 +367,7 @@ class MissionPlan:
             path_count=0,
             trigger_radius_m=min(TRIGGER_RADIUS_M, float(f"{0.9 * shortest_m:.2g}")),
             min_radius_m=radius_m,
-            site=Site(self._origin_deg, (0.0, 0.0), airspace=self._airspace()),
+            site=Site(self._origin_deg, (0.0, 0.0), home_m=(0.0, 0.0), airspace=self._airspace()),
         )
 
     @property
@@ -373,7 +378,7 @@ class MissionPlan:
         """The fences: obstacles and boundary."""
         rings = [
             (inclusion, tuple(to_local_m(*corner, self._origin_deg) for corner in corners))
-            for inclusion, corners in self.draft.fences
+            for inclusion, corners, _ in self.draft.fences
         ]
         outside = [ring for inclusion, ring in rings if not inclusion]
         obstacles = tuple(Obstacle(ring, f"fence {i}") for i, ring in enumerate(outside, 1))

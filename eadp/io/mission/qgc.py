@@ -9,14 +9,18 @@ from dataclasses import dataclass
 from typing import Any
 
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import InputError, printable
 from eadp.io.mission.draft import (
+    ABSOLUTE,
     ITEMS_LIMIT,
     LAND,
     LAND_START,
     LOITER_TO_ALTITUDE,
+    MAX_FENCE_M,
+    NO_POSITION,
     RELATIVE,
+    TERRAIN,
+    VTOL_LAND,
     WAYPOINT,
     DraftItem,
     Fence,
@@ -27,13 +31,21 @@ from eadp.io.text.json import JsonList, JsonObject, JsonReader
 from eadp.io.text.source import Location, SourceText
 
 ARDUPILOT = 3
-FENCE_VERSION, CIRCLE_CORNERS, MAX_FENCE_M = 2, 32, 1e6
-"""Version of the fences, corners of a round one, and its largest radius [m]."""
+FENCE_VERSION = 2
 FIXED_WING, VTOL = 1, frozenset((19, 20, 21, 22, 23, 24, 25))
 """MAVLink's types of aircraft that fly on wings."""
-VERSIONS = {"survey": 5, "CorridorScan": 2, "StructureScan": 3}
-"""The version of each complex item with a list of its items."""
-LANDING = "fwLandingPattern"
+VERSIONS = {
+    "survey": (4, 5),
+    "CorridorScan": (2,),
+    "fwLandingPattern": (1, 2),
+    "vtolLandingPattern": (1,),
+}
+"""The versions of each complex item."""
+LANDINGS = {"fwLandingPattern": LAND, "vtolLandingPattern": VTOL_LAND}
+STRUCTURE = "StructureScan"
+CALCULATED, ABOVE_TERRAIN = 3, 4
+"""QGroundControl's AltitudeMode of heights above ground: with the altitude of the ground added, or not."""
+NEWER = "a plan (*.plan), which a later QGroundControl makes of it"
 _TRANSECTS = "TransectStyleComplexItem"
 _KINDS = {str: "a string", float: "a number", JsonObject: "an object", JsonList: "a list", tuple: "a list of numbers"}
 
@@ -93,12 +105,17 @@ class _Value:
             raise found.error("no position", "[latitude, longitude, altitude]")
         return tuple(map(float, found.value))
 
-    def expect(self, key: str, known: Any) -> None:
-        """Refuse another value of a member than the one that is known."""
+    def expect(self, key: str, *known: Any) -> None:
+        """Refuse another value of a member than those that are known."""
         found = self.member(key)
-        if found.value != known or isinstance(found.value, bool):
+        if found.value not in known or isinstance(found.value, bool):
             what = "without a value" if found.value is None else f"{printable(str(found.value), 40)} is not known"
-            raise found.error(what, f"{key} {known}")
+            raise found.error(what, f"{key} {' or '.join(map(str, known))}")
+
+
+def is_qgc(head: str) -> bool:
+    """Whether a text that starts so is a plan of QGroundControl, and not GeoJSON, which is JSON too."""
+    return head.startswith("{") and '"fileType"' in head
 
 
 def read_qgc(source: SourceText) -> MissionDraft:
@@ -109,7 +126,9 @@ def read_qgc(source: SourceText) -> MissionDraft:
     InputError
         If it is no JSON, another version, or an item is not as it should be.
     """
-    root = _Value(source, JsonReader(source).document(), len(source.body) - len(source.body.lstrip()), "")
+    root = _root(source)
+    if root.value.get("fileType") is None and {"items", "plannedHomePosition"} <= root.value.keys():
+        raise root.error("a mission of QGroundControl 3.1 or older, which is not read", NEWER)
     root.expect("fileType", "Plan")
     root.expect("version", 1)
     mission = root.member("mission").is_(JsonObject)
@@ -120,32 +139,43 @@ def read_qgc(source: SourceText) -> MissionDraft:
     draft = MissionDraft(mission.position("plannedHomePosition"), home.location, multirotor=not flies)
     for item in mission.member("items").elements():
         _read_item(item.is_(JsonObject), draft)
+    draft.fences += _fences(root)
+    return draft
+
+
+def qgc_fences(source: SourceText) -> list[Fence]:
+    """The fences of a plan alone; raises InputError."""
+    return _fences(_root(source))
+
+
+def _root(source: SourceText) -> _Value:
+    root = _Value(source, JsonReader(source).document(), len(source.body) - len(source.body.lstrip()), "")
+    return root.is_(JsonObject)
+
+
+def _fences(root: _Value) -> list[Fence]:
     fences = root.member("geoFence")
+    found: list[Fence] = []
     if isinstance(fences.value, JsonObject) and fences.member("version").value == FENCE_VERSION:
         for key, read in (("polygons", _polygon), ("circles", _circle)):
-            found = fences.member(key)
-            draft.fences += [read(each.is_(JsonObject)) for each in (found.elements() if found.value else [])]
-    return draft
+            members = fences.member(key)
+            found += [read(each.is_(JsonObject)) for each in (members.elements() if members.value else [])]
+    return found
 
 
 def _polygon(fence: _Value) -> Fence:
     corners = [_corner(each) for each in fence.member("polygon").elements()]
     if len(corners) < 3:
         raise fence.member("polygon").error(f"{len(corners)} corners", "3 or more")
-    return Fence(fence.member("inclusion").value is True, corners)
+    return Fence(fence.member("inclusion").value is True, corners, fence.location)
 
 
 def _circle(fence: _Value) -> Fence:
-    """A circle as a polygon that lies around what is to be left out, and within what is to be kept in."""
     circle, inclusion = fence.member("circle").is_(JsonObject), fence.member("inclusion").value is True
     radius = circle.member("radius").is_(float)
     if not 0 < radius.value <= MAX_FENCE_M:
         raise radius.error(f"{radius.value:g} m", f"metres, above 0, at most {MAX_FENCE_M:g}")
-    origin = _corner(circle.member("center"))
-    radius_m = radius.value if inclusion else radius.value / math.cos(math.pi / CIRCLE_CORNERS)
-    angles = [2 * math.pi * i / CIRCLE_CORNERS for i in range(CIRCLE_CORNERS)]
-    corners = [to_geodetic_deg(radius_m * math.cos(a), radius_m * math.sin(a), origin) for a in angles]
-    return Fence(inclusion, corners)
+    return Fence.circle(inclusion, _corner(circle.member("center")), radius.value, fence.location)
 
 
 def _corner(place: _Value) -> tuple[float, float]:
@@ -164,14 +194,17 @@ def _read_item(item: _Value, draft: MissionDraft) -> None:
         _read_simple(item, draft)
     elif kind != "ComplexItem":
         raise item.member("type").error(f"{printable(kind, 40)} is not known", "SimpleItem or ComplexItem")
-    elif item.member("complexItemType").value == LANDING:
-        _read_landing(item, draft)
     else:
         name = item.member("complexItemType").is_(str)
+        if name.value == STRUCTURE:
+            message = "a StructureScan: the file has its outline, and not the items that QGroundControl makes of it"
+            raise item.error(message, "the mission as WPL, or as read back from the vehicle, which have them")
         if name.value not in VERSIONS:
-            known = ", ".join([*VERSIONS, LANDING])
-            raise name.error(f"{printable(name.value, 40)} is not known", f"one of {known}")
-        item.expect("version", VERSIONS[name.value])
+            raise name.error(f"{printable(name.value, 40)} is not known", f"one of {', '.join(VERSIONS)}")
+        item.expect("version", *VERSIONS[name.value])
+        if name.value in LANDINGS:
+            _read_landing(item, draft, LANDINGS[name.value])
+            return
         holder = item.member(_TRANSECTS)
         hover = holder.member("HoverAndCapture") if holder.value is not None else holder
         if hover.value is True:
@@ -193,22 +226,31 @@ def _read_simple(item: _Value, draft: MissionDraft) -> None:
     number = len(draft.items) + 1 if item.member("doJumpId").value is None else item.whole("doJumpId")
     places = [item.member("command").location, item.member("frame").location, *(each.location for each in parameters)]
     command, frame = item.whole("command"), item.whole("frame")
+    height = item.member("Altitude")
+    if math.isnan(values[6]) and height.value is not None:
+        # above ground whose altitude is added when the mission is sent
+        values = (*values[:6], float(height.is_(float).value))
+        frame = TERRAIN if item.member("AltitudeMode").value in (CALCULATED, ABOVE_TERRAIN) else frame
     draft.items.append(DraftItem(item.path, number, command, frame, values, tuple(places)))
 
 
-def _read_landing(item: _Value, draft: MissionDraft) -> None:
+def _read_landing(item: _Value, draft: MissionDraft, landing: int) -> None:
     """A landing pattern: from an approach, a circle or a point, straight to where the aircraft lands."""
-    item.expect("version", 2)
-    approach, land = item.position("landingApproachCoordinate"), item.position("landCoordinate")
+    old = item.member("landingApproachCoordinate").value is None and item.member("loiterCoordinate").value is not None
+    approach = item.position("loiterCoordinate" if old else "landingApproachCoordinate")
+    land = item.position("landCoordinate")
     radius = item.member("loiterRadius").is_(float).value
     if item.member("loiterClockwise").value is False:
         radius = -radius
     circle = item.member("useLoiterToAlt").value is not False
-    frame = RELATIVE if item.member("altitudesAreRelative").value is not False else 0
-    for command, values in (
-        (LAND_START, (0.0,) * 7),
-        (LOITER_TO_ALTITUDE if circle else WAYPOINT, (0.0, radius if circle else 0.0, 0.0, 0.0, *approach)),
-        (LAND, (0.0, 0.0, 0.0, 0.0, *land)),
+    above, land_above = (
+        ABSOLUTE if False in (item.member(key).value, item.member("altitudesAreRelative").value) else RELATIVE
+        for key in ("loiterAltitudeRelative", "landAltitudeRelative")
+    )
+    for command, frame, values in (
+        (LAND_START, NO_POSITION, (0.0,) * 7),
+        (LOITER_TO_ALTITUDE if circle else WAYPOINT, above, (0.0, radius if circle else 0.0, 0.0, 0.0, *approach)),
+        (landing, land_above, (0.0, 0.0, 0.0, 0.0, *land)),
     ):
         number = len(draft.items) + 1
         draft.items.append(DraftItem(item.path, number, command, frame, values, (item.location,) * 9))
@@ -222,7 +264,7 @@ def qgc_text(items: Sequence[MissionItem], home_deg: Point, airspeed_mps: float,
             "polygon": [[round(latitude, 9), round(longitude, 9)] for latitude, longitude in corners],
             "version": 1,
         }
-        for inclusion, corners in fences
+        for inclusion, corners, _ in fences
     ]
     written = []
     for number, (command, frame, parameters, _) in enumerate(items, 1):

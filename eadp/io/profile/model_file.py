@@ -28,6 +28,7 @@ from eadp.io.profile.measurements import (
     is_trace,
     read_measurements,
 )
+from eadp.io.profile.recordings import as_trace
 from eadp.io.text.schema_faults import validated
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, Path, read_yaml
@@ -95,7 +96,7 @@ def read_profile(path: str, names: Sequence[str] = ()) -> tuple[AnyProfile, list
     InputError
         With the faults of the file, or of `names`.
     """
-    return parse_profile(read_text(path), names)
+    return parse_profile(as_trace(read_text(path)), names)
 
 
 def read_profiles(sources: Sources) -> tuple[AnyProfile, list[Fault]]:
@@ -109,7 +110,7 @@ def read_profiles(sources: Sources) -> tuple[AnyProfile, list[Fault]]:
     _check_names(sources.names)
     apart = bool(sources.added and sources.names)  # then the names are those of all the files
     names = () if apart else sources.names
-    texts = [read_text(path) for path in sources.files]
+    texts = [as_trace(read_text(path)) for path in sources.files]
     models = [text for text in texts if _is_model(text)]
     if models and len(texts) > 1:
         expected = "measurements, or --add for computations that were measured apart"

@@ -11,6 +11,13 @@ _SCHEMA = re.compile(r"^schema: *['\"]?eadp\.([a-z]+)/", re.MULTILINE)
 _FIELD = re.compile(r"\s*(<\?xml[^>]*>\s*)?<kml|\s*\{.{0,2000}?\"type\"\s*:\s*\"(Feature|Polygon|Multi)", re.DOTALL)
 HEAD = 4000
 """Characters of a file in which its kind is searched."""
+_FOREIGN = (
+    (r"<!DOCTYPE\s+flight_plan|<flight_plan\b", "is a flight plan of Paparazzi, which is not read"),
+    (r"<gpx\b", "is a track (GPX), which is not read"),
+    (r"\A\s*<", "is XML, of no kind that is read"),
+)
+"""Files of other software that stand where a plan belongs: a pattern of their heads, and what they are."""
+_MISSIONS = "a plan; a mission as WPL (*.waypoints) or a plan of QGroundControl"
 
 USES = {
     "scenario": ("a scenario", "--scenario {}"),
@@ -34,6 +41,10 @@ def refuse_others(text: Text, own: str) -> None:
     head = text.body[:HEAD]
     found = _SCHEMA.search(head)
     kind = "field" if _FIELD.match(head) else found[1] if found else own
+    if kind == own == "plan":
+        for pattern, message in _FOREIGN:
+            if re.search(pattern, head, re.DOTALL):
+                raise InputError.at(text.name, 1, 1, message, _MISSIONS)
     if kind != own and kind in USES:
         what, use = USES[kind]
         use = use.replace("{}", printable(text.name))

@@ -20,6 +20,23 @@ LIMIT_BYTES = 20_000_000
 """Size limit of inputs by default: `EADP_LIMIT_BYTES` in the environment sets another."""
 
 
+_BINARY = {
+    b"\x89PNG": "a picture (PNG)",
+    b"\xff\xd8\xff": "a picture (JPEG)",
+    b"%PDF": "a PDF",
+    b"PK\x03\x04": "a zip archive",
+    b"\x1f\x8b": "a gzip archive",
+    b"SQLite format 3": "a database (SQLite, as a GeoPackage is)",
+    b"\x89HDF": "an HDF5 file",
+    b"ULog": "a PX4 ULog",
+    b"\xa3\x95": "an ArduPilot DataFlash log",
+    b"\x00\x00\x27\x0a": "a shapefile",
+    **dict.fromkeys((b"\x00\x04", b"\x00\x05", b"\x00\x06"), "a telemetry log (tlog)"),
+    **dict.fromkeys((b"\xff\xfe", b"\xfe\xff"), "UTF-16 text"),
+}
+"""What files that are no UTF-8 text are, by their first bytes."""
+
+
 @dataclass(frozen=True)
 class Text:
     """A text and the name to call it by in messages."""
@@ -63,7 +80,8 @@ def read_text(path: str) -> Text:
     except UnicodeDecodeError as error:
         # the decoder counts from after a byte order mark
         offset = error.start + (3 if data.startswith(codecs.BOM_UTF8) else 0)
-        message = f"is not UTF-8 text: byte 0x{data[offset]:02x} at offset {offset}"
+        kind = next((f", as of {kind}" for magic, kind in _BINARY.items() if data.startswith(magic)), "")
+        message = f"is not UTF-8 text: byte 0x{data[offset]:02x} at offset {offset}{kind}"
         raise InputError.at(name, 1, 1, message, "UTF-8 text") from None
     return Text(name, body.replace("\r\n", "\n").replace("\r", "\n"))
 

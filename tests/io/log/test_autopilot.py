@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from common import few
 
+from eadp.api.fit.battery import BatteryOptions, read_battery_fit
 from eadp.errors import InputError
 from eadp.io.log import messages
 from eadp.io.log.formats import is_dataflash_text, read_power_log
@@ -102,9 +103,10 @@ def test_ulog_readings_that_are_unknown(tmp_path: Path) -> None:
     log = read_power_log(stored(tmp_path, "flight.ulg", ulog(unknown=(N - 1, N - 2))))
     assert_read(log, N - 2)
     assert log.counts == {"rows": N, "unknown": 2}
-    assert str(log.warnings[0]).endswith("2 rows with an unknown voltage or current (0 or -1) left out")
-    # a whole column of unknown: the next name is taken
-    assert_read(read_power_log(stored(tmp_path, "other.ulg", ulog(unknown=tuple(range(N))))))
+    assert str(log.warnings[0]).endswith("2 rows with an unknown voltage (0 or -1) or current (-1) left out")
+    # a whole column of unknown: a mean that the autopilot makes up of it is no reading
+    with pytest.raises(InputError, match="no current is measured: it is -1 or 0 throughout"):
+        read_power_log(stored(tmp_path, "other.ulg", ulog(unknown=tuple(range(N)))))
 
 
 def test_ulog_fields_by_name(tmp_path: Path) -> None:
@@ -239,6 +241,39 @@ def test_dataflash_text(tmp_path: Path, end: str) -> None:
     assert log.warnings == []  # the line that is too short is skipped
 
 
+def test_dataflash_of_whole_numbers_is_in_hundredths(tmp_path: Path) -> None:
+    body = text_log("CURR", "TimeMS,Volt,Curr,CurrTot", lead="").replace("Bfff", "Ihhf").replace("Qfff", "Ihhf")
+    lines = [line.split(", ") for line in body.splitlines()]
+    old = [
+        ", ".join([*line[:2], f"{float(line[2]) * 100:.0f}", f"{float(line[3]) * 100:.0f}", *line[4:]])
+        if line[0] == "CURR" and len(line) > 4
+        else ", ".join(line)
+        for line in lines
+    ]
+    log = read_power_log(stored(tmp_path, "flight.log", "\n".join(old).replace("QBfff", "Ihhf") + "\n"))
+    np.testing.assert_allclose(log.power_w, [2 * (15 + i / 8) for i in range(N)], rtol=1e-3)
+
+
+def test_a_telemetry_log(tmp_path: Path) -> None:
+    dialect = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega")
+    mav = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    frames = b""
+    for i in range(N):
+        amps = 200 if i else -1
+        for message in (
+            dialect.MAVLink_attitude_message(5000 + 300 * i, 0.1, 0, 0, 0, 0, 0),
+            dialect.MAVLink_vfr_hud_message(15.0, 15.0, 0, 50, 60.0, 0.5),
+            dialect.MAVLink_sys_status_message(0, 0, 0, 0, 15_000 + 125 * i, amps, 50, 0, 0, 0, 0, 0, 0),
+        ):
+            frames += (1_700_000_000_000_000 + 300_000 * i).to_bytes(8, "big") + message.pack(mav)
+    log = read_power_log(stored(tmp_path, "flight.tlog", frames), Columns(motion=True))
+    np.testing.assert_allclose(log.power_w, [2 * (15 + i / 8) for i in range(1, N)])
+    np.testing.assert_allclose(log.times_s, [0.3 * i for i in range(N - 1)])
+    assert log.also["airspeed_mps"][5] == 15
+    assert log.also["climb_mps"][5] == 0.5
+    assert log.also["bank_rad"][5] == pytest.approx(0.1)
+
+
 def test_dataflash_of_older_versions(tmp_path: Path) -> None:
     body = text_log("CURR", "TimeMS,Volt,Curr,CurrTot", lead="")
     assert_read(read_power_log(stored(tmp_path, "flight.log", body)))
@@ -309,3 +344,16 @@ def test_without_the_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     for name, data in (("f.ulg", ulog()), ("f.bin", dataflash()), ("f.log", text_log())):
         with pytest.raises(InputError, match=r"is missing; expected pip install 'eadp\[logs\]'"):
             read_power_log(stored(tmp_path, name, data))
+
+
+def test_what_the_autopilot_says_of_its_battery(tmp_path: Path) -> None:
+    lines = text_log(labels="TimeUS,Instance,Volt,Curr,CurrTot").replace(", 2, 0.5", ", 2, 1790").splitlines()
+    head = ["FMT, 132, 31, PARM, QNff, TimeUS,Name,Value,Default", "PARM, 1, BATT_CAPACITY, 3300, 0"]
+    log = read_power_log(stored(tmp_path, "flight.log", "\n".join([*lines[:3], *head, *lines[3:]]) + "\n"))
+    assert log.battery == {"capacity_ah": 3.3, "used_ah": 1.79}
+    path = tmp_path / "flight.log"
+    found = read_battery_fit(str(path), Columns(), BatteryOptions(capacity_ah=3.3))
+    assert found.fit.charge_from == pytest.approx(1 - 1.79 / 3.3)
+    assert "1.79 Ah were used before" in str(found.warnings[0])
+    assert found.fit.notes[-1] == "the autopilot's parameters state a capacity of 3.3 Ah"
+    assert read_battery_fit(str(path), Columns(), BatteryOptions(capacity_ah=3.3, soc=0.9)).fit.charge_from == 0.9

@@ -18,6 +18,7 @@ import eadp as library
 from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import InputError
+from eadp.io.mission.commands import MOTIONLESS, NAMES
 from eadp.io.mission.draft import ITEMS_LIMIT
 from eadp.io.mission.plan import LOITER_RADIUS_M
 from eadp.io.mission.reader import PlanReader
@@ -148,12 +149,13 @@ def test_reference_missions_are_as_long_as_their_geodesics(reference):
         library.read_mission(folder / "qgroundcontrol_sample_wrong_mission_version.plan")
 
 
-def test_a_survey_is_read_through_its_items():
+@pytest.mark.parametrize("version", [4, 5])
+def test_a_survey_is_read_through_its_items(version):
     plan = qgc(waypoint(100, 0), waypoint(500, 0), waypoint(500, 200), waypoint(100, 200))
     flat, _ = read(plan)
     items = plan["mission"]["items"]
     survey = {
-        "type": "ComplexItem", "complexItemType": "survey", "version": 5,
+        "type": "ComplexItem", "complexItemType": "survey", "version": version,
         "TransectStyleComplexItem": {"version": 1, "Items": items[1:]},
     }  # fmt: skip
     nested, _ = read(qgc() | {"mission": plan["mission"] | {"items": [items[0], survey]}})
@@ -323,14 +325,14 @@ def changed(line, column, text):
     [
         (3, 9, "91", "a latitude of 91"),
         (3, 10, "-190", "a longitude of -190"),
-        (4, 9, "nan", "not finite"),
+        (4, 9, "inf", "not finite"),
+        (4, 9, "nan", "no coordinates"),
         (4, 11, "1e7", "an altitude"),
-        (4, 4, "92", "the command 92 cannot be flown"),
+        (4, 4, "92", "the command 92 (NAV_GUIDED_ENABLE) cannot be flown"),
         (4, 4, "93", "it hovers"),
         (4, 4, "17", "a loiter without end before other items"),
         (4, 4, "16.5", "no command"),
         (4, 3, "4", "the frame 4"),
-        (4, 1, "7", "the index 7"),
         (4, 12, "x", "is not a number"),
         (4, 9, "52.0", "too far from home"),
         (2, 9, "99", "home at latitude 99"),
@@ -451,7 +453,7 @@ FIRST = ("mission", "items", 0)
         ((*FIRST, "params", 4), 91, "mission.items[0]: a latitude of 91"),
         ((*FIRST, "params", 4), "1", "mission.items[0].params[4]: another kind"),
         ((*FIRST, "command"), -3, "mission.items[0].command: -3"),
-        ((*FIRST,), {"type": "ComplexItem", "complexItemType": "survey", "version": 4}, "version: 4 is not known"),
+        ((*FIRST,), {"type": "ComplexItem", "complexItemType": "survey", "version": 3}, "version: 3 is not known"),
         ((*FIRST,), {"type": "ComplexItem", "complexItemType": "survey", "version": 5}, "a survey without items"),
         ((*FIRST,), {"type": "ComplexItem", "complexItemType": "art", "version": 5}, "art is not known"),
     ],
@@ -460,10 +462,12 @@ def test_a_fault_of_json_has_its_path(path, value, words):
     assert words in fault_of(edited(path, value)).message
 
 
-def test_hovering_is_refused_and_a_multirotor_is_not():
+def test_a_hover_is_a_circle_for_its_time_and_hovering_for_pictures_is_refused():
     hover = [waypoint(300, 0, 10), waypoint(300, 300)]
-    assert "a hover of 10 s" in fault_of(qgc(*hover, vehicleType=2)).message
-    plan, _ = read(qgc(*hover))
+    plan, found = read(qgc(*hover, vehicleType=2))
+    assert [finding.code for finding in found] == ["hover", "multirotor"]
+    assert "a hover of 10 s, flown as a circle of 60 m" in found[0].message
+    assert ends(plan) == ends(read(qgc(*hover))[0])
     round_m = 2 * math.pi * LOITER_RADIUS_M
     circling = sum(leg.length_m for leg in nominal_legs(plan, ()) if leg.stage.kind == "circle")
     assert 150 - 0.06 * round_m <= circling <= 150 + round_m + RADIUS_M * math.pi
@@ -472,6 +476,109 @@ def test_hovering_is_refused_and_a_multirotor_is_not():
         "TransectStyleComplexItem": {"Items": [], "HoverAndCapture": True},
     }  # fmt: skip
     assert "hovers for each picture" in fault_of(edited(FIRST, survey)).message
+
+
+# --- what other software writes ---------------------------------------------------------------------------------------
+
+
+def test_names_and_commands_without_motion_are_mavlinks():
+    dialect = pytest.importorskip("pymavlink.dialects.v20.ardupilotmega")
+    enum = dialect.enums["MAV_CMD"]
+    assert {number: enum[number].name.removeprefix("MAV_CMD_") for number in NAMES} == NAMES
+    moving = ("NAV_", "DO_CHANGE", "DO_JUMP", "GUIDED_", "WAYPOINT_")
+    assert not [NAMES[n] for n in MOTIONLESS if NAMES[n].startswith(moving) and n != 80]  # 80, a region of interest
+    plan, found = read(wpl(item(223, 1), waypoint(300, 0), item(210, 1)))
+    assert found == []
+    assert [command[0] for stage in plan.stages for command in stage.commands] == [223, 210]
+
+
+def test_rows_are_numbered_by_their_order_whatever_their_index():
+    good = wpl(*GOOD)
+    for index in ("7", "1"):
+        plan, (finding,) = read(good.replace("\n2\t", f"\n{index}\t"))
+        assert ends(plan) == ends(read(good)[0])
+        assert f"the index {index} in row 2" in finding.message
+    assert ends(read(good.replace("\t0\t47.0", "\tNaN\t47.0"))[0]) == ends(read(good)[0])
+
+
+def test_a_first_row_that_is_no_home_is_flown():
+    body = "QGC WPL 110\n" + row(0, 22, east=0, north=0, altitude=30) + row(1, 16, east=400, north=0) + row(2, 20)
+    plan, found = read(body)
+    assert plan.site.origin_deg == pytest.approx(HOME, abs=1e-8)
+    assert len(plan.stages) == len(read(wpl(waypoint(400, 0), item(20)))[0].stages)
+    assert [finding.code for finding in found] == ["no-home", "no-home"]
+    assert "row 0 is 22 (NAV_TAKEOFF) and no home" in found[0].message
+
+
+CORNERS = [(-100, -100), (500, -100), (500, 500), (-100, 500)]
+FENCE = "".join(row(i, 5001, 4, east=x, north=y) for i, (x, y) in enumerate(CORNERS))
+FENCE += row(4, 5004, 20, east=450, north=450)
+
+
+def test_fences_beside_a_mission_keep_it_in_and_out():
+    plan, _ = read(wpl(*GOOD) + FENCE + row(9, 5100, east=0, north=0))
+    inside, (outside,) = plan.site.airspace.boundary, plan.site.airspace.obstacles
+    assert np.array(inside[0]) == pytest.approx(np.array(CORNERS), abs=CENTIMETRE_M)
+    radii = [math.dist(corner, (450, 450)) for corner in outside.outline]
+    assert radii == pytest.approx([20 / math.cos(math.pi / 32)] * 32, abs=CENTIMETRE_M)
+    alone = fault_of("QGC WPL 110\n" + FENCE)
+    assert alone.message == "a fence, and no mission"
+    assert "--inside" in alone.expected
+    assert fault_of("QGC WPL 110\n" + row(0, 5100, east=0, north=0)).message == "places to rally, and no mission"
+    assert "without its last 1 corners" in fault_of(wpl(*GOOD) + FENCE[: FENCE.index("\n3\t") + 1]).message
+
+
+def test_a_height_above_calculated_ground_is_one_above_ground():
+    content = qgc(waypoint(300, 0), waypoint(300, 300, frame=0))
+    content["mission"]["items"][1]["params"][6] = None
+    content["mission"]["items"][1] |= {"Altitude": 80, "AltitudeMode": 3, "AMSLAltAboveTerrain": None}
+    plan, (finding,) = read(content)
+    assert [stage.altitude_m for stage in plan.stages][-1] == 80
+    assert finding.code == "terrain"
+
+
+@pytest.mark.parametrize(("kind", "version"), [("fwLandingPattern", 1), ("vtolLandingPattern", 1)])
+def test_landing_patterns_of_every_version(kind, version):
+    approach, land = [*at(600, 0), 40], [*at(900, 0), 0]
+    pattern = {
+        "type": "ComplexItem", "complexItemType": kind, "version": version, "loiterRadius": 60,
+        "loiterClockwise": True, "landCoordinate": land,
+    }  # fmt: skip
+    old = {"loiterCoordinate": approach, "loiterAltitudeRelative": True, "landAltitudeRelative": True}
+    new = {"landingApproachCoordinate": approach, "altitudesAreRelative": True}
+    content = qgc(waypoint(300, 0))
+    content["mission"]["items"].append(pattern | (old if kind == "fwLandingPattern" else new))
+    plan, _ = read(content)
+    landing = 21 if kind == "fwLandingPattern" else 85
+    expected, _ = read(wpl(waypoint(300, 0), item(31, 0, 60, east=600, north=0, altitude=40),
+                           item(landing, east=900, north=0, altitude=0)))  # fmt: skip
+    assert np.array(ends(plan)) == pytest.approx(np.array(ends(expected)), abs=CENTIMETRE_M)
+    assert [s.altitude_m for s in plan.stages] == [s.altitude_m for s in expected.stages]
+
+
+def test_a_circle_round_waypoints_before_it_is_flown_to():
+    plan, _ = read(wpl(waypoint(40, 0), waypoint(70, 0), item(19, 20), waypoint(300, 300)))
+    assert {stage.kind for stage in plan.stages} == {"circle", "line"}
+    assert plan.site.home_m == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ('<?xml version="1.0"?>\n<!DOCTYPE flight_plan SYSTEM "flight_plan.dtd">\n<flight_plan/>', "of Paparazzi"),
+        ('<gpx version="1.1"/>', "a track (GPX)"),
+        ("<html>", "is XML"),
+        ('{"MAV_AUTOPILOT": 3, "items": [], "plannedHomePosition": {}}', "of QGroundControl 3.1 or older"),
+    ],
+)
+def test_a_mission_that_is_not_read_is_named_by_what_it_is(body, words):
+    assert words in fault_of(body).message
+    assert "not read" in fault_of(body).message or "no kind" in fault_of(body).message
+
+
+def test_a_structure_scan_has_no_items():
+    scan = {"type": "ComplexItem", "complexItemType": "StructureScan", "version": 3}
+    assert "has its outline, and not the items" in fault_of(edited(FIRST, scan)).message
 
 
 def test_json_is_refused_at_its_place():

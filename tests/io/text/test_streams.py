@@ -86,7 +86,7 @@ def test_a_control_character_in_a_name_is_escaped():
         (b"\xe9t\xe9", "byte 0xe9 at offset 0"),
         (b"ok\n\xc3", "byte 0xc3 at offset 3"),
         (b"\xed\xa0\x80", "byte 0xed at offset 0"),  # half of a surrogate pair
-        (b"\xff\xfea\x00", "byte 0xff at offset 0"),  # UTF-16
+        (b"\xff\xfea\x00", "byte 0xff at offset 0, as of UTF-16 text"),
     ],
 )
 def test_what_is_not_utf_8(tmp_path, data, said):
