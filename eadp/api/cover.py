@@ -14,12 +14,12 @@ from eadp.api.profile import read_profile
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_local_m
-from eadp.coverage.cover import CoverageRequest, CoverageSolution
+from eadp.coverage.cover import AUTO, PATTERNS, CoverageRequest, CoverageSolution, has_pattern
 from eadp.coverage.cover import cover as cover_field
 from eadp.coverage.plan_builder import FieldComputations, build_plan
 from eadp.coverage.report import CoverageReport, PowerDraw
 from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
-from eadp.errors import EadpError, Fault, InputError, printable
+from eadp.errors import EadpError, Fault, InputError, one_of, printable
 from eadp.io.field.draft import NAME_LIMIT
 from eadp.io.field.files import read_field_text
 from eadp.io.field.reader import read_field, read_zones
@@ -74,7 +74,7 @@ class PathOptions:
     heading_deg: float | None = None
     """Heading of the lines [°], a compass bearing; the quickest by default."""
 
-    pattern: Literal["auto", "zamboni", "dubins"] = "auto"
+    pattern: Annotated[str, Flag(metavar=f"[{'|'.join(PATTERNS)}]")] = AUTO
     """Zamboni-like laps, lines in an order with Dubins turns, or the shorter."""
 
     start: Annotated[Pair | None, Flag(metavar="POINT")] = None
@@ -410,6 +410,8 @@ class CoverageTask:
         if options.altitude_m is not None and not 0 < options.altitude_m <= MAX_ALTITUDE_M:
             message = f"{options.altitude_m:g} is out of range"
             raise _fault("--altitude", f"{options.altitude_m:g}", message, f"above 0, at most {MAX_ALTITUDE_M:g}")
+        if not has_pattern(options.pattern):
+            raise _fault("--pattern", options.pattern, "is no pattern", one_of(PATTERNS, options.pattern))
         text = read_field_text(path)
         field, repairs = read_field(text, metres=options.metres, feature=options.feature)
         field, notes = _limited(field, options)

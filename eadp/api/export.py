@@ -15,7 +15,7 @@ from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_near_loca
 from eadp.errors import Fault, InputError, PathUndefined, one_of, printable
 from eadp.io.mission import ITEMS_ENDING, WITH_ITEMS
 from eadp.io.mission.autopilot import PARAMETER_FILES, wanted_parameters
-from eadp.io.mission.export import EXPORTS, FENCED, mission_items
+from eadp.io.mission.export import EXPORTS, FENCED, mission_items, writer_of
 from eadp.io.mission.items import items_text, mapped_items
 from eadp.io.mission.path import PlannedPath, planned_sections
 from eadp.io.plan.parameters import parameters_of
@@ -141,7 +141,8 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
         With the faults of the files, or of an option.
     """
     options.check()
-    if to not in EXPORTS:
+    writer = writer_of(to)
+    if writer is None:
         raise _fault("--to", to, "is no format", one_of(EXPORTS, to))
     parameters = ""
     if options.scenario is None:
@@ -198,9 +199,9 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
         flown.site.airspace,
     )
     if to not in WITH_ITEMS:
-        return Exported(EXPORTS[to](path), "", parameters)
+        return Exported(writer(path), "", parameters)
     mapped = mapped_items(mission_items(path), planned, flown.path_count)
-    return Exported(EXPORTS[to](path), items_text(mapped, flown.names[: flown.path_count]), parameters)
+    return Exported(writer(path), items_text(mapped, flown.names[: flown.path_count]), parameters)
 
 
 def _parameters(inputs: FlightInputs, path: str, name: str, warn: Warn) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from typing import Annotated
 
 from typer import Argument, Option
@@ -12,17 +11,17 @@ from eadp.cli.output import emit, warn
 from eadp.errors import printable
 from eadp.io.mission import EXPORT_NAMES, ITEMS_ENDING, WITH_ITEMS
 
-ExportName = StrEnum("ExportName", {name: name for name in EXPORT_NAMES})  # type: ignore[misc]
-"""Formats by name."""
-
 
 def command(
     plan: Annotated[
         str, Argument(help="Plan, or mission (QGroundControl's plan, WPL), - for standard input.", metavar="PLAN")
     ],
     to: Annotated[
-        ExportName,
-        Option(help="Plan of QGroundControl, WPL for ArduPilot, flight plan of Paparazzi, or a map or track."),
+        str,
+        Option(
+            help="Plan of QGroundControl, WPL for ArduPilot, flight plan of Paparazzi, or a map or track.",
+            metavar=f"[{'|'.join(EXPORT_NAMES)}]",
+        ),
     ],
     options: ExportOptions,
     out: Annotated[str | None, Option("-o", "--out", help="Write it here.", metavar="FILE")] = None,
@@ -36,10 +35,10 @@ def command(
 
     Exit code 0 if it is written, 2 on bad input.
     """
-    written = export(plan, to.value, options, out, warn=warn)
+    written = export(plan, to, options, out, warn=warn)
     if out is None or out == "-":
         emit(written)
     else:
-        also = f", {printable(out)}{ITEMS_ENDING}" if to.value in WITH_ITEMS else ""
+        also = f", {printable(out)}{ITEMS_ENDING}" if to in WITH_ITEMS else ""
         emit(f"written    {printable(out)}{also}")
     return 0

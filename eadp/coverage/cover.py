@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -39,6 +39,7 @@ from eadp.coverage.zamboni import Block, BlockBounds, BlockLayout, build_block, 
 from eadp.errors import Infeasible
 from eadp.models.airspace import CLEARANCE_SHARE
 from eadp.models.field import Field
+from eadp.plug_ins import plug_in
 
 ZAMBONI, DUBINS, AUTO = PATTERNS = "zamboni", "dubins", "auto"
 
@@ -76,6 +77,10 @@ FREE_HEADINGS = 36
 
 TIE_DIGITS = 6
 """Times that agree to so many decimals are equal [s]."""
+
+Pattern = Callable[["CoverageRequest", float], Sequence[CoverageLeg]]
+"""A pattern of another package: the lines of a request at a heading [rad], in order; turns are added. It raises
+`Infeasible` where it does not fit."""
 
 LineCosts = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 """The arguments of `line_order.best_order` [s]."""
@@ -200,6 +205,8 @@ def cover(request: CoverageRequest) -> CoverageSolution:
     headings = _tried_headings(request) if request.heading_rad is None else [request.heading_rad]
     if request.pattern == DUBINS:
         return _best_in_order(request, headings)
+    if request.pattern not in PATTERNS:
+        return _best_of(request, plug_in("coverage_patterns", request.pattern), headings)
     parted = bool(request.field.others)
     if parted and request.pattern == ZAMBONI:
         raise Infeasible("the Zamboni-like motion covers one part of a field; --pattern dubins covers several")
@@ -227,6 +234,28 @@ def cover(request: CoverageRequest) -> CoverageSolution:
     if laps_s <= MAX_TIME_RATIO * lines_s:
         return replace(zamboni, other_share=lines_s / laps_s)
     return replace(order, other_share=laps_s / lines_s, laps=zamboni)
+
+
+def has_pattern(name: str) -> bool:
+    """Whether eadp or an installed package has a pattern of a name. Raises EadpError if it cannot be imported."""
+    return name in PATTERNS or plug_in("coverage_patterns", name) is not None
+
+
+def _best_of(request: CoverageRequest, pattern: Pattern, headings: Sequence[float]) -> CoverageSolution:
+    """The quickest path of another package's pattern at some headings."""
+    found, failure = list[CoverageSolution](), Infeasible(f"pattern {request.pattern} has no lines")
+    for heading in headings:
+        try:
+            legs = [replace(leg, sensing=True) for leg in pattern(request, heading)]
+            if request.space is not None and not all(request.space.has_hull(polyline_m([leg.piece])) for leg in legs):
+                raise Infeasible(f"lines of pattern {request.pattern} leave the boundary or cross an obstacle")
+            if legs:
+                found.append(_solution(request, request.pattern, heading, legs))
+        except Infeasible as error:
+            failure = error
+    if not found:
+        raise failure
+    return min(found, key=lambda solution: solution.time_s)
 
 
 def _tried_headings(request: CoverageRequest) -> list[float]:

@@ -12,7 +12,7 @@ from typing import Any
 from eadp.core.expressions.tree import number_text
 from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.polygons import covered_share
-from eadp.coverage.cover import ZAMBONI, CoverageSolution
+from eadp.coverage.cover import DUBINS, ZAMBONI, CoverageSolution
 from eadp.coverage.swaths import CoveragePath, MotionLimits
 from eadp.models.field import Field
 
@@ -217,9 +217,8 @@ class CoverageReport:
         solution, blocks = self.solution, len(self.solution.blocks)
         parts = len(self.field.parts)
         holes = sum(map(len, self.field.parts)) - parts
-        pattern = "lines in an order, Dubins turns"
-        if solution.pattern == ZAMBONI:
-            pattern = f"Zamboni-like, {_counted(blocks, 'block')}"
+        own = {DUBINS: "lines in an order, Dubins turns", ZAMBONI: f"Zamboni-like, {_counted(blocks, 'block')}"}
+        pattern = own.get(solution.pattern, solution.pattern)
         lines = [
             f"field      {f'{self.field.name}, ' if self.field.name else ''}{self.field.area_m2 / 1e4:.2f} ha"
             + (f", {parts} parts" if parts > 1 else "")

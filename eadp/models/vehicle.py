@@ -20,6 +20,7 @@ from eadp.core.flight.aerodynamics import (
     load_factor,
     turn_radius_m,
 )
+from eadp.plug_ins import plug_in
 
 Mass = Annotated[float, Ge(0.01), Le(500)]
 """Aircraft from 0.1 kg to 150 kg are flown: a bound refuses none of them, and most masses in grams."""
@@ -388,6 +389,17 @@ class PowerCurve(_Aeroplane):
 Airframe = PaperVehicle | FixedWing | PowerCurve
 AIRFRAMES: dict[str, type[Airframe]] = {airframe.model: airframe for airframe in (FixedWing, PaperVehicle, PowerCurve)}
 """Every airframe model by its name: the first is the default."""
+
+
+def airframe_class(model: str) -> type[Airframe] | None:
+    """The dataclass of an airframe model of eadp, or of an installed package; None where there is none.
+
+    Raises
+    ------
+    EadpError
+        If it cannot be imported.
+    """
+    return AIRFRAMES.get(model) or plug_in("airframes", model)
 
 
 @dataclass(frozen=True, slots=True)

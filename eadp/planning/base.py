@@ -309,10 +309,13 @@ class PlannerSettings:
     reserve_soc: Reserve = 0.05
     """State of charge to keep at the end of the flight, as a share of the full charge."""
 
+    plug_in: Any = None
+    """Settings of the planner that is named, where it is another package's."""
+
     @property
     def own(self) -> Any:
         """The section of the planner that is named; None without one."""
-        return getattr(self, self.name, None)
+        return getattr(self, self.name, self.plug_in)
 
 
 TIME, NEW_STAGE, JUMPED = "time", "new stage", "the charge has jumped"

@@ -64,7 +64,10 @@ class Planner:
         return math.inf
 
     def update(self, state: FlightState) -> Decision:
-        """Decide at an observation, `state.now`."""
+        """Decide at an observation, `state.now`.
+
+        It is asked at each new stage, change and sample, too; before `next_update_s` it may repeat its last decision.
+        """
         return self._decision
 
     def hold(self, held: Mapping[int, float]) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from eadp.errors import EadpError
+from eadp.errors import EadpError, printable
+from eadp.plug_ins import plug_in
 
 if TYPE_CHECKING:
     from eadp.planning.planner import Planner
@@ -20,16 +21,22 @@ PLANNERS = {
 DEFAULT = "joint"
 
 
+def is_planner(name: str) -> bool:
+    """Whether eadp or an installed package has a planner of a name. Raises EadpError if it cannot be imported."""
+    return name in PLANNERS or plug_in("planners", name) is not None
+
+
 def planner_class(name: str) -> type[Planner]:
-    """The class of a planner.
+    """The class of a planner of eadp, or of an installed package.
 
     Raises
     ------
     EadpError
         On an unknown name.
     """
-    if name not in PLANNERS:
-        raise EadpError(f"unknown planner {name}; expected one of {', '.join(PLANNERS)}")
-    module, _, attribute = PLANNERS[name].partition(":")
-    planner: type[Planner] = getattr(import_module(module), attribute)
+    module, _, attribute = PLANNERS.get(name, "").partition(":")
+    planner: type[Planner] | None
+    planner = getattr(import_module(module), attribute) if module else plug_in("planners", name)
+    if planner is None:
+        raise EadpError(f"unknown planner {printable(name, 60)}; expected one of {', '.join(PLANNERS)}")
     return planner

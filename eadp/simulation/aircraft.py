@@ -62,7 +62,7 @@ def constants_of(airframe: Airframe, guidance: Guidance, wind: Wind, step_s: flo
     ]
     c[MASS : CRUISE_M + 1] = [airframe.mass_kg, airframe.weight_n, airframe.cruise_altitude_m]
     c[SPEED_HELD] = airframe.airspeed_mps
-    _OWN_CONSTANTS[airframe.model](c, airframe, step_s)
+    next(own for kind, own in _OWN_CONSTANTS.items() if isinstance(airframe, kind))(c, airframe, step_s)
     return c
 
 
@@ -112,12 +112,12 @@ def _aeroplane_constants(
     ]
 
 
-_OWN_CONSTANTS: dict[str, Callable[[Any, Any, float], None]] = {
-    "paper": _paper_constants,
-    "fixed-wing": _fixed_wing_constants,
-    "power-curve": _power_curve_constants,
+_OWN_CONSTANTS: dict[type, Callable[[Any, Any, float], None]] = {
+    PaperVehicle: _paper_constants,
+    FixedWing: _fixed_wing_constants,
+    PowerCurve: _power_curve_constants,
 }
-"""Constants by the airframe's model."""
+"""Constants by the class of the airframe's model, or of the one that it inherits from."""
 
 
 def state_of(

@@ -19,6 +19,7 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import InputError, one_of
 from eadp.io.figures.sorties import DrawnSortie, write_sorties_figure
 from eadp.io.mission import ENDINGS, EXPORT_NAMES
+from eadp.io.mission.export import writer_of
 from eadp.io.profile import model_file
 from eadp.io.report.page import page_html
 from eadp.io.text.json import json_lines
@@ -48,7 +49,7 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
         If the name is taken, a format is unknown, or the folder cannot be written.
     """
     for name in exports:
-        if name not in EXPORT_NAMES:
+        if writer_of(name) is None:
             raise InputError.at("--export", 1, 1, "is no format", one_of(EXPORT_NAMES, name), name)
     document, rows = plan.document(), plan.rows()
     with new_folder(folder, force=force) as target:
@@ -63,7 +64,7 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
         for to, row in ((to, row) for to in exports for row in rows):
             options = ExportOptions(scenario=str(target / SORTIES_SCENARIO))
             mission = exported(str(target / row["plan"]), to, options, lambda _: None)
-            mission.write(str(target / f"{row['sortie']}-{to}{ENDINGS[to]}"))
+            mission.write(str(target / f"{row['sortie']}-{to}{ENDINGS.get(to, '.' + to)}"))
         (target / SORTIES).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         (target / TABLE).write_text(_csv(rows), encoding="utf-8")
         drawn = [

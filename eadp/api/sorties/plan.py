@@ -17,7 +17,17 @@ from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import heading_rad
 from eadp.core.geometry.curves import Point
-from eadp.coverage.cover import AUTO, DUBINS, ZAMBONI, CoverageRequest, CoverageSolution, LineGrid, cover, line_costs
+from eadp.coverage.cover import (
+    AUTO,
+    DUBINS,
+    PATTERNS,
+    ZAMBONI,
+    CoverageRequest,
+    CoverageSolution,
+    LineGrid,
+    cover,
+    line_costs,
+)
 from eadp.coverage.report import covered_by_lines, rounded_deg
 from eadp.coverage.separation import Nearest, TimedTrack, nearest, stagger_s, track_of
 from eadp.coverage.sorties import Divided, Divider, Division, min_sorties, min_time_s, tours
@@ -166,6 +176,9 @@ class SortiePlanner:
         if request.home_m is None:
             expected = "--home LAT,LON, or X,Y of a field in metres"
             raise InputError.at("--home", 1, 1, "sorties start and end at home", expected)
+        if request.pattern not in PATTERNS:
+            expected = f"one of {', '.join(PATTERNS)}"
+            raise InputError.at("--pattern", 1, 1, "covers a field in one flight", expected, request.pattern)
         if self.lines is not None:
             request = replace(request, heading_rad=heading_rad(self.lines[0]), pattern=self.lines[1])
         if request.heading_rad is None or request.pattern == AUTO:

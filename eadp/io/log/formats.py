@@ -17,6 +17,7 @@ from eadp.io.log.messages import read_tables
 from eadp.io.log.power_log import Columns, PowerLog
 from eadp.io.log.tlog import is_tlog, tlog_tables
 from eadp.io.text.streams import Text, read_text
+from eadp.plug_ins import plug_ins
 
 HEAD = 20_000
 """Bytes from the start of a file by which its format is recognised."""
@@ -99,7 +100,7 @@ FORMATS = (
     LogFormat("ArduPilot DataFlash as text", is_dataflash_text, _dataflash_text),
     LogFormat("CSV", lambda head: True, lambda source, columns: read_csv_log(source.text, columns)),
 )
-"""Formats of power logs; the first that recognises a file reads it."""
+"""Formats of power logs; the first that recognises a file reads it, and those of other packages if none can."""
 
 
 def read_power_log(path: str, columns: Columns | None = None) -> PowerLog:
@@ -124,4 +125,12 @@ def read_power_log(path: str, columns: Columns | None = None) -> PowerLog:
     """
     source = LogSource(path)
     chosen = next(each for each in FORMATS if each.recognise(source.head))
-    return chosen.read(source, columns or Columns())
+    try:
+        return chosen.read(source, columns or Columns())
+    except InputError:
+        if chosen is not FORMATS[-1]:
+            raise
+        other: LogFormat | None = next((each for each in plug_ins("log_formats") if each.recognise(source.head)), None)
+        if other is None:
+            raise
+    return other.read(source, columns or Columns())

@@ -20,6 +20,7 @@ from eadp.io.mission.paparazzi import paparazzi_text
 from eadp.io.mission.path import PlannedPath, Section
 from eadp.io.mission.qgc import qgc_text
 from eadp.io.mission.wpl import wpl_text
+from eadp.plug_ins import plug_in
 
 HALVES_TOLERANCE = 1e-4
 """How near to a whole number of half turns an arc is one."""
@@ -135,3 +136,8 @@ _WRITERS: tuple[Callable[[PlannedPath], str], ...] = (
 )
 EXPORTS = dict(zip(EXPORT_NAMES, _WRITERS, strict=True))
 """Formats that a plan is exported to: a name, and the text of a path."""
+
+
+def writer_of(name: str) -> Callable[[PlannedPath], str] | None:
+    """What writes a format of eadp, or of an installed package; None where there is none."""
+    return EXPORTS.get(name) or plug_in("mission_writers", name)

@@ -6,6 +6,7 @@ flown through here, item by item. A text that none of them recognises is a plan 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -21,6 +22,7 @@ from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
 from eadp.models.plan.plan import Finding, Plan
 from eadp.models.vehicle import Airframe, FixedWing
+from eadp.plug_ins import plug_ins
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,12 @@ FORMATS = (
     MissionFormat("QGroundControl plan", lambda head: head.startswith("{"), read_qgc),
     MissionFormat("WPL", lambda head: head.startswith("QGC WPL"), read_wpl),
 )
-"""Formats of missions; the first that recognises a text reads it."""
+"""Formats of missions; the first that recognises a text reads it, and those of other packages where it has no stage."""
+
+HEAD = 200
+"""Characters from the start of a text by which its format is recognised."""
+_STAGES = re.compile(r"^\s*path\s*:|^[^;\n]*;[^;\n]*;[^;\n]*[xy]", re.MULTILINE)
+"""What a plan of eadp has: a section of stages, or a stage."""
 
 
 class PlanReader(MissionMotion):
@@ -62,9 +69,9 @@ class PlanReader(MissionMotion):
         InputError
             With every fault of the file.
         """
-        refuse_others(text, "plan")
         chosen = _format_of(text)
         if chosen is None:
+            refuse_others(text, "plan")
             return plan_reader.read_plan(text)
         if len(text.body) > LIMIT_CHARACTERS:
             raise InputError.at(text.name, 1, 1, "is too large for a mission", f"at most {LIMIT_CHARACTERS} characters")
@@ -81,5 +88,8 @@ def is_mission(text: Text) -> bool:
 
 def _format_of(text: Text) -> MissionFormat | None:
     """The format of a mission by its first characters; None for a plan of eadp."""
-    head = text.body.lstrip()[:20]
-    return next((each for each in FORMATS if each.recognise(head)), None)
+    head = text.body.lstrip()[:HEAD]
+    found = next((each for each in FORMATS if each.recognise(head)), None)
+    if found is None and not _STAGES.search(text.body):
+        found = next((each for each in plug_ins("mission_formats") if each.recognise(head)), None)
+    return found

@@ -24,12 +24,19 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, to_near_local_m
 from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.text.named import parse_named
-from eadp.io.text.schema_faults import STRICT, keys_document, schema_of, validated, without_nulls
+from eadp.io.text.schema_faults import STRICT, keys_document, schema_of, validated, validated_at, without_nulls
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, read_yaml
 from eadp.io.vehicle.vehicle_file import SCHEMA as VEHICLE_SCHEMA
-from eadp.io.vehicle.vehicle_file import VehicleFile, airframe_faults, battery_faults, two_voltages, vehicle_of
+from eadp.io.vehicle.vehicle_file import (
+    VehicleFile,
+    airframe_faults,
+    battery_faults,
+    two_voltages,
+    vehicle_of,
+    without_plug_in,
+)
 from eadp.models.battery import Battery, BatteryFault
 from eadp.models.computing import ComputationRate
 from eadp.models.plan.cursor import Rules
@@ -40,7 +47,7 @@ from eadp.models.vehicle import Guidance, PaperVehicle
 from eadp.models.weather import Wind
 from eadp.planning.base import PlannerSettings
 from eadp.planning.estimation.estimator import EstimatorSettings
-from eadp.planning.registry import DEFAULT, PLANNERS, planner_class
+from eadp.planning.registry import DEFAULT, PLANNERS, is_planner, planner_class
 
 SCHEMA = "eadp.scenario/1"
 MAX_STEPS = 100_000_000
@@ -49,12 +56,16 @@ ParameterName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Pair = tuple[Coordinate, Coordinate]
 TextSource = Callable[[str], Text]
 
+UNWRITTEN = {"reserve_soc": "reserve_soc", "plug_in": "a section of the planner's name"}
+"""Keys of the planner's settings that no file has, and what stands for them."""
+
 
 def _shared_keys(_cls: Any, core: Any, handler: Any) -> dict[str, Any]:
     """Complete the planner's schema: the reserve is a key of the scenario, and the shared keys have descriptions."""
     reference: dict[str, Any] = handler(core)
     schema = handler.resolve_ref_schema(reference)
-    del schema["properties"]["reserve_soc"]
+    for key in UNWRITTEN:
+        del schema["properties"][key]
     shared = TypeAdapter(list[PlannerSettings], config=STRICT).json_schema()["$defs"]["PlannerSettings"]["properties"]
     for name, node in schema["properties"].items():
         node.setdefault("description", shared.get(name, {}).get("description"))
@@ -399,11 +410,48 @@ def scenario_of(
 def _checked(document: Document, vehicle_text: Text | None) -> Scenario:
     own, value = document.value.get("battery"), without_nulls(document.value)
     refuse(_raw_faults(value, document))
-    keys = validated(ScenarioFile, document, document.value, lambda keys: _faults(keys, document))
+    rest, plugged = _without_plug_ins(document)
+    keys = validated(ScenarioFile, document, rest, lambda keys: _faults(keys, document))
+    keys = plugged(keys)
     # null restores a default, which is what the key has in a battery of its own
     battery = keys.vehicle.battery.overridden({key: getattr(keys.battery, key) for key in own or ()})
     refuse(battery_faults(document, battery))
     return Scenario(replace(keys, battery=battery), document, vehicle_text)
+
+
+def _without_plug_ins(document: Document) -> tuple[Any, Callable[[ScenarioFile], ScenarioFile]]:
+    """The keys of a scenario without those of other packages, and what puts them in their place."""
+    rest: dict[str, Any] = dict(document.value)
+    vehicle, airframe = without_plug_in(document, rest.get("vehicle"), ("vehicle",))
+    sections: dict[str, Any] = {}
+    if airframe is not None:
+        rest["vehicle"] = vehicle
+    planner = rest.get("planner")
+    if isinstance(planner, dict):
+        known = PlannerSection.__dataclass_fields__
+        sections = {key: planner[key] for key in planner if key not in known and is_planner(str(key))}
+        rest["planner"] = {key: value for key, value in planner.items() if key not in sections}
+    own = {name: _own_settings(document, name, section) for name, section in sections.items()}
+
+    def plugged(keys: ScenarioFile) -> ScenarioFile:
+        settings = keys.planner
+        if airframe is not None:
+            keys = replace(keys, vehicle=replace(keys.vehicle, airframe=airframe))
+        if settings.name in PLANNERS:
+            return keys
+        chosen = own[settings.name] if settings.name in own else _own_settings(document, settings.name, {})
+        return replace(keys, planner=replace(settings, plug_in=chosen))
+
+    return rest, plugged
+
+
+def _own_settings(document: Document, name: str, section: Any) -> Any:
+    """The settings of another package's planner; None where it has none."""
+    kind = planner_class(name).own_settings
+    if kind is None:
+        refuse([document.fault(("planner", name), f"planner {name} has no settings of its own")] if section else [])
+        return None
+    return validated_at(("planner", name), kind, document, without_nulls(section or {}))
 
 
 def _vehicle_keys(text: Text) -> Any:
@@ -524,9 +572,8 @@ def _raw_faults(value: dict[str, Any], document: Document) -> list[Fault]:
             if key in wind:
                 message = f"wind.{key} and wind.profile are both given"
                 faults.append(document.fault(("wind", key), message, "one of the two"))
-    if isinstance(planner, dict) and "reserve_soc" in planner:
-        message = "unknown key planner.reserve_soc"
-        faults.append(document.fault(("planner", "reserve_soc"), message, "reserve_soc"))
+    for key in UNWRITTEN.keys() & planner.keys() if isinstance(planner, dict) else ():
+        faults.append(document.fault(("planner", key), f"unknown key planner.{key}", UNWRITTEN[key]))
     return faults
 
 
@@ -542,7 +589,7 @@ def _faults(keys: ScenarioFile, document: Document) -> list[Fault]:
     if keys.guidance.k_d < 0 and not isinstance(keys.vehicle.airframe, PaperVehicle):
         message = "guidance.k_d is negative: the aircraft turns away from its path"
         faults.append(document.fault(("guidance", "k_d"), message, f"0 or more, but for {PaperVehicle.model} aircraft"))
-    if keys.planner.name not in PLANNERS:
+    if not is_planner(keys.planner.name):
         message = f"unknown planner {printable(keys.planner.name, 60)}"
         faults.append(document.fault(("planner", "name"), message, f"one of {', '.join(PLANNERS)}"))
     for key, place in {"start": keys.start, "home": keys.home}.items():

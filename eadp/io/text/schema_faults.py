@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_origin
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
@@ -45,7 +45,7 @@ _INNER = re.compile(r"[a-z-]+(\[.*\])?\Z")  # pydantic's names of a union's memb
 
 @cache
 def _adapter(model: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(model)
+    return TypeAdapter(model, config=STRICT if get_origin(model) is dict else None)
 
 
 @cache
@@ -56,7 +56,7 @@ def schema_of(model: Any) -> dict[str, Any]:
     """
     STRICT["use_attribute_docstrings"] = True
     try:
-        return TypeAdapter(model).json_schema(by_alias=True)
+        return TypeAdapter(model, config=STRICT if get_origin(model) is dict else None).json_schema(by_alias=True)
     finally:
         del STRICT["use_attribute_docstrings"]
 
@@ -121,6 +121,17 @@ def validated(
     faults = check(content) if check is not None else []
     refuse(faults)
     return content
+
+
+def validated_at(path: tuple[str, ...], kind: type[Model], document: Document, value: Any) -> Model:
+    """`validated` of what stands at a path of a document, as a dataclass that no schema of eadp has."""
+    model: Any = kind
+    for key in reversed(path):
+        model, value = dict[str, model], {key: value}
+    content: Any = validated(model, document, value)
+    for key in path:
+        content = content[key]
+    return content  # type: ignore[no-any-return]
 
 
 def _content(model: Any, value: Any) -> tuple[Any, list[Any]]:
@@ -214,6 +225,8 @@ def properties(schema: Mapping[str, Any], node: Mapping[str, Any]) -> Iterator[t
     """The keys of a node of a JSON Schema with their own nodes, of each member of a union or of a mapping by name."""
     if "$ref" in node:
         yield from properties(schema, schema["$defs"][node["$ref"].rpartition("/")[2]])
-    for member in (*node.get("oneOf", ()), *node.get("anyOf", ()), *node.get("patternProperties", {}).values()):
+    others = node.get("additionalProperties")
+    named = (*node.get("patternProperties", {}).values(), *([others] if isinstance(others, dict) else ()))
+    for member in (*node.get("oneOf", ()), *node.get("anyOf", ()), *named):
         yield from properties(schema, member)
     yield from node.get("properties", {}).items()

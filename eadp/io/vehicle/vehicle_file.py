@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 from pydantic import Discriminator, Tag
 
 from eadp.errors import Fault, printable, refuse
-from eadp.io.text.schema_faults import STRICT, keys_document, schema_of, validated, without_nulls
+from eadp.io.text.schema_faults import STRICT, keys_document, schema_of, validated, validated_at, without_nulls
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, Path
 from eadp.models.battery import Battery
 from eadp.models.doubts import aircraft_doubts
-from eadp.models.vehicle import AIRFRAMES, Airframe, FixedWing
+from eadp.models.vehicle import AIRFRAMES, Airframe, FixedWing, airframe_class
 from eadp.models.weather import Wind
 
 SCHEMA = "eadp.vehicle/1"
@@ -68,7 +68,25 @@ def vehicle_of(document: Document) -> VehicleFile:
     """
     value = without_nulls(document.value)
     refuse(airframe_faults(document, value) + two_voltages(document, value))
-    return validated(VehicleFile, document, document.value, lambda keys: battery_faults(document, keys.battery))
+    value, airframe = without_plug_in(document, document.value)
+    keys = validated(VehicleFile, document, value, lambda keys: battery_faults(document, keys.battery))
+    return keys if airframe is None else replace(keys, airframe=airframe)
+
+
+def without_plug_in(document: Document, vehicle: Any, at: Path = ()) -> tuple[Any, Airframe | None]:
+    """The keys of a vehicle, at a path, without an airframe of another package; and that.
+
+    Raises
+    ------
+    InputError
+        With the faults of that airframe.
+    """
+    keys = vehicle.get("airframe") if isinstance(vehicle, dict) else None
+    if not isinstance(keys, dict) or _model_of(keys) in AIRFRAMES:
+        return vehicle, None
+    rest = {key: value for key, value in vehicle.items() if key != "airframe"}
+    kind: Any = airframe_class(_model_of(keys))
+    return rest, validated_at((*map(str, at), "airframe"), kind, document, without_nulls(keys))
 
 
 def vehicle_warnings(document: Document, vehicle: VehicleFile) -> list[Fault]:
@@ -101,12 +119,12 @@ def airframe_faults(document: Document, vehicle: Any, at: Path = ()) -> list[Fau
     if not isinstance(airframe, dict):
         return []
     model, place = _model_of(airframe), (*at, "airframe")
-    if model not in AIRFRAMES:
+    if airframe_class(model) is None:
         message = f"unknown {'.'.join(map(str, place))}.model {printable(model, 60)}"
         return [document.fault((*place, "model"), message, f"one of {', '.join(AIRFRAMES)}")]
     keys = {name: {item.name for item in fields(other)} for name, other in AIRFRAMES.items()}
     faults = []
-    for key in airframe:
+    for key in airframe if model in AIRFRAMES else ():
         owners = [name for name in AIRFRAMES if key in keys[name]]
         if owners and model not in owners:
             message = f"{'.'.join(map(str, place))}.{key} is a key of model {', '.join(owners)}, not of {model}"

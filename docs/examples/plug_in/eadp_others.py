@@ -1,0 +1,65 @@
+"""What another package adds beside a planner: an airframe, a coverage pattern, formats of logs and missions."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from eadp.coverage.cover import LineGrid
+from eadp.errors import InputError
+from eadp.io.log.formats import LogFormat
+from eadp.io.log.power_log import PowerLog
+from eadp.io.mission.draft import RELATIVE, WAYPOINT, DraftItem, MissionDraft
+from eadp.io.mission.reader import MissionFormat
+from eadp.models.vehicle import FixedWing
+
+
+@dataclass(frozen=True)
+class Glider(FixedWing):
+    """An aeroplane with keys and formulas of its own; it flies as the class that it inherits from."""
+
+    model: Literal["glider"] = "glider"
+    aspect_ratio: float = 18.0
+    zero_lift_drag_coefficient: float = 0.012
+
+
+def rows(request, heading_rad):
+    """Lines from one side of the field to the other, each in the direction opposite to the last."""
+    swath_m = request.motion.swath_m
+    grid = LineGrid.over(request.field, heading_rad, swath_m, request.order_spacing_m or swath_m)
+    return [leg.backward() if i % 2 else leg for i, leg in enumerate(grid.whole_lines(request.field)[::2])]
+
+
+def read_bars(source, columns):
+    """A log of `seconds|watts` under the line `bars`."""
+    try:
+        numbers = np.array([line.split("|") for line in source.text.body.splitlines()[1:]], dtype=float)
+        return PowerLog(source.name, numbers[:, 0] - numbers[0, 0], numbers[:, 1])
+    except (ValueError, IndexError):
+        raise InputError.at(source.name, 2, 1, "is no row of two numbers", "seconds|watts") from None
+
+
+BARS = LogFormat("bars", lambda head: head.startswith(b"bars\n"), read_bars)
+
+
+def read_corners(source):
+    """A mission of `latitude longitude altitude` under the line `corners`; the first of them is home."""
+    items = []
+    for i, line in enumerate(source.lines[1:]):
+        try:
+            place = tuple(map(float, line.split())) if line else ()
+        except ValueError:
+            raise source.error((i + 2, 1), "is no place", "latitude longitude altitude") from None
+        if place:
+            parameters = (0.0, 0.0, 0.0, math.nan, *place)
+            items.append(DraftItem(f"corner {i}", i, WAYPOINT, RELATIVE, parameters, ((i + 2, 1),) * 9))
+    return MissionDraft(items[0].parameters[4:], items[0].locations[6], items[1:])
+
+
+CORNERS = MissionFormat("corners", lambda head: head.startswith("corners\n"), read_corners)
+
+
+def corners_text(path):
+    """The path as the format of `read_corners`."""
+    return "corners\n" + "".join(f"{lat:.7f} {lon:.7f} {altitude:g}\n" for lat, lon, altitude in path.drawn())

@@ -1,0 +1,31 @@
+"""A planner of another package: computations fall as the charge does, and the path stays as it is."""
+
+from dataclasses import dataclass
+
+from eadp.planning.base import Decision
+from eadp.planning.planner import Planner
+
+
+@dataclass(frozen=True)
+class ThriftSettings:
+    """Section `planner.thrift` of a scenario."""
+
+    full_soc: float = 1.0
+    """Charge down to which the computations are at their maxima."""
+
+
+class ThriftPlanner(Planner):
+    """Has each computation at the share of its range that the charge has of `full_soc`."""
+
+    own_settings = ThriftSettings
+    next_update_s = 0.0
+
+    def update(self, state):
+        """Decide at `state.now`, the last observation, each `every_s` of the settings."""
+        now, path = state.now, self._mission.plan.path_count
+        if now.time_s >= self.next_update_s:
+            self.next_update_s = now.time_s + self._settings.every_s
+            share = min(1.0, now.soc / self._own.full_soc)
+            computations = [box.lo + share * (box.hi - box.lo) for box in now.cursor.stage.sets[path:]]
+            self._decision = Decision((*now.parameters[:path], *computations), f"computations at {share:.0%}")
+        return self._decision

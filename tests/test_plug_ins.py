@@ -1,0 +1,153 @@
+"""A package that adds to eadp, the one of docs/examples: installed beside it, found by its entry points, and flown."""
+
+from __future__ import annotations
+
+import json
+import math
+import shutil
+import tomllib
+
+import pytest
+from common import ROOT
+
+from eadp.api.simulate import simulate
+from eadp.cli.main import main
+from eadp.models.vehicle import FixedWing
+from eadp.plug_ins import plug_in
+
+PACKAGE = ROOT / "docs/examples/plug_in"
+SURVEY, PROFILE = str(ROOT / "plans/survey.plan"), str(ROOT / "profiles/pednet-letter.yaml")
+MEADOW = str(ROOT / "plans/meadow.geojson")
+CORNERS = "corners\n55.37 10.43 0\n55.372 10.43 50\n55.372 10.435 50\n55.37 10.435 50\n"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """A folder with what pip installs of the package: its modules, and what it says of itself."""
+    folder = tmp_path_factory.mktemp("site")
+    project = tomllib.loads((PACKAGE / "pyproject.toml").read_text())["project"]
+    for module in PACKAGE.glob("*.py"):
+        shutil.copy(module, folder)
+    about = folder / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n")
+    lines = []
+    for kind, names in project["entry-points"].items():
+        lines += [f"[{kind}]", *(f"{name} = {value}" for name, value in names.items())]
+    (about / "entry_points.txt").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+@pytest.fixture
+def installed(site, monkeypatch):
+    monkeypatch.syspath_prepend(str(site))
+    return site
+
+
+def flown(**keys):
+    return simulate(SURVEY, profile=PROFILE, overrides={"planner.name": "thrift", "time_limit_s": 60, **keys})
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_planner_decides_by_its_own_settings():
+    for full_soc in (1.0, 1.5):
+        columns = flown(**{"planner.thrift.full_soc": full_soc, "planner.every_s": 5}).columns
+        # c2 is from 2 to 10, decided each 5 s at the charge that the log has then
+        decided = [8 * min(1.0, soc / full_soc) + 2 for soc in columns["soc"]]
+        assert columns["c2"][-1] == pytest.approx(decided[-1], abs=0.05)
+        assert len(set(columns["c2"])) in (12, 13)
+        assert set(columns["c1"]) == {0.0}
+
+
+@pytest.mark.usefixtures("installed")
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        (
+            "planner.thrift.full_so=1",
+            "unknown key planner.thrift.full_so; expected one of full_soc; did you mean full_soc",
+        ),
+        ("planner.thrift.full_soc=much", "planner.thrift.full_soc cannot be 'much'; expected a number"),
+        ("planner.thift.full_soc=1", "unknown key planner.thift"),
+        ("planner.plug_in=1", "unknown key planner.plug_in; expected a section of the planner's name"),
+        ("vehicle.airframe.aspect_ratio=wide", "vehicle.airframe.aspect_ratio cannot be 'wide'; expected a number"),
+        ("vehicle.airframe.span_m=2", "unknown key vehicle.airframe.span_m"),
+    ],
+)
+def test_its_settings_are_checked_as_those_of_eadp(setting, message, capsys):
+    glider = ["--set", "vehicle.airframe.model=glider"] if setting.startswith("vehicle") else []
+    words = ["simulate", SURVEY, "--profile", PROFILE, "--planner", "thrift", *glider, "--set", setting]
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert f"--set {setting.partition('=')[0]}:1:" in error
+
+
+def test_without_the_package_its_names_are_unknown(capsys):
+    assert main(["simulate", SURVEY, "--profile", PROFILE, "--planner", "thrift"]) == 2
+    assert "unknown planner thrift; expected one of static, paper, joint" in capsys.readouterr().err
+    assert main(["cover", MEADOW, "--swath", "30", "--pattern", "rows"]) == 2
+    assert "--pattern:1:1: error: is no pattern; expected one of zamboni, dubins, auto" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_package_that_cannot_be_imported_is_named(site, capsys, monkeypatch):
+    (site / "eadp_others.py").rename(site / "hidden")
+    monkeypatch.delitem(__import__("sys").modules, "eadp_others", raising=False)
+    try:
+        assert main(["export", SURVEY, "--to", "corners", "--origin", "55,10"]) == 2
+    finally:
+        (site / "hidden").rename(site / "eadp_others.py")
+    assert "corners cannot be imported: eadp_others:corners_text of the entry points eadp.mission_writers" in (
+        capsys.readouterr().err
+    )
+
+
+@pytest.mark.usefixtures("installed")
+def test_an_airframe_flies_with_its_own_formulas(tmp_path):
+    kind = plug_in("airframes", "glider")
+    assert issubclass(kind, FixedWing)
+    file = tmp_path / "glider.yaml"
+    file.write_text("schema: eadp.vehicle/1\nairframe: {model: glider, airspeed_mps: 14}\n")
+    flight = flown(vehicle=str(file))
+    expected_w = kind(airspeed_mps=14.0).cruise_power_w
+    assert expected_w < 0.9 * FixedWing(airspeed_mps=14.0).cruise_power_w
+    computing_w = 9.75462  # of 10 frames a second, near which the planner stays for a minute
+    assert flight.summary["power_w"]["min"] == pytest.approx(expected_w + computing_w, abs=0.2)
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_pattern_covers_a_field(capsys, tmp_path):
+    words = ["cover", MEADOW, "--min-radius", "30", "--swath", "30", "--pattern", "rows"]
+    assert main([*words, "--format", "json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["pattern"] == "rows"
+    assert found["coverage"] > 0.999
+    assert main([*words, "--home", "55.37,10.43", "--sorties", "2", "-o", str(tmp_path / "job")]) == 2
+    assert "--pattern:1:1: error: covers a field in one flight" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_mission_is_read_and_written(capsys, tmp_path):
+    mission = tmp_path / "m.txt"
+    mission.write_text(CORNERS)
+    assert main(["simulate", str(mission)]) == 0
+    assert "completed" in capsys.readouterr().out
+    assert main(["export", str(mission), "--to", "corners"]) == 0
+    written = capsys.readouterr().out
+    assert written.startswith("corners\n55.37")
+    assert len(written.splitlines()) > 4
+    mission.write_text(CORNERS.replace("55.372", "north", 1))
+    assert main(["plan", str(mission)]) == 2
+    assert "m.txt:3:1: error: is no place; expected latitude longitude altitude" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_log_is_fitted(capsys, tmp_path):
+    log = tmp_path / "log.bars"
+    log.write_text("bars\n" + "".join(f"{i / 10}|{36 + 2 * math.cos(math.pi * i / 100)}\n" for i in range(2000)))
+    assert main(["fit", str(log)]) == 0
+    assert "period   20.00" in capsys.readouterr().out
+    log.write_text("bars\n1|2\nx|3\n")
+    assert main(["fit", str(log)]) == 2
+    assert "is no row of two numbers; expected seconds|watts" in capsys.readouterr().err
