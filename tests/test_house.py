@@ -5,7 +5,9 @@ from __future__ import annotations
 import ast
 import re
 from collections import defaultdict
+from graphlib import TopologicalSorter
 
+import grimp
 import pytest
 from common import ROOT
 
@@ -38,3 +40,57 @@ def test_words_are_the_fields(path):
         for word, instead in FIELD_TERMS.items():
             match = re.search(word, line)
             assert not match, f"{path.name}:{number}: {match[0] if match else ''}; rather {instead}"
+
+
+SLOW = {"matplotlib", "numba", "osqp", "scipy", "shapely", "sympy"}
+"""Libraries that take 50 ms or more to import, which most commands do without."""
+
+
+def test_no_circle_of_files():
+    """Not by imports inside functions, either."""
+    graph = grimp.build_graph("eadp", exclude_type_checking_imports=True)
+    order = TopologicalSorter({name: graph.find_modules_directly_imported_by(name) for name in graph.modules})
+    assert len(list(order.static_order())) == len(graph.modules) > 250  # a circle raises CycleError
+
+
+def _modules():
+    names = {}
+    for path in SOURCES:
+        *packages, last = path.relative_to(ROOT).with_suffix("").parts
+        names[".".join(packages if last == "__init__" else [*packages, last])] = ast.parse(path.read_text("utf-8"))
+    return names
+
+
+def test_an_import_inside_a_function_spares_a_slow_library():
+    """Below the use cases: of eadp's own modules, those alone that import such a library at once."""
+    modules = _modules()
+
+    def imported(nodes):
+        for node in nodes:
+            if isinstance(node, ast.ImportFrom):
+                inner = {f"{node.module}.{name.name}" for name in node.names}
+                yield from inner & modules.keys() or {node.module}
+            elif isinstance(node, ast.Import):
+                yield from (name.name for name in node.names)
+
+    at_once = {name: set(imported(tree.body)) for name, tree in modules.items()}
+
+    def reached(name):
+        found, waiting = set(), [name]
+        while waiting:
+            module = waiting.pop()
+            if module not in found:
+                found.add(module)
+                waiting += at_once.get(module, ())
+        return {module.partition(".")[0] for module in found}
+
+    needless = [
+        f"{name}: {inner}"
+        for name, tree in modules.items()
+        if not name.startswith(("eadp.__main__", "eadp.cli", "eadp.api"))
+        for function in ast.walk(tree)
+        if isinstance(function, ast.FunctionDef)
+        for inner in imported(ast.walk(function))
+        if inner.startswith("eadp.") and not (reached(inner) - reached(name)) & SLOW
+    ]
+    assert needless == []
