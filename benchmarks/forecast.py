@@ -525,7 +525,7 @@ def forecasts_of(task: tuple[dict[str, str], int, int]) -> list[dict[str, Any]]:
     if not outcome.completed:
         return []
     times = np.array([o.time_s for o in recording.seen])
-    powers = np.array([o.power_w for o in recording.seen])
+    powers = np.array([o.sample.power_w for o in recording.seen])
     b = inputs.mission.battery
     need_ah = float(np.sum(b.drain_per_s(powers, b.voltage_v) * np.diff(times, prepend=0.0))) * b.capacity_ah
     rows = []
@@ -548,11 +548,11 @@ def forecasts_of(task: tuple[dict[str, str], int, int]) -> list[dict[str, Any]]:
         due = {name: at if at >= 1 else at * outcome.duration_s for name, at in MOMENTS.items() if at}
         for o, charge in zip(recording.seen, charges.tolist(), strict=True):
             shown = math.ceil(charge / quantum - 1e-9) * quantum if quantum else charge
-            observation = o._replace(soc=shown)
+            observation = o._replace(sample=o.sample._replace(soc=shown), soc=shown)
             state.observe(observation)
             for name in [name for name, at_s in due.items() if o.time_s >= at_s]:
                 del due[name]
-                known = state.known(o.time_s, (o.x_m, o.y_m))
+                known = state.known(o.time_s, o.position_m)
                 if (here := held.at(known, mission.parameters)) is not None:
                     made.append((name, here))
         end = float(charges[-1])

@@ -478,10 +478,10 @@ class LapBudget(Planner):
         o = state.now
         if self._last is not None:
             step_s = o.time_s - self._last.time_s
-            self._metres += math.dist((o.x_m, o.y_m), (self._last.x_m, self._last.y_m))
-            assert o.power_w is not None
+            self._metres += math.dist(o.position_m, self._last.position_m)
+            assert o.sample.power_w is not None
             sets = o.cursor.stage.sets
-            self._energy_j += (o.power_w - self._mission.computing.power_w(o.parameters, sets)) * step_s
+            self._energy_j += (o.sample.power_w - self._mission.computing.power_w(o.parameters, sets)) * step_s
         self._last = o
         if o.cursor.lap != self._lap and self._metres > 100:
             self._lap = o.cursor.lap

@@ -45,7 +45,7 @@ from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.profile import Profile
-from eadp.planning.base import Mission, Observation, PlannerSettings
+from eadp.planning.base import Mission, Observation, PlannerSettings, Sample
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator
 from eadp.planning.paper import horizon
 from eadp.planning.paper.horizon import Horizon, HorizonForecast, HorizonSolution
@@ -128,7 +128,7 @@ class Ours:
         self._planner = PaperPlanner(PlannerSettings(), mission, settings)
         self._planner._state = FlightState(mission, horizon_s=settings.horizon_s)
         cursor = PlanCursor.start(plan, mission.parameters)
-        self._observation = Observation(0.0, 0.0, 0.0, cursor, (-100.0, 220.0), 1, None, 1.0)
+        self._observation = Observation(Sample(0.0, 0.0, 0.0, None, 1.0), 1.0, cursor, (-100.0, 220.0), 1)
         self._horizon = self._planner._horizon(self._observation, (0.0,))
         horizon.OPTIMAL = -np.inf  # nothing is kept
         self._steps = steps

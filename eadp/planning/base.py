@@ -88,53 +88,41 @@ class Sample(NamedTuple):
 
 
 class Observation(NamedTuple):
-    """Measurements and the position in the plan at one time.
+    """A sample, and the position in the plan at its time.
 
     Attributes
     ----------
-    time_s, x_m, y_m : float
-        Time [s]; position [m].
+    sample : Sample
+        Its position is known.
+    soc : float
+        State of charge: the sample's, or as estimated since the last one that had it.
     cursor : PlanCursor
         The stage being flown and the parameters in force.
     joined_m : (float, float)
         Point at which the stage was joined [m].
     stages_started : int
         Over the whole flight, the first included.
-    power_w : float or None
-        Measured power of motion and computations [W]; None without a reading.
-    soc : float
-        State of charge.
-    wind_mps : (float, float) or None
-        Measured wind, the vector that it blows towards [m/s].
-    velocity_mps : (float, float) or None
-        Ground velocity [m/s].
-    heading_rad : float or None
-        Heading of the nose, 0 east, counter-clockwise [rad].
     through_gap : bool
         Whether the start of the stage, or the end of the one before, may be unknown: neither is to be learned from.
-    airspeed_mps : float or None
-        Measured airspeed [m/s].
-    flies_mission : bool
-        Whether an autopilot flies a mission laid out before, so that its end is certain.
-    soc_measured : bool
-        Whether the charge is measured, and not estimated since.
     """
 
-    time_s: float
-    x_m: float
-    y_m: float
+    sample: Sample
+    soc: float
     cursor: PlanCursor
     joined_m: Point
     stages_started: int
-    power_w: float | None
-    soc: float
-    wind_mps: Point | None = None
-    velocity_mps: Point | None = None
-    heading_rad: float | None = None
     through_gap: bool = False
-    airspeed_mps: float | None = None
-    flies_mission: bool = False
-    soc_measured: bool = True
+
+    @property
+    def time_s(self) -> float:
+        """Time of the sample [s]."""
+        return self.sample.time_s
+
+    @property
+    def position_m(self) -> Point:
+        """Position [m]."""
+        assert self.sample.position_m is not None
+        return self.sample.position_m
 
     @property
     def stage(self) -> int:
@@ -150,7 +138,7 @@ class Observation(NamedTuple):
 class Readings(NamedTuple):
     """A batch of one or more consecutive sensor readings: position, power, charge, ground velocity, heading, airspeed.
 
-    Quantities are as in `Observation`, NaN where they are not measured.
+    Quantities are as in `Sample`, NaN where they are not measured.
     """
 
     times_s: Column

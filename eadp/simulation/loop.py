@@ -19,7 +19,7 @@ from eadp.models.battery import CUT_OFF
 from eadp.models.plan.cursor import Rules, Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.world import Step, World
-from eadp.planning.base import DecisionRecord, Observation, Readings
+from eadp.planning.base import DecisionRecord, Observation, Readings, Sample
 from eadp.planning.estimation.estimator import PowerEstimate
 from eadp.planning.flight import PlannedFlight
 from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, state_of
@@ -281,11 +281,12 @@ class _SensorBridge:
     def update(self, k: int, executor: PlanExecutor) -> None:
         """Update the planner with an observation after step `k`."""
         self.ingest(k - 1)
-        x, y, power_w, soc, vx, vy, heading = self._inner_loop.measured(k)
-        plan = executor.cursor, executor.joined_m, executor.stages_started
-        observation = Observation(k * self._step_s, x, y, *plan, power_w, soc, None, (vx, vy), heading)
+        x, y, true_w, soc, vx, vy, heading = self._inner_loop.measured(k)
+        power_w: float | None = true_w
         if not self._ideal:
-            observation = self._suite.observe(k, observation)
+            (x, y), power_w, soc = self._suite.measured(k, x, y, true_w, soc)
+        sample = Sample(k * self._step_s, x, y, power_w, soc, velocity_mps=(vx, vy), heading_rad=heading)
+        observation = Observation(sample, soc, executor.cursor, executor.joined_m, executor.stages_started)
         before, decision = self._flight.decision, self._flight.take(observation)
         if decision.record is not None and decision.record is not before.record:
             self._outcome.records.append(decision.record)
@@ -317,11 +318,8 @@ class _SensorBridge:
             columns = [numbers.tolist() for numbers in columns]
         steps, x, y, powers_w, charges, vx, vy, headings = columns
         if not self._ideal:
-            suite = self._suite
             for i, n in enumerate(map(int, steps)):
-                x[i], y[i] = suite.position_m(n, x[i], y[i])
-                powers_w[i] = suite.power_w(n, powers_w[i])
-                charges[i] = suite.soc(n, charges[i])
+                (x[i], y[i]), powers_w[i], charges[i] = self._suite.measured(n, x[i], y[i], powers_w[i], charges[i])
         step_s = self._step_s
         times_s: Any = steps * step_s if isinstance(steps, np.ndarray) else [n * step_s for n in steps]
         self._flight.take(Readings(times_s, x, y, powers_w, charges, vx, vy, headings, [math.nan] * len(times_s)))

@@ -1,11 +1,10 @@
-"""Simulated sensors: noise, delay and drop-outs between the true state and a planner's observation."""
+"""Simulated sensors: noise, delay and drop-outs between the true state and what is measured."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from eadp.models.sensors import Sensors
-from eadp.planning.base import Observation
 
 BATCH = 2000
 CHANNELS = 4
@@ -61,11 +60,11 @@ class SensorSuite:
         _, of_x, of_y, _ = self._row(step)
         return x_m + std_m * of_x, y_m + std_m * of_y
 
-    def observe(self, step: int, truth: Observation) -> Observation:
-        """The measurement of a true, delayed observation."""
-        assert truth.power_w is not None
-        x, y = self.position_m(step, truth.x_m, truth.y_m)
-        return truth._replace(x_m=x, y_m=y, power_w=self.power_w(step, truth.power_w), soc=self.soc(step, truth.soc))
+    def measured(
+        self, step: int, x_m: float, y_m: float, power_w: float, soc: float
+    ) -> tuple[tuple[float, float], float | None, float]:
+        """The measurement of a position [m], a power [W] and a state of charge."""
+        return self.position_m(step, x_m, y_m), self.power_w(step, power_w), self.soc(step, soc)
 
     def _row(self, step: int) -> list[float]:
         """Standard normal numbers of a step."""

@@ -254,7 +254,7 @@ def test_a_planner_sees_the_power_and_the_commanded_rate():
     rows = {row.time_s: row.power_w for row in fly(inputs.world, flight, outcome)}
     shared = [o for o in flight.planner.seen if o.time_s in rows]
     assert len(shared) > 10
-    assert all(o.parameters[1] == 10 and o.power_w == rows[o.time_s] for o in shared)
+    assert all(o.parameters[1] == 10 and o.sample.power_w == rows[o.time_s] for o in shared)
 
 
 def test_a_computation_that_runs_as_commanded_changes_no_byte(eadp, tmp_path):

@@ -7,24 +7,25 @@ import itertools
 import numpy as np
 import pytest
 
-from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import Text
-from eadp.models.plan.cursor import PlanCursor
 from eadp.models.sensors import Sensors
-from eadp.planning.base import Observation
 from eadp.simulation.sensors import SensorSuite
 
 STEP_S = 0.01
-CURSOR = PlanCursor.start(read_plan(Text("p", "0.1; 90; x\n0, 900\n"))[0], ())
 
 
 def truth(k):
-    return Observation(k * STEP_S, float(k), -float(k), CURSOR, (0.0, 0.0), 1, 30.0 + k, 0.5)
+    """Position, power and charge."""
+    return (float(k), -float(k)), 30.0 + k, 0.5
+
+
+def measured(suite, k):
+    (x_m, y_m), power_w, soc = truth(k)
+    return suite.measured(k, x_m, y_m, power_w, soc)
 
 
 def told(sensors, count, seed=0):
     suite = SensorSuite(sensors, STEP_S, np.random.default_rng(seed))
-    return [suite.observe(k, truth(k)) for k in range(1, count + 1)]
+    return [measured(suite, k) for k in range(1, count + 1)]
 
 
 def test_ideal_sensors_tell_the_truth():
@@ -40,8 +41,12 @@ def test_any_fault_is_no_ideal(key):
 def test_noise_has_the_size_that_is_said():
     n = 40_000
     seen = told(Sensors(power_noise_w=2.0, position_noise_m=0.7, soc_noise=0.01), n)
-    for name, std in (("power_w", 2.0), ("x_m", 0.7), ("y_m", 0.7), ("soc", 0.01)):
-        errors = np.array([getattr(o, name) - getattr(truth(k), name) for k, o in enumerate(seen, 1)])
+    for i, std in enumerate((0.7, 0.7, 2.0, 0.01)):
+        flat = [
+            ((*place, power_w, soc)[i], (*truth(k)[0], *truth(k)[1:])[i])
+            for k, (place, power_w, soc) in enumerate(seen, 1)
+        ]
+        errors = np.array([value - true for value, true in flat])
         assert abs(errors.mean()) < 4 * std / n**0.5
         assert errors.std() == pytest.approx(std, rel=4 / (2 * n) ** 0.5)
 
@@ -51,9 +56,9 @@ def test_what_is_told_of_a_step_does_not_depend_on_others_asked_of():
     every = told(sensors, 5000)
     suite = SensorSuite(sensors, STEP_S, np.random.default_rng(0))
     for k in (1, 7, 8, 1900, 2000, 2001, 2001, 4999):
-        assert suite.observe(k, truth(k)) == every[k - 1]
-        assert suite.power_w(k, 30.0 + k) == every[k - 1].power_w
-        assert suite.soc(k, 0.5) == every[k - 1].soc
+        assert measured(suite, k) == every[k - 1]
+        assert suite.power_w(k, 30.0 + k) == every[k - 1][1]
+        assert suite.soc(k, 0.5) == every[k - 1][2]
 
 
 @pytest.mark.parametrize("delay_s", [0.0, 0.05, 0.2])
@@ -72,7 +77,7 @@ def test_drop_outs_are_as_often_and_as_long_as_is_said(share, length_s):
 
 
 def test_readings_that_never_come():
-    assert all(o.power_w is None for o in told(Sensors(drop_out_share=1.0), 5000))
+    assert all(power_w is None for _, power_w, _ in told(Sensors(drop_out_share=1.0), 5000))
 
 
 def test_the_same_seed_tells_the_same():

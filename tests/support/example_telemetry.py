@@ -31,12 +31,12 @@ def example():
             continue
         yield {
             "time_s": round(o.time_s, 3),
-            "x_m": round(o.x_m, 2),
-            "y_m": round(o.y_m, 2),
-            "power_w": round(o.power_w, 2),
+            "x_m": round(o.position_m[0], 2),
+            "y_m": round(o.position_m[1], 2),
+            "power_w": round(o.sample.power_w, 2),
             "soc": round(o.soc, 5),
-            "velocity_mps": [round(value, 2) for value in o.velocity_mps],
-            "heading_deg": round(90 - math.degrees(o.heading_rad), 1) % 360,
+            "velocity_mps": [round(value, 2) for value in o.sample.velocity_mps],
+            "heading_deg": round(90 - math.degrees(o.sample.heading_rad), 1) % 360,
             "parameters": {name: round(value, 3) for name, value in zip(("c1", "c2"), o.parameters, strict=True)},
         }
 

@@ -137,7 +137,7 @@ class JointPlanner(Planner):
             self._losses = state.losses
             interval_s = 0.0 if self._often else self._own.max_interval_s
             self._next_s = max(next_multiple(o.time_s, self._settings.every_s), o.time_s + interval_s)
-            self._replan(o, state.known(o.time_s, (o.x_m, o.y_m)), JUMPED if jumped else NEW_STAGE if entered else TIME)
+            self._replan(o, state.known(o.time_s, o.position_m), JUMPED if jumped else NEW_STAGE if entered else TIME)
         return self._decision
 
     def hold(self, held: Mapping[int, float]) -> None:

@@ -19,7 +19,7 @@ from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.ground import GroundLog
 from eadp.models.plan.route import Route, RoutePredictor
-from eadp.planning.base import Mission, Observation, Readings
+from eadp.planning.base import Mission, Observation, Readings, Sample
 from eadp.planning.estimation.estimator import Estimator, EstimatorSettings, PowerEstimate
 from eadp.planning.state.charge import MAX_STEP_S, ChargeFilter, DrainModel
 from eadp.planning.state.climb import ClimbFollower
@@ -120,7 +120,7 @@ class FlightState:
         for each in self._queue.to_filter():
             if isinstance(each, Seen):
                 if each.is_reading:
-                    readings = _with_reading(readings, each.observation)
+                    readings = _with_reading(readings, each.observation.sample)
                 if readings is not None:
                     self._read(readings)
                 self._locate(each)
@@ -144,10 +144,10 @@ class FlightState:
             self._start_stage(o, seen.stages_before)
         elif (o.cursor.parameters, o.cursor.decided) != (place.cursor.parameters, place.cursor.decided):
             self._ground.hold(o.time_s, o.cursor, o.parameters)
-        place.cursor, place.flies_mission = o.cursor, o.flies_mission
+        place.cursor, place.flies_mission = o.cursor, o.sample.flies_mission
         place.computing_w = seen.powers.computing_w
-        if o.wind_mps is not None:
-            self._measured_wind = o.wind_mps, o.time_s + MEASURED_WIND_S
+        if o.sample.wind_mps is not None:
+            self._measured_wind = o.sample.wind_mps, o.time_s + MEASURED_WIND_S
 
     def _start_stage(self, o: Observation, stages_before: int) -> None:
         """A stage has started: the leg before shows how long legs take, unless it was flown only in part."""
@@ -393,13 +393,13 @@ class _Place:
             self.reach_std_m = min(max(std_m, NAVIGATION_M[0]), NAVIGATION_M[1])
 
 
-def _with_reading(before: Readings | None, o: Observation) -> Readings:
-    """Readings, and an observation as one more."""
-    vx, vy = (math.nan, math.nan) if o.velocity_mps is None or o.wind_mps is not None else o.velocity_mps
-    soc = o.soc if o.soc_measured else math.nan
-    rest = ([math.nan if value is None else value] for value in (soc, vx, vy, o.heading_rad, o.airspeed_mps))
-    own = Readings([o.time_s], [o.x_m], [o.y_m], [o.power_w], *rest)
-    if before is None or before.times_s[-1] >= o.time_s:
+def _with_reading(before: Readings | None, sample: Sample) -> Readings:
+    """Readings, and a sample as one more."""
+    vx, vy = (None, None) if sample.velocity_mps is None or sample.wind_mps is not None else sample.velocity_mps
+    place = _numbers([sample.time_s]), _numbers([sample.x_m]), _numbers([sample.y_m])
+    rest = (_numbers([value]) for value in (sample.soc, vx, vy, sample.heading_rad, sample.airspeed_mps))
+    own = Readings(*place, [sample.power_w], *rest)  # no power, and not a number, are not the same
+    if before is None or before.times_s[-1] >= sample.time_s:
         return own if before is None else before
     return Readings(*(np.append(_numbers(old), _numbers(new)) for old, new in zip(before, own, strict=True)))
 

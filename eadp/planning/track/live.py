@@ -186,14 +186,7 @@ class LiveFlight:
         if tracker.complete:
             ending = Ending(remaining_s=0.0, soc_end=soc, soc_end_std=0.0, completes_probability=1.0)
             return None if was_complete else self._advice(sample, COMPLETED, sample.wind_mps, ending)
-        observation = tracker.observation(time_s, position, soc)._replace(
-            power_w=sample.power_w,
-            wind_mps=sample.wind_mps,
-            velocity_mps=to.velocity_mps,
-            heading_rad=sample.heading_rad,
-            airspeed_mps=sample.airspeed_mps,
-            soc_measured=sample.soc is not None,
-        )
+        observation = tracker.observation(to, position, soc)
         self._update_planner(flight, observation)
         now = flight.decision
         replanned = now.record is not before.record or now[:2] != before[:2]
@@ -261,8 +254,9 @@ class LiveFlight:
         t0, soc0 = self._last
 
         def started(time_s: float, position: Point, part: float) -> None:
-            at = self._tracker.observation(max(time_s, t0), position, soc0 + part * (soc - soc0))
-            self._update_planner(flight, at._replace(soc_measured=measured))
+            soc_then = soc0 + part * (soc - soc0)
+            at = Sample(max(time_s, t0), *position, None, soc_then if measured else None)
+            self._update_planner(flight, self._tracker.observation(at, position, soc_then))
 
         return self._tracker.track(to, t0, flight.state.wind_mps, started)
 
@@ -291,7 +285,7 @@ class LiveFlight:
         if now.parameters != before.parameters:
             self._messages.reasons.append(now.reason)
         if now.parameters is not before.parameters:
-            self._tracker.decide(now.parameters, (observation.x_m, observation.y_m))
+            self._tracker.decide(now.parameters, observation.position_m)
 
     # --- advice
 
@@ -310,7 +304,7 @@ class LiveFlight:
     def _forecast(self, state: FlightState, parameters: Vector) -> Ending | None:
         """The end of the plan at parameters that are held; None where it is unknown."""
         with contextlib.suppress(EadpError):
-            return self._held.at(state.known(state.now.time_s, (state.now.x_m, state.now.y_m)), parameters)
+            return self._held.at(state.known(state.now.time_s, state.now.position_m), parameters)
         return None
 
     def _unknown(self, sample: Sample, time_s: float) -> Advice | None:

@@ -100,13 +100,12 @@ class PlanTracker:
         undecided = self.acquisition is not None or (self.end_uncertain and not self.complete)
         return self.lost or self.locator.uncertain or undecided
 
-    def observation(self, time_s: float, position: Point, soc: float) -> Observation:
-        """What is known at any time, between two samples as well."""
-        executor = self.executor
-        joined_m, started = executor.joined_m, executor.stages_started
+    def observation(self, sample: Sample, position: Point, soc: float) -> Observation:
+        """A sample at a position and a state of charge, which it may not have measured, in the plan."""
+        executor, (x_m, y_m) = self.executor, position
+        at = sample._replace(x_m=x_m, y_m=y_m, flies_mission=self.flies_mission)
         gap = self.locator.through_gap
-        at = Observation(time_s, *position, executor.cursor, joined_m, started, None, soc, through_gap=gap)
-        return at._replace(flies_mission=self.flies_mission)
+        return Observation(at, soc, executor.cursor, executor.joined_m, executor.stages_started, gap)
 
     # --- stage and lap
 

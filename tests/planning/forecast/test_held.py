@@ -46,7 +46,7 @@ class Following(Planner):
         o, decision = state.now, super().update(state)
         if self._moments_s and o.time_s >= self._moments_s[0]:
             self._moments_s.pop(0)
-            known = state.known(o.time_s, (o.x_m, o.y_m))
+            known = state.known(o.time_s, o.position_m)
             found = self.held.evaluation(known, self._mission.parameters)
             forecast = found.forecast(0, found.filled())
             assert forecast == self.held.at(known, self._mission.parameters)

@@ -15,7 +15,7 @@ from eadp.models.plan.cursor import Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.route import RoutePredictor
 from eadp.models.profile import Profile
-from eadp.planning.base import Mission, Observation, PlannerSettings
+from eadp.planning.base import Mission, Observation, PlannerSettings, Sample
 from eadp.planning.forecast.held import margin_m
 from eadp.planning.joint.planner import JointPlanner
 
@@ -131,7 +131,7 @@ def test_a_decision_that_comes_too_late_for_its_stage_does_not_stay_in_the_route
 
     def seen(time_s, x_m, y_m, soc):
         joined_m, started = executor.joined_m, executor.stages_started
-        return Observation(time_s, x_m, y_m, executor.cursor, joined_m, started, 46.0, soc)
+        return Observation(Sample(time_s, x_m, y_m, 46.0, soc), soc, executor.cursor, joined_m, started)
 
     for k in range(1, 31):
         if k in (10, 20):

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from common import ROOT, few
-from common.observations import Piloted, observation
+from common.observations import Piloted, measured, observation
 from common.recorder import Recorder, watched
 
 from eadp.api.flight import record_row
@@ -329,7 +329,7 @@ def test_a_gauge_that_is_stuck_is_warned_of(stuck):
         return max(soc, held) if stuck else soc
 
     state.ingest = lambda r: ingest(r._replace(charges=[shown(soc) for soc in r.charges]))
-    state.observe = lambda o: observe(o._replace(soc=shown(o.soc)))
+    state.observe = lambda o: observe(measured(o, soc=shown(o.soc)))
     for _ in fly(inputs.world, flight, outcome):
         pass
     last = outcome.records[-1]

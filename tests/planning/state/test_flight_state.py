@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from common.forecasts import plan_inputs, survey_inputs
+from common.observations import measured
 
 from eadp.api.inputs import load_flight
 from eadp.planning.base import Observation, Readings
@@ -78,7 +79,7 @@ def numbers(known):
 
 def known_at_end(state, taken):
     last = next(each for each in reversed(taken) if isinstance(each, Observation))
-    return state.known(time_of(taken[-1]), (last.x_m, last.y_m))
+    return state.known(time_of(taken[-1]), last.position_m)
 
 
 @pytest.mark.parametrize("faults", [False, True])
@@ -207,7 +208,7 @@ def test_time_since_the_stage_was_joined_is_of_the_flight():
             state.ingest(each)
             continue
         state.observe(each)
-        known = state.known(each.time_s, (each.x_m, each.y_m))
+        known = state.known(each.time_s, each.position_m)
         assert known.since_s == pytest.approx(starts[each.stages_started - 1], abs=0.06)
         assert (known.cursor, known.stages_started) == (each.cursor, each.stages_started)
         assert known.joined_m == each.joined_m
@@ -245,7 +246,7 @@ def test_what_is_not_measured_is_left_out(names):
 def test_without_any_power_the_airframes_stays():
     inputs, taken, *_ = survey_flight()
     blind = [
-        each._replace(power_w=None)
+        measured(each, power_w=None)
         if isinstance(each, Observation)
         else each._replace(powers_w=np.full(len(each.times_s), math.nan))
         for each in taken
@@ -288,26 +289,26 @@ def test_an_observation_sooner_than_a_reading_is_due_is_none():
     one = observations[3]
     state = FlightState(inputs.mission, {}, replace(inputs.scenario.estimator, every_s=0.5))
     state.observe(one)
-    before = state.known(one.time_s, (one.x_m, one.y_m))
-    state.observe(one._replace(time_s=one.time_s + 0.2, power_w=500.0, soc=0.2))
-    after = state.known(one.time_s, (one.x_m, one.y_m))
+    before = state.known(one.time_s, one.position_m)
+    state.observe(measured(one, time_s=one.time_s + 0.2, power_w=500.0, soc=0.2))
+    after = state.known(one.time_s, one.position_m)
     assert (after.charge, after.motion, after.wind) == (before.charge, before.motion, before.wind)
-    state.observe(one._replace(time_s=one.time_s + 0.5, soc=one.soc - 0.001))
-    assert state.known(one.time_s, (one.x_m, one.y_m)).charge != before.charge
+    state.observe(measured(one, time_s=one.time_s + 0.5, soc=one.soc - 0.001))
+    assert state.known(one.time_s, one.position_m).charge != before.charge
 
 
 def test_a_measured_wind_is_used_for_a_while():
     inputs, taken, *_ = survey_flight()
     one = next(each for each in taken if isinstance(each, Observation))
     state = FlightState(inputs.mission)
-    state.observe(one._replace(wind_mps=(2.0, -1.0)))
+    state.observe(measured(one, wind_mps=(2.0, -1.0)))
     assert state.wind_mps == (2.0, -1.0)
     known = state.known(one.time_s, (0.0, 0.0))
     assert known.wind == ((2.0, -1.0), (0.0, 0.0, 0.0))
-    later = one._replace(velocity_mps=None, heading_rad=None)
-    state.observe(later._replace(time_s=one.time_s + module.MEASURED_WIND_S - 1))
+    later = measured(one, velocity_mps=None, heading_rad=None)
+    state.observe(measured(later, time_s=one.time_s + module.MEASURED_WIND_S - 1))
     assert state.wind_mps == (2.0, -1.0)
-    state.observe(later._replace(time_s=one.time_s + module.MEASURED_WIND_S + 1))
+    state.observe(measured(later, time_s=one.time_s + module.MEASURED_WIND_S + 1))
     assert state.wind_mps != (2.0, -1.0)
     assert state.known(0.0, (0.0, 0.0)).wind.covariance != (0.0, 0.0, 0.0)
 
@@ -351,7 +352,7 @@ def test_altitudes_are_followed_and_their_power_is_not_that_of_level_flight(tmp_
     for each in taken:
         if isinstance(each, Observation):
             state.observe(each)
-            known = state.known(each.time_s, (each.x_m, each.y_m))
+            known = state.known(each.time_s, each.position_m)
             errors.append(known.climb.altitude_m - altitude_at.get(round(each.time_s, 2), known.climb.altitude_m))
         else:
             state.ingest(each)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from common import ROOT
+from common.observations import measured
 
 from eadp.api.inputs import load_flight
 from eadp.core import compiled
@@ -69,7 +70,7 @@ def corrupt(state, false_w):
         ingest(readings._replace(powers_w=powers_w))
 
     state.ingest = corrupted
-    state.observe = lambda o: observe(o._replace(power_w=false_w(o.time_s, o.power_w)))
+    state.observe = lambda o: observe(measured(o, power_w=false_w(o.time_s, o.sample.power_w)))
 
 
 def quality(false_w):

@@ -63,8 +63,8 @@ def samples(seen, every, shift_s=0.0, keys=()):
     """Every so many observations and the last one, as telemetry with some of its optional keys."""
     for k, o in enumerate(seen, 1):
         if k % every == 0 or k == len(seen):
-            sample = Sample(o.time_s + shift_s, o.x_m, o.y_m, o.power_w, o.soc)
-            yield sample._replace(**{key: getattr(o, key) for key in keys})
+            sample = Sample(o.time_s + shift_s, *o.position_m, o.sample.power_w, o.soc)
+            yield sample._replace(**{key: getattr(o.sample, key) for key in keys})
 
 
 def changes(pairs):
@@ -349,7 +349,7 @@ def test_an_aircraft_that_starts_a_stage_a_second_before_positions_show_it(recor
     ahead = 0
     for o, later in itertools.pairwise(recorder.seen[99::100]):
         reported = dict(zip(inputs.mission.plan.names, later.parameters, strict=True))
-        advice, _ = flight.update(Sample(o.time_s, o.x_m, o.y_m, o.power_w, o.soc, parameters=reported))
+        advice, _ = flight.update(Sample(o.time_s, *o.position_m, o.sample.power_w, o.soc, parameters=reported))
         ahead += o.parameters[0] != later.parameters[0]
         assert advice.stage == o.stage
         assert advice.in_force["c1"] == o.parameters[0]

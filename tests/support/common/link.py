@@ -150,12 +150,12 @@ class Autopilot:
     def _line(self, o: Observation) -> Line:
         line: Line = {
             "time_s": round(o.time_s, 3),
-            "x_m": round(o.x_m, 2),
-            "y_m": round(o.y_m, 2),
-            "power_w": round(o.power_w or 0.0, 2),
+            "x_m": round(o.position_m[0], 2),
+            "y_m": round(o.position_m[1], 2),
+            "power_w": round(o.sample.power_w or 0.0, 2),
             "soc": round(o.soc, 5),
-            "velocity_mps": [round(value, 2) for value in o.velocity_mps or ()],
-            "heading_deg": round(90 - math.degrees(o.heading_rad or 0.0), 1) % 360,
+            "velocity_mps": [round(value, 2) for value in o.sample.velocity_mps or ()],
+            "heading_deg": round(90 - math.degrees(o.sample.heading_rad or 0.0), 1) % 360,
             "parameters": dict(zip(self.inputs.world.plan.names, o.parameters, strict=True)),
         }
         keys = self.keys or tuple(line)

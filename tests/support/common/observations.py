@@ -10,12 +10,18 @@ from eadp.planning.flight import PlannedFlight
 from eadp.planning.state.flight_state import FlightState
 
 
-def observation(plan, parameters, time_s, x_m, y_m, *, started=1, power_w=46.0, soc=1.0, **more):
+def observation(plan, parameters, time_s, x_m, y_m, *, started=1, power_w=46.0, soc=1.0, through_gap=False, **more):
     """What is known after so many stages have started, flown at fixed parameters."""
     cursor, joined_m = PlanCursor.start(plan, parameters), (x_m, y_m)
     for _ in range(started - 1):
         cursor, joined_m = cursor.next(), cursor.trigger_m()
-    return Observation(time_s, x_m, y_m, cursor, joined_m, started, power_w, soc, **more)
+    return Observation(Sample(time_s, x_m, y_m, power_w, soc, **more), soc, cursor, joined_m, started, through_gap)
+
+
+def measured(o, **changes):
+    """An observation whose sample has other measurements."""
+    sample = o.sample._replace(**changes)
+    return o._replace(sample=sample, soc=sample.soc)
 
 
 def seen_at(time_s, position_m, course_rad=None, stage=None, stages_started=None):
