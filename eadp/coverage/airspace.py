@@ -20,7 +20,7 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.dubins import Piece, Pose, ordered, polyline_m
 from eadp.core.geometry.polygons import FreeSpace
-from eadp.coverage.line_order import best_order
+from eadp.coverage.line_order import best_order, quick_order
 from eadp.coverage.swaths import MIN_LINE_M, CoverageLeg, MotionLimits, half_circle, straight
 from eadp.errors import Infeasible
 
@@ -141,10 +141,14 @@ def free_order(directed: Sequence[CoverageLeg], costs: LineCosts, turns: FreeTur
     # a turn that is not free, above any sum of those that are
     blocked_s = 1e3 * (float(between.max()) + float(own.sum()) + 1)
     checked: set[tuple[int, int]] = set()
+    solve = quick_order  # until all turns of its orders are checked: most of what is checked is found so
     for _ in range(MAX_ORDERS):
-        order, time_s = best_order(between, own, first, last)
+        order, time_s = solve(between, own, first, last)
         used = set(itertools.pairwise(order)) - checked
-        if time_s >= blocked_s:
+        if not used and solve is quick_order:
+            solve = best_order
+            continue
+        if time_s >= blocked_s and solve is best_order:
             break
         if not used:
             return order, time_s

@@ -10,6 +10,7 @@ Source: letter, Sec. IV-A; Dubins 1957 for the turns between lines.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -291,7 +292,7 @@ def _solution(
     request: CoverageRequest, pattern: str, heading_rad: float, parts: Sequence[CoverageLeg | Block]
 ) -> CoverageSolution:
     """Lines or blocks in order, connected from the start point to home by the quickest turns, and timed."""
-    turns = None if request.space is None else FreeTurns(request.space, request.motion)
+    turns = None if request.space is None else _free_turns(request.space, request.motion)
     sections: list[CoverageLeg | Block] = []
     previous: Pose | None = None
     for part in parts:
@@ -474,11 +475,17 @@ def _free_in_order(
     failure = Infeasible("no line of the field has room for a turn out of the obstacles and inside the boundary")
     for _, _, heading, directed, costs in candidates[:FREE_HEADINGS_TRIED]:
         try:
-            order, _ = free_order(directed, costs, FreeTurns(space, request.motion))
+            order, _ = free_order(directed, costs, _free_turns(space, request.motion))
             return _solution(request, DUBINS, heading, [directed[i] for i in order])
         except Infeasible as error:
             failure = error
     raise failure
+
+
+@functools.lru_cache(maxsize=4)
+def _free_turns(space: FreeSpace, motion: MotionLimits) -> FreeTurns:
+    """The same for the parts of a field, whose lines have many turns in common."""
+    return FreeTurns(space, motion)
 
 
 def _lines_at(request: CoverageRequest, heading: float) -> Iterator[list[CoverageLeg]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -75,6 +76,7 @@ class Airspace(NamedTuple):
         high = [each for each in self.obstacles if each.height_m is None or each.height_m > altitude_m]
         return Airspace(tuple(high), self.boundary)
 
+    @functools.lru_cache(maxsize=16)  # noqa: B019
     def free_space(self, clear_m: float) -> FreeSpace:
         """Where a path may lie, a distance from obstacles and the boundary [m]."""
         from eadp.core.geometry.polygons import FreeSpace

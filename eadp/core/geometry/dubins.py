@@ -9,6 +9,7 @@ Autonomous Systems 34 (2001), for working them out one by one. The formulae are 
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -141,12 +142,17 @@ ARC_STEP_RAD = math.radians(5)
 
 def polyline_m(pieces: Sequence[Piece]) -> FloatArray:
     """Points along pieces, close enough on arcs; shape (n, 2) [m]."""
-    points = [pieces[0].start[:2]]
+    points = [np.array([pieces[0].start[:2]])]
     for piece in pieces:
-        steps = max(1, math.ceil(piece.length_m / (piece.radius_m * ARC_STEP_RAD))) if piece.turn else 1
-        points += [piece.pose_at(piece.length_m * k / steps)[:2] for k in range(1, steps)]
-        points.append(piece.end[:2])
-    return np.array(points)
+        if piece.turn:
+            (x, y, heading), left_m = piece.start, piece.turn * piece.radius_m
+            steps = max(1, math.ceil(piece.length_m / (piece.radius_m * ARC_STEP_RAD)))
+            courses = heading + piece.length_m / left_m * np.arange(1, steps) / steps
+            # x + ∫ cos χ ds, y + ∫ sin χ ds, with dχ = ds/R
+            x_m, y_m = np.sin(courses) - math.sin(heading), math.cos(heading) - np.cos(courses)
+            points.append(np.column_stack((x + left_m * x_m, y + left_m * y_m)))
+        points.append(np.array([piece.end[:2]]))
+    return np.concatenate(points)
 
 
 def ways_to_point(start: Pose, point_m: Point, radius_m: float) -> list[tuple[Piece, ...]]:
@@ -237,15 +243,17 @@ def flight_time_s(path: DubinsPath | Sequence[Piece], airspeed_mps: float, wind_
     Source: the wind triangle, see `times_s`.
     """
     pace = _Pace.in_wind(airspeed_mps, wind_mps)
+    pieces = path.pieces if isinstance(path, DubinsPath) else path
+    straight = [(piece.start[2], piece.length_m) for piece in pieces if not piece.turn]
+    arcs = [(piece.start[2], piece.length_m, piece.turn * piece.radius_m) for piece in pieces if piece.turn]
     total = 0.0
-    for piece in path.pieces if isinstance(path, DubinsPath) else path:
-        heading = np.array([piece.start[2]])
-        if piece.turn == 0:
-            total += piece.length_m * float(pace.straight(heading)[0])
-            continue
-        sweep = piece.length_m / piece.radius_m
-        rest = piece.turn * (pace.rest(heading + piece.turn * sweep) - pace.rest(heading))
-        total += piece.radius_m * (pace.mean * sweep + float(rest[0]))
+    if straight:
+        courses, lengths_m = np.array(straight).T
+        total += float(lengths_m @ pace.straight(courses))
+    if arcs:
+        courses, lengths_m, left_m = np.array(arcs).T
+        rest = pace.rest(courses + lengths_m / left_m) - pace.rest(courses)
+        total += pace.mean * float(lengths_m.sum()) + float(left_m @ rest)
     return total
 
 
@@ -312,6 +320,7 @@ class _Pace:
     """Coefficients of sin 2kφ in the integral, φ the course from the wind's direction, k = 1, 2, …"""
 
     @classmethod
+    @functools.lru_cache(maxsize=16)
     def in_wind(cls, airspeed_mps: float, wind_mps: Point) -> _Pace:
         wind = math.hypot(*wind_mps)
         if not wind < airspeed_mps:
