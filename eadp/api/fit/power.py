@@ -294,7 +294,18 @@ def fit_power(
 
     Raises
     ------
+    InputError
+        If the samples are no numbers, not finite, or not in order.
     Infeasible
-        If the samples are too few, not finite, or not in order.
+        If they are too few.
     """
+    expected = "two arrays of as many finite numbers, the times increasing"
+    try:
+        times, power = np.asarray(times_s, dtype=float), np.asarray(power_w, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError.at("times_s, power_w", 1, 1, str(error), expected) from None
+    if times.ndim != 1 or times.shape != power.shape:
+        raise InputError.at("times_s, power_w", 1, 1, f"of shapes {times.shape} and {power.shape}", expected)
+    if not np.isfinite([times, power]).all() or (np.diff(times) <= 0).any():
+        raise InputError.at("times_s, power_w", 1, 1, "not finite, or not in order", expected)
     return fit_energy(times_s, power_w, order=order, period_prior_s=period_prior_s, keep_spikes=keep_spikes)
