@@ -5,6 +5,7 @@ in `__init__.pyi`.
 """
 
 import importlib
+from types import FunctionType
 from typing import Any
 
 __version__ = "0.1.0"
@@ -42,7 +43,11 @@ __all__ = sorted(_MODULE_OF)
 def __getattr__(name: str) -> Any:
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(_MODULE_OF[name]), name)
+    found = getattr(importlib.import_module(_MODULE_OF[name]), name)
+    if isinstance(found, FunctionType):
+        found = importlib.import_module("eadp.api.public").public(found)
+    globals()[name] = found
+    return found
 
 
 def __dir__() -> list[str]:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 
 class EadpError(Exception):
-    """The root of the tree above."""
+    """What eadp raises on purpose: the base of `InputError`, `Infeasible` and all its other errors."""
 
 
 def printable(text: str, limit: int = 200) -> str:
@@ -87,6 +87,9 @@ class InputError(EadpError):
     def __init__(self, *faults: Fault) -> None:
         self.faults: Sequence[Fault] = first_faults(faults)
         super().__init__("\n".join(str(fault) for fault in self.faults))
+
+    def __reduce__(self) -> tuple[type[InputError], tuple[Fault, ...]]:
+        return type(self), tuple(self.faults)
 
     @classmethod
     def at(cls, file: str, line: int, column: int, message: str, expected: str = "", source: str = "") -> InputError:

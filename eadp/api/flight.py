@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.figures.flight import write_flight_figure
 from eadp.io.flight.coverage import flown_coverage, flown_of_plan
 from eadp.io.flight.estimate import estimate_rows
+from eadp.io.text.frames import AnyTable, frame, html_table
 from eadp.io.text.streams import new_folder
 from eadp.models.plan.stage import PATH
 from eadp.models.world import Step, World
@@ -214,11 +215,28 @@ class Flight:
     overrides: Sequence[str] = ()
     estimates: Sequence[PowerEstimate] = ()
 
-    def table(self) -> Any:
-        """`columns` as a table of pandas, polars or Arrow, whichever is installed; else a dict of lists."""
-        from eadp.io.text.frames import frame
+    def table(self, of: Literal["steps", "decisions", "estimates"] = "steps") -> AnyTable:
+        """A table of pandas, polars or Arrow, whichever is installed; else a dict of lists.
 
-        return frame(self.columns)
+        Of steps, `columns`, and each parameter with a name under it, as people read it: c1 as spacing, c2 as fps. Of
+        decisions and estimates, the keys of `decisions.jsonl` and the columns of `estimate.csv`.
+        """
+        world = self.inputs.world
+        if of == "decisions":
+            rows = [record_row(record, world.plan.names) for record in self.decisions]
+            for row in rows:
+                row |= row.pop("parameters")
+            return frame({key: [row[key] for row in rows] for key in (rows[0] if rows else ())})
+        if of == "estimates":
+            head, *lines = estimate_rows(self.steps, self.estimates, world.battery) if self.estimates else [()]
+            values = zip(*lines, strict=True) if lines else [()] * len(head)
+            cells = ([None if cell == "" else cell for cell in column] for column in values)
+            return frame(dict(zip(map(str, head), cells, strict=True)))
+        columns: dict[str, Any] = {**self.columns, "stage": self.columns["stage"].astype(int)}
+        for parameter in world.plan.parameters:
+            if parameter.title:
+                columns[parameter.title] = [parameter.shown(value) for value in self.lists[parameter.name]]
+        return frame(columns)
 
     def __repr__(self) -> str:
         """One line, not the log."""
@@ -226,7 +244,6 @@ class Flight:
 
     def _repr_html_(self) -> str:
         from eadp.io.report.words import flight_facts
-        from eadp.io.text.frames import html_table
 
         return html_table([("flight", ", ".join(self._words)), *flight_facts(self.summary)])
 

@@ -149,6 +149,9 @@ def _print(document: dict[str, Any], text: str, file: str, warnings: list[Fault]
 
 def _text(fit: LogFit) -> str:
     model = fit.fitted.model
+    low_s, high_s = fit.fitted.spectrum.range_s
+    constant = math.isnan(fit.fitted.spectrum.period_s)
+    searched = "" if constant else f"; periods of {low_s:.4g} s to {high_s:.4g} s searched"
     head = [f"no period: {_refusal(fit)}"]
     label = "std dev"
     if model.period_s is not None:
@@ -161,7 +164,7 @@ def _text(fit: LogFit) -> str:
         f"mean     {_with_std(model.mean_w, model.mean_std_w or 0.0)} W",
         f"{label:<8} {model.noise_std_w:.3g} W{noise}",
         *([f"R²       {model.cv_r2:.4f} cross-validated"] if model.periodic else []),
-        f"samples  {model.samples} over {model.span_s:.6g} s",
+        f"samples  {model.samples} over {model.span_s:.6g} s{searched}",
     ]
     return "\n".join([*lines, *_left_out(fit.counts), *_terms(model)])
 
@@ -207,6 +210,11 @@ def _with_std(value: float, std: float) -> str:
 
 def _refusal(fit: LogFit) -> str:
     """The reason why there is no period."""
+    drift = "" if fit.part_s is None else f"; the middle third has {fit.part_s:.4g} s: it may drift"
+    return _best(fit) + drift
+
+
+def _best(fit: LogFit) -> str:
     from eadp.core.signals.spectrum import MAX_CHANCE, MIN_CV_R2, MIN_PERIODS
 
     spectrum = fit.fitted.spectrum

@@ -5,9 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import statistics
 import sys
-import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -111,6 +109,7 @@ def command(
     from eadp.io.report.page import check_page
     from eadp.io.scenario.scenario_file import read_overrides
     from eadp.io.sweep.results import Results
+    from eadp.io.sweep.statistics import totals
     from eadp.io.text.streams import output_file, read_text, write_text
     from eadp.models.sweep import shard as part_of
 
@@ -139,6 +138,10 @@ def command(
         if out is not None:
             write_report(out, keep=options.keep)
         flights = sweep.flights(indices, results.rows())
+        whole = totals(flights)
+        if whole.distinct < whole.flights:
+            few = f"{whole.flights} flights are {whole.distinct} distinct ones"
+            sys.stderr.write(f"sweep: warning: {few}: seeds change nothing where wind and sensors have no noise\n")
         if output.junit is not None:
             write_text(output.junit, sweep_text.junit_text(sweep, flights, require or "completed"))
         if output.format == "jsonl" and table is None:
@@ -253,29 +256,34 @@ class _SweepProgress(Progress):
         self._failed = 0
         self._total = total
         self._workers = workers
-        self._took_s: list[float] = []
-        self._start_s = time.monotonic()
+        self._took_s = 0.0
 
     def add(self, result: Result) -> None:
         """Count one more run."""
         self.done += 1
         self._failed += result.error is not None
         first = max(FIRST_RUNS, self._workers)
-        if self.done <= first:
-            self._took_s.append(result.took_s)
+        self._took_s += result.took_s
         if self.done == first:
             self._estimate()
-        left_s = (time.monotonic() - self._start_s) / self.done * (self._total - self.done)
         failed = f", {self._failed} could not be made" if self._failed else ""
-        self.show(f"{self.done} of {self._total} runs{failed}, {_time_text(left_s)} left")
+        self.show(f"{self.done} of {self._total} runs{failed}, {_time_text(self.left_s)} left")
+
+    @property
+    def left_s(self) -> float:
+        """Time of the other runs, by the mean of those made [s]: the start of the workers is in none."""
+        left = self._total - self.done
+        return self._took_s / self.done * left / max(1, min(self._workers, left))
 
     def _estimate(self) -> None:
         """Print the time of the other runs, estimated from the first, which are distributed over the sweep."""
-        run_s, left = statistics.fmean(self._took_s), self._total - self.done
-        left_s = run_s * left / self._workers
-        if left_s >= MIN_ESTIMATE_S:
-            times = f"{run_s:.2g} s each, {self._workers} at a time"
-            sys.stderr.write(f"sweep: {left} more runs take about {_time_text(left_s)} ({times})\n")
+        from eadp.core import compiled
+
+        if self.left_s >= MIN_ESTIMATE_S:
+            left, times = self._total - self.done, f"{self._took_s / self.done:.2g} s each, {self._workers} at a time"
+            sys.stderr.write(f"sweep: {left} more runs take about {_time_text(self.left_s)} ({times})\n")
+            if compiled.why_off() == compiled.NOT_INSTALLED:
+                sys.stderr.write("sweep: pip install 'eadp[fast]' compiles flights, which takes a fraction of that\n")
             sys.stderr.flush()
 
 

@@ -19,6 +19,7 @@ from eadp.io.sweep.statistics import (
     Group,
     SweepFlight,
     Table,
+    distinct,
     label_of,
     marginal,
     table,
@@ -143,7 +144,10 @@ def print_answer(sweep: Sweep, all_flights: Sequence[SweepFlight], out: str | No
     if whole.interval is not None:
         low, high = (_percent(end) for end in whole.interval)
         share = _percent(whole.completed / whole.flights)
-        lines.append(f"completed  {whole.completed} of {whole.flights}: {share} % (95 % interval {low} to {high} %)")
+        of = "" if whole.distinct == whole.flights else f" of {whole.distinct} distinct flights"
+        lines.append(
+            f"completed  {whole.completed} of {whole.flights}: {share} % (95 % interval{of} {low} to {high} %)"
+        )
     lines += _batteries(all_flights)
     if out is not None:
         lines.append(f"results    {printable(out)}, {printable(page_of(out).name)}")
@@ -159,12 +163,13 @@ def _batteries(all_flights: Sequence[SweepFlight]) -> list[str]:
     made = [flight for flight in all_flights if flight.batteries is not None]
     if all(flight.batteries == 1 for flight in made):
         return []
-    done = Counter(flight.batteries for flight in made if flight.completed and flight.reserve_kept)
+    own = distinct(made)
+    done = Counter(flight.batteries for flight in own if flight.completed and flight.reserve_kept)
     lines, so_far = [], 0
     for count in sorted(filter(None, done)):
         so_far += done[count]
-        low, high = (_percent(end) for end in wilson_interval(so_far, len(made)))
-        share = _percent(so_far / len(made))
+        low, high = (_percent(end) for end in wilson_interval(so_far, len(own)))
+        share = _percent(so_far / len(own))
         lines.append(f"batteries  {count}: the job is done, with all reserves kept, in {share} % ({low} to {high} %)")
     return lines or ["batteries  no job is done with all reserves kept"]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import pickle
 import subprocess
 import sys
 import warnings
@@ -26,6 +27,7 @@ PUBLIC = {
     "forecast", "read_mission", "read_plan", "read_profile", "report", "simulate", "sweep", "vehicle",
 }  # fmt: skip
 PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
+FIELD = str(ROOT / "plans/meadow.geojson")
 SHORT = {"time_limit_s": 20, "step_s": 0.05}
 
 
@@ -38,6 +40,61 @@ def test_the_public_names_are_these():
     assert set(json.loads(stub.partition("__all__ = ")[2].replace(",\n]", "\n]"))) == PUBLIC
     with pytest.raises(AttributeError, match="no attribute 'nosuch'"):
         _ = library.nosuch
+
+
+def test_a_flight_and_the_functions_can_be_pickled():
+    flight = library.simulate(PLAN, SCENARIO, overrides=SHORT)
+    copied = pickle.loads(pickle.dumps(flight))
+    assert (copied.summary, copied.steps) == (flight.summary, flight.steps)
+    assert copied.inputs.scenario.planner == flight.inputs.scenario.planner
+    assert pickle.loads(pickle.dumps(library.simulate)) is library.simulate
+    with pytest.raises(library.InputError) as caught:
+        library.read_plan("nosuch")
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+
+
+def test_tables_have_what_people_read():
+    flight = library.simulate(PLAN, SCENARIO, overrides=SHORT)
+    steps, decisions, estimates = (flight.table(of) for of in ("steps", "decisions", "estimates"))
+    spacing = flight.inputs.world.plan.parameters[0]
+    assert [spacing.shown(value) for value in flight.columns["c1"].tolist()] == list(steps["spacing"])
+    assert list(steps["fps"]) == list(steps["c2"])
+    assert np.asarray(steps["stage"]).dtype.kind == "i"
+    assert list(decisions["time_s"]) == [record.time_s for record in flight.decisions]
+    assert {"c1", "reason", "soc_end"} <= set(decisions)
+    assert list(estimates["time_s"]) == [round(one.time_s, 9) for one in flight.estimates]
+    last = flight.estimates[-1]
+    assert float(last.forecast_w(3)) == last.forecast_w(np.array([3.0, 4.0]))[0]
+
+
+WRONG = [
+    (lambda: library.simulate(5), "plan:1:1: error: cannot be 5; expected a path or Plan"),
+    (lambda: library.simulate(PLAN, profile=5), "profile:1:1: error: cannot be 5; expected a path or Profile"),
+    (lambda: library.simulate(PLAN, overrides=5), "overrides:1:1: error: cannot be 5; expected a mapping or a seq"),
+    (lambda: library.simulate(PLAN, seed="1"), "seed:1:1: error: cannot be '1'; expected a whole number"),
+    (lambda: library.simulate(PLAN, overrides={"wind.x": 1}), "overrides wind.x:1:1: error: unknown key wind.x"),
+    (lambda: library.fit_power("a", "b"), "times_s, power_w:1:1: error: could not convert"),
+    (lambda: library.fit_power(range(50), range(40)), "times_s, power_w:1:1: error: of shapes (50,) and (40,)"),
+    (lambda: library.fit_power([1.0] * 50, [1.0] * 50), "times_s, power_w:1:1: error: not finite, or not in order"),
+    (lambda: library.cover(FIELD, {}), "options:1:1: error: cannot be {}; expected CoverageOptions"),
+    (
+        lambda: library.cover(FIELD, library.CoverageOptions(min_radius_m="3")),
+        "options.min_radius_m:1:1: error",
+    ),
+    (
+        lambda: library.cover(FIELD, library.CoverageOptions(min_radius_m=30)),
+        "expected options.swath_m, or opt",
+    ),
+    (lambda: library.export(PLAN, "nix"), "to:1:1: error: is no format"),
+]
+
+
+@pytest.mark.parametrize(("call", "message"), WRONG)
+def test_what_is_wrong_is_an_error_that_names_the_argument(call, message):
+    with pytest.raises(library.InputError) as caught:
+        call()
+    assert message in str(caught.value)
+    assert "--" not in str(caught.value)
 
 
 def test_the_import_alone_imports_nothing_slow():
@@ -104,7 +161,7 @@ def test_faults_of_what_is_given_have_a_place():
         library.simulate(PLAN, {"wind": {"speed_mps": -1}})
     with pytest.raises(library.InputError, match=r"given-keys\.yaml:1:\d+: error: unknown key nosuch"):
         library.sweep({"plan": PLAN, "grid": {"nosuch": [1]}})
-    with pytest.raises(library.InputError, match="--wind:1:1: error: a wind of 30 m/s"):
+    with pytest.raises(library.InputError, match=r"options\.wind:1:1: error: a wind of 30 m/s"):
         library.cover(ROOT / "plans/meadow.geojson", library.CoverageOptions(30, 30, wind=(30, 10)))
 
 
@@ -127,7 +184,7 @@ def test_an_export_is_that_of_the_command(eadp, tmp_path):
     assert library.export(library.read_plan(PLAN), "qgc", options, warn=notes.extend) == written.replace(
         "survey.plan", "given.plan"
     )
-    with pytest.raises(library.InputError, match=r"--to:1:1: error: is no format; expected one of .* did you mean qgc"):
+    with pytest.raises(library.InputError, match=r"to:1:1: error: is no format; expected one of .* did you mean qgc"):
         library.export(PLAN, "qg", options)
 
 

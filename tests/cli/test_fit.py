@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from common import ROOT
 
+from eadp.core.arrays import FloatArray
 from eadp.io.energy.model_file import parse_energy
 from eadp.io.text.streams import read_text
 
@@ -36,6 +37,8 @@ KEYS = [
     "samples",
     "span_s",
     "candidate",
+    "range_s",
+    "drift_s",
     "prior",
     "log",
 ]
@@ -335,3 +338,27 @@ def test_published_logs(run: Run) -> None:
     survey = str(reference / "logs" / "opterra_power.csv")
     code, out, _ = run("fit", survey, "--columns", "time_s,power_w", "--format", "json")
     assert (code, json.loads(out)["period_s"]) == (0, pytest.approx(50, abs=1.5))
+
+
+def test_what_a_period_may_hide_is_stated(run: Run, tmp_path: Path) -> None:
+    times = np.arange(0.0, 1800.0, 0.5)
+    period = 46 * (0.92 + 0.16 * times / 1800)
+    log = tmp_path / "log.csv"
+
+    def write(power: FloatArray) -> None:
+        np.savetxt(log, np.stack([times, power], axis=1), "%.6f", ",", header="time_s,power_w", comments="")
+
+    write(36 + 2 * np.cos(2 * np.pi * times / 3))
+    code, out, err = run("fit", str(log), "--period-prior", "9")
+    assert (code, out.splitlines()[0][:12]) == (0, "period   9 s")
+    assert "warning: the power repeats every 3 s, outside the range of the prior" in err
+    code, out, err = run("fit", str(log))
+    assert (code, err) == (0, "")
+    assert "period   3 s" in out
+    assert "; periods of 4.499 s to 947.1 s searched\n" in out
+    write(36 + 2 * np.cos(2 * np.pi * np.cumsum(0.5 / period)) + np.random.default_rng(0).normal(0, 0.5, len(times)))
+    code, out, err = run("fit", str(log))
+    assert (code, err) == (1, "")
+    assert "it may drift" in out.splitlines()[0]
+    code, out, err = run("fit", str(log), "--to", "600")
+    assert (code, "warning: the period drifts" in err) == (0, True)

@@ -176,7 +176,9 @@ def test_the_whole_summary(eadp, folder):
 
 
 def test_a_run_is_the_flight_of_simulate(eadp, folder):
-    rows = table_of(eadp("sweep", folder / "sweep.yaml", "--jobs", 1, "--format", "csv").out)
+    made = eadp("sweep", folder / "sweep.yaml", "--jobs", 1, "--format", "csv")
+    assert "sweep: warning: 12 flights are 6 distinct ones: seeds change nothing" in made.err
+    rows = table_of(made.out)
     sets = ("--set", "wind={speed_mps: 4, towards_deg: 270}", "--set", "c1=0", "--seed", "1")
     flown = eadp("simulate", folder / "line.plan", "--scenario", folder / "calm.yaml", "--format", "json", *sets)
     summary = json.loads(flown.out)
@@ -490,16 +492,22 @@ def test_standard_input(eadp, folder, monkeypatch):
 
 def test_the_estimate_and_the_progress(capsys, monkeypatch, folder):
     from eadp.cli import sweep as module
+    from eadp.core import compiled
     from eadp.models.sweep import Result
 
-    clock = iter(range(0, 10_000, 15))
-    monkeypatch.setattr("eadp.cli.sweep.time.monotonic", lambda: float(next(clock)))
+    clock = iter(range(0, 10_000, 30))
+    monkeypatch.setattr("eadp.cli.output.time.monotonic", lambda: float(next(clock)))
     progress = module._SweepProgress(300, 2)
+    monkeypatch.setattr("eadp.core.compiled.why_off", lambda: compiled.NOT_INSTALLED)
+    left = []
     for i in range(6):
         progress.add(Result(None, "cannot" if i == 4 else None, 2.0))
+        left.append(progress.left_s)
+    assert left == [299.0, 298.0, 297.0, 296.0, 295.0, 294.0], "whatever the clock"
     progress.close()
     lines = capsys.readouterr().err.splitlines()
     lines.remove("sweep: 297 more runs take about 5 min (2 s each, 2 at a time)")
+    lines.remove("sweep: pip install 'eadp[fast]' compiles flights, which takes a fraction of that")
     assert 0 < len(lines) < 6, "one a minute"
     assert all(line.startswith("sweep: ") and line.endswith(" left") for line in lines)
     assert "6 of 300 runs, 1 could not be made" in lines[-1]

@@ -72,6 +72,7 @@ def spectrum(periodic: bool) -> Spectrum:
         chance=1e-9,
         samples=500,
         span_s=250.0,
+        range_s=(1.0, 125.0),
     )
 
 

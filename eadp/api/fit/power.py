@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.signals.lap_time import lap_time_s
+from eadp.core.signals.spectrum import MIN_SAMPLES, Spectrum, analyse
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined
 from eadp.io.energy.model_file import energy_document, energy_yaml
 from eadp.io.log.formats import read_power_log
@@ -79,7 +80,10 @@ def _refused(option: str, value: float, message: str, expected: str) -> InputErr
 
 @dataclass(frozen=True)
 class LogFit:
-    """A fit with its prior and the source of it, readings left out by reason, warnings, and the track if asked for."""
+    """A fit with its prior and the source of it, readings left out by reason, warnings, and the track if asked for.
+
+    `part_s` is the period of the middle third of a log that has none as a whole.
+    """
 
     fitted: EnergyFit
     prior_s: float | None
@@ -87,6 +91,7 @@ class LogFit:
     counts: dict[str, int | float]
     warnings: list[Fault] = field(default_factory=list)
     track: FlownTrack | None = None
+    part_s: float | None = None
 
     @property
     def yaml(self) -> str:
@@ -100,6 +105,8 @@ class LogFit:
         candidate = None if math.isnan(spectrum.period_s) else spectrum.period_s
         return energy_document(self.fitted.model) | {
             "candidate": {"period_s": candidate, "chance": spectrum.chance},
+            "range_s": spectrum.range_s,
+            "drift_s": spectrum.drift_s,
             "prior": None if self.prior_s is None else {"period_s": self.prior_s, "source": self.prior_source},
             "log": self.counts,
         }
@@ -148,10 +155,12 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
         many = f"{len(fitted.spikes)} spikes" if len(fitted.spikes) > 1 else "1 spike"
         message = f"{many} left out, the first at {first_s:.6g} s (--keep-spikes fits them, too)"
         warnings.append(Fault(log.name, 1, 1, message, severity="warning"))
+    warnings += _doubts(log.name, fitted.spectrum)
+    part_s = None if fitted.model.periodic else _part_s(fitted)
     track = None
     if plan is not None and options.track:
         track = flown_track(log.name, log.times_s, log.position_m, _legs(plan, options.plan))
-    return LogFit(fitted, prior_s, source, counts, warnings, track)
+    return LogFit(fitted, prior_s, source, counts, warnings, track, part_s)
 
 
 def _fit(log: PowerLog, power_w: FloatArray, options: FitOptions, prior_s: float | None, source: str) -> EnergyFit:
@@ -163,6 +172,29 @@ def _fit(log: PowerLog, power_w: FloatArray, options: FitOptions, prior_s: float
         if source != "position":  # a prior that was not asked for must not prevent a fit
             raise
         return fit_energy(log.times_s, power_w, order=options.order, keep_spikes=options.keep_spikes)
+
+
+def _doubts(name: str, spectrum: Spectrum) -> list[Fault]:
+    """Warnings of a period that drifts, or that may be a multiple."""
+    messages = []
+    if spectrum.drift_s is not None:
+        low_s, high_s = spectrum.drift_s
+        messages.append(f"the period drifts: {low_s:.4g} s to {high_s:.4g} s in parts of the log")
+    if spectrum.multiple > 1:
+        message = (
+            f"the power repeats every {spectrum.period_s / spectrum.multiple:.4g} s, outside the range of the prior"
+        )
+        messages.append(f"{message}: harmonics that are no multiples of {spectrum.multiple} are zero")
+    return [Fault(name, 1, 1, message, severity="warning") for message in messages]
+
+
+def _part_s(fitted: EnergyFit) -> float | None:
+    """Period of the middle third of the samples [s], None where it has none."""
+    third = len(fitted.times_s) // 3
+    if third < MIN_SAMPLES:
+        return None
+    part = analyse(fitted.times_s[third : 2 * third], fitted.power_w[third : 2 * third])
+    return part.period_s if part.periodic else None
 
 
 def log_part(log: PowerLog, start_s: float | None, end_s: float | None, counts: dict[str, int | float]) -> PowerLog:
@@ -262,7 +294,18 @@ def fit_power(
 
     Raises
     ------
+    InputError
+        If the samples are no numbers, not finite, or not in order.
     Infeasible
-        If the samples are too few, not finite, or not in order.
+        If they are too few.
     """
+    expected = "two arrays of as many finite numbers, the times increasing"
+    try:
+        times, power = np.asarray(times_s, dtype=float), np.asarray(power_w, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError.at("times_s, power_w", 1, 1, str(error), expected) from None
+    if times.ndim != 1 or times.shape != power.shape:
+        raise InputError.at("times_s, power_w", 1, 1, f"of shapes {times.shape} and {power.shape}", expected)
+    if not np.isfinite([times, power]).all() or (np.diff(times) <= 0).any():
+        raise InputError.at("times_s, power_w", 1, 1, "not finite, or not in order", expected)
     return fit_energy(times_s, power_w, order=order, period_prior_s=period_prior_s, keep_spikes=keep_spikes)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from eadp.io.sweep.results import COLUMNS
 from eadp.io.sweep.statistics import SweepFlight, totals
-from eadp.io.text.frames import frame, html_table
+from eadp.io.text.frames import AnyTable, frame, html_table
 
 
 class SweepFlights(list[SweepFlight]):
     """The flights of a sweep, in the order of its runs."""
 
-    def table(self) -> Any:
+    def table(self) -> AnyTable:
         """A row for each run: the varied keys, the figures of its flight, seed and error; see `frames.frame`."""
         keys = list(dict.fromkeys(key for flight in self for key in flight.values))
         columns = {key: [flight.values.get(key) for flight in self] for key in keys}

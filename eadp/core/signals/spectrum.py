@@ -11,7 +11,10 @@ Method:
    smallest that forecasts no worse than the best.
 4. Where the residuals are not white, the range is searched again by likelihood, the noise fitted at every frequency:
    least squares is inefficient in coloured noise.
-5. Coloured noise, a random walk or a drift can look periodic in a short log. The period counts only if harmonics
+5. A signal whose period is below the range is found at a multiple, of which most harmonics are zero: the period is
+   divided while those that a submultiple lacks are zero within their standard deviations.
+6. The period is fitted again in parts of the log: where they differ by more than their standard deviations, it drifts.
+7. Coloured noise, a random walk or a drift can look periodic in a short log. The period counts only if harmonics
    explain the samples better than they explain such noise: see `analyse`.
 
 Samples are not interpolated: gaps, drop-outs and irregular steps only mean fewer rows of the least squares.
@@ -20,7 +23,7 @@ Samples are not interpolated: gaps, drop-outs and irregular steps only mean fewe
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -79,6 +82,7 @@ _WHITE = 1.3  # an inflation up to which noise counts as white
 _CLEAN = 0.01  # of the variance
 _PICTURE_BINS = 2000
 _MEAN_BINS = 120
+_MAX_PARTS, _MIN_LAPS, _MAX_LAPS = 8, 4, 25  # parts of the log in which the period is fitted again, and their laps
 
 
 @dataclass(frozen=True)
@@ -90,7 +94,7 @@ class Spectrum:
     periodic : bool
     period_s, period_std_s : float
         The best period and its standard deviation [s], also where the signal does not count as periodic; NaN where
-        there is no candidate (a constant signal).
+        there is no candidate (a constant signal). Of a period that drifts, the standard deviation is over the log.
     mean_w : float
         Mean power [W]: the constant of the fit, or the mean of the samples without a period.
     amplitude_w, phase_rad : array, shape (r,)
@@ -109,6 +113,13 @@ class Spectrum:
     samples : int
     span_s : float
         Time from the first sample to the last [s].
+    range_s : pair of float
+        Shortest and longest period searched [s].
+    drift_s : pair of float or None
+        Shortest and longest period of a part of the log, where they differ significantly [s].
+    multiple : int
+        The period divided by the shortest that the harmonics allow: above 1 only where that one is outside a prior's
+        range.
     """
 
     periodic: bool
@@ -124,6 +135,9 @@ class Spectrum:
     chance: float
     samples: int
     span_s: float
+    range_s: tuple[float, float]
+    drift_s: tuple[float, float] | None = None
+    multiple: int = 1
 
 
 def analyse(
@@ -131,7 +145,8 @@ def analyse(
 ) -> Spectrum:
     """Find the period of a sampled power and fit its Fourier series.
 
-    Periods are searched from 4 mean sampling steps, or a 400th of the log, up to a half of the log. A signal counts
+    Periods are searched from 4 mean sampling steps, or a 400th of the log, up to a half of the log; near a prior,
+    from 4 mean sampling steps. A shorter period is found if one of its first multiples is in the range. A signal counts
     as periodic if (a) its cross-validated R² against the mean is `MIN_CV_R2` or more, (b) its standard deviation is at
     most `MAX_STD_RATIO` of it, (c) it lies in the range searched, and (d) noise looks as periodic with a chance of
     `MAX_CHANCE` or less: a likelihood ratio of harmonics in coloured noise against coloured noise alone, the best over
@@ -172,25 +187,31 @@ def analyse(
     if len(times) < MIN_SAMPLES:
         raise Infeasible(f"{len(times)} samples are too few to find a period in: {MIN_SAMPLES} are needed")
     samples = _Samples(times - times[0], power - power.mean())
-    shortest_s, longest_s = _range_s(samples, period_prior_s)
+    searched_s = shortest_s, longest_s = _range_s(samples, period_prior_s)
     mean_w, std_w = float(power.mean()), float(power.std(ddof=1))
     if std_w <= 1e-9 * np.max(np.abs(power), initial=0.0):
-        return _aperiodic(samples, mean_w, std_w, 0.0)
-    frequency_hz = _search(samples, shortest_s, longest_s)
-    frequency_hz, free_order = _refine(samples, frequency_hz)
+        return _aperiodic(samples, mean_w, std_w, 0.0, searched_s)
+    frequency_hz, free_order = _located(samples, shortest_s, longest_s)
     free_r2 = _cv_r2(samples, frequency_hz, free_order)
     # without a prior the search ends here; near a prior the likelihood may still find a period
     if free_r2 < MIN_CV_R2 and period_prior_s is None:
-        return _aperiodic(samples, mean_w, std_w, free_r2, frequency_hz)
+        return _aperiodic(samples, mean_w, std_w, free_r2, searched_s, frequency_hz)
     found = _assess(samples, frequency_hz, free_order, shortest_s, longest_s)
+    while (multiple := _multiple(samples, found) if found.periodic else 1) > 1 and period_prior_s is None:
+        frequency_hz, free_order = _refine(samples, found.frequency_hz * multiple)
+        shortest_s = min(shortest_s, 1 / frequency_hz)
+        found = _assess(samples, frequency_hz, free_order, shortest_s, longest_s)
     inside = shortest_s / RANGE_MARGIN <= 1 / found.frequency_hz <= longest_s * RANGE_MARGIN
     if not (found.periodic and inside):
-        return _aperiodic(samples, mean_w, std_w, found.cv_r2, found.frequency_hz, found.chance)
+        return _aperiodic(samples, mean_w, std_w, found.cv_r2, searched_s, found.frequency_hz, found.chance)
     if order is not None and order > (max_order := _max_order(samples, 1 / found.frequency_hz, order)):
         period = f"a period of {1 / found.frequency_hz:.4g} s"
         what = f"{len(times)} samples every {samples.step_s:.3g} s resolve {period} to order {max_order} at most"
         raise Infeasible(f"order {order} is too high: {what}")
-    return _periodic(samples, found, order or found.order, mean_w)
+    drift_s, local_std_s = _drift_s(samples, found)
+    found = found._replace(std_s=max(found.std_s, local_std_s))
+    spectrum = _periodic(samples, found, order or found.order, mean_w, searched_s)
+    return replace(spectrum, drift_s=drift_s, multiple=multiple)
 
 
 class _Found(NamedTuple):
@@ -230,6 +251,56 @@ def _assess(samples: _Samples, frequency_hz: float, order: int, shortest_s: floa
     return _Found(frequency_hz, std_s, order, _cv_r2(samples, frequency_hz, order), chance, evidence)
 
 
+def _multiple(samples: _Samples, found: _Found) -> int:
+    """The period over the shortest one of which it is a multiple: all harmonics that one lacks are zero.
+
+    They are if their square is a millionth of the signal's, or compatible with noise: βᵀ (cov β)⁻¹ β is χ².
+    """
+    fitted, _ = _fit(samples, found.frequency_hz, found.order)
+    covariance = _covariance(samples, found, found.order)
+    harmonic = (np.arange(len(fitted)) + 1) // 2
+    for part in range(found.order, 1, -1):
+        lacking = harmonic % part != 0
+        rest = fitted[lacking]
+        if float(rest @ rest) <= 1e-6 * float(fitted[1:] @ fitted[1:]):
+            return part
+        half = 0.5 * float(rest @ np.linalg.lstsq(covariance[np.ix_(lacking, lacking)], rest, rcond=None)[0])
+        if special.gammaincc(len(rest) / 2, half) > _SURE:
+            return part
+    return 1
+
+
+def _drift_s(samples: _Samples, found: _Found) -> tuple[tuple[float, float] | None, float]:
+    """Shortest and longest period of the log's parts if they differ significantly, and their standard deviation [s]."""
+    laps = samples.span_s * found.frequency_hz
+    parts = min(_MAX_PARTS, int(laps / _MIN_LAPS))
+    periods, variances = [], []
+    for one in np.array_split(np.arange(len(samples.times_s)), parts) if parts > 1 else []:
+        kept = one[: math.ceil(min(1.0, _MAX_LAPS * parts / laps) * len(one))]
+        times, power = samples.times_s[kept], samples.power_w[kept]
+        part = _Samples(times - times[0], power - power.mean())
+        order = min(max(found.order, _SCAN_ORDER), _max_order(part, 1 / found.frequency_hz))
+        # steps of an eighth of a turn of the top harmonic
+        steps = math.ceil(8 * order * MAX_STD_RATIO * part.span_s * found.frequency_hz)
+        grid = found.frequency_hz * (1 + MAX_STD_RATIO * np.arange(-steps, steps + 1) / steps)
+        errors = [_fit(part, frequency_hz, order)[1] for frequency_hz in grid.tolist()]
+        frequency_hz = _minimise(part, float(grid[int(np.argmin(errors))]), order)
+        fitted, error = _fit(part, frequency_hz, order)
+        noise = math.sqrt(error / max(1, len(kept) - 2 * order - 2))
+        inflation = _inflation(
+            frequency_hz, fitted, noise, _evidence(_bins(part, 1 / frequency_hz, order), 1 / frequency_hz, order)
+        )
+        periods.append(1 / frequency_hz)
+        variances.append(_white_std_s(part, frequency_hz, fitted, noise) ** 2 * inflation)
+    if not periods:
+        return None, 0.0
+    period, weight = np.array(periods), 1 / np.maximum(variances, (1e-6 * periods[0]) ** 2)
+    square = float(weight @ (period - weight @ period / weight.sum()) ** 2)
+    if special.gammaincc((parts - 1) / 2, square / 2) > _SURE:
+        return None, 0.0
+    return (float(period.min()), float(period.max())), float(period.std(ddof=1))
+
+
 # ---- samples and least squares -----------------------------------------------------------------------------------
 
 
@@ -243,6 +314,9 @@ class _Samples:
     @property
     def span_s(self) -> float:
         return float(self.times_s[-1])
+
+    def first(self, count: int) -> _Samples:
+        return self if count >= len(self.times_s) else _Samples(self.times_s[:count], self.power_w[:count])
 
     @property
     def step_s(self) -> float:
@@ -335,10 +409,9 @@ def _max_order(samples: _Samples, period_s: float, limit: int = MAX_ORDER) -> in
 
 
 def _range_s(samples: _Samples, prior_s: float | None) -> tuple[float, float]:
-    shortest = max(MIN_SAMPLES_PER_PERIOD * samples.step_s, samples.span_s / MAX_PERIODS)
-    longest = samples.span_s / MIN_PERIODS
+    shortest, longest = MIN_SAMPLES_PER_PERIOD * samples.step_s, samples.span_s / MIN_PERIODS
     if prior_s is None:
-        return shortest, longest
+        return max(shortest, samples.span_s / MAX_PERIODS), longest
     low, high = max(shortest, prior_s / PRIOR_RATIO), min(longest, prior_s * PRIOR_RATIO)
     if low >= high:
         raise Infeasible(
@@ -346,6 +419,18 @@ def _range_s(samples: _Samples, prior_s: float | None) -> tuple[float, float]:
             f" {shortest:.4g} s to {longest:.4g} s can"
         )
     return low, high
+
+
+def _located(samples: _Samples, shortest_s: float, longest_s: float) -> tuple[float, int]:
+    """Frequency [Hz] and order: searched in `MAX_PERIODS` of the shortest period, then followed over the log."""
+    n = len(samples.times_s)
+    count = min(n, math.ceil(n * MAX_PERIODS * shortest_s / samples.span_s))
+    part = samples.first(count)
+    frequency_hz, order = _refine(part, _search(part, shortest_s, min(longest_s, part.span_s / MIN_PERIODS)))
+    while count < n:
+        count = min(n, 2 * count)
+        frequency_hz, order = _refine(samples.first(count), frequency_hz)
+    return frequency_hz, order
 
 
 class _Grid:
@@ -659,7 +744,7 @@ def _slope(times_s: FloatArray, frequency_hz: float, fitted: FloatArray) -> Floa
 # ---- results -----------------------------------------------------------------------------------------------------
 
 
-def _periodic(samples: _Samples, found: _Found, order: int, mean_w: float) -> Spectrum:
+def _periodic(samples: _Samples, found: _Found, order: int, mean_w: float, range_s: tuple[float, float]) -> Spectrum:
     fitted, error = _fit(samples, found.frequency_hz, order)
     offset_w, amplitude, phase = phases_of_state(fitted)
     mean_std_w, amplitude_std_w = _coefficient_std_w(samples, found, fitted)
@@ -677,14 +762,13 @@ def _periodic(samples: _Samples, found: _Found, order: int, mean_w: float) -> Sp
         chance=found.chance,
         samples=len(samples.times_s),
         span_s=samples.span_s,
+        range_s=range_s,
     )
 
 
 def _coefficient_std_w(samples: _Samples, found: _Found, fitted: FloatArray) -> tuple[float, FloatArray]:
     """Standard deviations of the mean and of the amplitudes in the fitted noise [W]."""
-    bins = found.evidence.bins
-    covariance = bins.coefficient_covariance(design_matrix(bins.times_s, found.frequency_hz, len(fitted) // 2))
-    covariance *= min(1.0, bins.covered_s / samples.span_s)  # the bins may be the middle of the log alone
+    covariance = _covariance(samples, found, len(fitted) // 2)
     amplitude = np.maximum(np.hypot(fitted[1::2], fitted[2::2]), 1e-300)
     along = np.zeros((len(amplitude), len(fitted)))
     rows = np.arange(len(amplitude))
@@ -693,8 +777,23 @@ def _coefficient_std_w(samples: _Samples, found: _Found, fitted: FloatArray) -> 
     return math.sqrt(max(0.0, float(covariance[0, 0]))), np.sqrt(np.maximum(variance, 0.0))
 
 
+def _covariance(samples: _Samples, found: _Found, order: int) -> FloatArray:
+    """Covariance of the coefficients in the fitted noise [W²]."""
+    bins = found.evidence.bins
+    covariance = bins.coefficient_covariance(design_matrix(bins.times_s, found.frequency_hz, order))
+    # the bins may be the middle of the log alone
+    scaled: FloatArray = covariance * min(1.0, bins.covered_s / samples.span_s)
+    return scaled
+
+
 def _aperiodic(
-    samples: _Samples, mean_w: float, std_w: float, cv_r2: float, frequency_hz: float = math.nan, chance: float = 1.0
+    samples: _Samples,
+    mean_w: float,
+    std_w: float,
+    cv_r2: float,
+    range_s: tuple[float, float],
+    frequency_hz: float = math.nan,
+    chance: float = 1.0,
 ) -> Spectrum:
     return Spectrum(
         periodic=False,
@@ -710,6 +809,7 @@ def _aperiodic(
         chance=chance,
         samples=len(samples.times_s),
         span_s=samples.span_s,
+        range_s=range_s,
     )
 
 

@@ -13,7 +13,7 @@ from typing import Any
 from eadp.io.report.thinning import significant
 from eadp.io.report.words import sweep_words
 from eadp.io.sweep.results import COLUMNS, Results
-from eadp.io.sweep.statistics import SweepFlight, label_of
+from eadp.io.sweep.statistics import SweepFlight, distinct, label_of
 
 MAX_RUNS = 20_000
 MAX_BYTES = 2_500_000
@@ -83,6 +83,8 @@ def sweep_data(path: str, page: Path, keep: str | None = None) -> dict[str, Any]
         SweepFlight(i, {name: values.get(name) for name in names}, values["seed"], **_figures(row))
         for i, (_, values, row) in enumerate(census.kept[:count])
     ]
+    own = {flight.index for flight in distinct(flights)}
+    runs["distinct"] = [int(flight.index in own) for flight in flights]
     return {
         "title": Path(path).name,
         "words": sweep_words(census.count, census.completed, census.reasons, census.errors, flights, names),

@@ -9,7 +9,7 @@ from typing import Any
 from eadp.core.geometry.bearings import compass_deg
 from eadp.errors import printable
 from eadp.io.scenario.scenario_file import Scenario
-from eadp.io.sweep.statistics import SweepFlight, marginal, wilson_interval
+from eadp.io.sweep.statistics import SweepFlight, completed_interval, distinct, marginal, wilson_interval
 from eadp.models.airspace import risk_text
 from eadp.models.battery import LIMITS, BatteryFault
 from eadp.models.vehicle import PaperVehicle
@@ -252,10 +252,13 @@ def sweep_words(
     made, failed = count - sum(errors.values()), sum(errors.values())
     words = [f"{count} runs."]
     if made:
-        low, high = wilson_interval(completed, made)
+        own = distinct(flights)
+        repeated = len(own) < sum(flight.error is None for flight in flights)
+        low, high = (completed_interval(own) if repeated else None) or wilson_interval(completed, made)
+        of = f" of {len(own)} distinct flights" if repeated else ""
         words[0] = (
             f"{completed} of {made} flights completed: {_percent(completed / made)} "
-            f"(95 % interval {_percent(low)} to {_percent(high)})."
+            f"(95 % interval{of} {_percent(low)} to {_percent(high)})."
         )
         words.append(f"They ended so: {_counts(reasons)}.")
     if failed:

@@ -87,7 +87,8 @@ def _planner_section() -> type[PlannerSettings]:
             described: Any = Annotated[own, Field(description=f"Settings of planner {planner} alone.")]
             keys.append((planner, described, field(default_factory=own)))
     own_schema = {"__pydantic_config__": STRICT, "__get_pydantic_json_schema__": classmethod(_shared_keys)}
-    return make_dataclass("PlannerSection", keys, bases=(PlannerSettings,), frozen=True, namespace=own_schema)
+    named = {"__module__": __name__, "__doc__": _planner_section.__doc__}  # pickle finds a class by its module
+    return make_dataclass("PlannerSection", keys, bases=(PlannerSettings,), frozen=True, namespace=own_schema | named)
 
 
 if TYPE_CHECKING:

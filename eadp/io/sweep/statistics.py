@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -63,6 +63,9 @@ class SweepFlight:
     error: str | None = None
 
 
+_FIGURES = [field.name for field in fields(SweepFlight)][3:]
+
+
 @dataclass(frozen=True)
 class Group:
     """Flights with one value of a key: their number, the share completed, and of these medians of duration and charge.
@@ -79,11 +82,12 @@ class Group:
 
 @dataclass(frozen=True)
 class SweepTotals:
-    """Counts of a sweep's runs; `interval` is that of the share that completes, None if none was flown."""
+    """Counts of a sweep's runs; `interval` is that of the share of distinct flights that complete, None without any."""
 
     runs: int
     failed: int
     completed: int
+    distinct: int
     interval: tuple[float, float] | None
 
     @property
@@ -96,8 +100,23 @@ def totals(flights: Sequence[SweepFlight]) -> SweepTotals:
     """The totals of all flights of a sweep."""
     failed = sum(flight.error is not None for flight in flights)
     completed = sum(bool(flight.completed) for flight in flights)
-    made = len(flights) - failed
-    return SweepTotals(len(flights), failed, completed, wilson_interval(completed, made) if made else None)
+    own = distinct(flights)
+    return SweepTotals(len(flights), failed, completed, len(own), completed_interval(own))
+
+
+def distinct(flights: Sequence[SweepFlight]) -> list[SweepFlight]:
+    """The first of each flight that was made: where nothing is drawn, seeds repeat a flight to the bit."""
+    first: dict[tuple[Any, ...], SweepFlight] = {}
+    for flight in flights:
+        if flight.error is None:
+            values = json.dumps({key: value for key, value in flight.values.items() if key != "seed"})
+            first.setdefault((values, *(getattr(flight, name) for name in _FIGURES)), flight)
+    return list(first.values())
+
+
+def completed_interval(flights: Sequence[SweepFlight]) -> tuple[float, float] | None:
+    """The 95 % interval of the share of flights that complete; None without flights."""
+    return wilson_interval(sum(bool(flight.completed) for flight in flights), len(flights)) if flights else None
 
 
 class KeyBins:

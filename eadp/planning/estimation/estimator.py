@@ -14,6 +14,7 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Le
+from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray
 from eadp.core.bounds import NotNegative, Positive
@@ -122,10 +123,12 @@ class PowerEstimate(NamedTuple):
     computing_w: float
     horizon_s: float
 
-    def forecast_w(self, ahead_s: FloatArray) -> FloatArray:
-        """Power of motion and computations [W], `ahead_s` [s] after the reading, shape (n,): C e^{At} x and g(c)."""
-        power: FloatArray = self.power_rows(ahead_s) @ self.state + self.computing_w
-        return power
+    def forecast_w(self, ahead_s: ArrayLike) -> FloatArray:
+        """Power of motion and computations [W], `ahead_s` [s] after the reading, of its shape: C e^{At} x and g(c)."""
+        ahead = np.asarray(ahead_s, dtype=float)
+        power: FloatArray = self.power_rows(ahead.ravel()) @ self.state + self.computing_w
+        shaped: FloatArray = power.reshape(ahead.shape)[()]
+        return shaped
 
     def power_rows(self, ahead_s: FloatArray) -> FloatArray:
         """What reads the motion's power at such times off the state, shape (n, 2r + 3)."""

@@ -121,6 +121,48 @@ def test_period_of_a_clean_log(periods: float) -> None:
     assert (found.samples, found.span_s) == (len(times), times[-1])
 
 
+@pytest.mark.parametrize("period_s", few([3.0, 4.0, 5.0], 1))
+@pytest.mark.parametrize("noise_w", [0.0, 0.5])
+def test_a_period_below_the_range_is_not_given_as_its_multiple(period_s: float, noise_w: float) -> None:
+    times = np.arange(0.0, 2400.0, 0.4)
+    found = analyse(times, noisy(times, noise_w, terms=((2.0, 0.3),), period_s=period_s))
+    assert found.range_s[0] == pytest.approx(6.0, rel=1e-3)
+    assert (found.period_s, len(found.amplitude_w)) == (pytest.approx(period_s, rel=1e-4), 1)
+
+
+def test_a_fundamental_that_is_weak_is_kept_where_its_evidence_is_strong() -> None:
+    times = np.arange(0.0, 4000.0, 0.5)
+    found = analyse(times, noisy(times, 0.5, terms=((0.1, 0.3), (0.0, 0.0), (2.0, 1.0)), period_s=12.0))
+    assert (found.period_s, len(found.amplitude_w)) == (pytest.approx(12.0, rel=1e-3), 3)  # 0.1 W is 13 deviations
+    lost = analyse(times, noisy(times, 0.5, terms=((0.01, 0.3), (0.0, 0.0), (2.0, 1.0)), period_s=12.0))
+    assert (lost.period_s, lost.multiple) == (pytest.approx(4.0, rel=1e-3), 1)
+
+
+def test_a_prior_reaches_below_the_range_and_keeps_what_is_asked_for() -> None:
+    times = np.arange(0.0, 2400.0, 0.5)
+    power = noisy(times, terms=((2.0, 0.3),), period_s=3.0)
+    assert analyse(times, power, period_prior_s=3.3).period_s == pytest.approx(3.0, rel=1e-5)
+    multiple = analyse(times, power, period_prior_s=9.0)
+    assert (multiple.period_s, multiple.multiple) == (pytest.approx(9.0, rel=1e-4), 3)
+
+
+@pytest.mark.parametrize("laps", few([13, 26], 1))
+@pytest.mark.parametrize("share", [0.0, 0.05])
+def test_a_period_that_drifts_is_stated(laps: int, share: float) -> None:
+    times = sampled(laps)
+    period = PERIOD_S * (1 + share * (2 * times / times[-1] - 1))
+    turns = np.cumsum(0.5 / period) * PERIOD_S  # the time at which a constant period is at the same phase
+    found = analyse(times, noisy(turns))
+    assert found.periodic
+    if not share:
+        assert found.drift_s is None
+        assert found.period_std_s < 0.02
+        return
+    assert found.drift_s is not None
+    assert found.drift_s == (pytest.approx(0.965 * PERIOD_S, rel=0.01), pytest.approx(1.035 * PERIOD_S, rel=0.01))
+    assert 1.0 < found.period_std_s < 2.0
+
+
 FOURTH_AND_FIFTH = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (3.0, 1.0), (2.0, 0.5))
 
 

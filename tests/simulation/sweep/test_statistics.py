@@ -61,6 +61,13 @@ def test_totals_count_what_could_not_be_made_apart():
     assert totals([FLIGHTS[3]]).interval is None
 
 
+def test_copies_of_a_flight_are_in_no_interval():
+    copies = [flight(i, {"w": i % 2, "seed": i}, soc=0.5 + i % 2, seed=i) for i in range(8)]
+    whole = totals([*copies, flight(8, {"w": 0, "seed": 8}, False, seed=8)])
+    assert (whole.flights, whole.completed, whole.distinct) == (9, 8, 3)
+    assert whole.interval == wilson_interval(2, 3)
+
+
 def test_marginals_by_value():
     one, two = marginal(FLIGHTS, "w", [1, 2])
     assert (one.label, one.flights, one.completed) == ("1", 3, 2 / 3)

@@ -45,16 +45,20 @@ function bins(key, limit = MAX_VALUES) {
   return { labels, at: numeric ? values : labels.map((_, k) => k), numeric, of: (i) => place.get(valueOf(key, i)) ?? values.length };
 }
 
-/** A figure over some runs: how many were flown, the mean, and its 95 % interval. */
+/** A figure over some runs: how many were flown, the mean, and its 95 % interval, of distinct flights. */
 function summary(members, figure) {
   const counted = figure === "completed" ? members : members.filter((i) => runs.completed[i]); // no figure of a crash in a mean
   const values = counted.map(FIGURES[figure].of).filter((value) => value !== null);
   const n = values.length, flown = members.filter((i) => runs.completed[i] !== null), done = flown.filter((i) => runs.completed[i]).length;
   if (!n) return { n: 0, mean: null, interval: null, done, flown: flown.length };
   const mean = values.reduce((sum, value) => sum + value, 0) / n;
-  if (figure === "completed") return { n, mean, interval: wilson(done, n).map((end) => 100 * end), done, flown: n };
-  const std = n > 1 ? Math.sqrt(values.reduce((sum, value) => sum + (value - mean) ** 2, 0) / (n - 1)) : 0;
-  const reach = n > 1 ? Z * std / Math.sqrt(n) : null;
+  const own = counted.filter((i) => runs.distinct[i] && FIGURES[figure].of(i) !== null), m = own.length;
+  if (figure === "completed") {
+    const interval = m ? wilson(own.filter((i) => runs.completed[i]).length, m).map((end) => 100 * end) : null;
+    return { n, mean, interval, done, flown: n };
+  }
+  const std = m > 1 ? Math.sqrt(own.map(FIGURES[figure].of).reduce((sum, value) => sum + (value - mean) ** 2, 0) / (m - 1)) : 0;
+  const reach = m > 1 ? Z * std / Math.sqrt(m) : null;
   return { n, mean, interval: reach === null ? null : [mean - reach, mean + reach], done, flown: flown.length };
 }
 
