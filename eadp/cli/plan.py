@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import enum
 import math
-from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from typer import Argument, Option
+from typer import Argument
 
-from eadp.cli.options import LapsOption, VerboseOption
 from eadp.cli.output import emit, emit_json, usage_fault, warn
+from eadp.io.text.options import Flag
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from eadp.core.expressions.tree import Expression
     from eadp.errors import Fault
     from eadp.models.plan.plan import Finding, Plan
@@ -25,7 +23,38 @@ if TYPE_CHECKING:
 STAGE_SETTINGS = ("altitude_m", "airspeed_mps", "commands")
 """Attributes of a stage that JSON has where they are set."""
 
-PlanFormat = enum.StrEnum("PlanFormat", ["text", "json", "plan", "sympy", "latex"])
+
+@dataclass(frozen=True)
+class PlanOptions:
+    """What is checked, printed and drawn of a plan."""
+
+    verbose: Annotated[bool, Flag("-v --verbose")] = False
+    """Say more: the papers' quantities, the solver's runs."""
+
+    format: Literal["text", "json", "plan", "sympy", "latex"] = "text"
+    """What to print: a table, JSON, the plan in canonical text, or the stages' path functions, gradients, Hessians and
+    triggers as sympy or LaTeX expressions."""
+
+    check: bool = False
+    """Check the geometry over the whole range of every path parameter, by value and by proof."""
+
+    min_radius_m: Annotated[float | None, Flag(low=0)] = None
+    """Smallest turning radius [m], for --check and the turns of a mission."""
+
+    set_: Annotated[Sequence[str], Flag(metavar="NAME=VALUE")] = ()
+    """A parameter for --trace and --plot, as in spacing=20."""
+
+    trace_m: float | None = None
+    """Print points along the nominal path, at most so far apart, as CSV."""
+
+    plot: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Draw the plan: FILE.svg or FILE.png."""
+
+    machine: bool = False
+    """With --plot: draw the state machine, not the path."""
+
+    laps: Annotated[int | None, Flag(metavar="N", low=1, high=10_000)] = None
+    """How many times a mission that repeats for ever is flown."""
 
 
 def command(
@@ -37,36 +66,7 @@ def command(
             metavar="FILE",
         ),
     ],
-    verbose: VerboseOption = False,
-    format_: Annotated[
-        PlanFormat,
-        Option(
-            "--format",
-            help="What to print: a table, JSON, the plan in canonical text, or the stages' path functions, gradients, "
-            "Hessians and triggers as sympy or LaTeX expressions.",
-        ),
-    ] = PlanFormat.text,
-    check: Annotated[
-        bool,
-        Option(
-            "--check", help="Check the geometry over the whole range of every path parameter, by value and by proof."
-        ),
-    ] = False,
-    min_radius: Annotated[
-        float | None,
-        Option(help="Smallest turning radius [m], for --check and the turns of a mission.", metavar="METRES", min=0),
-    ] = None,
-    set_: Annotated[
-        list[str] | None,
-        Option("--set", help="A parameter for --trace and --plot, as in spacing=20.", metavar="NAME=VALUE"),
-    ] = None,
-    trace: Annotated[
-        float | None,
-        Option(help="Print points along the nominal path, at most so far apart, as CSV.", metavar="METRES"),
-    ] = None,
-    plot: Annotated[str | None, Option(help="Draw the plan: FILE.svg or FILE.png.", metavar="FILE")] = None,
-    machine: Annotated[bool, Option("--machine", help="With --plot: draw the state machine, not the path.")] = False,
-    laps: LapsOption = None,
+    options: PlanOptions,
 ) -> int:
     """Example: eadp plan plans/survey.plan --check
 
@@ -79,38 +79,39 @@ def command(
     from eadp.io.plan.parameters import parameters_of
     from eadp.io.plan.writer import plan_text
 
+    trace, plot = options.trace_m, options.plot
     if trace is not None and not 0 < trace < math.inf:
         raise usage_fault(
             "--trace", f"{trace:g}", "a step that is not above 0, or not finite", "metres, as in --trace 1"
         )
-    if machine and plot is None:
+    if options.machine and plot is None:
         raise usage_fault("--machine", "--machine", "nothing to draw to", "--plot FILE as well")
-    read = check_plan(file, min_radius_m=min_radius, laps=laps, geometry=check)
+    read = check_plan(file, min_radius_m=options.min_radius_m, laps=options.laps, geometry=options.check)
     plan, report, lines = read.plan, read.report, read.faults
-    parameters = parameters_of(plan, set_)
+    parameters = parameters_of(plan, options.set_)
     try:
         if plot is not None:
-            _draw(plot, plan, parameters, machine=machine)
+            _draw(plot, plan, parameters, machine=options.machine)
         points = _trace_csv(plan, parameters, trace) if trace is not None else None
     except PathUndefined as error:
         raise InputError.at(read.name, plan.stages[0].line, 1, str(error), "a path that can be flown") from None
     if points is not None:
         warn(lines)
         emit(points)
-    elif format_ is PlanFormat.json:
+    elif options.format == "json":
         emit_json(document(plan, read.findings, report))
-    elif format_ is PlanFormat.plan:
+    elif options.format == "plan":
         warn(lines)
         emit(plan_text(plan))
-    elif format_ in (PlanFormat.sympy, PlanFormat.latex):
-        expressions = _expressions(plan, read.name, format_)
+    elif options.format in ("sympy", "latex"):
+        expressions = _expressions(plan, read.name, options.format)
         warn(lines)
         emit("\n".join(expressions))
     elif report is not None:
         emit(_check_text(plan, lines, report))
     else:
         warn(lines)
-        emit(_table(plan, verbose=verbose))
+        emit(_table(plan, verbose=options.verbose))
     return 1 if report is not None and report.has_errors else 0
 
 

@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated
 
-from typer import Argument, Option
+from typer import Argument
 
 from eadp.cli.output import emit, usage_fault
 from eadp.errors import printable
+from eadp.io.text.options import Flag
+
+
+@dataclass(frozen=True)
+class ReportOptions:
+    """Where the page goes, and where the flights of a sweep are."""
+
+    out: Annotated[str | None, Flag("-o --out", metavar="FILE")] = None
+    """The page; default: report.html in the folder, or beside the file."""
+
+    keep: Annotated[str | None, Flag(metavar="DIR")] = None
+    """The folders of a sweep's flights, of eadp sweep --keep."""
 
 
 def command(
@@ -18,13 +31,7 @@ def command(
             help="Folder of eadp simulate, results of eadp sweep, or log of eadp replan; or several folders.",
         ),
     ],
-    out: Annotated[
-        str | None,
-        Option("-o", "--out", metavar="FILE", help="The page; default: report.html in the folder, or beside the file."),
-    ] = None,
-    keep: Annotated[
-        str | None, Option(metavar="DIR", help="The folders of a sweep's flights, of eadp sweep --keep.")
-    ] = None,
+    options: ReportOptions,
 ) -> int:
     """Example: eadp report runs/survey
 
@@ -35,6 +42,7 @@ def command(
     """
     from eadp.api.report import report, write_comparison
 
+    out, keep = options.out, options.keep
     if len(result) > 1:
         if keep is not None:
             raise usage_fault("--keep", keep, "is of a sweep's results", "no --keep beside several folders")

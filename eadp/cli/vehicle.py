@@ -3,26 +3,41 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from typer import Argument, Option
+from typer import Argument
 
-from eadp.cli.options import Format, FormatOption
 from eadp.cli.output import aligned, emit, emit_json, usage_fault, warn
+from eadp.io.text.options import Flag
 
 if TYPE_CHECKING:
     from eadp.models.performance import Performance, SpeedRange
 
 
+@dataclass(frozen=True)
+class VehicleOptions:
+    """In which wind and with which load, and what is printed and drawn."""
+
+    wind: Annotated[str, Flag(metavar="MPS,…")] = "0,5,8"
+    """Speeds of the wind, for endurance and range."""
+
+    computing_w: float = 0.0
+    """Power of the computations, beside the motion's."""
+
+    reserve: Annotated[float, Flag(metavar="SHARE")] = 0.05
+    """Charge to keep, as a share of the full charge."""
+
+    plot: Annotated[str, Flag("--plot -o", metavar="FILE")] = ""
+    """Draw the power curve: FILE.svg or FILE.png."""
+
+    format: Literal["text", "json"] = "text"
+    """How to print."""
+
+
 def command(
     file: Annotated[str, Argument(metavar="FILE", help="Vehicle file, - for standard input.")],
-    wind: Annotated[str, Option(metavar="MPS,…", help="Speeds of the wind, for endurance and range.")] = "0,5,8",
-    computing: Annotated[float, Option(metavar="W", help="Power of the computations, beside the motion's.")] = 0.0,
-    reserve: Annotated[float, Option(metavar="SHARE", help="Charge to keep, as a share of the full charge.")] = 0.05,
-    plot: Annotated[
-        str, Option("--plot", "-o", metavar="FILE", help="Draw the power curve: FILE.svg or FILE.png.")
-    ] = "",
-    format: FormatOption = Format.text,
+    options: VehicleOptions,
 ) -> int:
     """Example: eadp vehicle vehicles/foam-wing.yaml
 
@@ -34,17 +49,18 @@ def command(
     from eadp.api import vehicle as use_case
     from eadp.io.vehicle.report import document
 
+    computing, reserve = options.computing_w, options.reserve
     if not 0 <= computing <= 1e6:
         raise usage_fault("--computing", f"{computing:g}", "no power of computations", "from 0 to 1000000 W")
     if not 0 <= reserve < 1:
         raise usage_fault("--reserve", f"{reserve:g}", "no share of the charge", "0 or more, below 1")
-    winds = _winds(wind)
+    winds = _winds(options.wind)
     vehicle, found = use_case.vehicle(file, winds, computing_w=computing, reserve_soc=reserve, warn=warn)
-    if plot:
+    if options.plot:
         from eadp.io.figures.vehicle import write_vehicle_figure
 
-        write_vehicle_figure(plot, vehicle.name, vehicle.airframe, found, computing)
-    if format is Format.json:
+        write_vehicle_figure(options.plot, vehicle.name, vehicle.airframe, found, computing)
+    if options.format == "json":
         emit_json(document(vehicle, found))
     else:
         emit("\n".join([*([vehicle.name] if vehicle.name else []), *_lines(found), "", *_table(found)]))

@@ -11,7 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from eadp import __version__
 from eadp.api.flight import SCHEMA as FLIGHT_SCHEMA
@@ -23,7 +23,7 @@ from eadp.io.mission.reader import PlanReader
 from eadp.io.scenario.scenario_file import REPLACED, Scenario, ScenarioFile, beside, override_key, plain, vehicle_path
 from eadp.io.sweep.statistics import SweepFlight
 from eadp.io.text.kinds import refuse_others
-from eadp.io.text.schema_faults import validated
+from eadp.io.text.schema_faults import STRICT, schema_of, validated
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, read_yaml
@@ -42,47 +42,74 @@ Values = Annotated[list[Any], Field(min_length=1)]
 Count = Annotated[int, Field(ge=1, le=RUNS_LIMIT)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
-
-
-class DrawKeys(_Strict):
+@dataclass(frozen=True)
+class DrawKeys:
     """The distribution of a key: one of the three."""
 
-    uniform: Two | None = Field(default=None, description="[low, high]")
-    normal: Two | None = Field(default=None, description="[mean, standard deviation]")
-    choice: Values | None = Field(default=None, description="any of these values, each as likely")
+    uniform: Two | None = None
+    """[low, high]"""
+
+    normal: Two | None = None
+    """[mean, standard deviation]"""
+
+    choice: Values | None = None
+    """any of these values, each as likely"""
 
 
-class SampleKeys(_Strict):
+@dataclass(frozen=True, kw_only=True)
+class SampleKeys:
     """Keys drawn at random together."""
 
-    runs: Count = Field(description="number of runs")
-    seed: Annotated[int, Field(ge=0, lt=2**63, description="seed of the draws")] = 0
-    method: Literal["random", "latin"] = Field(default="random", description="latin: a Latin hypercube")
-    keys: Annotated[dict[str, DrawKeys], Field(min_length=1, description="distributions by varied key")]
+    runs: Count
+    """number of runs"""
+
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    """seed of the draws"""
+
+    method: Literal["random", "latin"] = "random"
+    """latin: a Latin hypercube"""
+
+    keys: Annotated[dict[str, DrawKeys], Field(min_length=1)]
+    """distributions by varied key"""
 
 
-class SweepKeys(_Strict):
+@dataclass(frozen=True)
+class SweepKeys:
     """A sweep file. Paths are relative to it; varied keys are a scenario's, dotted, or name a file or the planner."""
 
-    schema_: Literal["eadp.sweep/1"] = Field(alias="schema", description="name and version of the format")
-    plan: str | None = Field(
-        default=None,
-        description="path of the plan, the mission or the folder of sorties that is flown, unless it is varied",
-    )
-    scenario: str | None = Field(default=None, description="path of the scenario; by default the defaults")
-    profile: str | None = Field(default=None, description="instead of the scenario's")
-    energy: str | None = Field(default=None, description="path of an energy model made by eadp fit")
-    grid: dict[str, Values] = Field(default={}, description="every combination of these values")
-    zip: dict[str, Values] = Field(default={}, description="the first values together, the second ones, …")
-    sample: SampleKeys | None = Field(default=None, description="keys drawn at random together")
-    seeds: Count | None = Field(default=None, description="each run with seeds 0 to n - 1; else the scenario's own")
+    __pydantic_config__ = STRICT
+
+    schema: Literal["eadp.sweep/1"]
+    """name and version of the format"""
+
+    plan: str | None = None
+    """path of the plan, the mission or the folder of sorties that is flown, unless it is varied"""
+
+    scenario: str | None = None
+    """path of the scenario; by default the defaults"""
+
+    profile: str | None = None
+    """instead of the scenario's"""
+
+    energy: str | None = None
+    """path of an energy model made by eadp fit"""
+
+    grid: dict[str, Values] = field(default_factory=dict)
+    """every combination of these values"""
+
+    zip: dict[str, Values] = field(default_factory=dict)
+    """the first values together, the second ones, …"""
+
+    sample: SampleKeys | None = None
+    """keys drawn at random together"""
+
+    seeds: Count | None = None
+    """each run with seeds 0 to n - 1; else the scenario's own"""
 
 
 def json_schema() -> dict[str, Any]:
     """JSON Schema of a sweep file."""
-    return SweepKeys.model_json_schema(by_alias=True)
+    return schema_of(SweepKeys)
 
 
 @dataclass(frozen=True)

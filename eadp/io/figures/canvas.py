@@ -200,8 +200,17 @@ def label_map(axes: Axes, title: str) -> None:
 
 
 def fit_legend(owner: Any, columns: int, wide: float = 1.0, **style: Any) -> None:
-    """A legend of axes or of a figure, at most so many times as wide: in fewer columns and more lines where needed."""
+    """A legend of axes or of a figure, at most so many times as wide: in fewer columns and more lines where needed.
+
+    `handles` are the marks, by default all that are labelled; of several with one label it has the first.
+    """
     room = wide * owner.bbox.width
+    panels = owner.axes if isinstance(owner.axes, list) else [owner]
+    marks = [mark for axes in panels for mark in axes.get_legend_handles_labels()[0]]
+    first: dict[str, Any] = {}
+    for mark in style.get("handles", marks):
+        first.setdefault(mark.get_label(), mark)
+    style["handles"] = [*first.values()]
     while (legend := owner.legend(ncols=columns, **style)).get_window_extent().width > room and columns > 1:
         legend.remove()
         columns -= 1
@@ -268,20 +277,20 @@ def draw_area(axes: Axes, rings: Sequence[Sequence[Point]], **style: Any) -> Non
 
 def draw_ground(axes: Axes, field: Field | None, airspace: Airspace) -> None:
     """The parts of a field; obstacles, hatched, with their names, and the boundary."""
-    for i, part in enumerate(field.parts if field else ()):
-        draw_area(axes, part, **{**FIELD, "label": None} if i else FIELD)
+    for part in field.parts if field else ():
+        draw_area(axes, part, **FIELD)
     style = {"facecolor": "#d1752b22", "edgecolor": COLOURS[6], "hatch": "///", "linewidth": 1.2, "zorder": 2}
-    for i, obstacle in enumerate(airspace.obstacles):
-        draw_area(axes, (obstacle.outline,), **style, label="obstacle" if i == 0 else None)
+    for obstacle in airspace.obstacles:
+        draw_area(axes, (obstacle.outline,), **style, label="obstacle")
         if len(airspace.obstacles) <= MAX_NAMED:
             x, y = (sum(values) / len(values) for values in zip(*obstacle.outline, strict=True))
             name = textwrap.fill(obstacle.name, CALLOUT_CHARACTERS // 2, max_lines=LINES)
             axes.annotate(
                 name, (x, y), fontsize=7, ha="center", va="center", zorder=6, color=COLOURS[6], parse_math=False
             )
-    for i, ring in enumerate(airspace.boundary):
+    for ring in airspace.boundary:
         x, y = zip(*ring, ring[0], strict=True)
-        axes.plot(x, y, color=COLOURS[6], linestyle="--", linewidth=1.2, label="boundary" if i == 0 else None)
+        axes.plot(x, y, color=COLOURS[6], linestyle="--", linewidth=1.2, label="boundary")
 
 
 def draw_areas(axes: Axes, outlines: Sequence[FloatArray], **style: Any) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from eadp.coverage.swaths import CoveragePath
+from eadp.coverage.swaths import CoverageLeg, CoveragePath
 from eadp.io.figures.canvas import (
     COLOURS,
     START,
@@ -19,6 +19,9 @@ from eadp.io.figures.canvas import (
     label_map,
 )
 from eadp.models.field import Field
+
+STEP_M = 3.0
+"""Distance between points of a turn, about [m]."""
 
 
 def write_coverage_figure(path: str, field: Field, ways: Mapping[str, CoveragePath], swath_m: float) -> None:
@@ -39,37 +42,36 @@ def write_coverage_figure(path: str, field: Field, ways: Mapping[str, CoveragePa
             label_map(axes, title)
             axes.set_aspect("equal", adjustable="box")
             axes.label_outer()
-        handles, labels = all_axes[0].get_legend_handles_labels()
-        fit_legend(figure, 6, handles=handles, labels=labels, loc="outside lower center", fontsize=9)
+        fit_legend(figure, 6, loc="outside lower center", fontsize=9)
 
 
 def _draw_way(axes: Axes, way: CoveragePath, swath_m: float) -> None:
     """Strips of ground covered, lines and turns over them, arrows on the lines, start and end."""
-    named: set[str] = set()
-
-    def once(label: str) -> str | None:
-        if label in named:
-            return None
-        named.add(label)
-        return label
-
     pieces = way.pieces
     arrow = max((piece.length_m for piece in pieces), default=1.0) / 30
     for leg in way.legs:
-        piece = leg.piece
-        steps = max(1, math.ceil(piece.length_m / 3)) if piece.turn else 1
-        x, y, _ = zip(*(piece.pose_at(piece.length_m * i / steps) for i in range(steps + 1)), strict=True)
         if not leg.sensing:
-            axes.plot(x, y, color=COLOURS[1], linewidth=1.0, label=once("turn"), zorder=3)
+            axes.plot(*line_of(leg), color=COLOURS[1], linewidth=1.0, label="turn", zorder=3)
             continue
-        (x0, y0, heading), (x1, y1, _) = piece.start, piece.end
-        nx, ny = -math.sin(heading) * swath_m / 2, math.cos(heading) * swath_m / 2
-        strip_x, strip_y = (x0 + nx, x1 + nx, x1 - nx, x0 - nx), (y0 + ny, y1 + ny, y1 - ny, y0 - ny)
-        label = once(f"ground covered, {swath_m:g} m wide")
-        axes.fill(strip_x, strip_y, color=COLOURS[0], alpha=0.13, linewidth=0, zorder=2, label=label)
-        axes.plot(x, y, color=COLOURS[0], linewidth=1.3, label=once("line"), zorder=3)
-        middle_x, middle_y, _ = piece.pose_at(piece.length_m / 2)
-        tip = (middle_x + arrow * math.cos(heading), middle_y + arrow * math.sin(heading))
-        draw_arrow(axes, (middle_x, middle_y), tip, COLOURS[0])
+        label = f"ground covered, {swath_m:g} m wide"
+        axes.fill(*ground_of(leg, swath_m), color=COLOURS[0], alpha=0.13, linewidth=0, zorder=2, label=label)
+        axes.plot(*line_of(leg), color=COLOURS[0], linewidth=1.3, label="line", zorder=3)
+        x, y, heading = leg.piece.pose_at(leg.piece.length_m / 2)
+        draw_arrow(axes, (x, y), (x + arrow * math.cos(heading), y + arrow * math.sin(heading)), COLOURS[0])
     axes.plot(*pieces[0].start[:2], **START)
     axes.plot(*pieces[-1].end[:2], "s", color="black", markersize=5, zorder=4, label="end")
+
+
+def line_of(leg: CoverageLeg) -> list[tuple[float, ...]]:
+    """x and y along a leg [m]."""
+    piece = leg.piece
+    steps = max(1, math.ceil(piece.length_m / STEP_M)) if piece.turn else 1
+    poses = (piece.pose_at(piece.length_m * i / steps) for i in range(steps + 1))
+    return [*zip(*poses, strict=True)][:2]
+
+
+def ground_of(leg: CoverageLeg, swath_m: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """x and y of the corners of the ground that a line covers [m]."""
+    (x0, y0, heading), (x1, y1, _) = leg.piece.start, leg.piece.end
+    nx, ny = -math.sin(heading) * swath_m / 2, math.cos(heading) * swath_m / 2
+    return (x0 + nx, x1 + nx, x1 - nx, x0 - nx), (y0 + ny, y1 + ny, y1 - ny, y0 - ny)

@@ -77,9 +77,7 @@ def write_spectrum_figure(path: str, fitted: EnergyFit) -> None:
             label = f"harmonics of {period_s:.5g} s" if j == 1 else None
             axes.axvline(j / period_s, color=COLOURS[1], linewidth=1.0, dashes=(4, 3), label=label)
             axes.annotate(f"{j}/T", (j / period_s, 1.0), xycoords=("data", "axes fraction"), fontsize=8, va="bottom")
-        axes.set_xlabel("frequency [Hz]")
-        axes.set_ylabel("amplitude [W]")
-        axes.set_ylim(bottom=0)
+        axes.set(xlabel="frequency [Hz]", ylabel="amplitude [W]", ylim=(0, None))
         if model.periodic:
             axes.legend(loc="upper right")
         write_headline(figure, _headline(fitted))
@@ -94,8 +92,7 @@ def write_filter_figure(path: str, log: FilteredLog) -> None:
         power, errors, states = figure.subplots(3, 1, sharex=True, height_ratios=(1.25, 0.8, 1.0))
         power.plot(*_broken(log.times_s, log.power_w), color=COLOURS[0], linewidth=0.7, alpha=0.7, label="log")
         power.plot(*_broken(log.times_s, log.estimate_w), color=COLOURS[6], linewidth=1.3, label="estimate")
-        power.set_ylabel("power [W]")
-        power.set_title("Log, and the estimate after each reading")
+        power.set(ylabel="power [W]", title="Log, and the estimate after each reading")
         legend_above(power)
         errors.plot(*_broken(log.times_s, log.power_w - log.forecast_w), color=GREY, linewidth=0.7)
         for edge_w in (-log.gate_w, log.gate_w) if log.gate_w else (0.0,):
@@ -109,10 +106,12 @@ def write_filter_figure(path: str, log: FilteredLog) -> None:
             states.plot(log.times_s, np.hypot(alpha, beta), color=COLOURS[j % len(COLOURS)], label=f"harmonic {j}")
         low, high = np.percentile(log.states_w[len(log.times_s) // 10 :, 0] - log.states_w[-1, 0], [0, 100])
         top = max(high, *np.hypot(log.states_w[-1, 1::2], log.states_w[-1, 2::2]), 0.1)
-        states.set_ylim(1.3 * min(low, 0.0) - 0.1 * top, 1.5 * top)
-        states.set_ylabel("[W]")
-        states.set_xlabel("time [s]")
-        states.set_title("States: the level, and the harmonics' amplitudes")
+        states.set(
+            ylim=(1.3 * min(low, 0.0) - 0.1 * top, 1.5 * top),
+            ylabel="[W]",
+            xlabel="time [s]",
+            title="States: the level, and the harmonics' amplitudes",
+        )
         legend_above(states)
         period = "no period" if log.period_s is None else f"period {log.period_s:.5g} s"
         write_headline(figure, [period, f"{100 * log.used:.0f} % of the readings correct the state"])
@@ -130,10 +129,7 @@ def write_track_figure(path: str, track: FlownTrack, name: str) -> None:
         label_map(ground, "Track")
         legend_below(ground)
         off.plot(*_broken(track.times_s, track.off_m), color=COLOURS[0], linewidth=0.9)
-        off.set_ylim(bottom=0)
-        off.set_xlabel("time [s]")
-        off.set_ylabel("[m]")
-        off.set_title("Distance from the path")
+        off.set(ylim=(0, None), xlabel="time [s]", ylabel="[m]", title="Distance from the path")
         median_m, far_m = np.percentile(track.off_m, [50, 95])
         write_headline(figure, [f"median {median_m:.1f} m from the path", f"95 % within {far_m:.1f} m"])
 
@@ -152,8 +148,7 @@ def _draw_log(axes: Axes, fitted: EnergyFit, every: int) -> None:
     even = np.linspace(0, fitted.times_s[-1], POINTS)
     known = np.interp(even, times, np.isnan(power)) == 0
     axes.plot(even, np.where(known, fitted.model.power_w(even), np.nan), color=COLOURS[1], linewidth=1.3, label="fit")
-    axes.set_ylabel("power [W]")
-    axes.set_title("Log and fit")
+    axes.set(ylabel="power [W]", title="Log and fit")
     axes.tick_params(labelbottom=False)
     legend_above(axes)
 
@@ -171,9 +166,7 @@ def _draw_residuals(axes: Axes, fitted: EnergyFit, every: int) -> None:
     residuals = fitted.power_w - fitted.model.power_w(fitted.times_s)
     axes.plot(*_broken(fitted.times_s[::every], residuals[::every]), color=GREY, linewidth=0.7)
     axes.axhline(0, color="black", linewidth=0.6)
-    axes.set_ylabel("residual [W]")
-    axes.set_xlabel("time [s]")
-    axes.set_title("Residuals")
+    axes.set(ylabel="residual [W]", xlabel="time [s]", title="Residuals")
 
 
 def draw_periodogram(axes: Axes, times_s: FloatArray, power_w: FloatArray, order: int) -> None:
@@ -182,9 +175,7 @@ def draw_periodogram(axes: Axes, times_s: FloatArray, power_w: FloatArray, order
     axes.plot(period_s, r2, color=COLOURS[0], linewidth=0.9)
     axes.axhline(0, color="black", linewidth=0.6)
     scale_by_decades(axes)
-    axes.set_ylim(-0.27, max(0.3, min(1.02, 1.1 * float(r2.max()))))
-    axes.set_xlabel("period [s]")
-    axes.set_ylabel("cross-validated R²")
+    axes.set(ylim=(-0.27, max(0.3, min(1.02, 1.1 * float(r2.max())))), xlabel="period [s]", ylabel="cross-validated R²")
 
 
 def _draw_periodogram(axes: Axes, fitted: EnergyFit) -> None:
@@ -210,6 +201,5 @@ def _draw_folded(axes: Axes, fitted: EnergyFit, every: int) -> None:
     axes.plot(phase_s, fitted.power_w[::every], ".", color=colour, markersize=2.5, alpha=0.4, label="samples")
     times = np.linspace(0, best_s, 400)
     axes.plot(times, fitted.model.power_w(times), color=COLOURS[1], linewidth=1.5, label="fit")
-    axes.set_xlabel("time within the period [s]")
-    axes.set_ylabel("power [W]")
+    axes.set(xlabel="time within the period [s]", ylabel="power [W]")
     legend_above(axes)

@@ -101,12 +101,9 @@ def _draw_path(axes: Axes, world: World, steps: Sequence[Step], turned_back_s: f
     draw_ground(axes, world.plan.site.field, world.plan.site.airspace)
     _draw_swath(axes, world.plan, steps, turned_back_s)
     starts = [0, *(np.flatnonzero(np.diff(stages)) + 1).tolist()]
-    named: set[str] = set()
     for start, end in itertools.pairwise([*starts, len(steps) - 1]):
         colour, label = stage_style(world.plan.stages, int(stages[start]))
-        own = None if label in named else label
-        named.add(label)
-        axes.plot(x[start : end + 1], y[start : end + 1], color=colour, linewidth=1.2, label=own)
+        axes.plot(x[start : end + 1], y[start : end + 1], color=colour, linewidth=1.2, label=label)
     axes.plot(x[0], y[0], **START)
     final = point_at(world.plan.final_point, steps[-1].parameters, "the final point")
     axes.plot(*final, "*", color="black", markersize=11, label="final point")
@@ -131,11 +128,10 @@ def _draw_answer(axes: Axes, world: World, steps: Sequence[Step], lost: Sequence
     rows = ((step.time_s, step.stage, step.x_m, step.y_m, step.parameters) for step in steps)
     cursor = PlanCursor.start(world.plan, world.parameters, world.rules)
     replay = PlanReplay(cursor, world.start.position_m, rows)
-    label: str | None = "plan before the loss"
+    style: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "dashes": (3, 3), "label": "plan before the loss"}
     for leg in replay.before(lost[-1].time_s):
         points = [(point.x_m, point.y_m) for point in leg_points(leg, max(leg.distance_m / 40, 1.0))]
-        axes.plot(*zip(*points, strict=True), color=GREY, linewidth=0.8, dashes=(3, 3), zorder=1, label=label)
-        label = None
+        axes.plot(*zip(*points, strict=True), zorder=1, **style)
     callouts = []
     for record in lost:
         step = min(steps, key=lambda step: abs(step.time_s - record.time_s))
@@ -153,12 +149,11 @@ def _draw_swath(axes: Axes, plan: Plan, steps: Sequence[Step], turned_back_s: fl
     from eadp.core.geometry.polygons import strips
 
     columns = {name: [getattr(step, name) for step in steps] for name in ("time_s", "stage", "x_m", "y_m")}
-    label: str | None = f"ground covered, {plan.site.swath_m:g} m wide"
+    label = f"ground covered, {plan.site.swath_m:g} m wide"
     for outline, *holes in strips(
         plan.site.field.parts, flown_lines(plan, flown_of_plan(columns, turned_back_s)), plan.site.swath_m
     ):
         draw_area(axes, (outline, *holes), facecolor=COLOURS[0], alpha=0.18, linewidth=0, zorder=1, label=label)
-        label = None
 
 
 def _draw_power(axes: Axes, time: Any, steps: Sequence[Step]) -> None:
@@ -168,9 +163,7 @@ def _draw_power(axes: Axes, time: Any, steps: Sequence[Step]) -> None:
     axes.plot(time, power, color=COLOURS[0], linewidth=2.4, alpha=0.45, label="measured")
     forecast = [step.power_forecast_w for step in steps]
     axes.plot(time, forecast, color=COLOURS[1], linewidth=0.8, label="one-step forecast")
-    axes.set_ylim(low - margin, high + margin)
-    axes.set_ylabel("power [W]")
-    axes.set_title("Power")
+    axes.set(ylim=(low - margin, high + margin), ylabel="power [W]", title="Power")
     legend_above(axes)
 
 
@@ -184,16 +177,13 @@ def _draw_charge(axes: Axes, time: Any, steps: Sequence[Step], world: World, res
             side = "right" if fault.at_s > time[-1] / 2 else "left"
             text = f" {100 * fault.soc_drop:.3g} % lost "
             axes.annotate(text, (fault.at_s, 96 - 14 * (i % 4)), fontsize=8, color=GREY, va="top", ha=side)
-    axes.set_ylim(0, 104)
-    axes.set_ylabel("state of charge [%]")
-    axes.set_title("Battery")
+    axes.set(ylim=(0, 104), ylabel="state of charge [%]", title="Battery")
     legend_above(axes)
 
 
 def _draw_altitude(axes: Axes, time: Any, steps: Sequence[Step]) -> None:
     axes.plot(time, [step.altitude_m for step in steps], color=COLOURS[0], linewidth=1.3)
-    axes.set_ylabel("altitude [m]")
-    axes.set_title("Altitude")
+    axes.set(ylabel="altitude [m]", title="Altitude")
 
 
 def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World) -> None:
@@ -231,8 +221,7 @@ def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World)
         behind = min(len(plan.parameters) - 1 - i, 4)
         style: dict[str, Any] = {"linewidth": 1.3 + 2.2 * behind, "alpha": 0.5 if behind else 1.0, "label": label}
         axes.step(time, normalised, where="post", color=COLOURS[i % len(COLOURS)], **style)
-    axes.set_ylim(-0.06, 1.06)
-    axes.set_ylabel("normalised value")
+    axes.set(ylim=(-0.06, 1.06), ylabel="normalised value")
 
 
 def _draw_decisions(path: Axes, lower: Axes, steps: Sequence[Step], records: Sequence[DecisionRecord]) -> None:
@@ -255,11 +244,10 @@ def _draw_decisions(path: Axes, lower: Axes, steps: Sequence[Step], records: Seq
         )
         top = lower.get_xaxis_transform()
         lower.plot(moments, [1.0] * len(moments), "D", **_DECISION, transform=top, clip_on=False)
-    label: str | None = "nothing was feasible"
     for record, after in itertools.pairwise(records):
         if record.status == INFEASIBLE:
-            lower.axvspan(record.time_s, after.time_s, color=GREY, alpha=0.2, linewidth=0, label=label)
-            label = None
+            style: dict[str, Any] = {"color": GREY, "alpha": 0.2, "linewidth": 0, "label": "nothing was feasible"}
+            lower.axvspan(record.time_s, after.time_s, **style)
 
 
 def _apart(places: Sequence[tuple[tuple[float, float], Any]]) -> list[Any]:

@@ -80,8 +80,7 @@ def write_machine_figure(path: str, plan: Plan, parameters: Sequence[float]) -> 
                 until = f" and {block.until}" if block.until else ""
                 _draw_next_row(axes, block.places[-1], blocks[i + 1].places[0], label + until)
         _draw_end(axes, blocks[-1], plan, parameters, right)
-        axes.set_xlim(-2.2, right + 1.5)
-        axes.set_ylim(blocks[-1].bottom, 1.5)
+        axes.set(xlim=(-2.2, right + 1.5), ylim=(blocks[-1].bottom, 1.5))
 
 
 def _blocks(plan: Plan, parameters: Sequence[float]) -> list[_Block]:

@@ -63,9 +63,7 @@ def _draw_power(axes: Axes, time: FloatArray, power: FloatArray, estimates: Sequ
     axes.plot(read, now, color=COLOURS[1], linewidth=0.8, label="estimate y")
     low, high = float(power.min()), float(power.max())
     margin = 0.15 * max(high - low, 1.0)
-    axes.set_ylim(low - margin, high + margin)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("power [W]")
+    axes.set(ylim=(low - margin, high + margin), xlabel="time [s]", ylabel="power [W]")
 
 
 def _draw_detail(
@@ -74,26 +72,22 @@ def _draw_detail(
     """The first periods, with forecasts over the horizon that do not overlap."""
     shown = time <= until
     _draw_power(axes, time[shown], power[shown], estimates)
-    next_s, label = 0.0, "forecast ŷ over the horizon"
+    next_s = 0.0
     for one in estimates:
         if one.time_s >= next_s:
             next_s = one.time_s + max(one.horizon_s, until / FORECASTS)
             ahead = np.linspace(0.0, one.horizon_s, POINTS)
+            label = "forecast ŷ over the horizon"
             axes.plot(one.time_s + ahead, one.forecast_w(ahead), color="black", linewidth=0.9, label=label)
             axes.plot(one.time_s, one.horizon_w()[0], "o", color="black", markersize=3)
-            label = ""
-    axes.set_xlim(0, until)
-    axes.set_title("Detail: the first periods")
+    axes.set(xlim=(0, until), title="Detail: the first periods")
     legend_above(axes, 3)
 
 
 def _draw_period(axes: Axes, time: FloatArray, estimates: Sequence[PowerEstimate]) -> None:
     periods = np.array([np.nan if one.period_s is None else one.period_s for one in estimates])
     axes.plot(time, periods, color=COLOURS[3], linewidth=1.3)
-    axes.set_ylim(0, None)
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("T [s]")
-    axes.set_title("Period T")
+    axes.set(ylim=(0, None), xlabel="time [s]", ylabel="T [s]", title="Period T")
     if np.isnan(periods).all():
         write_none(axes, "no period")
 
@@ -107,16 +101,17 @@ def _draw_battery(axes: Axes, world: World, steps: Sequence[Step], estimates: Se
     axes.plot(time, limit, color=COLOURS[6], linewidth=4.0, alpha=0.4, label=label)
     largest = [float(one.horizon_w().max()) for one in estimates]
     axes.plot([one.time_s for one in estimates], largest, color=COLOURS[1], linewidth=0.9, label="largest ŷ")
-    axes.set_ylim(0, 1.08 * np.nanmax([*limit, *largest]))
-    axes.set_xlabel("time [s]")
-    axes.set_ylabel("power [W]")
-    axes.set_title("Battery and horizon")
+    axes.set(
+        ylim=(0, 1.08 * np.nanmax([*limit, *largest])),
+        xlabel="time [s]",
+        ylabel="power [W]",
+        title="Battery and horizon",
+    )
     charge = axes.twinx()
     charge.plot(time, [100 * step.soc for step in steps], color=COLOURS[2], linewidth=1.3, label="b")
     charge.spines["right"].set_visible(True)
     charge.grid(False)
-    charge.set_ylim(0, 108)
-    charge.set_ylabel("state of charge b [%]")
+    charge.set(ylim=(0, 108), ylabel="state of charge b [%]")
     handles = [*axes.get_lines(), *charge.get_lines()]
     legend_above(axes, 3, handles=handles)
 
@@ -138,8 +133,7 @@ def _draw_state(level: Axes, harmonics: Axes, estimates: Sequence[PowerEstimate]
     else:
         write_none(harmonics, "no harmonics")
     for axes, values in ((level, settled[:, :1]), (harmonics, settled[:, 1:])):
-        axes.set_xlabel("time [s]")
-        axes.set_ylabel("coefficient [W]")
+        axes.set(xlabel="time [s]", ylabel="coefficient [W]")
         if values.size:  # the first period's are far off: the figure is of what follows
             low, high = float(values.min()), float(values.max())
             axes.set_ylim(low - 0.5 * (high - low) - 0.5, high + 0.5 * (high - low) + 0.5)
@@ -149,8 +143,7 @@ def _draw_spectra(left: Axes, right: Axes, time: FloatArray, motion: FloatArray,
     """The power spectrum and the periodogram of the motion's power; T and its harmonics are marked."""
     left.set_title("Power spectrum of the motion")
     right.set_title("Periodogram of the motion")
-    left.set_xlabel("frequency [Hz]")
-    left.set_ylabel("power spectral density [W²/Hz]")
+    left.set(xlabel="frequency [Hz]", ylabel="power spectral density [W²/Hz]")
     if len(time) < MIN_SAMPLES or np.ptp(motion) < 1e-9:
         for axes in (left, right):
             write_none(axes, "no spectrum")
@@ -165,7 +158,7 @@ def _draw_spectra(left: Axes, right: Axes, time: FloatArray, motion: FloatArray,
     draw_periodogram(right, time, motion, order or 1)
     if last.period_s:
         for j in range(1, order + 1):
-            label = f"j/T, j = 1 … {order}" if j == 1 else ""
+            label = f"j/T, j = 1 … {order}"
             left.axvline(j / last.period_s, color=COLOURS[1], linewidth=0.9, dashes=(4, 3), label=label)
         right.axvline(last.period_s, color=COLOURS[1], linewidth=0.9, dashes=(4, 3), label=f"T = {last.period_s:.1f} s")
         legend_above(right)

@@ -84,16 +84,13 @@ def _title(plan: Plan, parameters: Sequence[float], length_m: float) -> str:
 
 def _draw_legs(axes: Axes, plan: Plan, legs: Sequence[Leg], step: float, arrow: float) -> None:
     """Each leg in the colour of its stage, with an arrow of that length at its middle."""
-    seen: set[str] = set()
     for leg in legs:
         points = list(leg_points(leg, step))
         index = leg.stage.index
         colour, label = stage_style(plan.stages, index)
         if len(plan.stages) <= len(COLOURS):
             label = f"$\\Gamma_{{{index}}}$: $\\varphi_{{{index}}}$, {leg.stage.kind}"
-        own = None if label in seen else label
-        seen.add(label)
-        axes.plot([p.x_m for p in points], [p.y_m for p in points], color=colour, linewidth=1.4, label=own)
+        axes.plot([p.x_m for p in points], [p.y_m for p in points], color=colour, linewidth=1.4, label=label)
         middle = points[len(points) // 2]
         dx, dy = arrow * math.cos(middle.heading_rad), arrow * math.sin(middle.heading_rad)
         draw_arrow(axes, (middle.x_m, middle.y_m), (middle.x_m + dx, middle.y_m + dy), colour)

@@ -58,9 +58,8 @@ def _draw_part(figure: Figure, axes: Axes, part: Profile) -> None:
         _draw_predictions(axes, part)
     kind = part.interpolation if len(varying) == 1 else "linear between neighbours"
     axes.set_title(f"Power of the computations, {kind}")
-    found = zip(*axes.get_legend_handles_labels(), strict=True)
-    handles, labels = zip(*sorted(found, key=lambda item: item[1] in MARKS), strict=True)
-    legend_below(axes, 3, 0.14, handles=handles, labels=labels)
+    handles, _ = axes.get_legend_handles_labels()
+    legend_below(axes, 3, 0.14, handles=sorted(handles, key=lambda mark: mark.get_label() in MARKS))
 
 
 def _title(part: Profile, axis: int) -> str:
@@ -76,21 +75,20 @@ def _draw_family(axes: Axes, part: Profile, along: int, others: list[int], level
         combinations = [combinations[i] for i in kept]
     knots = levels[along]
     fine = np.unique(np.concatenate([np.linspace(knots[0], knots[-1], FINE), knots]))
-    for i, values in enumerate(combinations):
+    for values, colour in zip(combinations, itertools.cycle(COLOURS), strict=False):
         at = np.tile(part.configurations[0], (len(fine), 1))
         at[:, along] = fine
         at[:, others] = values
-        colour = COLOURS[i % len(COLOURS)]
         label = ", ".join(f"{part.names[axis]} = {value:g}" for axis, value in zip(others, values, strict=True))
         axes.plot(fine, part.interpolant(at), color=colour, linewidth=1.4, label=label or "model")
         rows = np.flatnonzero(np.all(part.configurations[:, others] == np.array(values), axis=1))
-        _draw_points(axes, part, rows, along, colour, named=i == 0)
+        _draw_points(axes, part, rows, along, colour)
     axes.set_xlabel(_title(part, along))
 
 
-def _draw_points(axes: Axes, part: Profile, rows: np.ndarray, along: int, colour: str, *, named: bool) -> None:
+def _draw_points(axes: Axes, part: Profile, rows: np.ndarray, along: int, colour: str) -> None:
     """Measured points with standard deviation and standard error, and their leave-one-out predictions."""
-    measured, predicted, deviation, errors = MARKS if named else (None,) * 4
+    measured, predicted, deviation, errors = MARKS
     x, power_w = part.configurations[rows, along], part.power_w[rows]
     std_w, error_w = part.std_w[rows], np.nan_to_num(part.standard_error_w[rows])
     leave_one_out_w = part.leave_one_out_w[rows]
@@ -118,8 +116,7 @@ def _draw_contours(figure: Figure, axes: Axes, part: Profile, varying: list[int]
     low_w, high_w = filled.get_clim()
     style: dict[str, Any] = {"edgecolors": "black", "linewidths": 0.8, "clip_on": False, "zorder": 3}
     axes.scatter(x, y, c=part.power_w, cmap="viridis", vmin=low_w, vmax=high_w, label=MARKS[0], **style)
-    axes.set_xlabel(_title(part, varying[0]))
-    axes.set_ylabel(_title(part, varying[1]))
+    axes.set(xlabel=_title(part, varying[0]), ylabel=_title(part, varying[1]))
 
 
 def _draw_predictions(axes: Axes, part: Profile) -> None:
@@ -127,5 +124,4 @@ def _draw_predictions(axes: Axes, part: Profile) -> None:
     ends = [float(part.power_w.min()), float(part.power_w.max())]
     axes.plot(ends, ends, color=GREY, linewidth=1.0, label="no error")
     axes.plot(part.power_w, part.leave_one_out_w, "x", color=COLOURS[0], label=MARKS[1])
-    axes.set_xlabel("measured power [W]")
-    axes.set_ylabel("predicted power [W]")
+    axes.set(xlabel="measured power [W]", ylabel="predicted power [W]")

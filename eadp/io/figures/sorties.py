@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -17,6 +16,7 @@ from eadp.io.figures.canvas import (
     fit_legend,
     label_map,
 )
+from eadp.io.figures.coverage import ground_of, line_of
 from eadp.models.field import Field
 
 
@@ -37,22 +37,16 @@ def write_sorties_figure(
         draw_ground(axes, field, field.airspace)
         for i, sortie in enumerate(sorties):
             colour = COLOURS[i % len(COLOURS)]
-            label: str | None = f"sortie {sortie.number}"
+            label = f"sortie {sortie.number}"
             if sorties[-1].aircraft > 1:
                 label = f"{label}, aircraft {sortie.aircraft}"
             middles = []
             for leg in sortie.path.legs:
-                piece = leg.piece
-                steps = max(1, math.ceil(piece.length_m / 5)) if piece.turn else 1
-                x, y, heading = zip(*(piece.pose_at(piece.length_m * k / steps) for k in range(steps + 1)), strict=True)
                 if leg.sensing:
-                    nx, ny = -math.sin(heading[0]) * swath_m / 2, math.cos(heading[0]) * swath_m / 2
-                    corners_x = (x[0] + nx, x[-1] + nx, x[-1] - nx, x[0] - nx)
-                    corners_y = (y[0] + ny, y[-1] + ny, y[-1] - ny, y[0] - ny)
-                    axes.fill(corners_x, corners_y, color=colour, alpha=0.22, linewidth=0, zorder=2)
-                    middles.append(((x[0] + x[-1]) / 2, (y[0] + y[-1]) / 2))
-                axes.plot(x, y, color=colour, linewidth=1.2 if leg.sensing else 0.6, zorder=3, label=label)
-                label = None
+                    axes.fill(*ground_of(leg, swath_m), color=colour, alpha=0.22, linewidth=0, zorder=2)
+                    middles.append(leg.piece.pose_at(leg.piece.length_m / 2)[:2])
+                width = 1.2 if leg.sensing else 0.6
+                axes.plot(*line_of(leg), color=colour, linewidth=width, zorder=3, label=label)
             if middles:
                 at = middles[len(middles) // 2]
                 box = {"boxstyle": "circle", "facecolor": "white", "edgecolor": colour}

@@ -70,8 +70,7 @@ def _ends(table: Table) -> tuple[float, float]:
 
 def _label_axes(axes: Axes, table: Table) -> None:
     upward, rightward = table.keys
-    axes.set_ylabel(printable(upward, 60))
-    axes.set_xlabel(printable(rightward, 60))
+    axes.set(ylabel=printable(upward, 60), xlabel=printable(rightward, 60))
     axes.set_yticks(*_ticks(table.rows))
     positions, labels = _ticks(table.columns)
     turned = max(map(len, labels)) > 4

@@ -23,7 +23,7 @@ from eadp.core.expressions.tree import (
     total,
 )
 from eadp.core.geometry.curves import Point
-from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, printable
+from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, printable, refuse
 from eadp.io.plan.writer import point_text
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
@@ -61,10 +61,9 @@ _HEADERS = (
     "inside",
     "made-for",
 )
-_RING_HEADERS = ("field", "hole")
-"""Headers of the field's parts, each an outline and the holes in it."""
-_LIMIT_HEADERS = ("avoid", "inside")
-"""Headers of obstacles and of the boundary, which may stand more than once."""
+_RING_HEADERS, _LIMIT_HEADERS = ("field", "hole"), ("avoid", "inside")
+"""Headers of the field's parts, each an outline and the holes in it; of obstacles and of the boundary. They may stand
+more than once."""
 _CORNER = re.compile(r"{0},{0}\Z".format(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"))
 _HEIGHT = re.compile(r"(?:^|\s)height\s+(\S+)\Z")
 _MADE_FOR = re.compile(r"(.*?)\s*airspeed\s+(\S+)\s+wind\s+(\S+?),?\s+(\S+)\Z")
@@ -152,8 +151,7 @@ class _Reader:
         self._findings: list[Finding] = []
         self._drafts: list[_Draft] = []
         self._headers: dict[str, _Line] = {}
-        self._rings: list[tuple[str, _Line]] = []
-        self._limits: list[tuple[str, _Line]] = []
+        self._areas: list[tuple[str, _Line]] = []
         self._header_shift: PointExpression | None = None
         self._header_shift_line = _START
         self._section = ""
@@ -180,14 +178,10 @@ class _Reader:
         if not self._drafts and not self._faults:
             self._fault(_START, 0, "no stage", STAGE_EXPECTED)
         self._finish_stages()
-        self._check_faults()
+        refuse(self._faults)
         plan = self._assembled()
-        self._check_faults()
+        refuse(self._faults)
         return plan, self._findings
-
-    def _check_faults(self) -> None:
-        if self._faults:
-            raise InputError(*self._faults)
 
     def _unnumbered(self, number: int, raw: str) -> _Line | None:
         """The line without its printed number; comments become headers or nothing."""
@@ -449,23 +443,18 @@ class _Reader:
         key = stripped.partition(" ")[0]
         start = len(line.text) - len(line.text.lstrip()) + len(key)
         start = len(line.text) - len(line.text[start:].lstrip())
-        known = (*_HEADERS, *_STAGE_HEADERS)
-        if key in _RING_HEADERS:
-            self._rings.append((key, line.after(start)))
-            return
-        if key in _LIMIT_HEADERS:
-            self._limits.append((key, line.after(start)))
-            return
-        if key in _STAGE_HEADERS:
+        if key in (*_RING_HEADERS, *_LIMIT_HEADERS):
+            self._areas.append((key, line.after(start)))
+        elif key in _STAGE_HEADERS:
             self._read_stage_header(key, line.after(start))
-            return
-        if key not in known:
-            message = f"unknown header {printable(key, 40)}; expected one of {', '.join(known)}"
+        elif key not in _HEADERS:
+            known = ", ".join((*_HEADERS, *_STAGE_HEADERS))
+            message = f"unknown header {printable(key, 40)}; expected one of {known}"
             self._findings.append(Finding("warning", None, line.number, "unknown-header", message, line.column))
-            return
-        if key in self._headers:
-            self._fault(line, len(line.text) - len(line.text.lstrip()), f"the header {key} stands twice", "it once")
-        self._headers[key] = line.after(start)
+        else:
+            if key in self._headers:
+                self._fault(line, len(line.text) - len(line.text.lstrip()), f"the header {key} stands twice", "it once")
+            self._headers[key] = line.after(start)
 
     def _read_stage_header(self, key: str, line: _Line) -> None:
         """What holds from the next stage on, or a command as it starts."""
@@ -490,23 +479,28 @@ class _Reader:
             return None
         return values
 
+    def _of(self, key: str, read: Callable[[_Line], T | None]) -> T | None:
+        """What a header's line is read as; None where the plan has no such header."""
+        return read(self._headers[key]) if key in self._headers else None
+
     def _site(self) -> Site:
-        swath_m, home_m = self._header_radius("swath"), self._header_point("home")
         return Site(
-            self._header_origin(),
-            self._header_point("start"),
-            self._header_field(),
-            swath_m,
-            home_m,
-            self._header_airspace(),
-            self._header_made_for(),
+            origin_deg=self._of("origin", self._origin),
+            start_m=self._of("start", self._header_point),
+            field=self._header_field(),
+            swath_m=self._of("swath", self._radius),
+            home_m=self._of("home", self._header_point),
+            airspace=self._header_airspace(),
+            made_for=self._of("made-for", self._made_for),
         )
 
     def _header_airspace(self) -> Airspace:
         """Obstacles, as NAME height H x,y x,y … with name and height left out or not, and the boundary."""
         obstacles: list[Obstacle] = []
         boundary: list[tuple[Point, ...]] = []
-        for key, line in self._limits:
+        for key, line in self._areas:
+            if key not in _LIMIT_HEADERS:
+                continue
             words = line.text.split()
             # from the last word that is no corner on: a name may have commas, too
             first = next((i for i in range(len(words), 0, -1) if not _CORNER.match(words[i - 1])), 0)
@@ -524,10 +518,7 @@ class _Reader:
                 obstacles.append(Obstacle(ring, name or f"obstacle {len(obstacles) + 1}", height_m))
         return Airspace(tuple(obstacles), tuple(boundary))
 
-    def _header_made_for(self) -> MadeFor | None:
-        line = self._headers.get("made-for")
-        if line is None:
-            return None
+    def _made_for(self, line: _Line) -> MadeFor | None:
         found = _MADE_FOR.match(line.text.strip())
         try:
             numbers = [float(word) for word in found.groups()[1:]] if found else []
@@ -538,32 +529,28 @@ class _Reader:
             return None
         return MadeFor(found[1], *numbers)
 
-    def _header_point(self, key: str) -> Point | None:
-        line = self._headers.get(key)
-        values = self._header_numbers(line, (2,), "x and y in metres, like -100 220") if line else None
+    def _header_point(self, line: _Line) -> Point | None:
+        values = self._header_numbers(line, (2,), "x and y in metres, like -100 220")
         return (values[0], values[1]) if values else None
 
     def _header_field(self) -> Field | None:
         """The field: the outline of each part counter-clockwise, and its holes clockwise."""
-        if not self._rings:
+        given = [(key == "field", line) for key, line in self._areas if key in _RING_HEADERS]
+        if given and not given[0][0]:
+            self._fault(given[0][1], 0, "a hole of no field", "a header field before it")
             return None
-        if self._rings[0][0] != "field":
-            self._fault(self._rings[0][1], 0, "a hole of no field", "a header field before it")
-            return None
-        rings = [self._ring(line) for _, line in self._rings]
-        if not all(rings):
+        rings = [self._ring(line) for _, line in given]
+        if not given or not all(rings):
             return None
         from eadp.core.geometry.polygons import flaws, signed_area_m2
 
         parts: list[list[tuple[Point, ...]]] = []
         lines: list[list[_Line]] = []
-        for (key, line), ring in zip(self._rings, rings, strict=True):
-            outer = key == "field"
-            turned = ring if (signed_area_m2(ring) > 0) == outer else ring[::-1]
+        for (outer, line), ring in zip(given, rings, strict=True):
             if outer:
                 parts.append([])
                 lines.append([])
-            parts[-1].append(turned)
+            parts[-1].append(ring if (signed_area_m2(ring) > 0) == outer else ring[::-1])
             lines[-1].append(line)
         for part, own in zip(parts, lines, strict=True):
             for flaw in flaws(part[0], part[1:]):  # flown as well without
@@ -589,44 +576,31 @@ class _Reader:
             return ()
         return tuple(corners)
 
-    def _header_radius(self, key: str) -> float | None:
-        line = self._headers.get(key)
-        return self._number(line, line.text, 0, *_RADIUS) if line else None
+    def _radius(self, line: _Line) -> float | None:
+        return self._number(line, line.text, 0, *_RADIUS)
 
-    def _header_computations(self) -> tuple[tuple[str, str], ...]:
-        line = self._headers.get("computations")
-        if line is None:
-            return ()
-        result: list[tuple[str, str]] = []
-        seen: set[str] = set()
+    def _computations(self, line: _Line) -> tuple[tuple[str, str], ...]:
+        result: dict[str, str] = {}
         offset = 0
         for part in line.text.split(","):
-            # no pattern for the whole: one with several runs of spaces backtracks for minutes over a long line
-            name, bracket, unit = part.strip().partition("[")
-            name, unit = name.rstrip(), unit.removesuffix("]").strip()
-            closed = not bracket or part.rstrip().endswith("]")
-            if not _COMPUTATION.match(name) or not closed or name in seen:
+            name, unit = _named_unit(part)
+            if not name or name in result:
                 self._fault(line, offset, "a computation without a name of its own", "names like fps, keysize [bit]")
                 return ()
-            seen.add(name)
-            result.append((name, unit))
+            result[name] = unit
             offset += len(part) + 1
-        return tuple(result)
+        return tuple(result.items())
 
-    def _header_paths(self, path_count: int, taken: Collection[str], sets: Mapping[int, Box]) -> tuple[Title, ...]:
+    def _paths(
+        self, line: _Line, path_count: int, taken: Collection[str], sets: Mapping[int, Box]
+    ) -> tuple[Title, ...]:
         """Names of the path parameters, and what they stand for."""
-        line = self._headers.get("paths")
-        if line is None:
-            return ()
         result: list[Title] = []
         offset = 0
         for part in line.text.split(","):
             head, equals, formula = part.partition("=")
-            name, bracket, unit = head.strip().partition("[")
-            name, unit = name.rstrip(), unit.removesuffix("]").strip()
-            closed = not bracket or head.rstrip().endswith("]")
-            others = [*taken, *(title.name for title in result)]
-            if not _COMPUTATION.match(name) or _RESERVED.match(name) or not closed or name in others:
+            name, unit = _named_unit(head)
+            if not name or _RESERVED.match(name) or name in [*taken, *(title.name for title in result)]:
                 expected = "names like spacing, spacing [m] = 150 - 2*sqrt(4900 + c1)"
                 self._fault(line, offset, "a path parameter without a name of its own", expected)
                 return ()
@@ -645,10 +619,7 @@ class _Reader:
             self._fault(line, 0, f"{len(result)} names for {path_count} path parameters", expected)
         return tuple(result)
 
-    def _header_sets(self) -> dict[int, Box]:
-        line = self._headers.get("sets")
-        if line is None:
-            return {}
+    def _sets(self, line: _Line) -> dict[int, Box]:
         result: dict[int, Box] = {}
         position = 0
         while line.text[position:].strip():
@@ -665,10 +636,7 @@ class _Reader:
             position = match.end()
         return result
 
-    def _header_origin(self) -> tuple[float, float] | None:
-        line = self._headers.get("origin")
-        if line is None:
-            return None
+    def _origin(self, line: _Line) -> tuple[float, float] | None:
         words = line.text.replace(",", " ").split()
         try:
             latitude, longitude = (float(word) for word in words)
@@ -745,7 +713,7 @@ class _Reader:
     def _assembled(self) -> Plan:
         count = len(self._drafts[0].sets)
         path_count = max((part.max_parameter for _, part, _ in self._named()), default=0)
-        sets = self._header_sets()
+        sets = self._of("sets", self._sets) or {}
         if sets and count:
             self._fault(self._headers["sets"], 0, "a header sets beside stages that carry sets", "one or the other")
         elif sets:
@@ -753,16 +721,17 @@ class _Reader:
             missing = [f"c{i}" for i in range(1, max(count, path_count) + 1) if i not in sets]
             if missing:
                 self._fault(self._headers["sets"], 0, f"no set for {', '.join(missing)}", "a set for every parameter")
-                self._check_faults()
+                refuse(self._faults)
         if count:
             self._check_indices(count, path_count)
-        computations = self._header_computations()
+        computations = self._of("computations", self._computations) or ()
         if count >= path_count and count and computations and len(computations) != count - path_count:
             message = f"{len(computations)} names for {count - path_count} computations"
             self._fault(self._headers["computations"], 0, message, "a name for each set after the paths'")
-        titles = self._header_paths(path_count, {name for name, _ in computations}, sets)
+        taken = {name for name, _ in computations}
+        titles = self._of("paths", lambda line: self._paths(line, path_count, taken, sets)) or ()
         self._check_computation_sets(path_count, sets)
-        self._check_faults()
+        refuse(self._faults)
         boxes = tuple(sets[i] for i in sorted(sets))
         parts = self._parts()
         stages = tuple(self._stage(index, draft, boxes, parts) for index, draft in enumerate(self._drafts, 1))
@@ -772,8 +741,8 @@ class _Reader:
             path_count=path_count,
             computations=computations,
             titles=titles,
-            trigger_radius_m=self._header_radius("trigger-radius") or TRIGGER_RADIUS_M,
-            min_radius_m=self._header_radius("min-radius"),
+            trigger_radius_m=self._of("trigger-radius", self._radius) or TRIGGER_RADIUS_M,
+            min_radius_m=self._of("min-radius", self._radius),
             site=self._site(),
             header_shift=self._header_shift,
             segments=parts,
@@ -859,7 +828,7 @@ class _Reader:
                 placed.append(substituted(part, values))
             except ExpressionError as error:
                 self._fault(line, error.offset, error.message, error.expected)
-                self._check_faults()
+                refuse(self._faults)
         return placed[0], (placed[1], placed[2])
 
     def _named(self) -> Iterator[tuple[str, Expression, _Line]]:
@@ -1008,6 +977,14 @@ _OBSTACLE_HEIGHT: tuple[str, Callable[[float], bool]] = (
     "a height above the origin, from 0 to 1e5 m",
     lambda value: 0 <= value <= 1e5,
 )
+
+
+def _named_unit(text: str) -> tuple[str, str]:
+    """The name and the unit of `keysize [bit]`; no name where it is none, or a bracket is open."""
+    # no pattern for the whole: one with several runs of spaces backtracks for minutes over a long line
+    name, bracket, unit = text.strip().partition("[")
+    known = _COMPUTATION.match(name.rstrip()) and (not bracket or unit.endswith("]"))
+    return (name.rstrip() if known else "", unit.removesuffix("]").strip())
 
 
 def _second_comma(text: str) -> int | None:

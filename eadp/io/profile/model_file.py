@@ -11,7 +11,7 @@ from itertools import islice
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from eadp.core.arrays import FloatArray
 from eadp.core.interpolation import Kind
@@ -29,7 +29,7 @@ from eadp.io.profile.measurements import (
     read_measurements,
 )
 from eadp.io.profile.recordings import as_trace
-from eadp.io.text.schema_faults import validated
+from eadp.io.text.schema_faults import STRICT, schema_of, validated
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, Path, read_yaml
 from eadp.models.profile import ARRAYS, Profile, shortest
@@ -227,37 +227,48 @@ def _check_names(names: Sequence[str]) -> None:
 
 # ── the model's schema ──
 
-_STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, defer_build=True)
 _Power = Annotated[float, Field(ge=0, le=LARGEST)]
 _Value = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 
 
-class _Parameter(BaseModel):
+@dataclass(frozen=True)
+class _Parameter:
     """A parameter of the computations; its unit is empty where it is not known."""
 
-    model_config = _STRICT
-    name: Annotated[str, Field(description="name, as the plan and options use it")]
-    unit: Annotated[str, Field(max_length=64, description="unit of its values; empty where it is not known")] = ""
+    name: str
+    """name, as the plan and options use it"""
+
+    unit: Annotated[str, Field(max_length=64)] = ""
+    """unit of its values; empty where it is not known"""
 
 
-class _Point(BaseModel):
+@dataclass(frozen=True)
+class _Point:
     """A measured configuration, a value for each parameter; mean and standard deviation of its power, samples."""
 
-    model_config = _STRICT
-    at: Annotated[list[_Value], Field(min_length=1, description="a value for each parameter, in their order")]
-    power_w: Annotated[_Power, Field(description="mean power [W]")]
-    std_w: Annotated[_Power, Field(description="standard deviation of the samples; 0 of one sample")] = 0.0
-    samples: Annotated[int, Field(ge=1, le=2**53, description="number of samples that the mean is of")] = 1
-    standard_error_w: Annotated[
-        _Power | None, Field(description="standard error of power_w, with the correlation of consecutive samples")
-    ] = None
-    energy_w_samples: Annotated[
-        _Value | None, Field(description="powprofiler's overall energy, a sum of power samples: no joules; not used")
-    ] = None
-    soc: Annotated[_Value | None, Field(description="state of charge as powprofiler measured it; not used")] = None
-    leave_one_out_error_w: Annotated[
-        _Value | None, Field(description="prediction from the other points less power_w; written in JSON, not read")
-    ] = None
+    at: Annotated[list[_Value], Field(min_length=1)]
+    """a value for each parameter, in their order"""
+
+    power_w: _Power
+    """mean power [W]"""
+
+    std_w: _Power = 0.0
+    """standard deviation of the samples; 0 of one sample"""
+
+    samples: Annotated[int, Field(ge=1, le=2**53)] = 1
+    """number of samples that the mean is of"""
+
+    standard_error_w: _Power | None = None
+    """standard error of power_w, with the correlation of consecutive samples"""
+
+    energy_w_samples: _Value | None = None
+    """powprofiler's overall energy, a sum of power samples: no joules; not used"""
+
+    soc: _Value | None = None
+    """state of charge as powprofiler measured it; not used"""
+
+    leave_one_out_error_w: _Value | None = None
+    """prediction from the other points less power_w; written in JSON, not read"""
 
     @model_validator(mode="before")
     @classmethod
@@ -268,67 +279,82 @@ class _Point(BaseModel):
         return value
 
 
-class _LeaveOneOut(BaseModel):
+@dataclass(frozen=True)
+class _LeaveOneOut:
     """Leave-one-out error over the points that the others enclose; written in JSON, not read."""
 
-    model_config = _STRICT
-    points: Annotated[int, Field(description="number of points that the others enclose")]
-    rms_w: Annotated[float, Field(description="root mean square of their errors [W]")]
-    largest_w: Annotated[float, Field(description="largest of their errors [W]")]
+    points: int
+    """number of points that the others enclose"""
+
+    rms_w: float
+    """root mean square of their errors [W]"""
+
+    largest_w: float
+    """largest of their errors [W]"""
 
 
-class _PartFile(BaseModel):
+@dataclass(frozen=True, kw_only=True)
+class _PartFile:
     """Average power of computations that were measured together, at configurations of their parameters."""
 
-    model_config = _STRICT
-    source: Annotated[str, Field(description="where the measurements are from")] = ""
-    device: Annotated[
-        str, Field(max_length=64, description="what the power is of: total, cpu, gpu; empty where it is not known")
-    ] = ""
-    parameters: Annotated[
-        list[_Parameter],
-        Field(min_length=1, max_length=PARAMETERS_LIMIT, description="parameters of the computations, in order"),
-    ]
-    interpolation: Annotated[
-        Literal["linear", "pchip"], Field(description="between the points: piecewise linear, or monotone cubic")
-    ] = "linear"
-    points: Annotated[list[_Point], Field(min_length=2, description="configurations that were measured")]
-    leave_one_out: Annotated[
-        _LeaveOneOut | None, Field(description="error of the interpolation, by leaving points out; not read")
-    ] = None
+    source: str = ""
+    """where the measurements are from"""
+
+    device: Annotated[str, Field(max_length=64)] = ""
+    """what the power is of: total, cpu, gpu; empty where it is not known"""
+
+    parameters: Annotated[list[_Parameter], Field(min_length=1, max_length=PARAMETERS_LIMIT)]
+    """parameters of the computations, in order"""
+
+    interpolation: Literal["linear", "pchip"] = "linear"
+    """between the points: piecewise linear, or monotone cubic"""
+
+    points: Annotated[list[_Point], Field(min_length=2)]
+    """configurations that were measured"""
+
+    leave_one_out: _LeaveOneOut | None = None
+    """error of the interpolation, by leaving points out; not read"""
 
 
+@dataclass(frozen=True, kw_only=True)
 class ProfileFile(_PartFile):
     """Computation profile: average power at measured configurations of the computations' parameters."""
 
-    model_config = ConfigDict(title=SCHEMA, **_STRICT)
-    schema_: Annotated[Literal["eadp.profile/1"], Field(alias="schema", description="name and version of the format")]
+    __pydantic_config__ = STRICT
+
+    schema: Literal["eadp.profile/1"]
+    """name and version of the format"""
 
 
-class _SumFile(BaseModel):
+@dataclass(frozen=True)
+class _SumFile:
     """Computation profile of computations that were measured apart; their power is added."""
 
-    model_config = ConfigDict(title=SCHEMA, **_STRICT)
-    schema_: Annotated[Literal["eadp.profile/1"], Field(alias="schema", description="name and version of the format")]
-    parts: Annotated[
-        list[_PartFile],
-        Field(min_length=1, max_length=PARTS_LIMIT, description="computations measured apart, whose power is added"),
-    ]
+    __pydantic_config__ = STRICT
+
+    schema: Literal["eadp.profile/1"]
+    """name and version of the format"""
+
+    parts: Annotated[list[_PartFile], Field(min_length=1, max_length=PARTS_LIMIT)]
+    """computations measured apart, whose power is added"""
 
 
 def json_schema() -> dict[str, Any]:
     """The JSON Schema of a profile's model file: parameters and points, or parts that have them."""
-    whole, parts = ProfileFile.model_json_schema(), _SumFile.model_json_schema()
-    keys = ["source", "device", "parameters", "interpolation", "points", "leave_one_out"]
-    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **whole}
-    schema["$defs"] = {**whole["$defs"], **parts["$defs"]}
-    schema["properties"] = {**whole["properties"], "parts": parts["properties"]["parts"]}
-    schema["required"] = ["schema"]
-    schema["oneOf"] = [
-        {"required": ["parameters", "points"], "not": {"required": ["parts"]}},
-        {"required": ["parts"], "not": {"anyOf": [{"required": [key]} for key in keys]}},
-    ]
-    return schema
+    whole = schema_of(_SumFile)
+    keys = whole["$defs"]["_PartFile"]["properties"]
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **whole,
+        "title": SCHEMA,
+        "description": ProfileFile.__doc__,
+        "properties": keys | whole["properties"],
+        "required": ["schema"],
+        "oneOf": [
+            {"required": ["parameters", "points"], "not": {"required": ["parts"]}},
+            {"required": ["parts"], "not": {"anyOf": [{"required": [key]} for key in keys]}},
+        ],
+    }
 
 
 # ── reading a model ──

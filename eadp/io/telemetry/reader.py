@@ -41,44 +41,55 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 class TelemetryLine(BaseModel):
     """A line of telemetry: any value but the time may be null. Other keys are ignored."""
 
-    model_config = ConfigDict(strict=True, frozen=True)
+    model_config = ConfigDict(strict=True, frozen=True, use_attribute_docstrings=True)
 
-    time_s: Time = Field(description="a time in seconds, of any clock that rises")
-    x_m: Metres | None = Field(default=None, description="a position in metres, east")
-    y_m: Metres | None = Field(default=None, description="a position in metres, north")
-    lat_deg: Annotated[float, Field(ge=-90, le=90)] | None = Field(
-        default=None, description="a latitude in degrees, in place of x_m and y_m where the plan has an origin"
-    )
-    lon_deg: Annotated[float, Field(ge=-180, le=180)] | None = Field(default=None, description="a longitude in degrees")
-    power_w: Watts | None = Field(default=None, description="a power in watts, or null where the sensor has no reading")
-    soc: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] | None = Field(
-        default=None, description="a state of charge, 0 to 1"
-    )
-    current_consumed_ah: Annotated[float, Field(ge=0, le=1e6)] | None = Field(
-        default=None, description="the charge drawn since take-off in ampere-hours, in place of soc"
-    )
-    airspeed_mps: Annotated[float, Field(ge=0, le=1000)] | None = Field(
-        default=None, description="an airspeed in metres per second"
-    )
-    stage: Annotated[int, Field(ge=1)] | None = Field(
-        default=None, description="the stage being flown, a whole number from 1"
-    )
-    wind_mps: tuple[Speed, Speed] | None = Field(
-        default=None, description="[x, y]: the vector that the wind blows towards, in metres per second"
-    )
-    velocity_mps: tuple[Speed, Speed] | None = Field(
-        default=None, description="[x, y]: ground velocity in metres per second"
-    )
-    heading_deg: Finite | None = Field(default=None, description="the heading of the nose in degrees, 0 north, 90 east")
-    parameters: dict[str, Finite] | None = Field(
-        default=None, description='parameters in force by name, as in {"c1": -500}'
-    )
-    stages_started: Annotated[int, Field(ge=1)] | None = Field(
-        default=None, description="the number of stages started over the whole flight, the first included"
-    )
-    flies_mission: bool | None = Field(
-        default=None, description="true where an autopilot flies a mission laid out before, so that its end is certain"
-    )
+    time_s: Time
+    """a time in seconds, of any clock that rises"""
+
+    x_m: Metres | None = None
+    """a position in metres, east"""
+
+    y_m: Metres | None = None
+    """a position in metres, north"""
+
+    lat_deg: Annotated[float, Field(ge=-90, le=90)] | None = None
+    """a latitude in degrees, in place of x_m and y_m where the plan has an origin"""
+
+    lon_deg: Annotated[float, Field(ge=-180, le=180)] | None = None
+    """a longitude in degrees"""
+
+    power_w: Watts | None = None
+    """a power in watts, or null where the sensor has no reading"""
+
+    soc: Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)] | None = None
+    """a state of charge, 0 to 1"""
+
+    current_consumed_ah: Annotated[float, Field(ge=0, le=1e6)] | None = None
+    """the charge drawn since take-off in ampere-hours, in place of soc"""
+
+    airspeed_mps: Annotated[float, Field(ge=0, le=1000)] | None = None
+    """an airspeed in metres per second"""
+
+    stage: Annotated[int, Field(ge=1)] | None = None
+    """the stage being flown, a whole number from 1"""
+
+    wind_mps: tuple[Speed, Speed] | None = None
+    """[x, y]: the vector that the wind blows towards, in metres per second"""
+
+    velocity_mps: tuple[Speed, Speed] | None = None
+    """[x, y]: ground velocity in metres per second"""
+
+    heading_deg: Finite | None = None
+    """the heading of the nose in degrees, 0 north, 90 east"""
+
+    parameters: dict[str, Finite] | None = None
+    """parameters in force by name, as in {"c1": -500}"""
+
+    stages_started: Annotated[int, Field(ge=1)] | None = None
+    """the number of stages started over the whole flight, the first included"""
+
+    flies_mission: bool | None = None
+    """true where an autopilot flies a mission laid out before, so that its end is certain"""
 
 
 KEYS = tuple(TelemetryLine.model_fields)

@@ -14,7 +14,7 @@ from matplotlib.text import Text
 import eadp
 from eadp.io.figures import flight as flight_figure
 from eadp.io.figures import paper
-from eadp.io.figures.canvas import COLOURS, figure_pair, stage_style
+from eadp.io.figures.canvas import COLOURS, figure_pair, fit_legend, stage_style
 from eadp.io.figures.flight import APART, _apart, _draw_decisions, _draw_parameters, _draw_path
 from eadp.io.figures.paper import write_paper_figure
 from eadp.planning.base import INFEASIBLE, JUMPED, DecisionRecord
@@ -151,7 +151,8 @@ def test_altitudes_that_stages_command_are_drawn(tmp_path, monkeypatch, headers,
 
 
 def legend(axes):
-    return [text.get_text() for text in axes.legend().get_texts()]
+    fit_legend(axes, 4)
+    return [text.get_text() for text in axes.get_legend().get_texts()]
 
 
 def test_many_stages_are_named_by_their_kind(tmp_path):
