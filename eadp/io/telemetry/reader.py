@@ -76,6 +76,7 @@ class TelemetryLine(BaseModel):
     stages_started: Annotated[int, Field(ge=1)] | None = Field(
         default=None, description="the number of stages started over the whole flight, the first included"
     )
+    altitude_m: Metres | None = Field(default=None, description="the altitude above the place of take-off in metres")
     flies_mission: bool | None = Field(
         default=None, description="true where an autopilot flies a mission laid out before, so that its end is certain"
     )
