@@ -348,7 +348,8 @@ def position(
     lat, lon = (round(value * 1e7) for value in to_geodetic_deg(plane.x_m, plane.y_m, origin))
     heading = round(100 * (math.degrees(math.pi / 2 - plane.heading_rad) % 360)) % 36000
     speeds = (0, 0, 0) if landed else (round(plane.north_mps * 100), round(plane.east_mps * 100), 0)
-    return autopilot.frame("global_position_int", round(now_s * 1000), lat, lon, 0, 0, *speeds, heading)
+    altitude = 0 if landed else round(plane.altitude_m * 1000)
+    return autopilot.frame("global_position_int", round(now_s * 1000), lat, lon, 0, altitude, *speeds, heading)
 
 
 def main() -> None:

@@ -336,6 +336,7 @@ def _mission(world: World, scenario: Scenario, energy: EnergyModel | None) -> Mi
         gust_time_s=world.wind.gust_time_s,
         airframe=vehicle if isinstance(vehicle, FixedWing) else None,
         altitude_m=world.start.altitude_m,
+        cruise_altitude_m=vehicle.cruise_altitude_m,
     )
 
 

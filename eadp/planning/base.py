@@ -59,6 +59,8 @@ class Sample(NamedTuple):
         Airspeed [m/s].
     flies_mission : bool
         Whether an autopilot flies a mission laid out before, so that its end is certain.
+    altitude_m : float or None
+        Altitude above the place of take-off [m].
     """
 
     time_s: float
@@ -75,6 +77,7 @@ class Sample(NamedTuple):
     warnings: tuple[str, ...] = ()
     airspeed_mps: float | None = None
     flies_mission: bool = False
+    altitude_m: float | None = None
 
     @property
     def position_m(self) -> Point | None:
@@ -104,6 +107,8 @@ class Observation(NamedTuple):
         Over the whole flight, the first included.
     through_gap : bool
         Whether the start of the stage, or the end of the one before, may be unknown: neither is to be learned from.
+    on_plan : bool
+        Whether the aircraft flies the plan, and does not take off any more.
     """
 
     sample: Sample
@@ -112,6 +117,7 @@ class Observation(NamedTuple):
     joined_m: Point
     stages_started: int
     through_gap: bool = False
+    on_plan: bool = True
 
     @property
     def time_s(self) -> float:
@@ -362,8 +368,8 @@ class Mission:
 
     `motion_w` is the power of straight level flight [W], if known, and `max_motion_w` the motor's greatest;
     `gust_time_s` is the time constant of gusts [s]. `airframe` gives the power of climbs and of the stages' airspeeds,
-    None that of level flight alone; `altitude_m` is that of take-off [m]. `live` is whether forecasts are shown as they
-    are made: none is older than a re-planning then.
+    None that of level flight alone; `altitude_m` is that of take-off [m], `cruise_altitude_m` that of stages which
+    command none. `live` is whether forecasts are shown as they are made: none is older than a re-planning then.
     """
 
     plan: Plan
@@ -380,6 +386,7 @@ class Mission:
     gust_time_s: float = GUST_TIME_S
     airframe: FixedWing | None = None
     altitude_m: float = 0.0
+    cruise_altitude_m: float = 0.0
     live: bool = False
 
 

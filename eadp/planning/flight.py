@@ -28,12 +28,16 @@ class PlannedFlight:
         self.decision = Decision(parameters)
 
     def take(self, seen: Readings | Observation) -> Decision:
-        """Take readings, which the next decision counts, or an observation, at which the planner decides."""
+        """Take readings, which the next decision counts, or an observation, at which the planner decides.
+
+        It does not before the flight has reached its plan.
+        """
         if isinstance(seen, Readings):
             self.state.ingest(seen)
         else:
             self.state.observe(seen)
-            self.decision = self.planner.update(self.state)
+            if seen.on_plan:
+                self.decision = self.planner.update(self.state)
         return self.decision
 
     def keep(self, parameters: Vector, held: Mapping[int, float]) -> None:

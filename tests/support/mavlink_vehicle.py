@@ -43,12 +43,22 @@ class Autopilot:
         share = -1 if remaining is None else round(remaining * 100)
         return self.frame("battery_status", 0, 0, 1, 32767, cells, round(amps * 100), consumed, -1, share)
 
-    def position(self, time_s: float, x: float, y: float, velocity: list[float], heading_deg: float) -> bytes:
+    def position(
+        self,
+        time_s: float,
+        x: float,
+        y: float,
+        velocity: list[float],
+        heading_deg: float,
+        altitude_m: float = 25.0,
+    ) -> bytes:
         """Where it is."""
         lat, lon = (round(value * 1e7) for value in to_geodetic_deg(x, y, ORIGIN))
         vx, vy = round(velocity[1] * 100), round(velocity[0] * 100)
         hdg = round(heading_deg * 100) % 36000
-        return self.frame("global_position_int", round(time_s * 1000), lat, lon, 0, 0, vx, vy, 0, hdg)
+        return self.frame(
+            "global_position_int", round(time_s * 1000), lat, lon, 0, round(altitude_m * 1000), vx, vy, 0, hdg
+        )
 
 
 def recorded(path: str = "scenarios/example-telemetry.jsonl") -> list[dict[str, Any]]:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 from eadp.api.given import File, FlightOptions, Warn, python_warnings
-from eadp.api.inputs import load_flight
+from eadp.api.inputs import FlightInputs, load_flight
 from eadp.api.replan.apply import Hook, ValuesFile
 from eadp.api.replan.link import LinkOptions, fly, replay_flight
 from eadp.api.replan.replanner import replan_lines
 from eadp.errors import Fault, InputError
+from eadp.io.mission.items import read_items
 from eadp.io.scenario.scenario_file import override_texts, read_overrides
 from eadp.io.telemetry.log import ReplanLog, hash_of
 from eadp.io.telemetry.reader import open_telemetry
@@ -107,6 +108,8 @@ def replan(
     inputs = load_flight(
         plan, scenario=flight.scenario, profile=flight.profile, energy=flight.energy, overrides=overrides
     )
+    if link.items is not None:
+        inputs = _of_items(inputs, link.items)
     warn(inputs.warnings)
     doors: list[Hook | ValuesFile] = []
 
@@ -141,3 +144,12 @@ def replan(
             return fly(options.mavlink or "", inputs, link, log, emit, one)
         name = "<stdin>" if options.telemetry == "-" else options.telemetry
         return replan_lines(inputs, stream, name, log, emit, one)
+
+
+def _of_items(inputs: FlightInputs, items: str) -> FlightInputs:
+    """The flight that starts with the path parameters of the mission's first item."""
+    mission = inputs.mission
+    names = mission.plan.names[: mission.plan.path_count]
+    mapped = read_items(items, names)
+    parameters = (*mapped[0].parameters, *mission.parameters[len(names) :]) if mapped else mission.parameters
+    return replace(inputs, mission=replace(mission, parameters=parameters))

@@ -25,7 +25,7 @@ STALE_S = 5.0
 PASSING = frozenset(
     (
         *("time_s", "home_is_item", "named", "answer", "parameter", "reached"),
-        *("lat_deg", "lon_deg", "velocity_mps", "heading_deg"),
+        *("lat_deg", "lon_deg", "velocity_mps", "heading_deg", "altitude_m"),
     )
 )
 """What a message says of its own time alone; the rest is known until it is old."""
@@ -157,6 +157,8 @@ class LineMaker:
         line["power_w"] = None if volts is None or amps is None else round(volts * amps, 4)
         line |= self._charge()
         self._check_voltage(volts, amps, line)
+        if (altitude_m := values.get("altitude_m")) is not None:
+            line["altitude_m"] = altitude_m
         for key in ("airspeed_mps", "wind_mps"):
             if (value := self._value(key)) is not None:
                 line[key] = value

@@ -34,6 +34,7 @@ def _position(fields: Fields) -> Values:
     if fields["lat"] or fields["lon"]:  # 0, 0 is no position yet
         found |= {"lat_deg": fields["lat"] / 1e7, "lon_deg": fields["lon"] / 1e7}
         found["velocity_mps"] = [fields["vy"] / 100, fields["vx"] / 100]
+        found["altitude_m"] = fields["relative_alt"] / 1e3
     if fields["hdg"] != UNKNOWN_16:
         found["heading_deg"] = fields["hdg"] / 100
     return found

@@ -46,6 +46,7 @@ def _position(latitude: str, longitude: str) -> Callable[[Row], Values]:
         if row[latitude] or row[longitude]:
             found |= {"lat_deg": row[latitude], "lon_deg": row[longitude]}
             found["velocity_mps"] = [row.get("east_mps", _UNKNOWN), row.get("north_mps", _UNKNOWN)]
+            found["altitude_m"] = row.get("RelHomeAlt", _UNKNOWN)
         return found | {"heading_deg": row.get("heading_deg", _UNKNOWN)}
 
     return read

@@ -88,6 +88,9 @@ class TelemetryLine(BaseModel):
     stages_started: Annotated[int, Field(ge=1)] | None = None
     """the number of stages started over the whole flight, the first included"""
 
+    altitude_m: Metres | None = None
+    """the altitude above the place of take-off in metres"""
+
     flies_mission: bool | None = None
     """true where an autopilot flies a mission laid out before, so that its end is certain"""
 

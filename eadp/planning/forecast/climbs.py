@@ -15,7 +15,7 @@ MAX_SLOWED = 0.9
 
 
 def with_climbs(
-    climb: Climb, route: Route, whole_s: FloatArray, times_s: FloatArray, motion_w: FloatArray
+    climb: Climb, route: Route, whole_s: FloatArray, times_s: FloatArray, motion_w: FloatArray, per_m: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Times [s], mean and greatest motion powers [W] of a route's legs with climbs and airspeeds, shape (legs,).
 
@@ -28,11 +28,13 @@ def with_climbs(
         Time of each leg from its start in level flight [s].
     times_s, motion_w : array, shape (legs,)
         Time left of each leg [s] and motion power [W] in level flight at the airframe's airspeed.
+    per_m : float
+        Energy of a metre of climb [J/m].
 
     Source: energy of a climb m g Δh / η; ground speed by V cos γ.
     """
     times, added_w, peak_w = times_s.copy(), np.zeros(len(times_s)), np.zeros(len(times_s))
-    here_m, per_m = climb.altitude_m, climb.airframe.climb_j_per_m
+    here_m = climb.altitude_m
     for i, leg in enumerate(route.legs):
         altitude_m, airspeed_mps = climb.commanded(leg.stage)
         added_w[i] = peak_w[i] = climb.faster_w(airspeed_mps)

@@ -29,7 +29,7 @@ from eadp.planning.forecast.final_charge import LOSS, LOSS_SQUARE, FinalCharge, 
 from eadp.planning.forecast.knapsack import Filling, Knapsack, fill_greedy
 from eadp.planning.state.charge import after_drain
 from eadp.planning.state.known import Known, WindKnown
-from eadp.planning.state.motion import WINDOW_S
+from eadp.planning.state.level_regression import WINDOW_S
 
 PASSED_S = 3.0
 """An end that has been passed for this long without the flight having ended there is none [s]."""
@@ -347,11 +347,11 @@ class Evaluator:
         self, known: Known, routes: Sequence[Route], whole_s: FloatArray, times_s: FloatArray, motion_w: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         assert known.climb is not None
-        found, first = [], 0
+        found, first, per_m = [], 0, known.motion.climb_j_per_m
         for route in routes:
             own = slice(first, first + len(route.order))
             whole = whole_s[own] * known.time.ratio
-            found.append(with_climbs(known.climb, route, whole, times_s[own], motion_w[own]))
+            found.append(with_climbs(known.climb, route, whole, times_s[own], motion_w[own], per_m))
             first = own.stop
         times, motion, peak = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
         return times, motion, np.maximum(peak, motion)

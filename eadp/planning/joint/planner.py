@@ -49,7 +49,8 @@ from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.known import Known
 
 WARM_UP_S = 5.0
-"""No decision before this time [s]: the variance of wind and power is still large."""
+"""No decision before this time, from take-off and since the plan is reached [s]: the variance of wind and power is
+still large."""
 
 BETTER = 0.1
 """Standard deviations of the final charge by which a plan has to be less short to be another one."""
@@ -130,7 +131,7 @@ class JointPlanner(Planner):
         entered &= self._mission.live or self._by_stage or (bool(self._places.open) and o.cursor.accepts_changes())
         jumped = state.losses > self._losses
         self._next_reading_s = state.next_reading_s if state.is_ambiguous(o.soc) else math.inf
-        starts_s = WARM_UP_S if jumped else WARM_UP_S + self._own.start_after_s
+        starts_s = max(state.reached_s + WARM_UP_S, WARM_UP_S + (0.0 if jumped else self._own.start_after_s))
         if o.time_s < starts_s - 1e-9:
             self._next_s = starts_s
         elif jumped or entered or due:

@@ -210,7 +210,7 @@ class ChargeFilter:
         )
         self._now = charge
 
-    def ingest(self, charges: Column, powers_w: Column, steps_s: Column) -> bool:
+    def ingest(self, charges: Column, powers_w: Column, steps_s: Column, *, measured: bool = True) -> bool:
         """Take readings in order; return whether charge was lost.
 
         Parameters
@@ -222,9 +222,12 @@ class ChargeFilter:
             since the last reading is above `MAX_STEP_S`.
         steps_s : sequence of float or array, shape (n,)
             Times since the last reading [s].
+        measured : bool
+            Whether readings of the power show the drain between them; in a take-off it changes faster.
         """
         losses = self._state.belief.losses
-        self._state = jitted(_ingested)(self._state, self._model, *columns(charges, powers_w, steps_s))
+        charges, powers_w, steps_s = columns(charges, powers_w, steps_s)
+        self._state = jitted(_ingested)(self._state, self._model, charges, powers_w, steps_s, measured)
         self._now = after_drain(self._state.charge, self._state.drain.since)
         return self._state.belief.losses > losses
 
@@ -402,18 +405,20 @@ def _with_new_offset(charge: Charge, offset: float, var_soc: float, cov_soc_offs
     # fmt: on
 
 
-def _ingested(state: ChargeState, model: DrainModel, charges: Column, powers_w: Column, steps_s: Column) -> ChargeState:
+def _ingested(
+    state: ChargeState, model: DrainModel, charges: Column, powers_w: Column, steps_s: Column, measured: bool
+) -> ChargeState:
     """See `ChargeFilter.ingest`."""
     for i in range(len(charges)):
         drain = state.drain
-        measured = not math.isnan(powers_w[i])
-        power_w = powers_w[i] if measured else drain.power_w
+        known = not math.isnan(powers_w[i])
+        power_w = powers_w[i] if known else drain.power_w
         drained = 0.0
         if not math.isnan(state.charge.soc):
             soc = after_drain(state.charge, drain.since).soc
             volts = model.empty_v + model.rise_v * min(max(soc, 0.0), 1.0)
             drained = drain_per_s(power_w, volts, model.resistance_ohm, model.per_as) * steps_s[i]
-        unmeasured = 0.0 if measured and steps_s[i] <= MAX_STEP_S else drained
+        unmeasured = 0.0 if measured and known and steps_s[i] <= MAX_STEP_S else drained
         drain = Drain(drain.since + drained, drain.unmeasured + unmeasured, drain.total + drained, power_w)
         state = ChargeState(state.charge, drain, state.readings, state.gauge, state.belief, state.checkpoint)
         if not math.isnan(charges[i]):

@@ -73,9 +73,9 @@ class ClimbFollower:
 
     @classmethod
     def of(cls, mission: Mission) -> ClimbFollower | None:
-        """That of a mission; None where its stages command neither altitudes nor airspeeds."""
+        """That of a mission; None where it flies at one altitude and airspeed from its start on."""
         commanded = any(s.altitude_m is not None or s.airspeed_mps is not None for s in mission.plan.stages)
-        if not commanded or mission.airframe is None:
+        if mission.airframe is None or not (commanded or mission.altitude_m != mission.cruise_altitude_m):
             return None
         return cls(Climb(mission.airframe, mission.altitude_m))
 

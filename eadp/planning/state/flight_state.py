@@ -59,6 +59,11 @@ class FlightState:
         Of the power; its `every_s` is the least time between readings: an observation sooner after one is none.
     horizon_s : float, optional
         How far ahead the planner looks at the power [s]; by default one period.
+
+    Attributes
+    ----------
+    reached_s : float
+        When the flight has reached its plan, after a take-off [s].
     """
 
     def __init__(
@@ -75,7 +80,9 @@ class FlightState:
         self._headings = HeadingGate()
         self._measured_wind: tuple[Point, float] | None = None
         self._times = TimeRatio()
-        self._motion = MotionPower(mission.energy.mean_w if mission.energy is not None else mission.motion_w)
+        level_w = mission.energy.mean_w if mission.energy is not None else mission.motion_w
+        climb_j_per_m = 0.0 if mission.airframe is None else mission.airframe.climb_j_per_m
+        self._motion = MotionPower(level_w, climb_j_per_m=climb_j_per_m)
         battery = mission.battery
         full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)
         limit_w = min(float(battery.max_power_w(battery.voltage_v)), MAX_OF_MOTOR * mission.max_motion_w)
@@ -87,6 +94,8 @@ class FlightState:
         self._charge = ChargeFilter(model, (full_v - empty_v) / battery.voltage_at(0.5), battery.soc)
         self._climb = ClimbFollower.of(mission)
         self._last_s: float | None = None
+        self.reached_s = 0.0
+        self._altitude_m: float | None = None
         self._losses = 0
 
     # --- readings in
@@ -100,6 +109,8 @@ class FlightState:
         """Take an observation, which is a reading, too, unless it is too soon after the last one."""
         self._make_room()
         self._queue.observe(observation)
+        if not observation.on_plan:
+            self.reached_s = observation.time_s
 
     def shift_level(self, by_w: float) -> None:
         """Step the level of the motion's power by a known change [W], see `ExactEstimator.shift_level`."""
@@ -122,7 +133,7 @@ class FlightState:
                 if each.is_reading:
                     readings = _with_reading(readings, each.observation.sample)
                 if readings is not None:
-                    self._read(readings)
+                    self._read(readings, each.observation)
                 self._locate(each)
                 readings = None
             else:
@@ -169,12 +180,13 @@ class FlightState:
             place.slope = float(turning_s[0] / times_s[0]) if 0 < times_s[0] < math.inf else 0.0
         self._ground.hold(o.time_s, o.cursor, o.parameters)
 
-    def _read(self, readings: Readings) -> None:
-        """Update the filters with readings, columns of shape (n,), in the order of their use.
+    def _read(self, readings: Readings, o: Observation | None = None) -> None:
+        """Update the filters with readings, columns of shape (n,), in the order of their use; `o` is at their end.
 
         Navigation, power gate, climb, heading gate, wind, motion power, charge. The first reading of a flight has no
-        step. Readings at the time of the last one are left out.
+        step. Readings at the time of the last one are left out. In a take-off the charge alone is updated by the power.
         """
+        on_plan = o is None or o.on_plan
         times_s = np.asarray(readings.times_s, dtype=float)
         before_s = float(times_s[0]) if self._last_s is None else self._last_s
         steps_s = np.diff(times_s, prepend=before_s)
@@ -185,8 +197,9 @@ class FlightState:
         whole_s = np.floor(times_s + SAME_TIME_S)
         for i in np.flatnonzero(np.diff(whole_s, prepend=math.floor(before_s + SAME_TIME_S)) > 0).tolist():
             self._place.off_path((float(readings.x_m[i]), float(readings.y_m[i])), float(times_s[i]))
-        powers_w = np.asarray(self._gate.ingest(times_s, readings.powers_w, self._place.computing_w))
+        powers_w = np.asarray(self._gate.ingest(times_s, readings.powers_w, self._place.computing_w, on_plan=on_plan))
         climb_w, level_mps = self._followed(steps_s)
+        climb_mps = self._climbed(o, float(steps_s.sum()))
         airspeeds_mps = np.asarray(_numbers(readings.airspeeds_mps), dtype=float)
         ratios = airspeeds_mps / self._mission.cruise_mps
         measured = (ratios > 1 / MAX_AIRSPEEDS) & (ratios < MAX_AIRSPEEDS)
@@ -199,10 +212,11 @@ class FlightState:
         self._wind.ingest(*(column[moving] for column in (vx, vy, headings, steps_s, airspeeds_mps)))
         # over a long gap the charge goes on with the power before it; the motion takes the reading for MAX_STEP_S
         drain_powers_w = np.where(steps_s > MAX_STEP_S, math.nan, powers_w)
-        self._motion.ingest(
-            powers_w, self._place.computing_w + climb_w, np.minimum(steps_s, MAX_STEP_S), self._place.slope
-        )
-        self._losses += self._charge.ingest(_numbers(readings.charges), drain_powers_w, steps_s)
+        if on_plan:
+            beside_w = self._place.computing_w + (climb_w if climb_mps is None else self._airspeed_w())
+            steps = np.minimum(steps_s, MAX_STEP_S)
+            self._motion.ingest(powers_w, beside_w + 0 * steps, steps, self._place.slope, climb_mps or 0.0)
+        self._losses += self._charge.ingest(_numbers(readings.charges), drain_powers_w, steps_s, measured=on_plan)
 
     def _followed(self, steps_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Power that climbing and the stage's airspeed added over each step [W], and the level airspeed [m/s]."""
@@ -214,6 +228,21 @@ class FlightState:
             found.append((self._climb.power_w, self._climb.level_mps))
         added_w, level_mps = np.array(found).T
         return added_w, level_mps
+
+    def _climbed(self, o: Observation | None, seconds: float) -> float | None:
+        """Measured rate of climb over a time before an observation [m/s]; None where it is not measured."""
+        altitude_m = None if o is None else o.sample.altitude_m
+        before_m, self._altitude_m = self._altitude_m, altitude_m
+        if altitude_m is None or o is None:
+            return None
+        if not o.on_plan and self._climb is not None:
+            self._climb.climb = self._climb.climb._replace(altitude_m=altitude_m)
+        return None if before_m is None or not 0 < seconds <= MAX_STEP_S else (altitude_m - before_m) / seconds
+
+    def _airspeed_w(self) -> float:
+        """Power of level flight at the stage's airspeed above that at the airframe's own [W]."""
+        climb = None if self._climb is None else self._climb.climb
+        return 0.0 if climb is None else climb.faster_w(climb.commanded(self._place.cursor.stage)[1])
 
     # --- what is known
 
@@ -324,7 +353,9 @@ class FlightState:
             self._mission.cruise_mps,
             wind,
             TimeKnown(times.ratio, times.variance, times.noise_s),
-            MotionKnown(self._motion.level_w, self._motion.slope_w, *self._motion.variances, max_w),
+            MotionKnown(
+                self._motion.level_w, self._motion.slope_w, *self._motion.variances, max_w, self._motion.climb_j_per_m
+            ),
             ChargeKnown(self._charge.ahead, gain_std, gain_from, self._charge.believed),
             0.0 if place.flies_mission else place.reach_std_m,
             self._climb.climb if self._climb is not None else None,

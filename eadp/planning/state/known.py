@@ -29,7 +29,7 @@ class TimeKnown(NamedTuple):
 class MotionKnown(NamedTuple):
     """Power of the motion a + b tan² φ [W], the covariance of a and b [W²], and the noise of its energy [J²/s].
 
-    And the greatest power that was measured, up to the motor's [W].
+    And the greatest power that was measured, up to the motor's [W], and the energy of a metre of climb [J/m].
     """
 
     level_w: float
@@ -39,6 +39,7 @@ class MotionKnown(NamedTuple):
     var_slope: float
     noise: float
     max_w: float
+    climb_j_per_m: float
 
 
 class ChargeKnown(NamedTuple):

@@ -79,7 +79,12 @@ class PowerGate:
         return self._state.rejects
 
     def ingest(
-        self, times_s: Column, powers_w: Sequence[float | None] | FloatArray, computing_w: float
+        self,
+        times_s: Column,
+        powers_w: Sequence[float | None] | FloatArray,
+        computing_w: float,
+        *,
+        on_plan: bool = True,
     ) -> list[float] | FloatArray:
         """Take readings in order; return them, NaN where one is false or missing.
 
@@ -91,6 +96,8 @@ class PowerGate:
             Readings [W]; None where there is none. A reading that is not a number is false.
         computing_w : float
             The computations' part of each [W].
+        on_plan : bool
+            Whether the aircraft flies its plan: a take-off has a power of its own, which says nothing of later ones.
 
         Returns
         -------
@@ -100,6 +107,9 @@ class PowerGate:
         known: Any = powers_w
         if not isinstance(known, np.ndarray):
             known = [math.nan if power_w is None else power_w for power_w in powers_w]
+        if not on_plan:
+            self._state = self._state._replace(rejects=False)
+            return [power_w if 0.0 <= power_w <= self._bounds.limit_w else math.nan for power_w in known]
         passed: list[float] | FloatArray = np.empty(len(known)) if enabled() else [math.nan] * len(known)
         ingested = jitted(_ingested)
         times_s, known = columns(times_s, known)

@@ -92,7 +92,8 @@ class ReadingQueue:
         before, self.stages_started = self.stages_started, o.stages_started
         is_reading = o.time_s >= self.next_reading_s - SAME_TIME_S
         lap = self._power.locate(o, entered=o.stages_started != before)
-        times_s, powers_w = ([o.time_s], [o.sample.power_w]) if is_reading else ([], [])
+        # a take-off has a power of its own
+        times_s, powers_w = ([o.time_s], [o.sample.power_w if o.on_plan else None]) if is_reading else ([], [])
         powers = Powers(times_s, powers_w, self._power.computing_w, lap, o.time_s)
         self._waiting.append(Seen(o, before, is_reading, powers))
         if is_reading:

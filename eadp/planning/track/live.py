@@ -20,12 +20,14 @@ from eadp.errors import EadpError, printable
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.legs import rest_of
 from eadp.models.plan.route import PlannedLegs, RoutePredictor
+from eadp.models.plan.stage import Stage
 from eadp.planning.base import Decision, Ending, Mission, Observation, Sample, next_multiple
 from eadp.planning.flight import PlannedFlight
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.track.acquisition import Acquisition
 from eadp.planning.track.gate import SLACK_M, SPEED_FACTOR, Notice
+from eadp.planning.track.initial_climb import InitialClimb
 from eadp.planning.track.plan_tracker import Messages, PlanTracker
 
 WINDOW_S, MIN_SPAN_S, MAX_CHORD_S = 2.5, 0.9, 3.0
@@ -112,6 +114,7 @@ class LiveFlight:
         self._ground = _GroundVelocity(mission.cruise_mps)
         self._started = False
         self._tracker: PlanTracker
+        self._climbs: InitialClimb
         self._flight: PlannedFlight | None = None
         self._held: HeldForecast
         self._failure = ""
@@ -174,6 +177,7 @@ class LiveFlight:
         flight = self._flight
         if flight is None:
             return self._unknown(sample, time_s)
+        self._climbs.update(sample, _altitude_m(self._mission, tracker.executor.stage))
         if acquiring:
             position = tracker.located[1]
         else:
@@ -186,7 +190,7 @@ class LiveFlight:
         if tracker.complete:
             ending = Ending(remaining_s=0.0, soc_end=soc, soc_end_std=0.0, completes_probability=1.0)
             return None if was_complete else self._advice(sample, COMPLETED, sample.wind_mps, ending)
-        observation = tracker.observation(to, position, soc)
+        observation = tracker.observation(to, position, soc)._replace(on_plan=self._climbs.on_plan)
         self._update_planner(flight, observation)
         now = flight.decision
         replanned = now.record is not before.record or now[:2] != before[:2]
@@ -209,6 +213,9 @@ class LiveFlight:
             reach_m = SPEED_FACTOR * mission.cruise_mps * elapsed_s + SLACK_M
             start = start if start is not None and math.dist(position, start) <= reach_m else position
         assert start is not None
+        self._climbs = InitialClimb(sample, mission.cruise_mps, _altitude_m(mission, mission.plan.stages[0]))
+        if self._climbs.from_ground:
+            mission = self._mission = replace(mission, altitude_m=sample.altitude_m or 0.0)
         time_s = min(0.0, elapsed_s)
         self._tracker = PlanTracker(mission, start, time_s, self._messages)
         self._last = (time_s, mission.battery.soc if sample.soc is None else sample.soc)
@@ -256,7 +263,8 @@ class LiveFlight:
         def started(time_s: float, position: Point, part: float) -> None:
             soc_then = soc0 + part * (soc - soc0)
             at = Sample(max(time_s, t0), *position, None, soc_then if measured else None)
-            self._update_planner(flight, self._tracker.observation(at, position, soc_then))
+            observation = self._tracker.observation(at, position, soc_then)
+            self._update_planner(flight, observation._replace(on_plan=self._climbs.on_plan))
 
         return self._tracker.track(to, t0, flight.state.wind_mps, started)
 
@@ -350,6 +358,11 @@ class LiveFlight:
             *(code for code, holds in known.items() if holds),
             *(() if self._flight is None else self._flight.state.warnings),
         )
+
+
+def _altitude_m(mission: Mission, stage: Stage) -> float:
+    """The altitude that holds on a stage [m]."""
+    return mission.cruise_altitude_m if stage.altitude_m is None else stage.altitude_m
 
 
 class _GroundVelocity:

@@ -32,7 +32,7 @@ def test_a_line():
     sample, warnings = read(json.dumps(GOOD) + "\r\n")
     assert warnings == []
     assert sample[:5] == (1.0, 2.0, 3.0, 36.5, 0.5)
-    assert sample[5:] == (None, None, None, None, {}, None, (), None, False)
+    assert sample[5:] == (None, None, None, None, {}, None, (), None, False, None)
 
 
 def test_all_keys():
@@ -191,11 +191,11 @@ def test_each_invalid_value_has_a_warning():
 
 def test_unknown_keys_give_one_warning_and_are_ignored():
     reader = TelemetryReader("log.jsonl")
-    raw = json.dumps({**GOOD, "altitude_m": 30, "mode": "AUTO"}).encode()
+    raw = json.dumps({**GOOD, "altitude_x": 30, "mode": "AUTO"}).encode()
     sample, _, warnings, _ = reader.read(1, raw)
     assert sample is not None
     assert [str(warning).partition("; expected")[0] for warning in warnings] == [
-        "log.jsonl:1:82: warning: unknown key altitude_m; ignored here and from now on",
+        "log.jsonl:1:82: warning: unknown key altitude_x; ignored here and from now on",
         "log.jsonl:1:94: warning: unknown key mode; ignored here and from now on",
     ]
     assert reader.read(2, raw)[2] == []
@@ -224,6 +224,7 @@ def test_the_schema_names_what_is_required():
         "lon_deg",
         "current_consumed_ah",
         "airspeed_mps",
+        "altitude_m",
         "stage",
         "stages_started",
         "flies_mission",

@@ -10,6 +10,7 @@ from regression import posterior
 
 from eadp.core import compiled
 from eadp.planning.state import motion as power
+from eadp.planning.state.level_regression import FADE_S, WINDOW_S
 from eadp.planning.state.motion import MotionPower
 
 fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
@@ -32,8 +33,8 @@ def test_power_is_a_bayesian_regression():
     powers = 35 + 12 * slopes + rng.normal(0, 0.8, count)
     motion = MotionPower(36.0)
     spells(motion, powers, slopes)
-    ages = power.WINDOW_S * np.arange(count)[::-1]
-    weights = power.WINDOW_S * np.exp(-ages / power.FADE_S)
+    ages = WINDOW_S * np.arange(count)[::-1]
+    weights = WINDOW_S * np.exp(-ages / FADE_S)
     prior = np.array([36.0, power.TURN_SHARE * 36.0])
     spread = np.array([power.LEVEL_SHARE * 36.0, power.TURN_SHARE * 36.0])
     mean, covariance = posterior(
@@ -76,7 +77,7 @@ def test_short_spells_are_left_out_and_a_spell_ends_with_its_leg():
 def test_before_the_first_window_the_variance_is_that_of_the_prior():
     """Of the level, and of windows of 3 % of it whose errors are independent."""
     level, noise = 36 * power.LEVEL_SHARE, 36 * power.POWER_SHARE
-    expected = (level * 100) ** 2 + (100 / power.WINDOW_S) * (noise * power.WINDOW_S) ** 2
+    expected = (level * 100) ** 2 + (100 / WINDOW_S) * (noise * power.WINDOW_S) ** 2
     assert MotionPower(36.0).energy_variance_j2(100.0, 0.0) == pytest.approx(expected)
 
 
@@ -107,7 +108,7 @@ def test_forecasts_of_energy_are_calibrated():
         motion = MotionPower(36.0)
         spells(motion, level + slope * slopes + rng.normal(0, spread, len(slopes)), slopes)
         seconds, bank_s = 300.0, 25.0
-        came = level * seconds + slope * bank_s + rng.normal(0, spread * math.sqrt(seconds * power.WINDOW_S))
+        came = level * seconds + slope * bank_s + rng.normal(0, spread * math.sqrt(seconds * WINDOW_S))
         told = motion.level_w * seconds + motion.slope_w * bank_s
         squares.append((came - told) ** 2 / motion.energy_variance_j2(seconds, bank_s))
     assert np.mean(squares) == pytest.approx(1, abs=0.4)

@@ -128,3 +128,15 @@ def test_readings_in_a_batch_pass_as_one_by_one(seed, compiled_code):
         compiled.enable(False)
     assert found == expected
     assert (one.max_motion_w, one.rejects) == (other.max_motion_w, other.rejects)
+
+
+def test_a_take_off_passes_and_says_nothing_of_the_power_after_it():
+    """But what battery and motor cannot deliver."""
+    gate = PowerGate(MEAN_W, LIMIT_W)
+    times = [0.1 * k for k in range(100)]
+    assert list(gate.ingest(times, [770.0] * 100, 5.0, on_plan=False)) == [770.0] * 100
+    assert not gate.rejects
+    assert gate.max_motion_w == 0
+    assert math.isnan(gate.ingest([10.0], [LIMIT_W + 1], 5.0, on_plan=False)[0])
+    assert passed_of(gate, 10.1, 42.0) == 42
+    assert passed_of(gate, 10.2, 770.0) is None

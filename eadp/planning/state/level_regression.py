@@ -1,0 +1,233 @@
+"""A level and two slopes from means over windows, where the level may change for good.
+
+    y = a + b x + c z
+
+Windows count as independent; the noise is estimated from the residuals. Information fades, so that slow changes are
+followed. A lasting step of a is recognised by the innovations: a CUSUM of the likelihood ratio of a step up and of one
+down, whose mean time between false alarms is `FALSE_ALARM_H` at least. The windows before it are dropped then, and a
+is wide: it is learned again from those since.
+
+Source: Bayesian linear regression; Page 1954; Lorden 1971 for the bound; Lorden and Pollak 2005 for the step's size.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+WINDOW_S, FADE_S = 5.0, 900.0
+PRIOR_WINDOWS = 3
+"""Weight of the prior noise in windows."""
+
+FALSE_ALARM_H = 100.0
+"""Mean time between false alarms [h]: some hundred flights."""
+
+ALARM = math.log(2 * FALSE_ALARM_H * 3600 / WINDOW_S)
+"""Logarithm of the likelihood ratio of a step, up or down, from which on it is one."""
+
+INDEPENDENT = 0.25
+"""Degrees of freedom of a window: the prior noise is a guess, and that of windows is of gusts and turns of 20 s."""
+
+DOUBT = math.log(20.0)
+"""From which on it may be one: less than one in 20 windows without a step is there."""
+
+NEW_LEVEL = 10.0
+"""Prior standard deviation of the level after a step, in the least steps: it may be anywhere."""
+
+
+class Prior(NamedTuple):
+    """Means and inverse variances of a, b and c; and the noise of windows, a variance times their length."""
+
+    a: float
+    b: float
+    c: float
+    information_a: float
+    information_b: float
+    information_c: float
+    noise: float
+
+
+class Sums(NamedTuple):
+    """Sums over windows, weighted by their times and faded; and the number of windows, faded, too."""
+
+    n: float
+    x: float
+    xx: float
+    y: float
+    xy: float
+    yy: float
+    windows: float
+    z: float
+    xz: float
+    zz: float
+    zy: float
+
+
+NO_SUMS = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+class Fit(NamedTuple):
+    """Posterior of a, b and c, variances and covariance of a and b, the noise of windows, and the variance of c."""
+
+    a: float
+    b: float
+    c: float
+    aa: float
+    ab: float
+    bb: float
+    noise: float
+    cc: float
+
+
+class Evidence(NamedTuple):
+    """Of a step, up and down: logarithms of the likelihood ratio, and the sums over the windows since it may be.
+
+    `before` is the fit without these windows, with which they are compared.
+    """
+
+    up: float
+    down: float
+    since_up: Sums
+    since_down: Sums
+    before: Fit
+
+
+class Regression(NamedTuple):
+    """State of the regression; `steps` have been recognised, the last one of size `step`."""
+
+    prior: Prior
+    sums: Sums
+    fit: Fit
+    evidence: Evidence
+    steps: int
+    step: float
+
+
+def started(prior: Prior) -> Regression:
+    """The state before the first window."""
+    variances = 1 / prior.information_a, 0.0, 1 / prior.information_b, prior.noise, 1 / prior.information_c
+    fit = Fit(prior.a, prior.b, prior.c, *variances)
+    return Regression(prior, NO_SUMS, fit, Evidence(0.0, 0.0, NO_SUMS, NO_SUMS, fit), 0, 0.0)
+
+
+# The functions below may be compiled, see `eadp.core.compiled`.
+
+
+def with_window(state: Regression, seconds: float, mean: float, x: float, z: float, min_step: float) -> Regression:
+    """The state after a window.
+
+    Parameters
+    ----------
+    state : Regression
+    seconds : float
+        Its length [s].
+    mean, x, z : float
+        Means of y, x and z over it.
+    min_step : float
+        The least step of the level that is to be recognised.
+    """
+    evidence = _compared(state, seconds, mean, x, z, min_step)
+    prior, sums, before = state.prior, _added(state.sums, seconds, mean, x, z), state.fit
+    steps, step = state.steps, state.step
+    found = max(evidence.up, evidence.down) > ALARM
+    if found:
+        before = evidence.before
+        sums = evidence.since_up if evidence.up > evidence.down else evidence.since_down
+        wide = 1 / (NEW_LEVEL * min_step) ** 2
+        prior = Prior(before.a, before.b, before.c, wide, prior.information_b, prior.information_c, before.noise)
+    fit = _fitted(sums, prior, before)
+    if found:
+        steps, step = steps + 1, fit.a - before.a
+        evidence = Evidence(0.0, 0.0, NO_SUMS, NO_SUMS, fit)
+    return Regression(prior, sums, fit, evidence, steps, step)
+
+
+def _added(sums: Sums, seconds: float, mean: float, x: float, z: float) -> Sums:
+    """The sums with one more window."""
+    kept = math.exp(-seconds / FADE_S)
+    return Sums(
+        kept * sums.n + seconds,
+        kept * sums.x + seconds * x,
+        kept * sums.xx + seconds * (x * x),
+        kept * sums.y + seconds * mean,
+        kept * sums.xy + seconds * (x * mean),
+        kept * sums.yy + seconds * (mean * mean),
+        kept * sums.windows + 1,
+        kept * sums.z + seconds * z,
+        kept * sums.xz + seconds * (x * z),
+        kept * sums.zz + seconds * (z * z),
+        kept * sums.zy + seconds * (z * mean),
+    )
+
+
+def _compared(state: Regression, seconds: float, mean: float, x: float, z: float, min_step: float) -> Evidence:
+    """The evidence of a step after a window."""
+    was = state.evidence
+    # while a step may be, its windows are compared with what was before them
+    before = was.before if max(was.up, was.down) > DOUBT else state.fit
+    error = mean - before.a - before.b * x - before.c * z
+    variance = before.noise / seconds + before.aa + 2 * x * before.ab + x * x * before.bb + z * z * before.cc
+    freedom = 1.0 + INDEPENDENT * state.sums.windows
+    # the step as the windows before this one have it, so that the bound holds
+    step_up = max(_mean_error(was.since_up, before), min_step)
+    step_down = min(_mean_error(was.since_down, before), -min_step)
+    up = max(0.0, was.up + _ratio(error, step_up, variance, freedom))
+    down = max(0.0, was.down + _ratio(error, step_down, variance, freedom))
+    since_up, since_down = NO_SUMS, NO_SUMS
+    if up > 0.0:
+        since_up = _added(was.since_up, seconds, mean, x, z)
+    if down > 0.0:
+        since_down = _added(was.since_down, seconds, mean, x, z)
+    return Evidence(up, down, since_up, since_down, before)
+
+
+def _mean_error(sums: Sums, fit: Fit) -> float:
+    """Mean by which windows are above a fit; 0 without a window."""
+    if sums.n == 0.0:
+        return 0.0
+    return (sums.y - fit.b * sums.x - fit.c * sums.z) / sums.n - fit.a
+
+
+def _ratio(error: float, step: float, variance: float, freedom: float) -> float:
+    """Logarithm of the likelihood of an error with a step over that without: Student's t, as the noise is estimated."""
+    scale = freedom * variance
+    with_step = error - step
+    return (freedom + 1) / 2 * (math.log1p(error * error / scale) - math.log1p(with_step * with_step / scale))
+
+
+def _fitted(sums: Sums, prior: Prior, before: Fit) -> Fit:
+    """Posterior by the sums over windows."""
+    # the residuals' noise depends on the fit, and the fit on the noise: in turns
+    fit = before
+    for _ in range(2):
+        fit = _posterior(sums, prior, fit.noise)
+        a, b, c = fit.a, fit.b, fit.c
+        # Σ t (y − a − b x − c z)²
+        of_products = sums.yy - 2 * (a * sums.y + b * sums.xy)
+        of_c = c * (c * sums.zz - 2 * sums.zy + 2 * a * sums.z + 2 * b * sums.xz)
+        squares = max(of_products + a * a * sums.n + 2 * a * b * sums.x + b * b * sums.xx + of_c, 0.0)
+        noise = (PRIOR_WINDOWS * prior.noise + squares) / (PRIOR_WINDOWS + sums.windows)
+        fit = Fit(a, b, c, fit.aa, fit.ab, fit.bb, noise, fit.cc)
+    last = _posterior(sums, prior, fit.noise)
+    return Fit(fit.a, fit.b, fit.c, last.aa, last.ab, last.bb, fit.noise, last.cc)
+
+
+def _posterior(sums: Sums, prior: Prior, noise: float) -> Fit:
+    """Posterior by the sums over windows and a given noise."""
+    # (P⁻¹ + XᵀX/v) (a, b, c) = P⁻¹ prior + Xᵀy/v, with P the prior covariance and v the noise
+    info_aa, info_ab = prior.information_a + sums.n / noise, sums.x / noise
+    info_bb = prior.information_b + sums.xx / noise
+    info_ac, info_bc, info_cc = sums.z / noise, sums.xz / noise, prior.information_c + sums.zz / noise
+    # y above what the prior c explains
+    rhs_a = prior.information_a * prior.a + (sums.y - prior.c * sums.z) / noise
+    rhs_b = prior.information_b * prior.b + (sums.xy - prior.c * sums.xz) / noise
+    rhs_c = (sums.zy - prior.c * sums.zz) / noise
+    # c eliminated: its Schur complement
+    by_a, by_b = info_ac / info_cc, info_bc / info_cc
+    info_aa, info_ab, info_bb = info_aa - by_a * info_ac, info_ab - by_a * info_bc, info_bb - by_b * info_bc
+    rhs_a, rhs_b = rhs_a - by_a * rhs_c, rhs_b - by_b * rhs_c
+    determinant = info_aa * info_bb - info_ab * info_ab
+    a, b = (info_bb * rhs_a - info_ab * rhs_b) / determinant, (info_aa * rhs_b - info_ab * rhs_a) / determinant
+    aa, ab, bb = info_bb / determinant, -info_ab / determinant, info_aa / determinant
+    c = prior.c + (rhs_c - info_ac * a - info_bc * b) / info_cc
+    return Fit(a, b, c, aa, ab, bb, noise, 1 / info_cc)
