@@ -24,33 +24,6 @@ SQLITE = b"SQLite format 3\0"
 COMPARISON = "comparison.html"
 
 
-def write_report(result: str, out: str | None = None, keep: str | None = None) -> str:
-    """Write the page of a result; return its path.
-
-    Parameters
-    ----------
-    result : str
-        A result folder, the results file of a sweep, or a log of `eadp replan`.
-    out : str, optional
-        By default `report.html` in the folder, or the file's name with .html beside it; `-` is standard output.
-
-    keep : str, optional
-        Where the folders of a sweep's flights are, for links to them.
-
-    Raises
-    ------
-    InputError
-        If it is no result, is damaged, or the page cannot be written.
-    """
-    page = page_of(result)
-    if out is None:
-        check_page(page)
-    target = str(page) if out is None else out
-    kind, data = _data(Path(result), page if target == "-" else Path(target), keep)
-    write_text(target, page_html(kind, data))
-    return target
-
-
 def write_comparison(folders: Sequence[str], out: str | None = None) -> tuple[str, str]:
     """Write the page of several flights, and their figure beside it as .svg and .png; return its path and the table.
 
@@ -147,4 +120,10 @@ def report(result: File | Sequence[File], out: File | None = None, keep: File | 
     """
     if not isinstance(result, str | PathLike):
         return write_comparison([*map(str, result)], None if out is None else str(out))[0]
-    return write_report(str(result), *(None if each is None else str(each) for each in (out, keep)))
+    page = page_of(str(result))
+    if out is None:
+        check_page(page)
+    target = str(page) if out is None else str(out)
+    data = _data(Path(result), page if target == "-" else Path(target), None if keep is None else str(keep))
+    write_text(target, page_html(*data))
+    return target

@@ -103,7 +103,7 @@ def command(
     Exit code 0 if every run was made, whether its flight completes or not; 1 if some could not be made, or are not what
     --require asks for; 2 on bad input.
     """
-    from eadp.api.report import page_of, write_report
+    from eadp.api.report import page_of, report
     from eadp.api.sweep.sweep_file import read_sweep
     from eadp.cli import sweep_text
     from eadp.io.report.page import check_page
@@ -136,7 +136,7 @@ def command(
             results.forget_failures()
         _make(sweep, indices, results, options)
         if out is not None:
-            write_report(out, keep=options.keep)
+            report(out, keep=options.keep)
         flights = sweep.flights(indices, results.rows())
         whole = totals(flights)
         if whole.distinct < whole.flights:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +16,9 @@ from eadp.api.inputs import FlightInputs, load_flight
 from eadp.api.sorties import SORTIES, SORTIES_SCENARIO
 from eadp.api.sorties.folder import read_sorties
 from eadp.api.sorties.plan import SortiePlanner
-from eadp.api.sorties.resume import SLIVER_SHARE
+from eadp.api.sorties.resume import left_of
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.polygons import covered_shares, uncovered
+from eadp.core.geometry.polygons import covered_shares
 from eadp.coverage.separation import LATE_S, Nearest, TimedTrack, nearest
 from eadp.errors import Fault, Infeasible
 from eadp.io.flight.coverage import flown_lines, flown_of_plan
@@ -31,6 +31,9 @@ SCHEMA = "eadp.job/1"
 JOB = "job.json"
 MAX_ROUNDS = 5
 """Most times that what is left is planned again."""
+
+FLOWN = ("completed", "reason", "duration_s", "energy_wh", "distance_m", "soc_final", "reserve_kept", "quality")
+"""Figures of each flight."""
 
 LEAST_SHARE = 1e-3
 """Share of the field that is not worth a flight: below it, the job is done."""
@@ -90,33 +93,36 @@ class JobFlight:
         return lines
 
 
-def fly_sorties(
-    folder: str,
-    overrides: Sequence[str] = (),
+def simulate_sorties(
+    folder: File,
+    overrides: Overrides = (),
     seed: int = 0,
+    *,
     on_flight: Callable[[str], None] = lambda _name: None,
-    warn: Warn = lambda _faults: None,
+    warn: Warn = python_warnings,
 ) -> JobFlight:
-    """Fly all sorties of a folder, and what they leave.
+    """Fly all sorties of a folder in turn, each with a fresh pack, and then what they leave of the field.
 
     Parameters
     ----------
-    folder : str
-    overrides : sequence of str
-        Keys of the scenario, as key=value.
-    seed : int
-        Of the first flight's gusts and noise; each later one's is one more. Of the delays of take-off, too.
-    on_flight : function
+    folder : path
+        Of `eadp cover --sorties`.
+    overrides
+        As for `simulate`, in every flight.
+    seed : int, optional
+        Of the first flight's gusts and noise; each later one's is one more. Of late take-offs, too.
+    on_flight : function, optional
         Called with the name of each flight before it.
-    warn : function
+    warn : function, optional
 
     Raises
     ------
     InputError
         With the faults of the folder.
     """
+    folder, texts = str(folder), override_texts(overrides)
     planner, document = read_sorties(folder)
-    job = _Job(planner, document, {**read_overrides(overrides)}, list(overrides), seed, on_flight, warn)
+    job = _Job(planner, document, {**read_overrides(texts)}, texts, seed, on_flight, warn)
     scenario = str(Path(folder) / SORTIES_SCENARIO)
     tours: list[list[str]] = [[] for _ in range(document["aircraft"])]
     for row in document["sorties"]:
@@ -142,75 +148,65 @@ def fly_sorties(
     return job.flown(tours)
 
 
+@dataclass
 class _Job:
     """Flights so far."""
 
-    def __init__(
-        self,
-        planner: SortiePlanner,
-        document: Mapping[str, Any],
-        overrides: dict[str, Any],
-        texts: list[str],
-        seed: int,
-        on_flight: Callable[[str], None],
-        warn: Warn,
-    ) -> None:
-        self._planner, self._document, self.overrides, self._texts = planner, document, overrides, texts
-        self._seed, self._on_flight, self._warn = seed, on_flight, warn
-        self._random = np.random.default_rng(seed)
-        self.flights: dict[str, Flight] = {}
-        self._lines: list[tuple[Point, ...]] = []
-        self._warned: set[str] = set()
-        self.reason = "ground is left"
+    planner: SortiePlanner
+    document: Mapping[str, Any]
+    overrides: dict[str, Any]
+    texts: list[str]
+    seed: int
+    on_flight: Callable[[str], None]
+    warn: Warn
+    flights: dict[str, Flight] = field(default_factory=dict)
+    lines: list[tuple[Point, ...]] = field(default_factory=list)
+    warned: set[str] = field(default_factory=set)
+    reason: str = "ground is left"
 
     def load(self, plan: str | Plan, scenario: str) -> FlightInputs:
         """The inputs of a flight, with a seed of its own."""
-        overrides = {**self.overrides, "seed": self._seed + len(self.flights)}
-        inputs = load_flight(plan, scenario=scenario, overrides=overrides, files=self._planner.files)
-        new = [fault for fault in inputs.warnings if fault.message not in self._warned]
-        self._warned |= {fault.message for fault in new}
-        self._warn(new)
+        overrides = {**self.overrides, "seed": self.seed + len(self.flights)}
+        inputs = load_flight(plan, scenario=scenario, overrides=overrides, files=self.planner.files)
+        new = [fault for fault in inputs.warnings if fault.message not in self.warned]
+        self.warned |= {fault.message for fault in new}
+        self.warn(new)
         return inputs
 
     def fly(self, name: str, inputs: FlightInputs) -> None:
         """Fly, and count the ground covered."""
-        self._on_flight(name)
+        self.on_flight(name)
         flight = fly_flight(
-            inputs, inputs.preflight(), overrides=[*self._texts, f"seed={self._seed + len(self.flights)}"]
+            inputs, inputs.preflight(), overrides=[*self.texts, f"seed={self.seed + len(self.flights)}"]
         )
         self.flights[name] = flight
         columns = flown_of_plan(flight.lists, flight.summary["turned_back_s"])
-        self._lines += flown_lines(inputs.world.plan, columns)
+        self.lines += flown_lines(inputs.world.plan, columns)
 
     def left(self) -> Field | None:
         """The ground that is left; None where it is not worth a flight."""
-        field, swath_m = self._planner.task.field, self._planner.task.motion.swath_m
-        parts = uncovered(field.parts, self._lines, swath_m, SLIVER_SHARE * swath_m)
-        if not parts:
-            return None
-        (outline, *holes), *others = parts
-        left = replace(field, outline=outline, holes=tuple(holes), others=tuple(map(tuple, others)))
-        return None if left.area_m2 < LEAST_SHARE * field.area_m2 else left
+        task = self.planner.task
+        left = left_of(task.field, self.lines, task.motion.swath_m)
+        return None if left is None or left.area_m2 < LEAST_SHARE * task.field.area_m2 else left
 
     def coverage(self) -> float:
         """Share of the field that is covered."""
-        task = self._planner.task
-        return covered_shares(task.field.parts, [self._lines], task.motion.swath_m)[-1]
+        task = self.planner.task
+        return covered_shares(task.field.parts, [self.lines], task.motion.swath_m)[-1]
 
     def flown(self, tours: Sequence[Sequence[str]]) -> JobFlight:
         """The job as it was flown by the tours of the aircraft."""
         starts, tracks = self._starts_s(tours)
         flights = {name: self.flights[name].summary for name in sorted(self.flights, key=starts.__getitem__)}
         near = nearest(tracks)
-        if near is not None and near.distance_m < self._document["separation_m"]:
+        if near is not None and near.distance_m < self.document["separation_m"]:
             self._warn_near(near)
         done = self.left() is None
         rows = [
             {
                 "sortie": name,
                 "take_off_s": starts[name],
-                **{key: one[key] for key in ("completed", "reason", "duration_s", "energy_wh", "distance_m")},
-                **{key: one[key] for key in ("soc_final", "reserve_kept", "quality")},
+                **{key: one[key] for key in FLOWN},
             }
             for name, one in flights.items()
         ]
@@ -219,7 +215,7 @@ class _Job:
             "schema": SCHEMA,
             "completed": done,
             "reason": "all ground is covered" if done else self.reason,
-            "planned": len(self._document["sorties"]),
+            "planned": len(self.document["sorties"]),
             "batteries": len(rows),
             "coverage": self.coverage(),
             "duration_s": max(row["take_off_s"] + row["duration_s"] for row in rows),
@@ -232,24 +228,24 @@ class _Job:
             "nearest_s": None if near is None else near.time_s,
             "nearest_at_m": None if near is None else list(near.place_m),
             "flights": rows,
-            "seed": self._seed,
+            "seed": self.seed,
         }
         return JobFlight(summary, {name: self.flights[name] for name in flights})
 
     def _starts_s(self, tours: Sequence[Sequence[str]]) -> tuple[dict[str, float], list[TimedTrack]]:
         """Take-off of each flight [s], and the track of each aircraft."""
-        starts, tracks = {}, []
+        starts, tracks, late = {}, [], np.random.default_rng(self.seed)
         for k, tour in enumerate(tours):
-            at_s = k * self._document["stagger_s"]
+            at_s = k * self.document["stagger_s"]
             track: TimedTrack | None = None
             for name in tour:
-                at_s += float(self._random.uniform(0.0, LATE_S))
+                at_s += float(late.uniform(0.0, LATE_S))
                 starts[name] = at_s
                 columns = self.flights[name].columns
                 points = np.stack([columns["x_m"], columns["y_m"]], axis=1)
                 own = TimedTrack(columns["time_s"], points).later(at_s)
                 track = own if track is None else track.then(own, own.times_s[0] - track.times_s[-1])
-                at_s += float(self.flights[name].summary["duration_s"]) + self._document["swap_s"]
+                at_s += float(self.flights[name].summary["duration_s"]) + self.document["swap_s"]
             if track is not None:
                 tracks.append(track)
         return starts, tracks
@@ -258,35 +254,5 @@ class _Job:
         one, other = (i + 1 for i in near.pair)
         message = f"aircraft {one} and {other} come within {near.distance_m:.0f} m at {near.time_s:.0f} s, at "
         message += f"({near.place_m[0]:.0f}, {near.place_m[1]:.0f}) m"
-        expected = f"{self._document['separation_m']:g} m: a later take-off, or altitudes apart"
-        self._warn([Fault(SORTIES, 1, 1, message, expected, severity="warning")])
-
-
-def simulate_sorties(
-    folder: File,
-    overrides: Overrides = (),
-    seed: int = 0,
-    *,
-    on_flight: Callable[[str], None] = lambda _name: None,
-    warn: Warn = python_warnings,
-) -> JobFlight:
-    """Fly all sorties of a folder in turn, each with a fresh pack, and then what they leave of the field.
-
-    Parameters
-    ----------
-    folder : path
-        Of `eadp cover --sorties`.
-    overrides
-        As for `simulate`, in every flight.
-    seed : int, optional
-        Of gusts, noise and late take-offs.
-    on_flight : function, optional
-        Called with the name of each flight before it.
-    warn : function, optional
-
-    Raises
-    ------
-    InputError
-        With the faults of the folder.
-    """
-    return fly_sorties(str(folder), override_texts(overrides), seed, on_flight, warn)
+        expected = f"{self.document['separation_m']:g} m: a later take-off, or altitudes apart"
+        self.warn([Fault(SORTIES, 1, 1, message, expected, severity="warning")])

@@ -15,7 +15,7 @@ from eadp.api.sorties.plan import SortiePlanner
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import LINE, Point
-from eadp.core.geometry.polygons import covered_share, uncovered
+from eadp.core.geometry.polygons import covered_shares, uncovered
 from eadp.coverage.cover import DUBINS, ZAMBONI
 from eadp.errors import InputError, PathUndefined
 from eadp.io.flight.coverage import flown_lines, flown_of_plan
@@ -74,23 +74,33 @@ def resumed(planner: SortiePlanner, sources: Sequence[str], warn: Warn) -> tuple
     for source in sources:
         tracks += _read(source, planner, warn)
     for i, track in enumerate(tracks):
-        if not track.lines or covered_share(field.parts, _segments(track.lines), swath_m) <= 0:
+        if (
+            not track.lines
+            or covered_shares(field.parts, [[(line[0], line[-1]) for line in track.lines]], swath_m)[-1] <= 0
+        ):
             what = "covers no ground of the field"
             raise InputError.at(track.source, 1, 1, what, "a flight over this field, with its lines")
         for other in tracks[:i]:
             if _same(track, other):
                 raise InputError.at(track.source, 1, 1, f"has the same minutes as {other.source}", "each flight once")
-    lines = [line for track in tracks for line in track.lines]
-    left = uncovered(field.parts, lines, swath_m, SLIVER_SHARE * swath_m)
-    if not left:
+    left = left_of(field, [line for track in tracks for line in track.lines], swath_m)
+    if left is None:
         raise InputError.at("--resume", 1, 1, "nothing is left to cover", "flights that leave some of the field")
-    (outline, *holes), *others = left
     known = [track for track in tracks if track.heading_rad is not None]
     if known and planner.task.options.heading_deg is None:
         heading_rad, laps = known[0].heading_rad, known[0].laps
         assert heading_rad is not None
         planner = replace(planner, lines=(compass_deg(heading_rad), ZAMBONI if laps else DUBINS))
-    return planner, replace(field, outline=outline, holes=tuple(holes), others=tuple(map(tuple, others)))
+    return planner, left
+
+
+def left_of(field: Field, lines: Sequence[Line], swath_m: float) -> Field | None:
+    """The ground that lines flown have left of a field; None where none is."""
+    parts = uncovered(field.parts, lines, swath_m, SLIVER_SHARE * swath_m)
+    if not parts:
+        return None
+    (outline, *holes), *others = parts
+    return replace(field, outline=outline, holes=tuple(holes), others=tuple(map(tuple, others)))
 
 
 def _read(source: str, planner: SortiePlanner, warn: Warn) -> list[FlownSurvey]:
@@ -147,22 +157,10 @@ def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurve
     courses = np.arctan2(steps[:, 1], steps[:, 0])
     along = np.abs((courses - planner.heading_rad + math.pi / 2) % math.pi - math.pi / 2) < ALONG_RAD
     along &= (np.diff(times_s) > 0) & (np.diff(times_s) <= MAX_GAP_S)
-    lines: list[Line] = []
-    run: list[Point] = []
-    for i, on_line in enumerate(along.tolist()):
-        if on_line:
-            run = run or [(float(points[i, 0]), float(points[i, 1]))]
-            run.append((float(points[i + 1, 0]), float(points[i + 1, 1])))
-        elif run:
-            lines.append(tuple(run))
-            run = []
-    if run:
-        lines.append(tuple(run))
+    # runs of steps along: each starts and ends where it changes
+    ends = np.flatnonzero(np.diff(along, prepend=False, append=False)).reshape(-1, 2)
+    lines = [tuple((x, y) for x, y in points[start : end + 1].tolist()) for start, end in ends.tolist()]
     return FlownSurvey(source, times_s, points, [line for line in lines if len(line) > 2])
-
-
-def _segments(lines: Sequence[Line]) -> list[tuple[Point, Point]]:
-    return [(line[0], line[-1]) for line in lines]
 
 
 def _same(one: FlownSurvey, other: FlownSurvey) -> bool:

@@ -83,10 +83,10 @@ class FlyRun:
     def _summary(self, run: Run) -> dict[str, Any]:
         folder, plan = os.path.split(run.files["plan"])
         if plan == SORTIES:
-            from eadp.api.sorties.job import fly_sorties
+            from eadp.api.sorties.job import simulate_sorties
 
             overrides = {key: value for key, value in run.overrides.items() if key != "seed"}
-            job = fly_sorties(folder, override_texts(overrides), run.overrides["seed"])
+            job = simulate_sorties(folder, overrides, run.overrides["seed"], warn=lambda _: None)
             if self._keep is not None:
                 job.write(Path(self._keep) / run.key, force=True)
             return job.summary
