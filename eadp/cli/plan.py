@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
+import time
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -67,6 +68,7 @@ def command(
     plot: Annotated[str | None, Option(help="Draw the plan: FILE.svg or FILE.png.", metavar="FILE")] = None,
     machine: Annotated[bool, Option("--machine", help="With --plot: draw the state machine, not the path.")] = False,
     laps: LapsOption = None,
+    junit: Annotated[str | None, Option(help="Write a JUnit report, which fails on errors.", metavar="FILE")] = None,
 ) -> int:
     """Example: eadp plan plans/survey.plan --check
 
@@ -75,9 +77,11 @@ def command(
     Exit code 0 if the plan can be read, 1 if --check finds an error, 2 if it cannot be read.
     """
     from eadp.api.plan import check_plan
+    from eadp.cli.junit import Case, junit_text
     from eadp.errors import InputError, PathUndefined
     from eadp.io.plan.parameters import parameters_of
     from eadp.io.plan.writer import plan_text
+    from eadp.io.text.streams import output_file, write_text
 
     if trace is not None and not 0 < trace < math.inf:
         raise usage_fault(
@@ -85,8 +89,15 @@ def command(
         )
     if machine and plot is None:
         raise usage_fault("--machine", "--machine", "nothing to draw to", "--plot FILE as well")
+    if junit is not None:
+        output_file(junit)
+    start_s = time.perf_counter()
     read = check_plan(file, min_radius_m=min_radius, laps=laps, geometry=check)
     plan, report, lines = read.plan, read.report, read.faults
+    if junit is not None:
+        wrong = "\n".join(str(line) for line in lines if line.severity == "error") or None
+        case = Case("geometry" if check else "text", time.perf_counter() - start_s, wrong)
+        write_text(junit, junit_text(file, [case]))
     parameters = parameters_of(plan, set_)
     try:
         if plot is not None:
