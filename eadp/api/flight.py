@@ -33,8 +33,11 @@ from eadp.planning.forecast.held import Preflight
 from eadp.simulation.loop import RETURNED, Outcome, fly
 
 SCHEMA = "eadp.flight/1"
+TIMINGS = "eadp.timings/1"
 OVERRIDES = "overrides.txt"
 REPORT = "report.html"
+CLOCKED = ("median_ms", "max_ms")
+"""Keys of a summary's solver that depend on the machine and its load."""
 LONGEST_NAME = 200
 """Longest name of an input [bytes] before which its kind is written."""
 
@@ -120,6 +123,12 @@ def summarise(
     }
 
 
+def repeatable(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """A summary without what the clock of the machine gives: `CLOCKED`."""
+    solver = {key: value for key, value in summary["solver"].items() if key not in CLOCKED}
+    return {**summary, "solver": solver}
+
+
 def _endurance(world: World, outcome: Outcome) -> dict[str, Any]:
     """Time that a full battery lasts at the flight's mean motion power, by configuration of the computations."""
     log, rho, duration_s = outcome.parameters, world.plan.path_count, outcome.duration_s
@@ -197,7 +206,7 @@ class Flight:
     inputs : FlightInputs
         What was flown.
     summary : dict
-        The content of `summary.json`.
+        The content of `summary.json`, and the solver's times of `timings.json`.
     steps : list of Step
         The logged moments, the rows of `flight.csv`.
     decisions : list of DecisionRecord
@@ -306,8 +315,13 @@ class Flight:
             _write_csv(target / "flight.csv", [self._names, *self._rows])
             estimates = list(estimate_rows(self.steps, self.estimates, world.battery))
             _write_csv(target / "estimate.csv", estimates)
-            summary = json.dumps(self.summary, indent=2, ensure_ascii=False, allow_nan=False)
-            (target / "summary.json").write_text(f"{summary}\n", encoding="utf-8")
+            solver = self.summary["solver"]
+            for name, content in (
+                ("summary.json", repeatable(self.summary)),
+                ("timings.json", {"schema": TIMINGS, "solver": {key: solver[key] for key in CLOCKED}}),
+            ):
+                text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
+                (target / name).write_text(f"{text}\n", encoding="utf-8")
             rows = [record_row(record, world.plan.names) for record in self.decisions]
             if rows:
                 lines = (json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n" for row in rows)

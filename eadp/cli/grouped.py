@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import functools
 import inspect
+import os
 import sys
 import types
 from collections.abc import Callable, Sequence
-from dataclasses import MISSING, Field, fields, is_dataclass
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from enum import StrEnum
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from typer import Option
 
 from eadp.io.text.options import UNITS, Flag, option_name
+
+
+@dataclass(frozen=True)
+class StderrOptions:
+    """What every command writes on standard error."""
+
+    quiet: Annotated[bool, Flag("-q --quiet")] = False
+    """Write nothing but errors on standard error: no progress, no warnings."""
+
+    faults: Literal["text", "json"] = "text"
+    """How to print errors and warnings: json is a document a line, eadp.faults/1."""
 
 
 def grouped(command: Callable[..., int]) -> Callable[..., int]:
@@ -30,9 +43,15 @@ def grouped(command: Callable[..., int]) -> Callable[..., int]:
         else:
             parameters.append(parameter.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY))
 
+    parameters += _options(StderrOptions)
+
     def run(**given: Any) -> int:
+        messages = StderrOptions(**_taken(StderrOptions, given))
         values = {name: kind(**_taken(kind, given)) for name, kind in groups.items()}
-        return command(**given, **values)
+        with contextlib.ExitStack() as stack:
+            if messages.quiet:
+                stack.enter_context(contextlib.redirect_stderr(stack.enter_context(open(os.devnull, "w"))))
+            return command(**given, **values)
 
     run.__doc__ = command.__doc__
     run.__annotations__ = {each.name: each.annotation for each in parameters}

@@ -16,7 +16,8 @@ import typer.core
 
 from eadp import __version__
 from eadp.cli.grouped import grouped
-from eadp.errors import EadpError, InputError, printable
+from eadp.cli.output import faults_as_json, faults_text
+from eadp.errors import EadpError, Fault, InputError, printable
 
 YES, NO, BAD_INPUT, BUG, INTERRUPTED = 0, 1, 2, 70, 130
 
@@ -123,6 +124,8 @@ def main(arguments: list[str]) -> int:
     """Run one command line; return its exit code (0 yes, 1 no, 2 bad input, 70 a bug, 130 interrupted)."""
     if isinstance(sys.stdout, io.TextIOWrapper):  # what a terminal cannot show is escaped
         sys.stdout.reconfigure(errors="backslashreplace")
+    words = " ".join(arguments).replace("--faults=", "--faults ")
+    faults_as_json.set("--faults json" in words)  # an option that cannot be read is a fault, too
     try:
         named = [name for name in arguments[:1] if name in COMMANDS]
         completed = COMMANDS if "_EADP_COMPLETE" in os.environ else ()
@@ -137,7 +140,9 @@ def main(arguments: list[str]) -> int:
         return _interrupted()
     except EadpError as error:
         _debug()
-        print(error if isinstance(error, InputError) else f"eadp: error: {error}", file=sys.stderr)  # noqa: T201
+        faults = error.faults if isinstance(error, InputError) else [Fault("eadp", 1, 1, str(error))]
+        plain = isinstance(error, InputError) or faults_as_json.get()
+        sys.stderr.write(faults_text(faults) if plain else f"eadp: error: {error}\n")
         return BAD_INPUT
     except (BrokenPipeError, _Closed):
         _drop_output()  # the reader has seen enough
@@ -199,7 +204,8 @@ def _usage(error: Exception) -> int:
     if type(error).__name__ == "MissingParameter":  # the first line of each command's help is an example
         example = (error.ctx.command.help or "").partition("\n")[0]  # type: ignore[attr-defined]
         message = f"{message} {example}"
-    print(f"eadp: error: {message}", file=sys.stderr)  # noqa: T201
+    plain = f"eadp: error: {message}\n"
+    sys.stderr.write(faults_text([Fault("eadp", 1, 1, message)]) if faults_as_json.get() else plain)
     return BAD_INPUT
 
 

@@ -6,9 +6,14 @@ import json
 import sys
 import time
 from collections.abc import Iterable, Sequence
+from contextvars import ContextVar
+from dataclasses import asdict
 from typing import Any
 
 from eadp.errors import Fault, InputError, first_faults
+
+faults_as_json: ContextVar[bool] = ContextVar("faults_as_json", default=False)
+"""Whether faults are printed as JSON."""
 
 
 def emit(text: str) -> None:
@@ -39,8 +44,15 @@ def aligned(rows: Sequence[Sequence[str]], first: str = ">") -> list[str]:
 
 def warn(warnings: Iterable[Fault]) -> None:
     """Print warnings on stderr: the first of them, and the number of the rest."""
-    for warning in first_faults(warnings):
-        sys.stderr.write(f"{warning}\n")
+    if shown := first_faults(warnings):
+        sys.stderr.write(faults_text(shown))
+
+
+def faults_text(faults: Sequence[Fault]) -> str:
+    """Faults as lines, or as one line of JSON where that is asked for."""
+    if faults_as_json.get():
+        return json_text({"schema": "eadp.faults/1", "faults": [asdict(fault) for fault in faults]}) + "\n"
+    return "".join(f"{fault}\n" for fault in faults)
 
 
 def usage_fault(option: str, raw: str, message: str, expected: str, column: int = 1) -> InputError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -53,6 +54,9 @@ class PlanOptions:
     machine: bool = False
     """With --plot: draw the state machine, not the path."""
 
+    junit: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Write a JUnit report, which fails on errors."""
+
     laps: Annotated[int | None, Flag(metavar="N", low=1, high=10_000)] = None
     """How many times a mission that repeats for ever is flown."""
 
@@ -75,9 +79,11 @@ def command(
     Exit code 0 if the plan can be read, 1 if --check finds an error, 2 if it cannot be read.
     """
     from eadp.api.plan import check_plan
+    from eadp.cli.junit import Case, junit_text
     from eadp.errors import InputError, PathUndefined
     from eadp.io.plan.parameters import parameters_of
     from eadp.io.plan.writer import plan_text
+    from eadp.io.text.streams import output_file, write_text
 
     trace, plot = options.trace_m, options.plot
     if trace is not None and not 0 < trace < math.inf:
@@ -86,8 +92,15 @@ def command(
         )
     if options.machine and plot is None:
         raise usage_fault("--machine", "--machine", "nothing to draw to", "--plot FILE as well")
+    if options.junit is not None:
+        output_file(options.junit)
+    start_s = time.perf_counter()
     read = check_plan(file, min_radius_m=options.min_radius_m, laps=options.laps, geometry=options.check)
     plan, report, lines = read.plan, read.report, read.faults
+    if options.junit is not None:
+        wrong = "\n".join(str(line) for line in lines if line.severity == "error") or None
+        case = Case("geometry" if options.check else "text", time.perf_counter() - start_s, wrong)
+        write_text(options.junit, junit_text(file, [case]))
     parameters = parameters_of(plan, options.set_)
     try:
         if plot is not None:

@@ -9,7 +9,7 @@ from typer import Argument
 
 from eadp.cli.output import emit_json, usage_fault
 
-# each module has a function `json_schema`, and is imported only for its own schema
+# each module has a function, `json_schema` if it has no other name, and is imported only for its own schema
 _MODULES = {
     "profile": "eadp.io.profile.model_file",
     "energy": "eadp.io.energy.model_file",
@@ -18,6 +18,8 @@ _MODULES = {
     "sweep": "eadp.api.sweep.sweep_file",
     "telemetry": "eadp.io.telemetry.reader",
     "decision": "eadp.api.replan.decisions",
+    "summary": "eadp.api.flight_schemas:summary",
+    "decisions": "eadp.api.flight_schemas:decisions",
 }
 _NAMES = ", ".join(_MODULES)
 
@@ -31,5 +33,6 @@ def command(
     """
     if name not in _MODULES:
         raise usage_fault("NAME", name, "no such file format", _NAMES)
-    emit_json(importlib.import_module(_MODULES[name]).json_schema())
+    module, _, function = _MODULES[name].partition(":")
+    emit_json(getattr(importlib.import_module(module), function or "json_schema")())
     return 0

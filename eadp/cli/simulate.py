@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import sys
+import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -15,7 +16,7 @@ from eadp.api.simulate import simulate
 from eadp.api.sorties import is_sorties
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
 from eadp.io.text.options import Flag
-from eadp.io.text.streams import check_new_folder
+from eadp.io.text.streams import check_new_folder, output_file, write_text
 from eadp.models.airspace import BOUNDARY, risk_text
 
 if TYPE_CHECKING:
@@ -45,6 +46,9 @@ class SimulateOutputs:
 
     require_reserve: bool = False
     """Exit 1 also where the flight ends below the reserve."""
+
+    junit: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Write a JUnit report, whose test fails where the exit code is 1."""
 
     strict_solver: bool = False
     """Exit 1 also where a run of the solver fails."""
@@ -78,14 +82,16 @@ def command(
         check_new_folder(output.out, force=output.force)
     if is_sorties(plan):
         alone = {name: getattr(options, name) for name in ("scenario", "profile", "energy", "laps")}
-        for name, value in {**alone, "figure": output.figure}.items():
+        for name, value in {**alone, "figure": output.figure, "junit": output.junit}.items():
             if value is not None:
                 raise usage_fault(f"--{name}", str(value), "beside a folder of sorties", "its scenario, or --set")
         named = [f"planner.name={options.planner}"] if options.planner else []
         return _sorties(plan, [*options.overrides, *named], seed, output)
     if output.figure is not None and output.out is None:
         raise usage_fault("--figure", output.figure, "a figure without a folder for it", "-o DIR")
-    progress = Progress("flying")
+    if output.junit is not None:
+        output_file(output.junit)
+    progress, start_s = Progress("flying"), time.perf_counter()
 
     def show(step: Step) -> None:
         progress.show(f"{step.time_s:.0f} s, stage {step.stage}, SoC {step.soc:.2f}")
@@ -117,7 +123,16 @@ def command(
     if failures is not None:
         sys.stderr.write(f"eadp: warning: {failures}\n")
     kept = summary["reserve_kept"] or not output.require_reserve
-    return 0 if summary["completed"] and kept and not (output.strict_solver and failures) else 1
+    passed = summary["completed"] and kept and not (output.strict_solver and failures)
+    if output.junit is not None:
+        from eadp.cli.junit import Case, junit_text
+
+        wrong = f"{summary['reason']}; state of charge {summary['soc_final']:.3f} at the end"
+        wrong += f"; {failures}" if failures else ""
+        title = f"planner={summary['planner']}, seed={summary['seed']}"
+        case = Case(title, time.perf_counter() - start_s, None if passed else wrong)
+        write_text(output.junit, junit_text(plan, [case]))
+    return 0 if passed else 1
 
 
 def _sorties(folder: str, texts: list[str], seed: int | None, output: SimulateOutputs) -> int:

@@ -143,7 +143,7 @@ def command(
             few = f"{whole.flights} flights are {whole.distinct} distinct ones"
             sys.stderr.write(f"sweep: warning: {few}: seeds change nothing where wind and sensors have no noise\n")
         if output.junit is not None:
-            write_text(output.junit, sweep_text.junit_text(sweep, flights, require or "completed"))
+            write_text(output.junit, sweep_text.junit_of(sweep, flights, require or "completed"))
         if output.format == "jsonl" and table is None:
             sweep_text.print_summaries(sweep, indices, results)
     if table is not None:

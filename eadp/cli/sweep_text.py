@@ -97,26 +97,19 @@ def _write_csv(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
     writer.writerows(["" if value is None else label_of(value) for value in row] for row in rows)
 
 
-def junit_text(sweep: Sweep, all_flights: Sequence[SweepFlight], require: str) -> str:
+def junit_of(sweep: Sweep, all_flights: Sequence[SweepFlight], require: str) -> str:
     """The runs as a JUnit report: a test for each, which fails where it is not what is required."""
-    import xml.etree.ElementTree as ET
+    from eadp.cli.junit import Case, junit_text
 
-    name, names = printable(sweep.name), _varied(sweep)
-    bad = [flight for flight in all_flights if not meets(flight, require)]
-    errors = sum(flight.error is not None for flight in bad)
-    counts = {"tests": len(all_flights), "failures": len(bad) - errors, "errors": errors}
-    suite = ET.Element("testsuite", {"name": name, **{key: str(count) for key, count in counts.items()}})
+    cases = []
     for flight in all_flights:
-        values = [f"{key}={label_of(flight.values[key])}" for key in names]
-        title = printable(", ".join([*values, f"seed={flight.seed}"]))
-        test = ET.SubElement(suite, "testcase", classname=name, name=title)
-        if flight.error is not None:
-            ET.SubElement(test, "error", message=printable(flight.error))
-        elif not meets(flight, require):
-            kept = "" if flight.soc_final is None else f"; state of charge {flight.soc_final:.3f} at the end"
-            ET.SubElement(test, "failure", message=f"{printable(flight.reason or 'not completed')}{kept}")
-    ET.indent(suite)
-    return ET.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
+        values = [f"{key}={label_of(flight.values[key])}" for key in _varied(sweep)]
+        kept = "" if flight.soc_final is None else f"; state of charge {flight.soc_final:.3f} at the end"
+        wrong = None if meets(flight, require) else f"{flight.reason or 'not completed'}{kept}"
+        title = ", ".join([*values, f"seed={flight.seed}"])
+        kind = "failure" if flight.error is None else "error"
+        cases.append(Case(title, flight.took_s, flight.error or wrong, kind))
+    return junit_text(sweep.name, cases)
 
 
 def meets(flight: SweepFlight, require: str) -> bool:

@@ -7,6 +7,7 @@ import json
 import math
 import re
 import sys
+import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from broken_osqp import BROKEN, broken_osqp
 from common import ROOT, few
 from common.answers import refused
 from common.recorder import watched
+from jsonschema import Draft202012Validator
 
 from eadp.api.inputs import load_flight
 from eadp.models.vehicle import FixedWing
@@ -80,6 +82,7 @@ def test_the_result_folder(eadp, tmp_path):
         "inputs",
         "report.html",
         "summary.json",
+        "timings.json",
     ]
     with (folder / "flight.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
@@ -608,3 +611,52 @@ def test_a_flight_that_returns_home_has_one_account_in_text_page_picture_and_jso
     with (folder / "flight.csv").open() as stream:
         at = next(row for row in csv.DictReader(stream) if float(row["time_s"]) >= last["time_s"])
     assert (float(at["x_m"]), float(at["y_m"])) == pytest.approx(tuple(summary["turned_back_m"]), abs=2)
+
+
+def test_repeats_are_the_same_bytes_but_for_the_timings(eadp, tmp_path):
+    for name in ("one", "two"):
+        eadp("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--set", "time_limit_s=20", "-o", tmp_path / name)
+    one, two = ({path.name: path for path in (tmp_path / name).rglob("*") if path.is_file()} for name in ("one", "two"))
+    assert one.keys() == two.keys()
+    same = [name for name in one if one[name].read_bytes() == two[name].read_bytes()]
+    assert {*one} - {*same} <= {"timings.json"}
+    assert json.loads(one["timings.json"].read_text())["solver"].keys() == {"median_ms", "max_ms"}
+    for name, rows in (
+        ("summary", [one["summary.json"].read_text()]),
+        ("decisions", one["decisions.jsonl"].read_text().splitlines()),
+    ):
+        validator = Draft202012Validator(json.loads(eadp("schema", name).out))
+        for row in rows:
+            validator.validate(json.loads(row))
+        assert not validator.is_valid({"schema": "eadp.flight/1"})
+
+
+def test_a_flight_and_a_plan_as_junit(eadp, tmp_path):
+    report = tmp_path / "report.xml"
+    flown = eadp("simulate", PLAN, "--scenario", SCENARIO, "--set", "time_limit_s=2", "--junit", report)
+    suite = ET.parse(report).getroot()
+    assert (flown.code, suite.get("tests"), suite.get("failures")) == (1, "1", "1")
+    assert suite[0][0].get("message").startswith("time limit; state of charge 0.99")
+    assert float(suite[0].get("time")) > 0
+    for plan, code in ((PLAN, 0), ("tests/support/none.plan", 2)):
+        report.unlink(missing_ok=True)
+        assert eadp("plan", plan, "--check", "--junit", report).code == code
+        assert report.exists() == (code == 0)
+
+
+def test_messages_are_left_out_or_json(eadp, tmp_path):
+    plan = tmp_path / "line.plan"
+    plan.write_text(f"%: nosuch 1\n{LINE}")
+    doubtful = ("simulate", plan, "--format", "json")
+    warned = eadp(*doubtful, "--faults", "json")
+    (document,) = map(json.loads, warned.err.splitlines())
+    assert document["schema"] == "eadp.faults/1"
+    assert {fault["severity"] for fault in document["faults"]} == {"warning"}
+    quiet = eadp(*doubtful, "--quiet")
+    assert quiet.err == ""
+    assert json.loads(quiet.out)["planner"] == "joint"
+    for wrong in (("--set", "seed=-1"), ("--nosuch",)):
+        refused = eadp("simulate", PLAN, *wrong, "-q", "--faults=json")
+        assert (refused.code, refused.out) == (2, "")
+        (fault,) = json.loads(refused.err)["faults"]
+        assert fault["severity"] == "error"

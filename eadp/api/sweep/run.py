@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from eadp.api.flight import fly_flight
+from eadp.api.flight import fly_flight, repeatable
 from eadp.api.given import File, Overrides, Warn, python_warnings
 from eadp.api.inputs import Files, FlightInputs
 from eadp.api.sorties import SORTIES
@@ -28,10 +28,6 @@ from eadp.models.sweep import Result, Run, interleaved, make_runs
 from eadp.simulation.loop import Outcome, fly
 from eadp.simulation.sweep.engines.base import EngineOptions
 from eadp.simulation.sweep.engines.registry import open_engine
-
-CLOCKED = ("median_ms", "max_ms")
-"""Keys of a summary's solver that depend on the machine and its load."""
-
 
 COLLECTED_AFTER = 100_000
 """New objects after which Python looks for cycles during a flight: its 700 cost a fifteenth of the time."""
@@ -94,8 +90,7 @@ class FlyRun:
         flight = fly_flight(inputs, overrides=override_texts(run.overrides))
         if self._keep is not None:
             flight.write(Path(self._keep) / run.key, force=True)
-        summary = dict(flight.summary)
-        summary["solver"] = {key: value for key, value in summary["solver"].items() if key not in CLOCKED}
+        summary = repeatable(flight.summary)
         json.dumps(summary, allow_nan=False)  # a figure that cannot be stored is this run's error
         return summary
 

@@ -24,7 +24,16 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, to_near_local_m
 from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.text.named import parse_named
-from eadp.io.text.schema_faults import STRICT, keys_document, schema_of, validated, validated_at, without_nulls
+from eadp.io.text.schema_faults import (
+    STRICT,
+    are_given,
+    keys_document,
+    never,
+    schema_of,
+    validated,
+    validated_at,
+    without_nulls,
+)
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document, read_yaml
@@ -209,7 +218,23 @@ class ScenarioFile:
 
 def json_schema() -> dict[str, Any]:
     """JSON Schema of a scenario file."""
-    return schema_of(ScenarioFile)
+    schema = schema_of(ScenarioFile)
+    both = [
+        {"if": are_given(one), "then": are_given(other)}
+        for one, other in itertools.permutations(("lat_deg", "lon_deg"))
+    ]
+    place = [*both, never("position_m", "lat_deg")]
+    wind = [
+        never("from_deg", "towards_deg"),
+        *(never(key, "profile") for key in ("speed_mps", "from_deg", "towards_deg")),
+    ]
+    battery = [never("cells", "voltage_v"), never("cells", "voltage_empty_v")]
+    for name, rules in {"Start": place, "Home": place, "Wind": wind, "Battery": battery}.items():
+        schema["$defs"][name]["allOf"] = rules
+    for node in schema["properties"].values():
+        if "patternProperties" in node:
+            node["additionalProperties"] = False
+    return schema | {"required": ["schema"]}
 
 
 @dataclass(frozen=True)

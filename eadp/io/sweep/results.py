@@ -181,7 +181,7 @@ class Results:
         InputError
             At a row that is damaged.
         """
-        names = ("summary", "error") if summaries else (*COLUMNS, "error")
+        names = ("summary", "error") if summaries else (*COLUMNS, "error", "took_s")
         with self._sqlite_errors():
             for stored in self._whole_rows("SELECT runs.* FROM wanted JOIN runs USING (key) ORDER BY place"):
                 row = dict(zip(_ROW, stored, strict=False))

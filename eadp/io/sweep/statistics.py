@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -61,9 +61,10 @@ class SweepFlight:
     distance_m: float | None = None
     batteries: int | None = None
     error: str | None = None
+    took_s: float = field(default=0.0, compare=False)
 
 
-_FIGURES = [field.name for field in fields(SweepFlight)][3:]
+_FIGURES = [each.name for each in fields(SweepFlight) if each.name not in ("index", "values", "seed", "took_s")]
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,17 @@ def schema_of(model: Any) -> dict[str, Any]:
         del STRICT["use_attribute_docstrings"]
 
 
+def are_given(*keys: str) -> dict[str, Any]:
+    """JSON Schema: these keys are given; null and an empty list are not."""
+    values = {"not": {"anyOf": [{"type": "null"}, {"type": "array", "maxItems": 0}]}}
+    return {"required": list(keys), "properties": dict.fromkeys(keys, values)}
+
+
+def never(*keys: str) -> dict[str, Any]:
+    """JSON Schema: these keys are not given together."""
+    return {"not": are_given(*keys)}
+
+
 def keys_document(text: Text, schema: str) -> Document:
     """A document that is a mapping with a key `schema`; its keys are not yet checked.
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 
 import pytest
+import yaml
 from common import ROOT
+from jsonschema import Draft202012Validator
 from settings_page import pages
 
 from eadp.api.inputs import load_flight
@@ -89,6 +91,35 @@ def test_every_key_has_a_sentence_and_its_unit(schema):
         unit = next((unit for end, unit in UNITS.items() if key.endswith(f"_{end}")), None)
         assert unit is None or f"[{unit}" in node["description"], key
     assert seen > 35
+
+
+OF_THE_SCHEMA = [
+    {"wind": {"from_deg": 270, "towards_deg": 90}},
+    {"wind": {"speed_mps": 3, "profile": [[0, 4, 270]]}},
+    {"start": {"lat_deg": 55}},
+    {"home": {"lon_deg": 55}},
+    {"start": {"lat_deg": 55, "lon_deg": 10, "position_m": [0, 0]}},
+    {"battery": {"cells": 4, "voltage_v": 16}},
+    {"vehicle": {"battery": {"cells": 4, "voltage_empty_v": 12}}},
+    {"parameters": {"1c": 3}},
+    {"bounds": {"c 1": [0, 1]}},
+]
+
+
+@pytest.mark.parametrize("keys", OF_THE_SCHEMA)
+def test_the_schema_refuses_what_the_program_refuses(tmp_path, keys):
+    validator = Draft202012Validator(json_schema())
+    (tmp_path / "s.yaml").write_text(yaml.safe_dump({"schema": "eadp.scenario/1"} | keys))
+    with pytest.raises(InputError):
+        read_scenario(str(tmp_path / "s.yaml"))
+    assert not validator.is_valid({"schema": "eadp.scenario/1"} | keys)
+    assert not validator.is_valid({})
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "scenarios").glob("*.yaml")), ids=lambda path: path.name)
+def test_the_schema_takes_what_is_shipped(path):
+    if not path.name.startswith("sweep"):
+        Draft202012Validator(json_schema()).validate(yaml.safe_load(path.read_text(encoding="utf-8")))
 
 
 def test_the_page_of_keys_is_that_of_the_schemas():
