@@ -61,6 +61,8 @@ class Sample(NamedTuple):
         Whether an autopilot flies a mission laid out before, so that its end is certain.
     altitude_m : float or None
         Altitude above the place of take-off [m].
+    voltage_v : float or None
+        The battery's voltage [V].
     """
 
     time_s: float
@@ -78,6 +80,7 @@ class Sample(NamedTuple):
     airspeed_mps: float | None = None
     flies_mission: bool = False
     altitude_m: float | None = None
+    voltage_v: float | None = None
 
     @property
     def position_m(self) -> Point | None:
@@ -123,6 +126,8 @@ class Observation(NamedTuple):
         Whether the charge is measured, and not estimated since.
     altitude_m : float or None
         Altitude above the place of take-off [m].
+    voltage_v : float or None
+        The battery's voltage [V].
     on_plan : bool
         Whether the aircraft flies the plan, and does not take off any more.
     """
@@ -143,6 +148,7 @@ class Observation(NamedTuple):
     flies_mission: bool = False
     soc_measured: bool = True
     altitude_m: float | None = None
+    voltage_v: float | None = None
     on_plan: bool = True
 
     @property

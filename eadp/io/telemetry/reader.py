@@ -77,6 +77,9 @@ class TelemetryLine(BaseModel):
         default=None, description="the number of stages started over the whole flight, the first included"
     )
     altitude_m: Metres | None = Field(default=None, description="the altitude above the place of take-off in metres")
+    voltage_v: Annotated[float, Field(ge=0, le=1000)] | None = Field(
+        default=None, description="the battery's voltage in volts"
+    )
     flies_mission: bool | None = Field(
         default=None, description="true where an autopilot flies a mission laid out before, so that its end is certain"
     )

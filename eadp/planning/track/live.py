@@ -198,6 +198,7 @@ class LiveFlight:
             airspeed_mps=sample.airspeed_mps,
             soc_measured=sample.soc is not None,
             altitude_m=sample.altitude_m,
+            voltage_v=sample.voltage_v,
             on_plan=self._climbs.on_plan,
         )
         self._update_planner(flight, observation)
