@@ -413,7 +413,7 @@ def fly_joint(constants: Constants, folder: Path, log: TextIO) -> Flown:
         if pack.empty:
             break
         if (k + 1) % PER_LINE == 0:
-            line = telemetry.line(sample, power_w)
+            line = telemetry.line(sample, power_w, float(pack.voltage_v))
             decision = None if line is None else replan.ask(line)
             if decision is not None:
                 result.decisions.append(decision)
@@ -443,7 +443,7 @@ class Telemetry:
 
     def __init__(self, mission: Mission, names: Sequence[str]) -> None:
         self._mission, self._names = mission, names
-        self._rng = np.random.default_rng(mission.seed + 2)
+        self._rng, self._volts = (np.random.default_rng(mission.seed + 2 + k) for k in range(2))
         self._soc, self._last_ah, self._sent = 1.0, 0.0, {}
 
     def gauge(self, pack: Lipo, loss: float) -> None:
@@ -452,7 +452,7 @@ class Telemetry:
         self._soc -= (consumed - self._last_ah) / pack.capacity_ah * self._mission.gauge_factor + loss
         self._last_ah = consumed
 
-    def line(self, sample: Sample, power_w: float) -> dict[str, Any] | None:
+    def line(self, sample: Sample, power_w: float, voltage_v: float) -> dict[str, Any] | None:
         """A line of telemetry; None where none is sent."""
         rng = self._rng
         line: dict[str, Any] = {
@@ -461,6 +461,7 @@ class Telemetry:
             "y_m": round(sample.y_m + rng.normal(0, 0.8), 2),
             "power_w": round(power_w * (1 + rng.normal(0, 0.01)) + rng.normal(0, 0.5), 2),
             "soc": max(round(self._soc + rng.normal(0, 0.002), 2), 0.01),
+            "voltage_v": round(voltage_v + self._volts.normal(0, 0.02), 2),
             "velocity_mps": [round(v + rng.normal(0, 0.1), 2) for v in (sample.east_mps, sample.north_mps)],
             "heading_deg": round(sample.heading_deg + rng.normal(0, 1.5), 1) % 360,
             "parameters": dict(zip(self._names, sample.parameters, strict=True)),

@@ -61,6 +61,8 @@ class Sample(NamedTuple):
         Whether an autopilot flies a mission laid out before, so that its end is certain.
     altitude_m : float or None
         Altitude above the place of take-off [m].
+    voltage_v : float or None
+        The battery's voltage [V].
     """
 
     time_s: float
@@ -78,6 +80,7 @@ class Sample(NamedTuple):
     airspeed_mps: float | None = None
     flies_mission: bool = False
     altitude_m: float | None = None
+    voltage_v: float | None = None
 
     @property
     def position_m(self) -> Point | None:

@@ -29,7 +29,8 @@ from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
 from eadp.io.telemetry.reader import numbered_lines, open_telemetry
 from eadp.io.text.options import Flag
 from eadp.models.plan.plan import Plan
-from eadp.planning.track.live import KEPT
+from eadp.planning.state.flight_state import CELL_LOST
+from eadp.planning.track.live import KEPT, TAKE_OFF
 
 NEAR_M, NEAR_SIZES = 5000.0, 3.0
 """How far from its plan a flight may be that is replayed [m], or in sizes of the plan."""
@@ -363,7 +364,9 @@ class LinkFlight:
             self._text = about
             named = not path or line["reason"].startswith(path.partition(" ")[0])
             text = line["reason"] if named else f"{path}: {line['reason']}"
-            self._show(text, NOTICE if self._replanner.completes else WARNING)
+            self._show(text, NOTICE if self._replanner.completes or line["reason"] == TAKE_OFF else WARNING)
+        if CELL_LOST in line["warnings"]:
+            self._tell("the voltage fell for good: a cell, or its charge, is lost")
 
     def _new_path(self, line: Mapping[str, Any]) -> str:
         """Path parameters that are others than those said before, for people; empty if none are."""

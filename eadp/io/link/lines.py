@@ -155,6 +155,7 @@ class LineMaker:
         for key in ("lat_deg", "lon_deg", "velocity_mps", "heading_deg"):
             line[key] = values.get(key)
         line["power_w"] = None if volts is None or amps is None else round(volts * amps, 4)
+        line["voltage_v"] = volts
         line |= self._charge()
         self._check_voltage(volts, amps, line)
         if (altitude_m := values.get("altitude_m")) is not None:

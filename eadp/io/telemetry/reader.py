@@ -91,6 +91,9 @@ class TelemetryLine(BaseModel):
     altitude_m: Metres | None = None
     """the altitude above the place of take-off in metres"""
 
+    voltage_v: Annotated[float, Field(ge=0, le=1000)] | None = None
+    """the battery's voltage in volts"""
+
     flies_mission: bool | None = None
     """true where an autopilot flies a mission laid out before, so that its end is certain"""
 

@@ -262,7 +262,8 @@ class Evaluator:
         energy_var = totals.energy_var_j2 + totals.mean_w**2 * totals.time_var_s2
         gain = known.charge.gain_std * np.maximum(known.charge.gain_from - soc, 0.0)
         losses = self.losses(totals.seconds) * LOSS_SQUARE
-        std: FloatArray = np.sqrt(totals.soc_per_j**2 * energy_var + totals.charge_var + gain**2 + losses)
+        charge_var = totals.charge_var + known.charge.lost_std**2
+        std: FloatArray = np.sqrt(totals.soc_per_j**2 * energy_var + charge_var + gain**2 + losses)
         return std
 
     def evaluate(self, known: Known, routes: Sequence[Route]) -> Evaluation:

@@ -64,7 +64,8 @@ def _spare(evaluation: Evaluation, place: int, seconds: float, flown_s: float, f
     soc = then[0] - losses * LOSS
     gain = known.charge.gain_std * max(known.charge.gain_from - soc, 0.0)
     per_j = float(evaluation.totals.soc_per_j[place])
-    std = math.sqrt(per_j**2 * energy_var + then[3] + gain**2 + losses * LOSS_SQUARE)
+    charge_var = then[3] + known.charge.lost_std**2
+    std = math.sqrt(per_j**2 * energy_var + charge_var + gain**2 + losses * LOSS_SQUARE)
     return float(FinalCharge(std, means=(soc,)).level(objective.probability) - objective.reserve_soc)
 
 

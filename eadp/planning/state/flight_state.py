@@ -30,6 +30,7 @@ from eadp.planning.state.power import PowerTracker
 from eadp.planning.state.power_gate import MAX_OF_MOTOR, PowerGate
 from eadp.planning.state.queue import SAME_TIME_S, ReadingQueue, Seen
 from eadp.planning.state.time_ratio import TimeRatio
+from eadp.planning.state.voltage import VoltageWatch
 
 MAX_AIRSPEEDS = 5.0
 """Ratio of a measured airspeed to that of cruise, or the inverse, above which it is false."""
@@ -43,8 +44,9 @@ NAVIGATION_M = 0.25, 10.0
 OFF_PATH_S, MEDIAN_PER_STD = 30.0, 0.6745
 """Time constant of the median cross-track error [s], and the median of a normal variable's size per its deviation."""
 
-GAUGE_STUCK, GAUGE_RISES, POWER_OUTLIER = "gauge-stuck", "gauge-rises", "power-outlier"
-"""Codes of warnings: the gauge is disbelieved, as it does not fall or rises; the last reading of power is false."""
+GAUGE_STUCK, GAUGE_RISES, POWER_OUTLIER, CELL_LOST = "gauge-stuck", "gauge-rises", "power-outlier", "cell-lost"
+"""Codes of warnings: the gauge is disbelieved, as it does not fall or rises; the last reading of power is false; the
+voltage shows a loss of charge that the gauge does not."""
 
 
 class FlightState:
@@ -92,6 +94,7 @@ class FlightState:
         per_as = 0.0 if battery.prescribed else battery.drain_per_as
         model = DrainModel(empty_v, full_v - empty_v, battery.resistance_ohm, per_as)
         self._charge = ChargeFilter(model, (full_v - empty_v) / battery.voltage_at(0.5), battery.soc)
+        self._voltage = VoltageWatch(battery)
         self._climb = ClimbFollower.of(mission)
         self._last_s: float | None = None
         self.reached_s = 0.0
@@ -108,6 +111,13 @@ class FlightState:
     def observe(self, observation: Observation) -> None:
         """Take an observation, which is a reading, too, unless it is too soon after the last one."""
         self._make_room()
+        sample = observation.sample
+        if sample.soc is not None:
+            if sample.voltage_v is not None and sample.power_w is not None:
+                self._voltage.ingest(sample.time_s, sample.voltage_v, sample.power_w, sample.soc)
+            if self._voltage.lost > 0:
+                soc = max(sample.soc - self._voltage.lost, 0.0)
+                observation = observation._replace(sample=sample._replace(soc=soc), soc=soc)
         self._queue.observe(observation)
         if not observation.on_plan:
             self.reached_s = observation.time_s
@@ -334,6 +344,7 @@ class FlightState:
             GAUGE_RISES: not self._charge.believed and self._charge.rises,
             POWER_OUTLIER: self._gate.rejects,
             HEADING_DISBELIEVED: self._headings.disbelieved,
+            CELL_LOST: self._voltage.lost > 0,
         }
         return tuple([code for code, holds in known.items() if holds])
 
@@ -356,7 +367,7 @@ class FlightState:
             MotionKnown(
                 self._motion.level_w, self._motion.slope_w, *self._motion.variances, max_w, self._motion.climb_j_per_m
             ),
-            ChargeKnown(self._charge.ahead, gain_std, gain_from, self._charge.believed),
+            ChargeKnown(self._charge.ahead, gain_std, gain_from, self._charge.believed, self._voltage.lost_std),
             0.0 if place.flies_mission else place.reach_std_m,
             self._climb.climb if self._climb is not None else None,
             self._ground.until(time_s),

@@ -45,13 +45,15 @@ class MotionKnown(NamedTuple):
 class ChargeKnown(NamedTuple):
     """The filter's state.
 
-    And standard deviation of the gauge's gain, the charge from which on it counts, and whether the gauge is believed.
+    And standard deviation of the gauge's gain, the charge from which on it counts, whether the gauge is believed, and
+    the standard deviation of the charge lost by the voltage.
     """
 
     filtered: Charge
     gain_std: float
     gain_from: float
     believed: bool
+    lost_std: float
 
 
 class Known(NamedTuple):

@@ -93,7 +93,7 @@ class Evidence(NamedTuple):
 
 
 class Regression(NamedTuple):
-    """State of the regression; `steps` have been recognised, the last one of size `step`."""
+    """State of the regression; `steps` have been recognised, the last of size `step` at its last window."""
 
     prior: Prior
     sums: Sums
@@ -137,7 +137,7 @@ def with_window(state: Regression, seconds: float, mean: float, x: float, z: flo
         prior = Prior(before.a, before.b, before.c, wide, prior.information_b, prior.information_c, before.noise)
     fit = _fitted(sums, prior, before)
     if found:
-        steps, step = steps + 1, fit.a - before.a
+        steps, step = steps + 1, mean - before.a - before.b * x - before.c * z
         evidence = Evidence(0.0, 0.0, NO_SUMS, NO_SUMS, fit)
     return Regression(prior, sums, fit, evidence, steps, step)
 

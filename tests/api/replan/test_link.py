@@ -739,3 +739,44 @@ def test_over_a_socket_and_again_from_its_log(eadp, plan, lines, flown, tmp_path
     assert "is of another plan" not in again.err
     other = eadp("replan", plan, "--scenario", SCENARIO, "--replay", log, "--set", "reserve_soc=0.1")
     assert f"{log}:1:1: warning: is of another plan, scenario or settings: decisions may be others" in other.err
+
+
+# --- the start, and the battery
+
+
+def test_a_flight_starts_with_the_parameters_of_its_items(eadp, plan, tmp_path):
+    """They are those that are flown, whatever is best before take-off; and a take-off is no warning."""
+    mission, log = tmp_path / "m.waypoints", tmp_path / "flight.tlog"
+    out = ("--to", "ardupilot", "--altitude", "25", "--set", "c1=-400", "-o", mission)
+    assert eadp("export", plan, *out).code == 0
+    log.write_bytes(tlog(frames(recorded()[:20], Autopilot())))
+    answer = eadp("replan", plan, "--scenario", SCENARIO, "--replay", log, "--items", f"{mission}.items.json")
+    first = json.loads(answer.out.splitlines()[0])
+    assert first["reason"] == "take-off"
+    assert first["parameters"]["c1"] == first["in_force"]["c1"] == -400
+
+
+def test_a_take_off_is_told_without_a_warning(plan):
+    hopeless = load_flight(str(plan), scenario=SCENARIO, overrides={"battery.capacity_ah": 0.2})
+    told = Flown(hopeless).fly(frames(recorded()[:2], Autopilot()))
+    severities = {fields["text"]: fields["severity"] for _, kind, fields in told.sent if kind == "STATUSTEXT"}
+    assert severities[b"eadp: take-off"] == 5
+
+
+def test_the_pilot_is_told_of_a_cell_that_is_lost(plan):
+    """Once, within 30 s; the charge drawn does not show it."""
+    overrides = {"battery.cells": 4, "battery.capacity_ah": 1.0}
+    flown, autopilot = Flown(load_flight(str(plan), scenario=SCENARIO, overrides=overrides)), Autopilot()
+    soc, before_s = 1.0, 0.0
+    for line in recorded():
+        time_s, volts = line["time_s"], 14.0 + 2.8 * soc - 0.84 * (line["time_s"] >= 150)
+        amps = line["power_w"] / volts
+        soc, before_s = soc - amps * (time_s - before_s) / 3600, time_s
+        flown.take(autopilot.heartbeat(armed=True, active=True))
+        flown.take(autopilot.battery(volts, amps, 1 - soc, None))
+        state = line["x_m"], line["y_m"], line["velocity_mps"], line["heading_deg"]
+        flown.take(autopilot.position(100 + time_s, *state))
+    told = [fault.message for fault in flown.faults if "voltage fell" in fault.message]
+    assert told == ["the voltage fell for good: a cell, or its charge, is lost"]
+    first_s = next(line["time_s"] for line in flown.decisions if "cell-lost" in line["warnings"])
+    assert 250 < first_s <= 280

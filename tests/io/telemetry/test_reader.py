@@ -32,7 +32,7 @@ def test_a_line():
     sample, warnings = read(json.dumps(GOOD) + "\r\n")
     assert warnings == []
     assert sample[:5] == (1.0, 2.0, 3.0, 36.5, 0.5)
-    assert sample[5:] == (None, None, None, None, {}, None, (), None, False, None)
+    assert sample[5:] == (None, None, None, None, {}, None, (), None, False, None, None)
 
 
 def test_all_keys():
@@ -225,6 +225,7 @@ def test_the_schema_names_what_is_required():
         "current_consumed_ah",
         "airspeed_mps",
         "altitude_m",
+        "voltage_v",
         "stage",
         "stages_started",
         "flies_mission",
