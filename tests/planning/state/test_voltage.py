@@ -8,7 +8,7 @@ from common import ROOT
 
 from eadp.api.inputs import load_flight
 from eadp.models.battery import Battery
-from eadp.planning.base import Observation
+from eadp.planning.base import Observation, Sample
 from eadp.planning.state.flight_state import CELL_LOST
 from eadp.planning.state.voltage import VoltageWatch
 
@@ -78,8 +78,9 @@ def test_the_planner_answers_the_loss():
     cursor = flight.state._place.cursor
     for second in range(300):
         volts = mission.battery.voltage_at(1 - second / 2000) - (2.0 if second >= 200 else 0.0)
-        o = Observation(float(second), -100.0, 220.0, cursor, (-100.0, 220.0), 1, 40.0, 1 - second / 2000)
-        flight.take(o._replace(voltage_v=volts))
+        soc = 1 - second / 2000
+        sample = Sample(float(second), -100.0, 220.0, 40.0, soc, voltage_v=volts)
+        flight.take(Observation(sample, soc, cursor, (-100.0, 220.0), 1))
         if second == 199:
             assert flight.state.warnings == ()
             before = flight.state.soc
