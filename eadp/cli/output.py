@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any
 
 from eadp.errors import Fault, InputError, first_faults
@@ -25,16 +25,6 @@ def json_text(document: Any, indent: int | None = None) -> str:
     """A JSON document in the characters that standard output has; raises ValueError as `emit_json`."""
     plain = not (getattr(sys.stdout, "encoding", None) or "utf-8").lower().startswith("utf")
     return json.dumps(document, indent=indent, ensure_ascii=plain, allow_nan=False)
-
-
-def aligned(rows: Sequence[Sequence[str]], first: str = ">") -> list[str]:
-    """Lines of a table, its columns aligned right; `first` is the alignment of the first one."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    sides = [first, *">" * (len(widths) - 1)]
-    return [
-        "  ".join(f"{cell:{side}{width}}" for cell, side, width in zip(row, sides, widths, strict=True)).rstrip()
-        for row in rows
-    ]
 
 
 def warn(warnings: Iterable[Fault]) -> None:

@@ -128,12 +128,9 @@ class Sweep:
         """The seed of a run: the design's, else a varied one, else the scenario's."""
         if point.seed is not None:
             return point.seed
-        own = self._own_seed(self._files(point).get("scenario", ""))
-        return int(point.values.get("seed", own))
-
-    def _own_seed(self, scenario: str) -> int:
-        keys = self.scenarios[scenario].keys if scenario else None
-        return int(self.overrides.get("seed", keys.seed if keys else 0))
+        scenario = self._files(point).get("scenario")
+        own = self.scenarios[scenario].keys.seed if scenario else 0
+        return int(point.values.get("seed", self.overrides.get("seed", own)))
 
     def _files(self, point: DesignPoint) -> dict[str, str]:
         """The paths of a run's files by kind."""
@@ -346,12 +343,8 @@ def _paths(document: Document, keys: SweepKeys) -> list[tuple[str, str, KeyPath]
     given = [(kind, getattr(keys, kind)) for kind in FILES]
     named: list[tuple[str, Any, KeyPath]] = [(kind, value, (kind,)) for kind, value in given if value is not None]
     named += [(name, value, location) for name, value, location in _listed(keys) if name in FILES]
-    if faults := [
-        document.fault(location, "not a file name", "a path relative to this file")
-        for _, value, location in named
-        if not isinstance(value, str)
-    ]:
-        raise InputError(*faults)
+    wrong = [location for _, value, location in named if not isinstance(value, str)]
+    refuse([document.fault(location, "not a file name", "a path relative to this file") for location in wrong])
     return [(kind, beside(document.name, value), location) for kind, value, location in named]
 
 
