@@ -10,7 +10,7 @@ from os import PathLike
 from typing import Annotated, Any, Literal, NamedTuple
 
 from eadp.api.given import File, Warn, python_warnings
-from eadp.api.profile import read_profile
+from eadp.api.profile import profile_of_scenario, read_profile
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_local_m
@@ -25,9 +25,7 @@ from eadp.io.field.files import read_field_text
 from eadp.io.field.reader import read_field, read_zones
 from eadp.io.mission.draft import TRIGGER_DISTANCE
 from eadp.io.plan.writer import plan_text
-from eadp.io.profile import model_file
 from eadp.io.scenario.scenario_file import read_scenario
-from eadp.io.text.named import parse_named
 from eadp.io.text.options import Flag, check_range
 from eadp.io.text.streams import read_text
 from eadp.io.vehicle.vehicle_file import read_vehicle
@@ -607,12 +605,16 @@ def coverage_task(
     scenario: File | None,
     vehicle: File | None,
     warn: Warn,
+    *,
+    cruises: bool = False,
 ) -> CoverageTask:
-    """A field to cover, with the aircraft and the wind of a scenario; warns of turns that are too tight."""
+    """A field to cover, with the aircraft and the wind of a scenario; warns of turns that are too tight.
+
+    With `cruises` the altitude is that of the aircraft, unless the options have one.
+    """
     setting = read_scenario(None if scenario is None else str(scenario))
-    if profile is None and setting.profile_path is not None:
-        reference = setting.fault("profile", "")
-        profile, found = parse_named(read_text(setting.profile_path), model_file.parse_profile, reference)
+    if profile is None:
+        profile, found = profile_of_scenario(setting)
         warn(found)
     if isinstance(profile, str | PathLike):
         profile = read_profile(profile, warn=warn)
@@ -620,6 +622,8 @@ def coverage_task(
         message = "no computations to stop on turns; --profile names some"
         warn([Fault("--turns-off", 1, 1, message, severity="note")])
     flown = setting.keys.vehicle if vehicle is None else read_vehicle(read_text(str(vehicle)))
+    if cruises and options.altitude_m is None:
+        options = replace(options, altitude_m=flown.airframe.cruise_altitude_m)
     pack_wh = None
     if vehicle is not None or "battery" in setting.chosen:
         battery = flown.battery if vehicle is not None else setting.keys.battery

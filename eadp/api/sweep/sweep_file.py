@@ -55,6 +55,11 @@ class DrawKeys:
     choice: Values | None = None
     """any of these values, each as likely"""
 
+    @property
+    def given(self) -> list[str]:
+        """The distributions that it has: one, unless it is faulty."""
+        return [law for law in ("uniform", "normal", "choice") if getattr(self, law) is not None]
+
 
 @dataclass(frozen=True, kw_only=True)
 class SampleKeys:
@@ -247,7 +252,7 @@ def _varied_keys(keys: SweepKeys) -> Iterator[tuple[str, KeyPath, list[Any], Key
         yield from ((name, (part, name), values, (part, name)) for name, values in getattr(keys, part).items())
     for name, drawn in keys.sample.keys.items() if keys.sample else ():
         location = ("sample", "keys", name)
-        law = next((law for law in ("choice", "uniform", "normal") if getattr(drawn, law)), "choice")
+        law = (drawn.given or ["choice"])[-1]
         values = getattr(drawn, law) or []
         yield name, location, values[:1] if law == "normal" else values, (*location, law)
 
@@ -309,11 +314,9 @@ def _sample_faults(keys: SweepKeys, document: Document) -> list[Fault]:
     faults = []
     for name, drawn in keys.sample.keys.items() if keys.sample else ():
         location = ("sample", "keys", name)
-        given = [law for law in ("uniform", "normal", "choice") if getattr(drawn, law) is not None]
-        if len(given) != 1:
-            faults.append(
-                document.fault(location, f"{name} has {len(given)} distributions", "uniform, normal or choice")
-            )
+        if len(drawn.given) != 1:
+            message = f"{name} has {len(drawn.given)} distributions"
+            faults.append(document.fault(location, message, "uniform, normal or choice"))
         elif drawn.uniform and drawn.uniform[0] > drawn.uniform[1]:
             faults.append(document.fault((*location, "uniform"), "the lower end is above the upper one", "[low, high]"))
         elif drawn.normal and drawn.normal[1] < 0:
