@@ -10,7 +10,7 @@ from os import PathLike
 from typing import Annotated, Any, Literal, NamedTuple
 
 from eadp.api.given import File, Warn, python_warnings
-from eadp.api.profile import read_profile
+from eadp.api.profile import profile_of_scenario, read_profile
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_local_m
@@ -25,10 +25,8 @@ from eadp.io.field.files import read_field_text
 from eadp.io.field.reader import read_field, read_zones
 from eadp.io.mission.draft import TRIGGER_DISTANCE
 from eadp.io.plan.writer import plan_text
-from eadp.io.profile import model_file
 from eadp.io.scenario.scenario_file import read_scenario
-from eadp.io.text.named import parse_named
-from eadp.io.text.options import Flag
+from eadp.io.text.options import Flag, check_range
 from eadp.io.text.streams import read_text
 from eadp.io.vehicle.vehicle_file import read_vehicle
 from eadp.models.airspace import Airspace, Obstacle
@@ -149,8 +147,7 @@ class CameraOptions:
             if value is None:
                 message = f"the camera needs {name} too"
                 raise _fault(name, "", message, f"--altitude, {option} and --focal-length-mm")
-            if not lowest < value <= limit:
-                raise _fault(name, f"{value:g}", f"{value:g} is out of range", f"above {lowest:g}, at most {limit:g}")
+            check_range(name, value, lowest, limit)
         assert self.altitude_m is not None
         assert size_mm is not None
         assert self.focal_length_mm is not None
@@ -233,16 +230,11 @@ class CoverageOptions(CameraOptions, FieldOptions, PathOptions):
         if least is None:
             least = float(math.ceil(PATH_MARGIN * ground_radius_m(airframe, speed, math.hypot(*wind_mps))))
         ideal = min(RADIUS_SHARE * least, MAX_LENGTH_M) if self.radius_m is None else self.radius_m
-        for option, value, low, high, closed in (
-            ("--airspeed", speed, 0.0, MAX_AIRSPEED_MPS, False),
-            ("--min-radius", least, MIN_RADIUS_M, MAX_LENGTH_M, True),
-            ("--swath", swath, 0.0, MAX_LENGTH_M, False),
-            ("--radius", ideal, least, MAX_LENGTH_M, True),
-            ("--spacing", apart, 0.0, swath, False),
-        ):
-            if not (low < value <= high or (closed and value == low)):
-                expected = f"from {low:g} to {high:g}" if closed else f"above {low:g}, at most {high:g}"
-                raise _fault(option, f"{value:g}", f"{value:g} is out of range", expected)
+        check_range("--airspeed", speed, 0.0, MAX_AIRSPEED_MPS)
+        check_range("--min-radius", least, MIN_RADIUS_M, MAX_LENGTH_M, closed=True)
+        check_range("--swath", swath, 0.0, MAX_LENGTH_M)
+        check_range("--radius", ideal, least, MAX_LENGTH_M, closed=True)
+        check_range("--spacing", apart, 0.0, swath)
         if math.hypot(*wind_mps) >= speed:
             message = f"a wind of {math.hypot(*wind_mps):g} m/s, no slower than the aircraft"
             raise _fault("--wind", _raw(self.wind or ""), message, f"less than its {speed:g} m/s")
@@ -407,9 +399,8 @@ class CoverageTask:
             Of the options and of the file.
         """
         motion = options.motion(airframe, wind_mps)
-        if options.altitude_m is not None and not 0 < options.altitude_m <= MAX_ALTITUDE_M:
-            message = f"{options.altitude_m:g} is out of range"
-            raise _fault("--altitude", f"{options.altitude_m:g}", message, f"above 0, at most {MAX_ALTITUDE_M:g}")
+        if options.altitude_m is not None:
+            check_range("--altitude", options.altitude_m, 0, MAX_ALTITUDE_M)
         if not has_pattern(options.pattern):
             raise _fault("--pattern", options.pattern, "is no pattern", one_of(PATTERNS, options.pattern))
         text = read_field_text(path)
@@ -614,12 +605,16 @@ def coverage_task(
     scenario: File | None,
     vehicle: File | None,
     warn: Warn,
+    *,
+    cruises: bool = False,
 ) -> CoverageTask:
-    """A field to cover, with the aircraft and the wind of a scenario; warns of turns that are too tight."""
+    """A field to cover, with the aircraft and the wind of a scenario; warns of turns that are too tight.
+
+    With `cruises` the altitude is that of the aircraft, unless the options have one.
+    """
     setting = read_scenario(None if scenario is None else str(scenario))
-    if profile is None and setting.profile_path is not None:
-        reference = setting.fault("profile", "")
-        profile, found = parse_named(read_text(setting.profile_path), model_file.parse_profile, reference)
+    if profile is None:
+        profile, found = profile_of_scenario(setting)
         warn(found)
     if isinstance(profile, str | PathLike):
         profile = read_profile(profile, warn=warn)
@@ -627,6 +622,8 @@ def coverage_task(
         message = "no computations to stop on turns; --profile names some"
         warn([Fault("--turns-off", 1, 1, message, severity="note")])
     flown = setting.keys.vehicle if vehicle is None else read_vehicle(read_text(str(vehicle)))
+    if cruises and options.altitude_m is None:
+        options = replace(options, altitude_m=flown.airframe.cruise_altitude_m)
     pack_wh = None
     if vehicle is not None or "battery" in setting.chosen:
         battery = flown.battery if vehicle is not None else setting.keys.battery

@@ -14,7 +14,10 @@ from eadp.io.profile import measuring, model_file
 from eadp.io.profile.configurations import configurations_to_measure
 from eadp.io.profile.measuring import MeasurementSettings, check_command, mean_text, measure, measurements_csv
 from eadp.io.profile.power_sensor import Sensor, choose_sensor
+from eadp.io.scenario.scenario_file import Scenario
+from eadp.io.text.named import parse_named
 from eadp.io.text.options import Flag, option_name
+from eadp.io.text.streams import read_text
 from eadp.models.profile_sum import AnyProfile
 
 SHORTEST_INTERVAL_S = 0.01
@@ -142,6 +145,19 @@ def _accuracy(raw: str) -> tuple[float, bool]:
         expected = "watts above 0, as in 0.05, or a share, as in 1%"
         raise InputError.at("--accuracy", 1, 1, "no accuracy", expected, raw)
     return (value / 100, True) if relative else (value, False)
+
+
+def profile_of_scenario(setting: Scenario) -> tuple[AnyProfile | None, list[Fault]]:
+    """The profile that a scenario names, None where it names none, and warnings.
+
+    Raises
+    ------
+    InputError
+        With the faults of the file.
+    """
+    if setting.profile_path is None:
+        return None, []
+    return parse_named(read_text(setting.profile_path), model_file.parse_profile, setting.fault("profile", ""))
 
 
 def read_profile(file: File, *, warn: Warn = python_warnings) -> AnyProfile:

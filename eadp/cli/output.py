@@ -32,16 +32,6 @@ def json_text(document: Any, indent: int | None = None) -> str:
     return json.dumps(document, indent=indent, ensure_ascii=plain, allow_nan=False)
 
 
-def aligned(rows: Sequence[Sequence[str]], first: str = ">") -> list[str]:
-    """Lines of a table, its columns aligned right; `first` is the alignment of the first one."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    sides = [first, *">" * (len(widths) - 1)]
-    return [
-        "  ".join(f"{cell:{side}{width}}" for cell, side, width in zip(row, sides, widths, strict=True)).rstrip()
-        for row in rows
-    ]
-
-
 def warn(warnings: Iterable[Fault]) -> None:
     """Print warnings on stderr: the first of them, and the number of the rest."""
     if shown := first_faults(warnings):

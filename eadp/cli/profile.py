@@ -11,9 +11,10 @@ from typer import Argument, Option
 
 from eadp.api.profile import MeasureOptions, measure_profile
 from eadp.cli.options import names_in
-from eadp.cli.output import Progress, aligned, emit, emit_json, usage_fault, warn
-from eadp.errors import Fault, InputError, printable
+from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
+from eadp.errors import Fault, printable, refuse
 from eadp.io.text.options import Flag, option_name
+from eadp.io.text.tables import aligned
 
 if TYPE_CHECKING:
     from eadp.models.profile import Profile
@@ -111,8 +112,7 @@ def command(
 
 
 def _refuse(options: list[str], where: str) -> None:
-    if options:
-        raise InputError(*(Fault(option, 1, 1, "has no effect here", f"it {where}") for option in options))
+    refuse([Fault(option, 1, 1, "has no effect here", f"it {where}") for option in options])
 
 
 def _measure(command: list[str], options: MeasureOptions, output: str) -> int:

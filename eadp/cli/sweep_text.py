@@ -12,7 +12,7 @@ from typing import Any
 
 from eadp.api.report import page_of
 from eadp.api.sweep.sweep_file import Sweep
-from eadp.cli.output import aligned, emit, json_text
+from eadp.cli.output import emit, json_text
 from eadp.errors import printable
 from eadp.io.sweep.results import COLUMNS, Results
 from eadp.io.sweep.statistics import (
@@ -26,6 +26,7 @@ from eadp.io.sweep.statistics import (
     totals,
     wilson_interval,
 )
+from eadp.io.text.tables import aligned
 
 SHOWN = 10
 """Number of runs that a dry run prints, and of kinds of errors in the summary."""
@@ -79,16 +80,11 @@ def _head(sweep: Sweep, index: int) -> dict[str, Any]:
 def print_csv(sweep: Sweep, all_flights: Iterable[SweepFlight]) -> None:
     """Print a row for each run; values that are neither numbers nor text are JSON."""
     names = _varied(sweep)
+    columns = (*COLUMNS, "seed", "error")
     rows = (
-        [
-            *(flight.values[name] for name in names),
-            *(getattr(flight, name) for name in COLUMNS),
-            flight.seed,
-            flight.error,
-        ]
-        for flight in all_flights
+        [*(each.values[name] for name in names), *(getattr(each, name) for name in columns)] for each in all_flights
     )
-    _write_csv((*names, *COLUMNS, "seed", "error"), rows)
+    _write_csv((*names, *columns), rows)
 
 
 def _write_csv(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from typer import Argument
 
-from eadp.cli.output import aligned, emit, emit_json, usage_fault, warn
+from eadp.cli.output import emit, emit_json, usage_fault, warn
 from eadp.io.text.options import Flag
+from eadp.io.text.tables import aligned
 
 if TYPE_CHECKING:
     from eadp.models.performance import Performance, SpeedRange

@@ -35,6 +35,7 @@ MAX_ORDERS = 60
 """Most poses at corners, and most orders that are tried."""
 
 LineCosts = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+"""The arguments of `line_order.best_order` [s]."""
 
 
 def free_lines(lines: Sequence[CoverageLeg], space: FreeSpace, radius_m: float) -> list[CoverageLeg]:

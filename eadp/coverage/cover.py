@@ -24,7 +24,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose, lengths_m, ordered, polyline_m, times_s
 from eadp.core.geometry.polygons import FreeSpace, strip_extents
-from eadp.coverage.airspace import FreeTurns, free_lines, free_order
+from eadp.coverage.airspace import FreeTurns, LineCosts, free_lines, free_order
 from eadp.coverage.line_order import best_order, quick_order
 from eadp.coverage.swaths import (
     MIN_LINE_M,
@@ -82,9 +82,6 @@ TIE_DIGITS = 6
 Pattern = Callable[["CoverageRequest", float], Sequence[CoverageLeg]]
 """A pattern of another package: the lines of a request at a heading [rad], in order; turns are added. It raises
 `Infeasible` where it does not fit."""
-
-LineCosts = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
-"""The arguments of `line_order.best_order` [s]."""
 
 
 @dataclass(frozen=True)

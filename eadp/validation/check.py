@@ -168,7 +168,7 @@ def _corners(count: int, limit: int) -> list[Vector]:
     return [(0.0,) * count, (1.0,) * count, *map(tuple, drawn.tolist())]
 
 
-def _points(boxes: Sequence[Box], corners_limit: int, inside: bool = True) -> list[Vector]:
+def _points(boxes: Sequence[Box], corners_limit: int = CORNERS_LIMIT, inside: bool = True) -> list[Vector]:
     """Corners first, then points inside: a grid of one or two parameters, a seeded sample of more."""
     free = [i for i, box in enumerate(boxes) if not box.fixed]
     shares = _corners(len(free), corners_limit)
@@ -185,10 +185,6 @@ def _points(boxes: Sequence[Box], corners_limit: int, inside: bool = True) -> li
     return list(dict.fromkeys(points))
 
 
-def _grid(boxes: Sequence[Box]) -> list[Vector]:
-    return _points(boxes, CORNERS_LIMIT)
-
-
 def _samples_corners(boxes: Sequence[Box]) -> bool:
     """Whether there are more corners than are looked at."""
     count = sum(not box.fixed for box in boxes)
@@ -202,7 +198,7 @@ def _measured(plan: Plan, stage: Stage, least: float | None) -> list[tuple[Vecto
     further.
     """
     boxes = _boxes(plan, stage)
-    measured = [(point, _measure(plan, stage, point)) for point in _grid(boxes)]
+    measured = [(point, _measure(plan, stage, point)) for point in _points(boxes)]
     sampled = _samples_corners(boxes)
 
     def is_corner(point: Vector) -> bool:
@@ -278,9 +274,7 @@ def _measured_flights(plan: Plan) -> list[tuple[Stage, list[tuple[Vector, _Measu
         free = [box.lo + share * (box.hi - box.lo) for box, share in zip(boxes, shares, strict=True)]
         return (*free, *fixed[rho:])
 
-    flights: list[tuple[Vector, Callable[[], Vector] | None]] = [
-        ((*point, *fixed[rho:]), None) for point in _grid(boxes)
-    ]
+    flights: list[tuple[Vector, Callable[[], Vector] | None]] = [((*p, *fixed[rho:]), None) for p in _points(boxes)]
     if not all(box.fixed for box in boxes):
         flights += [(drawn(), drawn) for _ in range(CHANGING_FLIGHTS)]
     for start, changed in flights:
@@ -415,11 +409,8 @@ def _stage_findings(
         gap = getattr(measures, name)
         if gap > POSITION_WARNING_M:
             severity = ERROR if gap > limit else WARNING
-            right = (
-                f"; its path passes ({measures.foot_m[0]:.6g}, {measures.foot_m[1]:.6g})"
-                if code.endswith("path")
-                else ""
-            )
+            x, y = measures.foot_m
+            right = f"; its path passes ({x:.6g}, {y:.6g})" if code.endswith("path") else ""
             formula = formula if formula != "0" else None
             where = f", where φ = {printable(formula)}" if formula else ""
             message = f"the trigger of stage {stage.index} lies {gap:.2f} m off {what}{where}{right}"

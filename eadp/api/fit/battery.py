@@ -12,7 +12,7 @@ from eadp.core.flight.battery_fit import CURVES_V, BatteryFit, CapacityFit, fit_
 from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.log.formats import read_power_log
 from eadp.io.log.power_log import Columns, PowerLog
-from eadp.io.text.options import Flag
+from eadp.io.text.options import Flag, check_range
 
 NO_CHARGE, RESTING = 0.01, 0.05
 """Share of the capacity below which nothing was used; share of the largest current below which a battery is at rest."""
@@ -52,9 +52,8 @@ class BatteryOptions:
             ("--k-b", self.k_b_per_s, math.inf),
             ("--soc", self.soc, 1),
         ):
-            if value is not None and (not 0 < value <= largest or math.isinf(value)):
-                expected = "above 0" + (f", at most {largest:g}" if math.isfinite(largest) else "")
-                raise InputError.at(option, 1, 1, f"{value:g} is out of range", expected, f"{value:g}")
+            if value is not None:
+                check_range(option, value, 0, largest)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.log.formats import read_power_log
 from eadp.io.log.power_log import AIRSPEED, ALTITUDE, BANK, CLIMB, Columns, PowerLog
 from eadp.io.text.streams import read_text
-from eadp.io.vehicle.vehicle_file import SCHEMA, VehicleFile, read_vehicle
+from eadp.io.vehicle.vehicle_file import SCHEMA, read_vehicle
 from eadp.models.vehicle import FixedWing, PaperVehicle, PowerCurve
 
 POINTS = 5
@@ -55,16 +55,12 @@ class VehicleLogFit:
     @property
     def document(self) -> dict[str, Any]:
         """The JSON-ready document: the keys of a vehicle file, and what the fit knows of them."""
-        fit = self.fit
+        fit, pack = self.fit, self.battery
         return {
             "schema": SCHEMA,
             "name": self.name,
             "airframe": self.airframe,
-            **(
-                {}
-                if self.battery is None
-                else {"battery": self.battery.keys, "battery_std": self.battery.document["std"]}
-            ),
+            **({} if pack is None else {"battery": pack.keys, "battery_std": pack.document["std"]}),
             "std": self.stds,
             "power": {
                 "airspeed_mps": fit.airspeed_mps,
@@ -149,7 +145,8 @@ def read_vehicle_fit(
         With the faults of a file, or with what the log lacks.
     """
     known = read_vehicle(read_text(base)) if base else None
-    if known is not None and isinstance(known.airframe, PaperVehicle):
+    wing = None if known is None else known.airframe
+    if isinstance(wing, PaperVehicle):
         raise InputError.at("--base", 1, 1, "an aircraft of model paper", "model fixed-wing or power-curve", base)
     FitOptions(start_s=start_s, end_s=end_s).check()
     log = log_part(read_power_log(path, replace(columns, motion=True)), start_s, end_s, {})
@@ -158,14 +155,14 @@ def read_vehicle_fit(
         message = f"a take-off, to {airborne_s:.0f} s of the log, left out; --from 0 fits it too"
         log.warnings.append(Fault(log.name, 1, 1, message, severity="warning"))
     motion = _motion(log)
-    constant_w = None if known is None or isinstance(known.airframe, PaperVehicle) else known.airframe.avionics_w
+    constant_w = None if wing is None else wing.avionics_w
     try:
         fit = fit_power(
             log.times_s, log.power_w, motion[AIRSPEED], motion.get(BANK), motion.get(CLIMB), constant_w=constant_w
         )
     except Infeasible as error:
         raise InputError.at(log.name, 1, 1, str(error), "a log of a flight") from None
-    airframe, stds, notes = _airframe(fit, known, float(np.percentile(log.power_w, 99.9)))
+    airframe, stds, notes = _airframe(fit, wing, float(np.percentile(log.power_w, 99.9)))
     name = known.name if known is not None and known.name else "aircraft of a log"
     return VehicleLogFit(fit, name, airframe, stds, [*fit.notes, *notes], log.warnings)
 
@@ -201,10 +198,9 @@ def _motion(log: PowerLog) -> dict[str, Any]:
 
 
 def _airframe(
-    fit: PowerFit, known: VehicleFile | None, max_w: float
+    fit: PowerFit, wing: FixedWing | PowerCurve | None, max_w: float
 ) -> tuple[dict[str, Any], dict[str, float], list[str]]:
     """Keys of the airframe, their standard errors, and what could not be identified."""
-    wing = known.airframe if known is not None and not isinstance(known.airframe, PaperVehicle) else None
     if fit.polar and isinstance(wing, FixedWing):
         polar, stds, why = _polar(fit, wing)
         if not why:

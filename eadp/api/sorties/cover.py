@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 from eadp.api.cover import CoverageOptions, coverage_task
@@ -12,9 +11,6 @@ from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import Files
 from eadp.api.sorties.plan import SortieOptions, SortiePlan, SortiePlanner
 from eadp.api.sorties.resume import resumed
-from eadp.io.scenario.scenario_file import read_scenario
-from eadp.io.text.streams import read_text
-from eadp.io.vehicle.vehicle_file import read_vehicle
 
 
 def cover_in_sorties(
@@ -47,12 +43,7 @@ def cover_in_sorties(
     InputError
         With the faults of the files, or of an option under its name on the command line.
     """
-
-    setting = read_scenario(None if scenario is None else str(scenario))
-    flown = setting.keys.vehicle if vehicle is None else read_vehicle(read_text(str(vehicle)))
-    if options.altitude_m is None:
-        options = replace(options, altitude_m=flown.airframe.cruise_altitude_m)
-    task = coverage_task(str(field), options, profile, scenario, vehicle, warn)
+    task = coverage_task(str(field), options, profile, scenario, vehicle, warn, cruises=True)
     overrides: dict[str, Any] = {"start": {"altitude_m": 0.0}}
     if vehicle is not None:
         overrides["vehicle"] = str(vehicle)

@@ -13,6 +13,7 @@ from typing import Any
 from eadp.api.cover import CoverageOptions, CoverageTask
 from eadp.api.export import ExportOptions, exported
 from eadp.api.inputs import Files
+from eadp.api.profile import profile_of_scenario
 from eadp.api.sorties import SORTIES, SORTIES_SCENARIO
 from eadp.api.sorties.plan import SCHEMA, SortieOptions, SortiePlan, SortiePlanner
 from eadp.core.geometry.curves import Point
@@ -20,10 +21,8 @@ from eadp.errors import InputError, one_of
 from eadp.io.figures.sorties import DrawnSortie, write_sorties_figure
 from eadp.io.mission import ENDINGS, EXPORT_NAMES
 from eadp.io.mission.export import writer_of
-from eadp.io.profile import model_file
 from eadp.io.report.page import page_html
 from eadp.io.text.json import json_lines
-from eadp.io.text.named import parse_named
 from eadp.io.text.streams import new_folder, read_text
 from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.field import Field
@@ -109,10 +108,7 @@ def read_sorties(folder: str) -> tuple[SortiePlanner, dict[str, Any]]:
             raise InputError.at(str(path), 1, 1, f"schema is {document['schema']}", SCHEMA)
         scenario, files = str(Path(folder) / SORTIES_SCENARIO), Files()
         setting = files.scenario(scenario, {})
-        keys, profile = setting.keys, None
-        if setting.profile_path is not None:
-            reference = setting.fault("profile", "")
-            profile, _ = parse_named(read_text(setting.profile_path), model_file.parse_profile, reference)
+        keys, (profile, _) = setting.keys, profile_of_scenario(setting)
         options = CoverageOptions(**document["options"])
         motion = options.motion(keys.vehicle.airframe, keys.wind.steady_mps)
         task = CoverageTask(

@@ -34,7 +34,8 @@ from eadp.coverage.sorties import Divided, Divider, Division, min_sorties, min_t
 from eadp.coverage.swaths import CoveragePath, straight
 from eadp.errors import Infeasible, InputError
 from eadp.io.scenario.scenario_file import value_text
-from eadp.io.text.options import Flag
+from eadp.io.text.options import Flag, check_range
+from eadp.io.text.tables import aligned
 from eadp.models.field import Field
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
@@ -82,16 +83,11 @@ class SortieOptions:
         if not (self.sorties in (None, "auto") or str(self.sorties).isdecimal()):
             expected = f"auto, or a whole number from 1 to {MAX_SORTIES}"
             raise InputError.at("--sorties", 1, 1, "no number of sorties", expected, str(self.sorties))
-        for option, value, low, high in (
-            ("--sorties", 1 if self.count is None else self.count, 1, MAX_SORTIES),
-            ("--aircraft", self.aircraft, 1, MAX_AIRCRAFT),
-            ("--sortie-overlap", self.overlap_m, 0, 1000),
-            ("--separation", self.separation_m, 0, 1000),
-            ("--swap-time", self.swap_s, 0, 86400),
-        ):
-            if not low <= value <= high:
-                expected = f"from {low:g} to {high:g}"
-                raise InputError.at(option, 1, 1, f"{value:g} is out of range", expected, f"{value:g}")
+        check_range("--sorties", 1 if self.count is None else self.count, 1, MAX_SORTIES, closed=True)
+        check_range("--aircraft", self.aircraft, 1, MAX_AIRCRAFT, closed=True)
+        check_range("--sortie-overlap", self.overlap_m, 0, 1000, closed=True)
+        check_range("--separation", self.separation_m, 0, 1000, closed=True)
+        check_range("--swap-time", self.swap_s, 0, 86400, closed=True)
 
 
 @dataclass(frozen=True)
@@ -524,9 +520,7 @@ class SortiePlan:
         if near is not None:
             later = f"with {document['stagger_s']:g} s from one take-off to the next"
             lines.append(f"apart      {near.distance_m:.0f} m or more, {later}")
-        widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
-        cells = ["  ".join(f"{cell:>{width}}" for cell, width in zip(row, widths, strict=True)) for row in table]
-        return [*lines, "", *cells]
+        return [*lines, "", *aligned(table)]
 
     def scenario_text(self, profile: str | None) -> str:
         """A scenario that flies the sorties: all of the given one and its vehicle, from the ground at home."""

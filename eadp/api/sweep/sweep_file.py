@@ -55,6 +55,11 @@ class DrawKeys:
     choice: Values | None = None
     """any of these values, each as likely"""
 
+    @property
+    def given(self) -> list[str]:
+        """The distributions that it has: one, unless it is faulty."""
+        return [law for law in ("uniform", "normal", "choice") if getattr(self, law) is not None]
+
 
 @dataclass(frozen=True, kw_only=True)
 class SampleKeys:
@@ -128,12 +133,9 @@ class Sweep:
         """The seed of a run: the design's, else a varied one, else the scenario's."""
         if point.seed is not None:
             return point.seed
-        own = self._own_seed(self._files(point).get("scenario", ""))
-        return int(point.values.get("seed", own))
-
-    def _own_seed(self, scenario: str) -> int:
-        keys = self.scenarios[scenario].keys if scenario else None
-        return int(self.overrides.get("seed", keys.seed if keys else 0))
+        scenario = self._files(point).get("scenario")
+        own = self.scenarios[scenario].keys.seed if scenario else 0
+        return int(point.values.get("seed", self.overrides.get("seed", own)))
 
     def _files(self, point: DesignPoint) -> dict[str, str]:
         """The paths of a run's files by kind."""
@@ -250,7 +252,7 @@ def _varied_keys(keys: SweepKeys) -> Iterator[tuple[str, KeyPath, list[Any], Key
         yield from ((name, (part, name), values, (part, name)) for name, values in getattr(keys, part).items())
     for name, drawn in keys.sample.keys.items() if keys.sample else ():
         location = ("sample", "keys", name)
-        law = next((law for law in ("choice", "uniform", "normal") if getattr(drawn, law)), "choice")
+        law = (drawn.given or ["choice"])[-1]
         values = getattr(drawn, law) or []
         yield name, location, values[:1] if law == "normal" else values, (*location, law)
 
@@ -312,11 +314,9 @@ def _sample_faults(keys: SweepKeys, document: Document) -> list[Fault]:
     faults = []
     for name, drawn in keys.sample.keys.items() if keys.sample else ():
         location = ("sample", "keys", name)
-        given = [law for law in ("uniform", "normal", "choice") if getattr(drawn, law) is not None]
-        if len(given) != 1:
-            faults.append(
-                document.fault(location, f"{name} has {len(given)} distributions", "uniform, normal or choice")
-            )
+        if len(drawn.given) != 1:
+            message = f"{name} has {len(drawn.given)} distributions"
+            faults.append(document.fault(location, message, "uniform, normal or choice"))
         elif drawn.uniform and drawn.uniform[0] > drawn.uniform[1]:
             faults.append(document.fault((*location, "uniform"), "the lower end is above the upper one", "[low, high]"))
         elif drawn.normal and drawn.normal[1] < 0:
@@ -346,12 +346,8 @@ def _paths(document: Document, keys: SweepKeys) -> list[tuple[str, str, KeyPath]
     given = [(kind, getattr(keys, kind)) for kind in FILES]
     named: list[tuple[str, Any, KeyPath]] = [(kind, value, (kind,)) for kind, value in given if value is not None]
     named += [(name, value, location) for name, value, location in _listed(keys) if name in FILES]
-    if faults := [
-        document.fault(location, "not a file name", "a path relative to this file")
-        for _, value, location in named
-        if not isinstance(value, str)
-    ]:
-        raise InputError(*faults)
+    wrong = [location for _, value, location in named if not isinstance(value, str)]
+    refuse([document.fault(location, "not a file name", "a path relative to this file") for location in wrong])
     return [(kind, beside(document.name, value), location) for kind, value, location in named]
 
 

@@ -107,6 +107,14 @@ class CapacityFit:
     used_ah: float
 
 
+def _readings(*readings: ArrayLike) -> tuple[FloatArray, ...]:
+    """Times [s], voltage [V], current [A] as arrays, and the charge used [A s]: the current is straight in between."""
+    t, volts, amps = (np.asarray(values, dtype=float) for values in readings)
+    if len(t) < MIN_SAMPLES:
+        raise Infeasible(f"{len(t)} readings of voltage and current; {MIN_SAMPLES} or more are needed")
+    return t, volts, amps, np.concatenate(([0.0], np.cumsum(np.diff(t) * (amps[1:] + amps[:-1]) / 2)))
+
+
 def fit_capacity(
     times_s: ArrayLike,
     voltage_v: ArrayLike,
@@ -135,10 +143,8 @@ def fit_capacity(
 
     Source: letter, Sec. III-C, with an open-circuit voltage V(b) of tables.
     """
-    t, volts, amps = (np.asarray(values, dtype=float) for values in (times_s, voltage_v, current_a))
-    if len(t) < MIN_SAMPLES:
-        raise Infeasible(f"{len(t)} readings of voltage and current; {MIN_SAMPLES} or more are needed")
-    used_ah = np.concatenate(([0.0], np.cumsum(np.diff(t) * (amps[1:] + amps[:-1]) / 2))) / 3600
+    t, volts, amps, used = _readings(times_s, voltage_v, current_a)
+    used_ah = used / 3600
     total = float(used_ah[-1])
     if total <= 0:
         raise Infeasible("the log uses no charge")
@@ -194,11 +200,8 @@ def fit_battery(
 
     Source: letter, Sec. III-C.
     """
-    t, volts, amps = (np.asarray(values, dtype=float) for values in (times_s, voltage_v, current_a))
-    if len(t) < MIN_SAMPLES:
-        raise Infeasible(f"{len(t)} readings of voltage and current; {MIN_SAMPLES} or more are needed")
-    # ḃ = −k_b I/Q_c, the current straight between readings
-    used = np.concatenate(([0.0], np.cumsum(np.diff(t) * (amps[1:] + amps[:-1]) / 2)))
+    t, volts, amps, used = _readings(times_s, voltage_v, current_a)
+    # ḃ = −k_b I/Q_c
     charge = soc - k_b_per_s * used / capacity_ah
     if charge.min() < -0.02:
         drawn = float(used.max()) / 3600

@@ -73,7 +73,8 @@ def write_flight_figure(
         _draw_power(power, time, steps)
         _draw_charge(charge, time, steps, world, float(summary["soc_reserve"]))
         if climbs:
-            _draw_altitude(others[0], time, steps)
+            others[0].plot(time, [step.altitude_m for step in steps], color=COLOURS[0], linewidth=1.3)
+            others[0].set(ylabel="altitude [m]", title="Altitude")
         if varies:
             _draw_parameters(others[-1], time, steps, world)
         _draw_decisions(map_axes, others[-1], steps, records)
@@ -179,11 +180,6 @@ def _draw_charge(axes: Axes, time: Any, steps: Sequence[Step], world: World, res
             axes.annotate(text, (fault.at_s, 96 - 14 * (i % 4)), fontsize=8, color=GREY, va="top", ha=side)
     axes.set(ylim=(0, 104), ylabel="state of charge [%]", title="Battery")
     legend_above(axes)
-
-
-def _draw_altitude(axes: Axes, time: Any, steps: Sequence[Step]) -> None:
-    axes.plot(time, [step.altitude_m for step in steps], color=COLOURS[0], linewidth=1.3)
-    axes.set(ylabel="altitude [m]", title="Altitude")
 
 
 def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World) -> None:

@@ -13,7 +13,7 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import Fault, InputError, printable
 from eadp.io.log.autopilot_motion import autopilot_motion
-from eadp.io.log.messages import Tables
+from eadp.io.log.messages import Tables, at_times
 from eadp.io.log.power_log import LARGEST_W, Columns, LogReadings, PowerLog, in_order, rows_text
 
 # names changed from version to version: the first that has readings is taken
@@ -184,6 +184,4 @@ def _position_m(name: str, tables: Tables, time_us: FloatArray, origin_deg: Poin
 
 
 def _at(known_us: FloatArray, position_m: FloatArray, time_us: FloatArray) -> FloatArray:
-    order = np.argsort(known_us, kind="stable")
-    columns = (np.interp(time_us, known_us[order], p[order], left=np.nan, right=np.nan) for p in position_m.T)
-    return np.stack(list(columns), axis=1)
+    return np.stack([at_times(known_us, column, time_us) for column in position_m.T], axis=1)

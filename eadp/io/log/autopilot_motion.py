@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.io.log.messages import Tables
+from eadp.io.log.messages import Tables, at_times
 from eadp.io.log.power_log import AIRSPEED, BANK, CLIMB
 
 _AIRSPEEDS = (
@@ -41,18 +41,18 @@ def autopilot_motion(tables: Tables, time_us: FloatArray) -> dict[str, FloatArra
     for topic, label in _AIRSPEEDS:
         table = _table(tables, topic, label)
         if table and (table[label] > 0).any():
-            found[AIRSPEED] = _at(table, table[label], time_us)
+            found[AIRSPEED] = at_times(table["time_us"], table[label], time_us)
             break
     attitude = _table(tables, "vehicle_attitude", "q[3]")
     if attitude:
         w, x, y, z = (attitude[f"q[{i}]"] for i in range(4))
         # roll of a quaternion, body to earth
-        found[BANK] = _at(attitude, np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), time_us)
+        found[BANK] = at_times(attitude["time_us"], np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), time_us)
     elif table := _table(tables, "ATT", "Roll"):
-        found[BANK] = _at(table, np.radians(table["Roll"]), time_us)
+        found[BANK] = at_times(table["time_us"], np.radians(table["Roll"]), time_us)
     for topic, label, sign in _CLIMBS:
         if table := _table(tables, topic, label):
-            found[CLIMB] = _at(table, sign * table[label], time_us)
+            found[CLIMB] = at_times(table["time_us"], sign * table[label], time_us)
             break
     return found
 
@@ -66,9 +66,3 @@ def _table(tables: Tables, topic: str, label: str) -> dict[str, FloatArray]:
             first = slice(None) if instances is None else instances == instances[0]
             return {"time_us": table[times[0]][first]} | {key: values[first] for key, values in table.items()}
     return {}
-
-
-def _at(table: dict[str, FloatArray], values: FloatArray, time_us: FloatArray) -> FloatArray:
-    order = np.argsort(table["time_us"], kind="stable")
-    result: FloatArray = np.interp(time_us, table["time_us"][order], values[order], left=np.nan, right=np.nan)
-    return result

@@ -41,24 +41,10 @@ SHORTEST_STEP_S, LONGEST_STEP_S = 5e-3, 60.0
 
 # in units to a second, a watt, a volt, an ampere: a division keeps the digits that a product with 0.001 would not
 _PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "µs": 1e6, "ns": 1e9, "min": 1 / 60, "h": 1 / 3600}
-_WORDS = {
-    "sec": "s",
-    "second": "s",
-    "millisecond": "ms",
-    "microsecond": "us",
-    "nanosecond": "ns",
-    "minute": "min",
-    "hour": "h",
-    "watt": "w",
-    "milliwatt": "mw",
-    "kilowatt": "kw",
-    "volt": "v",
-    "millivolt": "mv",
-    "ampere": "a",
-    "amp": "a",
-    "milliampere": "ma",
-    "milliamp": "ma",
-}
+_PREFIXES = {"": "", "milli": "m", "micro": "u", "nano": "n", "kilo": "k"}
+_UNITS = {"sec": "s", "second": "s", "watt": "w", "volt": "v", "ampere": "a", "amp": "a"}
+_WORDS = {f"{long}{word}": f"{short}{unit}" for long, short in _PREFIXES.items() for word, unit in _UNITS.items()}
+_WORDS |= {"minute": "min", "hour": "h"}
 """Units in words; an s at the end is left off."""
 _PER_UNIT = {
     "time": _PER_SECOND,

@@ -56,10 +56,7 @@ def read_tables(name: str, path: str, form: str, topics: Sequence[str]) -> Table
         memory or time than a log of its size.
     """
     library, title = ("pyulog", "a PX4 ULog") if form == "ulog" else ("pymavlink", "an ArduPilot DataFlash log")
-    if importlib.util.find_spec(library) is None:
-        raise InputError.at(name, 1, 1, f"{library}, which reads {title}, is missing", "pip install 'eadp[logs]'")
-    if os.path.getsize(path) > LIMIT_BYTES:
-        raise InputError.at(name, 1, 1, "is too large", f"at most {LIMIT_BYTES} bytes")
+    check_readable(name, path, library, title)
     command = [sys.executable, "-P", str(_PROCESS), form, path, ",".join(topics)]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
     if done.returncode:
@@ -75,3 +72,18 @@ def read_tables(name: str, path: str, form: str, topics: Sequence[str]) -> Table
             else:
                 tables.notes += [str(note) for note in values]
     return tables
+
+
+def check_readable(name: str, path: str, library: str, title: str) -> None:
+    """Refuse a log whose library is not installed, or that is too large; raises InputError."""
+    if importlib.util.find_spec(library) is None:
+        raise InputError.at(name, 1, 1, f"{library}, which reads {title}, is missing", "pip install 'eadp[logs]'")
+    if os.path.getsize(path) > LIMIT_BYTES:
+        raise InputError.at(name, 1, 1, "is too large", f"at most {LIMIT_BYTES} bytes")
+
+
+def at_times(known_us: FloatArray, values: FloatArray, time_us: FloatArray) -> FloatArray:
+    """Values [shape (n,)] at other times [µs]: linear in between, NaN before the first and after the last."""
+    order = np.argsort(known_us, kind="stable")
+    result: FloatArray = np.interp(time_us, known_us[order], values[order], left=np.nan, right=np.nan)
+    return result

@@ -5,7 +5,6 @@ Source: mavlink.io, the messages of `common`; a frame of a log stands after its 
 
 from __future__ import annotations
 
-import importlib.util
 import math
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from eadp.errors import InputError
 from eadp.io.link.mavlink import MARKS, TLOG_HEAD, tlog_messages
-from eadp.io.log.messages import LIMIT_BYTES, Tables
+from eadp.io.log.messages import Tables, check_readable
 
 _CLOCKS = ("ATTITUDE", "GLOBAL_POSITION_INT", "SYSTEM_TIME")
 """Messages with the autopilot's time, which those of the battery do not have."""
@@ -29,12 +27,7 @@ def is_tlog(head: bytes) -> bool:
 
 def tlog_tables(path: str) -> Tables:
     """The messages of a telemetry log by the topics and names that autopilots' logs have; raises InputError."""
-    if importlib.util.find_spec("pymavlink") is None:
-        raise InputError.at(
-            path, 1, 1, "pymavlink, which reads a telemetry log, is missing", "pip install 'eadp[logs]'"
-        )
-    if Path(path).stat().st_size > LIMIT_BYTES:
-        raise InputError.at(path, 1, 1, "is too large", f"at most {LIMIT_BYTES} bytes")
+    check_readable(path, path, "pymavlink", "a telemetry log")
     rows: dict[str, list[dict[str, float]]] = {}
     time_us, system = math.nan, None
     for message in tlog_messages(Path(path).read_bytes(), _WANTED):

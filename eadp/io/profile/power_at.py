@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from eadp.errors import Fault, Infeasible, InputError, printable
+from eadp.errors import Fault, Infeasible, InputError, printable, refuse
 from eadp.io.text.csv import NUMBER
 from eadp.models.profile import configuration_text, shortest
 from eadp.models.profile_sum import AnyProfile
@@ -55,8 +55,7 @@ def powers_at(profile: AnyProfile, asked: Sequence[str], clamp: bool) -> tuple[l
             warnings.append(Fault("--at", 1, 1, message, severity="warning"))
         named = dict(zip(profile.names, map(shortest, configuration), strict=True))
         values.append({"configuration": named, "power_w": power_w, "extrapolated": extrapolated})
-    if faults:
-        raise InputError(*faults)
+    refuse(faults)
     return values, warnings
 
 
@@ -75,8 +74,7 @@ def _configuration(raw: str, names: Sequence[str]) -> tuple[float, ...]:
     missing = [name for name in names if name not in values]
     if missing and not faults:
         faults.append(Fault("--at", 1, 1, f"no value for {', '.join(missing)}", expected, raw))
-    if faults:
-        raise InputError(*faults)
+    refuse(faults)
     return tuple(values[name] for name in names)
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from eadp.io.figures.flights import DrawnFlight, write_flights_figure
 from eadp.io.report.words import label_of, parameter_text
+from eadp.io.text.tables import aligned
 
 Row = tuple[str, Callable[[Mapping[str, Any]], str]]
 
@@ -46,9 +47,7 @@ def comparison(flights: Sequence[DrawnFlight]) -> list[list[str]]:
 
 def table_text(table: Sequence[Sequence[str]]) -> str:
     """A table for people."""
-    widths = [max(len(row[i]) for row in table) for i in range(len(table[0]))]
-    lines = ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)) for row in table]
-    return "\n".join(line.rstrip() for line in lines)
+    return "\n".join(aligned(table, "<", "<"))
 
 
 def draw_flights(flights: Sequence[DrawnFlight]) -> dict[str, bytes]:

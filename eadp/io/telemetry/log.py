@@ -174,11 +174,8 @@ class ReplanLog:
         elif kind == TELEMETRY:
             reading = reader.read(number, telemetry)
             if reading.sample is None:
-                return (
-                    None,
-                    None,
-                    Fault(self._path, number, 1, f"is no line of a log: {reading.warnings[0].message}", expected),
-                )
+                message = f"is no line of a log: {reading.warnings[0].message}"
+                return None, None, Fault(self._path, number, 1, message, expected)
             return kind, reading.sample, None
         elif kind not in (DECISION, APPLIED):
             return None, None, Fault(self._path, number, 1, "is no line of a log", expected)

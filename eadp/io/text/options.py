@@ -6,7 +6,10 @@ in faults.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+
+from eadp.errors import InputError
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,20 @@ UNITS = {
 
 KEPT = ("_mm", "_px")
 """Units that are part of an option's name."""
+
+
+def check_range(option: str, value: float, low: float, high: float, *, closed: bool = False) -> None:
+    """Refuse a value of an option that is not above a bound, or with `closed` is below it, or is above another.
+
+    Raises
+    ------
+    InputError
+        At the option.
+    """
+    if not (math.isfinite(value) and (low < value <= high or (closed and value == low))):
+        most = f", at most {high:g}" if math.isfinite(high) else ""
+        expected = f"from {low:g} to {high:g}" if closed else f"above {low:g}{most}"
+        raise InputError.at(option, 1, 1, f"{value:g} is out of range", expected, f"{value:g}")
 
 
 def option_name(field: str) -> str:

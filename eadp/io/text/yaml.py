@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from eadp.errors import Fault, InputError, printable
+from eadp.errors import Fault, printable, refuse
 from eadp.io.text.source import Location, SourceText
 from eadp.io.text.streams import Text
 
@@ -80,8 +80,7 @@ def read_yaml(text: Text) -> Document:
     faults: list[Fault] = []
     if node is not None:
         document.value = _build(node, (), document, faults)
-    if faults:
-        raise InputError(*faults)
+    refuse(faults)
     return document
 
 
