@@ -4,7 +4,8 @@
 
 `scenarios/paper-drained.yaml` without wind and drops, and with its drops in wind towards 0° and 90°. `paper` follows
 the published rules, and once with the corrected remaining time and steps of 250 of c1. The best constants are those of
-21 × 5 that complete with the largest U, with wind and drops known beforehand. U is by ground, as in every summary.
+21 × 5 that complete with the largest U, with wind and drops known beforehand. U is by ground, as in every summary;
+the mean share, ½(mean c̃1 + mean c̃2) over time, is the figure of the published flights.
 """
 
 from __future__ import annotations
@@ -29,11 +30,12 @@ WINDS: Mapping[str, Mapping[str, Any]] = {
     "5 m/s towards 90°, drops": {"wind.towards_deg": 90.0},
 }
 CORRECTED = {"planner.paper.remaining_time": "corrected", "planner.paper.delta.c1": 250.0}
+SHARES = ("mean share: `paper`", "mean share: corrected")
 C1, C2 = np.linspace(-1000.0, 0.0, 21), (2.0, 4.0, 6.0, 8.0, 10.0)
 
 
-def quality(keys: Mapping[str, Any]) -> float:
-    """U of a flight that completes, else 0."""
+def quality(keys: Mapping[str, Any]) -> tuple[float, float]:
+    """U and mean share of a flight that completes, else 0."""
     inputs = load_flight(
         str(ROOT / "plans/survey.plan"), scenario=str(ROOT / "scenarios/paper-drained.yaml"), overrides=keys
     )
@@ -41,7 +43,10 @@ def quality(keys: Mapping[str, Any]) -> float:
     for _ in fly(inputs.world, inputs.flight(), outcome):
         pass
     assert outcome.parameters is not None
-    return (outcome.parameters.quality(inputs.scenario.planner.weights) or 0.0) if outcome.completed else 0.0
+    if not outcome.completed:
+        return 0.0, 0.0
+    share = float(np.mean([outcome.parameters.mean_share(i) for i in range(2)]))
+    return outcome.parameters.quality(inputs.scenario.planner.weights) or 0.0, share
 
 
 def main() -> None:
@@ -50,14 +55,25 @@ def main() -> None:
     add_option(parser, "drained")
     with recorded("drained", write=parser.parse_args().write):
         enable()
-        print(head("U; 0 where the battery is empty", "highest", "`paper`", "corrected", "`joint`", "best constants"))
+        print(
+            head(
+                "U; 0 where the battery is empty",
+                "highest",
+                "`paper`",
+                "corrected",
+                "`joint`",
+                "best constants",
+                *SHARES,
+            )
+        )
         for name, wind in WINDS.items():
             static = {**wind, "planner.name": "static"}
             joint = {**wind, "planner.name": "joint", "battery.letter_crate_per_h": None}
-            flights = quality(static), quality(wind), quality({**wind, **CORRECTED}), quality(joint)
+            highest, paper, corrected = quality(static), quality(wind), quality({**wind, **CORRECTED})
             pairs = itertools.product(C1.tolist(), C2)
-            best = max(quality({**static, "parameters": {"c1": c1, "c2": c2}}) for c1, c2 in pairs)
-            print(line(name, *(f"{u:.3f}" for u in (*flights, best))))
+            best = max(quality({**static, "parameters": {"c1": c1, "c2": c2}}) for c1, c2 in pairs)[0]
+            values = (highest[0], paper[0], corrected[0], quality(joint)[0], best, paper[1], corrected[1])
+            print(line(name, *(f"{value:.3f}" for value in values)))
 
 
 if __name__ == "__main__":

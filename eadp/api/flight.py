@@ -19,7 +19,6 @@ import numpy as np
 from eadp.api.inputs import FlightInputs, Source
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_geodetic_deg
-from eadp.io.figures.flight import write_flight_figure
 from eadp.io.flight.coverage import flown_coverage, flown_of_plan
 from eadp.io.flight.estimate import estimate_rows
 from eadp.io.text.frames import AnyTable, frame, html_table
@@ -307,6 +306,7 @@ class Flight:
         InputError
             If the name is taken and `force` is not set, or the folder cannot be written.
         """
+        from eadp.io.figures.flight import write_flight_figure
         from eadp.io.report.flight import FlownFlight, flight_data
         from eadp.io.report.page import page_html
 

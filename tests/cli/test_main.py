@@ -83,7 +83,10 @@ def test_help_imports_nothing_slow(arguments):
 
 @pytest.mark.parametrize(
     ("planner", "unused"),
-    [("static", "sympy scipy osqp matplotlib shapely"), ("joint", "sympy scipy.special matplotlib shapely")],
+    [
+        ("static", "sympy scipy osqp matplotlib shapely eadp.io.figures.canvas"),
+        ("joint", "sympy scipy.special matplotlib shapely eadp.io.figures.canvas"),
+    ],
 )
 def test_a_flight_imports_what_it_uses(planner, unused, root):
     """A simple shift needs no sympy, a planner without a program no OSQP, a flight without files no figures."""

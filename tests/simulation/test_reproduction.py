@@ -252,7 +252,7 @@ def test_other_figures_of_the_page_are_what_is_flown():
     discs = flown("paper-I-static", (("vehicle.airframe.published_triggers", False),))[0]["duration_s"]
     assert f"With discs, flight I takes {discs:.2f} s" in PAGE
     lowered = drained("towards 0", (("planner.paper.solver", "subroutine"),))[1]
-    assert f"U is {lowered:.3f} where OSQP has {drained('towards 0')[1]:.3f}" in " ".join(PAGE.split())
+    assert f"the mean share is {lowered:.3f} where OSQP has {drained('towards 0')[1]:.3f}" in " ".join(PAGE.split())
     endurance = flown("paper-I-static")[0]["endurance"]
     assert f"mean motion power of {endurance['motion_w']:.2f} W" in PAGE
     assert f"which is {endurance['gain_min_per_h']:.1f} minutes more" in PAGE
