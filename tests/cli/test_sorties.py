@@ -7,6 +7,7 @@ import csv
 import itertools
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,8 +17,11 @@ from common.answers import refused
 
 import eadp as library
 from eadp.api.cover import CoverageOptions
+from eadp.api.sorties.folder import read_sorties
+from eadp.api.sorties.job import _Job
 from eadp.api.sorties.plan import SortieOptions
 from eadp.cli.main import main
+from eadp.io.flight.coverage import planned_lines
 
 MEADOW, WING = "plans/meadow.geojson", "vehicles/foam-wing.yaml"
 HOME = "55.4715,10.333"
@@ -127,6 +131,34 @@ def test_all_sorties_are_flown_with_a_fresh_pack_each(flown, document):
     rows = sorted(job["flights"], key=lambda row: row["take_off_s"])
     for earlier, later in itertools.pairwise(rows):
         assert later["take_off_s"] >= earlier["take_off_s"] + earlier["duration_s"] + 120
+
+
+def test_a_job_is_done_where_it_covers_what_was_planned(folder, flown):
+    """Parts that no line was planned for, or that are worth no flight, are no reason to fly again."""
+    planner, document = read_sorties(str(folder))
+    job = _Job(planner, document, {}, [], 0, lambda _: None, lambda _: None)
+    plans = [library.read_plan(folder / row["plan"]) for row in document["sorties"]]
+    lines = [line for plan in plans for line in planned_lines(plan, ())]
+    job.planned = job.lines = lines
+    assert job.left() is None
+    job.lines = lines[: len(lines) // 2]
+    left = job.left()
+    assert left.area_m2 > 0.2 * planner.task.field.area_m2
+    job.planned = job.lines
+    assert job.left() is None, "what was not planned is not left"
+
+
+def test_a_rest_is_planned_whatever_the_rates_of_take_off(tmp_path):
+    """The forecast of a sortie holds each rate at its minimum; one that is set is of the flight."""
+    (tmp_path / "field.csv").write_text("x,y\n0,0\n300,0\n300,200\n0,200\n")
+    options = CoverageOptions(swath_m=60, min_radius_m=30, metres=True, home=(-30, 0), turns_off=True)
+    profile = str(ROOT / "profiles/pednet-letter.yaml")
+    job = library.cover_in_sorties(str(tmp_path / "field.csv"), options, SortieOptions(), profile)
+    energies = [
+        [sortie.spare for sortie in replace(job.planner, overrides=keys).plan().divided.sorties]
+        for keys in ({}, {"parameters.fps": 10.0})
+    ]
+    assert energies[0] == energies[1]
 
 
 @pytest.mark.slow

@@ -18,10 +18,10 @@ from eadp.api.sorties.folder import read_sorties
 from eadp.api.sorties.plan import SortiePlanner
 from eadp.api.sorties.resume import left_of
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.polygons import covered_shares
+from eadp.core.geometry.polygons import covered_shares, ground_m2
 from eadp.coverage.separation import LATE_S, Nearest, TimedTrack, nearest
 from eadp.errors import Fault, Infeasible
-from eadp.io.flight.coverage import flown_lines, flown_of_plan
+from eadp.io.flight.coverage import flown_lines, flown_of_plan, planned_lines
 from eadp.io.scenario.scenario_file import override_texts, read_overrides
 from eadp.io.text.streams import new_folder
 from eadp.models.field import Field
@@ -35,8 +35,8 @@ MAX_ROUNDS = 5
 FLOWN = ("completed", "reason", "duration_s", "energy_wh", "distance_m", "soc_final", "reserve_kept", "quality")
 """Figures of each flight."""
 
-LEAST_SHARE = 1e-3
-"""Share of the field that is not worth a flight: below it, the job is done."""
+LEAST_SHARE = 0.01
+"""Share of the field that is not worth a flight of its own, with a take-off and a landing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +74,9 @@ class JobFlight:
         done = "done" if summary["completed"] else f"NOT done: {summary['reason']}"
         more = summary["batteries"] - summary["planned"]
         again = f"; {more} more than planned, for what was left" if more else ""
+        covered = f"{100 * summary['coverage']:.2f} % of the field, {100 * summary['planned_coverage']:.2f} % planned"
         lines = [
-            f"{done}: {100 * summary['coverage']:.2f} % of the field with {summary['batteries']} batteries{again}",
+            f"{done}: {covered}, with {summary['batteries']} batteries{again}",
             f"time       {summary['duration_s'] / 60:.0f} min, {summary['distance_m'] / 1000:.1f} km",
             f"energy     {summary['energy_wh']:.1f} Wh; least charge at a landing {summary['soc_final']:.3f}, "
             f"reserve {'kept' if summary['reserve_kept'] else 'NOT kept'} in all flights",
@@ -127,6 +128,7 @@ def simulate_sorties(
     tours: list[list[str]] = [[] for _ in range(document["aircraft"])]
     for row in document["sorties"]:
         inputs = job.load(str(Path(folder) / row["plan"]), scenario)
+        job.planned += planned_lines(inputs.world.plan, inputs.world.parameters)
         job.fly(row["sortie"], inputs)
         tours[row["aircraft"] - 1].append(row["sortie"])
     for _ in range(MAX_ROUNDS):
@@ -161,6 +163,7 @@ class _Job:
     warn: Warn
     flights: dict[str, Flight] = field(default_factory=dict)
     lines: list[tuple[Point, ...]] = field(default_factory=list)
+    planned: list[tuple[Point, ...]] = field(default_factory=list)
     warned: set[str] = field(default_factory=set)
     reason: str = "ground is left"
 
@@ -184,10 +187,18 @@ class _Job:
         self.lines += flown_lines(inputs.world.plan, columns)
 
     def left(self) -> Field | None:
-        """The ground that is left; None where it is not worth a flight."""
+        """The ground that is left of what the sorties were to cover; None where no part of it is worth a flight."""
         task = self.planner.task
         left = left_of(task.field, self.lines, task.motion.swath_m)
-        return None if left is None or left.area_m2 < LEAST_SHARE * task.field.area_m2 else left
+        if left is None:
+            return None
+        parts = [
+            part
+            for part in left.parts
+            if covered_shares([part], [self.planned], task.motion.swath_m)[-1] * ground_m2(*part)
+            >= LEAST_SHARE * task.field.area_m2
+        ]
+        return replace(left, outline=parts[0][0], holes=parts[0][1:], others=tuple(parts[1:])) if parts else None
 
     def coverage(self) -> float:
         """Share of the field that is covered."""
@@ -214,10 +225,11 @@ class _Job:
         summary = {
             "schema": SCHEMA,
             "completed": done,
-            "reason": "all ground is covered" if done else self.reason,
+            "reason": "all that was planned is covered" if done else self.reason,
             "planned": len(self.document["sorties"]),
             "batteries": len(rows),
             "coverage": self.coverage(),
+            "planned_coverage": self.document["coverage"],
             "duration_s": max(row["take_off_s"] + row["duration_s"] for row in rows),
             "distance_m": sum(row["distance_m"] for row in rows),
             "energy_wh": sum(row["energy_wh"] for row in rows),

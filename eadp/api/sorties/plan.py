@@ -240,9 +240,10 @@ class SortiePlanner:
         """A sortie along a path; with `held`, at the lowest parameters throughout."""
         planned = self.task.planned(solution, part)
         plan = _at_lowest(planned.plan) if held else planned.plan
-        inputs = load_flight(
-            plan, scenario=self.scenario, profile=self.profile, overrides=self.overrides, files=self.files
-        )
+        given = self.overrides
+        if held:  # those of take-off are others
+            given = {key: value for key, value in given.items() if key.partition(".")[0] != "parameters"}
+        inputs = load_flight(plan, scenario=self.scenario, profile=self.profile, overrides=given, files=self.files)
         found = inputs.preflight()
         if found is None or found.forecast.soc_end is None or found.forecast.soc_end_std is None:
             raise Infeasible("a sortie has no forecast: the battery's charge is prescribed, or the wind is too strong")

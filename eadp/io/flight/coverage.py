@@ -9,7 +9,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from eadp.core.geometry.curves import LINE, Point
+from eadp.io.mission.draft import TRIGGER_DISTANCE
 from eadp.models.plan.plan import Plan
+from eadp.models.plan.trace import nominal_legs
 
 PARTS = 100
 """Number of times at which the ground covered so far is computed."""
@@ -20,13 +22,26 @@ MAX_INTERVAL_S = 2.0
 Line = tuple[Point, ...]
 
 
-def flown_lines(plan: Plan, columns: Mapping[str, Sequence[float]]) -> list[Line]:
-    """The paths flown on stages that are lines, which cover ground; on turns the aircraft banks.
+def covering_stages(plan: Plan) -> list[bool]:
+    """Whether each stage covers ground: lines, as turns are banked; with a camera, those on which it is on."""
+    switches = [[c[1] > 0 for c in stage.commands if c[0] == TRIGGER_DISTANCE] for stage in plan.stages]
+    on, found = not any(switches), []
+    for stage, states in zip(plan.stages, switches, strict=True):
+        on = states[-1] if states else on
+        found.append(on and stage.kind == LINE)
+    return found
 
-    `columns` are those of `flight.csv`.
-    """
+
+def planned_lines(plan: Plan, parameters: Sequence[float]) -> list[Line]:
+    """The lines of a plan that cover ground. Raises PathUndefined."""
+    covers = covering_stages(plan)
+    return [(leg.start_m, leg.end_m) for leg in nominal_legs(plan, parameters) if covers[leg.stage.index - 1]]
+
+
+def flown_lines(plan: Plan, columns: Mapping[str, Sequence[float]]) -> list[Line]:
+    """The paths flown on stages that cover ground; `columns` are those of `flight.csv`."""
     stages = np.array(columns["stage"], dtype=int)
-    on_line = np.array([stage.kind == LINE for stage in plan.stages])[stages - 1]
+    on_line = np.array(covering_stages(plan))[stages - 1]
     ends = [0, *(np.flatnonzero(np.diff(stages)) + 1).tolist(), len(stages)]
     x, y = columns["x_m"], columns["y_m"]
     # to the first sample of the next stage, which starts between the two

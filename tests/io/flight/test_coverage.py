@@ -10,7 +10,7 @@ from common.answers import refused
 from common.pages import Page
 
 import eadp as library
-from eadp.io.flight.coverage import flown_coverage, flown_lines, flown_of_plan
+from eadp.io.flight.coverage import covering_stages, flown_coverage, flown_lines, flown_of_plan, planned_lines
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text
@@ -59,6 +59,19 @@ def test_a_field_that_crosses_itself_is_left_out_with_a_warning():
     read, findings = plan(f"%: field 0 0, 100 100, 100 0, 0 100\n{STAGES}")
     assert read.site.field is None
     assert [finding.code for finding in findings if "crosses itself" in finding.message] == ["field"]
+
+
+def test_a_line_without_the_camera_covers_nothing():
+    def on(distance_m):
+        return f"%: command 206 {distance_m} 0 1 0 0 0 0\n"
+
+    first, turn, last = ("".join(f"{line}\n" for line in STAGES.splitlines()[i : i + 2]) for i in (0, 2, 4))
+    whole, _ = plan(FIELD + on(5) + first + on(0) + turn + on(5) + last)
+    assert covering_stages(whole) == covering_stages(plan(FIELD + STAGES)[0]) == [True, False, True]
+    transit, _ = plan(FIELD + first + turn + on(5) + last)
+    assert covering_stages(transit) == [False, False, True]
+    (line,) = planned_lines(transit, ())
+    assert np.array(line) == pytest.approx(np.array([(150, 80), (0, 80)]))
 
 
 def test_lines_cover_and_turns_do_not():
