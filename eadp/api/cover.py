@@ -139,25 +139,24 @@ class CameraOptions:
 
     def _footprint_m(self, option: str, size_mm: float | None, overlap: float | None) -> float:
         """Ground that a picture adds beside its neighbour [m]: h s / f, less the overlap; `option` names the size."""
-        for name, value, lowest, limit in (
-            ("--altitude", self.altitude_m, 0.0, MAX_ALTITUDE_M),
-            (option, size_mm, MIN_LENGTH_MM, MAX_LENGTH_MM),
-            ("--focal-length-mm", self.focal_length_mm, MIN_LENGTH_MM, MAX_LENGTH_MM),
-        ):
+
+        def needed(name: str, value: float | None, low: float, high: float) -> float:
             if value is None:
                 message = f"the camera needs {name} too"
                 raise _fault(name, "", message, f"--altitude, {option} and --focal-length-mm")
-            check_range(name, value, lowest, limit)
-        assert self.altitude_m is not None
-        assert size_mm is not None
-        assert self.focal_length_mm is not None
+            check_range(name, value, low, high)
+            return value
+
+        altitude_m = needed("--altitude", self.altitude_m, 0.0, MAX_ALTITUDE_M)
+        size_mm = needed(option, size_mm, MIN_LENGTH_MM, MAX_LENGTH_MM)
+        focal_mm = needed("--focal-length-mm", self.focal_length_mm, MIN_LENGTH_MM, MAX_LENGTH_MM)
         side = option == "--sensor-width-mm"
         overlap = overlap or 0.0
         if not (overlap == 0 or 1 <= overlap <= MAX_OVERLAP):
             name = "--side-overlap" if side else "--forward-overlap"
             raise _fault(name, f"{overlap:g}", f"{overlap:g} %", f"percent from 1 to {MAX_OVERLAP:g}, as 70; or 0")
         # similar triangles: h/f on the ground for each millimetre of the sensor
-        return self.altitude_m * size_mm / self.focal_length_mm * (1 - overlap / 100)
+        return altitude_m * size_mm / focal_mm * (1 - overlap / 100)
 
     @cached_property
     def _side_overlaps(self) -> tuple[float | None, float]:

@@ -86,9 +86,10 @@ def command(
     columns = Columns(**{**vars(named), "names": names_in(",".join(named.names))})
     found = read_battery_fit(log, columns, pack) if kind.battery else None
     if kind.vehicle:
-        from eadp.api.fit.vehicle import read_vehicle_fit
+        from eadp.api.fit.vehicle import fit_vehicle
 
-        flown = replace(read_vehicle_fit(log, columns, kind.base, options.start_s, options.end_s), battery=found)
+        flown = fit_vehicle(log, kind.base, columns, options.start_s, options.end_s, warn=lambda _: None)
+        flown = replace(flown, battery=found)
         _print(flown.document, flown.text, flown.yaml, flown.warnings, out)
         return 0 if flown.sure else 1
     if found is not None:

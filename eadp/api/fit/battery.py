@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
 
+from eadp.core.arrays import FloatArray
 from eadp.core.flight.battery_fit import CURVES_V, BatteryFit, CapacityFit, fit_battery, fit_capacity, is_full_at_rest
 from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.log.formats import read_power_log
-from eadp.io.log.power_log import Columns, PowerLog
+from eadp.io.log.power_log import Columns
 from eadp.io.text.options import Flag, check_range
 
 NO_CHARGE, RESTING = 0.01, 0.05
@@ -143,7 +145,7 @@ def read_battery_fit(path: str, columns: Columns, options: BatteryOptions) -> Ba
     assert log.voltage_v is not None
     assert log.current_a is not None
     found, readings = None, (log.times_s, log.voltage_v, log.current_a)
-    soc, doubt = _charge_at_start(log, options)
+    soc, doubt = _charge_at_start(log.battery, log.voltage_v, log.current_a, options)
     if doubt:
         log.warnings.append(Fault(log.name, 1, 1, doubt, "--soc SHARE", severity="warning"))
     try:
@@ -164,17 +166,17 @@ def read_battery_fit(path: str, columns: Columns, options: BatteryOptions) -> Ba
     return BatteryLogFit(fit, options, log.warnings, found)
 
 
-def _charge_at_start(log: PowerLog, options: BatteryOptions) -> tuple[float, str]:
+def _charge_at_start(
+    stated: Mapping[str, float], voltage_v: FloatArray, current_a: FloatArray, options: BatteryOptions
+) -> tuple[float, str]:
     """The state of charge at the start of a log, and what is doubtful about it."""
     if options.soc is not None:
         return options.soc, ""
-    used_ah, capacity_ah = log.battery.get("used_ah", 0.0), options.capacity_ah or log.battery.get("capacity_ah")
+    used_ah, capacity_ah = stated.get("used_ah", 0.0), options.capacity_ah or stated.get("capacity_ah")
     if used_ah > 0 and capacity_ah and NO_CHARGE < used_ah / capacity_ah < 1:
         soc = 1 - used_ah / capacity_ah
         return soc, f"{used_ah:.3g} Ah were used before the log's first reading: its charge is taken as {soc:.3f}"
-    assert log.voltage_v is not None
-    assert log.current_a is not None
-    first_v, resting = float(log.voltage_v[0]), abs(log.current_a[0]) <= RESTING * float(np.max(log.current_a))
-    if resting and is_full_at_rest(first_v, options.cells, options.chemistry):
+    resting = abs(current_a[0]) <= RESTING * float(np.max(current_a))
+    if resting and is_full_at_rest(float(voltage_v[0]), options.cells, options.chemistry):
         return 1.0, ""
     return 1.0, "nothing shows the charge at the start of the log: it is taken as full"

@@ -124,47 +124,61 @@ class VehicleLogFit:
         return "\n".join(lines)
 
 
-def read_vehicle_fit(
-    path: str, columns: Columns, base: str, start_s: float | None = None, end_s: float | None = None
+def fit_vehicle(
+    log: File,
+    base: File | None = None,
+    columns: Columns | None = None,
+    start_s: float | None = None,
+    end_s: float | None = None,
+    *,
+    warn: Warn = python_warnings,
 ) -> VehicleLogFit:
-    """Read a log and fit an aircraft's power to it.
+    """Fit an aircraft's power to a log with airspeed: level flight, its rise with bank, climb and airspeed.
 
     Parameters
     ----------
-    path : str
-        As `read_power_log`.
-    columns : Columns
-    base : str
-        Vehicle file of what is known: mass, wing, avionics, limits; '' for none.
+    log : path
+        CSV with a header, PX4 ULog or ArduPilot DataFlash log.
+    base : path, optional
+        Vehicle file of what is known: mass, wing, avionics, for a drag polar.
+    columns : Columns, optional
+        The columns to read.
     start_s, end_s : float, optional
         The part of the log to fit [s]; without a start a take-off is left out.
+    warn : function, optional
+
+    Returns
+    -------
+    VehicleLogFit
+        `yaml` is the vehicle file, `text` says how sure each value is.
 
     Raises
     ------
     InputError
         With the faults of a file, or with what the log lacks.
     """
-    known = read_vehicle(read_text(base)) if base else None
+    known = read_vehicle(read_text(str(base))) if base else None
     wing = None if known is None else known.airframe
     if isinstance(wing, PaperVehicle):
-        raise InputError.at("--base", 1, 1, "an aircraft of model paper", "model fixed-wing or power-curve", base)
+        raise InputError.at("--base", 1, 1, "an aircraft of model paper", "model fixed-wing or power-curve", str(base))
     FitOptions(start_s=start_s, end_s=end_s).check()
-    log = log_part(read_power_log(path, replace(columns, motion=True)), start_s, end_s, {})
-    if start_s is None and (airborne_s := _airborne_s(log)) is not None:
-        log = log_part(log, airborne_s, None, {})
+    read = log_part(read_power_log(str(log), replace(columns or Columns(), motion=True)), start_s, end_s, {})
+    if start_s is None and (airborne_s := _airborne_s(read)) is not None:
+        read = log_part(read, airborne_s, None, {})
         message = f"a take-off, to {airborne_s:.0f} s of the log, left out; --from 0 fits it too"
-        log.warnings.append(Fault(log.name, 1, 1, message, severity="warning"))
-    motion = _motion(log)
+        read.warnings.append(Fault(read.name, 1, 1, message, severity="warning"))
+    motion = _motion(read)
     constant_w = None if wing is None else wing.avionics_w
     try:
         fit = fit_power(
-            log.times_s, log.power_w, motion[AIRSPEED], motion.get(BANK), motion.get(CLIMB), constant_w=constant_w
+            read.times_s, read.power_w, motion[AIRSPEED], motion.get(BANK), motion.get(CLIMB), constant_w=constant_w
         )
     except Infeasible as error:
-        raise InputError.at(log.name, 1, 1, str(error), "a log of a flight") from None
-    airframe, stds, notes = _airframe(fit, wing, float(np.percentile(log.power_w, 99.9)))
+        raise InputError.at(read.name, 1, 1, str(error), "a log of a flight") from None
+    airframe, stds, notes = _airframe(fit, wing, float(np.percentile(read.power_w, 99.9)))
     name = known.name if known is not None and known.name else "aircraft of a log"
-    return VehicleLogFit(fit, name, airframe, stds, [*fit.notes, *notes], log.warnings)
+    warn(read.warnings)
+    return VehicleLogFit(fit, name, airframe, stds, [*fit.notes, *notes], read.warnings)
 
 
 def _airborne_s(log: PowerLog) -> float | None:
@@ -280,29 +294,3 @@ def _polar(fit: PowerFit, wing: FixedWing) -> tuple[dict[str, Any], dict[str, fl
 
 def _rounded(value: Any) -> Any:
     return float(f"{value:.5g}") if isinstance(value, float) else value
-
-
-def fit_vehicle(log: File, base: File | None = None, *, warn: Warn = python_warnings) -> VehicleLogFit:
-    """Fit an aircraft's power to a log with airspeed: level flight, its rise with bank, climb and airspeed.
-
-    Parameters
-    ----------
-    log : path
-        CSV with a header, PX4 ULog or ArduPilot DataFlash log.
-    base : path, optional
-        Vehicle file of what is known: mass, wing, avionics, for a drag polar.
-    warn : function, optional
-
-    Returns
-    -------
-    VehicleLogFit
-        `yaml` is the vehicle file, `text` says how sure each value is.
-
-    Raises
-    ------
-    InputError
-        With the faults of a file, or with what the log lacks.
-    """
-    found = read_vehicle_fit(str(log), Columns(), "" if base is None else str(base))
-    warn(found.warnings)
-    return found

@@ -247,11 +247,9 @@ class SortiePlanner:
         found = inputs.preflight()
         if found is None or found.forecast.soc_end is None or found.forecast.soc_end_std is None:
             raise Infeasible("a sortie has no forecast: the battery's charge is prescribed, or the wind is too strong")
-        end, reserve_soc = found.forecast, inputs.scenario.keys.reserve_soc
-        spare = found.forecast.soc_end - _Z * found.forecast.soc_end_std - reserve_soc
+        spare = found.forecast.soc_end - _Z * found.forecast.soc_end_std - inputs.scenario.keys.reserve_soc
         if not found.feasible:
             spare = min(spare, -1e-6)
-        assert end.energy_wh is not None
         return PlannedSortie(solution, planned, inputs, found, spare)
 
     def _least(self, sample: FlightInputs, grid: LineGrid, ground: Field) -> LeastSorties:
@@ -429,6 +427,7 @@ class SortiePlan:
         """The figures of each sortie, by key."""
         rows = []
         aircraft = {i: k for k, tour in enumerate(self.tours, 1) for i in tour}
+        keys = ("energy_wh", "energy_std_wh", "soc_end", "soc_end_std", "reserve_probability")
         for i, (name, each) in enumerate(zip(self.names, self.sorties, strict=True)):
             end, path = each.forecast.forecast, each.path()
             spacing = each.forecast.parameters.get("c1") if each.solution.min_c1 < 0 else None
@@ -443,11 +442,7 @@ class SortiePlan:
                     "length_m": path.length_m,
                     "time_s": end.remaining_s,
                     "time_std_s": end.remaining_std_s,
-                    "energy_wh": end.energy_wh,
-                    "energy_std_wh": end.energy_std_wh,
-                    "soc_end": end.soc_end,
-                    "soc_end_std": end.soc_end_std,
-                    "reserve_probability": end.reserve_probability,
+                    **{key: getattr(end, key) for key in keys},
                 }
             )
         return rows

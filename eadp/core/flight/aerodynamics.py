@@ -60,11 +60,3 @@ def load_factor(bank_rad: float) -> float:
 def turn_radius_m(airspeed_mps: float, bank_rad: float) -> float:
     """r = V²/(g tan φ) of a level turn [m]. Source: Anderson 1999."""
     return airspeed_mps * airspeed_mps / (GRAVITY_MPS2 * math.tan(bank_rad))
-
-
-def speed_of_least_power_mps(
-    weight_n: float, area_m2: float, density_kgpm3: float, zero_lift_drag: float, induced_drag: float
-) -> float:
-    """Airspeed of least power in level flight [m/s]: where C_L² = 3 C_D0/K. Source: Anderson 1999."""
-    lift = math.sqrt(3 * zero_lift_drag / induced_drag)
-    return math.sqrt(2 * weight_n / (density_kgpm3 * area_m2 * lift))

@@ -107,23 +107,20 @@ def _disagreements(document: Document, content: EnergyFile, model: EnergyModel) 
     """Faults of keys that contradict the ones they repeat."""
     faults = []
     if content.periodic not in (None, model.periodic):
-        given = json.dumps(content.periodic)
-        faults.append(
-            document.fault(("periodic",), f"periodic is {given}", f"{json.dumps(model.periodic)}, by period_s")
-        )
+        given, expected = json.dumps(content.periodic), f"{json.dumps(model.periodic)}, by period_s"
+        faults.append(document.fault(("periodic",), f"periodic is {given}", expected))
     if content.order not in (None, model.order):
-        faults.append(
-            document.fault(("order",), f"order is {content.order}", f"{model.order}, the number of harmonics")
-        )
+        expected = f"{model.order}, the number of harmonics"
+        faults.append(document.fault(("order",), f"order is {content.order}", expected))
     if len(content.amplitude_std_w) not in (0, model.order):
         message = f"{len(content.amplitude_std_w)} standard deviations of amplitudes"
         faults.append(document.fault(("amplitude_std_w",), message, f"{model.order}, the number of harmonics, or none"))
     if content.coefficients is not None:
         known = asdict(model.coefficients)
         tolerance = AGREEMENT * max(map(abs, (*known["a"], *known["b"])), default=0.0)
-        for key, expected in known.items():
-            if not _agree(getattr(content.coefficients, key), expected, tolerance):
-                shown = json.dumps([float(f"{value:.6g}") for value in expected])
+        for key, values in known.items():
+            if not _agree(getattr(content.coefficients, key), values, tolerance):
+                shown = json.dumps([float(f"{value:.6g}") for value in values])
                 message = f"{key} is not that of the harmonics"
                 faults.append(document.fault(("coefficients", key), message, f"{shown}, or no coefficients"))
     return faults

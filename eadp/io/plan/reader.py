@@ -296,13 +296,8 @@ class _Reader:
             return
         starts = [0, len(parts[0]) + 1, len(parts[0]) + len(parts[1]) + 2]
         draft.gain = self._number(line, parts[0], starts[0], "a gain of 0 or more", lambda gain: gain >= 0)
-        rotation = self._number(
-            line,
-            parts[1],
-            starts[1],
-            "a rotation of 90 or 270 (or 0 for 90, 1 for 270)",
-            lambda r: r in (0, 1, 90, 270),
-        )
+        expected = "a rotation of 90 or 270 (or 0 for 90, 1 for 270)"
+        rotation = self._number(line, parts[1], starts[1], expected, lambda r: r in (0, 1, 90, 270))
         if rotation is not None:
             draft.rotation = {0: 90, 1: 270}.get(int(rotation), int(rotation))
         path = parts[2].lstrip()
@@ -319,9 +314,8 @@ class _Reader:
         if end is not None:
             draft.radius_m = self._number(line, line.text[end + 1 :], end + 1, *_RADIUS)
             if _LIKE_DECIMALS.search(line.text):
-                message = (
-                    f"a trigger with a radius of {printable(line.text[end + 1 :].strip(), 40)} m, or a decimal comma"
-                )
+                radius = printable(line.text[end + 1 :].strip(), 40)
+                message = f"a trigger with a radius of {radius} m, or a decimal comma"
                 self._findings.append(Finding("warning", len(self._drafts), line.number, "comma", message, line.column))
         expected = f"the trigger of stage {len(self._drafts)}, like -115, 146"
         draft.trigger = self._point(replace(line, text=line.text[:end]), expected)
@@ -411,9 +405,8 @@ class _Reader:
                 self._fault(line, start, f"{len(values)} values", "a first value and a shift, or a formula alone")
                 continue
             if any(part.names & {"x", "y"} for part in values):
-                self._fault(
-                    line, start, f"the loop variable {name} depends on x or y", "numbers, parameters and loop variables"
-                )
+                what = f"the loop variable {name} depends on x or y"
+                self._fault(line, start, what, "numbers, parameters and loop variables")
                 continue
             place = group.coordinates[name][2]
             if len(values) == 2:
@@ -700,9 +693,8 @@ class _Reader:
         if group.final is None and not self._faults:
             self._fault(_Line(len(self._source.lines), "", 1), 0, "no final point", "a section trig: with one")
         if not group.coordinates and not self._faults:
-            self._fault(
-                self._drafts[0].line, 0, "a section path: without coordinates", "a section init: that names some"
-            )
+            what = "a section path: without coordinates"
+            self._fault(self._drafts[0].line, 0, what, "a section init: that names some")
 
     def _group_drafts(self) -> Iterator[tuple[_Group, list[_Draft]]]:
         """Each segment with its stages."""
@@ -794,21 +786,8 @@ class _Reader:
         firsts = {} if parts else {name: first for name, first, _ in self._short_form_coordinates()}
         path, trigger = self._placed(draft, firsts)
         part = next((part for part in parts if part.first < index <= part.first + part.count), None)
-        sets = own or boxes
-        return Stage(
-            index,
-            draft.line.number,
-            draft.gain,
-            draft.rotation,
-            path,
-            trigger,
-            sets,
-            part,
-            draft.radius_m,
-            draft.altitude_m,
-            draft.airspeed_mps,
-            draft.commands,
-        )
+        flown = (draft.radius_m, draft.altitude_m, draft.airspeed_mps, draft.commands)
+        return Stage(index, draft.line.number, draft.gain, draft.rotation, path, trigger, own or boxes, part, *flown)
 
     def _short_form_coordinates(self) -> list[tuple[str, Expression, Expression]]:
         """Name, first value and shift of the coordinates of the short form; none without sections."""
@@ -859,12 +838,8 @@ class _Reader:
                     self._fault(line, 0, f"a computation's set that starts at {number_text(box.lo)}", "0 or more")
         for i, box in header_sets.items():
             if i > path_count and box.lo < 0:
-                self._fault(
-                    self._headers["sets"],
-                    0,
-                    f"the set of computation c{i} starts at {number_text(box.lo)}",
-                    "0 or more",
-                )
+                message = f"the set of computation c{i} starts at {number_text(box.lo)}"
+                self._fault(self._headers["sets"], 0, message, "0 or more")
 
     def _check_smoothness(self, plan: Plan) -> None:
         for stage, draft in zip(plan.stages, self._drafts, strict=True):

@@ -38,11 +38,9 @@ class Clock(Protocol):
 
     def monotonic(self) -> float:
         """The time [s] from a fixed moment; never decreases."""
-        ...
 
     def sleep(self, duration_s: float, /) -> None:
         """Return after a duration [s]."""
-        ...
 
 
 class RunningCommand(Protocol):
@@ -50,11 +48,9 @@ class RunningCommand(Protocol):
 
     def exit_code(self) -> int | None:
         """The exit code once it has ended, negative for a signal; None while it runs."""
-        ...
 
     def output_tail(self) -> str:
         """The end of what it printed."""
-        ...
 
 
 Launch = Callable[[Sequence[str], Clock], AbstractContextManager[RunningCommand]]

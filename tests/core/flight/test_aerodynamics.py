@@ -7,7 +7,6 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import minimize_scalar
 
 from eadp.core.flight.aerodynamics import (
     GRAVITY_MPS2,
@@ -16,7 +15,6 @@ from eadp.core.flight.aerodynamics import (
     induced_drag_factor,
     lift_coefficient,
     load_factor,
-    speed_of_least_power_mps,
 )
 
 speeds = st.floats(6, 60)
@@ -48,11 +46,3 @@ def test_a_level_turn_balances_weight_and_centripetal_force(speed, bank):
     lift = load_factor(bank) * mass * GRAVITY_MPS2
     assert lift * math.cos(bank) == pytest.approx(mass * GRAVITY_MPS2)
     assert lift * math.sin(bank) == pytest.approx(mass * speed * turn_rate_radps, abs=1e-9)
-
-
-@given(st.floats(5, 40), st.floats(0.2, 1), st.floats(0.01, 0.05), st.floats(0.04, 0.2))
-def test_the_speed_of_least_power_is_where_a_search_finds_it(weight, area, zero_lift, induced):
-    expected = minimize_scalar(
-        lambda v: v * drag_n(weight, v, area, 1.225, zero_lift, induced), bounds=(1, 80), method="bounded"
-    ).x
-    assert speed_of_least_power_mps(weight, area, 1.225, zero_lift, induced) == pytest.approx(expected, rel=1e-3)
