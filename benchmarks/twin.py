@@ -632,6 +632,8 @@ def report(results: list[dict[str, Any]]) -> None:
     if left:
         print(f"charge above the reserve where it binds: median {statistics.median(left):.3f} (aim 0.04)")
     print(f"lines without an answer: {sum(r['joint'].unanswered for r in results)}")
+    lost = [any("cell-lost" in each["warnings"] for each in r["joint"].decisions) for r in results]
+    print(f"missions with a loss by the voltage alone, of which there is none: {sum(lost)}")
     few = [sum(most <= 6 for most in r["joint"].changes) == 2 for r in results]
     print(f"missions with at most 6 changes of each parameter: {sum(few)} of {len(few)} (aim 95 %)")
     titles = "from 10 % of the flight on", "and after the last loss of charge", "and the last change of parameters"

@@ -216,7 +216,8 @@ class JointPlanner(Planner):
     def _must_search(self, o: Observation, kept: Candidate | None, cause: str) -> bool:
         """Whether to search the path: at first, when charge was lost, when short, or where it can change and has to.
 
-        Before computations fall, too: a wider path, from the next stage that takes it, may give more.
+        Before computations fall, too: a wider path, from the next stage that takes it, may give more. Not while the
+        power may have changed for good: its next windows decide.
         """
         if kept is None or self._searched is None or cause == JUMPED:
             return True
@@ -224,7 +225,7 @@ class JointPlanner(Planner):
             return self._infeasible_since_s is None or o.cursor.accepts_changes()
         if self._is_free(o) and self._computations(o, kept)[2]:
             return True
-        if not o.cursor.accepts_changes():
+        if not o.cursor.accepts_changes() or kept.evaluation.known.motion.in_doubt:
             return False
         (value, over), was = (kept.solution.value, kept.over), self._searched
         return max(abs(value - was[0]), abs(over - was[1])) > self._policy.path_gain

@@ -352,7 +352,8 @@ class FlightState:
         """What is known at a time [s] and a position [m]."""
         self._process()
         max_w = min(self._gate.max_motion_w, self._mission.max_motion_w)
-        place, times, (gain_std, gain_from) = self._place, self._times, self._charge.gauge_gain
+        place, times, motion = self._place, self._times, self._motion
+        gain_std, gain_from = self._charge.gauge_gain
         wind = WindKnown(self.wind_mps, self._wind.covariance if self._measured_wind is None else (0.0, 0.0, 0.0))
         return Known(
             time_s,
@@ -365,7 +366,7 @@ class FlightState:
             wind,
             TimeKnown(times.ratio, times.variance, times.noise_s),
             MotionKnown(
-                self._motion.level_w, self._motion.slope_w, *self._motion.variances, max_w, self._motion.climb_j_per_m
+                motion.level_w, motion.slope_w, *motion.variances, max_w, motion.climb_j_per_m, motion.in_doubt
             ),
             ChargeKnown(self._charge.ahead, gain_std, gain_from, self._charge.believed, self._voltage.lost_std),
             0.0 if place.flies_mission else place.reach_std_m,

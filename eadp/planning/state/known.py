@@ -29,7 +29,8 @@ class TimeKnown(NamedTuple):
 class MotionKnown(NamedTuple):
     """Power of the motion a + b tan² φ [W], the covariance of a and b [W²], and the noise of its energy [J²/s].
 
-    And the greatest power that was measured, up to the motor's [W], and the energy of a metre of climb [J/m].
+    And the greatest power that was measured, up to the motor's [W], the energy of a metre of climb [J/m], and whether a
+    may have changed for good.
     """
 
     level_w: float
@@ -40,6 +41,7 @@ class MotionKnown(NamedTuple):
     noise: float
     max_w: float
     climb_j_per_m: float
+    in_doubt: bool = False
 
 
 class ChargeKnown(NamedTuple):

@@ -25,6 +25,9 @@ FALSE_ALARM_H = 100.0
 ALARM = math.log(2 * FALSE_ALARM_H * 3600 / WINDOW_S)
 """Logarithm of the likelihood ratio of a step, up or down, from which on it is one."""
 
+STANDS_OUT = 3.0
+"""Standard deviations of a window by which a least step stands out of the noise, at least."""
+
 INDEPENDENT = 0.25
 """Degrees of freedom of a window: the prior noise is a guess, and that of windows is of gusts and turns of 20 s."""
 
@@ -110,6 +113,11 @@ def started(prior: Prior) -> Regression:
     return Regression(prior, NO_SUMS, fit, Evidence(0.0, 0.0, NO_SUMS, NO_SUMS, fit), 0, 0.0)
 
 
+def in_doubt(state: Regression) -> bool:
+    """Whether the level may have changed: the next windows decide."""
+    return max(state.evidence.up, state.evidence.down) > DOUBT
+
+
 # The functions below may be compiled, see `eadp.core.compiled`.
 
 
@@ -134,7 +142,9 @@ def with_window(state: Regression, seconds: float, mean: float, x: float, z: flo
         before = evidence.before
         sums = evidence.since_up if evidence.up > evidence.down else evidence.since_down
         wide = 1 / (NEW_LEVEL * min_step) ** 2
-        prior = Prior(before.a, before.b, before.c, wide, prior.information_b, prior.information_c, before.noise)
+        # a level that was wrong from the start looks like noise
+        noise = min(before.noise, WINDOW_S * (min_step / STANDS_OUT) ** 2)
+        prior = Prior(before.a, before.b, before.c, wide, prior.information_b, prior.information_c, noise)
     fit = _fitted(sums, prior, before)
     if found:
         steps, step = steps + 1, mean - before.a - before.b * x - before.c * z

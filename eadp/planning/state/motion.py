@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from eadp.core.arrays import Column, columns
 from eadp.core.compiled import jitted
-from eadp.planning.state.level_regression import WINDOW_S, Prior, Regression, started, with_window
+from eadp.planning.state.level_regression import WINDOW_S, Prior, Regression, in_doubt, started, with_window
 
 TURN_SHARE = 0.3
 """Prior mean and standard deviation of the power per tan² φ, as a share of level flight's: induced drag is about a
@@ -107,6 +107,11 @@ class MotionPower:
     def climb_j_per_m(self) -> float:
         """c [J/m], 0 or more."""
         return max(self._state.regression.fit.c, 0.0)
+
+    @property
+    def in_doubt(self) -> bool:
+        """Whether the level may have changed for good: the next windows decide."""
+        return in_doubt(self._state.regression)
 
     @property
     def steps(self) -> int:

@@ -1,0 +1,50 @@
+"""`eadp replan` on recorded flights of ArduPlane: what benchmarks/autopilot.py measures; skipped without them."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+
+import pytest
+from common import ROOT
+
+
+@pytest.fixture(scope="module")
+def autopilot():
+    sys.path.append(str(ROOT / "benchmarks"))
+    spec = importlib.util.spec_from_file_location("autopilot_flights", ROOT / "benchmarks/autopilot.py")
+    module = sys.modules[spec.name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def folder(reference):
+    return reference / "autopilot"
+
+
+def test_a_take_off_is_not_what_the_plan_draws(autopilot, folder):
+    """With half of the power that the aircraft file states, and at full throttle."""
+    rows = {row.what: row for row in autopilot.take_off(folder)}
+    lines = rows.pop("coarsest spacing decided before the first lap is over")
+    assert all(row.met for row in rows.values()), rows
+    # the take-off drew 12 % of the charge where its climb takes 3 %: the reserve needs the next spacing, and no more
+    assert float(lines.measured.split()[0]) < 19
+
+
+def test_a_draw_that_rises_for_good_is_followed(autopilot, folder):
+    rows = list(autopilot.rises(folder))
+    assert all(row.met for row in rows), rows
+
+
+def test_a_lost_cell_is_found_and_no_other(autopilot, folder):
+    pytest.importorskip("pymavlink")
+    rows = list(autopilot.cells(folder))
+    assert all(row.met for row in rows), rows
+
+
+@pytest.mark.parametrize("share", [-0.2, pytest.param(0.3, marks=pytest.mark.slow)])
+def test_a_lasting_step_of_the_power_is_learned(autopilot, folder, share):
+    step = autopilot.step_of(folder, share, [300.0])
+    assert step.within == 1
+    assert max(step.errors) <= 0.05
