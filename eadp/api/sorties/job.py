@@ -36,7 +36,7 @@ FLOWN = ("completed", "reason", "duration_s", "energy_wh", "distance_m", "soc_fi
 """Figures of each flight."""
 
 LEAST_SHARE = 0.01
-"""Share of the field that is not worth a flight of its own, with a take-off and a landing."""
+"""Share of the field below which a part is left: it needs a take-off and a landing of its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +187,7 @@ class _Job:
         self.lines += flown_lines(inputs.world.plan, columns)
 
     def left(self) -> Field | None:
-        """The ground that is left of what the sorties were to cover; None where no part of it is worth a flight."""
+        """The parts left of what the sorties were to cover, of at least `LEAST_SHARE`; None without one."""
         task = self.planner.task
         left = left_of(task.field, self.lines, task.motion.swath_m)
         if left is None:
