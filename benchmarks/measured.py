@@ -7,14 +7,16 @@ Pages of the documentation link to these files and copy nothing from them.
 from __future__ import annotations
 
 import argparse
+import ast
 import contextlib
 import datetime
+import hashlib
 import io
 import os
 import platform
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs/measured"
@@ -46,10 +48,29 @@ def command() -> str:
     return shlex.join(["python", f"benchmarks/{script.name}", *sys.argv[1:]])
 
 
-def page(name: str, text: str) -> str:
-    """The page of a benchmark that printed a text."""
+def digest(paths: Sequence[str]) -> str:
+    """A hash of modules and packages of eadp, without comments, docstrings and layout."""
+    whole = hashlib.sha256()
+    for path in paths:
+        place = FOLDER.parents[1] / "eadp" / path
+        for file in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+            tree = ast.parse(file.read_text(encoding="utf-8"))
+            for node in ast.walk(tree):
+                body = getattr(node, "body", None)
+                if isinstance(body, list):
+                    node.body = [  # type: ignore[attr-defined]
+                        one for one in body if not (isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant))
+                    ]
+            whole.update(ast.dump(tree).encode())
+    return whole.hexdigest()[:16]
+
+
+def page(name: str, text: str, measures: Sequence[str] = ()) -> str:
+    """The page of a benchmark that printed a text; `measures` are the modules that its figures are of."""
     today = datetime.datetime.now(tz=datetime.UTC).date()
     top = [f"# Measured: {name}", "", f"    {command()}", "", f"{today}, {machine()}.", ""]
+    if measures:
+        top += [f"Code `{digest(measures)}` of {', '.join(f'`{path}`' for path in measures)}.", ""]
     return "\n".join([*top, *_body(text)]).rstrip("\n") + "\n"
 
 
@@ -81,11 +102,11 @@ class _Tee(io.TextIOBase):
 
 
 @contextlib.contextmanager
-def recorded(name: str, *, write: bool = True) -> Iterator[None]:
+def recorded(name: str, *, write: bool = True, measures: Sequence[str] = ()) -> Iterator[None]:
     """Write what is printed within to docs/measured/NAME.md, unless an error ends it."""
     tee = _Tee(sys.stdout)  # type: ignore[arg-type]
     with contextlib.redirect_stdout(tee):  # type: ignore[type-var]
         yield
     if write:
         FOLDER.mkdir(exist_ok=True)
-        (FOLDER / f"{name}.md").write_text(page(name, tee.kept.getvalue()), encoding="utf-8")
+        (FOLDER / f"{name}.md").write_text(page(name, tee.kept.getvalue(), measures), encoding="utf-8")

@@ -11,10 +11,13 @@ expanded, started from its last answer and multipliers.
 
 Compiled (`eadp[fast]`), unless `--plain` or numba is not installed.
 
-Prints medians over the same instances, on one thread of one process, once in blocks of 25 (ours, then the peer's), and
-once in turn, where each finds the processor's caches filled by the other. Over as many unrelated instances it prints
-how our levels compare with the best of the peer's answers from several starts, rounded down to levels; our largest gap
-to the bound; and our worst violation in an independent model. Needs casadi: pip install 'eadp[bench]'.
+A second peer solves the same relaxed problem as two quadratic programs, condensed by CasADi, with OSQP as its plug-in.
+
+Prints medians of the CPU time over the same instances, on one thread of one process, once in blocks of 25 (ours, then
+the peer's), and once in turn, where each finds the processor's caches filled by the other. Over as many unrelated
+instances it prints how our levels compare with the best of the peer's answers from several starts, rounded down to
+levels; our largest gap to the bound; and our worst violation in an independent model. Needs casadi: pip install
+'eadp[bench]'.
 """
 
 from __future__ import annotations
@@ -210,6 +213,62 @@ class Peer:
         return bool(self._solver.stats()["success"])
 
 
+class QpPeer(Peer):
+    """The same problem in the computations alone, as two quadratic programs, by CasADi with OSQP as its plug-in.
+
+    The states follow from the computations (condensed); objective and limits are linearised about the last answer.
+    """
+
+    def __init__(self, steps: int) -> None:
+        super().__init__(steps)
+        measured, c = casadi.SX.sym("measured", self._size), casadi.SX.sym("c", steps)
+        state, soc, limits, gain = measured[:-1], measured[-1], [], 0
+        output = casadi.DM(output_row(ORDER)).T
+        for m in range(steps):
+            power = LOW_W + SLOPE_W * (c[m] - LOW)
+            total = casadi.dot(casadi.DM(self._mean), state) + power
+            root = casadi.sqrt(BATTERY.voltage_v**2 - 4 * BATTERY.resistance_ohm * total)
+            soc -= SOC_PER_A * 2 * total / (BATTERY.voltage_v + root)
+            state = casadi.mtimes(casadi.DM(self._turn), state)
+            limits.append(BATTERY.power_per_soc_w * soc - casadi.mtimes(output, state) - power)
+            gain += power**2
+        limit = casadi.vertcat(*limits)
+        slope = casadi.gradient(gain, c)
+        parts = [-slope / casadi.norm_inf(slope), casadi.jacobian(limit, c), limit]
+        self._linear = casadi.Function("linear", [c, measured], parts)
+        self._hessian = casadi.DM.eye(steps) * PROXIMAL
+        structure = {"h": self._hessian.sparsity(), "a": self._linear.sparsity_out(1)}
+        self._qp = casadi.conic("replan", "osqp", structure, QP_OPTIONS)
+
+    def solve(self, start: dict[str, Any]) -> Any:
+        """Solve: what is timed."""
+        c, last = start["x0"], start["multipliers"]
+        for _ in range(2):
+            gradient, rows, limit = self._linear(c, start["p"])
+            found = self._qp(h=self._hessian, g=gradient, a=rows, lba=-limit, lbx=LOW - c, ubx=HIGH - c, **last)
+            c = np.clip(c + np.array(found["x"]).ravel(), LOW, HIGH)
+            last = {"lam_x0": found["lam_x"], "lam_a0": found["lam_a"]}
+        return {"x": c, "multipliers": last}
+
+    def start(self, instance: Instance, c: np.ndarray, last: Any = None) -> dict[str, Any]:
+        """Where to begin: computations and multipliers of the last answer, and the measured state."""
+        multipliers = {} if last is None else last["multipliers"]
+        return {"x0": c, "p": np.r_[instance.state_w, instance.soc], "multipliers": multipliers}
+
+    def solved(self) -> bool:
+        """Whether the last answer is one."""
+        return bool(self._qp.stats()["success"])
+
+
+PROXIMAL = horizon.PROXIMAL / (HIGH - LOW) ** 2  # as ours, where computations are shares of their range
+QP_OPTIONS = {
+    "print_time": False,
+    "error_on_fail": False,
+    "warm_start_primal": True,
+    "warm_start_dual": True,
+    "osqp": {"verbose": False, "eps_abs": 1e-6, "eps_rel": 1e-6, "max_iter": 20000},
+}
+
 # the fewest iterations of the settings tried: 5 (10 s) and 8 (46 s) in the median
 OPTIONS = {
     "expand": True,
@@ -252,24 +311,24 @@ class Speed:
     failed: float
 
 
-def speed(rng: np.random.Generator, count: int, steps: int, block: int) -> Speed:
+def speed(rng: np.random.Generator, count: int, steps: int, block: int, kind: type[Peer]) -> Speed:
     """Both on the same related instances, a block at a time, each from its last answer."""
-    ours, peer = Ours(steps), Peer(steps)
+    ours, peer = Ours(steps), kind(steps)
     ours_ms, peer_ms, active, failed = [], [], 0, 0
     c, last = np.full(steps, HIGH), None
     found = instances(rng, count, steps, related=True)
     for first in range(0, count, block):
         for instance in found[first : first + block]:
             observation = ours.prepare(instance)
-            started = time.perf_counter()
+            started = time.thread_time()
             _, plan = ours.solve(observation)
-            ours_ms.append(1e3 * (time.perf_counter() - started))
+            ours_ms.append(1e3 * (time.thread_time() - started))
             active += bool(plan.chosen_w.min() < HIGH_W - 1e-6)
         for instance in found[first : first + block]:
             start = peer.start(instance, c, last)
-            started = time.perf_counter()
+            started = time.thread_time()
             last = peer.solve(start)
-            peer_ms.append(1e3 * (time.perf_counter() - started))
+            peer_ms.append(1e3 * (time.thread_time() - started))
             c = peer.reals(last)
             failed += not peer.solved()
     return Speed(ours_ms, peer_ms, active / count, failed / count)
@@ -328,9 +387,9 @@ def parts(rng: np.random.Generator, count: int, steps: int) -> dict[str, float]:
 
     def clocked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
         def call(*arguments: Any, **named: Any) -> Any:
-            started = time.perf_counter()
+            started = time.thread_time()
             result = method(*arguments, **named)
-            now[name] += time.perf_counter() - started
+            now[name] += time.thread_time() - started
             return result
 
         return call
@@ -341,9 +400,9 @@ def parts(rng: np.random.Generator, count: int, steps: int) -> dict[str, float]:
         ours = Ours(steps)
         for instance in instances(rng, count, steps, related=True):
             observation = ours.prepare(instance)
-            started = time.perf_counter()
+            started = time.thread_time()
             ours.solve(observation)
-            spent["all"].append(time.perf_counter() - started)
+            spent["all"].append(time.thread_time() - started)
             for name in PARTS:
                 spent[name].append(now[name])
                 now[name] = 0.0
@@ -361,20 +420,16 @@ def main() -> None:
     parser.add_argument("--plain", action="store_true", help="without compiled code")
     add_option(parser, "replan")
     options = parser.parse_args()
-    with recorded("replan", write=options.write):
+    with recorded("replan", write=options.write, measures=("planning/paper/horizon.py", "planning/qp.py")):
         _print(options)
 
 
 def _print(options: argparse.Namespace) -> None:
     form = "compiled" if compiled.enable(not options.plain) else "plain"
     print(f"{options.instances} instances of each kind, seed {options.seed}, {form}")
-    print(head("horizon", "order", "ours, all [ms]", "peer, reals [ms]", "ratio", "active", "peer failed"))
-    for steps, block in itertools.product((10, round(PERIOD_S)), (BLOCK, 1)):
-        s = speed(np.random.default_rng(options.seed), options.instances, steps, block)
-        ours, peer = float(np.median(s.ours_ms)), float(np.median(s.peer_ms))
-        order = "in turn" if block == 1 else "in blocks"
-        cells = f"{ours:.3f}", f"{peer:.3f}", f"{peer / ours:.1f}", f"{s.active:.0%}", f"{s.failed:.1%}"
-        print(line(f"{steps} s", order, *cells))
+    print(head("horizon, order, peer", "ours, all [ms]", "peer, reals [ms]", "ratio", "active", "peer failed"))
+    for name, kind in {"IPOPT": Peer, "OSQP as plug-in": QpPeer}.items():
+        _print_speed(options, name, kind)
     for steps in (10, round(PERIOD_S)):
         print(head(f"where it goes, {steps} s", "µs"))
         for name, us in parts(np.random.default_rng(options.seed), options.instances, steps).items():
@@ -384,6 +439,15 @@ def _print(options: argparse.Namespace) -> None:
         q = quality(np.random.default_rng(options.seed + 1), options.instances, steps)
         figures = min(q.ahead), np.mean(q.ahead), max(q.ahead), np.median(q.gaps), q.violation_w
         print(line(f"{steps} s", *(f"{figure:.1e}" for figure in figures)))
+
+
+def _print_speed(options: argparse.Namespace, name: str, kind: type[Peer]) -> None:
+    for steps, block in itertools.product((10, round(PERIOD_S)), (BLOCK, 1)):
+        s = speed(np.random.default_rng(options.seed), options.instances, steps, block, kind)
+        ours, peer = float(np.median(s.ours_ms)), float(np.median(s.peer_ms))
+        order = "in turn" if block == 1 else "in blocks"
+        cells = f"{ours:.3f}", f"{peer:.3f}", f"{peer / ours:.1f}", f"{s.active:.0%}", f"{s.failed:.1%}"
+        print(line(f"{steps} s, {order}, {name}", *cells))
 
 
 if __name__ == "__main__":

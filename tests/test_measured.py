@@ -8,9 +8,13 @@ from __future__ import annotations
 
 import re
 import shlex
+import sys
 
 import pytest
 from common import ROOT
+
+sys.path.insert(0, str(ROOT / "benchmarks"))
+from measured import digest
 
 README, FOLDER = ROOT / "README.md", ROOT / "docs/measured"
 FIGURE = re.compile(r"([\d.,]+)<!-- (\w+\.md): ([^;]+); (.+?) -->")
@@ -63,6 +67,18 @@ def test_a_measured_file_names_its_command_date_and_machine(name):
     assert (ROOT / shlex.split(command[1])[1]).exists()
     assert re.search(r"^\d{4}-\d\d-\d\d, \d+ cores, .*Python 3\.\d+", text, re.MULTILINE), "no date and machine"
     assert re.search(r"^(\||- )", text, re.MULTILINE), "nothing measured"
+
+
+@pytest.mark.parametrize(
+    "name", sorted(path.name for path in FOLDER.glob("*.md") if "\nCode `" in path.read_text("utf-8"))
+)
+def test_a_page_is_no_older_than_the_code_that_it_measures(name):
+    known, paths = re.search(r"^Code `(\w+)` of (.*)\.$", body(name), re.MULTILINE).groups()
+    assert known == digest(re.findall("`(.*?)`", paths)), f"run the command of docs/measured/{name} again"
+
+
+def test_the_speed_that_the_readme_quotes_is_of_this_code():
+    assert "\nCode `" in body("replan.md")
 
 
 def test_every_measured_file_is_linked():

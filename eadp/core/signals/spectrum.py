@@ -254,10 +254,12 @@ def _assess(samples: _Samples, frequency_hz: float, order: int, shortest_s: floa
 def _multiple(samples: _Samples, found: _Found) -> int:
     """The period over the shortest one of which it is a multiple: all harmonics that one lacks are zero.
 
-    They are if their square is a millionth of the signal's, or compatible with noise: βᵀ (cov β)⁻¹ β is χ².
+    They are if their square is a millionth of the signal's, or compatible with noise, βᵀ (cov β)⁻¹ β being χ², and the
+    others forecast no worse: in slow noise the first alone has little power.
     """
     fitted, _ = _fit(samples, found.frequency_hz, found.order)
     covariance = _covariance(samples, found, found.order)
+    best, total = _errors(samples, found.frequency_hz, found.order), float(samples.square.sum())
     harmonic = (np.arange(len(fitted)) + 1) // 2
     for part in range(found.order, 1, -1):
         lacking = harmonic % part != 0
@@ -265,7 +267,8 @@ def _multiple(samples: _Samples, found: _Found) -> int:
         if float(rest @ rest) <= 1e-6 * float(fitted[1:] @ fitted[1:]):
             return part
         half = 0.5 * float(rest @ np.linalg.lstsq(covariance[np.ix_(lacking, lacking)], rest, rcond=None)[0])
-        if special.gammaincc(len(rest) / 2, half) > _SURE:
+        zero = special.gammaincc(len(rest) / 2, half) > _SURE
+        if zero and _no_worse(_errors(samples, found.frequency_hz * part, found.order // part), best, total):
             return part
     return 1
 
@@ -380,6 +383,10 @@ def _by_order(sums: _Sums, max_order: int) -> FloatArray:
         if order >= at + _PATIENCE:
             break
     return np.array(errors)
+
+
+def _errors(samples: _Samples, frequency_hz: float, order: int) -> FloatArray:
+    return _held_out(_sums(samples, frequency_hz, order), order)
 
 
 def _cv_r2(samples: _Samples, frequency_hz: float, order: int) -> float:

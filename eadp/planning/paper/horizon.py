@@ -462,17 +462,20 @@ class Horizon:
         at = self._at + made
         used, value = table.drop.take(at), table.value.take(at)
         before, raises = soc - used.cumsum() + used, []
+        freed = np.maximum.accumulate(used - table.drop.min(axis=1))  # at most, by lowering one step up to here
         for step in np.flatnonzero(mixed).tolist():
             better = np.flatnonzero(table.value[step, made[step] + 1 :] > value[step])
             if len(better):
                 above = made[step] + 1 + better[0]
                 missing = table.limit[step, above] - (before[step] - table.drop[step, above])
-                raises.append((value[step] - table.value[step, above], step, above, missing))
+                if missing <= freed[step]:
+                    raises.append((value[step] - table.value[step, above], step, above, missing))
         for minus_gain, step, above, missing in sorted(raises):
             losses = value[:step, None] - table.value[:step]
             enough = used[:step, None] - table.drop[:step] >= max(missing, 1e-15)
-            places = zip(*np.nonzero(enough & (losses < -minus_gain)), strict=True)
-            others = [place for _, place in sorted((losses[place], place) for place in places)]
+            places = np.flatnonzero(enough & (losses < -minus_gain))
+            by_loss = places[losses.take(places).argsort(kind="stable")].tolist()
+            others = [divmod(place, len(self.choices)) for place in by_loss]
             # (step, above) stands for no other step changed
             for other, choice in [(step, above), *others] if missing <= 0 else others:
                 trial = made.copy()
