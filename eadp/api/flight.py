@@ -37,6 +37,8 @@ OVERRIDES = "overrides.txt"
 REPORT = "report.html"
 CLOCKED = ("median_ms", "max_ms")
 """Keys of a summary's solver that depend on the machine and its load."""
+WHOLE = 0.995
+"""Share of a way that is printed as 100 %: one pack is enough for it, if not with the probability that is asked for."""
 LONGEST_NAME = 200
 """Longest name of an input [bytes] before which its kind is written."""
 
@@ -181,9 +183,9 @@ def batteries(expected: Preflight) -> int | None:
 
     Ways home and back to the mission are not in it.
     """
-    if expected.feasible:
-        return 1
     share = 0.0 if expected.reach is None else expected.reach.energy_share
+    if expected.feasible or (expected.reach is not None and expected.reach.share > WHOLE):
+        return 1
     return max(2, math.ceil(1 / share - 1e-9)) if share > 0 else None
 
 

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 from eadp import __version__
 from eadp.api.given import File
+from eadp.api.turns import overshoot_findings
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined, refuse
 from eadp.io.energy.model_file import energy_yaml, parse_energy
@@ -44,6 +45,7 @@ from eadp.planning.base import Mission
 from eadp.planning.flight import PlannedFlight, make_flight
 from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import planner_class
+from eadp.simulation.nominal import NominalFlight, Overshoot
 
 LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
 """Time limit of a flight as a multiple of its forecast time, and where there is no forecast [s]."""
@@ -217,11 +219,15 @@ def load_flight(
     start = _start(flown, plan_source, setting, parameters)
     _check_aircraft(flown, plan_source, setting)
     _check_battery(setting, computing.power_w(parameters, flown.stages[0].sets))
-    world = _world(flown, computing, setting, parameters, start)
+    vehicle = setting.keys.vehicle.airframe
+    nominal = None if isinstance(vehicle, PaperVehicle) else NominalFlight(vehicle, setting.keys.guidance)
+    forecast_s, overshoots = _nominal_s(flown, parameters, setting, start[0], nominal)
+    world = _world(flown, computing, setting, parameters, start, forecast_s)
     _check_rates(world, setting)
     _check_names(flown, setting)
     warnings += _unused(flown, setting)
-    mission = _mission(world, setting, model)
+    warnings += [finding.fault(plan_source.name) for finding in overshoot_findings(overshoots)]
+    mission = _mission(world, model, nominal)
     _check_planner(setting, mission)
     warnings += _doubts(setting, world)
     return FlightInputs(world, mission, setting, tuple(warnings), sources)
@@ -268,11 +274,16 @@ def _named(plan: Plan, text: Source, profile: AnyProfile | None, scenario: Scena
 
 
 def _world(
-    plan: Plan, computing: Computing, scenario: Scenario, parameters: Vector, start: tuple[Point, float]
+    plan: Plan,
+    computing: Computing,
+    scenario: Scenario,
+    parameters: Vector,
+    start: tuple[Point, float],
+    forecast_s: float,
 ) -> World:
     keys, (start_m, heading_rad) = scenario.keys, start
     vehicle, rates = keys.vehicle.airframe, keys.computations
-    limit_s = keys.time_limit_s or _time_limit_s(plan, parameters, start_m, scenario, vehicle.airspeed_mps)
+    limit_s = keys.time_limit_s or (LIMIT_FORECASTS * forecast_s if math.isfinite(forecast_s) else LIMIT_S)
     return World(
         plan=plan,
         computing=computing,
@@ -318,7 +329,7 @@ def _way_home(plan: Plan, scenario: Scenario, start_m: Point) -> WayHome | None:
     return WayHome(home_m, turn_radius_m, turns_back, ways)
 
 
-def _mission(world: World, scenario: Scenario, energy: EnergyModel | None) -> Mission:
+def _mission(world: World, energy: EnergyModel | None, nominal: NominalFlight | None) -> Mission:
     """What the planner knows of a world before take-off."""
     vehicle = world.vehicle
     return Mission(
@@ -337,6 +348,7 @@ def _mission(world: World, scenario: Scenario, energy: EnergyModel | None) -> Mi
         airframe=vehicle if isinstance(vehicle, FixedWing) else None,
         altitude_m=world.start.altitude_m,
         cruise_altitude_m=vehicle.cruise_altitude_m,
+        nominal=nominal,
     )
 
 
@@ -376,14 +388,19 @@ def _check_battery(scenario: Scenario, computing_w: float) -> None:
         raise InputError(scenario.fault(f"battery.{key}", message, "a battery that can"))
 
 
-def _time_limit_s(plan: Plan, parameters: Vector, start: Point, scenario: Scenario, airspeed_mps: float) -> float:
-    """Time limit of a flight without one [s]: a multiple of the forecast at the parameters of take-off."""
+def _nominal_s(
+    plan: Plan, parameters: Vector, scenario: Scenario, start: Point, nominal: NominalFlight | None
+) -> tuple[float, list[Overshoot]]:
+    """Time of a flight at the parameters of take-off [s], infinite where there is none; what is flown off its path."""
     try:
         route = whole_route(plan, parameters, scenario.rules, start, MARGIN_M)
     except PathUndefined:
-        return LIMIT_S
-    forecast_s = float(route.times_s(airspeed_mps, scenario.keys.wind.steady_mps)[0].sum())
-    return LIMIT_FORECASTS * forecast_s if math.isfinite(forecast_s) else LIMIT_S
+        return math.inf, []
+    wind_mps, airspeed_mps = scenario.keys.wind.steady_mps, scenario.keys.vehicle.airframe.airspeed_mps
+    if nominal is None:
+        return float(route.times_s(airspeed_mps, wind_mps)[0].sum()), []
+    times_s, overshoots = nominal.times_s(route, wind_mps)
+    return float(times_s.sum()), overshoots
 
 
 def _commands(plan: Plan) -> bool:

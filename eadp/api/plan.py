@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from eadp.api.given import File, Warn, python_warnings
+from eadp.api.turns import calm_findings, is_tight
 from eadp.errors import Fault, InputError
 from eadp.io.mission.reader import PlanReader, is_mission
 from eadp.io.text.streams import Text, read_text
@@ -47,7 +48,7 @@ def check_plan(
         With every fault of the file.
     """
     text = read_text(str(file))
-    plan, findings = PlanReader(laps=laps).turning(min_radius_m or None)(text)
+    plan, findings = _read(text, min_radius_m or None, laps)
     if not geometry:
         return CheckedPlan(plan, text.name, findings)
     from eadp.validation.check import check_plan as check_geometry
@@ -107,6 +108,15 @@ def plan_of(given: File | Plan, min_radius_m: float | None, laps: int | None, wa
 
 
 def _of_text(text: Text, min_radius_m: float | None, laps: int | None, warn: Warn) -> Plan:
-    plan, findings = PlanReader(laps=laps).turning(min_radius_m)(text)
+    plan, findings = _read(text, min_radius_m, laps)
     warn([finding.fault(text.name) for finding in findings])
     return plan
+
+
+def _read(text: Text, min_radius_m: float | None, laps: int | None) -> tuple[Plan, list[Finding]]:
+    """A plan or a mission, and what was found in it: of a mission, also what is flown where it turns too tightly."""
+    reader = PlanReader(laps=laps).turning(min_radius_m)
+    plan, findings = reader(text)
+    if is_mission(text) and is_tight(plan, reader.turn_radius_m):
+        findings = [*findings, *calm_findings(plan, reader.turn_radius_m)]
+    return plan, findings

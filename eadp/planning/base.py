@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, Protocol
 
+import numpy as np
 from annotated_types import Ge, Le, Len
 
 from eadp.core.arrays import Column, FloatArray
@@ -23,6 +24,7 @@ from eadp.models.computing import Computing
 from eadp.models.energy import EnergyModel
 from eadp.models.plan.cursor import PlanCursor, Rules, Vector
 from eadp.models.plan.plan import Plan
+from eadp.models.plan.route import Route
 from eadp.models.plan.stage import Box
 from eadp.models.vehicle import FixedWing
 
@@ -365,6 +367,40 @@ class SolverReport:
     solve_ms: list[float] = field(default_factory=list)
 
 
+class FlownLegs(NamedTuple):
+    """Legs of routes one after the other, as flown in a wind.
+
+    Attributes
+    ----------
+    times_s, turning_s : array, shape (legs,)
+        Time, and time integral of tan² of the bank [s].
+    excess_s : array, shape (routes,)
+        Root of the sum of the squares of the times that turns take more than their paths' lengths [s].
+    """
+
+    times_s: FloatArray
+    turning_s: FloatArray
+    excess_s: FloatArray = np.zeros(0)
+
+
+class Nominal(Protocol):
+    """Flies what the aircraft cannot follow: turns tighter than it can turn in the wind, and corners.
+
+    Attributes
+    ----------
+    max_slope : float
+        tan² of the aircraft's greatest bank.
+    """
+
+    max_slope: float
+
+    def flown(self, routes: Sequence[Route], wind_mps: Point, followed: FlownLegs) -> FlownLegs:
+        """Legs of routes as flown in a wind [m/s]; `followed` itself where the aircraft can follow them all.
+
+        A time is infinite where the aircraft never gets to the end of a leg.
+        """
+
+
 @dataclass(frozen=True)
 class Mission:
     """The mission as known before take-off.
@@ -372,7 +408,8 @@ class Mission:
     `motion_w` is the power of straight level flight [W], if known, and `max_motion_w` the motor's greatest;
     `gust_time_s` is the time constant of gusts [s]. `airframe` gives the power of climbs and of the stages' airspeeds,
     None that of level flight alone; `altitude_m` is that of take-off [m], `cruise_altitude_m` that of stages which
-    command none. `live` is whether forecasts are shown as they are made: none is older than a re-planning then.
+    command none. `nominal` flies what the aircraft cannot follow. `live` is whether forecasts are shown as they are
+    made: none is older than a re-planning then.
     """
 
     plan: Plan
@@ -391,6 +428,7 @@ class Mission:
     altitude_m: float = 0.0
     cruise_altitude_m: float = 0.0
     live: bool = False
+    nominal: Nominal | None = None
 
 
 def allowed_levels(

@@ -97,7 +97,10 @@ def read_csv_log(text: Text, columns: Columns) -> PowerLog:
     readings, warnings, counts = _readings(text.name, chain([second] if second else [], rows), layout)
     if layout.guessed and len(readings.raw) > 1:
         _check_step(first, layout, float(np.median(np.abs(np.diff(readings.raw)))) / layout.per[0])
-    return in_order(text.name, readings, layout.per[0], warnings, counts, position=layout.position, also=layout.also)
+    header = columns.names or first.fields
+    names = [header[i] for i in layout.index[1:]]
+    position, also = layout.position, layout.also
+    return in_order(text.name, readings, layout.per[0], warnings, counts, position=position, also=also, names=names)
 
 
 # ── columns ──

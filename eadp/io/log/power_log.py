@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.signals.spectrum import MIN_SAMPLES
-from eadp.errors import Fault, InputError
+from eadp.errors import Fault, InputError, printable
 from eadp.io.text.options import Flag
 
 LARGEST_W = 1e9
@@ -150,8 +150,9 @@ def in_order(
     *,
     position: bool,
     also: Sequence[str] = (),
+    names: Sequence[str] = ("voltage", "current"),
 ) -> PowerLog:
-    """The log of readings in order of time, each time once.
+    """The log of readings in order of time, each time once; `names` are those of the columns of the factors.
 
     Raises
     ------
@@ -172,10 +173,8 @@ def in_order(
         warnings.append(Fault(name, int(readings.lines[gap + 1]), 1, message, severity="warning"))
     mean_w = float(readings.factors.prod(axis=1).mean())
     if abs(mean_w) > IMPOSSIBLE_W:
-        means = ["power", "voltage", "current"][slice(1, 3) if readings.factors.shape[1] == 2 else slice(0, 1)]
-        columns = ", ".join(
-            f"{what} {mean:.4g}" for what, mean in zip(means, readings.factors.mean(axis=0), strict=True)
-        )
+        means = readings.factors.mean(axis=0)
+        columns = ", ".join(f"{printable(what, 80)} {mean:.4g}" for what, mean in zip(names, means, strict=True))
         message = f"a mean power of {mean_w:.4g} W (mean of the columns: {columns})"
         raise InputError(
             Fault(name, 1, 1, message, f"at most {IMPOSSIBLE_W:g} W; columns in mW, mV or mA are named so")

@@ -358,6 +358,7 @@ class MissionPlan:
                     altitude_m=visit.altitude_m,
                     airspeed_mps=visit.airspeed_mps,
                     commands=commands,
+                    item=visit.item.label,
                 )
             )
         shortest_m = min(piece.length_m for _, piece in path.pieces)

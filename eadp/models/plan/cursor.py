@@ -8,7 +8,7 @@ stages lie after the shifts of earlier laps, and when a new path parameter takes
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -346,6 +346,13 @@ class _Table:
                 )
             self._shifts[waiting] = shift_at(self.plan, values)
         return self._shifts[waiting]
+
+
+def cursors(cursor: PlanCursor | None) -> Iterator[PlanCursor]:
+    """The stages from a cursor on, as long as there is a next one."""
+    while cursor is not None:
+        yield cursor
+        cursor = cursor.next()
 
 
 def _check_laps(lap: int) -> None:

@@ -41,7 +41,17 @@ class PlanExecutor:
     """
 
     def __init__(self, plan: Plan, parameters: Sequence[float], position: Point, rules: Rules) -> None:
-        self.cursor = PlanCursor.start(plan, parameters, rules)
+        self._begin(PlanCursor.start(plan, parameters, rules), position)
+
+    @classmethod
+    def at(cls, cursor: PlanCursor, position: Point) -> PlanExecutor:
+        """A flight from the start of a stage [m] on."""
+        executor = cls.__new__(cls)
+        executor._begin(cursor, position)
+        return executor
+
+    def _begin(self, cursor: PlanCursor, position: Point) -> None:
+        self.cursor = cursor
         self.joined_m = position
         self.stages_started = 1
         self.complete = False

@@ -7,12 +7,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.arrays import BoolArray, FloatArray, IntArray
 from eadp.core.flight.wind import ground_speeds_mps, squared_bank_slopes
 from eadp.core.geometry.tracks import Nodes
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box, Stage
+
+NODE_SHARE = 0.4
+"""Share of the weight of a leg's first node that lies before it: 0.39 to 0.42 of Gauss's nodes, 0.5 of a curve's."""
+SAME_RADIUS = 1e-3
+"""Share by which a turn of the least radius misses it for the rounding of coordinates."""
+OVERSHOOT_M = 1.0
+"""Overshoot of a corner that is followed as well as gusts allow [m]."""
 
 
 class LegRows(NamedTuple):
@@ -32,6 +39,8 @@ class LegRows(NamedTuple):
         1 where a parameter has a choice on a leg that depends on it, else 0.
     shares : array, shape (rows, parameters)
         Share of its set that each parameter has; 0 where it has no choice.
+    bends_per_m, courses_rad : array, shape (rows,) and (rows, 2)
+        Greatest curvature [1/m], and the courses at both ends [rad].
     """
 
     nodes: Nodes
@@ -41,6 +50,8 @@ class LegRows(NamedTuple):
     stages: IntArray
     free: FloatArray
     shares: FloatArray
+    bends_per_m: FloatArray
+    courses_rad: FloatArray
 
 
 class LegTable:
@@ -70,7 +81,9 @@ class LegTable:
         self._numbers: dict[tuple[int, int, Vector], int] = {}
         none, nothing = np.zeros(0), np.zeros((0, len(plan.names)))
         zero = np.zeros(1, dtype=np.intp)
-        self._rows = LegRows(Nodes(none, none, none, none), zero, none, none, zero[1:], nothing, nothing)
+        self._rows = LegRows(
+            Nodes(none, none, none, none), zero, none, none, zero[1:], nothing, nothing, none, np.zeros((0, 2))
+        )
 
     def row(self, stage: Stage, parameters: Vector, nodes: Nodes) -> int:
         """The row of a leg; a new one for what is not in the table yet."""
@@ -103,6 +116,8 @@ class LegTable:
             np.array([stage.index for stage in stages], dtype=np.intp),
             np.array([self._free[stage.index - 1] for stage in stages]),
             np.array([self._shares(stage, own) for stage, own in zip(stages, parameters, strict=True)]),
+            np.array([np.abs(own.curvature_per_m).max() for own in nodes]),
+            np.array([[_course_rad(own, 0), _course_rad(own, -1)] for own in nodes]),
         )
 
     def _shares(self, stage: Stage, parameters: Vector) -> list[float]:
@@ -111,6 +126,48 @@ class LegTable:
             min(max((value - low) / width, 0.0), 1.0) if width > 0 else 0.0
             for (low, width), value in zip(self._sets[stage.index - 1], parameters, strict=True)
         ]
+
+
+def _course_rad(nodes: Nodes, at: int) -> float:
+    """The course at the start (0) or the end (-1) of a leg [rad]: the outer nodes have 0.4 of their weights beyond."""
+    beyond_m = (NODE_SHARE if at else -NODE_SHARE) * nodes.weights_m[at]
+    return float(np.arctan2(nodes.sine[at], nodes.cosine[at]) + beyond_m * nodes.curvature_per_m[at])
+
+
+class TightLegs(NamedTuple):
+    """Of each leg of routes: whether it bends tighter than the aircraft can turn, and whether the path has a corner
+    at its start."""
+
+    bends: BoolArray
+    corners: BoolArray
+
+
+def tight_legs(
+    rows: LegRows, order: IntArray, first: IntArray, radius_m: float, airspeed_mps: float, wind_mps: float
+) -> TightLegs:
+    """Which legs an aircraft cannot follow.
+
+    Parameters
+    ----------
+    rows, order
+        As for `leg_times_s`.
+    first : array of int, shape (routes,)
+        First leg of each route.
+    radius_m, airspeed_mps : float
+        The aircraft's least radius of a turn without wind [m], at its airspeed [m/s].
+    wind_mps : float
+        Speed of the wind [m/s].
+
+    Source: `eadp.models.performance.ground_radius_m`; a corner of θ that is turned at a radius r is overshot by
+    r (1 − cos θ).
+    """
+    own = np.where(np.isnan(rows.airspeeds_mps), airspeed_mps, rows.airspeeds_mps)
+    min_radius_m = radius_m * ((own + wind_mps) / airspeed_mps) ** 2
+    bends = (rows.bends_per_m * min_radius_m > 1 - SAME_RADIUS)[order]
+    corner_rad = np.zeros(len(order))
+    corner_rad[1:] = rows.courses_rad[order[1:], 0] - rows.courses_rad[order[:-1], 1]
+    corner_rad[first] = 0.0
+    return TightLegs(bends, radius_m * (1 - np.cos(corner_rad)) > OVERSHOOT_M)
 
 
 def leg_times_s(

@@ -91,6 +91,8 @@ class Route:
         Ground per metre of each, see `eadp.models.plan.ground.lap_scale`.
     beyond_m : float
         Length of the last lap beyond the end of the plan [m]: its strip is as long as any other.
+    cursor : PlanCursor or None
+        The plan's position at its start; None where it is not known.
     """
 
     table: LegTable
@@ -100,6 +102,7 @@ class Route:
     runs: IntArray
     scales: FloatArray
     beyond_m: float = 0.0
+    cursor: PlanCursor | None = None
 
     @cached_property
     def legs(self) -> tuple[Leg, ...]:
@@ -166,7 +169,8 @@ class Route:
         pieces = self.pieces[1:] if isinstance(self.pieces[0], Leg) else self.legs[1:]
         passed = int(self.runs[1]) if len(self.runs) > 1 else 0
         runs, scales = self.runs[1:] - passed, self.scales[passed:]
-        return Route(self.table, self.order[1:], ends, pieces, runs, scales, self.beyond_m)
+        cursor = None if self.cursor is None else self.cursor.next()
+        return Route(self.table, self.order[1:], ends, pieces, runs, scales, self.beyond_m, cursor)
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
@@ -206,7 +210,7 @@ class RoutePredictor:
             If a path or trigger has no value, a trigger is not met, or the plan's end is not reached.
         """
         table = self._table = self._table or LegTable(cursor.table.plan)
-        made = _RouteMaker(table)
+        made = _RouteMaker(table, cursor)
         start = joined_m
         following: PlanCursor | None = cursor
         while following is not None:
@@ -250,7 +254,7 @@ class RoutePredictor:
             As `route`.
         """
         table = self._table = self._table or LegTable(cursor.table.plan)
-        made = _RouteMaker(table)
+        made = _RouteMaker(table, cursor)
         made.start(cursor)
         made.add(*self._leg(cursor, joined_m))
         return made.route()
@@ -320,10 +324,10 @@ class RoutePredictor:
 class _RouteMaker:
     """Collects the legs of a route, and the laps that they belong to."""
 
-    def __init__(self, table: LegTable) -> None:
+    def __init__(self, table: LegTable, first: PlanCursor) -> None:
         self.rows: list[int] = []
         self.ends: list[UncertainEnd] = []
-        self._table = table
+        self._table, self._first = table, first
         self._pieces: list[Leg | AlikeLaps] = []
         self._runs: list[int] = []
         self._scales: list[float] = []
@@ -363,7 +367,8 @@ class _RouteMaker:
         """The route; see its `beyond_m`."""
         self._finish(last=True)
         order, runs = (np.array(numbers, dtype=np.intp) for numbers in (self.rows, self._runs))
-        return Route(self._table, order, tuple(self.ends), tuple(self._pieces), runs, np.array(self._scales), beyond_m)
+        ends, pieces, scales = tuple(self.ends), tuple(self._pieces), np.array(self._scales)
+        return Route(self._table, order, ends, pieces, runs, scales, beyond_m, self._first)
 
 
 def _cut_at_end(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -112,7 +112,7 @@ class Stage:
     `radius_m` is the radius of its trigger where it has its own (the letter's ε_i); `Plan.radius_m` is the one that
     holds. `segment` is the one that it belongs to, where path and trigger may name its loop variables. `altitude_m` is
     above the origin. `commands` are what an autopilot does as the stage starts, as MAVLink's numbers: a command and its
-    parameters; they do not move it.
+    parameters; they do not move it. `item` is what messages call the item of a mission that it leads to.
     """
 
     index: int
@@ -127,6 +127,12 @@ class Stage:
     altitude_m: float | None = None
     airspeed_mps: float | None = None
     commands: tuple[tuple[float, ...], ...] = ()
+    item: str = field(default="", compare=False)
+
+    @property
+    def label(self) -> str:
+        """What messages call it."""
+        return self.item or f"stage {self.index}"
 
     @cached_property
     def kind(self) -> str:

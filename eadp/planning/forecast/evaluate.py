@@ -21,7 +21,7 @@ from eadp.models.plan.leg_table import leg_times_s
 from eadp.models.plan.legs import Leg, left_m
 from eadp.models.plan.route import Route
 from eadp.models.plan.route_arrays import RouteArrays
-from eadp.planning.base import Ending, Mission, PlannerSettings, TradeOff
+from eadp.planning.base import Ending, FlownLegs, Mission, PlannerSettings, TradeOff
 from eadp.planning.forecast.battery_limits import PowerLimits, RouteLoad, power_limits
 from eadp.planning.forecast.climbs import with_climbs
 from eadp.planning.forecast.envelopes import Envelopes
@@ -39,6 +39,10 @@ WIND_PRIOR_MPS = 4.0
 
 MAX_WIND = 0.8
 """Greatest wind for which the variance of times is taken, as a share of the airspeed."""
+
+OVERSHOOT_SHARE = 0.35
+"""Standard deviation of the time that overshot turns add, as a share of it: 1.48 times the median miss in gusts
+(benchmarks/real.py)."""
 
 ROUNDING = 1e-9
 """Charge that counts as rounding."""
@@ -283,6 +287,12 @@ class Evaluator:
         legs = RouteArrays.of(routes)
         winds_mps = _sigma_points(known.wind, known.airspeed_mps)
         in_winds_s, turning_s = leg_times_s(legs.rows, legs.order, known.airspeed_mps, winds_mps)
+        followed = FlownLegs(in_winds_s[0], turning_s[0])
+        nominal = self.mission.nominal
+        flown = followed if nominal is None else nominal.flown(routes, known.wind.mps, followed)
+        if flown is not followed:
+            finite = np.isfinite(followed.times_s)
+            in_winds_s = in_winds_s + np.where(finite, flown.times_s, 0.0) - np.where(finite, followed.times_s, 0.0)
         flyable = np.isfinite(legs.sums(in_winds_s[0]))
         if not flyable.all():
             index = np.flatnonzero(flyable)
@@ -291,17 +301,22 @@ class Evaluator:
             rest = self.evaluate(known, [routes[i] for i in index.tolist()])
             return replace(rest, index=index[rest.index])
         factor, wind_var = _wind_effect(legs.sums(in_winds_s.T))
-        whole_s, turning_s = in_winds_s[0] * factor[legs.place], turning_s[0] * factor[legs.place]
+        if flown is not followed:
+            wind_var += (OVERSHOOT_SHARE * flown.excess_s / legs.sums(in_winds_s[0])) ** 2
+        whole_s, turning_s = in_winds_s[0] * factor[legs.place], flown.turning_s * factor[legs.place]
         left = self._left(known, legs, routes, whole_s)
         part = np.ones(len(whole_s))
         part[legs.first] = left
         times_s = whole_s * part * known.time.ratio
         slopes = turning_s / np.where(whole_s > 0.0, whole_s, 1.0)
         motion_w = np.maximum(known.motion.level_w + known.motion.slope_w * slopes, 0.0)
+        motion_w = np.minimum(motion_w, np.maximum(known.motion.level_w, self.mission.max_motion_w))
         bank_s = legs.sums(turning_s * part) * known.time.ratio
         peak_w = motion_w
         if known.climb is not None:
-            times_s, motion_w, peak_w = self._climbed(known, routes, whole_s, times_s, motion_w)
+            times_s, motion_w, peak_w = self._climbed(
+                known, routes, followed.times_s * factor[legs.place], times_s, motion_w
+            )
         # above the mean of a window by twice its standard deviation
         peak_w = np.maximum(peak_w, known.motion.max_w) + 2 * math.sqrt(known.motion.noise / WINDOW_S)
         groups = self.envelopes.groups(routes[0].table, legs.order)

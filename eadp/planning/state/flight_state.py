@@ -177,7 +177,7 @@ class FlightState:
         if self._climb is not None:
             slowed_s, self._climb.slowed_s = self._climb.slowed_s, 0.0
         if place.route is not None:
-            if stages_before > 1 and not place.through_gap:
+            if stages_before > 1 and not place.through_gap and place.follows:
                 forecast_s = float(place.route.times_s(speed, self.wind_mps)[0][0])
                 flown_s = o.time_s - place.since_s - slowed_s
                 self._times.learn(forecast_s, flown_s, self._wind.gust_std_mps, speed, gust_time_s)
@@ -187,7 +187,11 @@ class FlightState:
         if route is not None:
             self._ground.start_leg(o.time_s, o.cursor, route.first.length_m)
             times_s, turning_s = route.times_s(speed, self.wind_mps)
-            place.slope = float(turning_s[0] / times_s[0]) if 0 < times_s[0] < math.inf else 0.0
+            slope = float(turning_s[0] / times_s[0]) if 0 < times_s[0] < math.inf else 0.0
+            max_slope = math.inf if self._mission.nominal is None else self._mission.nominal.max_slope
+            # a turn that is overshot tells nothing of the time that its path takes, nor does the leg after it
+            turns = slope <= max_slope
+            place.slope, place.follows, place.turns = min(slope, max_slope), place.turns and turns, turns
         self._ground.hold(o.time_s, o.cursor, o.parameters)
 
     def _read(self, readings: Readings, o: Observation | None = None) -> None:
@@ -390,6 +394,8 @@ class _Place:
         Its mean tan² φ.
     computing_w : float
         Power of the computations as of the last observation [W].
+    turns, follows : bool
+        Whether the aircraft can turn as tightly as the leg, and could on the one before, too.
     through_gap : bool
         Whether its start or end may be unknown.
     flies_mission : bool
@@ -404,6 +410,7 @@ class _Place:
         self.route: Route | None = None
         self.since_s = self.slope = self.computing_w = 0.0
         self.through_gap = self.flies_mission = False
+        self.follows = self.turns = True
         self.reach_std_m = NAVIGATION_M[0]
         self._located_s = 0.0
         self._predictor = RoutePredictor()

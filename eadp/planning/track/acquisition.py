@@ -13,7 +13,7 @@ import numpy as np
 
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, PathUndefined
-from eadp.models.plan.cursor import PlanCursor, Vector
+from eadp.models.plan.cursor import PlanCursor, Vector, cursors
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.legs import Leg
 from eadp.models.plan.route import RoutePredictor
@@ -25,7 +25,6 @@ from eadp.planning.track.locator import (
     MAX_STDS,
     Hypothesis,
     best_match,
-    cursors,
     likely,
     line_between,
 )

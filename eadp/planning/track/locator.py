@@ -15,7 +15,7 @@ import numpy as np
 
 from eadp.core.geometry.curves import Point, tangent
 from eadp.errors import EadpError, PathUndefined
-from eadp.models.plan.cursor import PlanCursor
+from eadp.models.plan.cursor import PlanCursor, cursors
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.legs import Leg, left_m, leg_points
 from eadp.models.plan.route import RoutePredictor
@@ -89,13 +89,6 @@ def likely(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
     """The hypotheses that are as good as not excluded, the likeliest first."""
     ranked = sorted(hypotheses, key=lambda one: -one.log_likelihood)
     return [one for one in ranked if one.log_likelihood >= ranked[0].log_likelihood - ALIKE] or ranked[:1]
-
-
-def cursors(cursor: PlanCursor | None) -> Iterator[PlanCursor]:
-    """The stages from a cursor on, as long as there is a next one."""
-    while cursor is not None:
-        yield cursor
-        cursor = cursor.next()
 
 
 class Locator:

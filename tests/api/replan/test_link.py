@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import json
 import random
+import re
 import select
 import socket
 import struct
@@ -680,6 +681,17 @@ def test_what_is_lost_is_said_once(inputs):
 
 
 # --- files, and a socket
+
+
+def test_a_flight_elsewhere_is_refused(eadp, plan, lines, tmp_path):
+    log, far = tmp_path / "flight.tlog", tmp_path / "far.plan"
+    log.write_bytes(tlog(frames(lines, Autopilot())))
+    text = plan.read_text()
+    origin = re.search(r"^%: origin .*$", text, re.MULTILINE)[0]
+    far.write_text(text.replace(origin, "%: origin -35.36, 149.17"))
+    answer = eadp("replan", far, "--scenario", SCENARIO, "--replay", log)
+    assert (answer.code, answer.out) == (2, "")
+    assert "flight.tlog:1:1: error: is a flight elsewhere, as at" in answer.err
 
 
 def test_a_telemetry_log_gives_the_same_decisions(eadp, plan, lines, flown, tmp_path):

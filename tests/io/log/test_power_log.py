@@ -203,7 +203,7 @@ def test_autopilots_say_unknown_by_minus_one_and_zero() -> None:
 
 def test_a_power_of_no_such_aircraft_is_refused() -> None:
     with pytest.raises(
-        InputError, match=r"a mean power of 4\.05e\+06 W \(mean of the columns: voltage 1500, current 2700"
+        InputError, match=r"a mean power of 4\.05e\+06 W \(mean of the columns: voltage_v 1500, current_a 2700"
     ):
         parse(table("timestamp,voltage_v,current_a", "{i}000000,1500,2700"))
 

@@ -1,0 +1,56 @@
+"""Turns that an aircraft cannot follow, by what is flown instead."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from eadp.core.flight.aerodynamics import GRAVITY_MPS2
+from eadp.core.geometry.curves import CIRCLE
+from eadp.models.plan.plan import Finding, Plan
+from eadp.models.vehicle import FixedWing, Guidance
+
+if TYPE_CHECKING:
+    from eadp.simulation.nominal import Overshoot
+
+NAMED_M = 10.0
+"""Distance from the path beyond which a turn is named [m]: how near to a waypoint PX4 has to be, by default."""
+NEAR = 0.95
+"""Turns of so much of the least radius stay within `NAMED_M` of their paths without wind."""
+
+
+def is_tight(plan: Plan, turn_radius_m: float) -> bool:
+    """Whether a mission's plan has a turn that is clearly tighter than a radius [m], as one without room for it has."""
+    circles = [stage for stage in plan.stages if stage.kind == CIRCLE]
+    tracks = [stage.track(stage.path_at(()), stage.trigger_at(())) for stage in circles]
+    return any(track.radius_m() < NEAR * turn_radius_m for track in tracks)
+
+
+def calm_findings(plan: Plan, turn_radius_m: float) -> list[Finding]:
+    """As `overshoot_findings`, of the default aircraft with turns of a radius [m], without wind."""
+    from eadp.models.plan.trace import nominal_route  # few missions, and slow to import
+    from eadp.simulation.nominal import NominalFlight
+
+    speed, route = FixedWing.airspeed_mps, nominal_route(plan, ())
+    bank_deg = math.degrees(math.atan(speed**2 / (GRAVITY_MPS2 * turn_radius_m)))
+    airframe = replace(FixedWing(), max_bank_deg=bank_deg)
+    return overshoot_findings(NominalFlight(airframe, Guidance()).times_s(route, (0.0, 0.0))[1])
+
+
+def overshoot_findings(overshoots: Sequence[Overshoot]) -> list[Finding]:
+    """Warnings of the turns that are flown far off their paths, each item once."""
+    found: dict[str, Finding] = {}
+    worst_first = sorted(overshoots, key=lambda one: -one.excess_s)
+    for first, last, excess_s, off_m in worst_first:
+        if math.isinf(excess_s):
+            flown = "it circles, and never gets past it"
+        elif off_m > NAMED_M:
+            back = "" if last.label == first.label else f", back on it before {last.label}"
+            flown = f"it flies up to {off_m:.0f} m beside the path, in {excess_s:+.1f} s{back}"
+        else:
+            continue
+        message = f"{first.label}: a turn tighter than the aircraft's: {flown}"
+        found.setdefault(first.label, Finding("warning", first.index, first.line, "overshoot", message))
+    return sorted(found.values(), key=lambda one: one.line)

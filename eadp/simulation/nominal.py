@@ -1,0 +1,226 @@
+"""The nominal flight where a path bends tighter than the aircraft can turn: guidance, bank limit, overshoot and all.
+
+Elsewhere the aircraft follows its path, and the path's own length tells the time. Here the simulated aircraft flies,
+without gusts and noise, from the tight turn until it is back on its path.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import islice
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+from eadp.core.geometry.curves import Point, tangent
+from eadp.errors import PathUndefined
+from eadp.models.battery import Battery
+from eadp.models.plan.cursor import cursors
+from eadp.models.plan.executor import PlanExecutor
+from eadp.models.plan.leg_table import LegTable, TightLegs, tight_legs
+from eadp.models.plan.legs import Leg, left_m
+from eadp.models.plan.route import Route
+from eadp.models.plan.route_arrays import RouteArrays
+from eadp.models.plan.stage import Stage
+from eadp.models.vehicle import FixedWing, Guidance, PowerCurve
+from eadp.models.weather import Wind
+from eadp.planning.base import FlownLegs
+from eadp.simulation.aircraft import HEIGHT_GAIN, VX, VY, X, Y, constants_of, state_of
+from eadp.simulation.inner_loop import ENERGY, LOST, InnerLoop
+
+STEP_S = 0.05
+"""Time step [s]: a sixth of the default aircraft's time constant of the roll."""
+CHECK_S = 1.0
+"""Time between two tests whether the aircraft is back on its path [s]."""
+BACK_M, BACK_RAD = 1.0, 0.1
+"""Back on its path: how far from it [m], and from its direction, at most."""
+STUCK_S, STUCK_TIMES = 300.0, 10.0
+"""A leg that takes longer than so many times its length's time, and this [s], has no end."""
+SAME_WIND_MPS = 0.5
+"""Winds that differ by less share a flight [m/s]."""
+MAX_KEPT = 5000
+MAX_STEPS = 1 << 40
+LASTING = Battery(capacity_ah=1e9, resistance_ohm=0.0)
+
+
+class FlownPart(NamedTuple):
+    """A part of a route as flown: its legs as rows, the wind [m/s], and of each leg the time, the time integral of tan²
+    of a bank that takes as much energy [s], and how far the aircraft was off it at most [m]."""
+
+    rows: tuple[int, ...]
+    wind_mps: Point
+    times_s: FloatArray
+    turning_s: FloatArray
+    off_m: FloatArray
+
+
+class Overshoot(NamedTuple):
+    """A part of a route that is flown off its path: its first and last stage, how much longer it takes [s], and the
+    greatest distance from it [m]."""
+
+    first: Stage
+    last: Stage
+    excess_s: float
+    off_m: float
+
+
+class NominalFlight:
+    """Flies what an aircraft cannot follow, and keeps what it has flown.
+
+    Parameters
+    ----------
+    airframe : FixedWing or PowerCurve
+    guidance : Guidance
+    """
+
+    def __init__(self, airframe: FixedWing | PowerCurve, guidance: Guidance) -> None:
+        self._airframe, self._guidance = airframe, guidance
+        self.max_slope = math.tan(math.radians(airframe.max_bank_deg)) ** 2
+        self._kept: WeakKeyDictionary[LegTable, dict[tuple[int, int], list[FlownPart]]] = WeakKeyDictionary()
+
+    def times_s(self, route: Route, wind_mps: Point) -> tuple[FloatArray, list[Overshoot]]:
+        """Time on each leg of a route in a wind [m/s], shape (legs,) [s], and what is flown off the path."""
+        followed = FlownLegs(*route.times_s(self._airframe.airspeed_mps, wind_mps))
+        tight, times_s = self._tight(RouteArrays.of([route]), wind_mps), followed.times_s.copy()
+        found = []
+        for first, section in self._sections(route, tight, wind_mps, followed):
+            own = slice(first, first + len(section.rows))
+            times_s[own] = section.times_s
+            excess_s = float((section.times_s - followed.times_s[own]).sum())
+            stages = route.of_legs[own]
+            found.append(Overshoot(stages[0], stages[-1], excess_s, float(section.off_m.max())))
+        return times_s, found
+
+    def flown(self, routes: Sequence[Route], wind_mps: Point, followed: FlownLegs) -> FlownLegs:
+        """Times of routes' legs as flown, see `eadp.planning.base.Nominal`."""
+        legs = RouteArrays.of(routes)
+        tight = self._tight(legs, wind_mps)
+        if not (tight.bends | tight.corners).any():
+            return followed
+        times_s, turning_s = followed.times_s.copy(), followed.turning_s.copy()
+        squares_s2 = np.zeros(len(routes))
+        for place, (route, first, last) in enumerate(zip(routes, legs.first, legs.last, strict=True)):
+            own = slice(int(first), int(last) + 1)
+            alone = FlownLegs(times_s[own], turning_s[own])
+            part = TightLegs(tight.bends[own], tight.corners[own])
+            for at, section in self._sections(route, part, wind_mps, alone):
+                there = slice(at, at + len(section.rows))
+                squares_s2[place] += float((section.times_s - alone.times_s[there]).sum()) ** 2
+                alone.times_s[there], alone.turning_s[there] = section.times_s, section.turning_s
+        return FlownLegs(times_s, turning_s, np.sqrt(squares_s2))
+
+    def _tight(self, legs: RouteArrays, wind_mps: Point) -> TightLegs:
+        radius_m, speed = self._airframe.turn_radius_m, self._airframe.airspeed_mps
+        return tight_legs(legs.rows, legs.order, legs.first, radius_m, speed, math.hypot(*wind_mps))
+
+    def _sections(
+        self, route: Route, tight: TightLegs, wind_mps: Point, followed: FlownLegs
+    ) -> list[tuple[int, FlownPart]]:
+        """The parts of a route that the aircraft cannot follow, as flown, each with the number of its first leg."""
+        found, i = [], 0
+        starts = np.flatnonzero(tight.bends | tight.corners)
+        while len(starts := starts[starts >= i]) and route.cursor is not None:
+            i = int(starts[0])
+            if not math.isfinite(followed.times_s[i]):
+                i += 1
+                continue
+            section = self._section(route, i, tight, wind_mps, followed)
+            found.append((i, section))
+            i += len(section.rows)
+        return found
+
+    def _section(self, route: Route, first: int, tight: TightLegs, wind_mps: Point, followed: FlownLegs) -> FlownPart:
+        kept = self._kept.setdefault(route.table, {})
+        before = int(route.order[first - 1]) if first else -1
+        known = kept.setdefault((before, int(route.order[first])), [])
+        for section in known:
+            rows = route.order[first : first + len(section.rows)]
+            if math.dist(section.wind_mps, wind_mps) <= SAME_WIND_MPS and section.rows == tuple(rows.tolist()):
+                return section
+        if len(kept) > MAX_KEPT:
+            kept.clear()
+        section = self._fly(route, first, tight, wind_mps, followed)
+        known.append(section)
+        return section
+
+    def _fly(self, route: Route, first: int, tight: TightLegs, wind_mps: Point, followed: FlownLegs) -> FlownPart:
+        assert route.cursor is not None
+        cursor = next(islice(cursors(route.cursor), first, None))
+        leg = route.legs[first]
+        course = route.table.rows.courses_rad[route.order[max(first - 1, 0)], 1 if first else 0]
+        executor = PlanExecutor.at(cursor, leg.start_m)
+        loop = self._loop(leg, float(course), wind_mps)
+        k, check = 0, round(CHECK_S / STEP_S)
+        rows: list[tuple[float, float, float]] = []
+        for i in range(first, len(route.legs)):
+            leg, leg_s = route.legs[i], float(followed.times_s[i])
+            loop.start_stage(executor, 0.0)
+            began, began_j, off_m = k, loop.variable(ENERGY), 0.0
+            limit = k + math.ceil((STUCK_TIMES * leg_s + STUCK_S) / STEP_S)
+            events = 0
+            while not events and k < limit:
+                k, events = loop.run(k, min(k + check, limit))
+                away_m, turned = _off(loop, leg)
+                off_m = max(off_m, away_m)
+                if not events and not tight.bends[i] and away_m < BACK_M and turned < BACK_RAD:
+                    break
+            else:
+                if events & LOST or not events:
+                    rows.append((math.inf, 0.0, off_m))
+                    break
+            flown_s = (k - began) * STEP_S
+            turning_s = self._turning_s(leg, flown_s, (loop.variable(ENERGY) - began_j) * STEP_S)
+            if not events:
+                left = _share_left(loop, leg, flown_s, leg_s)
+                rows.append((flown_s + left * leg_s, turning_s + left * float(followed.turning_s[i]), off_m))
+                break
+            rows.append((flown_s, turning_s, off_m))
+            executor.handle(events, loop.variable(X), loop.variable(Y))
+            if executor.complete:
+                break
+        order = tuple(route.order[first : first + len(rows)].tolist())
+        return FlownPart(order, wind_mps, *np.array(rows).T)
+
+    def _loop(self, leg: Leg, course: float, wind_mps: Point) -> InnerLoop:
+        """The aircraft on its path, on a course [rad], in level flight."""
+        wind = Wind(math.hypot(*wind_mps), towards_deg=math.degrees(math.atan2(wind_mps[1], wind_mps[0])))
+        speed = leg.stage.airspeed_mps or self._airframe.airspeed_mps
+        cross = wind_mps[0] * math.sin(course) - wind_mps[1] * math.cos(course)
+        heading = course + math.asin(min(max(cross / speed, -1.0), 1.0))
+        airframe = replace(self._airframe, airspeed_mps=speed)
+        state = state_of(airframe, wind_mps, leg.start_m, heading, leg.stage.altitude_m or 0.0)
+        constants = constants_of(self._airframe, self._guidance, wind, STEP_S)
+        constants[HEIGHT_GAIN] = 0.0
+        loop = InnerLoop(state, constants, LASTING, wind, np.random.default_rng(0))
+        loop.note(MAX_STEPS, 0, MAX_STEPS)
+        return loop
+
+    def _turning_s(self, leg: Leg, flown_s: float, energy_j: float) -> float:
+        """∫ tan² φ dt of the bank whose power is that of the energy of a leg [s]."""
+        airframe, speed = self._airframe, leg.stage.airspeed_mps or self._airframe.airspeed_mps
+        level_w = airframe.level_power_w(speed)
+        bank_w = airframe.level_power_w(speed, math.pi / 4) - level_w  # tan² 45° = 1
+        return max(energy_j - level_w * flown_s, 0.0) / bank_w if bank_w > 0 else 0.0
+
+
+def _off(loop: InnerLoop, leg: Leg) -> tuple[float, float]:
+    """How far the aircraft is from a leg's path [m], and its course from the path's direction [rad]."""
+    here = loop.variable(X) - leg.offset_m[0], loop.variable(Y) - leg.offset_m[1]
+    try:
+        off_m = math.dist(here, leg.track.nearest(here))
+        along_x, along_y = tangent(leg.path, here, leg.stage.sense)
+    except PathUndefined:
+        return 0.0, math.pi
+    turned = math.atan2(loop.variable(VY), loop.variable(VX)) - math.atan2(along_y, along_x)
+    return off_m, abs(math.remainder(turned, 2 * math.pi))
+
+
+def _share_left(loop: InnerLoop, leg: Leg, flown_s: float, leg_s: float) -> float:
+    if leg.distance_m <= 0:
+        return 0.0
+    position = loop.variable(X), loop.variable(Y)
+    return left_m(leg, position, min(flown_s / max(leg_s, 1e-9), 1.0) * leg.distance_m) / leg.distance_m
