@@ -5,8 +5,8 @@
 Windows count as independent; the noise is estimated from the residuals. Information fades, so that slow changes are
 followed. A lasting step of a is recognised by the innovations: a CUSUM of the likelihood ratio of a step up and of one
 down, whose mean time between false alarms is `FALSE_ALARM_H` at least where windows are independent and scatter as
-assumed; where they scatter more, alarms are more frequent until the noise is learned. The windows before it are dropped then, and a
-is wide: it is learned again from those since.
+assumed; where they scatter more, alarms are more frequent until the noise is learned. The windows before the step are
+dropped then, and a is wide: it is learned again from those since.
 
 Source: Bayesian linear regression; Page 1954; Lorden 1971 for the bound; Lorden and Pollak 2005 for the step's size.
 """
