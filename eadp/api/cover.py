@@ -512,9 +512,8 @@ def _point(option: str, given: Pair | None, field: Field) -> Point | None:
         expected = f"{MAX_DISTANCE_M / 1000:g} km or less (LAT,LON in that order, or X,Y)"
         raise _fault(option, _raw(given), f"{distance_m / 1000:.0f} km from the field", expected)
     if not field.airspace.admits(point):
-        raise _fault(
-            option, _raw(given), "lies in an obstacle or beyond the boundary", "a place that may be flown over"
-        )
+        message = "lies in an obstacle or beyond the boundary"
+        raise _fault(option, _raw(given), message, "a place that may be flown over")
     return point
 
 

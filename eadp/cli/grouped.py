@@ -123,7 +123,6 @@ def _module_docstrings(module: str) -> dict[str, dict[str, str]]:
             texts = found.setdefault(node.name, {})
             for one, after in zip(node.body, node.body[1:], strict=False):
                 if isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name) and isinstance(after, ast.Expr):
-                    texts[one.target.id] = (
-                        inspect.cleandoc(ast.literal_eval(after.value)).replace("\n", " ").replace("`", "")
-                    )
+                    text = inspect.cleandoc(ast.literal_eval(after.value))
+                    texts[one.target.id] = text.replace("\n", " ").replace("`", "")
     return found

@@ -87,9 +87,8 @@ def command(
 
     trace, plot = options.trace_m, options.plot
     if trace is not None and not 0 < trace < math.inf:
-        raise usage_fault(
-            "--trace", f"{trace:g}", "a step that is not above 0, or not finite", "metres, as in --trace 1"
-        )
+        message = "a step that is not above 0, or not finite"
+        raise usage_fault("--trace", f"{trace:g}", message, "metres, as in --trace 1")
     if options.machine and plot is None:
         raise usage_fault("--machine", "--machine", "nothing to draw to", "--plot FILE as well")
     if options.junit is not None:

@@ -189,10 +189,9 @@ def _text(summary: Mapping[str, Any], output: SimulateOutputs, *, decisions: int
         lines.append(f"solver     {failures}")
     if output.out is not None:
         decided = "decisions.jsonl, " if decisions else ""
-        names = [name for kind in ("flight", output.figure) if kind for name in (f"{kind}.svg", f"{kind}.png")] + [
-            REPORT
-        ]
-        lines.append(f"written    {output.out}/flight.csv, estimate.csv, summary.json, {decided}{', '.join(names)}")
+        names = [f"{kind}.{ending}" for kind in ("flight", output.figure) if kind for ending in ("svg", "png")]
+        written = ", ".join([*names, REPORT])
+        lines.append(f"written    {output.out}/flight.csv, estimate.csv, summary.json, {decided}{written}")
     return "\n".join(lines)
 
 

@@ -214,10 +214,8 @@ def cover(request: CoverageRequest) -> CoverageSolution:
             message = "no laps of the Zamboni-like motion stay out of the obstacles and inside the boundary"
             raise Infeasible(f"{message}, at every c1; --pattern dubins may")
         if zamboni is None:
-            width_m = 4 * motion.min_radius_m + 2 * motion.swath_m
-            raise Infeasible(
-                f"the field is too narrow for the Zamboni-like motion: across its lines it needs about {width_m:.0f} m"
-            )
+            needs = f"across its lines it needs about {4 * motion.min_radius_m + 2 * motion.swath_m:.0f} m"
+            raise Infeasible(f"the field is too narrow for the Zamboni-like motion: {needs}")
         return zamboni
     try:
         order = _best_in_order(request, headings)

@@ -73,9 +73,8 @@ def nearest(tracks: Sequence[TimedTrack]) -> Nearest | None:
     """
     if len(tracks) < 2:
         return None
-    times = np.arange(
-        min(track.times_s[0] for track in tracks), max(track.times_s[-1] for track in tracks) + STEP_S, STEP_S
-    )
+    start_s, end_s = min(track.times_s[0] for track in tracks), max(track.times_s[-1] for track in tracks)
+    times = np.arange(start_s, end_s + STEP_S, STEP_S)
     places = []
     for track in tracks:
         inside = (times >= track.times_s[0]) & (times <= track.times_s[-1])

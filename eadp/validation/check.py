@@ -467,9 +467,8 @@ def _order_findings(
 
 
 def _at(plan: Plan, parameters: Vector) -> str:
-    named = [
-        f"{name} = {value:.6g}" for name, value in zip(plan.names, parameters, strict=False) if name in plan.path_names
-    ]
+    known = zip(plan.names, parameters, strict=False)
+    named = [f"{name} = {value:.6g}" for name, value in known if name in plan.path_names]
     return f" (at {', '.join(named)})" if named else ""
 
 

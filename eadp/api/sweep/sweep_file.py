@@ -279,9 +279,8 @@ def _name_faults(keys: SweepKeys, document: Document) -> list[Fault]:
     seen: dict[str, str] = {}
     for name, location, *_ in _varied_keys(keys):
         if name not in FILES and override_key(name) is None:
-            faults.append(
-                document.fault(location, f"{printable(name)} is not a key", "a scenario's, as wind.speed_mps")
-            )
+            message = f"{printable(name)} is not a key"
+            faults.append(document.fault(location, message, "a scenario's, as wind.speed_mps"))
             continue
         full = name if name in FILES else full_key(name)
         clash = next((other for other in seen if _overlap(full, other)), None)

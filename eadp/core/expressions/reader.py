@@ -73,10 +73,8 @@ def read_expressions(text: str, names: Collection[str] = (), *, count: int | Non
         finite real number.
     """
     if len(text) > tree.LENGTH_LIMIT:
-        start = len(text) - len(text.lstrip())
-        raise ExpressionError(
-            start, f"an expression of {len(text)} characters", f"at most {tree.LENGTH_LIMIT} characters"
-        )
+        start, most = len(text) - len(text.lstrip()), f"at most {tree.LENGTH_LIMIT} characters"
+        raise ExpressionError(start, f"an expression of {len(text)} characters", most)
     reader = _Reader(text, names)
     expressions = [reader.expression()]
     while reader.token.text == "," and (count is None or len(expressions) < count):

@@ -209,9 +209,8 @@ def fit_battery(
     notes = ["capacity and k_b cannot be estimated from voltage and current: they are as given"]
     vary = float(np.ptp(charge)) >= MIN_CHARGE_USED
     if not vary:
-        notes.append(
-            f"only {100 * np.ptp(charge):.1f} % of the charge is used: the voltage is taken as the same at any charge"
-        )
+        used_share = f"only {100 * np.ptp(charge):.1f} % of the charge is used"
+        notes.append(f"{used_share}: the voltage is taken as the same at any charge")
     constant = regressed(np.stack([np.ones_like(amps), -amps], axis=1), volts, t)
     linear = regressed(np.stack([np.ones_like(amps), -amps, charge], axis=1), volts, t) if vary else None
     if linear is not None and not linear.values[2] > SIGNIFICANCE * linear.std(2):
@@ -221,11 +220,8 @@ def fit_battery(
     ohm, ohm_std = float(fit.values[1]), fit.std(1)
     found = ohm > SIGNIFICANCE * ohm_std
     if not found:
-        notes.append(
-            "the resistance cannot be estimated: "
-            f"the current varies by {np.std(amps):.3g} A about {np.mean(amps):.3g} A, "
-            f"which gives {ohm:.3g} ± {ohm_std:.2g} Ω"
-        )
+        varies = f"the current varies by {np.std(amps):.3g} A about {np.mean(amps):.3g} A"
+        notes.append(f"the resistance cannot be estimated: {varies}, which gives {ohm:.3g} ± {ohm_std:.2g} Ω")
         # without a resistance, fit the terminal voltage
         columns = [np.ones_like(amps), charge] if linear else [np.ones_like(amps)]
         fit = regressed(np.stack(columns, axis=1), volts, t)

@@ -123,10 +123,8 @@ def fit_power(
     """
     tables = [times_s, power_w, airspeed_mps, *(each for each in (bank_rad, climb_mps) if each is not None)]
     known = np.isfinite(np.stack(tables)).all(axis=0) & (airspeed_mps >= MIN_AIRSPEED_MPS)
-    if np.count_nonzero(known) < MIN_WINDOWS:
-        raise Infeasible(
-            f"{np.count_nonzero(known)} readings in flight with an airspeed; {MIN_WINDOWS} or more are needed"
-        )
+    if (count := np.count_nonzero(known)) < MIN_WINDOWS:
+        raise Infeasible(f"{count} readings in flight with an airspeed; {MIN_WINDOWS} or more are needed")
     t, watts, speed = times_s[known], power_w[known], airspeed_mps[known]
     bank = np.zeros_like(t) if bank_rad is None else bank_rad[known]
     climb = np.zeros_like(t) if climb_mps is None else climb_mps[known]

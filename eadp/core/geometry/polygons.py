@@ -376,9 +376,7 @@ def uncovered(
 ) -> list[list[Ring]]:
     """The ground of a field beyond half a swath of lines, where it is wider than `min_width_m`; else as `strips`."""
     left = shapely.difference(_union(parts), _ground(lines, swath_m))
-    wide = shapely.buffer(
-        shapely.buffer(left, -min_width_m / 2, join_style="mitre"), min_width_m / 2, join_style="mitre"
-    )
+    wide = left.buffer(-min_width_m / 2, join_style="mitre").buffer(min_width_m / 2, join_style="mitre")
     return _rings(shapely.simplify(shapely.intersection(wide, left), min_width_m / 10))
 
 

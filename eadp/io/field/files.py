@@ -38,12 +38,10 @@ def read_field_text(path: str) -> Text:
                     read = _member(path, archive, member[: -len(ending)])
                     return shapefile_text(path, read) if ending == ".shp" else _kml_text(path, read)
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError) as error:
-        raise InputError.at(
-            path, 1, 1, f"cannot be read as an archive: {error}", "a KMZ file or a zip archive"
-        ) from None
-    raise InputError.at(
-        path, 1, 1, "an archive without a KML document or a shapefile", "a KMZ file, or one with a .shp"
-    )
+        message = f"cannot be read as an archive: {error}"
+        raise InputError.at(path, 1, 1, message, "a KMZ file or a zip archive") from None
+    message = "an archive without a KML document or a shapefile"
+    raise InputError.at(path, 1, 1, message, "a KMZ file, or one with a .shp")
 
 
 def _kml_text(path: str, read: Callable[[str], bytes | None]) -> Text:

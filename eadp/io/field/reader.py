@@ -163,7 +163,7 @@ def _obstacles(
                 counts["far"] += not outlines
         name = printable(" ".join(ring.name.replace(",", " ").split()), NAME_LIMIT) or f"obstacle {number}"
         found += [Obstacle(outline, name, ring.height_m) for outline in outlines]
-    _note(counts, notes, NO_AREA_M2)
+    _note(counts, notes, far=("polygon", "polygons", _FAR), small=_small(NO_AREA_M2))
     return tuple(found)
 
 
@@ -243,20 +243,25 @@ def _made_valid(rings: Sequence[tuple[Point, ...]], counts: Counter[str]) -> lis
     return parts
 
 
-def _note(counts: Counter[str], notes: list[str], smallest_m2: float) -> None:
-    """Add sentences on what was left out and repaired."""
-    for key, names, what in (
-        ("far", ("polygon", "polygons"), _FAR),
-        ("small", ("polygon", "polygons"), f"of less than {smallest_m2:g} m² left out"),
-        ("holes", ("hole", "holes"), "without an area left out"),
-        (
-            "repaired",
-            ("outline", "outlines"),
-            "that crossed or touched itself repaired, by less than 0.1 % of the area",
-        ),
-    ):
+_DROPPED = {
+    "repeated": ("repeated vertex", "repeated vertices", "dropped"),
+    "in_line": ("vertex in line with its neighbours", "vertices in line with their neighbours", "dropped"),
+    "spikes": ("spike", "spikes", "dropped"),
+    "holes": ("hole", "holes", "without an area left out"),
+    "repaired": ("outline", "outlines", "that crossed or touched itself repaired, by less than 0.1 % of the area"),
+}
+"""What is counted, one and several, and what was done with it."""
+
+
+def _note(counts: Counter[str], notes: list[str], **others: tuple[str, str, str]) -> None:
+    """Add sentences on what was left out and repaired; `others` are counted too, as `_DROPPED`."""
+    for key, (one, several, what) in (others | _DROPPED).items():
         if counts[key]:
-            notes.append(f"{counted(counts[key], *names)} {what}")
+            notes.append(f"{counted(counts[key], one, several)} {what}")
+
+
+def _small(smallest_m2: float) -> tuple[str, str, str]:
+    return "polygon", "polygons", f"of less than {smallest_m2:g} m² left out"
 
 
 def _format(source: SourceText) -> FieldFormat:
@@ -286,7 +291,7 @@ def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
     parts = _sound(rings, origin_deg, source, counts)
     for part in draft.others:
         parts += _part(part, origin_deg, source, counts)
-    _note(counts, notes, SMALLEST_M2)
+    _note(counts, notes, small=_small(SMALLEST_M2))
     if len(parts) > 1 and (union := joined(parts, SMALLEST_M2)) is not None:
         parts = union
         notes.append("polygons that overlap joined: ground counts once")
@@ -322,7 +327,7 @@ def _without_small(draft: FieldDraft, notes: list[str]) -> FieldDraft:
         parts.append(kept)
     if not parts:
         return draft
-    _note(counts, notes, SMALLEST_M2)
+    _note(counts, notes, small=_small(SMALLEST_M2))
     return replace(draft, rings=parts[0], others=parts[1:])
 
 
@@ -507,17 +512,10 @@ def _repaired(
         counts.update(repeated=tidied.repeated, in_line=tidied.in_line, spikes=tidied.spikes)
         result.append([vertices[j] for j in tidied.kept])
     refuse(faults)
-    if draft.closes and counts["open"]:
-        notes.append(f"{counted(counts['open'], 'open ring', 'open rings')} closed")
-    if not draft.closes and counts["closed"]:
-        notes.append(f"{counted(counts['closed'], 'closing vertex', 'closing vertices')} dropped")
-    for key, one, several in (
-        ("repeated", "repeated vertex", "repeated vertices"),
-        ("in_line", "vertex in line with its neighbours", "vertices in line with their neighbours"),
-        ("spikes", "spike", "spikes"),
-    ):
-        if counts[key]:
-            notes.append(f"{counted(counts[key], one, several)} dropped")
+    if draft.closes:
+        _note(counts, notes, open=("open ring", "open rings", "closed"))
+    else:
+        _note(counts, notes, closed=("closing vertex", "closing vertices", "dropped"))
     return result
 
 

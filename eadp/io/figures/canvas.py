@@ -285,9 +285,8 @@ def draw_ground(axes: Axes, field: Field | None, airspace: Airspace) -> None:
         if len(airspace.obstacles) <= MAX_NAMED:
             x, y = (sum(values) / len(values) for values in zip(*obstacle.outline, strict=True))
             name = textwrap.fill(obstacle.name, CALLOUT_CHARACTERS // 2, max_lines=LINES)
-            axes.annotate(
-                name, (x, y), fontsize=7, ha="center", va="center", zorder=6, color=COLOURS[6], parse_math=False
-            )
+            text: dict[str, Any] = {"fontsize": 7, "ha": "center", "va": "center", "parse_math": False}
+            axes.annotate(name, (x, y), zorder=6, color=COLOURS[6], **text)
     for ring in airspace.boundary:
         x, y = zip(*ring, ring[0], strict=True)
         axes.plot(x, y, color=COLOURS[6], linestyle="--", linewidth=1.2, label="boundary")

@@ -157,9 +157,8 @@ def _broken(times_s: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatA
     """A line that breaks at gaps: a NaN within each interval that is much longer than usual."""
     apart_s = np.diff(times_s)
     gaps: Any = np.flatnonzero(apart_s > GAP_INTERVALS * np.median(apart_s)) + 1 if len(apart_s) else []
-    return np.insert(times_s, gaps, (times_s[gaps] + times_s[np.subtract(gaps, 1)]) / 2), np.insert(
-        values, gaps, np.nan
-    )
+    within_s = (times_s[gaps] + times_s[np.subtract(gaps, 1)]) / 2
+    return np.insert(times_s, gaps, within_s), np.insert(values, gaps, np.nan)
 
 
 def _draw_residuals(axes: Axes, fitted: EnergyFit, every: int) -> None:

@@ -80,9 +80,8 @@ def _dataflash_text(source: LogSource, columns: Columns) -> PowerLog:
         copy.write(source.text.body)
         copy.flush()
         wanted = (*DATAFLASH_TOPICS, *(MOTION_TOPICS if columns.motion else ()))
-        return battery_log(
-            source.text.name, read_tables(source.text.name, copy.name, "dataflash-text", wanted), columns
-        )
+        tables = read_tables(source.text.name, copy.name, "dataflash-text", wanted)
+        return battery_log(source.text.name, tables, columns)
 
 
 def _tlog(source: LogSource, columns: Columns) -> PowerLog:

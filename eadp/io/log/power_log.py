@@ -141,6 +141,9 @@ class LogReadings:
         return LogReadings(self.raw[index], self.factors[index], self.others[index], self.lines[index])
 
 
+_NAMED_SO = "columns in mW, mV or mA are named so"
+
+
 def in_order(
     name: str,
     readings: LogReadings,
@@ -176,9 +179,7 @@ def in_order(
         means = readings.factors.mean(axis=0)
         columns = ", ".join(f"{printable(what, 80)} {mean:.4g}" for what, mean in zip(names, means, strict=True))
         message = f"a mean power of {mean_w:.4g} W (mean of the columns: {columns})"
-        raise InputError(
-            Fault(name, 1, 1, message, f"at most {IMPOSSIBLE_W:g} W; columns in mW, mV or mA are named so")
-        )
+        raise InputError.at(name, 1, 1, message, f"at most {IMPOSSIBLE_W:g} W; {_NAMED_SO}")
     warnings += _doubts(name, times, readings.factors.prod(axis=1))
     found = sorted(warnings, key=lambda fault: (fault.line, fault.column))
     factors, others = readings.factors, readings.others
@@ -196,9 +197,7 @@ def _doubts(name: str, times_s: FloatArray, power_w: FloatArray) -> list[Fault]:
         message = f"a row every {step_s:.3g} s, over {times_s[-1] / 3600:.3g} h"
         found.append((message, "a log of a flight; --time-unit sets the unit of the time"))
     if mean_w > LARGE_W:
-        found.append(
-            (f"a mean power of {mean_w:.4g} W", f"at most {LARGE_W:g} W; columns in mW, mV or mA are named so")
-        )
+        found.append((f"a mean power of {mean_w:.4g} W", f"at most {LARGE_W:g} W; {_NAMED_SO}"))
     if mean_w < 0:
         found.append((f"a mean power of {mean_w:.4g} W", "power that is drawn, above 0"))
     return [Fault(name, 1, 1, message, expected, severity="warning") for message, expected in found]

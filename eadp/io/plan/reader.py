@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TypeVar
 
 from eadp.core.expressions.reader import read_expression, read_expressions
@@ -330,30 +331,8 @@ class _Reader:
             self._fault(line, 0, what, "its trigger, like -115, 146")
             draft.trigger_line = _START  # one mistake is one fault; a trigger below is still read
         which = f" as set {len(draft.sets) + 1} of stage {len(self._drafts)}"
-        draft.sets.append(self._box(line, line.text, 0, which))
+        draft.sets.append(self._attempt(line, 0, "", partial(_box, line.text, which)))
         draft.set_lines.append(line)
-
-    def _box(self, line: _Line, text: str, start: int, which: str = "") -> Box | None:
-        expected = f"a set like [2, 10]{which}"
-        stripped = text.strip()
-        offset = start + len(text) - len(text.lstrip())
-        if not (stripped.startswith("[") and stripped.endswith("]")):
-            self._fault(line, offset, "a set without its closing bracket", expected)
-            return None
-        try:
-            values = [part.value({}) for part in read_expressions(stripped[1:-1], count=2)]
-        except ExpressionError as error:
-            self._fault(line, offset + 1 + error.offset, error.message, f"{error.expected} ({expected})")
-            return None
-        except PathUndefined:
-            self._fault(line, offset + 1, "a set whose bounds are not numbers", expected)
-            return None
-        if values[0] > values[1]:
-            low, high = map(number_text, values)
-            what = f"a set whose lower bound {low} is above its upper bound {high}"
-            self._fault(line, offset, what, "lower bound first")
-            return None
-        return Box(*values)
 
     # --- sections of the short form
 
@@ -457,34 +436,29 @@ class _Reader:
             self._airspeed_mps = self._number(
                 line, line.text, 0, "an airspeed from 0.1 to 1000 m/s", lambda v: 0.1 <= v <= 1000
             )
-        elif (values := self._header_numbers(line, (8,), "a command and its seven parameters")) is not None:
+        elif values := self._attempt(
+            line, 0, "", partial(_numbers, line.text, 8, "a command and its seven parameters")
+        ):
             self._commands.append(values)
 
-    def _header_numbers(self, line: _Line, counts: Collection[int], expected: str) -> tuple[float, ...] | None:
-        """Numbers of a header, separated by blanks or commas."""
-        words = line.text.replace(",", " ").split()
-        try:
-            values = tuple(float(word) for word in words)
-        except ValueError:
-            values = ()
-        if len(values) not in counts or not all(abs(value) <= 1e9 for value in values):
-            self._fault(line, 0, f"{len(words)} words here, or no numbers", expected)
-            return None
-        return values
+    def _of(self, key: str, read: Callable[[str], T]) -> T | None:
+        """What a header's text is read as; None where the plan has no such header, or it is faulty."""
+        line = self._headers.get(key)
+        return self._attempt(line, 0, "", partial(read, line.text)) if line else None
 
-    def _of(self, key: str, read: Callable[[_Line], T | None]) -> T | None:
-        """What a header's line is read as; None where the plan has no such header."""
-        return read(self._headers[key]) if key in self._headers else None
+    def _radius(self, key: str) -> float | None:
+        line = self._headers.get(key)
+        return self._number(line, line.text, 0, *_RADIUS) if line else None
 
     def _site(self) -> Site:
         return Site(
-            origin_deg=self._of("origin", self._origin),
-            start_m=self._of("start", self._header_point),
+            origin_deg=self._of("origin", _origin),
+            start_m=self._of("start", _xy),
             field=self._header_field(),
-            swath_m=self._of("swath", self._radius),
-            home_m=self._of("home", self._header_point),
+            swath_m=self._radius("swath"),
+            home_m=self._of("home", _xy),
             airspace=self._header_airspace(),
-            made_for=self._of("made-for", self._made_for),
+            made_for=self._of("made-for", _made_for),
         )
 
     def _header_airspace(self) -> Airspace:
@@ -511,29 +485,15 @@ class _Reader:
                 obstacles.append(Obstacle(ring, name or f"obstacle {len(obstacles) + 1}", height_m))
         return Airspace(tuple(obstacles), tuple(boundary))
 
-    def _made_for(self, line: _Line) -> MadeFor | None:
-        found = _MADE_FOR.match(line.text.strip())
-        try:
-            numbers = [float(word) for word in found.groups()[1:]] if found else []
-        except ValueError:
-            numbers = []
-        if not found or not all(abs(value) <= 1e4 for value in numbers) or len(numbers) < 3:
-            self._fault(line, 0, "no aircraft, airspeed and wind", "like survey wing airspeed 15 wind 6 270")
-            return None
-        return MadeFor(found[1], *numbers)
-
-    def _header_point(self, line: _Line) -> Point | None:
-        values = self._header_numbers(line, (2,), "x and y in metres, like -100 220")
-        return (values[0], values[1]) if values else None
-
     def _header_field(self) -> Field | None:
         """The field: the outline of each part counter-clockwise, and its holes clockwise."""
         given = [(key == "field", line) for key, line in self._areas if key in _RING_HEADERS]
         if given and not given[0][0]:
             self._fault(given[0][1], 0, "a hole of no field", "a header field before it")
             return None
-        rings = [self._ring(line) for _, line in given]
-        if not given or not all(rings):
+        found = [self._attempt(line, 0, "", partial(_ring, line.text)) for _, line in given]
+        rings = [ring for ring in found if ring]
+        if not given or len(rings) < len(given):
             return None
         from eadp.core.geometry.polygons import flaws, signed_area_m2
 
@@ -555,39 +515,11 @@ class _Reader:
         others = tuple(tuple(part) for part in parts[1:])
         return Field(parts[0][0], tuple(parts[0][1:]), " ".join(name.text.split()) if name else "", others=others)
 
-    def _ring(self, line: _Line) -> tuple[Point, ...]:
-        """The corners of a ring; none if there is a fault."""
-        corners: list[Point] = []
-        try:
-            for part in line.text.split(","):
-                x, y = map(float, part.split())
-                corners.append((x, y))
-        except ValueError:
-            corners.clear()
-        if len(corners) < 3 or not all(abs(value) <= 1e9 for corner in corners for value in corner):
-            self._fault(line, 0, "no corners of an area", "three or more in metres, like 0 0, 100 0, 100 50")
-            return ()
-        return tuple(corners)
-
-    def _radius(self, line: _Line) -> float | None:
-        return self._number(line, line.text, 0, *_RADIUS)
-
-    def _computations(self, line: _Line) -> tuple[tuple[str, str], ...]:
-        result: dict[str, str] = {}
-        offset = 0
-        for part in line.text.split(","):
-            name, unit = _named_unit(part)
-            if not name or name in result:
-                self._fault(line, offset, "a computation without a name of its own", "names like fps, keysize [bit]")
-                return ()
-            result[name] = unit
-            offset += len(part) + 1
-        return tuple(result.items())
-
-    def _paths(
-        self, line: _Line, path_count: int, taken: Collection[str], sets: Mapping[int, Box]
-    ) -> tuple[Title, ...]:
+    def _paths(self, path_count: int, taken: Collection[str], sets: Mapping[int, Box]) -> tuple[Title, ...]:
         """Names of the path parameters, and what they stand for."""
+        line = self._headers.get("paths")
+        if line is None:
+            return ()
         result: list[Title] = []
         offset = 0
         for part in line.text.split(","):
@@ -611,36 +543,6 @@ class _Reader:
             expected = "a name for each parameter that a path, a trigger or a shift names"
             self._fault(line, 0, f"{len(result)} names for {path_count} path parameters", expected)
         return tuple(result)
-
-    def _sets(self, line: _Line) -> dict[int, Box]:
-        result: dict[int, Box] = {}
-        position = 0
-        while line.text[position:].strip():
-            match = _HEADER_SET.match(line.text, position)
-            if not match:
-                self._fault(line, position, "no set", "sets like c1 [-1000, 0], c2 [2, 10]")
-                return {}
-            box = self._box(line, match[2], match.start(2))
-            index = int(match[1][1:])
-            if index in result:
-                self._fault(line, match.start(1), f"{match[1]} stands twice", "it once")
-            if box is not None:
-                result[index] = box
-            position = match.end()
-        return result
-
-    def _origin(self, line: _Line) -> tuple[float, float] | None:
-        words = line.text.replace(",", " ").split()
-        try:
-            latitude, longitude = (float(word) for word in words)
-        except ValueError:
-            latitude = longitude = math.nan
-        if not (-90 <= latitude <= 90 and -180 <= longitude <= 180):
-            swapped = 90 < abs(latitude) <= 180 and abs(longitude) <= 90
-            what = "no origin: latitude and longitude seem to be swapped" if swapped else "no origin"
-            self._fault(line, 0, what, "a latitude and a longitude in degrees, like 55.37 10.43")
-            return None
-        return latitude, longitude
 
     # --- from drafts to a plan
 
@@ -705,7 +607,7 @@ class _Reader:
     def _assembled(self) -> Plan:
         count = len(self._drafts[0].sets)
         path_count = max((part.max_parameter for _, part, _ in self._named()), default=0)
-        sets = self._of("sets", self._sets) or {}
+        sets = self._of("sets", _sets) or {}
         if sets and count:
             self._fault(self._headers["sets"], 0, "a header sets beside stages that carry sets", "one or the other")
         elif sets:
@@ -716,12 +618,12 @@ class _Reader:
                 refuse(self._faults)
         if count:
             self._check_indices(count, path_count)
-        computations = self._of("computations", self._computations) or ()
+        computations = self._of("computations", _computations) or ()
         if count >= path_count and count and computations and len(computations) != count - path_count:
             message = f"{len(computations)} names for {count - path_count} computations"
             self._fault(self._headers["computations"], 0, message, "a name for each set after the paths'")
         taken = {name for name, _ in computations}
-        titles = self._of("paths", lambda line: self._paths(line, path_count, taken, sets)) or ()
+        titles = self._paths(path_count, taken, sets)
         self._check_computation_sets(path_count, sets)
         refuse(self._faults)
         boxes = tuple(sets[i] for i in sorted(sets))
@@ -733,8 +635,8 @@ class _Reader:
             path_count=path_count,
             computations=computations,
             titles=titles,
-            trigger_radius_m=self._of("trigger-radius", self._radius) or TRIGGER_RADIUS_M,
-            min_radius_m=self._of("min-radius", self._radius),
+            trigger_radius_m=self._radius("trigger-radius") or TRIGGER_RADIUS_M,
+            min_radius_m=self._radius("min-radius"),
             site=self._site(),
             header_shift=self._header_shift,
             segments=parts,
@@ -952,6 +854,113 @@ _OBSTACLE_HEIGHT: tuple[str, Callable[[float], bool]] = (
     "a height above the origin, from 0 to 1e5 m",
     lambda value: 0 <= value <= 1e5,
 )
+
+
+# --- readers of texts, which raise ExpressionError
+
+
+def _numbers(text: str, count: int, expected: str) -> tuple[float, ...]:
+    """Numbers, separated by blanks or commas."""
+    words = text.replace(",", " ").split()
+    try:
+        values = tuple(float(word) for word in words)
+    except ValueError:
+        values = ()
+    if len(values) != count or not all(abs(value) <= 1e9 for value in values):
+        raise ExpressionError(0, f"{len(words)} words here, or no numbers", expected)
+    return values
+
+
+def _xy(text: str) -> Point:
+    x, y = _numbers(text, 2, "x and y in metres, like -100 220")
+    return x, y
+
+
+def _made_for(text: str) -> MadeFor:
+    found = _MADE_FOR.match(text.strip())
+    try:
+        numbers = [float(word) for word in found.groups()[1:]] if found else []
+    except ValueError:
+        numbers = []
+    if not found or not all(abs(value) <= 1e4 for value in numbers) or len(numbers) < 3:
+        raise ExpressionError(0, "no aircraft, airspeed and wind", "like survey wing airspeed 15 wind 6 270")
+    return MadeFor(found[1], *numbers)
+
+
+def _ring(text: str) -> tuple[Point, ...]:
+    """The corners of a ring."""
+    corners: list[Point] = []
+    try:
+        for part in text.split(","):
+            x, y = map(float, part.split())
+            corners.append((x, y))
+    except ValueError:
+        corners.clear()
+    if len(corners) < 3 or not all(abs(value) <= 1e9 for corner in corners for value in corner):
+        raise ExpressionError(0, "no corners of an area", "three or more in metres, like 0 0, 100 0, 100 50")
+    return tuple(corners)
+
+
+def _computations(text: str) -> tuple[tuple[str, str], ...]:
+    """Names and units."""
+    result: dict[str, str] = {}
+    offset = 0
+    for part in text.split(","):
+        name, unit = _named_unit(part)
+        if not name or name in result:
+            raise ExpressionError(offset, "a computation without a name of its own", "names like fps, keysize [bit]")
+        result[name] = unit
+        offset += len(part) + 1
+    return tuple(result.items())
+
+
+def _sets(text: str) -> dict[int, Box]:
+    """Sets by the index of their parameter."""
+    result: dict[int, Box] = {}
+    position = 0
+    while text[position:].strip():
+        match = _HEADER_SET.match(text, position)
+        if not match:
+            raise ExpressionError(position, "no set", "sets like c1 [-1000, 0], c2 [2, 10]")
+        index = int(match[1][1:])
+        if index in result:
+            raise ExpressionError(match.start(1), f"{match[1]} stands twice", "it once")
+        result[index] = _box(match[2], start=match.start(2))
+        position = match.end()
+    return result
+
+
+def _box(text: str, which: str = "", start: int = 0) -> Box:
+    """A set; `start` is the offset of its text in the line."""
+    expected = f"a set like [2, 10]{which}"
+    stripped = text.strip()
+    offset = start + len(text) - len(text.lstrip())
+    if not (stripped.startswith("[") and stripped.endswith("]")):
+        raise ExpressionError(offset, "a set without its closing bracket", expected)
+    try:
+        values = [part.value({}) for part in read_expressions(stripped[1:-1], count=2)]
+    except ExpressionError as error:
+        raise ExpressionError(offset + 1 + error.offset, error.message, f"{error.expected} ({expected})") from None
+    except PathUndefined:
+        raise ExpressionError(offset + 1, "a set whose bounds are not numbers", expected) from None
+    if values[0] > values[1]:
+        low, high = map(number_text, values)
+        what = f"a set whose lower bound {low} is above its upper bound {high}"
+        raise ExpressionError(offset, what, "lower bound first")
+    return Box(*values)
+
+
+def _origin(text: str) -> tuple[float, float]:
+    words = text.replace(",", " ").split()
+    try:
+        latitude, longitude = (float(word) for word in words)
+    except ValueError:
+        latitude = longitude = math.nan
+    if not (-90 <= latitude <= 90 and -180 <= longitude <= 180):
+        swapped = 90 < abs(latitude) <= 180 and abs(longitude) <= 90
+        what = "no origin: latitude and longitude seem to be swapped" if swapped else "no origin"
+        raise ExpressionError(0, what, "a latitude and a longitude in degrees, like 55.37 10.43")
+    return latitude, longitude
 
 
 def _named_unit(text: str) -> tuple[str, str]:

@@ -79,9 +79,8 @@ def configuration_in_name(path: str, pattern: str) -> Configuration:
     base = os.path.basename(path)
     found = expression.fullmatch(base) or expression.fullmatch(os.path.splitext(base)[0])
     if not found or not all(NUMBER.match(text) and abs(float(text)) <= LARGEST for text in found.groups()):
-        raise InputError.at(
-            path, 1, 1, f"the name does not match {printable(pattern)}", "a name that --from-name matches"
-        )
+        message = f"the name does not match {printable(pattern)}"
+        raise InputError.at(path, 1, 1, message, "a name that --from-name matches")
     return Configuration(tuple(names), ("",) * len(names), tuple(map(float, found.groups())))
 
 

@@ -363,12 +363,15 @@ def json_schema() -> dict[str, Any]:
 def _read_model(text: Text) -> list[tuple[Profile, PointFaults]]:
     """The parts of a model, itself where it has none, each with the locations of its points."""
     document = read_yaml(text)
-    content = _validated(document)
-    parts: dict[Path, _PartFile] = {(): content} if isinstance(content, _PartFile) else {}
-    if isinstance(content, _SumFile):
-        parts = {("parts", i): part for i, part in enumerate(content.parts)}
-    faults = [fault for path, part in parts.items() for fault in _faults(document, part, path)]
-    refuse(faults)
+    value = document.value
+    if not isinstance(value, dict) or value.get("schema") != SCHEMA:
+        raise InputError(document.fault(("schema",), "not the model of a profile", f"schema: {SCHEMA}"))
+    if "parts" in value:
+        own = validated(_SumFile, document, value).parts
+        parts: dict[Path, _PartFile] = {("parts", i): part for i, part in enumerate(own)}
+    else:
+        parts = {(): validated(ProfileFile, document, value)}
+    refuse([fault for path, part in parts.items() for fault in _faults(document, part, path)])
     return [(_part(document, part, path), _locations(document, part, path)) for path, part in parts.items()]
 
 
@@ -386,28 +389,15 @@ def _part(document: Document, content: _PartFile, where: Path) -> Profile:
             names=tuple(parameter.name for parameter in content.parameters),
             units=tuple(parameter.unit for parameter in content.parameters),
             configurations=column("at"),
-            power_w=column("power_w"),
-            std_w=column("std_w"),
-            samples=np.array([point.samples for point in content.points], dtype=np.int64),
+            samples=column("samples").astype(np.int64),
             interpolation=content.interpolation,
             source=content.source,
-            standard_error_w=column("standard_error_w"),
             device=content.device,
-            energy_w_samples=column("energy_w_samples"),
-            soc=column("soc"),
+            **{name: column(name) for name in ARRAYS if name not in ("configurations", "samples")},
         )
     except Infeasible as error:
         key = "interpolation" if content.interpolation == "pchip" else "points"
         raise InputError(document.fault((*where, key), str(error))) from None
-
-
-def _validated(document: Document) -> ProfileFile | _SumFile:
-    value = document.value
-    if not isinstance(value, dict) or value.get("schema") != SCHEMA:
-        raise InputError(document.fault(("schema",), "not the model of a profile", f"schema: {SCHEMA}"))
-    if "parts" in value:
-        return validated(_SumFile, document, value)
-    return validated(ProfileFile, document, value)
 
 
 def _faults(document: Document, content: _PartFile, where: Path) -> list[Fault]:

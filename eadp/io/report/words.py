@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -232,9 +233,7 @@ def log_words(
         )
         if last["completes_probability"] is not None:
             words.append(f"It forecast to complete with a probability of {_percent(last['completes_probability'])}.")
-        warned = {
-            code: sum(code in row["warnings"] for row in decisions) for row in decisions for code in row["warnings"]
-        }
+        warned = Counter(code for row in decisions for code in dict.fromkeys(row["warnings"]))
         if warned:
             words.append(f"Warnings: {', '.join(f'{code} {_times(count)}' for code, count in warned.items())}.")
     return words

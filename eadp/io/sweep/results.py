@@ -352,10 +352,8 @@ def _check_ours(connection: sqlite3.Connection, name: str) -> bool:
 def _fault(path: str, error: Exception) -> InputError:
     name = getattr(error, "sqlite_errorname", "") or ""
     if name.startswith("SQLITE_FULL") or name in ("SQLITE_IOERR_WRITE", "SQLITE_IOERR_SHMSIZE"):
-        what = "the disk is full, or a limit reached"
-        return InputError.at(
-            path, 1, 1, what, "space for the rest; results stored so far are kept, the sweep can be continued"
-        )
+        expected = "space for the rest; results stored so far are kept, the sweep can be continued"
+        return InputError.at(path, 1, 1, "the disk is full, or a limit reached", expected)
     if name.startswith("SQLITE_NOTADB"):
         return InputError.at(path, 1, 1, "is not an SQLite database", "results of eadp sweep, or a new file")
     if name.startswith("SQLITE_BUSY"):

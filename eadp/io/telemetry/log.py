@@ -71,9 +71,8 @@ class ReplanLog:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             os.close(self._file)
-            raise InputError.at(
-                path, 1, 1, "is in use by another process", "a log of its own for each flight"
-            ) from None
+            expected = "a log of its own for each flight"
+            raise InputError.at(path, 1, 1, "is in use by another process", expected) from None
         except OSError:  # a file system without locks
             pass
         start = {"kind": START, "schema": SCHEMA, "eadp": __version__, "inputs": inputs}

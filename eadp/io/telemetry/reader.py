@@ -219,9 +219,8 @@ class TelemetryReader:
         except InputError as error:
             fault = error.faults[0]
             # the JSON reader takes its text for a file
-            message, expected = (
-                part.replace("the end of the file", "the end of the line") for part in (fault.message, fault.expected)
-            )
+            texts = (fault.message, fault.expected)
+            message, expected = (part.replace("the end of the file", "the end of the line") for part in texts)
             raise InputError(replace(fault, message=message, expected=expected)) from None
         if not isinstance(value, JsonObject):
             raise self._error("is no JSON object", 'an object such as {"time_s": 0, …}')
@@ -275,10 +274,9 @@ class TelemetryReader:
             if point is not None:
                 values["x_m"], values["y_m"] = point
             elif self._placed:
-                what = (
-                    "is too far from the plan's origin" if self._origin_deg else "has no place: the plan has no origin"
-                )
-                expected = "a position near it" if self._origin_deg else "x_m and y_m, or %: origin in the plan"
+                what, expected = "is too far from the plan's origin", "a position near it"
+                if not self._origin_deg:
+                    what, expected = "has no place: the plan has no origin", "x_m and y_m, or %: origin in the plan"
                 faults = [self.fault(number, document, "lat_deg", f"lat_deg {what}; ignored", expected)]
             self._placed = point is not None
         if line.soc is None and line.current_consumed_ah is not None:
