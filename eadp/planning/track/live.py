@@ -181,7 +181,7 @@ class LiveFlight:
         if acquiring:
             position = tracker.located[1]
         else:
-            position = self._track(flight, to, soc, measured=sample.soc is not None)
+            position = self._track(flight, to, soc)
             tracker.put_in_force(reported, time_s, position, flight.planner.hold)
         step_s, self._last = time_s - self._last[0], (time_s, soc)
         was_complete, ends = tracker.complete, tracker.update_end(to, position, step_s)
@@ -256,14 +256,13 @@ class LiveFlight:
         tracker.place(best, to, decided, settled=acquisition.settled)
         return True
 
-    def _track(self, flight: PlannedFlight, to: Sample, soc: float, *, measured: bool) -> Point:
+    def _track(self, flight: PlannedFlight, to: Sample, soc: float) -> Point:
         """Advance to a sample; the planner observes each stage that starts before it, at that time."""
         t0, soc0 = self._last
 
         def started(time_s: float, position: Point, part: float) -> None:
-            soc_then = soc0 + part * (soc - soc0)
-            at = Sample(max(time_s, t0), *position, None, soc_then if measured else None)
-            observation = self._tracker.observation(at, position, soc_then)
+            at = Sample(max(time_s, t0), *position, None, None)  # a charge between two readings of a gauge is none
+            observation = self._tracker.observation(at, position, soc0 + part * (soc - soc0))
             self._update_planner(flight, observation._replace(on_plan=self._climbs.on_plan))
 
         return self._tracker.track(to, t0, flight.state.wind_mps, started)
