@@ -39,7 +39,7 @@ from eadp.models.plan.trace import KEPT_ROUTES, default_start, whole_route
 from eadp.models.profile import configuration_text
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.sweep import Run
-from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
+from eadp.models.vehicle import Aeroplane, Airframe, PaperVehicle
 from eadp.models.world import TakeOff, Timing, World
 from eadp.planning.base import Mission
 from eadp.planning.flight import PlannedFlight, make_flight
@@ -345,7 +345,7 @@ def _mission(world: World, energy: EnergyModel | None, nominal: NominalFlight | 
         rules=world.rules,
         max_motion_w=vehicle.max_motion_w,
         gust_time_s=world.wind.gust_time_s,
-        airframe=vehicle if isinstance(vehicle, FixedWing) else None,
+        airframe=None if isinstance(vehicle, PaperVehicle) else vehicle,
         altitude_m=world.start.altitude_m,
         cruise_altitude_m=vehicle.cruise_altitude_m,
         nominal=nominal,
@@ -373,7 +373,7 @@ def _check_aircraft(plan: Plan, text: Source, scenario: Scenario) -> None:
         message = f"a wind of {wind_mps:g} m/s, at an airspeed of {vehicle.airspeed_mps:g} m/s"
         key = "wind.profile" if scenario.keys.wind.profile else "wind.speed_mps"
         raise InputError(scenario.fault(key, message, "a wind below the airspeed"))
-    if isinstance(vehicle, FixedWing):
+    if not isinstance(vehicle, PaperVehicle):
         _check_airspeeds(plan, text, vehicle, wind_mps)
 
 
@@ -420,7 +420,7 @@ def _altitude_m(plan: Plan, scenario: Scenario, vehicle: Airframe) -> float:
     return vehicle.cruise_altitude_m if first_m is None else first_m
 
 
-def _check_airspeeds(plan: Plan, text: Source, vehicle: FixedWing, wind_mps: float) -> None:
+def _check_airspeeds(plan: Plan, text: Source, vehicle: Aeroplane, wind_mps: float) -> None:
     """The aircraft can fly at the airspeeds of the stages, and faster than the wind."""
     checked = {stage.airspeed_mps: stage for stage in reversed(plan.stages) if stage.airspeed_mps is not None}
     faults = []

@@ -123,19 +123,44 @@ class _Aeroplane:
 
     mass_kg: float
     airspeed_mps: float
+    propulsive_efficiency: float
     max_power_w: float
     avionics_w: float
     max_bank_deg: float
+    max_climb_rate_mps: float
     published_triggers: ClassVar[bool] = False
 
-    def level_power_w(self, airspeed_mps: float, bank_rad: float = 0.0) -> float:
-        """Electrical power in level flight [W]."""
+    def drag_n(self, airspeed_mps: float, bank_rad: float = 0.0) -> float:
+        """Drag in level flight [N], in a bank with its load factor."""
         raise NotImplementedError
+
+    def level_power_w(self, airspeed_mps: float, bank_rad: float = 0.0) -> float:
+        """Electrical power in level flight [W]: D V/η and the avionics'."""
+        # P = D V / η
+        return self.drag_n(airspeed_mps, bank_rad) * airspeed_mps / self.propulsive_efficiency + self.avionics_w
 
     @cached_property
     def weight_n(self) -> float:
         """Weight [N]."""
         return self.mass_kg * GRAVITY_MPS2
+
+    @property
+    def climb_j_per_m(self) -> float:
+        """Electrical energy of a metre of climb beside level flight's [J/m], and what a metre of descent saves."""
+        # E = m g Δh / η
+        return self.weight_n / self.propulsive_efficiency
+
+    def climb_rates_mps(self, airspeed_mps: float) -> tuple[float, float]:
+        """Greatest rates of climb and of descent in straight flight at an airspeed [m/s], 0 or more.
+
+        Both are within `max_climb_rate_mps`; the excess power bounds the climb, and the glide's sink rate the descent.
+
+        Source: Anderson 1999.
+        """
+        # without thrust D V = W v, and R/C = (T − D) V / W
+        sink = self.drag_n(airspeed_mps) * airspeed_mps / self.weight_n
+        excess = max(self.max_power_w * self.propulsive_efficiency / self.weight_n - sink, 0.0)
+        return min(self.max_climb_rate_mps, excess), min(self.max_climb_rate_mps, sink)
 
     @property
     def cruise_power_w(self) -> float:
@@ -226,11 +251,6 @@ class FixedWing(_Aeroplane):
         area, density = self.wing_area_m2, self.air_density_kgpm3
         return drag_n(load, airspeed_mps, area, density, self.zero_lift_drag_coefficient, self.induced_drag)
 
-    def level_power_w(self, airspeed_mps: float, bank_rad: float = 0.0) -> float:
-        """Electrical power in level flight [W]: D V/η and the avionics'."""
-        # P = D V / η
-        return self.drag_n(airspeed_mps, bank_rad) * airspeed_mps / self.propulsive_efficiency + self.avionics_w
-
     def level_speeds_mps(self) -> tuple[float, float]:
         """Least and greatest airspeed of level flight [m/s]: the stall's, and where the motor's power is all needed."""
         # P_max η = ½ρS C_D0 V³ + 2K W²/(ρS V); above the speed of least drag it rises
@@ -270,24 +290,6 @@ class FixedWing(_Aeroplane):
         """C_L in level flight."""
         load = self.weight_n * load_factor(bank_rad)
         return lift_coefficient(load, airspeed_mps, self.wing_area_m2, self.air_density_kgpm3)
-
-    @property
-    def climb_j_per_m(self) -> float:
-        """Electrical energy of a metre of climb beside level flight's [J/m], and what a metre of descent saves."""
-        # E = m g Δh / η
-        return self.weight_n / self.propulsive_efficiency
-
-    def climb_rates_mps(self, airspeed_mps: float) -> tuple[float, float]:
-        """Greatest rates of climb and of descent in straight flight at an airspeed [m/s], 0 or more.
-
-        Both are within `max_climb_rate_mps`; the excess power bounds the climb, and the glide's sink rate the descent.
-
-        Source: Anderson 1999.
-        """
-        # without thrust D V = W v, and R/C = (T − D) V / W
-        sink = self.drag_n(airspeed_mps) * airspeed_mps / self.weight_n
-        excess = max(self.max_power_w * self.propulsive_efficiency / self.weight_n - sink, 0.0)
-        return min(self.max_climb_rate_mps, excess), min(self.max_climb_rate_mps, sink)
 
     def faults(self) -> list[str]:
         """Why the aeroplane cannot hold its airspeed and bank; empty if it can."""
@@ -361,12 +363,10 @@ class PowerCurve(_Aeroplane):
         """Drag that a bank of 45° adds, times the square of the airspeed [N m²/s²]."""
         return self.bank_w * self.propulsive_efficiency * self.airspeed_mps
 
-    def level_power_w(self, airspeed_mps: float, bank_rad: float = 0.0) -> float:
-        """Electrical power in level flight [W]."""
+    def drag_n(self, airspeed_mps: float, bank_rad: float = 0.0) -> float:
+        """Drag in level flight [N]."""
         straight = float(np.interp(airspeed_mps, [speed for speed, _ in self.points], self.drags_n))
-        drag = straight + self.turn_drag_n * math.tan(bank_rad) ** 2 / airspeed_mps**2
-        # P = D V / η
-        return drag * airspeed_mps / self.propulsive_efficiency + self.avionics_w
+        return straight + self.turn_drag_n * math.tan(bank_rad) ** 2 / airspeed_mps**2
 
     def level_speeds_mps(self) -> tuple[float, float]:
         """Least and greatest airspeed of the points [m/s]."""
@@ -386,7 +386,8 @@ class PowerCurve(_Aeroplane):
         return found
 
 
-Airframe = PaperVehicle | FixedWing | PowerCurve
+Aeroplane = FixedWing | PowerCurve
+Airframe = PaperVehicle | Aeroplane
 AIRFRAMES: dict[str, type[Airframe]] = {airframe.model: airframe for airframe in (FixedWing, PaperVehicle, PowerCurve)}
 """Every airframe model by its name: the first is the default."""
 

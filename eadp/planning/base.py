@@ -26,7 +26,7 @@ from eadp.models.plan.cursor import PlanCursor, Rules, Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import Route
 from eadp.models.plan.stage import Box
-from eadp.models.vehicle import FixedWing
+from eadp.models.vehicle import Aeroplane
 
 SOC_JUMP = 0.01
 Levels = Annotated[tuple[NotNegative, ...], Len(1, 1000)]
@@ -424,7 +424,7 @@ class Mission:
     rules: Rules = field(default_factory=Rules)
     max_motion_w: float = math.inf
     gust_time_s: float = GUST_TIME_S
-    airframe: FixedWing | None = None
+    airframe: Aeroplane | None = None
     altitude_m: float = 0.0
     cruise_altitude_m: float = 0.0
     live: bool = False

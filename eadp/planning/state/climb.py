@@ -7,14 +7,14 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from eadp.models.plan.stage import Stage
-from eadp.models.vehicle import FixedWing
+from eadp.models.vehicle import Aeroplane
 from eadp.planning.base import Mission
 
 
 class Climb(NamedTuple):
     """The aircraft that climbs, and its altitude now [m]."""
 
-    airframe: FixedWing
+    airframe: Aeroplane
     altitude_m: float
 
     def commanded(self, stage: Stage) -> tuple[float, float]:
@@ -34,12 +34,12 @@ class Climb(NamedTuple):
 
 
 @lru_cache(256)
-def _level_w(airframe: FixedWing, airspeed_mps: float) -> float:
+def _level_w(airframe: Aeroplane, airspeed_mps: float) -> float:
     return airframe.level_power_w(airspeed_mps)
 
 
 @lru_cache(256)
-def _rates_mps(airframe: FixedWing, airspeed_mps: float) -> tuple[float, float]:
+def _rates_mps(airframe: Aeroplane, airspeed_mps: float) -> tuple[float, float]:
     return airframe.climb_rates_mps(airspeed_mps)
 
 

@@ -72,7 +72,7 @@ NO_SUMS = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Fit(NamedTuple):
-    """Posterior of a, b and c, variances and covariance of a and b, the noise of windows, and the variance of c."""
+    """Posterior of a, b and c, the noise of windows, and the variances and covariances of a, b and c."""
 
     a: float
     b: float
@@ -82,6 +82,8 @@ class Fit(NamedTuple):
     bb: float
     noise: float
     cc: float
+    ac: float
+    bc: float
 
 
 class Evidence(NamedTuple):
@@ -111,7 +113,7 @@ class Regression(NamedTuple):
 def started(prior: Prior) -> Regression:
     """The state before the first window."""
     variances = 1 / prior.information_a, 0.0, 1 / prior.information_b, prior.noise, 1 / prior.information_c
-    fit = Fit(prior.a, prior.b, prior.c, *variances)
+    fit = Fit(prior.a, prior.b, prior.c, *variances, 0.0, 0.0)
     return Regression(prior, NO_SUMS, fit, Evidence(0.0, 0.0, NO_SUMS, NO_SUMS, fit), 0, 0.0)
 
 
@@ -178,7 +180,8 @@ def _compared(state: Regression, seconds: float, mean: float, x: float, z: float
     # while a step may be, its windows are compared with what was before them
     before = was.before if max(was.up, was.down) > DOUBT else state.fit
     error = mean - before.a - before.b * x - before.c * z
-    variance = before.noise / seconds + before.aa + 2 * x * before.ab + x * x * before.bb + z * z * before.cc
+    variance = before.noise / seconds + before.aa + 2 * x * before.ab + x * x * before.bb
+    variance += z * (z * before.cc + 2 * before.ac + 2 * x * before.bc)
     freedom = 1.0 + INDEPENDENT * state.sums.windows
     # the step as the windows before this one have it, so that the bound holds
     step_up = max(_mean_error(was.since_up, before), min_step)
@@ -219,9 +222,9 @@ def _fitted(sums: Sums, prior: Prior, before: Fit) -> Fit:
         of_c = c * (c * sums.zz - 2 * sums.zy + 2 * a * sums.z + 2 * b * sums.xz)
         squares = max(of_products + a * a * sums.n + 2 * a * b * sums.x + b * b * sums.xx + of_c, 0.0)
         noise = (PRIOR_WINDOWS * prior.noise + squares) / (PRIOR_WINDOWS + sums.windows)
-        fit = Fit(a, b, c, fit.aa, fit.ab, fit.bb, noise, fit.cc)
+        fit = Fit(a, b, c, fit.aa, fit.ab, fit.bb, noise, fit.cc, fit.ac, fit.bc)
     last = _posterior(sums, prior, fit.noise)
-    return Fit(fit.a, fit.b, fit.c, last.aa, last.ab, last.bb, fit.noise, last.cc)
+    return Fit(fit.a, fit.b, fit.c, last.aa, last.ab, last.bb, fit.noise, last.cc, last.ac, last.bc)
 
 
 def _posterior(sums: Sums, prior: Prior, noise: float) -> Fit:
@@ -242,4 +245,7 @@ def _posterior(sums: Sums, prior: Prior, noise: float) -> Fit:
     a, b = (info_bb * rhs_a - info_ab * rhs_b) / determinant, (info_aa * rhs_b - info_ab * rhs_a) / determinant
     aa, ab, bb = info_bb / determinant, -info_ab / determinant, info_aa / determinant
     c = prior.c + (rhs_c - info_ac * a - info_bc * b) / info_cc
-    return Fit(a, b, c, aa, ab, bb, noise, 1 / info_cc)
+    # c = const − by_a a − by_b b + its own error
+    ac, bc = -(aa * by_a + ab * by_b), -(ab * by_a + bb * by_b)
+    cc = 1 / info_cc - by_a * ac - by_b * bc
+    return Fit(a, b, c, aa, ab, bb, noise, cc, ac, bc)

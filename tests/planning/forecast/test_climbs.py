@@ -64,6 +64,21 @@ def test_a_descent_gives_it_back(inputs_of):
     assert saved_j == pytest.approx(CLIMB_J - VEHICLE.cruise_power_w * slower_s, rel=5e-3)
 
 
+CURVE = {
+    "vehicle.airframe": {"model": "power-curve", "points": [[12, 30], [15, 36], [20, 62]], "bank_w": 12, "mass_kg": 1.4}
+}
+
+
+@pytest.mark.parametrize("text", [CLIMB, DESCENT, FASTER])
+def test_the_forecast_of_a_power_curve_has_its_climbs_and_airspeeds(text, inputs_of):
+    inputs = inputs_of(text, **CURVE)
+    forecast = inputs.preflight().forecast
+    _, outcome = flown(inputs)
+    assert forecast.energy_wh == pytest.approx(outcome.totals.energy_j / 3600, rel=0.015)
+    level_s = outcome.duration_s * inputs.world.vehicle.cruise_power_w
+    assert abs(outcome.totals.energy_j - level_s) > 0.05 * level_s, "they matter"
+
+
 @pytest.mark.parametrize("wind", [{}, WIND])
 @pytest.mark.parametrize("text", [CLIMB, DESCENT, STAIRS, FASTER])
 @pytest.mark.parametrize("planner", ["static", "joint"])

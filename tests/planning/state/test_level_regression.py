@@ -85,6 +85,9 @@ def test_the_power_of_a_climb_is_a_term_of_its_own(compiled_code):
     assert (motion.level_w, motion.slope_w, motion.climb_j_per_m) == pytest.approx(mean, rel=1e-3)
     assert motion.variances[0] == pytest.approx(covariance[0, 0], rel=1e-6)
     assert motion.variances[2] == pytest.approx(covariance[1, 1], rel=1e-6)
+    fit = motion._state.regression.fit
+    found = [[fit.aa, fit.ab, fit.ac], [fit.ab, fit.bb, fit.bc], [fit.ac, fit.bc, fit.cc]]
+    assert np.array(found) == pytest.approx(covariance, rel=1e-6)
 
 
 def test_without_climbs_the_prior_of_a_climb_stays():
