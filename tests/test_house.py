@@ -42,6 +42,21 @@ def test_words_are_the_fields(path):
             assert not match, f"{path.name}:{number}: {match[0] if match else ''}; rather {instead}"
 
 
+@pytest.mark.parametrize("page", ["architecture.md", "contributing.md"])
+def test_a_page_names_what_there_is(page):
+    """Modules as `room/module`, and what is in them as `room/module.Name`."""
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    places = re.findall(r"`((?:[a-z_]+/)+[a-z_]+)(?:\.py)?(?:\.([A-Za-z_]+))?(?:\.[a-z_]+)?`", text)
+    assert len(places) > 25
+    missing = []
+    for place, name in places:
+        found = [*(ROOT / "eadp").glob(f"**/{place}*"), *ROOT.glob(f"{place}*")]
+        files = [path for path in found if path.suffix == ".py"]
+        named = not name or any(re.search(rf"^(?:class |def |){name}\b", path.read_text(), re.M) for path in files)
+        missing += [] if found and named else [f"{place} {name}"]
+    assert missing == []
+
+
 SLOW = {"matplotlib", "numba", "osqp", "scipy", "shapely", "sympy"}
 """Libraries that take 50 ms or more to import, which most commands do without."""
 

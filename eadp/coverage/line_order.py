@@ -304,13 +304,13 @@ class _Search:
             self._reset(order)
             before = math.inf
             # until a pass over all lines finds nothing: a distant turn may pay for a move
-            while self.total < before - self.min_gain or self._redirected():
+            while self.total < before - self.min_gain or self._redirect():
                 before = self.total
                 self._descend(range(self.problem.lines + 1))
             found.append((self.total, self.tour[1:-1]))
         return min(found)[1]
 
-    def _redirected(self) -> bool:
+    def _redirect(self) -> bool:
         """Give the lines the best directions for their sequence; return whether the total has fallen."""
         order, cost = self.problem.with_cost(self.tour[1:-1])
         sequence = np.array([order], dtype=np.intp) // 2

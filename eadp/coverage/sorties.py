@@ -232,6 +232,7 @@ class Divider(Generic[AnySortie]):
     def _farthest_m(self, start_m: float, guess_m: float, *, whole: bool) -> float:
         """The farthest end found of a sortie that starts at a place; the place itself where there is none [m]."""
         total_m = self.division.total_m
+        # a sortie to low_m is possible, one to high_m is not; the secant aims at a spare charge of EVEN / 2
         low_m, high_m, end_m = start_m, math.inf, min(start_m + guess_m, total_m)
         for _ in range(ROUNDS):
             if whole:

@@ -35,9 +35,9 @@ LIFT, PER_THROTTLE, NOMINAL, CLIMB_GAIN, IDLE_W, THROTTLE_W, WIND_LIFTS = range(
 PARASITIC, INDUCED, MIN_SPEED, MAX_BANK, ROLLED, MAX_CLIMB, SPEED_GAIN, EFFICIENCY, AVIONICS_W, MAX_W = range(16, 26)
 POINTS = 26
 AIRCRAFT_CONSTANTS = 27
-"""Of every vehicle, then of the papers' or of a fixed wing. Airspeeds and drags of a power curve are the last ones."""
+"""Of every vehicle, then of the papers' or of an aeroplane. Airspeeds and drags of a power curve are the last ones."""
 
-PAPER_MODEL, FIXED_WING_MODEL = 0.0, 1.0
+PAPER_MODEL, AEROPLANE_MODEL = 0.0, 1.0
 
 
 def constants_of(airframe: Airframe, guidance: Guidance, wind: Wind, step_s: float) -> list[float]:
@@ -97,7 +97,7 @@ def _power_curve_constants(c: list[float], airframe: PowerCurve, step_s: float) 
 def _aeroplane_constants(
     c: State, airframe: FixedWing | PowerCurve, step_s: float, parasitic: float, induced: float, min_mps: float
 ) -> None:
-    c[MODEL], c[HEIGHT_GAIN] = FIXED_WING_MODEL, airframe.altitude_gain_per_s
+    c[MODEL], c[HEIGHT_GAIN] = AEROPLANE_MODEL, airframe.altitude_gain_per_s
     c[PARASITIC : MAX_W + 1] = [
         parasitic,
         induced,
@@ -152,8 +152,8 @@ def fly_step(s: State, c: Constants, jet: Jet, gain: float, sense: float, wind_x
     float
         Where the path has no direction to follow, the heading is not finite afterwards.
     """
-    if c[MODEL] == FIXED_WING_MODEL:
-        return _fixed_wing_step(s, c, jet, gain, sense, wind_x, wind_y)
+    if c[MODEL] == AEROPLANE_MODEL:
+        return _aeroplane_step(s, c, jet, gain, sense, wind_x, wind_y)
     return _paper_step(s, c, jet, gain, sense, wind_x, wind_y)
 
 
@@ -186,10 +186,8 @@ def _paper_step(s: State, c: Constants, jet: Jet, gain: float, sense: float, win
     return c[THROTTLE_W] * (c[NOMINAL] + throttle) / 100 + c[IDLE_W]
 
 
-def _fixed_wing_step(
-    s: State, c: Constants, jet: Jet, gain: float, sense: float, wind_x: float, wind_y: float
-) -> float:
-    """A fixed-wing aircraft: bank for the heading rate that the guidance commands, throttle for airspeed and climb.
+def _aeroplane_step(s: State, c: Constants, jet: Jet, gain: float, sense: float, wind_x: float, wind_y: float) -> float:
+    """An aeroplane: bank for the heading rate that the guidance commands, throttle for airspeed and climb.
 
     Point-mass dynamics with first-order roll; the wind is the air's motion, and a gust changes the airspeed before it
     changes the aircraft's motion.

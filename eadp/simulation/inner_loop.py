@@ -23,11 +23,11 @@ from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.triggers import CurveProgress, watched
 from eadp.models.weather import Wind
 from eadp.simulation.aircraft import (
+    AEROPLANE_MODEL,
     AIRCRAFT_CONSTANTS,
     AIRCRAFT_STATE,
     ALTITUDE,
     CRUISE_M,
-    FIXED_WING_MODEL,
     GUST_X,
     GUST_Y,
     GUSTS,
@@ -273,7 +273,7 @@ class InnerLoop:
         """Start the stage that an executor is at."""
         c, stage, (ox, oy) = self._c, executor.stage, executor.cursor.offset_m
         c[OFFSET_X], c[OFFSET_Y], c[GAIN], c[SENSE], c[COMPUTING] = ox, oy, stage.gain, stage.sense, computing_w
-        if c[MODEL] == FIXED_WING_MODEL:
+        if c[MODEL] == AEROPLANE_MODEL:
             altitude_m, airspeed_mps = self._cruise
             c[CRUISE_M] = altitude_m if stage.altitude_m is None else stage.altitude_m
             c[SPEED_HELD] = airspeed_mps if stage.airspeed_mps is None else stage.airspeed_mps

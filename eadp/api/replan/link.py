@@ -185,7 +185,7 @@ class LinkFlight:
     def take(self, message: Message, now_s: float = 0.0) -> None:
         """Take a message that has come at a time of any clock [s]."""
         first, lost = not self._component, self._lost
-        if not self._is_ours(message, now_s):
+        if not self._hear(message, now_s):
             return
         self._requests.missing.discard(message.kind)
         if message.kind in PROTOCOL:
@@ -268,8 +268,11 @@ class LinkFlight:
 
     # --- the autopilot
 
-    def _is_ours(self, message: Message, now_s: float) -> bool:
-        """Whether a message is of the autopilot, or of another computer of its aircraft that reports what it runs."""
+    def _hear(self, message: Message, now_s: float) -> bool:
+        """Note who sends, and whether the autopilot's heartbeats are back; return whether the message is to be taken.
+
+        It is of the autopilot, the first one heard, or of another computer of its aircraft that reports what it runs.
+        """
         beats = message.kind == "HEARTBEAT"
         if beats and (message.fields["autopilot"] == NO_AUTOPILOT or message.fields["type"] in NOT_AIRCRAFT):
             return False

@@ -239,7 +239,7 @@ class ExactEstimator:
     # --- laps
 
     def lap(self, time_s: float) -> None:
-        """Take the lap's time as the period, except the first: it may have started anywhere."""
+        """Take the lap's time as the period; one without a mark before it, of `start_lap` or a lap, has none."""
         self._lap_marks_s.append(time_s)
         times = np.diff(self._lap_marks_s).tolist()
         if not times:

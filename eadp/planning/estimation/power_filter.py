@@ -64,7 +64,7 @@ class EnergyFilter:
         self._noise = np.zeros_like(covariance)
         self._gain = np.zeros(len(state))
         self._maps: tuple[FloatArray, ...] = ()
-        self._held = STEPPING
+        self._held = STEPPING  # or for how many steps the gain has been held since its maps were applied
 
     @property
     def covariance(self) -> FloatArray:
@@ -95,6 +95,7 @@ class EnergyFilter:
         None is no reading, and one no farther than `gate_w` from its forecast corrects nothing. A step of 0 s is a
         second reading at one time.
         """
+        # the gain is held where steps are even, readings come without a gate, and it has settled
         even = abs(step_s - self._step_s) < SAME_STEP_S
         if even and self._held != STEPPING and measured_w is not None:
             return self._follow_held(measured_w)

@@ -15,7 +15,7 @@ MAX_SLOWED = 0.9
 
 
 def with_climbs(
-    climb: Climb, route: Route, whole_s: FloatArray, times_s: FloatArray, motion_w: FloatArray, per_m: float
+    climb: Climb, route: Route, whole_s: FloatArray, times_s: FloatArray, motion_w: FloatArray, climb_j_per_m: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Times [s], mean and greatest motion powers [W] of a route's legs with climbs and airspeeds, shape (legs,).
 
@@ -28,7 +28,7 @@ def with_climbs(
         Time of each leg from its start in level flight [s].
     times_s, motion_w : array, shape (legs,)
         Time left of each leg [s] and motion power [W] in level flight at the airframe's airspeed.
-    per_m : float
+    climb_j_per_m : float
         Energy of a metre of climb [J/m].
 
     Source: energy of a climb m g Δh / η; ground speed by V cos γ.
@@ -46,10 +46,11 @@ def with_climbs(
         # the climb takes V (1 − cos γ) of the ground speed
         slower_mps = airspeed_mps - math.sqrt(max(airspeed_mps**2 - rate_mps**2, 0.0))
         slowed = min(slower_mps * whole_s[i] / max(leg.distance_m, 1e-9), MAX_SLOWED)
+        # t' = t + slowed · t_c, with t_c ≤ t' in this leg
         climbed_s = min(climb_s, times[i] / (1 - slowed))
         times[i] += slowed * climbed_s
         climb_m = rate_mps * climbed_s
         here_m = altitude_m if climbed_s == climb_s else here_m + climb_m
-        added_w[i] += per_m * climb_m / times[i]
-        peak_w[i] += max(per_m * rate_mps, 0.0)
+        added_w[i] += climb_j_per_m * climb_m / times[i]
+        peak_w[i] += max(climb_j_per_m * rate_mps, 0.0)
     return times, np.maximum(motion_w + added_w, 0.0), motion_w + peak_w

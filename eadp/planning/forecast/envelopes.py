@@ -121,7 +121,7 @@ class Envelopes:
         return self._table
 
     def groups(self, table: LegTable, order: IntArray) -> IntArray:
-        """Group of each leg, by its row in a table, shape (legs,)."""
+        """Group of each leg, by its row in a table, shape (legs,). A table only grows: rows that are known stay."""
         of_table, known = self._of_rows
         if of_table is not table:
             known = known[:0]

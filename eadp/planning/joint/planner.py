@@ -169,7 +169,7 @@ class JointPlanner(Planner):
         else:
             solution = self._program.solve(found.evaluation.knapsack)
             found = found._replace(solution=solution)
-            chosen = self._decision.parameters if closes else self._chosen(o, found)
+            chosen = self._decision.parameters if closes else self._choose(o, found)
             if self._is_free(o) and self._closes(cause, found.evaluation.earliest_s(0) - (self._next_s - o.time_s)):
                 found = self._held(found, chosen)
             self._decide(o, known, cause, found, chosen, calls, searched=search)
@@ -232,8 +232,8 @@ class JointPlanner(Planner):
 
     # --- decisions
 
-    def _chosen(self, o: Observation, plan: Candidate) -> Vector:
-        """The parameters of a plan to fly with now."""
+    def _choose(self, o: Observation, plan: Candidate) -> Vector:
+        """The parameters of a plan to fly with now; the policy counts what they change."""
         rho, before = self._mission.plan.path_count, self._decision.parameters
         chosen = self._places.parameters(plan.shares)
         if self._is_free(o):

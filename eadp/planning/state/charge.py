@@ -539,7 +539,9 @@ def _with_step(charge: Charge, gauge: Gauge, fell: float, drained: float) -> tup
         uniform = step * step / 12
         if gauge.from_full:  # b is 1 whatever o is
             charge = _with_new_offset(charge, step / 2, charge.var_soc, 0.0, uniform)
-        else:  # the first reading was somewhere on a step: b = reading + o − u, u as uncertain as o
+        # u, how far b was below the top of its step at the first reading, is uniform as o is:
+        # b = reading + o − u, so that var b grows by var o + var u, and cov(b, o) = var o
+        else:
             charge = _with_new_offset(charge, step / 2, charge.var_soc + step * step / 6, uniform, uniform)
     elif step > 0.0 and abs(size / step - round(size / step)) > SAME_STEPS:
         charge, step = _with_new_offset(charge, 0.0, charge.var_soc, 0.0, 0.0), 0.0

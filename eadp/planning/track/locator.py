@@ -342,7 +342,7 @@ class _LegAhead(NamedTuple):
         leg = self.leg
         if self.start_s + self.duration_s < elapsed_s - max_time_stds(seen) * std_s:
             return None
-        return best_match(leg, seen, (self.start_s, self.duration_s, elapsed_s, std_s))
+        return best_match(leg, seen, LegTimes(self.start_s, self.duration_s, elapsed_s, std_s))
 
 
 class _Candidate(NamedTuple):
@@ -387,27 +387,34 @@ def path_mismatch(executor: PlanExecutor, to: Sample, distance_std_m: float = DI
     return mismatch
 
 
-def best_match(
-    leg: Leg, seen: Sample, times_s: tuple[float, float, float, float] | None = None
-) -> tuple[float, Point, float] | None:
+class LegTimes(NamedTuple):
+    """Start and duration of a leg, and the time now with its standard deviation [s]."""
+
+    start_s: float
+    duration_s: float
+    elapsed_s: float
+    std_s: float
+
+
+def best_match(leg: Leg, seen: Sample, times: LegTimes | None = None) -> tuple[float, Point, float] | None:
     """Share of a leg, point and log likelihood of the best match; None where none fits.
 
-    `times_s` are the leg's start and duration, and the time and its standard deviation [s]; None where any will do.
+    `times` is None where any time will do.
     """
     points = list(leg_points(leg, max(POINT_M, leg.distance_m / MAX_POINTS)))
     shares = np.linspace(0.0, 1.0, len(points))
-    late = np.zeros(len(points))
-    if times_s is not None:
-        start_s, duration_s, elapsed_s, std_s = times_s
-        late += ((start_s + shares * duration_s - elapsed_s) / std_s) ** 2
-    fit = np.zeros(len(points))
+    # squares of how far each point is from time, place and course, in standard deviations
+    off_time2, off_path2 = np.zeros(len(points)), np.zeros(len(points))
+    if times is not None:
+        off_time2 += ((times.start_s + shares * times.duration_s - times.elapsed_s) / times.std_s) ** 2
     if seen.position_m is not None:
         offsets = np.array([(point.x_m, point.y_m) for point in points]) - seen.position_m
-        fit += np.sum(offsets**2, axis=1) / DISTANCE_STD_M**2
+        off_path2 += np.sum(offsets**2, axis=1) / DISTANCE_STD_M**2
         if seen.course_rad is not None:
             turned = np.array([point.heading_rad for point in points]) - seen.course_rad
-            fit += (np.remainder(turned + math.pi, 2 * math.pi) - math.pi) ** 2 / COURSE_STD_RAD**2
-    total = np.where((late <= max_time_stds(seen) ** 2) & (fit <= MAX_STDS**2), late + fit, math.inf)
+            off_path2 += (np.remainder(turned + math.pi, 2 * math.pi) - math.pi) ** 2 / COURSE_STD_RAD**2
+    near = (off_time2 <= max_time_stds(seen) ** 2) & (off_path2 <= MAX_STDS**2)
+    total = np.where(near, off_time2 + off_path2, math.inf)
     best = int(np.argmin(total))
     if not math.isfinite(total[best]):
         return None
