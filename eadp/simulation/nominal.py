@@ -82,6 +82,10 @@ class NominalFlight:
         self.max_slope = math.tan(math.radians(airframe.max_bank_deg)) ** 2
         self._kept: WeakKeyDictionary[LegTable, dict[tuple[int, int], list[FlownPart]]] = WeakKeyDictionary()
 
+    def __reduce__(self) -> tuple[type[NominalFlight], tuple[FixedWing | PowerCurve, Guidance]]:
+        """What is kept is flown again in another process."""
+        return NominalFlight, (self._airframe, self._guidance)
+
     def times_s(self, route: Route, wind_mps: Point) -> tuple[FloatArray, list[Overshoot]]:
         """Time on each leg of a route in a wind [m/s], shape (legs,) [s], and what is flown off the path."""
         followed = FlownLegs(*route.times_s(self._airframe.airspeed_mps, wind_mps))

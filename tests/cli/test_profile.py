@@ -158,7 +158,13 @@ def test_the_page_shows_what_comes_out(run: Run, monkeypatch: pytest.MonkeyPatch
 
 
 def test_the_page_names_every_option(run: Run) -> None:
-    options = set(re.findall(r"--[a-z-]+", run("profile", "--help")[1])) - {"--help", "--output", "--sysfs"}
+    options = set(re.findall(r"--[a-z-]+", run("profile", "--help")[1])) - {
+        "--help",
+        "--output",
+        "--sysfs",
+        "--quiet",
+        "--faults",
+    }
     assert options <= set(re.findall(r"--[a-z-]+", PAGE))
 
 
@@ -347,7 +353,7 @@ def test_schema_of_a_profile(run: Run) -> None:
 def test_schema_of_an_unknown_format_lists_the_known(run: Run) -> None:
     code, out, err = run("schema", "plans")
     assert (code, out) == (2, "")
-    known = "profile, energy, scenario, vehicle, sweep, telemetry, decision"
+    known = "profile, energy, scenario, vehicle, sweep, telemetry, decision, summary, decisions"
     assert err.startswith(f"NAME:1:1: error: no such file format; expected {known}\n")
 
 

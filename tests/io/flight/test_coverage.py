@@ -16,7 +16,7 @@ from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text
 
 FIELD = "%: field 0 0, 200 0, 200 100, 0 100\n%: hole 120 40, 120 60, 160 60, 160 40\n%: swath 40\n"
-STAGES = "0.1; 270; y - 20\n150, 20\n0.02; 270; (x - 150)^2 + (y - 50)^2 - 900\n150, 80\n0.1; 90; y - 80\n0, 80\n"
+STAGES = "0.1; 270; y - 20\n150, 20\n0.02; 90; (x - 150)^2 + (y - 50)^2 - 900\n150, 80\n0.1; 90; y - 80\n0, 80\n"
 FLIGHT = {"time_limit_s": 40, "step_s": 0.05, "start.position_m": [0, 20], "start.heading_deg": 90}
 
 

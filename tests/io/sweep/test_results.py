@@ -76,8 +76,8 @@ def test_results_are_kept_in_order_of_what_is_expected(path):
         assert results.missing() == [0, 2, 3, 5]
     with closing(expecting(Results(path))) as results:
         first, second = results.rows()
-        assert first == {**dict.fromkeys(COLUMNS), "error": "cannot"}
-        assert second == {key: SUMMARY[key] for key in SUMMARY if key != "more"} | {"error": None}
+        assert first == {**dict.fromkeys(COLUMNS), "error": "cannot", "took_s": 0.1}
+        assert second == {key: SUMMARY[key] for key in SUMMARY if key != "more"} | {"error": None, "took_s": 0.0}
         assert [row["error"] for row in results.rows(summaries=True)] == ["cannot", None]
         results.forget_failures()
         assert results.missing() == [0, 1, 2, 3, 5]
