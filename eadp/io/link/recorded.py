@@ -46,7 +46,7 @@ def _position(latitude: str, longitude: str) -> Callable[[Row], Values]:
         if row[latitude] or row[longitude]:
             found |= {"lat_deg": row[latitude], "lon_deg": row[longitude]}
             found["velocity_mps"] = [row.get("east_mps", _UNKNOWN), row.get("north_mps", _UNKNOWN)]
-            found["altitude_m"] = row.get("RelHomeAlt", _UNKNOWN)
+            found["altitude_m"] = row.get("altitude_m", row.get("RelHomeAlt", _UNKNOWN))
         return found | {"heading_deg": row.get("heading_deg", _UNKNOWN)}
 
     return read
@@ -158,7 +158,7 @@ def _first_instance(table: Table) -> Table:
 
 
 def _moving(positions: Table, tables: dict[str, Table], form: str) -> Table:
-    """Positions with the velocity and the heading at their times."""
+    """Positions with the velocity, the heading and the altitude at their times."""
     for topic, east, north, heading, unit_deg in _MOTION[form]:
         motion = tables.get(topic, {})
         if positions and {east, north, heading} <= motion.keys() and len(motion["time_s"]):
@@ -166,6 +166,8 @@ def _moving(positions: Table, tables: dict[str, Table], form: str) -> Table:
             at_s = motion["time_s"][order]
             for key, label in (("east_mps", east), ("north_mps", north)):
                 positions[key] = np.interp(positions["time_s"], at_s, motion[label][order])
+            if "z" in motion:  # down from where the estimate started
+                positions["altitude_m"] = np.interp(positions["time_s"], at_s, -motion["z"][order])
             last = np.clip(np.searchsorted(at_s, positions["time_s"], side="right") - 1, 0, None)
             positions["heading_deg"] = motion[heading][order][last] * unit_deg % 360
     return positions

@@ -177,7 +177,10 @@ class FlightState:
         if self._climb is not None:
             slowed_s, self._climb.slowed_s = self._climb.slowed_s, 0.0
         if place.route is not None:
-            if stages_before > 1 and not place.through_gap and place.follows:
+            rho = self._mission.plan.path_count
+            # an autopilot that gets another line in a turn leaves the turn elsewhere, up to a turn later
+            diverted = place.flies_mission and o.cursor.waiting[:rho] != place.cursor.waiting[:rho]
+            if stages_before > 1 and not place.through_gap and place.follows and not diverted:
                 forecast_s = float(place.route.times_s(speed, self.wind_mps)[0][0])
                 flown_s = o.time_s - place.since_s - slowed_s
                 self._times.learn(forecast_s, flown_s, self._wind.gust_std_mps, speed, gust_time_s)

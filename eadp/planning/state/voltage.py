@@ -21,6 +21,9 @@ unknown of the curve."""
 LOSS_SHARE = 0.3
 """Standard deviation of a charge lost by the voltage, as a share of it: the curve's slope there."""
 
+STRAIGHT_FROM = 0.1
+"""State of charge below which usual cells' curves bend down: a fall there is no loss."""
+
 MIN_SLOPE = 0.3
 """The least fall per charge that a loss is computed with, as a share of the straight line's: that of a plateau."""
 
@@ -68,7 +71,8 @@ class VoltageWatch:
     def ingest(self, time_s: float, voltage_v: float, power_w: float, soc: float) -> None:
         """Take a reading of the voltage [V] at a time [s], beside the power [W] and the charge as the gauge has it."""
         step_s, self._last_s = time_s - self._last_s, time_s
-        if not self._rise_v or voltage_v <= 0 or not 0 < step_s <= WINDOW_S:
+        straight = soc - self.lost >= STRAIGHT_FROM
+        if not (self._rise_v and straight and voltage_v > 0 and 0 < step_s <= WINDOW_S):
             return
         values = step_s, step_s * voltage_v, step_s * (1 - soc), step_s * power_w / voltage_v
         seconds, volts, drawn, amps = (was + value for was, value in zip(self._sums, values, strict=True))

@@ -99,13 +99,13 @@ def px4(lines, items=()):
         "wind": ("Qff", ("timestamp", "windspeed_north", "windspeed_east"), [(times[0], 3.0, -1.0)]),
         "airspeed_validated": ("Qf", ("timestamp", "true_airspeed_m_s"), [(times[0], 12.0)]),
         "vehicle_local_position": (
-            "Qfff",
-            ("timestamp", "vx", "vy", "heading"),
+            "Qffff",
+            ("timestamp", "vx", "vy", "heading", "z"),
             [
-                (t, each["velocity_mps"][1], each["velocity_mps"][0], math.radians(each["heading_deg"]))
+                (t, each["velocity_mps"][1], each["velocity_mps"][0], math.radians(each["heading_deg"]), -25.0)
                 for t, each in zip(times, lines, strict=True)
             ]
-            + [(end, 0.0, 0.0, 0.0)],
+            + [(end, 0.0, 0.0, 0.0, 0.0)],
         ),
         "vehicle_global_position": (
             "Qdd",
@@ -119,8 +119,8 @@ def ardupilot(lines, items=()):
     """The same as messages of a DataFlash log."""
     found = px4(lines)
     battery = [(t, 0, v, a, c, round(100 * share)) for t, v, a, c, share in found["battery_status"][2]]
-    motion = [(t, 0, n, e, math.degrees(h)) for t, n, e, h in found["vehicle_local_position"][2]]
-    place = [(t, round(lat * 1e7), round(lon * 1e7)) for t, lat, lon in found["vehicle_global_position"][2]]
+    motion = [(t, 0, n, e, math.degrees(h)) for t, n, e, h, _ in found["vehicle_local_position"][2]]
+    place = [(t, round(lat * 1e7), round(lon * 1e7), 25.0) for t, lat, lon in found["vehicle_global_position"][2]]
     times = [row[0] for row in place]
     started = [row for t, item in zip(times, items, strict=False) for row in ((t, item, 16), (t, item + 50, 178))]
     return {
@@ -130,7 +130,7 @@ def ardupilot(lines, items=()):
         "XKF2": ("QBff", ("TimeUS", "C", "VWN", "VWE"), [(times[0], 0, 3.0, -1.0), (times[0] + 1, 1, 9.0, 9.0)]),
         "ARSP": ("QBf", ("TimeUS", "I", "Airspeed"), [(times[0], 0, 12.0)]),
         "XKF1": ("QBfff", ("TimeUS", "C", "VN", "VE", "Yaw"), motion),
-        "POS": ("QLL", ("TimeUS", "Lat", "Lng"), place),
+        "POS": ("QLLf", ("TimeUS", "Lat", "Lng", "RelHomeAlt"), place),
     }
 
 
@@ -163,7 +163,7 @@ def test_lines_are_those_of_the_messages(plan, lines, tmp_path, form, made):
         assert is_near(one["time_s"] - logged[0]["time_s"], other["time_s"] - expected[0]["time_s"], 1e-3)
         for key in ("lat_deg", "lon_deg"):
             assert is_near(one[key], other[key], 1.5e-7)
-        for key in ("power_w", "soc"):
+        for key in ("power_w", "soc", "voltage_v", "altitude_m"):
             assert is_near(one[key], other[key], 1e-4)
         assert is_near((one["heading_deg"] - other["heading_deg"] + 180) % 360, 180, 0.01)
         assert all(is_near(a, b, 0.006) for a, b in zip(one["velocity_mps"], other["velocity_mps"], strict=True))

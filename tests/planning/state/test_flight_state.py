@@ -283,6 +283,19 @@ def test_a_leg_through_a_gap_is_not_learned_from():
     assert known_at_end(state_of(inputs, observations), observations).time.ratio != 1.0
 
 
+def test_a_leg_that_an_autopilot_leaves_for_another_path_is_not_learned_from():
+    inputs, taken, *_ = survey_flight()
+    observations = [
+        each._replace(
+            sample=each.sample._replace(flies_mission=True),
+            cursor=each.cursor._replace(waiting=(-float(each.stages_started), *each.cursor.waiting[1:])),
+        )
+        for each in taken
+        if isinstance(each, Observation)
+    ]
+    assert known_at_end(state_of(inputs, observations), observations).time.ratio == 1.0
+
+
 def test_an_observation_sooner_than_a_reading_is_due_is_none():
     inputs, taken, *_ = survey_flight()
     observations = [each for each in taken if isinstance(each, Observation)]
