@@ -7,6 +7,8 @@ import json
 import numpy as np
 import pytest
 
+from eadp.core.flight.battery_fit import CELL_SOC, CURVES_V
+
 
 @pytest.fixture
 def flight(tmp_path):
@@ -24,7 +26,7 @@ def flight(tmp_path):
 
 def test_the_block_flies(eadp, flight, tmp_path):
     block = tmp_path / "battery.yaml"
-    answer = eadp("fit", flight, "--battery", "--capacity", "2", "-o", block)
+    answer = eadp("fit", flight, "--battery", "--capacity", "2", "--soc", "1", "-o", block)
     assert answer.code == 0
     assert "resistance 80" in answer.out or "resistance 79" in answer.out
     scenario = tmp_path / "s.yaml"
@@ -38,7 +40,7 @@ def test_the_block_flies(eadp, flight, tmp_path):
 
 
 def test_json(eadp, flight):
-    document = json.loads(eadp("fit", flight, "--battery", "--capacity", "2", "--format", "json").out)
+    document = json.loads(eadp("fit", flight, "--battery", "--capacity", "2", "--soc", "1", "--format", "json").out)
     assert document["schema"] == "eadp.battery/1"
     assert document["battery"]["resistance_ohm"] == pytest.approx(0.08, abs=0.003)
     assert document["battery"]["voltage_v"] == pytest.approx(16.8, abs=0.02)
@@ -65,7 +67,7 @@ def test_what_cannot_be(eadp, flight, arguments, where):
 
 
 def test_a_capacity_that_the_log_exceeds(eadp, flight):
-    answer = eadp("fit", flight, "--battery", "--capacity", "0.5")
+    answer = eadp("fit", flight, "--battery", "--capacity", "0.5", "--soc", "1")
     assert answer.code == 2
     assert "more than 1 of a capacity of 0.5 Ah" in answer.err
 
@@ -77,11 +79,26 @@ def test_a_log_without_current(eadp):
 
 
 def test_the_charge_at_the_start_needs_evidence(eadp, flight):
-    doubt = "nothing shows the charge at the start of the log: it is taken as full; expected --soc SHARE"
-    assert doubt in eadp("fit", flight, "--battery", "--capacity", "2").err
-    assert doubt not in eadp("fit", flight, "--battery", "--capacity", "2", "--soc", "1").err
+    doubt = "--soc:1:1: error: nothing shows the charge at the start of the log; expected --soc SHARE"
+    answer = eadp("fit", flight, "--battery", "--capacity", "2")
+    assert (answer.code, answer.out, answer.err.startswith(doubt)) == (2, "", True)
     lines = flight.read_text().splitlines()
+    used = [f"{lines[0]},discharged_mah", *(f"{line},{100 + i}" for i, line in enumerate(lines[1:]))]
+    flight.write_text("\n".join(used) + "\n")
+    assert "soc: 0.95\n" in eadp("fit", flight, "--battery", "--capacity", "2").out  # 100 mAh of 2 Ah
     lines[1] = "0,16.75,0,0"  # at rest, 4.19 V a cell
     flight.write_text("\n".join(lines) + "\n")
-    assert doubt not in eadp("fit", flight, "--battery", "--capacity", "2").err
+    assert "soc: 1.0\n" in eadp("fit", flight, "--battery", "--capacity", "2").out
     assert doubt in eadp("fit", flight, "--battery", "--cells", "5").err
+
+
+def test_a_capacity_at_the_end_of_the_search_is_no_result(eadp, flight):
+    """Cells of 1.2 Ah that give 1.33 Ah: the search ends at what the log uses."""
+    lines = flight.read_text().splitlines()
+    t, _, amps = np.array([line.split(",")[:3] for line in lines[1:]], dtype=float).T
+    open_v = 4 * np.interp(1 - np.cumsum(amps) / 3600 / 1.2, CELL_SOC, CURVES_V["lipo"])
+    rows = zip(t.tolist(), (open_v - 0.08 * amps).tolist(), amps.tolist(), strict=True)
+    flight.write_text("time_s,voltage_v,current_a\n" + "".join(f"{a},{b},{c}\n" for a, b, c in rows))
+    answer = eadp("fit", flight, "--battery", "--cells", "4", "--soc", "1")
+    assert (answer.code, answer.out) == (2, "")
+    assert "Ah, which the log uses, were more than the cells held" in answer.err

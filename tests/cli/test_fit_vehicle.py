@@ -200,7 +200,7 @@ def test_a_battery_beside(eadp, tmp_path):
     )
     assert 0.7 < used / 2.2 < 1
     out = tmp_path / "v.yaml"
-    answer = eadp("fit", path, "--vehicle", "--battery", "--cells", "4", "-o", out, "--format", "json")
+    answer = eadp("fit", path, "--vehicle", "--battery", "--cells", "4", "--soc", "1", "-o", out, "--format", "json")
     assert answer.code == 0
     document = json.loads(answer.out)
     assert document["battery"]["capacity_ah"] == pytest.approx(2.2, rel=0.03)

@@ -37,7 +37,8 @@ class BatteryOptions:
     """k_b [1/s]; 1/3600 is a battery without losses."""
 
     soc: Annotated[float | None, Flag(metavar="SHARE")] = None
-    """State of charge at the start of the log; default: by the charge that the log says was used before, else full."""
+    """State of charge at the start of the log; default: by the charge that the log says was used before, or full where
+    the first voltage is that of full cells at rest."""
 
     def check(self) -> None:
         """Refuse values that no battery has; raises InputError."""
@@ -169,7 +170,7 @@ def read_battery_fit(path: str, columns: Columns, options: BatteryOptions) -> Ba
 def _charge_at_start(
     stated: Mapping[str, float], voltage_v: FloatArray, current_a: FloatArray, options: BatteryOptions
 ) -> tuple[float, str]:
-    """The state of charge at the start of a log, and what is doubtful about it."""
+    """The state of charge at the start of a log, and what is doubtful about it; raises InputError without evidence."""
     if options.soc is not None:
         return options.soc, ""
     used_ah, capacity_ah = stated.get("used_ah", 0.0), options.capacity_ah or stated.get("capacity_ah")
@@ -177,6 +178,7 @@ def _charge_at_start(
         soc = 1 - used_ah / capacity_ah
         return soc, f"{used_ah:.3g} Ah were used before the log's first reading: its charge is taken as {soc:.3f}"
     resting = abs(current_a[0]) <= RESTING * float(np.max(current_a))
-    if resting and is_full_at_rest(float(voltage_v[0]), options.cells, options.chemistry):
-        return 1.0, ""
-    return 1.0, "nothing shows the charge at the start of the log: it is taken as full"
+    if not (resting and is_full_at_rest(float(voltage_v[0]), options.cells, options.chemistry)):
+        message = "nothing shows the charge at the start of the log"
+        raise InputError.at("--soc", 1, 1, message, "--soc SHARE, which is 1 for a battery that was full")
+    return 1.0, ""

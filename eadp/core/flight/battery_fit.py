@@ -96,6 +96,9 @@ CURVE_STD_V = 0.01
 
 MIN_DISCHARGE = 0.3
 """Smallest share of the capacity that must be used for it to be estimated."""
+BOUND = 1e-4
+"""Distance of a capacity's logarithm to that of the least the log allows, within which the search ended there: ten
+times its tolerance."""
 
 
 @dataclass(frozen=True)
@@ -163,6 +166,8 @@ def fit_capacity(
     best = int(np.argmin([cost(float(x)) for x in grid]))
     around = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, len(grid) - 1)])
     found = float(minimize_scalar(cost, bounds=around, method="bounded").x)
+    if found - grid[0] < BOUND:
+        raise Infeasible(f"the voltage falls as if {total:.3g} Ah, which the log uses, were more than the cells held")
     if total / math.exp(found) < MIN_DISCHARGE:
         raise Infeasible(f"the voltage falls too little: {100 * MIN_DISCHARGE:.0f} % of the charge must be used")
     step = 1e-3

@@ -29,7 +29,7 @@ def _zones(
     wanted = [fence for fence in fences if fence.inclusion is inside]
     if not wanted:
         other = "--avoid" if inside else "--inside"
-        expected = f"a fence; those of this file belong to {other}" if fences else "a fence"
+        expected = f"a fence; those of this file belong to {other}" if fences else "a fence; places to rally are none"
         raise source.error((1, 1), f"no fence to keep {'inside' if inside else 'out of'}", expected)
     return [
         Ring([Vertex(lon, lat, fence.location) for lat, lon in fence.corners_deg], fence.location) for fence in wanted

@@ -75,6 +75,8 @@ _MOTION = {
     ALTITUDE: {"altitude_m": 1.0, "alt_m": 1.0, "height_m": 1.0, "altitude": 1.0},
 }
 """Columns of the motion: the names known, and their unit in SI."""
+USED = "discharged_mah"
+"""Column of the charge used since the battery was put in, as PX4 names it [mAh]."""
 _EXAMPLE = "time_s,power_w"
 
 
@@ -100,7 +102,8 @@ def read_csv_log(text: Text, columns: Columns) -> PowerLog:
     header = columns.names or first.fields
     names = [header[i] for i in layout.index[1:]]
     position, also = layout.position, layout.also
-    return in_order(text.name, readings, layout.per[0], warnings, counts, position=position, also=also, names=names)
+    log = in_order(text.name, readings, layout.per[0], warnings, counts, position=position, also=also, names=names)
+    return replace(log, battery={"used_ah": float(log.also[USED][0])}) if USED in log.also else log
 
 
 # ── columns ──
@@ -168,6 +171,10 @@ def _with_others(layout: _Layout, header: Row, columns: Columns) -> _Layout:
         others.append(header.fields.index(name))
     degrees = pair is not None and pair[0] != "x_m"
     also, scales = [*columns.also], [1.0] * len(others)
+    if columns.factors and USED in lower:
+        others.append(lower.index(USED))
+        also.append(USED)
+        scales.append(1e-3)
     for role, names in _MOTION.items() if columns.motion else ():
         if found := next((name for name in names if name in lower), None):
             others.append(lower.index(found))

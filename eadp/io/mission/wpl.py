@@ -46,7 +46,9 @@ def read_wpl(source: SourceText) -> MissionDraft:
     moved = items if home is None else items[1:]
     if len(items) < len(rows) and not moved:
         if not fences:
-            raise source.error(rows[0].locations[0], "places to rally, and no mission", "a mission")
+            raise source.error(
+                rows[0].locations[0], "places to rally, and no mission", "a mission; places to rally are not read"
+            )
         expected = "a mission; a fence belongs to eadp cover --inside FILE or --avoid FILE, or into the mission's file"
         raise source.error(rows[0].locations[0], "a fence, and no mission", expected)
     draft = MissionDraft((0.0, 0.0, 0.0), rows[0].locations[6], moved, fences=fences, doubts=doubts)

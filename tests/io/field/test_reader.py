@@ -765,6 +765,9 @@ def test_fences_are_zones():
     with pytest.raises(InputError, match=r"no fence to keep inside; expected a fence; those of this file belong to"):
         read_zones(Text("z", json.dumps(plan)), field, inside=True)
     assert "is a mission or a fence" in fault_of(rows)
+    rally = "QGC WPL 110\n0\t0\t0\t5100\t8\t0\t0\t0\t55\t10\t0\t1\n"
+    with pytest.raises(InputError, match=r"no fence to keep out of; expected a fence; places to rally are none"):
+        read_zones(Text("z", rally), field)
 
 
 def test_as_many_holes_as_allowed_and_one_more():
