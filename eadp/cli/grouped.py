@@ -30,8 +30,8 @@ class StderrOptions:
     """How to print errors and warnings: json is a document a line, eadp.faults/1."""
 
 
-def grouped(command: Callable[..., int]) -> Callable[..., int]:
-    """A command whose parameters that are dataclasses become an option for each of their fields."""
+def grouped(command: Callable[..., int], *, texts: bool = True) -> Callable[..., int]:
+    """A command whose parameters that are dataclasses become an option for each of their fields, with its text."""
     hints = get_type_hints(command, include_extras=True)
     hints.pop("return", None)
     parameters: list[inspect.Parameter] = []
@@ -39,11 +39,11 @@ def grouped(command: Callable[..., int]) -> Callable[..., int]:
     for name, parameter in inspect.signature(command).parameters.items():
         if is_dataclass(hints[name]):
             groups[name] = hints[name]
-            parameters += _options(hints[name])
+            parameters += _options(hints[name], texts=texts)
         else:
             parameters.append(parameter.replace(annotation=hints[name], kind=inspect.Parameter.KEYWORD_ONLY))
 
-    parameters += _options(StderrOptions)
+    parameters += _options(StderrOptions, texts=texts)
 
     def run(**given: Any) -> int:
         messages = StderrOptions(**_taken(StderrOptions, given))
@@ -69,9 +69,9 @@ def _fields(kind: Any) -> tuple[Field[Any], ...]:
     return fields(kind)
 
 
-def _options(kind: Any) -> list[inspect.Parameter]:
-    hints, texts = get_type_hints(kind, include_extras=True), _docstrings(kind)
-    return [_option(field, hints[field.name], texts[field.name]) for field in _fields(kind)]
+def _options(kind: Any, *, texts: bool) -> list[inspect.Parameter]:
+    hints, found = get_type_hints(kind, include_extras=True), _docstrings(kind) if texts else {}
+    return [_option(field, hints[field.name], found.get(field.name, "")) for field in _fields(kind)]
 
 
 def _option(field: Field[Any], hint: Any, text: str) -> inspect.Parameter:

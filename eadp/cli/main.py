@@ -97,8 +97,11 @@ def _options(
     pass
 
 
-def _app(names: Collection[str]) -> typer.Typer:
-    """The command line; of other commands than these it knows the names: to import all takes long."""
+def _app(names: Collection[str], *, texts: bool = True) -> typer.Typer:
+    """The command line; of other commands than these it knows the names: to import all takes long.
+
+    `texts`: whether options have their texts, which are read in the sources.
+    """
     app = typer.Typer(
         name="eadp",
         cls=_Grouped,
@@ -111,7 +114,7 @@ def _app(names: Collection[str]) -> typer.Typer:
     )
     app.callback()(_options)
     for name, text in COMMANDS.items():
-        command = grouped(import_module(f"eadp.cli.{name}").command) if name in names else _unknown
+        command = grouped(import_module(f"eadp.cli.{name}").command, texts=texts) if name in names else _unknown
         app.command(name, short_help=text)(_shielded(command))
     return app
 
@@ -129,7 +132,8 @@ def main(arguments: list[str]) -> int:
     try:
         named = [name for name in arguments[:1] if name in COMMANDS]
         completed = COMMANDS if "_EADP_COMPLETE" in os.environ else ()
-        result = _app(named or completed)(args=arguments, prog_name="eadp", standalone_mode=False)
+        texts = bool(completed) or not {"-h", "--help"}.isdisjoint(arguments)
+        result = _app(named or completed, texts=texts)(args=arguments, prog_name="eadp", standalone_mode=False)
         sys.stdout.flush()
         if result == INTERRUPTED:  # typer's own answer, outside of a command
             return _interrupted()

@@ -79,7 +79,6 @@ def command(
     Exit code 0 if the plan can be read, 1 if --check finds an error, 2 if it cannot be read.
     """
     from eadp.api.plan import check_plan
-    from eadp.cli.junit import Case, junit_text
     from eadp.errors import InputError, PathUndefined
     from eadp.io.plan.parameters import parameters_of
     from eadp.io.plan.writer import plan_text
@@ -97,6 +96,8 @@ def command(
     read = check_plan(file, min_radius_m=options.min_radius_m, laps=options.laps, geometry=options.check)
     plan, report, lines = read.plan, read.report, read.faults
     if options.junit is not None:
+        from eadp.cli.junit import Case, junit_text
+
         wrong = "\n".join(str(line) for line in lines if line.severity == "error") or None
         case = Case("geometry" if options.check else "text", time.perf_counter() - start_s, wrong)
         write_text(options.junit, junit_text(file, [case]))
