@@ -139,6 +139,7 @@ class Aeroplane:
         course_rad: float,
         wind_mps: tuple[float, float],
         gusts: Dryden | None = None,
+        altitude_m: float = ALTITUDE_M,
     ) -> None:
         self._fdm = fdm = jsbsim.FGFDMExec(str(HERE), None)
         fdm.set_debug_level(0)
@@ -149,7 +150,7 @@ class Aeroplane:
         fdm.set_dt(STEP_S)
         air = AIRSPEED_MPS * math.cos(course_rad), AIRSPEED_MPS * math.sin(course_rad)
         initial = {
-            "ic/h-sl-ft": ALTITUDE_M / FOOT_M,
+            "ic/h-sl-ft": altitude_m / FOOT_M,
             "ic/lat-geod-deg": 55.4,
             "ic/long-gc-deg": 10.3,
             "ic/psi-true-deg": math.degrees(math.pi / 2 - course_rad) % 360,
@@ -163,7 +164,7 @@ class Aeroplane:
         fdm["propulsion/set-running"] = -1
         self._gusts, self._step = gusts, 0
         self._speed_integral, self._climb_integral, self._origin = 0.2, 0.0, (0.0, 0.0, 0.0, 0.0)
-        self.altitude_target_m, self.airspeed_target_mps = ALTITUDE_M, AIRSPEED_MPS
+        self.altitude_target_m, self.airspeed_target_mps = altitude_m, AIRSPEED_MPS
         # the propeller comes up to its speed; then the clock starts, at the start
         while self._step * CONTROL_S < SETTLE_S:
             self._read()

@@ -11,7 +11,10 @@ that it is sent as NAMED_VALUE_FLOAT `fps`, and reports it, unless `--deaf`.
 - `--loss`, `--delay`: share of messages that are lost either way, and their largest delay [s], so that they overtake.
 - `--drop S SHARE`: a loss of charge, after so many seconds, that the charge drawn counts; `--cell S SHARE`: one that
   the voltage alone shows, as of a cell that is lost.
-- `--take-off FACTOR`: how many times as much power it draws in its first 30 s.
+- `--take-off FACTOR`: launched by hand, it climbs to its altitude, and draws so many times the power of level flight
+  in the first 10 s.
+- `--interrupt S`: in the midst of an upload the link is silent for so long, once, and the vehicle gives the upload up.
+- `--ohm-ah`: resistance of the pack times its capacity.
 - `--rates FILE`: a detector that runs, `docs/examples/detector.py`, which watches the file of `eadp replan
   --publish`; the rate that it reaches is what is reported, and what draws power. With `--deaf` it stays at the highest
   rate.
@@ -40,15 +43,19 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path += [str(ROOT / "benchmarks"), str(ROOT / "tests/support")]
 
 from mavlink_vehicle import Autopilot, MissionHolder, dialect  # noqa: E402
-from plant import CONTROL_S, GRAVITY_MPS2, Aeroplane, Dryden, Lipo, _turn_rad, _wrapped, battery_w  # noqa: E402
+from plant import ALTITUDE_M, CONTROL_S, GRAVITY_MPS2, Aeroplane, Dryden, Lipo, _turn_rad, _wrapped, battery_w  # noqa: E402
 from twin import LEVELS, LEVELS_W, OHM_AH  # noqa: E402
 
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m  # noqa: E402
 
 WAYPOINT, LOITER_TURNS, RETURN, TAKEOFF, CHANGE_SPEED = 16, 18, 20, 22, 178
 BANK_RAD, HOME_M, SET_INTERVAL = math.radians(35), 60.0, 511
-EARLY_M, TAKE_OFF_S = 50.0, 30.0
-"""How early ArduPilot leaves a waypoint before a loiter without an acceptance radius; the time of a take-off."""
+EARLY_M = 50.0
+"""How early ArduPilot leaves a waypoint before a loiter without an acceptance radius."""
+GROUND_S, LAUNCH_M, TAKE_OFF_S, LEVEL_W = 2.0, 10.0, 10.0, 70.0
+"""Time on the ground before a launch, its altitude, the time of full throttle, and the power of level flight."""
+INTERRUPTED = 3
+"""Items after which an upload is interrupted."""
 TELEMETRY_STEPS, BATTERY_STEPS, SECOND_STEPS = 4, 10, 20
 """Steps of CONTROL_S between messages."""
 DETECTOR = 192
@@ -65,11 +72,11 @@ class Wire:
         self._socket.setblocking(False)
         self._socket.bind(("127.0.0.1", 0))
         self._out: list[tuple[float, int, bytes]] = []
-        self._sent = 0
+        self._sent, self.silent_until_s = 0, 0.0
 
     def send(self, frame: bytes) -> None:
         """Send a frame, later, or not at all."""
-        if self._rng.random() >= self._loss:
+        if not self._loses():
             self._sent += 1
             heapq.heappush(self._out, (time.monotonic() + self._rng.uniform(0, self._delay_s), self._sent, frame))
 
@@ -85,7 +92,10 @@ class Wire:
             try:
                 frames.append(self._socket.recv(4096))
             except OSError:
-                return [frame for frame in frames if self._rng.random() >= self._loss]
+                return [frame for frame in frames if not self._loses()]
+
+    def _loses(self) -> bool:
+        return self._rng.random() < self._loss or time.monotonic() < self.silent_until_s
 
 
 class Detector:
@@ -220,7 +230,9 @@ class Vehicle:
     drop, cell : (float, float), optional
         A loss of charge: when [s], and which share; and one that the charge drawn does not count.
     take_off : float
-        How many times as much power it draws at first.
+        How many times the power of level flight it draws in a take-off; 1: it starts at its altitude.
+    ohm_ah : float
+        Resistance of the pack times its capacity.
     """
 
     def __init__(
@@ -232,6 +244,7 @@ class Vehicle:
         drop: tuple[float, float] | None = None,
         cell: tuple[float, float] | None = None,
         take_off: float = 1.0,
+        ohm_ah: float = OHM_AH,
     ) -> None:
         home, *items = rows_of(mission)
         self.origin_deg = home[2][4], home[2][5]
@@ -240,8 +253,10 @@ class Vehicle:
         self.pilot = Pilot(self.holder, self.origin_deg)
         points = [self.pilot.place(item) for item in items if item[0] == WAYPOINT]
         course = math.atan2(points[1][1] - points[0][1], points[1][0] - points[0][0])
-        self.plane = Aeroplane(points[0], course, wind_mps, Dryden(math.hypot(*wind_mps), seed, 7200.0))
-        self.pack, self._drop = Lipo(capacity_ah, OHM_AH / capacity_ah), drop
+        gusts, start_m = Dryden(math.hypot(*wind_mps), seed, 7200.0), LAUNCH_M if take_off > 1 else ALTITUDE_M
+        self.plane = Aeroplane(points[0], course, wind_mps, gusts, start_m)
+        self.plane.altitude_target_m = ALTITUDE_M
+        self.pack, self._drop = Lipo(capacity_ah, ohm_ah / capacity_ah), drop
         self._cell, self._take_off = cell, take_off
         self.fps, self.power_w, self.consumed_ah = float(LEVELS[-1]), 0.0, 0.0
 
@@ -259,8 +274,8 @@ class Vehicle:
         """Fly for CONTROL_S."""
         self.plane.control(self.pilot.bank_rad(self.plane))
         self.power_w = float(battery_w(self.plane.shaft_w) + np.interp(self.fps, LEVELS, LEVELS_W))
-        if self.plane.time_s < TAKE_OFF_S:
-            self.power_w *= self._take_off
+        if self._take_off > 1 and self.plane.time_s < TAKE_OFF_S:
+            self.power_w = max(self.power_w, self._take_off * LEVEL_W)
         lost = uncounted = 0.0
         if self._drop is not None and self.plane.time_s >= self._drop[0]:
             lost, self._drop = self._drop[1], None
@@ -281,6 +296,7 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
         options.drop,
         options.cell,
         options.take_off,
+        options.ohm_ah,
     )
     holder, detector = vehicle.holder, Autopilot(component=DETECTOR)
     autopilot, wire = holder.autopilot, Wire(options.to, options.loss, options.delay, options.seed)
@@ -288,8 +304,16 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
     runs = None
     if options.rates:
         runs = Detector(*(() if options.deaf else ("--rates", options.rates)), rate=vehicle.fps)
-    parser, begun, step, counts = dialect.MAVLink(None), time.monotonic(), 0, {"commands": 0, "fps": 0}
+    parser, step, counts = dialect.MAVLink(None), 0, {"commands": 0, "fps": 0, "interrupted": 0}
     parser.robust_parsing = True
+    for k in range(round(GROUND_S / CONTROL_S / TELEMETRY_STEPS) if options.take_off > 1 else 0):
+        wire.send(autopilot.heartbeat(armed=False, active=False))
+        wire.send(autopilot.frame("vfr_hud", 0.0, 0.0, 0, 0, 0.0, 0.0))
+        now_s = 100 - GROUND_S + k * CONTROL_S * TELEMETRY_STEPS
+        wire.send(position(autopilot, now_s, plane, vehicle.origin_deg, landed=True))
+        time.sleep(CONTROL_S * TELEMETRY_STEPS / options.speed)
+        wire.flush()
+    begun, interrupt_s = time.monotonic(), options.interrupt
     while vehicle.flies:
         now_s = 100 + plane.time_s
         vehicle.fps = vehicle.fps if runs is None else runs.rate
@@ -320,6 +344,10 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
                 else:
                     for answer in holder.answer(bytes(frame)):
                         wire.send(answer)
+                    if interrupt_s and holder.receives and len(holder.writes) >= INTERRUPTED:
+                        wire.silent_until_s, interrupt_s = time.monotonic() + interrupt_s, 0.0
+                        holder.give_up()
+                        counts["interrupted"] = 1
         wire.flush()
         step += 1
         ahead_s = plane.time_s / options.speed - (time.monotonic() - begun)
@@ -364,6 +392,8 @@ def main() -> None:
     parser.add_argument("--drop", type=float, nargs=2)
     parser.add_argument("--cell", type=float, nargs=2)
     parser.add_argument("--take-off", type=float, default=1.0)
+    parser.add_argument("--interrupt", type=float, default=0.0)
+    parser.add_argument("--ohm-ah", type=float, default=OHM_AH)
     parser.add_argument("--deaf", action="store_true")
     parser.add_argument("--rates")
     parser.add_argument("--seed", type=int, default=0)

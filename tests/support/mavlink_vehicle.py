@@ -170,6 +170,15 @@ class MissionHolder:
             self.current = message.seq
         return []
 
+    @property
+    def receives(self) -> bool:
+        """Whether an upload goes on."""
+        return bool(self._due)
+
+    def give_up(self) -> None:
+        """End an upload halfway: the first items are new, the rest is old."""
+        self._due = []
+
     def _parameter(self, name: str, value: float) -> bytes:
         return self.autopilot.frame("param_value", name.encode(), value, 9, len(self.parameters), 65535)
 
