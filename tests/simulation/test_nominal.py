@@ -98,7 +98,8 @@ def test_turns_are_named_by_their_items_with_what_is_flown(tmp_path):
 def test_turns_that_are_never_got_past_are_named_and_have_no_forecast(tmp_path):
     inputs = load_flight(mission(tmp_path, CIRCLED), overrides={"time_limit_s": 1000})
     assert inputs.preflight() is None
-    assert any("circles, and never gets past it" in fault.message for fault in inputs.warnings)
+    (stuck,) = [fault.message for fault in inputs.warnings if "circles, and never gets past it" in fault.message]
+    assert stuck.startswith(f"{inputs.never_past}: ")
     outcome = Outcome()
     for _ in fly(inputs.world, inputs.flight(), outcome):
         pass
