@@ -149,6 +149,8 @@ class FlightInputs:
     scenario: Scenario
     warnings: tuple[Fault, ...]
     sources: Mapping[str, Source]
+    never_past: str = ""
+    """The item or stage with a turn that the aircraft never gets past; the plan has no forecast then."""
 
     def flight(self) -> PlannedFlight:
         """A new flight with its planner."""
@@ -230,7 +232,8 @@ def load_flight(
     mission = _mission(world, model, nominal)
     _check_planner(setting, mission)
     warnings += _doubts(setting, world)
-    return FlightInputs(world, mission, setting, tuple(warnings), sources)
+    never_past = next((one.first.label for one in overshoots if math.isinf(one.excess_s)), "")
+    return FlightInputs(world, mission, setting, tuple(warnings), sources, never_past)
 
 
 def _plan(files: Files, given: File | Plan, scenario: Scenario) -> tuple[Source, Plan, list[Fault]]:

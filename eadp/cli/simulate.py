@@ -117,7 +117,7 @@ def command(
     else:
         from eadp.io.report.words import setting_text
 
-        shown = _text(summary, output, decisions=len(flight.decisions))
+        shown = _text(summary, output, decisions=len(flight.decisions), never_past=flight.inputs.never_past)
         emit(f"aircraft   {setting_text(flight.inputs.scenario)}\n{shown}")
     failures = _failures(summary)
     if failures is not None:
@@ -151,7 +151,7 @@ def _sorties(folder: str, texts: list[str], seed: int | None, output: SimulateOu
     return 0 if job.summary["completed"] and (job.summary["reserve_kept"] or not output.require_reserve) else 1
 
 
-def _text(summary: Mapping[str, Any], output: SimulateOutputs, *, decisions: int) -> str:
+def _text(summary: Mapping[str, Any], output: SimulateOutputs, *, decisions: int, never_past: str) -> str:
     """The summary for people."""
     from eadp.io.report.words import label_of, parameter_text, reserve_text
 
@@ -159,7 +159,7 @@ def _text(summary: Mapping[str, Any], output: SimulateOutputs, *, decisions: int
     power, solver = summary["power_w"], summary["solver"]
     reserve = reserve_text(summary)
     lines = [
-        *_forecast(summary["energy_forecast"]),
+        *_forecast(summary["energy_forecast"], never_past),
         f"{done}: {summary['reason']} after {summary['duration_s']:.2f} s, {summary['distance_m'] / 1000:.2f} km",
         *(
             f"airspace   {'beyond' if each['name'] == BOUNDARY else 'in'} {each['name']} from "
@@ -231,10 +231,10 @@ def _reach(expected: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _forecast(expected: Mapping[str, Any] | None) -> list[str]:
+def _forecast(expected: Mapping[str, Any] | None, never_past: str) -> list[str]:
     """What was to be expected before take-off."""
     if expected is None:
-        return []
+        return [f"forecast   finishes with 0 %: never past {never_past}"] if never_past else []
     energy = f"{expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh"
     times = f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s"
     left = expected["soc_end"]

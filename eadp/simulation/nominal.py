@@ -19,7 +19,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point, tangent
 from eadp.errors import PathUndefined
 from eadp.models.battery import Battery
-from eadp.models.plan.cursor import cursors
+from eadp.models.plan.cursor import PlanCursor, cursors
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.leg_table import LegTable, TightLegs, tight_legs
 from eadp.models.plan.legs import Leg, left_m
@@ -48,8 +48,8 @@ LASTING = Battery(capacity_ah=1e9, resistance_ohm=0.0)
 
 
 class FlownPart(NamedTuple):
-    """A part of a route as flown: its legs as rows, the wind [m/s], and of each leg the time, the time integral of tan²
-    of a bank that takes as much energy [s], and how far the aircraft was off it at most [m]."""
+    """A part of a route as flown: its legs as rows, the first of those alike, the wind [m/s], and of each leg the time,
+    the time integral of tan² of a bank that takes as much energy [s], and how far off it the aircraft was [m]."""
 
     rows: tuple[int, ...]
     wind_mps: Point
@@ -125,35 +125,41 @@ class NominalFlight:
         self, route: Route, tight: TightLegs, wind_mps: Point, followed: FlownLegs
     ) -> list[tuple[int, FlownPart]]:
         """The parts of a route that the aircraft cannot follow, as flown, each with the number of its first leg."""
-        found, i = [], 0
+        found, i, passed, walk = list[tuple[int, FlownPart]](), 0, 0, cursors(route.cursor)
         starts = np.flatnonzero(tight.bends | tight.corners)
+        if len(starts) and route.cursor is not None:
+            rows = [
+                *route.table.alike[route.order[:-1]].tolist(),
+                -int(route.order[-1]) - 2,
+            ]  # the plan ends on the last
+            kept = self._kept.setdefault(route.table, {})
         while len(starts := starts[starts >= i]) and route.cursor is not None:
             i = int(starts[0])
             if not math.isfinite(followed.times_s[i]):
                 i += 1
                 continue
-            section = self._section(route, i, tight, wind_mps, followed)
+            known = kept.setdefault((rows[i - 1] if i else -1, rows[i]), [])
+            section = next((one for one in known if _holds(one, rows, i, wind_mps)), None)
+            if section is None:
+                if len(kept) > MAX_KEPT:
+                    kept.clear()
+                cursor = next(islice(walk, i - passed, None))
+                section, passed = self._fly(route, cursor, rows, i, tight, wind_mps, followed), i + 1
+                known.append(section)
             found.append((i, section))
             i += len(section.rows)
         return found
 
-    def _section(self, route: Route, first: int, tight: TightLegs, wind_mps: Point, followed: FlownLegs) -> FlownPart:
-        kept = self._kept.setdefault(route.table, {})
-        before = int(route.order[first - 1]) if first else -1
-        known = kept.setdefault((before, int(route.order[first])), [])
-        for section in known:
-            rows = route.order[first : first + len(section.rows)]
-            if math.dist(section.wind_mps, wind_mps) <= SAME_WIND_MPS and section.rows == tuple(rows.tolist()):
-                return section
-        if len(kept) > MAX_KEPT:
-            kept.clear()
-        section = self._fly(route, first, tight, wind_mps, followed)
-        known.append(section)
-        return section
-
-    def _fly(self, route: Route, first: int, tight: TightLegs, wind_mps: Point, followed: FlownLegs) -> FlownPart:
-        assert route.cursor is not None
-        cursor = next(islice(cursors(route.cursor), first, None))
+    def _fly(
+        self,
+        route: Route,
+        cursor: PlanCursor,
+        alike: Sequence[int],
+        first: int,
+        tight: TightLegs,
+        wind_mps: Point,
+        followed: FlownLegs,
+    ) -> FlownPart:
         leg = route.legs[first]
         course = route.table.rows.courses_rad[route.order[max(first - 1, 0)], 1 if first else 0]
         executor = PlanExecutor.at(cursor, leg.start_m)
@@ -186,8 +192,7 @@ class NominalFlight:
             executor.handle(events, loop.variable(X), loop.variable(Y))
             if executor.complete:
                 break
-        order = tuple(route.order[first : first + len(rows)].tolist())
-        return FlownPart(order, wind_mps, *np.array(rows).T)
+        return FlownPart(tuple(alike[first : first + len(rows)]), wind_mps, *np.array(rows).T)
 
     def _loop(self, leg: Leg, course: float, wind_mps: Point) -> InnerLoop:
         """The aircraft on its path, on a course [rad], in level flight."""
@@ -209,6 +214,13 @@ class NominalFlight:
         level_w = airframe.level_power_w(speed)
         bank_w = airframe.level_power_w(speed, math.pi / 4) - level_w  # tan² 45° = 1
         return max(energy_j - level_w * flown_s, 0.0) / bank_w if bank_w > 0 else 0.0
+
+
+def _holds(part: FlownPart, rows: Sequence[int], first: int, wind_mps: Point) -> bool:
+    """Whether a part was flown on the legs from one on, in this wind."""
+    return math.dist(part.wind_mps, wind_mps) <= SAME_WIND_MPS and part.rows == tuple(
+        rows[first : first + len(part.rows)]
+    )
 
 
 def _off(loop: InnerLoop, leg: Leg) -> tuple[float, float]:

@@ -660,3 +660,22 @@ def test_messages_are_left_out_or_json(eadp, tmp_path):
         assert (refused.code, refused.out) == (2, "")
         (fault,) = json.loads(refused.err)["faults"]
         assert fault["severity"] == "error"
+
+
+def test_a_turn_that_is_never_got_past_has_its_line(eadp, tmp_path):
+    points = [
+        (47.0, 8.0),
+        (46.99950818, 8.00355616),
+        (46.99843717, 8.00173275),
+        (46.99844094, 8.00175957),
+        (46.99837186, 8.00174379),
+        (46.99838238, 8.00185857),
+        (46.99824665, 8.00179309),
+        (46.99778889, 7.99895673),
+    ]
+    rows = [f"{i}\t0\t{3 if i else 0}\t16\t0\t0\t0\t0\t{x}\t{y}\t60\t1\n" for i, (x, y) in enumerate(points)]
+    mission = tmp_path / "circled.waypoints"
+    mission.write_text("QGC WPL 110\n" + "".join(rows))
+    answer = eadp("simulate", mission, "--set", "time_limit_s=200", "--planner", "static")
+    assert answer.code == 1
+    assert "\nforecast   finishes with 0 %: never past item 2\nNOT completed: time limit" in answer.out

@@ -11,6 +11,7 @@ from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.models.plan.trace import whole_route
 from eadp.planning.base import FlownLegs
 from eadp.simulation.loop import TIME_LIMIT, Outcome, fly
+from eadp.simulation.nominal import NominalFlight
 
 HOME = (47.0, 8.0)
 SHARP = [
@@ -67,6 +68,21 @@ def test_an_overshot_turn_widens_the_deviation(tmp_path):
     assert sharp.remaining_std_s / sharp.remaining_s > 1.2 * wide.remaining_std_s / wide.remaining_s
 
 
+def test_laps_alike_are_flown_once(tmp_path, monkeypatch):
+    flown = []
+    monkeypatch.setattr(
+        NominalFlight, "_fly", lambda *args, own=NominalFlight._fly: flown.append(args[4]) or own(*args)
+    )
+    path = mission(tmp_path, [*SHARP, (50.0, 150.0)])
+    body, found = path.read_text(), {}
+    for laps in (3, 12):
+        path.write_text(body + f"10\t0\t3\t177\t1\t{laps - 1}\t0\t0\t0\t0\t0\t1\n")
+        flown.clear()
+        found[laps] = load_flight(path).preflight().forecast.remaining_s, len(flown)
+    assert found[12][1] == found[3][1] > 1
+    assert found[12][0] == pytest.approx(4 * found[3][0], rel=0.1)
+
+
 def test_turns_are_named_by_their_items_with_what_is_flown(tmp_path):
     path = mission(tmp_path, SHARP)
     messages = [fault.message for fault in load_flight(path).warnings]
@@ -82,7 +98,8 @@ def test_turns_are_named_by_their_items_with_what_is_flown(tmp_path):
 def test_turns_that_are_never_got_past_are_named_and_have_no_forecast(tmp_path):
     inputs = load_flight(mission(tmp_path, CIRCLED), overrides={"time_limit_s": 1000})
     assert inputs.preflight() is None
-    assert any("circles, and never gets past it" in fault.message for fault in inputs.warnings)
+    (stuck,) = [fault.message for fault in inputs.warnings if "circles, and never gets past it" in fault.message]
+    assert stuck.startswith(f"{inputs.never_past}: ")
     outcome = Outcome()
     for _ in fly(inputs.world, inputs.flight(), outcome):
         pass
