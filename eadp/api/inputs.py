@@ -329,7 +329,7 @@ def _way_home(plan: Plan, scenario: Scenario, start_m: Point) -> WayHome | None:
         radius_m = HOME_RADII * turn_radius_m
         clear, near = airspace.free_space(CLEARANCE_SHARE * radius_m), airspace.free_space(0.0)
         ways = WaysTo(home_m, clear, near, radius_m)
-    return WayHome(home_m, turn_radius_m, turns_back, ways)
+    return WayHome(home_m, turn_radius_m, turns_back, ways, scenario.keys.home.altitude_m)
 
 
 def _mission(world: World, energy: EnergyModel | None, nominal: NominalFlight | None) -> Mission:

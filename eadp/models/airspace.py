@@ -143,12 +143,15 @@ class WayHome(NamedTuple):
         Whether to fly home where the plan cannot be completed with the reserve kept.
     ways : WaysTo or None
         Round obstacles and within the boundary; None without either.
+    altitude_m : float or None
+        Altitude of the way [m]; None that of the stage.
     """
 
     position_m: Point
     turn_radius_m: float
     turns_back: bool = False
     ways: WaysTo | None = None
+    altitude_m: float | None = None
 
     def line(self, start_m: Point) -> tuple[Point, ...]:
         """The shortest way from a point [m]: where its straight lines end."""

@@ -19,7 +19,8 @@ def home_plan(cursor: PlanCursor, pose: Pose, way_home: WayHome) -> Plan:
     Parameters
     ----------
     cursor : PlanCursor
-        Where the flight was in its plan: its stage's altitude and airspeed stay, and the path parameters.
+        Where the flight was in its plan: its stage's airspeed stays, its altitude without another, and the path
+        parameters.
     pose : (float, float, float)
         Where the aircraft is [m] and its heading [rad].
     way_home : WayHome
@@ -30,6 +31,7 @@ def home_plan(cursor: PlanCursor, pose: Pose, way_home: WayHome) -> Plan:
     rho = plan.path_count
     lowest = [plan.hull(i).lo for i in range(rho, len(cursor.parameters))]
     sets = tuple(Box(value, value) for value in (*cursor.parameters[:rho], *lowest))
+    altitude_m = cursor.stage.altitude_m if way_home.altitude_m is None else way_home.altitude_m
     stages = []
     for index, piece in enumerate(way_home.pieces(pose), 1):
         function, rotation_deg, gain = piece_path(piece)
@@ -45,6 +47,7 @@ def home_plan(cursor: PlanCursor, pose: Pose, way_home: WayHome) -> Plan:
                 sets=sets,
                 segment=None,
                 commands=(),
+                altitude_m=altitude_m,
             )
         )
     return Plan(plan.name, tuple(stages), rho, plan.computations, trigger_radius_m=plan.trigger_radius_m)

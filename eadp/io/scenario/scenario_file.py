@@ -116,6 +116,10 @@ class Home:
         Latitude | None, Field(description="Latitude [°], instead of `position_m`, where the plan has an origin.")
     ] = None
     lon_deg: Annotated[Longitude | None, Field(description="Longitude [°], with `lat_deg`.")] = None
+    altitude_m: Annotated[
+        Altitude | None,
+        Field(description="Altitude of the way there [m], as `RTL_ALTITUDE`; by default that of the stage."),
+    ] = None
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,8 @@ MIN_STEP_M, STEPS = 20.0, 500
 def home_spare(evaluation: Evaluation, place: int, flown_s: float = 0.0, flown_j: float = 0.0) -> float | None:
     """Charge above the reserve after a flight home from here, with the reserve's probability; None without a home.
 
-    The way is a whole turn and straight lines, with the least power of the motion and of the computations.
+    The way is a whole turn and straight lines, with the least power of the motion and of the computations, and the
+    energy of a climb to its altitude.
 
     Parameters
     ----------
@@ -44,15 +45,23 @@ def home_spare(evaluation: Evaluation, place: int, flown_s: float = 0.0, flown_j
     if way_home is None:
         return None
     seconds = _seconds_home(way_home, evaluation.known)
-    return _spare(evaluation, place, seconds, flown_s, flown_j) if math.isfinite(seconds) else -math.inf
+    if not math.isfinite(seconds):
+        return -math.inf
+    known, mission = evaluation.known, evaluation.evaluator.mission
+    here_m = mission.cruise_altitude_m if known.climb is None else known.climb.altitude_m
+    to_m = here_m if way_home.altitude_m is None else way_home.altitude_m
+    return _spare(evaluation, place, seconds, flown_s, flown_j, max(to_m - here_m, 0.0) * known.motion.climb_j_per_m)
 
 
-def _spare(evaluation: Evaluation, place: int, seconds: float, flown_s: float, flown_j: float) -> float:
+def _spare(
+    evaluation: Evaluation, place: int, seconds: float, flown_s: float, flown_j: float, climb_j: float = 0.0
+) -> float:
     """Charge above the reserve after a time from here at the least power, with the reserve's probability."""
     evaluator, known = evaluation.evaluator, evaluation.known
     objective, battery = evaluator.objective, evaluator.mission.battery
     mine = evaluation.legs.place == place
     power_w = float(evaluation.load.motion_w[mine].min()) + float(evaluation.load.min_w[mine].min())
+    power_w += climb_j / seconds if seconds > 0 else 0.0
     volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
     drain = float(drain_per_s(power_w, volts, battery.resistance_ohm, battery.drain_per_as)) * seconds
     then = after_drain(known.charge.filtered, drain)

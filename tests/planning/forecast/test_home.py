@@ -45,6 +45,19 @@ def test_the_way_home_takes_a_turn_and_a_line_at_least_power(home, wind_mps):
     assert found.known.soc - home_spare(found, 0) - 0.05 == pytest.approx(takes, rel=1e-3)
 
 
+def test_a_higher_way_home_takes_a_climb():
+    """Of m g Δh / η from the altitude of cruise, 25 m; a lower one takes nothing."""
+    level, high, low = (
+        home_spare(forecasting.at(0.0), 0)
+        for forecasting in (forecasting_of(), *(forecasting_of(**{"home.altitude_m": m}) for m in (125.0, 5.0)))
+    )
+    assert low == level
+    mission = forecasting_of().mission
+    climb_ah = 100 * mission.airframe.climb_j_per_m / mission.battery.voltage_v / 3600
+    # the current of it, and what the resistance takes
+    assert level - high == pytest.approx(climb_ah / mission.battery.capacity_ah, rel=0.05)
+
+
 def test_at_home_nothing_is_needed():
     forecasting = forecasting_of()
     forecasting.known = forecasting.known._replace(position_m=(0.0, -2500.0))
