@@ -213,7 +213,7 @@ class Published:
             while self._reading + 1 < len(log.times_s) and log.times_s[self._reading + 1] <= time_s + 1e-9:
                 self._reading += 1
             if self._ended(time_s, period_s):
-                self._filter.lap(time_s - start_s)
+                self._filter.end_lap(time_s - start_s)
             self._filter.observe(time_s - start_s, float(log.power_w[self._reading]))
         return lambda later: self._filter.forecast(later - now_s)
 
@@ -254,7 +254,7 @@ class Exact:
             before_s = float(log.times_s[self._reading - 1]) if self._reading else -math.inf
             for lap in laps:
                 if before_s < lap <= time_s:
-                    self._estimator.lap(lap)
+                    self._estimator.end_lap(lap)
             self._estimator.observe(time_s, float(log.power_w[self._reading]))
             self._reading += 1
         return self._estimator

@@ -238,8 +238,8 @@ class ExactEstimator:
 
     # --- laps
 
-    def lap(self, time_s: float) -> None:
-        """Take the lap's time as the period; one without a mark before it, of `start_lap` or a lap, has none."""
+    def end_lap(self, time_s: float) -> None:
+        """Take the time of the lap that ends as the period; one whose start had no mark, of either method, has none."""
         self._lap_marks_s.append(time_s)
         times = np.diff(self._lap_marks_s).tolist()
         if not times:
@@ -273,6 +273,7 @@ class ExactEstimator:
     # --- the model
 
     def _first_filter(self, state: FloatArray) -> EnergyFilter:
+        """The filter before the first correction, at a state of wide covariance."""
         size = 2 * self._order + 1
         covariance = np.zeros((size + 2, size + 2))
         spread_w = max(FIRST_STD_W, FIRST_SHARE * abs(state[0]))
@@ -281,11 +282,13 @@ class ExactEstimator:
         return EnergyFilter(state, covariance, self._dynamics(state))
 
     def _dynamics(self, state: FloatArray) -> EnergyDynamics:
+        """The model with the period, noise and disturbance as estimated so far; harmonics drift by those of a state."""
         s, period_s = self._settings, self.period_s or 1.0
         noise_w, (std_w, time_s) = self.noise_w, self.disturbance
         least = DRIFT_SHARE**2 * (noise_w**2 + std_w**2)
         drift = np.full(self._order + 1, max(s.harmonic_drift_w_per_sqrt_s**2, least))
         drift[0] = max(s.level_drift_w_per_sqrt_s**2, least)
+        # |α_j + iβ_j|² (2πj std/T)² / 2T:
         # a lap that takes T ± std turns harmonic j by 2πj std/T, off by that share of its amplitude at its end
         turned = 2 * math.pi * np.arange(1, self._order + 1) * self.period_std_s / period_s
         squared_amplitudes = state[1:-2:2] ** 2 + state[2:-2:2] ** 2
@@ -316,6 +319,7 @@ class ExactEstimator:
         keep = subsampled(len(times), LEARN_SAMPLES)
         times, power = times[keep], power[keep]
         angle = 2 * math.pi * _lap_turns(self._lap_marks_s, times, self.period_s or 1.0)
+        # y = 1, cos jθ, sin jθ: what the laps explain
         waves = [wave(j * angle) for j in range(1, self._order + 1) for wave in (np.cos, np.sin)]
         columns = np.column_stack([np.ones(len(times)), *waves])
         found = fit_disturbance(times, power, columns=columns, samples=LEARN_SAMPLES)
@@ -323,6 +327,7 @@ class ExactEstimator:
             return
         before = self._density_w2_s()
         self.noise_w = max(found.noise_w, MIN_NOISE_W)
+        # a disturbance below this counts as white noise: it keeps its time constant
         white = found.std_w < MIN_DISTURBANCE_W
         self.disturbance = (MIN_DISTURBANCE_W, self.disturbance[1]) if white else (found.std_w, found.time_s)
         self._filter.widen(max(1.0, self._density_w2_s() / before))
@@ -337,7 +342,7 @@ class ExactEstimator:
 def _lap_turns(marks_s: list[float], times_s: FloatArray, period_s: float) -> FloatArray:
     """Laps flown at given times: completed ones are one turn each, others progress by the period."""
     marks = marks_s or [float(times_s[0])]
-    far = 1e6
+    far = 1e6  # laps before the first mark and after the last: beyond any flight's
     known_s = [marks[0] - far * period_s, *marks, marks[-1] + far * period_s]
     count = np.arange(len(marks), dtype=float)
     turns: FloatArray = np.interp(times_s, known_s, np.concatenate([[-far], count, [count[-1] + far]]))
@@ -419,8 +424,8 @@ class PublishedEstimator:
         self._state = state
         return expected
 
-    def lap(self, time_s: float) -> None:
-        """Restart the clock."""
+    def end_lap(self, time_s: float) -> None:
+        """Take the time of the lap that ends, and restart the clock."""
         self._lap_s, self._lap_started_s = time_s - self._lap_started_s, time_s
 
     def start_lap(self, time_s: float) -> None:

@@ -123,17 +123,19 @@ def flown_track(name: str, times_s: FloatArray, position_m: FloatArray | None, l
     if position_m is None or known is None or not known.any():
         raise InputError.at(name, 1, 1, "the log has no positions", "columns x_m and y_m, or lat and lon")
     path_m = np.array([(point.x_m, point.y_m) for leg in legs for point in leg_points(leg, PATH_STEP_M)])
-    return FlownTrack(times_s[known], position_m[known], path_m, _along(path_m, position_m[known]))
+    return FlownTrack(times_s[known], position_m[known], path_m, _distances_along(path_m, position_m[known]))
 
 
-def _along(path_m: FloatArray, position_m: FloatArray) -> FloatArray:
+def _distances_along(path_m: FloatArray, position_m: FloatArray) -> FloatArray:
     """Distance of each position from a path that is flown along [m]: lines of other laps may lie nearer.
 
     From every lap on whose path the track may begin, each position has the nearest point a little ahead of that of the
     one before; the lap with the least squares counts.
     """
+    # points of the path per step of the track
     moved = np.linalg.norm(np.diff(position_m, axis=0, prepend=position_m[:1]), axis=1) / PATH_STEP_M
     first_m = np.linalg.norm(path_m - position_m[0], axis=1)
+    # local minima of the distance from the first position: one for each lap that passes by it
     nearest = (first_m[1:-1] <= first_m[:-2]) & (first_m[1:-1] <= first_m[2:]) & (first_m[1:-1] < BEGIN_M)
     found: list[FloatArray] = []
     for at in [*(np.flatnonzero(nearest) + 1).tolist(), int(first_m.argmin())]:

@@ -26,6 +26,7 @@ SETTLED = 2e-4
 
 SAME_STEP_S = 1e-9
 STEPPING = -1
+"""In place of a number of steps: the gain is not held."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +65,8 @@ class EnergyFilter:
         self._noise = np.zeros_like(covariance)
         self._gain = np.zeros(len(state))
         self._maps: tuple[FloatArray, ...] = ()
-        self._held = STEPPING  # or for how many steps the gain has been held since its maps were applied
+        # STEPPING, or by how many readings the covariance is behind the state, the gain held
+        self._held = STEPPING
 
     @property
     def covariance(self) -> FloatArray:
@@ -113,12 +115,12 @@ class EnergyFilter:
         self.state, self._covariance = update(self.state, self._covariance, self._output, measured_w, variance)
         if step_s > 0 and not gate_w:
             before, self._gain = self._gain, self._gain_now()
-            if even and self._change(before) < SETTLED:
+            if even and self._gain_change(before) < SETTLED:
                 self._hold()
         return expected
 
     def _follow_held(self, measured_w: float) -> float:
-        """`follow` with the gain held."""
+        """`follow` with the gain held: the covariance follows a block later."""
         state = self._transition.dot(self.state)
         expected = self._output.dot(state)
         self.state = state + self._gain * (measured_w - expected)
@@ -132,8 +134,9 @@ class EnergyFilter:
         # K = P⁻ Cᵀ S⁻¹ = P⁺ Cᵀ R⁻¹
         return self._covariance @ self._output / self._dynamics.noise_w**2
 
-    def _change(self, before: FloatArray) -> float:
-        """Largest change of the correlation of a state with a reading."""
+    def _gain_change(self, before: FloatArray) -> float:
+        """Largest change of the correlation of a state with a reading, from the gain before."""
+        # |K_i − K_i⁻| √R / √P_ii
         std = np.sqrt(np.maximum(np.diagonal(self._covariance), 1e-18))
         return float(np.max(np.abs(self._gain - before) / std)) * self._dynamics.noise_w
 
@@ -146,11 +149,13 @@ class EnergyFilter:
 
     def _catch_up(self) -> None:
         """Update the covariance for the readings that the state has already taken."""
-        for k, powers in enumerate(self._maps):
+        # by the binary digits of their number: map k is that of 2ᵏ steps
+        for k, covariance_map in enumerate(self._maps):
             if self._held > 0 and self._held >> k & 1:
-                self._covariance = applied(powers, self._covariance)
-        self._held = min(self._held, 0)
+                self._covariance = applied(covariance_map, self._covariance)
+        self._held = min(self._held, 0)  # STEPPING stays
 
     def _step_by_step(self) -> None:
+        """Hold the gain no more."""
         self._catch_up()
         self._held = STEPPING

@@ -108,7 +108,10 @@ class Drain(NamedTuple):
 
 
 class GaugeReadings(NamedTuple):
-    """First and last reading; number of readings, of those another than the last, and of outliers in a row."""
+    """First and last reading; number of readings, of those another than the last, and of outliers in a row.
+
+    `taken` and `changes` count the first reading, too, and are 2 again after a loss.
+    """
 
     first: float
     last: float
@@ -197,6 +200,7 @@ class ChargeFilter:
         slope = SLOPE_OF_USE_STD**2
         of_ratio = RATIO_OF_USE_STD**2 + slope / 4
         nothing = Charge(*(0.0,) * len(Charge._fields))
+        # κ(full) = κ(half) − s/2: var κ = σ_κ² + σ_s²/4, cov(κ, s) = −σ_s²/2
         charge = nothing._replace(
             soc=start_soc, use_ratio=1.0, var_ratio=of_ratio, cov_ratio_slope=-slope / 2, var_slope=slope
         )
@@ -208,7 +212,7 @@ class ChargeFilter:
             Belief(believed=True, rises=False, lost=0.0, losses=0),
             Checkpoint(math.nan, 0.0, charge),
         )
-        self._now = charge
+        self._now = charge  # after the drain since the last correction
 
     def ingest(self, charges: Column, powers_w: Column, steps_s: Column, *, measured: bool = True) -> bool:
         """Take readings in order; return whether charge was lost.
@@ -413,6 +417,7 @@ def _ingested(
         drain = state.drain
         known = not math.isnan(powers_w[i])
         power_w = powers_w[i] if known else drain.power_w
+        # what the reading's power has drained since the one before; nothing before a charge is known
         drained = 0.0
         if not math.isnan(state.charge.soc):
             soc = after_drain(state.charge, drain.since).soc
@@ -434,6 +439,7 @@ def _with_reading(state: ChargeState, reading: float, drained: float) -> ChargeS
     fell = readings.last - reading
     readings = GaugeReadings(readings.first, reading, readings.taken + 1, readings.changes, readings.outliers)
     state = ChargeState(state.charge, state.drain, readings, state.gauge, state.belief, state.checkpoint)
+    # a repetition says nothing, unless it confirms an outlier, or nothing has been drained that it should show
     if fell != 0.0 or readings.outliers > 0 or drained == 0.0:
         state = _with_change(state, fell, drained)
     return _checked(state)
@@ -461,7 +467,8 @@ def _none_since(drain: Drain) -> Drain:
 def _with_change(state: ChargeState, fell: float, drained: float) -> ChargeState:
     """The state after a reading that is another than the one before: an outlier, a loss, or a correction.
 
-    `fell` is by how much it is below the one before, `drained` the drain predicted between the two.
+    `fell` is by how much it is below the one before, `drained` the drain predicted between the two. `readings.changes`
+    is 2 or more from here on: divisors `changes - 1` are not 0.
     """
     drain, belief, last = state.drain, state.belief, state.readings
     readings = GaugeReadings(last.first, last.last, last.taken, last.changes + 1, last.outliers)
@@ -477,21 +484,27 @@ def _with_change(state: ChargeState, fell: float, drained: float) -> ChargeState
     error = readings.last + now.offset - (gauge.step if fell < 0 else 0.0) - now.soc
     variance = var_soc - 2 * now.cov_soc_offset + now.var_offset
 
+    # an outlier: the state goes on without it, unless it is a loss, or the end of a false one
     exact = gauge.noise_variance < EXACT_GAUGE
     if _is_outlier(abs(error), variance, gauge.noise_variance, readings.taken, drain.since):
         again = GaugeReadings(readings.first, readings.last, readings.taken, readings.changes, readings.outliers + 1)
         state = ChargeState(charge, drain, again, gauge, belief, state.checkpoint)
+        # a charge that rises by no more than was lost is the end of a false loss
         is_back = belief.believed and error <= belief.lost + MIN_JUMP
         return _with_loss(state, now, error) if (readings.outliers > 0 or exact) and (error < 0 or is_back) else state
+
+    # no outlier: the state is corrected, and the noise learned, unless the gauge is disbelieved
     readings = GaugeReadings(readings.first, readings.last, readings.taken, readings.changes, outliers=0)
     if not belief.believed:
         return ChargeState(charge, drain, readings, gauge, belief, state.checkpoint)
     # a small loss is one of charge, not of capacity; a coarse gauge looks exact before it has changed a few times
     if not exact or readings.changes <= FIRST_CHANGES:
         var_soc += max(0.0, error * error - SMALL_JUMP_STDS**2 * (variance + gauge.noise_variance))
+    # a drain without a measured power says nothing of the gauge's noise
     noise = (
         gauge.noise_variance if drain.unmeasured > 0.0 else _noise(gauge, readings, now.use_ratio * drain.since - fell)
     )
+    # the greatest fall between two readings may be one step
     gauge = Gauge(noise, min(max(gauge.quantum, fell), MAX_QUANTUM), gauge.step, gauge.from_full)
     charge = corrected(_with_soc(now, now.soc, var_soc), error, noise)
     return ChargeState(charge, _none_since(drain), readings, gauge, belief, state.checkpoint)
@@ -503,12 +516,13 @@ def _noise(gauge: Gauge, readings: GaugeReadings, change: float) -> float:
     The difference of two readings has twice the noise of one.
     """
     noise = gauge.noise_variance
+    # g: the mean of all differences at first, then of the last ones
     return noise + max(NOISE_SHARE, 1 / (readings.changes - 1)) * (change * change / 2 - noise)
 
 
 def _is_outlier(size: float, variance: float, noise: float, taken: int, drain: float) -> bool:
-    """Whether an innovation of a size is that of an outlier, after a drain."""
-    if noise < EXACT_GAUGE and taken > 2:
+    """Whether an innovation of a size is that of an outlier, after a drain; the first readings are none."""
+    if noise < EXACT_GAUGE and taken > 2:  # exact: off by the error of the drain alone, below ten times it
         return size > MIN_JUMP + 10 * drain
     return taken > 4 and size > JUMP and size > JUMP_STDS * math.sqrt(variance + noise)
 
@@ -552,16 +566,17 @@ def _checked(state: ChargeState) -> ChargeState:
     """Compare what the gauge has fallen by with the drain, now and then; once disbelieved, with the integral."""
     charge, drain, gauge, belief, checkpoint = state.charge, state.drain, state.gauge, state.belief, state.checkpoint
     reading, drained = state.readings.last, drain.total - checkpoint.total_drain
+    # too little has been drained to show in the gauge
     if drained < max(CHECKED_DRAIN, CHECKED_QUANTA * gauge.quantum, CHECKED_STDS * math.sqrt(gauge.noise_variance)):
         return state
     fell, expected = checkpoint.reading - reading, checkpoint.charge.use_ratio * drained
     falls = MIN_FALL * expected <= fell
     now = after_drain(charge, drain.since)
-    if belief.believed and not falls:
+    if belief.believed and not falls:  # disbelieved: the charge is the integral since the last comparison
         belief = Belief(False, fell < 0, belief.lost, belief.losses)
         charge = now = after_drain(checkpoint.charge, drained)
         drain = Drain(0.0, drain.unmeasured, drain.total, drain.power_w)
-    elif falls and fell <= expected / MIN_FALL:
+    elif falls and fell <= expected / MIN_FALL:  # believed again where it is not far above the integral
         far = max(CHECKED_QUANTA * gauge.quantum, JUMP_STDS * math.sqrt(now.var_soc))
         if reading <= now.soc + far:
             belief = Belief(True, belief.rises, belief.lost, belief.losses)

@@ -80,7 +80,7 @@ class FlightState:
         self._ground = GroundLog(mission.plan, weights or {})
         self._wind = WindFilter(mission.gust_time_s)
         self._headings = HeadingGate()
-        self._measured_wind: tuple[Point, float] | None = None
+        self._measured_wind: tuple[Point, float] | None = None  # [m/s], and until when it is used [s]
         self._times = TimeRatio()
         level_w = mission.energy.mean_w if mission.energy is not None else mission.motion_w
         climb_j_per_m = 0.0 if mission.airframe is None else mission.airframe.climb_j_per_m
@@ -138,7 +138,7 @@ class FlightState:
     def _process(self) -> None:
         """Pass what waits through the filters, in its order; an observation's reading goes with those before it."""
         readings: Readings | None = None
-        for each in self._queue.to_filter():
+        for each in self._queue.take_unfiltered():
             if isinstance(each, Seen):
                 if each.is_reading:
                     readings = _with_reading(readings, each.observation.sample)
@@ -213,10 +213,10 @@ class FlightState:
         # once a second, whenever it is asked
         whole_s = np.floor(times_s + SAME_TIME_S)
         for i in np.flatnonzero(np.diff(whole_s, prepend=math.floor(before_s + SAME_TIME_S)) > 0).tolist():
-            self._place.off_path((float(readings.x_m[i]), float(readings.y_m[i])), float(times_s[i]))
+            self._place.learn_reach((float(readings.x_m[i]), float(readings.y_m[i])), float(times_s[i]))
         powers_w = np.asarray(self._gate.ingest(times_s, readings.powers_w, self._place.computing_w, on_plan=on_plan))
-        climb_w, level_mps = self._followed(steps_s)
-        climb_mps = self._climbed(o, float(steps_s.sum()))
+        climb_w, level_mps = self._follow_climb(steps_s)
+        climb_mps = self._take_altitude(o, float(steps_s.sum()))
         airspeeds_mps = np.asarray(_numbers(readings.airspeeds_mps), dtype=float)
         ratios = airspeeds_mps / self._mission.cruise_mps
         measured = (ratios > 1 / MAX_AIRSPEEDS) & (ratios < MAX_AIRSPEEDS)
@@ -230,13 +230,18 @@ class FlightState:
         # over a long gap the charge goes on with the power before it; the motion takes the reading for MAX_STEP_S
         drain_powers_w = np.where(steps_s > MAX_STEP_S, math.nan, powers_w)
         if on_plan:
+            # a climb that is measured is a term of the regression; one that is commanded is taken off
             beside_w = self._place.computing_w + (climb_w if climb_mps is None else self._airspeed_w())
             steps = np.minimum(steps_s, MAX_STEP_S)
+            # 0 * steps: one value for each reading
             self._motion.ingest(powers_w, beside_w + 0 * steps, steps, self._place.slope, climb_mps or 0.0)
         self._losses += self._charge.ingest(_numbers(readings.charges), drain_powers_w, steps_s, measured=on_plan)
 
-    def _followed(self, steps_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Power that climbing and the stage's airspeed added over each step [W], and the level airspeed [m/s]."""
+    def _follow_climb(self, steps_s: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Follow the climb over steps [s]; return the power that it and the stage's airspeed added over each [W].
+
+        And the airspeed's horizontal part [m/s]; both of shape (n,).
+        """
         if self._climb is None:
             return np.zeros(len(steps_s)), np.full(len(steps_s), self._mission.cruise_mps)
         found = []
@@ -246,8 +251,8 @@ class FlightState:
         added_w, level_mps = np.array(found).T
         return added_w, level_mps
 
-    def _climbed(self, o: Observation | None, seconds: float) -> float | None:
-        """Measured rate of climb over a time before an observation [m/s]; None where it is not measured."""
+    def _take_altitude(self, o: Observation | None, seconds: float) -> float | None:
+        """Take an observation's altitude; return the rate of climb over a time [s] before it [m/s], None if unknown."""
         altitude_m = None if o is None else o.sample.altitude_m
         before_m, self._altitude_m = self._altitude_m, altitude_m
         if altitude_m is None or o is None:
@@ -426,8 +431,8 @@ class _Place:
         except PathUndefined:
             self.route = None
 
-    def off_path(self, position: Point, time_s: float) -> None:
-        """Update the standard deviation of the cross-track error, by its median: stages are joined from far off.
+    def learn_reach(self, position: Point, time_s: float) -> None:
+        """Update `reach_std_m` with a position [m] at a time [s], by the median: stages are joined from far off.
 
         Source: recursive median, a step up or down for each reading above or below it.
         """
@@ -439,6 +444,7 @@ class _Place:
             phi, gx, gy, *_ = leg.path(position[0] - leg.offset_m[0], position[1] - leg.offset_m[1])
         except (ArithmeticError, ValueError):
             return
+        # the distance to the path is |φ| / |∇φ|
         square = gx * gx + gy * gy
         if square > 0 and math.isfinite(phi):
             above = phi * phi > square * (MEDIAN_PER_STD * self.reach_std_m) ** 2

@@ -132,7 +132,9 @@ class HeadingGate:
         return float(self._sums[1][0])
 
     def _judge(self, fit: _Fit, passed_s: float, airspeed_mps: float, wind: WindFilter | None) -> None:
+        """Set `disbelieved` by a fit, `passed_s` [s] after the last judgement; restart `wind` where it becomes so."""
         square = airspeed_mps**2
+        # scatter and mean of the implied wind, as multiples of their limits
         scatter = fit.scatter / max(MAX_SCATTER * square, MAX_GUSTS * fit.residual)
         drift = math.hypot(*fit.implied_mps) / (MAX_WIND * airspeed_mps)
         if not self.disbelieved:
@@ -151,17 +153,20 @@ class HeadingGate:
 
 
 def _fit(sums: _Moments) -> _Fit:
+    """Both estimates of the wind, and how well they fit, by the moments."""
     moments, of_wind = sums
     total = moments[0, 0]
     mean = moments[0] / total
-    spread = moments / total - np.outer(mean, mean)
+    # covariance of (1, vx, vy, |v|²/2)
+    covariance = moments / total - np.outer(mean, mean)
     _, ux, uy, squared = of_wind / of_wind[0]
     # |v|²/2 = w·v + ½(s² − |w|²): a line in v, whose slope is w
-    w = np.linalg.solve(spread[1:3, 1:3] + RIDGE_M2PS2 * np.eye(2), spread[1:3, 3])
-    radius_squared = max(spread[1, 1] + spread[2, 2] + float(np.sum((mean[1:3] - w) ** 2)), 1e-9)
-    off = max(spread[3, 3] - float(w @ spread[1:3, 3]), 0.0)
+    w = np.linalg.solve(covariance[1:3, 1:3] + RIDGE_M2PS2 * np.eye(2), covariance[1:3, 3])
+    velocity_var = covariance[1, 1] + covariance[2, 2]
+    # s² = E |v − w|²
+    radius_squared = max(velocity_var + float(np.sum((mean[1:3] - w) ** 2)), 1e-9)
+    # var (|v|²/2 − w·v), what the line leaves
+    line_var = max(covariance[3, 3] - float(w @ covariance[1:3, 3]), 0.0)
     # ½(|v − w|² − s²) is s times the error of the airspeed; a component of the gusts, of two
-    residual = 2 * off / radius_squared
-    return _Fit(
-        squared - ux * ux - uy * uy, spread[1, 1] + spread[2, 2], residual, (ux, uy), (float(w[0]), float(w[1]))
-    )
+    residual = 2 * line_var / radius_squared
+    return _Fit(squared - ux * ux - uy * uy, velocity_var, residual, (ux, uy), (float(w[0]), float(w[1])))

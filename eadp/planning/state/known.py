@@ -105,4 +105,4 @@ class Known(NamedTuple):
     @property
     def soc(self) -> float:
         """Filtered state of charge."""
-        return self.charge.filtered[0]
+        return self.charge.filtered.soc

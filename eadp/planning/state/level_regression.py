@@ -179,6 +179,7 @@ def _compared(state: Regression, seconds: float, mean: float, x: float, z: float
     was = state.evidence
     # while a step may be, its windows are compared with what was before them
     before = was.before if max(was.up, was.down) > DOUBT else state.fit
+    # e = y − a − b x − c z, of variance v/t + (1, x, z) P (1, x, z)ᵀ
     error = mean - before.a - before.b * x - before.c * z
     variance = before.noise / seconds + before.aa + 2 * x * before.ab + x * x * before.bb
     variance += z * (z * before.cc + 2 * before.ac + 2 * x * before.bc)
@@ -186,8 +187,9 @@ def _compared(state: Regression, seconds: float, mean: float, x: float, z: float
     # the step as the windows before this one have it, so that the bound holds
     step_up = max(_mean_error(was.since_up, before), min_step)
     step_down = min(_mean_error(was.since_down, before), -min_step)
-    up = max(0.0, was.up + _ratio(error, step_up, variance, freedom))
-    down = max(0.0, was.down + _ratio(error, step_down, variance, freedom))
+    # CUSUM: S ← max(0, S + log-likelihood ratio); the step may be since S was last 0
+    up = max(0.0, was.up + _log_likelihood_ratio(error, step_up, variance, freedom))
+    down = max(0.0, was.down + _log_likelihood_ratio(error, step_down, variance, freedom))
     since_up, since_down = NO_SUMS, NO_SUMS
     if up > 0.0:
         since_up = _added(was.since_up, seconds, mean, x, z)
@@ -203,8 +205,9 @@ def _mean_error(sums: Sums, fit: Fit) -> float:
     return (sums.y - fit.b * sums.x - fit.c * sums.z) / sums.n - fit.a
 
 
-def _ratio(error: float, step: float, variance: float, freedom: float) -> float:
+def _log_likelihood_ratio(error: float, step: float, variance: float, freedom: float) -> float:
     """Logarithm of the likelihood of an error with a step over that without: Student's t, as the noise is estimated."""
+    # (ν + 1)/2 · [log(1 + e²/(ν σ²)) − log(1 + (e − d)²/(ν σ²))]
     scale = freedom * variance
     with_step = error - step
     return (freedom + 1) / 2 * (math.log1p(error * error / scale) - math.log1p(with_step * with_step / scale))
@@ -221,6 +224,7 @@ def _fitted(sums: Sums, prior: Prior, before: Fit) -> Fit:
         of_products = sums.yy - 2 * (a * sums.y + b * sums.xy)
         of_c = c * (c * sums.zz - 2 * sums.zy + 2 * a * sums.z + 2 * b * sums.xz)
         squares = max(of_products + a * a * sums.n + 2 * a * b * sums.x + b * b * sums.xx + of_c, 0.0)
+        # the mean of the prior's noise and the residuals', weighted by their windows
         noise = (PRIOR_WINDOWS * prior.noise + squares) / (PRIOR_WINDOWS + sums.windows)
         fit = Fit(a, b, c, fit.aa, fit.ab, fit.bb, noise, fit.cc, fit.ac, fit.bc)
     last = _posterior(sums, prior, fit.noise)

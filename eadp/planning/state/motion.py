@@ -121,6 +121,7 @@ class MotionPower:
     def energy_variance_j2(self, seconds: float, bank_s: float) -> float:
         """Predictive variance of the energy over a time [s] with ∫ tan² φ dt [s]."""
         aa, ab, bb, noise = self.variances
+        # (t, ∫tan²φ) P (t, ∫tan²φ)ᵀ + v t
         return seconds * seconds * aa + 2 * seconds * bank_s * ab + bank_s * bank_s * bb + noise * seconds
 
     @property
@@ -142,6 +143,7 @@ def _ingested(
             window = state.window
             energy_j = window.energy_j + (powers_w[i] - beside_w[i]) * steps_s[i]
             climb_m = window.climb_m + climb_mps * steps_s[i]
+            # the window, and the regression once it is full
             state = MotionState(MotionWindow(energy_j, window.seconds + steps_s[i], climb_m), state.regression)
             if state.window.seconds >= WINDOW_S - 1e-9:
                 state = _window_ended(state, slope)

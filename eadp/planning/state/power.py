@@ -35,12 +35,13 @@ UNKNOWN_PERIOD_S = 6.0
 """Horizon in place of one period if there is none [s]."""
 
 NO_LAP, LAP_STARTS, LAP_ENDS = 0, 1, 2
+"""What has happened to the laps at the start of a stage; where one ends, the next one starts."""
 
 
 class Powers(NamedTuple):
     """Readings of the power [W], None or NaN where there is none, beside one power of the computations [W].
 
-    `lap` is what has started or ended just before the first of them.
+    `lap` is what has started or ended just before the first of them, at `lap_s` [s].
     """
 
     times_s: Column
@@ -87,18 +88,22 @@ class PowerTracker:
         return self._horizon_s or period_s or UNKNOWN_PERIOD_S
 
     def locate(self, o: Observation, *, entered: bool) -> int:
-        """Take the place of an observation; return whether a lap has started or ended with its stage."""
+        """Take the place of an observation, and count laps; return `NO_LAP`, `LAP_STARTS` or `LAP_ENDS`.
+
+        `entered` is whether its stage has just started.
+        """
         self._through_gap |= o.through_gap
         if self._computing_for != (o.parameters, o.stage):
             self._computing_for = (o.parameters, o.stage)
             self.computing_w = self._mission.computing.power_w(o.parameters, o.cursor.stage.sets)
-        return self._lap(o) if entered else NO_LAP
+        return self._count_lap(o) if entered else NO_LAP
 
-    def _lap(self, o: Observation) -> int:
+    def _count_lap(self, o: Observation) -> int:
         """Count a lap if the stage that has started ends one; the first of a repeated segment starts one."""
         before, self._segment = self._segment, o.cursor.segment
         segment = o.cursor.table.segments[self._segment]
         plan = self._mission.plan
+        # stages of a lap; None where nothing repeats
         lap_stages = None if plan.segments else plan.primitive_stages
         if segment.repeats:
             lap_stages = segment.count
@@ -116,7 +121,7 @@ class PowerTracker:
     def begin(self, powers: Powers) -> Powers:
         """Have the estimator take a lap that starts or ends with readings; return these, as arrays."""
         if powers.lap:
-            (self.estimator.lap if powers.lap == LAP_ENDS else self.estimator.start_lap)(powers.lap_s)
+            (self.estimator.end_lap if powers.lap == LAP_ENDS else self.estimator.start_lap)(powers.lap_s)
         times_s, powers_w = np.asarray(powers.times_s, dtype=float), np.array(powers.powers_w, dtype=float)
         return powers._replace(times_s=times_s, powers_w=powers_w)
 

@@ -146,12 +146,14 @@ def _with_reading(
         return GateState(mean_w, read_s, last_w, max_motion_w, since_s, True)
     if math.isnan(mean_w):
         mean_w = power_w
-    if power_w > MAX_RATIO * max(mean_w, bounds.usual_w):
+    if power_w > MAX_RATIO * max(mean_w, bounds.usual_w):  # false, until it has persisted: the mean is another then
         if math.isnan(since_s):
             since_s = time_s
         if time_s - since_s < PERSISTENT_S:
             return GateState(mean_w, read_s, last_w, max_motion_w, since_s, True)
         mean_w = power_w
+    # m ← m + (1 − e^(−Δt/τ)) (y − m)
     mean_w += (1.0 - math.exp((read_s - time_s) / MEAN_S)) * (power_w - mean_w)
     motion_w = power_w - computing_w
+    # the smaller of two in a row is what both have reached
     return GateState(mean_w, time_s, motion_w, max(max_motion_w, min(motion_w, last_w)), math.nan, False)

@@ -70,8 +70,11 @@ class ReadingQueue:
         self._soc: float | None = None
         self._power = power
         self._waiting: list[Batch | Seen | LevelStep] = []
-        self._filtered = self._estimated = self._within = 0
+        # how many of what waits the filters, and the estimator, have taken
+        self._filtered = self._estimated = 0
+        # what the estimator has taken in part, and how many readings of it
         self._begun: Powers | None = None
+        self._within = 0
 
     def __len__(self) -> int:
         return len(self._waiting)
@@ -104,10 +107,10 @@ class ReadingQueue:
         """Take a known change of the motion's power [W]."""
         self._waiting.append(LevelStep(by_w))
 
-    def to_filter(self) -> Iterator[Batch | Seen]:
-        """What the filters have not taken yet, in order."""
+    def take_unfiltered(self) -> Iterator[Batch | Seen]:
+        """Take out for the filters, in order, what they have not taken yet."""
         waiting, self._filtered = self._waiting[self._filtered :], len(self._waiting)
-        self._forget()
+        self._drop_taken()
         return (each for each in waiting if not isinstance(each, LevelStep))
 
     def estimate(self, until_s: float = math.inf) -> None:
@@ -124,9 +127,9 @@ class ReadingQueue:
                     break
                 self._begun = None
             self._estimated += 1
-        self._forget()
+        self._drop_taken()
 
-    def _forget(self) -> None:
+    def _drop_taken(self) -> None:
         """Drop what both have taken."""
         taken = min(self._filtered, self._estimated)
         if taken:

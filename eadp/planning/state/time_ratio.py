@@ -32,14 +32,16 @@ class TimeRatio:
         self._forecast_s = self._excess_s = 0.0
         self._legs: list[tuple[float, float]] = []
 
-    def learn(self, forecast_s: float, flown_s: float, gust_std_mps: float, airspeed_mps: float, stay_s: float) -> None:
+    def learn(
+        self, forecast_s: float, flown_s: float, gust_std_mps: float, airspeed_mps: float, gust_time_s: float
+    ) -> None:
         """Update with a flown leg.
 
         Parameters
         ----------
         forecast_s, flown_s : float
             Its forecast and its flown time [s].
-        gust_std_mps, airspeed_mps, stay_s : float
+        gust_std_mps, airspeed_mps, gust_time_s : float
             Standard deviation of the gusts, airspeed [m/s] and correlation time of the gusts [s], for the prior noise.
         """
         if not (forecast_s > 0 and math.isfinite(forecast_s)):
@@ -47,15 +49,16 @@ class TimeRatio:
         self._legs.append((forecast_s, flown_s))
         self._forecast_s += forecast_s
         self._excess_s += flown_s - forecast_s
-        expected = _expected_noise_s(gust_std_mps, airspeed_mps, stay_s)
+        # β = Σ (flown − forecast) / (Σ forecast + σ²/σ_β²), σ² by the squares of the residuals at the β before
+        expected = _expected_noise_s(gust_std_mps, airspeed_mps, gust_time_s)
         beta = self._excess_s / (self._forecast_s + self.noise_s / RATIO_STD**2)
         squares = sum((flown - (1 + beta) * expected_s) ** 2 / expected_s for expected_s, flown in self._legs)
         self.noise_s = (TIME_NOISE_LEGS * expected + squares) / (TIME_NOISE_LEGS + len(self._legs))
         self.ratio = 1.0 + self._excess_s / (self._forecast_s + self.noise_s / RATIO_STD**2)
 
-    def expect(self, gust_std_mps: float, airspeed_mps: float, stay_s: float) -> None:
+    def expect(self, gust_std_mps: float, airspeed_mps: float, gust_time_s: float) -> None:
         """Set the prior noise from forecast gusts, before any leg is flown."""
-        self.noise_s = _expected_noise_s(gust_std_mps, airspeed_mps, stay_s)
+        self.noise_s = _expected_noise_s(gust_std_mps, airspeed_mps, gust_time_s)
 
     @property
     def variance(self) -> float:
@@ -67,7 +70,7 @@ class TimeRatio:
         return remaining_s**2 * self.variance + self.noise_s * remaining_s
 
 
-def _expected_noise_s(gust_std_mps: float, airspeed_mps: float, stay_s: float) -> float:
-    """Variance of a leg's time per second of it [s]."""
+def _expected_noise_s(gust_std_mps: float, airspeed_mps: float, gust_time_s: float) -> float:
+    """Variance of a leg's time per second of it [s²/s]."""
     # a gust of σ and correlation time τ moves an aircraft by √(2 τ t) σ metres in t seconds
-    return TIME_NOISE_S + 2 * stay_s * (gust_std_mps / airspeed_mps) ** 2
+    return TIME_NOISE_S + 2 * gust_time_s * (gust_std_mps / airspeed_mps) ** 2

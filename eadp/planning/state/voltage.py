@@ -47,11 +47,13 @@ class VoltageWatch:
         self.lost = 0.0
         self._rise_v = battery.voltage_at(1.0) - battery.voltage_at(0.0)
         self._last_s = math.nan
+        # over the window that is open: t [s], ∫V dt [V s], ∫(1 − b) dt [s] and ∫I dt [A s]
         self._sums = 0.0, 0.0, 0.0, 0.0
         if self._rise_v <= 0 or battery.prescribed:  # a voltage without a curve
             self._rise_v = 0.0
             return
         resistance_ohm = max(battery.resistance_ohm, 1e-6)
+        # y = V, x = 1 − b, z = I: a = V₀, b = −s, c = −R
         prior = Prior(
             battery.voltage_at(1.0),
             -self._rise_v,
@@ -82,6 +84,7 @@ class VoltageWatch:
         self._sums = 0.0, 0.0, 0.0, 0.0
         before, means = self._regression.steps, (volts / seconds, drawn / seconds, amps / seconds)
         self._regression = with_window(self._regression, seconds, *means, STEP_SHARE * self._rise_v)
+        # a fall of V₀ by ΔV is a loss of ΔV/s
         fell_v = -self._regression.step
         if self._regression.steps > before and fell_v > 0:
             self.lost = min(self.lost + fell_v / max(-self._regression.prior.b, MIN_SLOPE * self._rise_v), 1.0)

@@ -249,9 +249,9 @@ def test_without_a_period_the_forecast_is_the_mean():
 
 def test_laps_give_the_period_the_first_apart():
     estimator = ExactEstimator(EstimatorSettings(), PERIOD_S)
-    estimator.lap(30.0)
+    estimator.end_lap(30.0)
     assert estimator.period_s == PERIOD_S
-    estimator.lap(75.5)
+    estimator.end_lap(75.5)
     assert estimator.period_s == pytest.approx(45.5)
 
 
@@ -262,8 +262,8 @@ def test_a_new_period_turns_faster_at_once():
     assert estimator.forecast(ahead) == pytest.approx(forecast_w(STATE_W, PERIOD_S, ahead), abs=ROUNDING)
     estimator.observe(0.0, None)
     estimator.observe(1.0, None)
-    estimator.lap(1.0)
-    estimator.lap(24.0)
+    estimator.end_lap(1.0)
+    estimator.end_lap(24.0)
     assert estimator.period_s == pytest.approx(23.0)
     before = estimator.state_w
     estimator.observe(2.0, None)
@@ -398,10 +398,10 @@ def test_the_periods_spread_is_that_of_laps():
     assert estimator.period_std_s == pytest.approx(module.NOMINAL_PERIOD_SHARE * PERIOD_S)
     laps = [30.0, 76.0, 121.5, 168.0, 214.0]  # the first may have begun anywhere
     for end_s in laps[:2]:
-        estimator.lap(end_s)
+        estimator.end_lap(end_s)
     assert estimator.period_std_s == pytest.approx(module.ONE_LAP_SHARE * 46.0)
     for end_s in laps[2:]:
-        estimator.lap(end_s)
+        estimator.end_lap(end_s)
     # 46, 45.5, 46.5, 46: they change by −0.5, 1, −0.5
     assert estimator.period_std_s == pytest.approx(math.sqrt((0.25 + 1 + 0.25) / 3))
 
@@ -409,10 +409,10 @@ def test_the_periods_spread_is_that_of_laps():
 def test_a_lap_that_follows_no_other_begins_the_count_anew():
     estimator = ExactEstimator(NOISES, PERIOD_S)
     for end_s in (30.0, 76.0):
-        estimator.lap(end_s)
+        estimator.end_lap(end_s)
     estimator.start_lap(200.0)
     assert estimator.period_s == pytest.approx(46.0)
-    estimator.lap(240.0)
+    estimator.end_lap(240.0)
     assert estimator.period_s == pytest.approx(40.0)
 
 
@@ -492,7 +492,7 @@ def test_the_published_filter_is_its_transcription(order):
     for i in range(1, 4001):
         time_s = i * 0.01
         if i in (1300, 2700):  # a lap ends: the period is its time, and the clock restarts
-            estimator.lap(time_s)
+            estimator.end_lap(time_s)
             period_s, clock_s = time_s - clock_s, time_s
         period_s = max(period_s, time_s - clock_s)
         motion_w = None if rng.random() < 0.05 else signal_w(time_s) + rng.normal(0.0, 0.2)
@@ -520,11 +520,11 @@ def test_the_published_period_grows_with_a_lap_longer_than_the_last():
 
     assert period_s(0.5) == 1.0
     assert period_s(40.0) == 40.0
-    estimator.lap(46.0)
+    estimator.end_lap(46.0)
     assert period_s(46.0) == 46.0
     assert period_s(80.0) == 46.0
     assert period_s(93.0) == 47.0
-    estimator.lap(93.5)
+    estimator.end_lap(93.5)
     assert period_s(93.5) == 47.5
 
 
@@ -543,7 +543,7 @@ def test_the_published_filter_follows_readings_further_apart(every_s):
 def test_the_published_filter_takes_a_gap_in_steps_of_a_hundredth():
     at_once, by_steps = (PublishedEstimator(EstimatorSettings()) for _ in range(2))
     for estimator in (at_once, by_steps):
-        estimator.lap(40.0)  # a period of 40 s, which does not grow
+        estimator.end_lap(40.0)  # a period of 40 s, which does not grow
         for i in range(1, 101):
             estimator.observe(40.0 + 0.01 * i, float(signal_w(0.01 * i)))
     at_once.observe(43.0, None)

@@ -85,7 +85,7 @@ def test_it_answers_as_one_that_does_not_wait(settings, asked_every, most_waitin
             if kind == "stage" and expected:
                 ask()
             if kind == "stage" and started % 4 == 1:
-                eager.lap(time_s)
+                eager.end_lap(time_s)
                 laps += 1
             waiting.observe(seen(time_s, power_w, started, fps))
         else:
