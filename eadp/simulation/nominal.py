@@ -44,6 +44,7 @@ SAME_WIND_MPS = 0.5
 """Winds that differ by less share a flight [m/s]."""
 MAX_KEPT = 5000
 MAX_STEPS = 1 << 40
+"""Most sections kept of one plan; a step that no flight reaches."""
 LASTING = Battery(capacity_ah=1e9, resistance_ohm=0.0)
 
 
@@ -71,6 +72,8 @@ class Overshoot(NamedTuple):
 class NominalFlight:
     """Flies what an aircraft cannot follow, and keeps what it has flown.
 
+    `max_slope` is tan² of the largest bank.
+
     Parameters
     ----------
     airframe : FixedWing or PowerCurve
@@ -80,6 +83,7 @@ class NominalFlight:
     def __init__(self, airframe: FixedWing | PowerCurve, guidance: Guidance) -> None:
         self._airframe, self._guidance = airframe, guidance
         self.max_slope = math.tan(math.radians(airframe.max_bank_deg)) ** 2
+        # of a plan's legs: by the row before a section, −1 for none, and its first row, the sections flown, by wind
         self._kept: WeakKeyDictionary[LegTable, dict[tuple[int, int], list[FlownPart]]] = WeakKeyDictionary()
 
     def times_s(self, route: Route, wind_mps: Point) -> tuple[FloatArray, list[Overshoot]]:
@@ -102,7 +106,7 @@ class NominalFlight:
         if not (tight.bends | tight.corners).any():
             return followed
         times_s, turning_s = followed.times_s.copy(), followed.turning_s.copy()
-        squares_s2 = np.zeros(len(routes))
+        squares_s2 = np.zeros(len(routes))  # of each route, the sum of the squares of what sections take longer
         for place, (route, first, last) in enumerate(zip(routes, legs.first, legs.last, strict=True)):
             own = slice(int(first), int(last) + 1)
             alone = FlownLegs(times_s[own], turning_s[own])
@@ -114,6 +118,7 @@ class NominalFlight:
         return FlownLegs(times_s, turning_s, np.sqrt(squares_s2))
 
     def _tight(self, legs: RouteArrays, wind_mps: Point) -> TightLegs:
+        """The legs that the aircraft cannot follow: too tight, or with a corner at their start."""
         radius_m, speed = self._airframe.turn_radius_m, self._airframe.airspeed_mps
         return tight_legs(legs.rows, legs.order, legs.first, radius_m, speed, math.hypot(*wind_mps))
 
@@ -134,6 +139,7 @@ class NominalFlight:
         return found
 
     def _section(self, route: Route, first: int, tight: TightLegs, wind_mps: Point, followed: FlownLegs) -> FlownPart:
+        """The section from leg `first` on as flown: one that was flown in a similar wind, or else flown and kept."""
         kept = self._kept.setdefault(route.table, {})
         before = int(route.order[first - 1]) if first else -1
         known = kept.setdefault((before, int(route.order[first])), [])
@@ -148,33 +154,38 @@ class NominalFlight:
         return section
 
     def _fly(self, route: Route, first: int, tight: TightLegs, wind_mps: Point, followed: FlownLegs) -> FlownPart:
+        """Fly a route from leg `first` on until the aircraft is back on its path, or the route ends.
+
+        A leg that has no end takes infinite time, and is the last one.
+        """
         assert route.cursor is not None
         cursor = next(islice(cursors(route.cursor), first, None))
         leg = route.legs[first]
+        # the course at the end of the leg before, or at the start of the first
         course = route.table.rows.courses_rad[route.order[max(first - 1, 0)], 1 if first else 0]
         executor = PlanExecutor.at(cursor, leg.start_m)
         loop = self._loop(leg, float(course), wind_mps)
-        k, check = 0, round(CHECK_S / STEP_S)
-        rows: list[tuple[float, float, float]] = []
+        k, check_steps = 0, round(CHECK_S / STEP_S)
+        rows: list[tuple[float, float, float]] = []  # times_s, turning_s and off_m of each leg
         for i in range(first, len(route.legs)):
             leg, leg_s = route.legs[i], float(followed.times_s[i])
             loop.start_stage(executor, 0.0)
-            began, began_j, off_m = k, loop.variable(ENERGY), 0.0
+            started, started_power_sum, off_m = k, loop.variable(ENERGY), 0.0
             limit = k + math.ceil((STUCK_TIMES * leg_s + STUCK_S) / STEP_S)
             events = 0
             while not events and k < limit:
-                k, events = loop.run(k, min(k + check, limit))
+                k, events = loop.run(k, min(k + check_steps, limit))
                 away_m, turned = _off(loop, leg)
                 off_m = max(off_m, away_m)
                 if not events and not tight.bends[i] and away_m < BACK_M and turned < BACK_RAD:
-                    break
-            else:
+                    break  # back on the path
+            else:  # the leg ends, or has no end
                 if events & LOST or not events:
                     rows.append((math.inf, 0.0, off_m))
                     break
-            flown_s = (k - began) * STEP_S
-            turning_s = self._turning_s(leg, flown_s, (loop.variable(ENERGY) - began_j) * STEP_S)
-            if not events:
+            flown_s = (k - started) * STEP_S
+            turning_s = self._turning_s(leg, flown_s, (loop.variable(ENERGY) - started_power_sum) * STEP_S)
+            if not events:  # the rest of the leg is followed
                 left = _share_left(loop, leg, flown_s, leg_s)
                 rows.append((flown_s + left * leg_s, turning_s + left * float(followed.turning_s[i]), off_m))
                 break
@@ -189,18 +200,20 @@ class NominalFlight:
         """The aircraft on its path, on a course [rad], in level flight."""
         wind = Wind(math.hypot(*wind_mps), towards_deg=math.degrees(math.atan2(wind_mps[1], wind_mps[0])))
         speed = leg.stage.airspeed_mps or self._airframe.airspeed_mps
+        # the heading that holds the course: v sin(ψ − χ) = w × χ̂
         cross = wind_mps[0] * math.sin(course) - wind_mps[1] * math.cos(course)
         heading = course + math.asin(min(max(cross / speed, -1.0), 1.0))
         airframe = replace(self._airframe, airspeed_mps=speed)
         state = state_of(airframe, wind_mps, leg.start_m, heading, leg.stage.altitude_m or 0.0)
         constants = constants_of(self._airframe, self._guidance, wind, STEP_S)
-        constants[HEIGHT_GAIN] = 0.0
+        constants[HEIGHT_GAIN] = 0.0  # no climb
         loop = InnerLoop(state, constants, LASTING, wind, np.random.default_rng(0))
-        loop.note(MAX_STEPS, 0, MAX_STEPS)
+        loop.set_records(MAX_STEPS, 0, MAX_STEPS)
         return loop
 
     def _turning_s(self, leg: Leg, flown_s: float, energy_j: float) -> float:
         """∫ tan² φ dt of the bank whose power is that of the energy of a leg [s]."""
+        # (E − P_level t) / (P(tan² φ = 1) − P_level), as the power grows linearly in tan² φ
         airframe, speed = self._airframe, leg.stage.airspeed_mps or self._airframe.airspeed_mps
         level_w = airframe.level_power_w(speed)
         bank_w = airframe.level_power_w(speed, math.pi / 4) - level_w  # tan² 45° = 1
@@ -220,6 +233,7 @@ def _off(loop: InnerLoop, leg: Leg) -> tuple[float, float]:
 
 
 def _share_left(loop: InnerLoop, leg: Leg, flown_s: float, leg_s: float) -> float:
+    """Share of a leg's length that is left from where the aircraft is."""
     if leg.distance_m <= 0:
         return 0.0
     position = loop.variable(X), loop.variable(Y)
