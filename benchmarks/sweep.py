@@ -272,7 +272,7 @@ def trigger_share(world: World, fast: bool) -> float:
                 world.wind,
                 np.random.default_rng(0),
             )
-            inner_loop.note(1 << 40, 0, 1 << 40)
+            inner_loop.set_records(1 << 40, 0, 1 << 40)
             inner_loop.start_stage(executor, 0.0)
             inner_loop.run(0, 1)
             start_s = time.process_time()

@@ -17,12 +17,13 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Pose, lengths_m, ordered, polyline_m, times_s
+from eadp.core.geometry.dubins import Pose, centre_m, lengths_m, ordered, polyline_m, times_s
 from eadp.core.geometry.polygons import FreeSpace, strip_extents
 from eadp.coverage.airspace import FreeTurns, LineCosts, free_lines, free_order
 from eadp.coverage.line_order import best_order, quick_order
@@ -204,7 +205,7 @@ def cover(request: CoverageRequest) -> CoverageSolution:
     if request.pattern == DUBINS:
         return _best_in_order(request, headings)
     if request.pattern not in PATTERNS:
-        return _best_of(request, plug_in("coverage_patterns", request.pattern), headings)
+        return _best_of_pattern(request, plug_in("coverage_patterns", request.pattern), headings)
     parted = bool(request.field.others)
     if parted and request.pattern == ZAMBONI:
         raise Infeasible("the Zamboni-like motion covers one part of a field; --pattern dubins covers several")
@@ -237,8 +238,8 @@ def has_pattern(name: str) -> bool:
     return name in PATTERNS or plug_in("coverage_patterns", name) is not None
 
 
-def _best_of(request: CoverageRequest, pattern: Pattern, headings: Sequence[float]) -> CoverageSolution:
-    """The quickest path of another package's pattern at some headings."""
+def _best_of_pattern(request: CoverageRequest, pattern: Pattern, headings: Sequence[float]) -> CoverageSolution:
+    """The quickest path of another package's pattern at some headings; Infeasible, of the last one, where none fits."""
     found, failure = list[CoverageSolution](), Infeasible(f"pattern {request.pattern} has no lines")
     for heading in headings:
         try:
@@ -246,7 +247,7 @@ def _best_of(request: CoverageRequest, pattern: Pattern, headings: Sequence[floa
             if request.space is not None and not all(request.space.has_hull(polyline_m([leg.piece])) for leg in legs):
                 raise Infeasible(f"lines of pattern {request.pattern} leave the boundary or cross an obstacle")
             if legs:
-                found.append(_solution(request, request.pattern, heading, legs))
+                found.append(_connected(request, request.pattern, heading, legs))
         except Infeasible as error:
             failure = error
     if not found:
@@ -255,7 +256,10 @@ def _best_of(request: CoverageRequest, pattern: Pattern, headings: Sequence[floa
 
 
 def _tried_headings(request: CoverageRequest) -> list[float]:
-    """The headings to compare; of many lines those alone that need the fewest: the effort is that of their square."""
+    """The headings to compare. Where lines are many, only those headings that need the fewest lines.
+
+    The time to order n lines grows as n², so that the number of headings is limited by `MAX_SQUARES` / n².
+    """
     headings = list(_headings(request.field))
     outline = np.concatenate([np.array(part[0]) for part in request.field.parts])
     widths_m = [float(np.ptp(frame_of(heading).into(outline)[:, 0])) for heading in headings]
@@ -283,10 +287,16 @@ def _headings(field: Field) -> Iterator[float]:
             yield heading
 
 
-def _solution(
+def _connected(
     request: CoverageRequest, pattern: str, heading_rad: float, parts: Sequence[CoverageLeg | Block]
 ) -> CoverageSolution:
-    """Lines or blocks in order, connected from the start point to home by the quickest turns, and timed."""
+    """The timed solution that flies lines or blocks in this order, from the start point to home by the quickest turns.
+
+    Raises
+    ------
+    Infeasible
+        If no turn between two of them is free.
+    """
     turns = None if request.space is None else _free_turns(request.space, request.motion)
     sections: list[CoverageLeg | Block] = []
     previous: Pose | None = None
@@ -297,9 +307,9 @@ def _solution(
     assert previous is not None
     solution = CoverageSolution(pattern, heading_rad, (*sections, *_exit(request, previous, turns)))
     legs = solution.path(solution.min_c1).legs
-    sensing = [i for i, leg in enumerate(legs) if leg.sensing]
-    access = (*legs[: sensing[0]], *legs[sensing[-1] + 1 :])
-    time_s, access_s = (request.motion.time_s([leg.piece for leg in some]) for some in (legs, access))
+    lines = [i for i, leg in enumerate(legs) if leg.sensing]
+    access = (*legs[: lines[0]], *legs[lines[-1] + 1 :])
+    time_s, access_s = (request.motion.time_s([leg.piece for leg in flown]) for flown in (legs, access))
     return replace(solution, time_s=time_s, access_s=access_s)
 
 
@@ -308,7 +318,10 @@ def _solution(
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A block flown from one of its four corners, the `index`-th in the direction of its frame's u."""
+    """A block flown from one of its four corners, the `index`-th in the direction of its frame's u.
+
+    `time_s` is that of the block alone, at its lowest c1.
+    """
 
     frame: StripFrame
     layout: BlockLayout
@@ -324,38 +337,48 @@ class _Candidate:
         return build_block(self.frame, BlockBounds(points), first, self.layout, request.motion)
 
 
+class _Chain(NamedTuple):
+    """Blocks flown one after the other at a heading: the whole time at the lowest c1 [s], and a candidate of each."""
+
+    time_s: float
+    candidates: list[_Candidate]
+    heading_rad: float
+
+
 def _best_zamboni(request: CoverageRequest, headings: Sequence[float]) -> CoverageSolution | None:
-    """The quickest Zamboni-like path at some headings; None where the field is too narrow at all of them."""
-    found = [(*chain, heading) for heading in headings for chain in _zamboni_at(request, heading)]
+    """The quickest Zamboni-like path at some headings; None where the field is too narrow, or no path is free."""
+    found = [chain for heading in headings for chain in _zamboni_at(request, heading)]
     if not found:
         return None
-    min_s = min(time_s for time_s, _, _ in found)
-    _, candidates, heading = next(chain for chain in found if chain[0] <= min_s * (1 + 1e-9))
     if request.space is None:
-        return _solution(request, ZAMBONI, heading, [candidate.block(request) for candidate in candidates])
-    for _, candidates, heading in sorted(found, key=lambda chain: chain[0])[:FREE_CHAINS]:
-        blocks = [candidate.block(request) for candidate in candidates]
+        min_s = min(chain.time_s for chain in found)
+        best = next(chain for chain in found if chain.time_s <= min_s * (1 + 1e-9))  # rounding chooses no heading
+        return _connected(request, ZAMBONI, best.heading_rad, [each.block(request) for each in best.candidates])
+    for chain in sorted(found, key=lambda chain: chain.time_s)[:FREE_CHAINS]:
+        blocks = [candidate.block(request) for candidate in chain.candidates]
         # laps of any sequence of c1 lie in the hull of those at its ends
         hulls = ([leg.piece for c1 in (0.0, block.min_c1) for leg in block.legs(c1)] for block in blocks)
         if all(request.space.has_hull(polyline_m(pieces)) for pieces in hulls):
             with suppress(Infeasible):
-                return _solution(request, ZAMBONI, heading, blocks)
+                return _connected(request, ZAMBONI, chain.heading_rad, blocks)
     return None
 
 
-def _zamboni_at(request: CoverageRequest, heading: float) -> Iterator[tuple[float, list[_Candidate]]]:
-    """Chains of blocks at a heading, each from its best corner: the time at the lowest c1 [s], and the candidates."""
+def _zamboni_at(request: CoverageRequest, heading: float) -> Iterator[_Chain]:
+    """Chains of blocks at a heading: for each layout from either side, every block from its best corner."""
     motion = request.motion
     points = frame_of(heading).into(np.array(request.field.outline))
     left, width = float(points[:, 0].min()), float(np.ptp(points[:, 0]))
     bounds = BlockBounds(points)
+    # one frame for each corner: u to the right or left of the heading, v a quarter turn from it to either side
     corners = [(towards, hand, frame_of(heading, towards, hand)) for towards in (1, -1) for hand in (1, -1)]
     unit_times_s = [_unit_times_s(frame, motion) for _, _, frame in corners]
     for layout in layouts(width, motion):
+        # of each line, in the frame of the heading: its position, and both ends of its strip of the field [m]
         lines = left + (np.arange(layout.blocks * layout.lines) + 0.5) * layout.pitch_m
-        reach = layout.max_spacing_m(motion)
-        top, low = bounds.above.over(lines, reach), -bounds.below.over(lines, reach)
-        rows: list[list[_Candidate]] = []
+        strip_m = layout.max_spacing_m(motion)
+        top, low = bounds.above.over(lines, strip_m), -bounds.below.over(lines, strip_m)
+        rows: list[list[_Candidate]] = []  # for each block its candidates
         for index in range(layout.blocks):
             own = slice(index * layout.lines, (index + 1) * layout.lines)
             rows.append([])
@@ -363,12 +386,13 @@ def _zamboni_at(request: CoverageRequest, heading: float) -> Iterator[tuple[floa
                 # v runs along the heading where u points to its right, and in a mirror of the other: towards · hand = 1
                 lows, tops = (low[own], top[own]) if towards * hand == 1 else (-top[own], -low[own])
                 u = np.asarray(towards * lines[own], dtype=np.float64)
+                # [::towards]: in the order of growing u
                 lengths, start, end = summarise_block(layout, frame, u[::towards], lows[::towards], tops[::towards])
                 time_s = sum(length * unit for length, unit in zip(lengths, unit_s, strict=True))
                 position = index if towards == 1 else layout.blocks - 1 - index
                 rows[-1].append(_Candidate(frame, layout, position, start, end, time_s))
         for order in (rows, rows[::-1])[: min(layout.blocks, 2)]:
-            yield _quickest_chain(request, order)
+            yield _Chain(*_quickest_chain(request, order), heading)
 
 
 def _unit_times_s(frame: StripFrame, motion: MotionLimits) -> list[float]:
@@ -379,23 +403,27 @@ def _unit_times_s(frame: StripFrame, motion: MotionLimits) -> list[float]:
 
 
 def _quickest_chain(request: CoverageRequest, rows: Sequence[Sequence[_Candidate]]) -> tuple[float, list[_Candidate]]:
-    """One candidate of each row, in the order of the rows, such that the whole is quickest: by dynamic programming."""
+    """The least time [s] from start to home by one candidate of each row, in the order of the rows; and these.
+
+    By dynamic programming.
+    """
     starts = [[candidate.start for candidate in row] for row in rows]
     ends = [[candidate.end for candidate in row] for row in rows]
     own_s = [np.array([candidate.time_s for candidate in row]) for row in rows]
-    total = own_s[0] + _from_start_s(request, starts[0])
-    sources: list[FloatArray] = []
+    # T_i(b) = min_a (T_i−1(a) + turn(a, b)) + own_i(b), and a as the predecessor of b
+    total_s = own_s[0] + _from_start_s(request, starts[0])
+    predecessors: list[FloatArray] = []
     for i in range(1, len(rows)):
-        times = total[:, None] + _turn_times_s(request.motion, ends[i - 1], starts[i])
-        sources.append(times.argmin(axis=0))
-        total = times.min(axis=0) + own_s[i]
-    total = total + _to_home_s(request, ends[-1])
-    corner = int(total.argmin())
+        times = total_s[:, None] + _turn_times_s(request.motion, ends[i - 1], starts[i])
+        predecessors.append(times.argmin(axis=0))
+        total_s = times.min(axis=0) + own_s[i]
+    total_s = total_s + _to_home_s(request, ends[-1])
+    corner = int(total_s.argmin())
     chosen = [rows[-1][corner]]
-    for row, source in zip(reversed(rows[:-1]), reversed(sources), strict=True):
-        corner = int(source[corner])
+    for row, predecessor in zip(reversed(rows[:-1]), reversed(predecessors), strict=True):
+        corner = int(predecessor[corner])
         chosen.append(row[corner])
-    return float(total.min()), chosen[::-1]
+    return float(total_s.min()), chosen[::-1]
 
 
 # --- lines in an order ------------------------------------------------------------------------------------------------
@@ -413,22 +441,41 @@ def line_costs(request: CoverageRequest, directed: Sequence[CoverageLeg]) -> Lin
 
     Returns
     -------
-    costs, own, first, last : array
-        As `line_order.best_order` takes them [s].
+    LineCosts
+        [s], rounded to `TIE_DIGITS`.
     """
     starts, ends = [leg.start for leg in directed], [leg.end for leg in directed]
-    own = np.array([request.motion.time_s([leg.piece]) for leg in directed])
-    costs = _turn_times_s(request.motion, ends, starts), own, _from_start_s(request, starts), _to_home_s(request, ends)
+    own_s = np.array([request.motion.time_s([leg.piece]) for leg in directed])
+    between_s = _turn_times_s(request.motion, ends, starts)
+    costs = between_s, own_s, _from_start_s(request, starts), _to_home_s(request, ends)
     # rounding differs in a field that is turned or moved, and must not change the order
-    between, alone, before, after = (np.round(part, TIE_DIGITS) for part in costs)
-    return between, alone, before, after
+    return LineCosts(*(np.round(part, TIE_DIGITS) for part in costs))
+
+
+class _LineSet(NamedTuple):
+    """Lines at a heading, each in both directions, with their costs.
+
+    `time_s` is that of a quick order, with what lines left out count [s]; `number` is that of the set as tried.
+    """
+
+    time_s: float
+    number: int
+    heading_rad: float
+    directed: list[CoverageLeg]
+    costs: LineCosts
 
 
 def _best_in_order(request: CoverageRequest, headings: Sequence[float]) -> CoverageSolution:
-    """The quickest order of lines at some headings."""
+    """The quickest order of lines at some headings: all are ordered quickly, and the best of these in full.
+
+    Raises
+    ------
+    Infeasible
+        If a heading needs too many lines, or no order is free.
+    """
     motion = request.motion
-    candidates: list[tuple[float, int, float, list[CoverageLeg], LineCosts]] = []
-    best = math.inf
+    sets: list[_LineSet] = []
+    quickest_s = math.inf
     half_turn_s = math.pi * motion.min_radius_m / motion.airspeed_mps
     for heading in headings:
         for directed in _lines_at(request, heading):
@@ -442,36 +489,31 @@ def _best_in_order(request: CoverageRequest, headings: Sequence[float]) -> Cover
                 if left_m < MIN_LEFT * flown_m:
                     continue
             if motion.windless:
-                # a lower bound: every line, and most of half a turn between two
-                flown_s = sum(leg.piece.length_m for leg in lines) / motion.airspeed_mps
-                if flown_s + lost_s + (len(lines) - 1) * half_turn_s * 0.6 > best:
+                # not tried where a bound is above the quickest: every line, and most of a half circle between two
+                lines_s = sum(leg.piece.length_m for leg in lines) / motion.airspeed_mps
+                if lines_s + lost_s + (len(lines) - 1) * half_turn_s * 0.6 > quickest_s:
                     continue
             costs = line_costs(request, directed)
-            time_s = quick_order(*costs)[1] + lost_s
-            best = min(best, time_s)
-            candidates.append((time_s, len(candidates), heading, directed, costs))
-    candidates.sort(key=lambda item: item[:2])
+            _, order_s = quick_order(*costs)
+            time_s = order_s + lost_s
+            quickest_s = min(quickest_s, time_s)
+            sets.append(_LineSet(time_s, len(sets), heading, directed, costs))
+    sets.sort(key=lambda each: each.time_s)
     if request.space is not None:
-        return _free_in_order(request, request.space, candidates)
-    solutions = []
-    for _, index, heading, directed, costs in candidates[:FULL_SEARCHES]:
-        order, time_s = best_order(*costs)
-        solutions.append((round(time_s, 9), index, heading, [directed[i] for i in order]))
-    _, _, heading, legs = min(solutions, key=lambda item: item[:2])
-    return _solution(request, DUBINS, heading, legs)
+        return _free_in_order(request, request.space, sets)
+    solved = [(each, *best_order(*each.costs)) for each in sets[:FULL_SEARCHES]]
+    # of equal times, up to rounding, the heading that was tried first
+    best, order, _ = min(solved, key=lambda one: (round(one[2], 9), one[0].number))
+    return _connected(request, DUBINS, best.heading_rad, [best.directed[i] for i in order])
 
 
-def _free_in_order(
-    request: CoverageRequest,
-    space: FreeSpace,
-    candidates: Sequence[tuple[float, int, float, list[CoverageLeg], LineCosts]],
-) -> CoverageSolution:
-    """The first of some headings' lines, the quickest first, with an order whose turns are all free."""
+def _free_in_order(request: CoverageRequest, space: FreeSpace, sets: Sequence[_LineSet]) -> CoverageSolution:
+    """The first of some sets of lines, the quickest first, with an order whose turns are all free."""
     failure = Infeasible("no line of the field has room for a turn out of the obstacles and inside the boundary")
-    for _, _, heading, directed, costs in candidates[:FREE_HEADINGS_TRIED]:
+    for each in sets[:FREE_HEADINGS_TRIED]:
         try:
-            order, _ = free_order(directed, costs, _free_turns(space, request.motion))
-            return _solution(request, DUBINS, heading, [directed[i] for i in order])
+            order, _ = free_order(each.directed, each.costs, _free_turns(space, request.motion))
+            return _connected(request, DUBINS, each.heading_rad, [each.directed[i] for i in order])
         except Infeasible as error:
             failure = error
     raise failure
@@ -479,12 +521,12 @@ def _free_in_order(
 
 @functools.lru_cache(maxsize=4)
 def _free_turns(space: FreeSpace, motion: MotionLimits) -> FreeTurns:
-    """The same for the parts of a field, whose lines have many turns in common."""
+    """Free turns with what they have found so far: the parts of a field have many turns in common."""
     return FreeTurns(space, motion)
 
 
 def _lines_at(request: CoverageRequest, heading: float) -> Iterator[list[CoverageLeg]]:
-    """Lines over the whole field, in both directions; also with those that bays or holes part as lines of their own."""
+    """Lines over a field in both directions, as one or two sets: across bays and holes; and parted by them, if any."""
     swath_m = request.motion.swath_m
     grid = request.grid or LineGrid.over(request.field, heading, swath_m, request.order_spacing_m or swath_m)
     extents = grid.extents(request.field)
@@ -496,29 +538,34 @@ def _lines_at(request: CoverageRequest, heading: float) -> Iterator[list[Coverag
 
 
 def _canonical_frame(field: Field, heading: float) -> StripFrame:
-    """The frame of a heading whose axes point to the larger part of the field.
+    """The frame of a heading whose axes point to the larger part of the field: from its middle to its centroid.
 
-    It moves with a field that is moved or mirrored.
+    So a field that is moved or mirrored has the same lines: its frame moves with it.
     """
     points = frame_of(heading).into(np.array(field.outline))
     u, v = points.T
+    # centroid of a polygon: Σ (u_i + u_i+1) k_i / (3 Σ k_i), k_i = u_i v_i+1 − u_i+1 v_i
     cross = u * np.roll(v, -1) - np.roll(u, -1) * v
     signs = []
     for axis in (u, v):
         middle = float((axis.max() + axis.min()) / 2)
         centroid = float(((axis + np.roll(axis, -1)) * cross).sum() / (3 * cross.sum()))
         signs.append(1 if centroid >= middle - 1e-6 else -1)
-    across, along = signs
-    return frame_of(heading, across, across * along)
+    of_u, of_v = signs
+    return frame_of(heading, of_u, of_u * of_v)  # v has the sign towards · hand along the heading
 
 
 def _directed_lines(frame: StripFrame, spans: Sequence[tuple[float, list[tuple[float, float]]]]) -> list[CoverageLeg]:
-    """Lines at positions across the field, each over parts of the field and the gaps between them, either way."""
+    """Lines, each followed by the same one the other way, from positions u [m] and extents along them [m], upward.
+
+    A line goes over the gaps between its extents, too; one that is too short is made longer at both ends.
+    """
     legs = []
     for u, parts in spans:
         low, high = parts[0][0], parts[-1][1]
         extra = max(0.0, MIN_LINE_M - (high - low)) / 2
-        gaps = tuple((a[1] - low + extra, b[0] - low + extra) for a, b in itertools.pairwise(parts))
+        # from the end of one part to the start of the next, counted from the line's start
+        gaps = tuple((end - low + extra, start - low + extra) for (_, end), (start, _) in itertools.pairwise(parts))
         leg = CoverageLeg(straight(frame.out(u, low - extra), frame.out(u, high + extra)), True, gaps)
         legs += [leg, leg.backward()]
     return legs
@@ -541,7 +588,7 @@ def _turn(request: CoverageRequest, end: Pose, start: Pose, turns: FreeTurns | N
         found = turns.turn(end, start)
         if found is None:
             raise Infeasible("the way to or from the lines crosses an obstacle or the boundary")
-        return [CoverageLeg(piece) for piece in found[1]]
+        return [CoverageLeg(piece) for piece in found.pieces]
     path = min(ordered(end, start, motion.min_radius_m), key=lambda path: motion.time_s(path.pieces))
     return [CoverageLeg(piece) for piece in path.pieces]
 
@@ -552,12 +599,14 @@ def _free_poses(point: Point) -> list[Pose]:
 
 
 def _from_start_s(request: CoverageRequest, starts: Sequence[Pose]) -> FloatArray:
+    """Least time from the start point to each pose [s]; 0 where the start is free."""
     if request.start_m is None:
         return np.zeros(len(starts))
     return np.asarray(_turn_times_s(request.motion, _free_poses(request.start_m), starts).min(axis=0))
 
 
 def _to_home_s(request: CoverageRequest, ends: Sequence[Pose]) -> FloatArray:
+    """Least time from each pose to the home point [s]; 0 where the end is free."""
     if request.home_m is None:
         return np.zeros(len(ends))
     return np.asarray(_turn_times_s(request.motion, ends, _free_poses(request.home_m)).min(axis=1))
@@ -577,6 +626,7 @@ def _exit(request: CoverageRequest, end: Pose, turns: FreeTurns | None) -> list[
     point, motion, (x, y, heading) = request.home_m, request.motion, end
     if point is None:
         return []
+    # the tangents of arrival are those of a departure from home with all headings reversed
     backward = _tangents(point, (x, y, heading + math.pi), motion.min_radius_m)
     poses = [*_free_poses(point), *((*point, opposite + math.pi) for opposite in backward)]
     return _turn(request, end, poses[int(_turn_times_s(motion, [end], poses)[0].argmin())], turns)
@@ -584,11 +634,12 @@ def _exit(request: CoverageRequest, end: Pose, turns: FreeTurns | None) -> list[
 
 def _tangents(point: Point, pose: Pose, radius_m: float) -> list[float]:
     """Headings of the tangents from a point to the two turning circles of a pose, in their direction of travel."""
-    x, y, heading = pose
     found = []
     for turn in (1, -1):
-        dx, dy = x - turn * radius_m * math.sin(heading) - point[0], y + turn * radius_m * math.cos(heading) - point[1]
+        cx, cy = centre_m(pose, turn, radius_m)
+        dx, dy = cx - point[0], cy - point[1]
         distance = math.hypot(dx, dy)
         if distance > radius_m:
+            # a tangent is asin(r/d) from the direction of the centre
             found.append(math.atan2(dy, dx) - turn * math.asin(radius_m / distance))
     return found

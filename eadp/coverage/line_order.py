@@ -109,7 +109,7 @@ def quick_order(costs: ArrayLike, own: ArrayLike, first: ArrayLike, last: ArrayL
 
 @dataclass(frozen=True, slots=True)
 class _Problem:
-    """Checked costs, 0 from a line to itself."""
+    """Checked costs, see `best_order`; 0 from a line to itself, in either direction."""
 
     costs: FloatArray
     own: FloatArray
@@ -121,6 +121,7 @@ class _Problem:
         return len(self.own) // 2
 
     def total(self, order: Sequence[int]) -> float:
+        """The cost of an order of directed lines."""
         if not order:
             return 0.0
         at = np.asarray(order)
@@ -128,42 +129,48 @@ class _Problem:
         return float(ends + self.own[at].sum() + self.costs[at[:-1], at[1:]].sum())
 
     def with_cost(self, order: Sequence[int]) -> tuple[list[int], float]:
+        """An order, and its cost."""
         return list(order), self.total(order)
 
 
 def _problem(costs: ArrayLike, own: ArrayLike, first: ArrayLike, last: ArrayLike) -> _Problem:
+    """The checked problem. Raises ValueError if shapes disagree or a cost is not finite."""
     square = np.asarray(costs, dtype=float)
     rows = [np.asarray(row, dtype=float) for row in (own, first, last)]
     directed = rows[0].size
     if directed % 2 or square.shape != (directed, directed) or any(row.shape != (directed,) for row in rows):
         raise ValueError("costs of directed lines are (2n, 2n), and of each of them (2n,)")
-    other = ~np.kron(np.eye(directed // 2, dtype=bool), np.ones((2, 2), dtype=bool))
-    if not (np.isfinite(square[other]).all() and all(np.isfinite(row).all() for row in rows)):
+    # pairs of two lines, not of one line with itself or with its other direction
+    of_two = ~np.kron(np.eye(directed // 2, dtype=bool), np.ones((2, 2), dtype=bool))
+    if not (np.isfinite(square[of_two]).all() and all(np.isfinite(row).all() for row in rows)):
         raise ValueError("a cost is not finite")
-    return _Problem(np.where(other, square, 0.0), *rows)
+    return _Problem(np.where(of_two, square, 0.0), *rows)
 
 
 # --- exactly ----------------------------------------------------------------------------------------------------------
 
 
 def _held_karp(problem: _Problem) -> list[int]:
+    """The order of least cost, by dynamic programming over sets of lines: 2ⁿ n² steps."""
     n = problem.lines
     if n == 0:
         return []
     costs, own = problem.costs, problem.own
-    # least[e, s]: the smallest cost of flying the set s of lines (bits) with directed line e last
+    # least[e, s]: the smallest cost of flying the set s of lines (bit i is line i) with directed line e last
+    # least[e, s + line(e)] = min_d (least[d, s] + cost[d, e]) + own[e]
     least = np.full((2 * n, 1 << n), np.inf)
     directed = np.arange(2 * n)
     least[directed, 1 << (directed // 2)] = problem.first + own
     sets = np.arange(1 << n)
     sizes = (sets[:, np.newaxis] >> np.arange(n) & 1).sum(axis=1)
     for size in range(1, n):
-        layer = sets[sizes == size]
+        of_size = sets[sizes == size]
         for line in range(n):
-            before = layer[(layer >> line) & 1 == 0]
-            ends = least[:, before]
+            without = of_size[(of_size >> line) & 1 == 0]
+            costs_before = least[:, without]
             for end in (2 * line, 2 * line + 1):
-                least[end, before | 1 << line] = (ends + costs[:, end, np.newaxis]).min(axis=0) + own[end]
+                least[end, without | 1 << line] = (costs_before + costs[:, end, np.newaxis]).min(axis=0) + own[end]
+    # back from the best last line: the predecessor is the one that gives the minimum over the lines left
     order = [int(np.argmin(least[:, -1] + problem.last))]
     left = (1 << n) - 1
     while len(order) < n:
@@ -178,10 +185,11 @@ def _held_karp(problem: _Problem) -> list[int]:
 def _sequences(lines: int) -> IntArray:
     """Orders of lines 0..n−1 without directions, shape (k, n): each also from the other side and backwards."""
     half = (lines + 1) // 2
-    found: dict[tuple[int, ...], None] = {tuple(range(lines)): None}
+    found: dict[tuple[int, ...], None] = {tuple(range(lines)): None}  # each once, in order
     for skip in range(2, min(lines - 1, MAX_SKIP) + 1):
         for sequence in (_passes(lines, skip, False), _passes(lines, skip, True), _blocks(lines, 2 * skip)):
             found[tuple(sequence)] = None
+    # wide skips: the field, or half of it, divided evenly into 1, 2, … blocks, down to the widths above
     for count in range(1, 1 + -(-lines // (2 * MAX_SKIP))):
         found[tuple(_blocks(lines, -(-lines // count)))] = None
         found[tuple(_passes(lines, -(-half // count), False))] = None
@@ -210,11 +218,12 @@ def _blocks(lines: int, size: int) -> list[int]:
 def _nearest_neighbours(problem: _Problem) -> IntArray:
     """Sequences that continue with the cheapest line left, from each line in each direction, shape (2n, n)."""
     n = problem.lines
-    at = np.arange(2 * n)
+    at = np.arange(2 * n)  # where each sequence is: a directed line
     visited = np.zeros((2 * n, n), dtype=bool)
     sequences = np.empty((2 * n, n), dtype=np.intp)
-    directed = problem.costs.reshape(2 * n, n, 2)
-    cheaper, least = directed.argmin(axis=2), directed.min(axis=2)
+    either_way = problem.costs.reshape(2 * n, n, 2)
+    # of each line as the next one: its cheaper direction, and the cost of that
+    cheaper, least = either_way.argmin(axis=2), either_way.min(axis=2)
     starts = np.arange(2 * n)
     for i in range(n):
         if i:
@@ -226,22 +235,26 @@ def _nearest_neighbours(problem: _Problem) -> IntArray:
 
 
 def _best_directions(problem: _Problem, sequences: IntArray) -> tuple[FloatArray, IntArray]:
-    """The best directions for sequences of lines: totals, shape (k,), and directions 0 or 1, shape (k, n)."""
+    """The best directions for sequences of lines, shape (k, n), by dynamic programming.
+
+    Totals, shape (k,), and directions, 0 forward and 1 backward, shape (k, n).
+    """
     count, n = sequences.shape
     directed = 2 * sequences[:, :, np.newaxis] + np.arange(2)
-    come = np.zeros((count, n, 2), dtype=np.intp)
+    # of the i-th line of each sequence in each direction: the best direction of the line before, and the least cost
+    come_from = np.zeros((count, n, 2), dtype=np.intp)
     least = problem.first[directed[:, 0]] + problem.own[directed[:, 0]]
     rows = np.arange(count)
     for i in range(1, n):
-        # (k, from, to)
+        # cost up to the line before + turn, shape (k, from, to)
         step = least[:, :, np.newaxis] + problem.costs[directed[:, i - 1, :, np.newaxis], directed[:, i, np.newaxis, :]]
-        come[:, i] = step[:, 1] < step[:, 0]
+        come_from[:, i] = step[:, 1] < step[:, 0]
         least = np.minimum(step[:, 0], step[:, 1]) + problem.own[directed[:, i]]
     least = least + problem.last[directed[:, -1]]
     chosen = np.empty((count, n), dtype=np.intp)
     chosen[:, -1] = least[:, 1] < least[:, 0]
     for i in range(n - 1, 0, -1):
-        chosen[:, i - 1] = come[rows, i, chosen[:, i]]
+        chosen[:, i - 1] = come_from[rows, i, chosen[:, i]]
     return least.min(axis=1), chosen
 
 
@@ -263,6 +276,10 @@ class _Search:
     The order is held in a tour of positions 1..n with the depot, directed line 2n, at both ends: departure at 0,
     arrival at n + 1. A reversed run flies its lines and the turns between them in the other direction. The cost of that
     is a difference of `reversal_sums`, the running sum of `reversal_costs` over positions.
+
+    For a directed line c, c >> 1 is its line and c ^ 1 its other direction; `position` and `queued` count lines, with n
+    for the depot. `after` and `before` list, by cost, the directed lines that may follow or precede each one. `visits`
+    counts the lines taken from `queue`: the effort.
     """
 
     def __init__(self, problem: _Problem) -> None:
@@ -276,16 +293,17 @@ class _Search:
         table[depot, :depot] = problem.first + extra / 2
         table[:depot, depot] = problem.last + extra / 2
         self.table: list[list[float]] = table.tolist()
-        other = np.arange(2 * n) ^ 1
+        backward = np.arange(2 * n) ^ 1
         square = table[:depot, :depot]
         # [a, b]: the extra cost of the turn from a to b when flown from b reversed to a reversed
-        self.reversal_costs: list[list[float]] = (square[np.ix_(other, other)].T - square).tolist()
+        self.reversal_costs: list[list[float]] = (square[np.ix_(backward, backward)].T - square).tolist()
         scale = float(np.abs(square).max(initial=0.0))
         self.symmetric = bool(np.abs(np.array(self.reversal_costs)).max(initial=0.0) <= 1e-11 * scale)
-        hidden = square + np.where(np.kron(np.eye(n), np.ones((2, 2))) > 0, np.inf, 0.0)
+        # a line is no neighbour of its own
+        of_others = square + np.where(np.kron(np.eye(n), np.ones((2, 2))) > 0, np.inf, 0.0)
         count = min(NEIGHBOURS, 2 * n - 2)
-        self.after: list[list[int]] = np.argsort(hidden, axis=1, kind="stable")[:, :count].tolist()
-        self.before: list[list[int]] = np.argsort(hidden, axis=0, kind="stable")[:count].T.tolist()
+        self.after: list[list[int]] = np.argsort(of_others, axis=1, kind="stable")[:, :count].tolist()
+        self.before: list[list[int]] = np.argsort(of_others, axis=0, kind="stable")[:count].T.tolist()
         self.after.append(np.argsort(table[depot, :depot], kind="stable").tolist())
         self.before.append(np.argsort(table[:depot, depot], kind="stable").tolist())
         self.min_gain = 1e-8 * scale  # a smaller gain is rounding
@@ -311,7 +329,7 @@ class _Search:
         return min(found)[1]
 
     def _redirect(self) -> bool:
-        """Give the lines the best directions for their sequence; return whether the total has fallen."""
+        """Give the lines of the tour the best directions for their sequence; return whether the total has fallen."""
         order, cost = self.problem.with_cost(self.tour[1:-1])
         sequence = np.array([order], dtype=np.intp) // 2
         totals, directions = _best_directions(self.problem, sequence)
@@ -321,7 +339,10 @@ class _Search:
         return True
 
     def perturbed(self, order: Sequence[int]) -> list[int]:
-        """The best order found by iterated local search from perturbations of the best so far: never worse than it."""
+        """The best order found by iterated local search from perturbations of the best so far: never worse than it.
+
+        A perturbation swaps two runs that follow one another, each reversed or not: where, how long and how is drawn.
+        """
         n = self.problem.lines
         self._reset(order)
         self.visits = 0
@@ -330,15 +351,17 @@ class _Search:
         for where, one, two, reverse_one, reverse_two in draws:
             if self.visits >= min(MAX_VISITS, VISITS_PER_LINE * n):
                 break
-            before = self.total, self.tour[:], self.position[:], self.reversal_sums[:]
+            total = self.total
+            before = total, self.tour[:], self.position[:], self.reversal_sums[:]
             left, right = 1 + int(one * longest), 1 + int(two * longest)
             start = 1 + int(where * (n + 1 - left - right))
             self._swap(start, start + left, start + left + right, reverse_one < 0.5, reverse_two < 0.5)
-            if self.total > before[0] + self.min_gain:  # an equal one is kept, to cross plateaus
+            if self.total > total + self.min_gain:  # an equal one is kept, to cross plateaus
                 self.total, self.tour, self.position, self.reversal_sums = before
         return self.tour[1:-1]
 
     def _reset(self, order: Sequence[int]) -> None:
+        """Make an order of directed lines the tour."""
         n = self.problem.lines
         self.tour = [self.depot, *order, self.depot]
         self.position = [0] * (n + 1)
@@ -388,10 +411,16 @@ class _Search:
                     pass
 
     def _push(self, lines: Iterable[int]) -> None:
+        """Queue lines to be visited, each once."""
         for line in lines:
             if not self.queued[line]:
                 self.queued[line] = True
                 self.queue.append(line)
+
+    # In the two functions below, a stands at position i and c is its new neighbour. The line of c stands at position j,
+    # as d: where d is c, a run from or to c moves as it is; where d is c ^ 1, a run is reversed. Neighbours in the tour
+    # are a b or z a, y d or d f, and y e or e f. `gain` is what the turns changed so far save, `saved` what the whole
+    # move saves. Candidates are sorted by cost: the first whose turn alone saves nothing ends the search.
 
     def _improve_successor(self, i: int) -> bool:
         """Replace the successor of position i by a cheaper one, if that pays; return whether it did."""
@@ -461,10 +490,11 @@ class _Search:
         return False
 
     def _reverse(self, start: int, end: int, saved: float) -> bool:
+        """Reverse positions start..end; always True."""
         return self._replace(start, _reversed(self.tour[start : end + 1]), (start, end + 1), saved)
 
     def _move(self, start: int, end: int, after: int, backward: bool, saved: float) -> bool:
-        """Move positions start..end to between `after` and the next."""
+        """Move positions start..end to between `after` and the next, backward or not; always True."""
         tour, run = self.tour, self.tour[start : end + 1]
         if backward:
             run = _reversed(run)
@@ -474,7 +504,7 @@ class _Search:
         return self._replace(start, tour[end + 1 : after + 1] + run, cuts, saved)
 
     def _replace(self, start: int, run: list[int], cuts: Sequence[int], saved: float) -> bool:
-        """Replace the lines from a position on; those on both sides of the cuts are to be visited again."""
+        """Replace lines from a position on, for a total less by `saved`; queue those beside the cuts; always True."""
         touched = [self.tour[i] >> 1 for cut in cuts for i in (cut - 1, cut)]
         self.tour[start : start + len(run)] = run
         self._settle(start, start + len(run) - 1)

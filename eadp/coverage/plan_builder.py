@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import Expression, number_text
@@ -33,6 +34,14 @@ MIN_STAGE_M = 1e-5
 _DIGITS = 9
 
 Command = tuple[float, ...]
+
+
+class PathText(NamedTuple):
+    """A stage's path function as text, its rotation [°] and its gain."""
+
+    function: str
+    rotation_deg: int
+    gain: float
 
 
 @dataclass(frozen=True)
@@ -88,6 +97,7 @@ def build_plan(
         path_count=1 if solution.min_c1 < 0 else 0,
         titles=(Title("spacing", "m", _expression(_spacing(solution.blocks[0]))),) if solution.min_c1 < 0 else (),
         computations=builder.computations.computations,
+        # below the length of the shortest stage, in two digits
         trigger_radius_m=min(TRIGGER_RADIUS_M, float(f"{0.9 * builder.shortest_m:.2g}")),
         min_radius_m=min_radius_m,
         site=site,
@@ -97,7 +107,7 @@ def build_plan(
 
 
 class _PlanBuilder:
-    """Stages and segments of a plan, and the length of its shortest stage."""
+    """Stages and segments of a plan, and the length of its shortest stage; `_sensing`, whether each stage is a line."""
 
     def __init__(self, solution: CoverageSolution, computations: FieldComputations) -> None:
         self.computations = computations
@@ -123,26 +133,28 @@ class _PlanBuilder:
             legs = section.last_lap()  # its first line starts where the last turn ends, whatever the parameters were
         self._add_once(legs)
 
-    def _add_stage(self, path: tuple[str, int, float], trigger: tuple[str, str], sensing: bool, min_c1: float) -> None:
+    def _add_stage(self, path: PathText, trigger: tuple[str, str], sensing: bool, min_c1: float) -> None:
+        """Append a stage along a path to a trigger point, both as text."""
         self._sensing.append(sensing)
-        function, rotation, gain = path
         box = (Box(min_c1, 0.0),) if self._min_c1 < 0 else ()
         sets = (*box, *self.computations.sets_for(sensing))
         x, y = map(_expression, trigger)
-        gain = float(f"{gain:.4g}")
-        self.stages.append(Stage(len(self.stages) + 1, 0, gain, rotation, _expression(function), (x, y), sets))
+        gain = float(f"{path.gain:.4g}")
+        number, function = len(self.stages) + 1, _expression(path.function)
+        self.stages.append(Stage(number, 0, gain, path.rotation_deg, function, (x, y), sets))
 
     def commanded(self, commands: tuple[Command, Command]) -> list[Stage]:
         """The stages with a command where the field starts, and one where it ends."""
         stages = []
         for i, (stage, over) in enumerate(zip(self.stages, self._sensing, strict=True)):
+            # whether the stages flown before it are lines: the one above, and for the first of a lap, the lap's last
             before = {self._sensing[i - 1] if i else False}
             before |= {self._sensing[part.first + part.count - 1] for part in self.segments if part.first == i}
             stages.append(stage if before == {over} else replace(stage, commands=(commands[0 if over else 1],)))
         return stages
 
     def _add_once(self, legs: Sequence[CoverageLeg]) -> None:
-        """A segment of stages flown once."""
+        """Append a segment of stages flown once."""
         first = len(self.stages)
         if self.computations.off_on_turns:
             legs = [part for leg in legs for part in leg.split()]
@@ -162,9 +174,10 @@ class _PlanBuilder:
         self.segments.append(Segment(first, len(self.stages) - first))
 
     def _add_laps(self, block: Block) -> None:
-        """A segment of the four primitive stages of a block, and the loop variables that move them."""
+        """Append a segment of the four primitive stages of a block, with the loop variables that move them."""
         first = len(self.stages)
         frame = block.frame
+        # rotations [°]: the gradient of a line points along u, that of a circle outward; turns are towards u
         up, down, turn = (90, 270, 270) if frame.hand == 1 else (270, 90, 90)
         u1, u2 = block.first_m, block.first_m + 2 * block.circle_m
         gains = GAIN_PER_M / (2 * block.circle_m), GAIN_PER_M / (2 * block.radius_m)
@@ -173,26 +186,29 @@ class _PlanBuilder:
             _circle(_point(frame, u2, "s - r2", "low"), "r2"),
         )
         for path, trigger, sensing in (
-            ((_line(frame, u1), up, GAIN_PER_M), _point(frame, u1, "s", "top"), True),
-            ((circles[0], turn, gains[0]), _point(frame, u2, "s", "top"), False),
-            ((_line(frame, u2), down, GAIN_PER_M), _point(frame, u2, "s", "low"), True),
-            ((circles[1], turn, gains[1]), _point(frame, u1, "next", "low"), False),
+            (PathText(_line(frame, u1), up, GAIN_PER_M), _point(frame, u1, "s", "top"), True),
+            (PathText(circles[0], turn, gains[0]), _point(frame, u2, "s", "top"), False),
+            (PathText(_line(frame, u2), down, GAIN_PER_M), _point(frame, u2, "s", "low"), True),
+            (PathText(circles[1], turn, gains[1]), _point(frame, u1, "next", "low"), False),
         ):
             self._add_stage(path, trigger, sensing, block.min_c1)
         end = (_expression("s"), _expression(_number(block.travel_m - END_TOLERANCE_M)))
         segment = Segment(first, 4, tuple(_loop_variables(block)), end)
         self.stages[first:] = [replace(stage, segment=segment) for stage in self.stages[first:]]
         self.segments.append(segment)
+        # [2::4]: the second lines of the laps
         self.shortest_m = min([self.shortest_m, *(leg.piece.length_m for leg in block.legs(0.0)[2::4])])
 
 
 def _spacing(block: Block) -> str:
     """The distance from lap to lap, which is that of the lines, in c1. Source: letter, Sec. IV-A."""
-    radius, least = _number(block.radius_m), _number(block.spacing_m)
-    return f"{least} + 2*({radius} - sqrt({radius}^2 + c1))" if block.min_c1 < 0 else least
+    # d = x_d + 2(r − √(r² + c1))
+    radius, spacing = _number(block.radius_m), _number(block.spacing_m)
+    return f"{spacing} + 2*({radius} - sqrt({radius}^2 + c1))" if block.min_c1 < 0 else spacing
 
 
 def _loop_variables(block: Block) -> Iterator[LoopVariable]:
+    """Of each lap: its place, the next one's, the levels of its upper and lower turn, the lower one's radius [m]."""
     yield LoopVariable("s", _expression("0"), _expression("next - s"))
     yield LoopVariable("next", _expression(f"min(s + {_spacing(block)}, {_number(block.travel_m)})"))
     yield LoopVariable("top", _expression(_piecewise_linear(block.top, "s")))
@@ -254,6 +270,7 @@ def _scaled(factor: float, text: str, digits: int = 15) -> str:
 
 
 def _sum(a: str, b: str) -> str:
+    """a + b; either may be empty, for 0."""
     if not a or not b:
         return a or b or "0"
     return f"{a} - {b[1:]}" if b.startswith("-") else f"{a} + {b}"
@@ -264,19 +281,20 @@ def _linear(normal: Point) -> str:
     return _sum(_scaled(normal[0], "x"), _scaled(normal[1], "y"))
 
 
-def piece_path(piece: Piece) -> tuple[str, int, float]:
-    """The path function of a straight or an arc as text, its rotation [°] and its gain."""
+def piece_path(piece: Piece) -> PathText:
+    """The path of a straight or an arc."""
     x, y, heading = piece.start
     if piece.centre_m is not None:
         cx, cy = map(_number, piece.centre_m)
         rotation = 90 if piece.turn > 0 else 270
-        return _circle((cx, cy), _number(piece.radius_m)), rotation, GAIN_PER_M / (2 * piece.radius_m)
+        return PathText(_circle((cx, cy), _number(piece.radius_m)), rotation, GAIN_PER_M / (2 * piece.radius_m))
     # the gradient a quarter turn to the right of the travel: rotation 90 turns it back
     nx, ny = direction_cosine(math.sin(heading)), direction_cosine(-math.cos(heading))
     rotation = 90
     if nx < 0 or (nx == 0 and ny < 0):
         nx, ny, rotation = -nx, -ny, 270
-    return _shifted(-round(nx * x + ny * y, _DIGITS), _linear((nx, ny))), rotation, GAIN_PER_M
+    # n·(p − start)
+    return PathText(_shifted(-round(nx * x + ny * y, _DIGITS), _linear((nx, ny))), rotation, GAIN_PER_M)
 
 
 def _number(value: float) -> str:

@@ -67,9 +67,10 @@ def path_report(
     time_s = motion.time_s(path.pieces)
     energy = None
     if power is not None:
-        over_s = motion.time_s([leg.piece for leg in path.legs if leg.sensing])
-        joules = power.motion_w * time_s + power.computing_w * over_s + power.computing_on_turns_w * (time_s - over_s)
-        energy = joules / 3600
+        # E = P_motion t + P_computing t_lines + P_turns (t − t_lines)
+        lines_s = motion.time_s([leg.piece for leg in path.legs if leg.sensing])
+        joules = power.motion_w * time_s + power.computing_w * lines_s + power.computing_on_turns_w * (time_s - lines_s)
+        energy = joules / 3600  # [Wh]
     coverage = covered_by_lines(path, field, motion.swath_m)
     spacing_m = solution.blocks[0].spacing_at(max(c1, solution.blocks[0].min_c1)) if solution.blocks else None
     spacing_m = spacing_m or _line_distance_m(path, solution.heading_rad)
@@ -79,6 +80,7 @@ def path_report(
 def _line_distance_m(path: CoveragePath, heading_rad: float) -> float | None:
     """The median distance of neighbouring lines [m]; None for a single one."""
     sin, cos = math.sin(heading_rad), math.cos(heading_rad)
+    # places across the lines; those of one line twice are equal to a centimetre
     places = sorted({round(leg.start[1] * cos - leg.start[0] * sin, 2) for leg in path.legs if leg.sensing})
     return statistics.median(b - a for a, b in itertools.pairwise(places)) if len(places) > 1 else None
 

@@ -36,6 +36,7 @@ class TimedTrack(NamedTuple):
     def then(self, other: TimedTrack, pause_s: float) -> TimedTrack:
         """The track, and another after a pause on the ground."""
         start_s = self.times_s[-1] + pause_s - other.times_s[0]
+        # interpolation between two points of NaN, just after the one and just before the other, is NaN
         gap = np.array([self.times_s[-1] + 1e-3, self.times_s[-1] + pause_s - 1e-3])
         ground = np.full((2, 2), np.nan)  # on the ground it is near to no one
         return TimedTrack(
@@ -77,10 +78,10 @@ def nearest(tracks: Sequence[TimedTrack]) -> Nearest | None:
     times = np.arange(start_s, end_s + STEP_S, STEP_S)
     places = []
     for track in tracks:
-        inside = (times >= track.times_s[0]) & (times <= track.times_s[-1])
+        in_air = (times >= track.times_s[0]) & (times <= track.times_s[-1])
         xy = np.stack([np.interp(times, track.times_s, track.points_m[:, k]) for k in (0, 1)], axis=1)
-        places.append(np.where(inside[:, None], xy, np.nan))
-    found: Nearest | None = None
+        places.append(np.where(in_air[:, None], xy, np.nan))
+    found: Nearest | None = None  # of the pairs so far
     for i, j in itertools.combinations(range(len(tracks)), 2):
         distances = np.linalg.norm(places[i] - places[j], axis=1)
         if np.isnan(distances).all():
@@ -95,8 +96,8 @@ def nearest(tracks: Sequence[TimedTrack]) -> Nearest | None:
 def stagger_s(tracks: Sequence[TimedTrack], distance_m: float) -> float:
     """The least delay of take-off from one aircraft to the next that keeps a distance; the best one where none does."""
 
-    def distance(delay_s: float) -> float:
-        """The least one, also where every other aircraft is late or early."""
+    def min_distance_m(delay_s: float) -> float:
+        """The least distance of any two, also where every other aircraft is late or early."""
         found = [
             nearest([track.later(k * delay_s + late_s * (k % 2)) for k, track in enumerate(tracks)])
             for late_s in np.linspace(-LATE_S, LATE_S, 5).tolist()
@@ -105,7 +106,7 @@ def stagger_s(tracks: Sequence[TimedTrack], distance_m: float) -> float:
 
     best_s, best_m = 0.0, -1.0
     for delay_s in map(float, STAGGERS_S):
-        found_m = distance(delay_s)
+        found_m = min_distance_m(delay_s)
         if found_m >= distance_m:
             return delay_s
         if found_m > best_m:

@@ -93,7 +93,7 @@ class Division:
 
     def part(self, start_m: float, end_m: float) -> Field:
         """The ground of the lines of an interval [m]."""
-        windows, whole = [], set[int]()
+        windows, whole = [], set[int]()  # of lines that are cut; numbers of lines that are not
         for k, line in enumerate(self._order):
             own_start, own_end = float(self._ends[k]), float(self._ends[k + 1])
             if own_end <= start_m + SAME_M or own_start >= end_m - SAME_M:
@@ -120,6 +120,7 @@ class Division:
         return self._extents[k][-1][1]
 
     def _window(self, first: int, last: int, low_m: float, high_m: float) -> list[Point]:
+        """The rectangle of lines `first` to `last` of the grid, between two places along them, in the frame [m]."""
         left, right = float(self._grid.edges_m[first]) - SEAM_M, float(self._grid.edges_m[last + 1]) + SEAM_M
         corners = ((left, low_m), (right, low_m), (right, high_m), (left, high_m))
         return [self._grid.frame.out(*corner) for corner in corners]
@@ -194,6 +195,7 @@ class Divider(Generic[AnySortie]):
             If even a short part of a line is too far, or a line cannot be flown whole where lines are not cut.
         """
         found = self._fullest(min_count) if self.cuts else None  # of laps, a part has to be wide enough
+        # up to a multiple of `step`
         count = -(-max(min_count, 0 if found is None else len(found.sorties)) // self.step) * self.step
         for more in range(0, MAX_SORTIES, self.step):
             alike = self._alike(count + more)
@@ -215,33 +217,43 @@ class Divider(Generic[AnySortie]):
         return cut if len(cut.sorties) < len(found.sorties) else found
 
     def _filled(self, min_count: int, *, whole: bool) -> Divided[AnySortie]:
-        """Sorties that are filled one after the other, up to whole lines or to parts of them."""
+        """Sorties that are filled one after the other, up to whole lines or to parts of them.
+
+        Raises
+        ------
+        Infeasible
+            If a pack lasts for no line, or no part of one, or `MAX_SORTIES` are too few.
+        """
         total_m, place_m, ends = self.division.total_m, 0.0, [0.0]
-        guess_m = total_m / min_count
+        length_m = total_m / min_count  # of each sortie, at first a guess
         while total_m - place_m > SAME_M:
-            guess_m = self._farthest_m(place_m, guess_m, whole=whole) - place_m
-            if guess_m <= SAME_M:
+            length_m = self._farthest_m(place_m, length_m, whole=whole) - place_m
+            if length_m <= SAME_M:
                 what = "a line flown whole" if whole else "the way to the field and back"
                 raise Infeasible(f"a pack does not last for {what}")
-            place_m += guess_m
+            place_m += length_m
             ends.append(place_m)
             if len(ends) > MAX_SORTIES:
                 raise Infeasible(f"{MAX_SORTIES} sorties are too few")
         return self._at(np.array(ends))
 
     def _farthest_m(self, start_m: float, guess_m: float, *, whole: bool) -> float:
-        """The farthest end found of a sortie that starts at a place; the place itself where there is none [m]."""
+        """The farthest end found of a sortie that starts at a place [m]; the place itself where there is none.
+
+        `guess_m` is the length that is tried first. Steps aim at a spare charge of EVEN / 2, by the charge that a metre
+        of the lines takes in the sortie tried last; where they leave the bracket they are those of a bisection.
+        """
         total_m = self.division.total_m
-        # a sortie to low_m is possible, one to high_m is not; the secant aims at a spare charge of EVEN / 2
+        # the bracket: a sortie to low_m can be flown, one to high_m cannot
         low_m, high_m, end_m = start_m, math.inf, min(start_m + guess_m, total_m)
         for _ in range(ROUNDS):
             if whole:
                 end_m = self.division.between_lines(end_m)
             if not low_m + SAME_M < end_m < high_m - SAME_M:
-                # beyond what is known: the middle, or the next line
+                # out of the bracket: its middle instead, or the end of the next line
                 end_m = self.division.next_line(low_m) if whole else (low_m + min(high_m, total_m)) / 2
                 if not low_m + SAME_M < end_m < high_m - SAME_M:
-                    break
+                    break  # nothing between the two is left to try
             sortie = self._sortie((round(start_m, 3), round(end_m, 3)))
             if sortie.spare >= 0:
                 low_m = end_m
@@ -249,12 +261,15 @@ class Divider(Generic[AnySortie]):
                     break
             else:
                 high_m = end_m
-            rate = max(sortie.used_on_lines, EVEN) / (end_m - start_m)
-            end_m = min(end_m + (sortie.spare - EVEN / 2) / rate, total_m)
+            used_per_m = max(sortie.used_on_lines, EVEN) / (end_m - start_m)
+            end_m = min(end_m + (sortie.spare - EVEN / 2) / used_per_m, total_m)
         return low_m
 
     def _alike(self, count: int) -> Divided[AnySortie] | None:
-        """The division into so many sorties of about the same spare charge, with whole lines where that is enough."""
+        """The division into so many sorties of about the same spare charge, with whole lines where that is enough.
+
+        None where no division is found in which all can be flown.
+        """
         total_m = self.division.total_m
         places = np.linspace(0.0, total_m, count + 1)
         for _ in range(ALIKE_ROUNDS):
@@ -265,9 +280,10 @@ class Divider(Generic[AnySortie]):
             spares = np.array([sortie.spare for sortie in found.sorties])
             if spares.mean() < 0:
                 return None
+            # a sortie with more to spare than the mean takes on so much more of the lines
             lengths = np.diff(places)
-            per_m = max(sum(sortie.used_on_lines for sortie in found.sorties) / total_m, 1e-12)
-            lengths = np.maximum(lengths + (spares - spares.mean()) / per_m, 0.02 * lengths)
+            used_per_m = max(sum(sortie.used_on_lines for sortie in found.sorties) / total_m, 1e-12)
+            lengths = np.maximum(lengths + (spares - spares.mean()) / used_per_m, 0.02 * lengths)
             places = np.concatenate([[0.0], np.cumsum(lengths)]) * (total_m / float(lengths.sum()))
         return None
 
@@ -278,6 +294,7 @@ class Divider(Generic[AnySortie]):
         return Divided(intervals, [self._sortie(interval) for interval in intervals])
 
     def _sortie(self, interval: Interval) -> AnySortie:
+        """The sortie over an interval [m], forecast once."""
         if interval not in self._known:
             self._known[interval] = self.forecast(self.division.part(*interval))
         return self._known[interval]

@@ -142,6 +142,7 @@ class CoverageLeg:
 
     def split(self) -> list[CoverageLeg]:
         """The leg cut at its gaps, over which nothing is sensed."""
+        # ground, gap, ground, …
         parts = self.cut(*(end for gap in self.gaps_m for end in gap))
         return [CoverageLeg(part.piece, self.sensing and i % 2 == 0) for i, part in enumerate(parts)]
 

@@ -176,6 +176,7 @@ class Block:
     def legs(self, c1: Sequence[float] | float) -> list[CoverageLeg]:
         """The legs at a fixed parameter, or at one for each lap, the last of which holds for the rest."""
         values = [c1] if isinstance(c1, float | int) else list(c1)
+        # of the present lap: its place, its number and the level at which its first line starts
         legs: list[CoverageLeg] = []
         here, lap, low = 0.0, 0, float(self.low_first.at(0.0))
         while here < self.travel_m - END_TOLERANCE_M:
@@ -257,10 +258,11 @@ def summarise_block(
     start, end : (float, float, float)
         The poses at both ends.
     """
+    # the first half of the lines are the laps' first lines, the others their second lines
     laps = layout.firsts
     first_low, second_low = low_m[:laps], low_m[laps:]
     seconds = len(second_low)
-    tops = top_m[:laps].copy()
+    tops = top_m[:laps].copy()  # the level of the turn from each first line to its second
     tops[:seconds] = np.maximum(tops[:seconds], top_m[laps:])
     turns = np.minimum(second_low[: laps - 1], first_low[1:])  # the level of the turn from each lap to the next
     up = (tops - np.append(first_low[:1], turns)).sum()
@@ -279,18 +281,19 @@ def build_block(
     """The block whose first line is at u = `first_m` of a frame, between a polygon's two boundaries."""
     travel = layout.travel_m
     second = first_m + 2 * layout.circle_m
-    reach = layout.max_spacing_m(motion)
-    top = levels_above([(bounds.above, first_m), (bounds.above, second)], travel, reach)
-    low_first = _negated(levels_above([(bounds.below, first_m)], travel, reach))
-    low_second = _negated(levels_above([(bounds.below, second)], travel, reach))
+    strip_m = layout.max_spacing_m(motion)
+    top = levels_above([(bounds.above, first_m), (bounds.above, second)], travel, strip_m)
+    low_first = _negated(levels_above([(bounds.below, first_m)], travel, strip_m))
+    low_second = _negated(levels_above([(bounds.below, second)], travel, strip_m))
     # in a corner, the upper turn is raised until both lines below it have the smallest length
     knots = sorted({*top.places_m, *low_first.places_m, *low_second.places_m})
     floor = np.maximum(low_first.at(knots), low_second.at(knots)) + MIN_LINE_M
     if np.any(top.at(knots) < floor):
         top = PiecewiseLinear(tuple(knots), tuple(np.maximum(top.at(knots), floor).tolist()))
-    last_top = max(float(bounds.above.over(first_m + travel, reach)[0]), float(low_first.at(travel)) + MIN_LINE_M)
-    return Block(frame, layout, layout.spacing_m(motion), reach, first_m, top, low_first, low_second, last_top)
+    last_top = max(float(bounds.above.over(first_m + travel, strip_m)[0]), float(low_first.at(travel)) + MIN_LINE_M)
+    return Block(frame, layout, layout.spacing_m(motion), strip_m, first_m, top, low_first, low_second, last_top)
 
 
 def _negated(levels: PiecewiseLinear) -> PiecewiseLinear:
+    """Levels of a lower boundary, from those of it upside down."""
     return PiecewiseLinear(levels.places_m, tuple(-level for level in levels.levels_m))

@@ -35,13 +35,14 @@ LIFT, PER_THROTTLE, NOMINAL, CLIMB_GAIN, IDLE_W, THROTTLE_W, WIND_LIFTS = range(
 PARASITIC, INDUCED, MIN_SPEED, MAX_BANK, ROLLED, MAX_CLIMB, SPEED_GAIN, EFFICIENCY, AVIONICS_W, MAX_W = range(16, 26)
 POINTS = 26
 AIRCRAFT_CONSTANTS = 27
-"""Of every vehicle, then of the papers' or of an aeroplane. Airspeeds and drags of a power curve are the last ones."""
+"""Of every vehicle, then of the papers' or of an aeroplane, from 16 on. After all constants of a flight come a power
+curve's `POINTS` airspeeds [m/s] and as many drags [N]."""
 
 PAPER_MODEL, AEROPLANE_MODEL = 0.0, 1.0
 
 
 def constants_of(airframe: Airframe, guidance: Guidance, wind: Wind, step_s: float) -> list[float]:
-    """The constants of a flight.
+    """The constants of a flight, at the indices above; the airspeeds and drags of a power curve follow.
 
     Gusts are first-order coloured wind on each axis, exact for any step: w⁺ = a w + σ√(1 − a²) n, a = exp(−Δt/τ).
 
@@ -62,11 +63,12 @@ def constants_of(airframe: Airframe, guidance: Guidance, wind: Wind, step_s: flo
     ]
     c[MASS : CRUISE_M + 1] = [airframe.mass_kg, airframe.weight_n, airframe.cruise_altitude_m]
     c[SPEED_HELD] = airframe.airspeed_mps
-    next(own for kind, own in _OWN_CONSTANTS.items() if isinstance(airframe, kind))(c, airframe, step_s)
+    set_own = next(own for kind, own in _OWN_CONSTANTS.items() if isinstance(airframe, kind))
+    set_own(c, airframe, step_s)
     return c
 
 
-def _paper_constants(c: State, airframe: PaperVehicle, step_s: float) -> None:
+def _set_paper_constants(c: State, airframe: PaperVehicle, step_s: float) -> None:
     c[MODEL], c[HEIGHT_GAIN] = PAPER_MODEL, airframe.altitude_gain
     c[LIFT : WIND_LIFTS + 1] = [
         airframe.lift_coefficient,
@@ -79,22 +81,22 @@ def _paper_constants(c: State, airframe: PaperVehicle, step_s: float) -> None:
     ]
 
 
-def _fixed_wing_constants(c: State, airframe: FixedWing, step_s: float) -> None:
+def _set_fixed_wing_constants(c: State, airframe: FixedWing, step_s: float) -> None:
     density_area = 0.5 * airframe.air_density_kgpm3 * airframe.wing_area_m2
     # D = ½ρS C_D0 V² + K (n W)² / (½ρS V²): the two coefficients
     parasitic = density_area * airframe.zero_lift_drag_coefficient
     induced = airframe.induced_drag * airframe.weight_n**2 / density_area
-    _aeroplane_constants(c, airframe, step_s, parasitic, induced, 0.5 * airframe.stall_mps)
+    _set_aeroplane_constants(c, airframe, step_s, parasitic, induced, 0.5 * airframe.stall_mps)
 
 
-def _power_curve_constants(c: list[float], airframe: PowerCurve, step_s: float) -> None:
-    _aeroplane_constants(c, airframe, step_s, 0.0, airframe.turn_drag_n, 0.5 * airframe.points[0][0])
+def _set_power_curve_constants(c: list[float], airframe: PowerCurve, step_s: float) -> None:
+    _set_aeroplane_constants(c, airframe, step_s, 0.0, airframe.turn_drag_n, 0.5 * airframe.points[0][0])
     c[POINTS] = len(airframe.points)
     c += [speed for speed, _ in airframe.points]
     c += airframe.drags_n
 
 
-def _aeroplane_constants(
+def _set_aeroplane_constants(
     c: State, airframe: FixedWing | PowerCurve, step_s: float, parasitic: float, induced: float, min_mps: float
 ) -> None:
     c[MODEL], c[HEIGHT_GAIN] = AEROPLANE_MODEL, airframe.altitude_gain_per_s
@@ -103,7 +105,7 @@ def _aeroplane_constants(
         induced,
         min_mps,
         math.radians(airframe.max_bank_deg),
-        1 - math.exp(-step_s / airframe.roll_time_constant_s),
+        1 - math.exp(-step_s / airframe.roll_time_constant_s),  # share of a change of bank that one step rolls
         airframe.max_climb_rate_mps,
         airframe.speed_gain_per_s,
         airframe.propulsive_efficiency,
@@ -113,11 +115,11 @@ def _aeroplane_constants(
 
 
 _OWN_CONSTANTS: dict[type, Callable[[Any, Any, float], None]] = {
-    PaperVehicle: _paper_constants,
-    FixedWing: _fixed_wing_constants,
-    PowerCurve: _power_curve_constants,
+    PaperVehicle: _set_paper_constants,
+    FixedWing: _set_fixed_wing_constants,
+    PowerCurve: _set_power_curve_constants,
 }
-"""Constants by the class of the airframe's model, or of the one that it inherits from."""
+"""What sets a vehicle's own constants, by the class of its airframe, or the one that this inherits from."""
 
 
 def state_of(
@@ -134,7 +136,7 @@ def state_of(
 
 
 def fly_step(s: State, c: Constants, jet: Jet, gain: float, sense: float, wind_x: float, wind_y: float) -> float:
-    """Fly one step along a path; return the motion power over it [W].
+    """Fly one step along a path, which changes the state; return the motion power over it [W].
 
     Parameters
     ----------
@@ -143,14 +145,14 @@ def fly_step(s: State, c: Constants, jet: Jet, gain: float, sense: float, wind_x
     jet
         The path function's at the position.
     gain, sense
-        k_e and the direction of travel of the stage.
+        k_e of the stage, and its direction of travel: +1 for rotation 90, −1 for rotation 270.
     wind_x, wind_y
         Wind over the step [m/s].
 
     Returns
     -------
     float
-        Where the path has no direction to follow, the heading is not finite afterwards.
+        Motion power [W]. Where the path has no direction to follow, the heading in `s` is not finite afterwards.
     """
     if c[MODEL] == AEROPLANE_MODEL:
         return _aeroplane_step(s, c, jet, gain, sense, wind_x, wind_y)
@@ -204,13 +206,13 @@ def _aeroplane_step(s: State, c: Constants, jet: Jet, gain: float, sense: float,
     level = math.cos(s[BANK])
     turn = GRAVITY_MPS2 * math.sin(s[BANK]) / (level * speed)  # g tan φ / V
     # 2. climb rate without lag, within its limit, the glide's and the motor's; airspeed by the throttle, with drag and
-    # climb fed forward
+    # climb fed forward. D = ½ρS C_D0 V² + K (W / cos φ)² / (½ρS V²)
     climb = _within(c[HEIGHT_GAIN] * (c[CRUISE_M] - s[ALTITUDE]), c[MAX_CLIMB])
     square = speed * speed
     if c[POINTS] == 0.0:
         drag = c[PARASITIC] * square + c[INDUCED] / (level * level * square)
     else:
-        # of a power curve, turns alone: tan² φ = 1/cos² φ − 1
+        # a power curve is of level flight; what a turn adds is induced, by tan² φ = 1/cos² φ − 1
         drag = _curve_drag_n(c, speed) + c[INDUCED] * (1 / (level * level) - 1) / square
     sink = drag * speed / weight  # without thrust
     if climb < -sink:
@@ -224,6 +226,7 @@ def _aeroplane_step(s: State, c: Constants, jet: Jet, gain: float, sense: float,
     elif motor_w > c[MAX_W]:
         motor_w = c[MAX_W]
     thrust = motor_w * c[EFFICIENCY] / speed
+    # acceleration of the air along the heading [m/s²]
     gust = ((wind_x - s[WIND_X]) * cosine + (wind_y - s[WIND_Y]) * sine) / step_s
     s[WIND_X], s[WIND_Y] = wind_x, wind_y
     # m V̇ = T − D − W sin γ, less the air's own acceleration along the heading
@@ -244,12 +247,13 @@ def _aeroplane_step(s: State, c: Constants, jet: Jet, gain: float, sense: float,
 
 def _curve_drag_n(c: Constants, speed: float) -> float:
     """Drag of a power curve in straight level flight [N]: linear between its points, constant beyond."""
+    # the last of the constants: `count` airspeeds, ascending, then the drag at each
     count = int(c[POINTS])
-    first, drags = len(c) - 2 * count, len(c) - count
-    if speed <= c[first]:
+    speeds, drags = len(c) - 2 * count, len(c) - count
+    if speed <= c[speeds]:
         return c[drags]
     for i in range(count - 1):
-        low, high = c[first + i], c[first + i + 1]
+        low, high = c[speeds + i], c[speeds + i + 1]
         if speed < high:
             return c[drags + i] + (c[drags + i + 1] - c[drags + i]) * (speed - low) / (high - low)
     return c[drags + count - 1]
@@ -280,8 +284,9 @@ def _wrapped(heading: float) -> float:
     return turned - 2 * math.pi if turned > math.pi else turned
 
 
-def next_gust(s: State, c: Constants, noise: Sequence[float]) -> None:
-    """The gust of the next step: two of the normal random numbers, taken from their end."""
+def advance_gust(s: State, c: Constants, noise: Sequence[float]) -> None:
+    """Change the gust to that of the next step: with two of the normal random numbers, taken from their end."""
+    # w⁺ = a w + σ√(1 − a²) n
     left = int(s[NOISE_LEFT])
     s[GUST_X] = c[GUST_KEPT] * s[GUST_X] + c[GUST_NEW] * noise[left - 1]
     s[GUST_Y] = c[GUST_KEPT] * s[GUST_Y] + c[GUST_NEW] * noise[left - 2]

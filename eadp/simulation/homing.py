@@ -28,7 +28,7 @@ def home_plan(cursor: PlanCursor, pose: Pose, way_home: WayHome) -> Plan:
     from eadp.coverage.plan_builder import piece_path  # slow to import, and few flights end at home
 
     plan = cursor.table.plan
-    rho = plan.path_count
+    rho = plan.path_count  # the first parameters are the path's, the others the computations'
     lowest = [plan.hull(i).lo for i in range(rho, len(cursor.parameters))]
     sets = tuple(Box(value, value) for value in (*cursor.parameters[:rho], *lowest))
     altitude_m = cursor.stage.altitude_m if way_home.altitude_m is None else way_home.altitude_m

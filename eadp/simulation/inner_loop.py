@@ -44,12 +44,12 @@ from eadp.simulation.aircraft import (
     State,
     X,
     Y,
+    advance_gust,
     fly_step,
-    next_gust,
 )
 
 SOC, POWER, ENERGY, DISTANCE, MIN_POWER, MAX_POWER = range(AIRCRAFT_STATE, AIRCRAFT_STATE + 6)
-NOTE_AT, READ_AT, READINGS, LOG_AT, ROWS = range(AIRCRAFT_STATE + 6, AIRCRAFT_STATE + 11)
+RECORD_AT, READ_AT, READINGS, LOG_AT, ROWS = range(AIRCRAFT_STATE + 6, AIRCRAFT_STATE + 11)
 STATE = AIRCRAFT_STATE + 11
 """State of charge, power [W]; sums of power and ground speed over the steps, minimum and maximum power [W]; the step of
 the next reading or row of the log, that of the next reading, number of readings, and the same for rows of the log."""
@@ -60,8 +60,9 @@ EMPTY_V, RISE_V, FOUR_R, MAX_A, CUTOFF_V, DRAIN, FAULT_AT, DROP, READ_EVERY, LAT
 )
 Q, X0, Y0, A, B, E, OFFSET_X, OFFSET_Y, GAIN, SENSE, COMPUTING = range(BATTERY_CONSTANTS, BATTERY_CONSTANTS + 11)
 CONSTANTS = BATTERY_CONSTANTS + 11
-"""Constants of the battery and the sensors, then of the stage: closed form of its path, offset [m], gain, sense, power
-of the computations [W]."""
+"""Constants of the battery: open-circuit voltage empty, its rise to full, 4 R [V, V, Ω], the limits of current and
+voltage, 2 k_b Δt / Q_c, the step of a sudden loss and its size. Of the records, in steps: time between readings, their
+delay, time between rows. Of the stage: closed form of its path, offset [m], gain, sense, power of computations [W]."""
 
 LOST, EMPTY, SAGS = 4, 8, 16
 """Events that end a flight, as bits beside `FIRED` and `ENDED`: the path has no value here, the battery is empty, or it
@@ -119,7 +120,7 @@ def run_steps(
         k += 1
         wind_x, wind_y = c[STEADY_X], c[STEADY_Y]
         if c[GUSTS] != 0.0:
-            next_gust(s, c, noise)
+            advance_gust(s, c, noise)
             wind_x += s[GUST_X]
             wind_y += s[GUST_Y]
         if path is not None:
@@ -144,8 +145,8 @@ def run_steps(
         failed = drain(s, c, power_w, k, replay)
         if failed:
             return k, failed
-        if k >= s[NOTE_AT]:
-            _note(s, c, late, readings, rows, k)
+        if k >= s[RECORD_AT]:
+            _record(s, c, late, readings, rows, k)
         events = watched(w, s[X], s[Y], curve)
         if events:
             return k, events
@@ -154,13 +155,13 @@ def run_steps(
 
 def drain(s: State, c: Constants, power_w: float, k: int, replay: Sequence[float]) -> int:
     """Drain the battery over step `k`, faults included; return `EMPTY`, `SAGS` or 0."""
-    # I = 2y / (V + √(V² − 4 R y)), ḃ = −k_b I / Q_c
+    # I = 2y / (V + √(V² − 4 R y)), ḃ = −k_b I / Q_c; at the terminals (V + √(V² − 4 R y)) / 2 = y / I
     # measured: with `battery.drain_per_s` a plain flight takes 1.4 times as long, a compiled one the same
     volts = c[EMPTY_V] + c[RISE_V] * s[SOC]
     discriminant = volts * volts - c[FOUR_R] * power_w
     if discriminant < 0:
         return SAGS
-    twice_v = volts + math.sqrt(discriminant)  # at the terminals
+    twice_v = volts + math.sqrt(discriminant)  # twice the voltage at the terminals
     if twice_v < 2 * c[CUTOFF_V] or 2 * power_w > c[MAX_A] * twice_v:
         return SAGS
     if len(replay) > 0:
@@ -175,7 +176,7 @@ def drain(s: State, c: Constants, power_w: float, k: int, replay: Sequence[float
     return 0
 
 
-def _note(
+def _record(
     s: State,
     c: Constants,
     late: MutableSequence[float],
@@ -183,10 +184,14 @@ def _note(
     rows: MutableSequence[float],
     k: int,
 ) -> None:
-    """Store the measured variables of a step, and append a reading and a row of the log if they are due."""
+    """Append a reading and a row of the log where step `k` has them, and set the step of the next call.
+
+    With a delay the measured variables of every step go into `late`, a ring buffer of `LATE` + 1 places: step k into
+    place (k − 1) mod (`LATE` + 1). The first step is read until the delay is over.
+    """
     late_by = int(c[LATE])
     if late_by > 0:
-        _measure(s, late, (k - 1) % (late_by + 1) * SNAPSHOT)
+        _copy_measured(s, late, (k - 1) % (late_by + 1) * SNAPSHOT)
     if k == s[READ_AT]:
         n = int(s[READINGS]) * READING
         readings[n] = k
@@ -195,7 +200,7 @@ def _note(
             for i in range(SNAPSHOT):
                 readings[n + 1 + i] = late[at + i]
         else:
-            _measure(s, readings, n + 1)
+            _copy_measured(s, readings, n + 1)
         s[READINGS] += 1
         s[READ_AT] += c[READ_EVERY]
     if k == s[LOG_AT]:
@@ -206,17 +211,17 @@ def _note(
         s[LOG_AT] += c[LOG_EVERY]
     if late_by == 0:  # else the buffer takes every step
         read_at, log_at = s[READ_AT], s[LOG_AT]
-        s[NOTE_AT] = read_at if read_at < log_at else log_at
+        s[RECORD_AT] = read_at if read_at < log_at else log_at
 
 
-def _measure(s: State, to: MutableSequence[float], at: int) -> None:
-    """Copy the measured variables."""
+def _copy_measured(s: State, to: MutableSequence[float], at: int) -> None:
+    """Copy the `SNAPSHOT` measured variables to a place on."""
     to[at], to[at + 1], to[at + 2], to[at + 3] = s[X], s[Y], s[POWER], s[SOC]
     to[at + 4], to[at + 5], to[at + 6] = s[VX], s[VY], s[HEADING]
 
 
 def drain_constants(battery: Battery, step_s: float) -> list[float]:
-    """A battery's constants, from `EMPTY_V` on."""
+    """A battery's constants, from `EMPTY_V` to `DRAIN`."""
     empty_v = battery.voltage_at(0.0)
     rise_v = battery.voltage_v - empty_v
     limits = 4 * battery.resistance_ohm, battery.max_current_a, battery.cutoff_voltage_v or 0.0
@@ -232,6 +237,7 @@ class InnerLoop:
         self._replay = self._numbers(battery.replay)
         self._rng = rng
         first = rng.standard_normal(2)
+        # the points of a power curve stay the last ones
         own, points = constants[:AIRCRAFT_CONSTANTS], constants[AIRCRAFT_CONSTANTS:]
         c: Any = [*own, *[0.0] * (CONSTANTS - AIRCRAFT_CONSTANTS), *points]
         s: Any = [*state, *[0.0] * (STATE - AIRCRAFT_STATE)]
@@ -255,22 +261,22 @@ class InnerLoop:
     def _zeros(self, count: int) -> Any:
         return np.zeros(count) if self._compiled else [0.0] * count
 
-    def note(self, every: int, late: int, log_every: int) -> None:
-        """Take a reading every so many steps from the first on, with a delay in steps; and a row of the log."""
+    def set_records(self, every: int, late: int, log_every: int) -> None:
+        """Set the steps between readings, from the first on, their delay, and the steps between rows of the log."""
         self._s[READ_AT], self._s[LOG_AT] = 1, log_every
         self._c[READ_EVERY], self._c[LATE], self._c[LOG_EVERY] = every, late, log_every
         self._late = self._zeros(SNAPSHOT * (late + 1))
 
-    def fault(self, step: int, drop: float) -> None:
-        """The next sudden loss of charge."""
+    def set_loss(self, step: int, drop: float) -> None:
+        """Set the next sudden loss of charge: its step, and its size as a state of charge."""
         self._c[FAULT_AT], self._c[DROP] = step, drop
 
-    def blow(self, wind_mps: Point) -> None:
-        """The steady wind from now on [m/s]."""
+    def set_wind(self, wind_mps: Point) -> None:
+        """Set the steady wind from now on [m/s]."""
         self._c[STEADY_X], self._c[STEADY_Y] = wind_mps
 
     def start_stage(self, executor: PlanExecutor, computing_w: float) -> None:
-        """Start the stage that an executor is at."""
+        """Start the stage that an executor is at, with the power of the computations on it [W]."""
         c, stage, (ox, oy) = self._c, executor.stage, executor.cursor.offset_m
         c[OFFSET_X], c[OFFSET_Y], c[GAIN], c[SENSE], c[COMPUTING] = ox, oy, stage.gain, stage.sense, computing_w
         if c[MODEL] == AEROPLANE_MODEL:
@@ -279,7 +285,7 @@ class InnerLoop:
             c[SPEED_HELD] = airspeed_mps if stage.airspeed_mps is None else stage.airspeed_mps
         if executor.form is not None:
             q, x, y, a, b, e = executor.form
-            c[Q], c[X0], c[Y0], c[A], c[B], c[E] = q, x + ox, y + oy, a, b, e
+            c[Q], c[X0], c[Y0], c[A], c[B], c[E] = q, x + ox, y + oy, a, b, e  # moved by the offset
             self._path = None
         else:
             self._path = _guarded(executor.path)
@@ -297,7 +303,7 @@ class InnerLoop:
                 noise = self._rng.standard_normal(NOISE)
                 self._noise = noise if self._compiled else noise.tolist()
                 self._s[NOISE_LEFT] = NOISE
-            end = min(end, k + int(self._s[NOISE_LEFT]) // 2)
+            end = min(end, k + int(self._s[NOISE_LEFT]) // 2)  # a step takes two
         room = MAX_READINGS - int(self._s[READINGS])
         end = min(end, k + room * int(self._c[READ_EVERY]), k + MAX_ROWS * int(self._c[LOG_EVERY]))
         if self._compiled and (self._path is not None or self._curve is not None):
@@ -310,13 +316,13 @@ class InnerLoop:
         """Run along a general curve in plain Python, on the arrays of the compiled function."""
         state, watch = self._s.tolist(), self._watch.tolist()
         constants = (self._c.tolist(), self._noise.tolist(), self._replay.tolist())
-        notes = self._late, self._readings, self._rows
-        k, events = run_steps(state, watch, *constants, *notes, k, end, self._path, self._curve)
+        records = self._late, self._readings, self._rows
+        k, events = run_steps(state, watch, *constants, *records, k, end, self._path, self._curve)
         self._s[:], self._watch[:] = state, watch
         return k, events
 
     def measured(self, k: int) -> tuple[float, ...]:
-        """The measured variables after step `k`, with the sensors' delay."""
+        """The `SNAPSHOT` measured variables after step `k`, with the sensors' delay."""
         rows = int(self._c[LATE]) + 1
         if rows == 1:
             s = self._s
@@ -324,8 +330,8 @@ class InnerLoop:
         at = max(k - rows, 0) % rows * SNAPSHOT
         return tuple(map(float, self._late[at : at + SNAPSHOT]))
 
-    def readings(self) -> list[list[float]] | FloatArray:
-        """Readings since the last call: their steps, and the values of each measured variable."""
+    def take_readings(self) -> list[list[float]] | FloatArray:
+        """Take the readings since the last call out of the loop: their steps, and the values of each variable."""
         count = int(self._s[READINGS])
         self._s[READINGS] = 0
         flat = self._readings[: READING * count]
@@ -334,8 +340,8 @@ class InnerLoop:
             return columns
         return [flat[i::READING] for i in range(READING)]
 
-    def rows(self) -> list[list[float]]:
-        """Rows of the log since the last call, which is before the next run."""
+    def take_rows(self) -> list[list[float]]:
+        """Take the rows of the log since the last call out of the loop; to be called after each run."""
         count = int(self._s[ROWS])
         if not count:
             return []
@@ -346,7 +352,7 @@ class InnerLoop:
 
     @property
     def full(self) -> bool:
-        """Whether there is no room for another reading: no step is flown until they are taken."""
+        """Whether there is no room for another reading: no step is flown until `take_readings`."""
         return bool(self._s[READINGS] >= MAX_READINGS)
 
     def variable(self, index: int) -> float:

@@ -92,6 +92,7 @@ class _Flight:
         )
         self._flight = flight
         self._bridge = _SensorBridge(world, flight, self._inner_loop, outcome)
+        # stacks, with the next step last; both end with a step that no flight reaches
         self._losses = _losses(world)
         self._alarms = [step + self._bridge.late for step, _ in self._losses]
         """Steps at which the losses are measured."""
@@ -107,52 +108,59 @@ class _Flight:
         self._k, self._next_update = 0, 1
 
     def steps(self) -> Iterator[Step]:
-        """Fly, see `fly`."""
+        """Fly, see `fly`. Each turn of the loop is one run of the inner loop and what is due after it."""
         world, inner_loop, bridge = self._world, self._inner_loop, self._bridge
         end, reason = math.ceil(world.clock.time_limit_s / world.clock.step_s - 1e-9), None
         while reason is None and self._k < end:
             self._k, events = inner_loop.run(self._k, self._next_stop(end))
             k, failed = self._k, events & (LOST | EMPTY | SAGS)
             due = (k >= self._next_update or k == self._alarms[-1]) and not self._returning and not failed
-            rows = inner_loop.rows()
+            # where an update is due, the readings of step k are part of its observation, and the row of step k has what
+            # is estimated after it: both wait
+            before = k - 1 if due else k
+            rows = inner_loop.take_rows()
             last = [rows.pop()] if due and rows and rows[-1][0] == k else []
             if rows:
-                yield from self._logged(rows, k - due)
+                yield from self._log_rows(rows, before)
             elif inner_loop.full:
-                bridge.ingest(k - due)
+                bridge.ingest(before)
             if due:
                 bridge.update(k, self._executor)
             if last:
-                yield from self._logged(last, k)
+                yield from self._log_rows(last, k)
             reason = self._failure(events) if failed else self._hand_over(events, end, due=due)
         bridge.ingest(self._k)
         if not math.isinf(log_every_s(world)) and bridge.logged_to != self._k:
             now = [inner_loop.variable(i) for i in (X, Y, ALTITUDE, HEADING, POWER, SOC)]
-            yield from self._logged([[self._k, *now]], self._k)
+            yield from self._log_rows([[self._k, *now]], self._k)
         self._close(TIME_LIMIT if reason is None else reason)
 
-    def _logged(self, rows: list[list[float]], k: int) -> list[Step]:
-        """Rows of the inner loop as steps, which are kept where the plan has obstacles or a boundary."""
-        steps = self._bridge.logged(rows, k, self._plan_stage, self._parameters)
+    def _log_rows(self, rows: list[list[float]], k: int) -> list[Step]:
+        """Log rows, see `_SensorBridge.log_rows`; keep their steps where the plan has obstacles or a boundary."""
+        steps = self._bridge.log_rows(rows, k, self._plan_stage, self._parameters)
         if any(self._world.plan.site.airspace):
             self._track += steps
         return steps
 
     def _next_stop(self, end: int) -> int:
-        """The step at which the planner, a loss of charge or its measurement is due next."""
+        """Set the next loss of charge and the wind; return the step to stop at.
+
+        There the planner, a loss, its measurement or another wind is due, or the flight ends.
+        """
         if self._k >= self._losses[-1][0]:
             self._losses.pop()
         if self._k >= self._alarms[-1]:
             self._alarms.pop()
-        self._inner_loop.fault(*self._losses[-1])
+        self._inner_loop.set_loss(*self._losses[-1])
         stop, wind = min(end, self._next_update, self._losses[-1][0], self._alarms[-1]), self._world.wind
         if wind.profile:
             step_s = self._world.clock.step_s
-            self._inner_loop.blow(wind.steady_at_mps(self._k * step_s, self._inner_loop.variable(ALTITUDE)))
+            self._inner_loop.set_wind(wind.steady_at_mps(self._k * step_s, self._inner_loop.variable(ALTITUDE)))
             stop = min(stop, self._k + max(1, round(WIND_S / step_s)))
         return stop
 
     def _pose(self) -> Pose:
+        """Where the aircraft is [m], and its heading [rad]."""
         variable = self._inner_loop.variable
         return variable(X), variable(Y), variable(HEADING)
 
@@ -171,7 +179,7 @@ class _Flight:
         except EadpError as error:
             return str(error)
         if changed:
-            self._change()
+            self._start_flown()
         if self._returning:
             self._next_update = end
         elif changed:
@@ -183,7 +191,7 @@ class _Flight:
         return None
 
     def _decide(self) -> bool:
-        """Put the planner's decision in force, or turn home; return whether that changes what is flown."""
+        """Put the planner's new decision in force, or turn home; return whether that changes what is flown."""
         decision = self._flight.decision
         if decision.returns_home:
             self._outcome.turned_back_s, self._outcome.turned_back_m = (
@@ -197,8 +205,8 @@ class _Flight:
         self._decided = decision.parameters
         return self._executor.decide(self._decided, self._pose()[:2])
 
-    def _change(self) -> None:
-        """Fly another stage, or with other parameters."""
+    def _start_flown(self) -> None:
+        """Start the stage and the parameters that the executor is at now, in the inner loop and in the log."""
         executor, time_s = self._executor, self._k * self._world.clock.step_s
         self._parameters = executor.parameters
         computing_w = self._world.computing_w(executor.parameters, executor.stage)
@@ -211,7 +219,7 @@ class _Flight:
         self._log.change(time_s, executor.cursor, executor.joined_m if started else None, computing_w)
 
     def _failure(self, events: int) -> str:
-        """Reason of a flight's early end.
+        """Reason of a flight's early end; a limit of the battery is noted in the outcome.
 
         Raises
         ------
@@ -233,7 +241,7 @@ class _Flight:
         return f"the path of stage {self._plan_stage} has no value at ({variable(X):.1f}, {variable(Y):.1f})"
 
     def _close(self, reason: str) -> None:
-        """Fill in the outcome."""
+        """Fill in the outcome of a flight that has ended."""
         variable, outcome, time_s = self._inner_loop.variable, self._outcome, self._k * self._world.clock.step_s
         totals = outcome.totals
         totals.energy_j = variable(ENERGY) * self._world.clock.step_s
@@ -249,6 +257,7 @@ class _Flight:
         )
         if outcome.entries and outcome.completed:
             outcome.completed, outcome.reason = False, outcome.entries[0].reason
+        # the limit that bound in most decisions
         bound = Counter(record.battery_limit for record in outcome.records if record.battery_limit)
         outcome.battery_limit = outcome.battery_limit or max(bound, key=bound.__getitem__, default=None)
 
@@ -273,7 +282,7 @@ class _SensorBridge:
         """Delay of the measurements in steps."""
         every_s = log_every_s(world)
         log_every = MAX_STEPS if math.isinf(every_s) else max(1, round(every_s / world.clock.step_s))
-        inner_loop.note(step_at(flight.state.every_s, world.clock.step_s, MAX_STEPS), self.late, log_every)
+        inner_loop.set_records(step_at(flight.state.every_s, world.clock.step_s, MAX_STEPS), self.late, log_every)
         self._outcome = outcome
         self.logged_to = -1
         """The last step logged."""
@@ -291,8 +300,11 @@ class _SensorBridge:
         if decision.record is not None and decision.record is not before.record:
             self._outcome.records.append(decision.record)
 
-    def logged(self, rows: list[list[float]], k: int, stage: int, parameters: Vector) -> list[Step]:
-        """Rows of the inner loop with what the planner forecast and estimated, after readings up to step `k`."""
+    def log_rows(self, rows: list[list[float]], k: int, stage: int, parameters: Vector) -> list[Step]:
+        """Pass readings up to step `k` on; return rows of the inner loop with what the planner forecast, as steps.
+
+        The planner's estimates go into the outcome.
+        """
         self.ingest(k)
         self.logged_to = int(rows[-1][0])
         times_s = [row[0] * self._step_s for row in rows]
@@ -307,7 +319,7 @@ class _SensorBridge:
 
     def ingest(self, k: int) -> None:
         """Pass the new readings up to step `k` to the flight; a later one is part of its next observation."""
-        columns: Any = self._inner_loop.readings()
+        columns: Any = self._inner_loop.take_readings()
         count = len(columns[0])
         if count and columns[0][-1] > k:
             count -= 1
@@ -341,7 +353,8 @@ def log_every_s(world: World) -> float:
 def _losses(world: World) -> list[tuple[int, float]]:
     """Steps with a sudden loss of charge and its amount, in descending order; of a replayed charge, 0.
 
-    The planner is updated at each. The first entry is beyond the end of any flight.
+    The planner is updated at each. The first entry is beyond the end of any flight. A replayed charge has a loss where
+    two of its points have one time; the amount is in the charge that is replayed.
     """
     drops = [(fault.at_s, fault.soc_drop) for fault in world.faults]
     if world.battery.prescribed:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,6 +39,15 @@ class ParameterRecord:
     actual_integral: float = 0.0
     changes: int = 0
     history: list[tuple[float, float]] = field(default_factory=list)
+
+
+class _Event(NamedTuple):
+    """A stage or parameters in force from a time on [s]; `joined_m` is where the stage starts [m], None within it."""
+
+    time_s: float
+    cursor: PlanCursor
+    joined_m: Point | None
+    actual: Vector
 
 
 class ParameterLog:
@@ -74,9 +84,7 @@ class ParameterLog:
         self.records = [ParameterRecord(value, value) for value in self._values]
         self._share_integral = [0.0] * len(self._values)
         self._share_time_s = [0.0] * len(self._values)
-        self._events: list[tuple[float, PlanCursor, Point | None, Vector]] = [
-            (0.0, cursor, joined_m, actual(cursor.parameters))
-        ]
+        self._events = [_Event(0.0, cursor, joined_m, actual(cursor.parameters))]
         self._ended_s: float | None = None
         self._short_of: tuple[Point, float] | None = None
 
@@ -85,10 +93,10 @@ class ParameterLog:
     ) -> None:
         """Record a new stage, joined at `joined_m` [m], or new parameters, from a time on [s]."""
         self._set(time_s, cursor.parameters, self._plan.quality_sets[cursor.stage.index - 1], computing_w)
-        self._events.append((time_s, cursor, joined_m, self._actual(cursor.parameters)))
+        self._events.append(_Event(time_s, cursor, joined_m, self._actual(cursor.parameters)))
 
     def give_up(self, time_s: float, parameters: Vector, sets: tuple[Box, ...], computing_w: float) -> None:
-        """The plan is given up at a time [s], for a flight with other parameters and sets; or these change."""
+        """Record that the plan is given up at a time [s], for other parameters and sets; or that these change."""
         self._set(time_s, parameters, sets, computing_w)
         self._ended_s = time_s if self._ended_s is None else self._ended_s
 
@@ -99,6 +107,7 @@ class ParameterLog:
         self._short_of = short_of
 
     def _set(self, time_s: float, parameters: Vector, sets: tuple[Box, ...], computing_w: float) -> None:
+        """Integrate up to a time [s], and put parameters, sets and a power in force from there on."""
         self._advance(time_s)
         for record, old, new in zip(self.records, self._values, parameters, strict=True):
             if new != old:
@@ -108,6 +117,7 @@ class ParameterLog:
         self._values, self._sets, self._computing_w = parameters, sets, computing_w
 
     def _advance(self, time_s: float) -> None:
+        """Integrate what is in force up to a time [s]."""
         duration = time_s - self._since_s
         self._since_s = time_s
         self.computing_j += self._computing_w * duration
@@ -120,7 +130,7 @@ class ParameterLog:
                 self._share_time_s[i] += duration
 
     def mean_shown(self, index: int, shown: Callable[[float], float]) -> float:
-        """Time average of what a parameter stands for."""
+        """Time average of what a parameter stands for, which `shown` gives."""
         record, end_s = self.records[index], self._since_s
         times_s, values = zip((0.0, record.first), *record.history, strict=True)
         spans_s = np.diff([*times_s, end_s])
@@ -142,18 +152,19 @@ class ParameterLog:
         return self._share_integral[index] / time_s if time_s > 0 else None
 
     def quality(self, weights: Mapping[str, float]) -> float | None:
-        """U of the mission by its ground; None where no parameter has a choice.
+        """U of the mission by its ground, flown and left to fly; None where no parameter has a choice.
 
         Source: `eadp.models.plan.ground`.
         """
         ground, predictor = GroundLog(self._plan, weights), RoutePredictor()
         for time_s, cursor, joined_m, parameters in self._events:
-            if joined_m is not None:
+            if joined_m is not None:  # never None for the first
                 joined, since_s = joined_m, time_s
                 ground.start_leg(time_s, cursor, predictor.length_m(cursor, joined_m))
             ground.hold(time_s, cursor, parameters)
         ended_s = self._since_s if self._ended_s is None else self._ended_s
         flown = ground.until(ended_s)
+        # the ground of the legs from the last stage on, by the times left on them: 0 where the plan is completed
         route = predictor.route(cursor, joined)
         legs = RouteArrays.of([route])
         times_s = np.zeros(len(route.order))
@@ -161,9 +172,11 @@ class ParameterLog:
             (position, airspeed_mps), leg = self._short_of, route.first
             times_s, _ = route.times_s(airspeed_mps, (0.0, 0.0))
             along_m = min(leg.distance_m, (ended_s - since_s) * airspeed_mps)
+            # of the leg that the flight is on, the share left
             times_s[0] *= left_m(leg, position, along_m) / leg.distance_m if leg.distance_m > 0 else 0.0
         of_leg, flown_per_s = legs.ground(flown, times_s)
         counted = np.array([ground.shares.scaled(stage).any() for stage in legs.stages.tolist()])
+        # U = value over the ground seen / all ground
         total = flown.ground + flown_per_s[0] * flown.run.free_s + float(of_leg[counted].sum())
         seen = flown.value + flown_per_s[0] * flown.run.area_s
         return float(seen / total) if total > 0 else None

@@ -44,6 +44,7 @@ SAME_WIND_MPS = 0.5
 """Winds that differ by less share a flight [m/s]."""
 MAX_KEPT = 5000
 MAX_STEPS = 1 << 40
+"""Most sections kept of one plan; a step that no flight reaches."""
 LASTING = Battery(capacity_ah=1e9, resistance_ohm=0.0)
 
 
@@ -106,7 +107,7 @@ class NominalFlight:
         if not (tight.bends | tight.corners).any():
             return followed
         times_s, turning_s = followed.times_s.copy(), followed.turning_s.copy()
-        squares_s2 = np.zeros(len(routes))
+        squares_s2 = np.zeros(len(routes))  # of each route, the sum of the squares of what sections take longer
         for place, (route, first, last) in enumerate(zip(routes, legs.first, legs.last, strict=True)):
             own = slice(int(first), int(last) + 1)
             alone = FlownLegs(times_s[own], turning_s[own])
@@ -118,6 +119,7 @@ class NominalFlight:
         return FlownLegs(times_s, turning_s, np.sqrt(squares_s2))
 
     def _tight(self, legs: RouteArrays, wind_mps: Point) -> TightLegs:
+        """The legs that the aircraft cannot follow: too tight, or with a corner at their start."""
         radius_m, speed = self._airframe.turn_radius_m, self._airframe.airspeed_mps
         return tight_legs(legs.rows, legs.order, legs.first, radius_m, speed, math.hypot(*wind_mps))
 
@@ -203,9 +205,9 @@ class NominalFlight:
         airframe = replace(self._airframe, airspeed_mps=speed)
         state = state_of(airframe, wind_mps, leg.start_m, heading, leg.stage.altitude_m or 0.0)
         constants = constants_of(self._airframe, self._guidance, wind, STEP_S)
-        constants[HEIGHT_GAIN] = 0.0
+        constants[HEIGHT_GAIN] = 0.0  # no climb
         loop = InnerLoop(state, constants, LASTING, wind, np.random.default_rng(0))
-        loop.note(MAX_STEPS, 0, MAX_STEPS)
+        loop.set_records(MAX_STEPS, 0, MAX_STEPS)
         return loop
 
     def _turning_s(self, leg: Leg, flown_s: float, energy_j: float) -> float:

@@ -8,7 +8,7 @@ from eadp.models.sensors import Sensors
 
 BATCH = 2000
 CHANNELS = 4
-"""Channels of noise: power, x, y and charge."""
+"""Channels of noise, in this order: power, x, y and charge."""
 
 NEVER_STEPS = 1 << 62
 
@@ -19,7 +19,8 @@ class SensorSuite:
     Drop-outs are a Markov chain of two states. The durations of both are geometric: `drop_out_s` on average without a
     reading, and with one the duration that gives the share of drop-outs.
 
-    Steps are measured in order, from 1 on; the last one may be measured again.
+    Steps are measured in order, from 1 on; the last one may be measured again. `_noise` holds the batch of steps that
+    ends with step `_noise_ends`; the present state, in a drop-out or not, ends with step `_state_ends`.
     """
 
     def __init__(self, sensors: Sensors, step_s: float, rng: np.random.Generator) -> None:
@@ -30,6 +31,7 @@ class SensorSuite:
         self._noise: list[list[float]] = []
         self._noise_ends = 0
         share = sensors.drop_out_share
+        # chances of a step that a drop-out ends, and that one starts
         self._recover = min(1.0, step_s / sensors.drop_out_s) if share < 1 else 0.0
         # in balance: share · recover = (1 − share) · fail
         self._fail = min(1.0, self._recover * share / (1 - share)) if share < 1 else 1.0
@@ -37,7 +39,7 @@ class SensorSuite:
         self._state_ends = self._duration()
 
     def power_w(self, step: int, power_w: float) -> float | None:
-        """A measured power [W]; None in a drop-out."""
+        """A measured power [W]; None in a drop-out. Advances the drop-outs to the step."""
         sensors = self._sensors
         if sensors.drop_out_share:
             while step > self._state_ends:
@@ -67,13 +69,13 @@ class SensorSuite:
         return self.position_m(step, x_m, y_m), self.power_w(step, power_w), self.soc(step, soc)
 
     def _row(self, step: int) -> list[float]:
-        """Standard normal numbers of a step."""
+        """Standard normal numbers of a step, one for each channel."""
         while step > self._noise_ends:
             self._noise = self._rng.standard_normal((BATCH, CHANNELS)).tolist()
             self._noise_ends += BATCH
         return self._noise[step - self._noise_ends - 1]
 
     def _duration(self) -> int:
-        """The duration of the present state, in steps."""
+        """Draw the duration of the present state, in steps."""
         chance = self._recover if self._out else self._fail
         return int(self._durations.geometric(chance)) if chance > 0 else NEVER_STEPS

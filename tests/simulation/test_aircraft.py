@@ -19,9 +19,9 @@ from eadp.simulation.aircraft import (
     NOISE_LEFT,
     X,
     Y,
+    advance_gust,
     constants_of,
     fly_step,
-    next_gust,
     state_of,
 )
 
@@ -128,7 +128,7 @@ def test_gusts_have_their_spread_and_their_time():
     s[NOISE_LEFT] = len(noise)
     samples = np.empty((count, 2))
     for row in samples:
-        next_gust(s, c, noise)
+        advance_gust(s, c, noise)
         row[:] = s[GUST_X], s[GUST_Y]
     assert s[NOISE_LEFT] == 0
     assert samples.mean(axis=0) == pytest.approx((0, 0), abs=0.06)
