@@ -14,24 +14,27 @@ sys.path.insert(0, str(ROOT / "benchmarks"))
 
 import real  # noqa: E402
 
-REFUSED = {
-    "ArduPilot_ace97_fence-110.txt": "a fence, and no mission",
-    "ArduPilot_ce1e8_rally-110.txt": "places to rally, and no mission",
-    "CubePilot_e2b1b_OldFileFormat.mission": "a mission of QGroundControl 3.1 or older, which is not read",
-    "mavlink_57f7f_qgroundcontrol_sample_with_structured_scan.plan": "a StructureScan",
-    "qgroundcontrol_sample_wrong_mission_version.plan": "mission.version: 7 is not known",
-}
 MISSIONS = [path for path in real.missions(real.FOLDERS) if path.suffix != ".geojson"]
 
 
 @pytest.mark.skipif(not MISSIONS, reason="the folder of missions of others is not there")
 @pytest.mark.parametrize("path", MISSIONS, ids=lambda path: path.name)
 def test_a_mission_of_others_is_forecast_as_it_is_flown(path):
-    if path.name in REFUSED:
-        with pytest.raises(InputError, match=REFUSED[path.name]):
+    if path.name in real.REFUSED:
+        with pytest.raises(InputError, match=real.REFUSED[path.name]):
             real.compared(path, {})
         return
     found = real.compared(path, real.WINDS["calm"])
     assert found.outcome.completed
     assert found.right
     assert found.power_w <= found.limit_w
+
+
+FOLDER = real.FOLDERS[0]
+OTHERS = [path for path in sorted(FOLDER.glob("*_*.*")) if path not in MISSIONS]
+
+
+@pytest.mark.skipif(not OTHERS, reason="the folder of files of others is not there")
+@pytest.mark.parametrize("path", OTHERS, ids=lambda path: path.name)
+def test_a_file_of_others_is_right_or_refused_with_its_reason(path):
+    assert real.judged(path)[1] not in ("wrong", "refused wrongly")
