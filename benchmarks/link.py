@@ -349,10 +349,11 @@ def by_lines(mission: Mission) -> list[Flown]:
 
 def flights(found: list[Mission], speed: float, jobs: int) -> None:
     """All flights, both ways, as a table."""
-    with ThreadPoolExecutor(jobs) as pool:
+    spare = ProcessPoolExecutor(os.cpu_count(), initializer=os.nice, initargs=(10,))
+    with spare as processes, ThreadPoolExecutor(jobs) as pool:
+        fives = processes.map(by_lines, found)
         linked = list(pool.map(lambda mission: over_link(mission, speed), found))
-    with ProcessPoolExecutor(os.cpu_count()) as pool:
-        reference = list(pool.map(by_lines, found))
+        reference = list(fives)
     own, lines = ("MAVLink: completed", "SoC", "U", "uploads"), ("JSON lines: completed", "SoC", "U", "U, all five")
     print(head("#", "place", "wind [m/s]", "Ah", "take-off", "loss", *own, *lines, "U apart", "from all five"))
     apart, beyond, both = [], [], []

@@ -52,6 +52,9 @@ WAYPOINT, LOITER_TURNS, RETURN, TAKEOFF, CHANGE_SPEED = 16, 18, 20, 22, 178
 BANK_RAD, HOME_M, SET_INTERVAL = math.radians(35), 60.0, 511
 EARLY_M = 50.0
 """How early ArduPilot leaves a waypoint before a loiter without an acceptance radius."""
+INSIDE, LINED_UP_RAD = 1.05, math.radians(10)
+"""As ArduPlane leaves a loiter: its turns done where the next waypoint is within so many radii, else heading so near to
+that waypoint, and as much again after each further turn."""
 GROUND_S, LAUNCH_M, TAKE_OFF_S, LEVEL_W = 2.0, 10.0, 10.0, 70.0
 """Time on the ground before a launch, its altitude, the time of full throttle, and the power of level flight."""
 INTERRUPTED = 3
@@ -208,8 +211,11 @@ class Pilot:
         later = next((other for other in self.holder.items[number + 1 :] if other[0] == WAYPOINT), None)
         if later is None:
             return self._turned < 2 * math.pi * item[2][0]
-        x, y = self.place(later)
-        return abs(_wrapped(math.atan2(y - at[1], x - at[0]) - plane.course_rad)) > math.radians(8)
+        x, y = target = self.place(later)
+        if math.dist(target, centre) < INSIDE * abs(item[2][2]):
+            return self._turned < 2 * math.pi * item[2][0]
+        further = max(self._turned / (2 * math.pi) - item[2][0], 0.0)
+        return abs(_wrapped(math.atan2(y - at[1], x - at[0]) - plane.course_rad)) > LINED_UP_RAD * (1 + int(further))
 
 
 def rows_of(path: Path) -> list[tuple[int, int, tuple[float, ...]]]:
@@ -320,7 +326,7 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
         vehicle.step()
         if step % SECOND_STEPS == 0:
             wire.send(autopilot.heartbeat(armed=True, active=True))
-            wire.send(autopilot.frame("mission_current", holder.current))
+            wire.send(autopilot.frame("mission_current", min(holder.current, len(holder.items) - 1)))
             wire.send(detector.frame("named_value_float", round(now_s * 1000), b"fps", vehicle.fps))
         if step % BATTERY_STEPS == 0:
             drawn_ah = vehicle.consumed_ah
