@@ -727,7 +727,7 @@ def replannings() -> None:
         planner = flight.planner
         assert isinstance(planner, JointPlanner)
 
-        def noted(*given: Any, search: Any = planner._searched_plan) -> Any:
+        def noted(*given: Any, search: Any = planner._search_plan) -> Any:
             searched.append(True)
             return search(*given)
 
@@ -741,7 +741,7 @@ def replannings() -> None:
             route = planner._places.route(known, planner._places.shares)
             costs.append((any(searched), 0 if route is None else len(route.order), spent_ms))
 
-        planner._searched_plan = noted  # type: ignore[method-assign]
+        planner._search_plan = noted  # type: ignore[method-assign]
         planner._replan = timed  # type: ignore[method-assign]
         for _ in fly(inputs.world, flight, Outcome()):
             pass

@@ -450,6 +450,7 @@ def trade_off_faults(rows: Sequence[TradeOff], plan: Plan) -> list[tuple[str, st
         if beyond:
             expected = f"stages from 1 to {len(plan.stages)}"
             found.append((f"trade_offs.{i}.stages", f"the plan has no stage {beyond[0]}", expected))
+        # R c is greatest at an end of each set
         greatest = sum(
             max(weight * boxes[name].lo, weight * boxes[name].hi)
             for name, weight in row.coefficients.items()
@@ -466,10 +467,11 @@ def thinned(levels: Sequence[tuple[float, ...]], limit: int) -> list[tuple[float
     kept = list(levels)
     while math.prod(map(len, kept)) > limit and max(map(len, kept)) > 2:
         k = max(range(len(kept)), key=lambda i: len(kept[i]))
-        kept[k] = (*kept[k][:-1:2], kept[k][-1])
+        kept[k] = (*kept[k][:-1:2], kept[k][-1])  # its lowest and highest levels stay
     return kept
 
 
 def next_multiple(time_s: float, every_s: float) -> float:
     """The first multiple of a period after a time [s]."""
+    # a time within rounding of a multiple is at it
     return (math.floor(time_s / every_s + 1e-6) + 1) * every_s

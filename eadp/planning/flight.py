@@ -28,9 +28,9 @@ class PlannedFlight:
         self.decision = Decision(parameters)
 
     def take(self, seen: Readings | Observation) -> Decision:
-        """Take readings, which the next decision counts, or an observation, at which the planner decides.
+        """Take readings, or an observation, at which the planner decides; return the last decision.
 
-        It does not before the flight has reached its plan.
+        The planner does not decide before the flight has reached its plan.
         """
         if isinstance(seen, Readings):
             self.state.ingest(seen)

@@ -227,6 +227,8 @@ class QuadraticProgram:
         return solution
 
     def _result(self, data: QpData, proximal: float, settings: dict[str, float]) -> QpSolution:
+        """Set OSQP up with a problem at first, else update it; run it from the centre."""
+        # ½ ε |z − z₀|² + gᵀ z is ½ ε |z|² + (g − ε z₀)ᵀ z, and a constant
         gradient, matrix, lower, upper, centre = data
         linear = gradient - proximal * centre
         entries = matrix.take(self._places)
@@ -245,9 +247,12 @@ def _is_optimal(data: QpData, proximal: float, solution: QpSolution) -> bool:
     """Whether a solution and its multipliers satisfy the Karush-Kuhn-Tucker conditions; False with NaN."""
     gradient, matrix, lower, upper, centre = data
     x, y = solution.x, solution.multipliers
+    # A z, and its distances from u and from l, which are 0 or more
     values = matrix @ x
     below, above = upper - values, values - lower
+    # g + ε (z − z₀) + Aᵀ y = 0
     forces = gradient + proximal * (x - centre) + y @ matrix
+    # |y| · distance = 0: a multiplier is positive at u, negative at l
     pushed = np.abs(y)
     room = np.minimum(np.where(y > 0, below, above), ROOM)
     largest, smallest = np.maximum.reduce, np.minimum.reduce

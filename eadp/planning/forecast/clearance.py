@@ -51,6 +51,7 @@ def entering(
 
     if not any(airspace):
         return {}
+    # the path's points near an obstacle or the boundary
     points = [(leg, point) for leg in legs for point in [*leg_points(leg, STEP_M)][1:]]
     at_m = np.array([(point.x_m, point.y_m) for _, point in points])
     courses = np.unwrap([point.heading_rad for _, point in points])
@@ -62,11 +63,13 @@ def entering(
     near[places] = True
     obstacles = [airspace.obstacles[i] for i in np.unique(areas).tolist() if i < len(airspace.obstacles)]
     outlines = [each.outline for each in obstacles]
+    # points flown through: those from which a near one is at most LEAD_M ahead
     steps_m = np.linalg.norm(np.diff(at_m, axis=0, prepend=at_m[:1]), axis=1)
     flown_m = np.cumsum(steps_m)
     ahead_m = flown_m[np.minimum(np.searchsorted(flown_m, flown_m + LEAD_M), len(flown_m) - 1)]
     counts = np.concatenate(([0], np.cumsum(near)))
     through = counts[np.searchsorted(flown_m, ahead_m, side="right")] > counts[: len(near)]
+    # ground speed, and the greatest turn rate of the course [rad/s]
     speed = airframe.airspeed_mps
     ground_mps, along_mps = ground_speeds_mps(np.cos(courses), np.sin(courses), speed, wind_mps)
     ground_mps = np.maximum(ground_mps, 1.0)
@@ -74,22 +77,25 @@ def entering(
     limited = isinstance(airframe, FixedWing)
     greatest = speed * along_mps / (airframe.turn_radius_m * ground_mps) if limited else np.full(len(near), np.inf)
     rng, (gust_mps, gust_s) = np.random.default_rng(0), gusts
+    # of each flight: gust [m/s], and how far it is beside the path [m] and off its course [rad], left positive
     gust = rng.standard_normal((2, FLIGHTS)) * gust_mps
     off_m, off_rad = np.zeros(FLIGHTS), np.zeros(FLIGHTS)
     entered = np.zeros((len(outlines) + bool(airspace.boundary), FLIGHTS), dtype=bool)
-    before = None
+    before = None  # the leg of the point before
     for i in np.flatnonzero(through).tolist():
         leg, course = points[i][0], courses[i]
         turned = course - courses[i - 1] if i and before is not None else 0.0
         same = leg is before
-        if i == 0 or not through[i - 1]:
+        if i == 0 or not through[i - 1]:  # starts anew, on the path
             off_m[:], off_rad[:] = 0.0, 0.0
             turned, same = 0.0, True
         before = leg
         step_s = steps_m[i] / ground_mps[i]
+        # Ornstein-Uhlenbeck: g ← ρ g + √(1 − ρ²) σ n, with ρ = e^(−Δt/τ)
         keep = math.exp(-step_s / gust_s)
         gust = keep * gust + math.sqrt(1 - keep * keep) * gust_mps * rng.standard_normal((2, FLIGHTS))
         across_mps = gust[1] * math.cos(course) - gust[0] * math.sin(course)
+        # χ̇ = χ̇_path − k_d (Δχ + v_⊥/v + arctan(k e)); e ← e + (v sin Δχ + v_⊥) Δt
         curving = turned / step_s if same and step_s > 0 else 0.0
         gain = guidance.gain_per_m if guidance.normalised else _gain_per_m(leg, points[i][1].x_m, points[i][1].y_m)
         wanted = curving - guidance.k_d * (off_rad + across_mps / ground_mps[i] + np.arctan(gain * off_m))

@@ -99,9 +99,12 @@ class Envelopes:
         self.shares = QualityShares(mission.plan, settings.weights)
         self._groups: list[_Group] = []
         self._numbers: dict[object, int] = {}
+        """Of a group, by what determines it."""
         self._kinds: dict[tuple[int, int], int] = {}
+        """Number of an envelope, by its group and by how many of its configurations count."""
         self._envelopes: list[ConcaveEnvelope] = []
         self._table = EnvelopeTable(np.zeros((0, 1)), np.zeros((0, 1)))
+        # a leg table, and the group of each of its rows
         self._of_rows: tuple[LegTable | None, IntArray] = (None, np.zeros(0, dtype=np.intp))
         self._extremes_w = np.zeros((0, 2))
 
@@ -123,6 +126,7 @@ class Envelopes:
     def groups(self, table: LegTable, order: IntArray) -> IntArray:
         """Group of each leg, by its row in a table, shape (legs,). A table only grows: rows that are known stay."""
         of_table, known = self._of_rows
+        # rows that are new get a group; all, where the table is another one
         if of_table is not table:
             known = known[:0]
         if len(known) < len(table.stages):
@@ -151,7 +155,7 @@ class Envelopes:
         return kinds
 
     def _kind(self, group: int, count: int) -> int:
-        """The number of the envelope of a group's first configurations."""
+        """The number of the envelope of a group's first configurations, which is built at first."""
         number = self._kinds.setdefault((group, count), len(self._envelopes))
         if number == len(self._envelopes):
             configurations, powers_w, values = self._groups[group]
@@ -159,7 +163,7 @@ class Envelopes:
         return number
 
     def _group(self, stage: Stage, own: Vector) -> int:
-        """The number of the group of a stage."""
+        """The number of the group of a stage with parameters `own`, which is built at first."""
         trade_offs = [row for row in self._trade_offs if row.holds_in(stage.index)]
         path = own[: self._rho] if trade_offs else ()
         weights = self.shares.weights if self._total else self.shares.scaled(stage.index)

@@ -284,6 +284,7 @@ class Evaluator:
         PathUndefined
             If none of them can be flown in this wind.
         """
+        # times of whole legs in the estimated wind and those about it; as flown where they cannot be followed
         legs = RouteArrays.of(routes)
         winds_mps = _sigma_points(known.wind, known.airspeed_mps)
         in_winds_s, turning_s = leg_times_s(legs.rows, legs.order, known.airspeed_mps, winds_mps)
@@ -293,6 +294,7 @@ class Evaluator:
         if flown is not followed:
             finite = np.isfinite(followed.times_s)
             in_winds_s = in_winds_s + np.where(finite, flown.times_s, 0.0) - np.where(finite, followed.times_s, 0.0)
+        # routes that cannot be flown are left out
         flyable = np.isfinite(legs.sums(in_winds_s[0]))
         if not flyable.all():
             index = np.flatnonzero(flyable)
@@ -300,6 +302,7 @@ class Evaluator:
                 raise PathUndefined("the rest of the plan cannot be flown in this wind")
             rest = self.evaluate(known, [routes[i] for i in index.tolist()])
             return replace(rest, index=index[rest.index])
+        # what is left of the first legs, and times and powers of the motion on what is left
         factor, wind_var = _wind_effect(legs.sums(in_winds_s.T))
         if flown is not followed:
             wind_var += (OVERSHOOT_SHARE * flown.excess_s / legs.sums(in_winds_s[0])) ** 2
@@ -308,6 +311,7 @@ class Evaluator:
         part = np.ones(len(whole_s))
         part[legs.first] = left
         times_s = whole_s * part * known.time.ratio
+        # y = a + b tan²φ, between 0 and what the motor can
         slopes = turning_s / np.where(whole_s > 0.0, whole_s, 1.0)
         motion_w = np.maximum(known.motion.level_w + known.motion.slope_w * slopes, 0.0)
         motion_w = np.minimum(motion_w, np.maximum(known.motion.level_w, self.mission.max_motion_w))
@@ -319,6 +323,7 @@ class Evaluator:
             )
         # above the mean of a window by twice its standard deviation
         peak_w = np.maximum(peak_w, known.motion.max_w) + 2 * math.sqrt(known.motion.noise / WINDOW_S)
+        # the computations, within the battery's limits of power
         groups = self.envelopes.groups(routes[0].table, legs.order)
         extremes_w = self.envelopes.extremes_w()[groups]
         load = RouteLoad(times_s, motion_w, peak_w, extremes_w[:, 0], extremes_w[:, 1])
@@ -329,7 +334,8 @@ class Evaluator:
         mean_v = legs.sums(limits.volts) / (legs.last - legs.first + 1)
         slope = current_slope_a_per_w(totals.mean_w, mean_v, battery.resistance_ohm)
         totals = totals._replace(soc_per_j=battery.drain_per_as * totals.use_ratio * slope)
-        ends = [_ends(known, route, part) for route, part in zip(routes, left.tolist(), strict=True)]
+        # the charge at the end, and what it leaves for the computations
+        ends = [_ends(known, route, share) for route, share in zip(routes, left.tolist(), strict=True)]
         std = self.charge_std(known, totals, max(reserve_soc, 0.0))
         weight, base = self._weights(known, legs, load)
         knapsack = self._knapsack(legs, load, kinds, limits, totals, weight, base)
@@ -341,7 +347,7 @@ class Evaluator:
 
     def _left(self, known: Known, legs: RouteArrays, routes: Sequence[Route], whole_s: FloatArray) -> FloatArray:
         """Share of the first leg of each route that is left, shape (routes,)."""
-        left: dict[int, float] = {}
+        left: dict[int, float] = {}  # by row: routes share most of their legs
         rows = legs.order[legs.first].tolist()
         for row, route, leg_s in zip(rows, routes, whole_s[legs.first].tolist(), strict=True):
             if row not in left:
@@ -362,6 +368,7 @@ class Evaluator:
     def _climbed(
         self, known: Known, routes: Sequence[Route], whole_s: FloatArray, times_s: FloatArray, motion_w: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Times [s], mean and greatest motion powers [W] of all legs with climbs; see `with_climbs`."""
         assert known.climb is not None
         found, first, per_m = [], 0, known.motion.climb_j_per_m
         for route in routes:
@@ -379,6 +386,7 @@ class Evaluator:
         time, motion = known.time, known.motion
         seconds = np.maximum(legs.sums(load.times_s), 1e-3)
         time_var = seconds**2 * (time.variance + wind_var) + time.noise_s * seconds
+        # (t, ∫tan²φ) P (t, ∫tan²φ)ᵀ + v t, with P the covariance of a and b
         energy_var = (
             seconds**2 * motion.var_level
             + 2 * seconds * bank_s * motion.cov_level_slope
@@ -390,8 +398,9 @@ class Evaluator:
         volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
         drain = drain_per_s(mean_w, volts, battery.resistance_ohm, battery.drain_per_as) * seconds
         then = after_drain(known.charge.filtered, drain)
-        use_ratio = (known.soc - then[0]) / np.maximum(drain, 1e-12)
-        return Totals(seconds, time_var, energy_var, use_ratio, then[3] + 0 * drain, mean_w, seconds)
+        use_ratio = (known.soc - then.soc) / np.maximum(drain, 1e-12)
+        # 0 * drain: one value for each route; the last array holds the place of `soc_per_j`
+        return Totals(seconds, time_var, energy_var, use_ratio, then.var_soc + 0 * drain, mean_w, seconds)
 
     def _knapsack(
         self,
@@ -411,6 +420,7 @@ class Evaluator:
         use = drains * (load.times_s * per_as)[:, None]
         base_value = base + legs.sums(weight * values[:, 0])
         gain = np.diff(values, axis=1) * weight[:, None]
+        # the last array holds the place of what is available
         return Knapsack(np.diff(use, axis=1), gain, legs.place, legs.sums(use[:, 0]), base_value, base_value)
 
     def _weights(self, known: Known, legs: RouteArrays, load: RouteLoad) -> tuple[FloatArray, FloatArray]:
@@ -422,10 +432,12 @@ class Evaluator:
             return self._total_weights(legs, load), np.zeros(len(legs.first))
         ground_m, per_s = legs.ground(known.flown, load.times_s)
         stage, run = legs.stages - 1, known.flown.run
+        # ground of the whole mission: flown, being flown, and left
         whole_m = known.flown.ground + per_s * run.free_s + legs.sums(ground_m * (self._counted[stage] > 0))
         whole_m = np.where(whole_m > 0, whole_m, math.inf)
         rho = self._path_weights.shape[1]
         path = (self._path_weights[stage] * legs.rows.shares[legs.order, :rho]).sum(axis=1)
+        # and what the path parameters add to U on it
         seen_m = known.flown.value + per_s * run.area_s + legs.sums(ground_m * path)
         return ground_m / whole_m[legs.place], seen_m / whole_m
 
@@ -514,17 +526,19 @@ def _ends(known: Known, route: Route, left: float) -> UncertainEnds:
     if not route.ends:
         return CERTAIN
     reach = NormalDist(0.0, known.reach_std_m)
-    before, shares, unflown_of = 0.0, [], []
+    # ends in the order in which they are reached: one is the flight's if it is reached, and none before it is
+    reached_before, shares, unflown_of = 0.0, [], []
     for end in route.ends:
         ahead_m = end.length_m * (left if end.leg == 0 else 1.0)
         unflown_m = end.length_m - end.flown_m
+        # behind the aircraft already
         if ahead_m - unflown_m < -PASSED_S * known.airspeed_mps:
             continue
         unflown = np.zeros(len(route.order))
         unflown[end.leg] = min(1.0, unflown_m / max(ahead_m, 1e-6))
         unflown[end.leg + 1 :] = 1.0
         reached = reach.cdf(end.clearance_m)
-        shares.append(reached - before)
+        shares.append(reached - reached_before)
         unflown_of.append(unflown)
-        before = reached
+        reached_before = reached
     return UncertainEnds(tuple(shares), tuple(unflown_of))

@@ -48,8 +48,9 @@ class FinalCharge(NamedTuple):
 
     def level(self, probability: float) -> float:
         """State of charge above which it is with a probability."""
-        quantile = NormalDist().inv_cdf(probability) * self.std
-        low, high = min(self.means) - quantile, max(self.means) - quantile
+        below_mean = NormalDist().inv_cdf(probability) * self.std
+        # the level of the mixture lies between those of its lowest and its highest end; with one end they are equal
+        low, high = min(self.means) - below_mean, max(self.means) - below_mean
         while high - low > SAME_SOC:
             middle = (low + high) / 2
             low, high = (middle, high) if self.probability_above(middle) > probability else (low, middle)

@@ -93,6 +93,7 @@ class Preflight:
 def _mean_computations(evaluation: Evaluation, filling: Filling, route: Route, rho: int) -> list[float]:
     """Mean of each computation over the time with a set in which it may run, as filled."""
     envelopes = [evaluation.evaluator.envelopes[kind].configurations for kind in evaluation.kinds.tolist()]
+    # shape (legs, computations): that of minimum power, and the increments taken
     configurations = np.array([envelope[0] for envelope in envelopes])
     for leg, (envelope, shares) in enumerate(zip(envelopes, filling.shares, strict=True)):
         configurations[leg] += shares[: len(envelope) - 1] @ np.diff(envelope, axis=0)

@@ -65,15 +65,17 @@ def _spare(
     volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
     drain = float(drain_per_s(power_w, volts, battery.resistance_ohm, battery.drain_per_as)) * seconds
     then = after_drain(known.charge.filtered, drain)
+    # from here on with what was flown to here: the deviations are those of both
     energy_j, seconds = flown_j + power_w * seconds, flown_s + seconds
     mean_w = energy_j / seconds if seconds > 0 else power_w
     motion, losses = known.motion, float(evaluator.losses(seconds))
+    # t² var a + v t + (E/t)² var t
     energy_var = seconds**2 * motion.var_level + motion.noise * seconds
     energy_var += mean_w**2 * (seconds**2 * known.time.variance + known.time.noise_s * seconds)
-    soc = then[0] - losses * LOSS
+    soc = then.soc - losses * LOSS
     gain = known.charge.gain_std * max(known.charge.gain_from - soc, 0.0)
     per_j = float(evaluation.totals.soc_per_j[place])
-    charge_var = then[3] + known.charge.lost_std**2
+    charge_var = then.var_soc + known.charge.lost_std**2
     std = math.sqrt(per_j**2 * energy_var + charge_var + gain**2 + losses * LOSS_SQUARE)
     return float(FinalCharge(std, means=(soc,)).level(objective.probability) - objective.reserve_soc)
 
@@ -112,7 +114,7 @@ def latest_turn_back(evaluation: Evaluation, place: int, filling: Filling) -> Tu
     """
     if evaluation.evaluator.mission.way_home is None:
         return None
-    found = _last(evaluation, place, filling, lambda there, *flown: home_spare(there, place, *flown) or 0.0)
+    found = _last_point(evaluation, place, filling, lambda there, *flown: home_spare(there, place, *flown) or 0.0)
     return None if found is None else TurnBack(found.time_s, found.position_m)
 
 
@@ -135,13 +137,16 @@ def reach(evaluation: Evaluation, place: int, filling: Filling) -> Reach | None:
     filling : Filling
         Computations planned.
     """
-    return _last(evaluation, place, filling, lambda there, *flown: _spare(there, place, 0.0, *flown))
+    return _last_point(evaluation, place, filling, lambda there, *flown: _spare(there, place, 0.0, *flown))
 
 
-def _last(
+def _last_point(
     evaluation: Evaluation, place: int, filling: Filling, spare: Callable[[Evaluation, float, float], float]
 ) -> Reach | None:
-    """The last place of a route that leaves spare charge, 0 or more, by time [s] and energy [J] flown to it."""
+    """The last point of a route that leaves spare charge, 0 or more.
+
+    `spare` gives it for the evaluation as known there, by the time [s] and the energy [J] flown to it.
+    """
     known, battery = evaluation.known, evaluation.evaluator.mission.battery
     found = Reach(known.time_s, known.position_m, 0.0, 0.0) if spare(evaluation, 0.0, 0.0) >= 0 else None
     mine, legs = evaluation.legs.place == place, evaluation.routes[place].legs
@@ -156,11 +161,11 @@ def _last(
         points = [*leg_points(leg, step_m)][1:]
         step_s = leg_s / max(len(points), 1)
         for point in points:
-            volts = battery.voltage_at(min(max(filtered[0], 0.0), 1.0))
+            volts = battery.voltage_at(min(max(filtered.soc, 0.0), 1.0))
             drain = float(drain_per_s(power_w, volts, battery.resistance_ohm, battery.drain_per_as)) * step_s
             filtered, flown_s, flown_j = after_drain(filtered, drain), flown_s + step_s, flown_j + power_w * step_s
             flown_m += leg.distance_m / len(points)
-            if filtered[0] <= 0:
+            if filtered.soc <= 0:
                 return found
             at = point.x_m, point.y_m
             there = known._replace(position_m=at, charge=known.charge._replace(filtered=filtered))

@@ -86,17 +86,19 @@ class Filling(NamedTuple):
 
 def fill_greedy(knapsack: Knapsack) -> Filling:
     """The optimal filling at every place: increments in descending order of gain per charge, the last one in part."""
+    # increments of all legs in a row, by place, the most efficient first
     use, place = knapsack.use.ravel(), np.repeat(knapsack.place, knapsack.use.shape[1])
     order = np.lexsort((-knapsack.efficiency.ravel(), place))
     used, of_place = use[order], place[order]
-    total = used.cumsum()
+    # use of those before each one, and at the first of each place
+    before = used.cumsum() - used
     first = np.searchsorted(of_place, np.arange(len(knapsack.base_use)))
-    before = total - used
     start = before[np.minimum(first, len(before) - 1)] if len(before) else before
+    # what is left for each one; below 0 where not even minimum power is possible, so that nothing is taken
     spare = np.where(knapsack.spare >= -FULL, np.maximum(knapsack.spare, 0.0), -1.0)
     left = (spare + FULL)[of_place] - (before - start[of_place]) if len(before) else before
     share = np.clip(left / np.where(used > 0, used, 1.0), 0.0, 1.0)
-    share = np.where(used > 0, share, left >= 0)
+    share = np.where(used > 0, share, left >= 0)  # what takes no charge is taken whole
     shares = np.empty(len(use))
     shares[order] = share
     return knapsack.filling(shares.reshape(knapsack.use.shape))

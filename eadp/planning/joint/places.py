@@ -46,9 +46,10 @@ class Places:
         self._predictor = RoutePredictor()
         self._routes: dict[Shares, Route | None] = {}
         self._stage: tuple[object, ...] = ()
+        """What `_routes` hold for."""
 
     def enter(self, known: Known) -> None:
-        """Go on from a stage: the routes known are those from its start."""
+        """Forget the routes known unless the stage and its parameters are those that they start from."""
         cursor = known.cursor
         path = len(self._boxes)
         stage = known.stages_started, cursor.waiting[:path], cursor.parameters[:path], known.reach_std_m > 0

@@ -75,6 +75,14 @@ class Candidate(NamedTuple):
         return float(self.evaluation.knapsack.available[0] - self.solution.filling.use[0])
 
 
+class ComputationChoice(NamedTuple):
+    """Computations to fly with now, for how long [s], and whether they fall."""
+
+    computations: Vector
+    lasts_s: float
+    falls: bool
+
+
 class JointPlanner(Planner):
     """One optimisation over path and computations to the end of the mission; see the module.
 
@@ -91,10 +99,12 @@ class JointPlanner(Planner):
         self._program = ComputationProgram(self.report)
         self._policy = Policy(own.min_gain)
         self._next_s = WARM_UP_S + own.start_after_s
+        # value and charge left over of the plan that was searched last
         self._searched: tuple[float, float] | None = None
         self._infeasible_since_s: float | None = None
         self._losses = 0
-        self._started, self._next_reading_s = 1, math.inf
+        self._stages_started, self._next_reading_s = 1, math.inf
+        # charge to spare for the way home, None without one; and when it sufficed last [s]
         self._home: tuple[float | None, float] = (None, 0.0)
         self._by_stage = any(row.stages for row in own.trade_offs)
         # what is shown is forecast again and again, and a way home on which it depends
@@ -110,7 +120,7 @@ class JointPlanner(Planner):
         places.enter(known)
         plan = planner._plan(known, places.shares)
         if places.open:
-            plan = planner._searched_plan(known, plan, TIME)
+            plan = planner._search_plan(known, plan, TIME)
         if plan is None:
             return None
         solution = planner._program.solve(plan.evaluation.knapsack)
@@ -126,8 +136,9 @@ class JointPlanner(Planner):
         o = state.now
         if self._decision.returns_home:
             return self._decision
-        entered, self._started = o.stages_started != self._started, o.stages_started
+        entered, self._stages_started = o.stages_started != self._stages_started, o.stages_started
         due = o.time_s >= self._next_s - 1e-9
+        # a new stage counts where the path can change with it
         entered &= self._mission.live or self._by_stage or (bool(self._places.open) and o.cursor.accepts_changes())
         jumped = state.losses > self._losses
         self._next_reading_s = state.next_reading_s if state.is_ambiguous(o.soc) else math.inf
@@ -161,7 +172,7 @@ class JointPlanner(Planner):
         if closes and not self._often:
             return
         search = not closes and bool(self._places.open) and self._must_search(o, plan, cause)
-        found = self._searched_plan(known, plan, cause) if search else plan
+        found = self._search_plan(known, plan, cause) if search else plan
         if found is None:
             report.infeasible += 1
             why = "infeasible: the rest of the plan cannot be flown in this wind"
@@ -170,8 +181,9 @@ class JointPlanner(Planner):
             solution = self._program.solve(found.evaluation.knapsack)
             found = found._replace(solution=solution)
             chosen = self._decision.parameters if closes else self._choose(o, found)
+            # computations that are held to the end are forecast as they are
             if self._is_free(o) and self._closes(cause, found.evaluation.earliest_s(0) - (self._next_s - o.time_s)):
-                found = self._held(found, chosen)
+                found = self._with_held_computations(found, chosen)
             self._decide(o, known, cause, found, chosen, calls, searched=search)
         report.solve_ms.append(1e3 * (time.perf_counter() - started))
         report.replans += report.calls > calls
@@ -187,8 +199,11 @@ class JointPlanner(Planner):
             return None
         return Candidate(shares, evaluation, Solution(evaluation.filled(), ""))
 
-    def _searched_plan(self, known: Known, kept: Candidate | None, cause: str) -> Candidate | None:
-        """The plan with the best path; the one in force where the gain is small, or the change would come too late."""
+    def _search_plan(self, known: Known, kept: Candidate | None, cause: str) -> Candidate | None:
+        """Search the path; return the plan with the best one, and note its value and charge.
+
+        It is the plan in force, `kept`, where the gain is small, or the change would come too late.
+        """
         places = self._places
         flown = kept if kept is not None and kept.solution.feasible else None
         threshold = -math.inf if flown is None else flown.solution.value + self._policy.path_gain
@@ -210,6 +225,7 @@ class JointPlanner(Planner):
         return found
 
     def _less_short(self, kept: Candidate, shortfall: float) -> bool:
+        """Whether a shortfall of charge is clearly less than that of the plan in force."""
         std = float(kept.evaluation.std[0])
         return shortfall <= kept.evaluation.shortfall(0) - BETTER * std
 
@@ -223,31 +239,34 @@ class JointPlanner(Planner):
             return True
         if not kept.solution.feasible:
             return self._infeasible_since_s is None or o.cursor.accepts_changes()
-        if self._is_free(o) and self._computations(o, kept)[2]:
+        if self._is_free(o) and self._computations(o, kept).falls:
             return True
         if not o.cursor.accepts_changes() or kept.evaluation.known.motion.in_doubt:
             return False
-        (value, over), was = (kept.solution.value, kept.over), self._searched
-        return max(abs(value - was[0]), abs(over - was[1])) > self._policy.path_gain
+        value, over = self._searched
+        return max(abs(kept.solution.value - value), abs(kept.over - over)) > self._policy.path_gain
 
     # --- decisions
 
     def _choose(self, o: Observation, plan: Candidate) -> Vector:
-        """The parameters of a plan to fly with now; the policy counts what they change."""
+        """Choose the parameters of a plan to fly with now; the policy counts what they change.
+
+        The next update is no later than the computations last.
+        """
         rho, before = self._mission.plan.path_count, self._decision.parameters
         chosen = self._places.parameters(plan.shares)
         if self._is_free(o):
-            computations, lasts_s, falls = self._computations(o, plan)
-            self._next_s = min(self._next_s, o.time_s + lasts_s)
-            if falls:
-                self._policy.fell(o.time_s)
-            chosen = (*chosen[:rho], *computations)
+            choice = self._computations(o, plan)
+            self._next_s = min(self._next_s, o.time_s + choice.lasts_s)
+            if choice.falls:
+                self._policy.note_fall(o.time_s)
+            chosen = (*chosen[:rho], *choice.computations)
         if chosen[:rho] != before[:rho]:
-            self._policy.path_changed()
+            self._policy.count_path_change()
         return chosen
 
-    def _computations(self, o: Observation, plan: Candidate) -> tuple[Vector, float, bool]:
-        """The computations of a plan to fly with now, for how long [s], and whether they fall."""
+    def _computations(self, o: Observation, plan: Candidate) -> ComputationChoice:
+        """The computations of a plan to fly with now; asking changes nothing."""
         before, evaluator = self._decision.parameters, plan.evaluation.evaluator
         now_w = self._power_w(plan.evaluation, before)
         computations, lasts_s = self._policy.computations(
@@ -256,7 +275,7 @@ class JointPlanner(Planner):
         after_w = self._power_w(plan.evaluation, (*before[: self._mission.plan.path_count], *computations))
         # no fall where the stage, by its trade-offs, allows no more
         max_w = evaluator.envelopes[int(plan.evaluation.kinds[0])].powers_w[-1]
-        return computations, lasts_s, after_w < min(now_w, max_w) - 1e-9
+        return ComputationChoice(computations, lasts_s, after_w < min(now_w, max_w) - 1e-9)
 
     def _is_free(self, o: Observation) -> bool:
         """Whether the stage leaves the computations a choice."""
@@ -268,10 +287,14 @@ class JointPlanner(Planner):
         """Decide on a plan, and on the parameters of it to fly with now."""
         solution, limit = plan.solution, self._battery_limit(known, plan)
         self.report.infeasible += not solution.feasible
-        reason = with_limit(self._reason(o, known, plan, chosen, searched=searched), limit)
+        if solution.feasible:
+            self._infeasible_since_s = None
+        elif self._infeasible_since_s is None:
+            self._infeasible_since_s = o.time_s
+        reason = with_limit(self._reason(known, plan, chosen, searched=searched), limit)
         if not known.charge.believed:
             reason += GAUGE_DISBELIEVED
-        returns_home = self._must_turn_back(o.time_s, plan)
+        returns_home = self._update_home(o.time_s, plan)
         if returns_home:
             reason = TURNS_BACK + reason
         record = self._record(o, known, cause, chosen, plan, reason)
@@ -279,7 +302,7 @@ class JointPlanner(Planner):
         self._places.decide(plan.shares, chosen)
         self._decision = Decision(chosen, reason, record, returns_home)
 
-    def _held(self, plan: Candidate, chosen: Vector) -> Candidate:
+    def _with_held_computations(self, plan: Candidate, chosen: Vector) -> Candidate:
         """A plan with the computations as they are now to the end: they change no more."""
         evaluation = plan.evaluation
         powers_w = evaluation.evaluator.envelopes.table.powers_w[evaluation.kinds, 1:]
@@ -290,6 +313,7 @@ class JointPlanner(Planner):
     def _after_change_s(self, plan: Candidate) -> float:
         """Least time that is left when the path parameters of a plan take effect [s]; all of it where they never do."""
         route, rho = plan.evaluation.routes[0], self._mission.plan.path_count
+        # the first leg that is flown with other path parameters than this one
         start = route.parameters[0][:rho]
         changed = [i for i, own in enumerate(route.parameters) if own[:rho] != start]
         return plan.evaluation.earliest_s(0, changed[0] if changed else 0)
@@ -302,23 +326,25 @@ class JointPlanner(Planner):
         clipped = tuple(box.clip(value) for box, value in zip(boxes, own, strict=True))
         return self._mission.computing.power_w(clipped, boxes)
 
-    def _must_turn_back(self, time_s: float, plan: Candidate) -> bool:
-        """Whether the plan is infeasible, and home is out of reach by the next re-planning, or short by less."""
+    def _update_home(self, time_s: float, plan: Candidate) -> bool:
+        """Update the charge to spare for the way home; return whether to turn back.
+
+        That is where the plan is infeasible, and home is short by less, and out of reach by the next re-planning.
+        """
         (before, reached_s), spare = self._home, home_spare(plan.evaluation, 0)
         self._home = spare, time_s if spare is not None and spare >= 0 else reached_s
         way_home = self._mission.way_home
         if spare is None or way_home is None or not way_home.turns_back or plan.solution.feasible:
             return False
+        # by as much as since the last re-planning it falls until the next one
         falls = max(0.0, before - spare) if before is not None and math.isfinite(before) else 0.0
         return -plan.evaluation.shortfall(0) < spare < falls
 
     # --- records
 
-    def _reason(self, o: Observation, known: Known, plan: Candidate, chosen: Vector, *, searched: bool) -> str:
+    def _reason(self, known: Known, plan: Candidate, chosen: Vector, *, searched: bool) -> str:
         evaluation, battery = plan.evaluation, self._mission.battery
         if not plan.solution.feasible:
-            if self._infeasible_since_s is None:
-                self._infeasible_since_s = o.time_s
             since = f"infeasible since {self._infeasible_since_s:.1f} s: "
             beyond_w = float(evaluation.limits.beyond_w[0])
             min_w = evaluation.evaluator.envelopes[int(evaluation.kinds[0])].powers_w[0]
@@ -328,7 +354,6 @@ class JointPlanner(Planner):
             short = evaluation.shortfall(0)
             short_wh = short * battery.capacity_ah * battery.voltage_at(max(known.soc, 0.0))
             return f"{since}short by {short:.4f} of the charge, {short_wh:.2f} Wh; {flown} configuration"
-        self._infeasible_since_s = None
         moved = [
             f"{item.label} {item.text(old)} → {item.text(new)}"
             for item, old, new in zip(self._mission.plan.parameters, self._decision.parameters, chosen, strict=True)

@@ -42,12 +42,12 @@ class Policy:
         """Whether the flight is so near its end that nothing changes."""
         return remaining_s < LAST_S and cause != JUMPED
 
-    def path_changed(self) -> None:
-        """A path parameter has changed."""
+    def count_path_change(self) -> None:
+        """Count a change of a path parameter."""
         self._path_changes += 1
 
-    def fell(self, time_s: float) -> None:
-        """Computations have fallen at a time [s]."""
+    def note_fall(self, time_s: float) -> None:
+        """Note that computations fall at a time [s]."""
         self._fell_s = time_s
 
     def computations(
@@ -70,6 +70,7 @@ class Policy:
         kind = int(evaluation.kinds[0])
         envelope = evaluation.evaluator.envelopes[kind]
         powers_w = envelope.powers_w
+        # vertices by number: held, the one in force; below and the next, those around the sustained power
         held = int(np.clip(np.searchsorted(powers_w, now_w + 1e-9, side="right") - 1, 0, len(powers_w) - 1))
         chosen, lasts_s = 0, math.inf
         if solution.feasible:
@@ -80,8 +81,14 @@ class Policy:
             rises = below + (lasts_s > SETTLED_S)
             stays = held <= below + (lasts_s > HELD_S)
             waits = time_s - self._fell_s < SETTLED_S
-            chosen = (held if waits else rises) if rises > held else held if stays else below
+            chosen = below
+            if rises > held:
+                chosen = held if waits else rises
+            elif stays:
+                chosen = held
+            # the lower one lasts to the end
             lasts_s = lasts_s if chosen > below else math.inf
+        # early in the flight none falls for the margin alone, while the mean keeps the reserve
         if chosen < held and time_s < EARLY_S and not lost:
             expected_soc = evaluation.final_charge(0, solution.filling).mean
             if expected_soc >= evaluation.evaluator.objective.reserve_soc:
@@ -105,10 +112,12 @@ def sustained_w(evaluation: Evaluation, kind: int, solution: Solution) -> float:
     envelope = evaluation.evaluator.envelopes[kind]
     mine, steps = evaluation.kinds == kind, len(envelope.powers_w) - 1
     use, shares = evaluation.knapsack.use[mine, :steps], solution.filling.shares[mine, :steps]
+    # of each increment, by charge: the share that is taken over all legs
     whole = use.sum(axis=0)
     taken = (use * shares).sum(axis=0)
     mix = np.divide(taken, whole, out=np.zeros(steps), where=whole > 0)
     power_w = float(envelope.powers_w[0] + mix @ np.diff(envelope.powers_w))
+    # charge left over, and the charge that a watt more takes to the end
     over = float(evaluation.knapsack.available[0] - solution.filling.use[0])
     per_w = float(evaluation.totals.soc_per_j[0] * evaluation.totals.seconds[0])
     return power_w + max(over, 0.0) / max(per_w, 1e-12)

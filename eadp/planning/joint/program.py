@@ -132,6 +132,7 @@ class ComputationProgram:
 
         So scaled, the row has entries of 1, whatever the leg.
         """
+        # y = s x with s = use / mean use: use·x = mean use · Σ y, and the gain of y is gain/s
         real, mean_use = len(gain), float(use.mean())
         count = real + -real % SIZES
         column, slope, start = np.ones(count), np.zeros(count), np.zeros(count)
@@ -157,12 +158,13 @@ def _exact(gain: FloatArray, use: FloatArray, spare: float, x: FloatArray, multi
 
     What full and empty shares leave of the charge goes to those at the multiplier, or comes from the least efficient.
     """
+    # above the multiplier in full, below it not at all, at it as the QP has them
     net = gain - multiplier * use
     ties = np.abs(net) <= TIE * multiplier * use
     x = np.where(ties, np.clip(x, 0.0, 1.0), net > 0)
     left = spare - float(use @ x)
     order = np.argsort(gain / use, kind="stable")
-    if left > 0:
+    if left > 0:  # to the ties, the most efficient first; a lack comes from all, the least efficient first
         order = order[::-1][ties[order[::-1]]]
     for i in order.tolist():
         if abs(left) <= FULL * FULL:

@@ -130,6 +130,7 @@ class Search:
             best = _best(found)
             if best is None:
                 break
+            # the cells that may reach most are halved; while nothing is feasible, those beside the best place
             bounds = sorted(
                 ((self._bound(at(low), at(high)), low, high) for low, high in cells if high - low > MIN_STEP),
                 reverse=True,
@@ -155,6 +156,7 @@ class Search:
     def _bound(self, low: Shares, high: Shares) -> float:
         """What the value between two places along one line may reach; −inf where no step ends between them."""
         a, b = self.known[low], self.known[high]
+        # from a feasible end the value rises by at most `slope` a share
         values = [place.value for place in (a, b) if place is not None and place.feasible]
         if not values or (a is not None and b is not None and a.steps == b.steps and a.feasible == b.feasible):
             return -math.inf

@@ -166,7 +166,10 @@ class HorizonSolution(NamedTuple):
 
 
 class _Table(NamedTuple):
-    """Every choice at every step: value, charge that it takes, and charge that its power requires; shape (M, J)."""
+    """Every choice at every step: value, and as states of charge what it takes and what its power requires.
+
+    All of shape (M, J).
+    """
 
     value: FloatArray
     drop: FloatArray
@@ -200,20 +203,23 @@ class _Mixture:
         self.below, self.above = self.step * len(powers_w) + low, self.step * len(powers_w) + high
         self.rises_w = powers_w[high] - powers_w[low]
         self.steps, self.size = len(vertices), len(pairs)
+        # 1 where a variable's step is that of a row or an earlier one: its charge is missing there
         self.until = (self.step <= np.arange(self.steps)[:, None]).astype(float)
         filled = np.vstack([np.eye(self.size), self.until]) > 0
         self.program = QuadraticProgram(filled, PROXIMAL, report) if pairs else None
+        # whether all steps have the same vertices, so that a solution can be moved by a step
         self.shifts = len(set(vertices)) == 1
 
     def problem(self, table: _Table) -> tuple[FloatArray, FloatArray]:
         """What each variable gains, and the power rows, shape (M, variables)."""
+        # differences from a vertex to the next; the charge required, `limit`, counts at the variable's own step
         gain, drop, limit = (array.take(self.above) - array.take(self.below) for array in table)
         rows = self.until * drop
         rows[self.step, np.arange(self.size)] += limit
         return gain, rows
 
     def shifted(self, last: _Relaxed) -> _Relaxed | None:
-        """A solution a step later; None where the steps mix other levels."""
+        """A solution a step later, its last step repeated; None where the steps mix other levels."""
         z, each = last.z, self.size // self.steps
         if not self.shifts:
             return None
@@ -229,6 +235,7 @@ class _Mixture:
             return _Relaxed(np.zeros(0), np.zeros(self.steps), 0)
         shares = np.divide(spare[:, None], rows, out=np.ones_like(rows), where=rows > 0)
         reach = np.clip(shares.min(axis=0), MIN_REACH, 1.0)
+        # z = reach · x; rows in units of their largest entry, the gradient in units of its own
         rows, gain = rows * reach, gain * reach
         units, largest = rows.max(axis=1) + 1e-300, float(gain.max())
         matrix = np.vstack([np.eye(self.size), rows / units[:, None]])
@@ -347,6 +354,7 @@ class Horizon:
 
     def _violated(self, made: IntArray, table: _Table, soc: float) -> int | None:
         """The first step whose choice, of one for each, requires more charge than is left; None if all are feasible."""
+        # limit ≤ charge after the drops up to this step; NaN is a violation, too
         at = self._at + made
         short = ~(table.limit.take(at) <= soc - table.drop.take(at).cumsum())
         step = int(short.argmax())
@@ -375,6 +383,7 @@ class Horizon:
             raise Infeasible("even the computations of minimum power exceed what the battery allows")
         mixture = self._mixture(table)
         gain, rows = mixture.problem(table)
+        # the last solution, a step later: kept where it is proven to be optimal still, else the centre of the QP
         found = last = mixture.shifted(self._last[1]) if self._last and self._last[0] is mixture else None
         bound = None if last is None else self._proof(last, gain, rows, spare, table, soc)
         kept = bound is not None
@@ -382,6 +391,7 @@ class Horizon:
             found = mixture.solved(gain, rows, spare, last)
             bound = _bound(found.multipliers, table, soc)
         self._last = mixture, found
+        # the QP's power at each step, and the levels within it
         power_w = self.powers_w[0] + np.bincount(mixture.step, found.z * mixture.rises_w, self._steps)
         made = self._rounded(power_w, table, soc)
         objective = float(table.value.take(self._at + made).sum())
@@ -402,6 +412,7 @@ class Horizon:
             return self._battery.limit_at(self._battery.voltage_v)
         if self._battery.letter_crate_per_h is None:
             return None
+        # the charge after each step with its choice above, those before it as made
         taken = table.drop.take(self._at + made)
         short = table.limit.take(at) > soc - (taken.cumsum() - taken + drop)
         return LETTER if short.any() else None
@@ -437,6 +448,7 @@ class Horizon:
         Steps that exceed a constraint are lowered; charge that rounding has left over goes to the steps that the QP
         mixed.
         """
+        # a power just below a level counts as that level, unless this violates a constraint
         for slack in (FLOOR_SLACK * self._span_w, 0.0):
             within = self.powers_w <= np.maximum(power_w + slack, self.powers_w[0])[:, None]
             made: IntArray = np.where(within, table.value, -math.inf).argmax(axis=1)
@@ -461,6 +473,7 @@ class Horizon:
         """
         at = self._at + made
         used, value = table.drop.take(at), table.value.take(at)
+        # charge before each step; and the raises: (−gain, step, choice, charge missing)
         before, raises = soc - used.cumsum() + used, []
         freed = np.maximum.accumulate(used - table.drop.min(axis=1))  # at most, by lowering one step up to here
         for step in np.flatnonzero(mixed).tolist():
@@ -471,6 +484,7 @@ class Horizon:
                 if missing <= freed[step]:
                     raises.append((value[step] - table.value[step, above], step, above, missing))
         for minus_gain, step, above, missing in sorted(raises):
+            # every choice at every earlier step: what it loses, and whether it frees enough
             losses = value[:step, None] - table.value[:step]
             enough = used[:step, None] - table.drop[:step] >= max(missing, 1e-15)
             places = np.flatnonzero(enough & (losses < -minus_gain))
@@ -511,6 +525,7 @@ class Horizon:
         table = self.table(forecast)
         c = self._c.high
         while True:
+            # the greatest levels up to c
             values = [
                 max((level for level in levels if level <= x + 1e-9), default=levels[0])
                 for levels, x in zip(self._c.levels, c, strict=True)
@@ -528,6 +543,7 @@ def _bound(multipliers: FloatArray, table: _Table, soc: float) -> float:
 
     A choice at step m requires its limit at m, and takes its drop off the charge at m and at every later step.
     """
+    # Σ_m max_c [l_m − λ_m limit_m − Σ_{j≥m} λ_j drop_m] + Σ_m λ_m b₀
     later = np.cumsum(multipliers[::-1])[::-1]
     net = table.value - multipliers[:, None] * table.limit - later[:, None] * table.drop
     return float(net.max(axis=1).sum() + multipliers.sum() * soc)
@@ -543,6 +559,7 @@ def _state_values(states_w: FloatArray, powers_w: FloatArray, weights: FloatArra
 
     States q have shape (n, 2r + 1), `weights` Q is symmetric.
     """
+    # x = q + p e₀: ½ (qᵀ Q q + 2 p (Q q)₀ + Q₀₀ p²)
     weighted = states_w @ weights
     without_computing = (states_w * weighted).sum(axis=1)[:, None]
     values: FloatArray = 0.5 * (without_computing + powers_w * (2 * weighted[:, :1] + weights[0, 0] * powers_w))

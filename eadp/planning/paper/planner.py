@@ -191,16 +191,17 @@ class PaperPlanner(Planner):
         return self._decision
 
     def _replan(self, o: Observation, *, jumped: bool) -> None:
+        """Plan the computations, and the path where it is due or the charge has jumped; decide on both, and count."""
         report, decided = self.report, self._decision.parameters
         calls, started = report.calls, time.perf_counter()
-        parameters, record = self._computations(o, decided)
+        parameters, record = self._plan_computations(o, decided)
         if jumped or o.time_s >= self._next_path_s - 1e-9:
             every_s = self._own.path_every_s or self._settings.every_s
             self._next_path_s = next_multiple(o.time_s, every_s)
             parameters = self._path(o, parameters)
             if self._own.trade_offs and parameters[: self._rho] != decided[: self._rho]:
                 # the computations keep to the rows with the new path, too
-                parameters, record = self._computations(o, parameters)
+                parameters, record = self._plan_computations(o, parameters)
         ran = report.calls - calls
         report.replans += ran > 0
         report.skipped += record.status == KEPT and not ran
@@ -218,13 +219,18 @@ class PaperPlanner(Planner):
         return sum(gain * (new - old) for gain, new, old in zip(self._gains, path, self._flown_path, strict=True))
 
     def _laps_known(self) -> bool:
+        """Whether `min_periods` are flown, where there are any."""
         return self._mission.plan.primitive_stages is None or self._laps >= self._own.min_periods
 
     # --- computations
 
-    def _computations(self, o: Observation, decided: Vector) -> tuple[Vector, DecisionRecord]:
-        """Parameters with new computations, and how they were found; sets their power over the horizon."""
+    def _plan_computations(self, o: Observation, decided: Vector) -> tuple[Vector, DecisionRecord]:
+        """Plan the computations, and set their power over the horizon, `_computing_plan_w`.
+
+        Returns the parameters decided with those of now, and how they were found.
+        """
         sets, free = self._mission.plan.stages[o.stage - 1].sets, self._free(o)
+        # status, calls, iterations, gap and reason
         nothing = NOTHING_TO_CHOOSE, 0, 0, None, NOTHING_TO_CHOOSE
         record = DecisionRecord(o.time_s, TIME, o.stage, o.cursor.lap, decided, *nothing)
         if not free:
@@ -260,7 +266,7 @@ class PaperPlanner(Planner):
         chosen = list(decided)
         for i, value in zip(free, values, strict=True):
             chosen[i] = value
-        if powers_w is None:
+        if powers_w is None:  # values that hold over the whole horizon
             powers_w = np.full(self._steps(), self._mission.computing.power_w(chosen, sets))
         self._computing_plan_w = powers_w
         return tuple(chosen), record
@@ -271,6 +277,7 @@ class PaperPlanner(Planner):
         return [i for i in range(self._rho, len(sets)) if not sets[i].fixed]
 
     def _steps(self) -> int:
+        """Number of steps of the horizon."""
         return min(max(1, round(self._state.horizon_s / self._settings.every_s)), MAX_STEPS)
 
     def _horizon(self, o: Observation, path: Vector) -> Horizon:
@@ -316,6 +323,7 @@ class PaperPlanner(Planner):
         return HorizonCost(own.cost, q, r, offsets, own.terminal_weight)
 
     def _horizon_forecast(self, o: Observation) -> HorizonForecast:
+        """The estimator's forecast of the motion's power, sampled within each step, and the charge."""
         steps, every_s = self._steps(), self._settings.every_s
         instants_s = np.arange(1.0, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
         worst = self._own.constraint_at == "worst"
@@ -345,6 +353,7 @@ class PaperPlanner(Planner):
     def _ruled(self, o: Observation, path: Vector, coverage: _Coverage) -> Vector:
         """Path parameters by the rule of the settings."""
         own, boxes = self._own, coverage.boxes
+        # direction in which the path parameters shorten the coverage
         down = -1 if coverage.longest_s >= coverage.shortest_s else 1
         found_s: dict[float, float] = {}
 
@@ -378,6 +387,7 @@ class PaperPlanner(Planner):
         return raised if own.raise_path and raised != path and suffices(raised) else path
 
     def _moved(self, path: Vector, direction: int, coverage: _Coverage) -> Vector:
+        """Path parameters moved by their δ, up (1) or down (−1), within their sets."""
         boxes = enumerate(zip(path, coverage.boxes, strict=True))
         return tuple(box.clip(value + direction * self._deltas[i]) for i, (value, box) in boxes)
 
@@ -392,6 +402,7 @@ class PaperPlanner(Planner):
     def _largest_share(self, time_s: float, last_s: float, coverage: _Coverage) -> float:
         """The largest share of their sets, in 0..1, at which all path parameters have t_r ≤ t_b."""
         shortest, longest = coverage.shortest_s, coverage.longest_s
+        # t_r ≤ t_b solved for t_s, the time of the whole coverage, which is linear in the share
         limit_s = last_s + time_s
         if self._own.remaining_time == "published":
             whole = coverage.whole_s
@@ -410,6 +421,7 @@ class PaperPlanner(Planner):
         if spare <= 0:
             return 0.0
         every_s, step_s, computing_w = self._settings.every_s, LOOK_AHEAD_STEP_S, self._computing_plan_w
+        # steps of the horizon, then those of one period; and of each, the horizon's step that its computations are of
         head = max(1, round(len(computing_w) * every_s / step_s))
         count = head + max(1, round((self._state.period_s or step_s) / step_s))
         at_s = np.arange(count, dtype=np.float64) * step_s
@@ -444,6 +456,7 @@ def _lasting_s(power_w: FloatArray, head: int, step_s: float, spare: float, batt
     if (power_w > battery.max_power_w(battery.voltage_v)).any():
         return 0.0
     drops = (battery.drain_per_s(power_w, battery.voltage_v) * step_s).cumsum()
+    # charge taken by the first steps, and by a period; whole periods fit in between, the rest is within the steps
     first, one_period = float(drops[head - 1]), float(drops[-1] - drops[head - 1])
     if spare > drops[-1] and one_period <= 0:
         return math.inf

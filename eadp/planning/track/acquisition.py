@@ -73,9 +73,11 @@ class Acquisition:
         self._start, self._start_m = start, start_m
         self.hypotheses = [Hypothesis(start)]
         self.settled = self.stage_found = self.is_start = False
+        # the last position, with its time; when the first came [s]; the last step [s]
         self._last: tuple[float, Point] | None = None
         self._first_s: float | None = None
         self._usual_s = 0.0
+        # when stages, and laps too, were uncertain last [s]
         self._stage_s = self._lap_s = math.inf
 
     def update(self, to: Sample, in_force: dict[int, float]) -> None:
@@ -109,7 +111,8 @@ class Acquisition:
             one.weigh(to, weight, OUTLIER, TRACK_STD_M)
         self.hypotheses = likely(self.hypotheses)
         best = self.hypotheses[0]
-        stages = {one.stage[::2] for one in self.hypotheses}
+        places = [one.executor.cursor for one in self.hypotheses]
+        stages = {(cursor.segment, cursor.stage.index) for cursor in places}
         if len(stages) > 1:
             self._stage_s = to.time_s
         if not all(_alike(one, best) for one in self.hypotheses):
@@ -174,7 +177,7 @@ def _matched(executor: PlanExecutor, cursor: PlanCursor, leg: Leg, legs_before: 
     if match is None:
         return None
     try:
-        placed = Hypothesis(executor).on_leg(cursor, leg, legs_before, to.position_m, match[0])
+        placed = Hypothesis(executor).on_leg(cursor, leg, legs_before, to.position_m, match.share)
     except PathUndefined:
         return None
     return Hypothesis(placed, to.time_s)
@@ -205,6 +208,7 @@ def _follow(hypothesis: Hypothesis, last: tuple[float, Point], to: Sample, in_fo
 
 
 def _put_in_force(hypothesis: Hypothesis, to: Sample, in_force: dict[int, float]) -> None:
+    """Put the parameters reported, by index, in force in a hypothesis, within their sets."""
     executor = hypothesis.executor
     assert to.position_m is not None
     sets = executor.stage.sets
@@ -221,6 +225,7 @@ def _history_log_prior(cursor: PlanCursor, values: Sequence[float], in_force: di
     for i, value in in_force.items():
         if i < plan.path_count and plan.has_sets and not plan.hull(i).fixed:
             box = plan.hull(i)
+            # −½ (Δ/σ)², in shares of the set
             total -= ((values[i] - box.clip(value)) / (box.hi - box.lo) / HISTORY_STD) ** 2 / 2
     return total
 

@@ -44,7 +44,9 @@ class AppliedParameters:
         self._before: dict[int, float] = {}
         """Reported when another value was decided."""
         self._refused_s: dict[int, float] = {}
+        """Since when one that should have changed is reported as it was [s]."""
         self._ahead_s: dict[int, float] = {}
+        """Since when one is reported as decided before it is in force by the plan's rules [s]."""
         self._expected = parameters
         self._left: dict[int, tuple[float, float]] = {}
         """Values in force before the last change, and the time of that [s]."""
@@ -83,8 +85,11 @@ class AppliedParameters:
                 del self._refused_s[i]
         return held != self.held
 
-    def apart(self, time_s: float, reported: Mapping[int, float], expected: Vector) -> list[int]:
-        """Parameters reported as in the stage before, or as in the next one, where that has started in `APART_S`."""
+    def update_apart(self, time_s: float, reported: Mapping[int, float], expected: Vector) -> list[int]:
+        """Take parameters reported; return those as in the stage before or in the next one, for less than `APART_S`.
+
+        `expected` are those in force by the plan's rules: the aircraft starts its stage a little later, or sooner.
+        """
         for i, value in enumerate(expected):
             if value != self._expected[i]:
                 self._left[i] = self._expected[i], time_s

@@ -35,6 +35,7 @@ def is_certain(executor: PlanExecutor, position: Point, course_rad: float | None
     ahead_m = 0.0 if course_rad is None else AHEAD_M
     course_rad = course_rad or 0.0
     straight_on = position[0] + ahead_m * math.cos(course_rad), position[1] + ahead_m * math.sin(course_rad)
+    # on each axis: the end is passed along the plan's shift d, or met where that is 0
     for x, later_x, final, d in zip(position, straight_on, end.final_m, end.shift_m, strict=True):
         if abs(d) < 1e-9:
             beyond_m = executor.cursor.table.plan.final_radius_m - abs(x - final)
@@ -66,7 +67,8 @@ class Continuation:
         if executor.complete:
             return False
         if to.position_m is not None:
-            odds = (ELSEWHERE - min(path_mismatch(executor, to), 2 * MAX_STDS**2)) / 2
-            if odds < 0 or executor.stages_started > self._stages_started:
-                self._log_odds += odds * min(1.0, step_s / INDEPENDENT_S)
+            # log odds of the plan against anywhere, by this position
+            log_odds = (ELSEWHERE - min(path_mismatch(executor, to), 2 * MAX_STDS**2)) / 2
+            if log_odds < 0 or executor.stages_started > self._stages_started:
+                self._log_odds += log_odds * min(1.0, step_s / INDEPENDENT_S)
         return None if abs(self._log_odds) < ALIKE else self._log_odds > 0

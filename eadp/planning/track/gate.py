@@ -50,18 +50,23 @@ class OutlierGate:
     def __init__(self, cruise_mps: float) -> None:
         self._cruise_mps, self._max_mps = cruise_mps, SPEED_FACTOR * cruise_mps
         self._last: Sample | None = None
+        # the last step, and what is added to the samples' clock [s]
         self._step_s = self._clock_s = 0.0
+        # the last position that was accepted, with its time, and the velocity to it
         self._position: tuple[float, Point] | None = None
         self._velocity: Point | None = None
+        # time [s] and charge of the first sample that has one
         self._first: tuple[float, float] | None = None
+        # the last sample on another time, and how many in a row agree with it
         self._odd: Sample | None = None
         self._odd_count = 0
+        # the last position, with its time, that is too far off, and how many in a row agree with it
         self._far: tuple[float, Point] | None = None
         self._far_count = 0
         self._frozen = False
 
     def accept(self, sample: Sample) -> tuple[Sample | None, Notice | None]:
-        """A sample on the time without jumps, its position None where it cannot be; and a notice about it.
+        """Take a sample; return it on the time without jumps, its position None where it cannot be, and a notice.
 
         The sample is None where its time is not to be used.
         """
@@ -72,7 +77,7 @@ class OutlierGate:
             gap = step_s > GAP_S and step_s > GAP_STEPS * self._step_s
             jump = self._jump(last, sample) if step_s <= 0 or gap else None
             if jump is not None:
-                if not self._confirmed(sample, step_s):
+                if not self._confirm(sample, step_s):
                     return None, jump
                 sample, notice = self._reset_clock(last, sample, step_s)
             elif gap:
@@ -81,7 +86,7 @@ class OutlierGate:
         self._last, self._odd, self._odd_count = sample, None, 0
         if self._first is None and sample.soc is not None:
             self._first = sample.time_s, sample.soc
-        wrong = self._position_fault(sample)
+        wrong = self._take_position(sample)
         if wrong is not None or self._frozen:
             return sample._replace(x_m=None, y_m=None), wrong or notice
         return sample, notice
@@ -118,20 +123,23 @@ class OutlierGate:
         distance_m = math.dist(position, (x + step_s * vx, y + step_s * vy))
         return distance_m <= ON_SHARE * self._cruise_mps * step_s + ON_M
 
-    def _confirmed(self, sample: Sample, step_s: float) -> bool:
-        """Whether enough consecutive samples agree with one another on another time."""
+    def _confirm(self, sample: Sample, step_s: float) -> bool:
+        """Count a sample on another time; return whether enough consecutive ones agree with one another."""
         before, self._odd = self._odd, sample
         agrees = before is not None and 0 < sample.time_s - before.time_s <= max(GAP_S, GAP_STEPS * self._step_s)
         self._odd_count = self._odd_count + 1 if agrees else 1
         if step_s > 0:
             return self._odd_count >= MIN_AGREEING
-        if -step_s <= GAP_S:
+        if -step_s <= GAP_S:  # a sample that was delayed
             return False
         goes_on = self._goes_on(sample, self._odd_count * self._step_s)
         return self._odd_count >= (MIN_AGREEING if goes_on else MIN_BACK)
 
     def _reset_clock(self, last: Sample, sample: Sample, step_s: float) -> tuple[Sample, Notice]:
-        """The sample on the time that goes on: by the usual steps, or by the time that the distance takes."""
+        """Set the clock to the time that goes on, by the usual steps or the time that the distance takes.
+
+        Returns the sample on it, and a notice.
+        """
         usual_s = self._odd_count * max(self._step_s, 1e-3)
         way_s = 0.0
         if self._position is not None and sample.position_m is not None and not self._goes_on(sample, usual_s):
@@ -144,8 +152,8 @@ class OutlierGate:
 
     # --- the position
 
-    def _position_fault(self, sample: Sample) -> Notice | None:
-        """A notice if the position cannot be, or is frozen from now on; else it is the reference of the next."""
+    def _take_position(self, sample: Sample) -> Notice | None:
+        """Take a position as the reference of the next; return a notice if it cannot be, or is frozen from now on."""
         position, time_s = sample.position_m, sample.time_s
         if position is None:
             return None
@@ -160,7 +168,7 @@ class OutlierGate:
             return Notice("x_m", f"the position has not changed for {time_s - since_s:.6g} s", "a position that moves")
         self._frozen = False
         outlier = self._outlier(self._position, (time_s, position))
-        if outlier is not None and not self._confirmed_position((time_s, position)):
+        if outlier is not None and not self._confirm_position((time_s, position)):
             return outlier
         if time_s > since_s:
             self._velocity = (position[0] - x) / (time_s - since_s), (position[1] - y) / (time_s - since_s)
@@ -168,17 +176,19 @@ class OutlierGate:
         return None
 
     def _moving(self, sample: Sample) -> bool:
+        """Whether the aircraft moves, by the velocity measured or else that of the positions."""
         velocity = sample.velocity_mps or self._velocity
         return velocity is not None and math.hypot(*velocity) > MOVING_SHARE * self._cruise_mps
 
-    def _confirmed_position(self, now: tuple[float, Point]) -> bool:
-        """Whether enough consecutive positions agree with one another."""
+    def _confirm_position(self, now: tuple[float, Point]) -> bool:
+        """Count a position, with its time, that is too far off; return whether enough consecutive ones agree."""
         before, self._far = self._far, now
         agrees = before is not None and self._outlier(before, now) is None
         self._far_count = self._far_count + 1 if agrees else 1
         return self._far_count >= MIN_AGREEING
 
     def _outlier(self, before: tuple[float, Point], now: tuple[float, Point]) -> Notice | None:
+        """A notice if a position, with its time, cannot be reached from the one before."""
         step_s, distance_m = now[0] - before[0], math.dist(before[1], now[1])
         if distance_m <= self._max_mps * step_s + SLACK_M:
             return None

@@ -39,23 +39,24 @@ class InitialClimb:
         self._cruise_mps, self._start_s = cruise_mps, first.time_s
         airspeed_mps = cruise_mps if first.airspeed_mps is None else first.airspeed_mps
         self.from_ground = airspeed_mps < ON_GROUND * cruise_mps
+        # an altitude, and since when it is held [s]; since when the flight is near its plan [s]
         self._level_m, self._level_s = first.altitude_m or 0.0, first.time_s
         self._near_s: float | None = None
-        self.on_plan = not self.from_ground and self._is_near(first, altitude_m)
+        self.on_plan = not self.from_ground and self._update_near(first, altitude_m)
 
     def update(self, sample: Sample, altitude_m: float) -> None:
         """Take a sample, beside the plan's altitude at it [m]."""
         if self.on_plan:
             return
-        if not self._is_near(sample, altitude_m):
+        if not self._update_near(sample, altitude_m):
             self._near_s = None
         elif self._near_s is None:
             self._near_s = sample.time_s
         stays = self._near_s is not None and sample.time_s - self._near_s >= STAYS_S
         self.on_plan = stays or sample.time_s - self._start_s > MAX_S
 
-    def _is_near(self, sample: Sample, altitude_m: float) -> bool:
-        """Whether the airspeed is that of cruise, and the altitude the plan's, or another one that is held."""
+    def _update_near(self, sample: Sample, altitude_m: float) -> bool:
+        """Take an altitude; return whether it is the plan's, or another one that is held, and the airspeed cruise's."""
         near = sample.airspeed_mps is None or abs(sample.airspeed_mps / self._cruise_mps - 1) <= NEAR_SHARE
         if sample.altitude_m is None:  # climbed since by the slowest climb
             return near and (not self.from_ground or (sample.time_s - self._start_s) * SLOWEST_MPS >= altitude_m)

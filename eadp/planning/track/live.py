@@ -119,9 +119,10 @@ class LiveFlight:
         self._held: HeldForecast
         self._failure = ""
         self._origin_s = 0.0
+        # time [s] and state of charge of the last sample
         self._last: tuple[float, float] = (0.0, 1.0)
         self._next_s = -math.inf
-        self._empty = False
+        self._empty = False  # whether there has been advice that the battery is empty
         self.forecast_completes = False
 
     @property
@@ -158,12 +159,12 @@ class LiveFlight:
         if tracker.complete and not tracker.end_uncertain:
             return None, ()
         if not tracker.complete and sample.soc is not None and sample.soc <= 0:
-            return self._empty_advice(sample), ()
+            return self._advise_empty(sample), ()
         self._empty = False
-        advice = self._advice_at(sample, to)
+        advice = self._track_and_advise(sample, to)
         return advice, () if advice is None and tracker.complete else tuple(self._messages.notices)
 
-    def _advice_at(self, sample: Sample, to: Sample) -> Advice | None:
+    def _track_and_advise(self, sample: Sample, to: Sample) -> Advice | None:
         """Track the plan, update the planner, and return advice if any is due.
 
         `to` is the sample at the time of the flight, with its ground velocity.
@@ -176,7 +177,7 @@ class LiveFlight:
         acquiring = tracker.acquisition is not None and self._acquire(tracker.acquisition, to, reported)
         flight = self._flight
         if flight is None:
-            return self._unknown(sample, time_s)
+            return self._advise_unknown(sample, time_s)
         self._climbs.update(sample, _altitude_m(self._mission, tracker.executor.stage))
         if acquiring:
             position = tracker.located[1]
@@ -193,7 +194,8 @@ class LiveFlight:
         observation = tracker.observation(to, position, soc)._replace(on_plan=self._climbs.on_plan)
         self._update_planner(flight, observation)
         now = flight.decision
-        replanned = now.record is not before.record or now[:2] != before[:2]
+        changed = (now.parameters, now.reason) != (before.parameters, before.reason)
+        replanned = now.record is not before.record or changed
         if not (replanned or time_s >= self._next_s - 1e-9):
             return None
         advice = self._advise(flight, sample, observation)
@@ -227,15 +229,17 @@ class LiveFlight:
             self._take_off(start)
 
     def _take_off(self, start_m: Point) -> None:
+        """Plan from the start of the plan, at a position [m], with the parameters of take-off."""
         self._plan_with(self._mission.parameters, start_m)
         self._messages.reasons.append(TAKE_OFF)
 
     def _plan_with(self, parameters: Vector, start_m: Point) -> None:
+        """Make the flight with its planner, which begins with parameters and at a position [m]."""
         mission = replace(self._mission, parameters=parameters, start_m=start_m, live=True)
         self._flight, self._held = self._make(mission), self._make_forecast(mission)
 
     def _acquire(self, acquisition: Acquisition, to: Sample, parameters: Mapping[str, float]) -> bool:
-        """Find stage and lap where telemetry begins in the middle of the flight; return whether it does.
+        """Find stage and lap where telemetry begins in the middle of the flight; return whether it does begin there.
 
         Planning starts with the stage. Path parameters are held until the lap is found.
         """
@@ -260,6 +264,7 @@ class LiveFlight:
         """Advance to a sample; the planner observes each stage that starts before it, at that time."""
         t0, soc0 = self._last
 
+        # `part`: of the way from the last sample to this one
         def started(time_s: float, position: Point, part: float) -> None:
             at = Sample(max(time_s, t0), *position, None, None)  # a charge between two readings of a gauge is none
             observation = self._tracker.observation(at, position, soc0 + part * (soc - soc0))
@@ -297,6 +302,10 @@ class LiveFlight:
     # --- advice
 
     def _advise(self, flight: PlannedFlight, sample: Sample, observation: Observation) -> Advice:
+        """Advice by the last decision: with its own forecast, or with one at the parameters in force.
+
+        Adds the decision's reason to those of this sample.
+        """
         decision, record, reasons = flight.decision, flight.decision.record, self._messages.reasons
         if record is not None and observation.time_s - record.time_s > max(RECENT_S, 3 * self._every_s):
             record = None
@@ -314,14 +323,14 @@ class LiveFlight:
             return self._held.at(state.known(state.now.time_s, state.now.position_m), parameters)
         return None
 
-    def _unknown(self, sample: Sample, time_s: float) -> Advice | None:
-        """Stage and lap are not known yet: the parameters stay."""
+    def _advise_unknown(self, sample: Sample, time_s: float) -> Advice | None:
+        """Advice, when it is due, that the parameters stay: stage and lap are not known yet."""
         if time_s < self._next_s - 1e-9:
             return None
         self._next_s = next_multiple(time_s, self._every_s)
         return self._advice(sample, SEARCHED, sample.wind_mps, Ending())
 
-    def _empty_advice(self, sample: Sample) -> Advice | None:
+    def _advise_empty(self, sample: Sample) -> Advice | None:
         """Advice that the battery is empty by its gauge, once; None after it, until charge is measured again."""
         self.forecast_completes = False
         if self._empty:
@@ -331,6 +340,7 @@ class LiveFlight:
         return self._advice(sample, EMPTY, sample.wind_mps, Ending(soc_end=0.0, completes_probability=0.0))
 
     def _advice(self, sample: Sample, reason: str, wind_mps: Point | None, ending: Ending) -> Advice:
+        """Advice at a sample, with the position in the plan and the parameters as they are."""
         tracker, names = self._tracker, self._mission.plan.names
         executor = tracker.executor
         return Advice(
@@ -369,10 +379,10 @@ class _GroundVelocity:
 
     def __init__(self, cruise_mps: float) -> None:
         self._max_mps = SPEED_FACTOR * cruise_mps
-        self._positions: deque[tuple[float, float, float]] = deque()
+        self._positions: deque[tuple[float, float, float]] = deque()  # t [s], x and y [m]
 
     def update(self, sample: Sample) -> Point | None:
-        """The velocity at a sample [m/s]; None if unknown.
+        """Take a sample's position; return the velocity at it [m/s], None if unknown.
 
         Source: the least-squares parabola through the positions, its slope at the last one, so that turns do not lag.
         """
@@ -391,6 +401,7 @@ class _GroundVelocity:
         times, offsets = data[:, 0] - sample.time_s, data[:, 1:] - data[-1, 1:]
         if len(positions) < 2 or -times[0] < MIN_SPAN_S:
             return None
+        # p = p₀ + v t + c t², t from the last one; a line through two
         columns = [np.ones_like(times), times, times**2][: len(positions)]
         slopes = np.linalg.lstsq(np.stack(columns, axis=1), offsets, rcond=None)[0][1]
         vx, vy = float(slopes[0]), float(slopes[1])

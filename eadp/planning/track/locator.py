@@ -187,6 +187,7 @@ class Locator:
                         hypothesis.since_s = to.time_s
             except EadpError:
                 hypothesis.log_likelihood = -math.inf
+        # the likeliest one by its triggers along the line, or by the stages to skip at its end
         likeliest, executor = self.hypotheses[0], self.executor
         for k, (x, y) in enumerate(line, 1):
             if skips is not None:
@@ -203,6 +204,7 @@ class Locator:
             executor.skip(to.position_m)
             self._start(likeliest, time_s + k / (skips or 1) * (to.time_s - time_s))
             self.through_gap |= skips != 1
+            # the last stage starts at `to`, which the caller observes itself
             if k < (skips or 0) and not executor.complete:
                 started(likeliest.since_s, to.position_m, 1.0)
         if len(self.hypotheses) > 1:
@@ -228,6 +230,7 @@ class Locator:
         return following is not None
 
     def _start(self, hypothesis: Hypothesis, time_s: float) -> None:
+        """Note that the stage of a hypothesis starts at a time [s]; uncertain where there are others."""
         hypothesis.since_s, self.through_gap = time_s, len(self.hypotheses) > 1
 
     def _weigh(self, to: Sample, step_s: float) -> None:
@@ -237,8 +240,9 @@ class Locator:
         reported = [one for one in self.hypotheses if allows(to, one.executor)]
         self._keep(reported or self.hypotheses)
         if self.executor.complete and len(self.hypotheses) > 1:
-            best = self.hypotheses[0].log_likelihood
-            if 1 / sum(math.exp(one.log_likelihood - best) for one in self.hypotheses) < ENDS_ABOVE:
+            # p₀ = 1 / Σ exp(l − l₀): an end that is less likely than `ENDS_ABOVE` is not the flight's
+            highest = self.hypotheses[0].log_likelihood
+            if 1 / sum(math.exp(one.log_likelihood - highest) for one in self.hypotheses) < ENDS_ABOVE:
                 self._keep(self.hypotheses[1:])
         flying = [one for one in self.hypotheses[1:] if not one.executor.complete]
         self.hypotheses[1:] = [] if self.executor.complete else flying
@@ -267,6 +271,7 @@ class Locator:
         """
         if not self._before:
             self._before = self.hypotheses
+        # by position, reports and time; else by reports and time; else by time alone
         unknown = seen._replace(x_m=None, y_m=None, velocity_mps=None)
         stated = seen.stage is not None or seen.stages_started is not None
         located = list(self._candidates(seen, wind_mps)) if seen.position_m is not None else []
@@ -282,7 +287,7 @@ class Locator:
         lowest = best.log_likelihood - ALIKE
         ranked = [one for one in found if one.log_likelihood >= lowest] if located else [best]
         self._keep([one.placed(seen.position_m) for one in ranked])
-        position = seen.position_m or best.position_m
+        position = seen.position_m or best.match.position_m
         if located or (stated and seen.position_m is not None):
             self._before = []
             self._time_s, self._position = seen.time_s, position
@@ -301,7 +306,7 @@ class Locator:
                     continue
                 match = leg.match(seen, elapsed_s, std_s)
                 if match is not None:
-                    yield _Candidate(before, leg, seen.time_s, *match)
+                    yield _Candidate(before, leg, seen.time_s, match)
 
     def _legs_ahead(self, hypothesis: Hypothesis, wind_mps: Point) -> Iterator[_LegAhead]:
         """The legs left to fly from a hypothesis at the last position, and when they are flown."""
@@ -328,6 +333,14 @@ class Locator:
             return
 
 
+class Match(NamedTuple):
+    """Where on a leg a sample fits best: the share of the leg, the point [m], and the log likelihood."""
+
+    share: float
+    position_m: Point
+    log_likelihood: float
+
+
 class _LegAhead(NamedTuple):
     """A leg, its number from that of the last position on, and its start after that and duration [s]."""
 
@@ -337,8 +350,8 @@ class _LegAhead(NamedTuple):
     start_s: float
     duration_s: float
 
-    def match(self, seen: Sample, elapsed_s: float, std_s: float) -> tuple[float, Point, float] | None:
-        """Share of the leg, point and log likelihood of the best match; None where none fits."""
+    def match(self, seen: Sample, elapsed_s: float, std_s: float) -> Match | None:
+        """The best match at a time after the last position, of a standard deviation [s]; None where none fits."""
         leg = self.leg
         if self.start_s + self.duration_s < elapsed_s - max_time_stds(seen) * std_s:
             return None
@@ -351,20 +364,18 @@ class _Candidate(NamedTuple):
     before: Hypothesis
     ahead: _LegAhead
     time_s: float
-    share: float
-    position_m: Point
-    log_match: float
+    match: Match
 
     @property
     def log_likelihood(self) -> float:
         """That of the hypothesis before the gap included."""
-        return self.before.log_likelihood + self.log_match
+        return self.before.log_likelihood + self.match.log_likelihood
 
     def placed(self, position: Point | None) -> Hypothesis:
         """The flight there, at a position if it is known [m]."""
-        ahead = self.ahead
-        placed = self.before.on_leg(ahead.cursor, ahead.leg, ahead.number, position or self.position_m, self.share)
-        return Hypothesis(placed, self.time_s - self.share * ahead.duration_s, self.log_likelihood)
+        ahead, share = self.ahead, self.match.share
+        placed = self.before.on_leg(ahead.cursor, ahead.leg, ahead.number, position or self.match.position_m, share)
+        return Hypothesis(placed, self.time_s - share * ahead.duration_s, self.log_likelihood)
 
 
 def path_mismatch(executor: PlanExecutor, to: Sample, distance_std_m: float = DISTANCE_STD_M) -> float:
@@ -380,6 +391,7 @@ def path_mismatch(executor: PlanExecutor, to: Sample, distance_std_m: float = DI
         dx, dy = tangent(executor.path, local, executor.stage.sense)
     except (EadpError, ArithmeticError, ValueError):
         return 0.0
+    # (d/σ_d)² + (Δχ/σ_χ)², with d = φ/|∇φ|
     mismatch = (phi / math.hypot(gx, gy) / distance_std_m) ** 2
     if to.course_rad is not None:
         turned = math.remainder(math.atan2(dy, dx) - to.course_rad, 2 * math.pi)
@@ -396,8 +408,8 @@ class LegTimes(NamedTuple):
     std_s: float
 
 
-def best_match(leg: Leg, seen: Sample, times: LegTimes | None = None) -> tuple[float, Point, float] | None:
-    """Share of a leg, point and log likelihood of the best match; None where none fits.
+def best_match(leg: Leg, seen: Sample, times: LegTimes | None = None) -> Match | None:
+    """The point of a leg that a sample fits best; None where none fits.
 
     `times` is None where any time will do.
     """
@@ -418,7 +430,7 @@ def best_match(leg: Leg, seen: Sample, times: LegTimes | None = None) -> tuple[f
     best = int(np.argmin(total))
     if not math.isfinite(total[best]):
         return None
-    return float(shares[best]), (points[best].x_m, points[best].y_m), -float(total[best]) / 2
+    return Match(float(shares[best]), (points[best].x_m, points[best].y_m), -float(total[best]) / 2)
 
 
 def line_between(start: Point, end: Point) -> list[Point]:

@@ -81,7 +81,7 @@ class PlanTracker:
         self._last_step_s = 0.0
         self.acquisition: Acquisition | None = None
         self._continuation: Continuation | None = None
-        self._past_stage: int | None = None
+        self._past_stage: int | None = None  # the stage behind that was reported last: one notice for each
         self.lost = self.complete = self.flies_mission = False
 
     @property
@@ -148,7 +148,7 @@ class PlanTracker:
                     return found or last
             elif position is None:
                 return last
-            self.locator.follow(to, self._skips(to), started)
+            self.locator.follow(to, self._take_report(to), started)
         except EadpError as error:
             self._lose(error)
         assert position is not None
@@ -165,8 +165,11 @@ class PlanTracker:
             started(since_s, self.executor.joined_m, 1.0)
         return found
 
-    def _skips(self, to: Sample) -> int | None:
-        """Number of stages to advance to the reported one; None where positions decide."""
+    def _take_report(self, to: Sample) -> int | None:
+        """Take the stage reported, with a notice where it cannot be; return how many stages to advance to it.
+
+        None where positions decide.
+        """
         executor, reported = self.executor, to.stage
         if to.stages_started is not None:
             ahead = to.stages_started - executor.stages_started
@@ -180,6 +183,7 @@ class PlanTracker:
         if reported > count:
             self._messages.once("stage", f"there is no stage {reported}; ignored", f"one of 1 to {count}")
             return None
+        # stages to the next one of that index: through the next lap where it is behind
         skips = executor.stages_to(reported)
         if reported == now:
             self._past_stage = None
@@ -252,10 +256,10 @@ class PlanTracker:
         if not parameters or self.lost:
             return
         expected = self.executor.parameters
-        reported = self._reported(parameters)
+        reported = self._clipped(parameters)
         values = [reported.get(i, value) for i, value in enumerate(expected)]
         if not self.executor.cursor.table.live:
-            for i in self.applied.apart(time_s, reported, expected):
+            for i in self.applied.update_apart(time_s, reported, expected):
                 values[i] = expected[i]
         try:
             self.locator.take_in_force(values, position)
@@ -264,8 +268,8 @@ class PlanTracker:
         except EadpError as error:
             self._lose(error)
 
-    def _reported(self, parameters: Mapping[str, float]) -> dict[int, float]:
-        """Parameters reported, by index, within their sets."""
+    def _clipped(self, parameters: Mapping[str, float]) -> dict[int, float]:
+        """Parameters reported, by index, within their sets; with a notice of each that is changed or unknown."""
         names, sets = self._mission.plan.names, self.executor.stage.sets
         reported: dict[int, float] = {}
         for name, value in parameters.items():

@@ -48,7 +48,7 @@ def flown(policy, evaluation, share, time_s, now, *, lost=False):
     again = policy.computations(time_s, now_w, found, solution, lost=lost)
     assert (chosen, lasts_s) == again, "asking changes nothing"
     if rows.index(chosen) < rows.index(now):
-        policy.fell(time_s)
+        policy.note_fall(time_s)
     return chosen
 
 
@@ -162,7 +162,7 @@ def test_the_gain_for_which_a_path_changes_grows_with_changes():
     policy, gains = Policy(MIN_GAIN), []
     for _ in range(30):
         gains.append(policy.path_gain)
-        policy.path_changed()
+        policy.count_path_change()
     assert gains[0] == MIN_GAIN
     assert (np.diff(gains) > 0).all()
     assert np.diff(gains) == pytest.approx(gains[1] - gains[0])

@@ -309,22 +309,22 @@ def test_a_parameter_is_held_until_another_value_is_reported(recorded):
 def test_parameters_of_a_stage_that_positions_do_not_show_yet_wait_for_it(recorded):
     applied = AppliedParameters((0.0, 10.0), recorded[0].mission.plan)
     applied.decide((-500.0, 10.0))
-    assert applied.apart(50.0, {0: 0.0, 1: 10.0}, (0.0, 10.0)) == []
+    assert applied.update_apart(50.0, {0: 0.0, 1: 10.0}, (0.0, 10.0)) == []
     # the aircraft has started the stage that takes c1
-    assert applied.apart(60.0, {0: -500.0, 1: 10.0}, (0.0, 10.0)) == [0]
-    assert applied.apart(61.0, {0: -500.0, 1: 10.0}, (-500.0, 10.0)) == []
+    assert applied.update_apart(60.0, {0: -500.0, 1: 10.0}, (0.0, 10.0)) == [0]
+    assert applied.update_apart(61.0, {0: -500.0, 1: 10.0}, (-500.0, 10.0)) == []
     # the other way round: it has not started it yet
     applied.decide((0.0, 10.0))
-    assert applied.apart(90.0, {0: -500.0, 1: 10.0}, (0.0, 10.0)) == [0]
-    assert applied.apart(91.0, {0: 0.0, 1: 10.0}, (0.0, 10.0)) == []
+    assert applied.update_apart(90.0, {0: -500.0, 1: 10.0}, (0.0, 10.0)) == [0]
+    assert applied.update_apart(91.0, {0: 0.0, 1: 10.0}, (0.0, 10.0)) == []
 
 
 def test_parameters_reported_for_longer_or_as_others_are_in_force(recorded):
     applied = AppliedParameters((0.0, 10.0), recorded[0].mission.plan)
     applied.decide((-500.0, 10.0))
-    assert applied.apart(50.0, {0: -300.0}, (0.0, 10.0)) == []
-    assert applied.apart(60.0, {0: -500.0}, (0.0, 10.0)) == [0]
-    assert applied.apart(60.0 + APART_S, {0: -500.0}, (0.0, 10.0)) == []
+    assert applied.update_apart(50.0, {0: -300.0}, (0.0, 10.0)) == []
+    assert applied.update_apart(60.0, {0: -500.0}, (0.0, 10.0)) == [0]
+    assert applied.update_apart(60.0 + APART_S, {0: -500.0}, (0.0, 10.0)) == []
 
 
 def test_an_aircraft_that_starts_a_stage_a_second_before_positions_show_it(recorded):
