@@ -192,7 +192,7 @@ class Divider(Generic[AnySortie]):
         Raises
         ------
         Infeasible
-            If even a short part of a line is too far, or a line cannot be flown whole where lines are not cut.
+            If even a short part of a line is too far, or whole lines cannot be divided so where lines are not cut.
         """
         found = self._fullest(min_count) if self.cuts else None  # of laps, a part has to be wide enough
         # up to a multiple of `step`
@@ -203,6 +203,8 @@ class Divider(Generic[AnySortie]):
                 return alike
             if found is not None and count + more == len(found.sorties):
                 return found
+        if not self.cuts:
+            raise Infeasible(f"{self.division.lines} whole lines have no division into {count} sorties or more")
         raise Infeasible(f"{MAX_SORTIES} sorties are too few")
 
     def _fullest(self, min_count: int) -> Divided[AnySortie]:
@@ -273,10 +275,13 @@ class Divider(Generic[AnySortie]):
         total_m = self.division.total_m
         places = np.linspace(0.0, total_m, count + 1)
         for _ in range(ALIKE_ROUNDS):
+            found = None
             whole = np.array([*map(self.division.between_lines, places)])
             for tried in (whole, places) if self.cuts else (whole,):
                 if len(set(tried.tolist())) == count + 1 and (found := self._at(tried)).least >= 0:
                     return found
+            if found is None:  # whole lines are too few, or too unlike
+                return None
             spares = np.array([sortie.spare for sortie in found.sorties])
             if spares.mean() < 0:
                 return None

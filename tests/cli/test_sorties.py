@@ -140,12 +140,12 @@ def test_a_job_is_done_where_it_covers_what_was_planned(folder, flown):
     plans = [library.read_plan(folder / row["plan"]) for row in document["sorties"]]
     lines = [line for plan in plans for line in planned_lines(plan, ())]
     job.planned = job.lines = lines
-    assert job.left() is None
+    assert job.left_to_cover() is None
     job.lines = lines[: len(lines) // 2]
-    left = job.left()
+    left = job.left_to_cover()
     assert left.area_m2 > 0.2 * planner.task.field.area_m2
     job.planned = job.lines
-    assert job.left() is None, "what was not planned is not left"
+    assert job.left_to_cover() is None, "what was not planned is not left"
 
 
 def test_a_rest_is_planned_whatever_the_rates_of_take_off(tmp_path):

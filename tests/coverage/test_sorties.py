@@ -101,6 +101,14 @@ def test_lines_are_cut_where_that_saves_a_sortie():
     assert (len(cut.sorties), len(whole.sorties)) == (2, 3)
 
 
+def test_more_sorties_than_whole_lines_are_refused():
+    division = Division(RECTANGLE, grid_of(RECTANGLE), 0.0)
+    divider = Divider(division, linear(division.total_m, 0.0), cuts=False)
+    assert len(divider.fewest(2).sorties) == 2
+    with pytest.raises(Infeasible, match=f"{division.lines} whole lines have no division into {division.lines + 1} "):
+        divider.fewest(division.lines + 1)
+
+
 def test_sorties_are_a_multiple_of_the_aircraft():
     divided = Divider(Division(RECTANGLE, grid_of(RECTANGLE), 0.0), linear(5000.0, 0.0), step=3).fewest(1)
     assert len(divided.sorties) == 3

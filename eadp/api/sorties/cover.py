@@ -11,6 +11,7 @@ from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import Files
 from eadp.api.sorties.plan import SortieOptions, SortiePlan, SortiePlanner
 from eadp.api.sorties.resume import resumed
+from eadp.core.geometry.bearings import compass_deg
 
 
 def cover_in_sorties(
@@ -49,7 +50,7 @@ def cover_in_sorties(
         overrides["vehicle"] = str(vehicle)
     if options.wind is not None:
         east, north = task.motion.wind_mps
-        from_deg = (90 - math.degrees(math.atan2(-north, -east))) % 360
+        from_deg = compass_deg(math.atan2(-north, -east))
         overrides |= {"wind.speed_mps": math.hypot(east, north), "wind.from_deg": round(from_deg, 6)}
     profile_path = None if profile is None else str(profile)
     scenario_path = None if scenario is None else str(scenario)

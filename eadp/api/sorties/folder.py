@@ -83,6 +83,7 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
 
 
 def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Rows as the text of a CSV file, with a header."""
     stream = io.StringIO()
     writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
     writer.writeheader()
@@ -111,14 +112,12 @@ def read_sorties(folder: str) -> tuple[SortiePlanner, dict[str, Any]]:
         keys, (profile, _) = setting.keys, profile_of_scenario(setting)
         options = CoverageOptions(**document["options"])
         motion = options.motion(keys.vehicle.airframe, keys.wind.steady_mps)
-        task = CoverageTask(
-            document["file"], _field(document), (), options, motion, keys.vehicle.name, keys.vehicle.airframe, profile
-        )
-        sorties = SortieOptions(
-            None, document["aircraft"], document["overlap_m"], document["separation_m"], document["swap_s"]
-        )
-        heading = document["heading_deg"], document["pattern"]
-        return SortiePlanner(task, sorties, files, scenario, setting.profile_path, {}, heading), document
+        name, airframe = keys.vehicle.name, keys.vehicle.airframe
+        task = CoverageTask(document["file"], _field(document), (), options, motion, name, airframe, profile)
+        division = {key: document[key] for key in ("aircraft", "overlap_m", "separation_m", "swap_s")}
+        lines = document["heading_deg"], document["pattern"]
+        profile_path = setting.profile_path
+        return SortiePlanner(task, SortieOptions(**division), files, scenario, profile_path, lines=lines), document
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError.at(str(path), 1, 1, f"is damaged: {error!r}", "a file of eadp cover --sorties") from None
 
@@ -134,9 +133,9 @@ def _field(document: Mapping[str, Any]) -> Field:
     origin = document["origin_deg"]
     return Field(
         outline,
-        tuple(holes),
-        document["field"]["name"],
-        None if origin is None else (origin[0], origin[1]),
-        Airspace(obstacles, tuple(map(ring, document["boundary"]))),
-        tuple(others),
+        holes=tuple(holes),
+        name=document["field"]["name"],
+        origin_deg=None if origin is None else (origin[0], origin[1]),
+        airspace=Airspace(obstacles, tuple(map(ring, document["boundary"]))),
+        others=tuple(others),
     )

@@ -35,8 +35,8 @@ MAX_ROUNDS = 5
 FLOWN = ("completed", "reason", "duration_s", "energy_wh", "distance_m", "soc_final", "reserve_kept", "quality")
 """Figures of each flight."""
 
-LEAST_SHARE = 0.01
-"""Share of the field below which a part is left: it needs a take-off and a landing of its own."""
+MIN_PART_SHARE = 0.01
+"""Share of the field below which a part is not flown again: it needs a take-off and a landing of its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +132,7 @@ def simulate_sorties(
         job.fly(row["sortie"], inputs)
         tours[row["aircraft"] - 1].append(row["sortie"])
     for _ in range(MAX_ROUNDS):
-        left = job.left()
+        left = job.left_to_cover()
         if left is None:
             break
         try:
@@ -144,15 +144,15 @@ def simulate_sorties(
         for k, sortie in enumerate(again.sorties):
             name = f"sortie-{len(job.flights) + 1:02d}"
             job.fly(name, job.load(sortie.plan.plan, scenario))
-            tours[k * len(tours) // len(again.sorties)].append(name)
+            tours[k * len(tours) // len(again.sorties)].append(name)  # as many to each aircraft, in order
         if job.coverage() <= before:
             break
-    return job.flown(tours)
+    return job.result(tours)
 
 
 @dataclass
 class _Job:
-    """Flights so far."""
+    """Flights so far: `lines` are those flown, `planned` those of the sorties; `warned` are messages given already."""
 
     planner: SortiePlanner
     document: Mapping[str, Any]
@@ -168,7 +168,7 @@ class _Job:
     reason: str = "ground is left"
 
     def load(self, plan: str | Plan, scenario: str) -> FlightInputs:
-        """The inputs of a flight, with a seed of its own."""
+        """The inputs of the next flight, with a seed of its own; a warning is given once."""
         overrides = {**self.overrides, "seed": self.seed + len(self.flights)}
         inputs = load_flight(plan, scenario=scenario, overrides=overrides, files=self.planner.files)
         new = [fault for fault in inputs.warnings if fault.message not in self.warned]
@@ -177,7 +177,7 @@ class _Job:
         return inputs
 
     def fly(self, name: str, inputs: FlightInputs) -> None:
-        """Fly, and count the ground covered."""
+        """Fly, and add the flight under its name, and the lines that it has flown."""
         self.on_flight(name)
         flight = fly_flight(
             inputs, inputs.preflight(), overrides=[*self.texts, f"seed={self.seed + len(self.flights)}"]
@@ -186,18 +186,18 @@ class _Job:
         columns = flown_of_plan(flight.lists, flight.summary["turned_back_s"])
         self.lines += flown_lines(inputs.world.plan, columns)
 
-    def left(self) -> Field | None:
-        """The parts left of what the sorties were to cover, of at least `LEAST_SHARE`; None without one."""
+    def left_to_cover(self) -> Field | None:
+        """The parts left of the field of which the sorties were to cover `MIN_PART_SHARE` or more; None without one."""
         task = self.planner.task
         left = left_of(task.field, self.lines, task.motion.swath_m)
         if left is None:
             return None
-        parts = [
-            part
-            for part in left.parts
-            if covered_shares([part], [self.planned], task.motion.swath_m)[-1] * ground_m2(*part)
-            >= LEAST_SHARE * task.field.area_m2
-        ]
+
+        def planned_m2(part: Sequence[Sequence[Point]]) -> float:
+            """Ground of a part that planned lines cover: what has no room for a turn was never planned [m²]."""
+            return covered_shares([part], [self.planned], task.motion.swath_m)[-1] * ground_m2(*part)
+
+        parts = [part for part in left.parts if planned_m2(part) >= MIN_PART_SHARE * task.field.area_m2]
         return replace(left, outline=parts[0][0], holes=parts[0][1:], others=tuple(parts[1:])) if parts else None
 
     def coverage(self) -> float:
@@ -205,14 +205,14 @@ class _Job:
         task = self.planner.task
         return covered_shares(task.field.parts, [self.lines], task.motion.swath_m)[-1]
 
-    def flown(self, tours: Sequence[Sequence[str]]) -> JobFlight:
-        """The job as it was flown by the tours of the aircraft."""
+    def result(self, tours: Sequence[Sequence[str]]) -> JobFlight:
+        """The job as it was flown by the tours of the aircraft; warns of aircraft that came too near."""
         starts, tracks = self._starts_s(tours)
         flights = {name: self.flights[name].summary for name in sorted(self.flights, key=starts.__getitem__)}
         near = nearest(tracks)
         if near is not None and near.distance_m < self.document["separation_m"]:
             self._warn_near(near)
-        done = self.left() is None
+        done = self.left_to_cover() is None
         rows = [
             {
                 "sortie": name,
@@ -245,7 +245,7 @@ class _Job:
         return JobFlight(summary, {name: self.flights[name] for name in flights})
 
     def _starts_s(self, tours: Sequence[Sequence[str]]) -> tuple[dict[str, float], list[TimedTrack]]:
-        """Take-off of each flight [s], and the track of each aircraft."""
+        """Take-off of each flight [s], late by what is drawn, and the track of each aircraft."""
         starts, tracks, late = {}, [], np.random.default_rng(self.seed)
         for k, tour in enumerate(tours):
             at_s = k * self.document["stagger_s"]
@@ -263,6 +263,7 @@ class _Job:
         return starts, tracks
 
     def _warn_near(self, near: Nearest) -> None:
+        """Warn of two aircraft that come nearer than the separation."""
         one, other = (i + 1 for i in near.pair)
         message = f"aircraft {one} and {other} come within {near.distance_m:.0f} m at {near.time_s:.0f} s, at "
         message += f"({near.place_m[0]:.0f}, {near.place_m[1]:.0f}) m"

@@ -51,8 +51,8 @@ between two sorties [s]."""
 PART_M = 200.0
 """Length of the parts of lines for which the way there is counted [m]."""
 
-
-_Z = NormalDist().inv_cdf(Objective.probability)
+_DEVIATIONS = NormalDist().inv_cdf(Objective.probability)
+"""Standard deviations of the charge at the end that the probability of the reserve takes."""
 
 
 @dataclass(frozen=True)
@@ -208,20 +208,23 @@ class SortiePlanner:
         return self._planned(ground, replace(self._request, pattern=DUBINS))
 
     def _planned(self, ground: Field, request: CoverageRequest) -> SortiePlan:
+        """Sorties over a ground by a request's pattern: side by side, or along a tour of its lines if that is less."""
         motion, laps = self.task.motion, request.pattern == ZAMBONI
         spacing_m = motion.swath_m if laps else request.order_spacing_m or motion.swath_m
         assert request.heading_rad is not None
         grid = LineGrid.over(self.task.field, request.heading_rad, motion.swath_m, spacing_m)
 
         def forecast(part: Field) -> PlannedSortie:
-            ground = _without_bays(part) if laps else part  # laps cover bays and holes as if they were field
-            return self.sortie(cover(replace(request, field=ground, grid=None if laps else grid)), part)
+            covered = _without_bays(part) if laps else part  # laps cover bays and holes as if they were field
+            return self.sortie(cover(replace(request, field=covered, grid=None if laps else grid)), part)
 
         def divided(order: Sequence[int] | None) -> Divided[PlannedSortie]:
+            """The fewest sorties over the lines in an order, by default side by side."""
             division = Division(ground, grid, self.options.overlap_m, order)
             divider = Divider(division, forecast, cuts=not laps, step=self.options.aircraft)
             return divider.fewest(max(least.count, self.options.count or 1))
 
+        # the bound needs the power that any one sortie takes
         side_by_side = Division(ground, grid, self.options.overlap_m)
         sample = forecast(side_by_side.part(0.0, side_by_side.total_m if laps else side_by_side.end_of_first_m))
         least = self._least(sample.inputs, grid, ground)
@@ -247,9 +250,9 @@ class SortiePlanner:
         found = inputs.preflight()
         if found is None or found.forecast.soc_end is None or found.forecast.soc_end_std is None:
             raise Infeasible("a sortie has no forecast: the battery's charge is prescribed, or the wind is too strong")
-        spare = found.forecast.soc_end - _Z * found.forecast.soc_end_std - inputs.scenario.keys.reserve_soc
+        spare = found.forecast.soc_end - _DEVIATIONS * found.forecast.soc_end_std - inputs.scenario.keys.reserve_soc
         if not found.feasible:
-            spare = min(spare, -1e-6)
+            spare = min(spare, -1e-6)  # cannot be flown
         return PlannedSortie(solution, planned, inputs, found, spare)
 
     def _least(self, sample: FlightInputs, grid: LineGrid, ground: Field) -> LeastSorties:
@@ -262,13 +265,14 @@ class SortiePlanner:
         """
         motion, home_m, world = self.task.motion, self._request.home_m, sample.world
         assert home_m is not None
-        parts = []
+        parts: list[tuple[Point, Point]] = []  # of the lines, in lengths of `PART_M` or less
         for u, spans in zip(grid.middles_m.tolist(), grid.extents(ground), strict=True):
             for low, high in spans:
                 places = np.linspace(low, high, max(2, math.ceil((high - low) / PART_M) + 1)).tolist()
                 parts += [(grid.frame.out(u, a), grid.frame.out(u, b)) for a, b in itertools.pairwise(places)]
 
         def seconds(start: Point, end: Point) -> float:
+            """Time of flight straight from one point to another [s]."""
             return motion.time_s([straight(start, end)]) if start != end else 0.0
 
         # in wind, a flight that returns has flown as far one way as the other
@@ -277,6 +281,7 @@ class SortiePlanner:
         computing_w, _ = world.computing.extreme(world.plan, "lo", world.actual)
         battery, reserve_soc = world.battery, sample.scenario.keys.reserve_soc
         power_w = world.vehicle.cruise_power_w + computing_w
+        # from the charge at the start to the reserve
         pack_s = battery.endurance_s(power_w, reserve_soc) - battery.endurance_s(power_w, battery.soc)
         if pack_s <= access_s.max():
             far = int(access_s.argmax())
@@ -284,8 +289,9 @@ class SortiePlanner:
             reach = f"a pack {far_km * pack_s / access_s[far]:.2f} km there and back, with nothing left for lines"
             raise Infeasible(f"the field reaches {far_km:.2f} km from home, and {reach}")
         directed = grid.whole_lines(ground)
-        between_s = line_costs(replace(self._request, field=ground), directed)[0]
+        between_s = line_costs(replace(self._request, field=ground), directed).between_s
         lines = len(directed) // 2
+        # the quickest turn to each line, in either direction, from any other; 0 for a single line
         own = np.kron(np.eye(lines, dtype=bool), np.ones((2, 2), dtype=bool))
         to_line_s = np.where(own, np.inf, between_s).min(axis=0).reshape(lines, 2).min(axis=1)
         turns_s = np.where(np.isfinite(to_line_s), to_line_s, 0.0)
@@ -332,6 +338,7 @@ class LeastSorties:
     def within(self, sorties: Sequence[PlannedSortie]) -> LeastSorties:
         """The bound where a pack is used no further than keeps the reserve with its probability, as in some sorties."""
         packs_s = [each.pack_wh * 3600 / self.power_w for each in sorties]
+        # above all ways there and back, which `min_time_s` asks for
         return replace(self, pack_s=max(min(self.pack_s, max(packs_s)), 1.001 * float(self.access_s.max())))
 
     @property
@@ -341,8 +348,9 @@ class LeastSorties:
 
     def energy_wh(self, count: int) -> float:
         """Energy of so many sorties together [Wh]."""
-        turns = np.sort(self.turns_s)[: max(len(self.turns_s) - count, 0)]
-        return self.power_w * (min_time_s(self.lines_s, self.access_s, self.pack_s) + float(turns.sum())) / 3600
+        # each sortie starts with a line without a turn to it: the longest turns, at best
+        turns_s = np.sort(self.turns_s)[: max(len(self.turns_s) - count, 0)]
+        return self.power_w * (min_time_s(self.lines_s, self.access_s, self.pack_s) + float(turns_s.sum())) / 3600
 
 
 @dataclass(frozen=True)

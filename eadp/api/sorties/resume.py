@@ -74,14 +74,12 @@ def resumed(planner: SortiePlanner, sources: Sequence[str], warn: Warn) -> tuple
     for source in sources:
         tracks += _read(source, planner, warn)
     for i, track in enumerate(tracks):
-        if (
-            not track.lines
-            or covered_shares(field.parts, [[(line[0], line[-1]) for line in track.lines]], swath_m)[-1] <= 0
-        ):
+        straights = [(line[0], line[-1]) for line in track.lines]
+        if covered_shares(field.parts, [straights], swath_m)[-1] <= 0:
             what = "covers no ground of the field"
             raise InputError.at(track.source, 1, 1, what, "a flight over this field, with its lines")
         for other in tracks[:i]:
-            if _same(track, other):
+            if _of_one_flight(track, other):
                 raise InputError.at(track.source, 1, 1, f"has the same minutes as {other.source}", "each flight once")
     left = left_of(field, [line for track in tracks for line in track.lines], swath_m)
     if left is None:
@@ -104,6 +102,7 @@ def left_of(field: Field, lines: Sequence[Line], swath_m: float) -> Field | None
 
 
 def _read(source: str, planner: SortiePlanner, warn: Warn) -> list[FlownSurvey]:
+    """The flights of a result folder, of a folder of such, or of telemetry."""
     path = Path(source)
     if not path.is_dir():
         return [_of_telemetry(source, planner, warn)]
@@ -114,6 +113,7 @@ def _read(source: str, planner: SortiePlanner, warn: Warn) -> list[FlownSurvey]:
 
 
 def _of_folder(folder: Path, planner: SortiePlanner) -> FlownSurvey:
+    """The flight of a result folder. Raises InputError where its plan has another origin than the field."""
     flight, field = read_folder(folder), planner.task.field
     plan = flight.world.plan
     origin, own = plan.site.origin_deg, field.origin_deg
@@ -121,14 +121,14 @@ def _of_folder(folder: Path, planner: SortiePlanner) -> FlownSurvey:
         raise InputError.at(str(folder), 1, 1, "is of another field", f"a flight over {field.name or 'this field'}")
     columns = flown_of_plan(flight.columns, flight.summary["turned_back_s"])
     points = np.array([columns["x_m"], columns["y_m"]]).T
-    heading_rad = _heading_rad(plan, flight.world.parameters)
+    heading_rad = _longest_line_rad(plan, flight.world.parameters)
     laps = plan.path_count > 0
     times_s = np.array(columns["time_s"])
     return FlownSurvey(str(folder), times_s, points, flown_lines(plan, columns), heading_rad, laps)
 
 
-def _heading_rad(plan: Plan, parameters: Sequence[float]) -> float | None:
-    """The heading of the longest line of a plan over its field."""
+def _longest_line_rad(plan: Plan, parameters: Sequence[float]) -> float | None:
+    """The heading of the longest line of a plan; None where it has none, or a path has no value."""
     try:
         legs = [leg for leg in nominal_legs(plan, parameters) if leg.stage.kind == LINE]
     except PathUndefined:
@@ -155,16 +155,17 @@ def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurve
     times_s, points = table[:, 0], table[:, 1:]
     steps = np.diff(points, axis=0)
     courses = np.arctan2(steps[:, 1], steps[:, 0])
+    # of each step: whether it goes along the lines, either way, and without a gap
     along = np.abs((courses - planner.heading_rad + math.pi / 2) % math.pi - math.pi / 2) < ALONG_RAD
     along &= (np.diff(times_s) > 0) & (np.diff(times_s) <= MAX_GAP_S)
-    # runs of steps along: each starts and ends where it changes
+    # runs of such steps: the indices of their first step and of the first after them
     ends = np.flatnonzero(np.diff(along, prepend=False, append=False)).reshape(-1, 2)
     lines = [tuple((x, y) for x, y in points[start : end + 1].tolist()) for start, end in ends.tolist()]
     return FlownSurvey(source, times_s, points, [line for line in lines if len(line) > 2])
 
 
-def _same(one: FlownSurvey, other: FlownSurvey) -> bool:
-    """Whether two logs have minutes of one flight in common."""
+def _of_one_flight(one: FlownSurvey, other: FlownSurvey) -> bool:
+    """Whether two logs have minutes of one flight in common: most of the time that both span they are together."""
     start, end = max(one.times_s[0], other.times_s[0]), min(one.times_s[-1], other.times_s[-1])
     if end - start < SAME_S:
         return False

@@ -47,6 +47,7 @@ def path_kind(expression: Expression) -> str:
         polynomial = _polynomial(expression.node)
     except ArithmeticError:
         return CURVE
+    # a x² + b xy + c y² + d x + e y + f: b ≠ 0 a curve; a = c = 0 a line; a = c a circle
     xx, xy, yy = (polynomial.get(key, Fraction(0)) for key in ((2, 0), (1, 1), (0, 2)))
     if not _vanishes(xy):
         return CURVE
@@ -76,7 +77,8 @@ def _polynomial(node: Node) -> _Polynomial:
     if isinstance(node, Number):
         return {(0, 0): Fraction(repr(node.value))}
     if isinstance(node, Symbol):
-        return {{"x": (1, 0), "y": (0, 1)}.get(node.name, (0, 0)): Fraction(1) if node.name in ("x", "y") else node}
+        powers = {"x": (1, 0), "y": (0, 1)}.get(node.name)
+        return {(0, 0): node} if powers is None else {powers: Fraction(1)}  # a parameter, or a coordinate
     if isinstance(node, Sum):
         total: _Polynomial = {}
         for minus, term in node.terms:
@@ -103,6 +105,7 @@ def _polynomial(node: Node) -> _Polynomial:
 
 
 def _times(a: _Polynomial, b: _Polynomial) -> _Polynomial:
+    """The product. Raises ArithmeticError if its degree is above 2."""
     result: _Polynomial = {}
     for (i, j), u in a.items():
         for (k, m), v in b.items():
@@ -117,6 +120,7 @@ def _times(a: _Polynomial, b: _Polynomial) -> _Polynomial:
 
 
 def _inverse(a: _Polynomial) -> _Polynomial:
+    """1/a of a constant, a number or a tree. Raises ArithmeticError of any other, or 0."""
     if set(a) != {(0, 0)}:
         raise ArithmeticError("a division by x or y")
     constant = a[0, 0]
@@ -195,6 +199,7 @@ class Circle:
 
     def sweep_rad(self, start: Point, end: Point) -> float:
         """Angle travelled from one point to another [rad], in (0, 2π]: the same point is a whole turn."""
+        # the remainder has the sign of its first argument
         sweep = math.fmod(self.turn * (self.angle_rad(end) - self.angle_rad(start)), 2 * math.pi)
         if sweep < 0:
             sweep += 2 * math.pi
@@ -231,7 +236,8 @@ def circle_of(path: PathFunction, near: Point, sense: int) -> Circle:
     PathUndefined
         If the square of its radius is not above 0.
     """
-    # φ = a(|p − centre|² − radius²): ∇φ = 2a(p − centre), H = 2a I
+    # φ = a(|p − centre|² − radius²): ∇φ = 2a(p − centre), H = 2a I, so p − centre = ∇φ/2a and
+    # radius² = |p − centre|² − 2φ/2a; a < 0 turns the gradient inward, and so the travel round
     value, gx, gy, hxx, _, _ = _jet(path, near)
     if hxx == 0:
         raise PathUndefined("is no circle at these parameters")
@@ -256,6 +262,7 @@ def project(path: PathFunction, point: Point, *, passes: int = 50) -> Point:
         square = gx * gx + gy * gy
         if square == 0:
             break
+        # p⁺ = p − φ ∇φ / |∇φ|²
         step = value / square
         x, y = x - step * gx, y - step * gy
         if abs(step) * math.sqrt(square) < 1e-10 * (1 + abs(x) + abs(y)):
@@ -286,7 +293,7 @@ def points_along(path: PathFunction, start: Point, sense: int, step_m: float) ->
     point = project(path, start)
     while True:
         yield point
-        t = tangent(path, point, sense)
+        t = tangent(path, point, sense)  # t: the direction of travel at the point, then at the middle of the step
         middle = (point[0] + step_m / 2 * t[0], point[1] + step_m / 2 * t[1])
         t = tangent(path, middle, sense)
         point = project(path, (point[0] + step_m * t[0], point[1] + step_m * t[1]))
@@ -298,21 +305,22 @@ def curve_length_m(path: PathFunction, start: Point, end: Point, sense: int, *, 
     The step is a hundredth of the distance between the two, between 0.1 and 5 m.
     """
     step_m = min(5.0, max(0.1, math.dist(start, end) / 100))
-    length = 0.0
-    ahead = False
+    length_m = 0.0
+    ahead = False  # whether the end was ahead at the point before: passed where it no longer is, and is near
     for point in points_along(path, start, sense, step_m):
         t = tangent(path, point, sense)
-        rest = (end[0] - point[0]) * t[0] + (end[1] - point[1]) * t[1]
-        if ahead and rest <= 0 and math.dist(point, end) < max(5 * step_m, 5.0):
-            return max(0.0, length + rest)
-        ahead = rest > 0
-        length += step_m
-        if length > limit_m:
+        ahead_m = (end[0] - point[0]) * t[0] + (end[1] - point[1]) * t[1]  # of the end, along the tangent
+        if ahead and ahead_m <= 0 and math.dist(point, end) < max(5 * step_m, 5.0):
+            return max(0.0, length_m + ahead_m)
+        ahead = ahead_m > 0
+        length_m += step_m
+        if length_m > limit_m:
             break
     return math.inf
 
 
 def _jet(path: PathFunction, point: Point) -> Sequence[float]:
+    """φ, φx, φy, φxx, φxy and φyy at a point. Raises PathUndefined where one is not finite."""
     try:
         jet = path(*point)
     except (ArithmeticError, ValueError):

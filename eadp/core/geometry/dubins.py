@@ -92,7 +92,7 @@ class DubinsPath:
             leave = _advanced(self.start, turns[0], self.radius_m, self.lengths_m[0])
         if kept[2]:
             arrive = _advanced(self.end, turns[2], self.radius_m, -self.lengths_m[2])
-        if not kept[1]:  # the arcs meet; without the last the first ends the path
+        if not kept[1]:  # the arcs meet where the first ends; without the last one that is the end
             leave = arrive = leave if kept[2] else self.end
         poses = (self.start, leave, arrive, self.end)
         return tuple(
@@ -167,7 +167,7 @@ def ways_to_point(start: Pose, point_m: Point, radius_m: float) -> list[tuple[Pi
     radius_m : float
         Turning radius [m]; a point within the turn to one side is reached by the turn to the other alone.
     """
-    ways = []
+    ways = []  # of each: length, pieces
     for turn in (1, -1):
         centre = centre_m(start, turn, radius_m)
         distance = math.dist(centre, point_m)
@@ -177,16 +177,15 @@ def ways_to_point(start: Pose, point_m: Point, radius_m: float) -> list[tuple[Pi
         bearing = math.atan2(point_m[1] - centre[1], point_m[0] - centre[0])
         arc = (turn * (bearing - start[2]) + math.asin(radius_m / distance)) % (2 * math.pi)
         arc = 0.0 if 2 * math.pi - arc < WHOLE_TURN_RAD else arc
-        ways.append((radius_m * arc, math.sqrt(distance**2 - radius_m**2), turn, centre))
-    found = []
-    for arc_m, straight_m, turn, centre in sorted(ways, key=lambda way: way[0] + way[1]):
+        arc_m, straight_m = radius_m * arc, math.sqrt(distance**2 - radius_m**2)
         middle = _advanced(start, turn, radius_m, arc_m)
         pieces = (
             Piece(turn, start, middle, arc_m, centre),
             Piece(0, middle, _advanced(middle, 0, math.inf, straight_m), straight_m, None),
         )
-        found.append(tuple(piece for piece in pieces if piece.length_m >= MIN_PIECE_M))
-    return found
+        kept = tuple(piece for piece in pieces if piece.length_m >= MIN_PIECE_M)
+        ways.append((arc_m + straight_m, kept))
+    return [pieces for _, pieces in sorted(ways, key=lambda way: way[0])]
 
 
 def lengths_m(starts: ArrayLike, ends: ArrayLike, radius_m: float) -> FloatArray:
@@ -244,6 +243,7 @@ def flight_time_s(path: DubinsPath | Sequence[Piece], airspeed_mps: float, wind_
     """
     pace = _Pace.in_wind(airspeed_mps, wind_mps)
     pieces = path.pieces if isinstance(path, DubinsPath) else path
+    # course at the start, length [m], and of arcs the radius [m], above 0 to the left
     straight = [(piece.start[2], piece.length_m) for piece in pieces if not piece.turn]
     arcs = [(piece.start[2], piece.length_m, piece.turn * piece.radius_m) for piece in pieces if piece.turn]
     total = 0.0
@@ -252,6 +252,7 @@ def flight_time_s(path: DubinsPath | Sequence[Piece], airspeed_mps: float, wind_
         total += float(lengths_m @ pace.straight(courses))
     if arcs:
         courses, lengths_m, left_m = np.array(arcs).T
+        # ∫ ds/g = R ∫ dχ/g = mean · length + R (rest at its end − rest at its start)
         rest = pace.rest(courses + lengths_m / left_m) - pace.rest(courses)
         total += pace.mean * float(lengths_m.sum()) + float(left_m @ rest)
     return total
@@ -322,12 +323,13 @@ class _Pace:
     @classmethod
     @functools.lru_cache(maxsize=16)
     def in_wind(cls, airspeed_mps: float, wind_mps: Point) -> _Pace:
+        """The pace at an airspeed in a wind. Raises Infeasible if the wind is as fast."""
         wind = math.hypot(*wind_mps)
         if not wind < airspeed_mps:
             raise Infeasible(f"wind of {wind:g} m/s, airspeed of {airspeed_mps:g} m/s: it cannot hold every course")
         # √(v² − w² sin²φ) has its branch points at a height of arcosh(v/w): harmonic k falls as exp(−2k arcosh(v/w))
         fall = 2 * math.acosh(airspeed_mps / wind) if wind > 1e-9 * airspeed_mps else math.inf
-        count = min(HARMONICS_LIMIT, 2 + math.ceil(36 / fall))
+        count = min(HARMONICS_LIMIT, 2 + math.ceil(36 / fall))  # down to e⁻³⁶, rounding
         samples = 4 * count
         phi = np.pi * np.arange(samples) / samples
         root = np.sqrt(airspeed_mps**2 - (wind * np.sin(phi)) ** 2)
@@ -350,11 +352,13 @@ class _Pace:
         if wx == wy == 0:
             return np.zeros_like(sine)
         wind = math.hypot(wx, wy)
+        # of φ, the course from the wind's direction
         cosine, sine = (wx * cosine + wy * sine) / wind, (wx * sine - wy * cosine) / wind
         twice = 2 * (cosine**2 - sine**2)
         one, two = np.zeros_like(sine), np.zeros_like(sine)
         for coefficient in reversed(self.sines):  # Clenshaw: b_k = s_k + 2 cos 2φ b_(k+1) − b_(k+2), Σ = b_1 sin 2φ
             one, two = coefficient + twice * one - two, one
+        # Σ s_k sin 2kφ, and −∫ w·χ̂ dχ / (v² − w²)
         return one * 2 * sine * cosine - sine * (wind / (self.airspeed_mps**2 - wind**2))
 
 
@@ -371,6 +375,13 @@ class _Arcs(NamedTuple):
 
 
 def _words(starts: ArrayLike, ends: ArrayLike, radius_m: float) -> Iterator[_Arcs]:
+    """The paths of every word from poses, shape (n, 3), to others, shape (m, 3).
+
+    Raises
+    ------
+    ValueError
+        If the radius is not above 0 and finite, or a pose is not finite.
+    """
     if not 0 < radius_m < math.inf:
         raise ValueError(f"a turning radius of {radius_m:g} m is not above 0 and finite")
     here, there = np.asarray(starts, dtype=float)[:, np.newaxis, :], np.asarray(ends, dtype=float)[np.newaxis, :, :]
@@ -386,6 +397,9 @@ def _words(starts: ArrayLike, ends: ArrayLike, radius_m: float) -> Iterator[_Arc
             yield _Arcs(names[2], *_lrl(*place, more_than_half))
 
 
+# In these three: x, y is the end's position from the start [radii], a and b are the headings at start and end, (cx, cy)
+# goes from the centre of the first turn to that of the last, and results are the lengths of the three pieces [radii].
+
 _Three = tuple[FloatArray, FloatArray, FloatArray]
 
 
@@ -394,9 +408,9 @@ def _lsl(x: FloatArray, y: FloatArray, a: FloatArray, b: FloatArray) -> _Three:
     cx, cy = x - np.sin(b) + np.sin(a), y + np.cos(b) - np.cos(a)
     middle = np.hypot(cx, cy)
     # on one circle, up to rounding, the straight has no direction: the whole turn comes after it
-    one = middle < TOUCHING
-    course = np.where(one, a, np.arctan2(cy, cx))
-    return _turned(course - a), np.where(one, 0.0, middle), _turned(b - course)
+    same = middle < TOUCHING
+    course = np.where(same, a, np.arctan2(cy, cx))
+    return _turned(course - a), np.where(same, 0.0, middle), _turned(b - course)
 
 
 def _lsr(x: FloatArray, y: FloatArray, a: FloatArray, b: FloatArray) -> _Three:
@@ -410,7 +424,7 @@ def _lsr(x: FloatArray, y: FloatArray, a: FloatArray, b: FloatArray) -> _Three:
 
 
 def _lrl(x: FloatArray, y: FloatArray, a: FloatArray, b: FloatArray, more_than_half: bool) -> _Three:
-    # between the centres of the left turns: 4 sin(p/2) in the direction of the middle of the right turn
+    # between the centres of the left turns: 4 sin(p/2) in the direction of the middle of the right turn, p its angle
     cx, cy = x - np.sin(b) + np.sin(a), y + np.cos(b) - np.cos(a)
     quarter = np.hypot(cx, cy) / 4
     half = np.arcsin(np.where(quarter < 1 + TOUCHING, np.minimum(quarter, 1.0), np.nan))

@@ -43,14 +43,15 @@ class Envelope:
         array, shape (n,)
             The maximum v [m]; −∞ for a strip outside the polygon.
         """
+        # of each strip, row, with each piece, column: the v at both ends of what they share
         u = np.atleast_1d(np.asarray(centres_m, dtype=float))[:, None]
         low = np.maximum(u - width_m / 2 + EDGE_M, self.left_m)
         high = np.minimum(u + width_m / 2 - EDGE_M, self.right_m)
         slope = (self.end_m - self.start_m) / (self.right_m - self.left_m)
         at_low = self.start_m + slope * (low - self.left_m)
         at_high = self.start_m + slope * (high - self.left_m)
-        best = np.where(low <= high, np.maximum(at_low, at_high), -np.inf)
-        return np.asarray(best.max(axis=1))
+        top = np.where(low <= high, np.maximum(at_low, at_high), -np.inf)
+        return np.asarray(top.max(axis=1))
 
 
 def upper_envelope(points_m: FloatArray) -> Envelope:
@@ -62,15 +63,17 @@ def upper_envelope(points_m: FloatArray) -> Envelope:
         The vertices (u, v) [m], in order, either way round.
     """
     start, end = points_m, np.roll(points_m, -1, axis=0)
-    ends = np.sort(points_m[:, 0])
-    ends = ends[np.concatenate(([True], np.diff(ends) > SAME_M))]
-    left, right = ends[:-1], ends[1:]
+    # between the abscissae of two neighbouring vertices, one edge is the uppermost throughout
+    vertices = np.sort(points_m[:, 0])
+    vertices = vertices[np.concatenate(([True], np.diff(vertices) > SAME_M))]
+    left, right = vertices[:-1], vertices[1:]
     middle = (left + right) / 2
     low, high = np.minimum(start[:, 0], end[:, 0]), np.maximum(start[:, 0], end[:, 0])
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         slope = (end[:, 1] - start[:, 1]) / (end[:, 0] - start[:, 0])
 
         def edge(u: FloatArray) -> FloatArray:
+            """v of every edge, column, at abscissae, rows [m]."""
             return np.asarray(start[:, 1] + slope * (u[:, None] - start[:, 0]))
 
         spans = (low < middle[:, None]) & (middle[:, None] < high)
@@ -132,13 +135,14 @@ def _filled(places: FloatArray, levels: FloatArray) -> FloatArray:
 def _thinned(places: list[float], levels: list[float], slack_m: float) -> PiecewiseLinear:
     """Remove knots under the chord of their neighbours, those of least cost first."""
     while len(places) > 2:
-        best, least = -1, slack_m
+        # the knot of least mean rise of the bound, and that rise; -1 for none
+        cheapest, rise_of_cheapest = -1, slack_m
         for i in range(1, len(places) - 1):
             share = (places[i] - places[i - 1]) / (places[i + 1] - places[i - 1])
             rise = levels[i - 1] + share * (levels[i + 1] - levels[i - 1]) - levels[i]
-            if -EDGE_M <= rise <= 2 * least:  # a triangle's mean height is half its height
-                best, least = i, rise / 2
-        if best < 0:
+            if -EDGE_M <= rise <= 2 * rise_of_cheapest:  # a triangle's mean height is half its height
+                cheapest, rise_of_cheapest = i, rise / 2
+        if cheapest < 0:
             break
-        del places[best], levels[best]
+        del places[cheapest], levels[cheapest]
     return PiecewiseLinear(tuple(places), tuple(levels))

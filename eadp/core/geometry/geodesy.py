@@ -62,6 +62,8 @@ def to_near_local_m(
 
 
 def _earth_centred_m(latitude_deg: float, longitude_deg: float) -> tuple[float, float, float]:
+    """x, y and z of a point of the ellipsoid [m]."""
+    # N = a/√(1 − e² sin² φ), p = N cos φ, z = N (1 − e²) sin φ
     lat, lon = math.radians(latitude_deg), math.radians(longitude_deg)
     radius = SEMI_MAJOR_M / math.sqrt(1 - _E2 * math.sin(lat) ** 2)
     across = radius * math.cos(lat)
@@ -70,6 +72,7 @@ def _earth_centred_m(latitude_deg: float, longitude_deg: float) -> tuple[float, 
 
 def _latitude_deg(across_m: float, z_m: float) -> float:
     """Geodetic latitude [°] of a point `across_m` from the axis and `z_m` above the equator, by fixed-point steps."""
+    # p = across_m; the first one is exact on the ellipsoid
     lat = math.atan2(z_m, across_m * (1 - _E2))
     for _ in range(20):
         radius = SEMI_MAJOR_M / math.sqrt(1 - _E2 * math.sin(lat) ** 2)

@@ -78,11 +78,12 @@ def tidy(ring: Sequence[Point]) -> CleanedRing:
         todo = list(range(n - 1, -1, -1))
         while todo and left >= 3:
             v = todo.pop()
-            p, q = before[v], after[v]
+            p, q = before[v], after[v]  # its neighbours among those kept
             verdict = kept[v] and _superfluous(ring[p], ring[v], ring[q], max(slack[p], slack[v]))
             if not verdict or (verdict == "in_line" and not straighten):
                 continue
             counts[verdict] += 1
+            # of two vertices that are one, the later goes; where a spike returns to its start, that goes as well
             gone = [max(p, v)] if verdict == "repeated" else [v]
             if verdict == "spikes" and math.dist(ring[p], ring[q]) < TOLERANCE_M:
                 gone.append(max(p, q))
@@ -111,6 +112,7 @@ def simplified(ring: Sequence[Point], tolerance_m: float) -> list[int]:
         In order; the first vertex is kept. By Douglas and Peucker's algorithm.
     """
     kept = iter(shapely.LineString([*ring, ring[0]]).simplify(tolerance_m, preserve_topology=False).coords)
+    # the vertices kept stand in the ring's order: each is the next one equal to it
     wanted, indices = next(kept), []
     for i, vertex in enumerate(ring):
         if vertex == wanted:
@@ -120,7 +122,7 @@ def simplified(ring: Sequence[Point], tolerance_m: float) -> list[int]:
 
 
 def _superfluous(p: Point, v: Point, q: Point, slack_m: float) -> str:
-    """Why the vertex `v` between `p` and `q` may go, or ''."""
+    """Why the vertex `v` between `p` and `q` may go, as a field of `CleanedRing`; '' where it may not."""
     if math.dist(p, v) < TOLERANCE_M:
         return "repeated"
     if math.dist(v, q) < TOLERANCE_M:  # then `q` is dropped, and `v` checked again
@@ -171,8 +173,9 @@ def flaws(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterato
     if _complaint(outline, *holes) is None:
         return
     found = False
-    for finding in (_within_rings, _between_rings, _of_all):
-        for flaw in finding(outline, holes):
+    # what a later check finds is sound only where the one before it finds nothing
+    for check in (_within_rings, _between_rings, _of_all):
+        for flaw in check(outline, holes):
             found = True
             yield flaw
         if found:
@@ -180,6 +183,7 @@ def flaws(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterato
 
 
 def _within_rings(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[RingDefect]:
+    """Each ring against itself."""
     for i, ring in enumerate((outline, *holes)):
         if complaint := _complaint(ring):
             reason, point = complaint
@@ -196,6 +200,7 @@ def _between_rings(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -
     for i, well_inside in enumerate(shapely.contains_properly(field, polygons)):
         if not well_inside and (complaint := _complaint(outline, holes[i])):
             yield RingDefect(i + 1, _relation(complaint[0], outline, holes[i], "the outline"), complaint[1])
+    # two holes within a shell around all of them
     x, y = zip(*(vertex for hole in holes for vertex in hole), strict=True)
     west, south, east, north = min(x) - 1, min(y) - 1, max(x) + 1, max(y) + 1
     around = ((west, south), (east, south), (east, north), (west, north))
@@ -207,6 +212,7 @@ def _between_rings(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -
 
 
 def _of_all(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[RingDefect]:
+    """All rings together, where any two of them are sound: the defect is of the hole nearest to it."""
     if complaint := _complaint(outline, *holes):
         point = complaint[1]
         nearest = min(range(len(holes)), key=lambda i: min(math.dist(point, vertex) for vertex in holes[i]))
@@ -251,6 +257,7 @@ def made_valid(*rings: Sequence[Point]) -> list[list[Ring]]:
 
 
 def _valid(rings: Sequence[Sequence[Point]]) -> shapely.Geometry:
+    """An outline and its holes made valid, see `made_valid`."""
     return shapely.make_valid(shapely.Polygon(rings[0], rings[1:]), method="structure", keep_collapsed=False)
 
 
@@ -258,7 +265,7 @@ def joined(parts: Sequence[Sequence[Sequence[Point]]], overlap_m2: float) -> lis
     """The union of parts, as `strips`; None where no two overlap by more than an area [m²]."""
     polygons = [shapely.Polygon(outline, holes) for outline, *holes in parts]
     one, other = shapely.STRtree(polygons).query(polygons, predicate="intersects")
-    once = one < other
+    once = one < other  # each pair is found both ways, and each polygon with itself
     shared = [polygons[i].intersection(polygons[j]).area for i, j in zip(one[once], other[once], strict=True)]
     return _rings(shapely.union_all(polygons)) if any(area > overlap_m2 for area in shared) else None
 
@@ -294,7 +301,7 @@ def strip_extents(
     boxes = shapely.box(edges_m[:-1] + EDGE_M, low - 1, edges_m[1:] - EDGE_M, high + 1)
     parts, strips = shapely.get_parts(shapely.intersection(field, boxes), return_index=True)
     found: list[list[tuple[float, float]]] = [[] for _ in boxes]
-    bounds = shapely.bounds(parts)
+    bounds = shapely.bounds(parts)  # of each part: min x, min y, max x, max y
     solid = shapely.area(parts) > EDGE_M
     order = np.argsort(bounds[:, 1], kind="stable")
     for i in order[solid[order]].tolist():
@@ -376,6 +383,7 @@ def uncovered(
 ) -> list[list[Ring]]:
     """The ground of a field beyond half a swath of lines, where it is wider than `min_width_m`; else as `strips`."""
     left = shapely.difference(_union(parts), _ground(lines, swath_m))
+    # a morphological opening takes out what is narrower
     wide = left.buffer(-min_width_m / 2, join_style="mitre").buffer(min_width_m / 2, join_style="mitre")
     return _rings(shapely.simplify(shapely.intersection(wide, left), min_width_m / 10))
 
@@ -417,6 +425,7 @@ class FreeSpace:
     def __init__(
         self, avoid: Sequence[Sequence[Point]], inside: Sequence[Sequence[Point]] = (), clear_m: float = 0.0
     ) -> None:
+        # _blocked and _inside: the limits at their distance; _inner and _outer: what a path must not enter or leave
         each = shapely.buffer([shapely.Polygon(ring) for ring in avoid], clear_m, join_style="mitre")
         self._blocked = shapely.union_all(each)
         free = shapely.union_all([shapely.Polygon(ring) for ring in inside]) if inside else None

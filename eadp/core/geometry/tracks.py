@@ -30,8 +30,11 @@ from eadp.core.geometry.curves import (
 )
 
 APPROACH_M = 100.0
+"""Distance before the end of a line or a curve from which it can be approached [m]."""
+
 NODES_PER_QUARTER, MAX_NODES = 4, 16
 CURVE_NODES = 24
+"""Nodes of the quadrature: on each quarter of a circle, and on one distance at most; on a distance along a curve."""
 
 
 class Nodes(NamedTuple):
@@ -164,6 +167,7 @@ class CircleTrack(Track):
 
     def remaining_m(self, point: Point, guess_m: float) -> float:
         ahead_m = self.ahead_m(point)
+        # whole turns more, or less
         return ahead_m + self.turn_m * round((guess_m - ahead_m) / self.turn_m)
 
     def nodes(self, start: Point, distance_m: float, share: float) -> Nodes:
@@ -190,7 +194,7 @@ class CurveTrack(Track):
         return radius_of_curvature_m(self.path, self.nearest(self._end))
 
     def approach(self) -> Point:
-        back = points_along(self.path, self._end, -self._sense, 1.0)
+        back = points_along(self.path, self._end, -self._sense, 1.0)  # 1 m apart
         return next(itertools.islice(back, int(APPROACH_M), None))
 
     def points(self, start: Point, distance_m: float, share: float, count: int) -> Iterator[tuple[Point, float]]:

@@ -29,6 +29,7 @@ EASED_M = 1.0
 ARC_RAD = 0.02
 """Corners that differ by less are alike: what the rounding of coordinates makes of those of an arc."""
 SHRINK, SHRINK_LIMIT = 0.8, 60
+"""A turn after a waypoint is made smaller by this factor, at most so often, until a straight leads on from it."""
 
 
 class Waypoint(NamedTuple):
@@ -137,8 +138,8 @@ def path_through(start: Point, targets: Sequence[Target], radius_m: float) -> Wa
         if isinstance(target, Loiter):
             leg.circle = target
         elif following is not None:
-            leave = _turned(leg, target, following, radius_m, tight)
-    _trim(legs, radius_m, tight)
+            leave = _choose_turn(leg, target, following, radius_m, tight)
+    _set_trims(legs, radius_m, tight)
     return WaypointPath(_pieces(legs), tight)
 
 
@@ -171,15 +172,16 @@ def _kept(start: Point, targets: Sequence[Target]) -> list[tuple[int, Target]]:
 
 def _leg(index: int, leave: Target, target: Target) -> _Leg:
     """The way from one target to the next: a common tangent, or a half circle where one lies in the other."""
-    found = _tangent(leave, target)
-    if found is not None:
-        return _Leg(index, *found)
+    straight = _tangent(leave, target)
+    if straight is not None:
+        return _Leg(index, *straight)
     inner, outer = sorted((leave, target), key=lambda each: abs(each.radius_m))
-    q = math.dist(inner.centre_m, outer.centre_m)
+    q = math.dist(inner.centre_m, outer.centre_m)  # [m]
     if inner.radius_m != 0 or outer.radius_m == 0:
         raise Unreachable(index, "no straight leads from the circle before it onto this one")
     (x, y), radius, side = outer.centre_m, abs(outer.radius_m), math.copysign(1.0, outer.radius_m)
     ux, uy = ((inner.centre_m[0] - x) / q, (inner.centre_m[1] - y) / q) if q > 0 else (1.0, 0.0)
+    # u: from the centre to the point, beyond which the half circle through the point touches the circle
     half = (radius - q) / 2
     touch = (x + radius * ux, y + radius * uy)
     arc = Loiter((x + (radius - half) * ux, y + (radius - half) * uy), side * half, 0.5)
@@ -189,8 +191,16 @@ def _leg(index: int, leave: Target, target: Target) -> _Leg:
     return _Leg(index, touch, inner.centre_m, wrap_angle_rad(course + math.pi), arc)
 
 
-def _tangent(leave: Target, target: Target) -> tuple[Point, Point, float] | None:
-    """Start, end and course of the straight from one circle to another; None where one lies in the other."""
+class _Straight(NamedTuple):
+    """Start [m], end [m] and course [rad]."""
+
+    start: Point
+    end: Point
+    course_rad: float
+
+
+def _tangent(leave: Target, target: Target) -> _Straight | None:
+    """The straight from one circle to another, a common tangent; None where one lies in the other."""
     (ax, ay), (bx, by) = leave.centre_m, target.centre_m
     d, between = math.hypot(bx - ax, by - ay), target.radius_m - leave.radius_m
     if d == 0 or abs(between) > d + ON_CIRCLE_M:
@@ -201,12 +211,15 @@ def _tangent(leave: Target, target: Target) -> tuple[Point, Point, float] | None
     a, b = leave.radius_m, target.radius_m
     if abs(between) > d:  # where the circles all but touch there is no straight
         touch = (bx - b * nx, by - b * ny) if abs(b) > abs(a) else (ax - a * nx, ay - a * ny)
-        return touch, touch, wrap_angle_rad(course)
-    return (ax - a * nx, ay - a * ny), (bx - b * nx, by - b * ny), wrap_angle_rad(course)
+        return _Straight(touch, touch, wrap_angle_rad(course))
+    return _Straight((ax - a * nx, ay - a * ny), (bx - b * nx, by - b * ny), wrap_angle_rad(course))
 
 
-def _turned(leg: _Leg, waypoint: Waypoint, following: Target, radius_m: float, tight: list[TightTurn]) -> Target:
-    """Choose the turn at the end of a leg; return what the next leg leaves."""
+def _choose_turn(leg: _Leg, waypoint: Waypoint, following: Target, radius_m: float, tight: list[TightTurn]) -> Target:
+    """Set the turn at the end of a leg, and note one that is too tight; return what the next leg leaves.
+
+    The turn is a fillet where that passes near enough, or else a circle from the waypoint on.
+    """
     course = leg.course_rad
     if waypoint.past_m and leg.round is None:
         leg.end, leg.past_m = _ahead(leg.end, course, waypoint.past_m), waypoint.past_m
@@ -214,7 +227,7 @@ def _turned(leg: _Leg, waypoint: Waypoint, following: Target, radius_m: float, t
     onward = _tangent(here, following)
     if onward is None:
         raise Unreachable(leg.target + 1, "its circle encloses the point from which it is flown to")
-    corner = wrap_angle_rad(onward[2] - course)
+    corner = wrap_angle_rad(onward.course_rad - course)
     if abs(corner) < 1e-9:
         return here
     # a fillet passes the corner r (1/cos(θ/2) − 1) away
@@ -237,14 +250,15 @@ def _turned(leg: _Leg, waypoint: Waypoint, following: Target, radius_m: float, t
     return leg.circle or here
 
 
-def _trim(legs: list[_Leg], radius_m: float, tight: list[TightTurn]) -> None:
-    """Set what fillets take off the legs, reduced where they do not fit."""
-    # a fillet takes r tan(θ/2) off both its legs
+def _set_trims(legs: list[_Leg], radius_m: float, tight: list[TightTurn]) -> None:
+    """Set what fillets take off the legs, reduced where they do not fit; note where they do not."""
+    # a fillet takes r tan(θ/2) off both its legs: [k] off leg k at its start and off leg k − 1 at its end
     wanted = [0.0, *(radius_m * abs(math.tan(leg.corner_rad / 2)) for leg in legs)]
     for k, (leg, after) in enumerate(itertools.pairwise(legs), 1):
+        # the corners before and after; where one is alike, waypoints lie along an arc
         beside = [other.corner_rad for other in (*legs[max(k - 2, 0) : k - 1], after)]
         if any(angle * leg.corner_rad > 0 and abs(angle - leg.corner_rad) < ARC_RAD for angle in beside):
-            # it passes the corner r (1/cos(θ/2) − 1) away
+            # it passes the corner r (1/cos(θ/2) − 1) = r tan(θ/2) tan(θ/4) away
             wide_m = leg.eased_m / abs(math.tan(leg.corner_rad / 4))
             wanted[k] = max(wanted[k], min(wide_m, leg.room_m / 2, after.room_m / 2))
     share = [1.0] * len(wanted)
@@ -262,10 +276,11 @@ def _trim(legs: list[_Leg], radius_m: float, tight: list[TightTurn]) -> None:
 
 
 def _pieces(legs: Sequence[_Leg]) -> list[tuple[int, Piece]]:
+    """The pieces of legs, trimmed, and of the turns between them, each with its target's index."""
     pieces: list[tuple[int, Piece]] = []
     for k, leg in enumerate(legs):
         after = legs[k + 1] if k + 1 < len(legs) else None
-        first, last = leg.trim_m
+        first, last = leg.trim_m  # at the start and at the end
         end: Pose = (*_ahead(leg.end, leg.course_rad, -last), leg.course_rad)
         if leg.round is not None:
             pieces += [(leg.target, piece) for piece in _arc(leg.round, leg.start, leg.end)]
@@ -276,6 +291,7 @@ def _pieces(legs: Sequence[_Leg]) -> list[tuple[int, Piece]]:
             pieces += [(leg.target, piece) for piece in _arc(leg.circle, leg.end, after.start if after else None)]
         elif after is not None and leg.corner_rad:
             side = math.copysign(1.0, leg.corner_rad)
+            # r = trim / tan(θ/2), which may be reduced
             radius = last / abs(math.tan(leg.corner_rad / 2))
             circle = Loiter(centre_m(end, side, radius), side * radius, 0.0)
             then = _ahead(after.start, after.course_rad, after.trim_m[0])
@@ -308,5 +324,5 @@ def _arc(circle: Loiter, start: Point, end: Point | None) -> list[Piece]:
         for angle in (first, last)
     ]
     pieces = [Piece(turn, poses[0], poses[1], radius * sweep, circle.centre_m)] * (radius * sweep >= MIN_PIECE_M)
-    round_ = Piece(turn, poses[1], poses[1], 2 * math.pi * radius, circle.centre_m)
-    return [*pieces, *[round_] * whole]
+    whole_turn = Piece(turn, poses[1], poses[1], 2 * math.pi * radius, circle.centre_m)
+    return [*pieces, *[whole_turn] * whole]

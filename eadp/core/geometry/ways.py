@@ -18,7 +18,7 @@ MAX_CORNERS = 400
 
 
 class WaysTo:
-    """Ways to a point of an aircraft that turns.
+    """Ways to a point of an aircraft that turns: a graph of the point, node 0, and corners that see one another.
 
     Parameters
     ----------
@@ -53,13 +53,13 @@ class WaysTo:
         lengths_m = np.linalg.norm(self._nodes_m - starts, axis=1) + self._left_m
         seen = np.zeros(len(lengths_m), dtype=bool)
         for space in self._spaces:
-            if not seen.any():
+            if not seen.any():  # the nearer space, where none is free in the other
                 seen = space.sees(starts, self._nodes_m) & np.isfinite(lengths_m)
         for node in sorted(np.flatnonzero(seen).tolist(), key=lengths_m.__getitem__):
-            points = [node]
-            while points[-1]:
-                points.append(int(self._next[points[-1]]))
-            yield tuple((float(x), float(y)) for x, y in self._nodes_m[points])
+            nodes = [node]
+            while nodes[-1] != 0:
+                nodes.append(int(self._next[nodes[-1]]))
+            yield tuple((float(x), float(y)) for x, y in self._nodes_m[nodes])
 
     def pieces(self, start: Pose) -> tuple[Piece, ...]:
         """The first of its ways whose turns are free too, from a pose; a turn and a straight line where none is."""
