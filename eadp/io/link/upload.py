@@ -191,7 +191,8 @@ class HeldMission:
         waits = self._state is State.REFUSED and now_s < self._again_s
         if self._state in (State.HELD, State.REFUSED, State.CHECKED, State.TORN) and not waits:
             if self._has(decided):
-                self._go(State.HELD, RECHECK_S)
+                if self._state is not State.HELD:  # else it stays to be read again when that is due
+                    self._go(State.HELD, RECHECK_S)
             elif self._state is State.CHECKED:
                 self._send(decided, rest)
             elif (why := self._layout.altitude_fault((self._held or [])[self._home :])) is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from pathlib import Path
@@ -20,8 +21,9 @@ from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import InputError
 from eadp.io.link.mavlink import Codec
 from eadp.io.link.messages import WANTED
+from eadp.io.link.mission import MissionClient
 from eadp.io.link.rest import RestLayout
-from eadp.io.link.upload import _equal
+from eadp.io.link.upload import RECHECK_S, _equal
 from eadp.io.mission.autopilot import wanted_parameters
 from eadp.io.mission.draft import MissionItem
 from eadp.io.mission.export import mission_items
@@ -103,6 +105,16 @@ class Flying:
 @pytest.fixture(scope="module")
 def lines():
     return recorded()[:40]
+
+
+def test_a_mission_that_is_held_is_read_again_each_minute(inputs, mission, monkeypatch):
+    """While decisions go on, too: somebody may have changed it."""
+    read_s, download = [], MissionClient.download
+    monkeypatch.setattr(MissionClient, "download", lambda *given: (read_s.append(given[1]), download(*given)))
+    lines = recorded()[:200]
+    Flying(inputs, mission).fly(lines)
+    assert all(later - earlier <= RECHECK_S + 2 for earlier, later in itertools.pairwise(read_s))
+    assert read_s[-1] >= 100 + lines[-1]["time_s"] - RECHECK_S - 2
 
 
 def test_the_rest_is_replaced_and_verified(inputs, mission, lines):
