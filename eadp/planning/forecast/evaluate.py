@@ -467,14 +467,15 @@ class Evaluator:
         for place, own in enumerate(ends):
             if own.probabilities:
                 mine = legs.place == place
-                # the computations' power matters where an end is uncertain
+                # an earlier end leaves the energy of the legs behind it: at minimum power, the least that it is sure of
                 unspent = own.unspent(((load.motion_w + load.min_w) * load.times_s)[mine])
                 means = tuple([float(soc[place]) + float(totals.soc_per_j[place]) * energy_j for energy_j in unspent])
                 level[place] = FinalCharge(float(std[place]), own.all_probabilities, means).level(
                     self.objective.probability
                 )
         available = level - np.maximum(self.objective.reserve_soc, limits.min_soc)
-        # power that cannot be delivered counts as charge that is short, so that the least excess ranks first
+        # power that cannot be delivered counts as charge that is short, so that the least excess ranks first: no more is
+        # available than minimum power uses, less the excess
         excess = limits.beyond_w * totals.seconds * totals.soc_per_j
         short: FloatArray = np.minimum(available, knapsack.base_use) - excess
         return np.where(limits.beyond_w > 0, short, available)
