@@ -474,8 +474,8 @@ class Evaluator:
                     self.objective.probability
                 )
         available = level - np.maximum(self.objective.reserve_soc, limits.min_soc)
-        # power that cannot be delivered counts as charge that is short, so that the least excess ranks first: no more is
-        # available than minimum power uses, less the excess
+        # power that cannot be delivered counts as charge that is short, so that the least excess ranks first: no more
+        # is available than minimum power uses, less the excess
         excess = limits.beyond_w * totals.seconds * totals.soc_per_j
         short: FloatArray = np.minimum(available, knapsack.base_use) - excess
         return np.where(limits.beyond_w > 0, short, available)
