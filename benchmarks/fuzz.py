@@ -55,7 +55,8 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.coverage.swaths import MotionLimits
     from eadp.errors import EadpError, InputError
     from eadp.io.energy.model_file import energy_yaml, parse_energy
-    from eadp.io.field.reader import read_field
+    from eadp.io.field.reader import read_field, read_zones
+    from eadp.io.field.shp import shapefile_text
     from eadp.io.link.mavlink import Codec, tlog_messages
     from eadp.io.link.messages import WANTED
     from eadp.io.link.recorded import MAGICS, log_values
@@ -68,7 +69,9 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.io.plan.reader import read_plan
     from eadp.io.plan.writer import plan_text
     from eadp.io.profile import model_file
+    from eadp.io.profile.measurements import Configuration, Trace, read_measurements
     from eadp.io.profile.model_file import parse_profile, profile_yaml
+    from eadp.io.profile.recordings import as_trace
     from eadp.io.scenario import scenario_file
     from eadp.io.sweep.results import Results
     from eadp.io.telemetry.log import ReplanLog
@@ -184,6 +187,28 @@ def field(data: bytes) -> None:
     if zlib.crc32(data) % 16 < 2 and len(read.outline) < 50:
         solution = cover(CoverageRequest(read, MotionLimits(60.0, 30.0, 45.0, 30.0)))
         plan_text(build_plan(solution, site=Site(read.origin_deg)))
+
+
+MEADOW = Text("meadow.csv", "lon,lat\n10,55\n10.01,55\n10.01,55.01\n10,55.01\n")
+
+
+def zones(data: bytes) -> None:
+    """Read zones, as fences are, beside a field."""
+    meadow, _ = read_field(MEADOW)
+    read_zones(text_of(data), meadow, inside=zlib.crc32(data) % 2 == 0)
+
+
+def shapes(data: bytes) -> None:
+    """Read a .shp without what lies beside it."""
+    read_field(shapefile_text("fuzz.shp", lambda ending: data if ending == ".shp" else None))
+
+
+ONE = Configuration(("fps",), ("",), (1.0,))
+
+
+def recording(data: bytes) -> None:
+    """Read what a power sensor's program recorded, as the trace of a configuration."""
+    read_measurements([Trace(as_trace(text_of(data)), ONE)], ())
 
 
 def scratch(data: bytes) -> str:
@@ -356,6 +381,38 @@ def made_vertices() -> list[bytes]:
     return [b"x_m,y_m\n0,0\n300,0\n300,200\n0,200\n", b"ring;lon;lat\n0;10;55\n0;10.01;55\n0;10;55.01\n1;1;1\n"]
 
 
+def fences() -> list[bytes]:
+    commands = [(5001, 4), (5001, 4), (5001, 4), (5001, 4), (5004, 20), (5000, 0), (5100, 0)]
+    rows = (
+        f"{i}\t0\t3\t{c}\t{p}\t0\t0\t0\t{55 + i / 900}\t{10 + i * i / 900}\t0\t1" for i, (c, p) in enumerate(commands)
+    )
+    corner = {"inclusion": False, "circle": {"center": [55.005, 10.005], "radius": 20}}
+    square = {"inclusion": True, "polygon": [[55, 10], [55.01, 10], [55.01, 10.01]]}
+    plan = {"fileType": "Plan", "geoFence": {"version": 2, "polygons": [square], "circles": [corner]}}
+    return ["\n".join(["QGC WPL 110", *rows, ""]).encode(), json.dumps(plan).encode(), KML]
+
+
+def shapefiles() -> list[bytes]:
+    library = importlib.import_module("shapefile")
+    ring, hole = (
+        [(10, 55), (10, 55.01), (10.01, 55.01), (10.01, 55)],
+        [(10.004, 55.004), (10.006, 55.004), (10.006, 55.006)],
+    )
+    made = io.BytesIO()
+    with library.Writer(shp=made, shx=io.BytesIO(), dbf=io.BytesIO(), shapeType=library.POLYGON) as writer:
+        writer.field("PLOT", "C")
+        writer.record("1")
+        writer.poly([ring, hole])
+    return [made.getvalue()]
+
+
+def recordings() -> list[bytes]:
+    board = "10-01-2025 20:05:55 RAM 2274/6834MB CPU [99%@1189,off] VDD_IN 5000mW/5000mW POM_5V_IN 2345/2300\n"
+    graphics = "timestamp, power.draw [W], clocks\n2024/01/01 10:00:00, 23.45 W, 5\nx, [N/A], 5\n"
+    ina = "Bus Voltage (V);Current (mA);Power (mW)\n5;1000;4990\n"
+    return [text.encode() for text in (board, graphics, ina, "time_s,bus_voltage_v,current_ma\n0,5,1000\n")]
+
+
 def autopilot_logs() -> Any:
     """The module of the tests that makes such logs."""
     sys.path.append(str(ROOT / "tests/io/log"))
@@ -408,9 +465,13 @@ TARGETS = {
     "log": Target(power_log, ("scenarios/*.csv", "logs/*.csv", "flights/*.csv")),
     "kml": Target(field, ("*.kml",), made=lambda: [KML]),
     "geojson": Target(field, ("plans/*.geojson", "fields/*.geojson")),
+    "zones": Target(zones, ("*fence*.txt", "*rally*.txt"), made=fences),
+    "shapefile": Target(shapes, ("*.shp",), made=shapefiles),
+    "recording": Target(recording, ("*tegrastats*.log",), made=recordings),
     "vertices": Target(field, made=made_vertices),
     "ulog": Target(autopilot_log, ("*.ulg",), made=lambda: [autopilot_logs().ulog(), autopilot_logs().ulog(2)]),
     "dataflash": Target(autopilot_log, ("*.bin",), made=dataflash_logs),
+    "tlog-power": Target(autopilot_log, ("*.tlog",), made=lambda: telemetry_logs()[:1], max_bytes=40_000),
     "telemetry": Target(Telemetry(), ("scenarios/*.jsonl",), made=replan_logs),
     "link": Target(LINK, made=link_frames),
     "tlog": Target(tlog, made=telemetry_logs, max_bytes=40_000),

@@ -9,6 +9,7 @@ import codecs
 import io
 import json
 import math
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -42,13 +43,17 @@ def shapefile_text(name: str, read: Callable[[str], bytes | None]) -> Text:
     body, table, encoding = read(".shp"), read(".dbf"), (read(".cpg") or b"utf-8").decode("ascii", "replace").strip()
     assert body is not None
     features = []
+    shapefile.VERBOSE = False
     try:
-        with shapefile.Reader(
-            shp=io.BytesIO(body),
-            dbf=None if table is None else io.BytesIO(table),
-            encoding=_encoding(encoding),
-            encodingErrors="replace",
-        ) as reader:
+        with (
+            warnings.catch_warnings(action="ignore"),  # what is odd in a field, its reader says
+            shapefile.Reader(
+                shp=io.BytesIO(body),
+                dbf=None if table is None else io.BytesIO(table),
+                encoding=_encoding(encoding),
+                encodingErrors="replace",
+            ) as reader,
+        ):
             for i, shape in enumerate(reader.iterShapes()):
                 values = {} if table is None else reader.record(i).as_dict()
                 features.append((shape.__geo_interface__ if shape.points else None, values))

@@ -99,3 +99,19 @@ def test_what_is_refused(tmp_path, monkeypatch):
         read_field_text(archive(path, doc_kml=" " * 5_000_000))
     with pytest.raises(InputError, match="cannot be read"):
         read_field_text(str(tmp_path / "nosuch.kmz"))
+
+
+def test_a_library_that_finds_a_shapefile_odd_says_nothing(tmp_path, recwarn, capfd):
+    """A header with another size, and a hole without an outline."""
+    library = pytest.importorskip("shapefile")
+    path = tmp_path / "odd.shp"
+    with library.Writer(str(path), shapeType=library.POLYGON) as writer:
+        writer.field("PLOT", "C")
+        writer.record("1")
+        writer.poly([[(10, 55), (10.01, 55), (10.01, 55.004), (10, 55.004)]])
+    data = bytearray(path.read_bytes())
+    data[24:28] = (1000).to_bytes(4, "big")
+    path.write_bytes(bytes(data))
+    assert read_field(read_field_text(str(path)))[0].area_m2 == pytest.approx(640 * 445, rel=0.01)
+    assert not [one for one in recwarn if "shp" in str(one.message)]
+    assert capfd.readouterr().err == ""
