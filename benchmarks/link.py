@@ -393,7 +393,7 @@ def as_real(found: list[Mission], linked: list[Flown]) -> None:
     told = [None if one.cell_s is None else one.cell_s - mission.cell[0] for mission, one in pairs if mission.cell]
     after = ", ".join("not" if each is None else f"{each:.0f} s" for each in told)
     false = sum(one.cell_s is not None for mission, one in pairs if not mission.cell)
-    print(f"a lost cell is told after: {after}; in flights without one, told: {false} of {len(linked) - len(told)}")
+    print(f"a lost cell is reported after: {after}; in flights without one, reported: {false} of {len(linked) - len(told)}")
     print(f"uploads interrupted: {sum(one.interrupted for one in linked)}")
     print(head("warning", "flights"))
     for text in sorted({text for one in linked for text in one.warned}):
