@@ -164,7 +164,7 @@ class Flown:
     interrupted: int = 0
     warned: tuple[str, ...] = ()
     cell_s: float | None = None
-    """When a lost cell is told [s]."""
+    """When a lost cell is reported [s]."""
     infeasible: int = 0
     """Decisions of the first minute with the reason “infeasible”."""
 
@@ -390,10 +390,11 @@ def as_real(found: list[Mission], linked: list[Flown]) -> None:
     pairs = list(zip(found, linked, strict=True))
     hopeless = sum(one.infeasible > 0 for one in linked)
     print(f"“infeasible” within a minute of the launch: {hopeless} of {len(linked)} flights")
-    told = [None if one.cell_s is None else one.cell_s - mission.cell[0] for mission, one in pairs if mission.cell]
-    after = ", ".join("not" if each is None else f"{each:.0f} s" for each in told)
+    found = [None if one.cell_s is None else one.cell_s - mission.cell[0] for mission, one in pairs if mission.cell]
+    after = ", ".join("not" if each is None else f"{each:.0f} s" for each in found)
     false = sum(one.cell_s is not None for mission, one in pairs if not mission.cell)
-    print(f"a lost cell is reported after: {after}; in flights without one, reported: {false} of {len(linked) - len(told)}")
+    others = len(linked) - len(found)
+    print(f"a lost cell is reported after: {after}; in flights without one, reported: {false} of {others}")
     print(f"uploads interrupted: {sum(one.interrupted for one in linked)}")
     print(head("warning", "flights"))
     for text in sorted({text for one in linked for text in one.warned}):
