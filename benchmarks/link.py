@@ -390,10 +390,10 @@ def as_real(found: list[Mission], linked: list[Flown]) -> None:
     pairs = list(zip(found, linked, strict=True))
     hopeless = sum(one.infeasible > 0 for one in linked)
     print(f"“infeasible” within a minute of the launch: {hopeless} of {len(linked)} flights")
-    found = [None if one.cell_s is None else one.cell_s - mission.cell[0] for mission, one in pairs if mission.cell]
-    after = ", ".join("not" if each is None else f"{each:.0f} s" for each in found)
+    reported = [None if one.cell_s is None else one.cell_s - mission.cell[0] for mission, one in pairs if mission.cell]
+    after = ", ".join("not" if each is None else f"{each:.0f} s" for each in reported)
     false = sum(one.cell_s is not None for mission, one in pairs if not mission.cell)
-    others = len(linked) - len(found)
+    others = len(linked) - len(reported)
     print(f"a lost cell is reported after: {after}; in flights without one, reported: {false} of {others}")
     print(f"uploads interrupted: {sum(one.interrupted for one in linked)}")
     print(head("warning", "flights"))
