@@ -115,7 +115,7 @@ def test_what_is_applied_makes_up_for_what_is_not():
 def test_a_stage_flown_through_a_gap_teaches_nothing(monkeypatch):
     """The times learned are those of whole stages and laps: no gap over a start or an end makes one longer."""
     learned, periods_s = [], []
-    learn, lap = TimeRatio.learn, PowerTracker._lap
+    learn, lap = TimeRatio.learn, PowerTracker._count_lap
 
     def recorded(self, forecast_s, flown_s, *others):
         learned.append((forecast_s, flown_s))
@@ -128,7 +128,7 @@ def test_a_stage_flown_through_a_gap_teaches_nothing(monkeypatch):
         return found
 
     monkeypatch.setattr(TimeRatio, "learn", recorded)
-    monkeypatch.setattr(PowerTracker, "_lap", recorded_lap)
+    monkeypatch.setattr(PowerTracker, "_count_lap", recorded_lap)
     flown(short_survey(), UNDISTURBED)
     whole, lap_s = len(learned), periods_s[-1]
     for disturbance in DISTURBANCES[:2]:
