@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
@@ -107,8 +107,7 @@ class Division:
         for first in sorted(line for line in whole if line - 1 not in whole):  # lines beside each other as one
             last = next(line for line in itertools.count(first) if line + 1 not in whole)
             windows.append(self._window(first, last, -FAR_M, FAR_M))
-        (outline, *holes), *others = clipped(self._field.parts, windows)
-        return replace(self._field, outline=outline, holes=tuple(holes), others=tuple(map(tuple, others)))
+        return self._field.with_parts(clipped(self._field.parts, windows))
 
     def _along(self, k: int, place_m: float) -> float:
         """The place along the k-th line, in the frame, at which so much of the length of all lines is flown."""

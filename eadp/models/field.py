@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from eadp.models.airspace import EVERYWHERE, Airspace
@@ -44,6 +45,11 @@ class Field:
     def parts(self) -> tuple[tuple[Ring, ...], ...]:
         """Its parts, each an outline and its holes; the field's own first."""
         return ((self.outline, *self.holes), *self.others)
+
+    def with_parts(self, parts: Sequence[Sequence[Ring]]) -> Field:
+        """The same field with other parts, each an outline and its holes; at least one."""
+        (outline, *holes), *others = parts
+        return replace(self, outline=outline, holes=tuple(holes), others=tuple(map(tuple, others)))
 
     @property
     def area_m2(self) -> float:

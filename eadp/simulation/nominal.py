@@ -127,15 +127,14 @@ class NominalFlight:
         self, route: Route, tight: TightLegs, wind_mps: Point, followed: FlownLegs
     ) -> list[tuple[int, FlownPart]]:
         """The parts of a route that the aircraft cannot follow, as flown, each with the number of its first leg."""
-        found, i, passed, walk = list[tuple[int, FlownPart]](), 0, 0, cursors(route.cursor)
         starts = np.flatnonzero(tight.bends | tight.corners)
-        if len(starts) and route.cursor is not None:
-            rows = [
-                *route.table.alike[route.order[:-1]].tolist(),
-                -int(route.order[-1]) - 2,
-            ]  # the plan ends on the last
-            kept = self._kept.setdefault(route.table, {})
-        while len(starts := starts[starts >= i]) and route.cursor is not None:
+        if not len(starts) or route.cursor is None:
+            return []
+        found, i, passed, walk = list[tuple[int, FlownPart]](), 0, 0, cursors(route.cursor)
+        # laps alike share what is flown, but for the last leg, on which the plan ends
+        rows = [*route.table.alike[route.order[:-1]].tolist(), -int(route.order[-1]) - 2]
+        kept = self._kept.setdefault(route.table, {})
+        while len(starts := starts[starts >= i]):
             i = int(starts[0])
             if not math.isfinite(followed.times_s[i]):
                 i += 1

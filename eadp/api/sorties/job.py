@@ -198,7 +198,7 @@ class _Job:
             return covered_shares([part], [self.planned], task.motion.swath_m)[-1] * ground_m2(*part)
 
         parts = [part for part in left.parts if planned_m2(part) >= MIN_PART_SHARE * task.field.area_m2]
-        return replace(left, outline=parts[0][0], holes=parts[0][1:], others=tuple(parts[1:])) if parts else None
+        return left.with_parts(parts) if parts else None
 
     def coverage(self) -> float:
         """Share of the field that is covered."""

@@ -95,10 +95,7 @@ def resumed(planner: SortiePlanner, sources: Sequence[str], warn: Warn) -> tuple
 def left_of(field: Field, lines: Sequence[Line], swath_m: float) -> Field | None:
     """The ground that lines flown have left of a field; None where none is."""
     parts = uncovered(field.parts, lines, swath_m, SLIVER_SHARE * swath_m)
-    if not parts:
-        return None
-    (outline, *holes), *others = parts
-    return replace(field, outline=outline, holes=tuple(holes), others=tuple(map(tuple, others)))
+    return field.with_parts(parts) if parts else None
 
 
 def _read(source: str, planner: SortiePlanner, warn: Warn) -> list[FlownSurvey]:

@@ -15,7 +15,7 @@ from eadp.core.geometry.curves import Point
 from eadp.models.airspace import HOME_RADII, WayHome
 from eadp.models.plan.legs import leg_points
 from eadp.planning.forecast.evaluate import Evaluation
-from eadp.planning.forecast.final_charge import LOSS, LOSS_SQUARE, FinalCharge
+from eadp.planning.forecast.final_charge import LOSS, FinalCharge
 from eadp.planning.forecast.knapsack import Filling
 from eadp.planning.state.charge import after_drain
 from eadp.planning.state.known import Known
@@ -69,14 +69,16 @@ def _spare(
     energy_j, seconds = flown_j + power_w * seconds, flown_s + seconds
     mean_w = energy_j / seconds if seconds > 0 else power_w
     motion, losses = known.motion, float(evaluator.losses(seconds))
-    # t² var a + v t + (E/t)² var t
-    energy_var = seconds**2 * motion.var_level + motion.noise * seconds
-    energy_var += mean_w**2 * (seconds**2 * known.time.variance + known.time.noise_s * seconds)
+    totals = evaluation.totals._replace(
+        seconds=np.array(seconds),
+        time_var_s2=np.array(seconds**2 * known.time.variance + known.time.noise_s * seconds),
+        energy_var_j2=np.array(seconds**2 * motion.var_level + motion.noise * seconds),  # t² var a + v t
+        charge_var=np.array(then.var_soc),
+        mean_w=np.array(mean_w),
+        soc_per_j=evaluation.totals.soc_per_j[place],
+    )
     soc = then.soc - losses * LOSS
-    gain = known.charge.gain_std * max(known.charge.gain_from - soc, 0.0)
-    per_j = float(evaluation.totals.soc_per_j[place])
-    charge_var = then.var_soc + known.charge.lost_std**2
-    std = math.sqrt(per_j**2 * energy_var + charge_var + gain**2 + losses * LOSS_SQUARE)
+    std = float(evaluator.charge_std(known, totals, soc))
     return float(FinalCharge(std, means=(soc,)).level(objective.probability) - objective.reserve_soc)
 
 
