@@ -440,39 +440,32 @@ def scenario_of(
 def _checked(document: Document, vehicle_text: Text | None) -> Scenario:
     own, value = document.value.get("battery"), without_nulls(document.value)
     refuse(_raw_faults(value, document))
-    rest, plugged = _without_plug_ins(document)
-    keys = validated(ScenarioFile, document, rest, lambda keys: _faults(keys, document))
-    keys = plugged(keys)
+    keys = _validated(document)
     # null restores a default, which is what the key has in a battery of its own
     battery = keys.vehicle.battery.overridden({key: getattr(keys.battery, key) for key in own or ()})
     refuse(battery_faults(document, battery))
     return Scenario(replace(keys, battery=battery), document, vehicle_text)
 
 
-def _without_plug_ins(document: Document) -> tuple[Any, Callable[[ScenarioFile], ScenarioFile]]:
-    """The keys of a scenario without those of other packages, and what puts them in their place."""
+def _validated(document: Document) -> ScenarioFile:
+    """The keys of a scenario; those of other packages are checked apart, and put in their places."""
     rest: dict[str, Any] = dict(document.value)
     vehicle, airframe = without_plug_in(document, rest.get("vehicle"), ("vehicle",))
-    sections: dict[str, Any] = {}
     if airframe is not None:
         rest["vehicle"] = vehicle
-    planner = rest.get("planner")
+    planner, own = rest.get("planner"), dict[str, Any]()
     if isinstance(planner, dict):
-        known = PlannerSection.__dataclass_fields__
-        sections = {key: planner[key] for key in planner if key not in known and is_planner(str(key))}
-        rest["planner"] = {key: value for key, value in planner.items() if key not in sections}
-    own = {name: _own_settings(document, name, section) for name, section in sections.items()}
-
-    def plugged(keys: ScenarioFile) -> ScenarioFile:
-        settings = keys.planner
-        if airframe is not None:
-            keys = replace(keys, vehicle=replace(keys.vehicle, airframe=airframe))
-        if settings.name in PLANNERS:
-            return keys
-        chosen = own[settings.name] if settings.name in own else _own_settings(document, settings.name, {})
-        return replace(keys, planner=replace(settings, plug_in=chosen))
-
-    return rest, plugged
+        others = [key for key in planner if key not in PlannerSection.__dataclass_fields__ and is_planner(str(key))]
+        own = {name: _own_settings(document, name, planner[name]) for name in others}
+        rest["planner"] = {key: value for key, value in planner.items() if key not in own}
+    keys = validated(ScenarioFile, document, rest, lambda keys: _faults(keys, document))
+    if airframe is not None:
+        keys = replace(keys, vehicle=replace(keys.vehicle, airframe=airframe))
+    name = keys.planner.name
+    if name not in PLANNERS:
+        settings = own[name] if name in own else _own_settings(document, name, {})
+        keys = replace(keys, planner=replace(keys.planner, plug_in=settings))
+    return keys
 
 
 def _own_settings(document: Document, name: str, section: Any) -> Any:
