@@ -64,7 +64,8 @@ def samples(seen, every, shift_s=0.0, keys=()):
     for k, o in enumerate(seen, 1):
         if k % every == 0 or k == len(seen):
             sample = Sample(o.time_s + shift_s, *o.position_m, o.sample.power_w, o.soc)
-            yield sample._replace(**{key: getattr(o.sample, key) for key in keys})
+            # an autopilot's stage is the one being flown; a sample of the simulation has none
+            yield sample._replace(**{key: getattr(o if key == "stage" else o.sample, key) for key in keys})
 
 
 def changes(pairs):
