@@ -52,7 +52,7 @@ class Sample(NamedTuple):
     heading_rad : float or None
         Heading of the nose, 0 east, counter-clockwise [rad].
     parameters : mapping of name to value
-        Reported to be in force.
+        Reported to be in force; not a number where a value is on its way to the aircraft.
     stages_started : int or None
         Stages started over the whole flight, the first included.
     warnings : tuple of str

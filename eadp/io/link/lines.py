@@ -164,14 +164,17 @@ class LineMaker:
             if (value := self._value(key)) is not None:
                 line[key] = value
         item = self._item()
-        parameters = {name: value for name, (at_s, value) in self._parameters.items() if self._is_fresh(at_s)}
+        parameters: dict[str, float | None] = {
+            name: value for name, (at_s, value) in self._parameters.items() if self._is_fresh(at_s)
+        }
         if self.items is not None:
             line["flies_mission"] = True
         if item is not None:
             if item.first == item.last:
                 line["stages_started"] = item.first
-            if self.decided in (None, item.parameters):
-                parameters |= dict(zip(self._plan.names, item.parameters, strict=False))
+            on_its_way = self.decided not in (None, item.parameters)
+            path = (None if on_its_way else value for value in item.parameters)
+            parameters |= dict(zip(self._plan.names, path, strict=False))
         if parameters:
             line["parameters"] = parameters
         return line

@@ -307,19 +307,18 @@ class HeldMission:
         """Lay the rest out, and upload it."""
         assert self._held is not None
         try:
-            planned = rest()
-            made = None if planned is None else self._layout.after(self._held[self._home :], self._items, planned)
+            if (planned := rest()) is None:
+                self._go(State.REFUSED, AGAIN_S)
+                return
+            kept, new = self._layout.after(self._held[self._home :], self._items, planned)
         except PathUndefined as error:
             self._refuse(f"the rest cannot be laid out; no upload: {error}")
             return
-        if made is None:
-            self._go(State.REFUSED, AGAIN_S)
-            return
-        kept, new = made
         first = self._home + kept
         items = [*self._held[:first], *(each.item for each in new)]
         partial = self._takes_parts and self.ardupilot and len(items) == len(self._held) and bool(new)
-        self._upload = _Upload(items, first, [*self._items[:kept], *new], decided, partial)
+        laid_out = planned.parameters[-1][: len(decided)]  # a parameter that was held may be asked for anew meanwhile
+        self._upload = _Upload(items, first, [*self._items[:kept], *new], laid_out, partial)
         self._go(State.UPLOADING)
         self._client.upload(self._now_s, items, first, partial=partial)
 

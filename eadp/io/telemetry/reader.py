@@ -82,8 +82,8 @@ class TelemetryLine(BaseModel):
     heading_deg: Finite | None = None
     """the heading of the nose in degrees, 0 north, 90 east"""
 
-    parameters: dict[str, Finite] | None = None
-    """parameters in force by name, as in {"c1": -500}"""
+    parameters: dict[str, Finite | None] | None = None
+    """parameters in force by name, as in {"c1": -500}; null where a value is on its way to the aircraft"""
 
     stages_started: Annotated[int, Field(ge=1)] | None = None
     """the number of stages started over the whole flight, the first included"""
@@ -285,7 +285,8 @@ class TelemetryReader:
             values["soc"] = max(self._battery.soc - drawn, 0.0)
         heading = None if line.heading_deg is None else heading_rad(line.heading_deg)
         values["flies_mission"] = bool(line.flies_mission)
-        return Sample(**values, heading_rad=heading, parameters=line.parameters or {}), faults
+        parameters = {name: math.nan if value is None else value for name, value in (line.parameters or {}).items()}
+        return Sample(**values, heading_rad=heading, parameters=parameters), faults
 
     def _fault_of(self, number: int, document: JsonObject, key: str) -> Fault:
         """A warning about an invalid value."""

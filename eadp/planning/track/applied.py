@@ -19,7 +19,7 @@ class AppliedParameters:
     """Which of the parameters decided the aircraft applies, by those that it reports to be in force.
 
     A parameter that should have changed `APPLY_S` before, and is still reported as it was, is held: it keeps that value
-    until another value of it is reported.
+    until another value of it is reported, or one is on its way.
 
     Parameters
     ----------
@@ -65,6 +65,11 @@ class AppliedParameters:
                 if i in self._reported:
                     self._before[i] = self._reported[i]
         self.asked = tuple(asked)
+
+    def release(self, i: int) -> bool:
+        """Take that a value of a parameter is on its way to the aircraft; return whether it was held."""
+        self._refused_s.pop(i, None)
+        return self.held.pop(i, None) is not None
 
     def update(self, time_s: float, reported: Mapping[int, float], expected: Vector) -> bool:
         """Take parameters reported, and those in force by the plan's rules; return whether those held have changed."""

@@ -174,7 +174,8 @@ class LiveFlight:
         known_soc = self._flight.state.soc if self._flight is not None else self._last[1]
         soc = known_soc if sample.soc is None else sample.soc
         reported = self._mission.plan.by_name(sample.parameters)
-        acquiring = tracker.acquisition is not None and self._acquire(tracker.acquisition, to, reported)
+        known = {name: value for name, value in reported.items() if not math.isnan(value)}
+        acquiring = tracker.acquisition is not None and self._acquire(tracker.acquisition, to, known)
         flight = self._flight
         if flight is None:
             return self._advise_unknown(sample, time_s)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -252,18 +253,23 @@ class PlanTracker:
         position: Point,
         hold: Callable[[Mapping[int, float]], None],
     ) -> None:
-        """Put the reported parameters in force; `hold` takes those that the aircraft does not change."""
+        """Put the reported parameters in force; `hold` takes those that the aircraft does not change.
+
+        A parameter that is not a number is on its way to the aircraft.
+        """
         if not parameters or self.lost:
             return
-        expected = self.executor.parameters
-        reported = self._clipped(parameters)
+        expected, names = self.executor.parameters, self._mission.plan.names
+        on_their_way = {name for name, value in parameters.items() if math.isnan(value)}
+        released = [self.applied.release(names.index(name)) for name in on_their_way & set(names)]
+        reported = self._clipped({name: value for name, value in parameters.items() if name not in on_their_way})
         values = [reported.get(i, value) for i, value in enumerate(expected)]
         if not self.executor.cursor.table.live:
             for i in self.applied.update_apart(time_s, reported, expected):
                 values[i] = expected[i]
         try:
             self.locator.take_in_force(values, position)
-            if self.applied.update(time_s, reported, expected):
+            if self.applied.update(time_s, reported, expected) or any(released):
                 self._hold(position, hold)
         except EadpError as error:
             self._lose(error)

@@ -16,6 +16,7 @@ from mavlink_vehicle import Autopilot, MissionHolder, frames, recorded
 
 from eadp.api.inputs import load_flight
 from eadp.api.replan.link import LinkFlight, LinkOptions
+from eadp.api.replan.replanner import Replanner
 from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import InputError
@@ -277,6 +278,20 @@ def test_a_lost_answer_does_not_lose_the_item(inputs, mission, lines):
     flown.fly(lines, current=True)
     assert any("uploaded and verified" in text for text in flown.said)
     assert flown.holder.current == 3
+
+
+def test_what_is_uploaded_is_what_was_laid_out(inputs, mission, lines, monkeypatch):
+    """While a parameter is held the rest is laid out with that, which is not the one decided: it is sent again."""
+    held, rest = -100.0, Replanner.rest
+
+    def rest_held(replanner):
+        planned = rest(replanner)
+        return planned._replace(parameters=tuple((held, *values[1:]) for values in planned.parameters))
+
+    monkeypatch.setattr(Replanner, "rest", rest_held)
+    flown = Flying(inputs, mission).fly(lines[:12])
+    assert flown.decisions[-1]["parameters"]["c1"] != held
+    assert sum("uploaded and verified" in said for said in flown.said) > 1
 
 
 def test_items_ahead_with_other_parameters_are_replaced(inputs, mission, lines, tmp_path):

@@ -307,6 +307,22 @@ def test_a_parameter_is_held_until_another_value_is_reported(recorded):
     assert (applied.held, applied.effective) == ({}, (-500.0, 2.0))
 
 
+def test_a_parameter_that_is_on_its_way_is_held_no_longer(recorded):
+    """Until it is reported as it was for as long again: what was on its way has been refused."""
+    flight, seen = live(recorded[0]), iter(recorded[1].seen[::100])
+
+    def warnings_after(seconds, c1):
+        for o in itertools.islice(seen, seconds):
+            sample = Sample(o.time_s, *o.position_m, o.sample.power_w, o.soc, parameters={"c1": c1})
+            advice, _ = flight.update(sample)
+        return advice.warnings
+
+    assert "not-applied" in warnings_after(100, 0.0)
+    assert "not-applied" not in warnings_after(1, math.nan)
+    assert "not-applied" not in warnings_after(50, math.nan)
+    assert "not-applied" in warnings_after(100, 0.0)
+
+
 def test_parameters_of_a_stage_that_positions_do_not_show_yet_wait_for_it(recorded):
     applied = AppliedParameters((0.0, 10.0), recorded[0].mission.plan)
     applied.decide((-500.0, 10.0))
