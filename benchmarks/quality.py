@@ -8,6 +8,8 @@ covered fields, with the vehicles `paper` and `fixed-wing`, by
 - `paper`: the letter's algorithm, its remaining time corrected;
 - `lap budget`: a simple rule, described below;
 - `joint`;
+- `before take-off`: the constants that its own forecast chooses before take-off, flown to the end;
+- a clairvoyant: the best path of the grid below with computations mixed in time, so that just the reserve is left;
 - `hindsight`: the best constant parameters of a grid, each flown, with wind and losses known beforehand. It
   keeps the reserve where any constant parameters do, and else completes where any do.
 
@@ -192,6 +194,7 @@ def hindsight(plan: str, case: Case) -> dict[str, Any]:
     levels = inputs.mission.computing.levels(0, levels_box)
     battery = load(plan, case.keys).world.battery
     best: dict[str, Any] = {"kept": False, "completed": False, "u": 0.0, "c": None}
+    clairvoyant = 0.0
     for c1 in np.linspace(box.lo, box.hi, GRID):
         inputs = load(plan, {**base, "parameters": {"c1": float(c1), "c2": float(levels[0])}})
         outcome = Outcome()
@@ -209,6 +212,7 @@ def hindsight(plan: str, case: Case) -> dict[str, Any]:
         rates = ground_rates(log, len(power))
         # with the lowest computations, and what the highest add where they run
         lowest_u, added_u = log.quality({}) or 0.0, float((rates * runs).sum() / rates.sum()) / 2
+        mixes = []
         for c2 in levels:
             more = inputs.mission.computing.power_w((c1, c2), _free(sets)) - inputs.mission.computing.power_w(
                 (c1, levels[0]), _free(sets)
@@ -218,7 +222,26 @@ def hindsight(plan: str, case: Case) -> dict[str, Any]:
             u = lowest_u + added_u * (levels_box.share(c2) or 0.0)
             if (kept, completed, u) > (best["kept"], best["completed"], best["u"]) and completed:
                 best = {"kept": kept, "completed": completed, "u": u, "c": (float(c1), c2), "soc": end}
-    return best
+            if kept:
+                mixes.append((end, u))
+            elif mixes:  # charge and U are linear in the share of time at this level
+                mixes.append((end, u))
+                break
+        if mixes:
+            clairvoyant = max(clairvoyant, float(np.interp(RESERVE, *np.array(mixes[::-1]).T)))
+    # where none keeps the reserve it does not bind
+    return best | {"clairvoyant": clairvoyant or best["u"]}
+
+
+def constants_before(plan: str, case: Case) -> dict[str, Any]:
+    """The constants that the forecast before take-off chooses, at most its mean level of the computations, flown."""
+    inputs = load(plan, case.keys, **{"planner.name": "joint"})
+    found, names = inputs.preflight(), inputs.mission.plan.names
+    assert found is not None
+    levels = inputs.mission.computing.levels(0, inputs.mission.plan.hull(1))
+    level = max(each for each in (levels[0], *levels) if each <= max(found.parameters[names[1]], levels[0]) + 1e-6)
+    keys = {**case.keys, "parameters": dict(zip(names, (found.decided[0], level), strict=True))}
+    return flown(load(plan, keys, **{"planner.name": "static"}))
 
 
 def ground_rates(log: ParameterLog, steps: int) -> Any:
@@ -551,6 +574,7 @@ def run(task: tuple[dict[str, str], Case]) -> dict[str, Any]:
         result[name] = flown(load(plan, case.keys, **{"planner.name": name}))
     inputs = load(plan, case.keys, **{"planner.name": "static"})
     result["lap budget"] = flown(inputs, LapBudget(inputs))
+    result["before take-off"] = constants_before(plan, case)
     result["hindsight"] = hindsight(plan, case)
     if not result["joint"]["completed"]:
         result["could"] = could(plan, case, "joint")
@@ -568,7 +592,7 @@ def again(task: tuple[dict[str, str], dict[str, Any]]) -> dict[str, Any]:
     return result
 
 
-NAMES = ("highest", "lowest", "paper", "lap budget", "joint", "hindsight")
+NAMES = ("highest", "lowest", "paper", "lap budget", "before take-off", "joint", "hindsight")
 
 
 def table(title: str, results: list[dict[str, Any]]) -> Iterator[str]:
@@ -592,7 +616,7 @@ def verdict(results: list[dict[str, Any]]) -> Iterator[str]:
 
     lost = [r["index"] for r in results if not r["joint"]["completed"] and r.get("could")]
     yield f"not completed though it could have been: {len(lost)} {lost or ''}"
-    done = [r for r in results if r["hindsight"]["completed"]]
+    done, kept = ([r for r in results if r["hindsight"][key]] for key in ("completed", "kept"))
     could_be = [r for r in done if r["joint"]["completed"] or r.get("could")]
     for rows, which in ((done, "all"), (could_be, "that could be completed at every loss of charge")):
         ratio = [u(r, "joint") / u(r, "hindsight") if u(r, "hindsight") else 1.0 for r in rows]
@@ -606,6 +630,13 @@ def verdict(results: list[dict[str, Any]]) -> Iterator[str]:
     lost = [index for index in shortfall if index not in {r["index"] for r in could_be}]
     yield f"below 0.93 of hindsight and by more than 0.03: {len(shortfall)} {shortfall or ''}"
     yield f"of these, not to be completed once a loss was known: {lost or '-'}"
+    before, ours = (
+        statistics.mean(r[name]["u"] * r[name]["kept"] for r in kept) for name in ("before take-off", "joint")
+    )
+    bound = statistics.mean(r["hindsight"]["clairvoyant"] for r in kept)
+    yield f"U where hindsight keeps the reserve, 0 without it: before take-off {before:.3f}, joint {ours:.3f}, " + (
+        f"a clairvoyant {bound:.3f}; of what re-planning can gain, {(ours - before) / (bound - before):.0%} is gained"
+    )
     for name in ("lap budget", "paper"):
         worse = [r["index"] for r in results if u(r, "joint") < u(r, name) - 1e-9]
         mean = statistics.mean(u(r, name) for r in results)
