@@ -7,11 +7,15 @@ import math
 import shutil
 import tomllib
 
+import numpy as np
 import pytest
 from common import ROOT
 
 from eadp.api.simulate import simulate
 from eadp.cli.main import main
+from eadp.core import compiled
+from eadp.core.flight.battery import level
+from eadp.models.battery import Battery
 from eadp.models.vehicle import FixedWing
 from eadp.plug_ins import plug_in
 
@@ -114,6 +118,37 @@ def test_an_airframe_flies_with_its_own_formulas(tmp_path):
     assert expected_w < 0.9 * FixedWing(airspeed_mps=14.0).cruise_power_w
     computing_w = 9.75462  # of 10 frames a second, near which the planner stays for a minute
     assert flight.summary["power_w"]["min"] == pytest.approx(expected_w + computing_w, abs=0.2)
+
+
+@pytest.mark.usefixtures("installed")
+@pytest.mark.parametrize("fast", [False, True])
+def test_cells_are_drained_and_forecast_by_their_own_law(fast, monkeypatch):
+    monkeypatch.setattr(compiled, "enabled", lambda: fast and compiled.available())
+    law, ohm, capacity_ah = plug_in("batteries", "sodium"), 0.1, 0.55
+    cells = {"battery.chemistry": "sodium", "battery.cells": 4, "battery.capacity_ah": capacity_ah}
+    flight = flown(**cells, **{"battery.resistance_ohm": ohm, "planner.name": "joint", "time_limit_s": 1e4})
+    columns = flight.columns
+    soc, power_w = columns["soc"], columns["power_w"]
+    volts = 4 * law(soc[:-1])
+    # letter, Eq. 22, with the law's voltage
+    amps = (volts - np.sqrt(volts**2 - 4 * ohm * power_w[1:])) / (2 * ohm)
+    drawn_ah = np.sum(amps * np.diff(columns["time_s"])) / 3600
+    assert soc[0] - soc[-1] == pytest.approx(drawn_ah / capacity_ah, rel=2e-3)
+    straight = Battery(voltage_v=4 * law(1.0), voltage_empty_v=4 * law(0.0))
+    assert np.max(np.abs(volts - straight.voltage_at(soc[:-1]))) > 0.8
+    assert flight.summary["completed"]
+    # what it forecasts before take-off is what is left
+    assert flight.summary["soc_final"] == pytest.approx(flight.summary["energy_forecast"]["soc_end"], abs=0.01)
+
+
+@pytest.mark.usefixtures("installed")
+def test_the_charge_of_a_voltage_is_the_inverse_of_the_law():
+    battery, soc = Battery(chemistry="sodium", cells=3), np.linspace(-0.0, 1.0, 77)
+    assert battery.soc_at(battery.voltage_at(soc)) == pytest.approx(soc, abs=1e-12)
+    assert battery.voltage_at(soc) == pytest.approx(3 * plug_in("batteries", "sodium")(soc), abs=1e-3)
+    assert [level(float(each), battery.curve) for each in soc] == pytest.approx(
+        (battery.voltage_at(soc) - battery.voltage_at(0)) / (battery.voltage_v - battery.voltage_at(0))
+    )
 
 
 @pytest.mark.usefixtures("installed")

@@ -6,7 +6,8 @@ import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal
+from functools import cache
+from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
@@ -15,11 +16,14 @@ from eadp.core.bounds import Efficiency, Seconds, Share
 from eadp.core.flight.battery import (
     current_a,
     drain_per_s,
+    interpolated,
     max_power_w,
     replayed_soc,
     soc_rate_per_s,
     undeliverable,
 )
+from eadp.errors import EadpError, printable
+from eadp.plug_ins import plug_in
 
 LETTER, CURRENT, CUT_OFF, DELIVERABLE = "letter", "current", "cut-off voltage", "deliverable power"
 LIMITS = {
@@ -30,15 +34,15 @@ LIMITS = {
 }
 """Limits of power, and their names in words."""
 
-Chemistry = Literal["lipo", "lihv", "li-ion", "lifepo4"]
-CELL_V: dict[Chemistry, tuple[float, float]] = {
-    "lipo": (4.20, 3.50),
-    "lihv": (4.35, 3.55),
-    "li-ion": (4.20, 3.20),
-    "lifepo4": (3.40, 3.15),
+CELL_V: dict[str, tuple[float, ...]] = {
+    "lipo": (3.50, 4.20),
+    "lihv": (3.55, 4.35),
+    "li-ion": (3.20, 4.20),
+    "lifepo4": (3.15, 3.40),
 }
-"""Open-circuit voltage of a full and an empty cell, linear between [V]: within 0.13 V of usual curves above a tenth of
-the charge. An empty cell's real voltage is lower: the curve bends down at its end."""
+"""Open-circuit voltage of a cell [V] of each chemistry at even steps of the charge from empty to full, straight between
+them: within 0.13 V of usual curves above a tenth of the charge. An empty cell's real voltage is lower: the curve bends
+down at its end. Other packages offer curves of more points."""
 
 Voltage = Annotated[float, Gt(0), Le(1e3)]
 """Packs of cars have up to 900 V; volts in mV are above."""
@@ -49,6 +53,8 @@ Capacity = Annotated[float, Ge(1e-6), Le(1e3)]
 
 VOLTAGE_STEP_V = 0.05
 ENDURANCE_STEPS = 1000
+STEPS = 200
+"""Steps of the charge at which the voltage of another package's cells is taken: half a percent, what gauges show."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,17 +95,18 @@ class Battery:
     cutoff_voltage_v: Voltage | None = None
     """Voltage under load below which the battery counts as empty; none by default [V]."""
 
-    chemistry: Chemistry | None = None
-    """Chemistry of the cells, beside `cells`; lipo if it is not given."""
+    chemistry: str | None = None
+    """Chemistry of the cells, beside `cells`: lipo, lihv, li-ion, lifepo4, or one of another package; lipo if it is not
+    given."""
 
     cells: Annotated[int, Ge(1), Le(1000)] | None = None
     """Number of cells in series: it gives `voltage_v` and `voltage_empty_v`, instead of them."""
 
     def __post_init__(self) -> None:
         if self.cells is not None:
-            full_v, empty_v = CELL_V[self.chemistry or "lipo"]
-            object.__setattr__(self, "voltage_v", self.cells * full_v)
-            object.__setattr__(self, "voltage_empty_v", self.cells * empty_v)
+            volts = cell_v(self.chemistry or "lipo") or CELL_V["lipo"]  # `faults` has a chemistry that is unknown
+            object.__setattr__(self, "voltage_v", self.cells * volts[-1])
+            object.__setattr__(self, "voltage_empty_v", self.cells * volts[0])
 
     def overridden(self, keys: Mapping[str, Any]) -> Battery:
         """The battery with other values of some keys: voltages that are given take the place of cells."""
@@ -111,6 +118,8 @@ class Battery:
         found = []
         if self.chemistry is not None and self.cells is None:
             found.append(("chemistry", "chemistry without cells"))
+        if self.chemistry is not None and cell_v(self.chemistry) is None:
+            found.append(("chemistry", f"chemistry {printable(self.chemistry, 60)} is none of {', '.join(CELL_V)}"))
         if self.voltage_empty_v is not None and self.voltage_empty_v > self.voltage_v:
             found.append(("voltage_empty_v", f"voltage_empty_v: {self.voltage_empty_v:g} V is above voltage_v"))
         if self.cutoff_voltage_v is not None and self.cutoff_voltage_v >= self.voltage_v:
@@ -120,24 +129,37 @@ class Battery:
             found.append(("prescribed", "prescribed: times that go back"))
         return found
 
-    def voltage_at(self, soc: float) -> float:
-        """Open-circuit voltage [V] at a state of charge."""
+    @property
+    def curve(self) -> tuple[float, ...]:
+        """Places of the voltage between empty and full, see `core.flight.battery.level`; empty where it is linear."""
+        return () if self.chemistry is None else _curve(self.chemistry)
+
+    def voltage_at(self, soc: Any) -> Any:
+        """Open-circuit voltage [V] at states of charge, a number or an array."""
         if self.voltage_empty_v is None:
-            return self.voltage_v
-        return self.voltage_empty_v + (self.voltage_v - self.voltage_empty_v) * soc
+            return self.voltage_v + 0 * soc  # of its shape
+        place = interpolated(soc, self.curve) if self.curve else soc
+        return self.voltage_empty_v + (self.voltage_v - self.voltage_empty_v) * place
+
+    def soc_at(self, voltage_v: Any) -> Any:
+        """State of charge at open-circuit voltages [V] that are not the same at each charge, an array; straight on
+        beyond them."""
+        empty_v, curve = self.voltage_at(0.0), self.curve
+        place = (voltage_v - empty_v) / (self.voltage_v - empty_v)
+        inside = (place > 0.0) & (place < 1.0) & bool(curve)
+        return np.where(inside, np.interp(place, curve or (0, 1), np.linspace(0.0, 1.0, len(curve) or 2)), place)
 
     def energy_wh(self, soc: float) -> float:
         """b Q_c V [Wh] at a state of charge b. Source: letter, Def. III.3."""
-        return soc * self.capacity_ah * self.voltage_at(soc)
+        return soc * self.capacity_ah * float(self.voltage_at(soc))
 
     def endurance_s(self, power_w: float, reserve_soc: float = 0.0) -> float:
         """Time [s] from full charge until a constant power, above 0 [W], finds the reserve or is no longer delivered.
 
         Source: letter, Lem. III.3, integrated over the charge.
         """
-        soc, empty_v = (np.arange(ENDURANCE_STEPS) + 0.5) / ENDURANCE_STEPS, self.voltage_at(0.0)
-        soc = reserve_soc + (1 - reserve_soc) * soc
-        voltage_v = empty_v + (self.voltage_v - empty_v) * soc
+        soc = reserve_soc + (1 - reserve_soc) * (np.arange(ENDURANCE_STEPS) + 0.5) / ENDURANCE_STEPS
+        voltage_v = self.voltage_at(soc)
         voltage_v = voltage_v[self.max_power_w(voltage_v) >= power_w]
         # ∫ db / −ḃ, by the midpoint rule
         return float(np.sum(1 / self.drain_per_s(power_w, voltage_v))) * (1 - reserve_soc) / ENDURANCE_STEPS
@@ -219,6 +241,29 @@ class Battery:
     def replay(self) -> list[float]:
         """The trace as `replayed_soc` takes it."""
         return [float(number) for point in self.prescribed for number in point]
+
+
+def cell_v(chemistry: str) -> tuple[float, ...] | None:
+    """Voltage of a cell at even steps of the charge [V]: of `CELL_V`, where the law of another package comes when it is
+    first asked for, at `STEPS` steps; None of an unknown chemistry.
+
+    Raises
+    ------
+    EadpError
+        On a law whose voltage does not rise with the charge.
+    """
+    if chemistry not in CELL_V and (law := plug_in("batteries", chemistry)) is not None:
+        volts = tuple(float(law(i / STEPS)) for i in range(STEPS + 1))
+        if not (volts[0] > 0 and all(lower < upper for lower, upper in itertools.pairwise(volts))):
+            raise EadpError(f"battery.chemistry {chemistry}: its voltage does not rise from above 0 V with the charge")
+        CELL_V[chemistry] = volts
+    return CELL_V.get(chemistry)
+
+
+@cache
+def _curve(chemistry: str) -> tuple[float, ...]:
+    volts = cell_v(chemistry) or ()
+    return tuple((each - volts[0]) / (volts[-1] - volts[0]) for each in volts) if len(volts) > 2 else ()
 
 
 @dataclass(frozen=True, slots=True)

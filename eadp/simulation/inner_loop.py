@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import MutableSequence, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from eadp.core import compiled
 from eadp.core.arrays import FloatArray
 from eadp.core.expressions.derivatives import Jet, PathFunction
-from eadp.core.flight.battery import replayed_soc
+from eadp.core.flight.battery import level, replayed_soc
 from eadp.core.geometry.curves import Point
 from eadp.models.battery import Battery
 from eadp.models.plan.executor import PlanExecutor
@@ -83,12 +83,19 @@ NOISE = 2000
 _NOTHING: Jet = (math.nan, math.nan, math.nan, math.nan, math.nan, math.nan)
 
 
+class BatteryTables(NamedTuple):
+    """Places of the voltage over the charge, see `level`, and a trace that is replayed, see `replayed_soc`, or none."""
+
+    curve: Any
+    replay: Any
+
+
 def run_steps(
     s: State,
     w: MutableSequence[float],
     c: Constants,
     noise: Sequence[float],
-    replay: Sequence[float],
+    tables: BatteryTables,
     late: MutableSequence[float],
     readings: MutableSequence[float],
     rows: MutableSequence[float],
@@ -105,8 +112,8 @@ def run_steps(
         State and variables of the triggers, which are changed, and constants.
     noise
         Normal random numbers for gusts.
-    replay
-        See `replayed_soc`; empty where the charge is drained.
+    tables
+        Of the battery.
     late
         Ring buffer of the measured variables of the last `LATE` + 1 steps.
     readings
@@ -142,7 +149,7 @@ def run_steps(
             s[MIN_POWER] = power_w
         if power_w > s[MAX_POWER]:
             s[MAX_POWER] = power_w
-        failed = drain(s, c, power_w, k, replay)
+        failed = drain(s, c, power_w, k, tables)
         if failed:
             return k, failed
         if k >= s[RECORD_AT]:
@@ -153,19 +160,20 @@ def run_steps(
     return k, 0
 
 
-def drain(s: State, c: Constants, power_w: float, k: int, replay: Sequence[float]) -> int:
+def drain(s: State, c: Constants, power_w: float, k: int, tables: BatteryTables) -> int:
     """Drain the battery over step `k`, faults included; return `EMPTY`, `SAGS` or 0."""
     # I = 2y / (V + √(V² − 4 R y)), ḃ = −k_b I / Q_c; at the terminals (V + √(V² − 4 R y)) / 2 = y / I
     # measured: with `battery.drain_per_s` a plain flight takes 1.4 times as long, a compiled one the same
-    volts = c[EMPTY_V] + c[RISE_V] * s[SOC]
+    soc = s[SOC] if len(tables.curve) == 0 else level(s[SOC], tables.curve)
+    volts = c[EMPTY_V] + c[RISE_V] * soc
     discriminant = volts * volts - c[FOUR_R] * power_w
     if discriminant < 0:
         return SAGS
     twice_v = volts + math.sqrt(discriminant)  # twice the voltage at the terminals
     if twice_v < 2 * c[CUTOFF_V] or 2 * power_w > c[MAX_A] * twice_v:
         return SAGS
-    if len(replay) > 0:
-        s[SOC] = replayed_soc(replay, k * c[STEP_S])
+    if len(tables.replay) > 0:
+        s[SOC] = replayed_soc(tables.replay, k * c[STEP_S])
     else:
         s[SOC] -= c[DRAIN] * power_w / twice_v
         if k == c[FAULT_AT]:
@@ -234,7 +242,7 @@ class InnerLoop:
     def __init__(self, state: list[float], constants: list[float], battery: Battery, wind: Wind, rng: Any) -> None:
         self._compiled = compiled.enabled()
         self._fly = compiled.jitted(run_steps, makes_arrays=False)
-        self._replay = self._numbers(battery.replay)
+        self._tables = BatteryTables(self._numbers(list(battery.curve)), self._numbers(battery.replay))
         self._rng = rng
         first = rng.standard_normal(2)
         # the points of a power curve stay the last ones
@@ -308,14 +316,15 @@ class InnerLoop:
         end = min(end, k + room * int(self._c[READ_EVERY]), k + MAX_ROWS * int(self._c[LOG_EVERY]))
         if self._compiled and (self._path is not None or self._curve is not None):
             return self._run_uncompiled(k, end)
-        state = (self._s, self._watch, self._c, self._noise, self._replay, self._late, self._readings, self._rows)
+        state = (self._s, self._watch, self._c, self._noise, self._tables, self._late, self._readings, self._rows)
         k, events = self._fly(*state, k, end, self._path, self._curve)
         return k, events
 
     def _run_uncompiled(self, k: int, end: int) -> tuple[int, int]:
         """Run along a general curve in plain Python, on the arrays of the compiled function."""
         state, watch = self._s.tolist(), self._watch.tolist()
-        constants = (self._c.tolist(), self._noise.tolist(), self._replay.tolist())
+        tables = BatteryTables(*(table.tolist() for table in self._tables))
+        constants = self._c.tolist(), self._noise.tolist(), tables
         records = self._late, self._readings, self._rows
         k, events = run_steps(state, watch, *constants, *records, k, end, self._path, self._curve)
         self._s[:], self._watch[:] = state, watch

@@ -7,7 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from eadp.core.flight.battery_fit import CELL_SOC, CURVES_V
+from eadp.core.flight.battery import interpolated
+from eadp.core.flight.battery_fit import CURVES_V
 
 
 @pytest.fixture
@@ -96,7 +97,7 @@ def test_a_capacity_at_the_end_of_the_search_is_no_result(eadp, flight):
     """Cells of 1.2 Ah that give 1.33 Ah: the search ends at what the log uses."""
     lines = flight.read_text().splitlines()
     t, _, amps = np.array([line.split(",")[:3] for line in lines[1:]], dtype=float).T
-    open_v = 4 * np.interp(1 - np.cumsum(amps) / 3600 / 1.2, CELL_SOC, CURVES_V["lipo"])
+    open_v = 4 * interpolated(1 - np.cumsum(amps) / 3600 / 1.2, CURVES_V["lipo"])
     rows = zip(t.tolist(), (open_v - 0.08 * amps).tolist(), amps.tolist(), strict=True)
     flight.write_text("time_s,voltage_v,current_a\n" + "".join(f"{a},{b},{c}\n" for a, b, c in rows))
     answer = eadp("fit", flight, "--battery", "--cells", "4", "--soc", "1")

@@ -1,4 +1,4 @@
-"""What another package adds beside a planner: an airframe, a coverage pattern, formats of logs and missions."""
+"""What another package adds beside a planner: an airframe, cells, a coverage pattern, formats of logs and missions."""
 
 import math
 from dataclasses import dataclass
@@ -22,6 +22,11 @@ class Glider(FixedWing):
     model: Literal["glider"] = "glider"
     aspect_ratio: float = 18.0
     zero_lift_drag_coefficient: float = 0.012
+
+
+def sodium(soc):
+    """Open-circuit voltage of a cell [V] at a state of charge: it falls all the way, and faster at its end."""
+    return 2.6 + 1.3 * soc - 0.9 * (1 - soc) ** 6
 
 
 def rows(request, heading_rad):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
@@ -15,6 +15,7 @@ from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.log.formats import read_power_log
 from eadp.io.log.power_log import Columns
 from eadp.io.text.options import Flag, check_range
+from eadp.models.battery import cell_v
 
 NO_CHARGE, RESTING = 0.01, 0.05
 """Share of the capacity below which nothing was used; share of the largest current below which a battery is at rest."""
@@ -31,7 +32,7 @@ class BatteryOptions:
     """Cells in series: the capacity is estimated by their voltage."""
 
     chemistry: Annotated[str, Flag(metavar="NAME")] = "lipo"
-    """Chemistry of the cells: lipo or li-ion."""
+    """Chemistry of the cells: lipo, li-ion, or one of another package."""
 
     k_b_per_s: float = 1 / 3600
     """k_b [1/s]; 1/3600 is a battery without losses."""
@@ -40,6 +41,12 @@ class BatteryOptions:
     """State of charge at the start of the log; default: by the charge that the log says was used before, or full where
     the first voltage is that of full cells at rest."""
 
+    @property
+    def cell_v(self) -> Sequence[float]:
+        """Open-circuit voltage of a cell at even steps of the charge [V]; empty where only its ends are known."""
+        volts = CURVES_V.get(self.chemistry) or cell_v(self.chemistry) or ()
+        return volts if len(volts) > 2 else ()
+
     def check(self) -> None:
         """Refuse values that no battery has; raises InputError."""
         if self.capacity_ah is None and self.cells is None:
@@ -47,7 +54,7 @@ class BatteryOptions:
             raise InputError.at("--capacity", 1, 1, message, "--capacity AH or --cells N beside --battery")
         if self.cells is not None and not 1 <= self.cells <= 1000:
             raise InputError.at("--cells", 1, 1, f"{self.cells} cells", "from 1 to 1000", str(self.cells))
-        if self.capacity_ah is None and self.chemistry not in CURVES_V:
+        if self.capacity_ah is None and not self.cell_v:
             expected = f"one of {', '.join(CURVES_V)}, or --capacity AH"
             raise InputError.at("--chemistry", 1, 1, "no curve of its voltage is known", expected, self.chemistry)
         for option, value, largest in (
@@ -152,7 +159,7 @@ def read_battery_fit(path: str, columns: Columns, options: BatteryOptions) -> Ba
     try:
         if options.capacity_ah is None:
             assert options.cells is not None
-            found = fit_capacity(*readings, options.cells, options.chemistry, soc)
+            found = fit_capacity(*readings, options.cells, options.cell_v, soc)
             options = replace(options, capacity_ah=found.capacity_ah)
         assert options.capacity_ah is not None
         fit = fit_battery(*readings, options.capacity_ah, k_b_per_s=options.k_b_per_s, soc=soc)
@@ -178,7 +185,7 @@ def _charge_at_start(
         soc = 1 - used_ah / capacity_ah
         return soc, f"{used_ah:.3g} Ah were used before the log's first reading: its charge is taken as {soc:.3f}"
     resting = abs(current_a[0]) <= RESTING * float(np.max(current_a))
-    if not (resting and is_full_at_rest(float(voltage_v[0]), options.cells, options.chemistry)):
+    if not (resting and is_full_at_rest(float(voltage_v[0]), options.cells, options.cell_v or CURVES_V["lipo"])):
         message = "nothing shows the charge at the start of the log"
         raise InputError.at("--soc", 1, 1, message, "--soc SHARE, which is 1 for a battery that was full")
     return 1.0, ""

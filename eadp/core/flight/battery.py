@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from eadp.core.arrays import Column
 from eadp.errors import Infeasible
 
 
@@ -78,6 +79,30 @@ def current_slope_a_per_w(power_w: Any, voltage_v: Any, resistance_ohm: float) -
 def _root_v(power_w: Any, voltage_v: Any, resistance_ohm: float) -> Any:
     """√(V² − 4 R y) [V]; 0 beyond what can be delivered."""
     return np.sqrt(np.maximum(voltage_v * voltage_v - 4 * resistance_ohm * power_w, 0.0))
+
+
+def interpolated(soc: Any, values: Sequence[float]) -> Any:
+    """Values of states of charge, a number or an array, among those at even steps of it; held at its ends."""
+    return np.interp(soc, np.linspace(0.0, 1.0, len(values)), values)
+
+
+def level(soc: float, curve: Column) -> float:
+    """Place of the open-circuit voltage between that of the empty battery, 0, and that of the full one, 1.
+
+    It may be compiled.
+
+    Parameters
+    ----------
+    soc : float
+        State of charge, 0 to 1.
+    curve : sequence of float
+        Places at even steps of the charge, straight between them; empty where the voltage is linear in the charge.
+    """
+    if len(curve) == 0:
+        return soc
+    last = len(curve) - 2
+    i = min(int(soc * (last + 1)), last)
+    return curve[i] + (curve[i + 1] - curve[i]) * (soc * (last + 1) - i)
 
 
 def max_power_w(voltage_v: Any, resistance_ohm: float, max_current_a: float, cutoff_v: float) -> Any:

@@ -10,6 +10,7 @@ Source: letter, Sec. III-C and Eq. 22 for the model; Huber 1964 for the weights;
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
 from eadp.core.arrays import FloatArray
+from eadp.core.flight.battery import interpolated
 from eadp.core.signals.robust import regressed
 from eadp.errors import Infeasible
 
@@ -65,7 +67,6 @@ class BatteryFit:
     notes: tuple[str, ...]
 
 
-CELL_SOC = np.linspace(0.0, 1.0, 21)
 # fmt: off
 CURVES_V = {
     "lipo": (3.27, 3.61, 3.69, 3.71, 3.73, 3.75, 3.77, 3.79, 3.80, 3.82, 3.84,
@@ -83,10 +84,9 @@ MAX_GUESSED_CELLS = 8
 """Most cells in series that a voltage tells from one more."""
 
 
-def is_full_at_rest(voltage_v: float, cells: int | None = None, chemistry: str = "lipo") -> bool:
+def is_full_at_rest(voltage_v: float, cells: int | None = None, cell_v: Sequence[float] = CURVES_V["lipo"]) -> bool:
     """Whether a voltage at rest is that of full cells: of so many, or of some number up to `MAX_GUESSED_CELLS`."""
-    curve = CURVES_V.get(chemistry, CURVES_V["lipo"])
-    low, high = float(np.interp(FULL_SHARE, CELL_SOC, curve)), curve[-1] + 0.05
+    low, high = interpolated(FULL_SHARE, cell_v), cell_v[-1] + 0.05
     numbers = range(1, MAX_GUESSED_CELLS + 1) if cells is None else [cells]
     return any(low <= voltage_v / number <= high for number in numbers)
 
@@ -123,7 +123,7 @@ def fit_capacity(
     voltage_v: ArrayLike,
     current_a: ArrayLike,
     cells: int,
-    chemistry: str = "lipo",
+    cell_v: Sequence[float] = CURVES_V["lipo"],
     soc: float = 1.0,
 ) -> CapacityFit:
     """Capacity of a pack whose cells' open-circuit voltage is known, by how far the voltage falls with the charge used.
@@ -134,8 +134,8 @@ def fit_capacity(
         Times [s], increasing; voltage at the terminals [V]; current drawn [A].
     cells : int
         Cells in series.
-    chemistry : str
-        One of `CURVES_V`.
+    cell_v : sequence of float
+        Open-circuit voltage of a cell [V] at even steps of the charge.
     soc : float
         State of charge at the start.
 
@@ -153,8 +153,7 @@ def fit_capacity(
         raise Infeasible("the log uses no charge")
 
     def open_v(log_capacity: float) -> FloatArray:
-        table: FloatArray = cells * np.interp(soc - used_ah / math.exp(log_capacity), CELL_SOC, CURVES_V[chemistry])
-        return table
+        return cells * np.asarray(interpolated(soc - used_ah / math.exp(log_capacity), cell_v))
 
     def cost(log_capacity: float) -> float:
         rest = volts - open_v(log_capacity)

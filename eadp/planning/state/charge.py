@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from eadp.core.arrays import Column, columns
+import numpy as np
+
+from eadp.core.arrays import Column, FloatArray, columns
 from eadp.core.compiled import jitted
-from eadp.core.flight.battery import drain_per_s
+from eadp.core.flight.battery import drain_per_s, level
 
 JUMP, JUMP_STDS, MIN_JUMP = 0.01, 6.0, 1e-3
 """Innovation, absolute and in standard deviations, beyond which a reading is an outlier; and that of an exact gauge."""
@@ -42,7 +44,7 @@ MAX_STEP_S = 10.0
 
 
 class DrainModel(NamedTuple):
-    """Battery that predicts the drain: a voltage source, linear in the charge, behind a resistance.
+    """Battery that predicts the drain: a voltage source, which falls with the charge, behind a resistance.
 
     Attributes
     ----------
@@ -52,12 +54,15 @@ class DrainModel(NamedTuple):
         Inner resistance [Ω].
     per_as : float
         State of charge that an ampere takes in a second, k_b / Q_c [1/(A s)]; 0 where nothing is drained.
+    curve : array
+        Places of the voltage between empty and full, see `level`.
     """
 
     empty_v: float
     rise_v: float
     resistance_ohm: float
     per_as: float
+    curve: FloatArray = np.zeros(0)
 
 
 class Charge(NamedTuple):
@@ -421,7 +426,7 @@ def _ingested(
         drained = 0.0
         if not math.isnan(state.charge.soc):
             soc = after_drain(state.charge, drain.since).soc
-            volts = model.empty_v + model.rise_v * min(max(soc, 0.0), 1.0)
+            volts = model.empty_v + model.rise_v * level(min(max(soc, 0.0), 1.0), model.curve)
             drained = drain_per_s(power_w, volts, model.resistance_ohm, model.per_as) * steps_s[i]
         unmeasured = 0.0 if measured and known and steps_s[i] <= MAX_STEP_S else drained
         drain = Drain(drain.since + drained, drain.unmeasured + unmeasured, drain.total + drained, power_w)

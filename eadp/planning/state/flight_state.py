@@ -92,7 +92,7 @@ class FlightState:
         self._power = PowerTracker(settings, mission, horizon_s, limit_w)
         self._queue = ReadingQueue(self._power, settings.every_s)
         per_as = 0.0 if battery.prescribed else battery.drain_per_as
-        model = DrainModel(empty_v, full_v - empty_v, battery.resistance_ohm, per_as)
+        model = DrainModel(empty_v, full_v - empty_v, battery.resistance_ohm, per_as, np.array(battery.curve))
         self._charge = ChargeFilter(model, (full_v - empty_v) / battery.voltage_at(0.5), battery.soc)
         self._voltage = VoltageWatch(battery)
         self._climb = ClimbFollower.of(mission)

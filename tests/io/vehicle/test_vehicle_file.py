@@ -112,7 +112,10 @@ BAD = [
     ("battery: {cutoff_voltage_v: 15}", ":2:11: error: battery.cutoff_voltage_v: 15 V is not below voltage_v"),
     ("battery: {max_c_rate: 0}", ":2:11: error: battery.max_c_rate cannot be 0"),
     ("battery: {cells: 0}", ":2:11: error: battery.cells cannot be 0"),
-    ("battery: {cells: 4, chemistry: nicd}", ":2:21: error: battery.chemistry cannot be 'nicd'"),
+    (
+        "battery: {cells: 4, chemistry: nicd}",
+        ":2:21: error: battery.chemistry nicd is none of lipo, lihv, li-ion, lifepo4",
+    ),
     ("battery: {chemistry: lipo}", ":2:11: error: battery.chemistry without cells"),
     ("battery: {cells: 4, voltage_v: 16}", ":2:21: error: battery.cells beside its voltage; expected one of the two"),
     ("wind: {}", ":2:1: error: unknown key wind"),
