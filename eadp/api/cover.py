@@ -190,6 +190,13 @@ class CameraOptions:
         gsd_cm = None if self.image_width_px is None else 100 * width_m / self.image_width_px
         return Pictures(width_m, apart_m, forward, count, gsd_cm)
 
+    @property
+    def picture_length_m(self) -> float | None:
+        """Ground in a picture along a line [m]; None where the sensor's height is not known."""
+        if self.sensor_height_mm is None:
+            return None
+        return self._footprint_m("--sensor-height-mm", self.sensor_height_mm, 0.0)
+
     @cached_property
     def picture_distance_m(self) -> float | None:
         """Distance between pictures along a line [m]; None where none are taken."""

@@ -34,7 +34,7 @@ class CoverInputs:
     """Aircraft, instead of the scenario's."""
 
     resume: Annotated[Sequence[str], Flag(metavar="FLOWN")] = ()
-    """Flights flown, result folders or telemetry: what they covered is left out."""
+    """Flights flown, as result folders, telemetry, .bin, .ulg or .tlog: what they covered is left out."""
 
 
 @dataclass(frozen=True)

@@ -74,6 +74,9 @@ FREE_CHAINS = 24
 MAX_LINES = 400
 """Largest number of lines that are ordered."""
 
+SEAM_M = 1e-7
+"""By how much windows beside each other overlap [m]: less than what a line leaves to its neighbour."""
+
 FREE_HEADINGS = 36
 """Number of headings tried at the start and home points."""
 
@@ -128,6 +131,12 @@ class LineGrid:
         """For each line the extents of a field's parts along it [m], upward."""
         rings, *others = ([self.frame.into(np.array(ring)) for ring in part] for part in field.parts)
         return strip_extents(rings, self.edges_m, others)
+
+    def window(self, first: int, last: int, low_m: float, high_m: float) -> list[Point]:
+        """The rectangle of lines `first` to `last`, between two places along them, in the plane [m]."""
+        left, right = float(self.edges_m[first]) - SEAM_M, float(self.edges_m[last + 1]) + SEAM_M
+        corners = ((left, low_m), (right, low_m), (right, high_m), (left, high_m))
+        return [self.frame.out(*corner) for corner in corners]
 
 
 @dataclass(frozen=True)

@@ -188,6 +188,18 @@ class SortiePlanner:
         assert self._request.heading_rad is not None
         return self._request.heading_rad
 
+    def grid(self, request: CoverageRequest | None = None) -> LineGrid:
+        """The lines of the whole field, by a request of it."""
+        request = request or self._request
+        swath_m = self.task.motion.swath_m
+        apart_m = swath_m if request.pattern == ZAMBONI else request.order_spacing_m or swath_m
+        return LineGrid.over(self.task.field, self.heading_rad, swath_m, apart_m)
+
+    @property
+    def laps(self) -> bool:
+        """Whether the field is flown in laps."""
+        return self._request.pattern == ZAMBONI
+
     def plan(self, ground: Field | None = None) -> SortiePlan:
         """Sorties over a field's ground, by default the whole.
 
@@ -209,10 +221,7 @@ class SortiePlanner:
 
     def _planned(self, ground: Field, request: CoverageRequest) -> SortiePlan:
         """Sorties over a ground by a request's pattern: side by side, or along a tour of its lines if that is less."""
-        motion, laps = self.task.motion, request.pattern == ZAMBONI
-        spacing_m = motion.swath_m if laps else request.order_spacing_m or motion.swath_m
-        assert request.heading_rad is not None
-        grid = LineGrid.over(self.task.field, request.heading_rad, motion.swath_m, spacing_m)
+        motion, laps, grid = self.task.motion, request.pattern == ZAMBONI, self.grid(request)
 
         def forecast(part: Field) -> PlannedSortie:
             covered = _without_bays(part) if laps else part  # laps cover bays and holes as if they were field
