@@ -36,7 +36,7 @@ from eadp.models.performance import PATH_MARGIN, ground_radius_m, too_tight
 from eadp.models.plan.plan import MadeFor, Plan, Site
 from eadp.models.plan.stage import Box
 from eadp.models.profile_sum import AnyProfile
-from eadp.models.vehicle import Airframe
+from eadp.models.vehicle import Airframe, PaperVehicle
 
 MIN_RADIUS_M = 0.1
 MAX_LENGTH_M = 1e5
@@ -108,7 +108,10 @@ class FieldOptions:
     """Polygons that lines and turns stay inside of, as --avoid."""
 
     holes: Literal["cover", "avoid"] = "cover"
-    """Whether the field's holes may be flown over."""
+    """Whether the field's holes may be flown over; they are not covered."""
+
+    clearance_m: float = 20.0
+    """Obstacles so far below the plan's altitude [m] are flown over, where their height is known."""
 
 
 @dataclass(frozen=True)
@@ -407,6 +410,7 @@ class CoverageTask:
         motion = options.motion(airframe, wind_mps)
         if options.altitude_m is not None:
             check_range("--altitude", options.altitude_m, 0, MAX_ALTITUDE_M)
+        check_range("--clearance", options.clearance_m, 0, MAX_ALTITUDE_M, closed=True)
         if not has_pattern(options.pattern):
             raise _fault("--pattern", options.pattern, "is no pattern", one_of(PATTERNS, options.pattern))
         text = read_field_text(path)
@@ -419,6 +423,39 @@ class CoverageTask:
         """Where the flight ends."""
         return _point("--home", self.options.home, self.field)
 
+    @cached_property
+    def airspace(self) -> Airspace:
+        """What is in the way: not obstacles lower than the plan's altitude, and a climb from home, by the clearance."""
+        given, altitude_m, airframe = self.field.airspace, self.options.altitude_m, self.airframe
+        if altitude_m is None or isinstance(airframe, PaperVehicle):
+            return given
+        reached_m = [altitude_m] * len(given.obstacles)
+        if self.home_m is not None and given.obstacles:
+            from eadp.core.geometry.polygons import distances_m
+
+            # a climb from home with the wind behind, straight to the obstacle
+            climb = airframe.climb_rates_mps(self.motion.airspeed_mps)[0] / self.motion.ground_limit_mps
+            ways_m = distances_m([each.outline for each in given.obstacles], self.home_m)
+            reached_m = [min(altitude_m, climb * way_m) for way_m in ways_m.tolist()]
+        high = [
+            each
+            for each, there_m in zip(given.obstacles, reached_m, strict=True)
+            if each.height_m is None or each.height_m > there_m - self.options.clearance_m
+        ]
+        return given._replace(obstacles=tuple(high))
+
+    @property
+    def flown_over(self) -> list[str]:
+        """What is said of obstacles that are flown over."""
+        over = [each for each in self.field.airspace.obstacles if each not in self.airspace.obstacles]
+        highest = max(over, key=lambda each: each.height_m or 0.0, default=None)
+        if highest is None:
+            return []
+        many = "an obstacle is" if len(over) == 1 else f"{len(over)} obstacles are"
+        return [
+            f"{many} flown over at {self.options.altitude_m:g} m, the highest {highest.name} of {highest.height_m:g} m"
+        ]
+
     @property
     def request(self) -> CoverageRequest:
         """The coverage of the whole field."""
@@ -426,7 +463,8 @@ class CoverageTask:
         start = _point("--start", options.start, self.field)
         heading = options.heading_rad
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
-        return CoverageRequest(self.field, self.motion, options.pattern, heading, start, self.home_m, apart)
+        ends = start, self.home_m
+        return CoverageRequest(self.field, self.motion, options.pattern, heading, *ends, apart, airspace=self.airspace)
 
     def planned(self, solution: CoverageSolution, field: Field | None = None) -> CoveragePlan:
         """The plan of a path over the field, or over a part of it.
@@ -452,11 +490,12 @@ class CoverageTask:
         )
         known = self.profile is not None or self.pack_wh is not None
         power = _power(plan, self.profile, self.airframe.cruise_power_w, computations) if known else None
-        report = CoverageReport.of(field, motion, solution, power)
+        report = CoverageReport.of(replace(field, airspace=self.airspace), motion, solution, power)
         comments = "".join(f"% {line}\n" for line in report.comments(printable(self.file, 100)))
         sensed_m = sum(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing)
         pictures = options.pictures(sensed_m)
-        return CoveragePlan(plan, comments + plan_text(plan), report, self.repairs, pictures, self.pack_wh)
+        notes = [*self.repairs, *self.flown_over]
+        return CoveragePlan(plan, comments + plan_text(plan), report, notes, pictures, self.pack_wh)
 
 
 def _site(field: Field, covered: Field, motion: MotionLimits, home: Point | None, vehicle: str) -> Site:

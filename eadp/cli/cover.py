@@ -96,6 +96,7 @@ def command(
 
         try:
             plan = cover_in_sorties(file, options, division, **files, resume=given.resume, warn=warn)
+            warn([Fault(name, 1, 1, note, severity="note") for note in plan.planner.task.flown_over])
             return _sorties(plan, output, wanted)
         except Infeasible as error:
             warn([Fault(name, 1, 1, str(error), "a nearer home, a larger pack, or less wind")])

@@ -39,7 +39,7 @@ from eadp.coverage.swaths import (
 )
 from eadp.coverage.zamboni import Block, BlockBounds, BlockLayout, build_block, layouts, summarise_block
 from eadp.errors import Infeasible
-from eadp.models.airspace import CLEARANCE_SHARE
+from eadp.models.airspace import CLEARANCE_SHARE, Airspace
 from eadp.models.field import Field
 from eadp.plug_ins import plug_in
 
@@ -144,7 +144,8 @@ class CoverageRequest:
     """A coverage problem: the field, the motion's limits, and what is prescribed.
 
     `heading_rad` None leaves the heading of the lines free; `start_m` and `home_m` None leave both ends of the path
-    free. Ordered lines lie at most `order_spacing_m` apart, by default a swath, or on a `grid`.
+    free. Ordered lines lie at most `order_spacing_m` apart, by default a swath, or on a `grid`. `airspace` is
+    what is in the way, by default all that the field has.
     """
 
     field: Field
@@ -155,11 +156,12 @@ class CoverageRequest:
     home_m: Point | None = None
     order_spacing_m: float | None = None
     grid: LineGrid | None = None
+    airspace: Airspace | None = None
 
     @cached_property
     def space(self) -> FreeSpace | None:
         """Where lines and turns may lie; None for everywhere."""
-        airspace = self.field.airspace
+        airspace = self.airspace or self.field.airspace
         return airspace.free_space(CLEARANCE_SHARE * self.motion.min_radius_m) if any(airspace) else None
 
 
