@@ -227,7 +227,8 @@ def _reach(expected: Mapping[str, Any]) -> list[str]:
     x, y = expected["reach_m"]
     return [
         f"one pack   covers {100 * expected['reach_share']:.0f} % with its reserve kept, to ({x:.0f}, {y:.0f}) m at "
-        f"{expected['reach_s']:.0f} s; {expected['batteries']} or more are needed: eadp cover --sorties auto"
+        f"{expected['reach_s']:.0f} s; without ways home it takes {expected['batteries']} or more: "
+        "eadp cover --sorties auto"
     ]
 
 

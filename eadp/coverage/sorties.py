@@ -181,9 +181,9 @@ class Divided(NamedTuple, Generic[AnySortie]):
         return len(self.sorties) > 1 and spare >= min(sortie.used_on_lines for sortie in self.sorties)
 
     @property
-    def least(self) -> float:
-        """The least charge that a sortie leaves above what has to be left."""
-        return min(sortie.spare for sortie in self.sorties)
+    def shortest(self) -> AnySortie:
+        """The sortie with the least charge above what has to be left."""
+        return min(self.sorties, key=lambda sortie: sortie.spare)
 
 
 @dataclass(frozen=True)
@@ -232,6 +232,10 @@ class Divider(Generic[AnySortie]):
         if not self.cuts:
             raise Infeasible(f"{self.division.lines} whole lines have no division into {count} sorties or more")
         raise Infeasible(f"{MAX_SORTIES} sorties are too few")
+
+    def of_count(self, count: int) -> Divided[AnySortie]:
+        """So many sorties of equal length of lines, whether they can be flown or not."""
+        return self._at(np.linspace(0.0, self.division.total_m, count + 1))
 
     def _fullest(self, min_count: int) -> Divided[AnySortie]:
         """Sorties that are filled one after the other: of whole lines, or cut ones where these may save a sortie."""
@@ -304,7 +308,7 @@ class Divider(Generic[AnySortie]):
             found = None
             whole = np.array([*map(self.division.between_lines, places)])
             for tried in (whole, places) if self.cuts else (whole,):
-                if len(set(tried.tolist())) == count + 1 and (found := self._at(tried)).least >= 0:
+                if len(set(tried.tolist())) == count + 1 and (found := self._at(tried)).shortest.spare >= 0:
                     return found
             if found is None:  # whole lines are too few, or too unlike
                 return None
