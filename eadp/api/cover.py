@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
@@ -13,7 +13,7 @@ from eadp.api.given import File, Warn, python_warnings
 from eadp.api.profile import profile_of_scenario, read_profile
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.geodesy import to_local_m
+from eadp.core.geometry.geodesy import place_text, to_local_m
 from eadp.coverage.cover import AUTO, PATTERNS, CoverageRequest, CoverageSolution, has_pattern
 from eadp.coverage.cover import cover as cover_field
 from eadp.coverage.plan_builder import FieldComputations, build_plan
@@ -31,6 +31,7 @@ from eadp.io.text.streams import read_text
 from eadp.io.vehicle.vehicle_file import read_vehicle
 from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.computing import Computing, join_profile
+from eadp.models.doubts import NEAR_DEG, Doubt, Shots, angle_doubts, shot_doubts
 from eadp.models.field import Field
 from eadp.models.performance import PATH_MARGIN, ground_radius_m, too_tight
 from eadp.models.plan.plan import MadeFor, Plan, Site
@@ -136,6 +137,9 @@ class CameraOptions:
 
     forward_overlap: Annotated[float | None, Flag(metavar="PERCENT")] = None
     """Overlap of the pictures along a line [%]: the plan takes them."""
+
+    picture_interval_s: Annotated[float | None, Flag(low=0)] = None
+    """Shortest time between two pictures of which the camera is capable [s]; --forward-overlap is held against it."""
 
     image_width_px: int | None = None
     """Width of a picture, across the lines [pixels]: the size of a pixel is said."""
@@ -555,8 +559,13 @@ def _point(option: str, given: Pair | None, field: Field) -> Point | None:
         point = to_local_m(lat, lon, field.origin_deg)
     distance_m = min(math.dist(point, vertex) for part in field.parts for vertex in part[0])
     if distance_m > MAX_DISTANCE_M:
-        expected = f"{MAX_DISTANCE_M / 1000:g} km or less (LAT,LON in that order, or X,Y)"
-        raise _fault(option, _raw(given), f"{distance_m / 1000:.0f} km from the field", expected)
+        message, expected = f"{distance_m / 1000:.0f} km from the field", f"{MAX_DISTANCE_M / 1000:g} km or less"
+        if field.origin_deg is not None:
+            message += f", which is at {place_text(field.origin_deg)}"
+            expected += "; LAT,LON in that order"
+            if math.dist((lon, lat), field.origin_deg) < NEAR_DEG:
+                expected = "LAT,LON in that order: here or in the field's file they are swapped"
+        raise _fault(option, _raw(given), message, expected)
     if not field.airspace.admits(point):
         message = "lies in an obstacle or beyond the boundary"
         raise _fault(option, _raw(given), message, "a place that may be flown over")
@@ -678,4 +687,16 @@ def coverage_task(
     speed_mps = math.hypot(*task.motion.wind_mps)
     if tight := too_tight(flown.airframe, task.motion.airspeed_mps, task.motion.min_radius_m, speed_mps):
         warn([Fault("--min-radius", 1, 1, tight, severity="warning")])
+    warn([Fault(*doubt[:1], 1, 1, *doubt[1:], severity="warning") for doubt in _doubts(task)])
     return task
+
+
+def _doubts(task: CoverageTask) -> Iterator[Doubt]:
+    """What may be meant otherwise than it is written."""
+    options = task.options
+    yield from angle_doubts("--heading", options.heading_deg)
+    if options.wind is not None:
+        yield from angle_doubts("--wind", _two_numbers("--wind", options.wind, "")[1])
+    camera = options.altitude_m, options.sensor_width_mm, options.focal_length_mm
+    shots = Shots(*camera, options.picture_distance_m, options.picture_interval_s)
+    yield from shot_doubts(shots, task.motion.ground_limit_mps)

@@ -177,7 +177,8 @@ def _text(summary: Mapping[str, Any], output: SimulateOutputs, *, decisions: int
     parameters = summary["parameters"].items()
     lines += [f"{label_of(name, values):<10} {parameter_text(values)}" for name, values in parameters]
     if summary["quality"] is not None:
-        lines.append(f"quality    U = {summary['quality']:.3f} of 1 (1: densest lines, full rates, to the end)")
+        ends = "0: widest lines, lowest rates; 1: densest lines, full rates, to the end"
+        lines.append(f"quality    U = {summary['quality']:.3f} of 1 ({ends})")
     if summary["coverage"] is not None:
         lines.append(f"covered    {100 * summary['coverage']:.2f} % of the field, by the lines flown")
     replans = f"; re-planned {decisions} times" if decisions else ""

@@ -18,6 +18,7 @@ from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import heading_rad
 from eadp.core.geometry.curves import Point
+from eadp.core.geometry.geodesy import place_text
 from eadp.coverage.cover import (
     AUTO,
     DUBINS,
@@ -543,8 +544,9 @@ class SortiePlan:
         count, few = document["count"], document["min_count"]
         asked = few < count == self.planner.options.count
         least = f"{count}, {'as asked for' if asked else 'no fewer are enough' if count == few else 'the fewest found'}"
+        place = f" at {place_text(task.field.origin_deg)}" if task.field.origin_deg else ""
         lines = [
-            f"field      {name}{self.ground.area_m2 / 1e4:.2f} ha, {100 * document['coverage']:.2f} % covered",
+            f"field      {name}{self.ground.area_m2 / 1e4:.2f} ha{place}, {100 * document['coverage']:.2f} % covered",
             f"sorties    {least}: {document['energy_wh']:.1f} Wh, {document['length_m'] / 1000:.1f} km",
             f"done       after {document['time_s'] / 60:.0f} min with {document['aircraft']} aircraft, "
             f"{document['swap_s']:g} s on the ground between two sorties",
@@ -553,7 +555,7 @@ class SortiePlan:
         if near is not None:
             later = f"with {document['stagger_s']:g} s from one take-off to the next"
             lines.append(f"apart      {near.distance_m:.0f} m or more, {later}")
-        return [*lines, "", *aligned(table)]
+        return [*lines, task.motion.wind_text, "", *aligned(table)]
 
     def scenario_text(self, profile: str | None) -> str:
         """A scenario that flies the sorties: all of the given one and its vehicle, from the ground at home."""
