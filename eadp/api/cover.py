@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
@@ -13,7 +13,7 @@ from eadp.api.given import File, Warn, python_warnings
 from eadp.api.profile import profile_of_scenario, read_profile
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.geodesy import to_local_m
+from eadp.core.geometry.geodesy import place_text, to_local_m
 from eadp.coverage.cover import AUTO, PATTERNS, CoverageRequest, CoverageSolution, has_pattern
 from eadp.coverage.cover import cover as cover_field
 from eadp.coverage.plan_builder import FieldComputations, build_plan
@@ -31,12 +31,13 @@ from eadp.io.text.streams import read_text
 from eadp.io.vehicle.vehicle_file import read_vehicle
 from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.computing import Computing, join_profile
+from eadp.models.doubts import NEAR_DEG, Doubt, Shots, angle_doubts, shot_doubts
 from eadp.models.field import Field
 from eadp.models.performance import PATH_MARGIN, ground_radius_m, too_tight
 from eadp.models.plan.plan import MadeFor, Plan, Site
 from eadp.models.plan.stage import Box
 from eadp.models.profile_sum import AnyProfile
-from eadp.models.vehicle import Airframe
+from eadp.models.vehicle import Airframe, PaperVehicle
 
 MIN_RADIUS_M = 0.1
 MAX_LENGTH_M = 1e5
@@ -108,7 +109,10 @@ class FieldOptions:
     """Polygons that lines and turns stay inside of, as --avoid."""
 
     holes: Literal["cover", "avoid"] = "cover"
-    """Whether the field's holes may be flown over."""
+    """Whether the field's holes may be flown over; they are not covered."""
+
+    clearance_m: float = 20.0
+    """Obstacles so far below the plan's altitude [m] are flown over, where their height is known."""
 
 
 @dataclass(frozen=True)
@@ -133,6 +137,9 @@ class CameraOptions:
 
     forward_overlap: Annotated[float | None, Flag(metavar="PERCENT")] = None
     """Overlap of the pictures along a line [%]: the plan takes them."""
+
+    picture_interval_s: Annotated[float | None, Flag(low=0)] = None
+    """Shortest time between two pictures of which the camera is capable [s]; --forward-overlap is held against it."""
 
     image_width_px: int | None = None
     """Width of a picture, across the lines [pixels]: the size of a pixel is said."""
@@ -189,6 +196,13 @@ class CameraOptions:
         forward = None if self.forward_overlap is None else self.forward_overlap / 100
         gsd_cm = None if self.image_width_px is None else 100 * width_m / self.image_width_px
         return Pictures(width_m, apart_m, forward, count, gsd_cm)
+
+    @property
+    def picture_length_m(self) -> float | None:
+        """Ground in a picture along a line [m]; None where the sensor's height is not known."""
+        if self.sensor_height_mm is None:
+            return None
+        return self._footprint_m("--sensor-height-mm", self.sensor_height_mm, 0.0)
 
     @cached_property
     def picture_distance_m(self) -> float | None:
@@ -400,6 +414,7 @@ class CoverageTask:
         motion = options.motion(airframe, wind_mps)
         if options.altitude_m is not None:
             check_range("--altitude", options.altitude_m, 0, MAX_ALTITUDE_M)
+        check_range("--clearance", options.clearance_m, 0, MAX_ALTITUDE_M, closed=True)
         if not has_pattern(options.pattern):
             raise _fault("--pattern", options.pattern, "is no pattern", one_of(PATTERNS, options.pattern))
         text = read_field_text(path)
@@ -412,6 +427,39 @@ class CoverageTask:
         """Where the flight ends."""
         return _point("--home", self.options.home, self.field)
 
+    @cached_property
+    def airspace(self) -> Airspace:
+        """What is in the way: not obstacles lower than the plan's altitude, and a climb from home, by the clearance."""
+        given, altitude_m, airframe = self.field.airspace, self.options.altitude_m, self.airframe
+        if altitude_m is None or isinstance(airframe, PaperVehicle):
+            return given
+        reached_m = [altitude_m] * len(given.obstacles)
+        if self.home_m is not None and given.obstacles:
+            from eadp.core.geometry.polygons import distances_m
+
+            # a climb from home with the wind behind, straight to the obstacle
+            climb = airframe.climb_rates_mps(self.motion.airspeed_mps)[0] / self.motion.ground_limit_mps
+            ways_m = distances_m([each.outline for each in given.obstacles], self.home_m)
+            reached_m = [min(altitude_m, climb * way_m) for way_m in ways_m.tolist()]
+        high = [
+            each
+            for each, there_m in zip(given.obstacles, reached_m, strict=True)
+            if each.height_m is None or each.height_m > there_m - self.options.clearance_m
+        ]
+        return given._replace(obstacles=tuple(high))
+
+    @property
+    def flown_over(self) -> list[str]:
+        """What is said of obstacles that are flown over."""
+        over = [each for each in self.field.airspace.obstacles if each not in self.airspace.obstacles]
+        highest = max(over, key=lambda each: each.height_m or 0.0, default=None)
+        if highest is None:
+            return []
+        many = "an obstacle is" if len(over) == 1 else f"{len(over)} obstacles are"
+        return [
+            f"{many} flown over at {self.options.altitude_m:g} m, the highest {highest.name} of {highest.height_m:g} m"
+        ]
+
     @property
     def request(self) -> CoverageRequest:
         """The coverage of the whole field."""
@@ -419,7 +467,8 @@ class CoverageTask:
         start = _point("--start", options.start, self.field)
         heading = options.heading_rad
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
-        return CoverageRequest(self.field, self.motion, options.pattern, heading, start, self.home_m, apart)
+        ends = start, self.home_m
+        return CoverageRequest(self.field, self.motion, options.pattern, heading, *ends, apart, airspace=self.airspace)
 
     def planned(self, solution: CoverageSolution, field: Field | None = None) -> CoveragePlan:
         """The plan of a path over the field, or over a part of it.
@@ -445,11 +494,12 @@ class CoverageTask:
         )
         known = self.profile is not None or self.pack_wh is not None
         power = _power(plan, self.profile, self.airframe.cruise_power_w, computations) if known else None
-        report = CoverageReport.of(field, motion, solution, power)
+        report = CoverageReport.of(replace(field, airspace=self.airspace), motion, solution, power)
         comments = "".join(f"% {line}\n" for line in report.comments(printable(self.file, 100)))
         sensed_m = sum(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing)
         pictures = options.pictures(sensed_m)
-        return CoveragePlan(plan, comments + plan_text(plan), report, self.repairs, pictures, self.pack_wh)
+        notes = [*self.repairs, *self.flown_over]
+        return CoveragePlan(plan, comments + plan_text(plan), report, notes, pictures, self.pack_wh)
 
 
 def _site(field: Field, covered: Field, motion: MotionLimits, home: Point | None, vehicle: str) -> Site:
@@ -509,8 +559,13 @@ def _point(option: str, given: Pair | None, field: Field) -> Point | None:
         point = to_local_m(lat, lon, field.origin_deg)
     distance_m = min(math.dist(point, vertex) for part in field.parts for vertex in part[0])
     if distance_m > MAX_DISTANCE_M:
-        expected = f"{MAX_DISTANCE_M / 1000:g} km or less (LAT,LON in that order, or X,Y)"
-        raise _fault(option, _raw(given), f"{distance_m / 1000:.0f} km from the field", expected)
+        message, expected = f"{distance_m / 1000:.0f} km from the field", f"{MAX_DISTANCE_M / 1000:g} km or less"
+        if field.origin_deg is not None:
+            message += f", which is at {place_text(field.origin_deg)}"
+            expected += "; LAT,LON in that order"
+            if math.dist((lon, lat), field.origin_deg) < NEAR_DEG:
+                expected = "LAT,LON in that order: here or in the field's file they are swapped"
+        raise _fault(option, _raw(given), message, expected)
     if not field.airspace.admits(point):
         message = "lies in an obstacle or beyond the boundary"
         raise _fault(option, _raw(given), message, "a place that may be flown over")
@@ -632,4 +687,16 @@ def coverage_task(
     speed_mps = math.hypot(*task.motion.wind_mps)
     if tight := too_tight(flown.airframe, task.motion.airspeed_mps, task.motion.min_radius_m, speed_mps):
         warn([Fault("--min-radius", 1, 1, tight, severity="warning")])
+    warn([Fault(*doubt[:1], 1, 1, *doubt[1:], severity="warning") for doubt in _doubts(task)])
     return task
+
+
+def _doubts(task: CoverageTask) -> Iterator[Doubt]:
+    """What may be meant otherwise than it is written."""
+    options = task.options
+    yield from angle_doubts("--heading", options.heading_deg)
+    if options.wind is not None:
+        yield from angle_doubts("--wind", _two_numbers("--wind", options.wind, "")[1])
+    camera = options.altitude_m, options.sensor_width_mm, options.focal_length_mm
+    shots = Shots(*camera, options.picture_distance_m, options.picture_interval_s)
+    yield from shot_doubts(shots, task.motion.ground_limit_mps)

@@ -22,13 +22,16 @@ from eadp.io.plan.parameters import parameters_of
 from eadp.io.scenario.scenario_file import override_texts, read_overrides
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import write_text
-from eadp.models.airspace import risk_text
-from eadp.models.plan.legs import Leg
+from eadp.models.airspace import Airspace, risk_text
+from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import PlannedLegs
 from eadp.models.plan.trace import nominal_route
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.planning.forecast.held import Preflight
+
+FENCE_STEP_M = 2.0
+"""Distance between points of the path that is checked for fences [m]."""
 
 Position = str | tuple[float, float]
 """Latitude and longitude [°], as a pair or as text."""
@@ -196,12 +199,20 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
         home_deg,
         options.trigger_distance_m,
         options.tolerance_m,
-        flown.site.airspace,
+        _fenced(flown.site.airspace, planned.legs),
     )
     if to not in WITH_ITEMS:
         return Exported(writer(path), "", parameters)
     mapped = mapped_items(mission_items(path), planned, flown.path_count)
     return Exported(writer(path), items_text(mapped, flown.names[: flown.path_count]), parameters)
+
+
+def _fenced(airspace: Airspace, legs: Sequence[Leg]) -> Airspace:
+    """Obstacles and boundary as fences, which have no height: without the obstacles that are flown over."""
+    low = [each for each in airspace.obstacles if each.height_m is not None]
+    track = [(point.x_m, point.y_m) for leg in legs for point in leg_points(leg, FENCE_STEP_M)] if low else []
+    over = [each for each in low if Airspace((each,)).entries([0.0] * len(track), track, [-math.inf] * len(track))]
+    return airspace._replace(obstacles=tuple(each for each in airspace.obstacles if each not in over))
 
 
 def _parameters(inputs: FlightInputs, path: str, name: str, warn: Warn) -> str:

@@ -28,7 +28,7 @@ from eadp.io.text.yaml import Document
 from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, HOME_RADII, WayHome
 from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import ComputationRate, Computing, join_profile, load_configuration, may_compute
-from eadp.models.doubts import aircraft_doubts, fault_doubts, position_doubts
+from eadp.models.doubts import aircraft_doubts, angle_doubts, fault_doubts, position_doubts
 from eadp.models.energy import EnergyModel
 from eadp.models.performance import too_tight
 from eadp.models.plan.cursor import Vector
@@ -361,6 +361,8 @@ def _doubts(scenario: Scenario, world: World) -> list[Fault]:
     first_m, origin_deg = plan.stages[0].trigger_at(world.parameters), plan.site.origin_deg
     found = [
         *aircraft_doubts(keys.vehicle.airframe, keys.battery, keys.wind),
+        *angle_doubts("wind.from_deg", keys.wind.from_deg),
+        *angle_doubts("start.heading_deg", keys.start.heading_deg),
         *position_doubts("start", keys.start.position_m, first_m, origin_deg),
         *position_doubts("home", keys.home.position_m, first_m, origin_deg),
         *fault_doubts(keys.faults, world.clock.time_limit_s),

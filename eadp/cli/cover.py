@@ -34,7 +34,7 @@ class CoverInputs:
     """Aircraft, instead of the scenario's."""
 
     resume: Annotated[Sequence[str], Flag(metavar="FLOWN")] = ()
-    """Flights flown, result folders or telemetry: what they covered is left out."""
+    """Flights flown, as result folders, telemetry, .bin, .ulg or .tlog: what they covered is left out."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +96,7 @@ def command(
 
         try:
             plan = cover_in_sorties(file, options, division, **files, resume=given.resume, warn=warn)
+            warn([Fault(name, 1, 1, note, severity="note") for note in plan.planner.task.flown_over])
             return _sorties(plan, output, wanted)
         except Infeasible as error:
             warn([Fault(name, 1, 1, str(error), "a nearer home, a larger pack, or less wind")])

@@ -177,7 +177,8 @@ def _text(summary: Mapping[str, Any], output: SimulateOutputs, *, decisions: int
     parameters = summary["parameters"].items()
     lines += [f"{label_of(name, values):<10} {parameter_text(values)}" for name, values in parameters]
     if summary["quality"] is not None:
-        lines.append(f"quality    U = {summary['quality']:.3f} of 1 (1: densest lines, full rates, to the end)")
+        ends = "0: widest lines, lowest rates; 1: densest lines, full rates, to the end"
+        lines.append(f"quality    U = {summary['quality']:.3f} of 1 ({ends})")
     if summary["coverage"] is not None:
         lines.append(f"covered    {100 * summary['coverage']:.2f} % of the field, by the lines flown")
     replans = f"; re-planned {decisions} times" if decisions else ""
@@ -227,7 +228,8 @@ def _reach(expected: Mapping[str, Any]) -> list[str]:
     x, y = expected["reach_m"]
     return [
         f"one pack   covers {100 * expected['reach_share']:.0f} % with its reserve kept, to ({x:.0f}, {y:.0f}) m at "
-        f"{expected['reach_s']:.0f} s; {expected['batteries']} or more are needed: eadp cover --sorties auto"
+        f"{expected['reach_s']:.0f} s; without ways home it takes {expected['batteries']} or more: "
+        "eadp cover --sorties auto"
     ]
 
 

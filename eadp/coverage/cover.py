@@ -39,7 +39,7 @@ from eadp.coverage.swaths import (
 )
 from eadp.coverage.zamboni import Block, BlockBounds, BlockLayout, build_block, layouts, summarise_block
 from eadp.errors import Infeasible
-from eadp.models.airspace import CLEARANCE_SHARE
+from eadp.models.airspace import CLEARANCE_SHARE, Airspace
 from eadp.models.field import Field
 from eadp.plug_ins import plug_in
 
@@ -73,6 +73,9 @@ FREE_CHAINS = 24
 
 MAX_LINES = 400
 """Largest number of lines that are ordered."""
+
+SEAM_M = 1e-7
+"""By how much windows beside each other overlap [m]: less than what a line leaves to its neighbour."""
 
 FREE_HEADINGS = 36
 """Number of headings tried at the start and home points."""
@@ -129,13 +132,20 @@ class LineGrid:
         rings, *others = ([self.frame.into(np.array(ring)) for ring in part] for part in field.parts)
         return strip_extents(rings, self.edges_m, others)
 
+    def window(self, first: int, last: int, low_m: float, high_m: float) -> list[Point]:
+        """The rectangle of lines `first` to `last`, between two places along them, in the plane [m]."""
+        left, right = float(self.edges_m[first]) - SEAM_M, float(self.edges_m[last + 1]) + SEAM_M
+        corners = ((left, low_m), (right, low_m), (right, high_m), (left, high_m))
+        return [self.frame.out(*corner) for corner in corners]
+
 
 @dataclass(frozen=True)
 class CoverageRequest:
     """A coverage problem: the field, the motion's limits, and what is prescribed.
 
     `heading_rad` None leaves the heading of the lines free; `start_m` and `home_m` None leave both ends of the path
-    free. Ordered lines lie at most `order_spacing_m` apart, by default a swath, or on a `grid`.
+    free. Ordered lines lie at most `order_spacing_m` apart, by default a swath, or on a `grid`. `airspace` is
+    what is in the way, by default all that the field has.
     """
 
     field: Field
@@ -146,11 +156,12 @@ class CoverageRequest:
     home_m: Point | None = None
     order_spacing_m: float | None = None
     grid: LineGrid | None = None
+    airspace: Airspace | None = None
 
     @cached_property
     def space(self) -> FreeSpace | None:
         """Where lines and turns may lie; None for everywhere."""
-        airspace = self.field.airspace
+        airspace = self.airspace or self.field.airspace
         return airspace.free_space(CLEARANCE_SHARE * self.motion.min_radius_m) if any(airspace) else None
 
 

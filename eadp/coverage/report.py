@@ -11,6 +11,7 @@ from typing import Any
 
 from eadp.core.expressions.tree import number_text
 from eadp.core.geometry.bearings import compass_deg
+from eadp.core.geometry.geodesy import place_text
 from eadp.core.geometry.polygons import covered_share
 from eadp.coverage.cover import DUBINS, ZAMBONI, CoverageSolution
 from eadp.coverage.swaths import CoveragePath, MotionLimits
@@ -223,6 +224,7 @@ class CoverageReport:
         pattern = own.get(solution.pattern, solution.pattern)
         lines = [
             f"field      {f'{self.field.name}, ' if self.field.name else ''}{self.field.area_m2 / 1e4:.2f} ha"
+            + (f" at {place_text(self.field.origin_deg)}" if self.field.origin_deg else "")
             + (f", {parts} parts" if parts > 1 else "")
             + (f", {_counted(holes, 'hole')}" if holes else ""),
             f"pattern    {pattern}; lines heading {rounded_deg(solution.heading_rad, 1):.1f}°",
@@ -254,9 +256,7 @@ class CoverageReport:
             lines.append(
                 f"instead    lines in an order would take {solution.other_share:.2f} times as long as the widest laps"
             )
-        if not self.motion.windless:
-            lines.append(f"wind       {math.hypot(*self.motion.wind_mps):g} m/s; times are in it")
-        return lines
+        return [*lines, self.motion.wind_text]
 
 
 def _counted(count: int, noun: str) -> str:

@@ -19,8 +19,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.geometry.curves import Point
-from eadp.core.geometry.polygons import clipped
+from eadp.core.geometry.polygons import clipped, ground_m2
 from eadp.coverage.cover import LineGrid
 from eadp.errors import Infeasible
 from eadp.models.field import Field
@@ -41,8 +40,42 @@ FAR_M = 1e6
 SAME_M = 1e-2
 """Places so close are the same [m]: a line is not cut for less."""
 
-SEAM_M = 1e-7
-"""By how much windows beside each other overlap [m]: less than what a line leaves to its neighbour."""
+
+def whole_lines(ground: Field, field: Field, grid: LineGrid, gap_m: float, min_share: float) -> Field | None:
+    """What is left of a field, as lines: those that have only scraps of it left are left out.
+
+    Parameters
+    ----------
+    ground, field : Field
+        What is left, and the whole.
+    grid : LineGrid
+        The lines of the field.
+    gap_m : float
+        Shorter gaps of a line are flown, too [m].
+    min_share : float
+        Share of a line's ground below which it is not flown for what is left of it.
+
+    Returns
+    -------
+    Field or None
+        The whole ground of the lines, from the first place where some is left to the last; None without any.
+    """
+    windows = []
+    for i, spans in enumerate(grid.extents(ground)):
+        joined: list[tuple[float, float]] = []
+        for low, high in spans:
+            if joined and low - joined[-1][1] < gap_m:
+                joined[-1] = joined[-1][0], high
+            else:
+                joined.append((low, high))
+        for low, high in joined:
+            window = grid.window(i, i, low, high)
+            left_m2, own_m2 = (
+                sum(ground_m2(*part) for part in clipped(each.parts, [window])) for each in (ground, field)
+            )
+            if left_m2 >= min_share * own_m2:
+                windows.append(window)
+    return field.with_parts(clipped(field.parts, windows)) if windows else None
 
 
 class Division:
@@ -103,10 +136,10 @@ class Division:
             if (low, high) == (-FAR_M, FAR_M):
                 whole.add(line)
             else:
-                windows.append(self._window(line, line, low, high))
+                windows.append(self._grid.window(line, line, low, high))
         for first in sorted(line for line in whole if line - 1 not in whole):  # lines beside each other as one
             last = next(line for line in itertools.count(first) if line + 1 not in whole)
-            windows.append(self._window(first, last, -FAR_M, FAR_M))
+            windows.append(self._grid.window(first, last, -FAR_M, FAR_M))
         return self._field.with_parts(clipped(self._field.parts, windows))
 
     def _along(self, k: int, place_m: float) -> float:
@@ -117,12 +150,6 @@ class Division:
                 return low + left
             left -= high - low
         return self._extents[k][-1][1]
-
-    def _window(self, first: int, last: int, low_m: float, high_m: float) -> list[Point]:
-        """The rectangle of lines `first` to `last` of the grid, between two places along them, in the frame [m]."""
-        left, right = float(self._grid.edges_m[first]) - SEAM_M, float(self._grid.edges_m[last + 1]) + SEAM_M
-        corners = ((left, low_m), (right, low_m), (right, high_m), (left, high_m))
-        return [self._grid.frame.out(*corner) for corner in corners]
 
 
 class Sortie(Protocol):
@@ -154,9 +181,9 @@ class Divided(NamedTuple, Generic[AnySortie]):
         return len(self.sorties) > 1 and spare >= min(sortie.used_on_lines for sortie in self.sorties)
 
     @property
-    def least(self) -> float:
-        """The least charge that a sortie leaves above what has to be left."""
-        return min(sortie.spare for sortie in self.sorties)
+    def shortest(self) -> AnySortie:
+        """The sortie with the least charge above what has to be left."""
+        return min(self.sorties, key=lambda sortie: sortie.spare)
 
 
 @dataclass(frozen=True)
@@ -205,6 +232,10 @@ class Divider(Generic[AnySortie]):
         if not self.cuts:
             raise Infeasible(f"{self.division.lines} whole lines have no division into {count} sorties or more")
         raise Infeasible(f"{MAX_SORTIES} sorties are too few")
+
+    def of_count(self, count: int) -> Divided[AnySortie]:
+        """So many sorties of equal length of lines, whether they can be flown or not."""
+        return self._at(np.linspace(0.0, self.division.total_m, count + 1))
 
     def _fullest(self, min_count: int) -> Divided[AnySortie]:
         """Sorties that are filled one after the other: of whole lines, or cut ones where these may save a sortie."""
@@ -277,7 +308,7 @@ class Divider(Generic[AnySortie]):
             found = None
             whole = np.array([*map(self.division.between_lines, places)])
             for tried in (whole, places) if self.cuts else (whole,):
-                if len(set(tried.tolist())) == count + 1 and (found := self._at(tried)).least >= 0:
+                if len(set(tried.tolist())) == count + 1 and (found := self._at(tried)).shortest.spare >= 0:
                     return found
             if found is None:  # whole lines are too few, or too unlike
                 return None

@@ -46,6 +46,18 @@ class MotionLimits:
         """Whether there is no wind."""
         return self.wind_mps == (0.0, 0.0)
 
+    @property
+    def wind_text(self) -> str:
+        """The wind, for people."""
+        if self.windless:
+            return "wind       none: times are for calm air"
+        return f"wind       {math.hypot(*self.wind_mps):g} m/s; times are in it"
+
+    @property
+    def ground_limit_mps(self) -> float:
+        """Ground speed with the wind behind [m/s]."""
+        return self.airspeed_mps + math.hypot(*self.wind_mps)
+
     def time_s(self, pieces: Sequence[Piece]) -> float:
         """Time of flight along pieces [s].
 

@@ -1,4 +1,4 @@
-"""Settings that are possible, and so unlikely that they may mean something else: each with its reason."""
+"""Settings and options that are possible, and so unlikely that they may mean something else: each with its reason."""
 
 from __future__ import annotations
 
@@ -26,8 +26,39 @@ NEAR_DEG = 1.0
 """Distance of two positions that are one place [°]."""
 
 
+LEGAL_M = 120.0
+"""Height above ground up to which most rules let unmanned aircraft fly: 120 m in Europe, 400 ft elsewhere [m]."""
+FOOT_M = 0.3048
+SMALL_SENSOR_MM = 3.0
+"""Width of a sensor below that of a 1/4-inch one (3.6 mm); a few thermal ones are smaller [mm]."""
+LONG_LENS = 3.0
+"""Focal length over the sensor's width, from which on a picture spans less than 19°."""
+QUICK_S = 0.5
+"""Time between pictures below which most cameras for mapping take none [s]."""
+
+
+SMALLER = {
+    "_ah": ("mAh", 1000.0, " Ah"),
+    "_v": ("mV", 1000.0, " V"),
+    "_ohm": ("mΩ", 1000.0, " Ω"),
+    "_kg": ("g", 1000.0, " kg"),
+    "soc": ("%", 100.0, ""),
+    "soc_drop": ("%", 100.0, ""),
+    "efficiency": ("%", 100.0, ""),
+}
+"""By the ends of keys: the unit in which values are often written, how many of it make one, and the key's own."""
+
+
+def meant(key: str, value: float) -> str:
+    """What a value beyond its bound was probably meant as, by the end of its key; '' where that is not known."""
+    for end, (unit, many, own) in SMALLER.items():
+        if key.endswith(end):
+            return f"{value:g} {unit} are {value / many:g}{own}"
+    return ""
+
+
 class Doubt(NamedTuple):
-    """A dotted key of a scenario, why its value is doubtful, and what is expected."""
+    """A dotted key of a scenario, or an option, why its value is doubtful, and what is expected."""
 
     key: str
     message: str
@@ -53,6 +84,59 @@ def aircraft_doubts(vehicle: Airframe, battery: Battery, wind: Wind) -> Iterator
         )
         expected = f"at most {MAX_GUST_SHARE * vehicle.airspeed_mps:.3g} m/s"
         yield Doubt("wind.gust_std_mps", message, expected)
+
+
+def angle_doubts(key: str, angle_deg: float | None) -> Iterator[Doubt]:
+    """Doubts about an angle of a few degrees and a fraction: up to 2π, which radians are."""
+    if angle_deg is not None and abs(angle_deg) <= 2 * math.pi and angle_deg != round(angle_deg):
+        expected = f"degrees: {angle_deg:g} rad are {math.degrees(angle_deg):.4g}°"
+        yield Doubt(key, f"{angle_deg:g}°, an angle of a few degrees", expected)
+
+
+class Shots(NamedTuple):
+    """A camera's pictures as options have them; None where they do not.
+
+    Attributes
+    ----------
+    altitude_m : float or None
+        Above ground [m].
+    sensor_width_mm, focal_length_mm : float or None
+        [mm].
+    distance_m : float or None
+        Between pictures along a line [m].
+    shortest_s : float or None
+        Shortest time between pictures of which the camera is capable [s].
+    """
+
+    altitude_m: float | None = None
+    sensor_width_mm: float | None = None
+    focal_length_mm: float | None = None
+    distance_m: float | None = None
+    shortest_s: float | None = None
+
+
+def shot_doubts(shots: Shots, speed_mps: float) -> Iterator[Doubt]:
+    """Doubts about the altitude and the camera of a survey, and pictures too fast at a ground speed [m/s]."""
+    altitude_m, width_mm, focal_mm, distance_m, shortest_s = shots
+    if altitude_m is not None and altitude_m > LEGAL_M:
+        expected = f"metres: {altitude_m:g} ft are {altitude_m * FOOT_M:.4g} m"
+        yield Doubt("--altitude", f"{altitude_m:g} m, above the {LEGAL_M:g} m that most rules allow", expected)
+    if width_mm is not None and width_mm < SMALL_SENSOR_MM:
+        expected = "as 6.2 mm of 1/2.3 inch, 13.2 of 1 inch, 23.5 of APS-C, 35.9 of full frame"
+        yield Doubt("--sensor-width-mm", f"{width_mm:g} mm, smaller than a 1/4-inch sensor", expected)
+    if width_mm is not None and focal_mm is not None and focal_mm > LONG_LENS * width_mm:
+        message = f"{focal_mm:g} mm with a sensor of {width_mm:g} mm, which spans {_span_deg(width_mm, focal_mm):.2g}°"
+        expected = f"the lens's own: as full-frame equivalent it is {focal_mm * width_mm / 36:.3g} mm"
+        yield Doubt("--focal-length-mm", message, expected)
+    if distance_m is not None and distance_m < (shortest_s or QUICK_S) * speed_mps:
+        message = f"a picture each {distance_m:.3g} m, which are {distance_m / speed_mps:.2g} s downwind"
+        whose = f"the camera's {shortest_s:g} s" if shortest_s else f"{QUICK_S:g} s, as most cameras have"
+        yield Doubt("--forward-overlap", message, f"{whose}: less overlap, a slower flight, or more altitude")
+
+
+def _span_deg(width_mm: float, focal_mm: float) -> float:
+    """Angle of view across [°]."""
+    return math.degrees(2 * math.atan(width_mm / 2 / focal_mm))
 
 
 def position_doubts(key: str, position_m: Point | None, first_m: Point, origin_deg: Point | None) -> Iterator[Doubt]:

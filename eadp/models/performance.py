@@ -41,7 +41,7 @@ def too_tight(airframe: Airframe, airspeed_mps: float, radius_m: float, wind_mps
     if radius_m >= min_m:
         return ""
     greatest_mps = airframe.airspeed_mps * math.sqrt(radius_m / airframe.turn_radius_m) - airspeed_mps
-    held = f"up to {greatest_mps:.1f} m/s of wind" if greatest_mps >= 0 else "in no wind"
+    held = f"only up to {greatest_mps:.1f} m/s of wind" if greatest_mps >= 0 else "not even in calm air"
     return f"turns of {radius_m:g} m, which the aircraft holds {held}; in {wind_mps:g} m/s it needs {min_m:.1f} m"
 
 

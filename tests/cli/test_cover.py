@@ -374,6 +374,36 @@ def test_obstacles_and_a_boundary(eadp, limits, tmp_path):
     assert (document["obstacles"], document["boundary"]) == (1, True)
 
 
+@pytest.mark.parametrize(
+    ("altitude", "home", "avoided"),
+    [(102, "-50,-50", False), (55, "-50,-50", False), (54, "-50,-50", True), (102, "220,210", True)],
+)
+def test_an_obstacle_that_is_low_enough_is_flown_over(eadp, limits, tmp_path, altitude, home, avoided):
+    """By its height and the clearance of 20 m; a climb from a home beside it does not reach that."""
+    w, s, e, n = 290, 170, 310, 190
+    (tmp_path / "pole.geojson").write_text(
+        json.dumps(
+            {
+                "type": "Feature",
+                "units": "m",
+                "properties": {"name": "pole", "height": 35},
+                "geometry": {"type": "Polygon", "coordinates": [[(w, s), (e, s), (e, n), (w, n), (w, s)]]},
+            }
+        )
+    )
+    plan = tmp_path / "field.plan"
+    wing = ("--vehicle", "vehicles/foam-wing.yaml", "--altitude", altitude, "--heading", "90", "--pattern", "dubins")
+    answer = eadp("cover", *limits, *wing, f"--home={home}", "--avoid", tmp_path / "pole.geojson", "-o", plan)
+    assert answer.code == 0, answer.err
+    assert ("out of 1 obstacle" in answer.out) == avoided
+    assert ("an obstacle is flown over at" in answer.err) != avoided
+    rows = [row.split(",") for row in eadp("plan", plan, "--trace", "5").out.splitlines()[1:]]
+    assert any(w < float(row[2]) < e and s < float(row[3]) < n for row in rows) != avoided
+    assert eadp("plan", plan, "--check").code == 0
+    fences = json.loads(eadp("export", plan, "--to", "qgc", "--origin", "55,10").out)["geoFence"]["polygons"]
+    assert len(fences) == avoided, "a fence has no height"
+
+
 @pytest.mark.slow
 def test_obstacles_in_the_fields_own_file(eadp, tmp_path):
     path = tmp_path / "field.geojson"

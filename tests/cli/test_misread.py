@@ -105,6 +105,83 @@ def test_settings_that_are_possible_and_unlikely(eadp, setting, message):
     assert f"--set {setting.partition('=')[0]}:1:1: warning: {message}" in answer.err
 
 
+SURVEY = ("plans/meadow.geojson", "--pattern", "dubins", "--vehicle", "vehicles/foam-wing.yaml")
+CAMERA = {"--altitude": 80, "--sensor-width-mm": 6.3, "--sensor-height-mm": 4.7, "--focal-length-mm": 4.5}
+
+
+def surveyed(**changed):
+    """A coverage with a camera, some of its options changed."""
+    options = CAMERA | {"--side-overlap": 60} | {f"--{key.replace('_', '-')}": value for key, value in changed.items()}
+    return ("cover", *SURVEY, *(str(word) for pair in options.items() for word in pair))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (surveyed(), 0, ""),
+        (
+            surveyed(home="10.333,55.4715"),
+            2,
+            "which is at 55.47° N, 10.33° E; expected LAT,LON in that order: here or",
+        ),
+        (
+            surveyed(heading=1.57),
+            0,
+            "--heading:1:1: warning: 1.57°, an angle of a few degrees; expected degrees: 1.57",
+        ),
+        (
+            surveyed(wind="4,4.19"),
+            0,
+            "--wind:1:1: warning: 4.19°, an angle of a few degrees; expected degrees: 4.19",
+        ),
+        (surveyed(sensor_width_mm=2.35), 0, "2.35 mm, smaller than a 1/4-inch sensor; expected as 6.2 mm"),
+        (surveyed(sensor_width_mm=0.0063), 2, "--sensor-width-mm:1:1: error: 0.0063 is out of range"),  # m
+        (
+            surveyed(focal_length_mm=26),
+            0,
+            "26 mm with a sensor of 6.3 mm, which spans 14°; expected the lens's own",
+        ),
+        (
+            surveyed(altitude=300),
+            0,
+            "300 m, above the 120 m that most rules allow; expected metres: 300 ft are 91",
+        ),
+        (surveyed(side_overlap=0.7), 2, "0.7 %; expected percent from 1 to 99, as 70"),
+        (
+            surveyed(forward_overlap=95),
+            0,
+            "each 4.18 m, which are 0.28 s downwind; expected 0.5 s, as most cameras",
+        ),
+        (
+            surveyed(forward_overlap=80, picture_interval=2),
+            0,
+            "1.1 s downwind; expected the camera's 2 s",
+        ),
+        (surveyed(min_radius=15), 0, "which the aircraft holds not even in calm air; in 0 m/s it needs"),
+        (
+            surveyed(wind="20,240"),
+            2,
+            "a wind of 20 m/s, no slower than the aircraft; expected less than its 15 m/s",
+        ),  # km/h
+        (surveyed(wind="4,2400"), 2, "a bearing of 2400°; expected 0 to 360"),
+        ((*SHORT, "battery.capacity_ah=5000"), 2, "5000; expected less than or equal to 1000: 5000 mAh are 5 Ah"),
+        ((*SHORT, "battery.soc=95"), 2, "95; expected less than or equal to 1: 95 % are 0.95"),
+        ((*SHORT, "start.heading_deg=1.57"), 0, "start.heading_deg:1:1: warning: 1.57°, an angle of a few degrees"),
+    ],
+)
+def test_what_was_probably_meant(eadp, arguments, code, said):
+    """A warning where a value may be right, an error where it cannot."""
+    answer = eadp(*arguments)
+    refused(answer) if code else answer
+    assert said in answer.err
+    assert (answer.err == "") == (said == ""), answer.err
+
+
+def test_times_without_a_wind_are_for_calm_air(eadp):
+    assert "wind       none: times are for calm air" in eadp(*surveyed(), "--format", "text").out
+    assert "wind       4 m/s; times are in it" in eadp(*surveyed(wind="4,240"), "--format", "text").out
+
+
 @pytest.mark.parametrize(
     ("body", "warning"),
     [

@@ -6,6 +6,7 @@ import contextlib
 import csv
 import itertools
 import json
+import re
 import shutil
 from dataclasses import replace
 
@@ -296,7 +297,6 @@ def test_one_answer_first(eadp, tmp_path, scenario):
     [
         (("--sorties", "0"), 2, "--sorties:1:1: error: 0 is out of range; expected from 1 to 200"),
         (("--sorties", "many"), 2, "auto, or a whole number"),
-        (("--sorties", "1"), 2, "too few for the packs; expected"),
         (("--sorties", "auto", "--aircraft", "0"), 2, "--aircraft:1:1: error: 0 is out of range"),
         (("--sorties", "auto", "--aircraft", "1000"), 2, "from 1 to 20"),
         (("--sorties", "auto", "--export", "paper"), 2, "--export:1:1: error: is no format"),
@@ -313,6 +313,17 @@ def test_bad_input(eadp, scenario, tmp_path, extra, code, words):
     assert words in answer.err
     assert "Traceback" not in answer.err
     assert not out.exists()
+
+
+def test_too_few_sorties_are_told_how_short_they_are(eadp, scenario, folder, document):
+    count = document["count"]
+    few = eadp(*COVER, "--scenario", scenario, "--sorties", str(count - 1))
+    assert refused(few, "error: too few for the packs: a pack lands with ", f"expected {count} or more")
+    share = float(re.search(r"lasts for (\d+) % of its sortie", few.err)[1])
+    assert 50 <= share < 100
+    enough = eadp(*COVER, "--scenario", scenario, "--sorties", str(count)).out
+    words = "no fewer are enough" if count == document["min_count"] else "as asked for"
+    assert f"sorties    {count}, {words}: " in enough
 
 
 def test_no_home_and_a_home_in_an_obstacle(eadp, scenario, tmp_path):

@@ -76,7 +76,7 @@ def test_sorties_are_the_fewest_where_lines_may_be_cut(pack_m, way_share):
     divided = Divider(Division(RECTANGLE, grid_of(RECTANGLE), 0.0), linear(pack_m, way_m)).fewest(1)
     # all ways are alike: a sortie covers what a pack has left, and no more
     fewest = math.ceil(RECTANGLE.area_m2 / SWATH_M / (pack_m - way_m) - 1e-6)
-    assert divided.least >= 0
+    assert divided.shortest.spare >= 0
     assert len(divided.sorties) <= fewest + 1
     used = sum(sortie.used_on_lines for sortie in divided.sorties) * pack_m
     assert used == pytest.approx(RECTANGLE.area_m2 / SWATH_M, rel=1e-3)

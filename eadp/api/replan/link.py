@@ -17,10 +17,10 @@ from eadp.core.geometry.geodesy import to_near_local_m
 from eadp.errors import Fault, InputError
 from eadp.io.link.lines import LINE_S, LineMaker
 from eadp.io.link.mavlink import COMPONENT, SHARE, Link, Message, Throttle, read_key, require_pymavlink, tlog_messages
-from eadp.io.link.messages import NO_AUTOPILOT, NOT_AIRCRAFT, TIMED, WANTED, values_of
+from eadp.io.link.messages import TIMED, WANTED, is_autopilot, values_of
 from eadp.io.link.mission import PROTOCOL, Outgoing
 from eadp.io.link.parameters import ParameterCheck
-from eadp.io.link.recorded import MAGICS, MISSION, log_values
+from eadp.io.link.recorded import MISSION, TLOG, form_of, log_values
 from eadp.io.link.upload import HeldMission, Mapped, Noted, Output, Warned
 from eadp.io.mission.autopilot import wanted_parameters
 from eadp.io.mission.draft import MissionItem
@@ -273,8 +273,8 @@ class LinkFlight:
 
         It is of the autopilot, the first one heard, or of another computer of its aircraft that reports what it runs.
         """
-        beats = message.kind == "HEARTBEAT"
-        if beats and (message.fields["autopilot"] == NO_AUTOPILOT or message.fields["type"] in NOT_AIRCRAFT):
+        beats = is_autopilot(message.kind, message.fields)
+        if message.kind == "HEARTBEAT" and not beats:
             return False
         if self._system in (None, message.system) and beats and self._component in (0, message.component):
             if not self._component:
@@ -488,8 +488,8 @@ def replay_flight(
             used, completes = replanner.used, replanner.completes
         else:
             flight = LinkFlight(inputs, path, options, log, emit, warn)
-            form = next((form for magic, form in MAGICS.items() if head.startswith(magic)), None)
-            if form is None:
+            form = form_of(head)
+            if form in (None, TLOG):
                 require_pymavlink("--replay", path)
                 messages = list(tlog_messages(head + stream.read(), WANTED))
                 places = [values_of(each.kind, each.fields) for each in messages if each.kind == "GLOBAL_POSITION_INT"]
@@ -497,7 +497,7 @@ def replay_flight(
                 for message in itertools.takewhile(lambda _: not flight.over, messages):
                     flight.take(message)
             else:
-                rows = list(log_values(path, form))
+                rows = list(log_values(path, str(form)))
                 _check_place(path, inputs.world.plan, rows)
                 for values in itertools.takewhile(lambda _: not flight.over, rows):
                     flight.update(values)

@@ -189,7 +189,7 @@ class _Job:
     def left_to_cover(self) -> Field | None:
         """The parts left of the field of which the sorties were to cover `MIN_PART_SHARE` or more; None without one."""
         task = self.planner.task
-        left = left_of(task.field, self.lines, task.motion.swath_m)
+        left = left_of(self.planner, self.lines)
         if left is None:
             return None
 

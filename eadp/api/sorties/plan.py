@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -17,6 +18,7 @@ from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import heading_rad
 from eadp.core.geometry.curves import Point
+from eadp.core.geometry.geodesy import place_text
 from eadp.coverage.cover import (
     AUTO,
     DUBINS,
@@ -116,6 +118,17 @@ class PlannedSortie:
         return self.inputs.world.battery.soc - (self.forecast.forecast.soc_end or 0.0)
 
     @property
+    def short_text(self) -> str:
+        """How far its pack is from being enough."""
+        end, reach = self.forecast.forecast, self.forecast.reach
+        covers = (
+            "" if reach is None else f", and lasts for {100 * reach.share:.0f} % of its sortie with the reserve kept"
+        )
+        if not end.soc_end:
+            return f"a pack is empty before the end{covers}"
+        return f"a pack lands with {100 * end.soc_end:.0f} ± {100 * (end.soc_end_std or 0.0):.0f} %{covers}"
+
+    @property
     def energy_wh(self) -> float:
         """Energy that it takes [Wh]."""
         return self.forecast.forecast.energy_wh or 0.0
@@ -188,6 +201,18 @@ class SortiePlanner:
         assert self._request.heading_rad is not None
         return self._request.heading_rad
 
+    def grid(self, request: CoverageRequest | None = None) -> LineGrid:
+        """The lines of the whole field, by a request of it."""
+        request = request or self._request
+        swath_m = self.task.motion.swath_m
+        apart_m = swath_m if request.pattern == ZAMBONI else request.order_spacing_m or swath_m
+        return LineGrid.over(self.task.field, self.heading_rad, swath_m, apart_m)
+
+    @property
+    def laps(self) -> bool:
+        """Whether the field is flown in laps."""
+        return self._request.pattern == ZAMBONI
+
     def plan(self, ground: Field | None = None) -> SortiePlan:
         """Sorties over a field's ground, by default the whole.
 
@@ -209,34 +234,37 @@ class SortiePlanner:
 
     def _planned(self, ground: Field, request: CoverageRequest) -> SortiePlan:
         """Sorties over a ground by a request's pattern: side by side, or along a tour of its lines if that is less."""
-        motion, laps = self.task.motion, request.pattern == ZAMBONI
-        spacing_m = motion.swath_m if laps else request.order_spacing_m or motion.swath_m
-        assert request.heading_rad is not None
-        grid = LineGrid.over(self.task.field, request.heading_rad, motion.swath_m, spacing_m)
+        motion, laps, grid = self.task.motion, request.pattern == ZAMBONI, self.grid(request)
 
         def forecast(part: Field) -> PlannedSortie:
             covered = _without_bays(part) if laps else part  # laps cover bays and holes as if they were field
             return self.sortie(cover(replace(request, field=covered, grid=None if laps else grid)), part)
 
-        def divided(order: Sequence[int] | None) -> Divided[PlannedSortie]:
-            """The fewest sorties over the lines in an order, by default side by side."""
+        def divider(order: Sequence[int] | None = None) -> Divider[PlannedSortie]:
+            """What divides the lines in an order, by default side by side."""
             division = Division(ground, grid, self.options.overlap_m, order)
-            divider = Divider(division, forecast, cuts=not laps, step=self.options.aircraft)
-            return divider.fewest(max(least.count, self.options.count or 1))
+            return Divider(division, forecast, cuts=not laps, step=self.options.aircraft)
+
+        def divided(order: Sequence[int] | None = None) -> Divided[PlannedSortie]:
+            """The fewest sorties over the lines in an order."""
+            return divider(order).fewest(max(least.count, self.options.count or 1))
 
         # the bound needs the power that any one sortie takes
         side_by_side = Division(ground, grid, self.options.overlap_m)
         sample = forecast(side_by_side.part(0.0, side_by_side.total_m if laps else side_by_side.end_of_first_m))
         least = self._least(sample.inputs, grid, ground)
-        found = divided(None)
+        found = divided()
         width_m = side_by_side.lines / len(found.sorties) * float(np.diff(grid.edges_m).mean())
         if not laps and self.options.aircraft == 1 and width_m < 4 * motion.min_radius_m and len(found.sorties) > 1:
             # a strip narrower than two turns has no room to leave lines out and come back for them
             tour = divided(grid.order_of(cover(replace(request, field=ground, grid=grid))))
             found = min(found, tour, key=lambda each: (len(each.sorties), sum(one.energy_wh for one in each.sorties)))
         if self.options.count is not None and len(found.sorties) > self.options.count:
+            message = "too few for the packs"
+            with contextlib.suppress(Infeasible):  # a part of the field that no path of the pattern covers
+                message += f": {divider().of_count(self.options.count).shortest.short_text}"
             expected = f"{len(found.sorties)} or more"
-            raise InputError.at("--sorties", 1, 1, "too few for the packs", expected, f"{self.options.count}")
+            raise InputError.at("--sorties", 1, 1, message, expected, f"{self.options.count}")
         return SortiePlan(self, ground, found, least.within(found.sorties))
 
     def sortie(self, solution: CoverageSolution, part: Field, *, held: bool = True) -> PlannedSortie:
@@ -513,9 +541,12 @@ class SortiePlan:
         """A summary for people, line by line."""
         document, task, table = self.document(), self.planner.task, self.table()
         name = f"{task.field.name}, " if task.field.name else ""
-        least = f"{document['count']} ({document['min_count']} or more are needed)"
+        count, few = document["count"], document["min_count"]
+        asked = few < count == self.planner.options.count
+        least = f"{count}, {'as asked for' if asked else 'no fewer are enough' if count == few else 'the fewest found'}"
+        place = f" at {place_text(task.field.origin_deg)}" if task.field.origin_deg else ""
         lines = [
-            f"field      {name}{self.ground.area_m2 / 1e4:.2f} ha, {100 * document['coverage']:.2f} % covered",
+            f"field      {name}{self.ground.area_m2 / 1e4:.2f} ha{place}, {100 * document['coverage']:.2f} % covered",
             f"sorties    {least}: {document['energy_wh']:.1f} Wh, {document['length_m'] / 1000:.1f} km",
             f"done       after {document['time_s'] / 60:.0f} min with {document['aircraft']} aircraft, "
             f"{document['swap_s']:g} s on the ground between two sorties",
@@ -524,7 +555,7 @@ class SortiePlan:
         if near is not None:
             later = f"with {document['stagger_s']:g} s from one take-off to the next"
             lines.append(f"apart      {near.distance_m:.0f} m or more, {later}")
-        return [*lines, "", *aligned(table)]
+        return [*lines, task.motion.wind_text, "", *aligned(table)]
 
     def scenario_text(self, profile: str | None) -> str:
         """A scenario that flies the sorties: all of the given one and its vehicle, from the ground at home."""

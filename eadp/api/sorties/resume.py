@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from eadp.api.given import Warn
 from eadp.api.result_folder import SUMMARY, read_folder
 from eadp.api.sorties.plan import SortiePlanner
-from eadp.core.arrays import FloatArray
+from eadp.core.arrays import BoolArray, FloatArray
 from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import LINE, Point
+from eadp.core.geometry.geodesy import to_near_local_m
 from eadp.core.geometry.polygons import covered_shares, uncovered
 from eadp.coverage.cover import DUBINS, ZAMBONI
+from eadp.coverage.sorties import whole_lines
 from eadp.errors import InputError, PathUndefined
 from eadp.io.flight.coverage import flown_lines, flown_of_plan
+from eadp.io.link.recorded import CAMERA, PICTURE, form_of, log_values
 from eadp.io.telemetry.reader import TelemetryReader, numbered_lines, open_telemetry
 from eadp.models.field import Field
 from eadp.models.plan.plan import Plan
@@ -61,7 +66,7 @@ def resumed(planner: SortiePlanner, sources: Sequence[str], warn: Warn) -> tuple
     ----------
     planner : SortiePlanner
     sources : sequence of str
-        Result folders of flights, folders of such, or telemetry.
+        Result folders of flights, folders of such, telemetry, or logs of an autopilot or a ground station.
     warn : function
 
     Raises
@@ -81,31 +86,40 @@ def resumed(planner: SortiePlanner, sources: Sequence[str], warn: Warn) -> tuple
         for other in tracks[:i]:
             if _of_one_flight(track, other):
                 raise InputError.at(track.source, 1, 1, f"has the same minutes as {other.source}", "each flight once")
-    left = left_of(field, [line for track in tracks for line in track.lines], swath_m)
-    if left is None:
-        raise InputError.at("--resume", 1, 1, "nothing is left to cover", "flights that leave some of the field")
     known = [track for track in tracks if track.heading_rad is not None]
     if known and planner.task.options.heading_deg is None:
         heading_rad, laps = known[0].heading_rad, known[0].laps
         assert heading_rad is not None
         planner = replace(planner, lines=(compass_deg(heading_rad), ZAMBONI if laps else DUBINS))
+    left = left_of(planner, [line for track in tracks for line in track.lines])
+    if left is None:
+        raise InputError.at("--resume", 1, 1, "nothing is left to cover", "flights that leave some of the field")
     return planner, left
 
 
-def left_of(field: Field, lines: Sequence[Line], swath_m: float) -> Field | None:
-    """The ground that lines flown have left of a field; None where none is."""
-    parts = uncovered(field.parts, lines, swath_m, SLIVER_SHARE * swath_m)
-    return field.with_parts(parts) if parts else None
+def left_of(planner: SortiePlanner, flown: Sequence[Line]) -> Field | None:
+    """The ground that lines flown have left of a field, of lines in an order as whole lines; None where none is."""
+    field, motion = planner.task.field, planner.task.motion
+    parts = uncovered(field.parts, flown, motion.swath_m, SLIVER_SHARE * motion.swath_m)
+    left = field.with_parts(parts) if parts else None
+    if left is None or planner.laps:
+        return left
+    # to leave a line and to join it again takes a turn each; of a wider sliver some line has half or more
+    return whole_lines(left, field, planner.grid(), 2 * math.pi * motion.min_radius_m, SLIVER_SHARE / 2)
 
 
 def _read(source: str, planner: SortiePlanner, warn: Warn) -> list[FlownSurvey]:
-    """The flights of a result folder, of a folder of such, or of telemetry."""
+    """The flights of a result folder, of a folder of such, of telemetry, or of a log."""
     path = Path(source)
     if not path.is_dir():
-        return [_of_telemetry(source, planner, warn)]
+        form = None
+        if path.is_file() and os.access(path, os.R_OK):
+            with path.open("rb") as stream:
+                form = form_of(stream.read(16))
+        return [_of_telemetry(source, planner, warn) if form is None else _of_log(source, form, planner)]
     folders = [path] if (path / SUMMARY).exists() else sorted(each.parent for each in path.glob(f"*/{SUMMARY}"))
     if not folders:
-        raise InputError.at(source, 1, 1, "has no flight", "a folder of eadp simulate -o DIR, or telemetry")
+        raise InputError.at(source, 1, 1, "has no flight", "a folder of eadp simulate -o DIR, telemetry, or a log")
     return [_of_folder(folder, planner) for folder in folders]
 
 
@@ -138,7 +152,7 @@ def _longest_line_rad(plan: Plan, parameters: Sequence[float]) -> float | None:
 
 
 def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurvey:
-    """A flight of telemetry: it is on a line where it flies along the lines of the plan."""
+    """A flight of telemetry: no camera is known."""
     reader, rows = TelemetryReader(source, origin_deg=planner.task.field.origin_deg), []
     with open_telemetry(source) as stream:
         for number, raw in numbered_lines(stream, source):
@@ -148,12 +162,53 @@ def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurve
                 rows.append((sample.time_s, sample.x_m, sample.y_m))
     if len(rows) < 2:
         raise InputError.at(source, 1, 1, "has no positions", "telemetry with x_m and y_m, or lat_deg and lon_deg")
+    return _of_positions(source, rows, np.ones(len(rows), dtype=bool), planner)
+
+
+def _of_log(source: str, form: str, planner: SortiePlanner) -> FlownSurvey:
+    """A flight of a log: photographed where a picture was taken within half its length, or else the camera was on."""
+    origin_deg, options = planner.task.field.origin_deg, planner.task.options
+    if origin_deg is None:
+        raise InputError.at(source, 1, 1, "has positions on the earth, and the field has none", "a field in degrees")
+    rows: list[tuple[float, float, float]] = []
+    camera, pictures = list[bool | None](), list[int]()  # at each position; numbers of those where one was taken
+    known: dict[str, Any] = {}
+    for values in log_values(source, form):
+        known |= {key: value for key, value in values.items() if value is not None}
+        if PICTURE in values:
+            pictures.append(max(len(rows) - 1, 0))
+        lat_deg, lon_deg = values.get("lat_deg"), values.get("lon_deg")
+        if lat_deg is not None and lon_deg is not None and known.get("in_air", known.get("armed", True)):
+            point = to_near_local_m(lat_deg, lon_deg, origin_deg)
+            if point is not None:
+                rows.append((values["time_s"], *point))
+                camera.append(known.get(CAMERA))
+    if len(rows) < 2:
+        raise InputError.at(source, 1, 1, "has no positions in the air", "a log of a flight")
+    if not pictures:
+        # on throughout where the log does not say; else off until it is switched on
+        on = np.array([CAMERA not in known if each is None else each for each in camera])
+        return _of_positions(source, rows, on, planner)
+    way_m = np.cumsum([0.0, *np.linalg.norm(np.diff(np.array(rows)[:, 1:], axis=0), axis=1)])
+    # a picture's length on the ground; where the camera is not stated, that of a square one
+    length_m = options.picture_length_m or planner.task.motion.swath_m
+    taken_m = np.unique(way_m[pictures])
+    after = np.searchsorted(taken_m, way_m)
+    beside = np.stack([taken_m[np.clip(after + k, 0, len(taken_m) - 1)] for k in (-1, 0)])
+    return _of_positions(source, rows, np.abs(beside - way_m).min(axis=0) <= length_m / 2, planner)
+
+
+def _of_positions(
+    source: str, rows: Sequence[tuple[float, float, float]], photographed: BoolArray, planner: SortiePlanner
+) -> FlownSurvey:
+    """A flight of times and positions, some of them photographed: on a line where it flies along those of the plan."""
     table = np.array(rows)
     times_s, points = table[:, 0], table[:, 1:]
     steps = np.diff(points, axis=0)
     courses = np.arctan2(steps[:, 1], steps[:, 0])
-    # of each step: whether it goes along the lines, either way, and without a gap
+    # of each step: whether it goes along the lines, either way, with the camera, and without a gap
     along = np.abs((courses - planner.heading_rad + math.pi / 2) % math.pi - math.pi / 2) < ALONG_RAD
+    along &= photographed[1:] & photographed[:-1]
     along &= (np.diff(times_s) > 0) & (np.diff(times_s) <= MAX_GAP_S)
     # runs of such steps: the indices of their first step and of the first after them
     ends = np.flatnonzero(np.diff(along, prepend=False, append=False)).reshape(-1, 2)

@@ -61,6 +61,12 @@ def to_near_local_m(
     return point if near and math.hypot(*point) <= FARTHEST_M else None
 
 
+def place_text(position_deg: tuple[float, float]) -> str:
+    """A latitude and longitude [°], for people, to about a kilometre."""
+    (lat, lon) = position_deg
+    return f"{abs(lat):.2f}° {'N' if lat >= 0 else 'S'}, {abs(lon):.2f}° {'E' if lon >= 0 else 'W'}"
+
+
 def _earth_centred_m(latitude_deg: float, longitude_deg: float) -> tuple[float, float, float]:
     """x, y and z of a point of the ellipsoid [m]."""
     # N = a/√(1 − e² sin² φ), p = N cos φ, z = N (1 − e²) sin φ

@@ -512,6 +512,12 @@ def near_edges(areas: Sequence[Sequence[Point]], points_m: ArrayLike, distance_m
     return points, found
 
 
+def distances_m(areas: Sequence[Sequence[Point]], point: Point) -> FloatArray:
+    """Distances of areas from a point, 0 where it lies within; shape (areas,) [m]."""
+    found: FloatArray = shapely.distance([shapely.Polygon(area) for area in areas], shapely.Point(point))
+    return found
+
+
 def holding(areas: Sequence[Sequence[Point]], points_m: FloatArray) -> BoolArray:
     """Whether areas hold points, shape (n, 2); shape (areas, n)."""
     x, y = points_m.T

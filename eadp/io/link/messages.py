@@ -21,6 +21,8 @@ ARMED = 128
 """Flag of a heartbeat: motors are armed."""
 ACTIVE = (4, 5, 6)
 """States of a system that flies: active, critical, emergency."""
+PICTURES = ("CAMERA_FEEDBACK", "CAMERA_TRIGGER", "CAMERA_IMAGE_CAPTURED")
+"""Messages of a picture that was taken; recordings have them."""
 ARDUPILOT, PX4 = 3, 12
 NO_AUTOPILOT, NOT_AIRCRAFT = 8, (5, 6, 18, 26, 27, 30)
 """The autopilot of what is none, and types that are none: antenna tracker, ground station, computer, gimbal, ADS-B,
@@ -81,6 +83,11 @@ def _heartbeat(fields: Fields) -> Values:
         "active": fields["system_status"] in ACTIVE,
         "home_is_item": fields["autopilot"] == ARDUPILOT,
     }
+
+
+def is_autopilot(kind: str, fields: Fields) -> bool:
+    """Whether a message is the heartbeat of an aircraft's autopilot."""
+    return kind == "HEARTBEAT" and fields["autopilot"] != NO_AUTOPILOT and fields["type"] not in NOT_AIRCRAFT
 
 
 def _flies_mission(fields: Fields) -> bool:

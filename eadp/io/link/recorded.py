@@ -1,4 +1,4 @@
-"""An autopilot's own log as the values of messages: topics of a ULog, messages of a DataFlash log.
+"""Recorded flights as the values of messages: topics of a ULog, messages of a DataFlash log, telemetry logs.
 
 Source: docs.px4.io, "uORB Message Reference"; ardupilot.org, "Onboard Message Log Messages".
 """
@@ -7,20 +7,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.errors import InputError
-from eadp.io.link.messages import Values, finite
-from eadp.io.log.messages import read_tables
-from eadp.io.mission.draft import NO_POSITION, MissionItem
+from eadp.io.link.mavlink import tlog_messages
+from eadp.io.link.messages import PICTURES, READERS, Values, finite, is_autopilot, values_of
+from eadp.io.log.messages import check_readable, read_tables
+from eadp.io.log.tlog import is_tlog
+from eadp.io.mission.draft import NO_POSITION, TRIGGER_DISTANCE, MissionItem
 
 Row = dict[str, float]
 Table = dict[str, FloatArray]
 
-MAGICS = {b"ULog": "ulog", b"\xa3\x95": "dataflash"}
-"""First bytes of such logs, and the names of their formats."""
+TLOG = "tlog"
+_MAGICS = {b"ULog": "ulog", b"\xa3\x95": "dataflash"}
+"""First bytes of autopilots' own logs, and the names of their formats."""
 
 _ARMED, _NAV_LAST = 2, 95
 """PX4's state of an armed aircraft; the last of the commands that move it."""
@@ -28,6 +32,10 @@ _INSTANCES = ("Instance", "Inst", "C", "I")
 _UNKNOWN = float("nan")
 MISSION = "mission"
 """Key of the items that the autopilot holds from then on, home aside."""
+PICTURE, CAMERA = "picture", "camera"
+"""Keys of a picture that was taken, and of whether pictures are taken from then on."""
+_TRIGGER_CONTROL = 2003
+"""The command that switches a camera's trigger."""
 
 
 def _battery(row: Row, volts: str, amps: str, consumed_mah: str, remaining: str, full: float) -> Values:
@@ -53,7 +61,19 @@ def _position(latitude: str, longitude: str) -> Callable[[Row], Values]:
 
 
 def _item(row: Row) -> Values:
-    return {"item": int(row["CNum"])} if row["CId"] <= _NAV_LAST else {}
+    switched = _switched(row["CId"], row.get("Prm1", _UNKNOWN))
+    return switched | ({"item": int(row["CNum"])} if row["CId"] <= _NAV_LAST else {})
+
+
+def _switched(command: float, value: float) -> Values:
+    """What a command says of the camera: a distance between pictures, or its trigger, above 0 where it is on."""
+    return {CAMERA: value > 0} if command in (TRIGGER_DISTANCE, _TRIGGER_CONTROL) else {}
+
+
+def form_of(head: bytes) -> str | None:
+    """The format of a recorded flight by its first bytes; None where it is of another kind."""
+    own = next((form for magic, form in _MAGICS.items() if head.startswith(magic)), None)
+    return own or (TLOG if is_tlog(head) else None)
 
 
 class _Mission:
@@ -80,6 +100,9 @@ _ULOG: dict[str, Callable[[Row], Values]] = {
     "vehicle_status": lambda row: {"armed": row["arming_state"] == _ARMED},
     "vehicle_land_detected": lambda row: {"in_air": not row["landed"]},
     "mission_result": lambda row: {"item": int(row["seq_current"])},
+    "vehicle_command": lambda row: _switched(row["command"], row["param1"]),
+    "camera_trigger": lambda row: {PICTURE: True},
+    "camera_capture": lambda row: {PICTURE: True},
     "battery_status": lambda row: _battery(row, "voltage_v", "current_a", "discharged_mah", "remaining", 1.0),
     "airspeed": lambda row: {"airspeed_mps": row["true_airspeed_m_s"]},
     "airspeed_validated": lambda row: {"airspeed_mps": row["true_airspeed_m_s"]},
@@ -91,6 +114,8 @@ _DATAFLASH: dict[str, Callable[[Row], Values]] = {
     "ARM": lambda row: {"armed": bool(row["ArmState"]), "active": True},
     "STAT": lambda row: {"in_air": bool(row["isFlying"])},
     "MISE": _item,
+    "CAM": lambda row: {PICTURE: True},
+    "TRIG": lambda row: {PICTURE: True},
     "CURR": lambda row: _battery(row, "Volt", "Curr", "CurrTot", "RemPct", 100.0),
     "BAT": lambda row: _battery(row, "Volt", "Curr", "CurrTot", "RemPct", 100.0),
     "ARSP": lambda row: {"airspeed_mps": row["Airspeed"]},
@@ -109,13 +134,13 @@ _MOTION = {
 
 
 def log_values(path: str, form: str) -> Iterator[Values]:
-    """What an autopilot's own log says, as `values_of` of messages, in the order of time.
+    """What a recorded flight says, as `values_of` of messages, in the order of time.
 
     Parameters
     ----------
     path : str
     form : str
-        One of `MAGICS`.
+        As of `form_of`.
 
     Raises
     ------
@@ -124,6 +149,9 @@ def log_values(path: str, form: str) -> Iterator[Values]:
     """
     if not os.path.isfile(path):
         raise InputError.at(path, 1, 1, "is not a regular file", "an autopilot's log as a file")
+    if form == TLOG:
+        yield from _tlog_values(path)
+        return
     readers = _ULOG if form == "ulog" else {"CMD": _Mission().read, **_DATAFLASH}
     read = read_tables(path, path, form, [*readers, *(topic for topic, *_ in _MOTION[form])]).columns
     tables = {topic.removesuffix(" 0"): first for topic, table in read.items() if (first := _first_instance(table))}
@@ -145,6 +173,22 @@ def log_values(path: str, form: str) -> Iterator[Values]:
             yield {key: value if key == MISSION else finite(value) for key, value in reader(row).items()}
         except (ArithmeticError, LookupError, ValueError):
             continue
+
+
+def _tlog_values(path: str) -> Iterator[Values]:
+    """What the first autopilot of a telemetry log says, and the pictures of its aircraft."""
+    check_readable(path, path, "pymavlink", "a telemetry log")
+    source: tuple[int, int] | None = None
+    for kind, system, component, fields in tlog_messages(Path(path).read_bytes(), frozenset((*READERS, *PICTURES))):
+        if source is None and is_autopilot(kind, fields):
+            source = system, component
+        if source is not None and system == source[0] and kind in PICTURES:
+            yield {PICTURE: True}
+        elif (system, component) == source:
+            try:
+                yield values_of(kind, fields)
+            except (ArithmeticError, LookupError, TypeError, ValueError):
+                continue
 
 
 def _first_instance(table: Table) -> Table:

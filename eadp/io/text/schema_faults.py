@@ -19,6 +19,7 @@ from eadp.io.text.csv import DECIMAL_COMMA
 from eadp.io.text.kinds import refuse_others
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, Path, read_yaml
+from eadp.models.doubts import meant
 
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 """Configuration of a schema; it holds for the dataclasses in it, too."""
@@ -181,6 +182,8 @@ def _schema_fault(document: Document, problem: Any, model: Any, value: Any, sugg
     expected = _EXPECTED.get(kind, reworded)
     if kind == "float_type" and isinstance(wrong, str) and DECIMAL_COMMA.match(wrong.strip()):
         expected = f"a number with a decimal point, as in {wrong.strip().replace(',', '.')}"
+    if kind in ("less_than", "less_than_equal") and (otherwise := meant(str(path[-1]), wrong)):
+        expected += f": {otherwise}"
     shown = printable(repr(wrong), 60)
     if isinstance(wrong, dict | list | tuple):
         shown = "a mapping" if isinstance(wrong, dict) else f"a list of {len(wrong)}"

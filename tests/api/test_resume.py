@@ -1,0 +1,160 @@
+"""What a log of a flight has left of a field: it covers what was photographed."""
+
+import json
+import struct
+
+import pytest
+from common.autopilot_logs import dataflash, ulog
+from common.plans import ORIGIN
+
+pytest.importorskip("pymavlink")
+pytest.importorskip("pyulog")
+
+from mavlink_vehicle import Autopilot
+
+from eadp.api.cover import CoverageOptions, CoverageTask
+from eadp.api.inputs import Files
+from eadp.api.sorties.plan import SortieOptions, SortiePlanner
+from eadp.api.sorties.resume import left_of, resumed
+from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
+from eadp.errors import InputError
+from eadp.models.vehicle import PaperVehicle
+
+LENGTH_M, SWATH_M, SPEED_MPS, EVERY_S = 600.0, 40.0, 10.0, 0.5
+LINES = 4
+WIDTH_M = LINES * SWATH_M - 0.1  # no fifth line by rounding
+
+
+@pytest.fixture
+def planner(tmp_path):
+    """A field of four lines to the east."""
+    corners = ((0, 0), (LENGTH_M, 0), (LENGTH_M, WIDTH_M), (0, WIDTH_M))
+    ring = [[*reversed(to_geodetic_deg(x, y, ORIGIN))] for x, y in (*corners, corners[0])]
+    path = tmp_path / "field.geojson"
+    path.write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    options = CoverageOptions(min_radius_m=10, swath_m=SWATH_M, heading_deg=90, pattern="dubins", home=ORIGIN)
+    task = CoverageTask.read(str(path), options, "", PaperVehicle(), (0.0, 0.0))
+    return SortiePlanner(task, SortieOptions(), Files())
+
+
+def flown():
+    """Times, places, whether the camera is on, and whether a picture is taken: the third line has none."""
+    rows = []
+    for number, on in ((0, True), (2, False)):
+        for k in range(round(LENGTH_M / SPEED_MPS / EVERY_S) + 1):
+            way_m = k * SPEED_MPS * EVERY_S
+            x, y = LENGTH_M - way_m if number else way_m, (number + 0.5) * SWATH_M
+            rows.append((100 + len(rows) * EVERY_S, *to_geodetic_deg(x, y, ORIGIN), on, on and k % 4 == 0))
+    return rows
+
+
+def px4(rows, *, pictures):
+    """Such a flight as a ULog."""
+    times = [round(1e6 * row[0]) for row in rows]
+    tables = {
+        "vehicle_land_detected": ("QB", ("timestamp", "landed"), [(times[0] - 2, 0)]),
+        "vehicle_global_position": ("Qdd", ("timestamp", "lat", "lon"),
+                                    [(t, *row[1:3]) for t, row in zip(times, rows, strict=True)]),
+    }  # fmt: skip
+    if pictures:
+        taken = [(t + 1, 0) for t, row in zip(times, rows, strict=True) if row[4]]
+        return ulog(tables | {"camera_capture": ("QB", ("timestamp", "result"), taken)})
+    switched = [
+        (times[0] - 1, 206.0, 20.0),
+        (next(t for t, row in zip(times, rows, strict=True) if not row[3]) - 1, 206.0, 0.0),
+    ]
+    return ulog(tables | {"vehicle_command": ("Qff", ("timestamp", "command", "param1"), switched)})
+
+
+def ardupilot(rows, *, pictures):
+    """As a DataFlash log."""
+    times = [round(1e6 * row[0]) for row in rows]
+    tables = {
+        "STAT": ("QB", ("TimeUS", "isFlying"), [(times[0] - 2, 1)]),
+        "POS": ("QLL", ("TimeUS", "Lat", "Lng"),
+                [(t, *(round(1e7 * each) for each in row[1:3])) for t, row in zip(times, rows, strict=True)]),
+    }  # fmt: skip
+    if pictures:
+        return dataflash(
+            tables
+            | {"CAM": ("QB", ("TimeUS", "Img"), [(t + 1, 0) for t, row in zip(times, rows, strict=True) if row[4]])}
+        )
+    off = next(t for t, row in zip(times, rows, strict=True) if not row[3])
+    switched = [(times[0] - 1, 1, 206, 20.0), (off - 1, 3, 206, 0.0)]
+    return dataflash(tables | {"MISE": ("QHHf", ("TimeUS", "CNum", "CId", "Prm1"), switched)})
+
+
+def station(rows, *, pictures):
+    """As a ground station's telemetry log, with another vehicle in it."""
+    own, other, data = Autopilot(), Autopilot(system=7), b""
+    frames = [(99.0, own.heartbeat(armed=True, active=True)), (99.0, other.heartbeat(armed=True, active=True))]
+    for time_s, lat, lon, _, taken in rows:
+        x, y = to_local_m(lat, lon, ORIGIN)
+        frames.append((time_s, own.position(time_s, x, y, [SPEED_MPS, 0.0], 90.0)))
+        frames.append((time_s, other.position(time_s, x, y + SWATH_M, [SPEED_MPS, 0.0], 90.0)))
+        if taken and pictures:
+            frames.append((time_s, own.frame("camera_trigger", round(1e6 * time_s), 0)))
+    for time_s, frame in frames:
+        data += struct.pack(">Q", round((1.7e9 + time_s) * 1e6)) + frame
+    return data
+
+
+@pytest.mark.parametrize(
+    ("made", "pictures", "lines"),
+    [
+        (px4, True, 1),
+        (px4, False, 1),
+        (ardupilot, True, 1),
+        (ardupilot, False, 1),
+        (station, True, 1),
+        (station, False, 2),
+    ],
+)
+def test_a_log_covers_what_was_photographed(planner, tmp_path, made, pictures, lines):
+    """A line flown with the camera off is left; where a log knows no camera, each line that was flown is covered."""
+    log = tmp_path / "flight"
+    log.write_bytes(made(flown(), pictures=pictures))
+    _, left = resumed(planner, [str(log)], lambda _: None)
+    assert left.area_m2 == pytest.approx((LINES - lines) * SWATH_M * LENGTH_M, rel=0.01)
+
+
+def test_pictures_that_are_missing_leave_ground(planner, tmp_path):
+    rows = [(*row[:4], row[4] and not 120 <= row[0] < 140) for row in flown()]
+    log = tmp_path / "flight"
+    log.write_bytes(px4(rows, pictures=True))
+    _, left = resumed(planner, [str(log)], lambda _: None)
+    # 20 s without a picture, from one before to one after them, less the half pictures at either end
+    missed_m = 20 * SPEED_MPS + 20 - SWATH_M
+    assert left.area_m2 == pytest.approx(SWATH_M * (3 * LENGTH_M + missed_m), rel=0.01)
+
+
+def test_a_log_of_the_ground(planner, tmp_path):
+    log = tmp_path / "flight"
+    log.write_bytes(px4(flown()[:1], pictures=True))
+    with pytest.raises(InputError, match="has no positions in the air"):
+        resumed(planner, [str(log)], lambda _: None)
+
+
+def test_the_rest_is_whole_lines(planner):
+    """Lines beside each other that leave scraps between them, and short gaps along one, are no lines of their own."""
+    swaying = [[(0, 20), (150, 12), (300, 27), (LENGTH_M, 20)], [(0, 60), (LENGTH_M, 68)], [(40, 100), (560, 100)]]
+    lines = [tuple(tuple(map(float, point)) for point in line) for line in swaying]
+    origin = to_local_m(*ORIGIN, planner.task.field.origin_deg)
+    left = left_of(planner, [tuple((x + origin[0], y + origin[1]) for x, y in line) for line in lines])
+    spans = planner.grid().extents(left)
+    # the ends of the third line, with more than a turn between them, and the fourth
+    assert sorted(map(len, spans)) == [0, 0, 1, 2]
+    assert left.area_m2 == pytest.approx(SWATH_M * (LENGTH_M + 80), rel=0.01)
+    again = left_of(
+        planner,
+        [
+            tuple(
+                (x + origin[0], y + origin[1])
+                for x, y in (
+                    (0.0, 20.0),
+                    (270.0, 20.0),
+                )
+            )
+        ],
+    )
+    assert again.area_m2 == pytest.approx(SWATH_M * (4 * LENGTH_M - 270), rel=0.01)
