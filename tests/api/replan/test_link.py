@@ -24,8 +24,9 @@ from common.plans import placed_survey
 from mavlink_vehicle import Autopilot, frames, is_near, recorded, tlog
 
 from eadp.api.inputs import load_flight
+from eadp.api.replan.autopilot import INTERVALS
 from eadp.api.replan.decisions import json_line
-from eadp.api.replan.link import INTERVALS, LinkFlight, LinkOptions
+from eadp.api.replan.link import LinkFlight, LinkOptions
 from eadp.errors import InputError
 from eadp.io.link import mavlink
 from eadp.io.link.lines import LINE_S, STALE_S, LineMaker
@@ -362,7 +363,7 @@ def test_an_autopilot_that_starts_again_is_asked_again(inputs):
     other, autopilot = Flown(inputs), Autopilot()
     other.beat(autopilot, [0])
     for name in INTERVALS:
-        other.flight._requests.missing.discard(name)
+        other.flight._autopilot.missing.discard(name)
     other.take(autopilot.position(500.0, -100.0, 220.0, [0.0, 10.0], 0.0))
     other.sent.clear()
     other.take(autopilot.position(1.0, -100.0, 220.0, [0.0, 10.0], 0.0))

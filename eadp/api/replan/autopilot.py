@@ -1,0 +1,134 @@
+"""The autopilot at the other end of a link: who it is, whether it is heard, what it is asked and commanded."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from eadp.api.replan.pilot import Pilot
+from eadp.io.link.mavlink import COMPONENT, Message
+from eadp.io.link.messages import is_autopilot
+
+HEARTBEAT_S, LOST_S = 1.0, 5.0
+"""How often to send a heartbeat, and the time without one after which the autopilot's are lost [s]."""
+
+BEAT = {"type": 18, "autopilot": 8, "base_mode": 0, "custom_mode": 0, "system_status": 4, "mavlink_version": 3}
+"""The heartbeat of a computer on board, which is no autopilot."""
+
+RETURN, MAX_COMMANDS = 20, 10
+"""The command to return to launch, and how often a command is given at most."""
+SET_INTERVAL = 511
+"""The command that asks for a message at an interval."""
+INTERVALS = {
+    "GLOBAL_POSITION_INT": (33, 200_000),
+    "VFR_HUD": (74, 500_000),
+    "BATTERY_STATUS": (147, 500_000),
+    "WIND": (168, 1_000_000),
+    "WIND_COV": (231, 1_000_000),
+    "EXTENDED_SYS_STATE": (245, 1_000_000),
+    "SYSTEM_TIME": (2, 1_000_000),
+    "MISSION_CURRENT": (42, 1_000_000),
+}
+"""The messages that are asked for: their numbers and intervals [µs]."""
+
+
+class HeardAutopilot:
+    """The autopilot that is heard.
+
+    Parameters
+    ----------
+    system : int or None
+        Its MAVLink system; None for the first one heard.
+    give : function
+        Sends a message by name and fields.
+
+    Attributes
+    ----------
+    system, component : int or None, int
+        Who it is; component 0 before it is heard.
+    lost : bool
+        Whether its heartbeats are lost.
+    armed, ardupilot : bool
+        By its last heartbeat.
+    missing : set of str
+        Messages that were asked for, and of which none has come.
+    """
+
+    def __init__(self, system: int | None, give: Callable[[str, Mapping[str, Any]], None], pilot: Pilot) -> None:
+        self.system, self.component, self._give, self._pilot = system, 0, give, pilot
+        self.lost = self.armed = self.ardupilot = False
+        self.missing: set[str] = set()
+        self._heard_s: float | None = None
+        self._sent_s = -math.inf
+        self._asked = self._returns = 0
+
+    def hear(self, message: Message, now_s: float) -> bool:
+        """Note who sends, and whether heartbeats are back; return whether the message is to be taken.
+
+        It is of the autopilot, the first one heard, or of another computer of its aircraft that reports what it runs.
+        """
+        beats = is_autopilot(message.kind, message.fields)
+        if message.kind == "HEARTBEAT" and not beats:
+            return False
+        if self.system in (None, message.system) and beats and self.component in (0, message.component):
+            if not self.component:
+                self._pilot.note(f"autopilot of system {message.system}, component {message.component}")
+            self.system, self.component, self._heard_s = message.system, message.component, now_s
+            if self.lost:
+                self.lost, self._returns = False, 0
+                self._pilot.note("the autopilot's heartbeats are back")
+        if message.system != self.system or not self.component:
+            if self.system not in (None, message.system):
+                self._pilot.say(f"messages of system {message.system} are ignored")
+            return False
+        if message.kind == "NAMED_VALUE_FLOAT":  # not our own, which a router may send back
+            return message.component != COMPONENT
+        if message.component == self.component:
+            self.missing.discard(message.kind)
+        return message.component == self.component
+
+    def beat(self, now_s: float) -> bool:
+        """Note whether its heartbeats are lost, and send one where that is due; return whether it was."""
+        if self._heard_s is not None and not self.lost and now_s - self._heard_s > LOST_S:
+            self.lost = True
+            self._pilot.note("the autopilot's heartbeats are lost")
+        if due := now_s - self._sent_s >= HEARTBEAT_S:
+            self._sent_s = now_s
+            self._give("HEARTBEAT", BEAT)
+        return due
+
+    def ask(self) -> None:
+        """Ask for the messages that are read, at the rates that are needed."""
+        # ArduPilot has a message of its own for the wind, and shows each request of the other one to the pilot
+        self.missing, self._asked = set(INTERVALS) - {"WIND_COV" if self.ardupilot else "WIND"}, 0
+        self.ask_again()
+
+    def ask_again(self) -> None:
+        """Ask for those of which none has come, `MAX_COMMANDS` times at most."""
+        self._asked += 1
+        for kind in sorted(self.missing) if self._asked <= MAX_COMMANDS else ():
+            self.command(SET_INTERVAL, INTERVALS[kind])
+
+    @property
+    def was_commanded(self) -> bool:
+        """Whether it was commanded to return."""
+        return self._returns > 0
+
+    def command_return(self) -> bool:
+        """Command it to return; return whether that is over: it was, `MAX_COMMANDS` times, and has not accepted."""
+        self._returns += 1
+        if self._returns > MAX_COMMANDS:
+            self._pilot.tell(f"return not accepted by the autopilot, commanded {MAX_COMMANDS} times")
+            return True
+        self.command(RETURN, (), self._returns - 1)
+        return False
+
+    def command(self, command: int, numbers: Sequence[float], repeated: int = 0) -> None:
+        """Give a command."""
+        values = {f"param{k}": float(value) for k, value in enumerate((*numbers, *(0.0,) * 7)[:7], 1)}
+        self.give("COMMAND_LONG", {"command": command, "confirmation": repeated, **values})
+
+    def give(self, kind: str, values: Mapping[str, Any]) -> None:
+        """Send it a message."""
+        self._give(kind, {"target_system": self.system, "target_component": self.component, **values})

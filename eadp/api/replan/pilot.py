@@ -1,0 +1,119 @@
+"""What a pilot reads: decisions and texts at the ground station, and warnings, of each thing once."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from eadp.api.replan.replanner import Warn
+from eadp.errors import Fault
+from eadp.models.plan.plan import Plan
+from eadp.planning.state.flight_state import CELL_LOST
+from eadp.planning.track.live import KEPT, TAKE_OFF
+
+NOTICE, WARNING, CRITICAL = 5, 4, 2
+TEXT_CHARACTERS, NAME_CHARACTERS, MAX_TEXT = 50, 10, 200
+"""Characters of a piece of a text, of a name, and of a text at most."""
+
+_NUMBERS = re.compile(r"[-+.\d]+")
+
+
+class Pilot:
+    """The pilot of a flight over a link.
+
+    Parameters
+    ----------
+    name : str
+        Name of the link in warnings.
+    plan : Plan
+    parameters : sequence of float
+        At take-off.
+    warn : function of a Fault
+    give : function
+        Sends a message to all, by name and fields.
+    line : function
+        The number of the line that is being taken.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        plan: Plan,
+        parameters: Sequence[float],
+        warn: Warn,
+        give: Callable[[str, Mapping[str, Any]], None],
+        line: Callable[[], int],
+    ) -> None:
+        self._name, self._plan, self._warn, self._give, self._line = name, plan, warn, give, line
+        self._warned: set[str] = set()
+        self._about, self._path, self._texts = "", tuple(parameters[: plan.path_count]), 0
+
+    # --- warnings
+
+    def say(self, what: str) -> None:
+        """Warn, and once."""
+        self.once(Fault(self._name, max(self._line(), 1), 1, what, severity="warning"))
+
+    def tell(self, what: str) -> None:
+        """Warn at the ground station, too, and once."""
+        before = len(self._warned)
+        self.say(what)
+        if len(self._warned) > before:
+            self.show(what, WARNING)
+
+    def note(self, what: str) -> None:
+        """Say what is as it should be."""
+        self._warn(Fault(self._name, max(self._line(), 1), 1, what, severity="note"))
+
+    def once(self, fault: Fault) -> None:
+        """Warn of each thing once: a link repeats what is wrong with it many times a second."""
+        kind = _NUMBERS.sub("", fault.message)
+        if kind not in self._warned:
+            self._warned.add(kind)
+            self._warn(fault)
+
+    # --- at the ground station
+
+    def decision(self, line: Mapping[str, Any], *, completes: bool) -> None:
+        """Send the numbers of a decision, and say it where it is another one."""
+        boot_ms = max(0, round(line["time_s"] * 1000)) % 2**32
+        shown = {p.label: p.shown(line["parameters"][p.name]) for p in self._plan.parameters}
+        shown |= {"soc_end": line["soc_end_forecast"], "p_done": line["completes_probability"]}
+        for name, value in shown.items():
+            if value is not None:
+                fields = {"time_boot_ms": boot_ms, "name": _ascii(name)[:NAME_CHARACTERS].encode(), "value": value}
+                self._give("NAMED_VALUE_FLOAT", fields)
+        # a reason whose numbers alone change is said once; another path always, and first
+        about = repr(line["parameters"]) + _NUMBERS.sub("", line["reason"])
+        path = self._new_path(line)
+        if (line["reason"] != KEPT or path) and about != self._about:
+            self._about = about
+            named = not path or line["reason"].startswith(path.partition(" ")[0])
+            text = line["reason"] if named else f"{path}: {line['reason']}"
+            self.show(text, NOTICE if completes or line["reason"] == TAKE_OFF else WARNING)
+        if CELL_LOST in line["warnings"]:
+            self.tell("the voltage fell for good: a cell, or its charge, is lost")
+
+    def show(self, what: str, severity: int) -> None:
+        """Show a text, in pieces where it is long."""
+        text = _ascii(f"eadp: {what}")[:MAX_TEXT].encode()
+        if len(text) <= TEXT_CHARACTERS:
+            self._give("STATUSTEXT", {"severity": severity, "text": text})
+            return
+        self._texts = self._texts % 65_535 + 1
+        # the last piece is shorter than the others, if need be empty
+        for number, start in enumerate(range(0, len(text) + 1, TEXT_CHARACTERS)):
+            piece = {"text": text[start : start + TEXT_CHARACTERS], "id": self._texts, "chunk_seq": number}
+            self._give("STATUSTEXT", {"severity": severity, **piece})
+
+    def _new_path(self, line: Mapping[str, Any]) -> str:
+        """Take the path parameters of a decision; return those that are others than before, for people."""
+        parameters = self._plan.parameters[: self._plan.path_count]
+        before, self._path = self._path, tuple([line["parameters"][each.name] for each in parameters])
+        new = zip(parameters, before, self._path, strict=True)
+        return ", ".join(f"{each.label} now {each.text(now)}" for each, was, now in new if now != was)
+
+
+def _ascii(text: str) -> str:
+    return text.replace("→", "->").replace("−", "-").encode("ascii", "replace").decode()
