@@ -25,7 +25,9 @@ class DecisionLine(BaseModel):
     )
     soc_end_std: float | None = Field(description="its standard deviation")
     completes_probability: float | None = Field(description="probability that the battery is not empty before the end")
-    reserve_probability: float | None = Field(description="probability that the reserve is kept")
+    reserve_probability: float | None = Field(
+        description="probability that the reserve is kept; both with the least computations, or those that stay"
+    )
     remaining_s: float | None = Field(description="time to the end of the plan [s]")
     energy_wh: float | None = Field(description="energy to the end of the plan [Wh]")
     energy_std_wh: float | None = Field(description="its standard deviation [Wh]")

@@ -47,6 +47,10 @@ OVERSHOOT_SHARE = 0.35
 ROUNDING = 1e-9
 """Charge that counts as rounding."""
 
+LAST_CHANGE_S = 65.0
+"""Time before the end after which what is learned changes nothing more: an interval of re-planning before the last 35 s
+[s]."""
+
 
 @dataclass(frozen=True)
 class Objective:
@@ -144,6 +148,8 @@ class Evaluation:
         What a value of 1 on a leg adds to the objective: for U, its share of the mission's ground.
     knapsack : Knapsack
         The computations of each place, within the charge that keeps the reserve with its probability.
+    final_std : array, shape (places,)
+        Of `std`, what will not be known when the computations change last.
     """
 
     evaluator: Evaluator
@@ -159,6 +165,17 @@ class Evaluation:
     std: FloatArray
     weight: FloatArray
     knapsack: Knapsack
+    final_std: FloatArray
+
+    @property
+    def adaptive(self) -> Knapsack:
+        """The knapsack of computations that can fall at any time: their margin is what will not be known in the end.
+
+        Where the reserve is kept with its probability at minimum power from now on; else as it is.
+        """
+        learned = self.evaluator.quantile * (self.std - self.final_std)
+        knapsack = self.knapsack
+        return knapsack._replace(available=knapsack.available + np.where(knapsack.spare >= 0, learned, 0.0))
 
     def filled(self) -> Filling:
         """The optimal computations at each place, in closed form."""
@@ -198,14 +215,18 @@ class Evaluation:
         std = self.evaluator.charge_std(self.known, self.totals, mean_soc)[place]
         return FinalCharge(float(std), ends.all_probabilities, means)
 
-    def forecast(self, place: int, filling: Filling) -> Ending:
-        """Forecast at a place with computations as filled: means and deviations over all ends that it may have."""
+    def forecast(self, place: int, filling: Filling, *, held: bool = False) -> Ending:
+        """Forecast at a place with computations as filled: means and deviations over all ends that it may have.
+
+        Probabilities are those with minimum power from now on, or as filled where the computations are `held`.
+        """
         ends, totals, charge = self.ends[place], self.totals, self.final_charge(place, filling)
         times_s, energies_j = self.load.times_s[self.legs.place == place], self._energies_j(place, filling)
         energy_j, seconds, time_var = float(energies_j.sum()), float(totals.seconds[place]), totals.time_var_s2[place]
         energy_var = float(totals.energy_var_j2[place]) + (energy_j / seconds) ** 2 * float(time_var)
         early_s, spread_s2 = moments(ends.all_probabilities, ends.unspent(times_s))
         unspent_j, spread_j2 = moments(ends.all_probabilities, ends.unspent(energies_j))
+        least = charge if held else self.final_charge(place, self.knapsack.filling(np.zeros_like(filling.shares)))
         empty_soc = max(float(self.limits.delivered_soc[place]), 0.0)  # the cut-off voltage is reached
         return Ending(
             remaining_s=seconds - early_s,
@@ -214,8 +235,8 @@ class Evaluation:
             energy_std_wh=math.sqrt(energy_var + spread_j2) / 3600,
             soc_end=charge.mean,
             soc_end_std=math.sqrt(charge.variance),
-            completes_probability=charge.probability_above(empty_soc),
-            reserve_probability=charge.probability_above(max(self.evaluator.objective.reserve_soc, empty_soc)),
+            completes_probability=least.probability_above(empty_soc),
+            reserve_probability=least.probability_above(max(self.evaluator.objective.reserve_soc, empty_soc)),
         )
 
     def _energies_j(self, place: int, filling: Filling) -> FloatArray:
@@ -241,12 +262,14 @@ class Evaluator:
         Of the computations.
     path_weight : float
         Greatest weight of the path parameters on any stage.
+    quantile : float
+        Of the standard normal distribution, at the probability to keep.
     """
 
     def __init__(self, mission: Mission, settings: PlannerSettings, objective: Objective) -> None:
         self.mission, self.objective = mission, objective
         self.envelopes = Envelopes(mission, settings, objective.trade_offs, total=objective.total)
-        self._z = NormalDist().inv_cdf(objective.probability)
+        self.quantile = NormalDist().inv_cdf(objective.probability)
         stages = range(1, len(mission.plan.stages) + 1)
         scaled = [self.envelopes.shares.scaled(stage) for stage in stages]
         rho = mission.plan.path_count
@@ -264,10 +287,15 @@ class Evaluator:
         """Standard deviation of the final state of charge, where its mean is `soc`, shape (routes,)."""
         # the energy of the motion, and that of a time that is off
         energy_var = totals.energy_var_j2 + totals.mean_w**2 * totals.time_var_s2
-        gain = known.charge.gain_std * np.maximum(known.charge.gain_from - soc, 0.0)
+        gain = self._gain_std(known, soc)
         losses = self.losses(totals.seconds) * LOSS_SQUARE
         charge_var = totals.charge_var + known.charge.lost_std**2
         std: FloatArray = np.sqrt(totals.soc_per_j**2 * energy_var + charge_var + gain**2 + losses)
+        return std
+
+    def _gain_std(self, known: Known, soc: float | FloatArray) -> FloatArray:
+        """Standard deviation of a final state of charge due to the gauge's gain, which no one learns in flight."""
+        std: FloatArray = known.charge.gain_std * np.maximum(known.charge.gain_from - soc, 0.0)
         return std
 
     def evaluate(self, known: Known, routes: Sequence[Route]) -> Evaluation:
@@ -341,8 +369,11 @@ class Evaluator:
         knapsack = self._knapsack(legs, load, kinds, limits, totals, weight, base)
         knapsack = knapsack._replace(available=self._available(known, legs, load, limits, totals, ends, std, knapsack))
         index = np.arange(len(routes))
+        # σ₊² = g² + (τ/T)² (σ² − g²): all but the gauge's gain g falls with the time T that is left
+        gain, left = self._gain_std(known, max(reserve_soc, 0.0)), np.minimum(LAST_CHANGE_S / totals.seconds, 1.0)
+        final_std = np.hypot(gain, left * np.sqrt(np.maximum(std**2 - gain**2, 0.0)))
         return Evaluation(
-            self, known, list(routes), index, legs, load, kinds, limits, totals, ends, std, weight, knapsack
+            self, known, list(routes), index, legs, load, kinds, limits, totals, ends, std, weight, knapsack, final_std
         )
 
     def _left(self, known: Known, legs: RouteArrays, routes: Sequence[Route], whole_s: FloatArray) -> FloatArray:
@@ -463,7 +494,7 @@ class Evaluator:
     ) -> FloatArray:
         """State of charge that may be used so that the reserve is kept with its probability, shape (routes,)."""
         soc = known.soc - self.losses(totals.seconds) * LOSS
-        level = soc - self._z * std
+        level = soc - self.quantile * std
         for place, own in enumerate(ends):
             if own.probabilities:
                 mine = legs.place == place

@@ -63,15 +63,16 @@ FULL_SHARE = 1 - 1e-6
 
 
 class Candidate(NamedTuple):
-    """A plan: its place and evaluation, that place alone, and the computations as solved."""
+    """A plan: its place and evaluation, that place alone, the computations as solved, and whether they stay so."""
 
     shares: Shares
     evaluation: Evaluation
     solution: Solution
+    held: bool = False
 
     @property
     def over(self) -> float:
-        """State of charge that it leaves over; negative where it is short."""
+        """State of charge that it leaves over with today's margin; negative where it is short."""
         return float(self.evaluation.knapsack.available[0] - self.solution.filling.use[0])
 
 
@@ -123,7 +124,7 @@ class JointPlanner(Planner):
             plan = planner._search_plan(known, plan, TIME)
         if plan is None:
             return None
-        solution = planner._program.solve(plan.evaluation.knapsack)
+        solution = planner._program.solve(plan.evaluation.adaptive)
         return Preflight.of(plan.evaluation, solution.filling, places.parameters(plan.shares))
 
     @property
@@ -178,7 +179,7 @@ class JointPlanner(Planner):
             why = "infeasible: the rest of the plan cannot be flown in this wind"
             self._decision = self._decision._replace(reason=why)
         else:
-            solution = self._program.solve(found.evaluation.knapsack)
+            solution = self._program.solve(found.evaluation.adaptive)
             found = found._replace(solution=solution)
             chosen = self._decision.parameters if closes else self._choose(o, found)
             # computations that are held to the end are forecast as they are
@@ -308,7 +309,7 @@ class JointPlanner(Planner):
         powers_w = evaluation.evaluator.envelopes.table.powers_w[evaluation.kinds, 1:]
         flown = np.where(powers_w <= self._power_w(evaluation, chosen) + 1e-9, 1.0, 0.0)
         filling = evaluation.knapsack.filling(flown)
-        return plan._replace(solution=plan.solution._replace(filling=filling))
+        return plan._replace(solution=plan.solution._replace(filling=filling), held=True)
 
     def _after_change_s(self, plan: Candidate) -> float:
         """Least time that is left when the path parameters of a plan take effect [s]; all of it where they never do."""
@@ -368,7 +369,8 @@ class JointPlanner(Planner):
         b, limits, std = self._mission.battery, plan.evaluation.limits, float(plan.evaluation.std[0])
         if limits.beyond_w[0] > 0:
             return b.limit_at(b.voltage_at(known.soc))
-        if plan.over <= BETTER * std and limits.min_soc[0] > self._settings.reserve_soc + ROUNDING:
+        left = float(plan.evaluation.adaptive.available[0] - plan.solution.filling.use[0])
+        if left <= BETTER * std and limits.min_soc[0] > self._settings.reserve_soc + ROUNDING:
             by_letter = limits.letter_soc[0] >= limits.delivered_soc[0]
             return LETTER if by_letter else b.limit_at(b.voltage_at(float(limits.delivered_soc[0])))
         if not plan.solution.feasible:
@@ -384,7 +386,8 @@ class JointPlanner(Planner):
         self, o: Observation, known: Known, cause: str, chosen: Vector, plan: Candidate, reason: str
     ) -> DecisionRecord:
         b, solution = self._mission.battery, plan.solution
-        forecast, total = plan.evaluation.forecast(0, solution.filling), self._places.evaluator.objective.total
+        forecast = plan.evaluation.forecast(0, solution.filling, held=plan.held)
+        total = self._places.evaluator.objective.total
         floor = max(self._settings.reserve_soc, float(plan.evaluation.limits.min_soc[0]))
         available_wh = max(known.soc - floor, 0.0) * b.capacity_ah * b.voltage_at((known.soc + floor) / 2)
         spare, reached_s = self._home
