@@ -58,6 +58,11 @@ class FlownPart(NamedTuple):
     turning_s: FloatArray
     off_m: FloatArray
 
+    def tail(self, row: int) -> FlownPart:
+        """The part from a leg on."""
+        k = self.rows.index(row)
+        return FlownPart(self.rows[k:], self.wind_mps, self.times_s[k:], self.turning_s[k:], self.off_m[k:])
+
 
 class Overshoot(NamedTuple):
     """A part of a route that is flown off its path: its first and last stage, how much longer it takes [s], and the
@@ -141,6 +146,9 @@ class NominalFlight:
                 continue
             known = kept.setdefault((rows[i - 1] if i else -1, rows[i]), [])
             section = next((one for one in known if _holds(one, rows, i, wind_mps)), None)
+            if section is None and i == 0:  # the aircraft is on its way: what was flown of it from an earlier leg on
+                tails = (one.tail(rows[0]) for parts in kept.values() for one in parts if rows[0] in one.rows)
+                section = next((one for one in tails if _holds(one, rows, 0, wind_mps)), None)
             if section is None:
                 if len(kept) > MAX_KEPT:
                     kept.clear()
