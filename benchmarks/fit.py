@@ -290,9 +290,7 @@ def main() -> None:
     parser.add_argument("--only", metavar="WORDS", help="the kinds with these words in their names")
     add_option(parser, "fit")
     arguments = parser.parse_args()
-    with recorded(
-        "fit", write=arguments.write, measures=("core/signals/spectrum.py", "core/signals/coloured_noise.py")
-    ):
+    with recorded("fit", write=arguments.write):
         _print(arguments)
 
 

@@ -2,6 +2,10 @@
 
 Benchmarks print their tables as Markdown, so that the page holds what was printed. Other lines become items of a list.
 Pages of the documentation link to these files and copy nothing from them.
+
+    python benchmarks/measured.py
+
+lists the pages whose code (`MEASURES`) has changed since they were written, or whose code was not recorded then.
 """
 
 from __future__ import annotations
@@ -14,12 +18,45 @@ import hashlib
 import io
 import os
 import platform
+import re
 import shlex
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs/measured"
+
+
+PLANNED = "planning/joint", "planning/forecast", "planning/state"
+MEASURES: dict[str, tuple[str, ...]] = {
+    "ablation": PLANNED,
+    "autopilot": ("planning/state", "planning/track", "api/replan"),
+    "batteries": PLANNED,
+    "drained": ("planning/joint", "planning/forecast", "planning/paper"),
+    "exchange": ("io/mission",),
+    "fields": ("coverage",),
+    "fit": ("core/signals/spectrum.py", "core/signals/coloured_noise.py"),
+    "flight": ("simulation/inner_loop.py", "simulation/aircraft.py", "core/flight/guidance.py"),
+    "forecast": ("planning/estimation",),
+    "forecasts": PLANNED,
+    "link": ("api/replan", "io/link"),
+    "losses": PLANNED,
+    "policy": PLANNED,
+    "programs": ("planning/joint", "planning/qp.py"),
+    "quality": PLANNED,
+    "real": ("io/mission", "io/log", "io/field", "simulation/nominal.py"),
+    "reliability": PLANNED,
+    "replan": ("planning/paper/horizon.py", "planning/qp.py"),
+    "replan_gaps": ("planning/track",),
+    "reserve": PLANNED,
+    "schedules": PLANNED,
+    "sorties": ("coverage", "api/sorties"),
+    "sorties_plant": ("coverage", "api/sorties"),
+    "sweep": ("simulation/sweep", "simulation/inner_loop.py"),
+    "twin": PLANNED,
+}
+"""The modules and packages of eadp that decide the figures of a page: what its benchmark is about, not all that runs.
+Other pages measure all of eadp, its tests, or the plant that they are flown on."""
 
 
 def add_option(parser: argparse.ArgumentParser, name: str) -> None:
@@ -65,11 +102,21 @@ def digest(paths: Sequence[str]) -> str:
     return whole.hexdigest()[:16]
 
 
-def page(name: str, text: str, measures: Sequence[str] = ()) -> str:
-    """The page of a benchmark that printed a text; `measures` are the modules that its figures are of."""
+def age(name: str) -> str:
+    """Why a page may not be of the present code; empty where it is, or where it has no modules of its own."""
+    if name not in MEASURES:
+        return ""
+    known = re.search(r"^Code `(\w+)` of", (FOLDER / f"{name}.md").read_text(encoding="utf-8"), re.MULTILINE)
+    if known is None:
+        return "with code that was not recorded"
+    return "" if known[1] == digest(MEASURES[name]) else "with code that has changed"
+
+
+def page(name: str, text: str) -> str:
+    """The page of a benchmark that printed a text."""
     today = datetime.datetime.now(tz=datetime.UTC).date()
     top = [f"# Measured: {name}", "", f"    {command()}", "", f"{today}, {machine()}.", ""]
-    if measures:
+    if measures := MEASURES.get(name):
         top += [f"Code `{digest(measures)}` of {', '.join(f'`{path}`' for path in measures)}.", ""]
     return "\n".join([*top, *_body(text)]).rstrip("\n") + "\n"
 
@@ -102,11 +149,17 @@ class _Tee(io.TextIOBase):
 
 
 @contextlib.contextmanager
-def recorded(name: str, *, write: bool = True, measures: Sequence[str] = ()) -> Iterator[None]:
+def recorded(name: str, *, write: bool = True) -> Iterator[None]:
     """Write what is printed within to docs/measured/NAME.md, unless an error ends it."""
     tee = _Tee(sys.stdout)  # type: ignore[arg-type]
     with contextlib.redirect_stdout(tee):  # type: ignore[type-var]
         yield
     if write:
         FOLDER.mkdir(exist_ok=True)
-        (FOLDER / f"{name}.md").write_text(page(name, tee.kept.getvalue(), measures), encoding="utf-8")
+        (FOLDER / f"{name}.md").write_text(page(name, tee.kept.getvalue()), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    for file in sorted(FOLDER.glob("*.md")):
+        measured = re.search(r"^\d{4}-\d\d-\d\d", file.read_text(encoding="utf-8"), re.MULTILINE)
+        print(f"{file.stem:14} {measured[0] if measured else 'no date':10}  {age(file.stem)}".rstrip())

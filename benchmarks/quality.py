@@ -528,7 +528,7 @@ class LapBudget(Planner):
                 continue
             seconds = sum(leg.distance_m for leg in route.legs) / speed
             power = motion_w + computing.power_w((c1, c2), _free(plan.stages))
-            if o.soc + battery.rate_per_s(power) * seconds >= self._settings.reserve_soc:
+            if o.soc - battery.drain_per_s(power, battery.voltage_v) * seconds >= self._settings.reserve_soc:
                 return c1, c2
         return box.lo, levels[0]
 

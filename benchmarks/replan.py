@@ -420,7 +420,7 @@ def main() -> None:
     parser.add_argument("--plain", action="store_true", help="without compiled code")
     add_option(parser, "replan")
     options = parser.parse_args()
-    with recorded("replan", write=options.write, measures=("planning/paper/horizon.py", "planning/qp.py")):
+    with recorded("replan", write=options.write):
         _print(options)
 
 

@@ -14,7 +14,7 @@ import pytest
 from common import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
-from measured import digest
+from measured import MEASURES, age
 
 README, FOLDER = ROOT / "README.md", ROOT / "docs/measured"
 FIGURE = re.compile(r"([\d.,]+)<!-- (\w+\.md): ([^;]+); (.+?) -->")
@@ -69,16 +69,32 @@ def test_a_measured_file_names_its_command_date_and_machine(name):
     assert re.search(r"^(\||- )", text, re.MULTILINE), "nothing measured"
 
 
-@pytest.mark.parametrize(
-    "name", sorted(path.name for path in FOLDER.glob("*.md") if "\nCode `" in path.read_text("utf-8"))
-)
-def test_a_page_is_no_older_than_the_code_that_it_measures(name):
-    known, paths = re.search(r"^Code `(\w+)` of (.*)\.$", body(name), re.MULTILINE).groups()
-    assert known == digest(re.findall("`(.*?)`", paths)), f"run the command of docs/measured/{name} again"
+@pytest.mark.parametrize("name", sorted({name for _, name, *_ in FIGURE.findall(README.read_text("utf-8"))}))
+def test_a_figure_of_the_readme_is_of_this_code_or_has_its_date(name):
+    why, link = age(name.removesuffix(".md")), re.escape(f"](docs/measured/{name})")
+    date = re.search(r"^\d{4}-\d\d-\d\d", body(name), re.MULTILINE)[0]
+    dated = re.search(rf"\[measured on {date}, {why}{link}", " ".join(README.read_text("utf-8").split()))
+    assert not why or dated, f"{name}: {why}: run its command again, or write: measured on {date}, {why}"
 
 
 def test_the_speed_that_the_readme_quotes_is_of_this_code():
-    assert "\nCode `" in body("replan.md")
+    assert not age("replan")
+
+
+def test_the_age_of_a_page_is_that_of_its_code(monkeypatch, tmp_path):
+    monkeypatch.setattr("measured.FOLDER", tmp_path)
+    (tmp_path / "replan.md").write_text("2026-11-25, 2 cores\n\nCode `0123` of `planning/qp.py`.\n")
+    monkeypatch.setattr("measured.digest", lambda _: "0123")
+    assert age("replan") == ""
+    monkeypatch.setattr("measured.digest", lambda _: "4567")
+    assert age("replan") == "with code that has changed"
+    (tmp_path / "replan.md").write_text("2026-11-25, 2 cores\n")
+    assert age("replan") == "with code that was not recorded"
+
+
+@pytest.mark.parametrize("path", sorted({path for paths in MEASURES.values() for path in paths}))
+def test_the_code_that_a_page_measures_exists(path):
+    assert (ROOT / "eadp" / path).exists()
 
 
 def test_every_measured_file_is_linked():

@@ -14,12 +14,10 @@ from annotated_types import Ge, Gt, Le, MinLen
 
 from eadp.core.bounds import Efficiency, Seconds, Share
 from eadp.core.flight.battery import (
-    current_a,
     drain_per_s,
     interpolated,
     max_power_w,
     replayed_soc,
-    soc_rate_per_s,
     undeliverable,
 )
 from eadp.errors import EadpError, printable
@@ -167,7 +165,7 @@ class Battery:
     def drain_per_s(self, power_w: Any, voltage_v: Any) -> Any:
         """How fast the charge falls [1/s] under a power [W] at an open-circuit voltage [V], numbers or arrays.
 
-        For forecasts, which have to go on: beyond what can be delivered it is large, where `rate_per_s` refuses.
+        Beyond what can be delivered it is large.
 
         Source: letter, Eq. 22 and Lem. III.3.
         """
@@ -219,14 +217,6 @@ class Battery:
         bound = f"{self.max_current_a:g} A" if limit == CURRENT else f"{self.cutoff_voltage_v:g} V under load"
         most = f"the {float(self.max_power_w(volts)):.1f} W that {LIMITS[limit]} ({bound}) allows at {volts:.4g} V"
         return f"{power_w:.1f} W exceeds {most}"
-
-    def current_a(self, power_w: float) -> float:
-        """Current [A] that delivers a power [W] at full charge. Raises Infeasible where it cannot."""
-        return current_a(power_w, self.voltage_v, self.resistance_ohm)
-
-    def rate_per_s(self, power_w: float) -> float:
-        """ḃ [1/s] under a power [W]. Raises Infeasible where it cannot be delivered."""
-        return soc_rate_per_s(power_w, self.voltage_v, self.resistance_ohm, self.capacity_ah, self.k_b_per_s)
 
     @property
     def power_per_soc_w(self) -> float:

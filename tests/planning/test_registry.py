@@ -187,7 +187,7 @@ def test_time_to_an_empty_battery_follows_a_periodic_power():
     t, soc = 199.9, 0.7
     while soc > 0:
         y = power(t + 0.005) + pilot._computing_plan_w[-1]
-        soc -= BATTERY.k_b_per_s * BATTERY.current_a(float(y)) / BATTERY.capacity_ah * 0.01
+        soc -= BATTERY.drain_per_s(float(y), BATTERY.voltage_v) * 0.01
         t += 0.01
     assert pilot._time_to_reserve_s(o, 0.0) == pytest.approx(t - 199.9, rel=0.005)
 

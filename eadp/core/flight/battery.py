@@ -11,34 +11,6 @@ from typing import Any
 import numpy as np
 
 from eadp.core.arrays import Column
-from eadp.errors import Infeasible
-
-
-def current_a(power_w: float, voltage_v: float, resistance_ohm: float) -> float:
-    """Battery current that delivers a power through its inner resistance.
-
-    Parameters
-    ----------
-    power_w : float
-        Power at the terminals [W].
-    voltage_v, resistance_ohm : float
-        Open-circuit voltage [V], above 0; inner resistance [Ω], 0 or more.
-
-    Returns
-    -------
-    float
-        Current [A]: the smaller root, so that no load draws no current.
-
-    Raises
-    ------
-    Infeasible
-        If the battery cannot deliver `power_w`: more than V²/(4R).
-
-    Source: letter, Eq. 22.
-    """
-    if voltage_v * voltage_v - 4 * resistance_ohm * power_w < 0:
-        raise Infeasible(undeliverable(power_w, voltage_v, resistance_ohm))
-    return float(drain_per_s(power_w, voltage_v, resistance_ohm, 1.0))
 
 
 def drain_per_s(power_w: Any, voltage_v: Any, resistance_ohm: float, per_as: float) -> Any:
@@ -60,7 +32,7 @@ def drain_per_s(power_w: Any, voltage_v: Any, resistance_ohm: float, per_as: flo
     float or array
         −ḃ [1/s]; beyond what can be delivered it is large.
 
-    Source: letter, Eq. 22 and Lem. III.3.
+    Source: letter, Eq. 22 and Lem. III.3, ḃ = −k_b I(y)/Q_c; a perfect battery has k_b = 1/3600 per second.
     """
     # I = (V − √(V² − 4 R y)) / 2R, multiplied out so that R → 0 gives y/V;  −ḃ = k_b I / Q_c
     return per_as * 2 * power_w / (voltage_v + _root_v(power_w, voltage_v, resistance_ohm))
@@ -137,16 +109,6 @@ def min_voltage_v(power_w: Any, resistance_ohm: float, max_current_a: float, cut
     # V = U + R I at I = y/U, where U is at least V_cut, y/I_max and V/2, which is √(R y)
     terminal_v = np.maximum(np.maximum(power_w / max_current_a, cutoff_v), np.sqrt(resistance_ohm * power_w))
     return terminal_v + resistance_ohm * power_w / np.maximum(terminal_v, 1e-12)
-
-
-def soc_rate_per_s(
-    power_w: float, voltage_v: float, resistance_ohm: float, capacity_ah: float, k_b_per_s: float
-) -> float:
-    """ḃ [1/s] under a power [W]; negative while it is drained.
-
-    Source: letter, Lem. III.3, ḃ = −k_b I(y)/Q_c; a perfect battery has k_b = 1/3600 per second.
-    """
-    return -k_b_per_s * current_a(power_w, voltage_v, resistance_ohm) / capacity_ah
 
 
 def replayed_soc(trace: Sequence[float], time_s: float) -> float:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
-from eadp.core.arrays import FloatArray
+from scipy import ndimage
 
 WINDOW = 11
 """Length of the running median: five samples before and five after."""
@@ -35,23 +34,9 @@ def spikes(power_w: ArrayLike) -> NDArray[np.bool_]:
     power = np.asarray(power_w, dtype=float)
     if len(power) < WINDOW:
         return np.zeros(len(power), dtype=np.bool_)
-    away = power - _running_median(power)
+    away = power - ndimage.median_filter(power, WINDOW, mode="mirror")
     scale = 1.4826 * float(np.median(np.abs(away - np.median(away))))
     low, high = np.quantile(power, (0.05, 0.95)).tolist()
     far: NDArray[np.bool_] = np.abs(away) > max(SIGMAS * scale, SHARE_OF_RANGE * (high - low), 1e-12 * abs(high))
-    found = far & ~_in_long_runs(far)
+    found = far & ~ndimage.binary_opening(far, np.ones(MAX_RUN + 1))  # which keeps longer runs
     return found if np.mean(found) <= MAX_SHARE else np.zeros_like(found)
-
-
-def _running_median(power_w: FloatArray) -> FloatArray:
-    """Running median, mirrored at the ends."""
-    padded = np.pad(power_w, WINDOW // 2, mode="reflect")
-    return np.median(np.lib.stride_tricks.sliding_window_view(padded, WINDOW), axis=1)
-
-
-def _in_long_runs(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
-    result = np.zeros_like(mask)
-    for start, end in edges.reshape(-1, 2).tolist():
-        result[start:end] = end - start > MAX_RUN
-    return result

@@ -200,7 +200,11 @@ def analyse(
     while (multiple := _multiple(samples, found) if found.periodic else 1) > 1 and period_prior_s is None:
         frequency_hz, free_order = _refine(samples, found.frequency_hz * multiple)
         shortest_s = min(shortest_s, 1 / frequency_hz)
-        found = _assess(samples, frequency_hz, free_order, shortest_s, longest_s)
+        shorter = _assess(samples, frequency_hz, free_order, shortest_s, longest_s)
+        if shorter.frequency_hz < math.sqrt(multiple) * found.frequency_hz:  # the longer period is the likeliest again
+            multiple = 1
+            break
+        found = shorter
     inside = shortest_s / RANGE_MARGIN <= 1 / found.frequency_hz <= longest_s * RANGE_MARGIN
     if not (found.periodic and inside):
         return _aperiodic(samples, mean_w, std_w, found.cv_r2, searched_s, found.frequency_hz, found.chance)

@@ -512,8 +512,7 @@ class _Reader:
                 self._findings.append(Finding("warning", None, line.number, "field", message, line.column))
                 return None
         name = self._headers.get("field-name")
-        others = tuple(tuple(part) for part in parts[1:])
-        return Field(parts[0][0], tuple(parts[0][1:]), " ".join(name.text.split()) if name else "", others=others)
+        return Field((), name=" ".join(name.text.split()) if name else "").with_parts(parts)
 
     def _paths(self, path_count: int, taken: Collection[str], sets: Mapping[int, Box]) -> tuple[Title, ...]:
         """Names of the path parameters, and what they stand for."""

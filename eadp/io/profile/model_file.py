@@ -11,7 +11,7 @@ from itertools import islice
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from eadp.core.arrays import FloatArray
 from eadp.core.interpolation import Kind
@@ -269,14 +269,6 @@ class _Point:
 
     leave_one_out_error_w: _Value | None = None
     """prediction from the other points less power_w; written in JSON, not read"""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _refuse_old_keys(cls, value: Any) -> Any:
-        for old, new in (("spread_w", "std_w"), ("left_out_error_w", "leave_one_out_error_w")):
-            if isinstance(value, dict) and old in value:
-                raise ValueError(f"the key {old} is now {new}")
-        return value
 
 
 @dataclass(frozen=True)

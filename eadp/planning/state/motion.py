@@ -118,12 +118,6 @@ class MotionPower:
         """Lasting changes of the level that were recognised."""
         return self._state.regression.steps
 
-    def energy_variance_j2(self, seconds: float, bank_s: float) -> float:
-        """Predictive variance of the energy over a time [s] with ∫ tan² φ dt [s]."""
-        aa, ab, bb, noise = self.variances
-        # (t, ∫tan²φ) P (t, ∫tan²φ)ᵀ + v t
-        return seconds * seconds * aa + 2 * seconds * bank_s * ab + bank_s * bank_s * bb + noise * seconds
-
     @property
     def variances(self) -> tuple[float, float, float, float]:
         """Covariance of a and b: aa, ab, bb; and the variance of the energy per second beside [J²/s]."""

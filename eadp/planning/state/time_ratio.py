@@ -65,10 +65,6 @@ class TimeRatio:
         """Variance of the ratio."""
         return self.noise_s / (self._forecast_s + self.noise_s / RATIO_STD**2)
 
-    def variance_s2(self, remaining_s: float) -> float:
-        """Variance of a forecast time [s²]."""
-        return remaining_s**2 * self.variance + self.noise_s * remaining_s
-
 
 def _expected_noise_s(gust_std_mps: float, airspeed_mps: float, gust_time_s: float) -> float:
     """Variance of a leg's time per second of it [s²/s]."""

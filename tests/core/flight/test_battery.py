@@ -13,22 +13,24 @@ from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
 from eadp.core.flight.battery import (
-    current_a,
     current_slope_a_per_w,
+    drain_per_s,
     max_power_w,
     min_voltage_v,
-    soc_rate_per_s,
     undeliverable,
 )
-from eadp.errors import Infeasible
 
 EXACT = 1e-12
 SECOND = 1.0
-PAPER = {"voltage_v": 14.8, "resistance_ohm": 0.0012, "capacity_ah": 3.2}  # ../spec/07, Constants
+PAPER = 14.8, 0.0012  # ../spec/07, Constants
 
 voltages = st.floats(3, 60)
 resistances = st.floats(1e-4, 0.5)
 shares = st.floats(-3, 1)  # of the largest power, below 0 charging
+
+
+def current_a(power, voltage, resistance):
+    return drain_per_s(power, voltage, resistance, 1.0)
 
 
 def largest_w(voltage, resistance):
@@ -81,12 +83,10 @@ def test_at_the_largest_power_half_the_voltage_is_lost():
 
 
 @given(voltages, st.floats(1e-4, 0.5), st.floats(1e-9, 1e6))
-def test_more_than_it_can_deliver_is_infeasible(voltage, resistance, excess):
+def test_beyond_what_it_can_deliver_the_current_goes_on(voltage, resistance, excess):
     power = largest_w(voltage, resistance) * (1 + 1e-9) + excess
-    with pytest.raises(Infeasible, match="can deliver"):
-        current_a(power, voltage, resistance)
-    with pytest.raises(Infeasible, match="can deliver"):
-        soc_rate_per_s(power, voltage, resistance, 3.2, 1 / 3600)
+    # of a power that is not delivered at all
+    assert current_a(power, voltage, resistance) == pytest.approx(2 * power / voltage)
 
 
 def test_the_sentence_names_the_figures():
@@ -113,14 +113,12 @@ def test_the_slope_near_the_largest_power_is_limited():
 @pytest.mark.parametrize(("k_b_per_s", "lasts_s"), [(0.00183, 711), (1 / 3600, 4684)])
 def test_how_long_the_papers_battery_lasts(k_b_per_s, lasts_s):
     # 01-model, misprint 14: at 36.4 W
-    rate = soc_rate_per_s(36.4, k_b_per_s=k_b_per_s, **PAPER)
-    assert rate < 0
-    assert -1 / rate == pytest.approx(lasts_s, abs=SECOND)
+    assert 1 / drain_per_s(36.4, *PAPER, k_b_per_s / 3.2) == pytest.approx(lasts_s, abs=SECOND)
 
 
 def test_a_perfect_battery_holds_its_watt_hours():
     # 3.2 Ah at 14.8 V is 47.36 Wh: at 47.36 W an hour
-    assert soc_rate_per_s(47.36, 14.8, 0.0, 3.2, 1 / 3600) == pytest.approx(-1 / 3600)
+    assert drain_per_s(47.36, 14.8, 0.0, 1 / 3600 / 3.2) == pytest.approx(1 / 3600)
 
 
 @settings(max_examples=draws(0.8))
@@ -130,7 +128,7 @@ def test_charge_over_a_flight_by_integration(resistance, mean_w, amplitude_w, pe
         return mean_w + amplitude_w * math.sin(2 * math.pi * t / period_s)
 
     def rate(t, _soc):
-        return [soc_rate_per_s(power(t), 14.8, resistance, 3.2, 1 / 3600)]
+        return [-drain_per_s(power(t), 14.8, resistance, 1 / 3600 / 3.2)]
 
     flown = solve_ivp(rate, (0, 300), [1.0], rtol=1e-9, atol=1e-12, max_step=period_s / 10)
 
@@ -142,8 +140,8 @@ def test_charge_over_a_flight_by_integration(resistance, mean_w, amplitude_w, pe
 
 
 def test_a_worse_battery_drains_faster():
-    rates = [soc_rate_per_s(36.4, 14.8, resistance, 3.2, 1 / 3600) for resistance in (0.0, 0.05, 0.5, 1.4)]
-    assert rates == sorted(rates, reverse=True)
+    drains = [drain_per_s(36.4, 14.8, resistance, 1 / 3600 / 3.2) for resistance in (0.0, 0.05, 0.5, 1.4)]
+    assert drains == sorted(drains)
 
 
 # --- limits -----------------------------------------------------------------------------------------------------------

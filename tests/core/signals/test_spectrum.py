@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from eadp.core.arrays import FloatArray
+from eadp.core.signals import spectrum
 from eadp.core.signals.spectrum import (
     MAX_CHANCE,
     MIN_CV_R2,
@@ -136,6 +138,27 @@ def test_a_fundamental_that_is_weak_is_kept_where_its_evidence_is_strong() -> No
     assert (found.period_s, len(found.amplitude_w)) == (pytest.approx(12.0, rel=1e-3), 3)  # 0.1 W is 13 deviations
     lost = analyse(times, noisy(times, 0.5, terms=((0.01, 0.3), (0.0, 0.0), (2.0, 1.0)), period_s=12.0))
     assert (lost.period_s, lost.multiple) == (pytest.approx(4.0, rel=1e-3), 1)
+
+
+def test_the_search_ends_where_the_likelihood_goes_back_to_the_multiple(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 55 s, whose first harmonic may be zero in noise of 15 s, 28 s is half; of 28 s, 55 s is likelier again."""
+    calls, assess = [0], spectrum._assess
+
+    def counted(*arguments: Any) -> Any:
+        calls[0] += 1
+        assert calls[0] <= 2
+        return assess(*arguments)
+
+    monkeypatch.setattr(spectrum, "_assess", counted)
+    rng = np.random.default_rng([0, 1])
+    period_s, memory = rng.uniform(30, 60), math.exp(-0.5 / 15)
+    terms = tuple(zip(np.array([2.1, 1.4, 0.6]) * rng.uniform(0.7, 1.3, 3), rng.uniform(-np.pi, np.pi, 3), strict=True))
+    times = sampled(5, period_s=period_s)
+    slow = lfilter([math.sqrt(1 - memory**2)], [1, -memory], rng.normal(size=len(times) + 600))[600:]
+    std_w = math.sqrt(sum(amplitude**2 for amplitude, _ in terms) / 2)
+    found = analyse(times, signal(times, terms, period_s) + std_w * slow)
+    assert (calls[0], found.multiple) == (2, 1)
+    assert found.period_s == pytest.approx(period_s, rel=0.03)
 
 
 def test_a_prior_reaches_below_the_range_and_keeps_what_is_asked_for() -> None:

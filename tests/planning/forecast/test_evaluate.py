@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from common.forecasts import CALM, Forecasting, survey_inputs
 
-from eadp.core.flight.battery import soc_rate_per_s
 from eadp.errors import PathUndefined
 from eadp.models.plan.ground import FlownGround, RunTally
 from eadp.planning.forecast import evaluate as module
@@ -144,7 +143,7 @@ def stepped_soc(forecasting, found, powers_w, increments=400):
     for seconds, power_w in zip(found.load.times_s, powers_w, strict=True):
         for _ in range(increments):
             volts = battery.voltage_at(max(soc, 0.0))
-            rate = soc_rate_per_s(power_w, volts, battery.resistance_ohm, battery.capacity_ah, battery.k_b_per_s)
+            rate = -battery.drain_per_s(power_w, volts)
             soc += rate * seconds / increments
             drained -= rate * seconds / increments
     return soc, drained
@@ -186,14 +185,7 @@ def test_use_of_every_increment_is_the_difference_of_two_currents():
     for leg in range(0, len(found.load.times_s), 7):
         envelope = forecasting.evaluator.envelopes[int(found.kinds[leg])]
         uses = [
-            -found.load.times_s[leg]
-            * soc_rate_per_s(
-                found.load.motion_w[leg] + power_w,
-                found.limits.volts[leg],
-                battery.resistance_ohm,
-                battery.capacity_ah,
-                battery.k_b_per_s,
-            )
+            found.load.times_s[leg] * battery.drain_per_s(found.load.motion_w[leg] + power_w, found.limits.volts[leg])
             for power_w in envelope.powers_w
         ]
         steps = len(envelope.powers_w) - 1
@@ -207,10 +199,7 @@ def test_the_slope_of_charge_by_energy_is_that_of_the_mean_power():
     found, battery = forecasting.at(0.3), forecasting.mission.battery
     power_w, volts = float(found.totals.mean_w[0]), float(found.limits.volts.mean())
     step = 1e-3
-    rates = [
-        -soc_rate_per_s(p, volts, battery.resistance_ohm, battery.capacity_ah, battery.k_b_per_s)
-        for p in (power_w - step, power_w + step)
-    ]
+    rates = [battery.drain_per_s(p, volts) for p in (power_w - step, power_w + step)]
     slope = float(rates[1] - rates[0]) / (2 * step) * float(found.totals.use_ratio[0])
     assert found.totals.soc_per_j[0] == pytest.approx(slope, rel=1e-6)
 
@@ -402,10 +391,7 @@ def test_the_letters_limit_excludes_configurations_late_in_the_flight():
     found, b = forecasting.at(0.2), forecasting.mission.battery
     # drained at maximum power, as the limits are taken
     taken = found.load.times_s * np.array(
-        [
-            -soc_rate_per_s(p, b.voltage_v, b.resistance_ohm, b.capacity_ah, b.k_b_per_s)
-            for p in found.load.motion_w + found.load.max_w
-        ]
+        [b.drain_per_s(p, b.voltage_v) for p in found.load.motion_w + found.load.max_w]
     )
     slower = min(1.0, (found.known.soc - 0.05) / taken.sum())
     socs = found.known.soc - np.cumsum(taken) * slower
@@ -471,14 +457,8 @@ def leg_use(forecasting, found, last):
     """Charge used at minimum power up to the end of a leg."""
     b = forecasting.mission.battery
     uses = [
-        -found.load.times_s[i]
-        * soc_rate_per_s(
-            found.load.motion_w[i] + found.load.min_w[i],
-            found.limits.volts[i],
-            b.resistance_ohm,
-            b.capacity_ah,
-            b.k_b_per_s,
-        )
+        found.load.times_s[i]
+        * b.drain_per_s(found.load.motion_w[i] + found.load.min_w[i], found.limits.volts[i])
         * float(found.totals.use_ratio[0])
         for i in range(last + 1)
     ]

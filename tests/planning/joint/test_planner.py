@@ -15,7 +15,7 @@ from common.recorder import Recorder, watched
 
 from eadp.api.flight import record_row
 from eadp.api.inputs import load_flight
-from eadp.core.flight.battery import soc_rate_per_s
+from eadp.core.flight.battery import drain_per_s
 from eadp.errors import InputError
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
@@ -220,7 +220,7 @@ def north(pilot, battery, seconds, stage_m=1e9, running=lambda stage: True, lost
         stage = int(SPEED_MPS * k // stage_m) + 1
         own = max(parameters[0], 2.0) if running(stage) else 0.0
         power = MOTION_W + (float(np.interp(own, [2, 10], [4.8, 9.8])) if running(stage) else 0.0)
-        soc += soc_rate_per_s(power, battery.voltage_v, battery.resistance_ohm, battery.capacity_ah, battery.k_b_per_s)
+        soc -= battery.drain_per_s(power, battery.voltage_v)
         motion = {"velocity_mps": (0.0, SPEED_MPS), "heading_rad": np.pi / 2}
         plan, y, known = pilot._mission.plan, SPEED_MPS * k, soc - lost(k)
         seen = observation(plan, (own,), float(k), 0.0, y, started=stage, power_w=power, soc=known, **motion)
@@ -354,7 +354,7 @@ def test_two_computations_in_gusts_change_seldom_at_measured_levels_and_use_the_
     for k in range(1, 900):
         gust_w += rng.normal(0, 0.75) - gust_w / 8
         power_w = MOTION_W + gust_w + mission.computing.power_w(parameters, plan.stages[0].sets)
-        soc += soc_rate_per_s(power_w, 14.8, 0.05, capacity_ah, battery.k_b_per_s)
+        soc -= drain_per_s(power_w, 14.8, 0.05, battery.k_b_per_s / capacity_ah)
         motion = {"velocity_mps": (0.0, SPEED_MPS), "heading_rad": np.pi / 2}
         seen = observation(plan, parameters, float(k), 0.0, SPEED_MPS * k, power_w=power_w, soc=soc, **motion)
         parameters = pilot.take(seen).parameters

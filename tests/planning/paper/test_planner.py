@@ -119,7 +119,7 @@ def test_how_long_a_charge_lasts(seed):
     drained, seconds = 0.0, 0
     while drained < spare:
         at = seconds if seconds < head else head + (seconds - head) % (len(power_w) - head)
-        step = -battery.rate_per_s(power_w[at])
+        step = battery.drain_per_s(power_w[at], battery.voltage_v)
         drained, seconds = drained + step, seconds + 1
     expected = seconds - (drained - spare) / step
     assert _lasting_s(power_w, head, 1.0, spare, battery) == pytest.approx(expected, rel=1e-9)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eadp.core import compiled
-from eadp.core.flight.battery import current_a, drain_per_s
+from eadp.core.flight.battery import drain_per_s
 from eadp.planning.state.charge import (
     MAX_STEP_S,
     MAX_USE,
@@ -300,7 +300,7 @@ def test_readings_in_a_batch_are_taken_as_one_by_one(seed, compiled_code):
     power_w, expected, started = 0.0, False, False
     for step_s, reading_w, charge in zip(steps_s, powers_w, charges, strict=True):
         power_w = power_w if math.isnan(reading_w) else reading_w
-        drained = current_a(power_w, volts, resistance_ohm) * per_as * step_s if started else 0.0
+        drained = drain_per_s(power_w, volts, resistance_ohm, per_as) * step_s if started else 0.0
         expected |= observe(one, charge, drained, measured=not math.isnan(reading_w))
         started = True
     found, at = False, 0

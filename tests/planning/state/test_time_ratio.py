@@ -31,8 +31,6 @@ def test_the_ratio_is_a_bayesian_regression(count):
     mean, covariance = posterior(told[:, None], flown - told, found.noise_s * told, np.zeros(1), [time_ratio.RATIO_STD])
     assert found.ratio - 1 == pytest.approx(mean[0], abs=ALGEBRA)
     assert found.variance == pytest.approx(covariance[0, 0], rel=ALGEBRA)
-    rest = 300.0  # a leg of 300 s to come: the ratio's variance and its own noise
-    assert found.variance_s2(rest) == pytest.approx(rest**2 * covariance[0, 0] + found.noise_s * rest)
 
 
 def test_before_anything_is_flown():
@@ -71,6 +69,6 @@ def test_forecasts_of_times_are_calibrated():
         ratio = learned(zip(told, flown, strict=True))
         rest = 200.0
         came = true * rest + rng.normal(0, math.sqrt(noise * rest))
-        squares.append((came - ratio.ratio * rest) ** 2 / ratio.variance_s2(rest))
+        squares.append((came - ratio.ratio * rest) ** 2 / (rest**2 * ratio.variance + ratio.noise_s * rest))
     assert np.mean(squares) == pytest.approx(1, abs=0.35)
     assert np.mean(np.array(squares) < 1.645**2) == pytest.approx(0.9, abs=0.06)
