@@ -19,7 +19,7 @@ from eadp.io.mission.maps import geojson_text, gpx_text, kml_text
 from eadp.io.mission.paparazzi import paparazzi_text
 from eadp.io.mission.path import PlannedPath, Section
 from eadp.io.mission.qgc import qgc_text
-from eadp.io.mission.wpl import wpl_text
+from eadp.io.mission.wpl import fence_text, wpl_text
 from eadp.plug_ins import plug_in
 
 HALVES_TOLERANCE = 1e-4
@@ -147,8 +147,15 @@ def _fences(path: PlannedPath) -> list[Fence]:
     return [Fence(inclusion, [path.geodetic_deg(point) for point in ring]) for inclusion, ring in rings]
 
 
-FENCED = ("qgc",)
-"""Formats that hold obstacles and a boundary."""
+FENCED = ("qgc", "ardupilot")
+"""Formats that hold obstacles and a boundary; of the second they are a file of their own."""
+
+
+def fence_file(path: PlannedPath) -> str:
+    """The file of ArduPilot's fence; empty without obstacles and boundary."""
+    fences = _fences(path)
+    return fence_text(fences) if fences else ""
+
 
 _WRITERS: tuple[Callable[[PlannedPath], str], ...] = (
     lambda path: qgc_text(mission_items(path), path.home, path.airspeed_mps, _fences(path)),
