@@ -124,6 +124,10 @@ class FreeTurns:
         found = self.direct(start, end)
         if found is not None:
             return found
+        # a line has room for a half circle at either end: one leaves it, and one leads to it
+        back = (*end[:2], end[2] + math.pi)
+        turned = [half_circle(pose, self.motion.min_radius_m, side).end for pose in (start, back) for side in (1, -1)]
+        stops = [*self._corners, *turned[:2], *((x, y, heading + math.pi) for x, y, heading in turned[2:]), end]
         # Dijkstra over the corners; of equal times the one found first, as poses have no order
         done: set[Pose] = set()
         count = itertools.count()
@@ -135,7 +139,7 @@ class FreeTurns:
             if pose in done:
                 continue
             done.add(pose)
-            for following in (*self._corners, end):
+            for following in stops:
                 if following not in done and (leg := self.direct(pose, following)) is not None:
                     heapq.heappush(queue, (time_s + leg.time_s, next(count), following, (*pieces, *leg.pieces)))
         return None
