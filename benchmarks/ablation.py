@@ -22,11 +22,12 @@ from unittest import mock
 import numpy as np
 from measured import head, line
 
-from eadp.planning.base import SOLVED
+from eadp.planning.base import NEW_STAGE, SOLVED
 from eadp.planning.forecast import evaluate
 from eadp.planning.forecast.evaluate import CERTAIN, Evaluator
 from eadp.planning.forecast.knapsack import fill_greedy
 from eadp.planning.joint import places, policy, search
+from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.joint.policy import Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
 from eadp.planning.joint.search import Place, Search, Shares
@@ -64,7 +65,7 @@ trig:
 LOSS_RATES_PER_H = (0.0, 0.5, 1.0, 2.0, 4.0)
 OTHER_RATES_PER_H = [rate for rate in LOSS_RATES_PER_H if rate != JointSettings.loss_rate_per_h]
 AS_IT_IS = "as it is"
-charge_std, along = Evaluator.charge_std, Search._along
+must_search, along = JointPlanner._must_search, Search._along
 
 
 @dataclass(frozen=True)
@@ -83,8 +84,8 @@ class Variant:
             yield
 
 
-def _without_gauge_gain(self: Evaluator, known: Any, totals: Any, soc: Any) -> Any:
-    return charge_std(self, known._replace(charge=known.charge._replace(gain_std=0.0)), totals, soc)
+def _each_stage(self: JointPlanner, o: Any, kept: Any, cause: str) -> bool:
+    return must_search(self, o, kept, cause) or (cause == NEW_STAGE and o.cursor.accepts_changes())
 
 
 def _only_the_grid(self: Search, base: Shares, axis: int) -> list[Place]:
@@ -108,15 +109,19 @@ VARIANTS: Mapping[str, Variant] = {
     "no halvings (`ROUNDS` = 0)": Variant(((search, "ROUNDS", 0),)),
     "no search along each parameter after the grid": Variant(((Search, "_along", _only_the_grid),)),
     "closed form instead of OSQP": Variant(((ComputationProgram, "solve", _closed_form),)),
-    "computations fall from the start (`EARLY_S` = 0)": Variant(((policy, "EARLY_S", 0.0),)),
+    "the margin of today for the computations, too": Variant(
+        ((evaluate.Evaluation, "adaptive", property(lambda own: own.knapsack)),)
+    ),
+    "the path searched at each new stage": Variant(((JointPlanner, "_must_search", _each_stage),)),
     "the same gain for each change of path": Variant(((Policy, "path_gain", property(lambda own: own._min_gain)),)),
     "no wait after a fall (`SETTLED_S` = 0)": Variant(((policy, "SETTLED_S", 0.0),)),
+    "the upper configuration to its end (`HELD_S` = 0)": Variant(((policy, "HELD_S", 0.0),)),
     "changes to the end (`LAST_S` = 0)": Variant(((policy, "LAST_S", 0.0),)),
     "every end certain": Variant(
         ((evaluate, "_ends", lambda *_: CERTAIN), (places, "margin_m", lambda _: 0.0)),
     ),
     "the wind's estimate alone, without its variance": Variant(((evaluate, "_wind_effect", _no_effect),)),
-    "an exact gauge": Variant(((Evaluator, "charge_std", _without_gauge_gain),)),
+    "an exact gauge": Variant(((Evaluator, "_gain_std", lambda *_: 0.0),)),
     **{f"{rate:g} expected losses an hour": _rated(rate) for rate in OTHER_RATES_PER_H},
 }
 
