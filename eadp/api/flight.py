@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from eadp.api.fences import FENCES
 from eadp.api.inputs import FlightInputs, Source
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_geodetic_deg
@@ -376,13 +377,17 @@ def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _copy_inputs(folder: Path, sources: Mapping[str, Source], overrides: Sequence[str]) -> None:
+    """Copy inputs into a folder, fences into one of their kind there: what else they are, their content says."""
     folder.mkdir()
+    for kind in sources.keys() & FENCES:
+        (folder / kind).mkdir()
     for kind, text in sources.items():
+        target = folder / kind if kind in FENCES else folder
         name = Path(text.name).name if text.name != "<stdin>" else f"stdin.{kind}"
-        while (folder / name).exists() or name == OVERRIDES:
+        while (target / name).exists() or name == OVERRIDES:
             # with another file's name, its kind comes first, and stands alone where the name would be too long
             name = f"{kind}-{name}" if len(os.fsencode(name)) < LONGEST_NAME else kind
-        (folder / name).write_text(text.body, encoding="utf-8")
+        (target / name).write_text(text.body, encoding="utf-8")
     if overrides:
         lines = "".join(f"{line}\n" for line in overrides)
         (folder / OVERRIDES).write_text(lines, encoding="utf-8", errors="surrogateescape")

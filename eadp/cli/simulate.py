@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
+from eadp.api.fences import FENCES
 from eadp.api.flight import REPORT
 from eadp.api.given import FlightOptions
 from eadp.api.simulate import simulate
@@ -81,7 +82,7 @@ def command(
     if output.out is not None:
         check_new_folder(output.out, force=output.force)
     if is_sorties(plan):
-        alone = {name: getattr(options, name) for name in ("scenario", "profile", "energy", "laps")}
+        alone = {name: getattr(options, name) for name in ("scenario", "profile", "energy", "laps", *FENCES)}
         for name, value in {**alone, "figure": output.figure, "junit": output.junit}.items():
             if value is not None:
                 raise usage_fault(f"--{name}", str(value), "beside a folder of sorties", "its scenario, or --set")
@@ -105,6 +106,8 @@ def command(
         options.planner,
         seed,
         laps=options.laps,
+        avoid=options.avoid,
+        inside=options.inside,
         on_step=show,
         warn=warn,
     )
