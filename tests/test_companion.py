@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import re
+import shlex
 import sys
 import threading
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 
+import pytest
 from common.plans import ORIGIN, placed_survey
 
+from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_geodetic_deg
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -122,3 +126,22 @@ def test_the_node_of_the_page_runs(tmp_path, monkeypatch):
     assert len(published) == len(LINES)
     assert published[-1]["parameters"]["c1"] < 0
     assert published[-1]["soc_end_forecast"] is not None
+
+
+def test_the_vehicle_flies_the_mission_that_the_page_exports(tmp_path, monkeypatch):
+    """With the pack asked for; home before the mission's last item it has not completed it."""
+    pytest.importorskip("jsbsim", reason="the aeroplane flies in JSBSim: pip install 'eadp[bench]'")
+    placed_survey(tmp_path)
+    (export,) = re.findall(r"^(eadp export .*)$", (ROOT / "docs/companion.md").read_text(), re.M)
+    monkeypatch.chdir(tmp_path)
+    assert main(shlex.split(export)[1:]) == 0
+    spec = importlib.util.spec_from_file_location("vehicle", ROOT / "docs/examples/vehicle.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    vehicle = module.Vehicle(tmp_path / "m.waypoints", (0.0, 0.0), 1.3, 0, cells=6)
+    vehicle.step()
+    assert 6 * 3.9 < vehicle.pack.voltage_v < 6 * 4.2
+    vehicle.pilot.returns = vehicle.pilot.done = True
+    assert not vehicle.completed
+    vehicle.holder.current = len(vehicle.holder.items)
+    assert vehicle.completed

@@ -1,6 +1,6 @@
 """An aeroplane that speaks MAVLink, to try `eadp replan --mavlink` with: it flies the mission that it holds.
 
-usage: python docs/examples/vehicle.py MISSION.waypoints [--to 127.0.0.1:14550] [--wind X Y] [--capacity 1.0]
+usage: python docs/examples/vehicle.py MISSION.waypoints [--to 127.0.0.1:14550] [--wind X Y]
 
 The aeroplane, its battery and its air are benchmarks/plant.py, which knows nothing of eadp's models; the autopilot here
 knows waypoints, loiters, changes of speed and the return, and MAVLink's mission protocol. It starts in the air, at the
@@ -14,7 +14,8 @@ that it is sent as NAMED_VALUE_FLOAT `fps`, and reports it, unless `--deaf`.
 - `--take-off FACTOR`: launched by hand, it climbs to its altitude, and draws so many times the power of level flight
   in the first 10 s.
 - `--interrupt S`: in the midst of an upload the link is silent for so long, once, and the vehicle gives the upload up.
-- `--ohm-ah`: resistance of the pack times its capacity.
+- `--capacity`, `--cells`: the pack's capacity [Ah], 1, and its cells in series, 4 by default, as the scenario
+  has them (full, a cell has 4.2 V); `--ohm-ah`: its resistance times its capacity.
 - `--rates FILE`: a detector that runs, `docs/examples/detector.py`, which watches the file of `eadp replan
   --publish`; the rate that it reaches is what is reported, and what draws power. With `--deaf` it stays at the highest
   rate.
@@ -239,6 +240,8 @@ class Vehicle:
         How many times the power of level flight it draws in a take-off; 1: it starts at its altitude.
     ohm_ah : float
         Resistance of the pack times its capacity.
+    cells : int
+        Of the pack, in series: it has 4.2 V each when full.
     """
 
     def __init__(
@@ -251,6 +254,7 @@ class Vehicle:
         cell: tuple[float, float] | None = None,
         take_off: float = 1.0,
         ohm_ah: float = OHM_AH,
+        cells: int = 4,
     ) -> None:
         home, *items = rows_of(mission)
         self.origin_deg = home[2][4], home[2][5]
@@ -262,7 +266,7 @@ class Vehicle:
         gusts, start_m = Dryden(math.hypot(*wind_mps), seed, 7200.0), LAUNCH_M if take_off > 1 else ALTITUDE_M
         self.plane = Aeroplane(points[0], course, wind_mps, gusts, start_m)
         self.plane.altitude_target_m = ALTITUDE_M
-        self.pack, self._drop = Lipo(capacity_ah, ohm_ah / capacity_ah), drop
+        self.pack, self._drop = Lipo(capacity_ah, ohm_ah / capacity_ah, cells), drop
         self._cell, self._take_off = cell, take_off
         self.fps, self.power_w, self.consumed_ah = float(LEVELS[-1]), 0.0, 0.0
 
@@ -273,8 +277,10 @@ class Vehicle:
 
     @property
     def completed(self) -> bool:
-        """Whether it is home with charge."""
-        return self.pilot.done and not self.pack.empty
+        """Whether it is home with charge, after all waypoints and loiters of its mission."""
+        left = self.holder.items[self.holder.current :]
+        flown = not any(item[0] in (WAYPOINT, LOITER_TURNS) for item in left)
+        return flown and self.pilot.done and not self.pack.empty
 
     def step(self) -> None:
         """Fly for CONTROL_S."""
@@ -303,6 +309,7 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
         options.cell,
         options.take_off,
         options.ohm_ah,
+        options.cells,
     )
     holder, detector = vehicle.holder, Autopilot(component=DETECTOR)
     autopilot, wire = holder.autopilot, Wire(options.to, options.loss, options.delay, options.seed)
@@ -393,6 +400,7 @@ def main() -> None:
     parser.add_argument("--speed", type=float, default=10.0)
     parser.add_argument("--wind", type=float, nargs=2, default=(0.0, 0.0))
     parser.add_argument("--capacity", type=float, default=1.0)
+    parser.add_argument("--cells", type=int, default=4)
     parser.add_argument("--loss", type=float, default=0.0)
     parser.add_argument("--delay", type=float, default=0.0)
     parser.add_argument("--drop", type=float, nargs=2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -13,9 +14,9 @@ from eadp.api.inputs import FlightInputs, load_flight
 from eadp.api.plan import plan_of
 from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_near_local_m
 from eadp.errors import Fault, InputError, PathUndefined, one_of, printable
-from eadp.io.mission import ITEMS_ENDING, WITH_ITEMS
+from eadp.io.mission import FENCE_ENDING, ITEMS_ENDING, WITH_ITEMS
 from eadp.io.mission.autopilot import PARAMETER_FILES, wanted_parameters
-from eadp.io.mission.export import EXPORTS, FENCED, mission_items, writer_of
+from eadp.io.mission.export import EXPORTS, FENCED, fence_file, mission_items, writer_of
 from eadp.io.mission.items import items_text, mapped_items
 from eadp.io.mission.path import PlannedPath, planned_sections
 from eadp.io.plan.parameters import parameters_of
@@ -108,15 +109,20 @@ class Exported(NamedTuple):
         The file of the map of its items to stages; empty where it has no items.
     parameters : str
         The file of an autopilot's parameters; empty where none is asked for.
+    fence : str
+        The file of its fence, of ArduPilot; empty without obstacles and boundary.
     """
 
     text: str
     items: str = ""
     parameters: str = ""
+    fence: str = ""
 
     def write(self, path: str) -> None:
-        """Write the file, and the map beside it. Raises InputError."""
+        """Write the file, and the map and the fence beside it. Raises InputError."""
         write_text(path, self.text)
+        if self.fence:
+            write_text(path + FENCE_ENDING, self.fence)
         if self.items:
             write_text(path + ITEMS_ENDING, self.items)
 
@@ -204,7 +210,8 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     if to not in WITH_ITEMS:
         return Exported(writer(path), "", parameters)
     mapped = mapped_items(mission_items(path), planned, flown.path_count)
-    return Exported(writer(path), items_text(mapped, flown.names[: flown.path_count]), parameters)
+    fence = fence_file(path) if to == "ardupilot" else ""
+    return Exported(writer(path), items_text(mapped, flown.names[: flown.path_count]), parameters, fence)
 
 
 def _fenced(airspace: Airspace, legs: Sequence[Leg]) -> Airspace:
@@ -344,6 +351,11 @@ def export(
     mission = exported(plan, to, options or ExportOptions(), warn)
     if options is not None and options.parameters is not None:
         write_text(options.parameters, mission.parameters)
-    if out is not None and str(out) != "-":
+    written = out is not None and str(out) != "-"
+    if written:
         mission.write(str(out))
+    if mission.fence:
+        where = f"{out}{FENCE_ENDING}" if written else "a file beside that of -o FILE"
+        message = f"obstacles and boundary are ArduPilot's fence, {where}: send it besides"
+        warn([Fault(str(plan) if isinstance(plan, str | PathLike) else "plan", 1, 1, message, severity="note")])
     return mission.text

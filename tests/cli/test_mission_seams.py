@@ -12,7 +12,9 @@ from common.answers import refused
 
 from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_local_m
+from eadp.io.mission.wpl import wpl_fences
 from eadp.io.plan.reader import read_plan
+from eadp.io.text.source import SourceText
 from eadp.io.text.streams import read_text
 
 BOX = "0 0, 600 0, 600 400, 0 400"
@@ -234,6 +236,11 @@ def test_fences_go_out_and_come_in(eadp, covered, tmp_path):
         "obstacles and boundary are not in the format gpx"
         in eadp("export", covered, "--to", "gpx", "--origin", "55.37,10.43").err
     )
+    rows = tmp_path / "m.waypoints"
+    answer = eadp("export", covered, "--to", "ardupilot", "--origin", "55.37,10.43", "-o", rows)
+    assert f"ArduPilot's fence, {rows}.fence.waypoints" in answer.err
+    fence = wpl_fences(SourceText(read_text(f"{rows}.fence.waypoints")))
+    assert [(each.inclusion, len(each.corners_deg)) for each in fence] == [(False, 4), (True, 4)]
     circle = {"circle": {"center": [55.37, 10.43], "radius": 40}, "inclusion": False, "version": 1}
     document = json.loads(mission.read_text())
     document["geoFence"] = {"circles": [circle], "polygons": [], "version": 2}

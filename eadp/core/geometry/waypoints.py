@@ -27,7 +27,7 @@ TURNS_TOLERANCE = 0.05
 EASED_M = 1.0
 """Distance from a waypoint that a turn wider than the least may pass it at [m]: that of an exported arc's corners."""
 ARC_RAD = 0.02
-"""Corners that differ by less are alike: what the rounding of coordinates makes of those of an arc."""
+"""Corners that differ by less are alike, and smaller ones none: what the rounding of coordinates makes of an arc's."""
 SHRINK, SHRINK_LIMIT = 0.8, 60
 """A turn after a waypoint is made smaller by this factor, at most so often, until a straight leads on from it."""
 
@@ -35,12 +35,14 @@ SHRINK, SHRINK_LIMIT = 0.8, 60
 class Waypoint(NamedTuple):
     """A point to fly to.
 
-    A turn may pass it `miss_m` away; with `past_m` the aircraft flies over it and so much farther before it turns [m].
+    A turn may pass it `miss_m` away; with `past_m` the aircraft flies over it and so much farther before it turns, and
+    with `begins_m` the turn begins so far before it [m].
     """
 
     centre_m: Point
     miss_m: float
     past_m: float = 0.0
+    begins_m: float = 0.0
 
     @property
     def radius_m(self) -> float:
@@ -79,7 +81,8 @@ class _Leg:
     """The way to a target, and the turn at its end: round a circle, or a fillet of `corner_rad`, or none.
 
     The way is straight, or with `round` an arc of that circle. `trim_m` is what fillets take off at the start and end;
-    one that is wider than it must be passes the corner within `eased_m`. The way goes `past_m` beyond the waypoint.
+    one that is wider than it must be begins `begins_m` before, or passes the corner within `eased_m`. The way goes
+    `past_m` beyond the waypoint.
     """
 
     target: int
@@ -90,6 +93,7 @@ class _Leg:
     circle: Loiter | None = None
     corner_rad: float = 0.0
     eased_m: float = 0.0
+    begins_m: float = 0.0
     past_m: float = 0.0
     trim_m: tuple[float, float] = (0.0, 0.0)
 
@@ -235,6 +239,8 @@ def _choose_turn(leg: _Leg, waypoint: Waypoint, following: Target, radius_m: flo
         cosine = math.cos(corner / 2)
         if cosine > 1e-6 and radius_m * (1 / cosine - 1) <= waypoint.miss_m:
             leg.corner_rad, leg.eased_m = corner, min(EASED_M, waypoint.miss_m)
+            # one that begins b before it passes the corner b tan(θ/4) away
+            leg.begins_m = min(waypoint.begins_m, waypoint.miss_m / abs(math.tan(corner / 4)))
             return here
     side = math.copysign(1.0, corner)
     radius = radius_m
@@ -255,6 +261,11 @@ def _set_trims(legs: list[_Leg], radius_m: float, tight: list[TightTurn]) -> Non
     # a fillet takes r tan(θ/2) off both its legs: [k] off leg k at its start and off leg k − 1 at its end
     wanted = [0.0, *(radius_m * abs(math.tan(leg.corner_rad / 2)) for leg in legs)]
     for k, (leg, after) in enumerate(itertools.pairwise(legs), 1):
+        if abs(leg.corner_rad) < ARC_RAD:  # straight on
+            continue
+        if leg.begins_m:
+            wanted[k] = max(wanted[k], min(leg.begins_m, leg.room_m, after.room_m))
+            continue
         # the corners before and after; where one is alike, waypoints lie along an arc
         beside = [other.corner_rad for other in (*legs[max(k - 2, 0) : k - 1], after)]
         if any(angle * leg.corner_rad > 0 and abs(angle - leg.corner_rad) < ARC_RAD for angle in beside):

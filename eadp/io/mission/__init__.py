@@ -16,5 +16,8 @@ WITH_ITEMS = ("qgc", "ardupilot")
 ITEMS_ENDING = ".items.json"
 """Ending of the map's name, after that of the mission."""
 
+FENCE_ENDING = ".fence.waypoints"
+"""Ending of the name of ArduPilot's fence, after that of the mission."""
+
 EXPORT_NAMES = tuple(ENDINGS)
 """Formats that a plan is exported to; `export.EXPORTS` holds what writes them."""

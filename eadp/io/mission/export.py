@@ -19,7 +19,7 @@ from eadp.io.mission.maps import geojson_text, gpx_text, kml_text
 from eadp.io.mission.paparazzi import paparazzi_text
 from eadp.io.mission.path import PlannedPath, Section
 from eadp.io.mission.qgc import qgc_text
-from eadp.io.mission.wpl import wpl_text
+from eadp.io.mission.wpl import fence_text, wpl_text
 from eadp.plug_ins import plug_in
 
 HALVES_TOLERANCE = 1e-4
@@ -48,6 +48,7 @@ def mission_items(path: PlannedPath, *, flying: bool = False) -> list[MissionIte
 class _ItemBuilder:
     def __init__(self, path: PlannedPath, *, flying: bool) -> None:
         self.path, self.items = path, list[MissionItem]()
+        self._skipped: int | None = None  # the first leg of a line without an item of its own
         sections = path.sections
         self._altitude_m, self._legs = path.altitude_of(sections[0]), (sections[0].first, sections[0].last)
         if not flying:
@@ -77,18 +78,13 @@ class _ItemBuilder:
             self._command((d.RETURN, *(0.0,) * 7))
 
     def _fly(self, section: Section, following: Section | None) -> None:
-        """Add a section; where an arc joins another one, its end is no waypoint."""
-        arc = section.arc
-        halves = arc.sweep_rad / math.pi if arc else 0.0
-        whole = halves > 2 - HALVES_TOLERANCE or abs(halves - 1) < HALVES_TOLERANCE
-        radius_m = held_radius_m(arc.radius_m) if arc else 0.0
-        if arc and whole and radius_m >= 1 and abs(radius_m - arc.radius_m) <= self.path.tolerance_m:
-            # a loiter goes on to where the next waypoint lies ahead
-            turns = math.floor(halves / 2 + TURNS_TOLERANCE) if halves > 1.5 else 0.5
-            self._add(d.LOITER_TURNS, (turns, 0.0, -arc.turn * radius_m, 1.0), arc.centre_m)
+        """Add a section; its end is no waypoint where the turns beside it lead there by themselves."""
+        arc, loiter = section.arc, self._loiter(section)
+        if arc and loiter is not None:
+            self._add(d.LOITER_TURNS, (*loiter, 1.0), arc.centre_m)
         else:
-            for point in section.corners(self.path.tolerance_m):
-                self._fly_to(point)
+            for point, begins_m in section.corners():
+                self._fly_to(point, begins_m)
         end, acceptance_m = section.end_m, 0.0
         if following is not None:
             turn = math.remainder(following.courses_rad[0] - section.courses_rad[1], 2 * math.pi)
@@ -96,16 +92,44 @@ class _ItemBuilder:
             acceptance_m = ACCEPTANCE_M if long and abs(turn) <= STRAIGHT_RAD else 0.0
             if arc and following.arc:
                 return
+            if abs(turn) <= STRAIGHT_RAD and self._joins(section, following):
+                self._skipped = None if arc else section.first
+                return
             if self.path.tolerance_m < math.dist(end, following.start_m) <= JOINED_M:
                 end = (end[0] + following.start_m[0]) / 2, (end[1] + following.start_m[1]) / 2
         self._fly_to(end, acceptance_m)
+
+    def _loiter(self, section: Section) -> tuple[float, float, float] | None:
+        """The loiter that an arc is, up to where the next item lies ahead: turns, 0 and radius; None for corners."""
+        arc = section.arc
+        halves = arc.sweep_rad / math.pi if arc else 0.0
+        if arc is None or not (halves > 2 - HALVES_TOLERANCE or abs(halves - 1) < HALVES_TOLERANCE):
+            return None
+        radius_m = held_radius_m(arc.radius_m)
+        if radius_m < 1 or abs(radius_m - arc.radius_m) > self.path.tolerance_m:
+            return None
+        turns = math.floor(halves / 2 + TURNS_TOLERANCE) if halves > 1.5 else 0.5
+        return turns, 0.0, -arc.turn * radius_m
+
+    def _joins(self, section: Section, following: Section) -> bool:
+        """Whether the corners of a turn lead to a short line, or that to them, where nothing else changes."""
+        line, turn = (following, section) if section.arc else (section, following)
+        short = not line.points_m and math.dist(line.start_m, line.end_m) < LONG_M
+        if not short or line.arc or not turn.arc or self._loiter(turn) is not None:
+            return False
+        one, other = section.stage, following.stage
+        same = not other.commands and one.airspeed_mps == other.airspeed_mps and one.altitude_m == other.altitude_m
+        return same and math.dist(section.end_m, following.start_m) <= self.path.tolerance_m
 
     def _fly_to(self, point: Point, acceptance_m: float = 0.0) -> None:
         self._add(d.WAYPOINT, (0.0, acceptance_m, 0.0, 0.0), point)
 
     def _add(self, command: int, parameters: Sequence[float], point: Point | None) -> None:
         place = (0.0, 0.0) if point is None else self.path.geodetic_deg(point)
-        self.items.append(MissionItem(command, d.RELATIVE, (*parameters, *place, self._altitude_m), self._legs))
+        first, last = self._legs
+        legs = first if self._skipped is None else self._skipped, last
+        self.items.append(MissionItem(command, d.RELATIVE, (*parameters, *place, self._altitude_m), legs))
+        self._skipped = None
 
     def _command(self, command: Sequence[float]) -> None:
         self.items.append(MissionItem(int(command[0]), d.NO_POSITION, tuple(command[1:]), self._legs))
@@ -123,8 +147,15 @@ def _fences(path: PlannedPath) -> list[Fence]:
     return [Fence(inclusion, [path.geodetic_deg(point) for point in ring]) for inclusion, ring in rings]
 
 
-FENCED = ("qgc",)
-"""Formats that hold obstacles and a boundary."""
+FENCED = ("qgc", "ardupilot")
+"""Formats that hold obstacles and a boundary; of the second they are a file of their own."""
+
+
+def fence_file(path: PlannedPath) -> str:
+    """The file of ArduPilot's fence; empty without obstacles and boundary."""
+    fences = _fences(path)
+    return fence_text(fences) if fences else ""
+
 
 _WRITERS: tuple[Callable[[PlannedPath], str], ...] = (
     lambda path: qgc_text(mission_items(path), path.home, path.airspeed_mps, _fences(path)),

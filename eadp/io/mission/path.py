@@ -16,6 +16,8 @@ from eadp.models.plan.stage import Stage
 TOLERANCE_M = 1.0
 """Distance of an exported path from the plan's, by default [m]."""
 MAX_HALF_ANGLE_RAD = math.pi / 4
+MAX_ACCEPTANCE_M = 255.0
+"""Largest acceptance radius that ArduPilot holds [m]."""
 CURVE_STEP_M = 5.0
 
 
@@ -61,15 +63,16 @@ class Section:
         (x0, y0), (x1, y1), (x2, y2), (x3, y3) = *points[:2], *points[-2:]
         return math.atan2(y1 - y0, x1 - x0), math.atan2(y3 - y2, x3 - x2)
 
-    def corners(self, tolerance_m: float) -> list[Point]:
-        """Points [m] whose fillets are the arc, none farther than a tolerance [m] from it; else its points."""
+    def corners(self) -> list[tuple[Point, float]]:
+        """Points [m] whose fillets are the arc, and how far before them these begin [m]; else its points, with 0."""
         if self.arc is None:
-            return list(self.points_m)
-        # a corner whose fillet turns by 2 h lies r (1/cos h − 1) out
-        half = min(math.acos(self.arc.radius_m / (self.arc.radius_m + tolerance_m)), MAX_HALF_ANGLE_RAD)
-        count = math.ceil(self.arc.sweep_rad / (2 * half) - 1e-9)
-        out = 1 / math.cos(self.arc.sweep_rad / (2 * count))
-        return [self.arc.point((k + 0.5) / count, out) for k in range(count)]
+            return [(point, 0.0) for point in self.points_m]
+        # a fillet that turns by 2 h begins r tan h before its corner, which lies r (1/cos h − 1) out
+        most = min(MAX_HALF_ANGLE_RAD, math.atan(MAX_ACCEPTANCE_M / self.arc.radius_m))
+        count = math.ceil(self.arc.sweep_rad / (2 * most) - 1e-9)
+        half = self.arc.sweep_rad / (2 * count)
+        begins_m = self.arc.radius_m * math.tan(half)
+        return [(self.arc.point((k + 0.5) / count, 1 / math.cos(half)), begins_m) for k in range(count)]
 
     def drawn(self, tolerance_m: float) -> list[Point]:
         """Points of the section after its start [m], the path between them within a tolerance [m] of their chords."""

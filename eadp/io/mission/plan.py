@@ -312,7 +312,7 @@ class MissionPlan:
             if p1 > 0:  # a fixed wing holds on a circle
                 round_m = 2 * math.pi * LOITER_RADIUS_M
                 return Loiter(here, -LOITER_RADIUS_M, p1 * (airspeed or self.motion.airspeed_mps) / round_m)
-            return Waypoint(here, p2 if p2 > 0 else self.motion.turn_radius_m, abs(p3))
+            return Waypoint(here, p2 if p2 > 0 else self.motion.turn_radius_m, abs(p3), max(p2, 0.0))
         return Waypoint(here, self.motion.turn_radius_m)
 
     # --- the plan

@@ -144,11 +144,26 @@ def _row_faults(row: Row) -> list[Fault]:
     return faults
 
 
+def fence_text(fences: Sequence[Fence]) -> str:
+    """The file of a fence, as ground stations send it beside a mission: a row for each corner."""
+    kinds = {inside: command for command, inside in POLYGONS.items()}
+    rows = [
+        MissionItem(kinds[inclusion], 0, (float(len(corners)), 0.0, 0.0, 0.0, *corner, 0.0))
+        for inclusion, corners, _ in fences
+        for corner in corners
+    ]
+    return _text(rows)
+
+
 def wpl_text(items: Sequence[MissionItem], home_deg: Point) -> str:
     """The file of a mission: home, then its items."""
-    home = MissionItem(WAYPOINT, ABSOLUTE, (0.0, 0.0, 0.0, 0.0, *home_deg, 0.0))
+    return _text([MissionItem(WAYPOINT, ABSOLUTE, (0.0, 0.0, 0.0, 0.0, *home_deg, 0.0)), *items])
+
+
+def _text(items: Sequence[MissionItem]) -> str:
+    """The file of all rows; the first is the current one."""
     lines = [VERSION]
-    for index, (command, frame, parameters, _) in enumerate([home, *items]):
+    for index, (command, frame, parameters, _) in enumerate(items):
         numbers = [f"{value:.9f}".rstrip("0").rstrip(".") for value in parameters]
         lines.append("\t".join([str(index), str(int(index == 0)), str(frame), str(command), *numbers, "1"]))
     return "\n".join([*lines, ""])

@@ -99,6 +99,25 @@ def test_a_coverage_reads_back_as_the_same_path(eadp, tmp_path):
             assert same(plan, back, (c1,))
 
 
+def test_a_turn_has_a_corner_for_each_quarter_and_a_short_line_within_it_no_waypoint(eadp, tmp_path):
+    """A corner says how far before it the turn begins, so that a reader with another radius has the same path."""
+    out = tmp_path / "meadow.plan"
+    given = ("--min-radius", "40", "--swath", "90", "--pattern", "dubins", "--heading", "0", "--spacing", "90")
+    assert eadp("cover", "plans/meadow.geojson", *given, "-o", out).code == 0
+    plan, _ = read_plan(read_text(str(out)))
+    path = path_of(plan)
+    arcs = [section.arc for section in path.sections if section.arc]
+    corners = sum(math.ceil(2 * arc.sweep_rad / math.pi - 1e-9) for arc in arcs)
+    long = sum(not each.arc and math.dist(each.start_m, each.end_m) >= 50 for each in path.sections)
+    short = len(path.sections) - len(arcs) - long
+    assert short > 0, "turns with a line between"
+    items = mission_items(path)
+    assert len(items) <= corners + 2 * long
+    back, findings = READER(Text("m", EXPORTS["ardupilot"](path)))
+    assert same(plan, back)
+    assert findings == []
+
+
 def test_half_and_whole_turns_are_loiters_and_lines_have_their_ends():
     plan, _ = read_plan(Text("p", LINES))
     exported = mission_items(path_of(plan))
