@@ -50,10 +50,11 @@ def summarise(
     outcome: Outcome,
     settings: PlannerSettings,
     expected: Preflight | None = None,
+    never_past: str = "",
 ) -> dict[str, Any]:
     """The summary of a flight as `summary.json` holds it; units end the keys' names.
 
-    `settings` are the planner's; `expected` is the forecast before take-off.
+    `settings` are the planner's; `expected` is the forecast before take-off, `never_past` as of `FlightInputs`.
     """
     log, totals, report = outcome.parameters, outcome.totals, flight.planner.report
     assert log is not None
@@ -121,6 +122,7 @@ def summarise(
             "max_ms": max(report.solve_ms, default=None),
         },
         "energy_forecast": None if expected is None else forecast_values(expected),
+        "never_past": never_past or None,
         "seed": world.seed,
     }
 
@@ -350,7 +352,7 @@ def fly_flight(
     for step in fly(inputs.world, planned, outcome):
         steps.append(step)
         on_step(step)
-    summary = summarise(inputs.world, planned, outcome, inputs.scenario.planner, expected)
+    summary = summarise(inputs.world, planned, outcome, inputs.scenario.planner, expected, inputs.never_past)
     flight = Flight(inputs, summary, steps, outcome.records, overrides, outcome.estimates)
     if (
         steps
