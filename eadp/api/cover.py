@@ -22,7 +22,7 @@ from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
 from eadp.errors import EadpError, Fault, InputError, one_of, printable
 from eadp.io.field.draft import NAME_LIMIT
 from eadp.io.field.files import read_field_text
-from eadp.io.field.reader import read_field, read_zones
+from eadp.io.field.reader import read_airspace, read_field
 from eadp.io.mission.draft import TRIGGER_DISTANCE
 from eadp.io.plan.writer import plan_text
 from eadp.io.scenario.scenario_file import read_scenario
@@ -524,14 +524,12 @@ def _pictures(distance_m: float) -> tuple[float, ...]:
 
 def _limited(field: Field, options: CoverageOptions) -> tuple[Field, list[str]]:
     """The field with its obstacles and its boundary, and notes on what was left out of these."""
-    (avoid, far), (inside, beyond) = (
-        ((), []) if path is None else read_zones(read_field_text(path), field, metres=options.metres, inside=within)
-        for path, within in ((options.avoid, False), (options.inside, True))
-    )
+    avoid, inside = (None if path is None else read_field_text(path) for path in (options.avoid, options.inside))
+    given, notes = read_airspace(avoid, inside, field.origin_deg, metres=options.metres)
     holes = [hole for part in field.parts for hole in part[1:]] if options.holes == "avoid" else ()
     named = [Obstacle(hole, f"hole {i}") for i, hole in enumerate(holes, 1)]
-    airspace = Airspace((*field.airspace.obstacles, *avoid, *named), tuple(each.outline for each in inside))
-    return replace(field, airspace=airspace), [*far, *beyond]
+    airspace = Airspace((*field.airspace.obstacles, *given.obstacles, *named), given.boundary)
+    return replace(field, airspace=airspace), [f"{printable(note.file)}: {note.message}" for note in notes]
 
 
 def wind_vector_mps(given: Pair) -> Point:

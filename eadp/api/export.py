@@ -209,7 +209,7 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     )
     if to not in WITH_ITEMS:
         return Exported(writer(path), "", parameters)
-    mapped = mapped_items(mission_items(path), planned, flown.path_count)
+    mapped = mapped_items(mission_items(path, px4=to == "px4"), planned, flown.path_count)
     fence = fence_file(path) if to == "ardupilot" else ""
     return Exported(writer(path), items_text(mapped, flown.names[: flown.path_count]), parameters, fence)
 

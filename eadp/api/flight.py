@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from eadp.api.fences import FENCES
 from eadp.api.inputs import FlightInputs, Source
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_geodetic_deg
@@ -49,10 +50,11 @@ def summarise(
     outcome: Outcome,
     settings: PlannerSettings,
     expected: Preflight | None = None,
+    never_past: str = "",
 ) -> dict[str, Any]:
     """The summary of a flight as `summary.json` holds it; units end the keys' names.
 
-    `settings` are the planner's; `expected` is the forecast before take-off.
+    `settings` are the planner's; `expected` is the forecast before take-off, `never_past` as of `FlightInputs`.
     """
     log, totals, report = outcome.parameters, outcome.totals, flight.planner.report
     assert log is not None
@@ -120,6 +122,7 @@ def summarise(
             "max_ms": max(report.solve_ms, default=None),
         },
         "energy_forecast": None if expected is None else forecast_values(expected),
+        "never_past": never_past or None,
         "seed": world.seed,
     }
 
@@ -349,7 +352,7 @@ def fly_flight(
     for step in fly(inputs.world, planned, outcome):
         steps.append(step)
         on_step(step)
-    summary = summarise(inputs.world, planned, outcome, inputs.scenario.planner, expected)
+    summary = summarise(inputs.world, planned, outcome, inputs.scenario.planner, expected, inputs.never_past)
     flight = Flight(inputs, summary, steps, outcome.records, overrides, outcome.estimates)
     if (
         steps
@@ -376,13 +379,17 @@ def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _copy_inputs(folder: Path, sources: Mapping[str, Source], overrides: Sequence[str]) -> None:
+    """Copy inputs into a folder, fences into one of their kind there: what else they are, their content says."""
     folder.mkdir()
+    for kind in sources.keys() & FENCES:
+        (folder / kind).mkdir()
     for kind, text in sources.items():
+        target = folder / kind if kind in FENCES else folder
         name = Path(text.name).name if text.name != "<stdin>" else f"stdin.{kind}"
-        while (folder / name).exists() or name == OVERRIDES:
+        while (target / name).exists() or name == OVERRIDES:
             # with another file's name, its kind comes first, and stands alone where the name would be too long
             name = f"{kind}-{name}" if len(os.fsencode(name)) < LONGEST_NAME else kind
-        (folder / name).write_text(text.body, encoding="utf-8")
+        (target / name).write_text(text.body, encoding="utf-8")
     if overrides:
         lines = "".join(f"{line}\n" for line in overrides)
         (folder / OVERRIDES).write_text(lines, encoding="utf-8", errors="surrogateescape")

@@ -144,6 +144,7 @@ class _Summary(_Keys):
     replans: int
     solver: _Solver
     energy_forecast: _Forecast | None
+    never_past: str | None
     seed: int
 
 

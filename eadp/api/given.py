@@ -42,6 +42,12 @@ class FlightOptions:
     laps: Annotated[int | None, Flag(metavar="N", low=1, high=10_000)] = None
     """How many times a mission that repeats for ever is flown."""
 
+    avoid: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Polygons that the flight stays out of: a fence, GeoJSON, KML or CSV."""
+
+    inside: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Polygons that the flight stays inside of, as --avoid."""
+
     @property
     def overrides(self) -> list[str]:
         """Keys of the scenario that are set, those of a load of `at` too; raises InputError."""

@@ -12,11 +12,13 @@ from os import PathLike
 from typing import Any, TypeVar
 
 from eadp import __version__
+from eadp.api.fences import FENCES, fenced
 from eadp.api.given import File
 from eadp.api.turns import overshoot_findings
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined, refuse
 from eadp.io.energy.model_file import energy_yaml, parse_energy
+from eadp.io.field.files import read_field_text
 from eadp.io.mission.reader import PlanReader, is_mission
 from eadp.io.plan.writer import plan_text
 from eadp.io.profile.model_file import parse_profile, profile_yaml
@@ -95,10 +97,10 @@ class Files:
         if version != __version__:  # another version's flights may differ
             raise EadpError(f"this is eadp {__version__}")
 
-    def text(self, path: str) -> Text:
+    def text(self, path: str, read: Callable[[str], Text] = read_text) -> Text:
         """A file's text."""
         if path not in self.texts:
-            self.texts[path] = read_text(path)
+            self.texts[path] = read(path)
         return self.texts[path]
 
     def read(self, path: str, parse: Callable[[Text], Content], reference: Fault | None = None) -> tuple[Text, Content]:
@@ -181,10 +183,14 @@ def load_flight(
     scenario: File | Mapping[str, Any] | None = None,
     profile: File | AnyProfile | None = None,
     energy: File | EnergyModel | None = None,
+    avoid: File | None = None,
+    inside: File | None = None,
     overrides: Mapping[str, Any] | None = None,
     files: Files | None = None,
 ) -> FlightInputs:
     """Read and check what a flight is of, paths or objects; those in `files` are not read again.
+
+    `avoid` and `inside` are files of obstacles and of a boundary, besides those of the plan.
 
     Raises
     ------
@@ -193,8 +199,10 @@ def load_flight(
     """
     files = files or Files()
     setting = files.scenario(scenario, overrides)
-    plan_source, flown, warnings = _plan(files, plan, setting)
-    sources: dict[str, Source] = {"plan": plan_source}
+    given = zip(FENCES, (avoid, inside), strict=True)
+    fences = {kind: files.text(str(path), read_field_text) for kind, path in given if path is not None}
+    plan_source, flown, warnings = _plan(files, plan, setting, fences)
+    sources: dict[str, Source] = {"plan": plan_source, **fences}
     if isinstance(scenario, Mapping):
         sources["scenario"] = Given(setting.document.value, "given-keys.yaml", value_text)
     elif scenario is not None:
@@ -236,8 +244,10 @@ def load_flight(
     return FlightInputs(world, mission, setting, tuple(warnings), sources, never_past)
 
 
-def _plan(files: Files, given: File | Plan, scenario: Scenario) -> tuple[Source, Plan, list[Fault]]:
-    """Where a plan or a mission comes from, the plan as it is flown, and warnings."""
+def _plan(
+    files: Files, given: File | Plan, scenario: Scenario, fences: Mapping[str, Text]
+) -> tuple[Source, Plan, list[Fault]]:
+    """Where a plan or a mission comes from, the plan as it is flown, beside fences by kind, and warnings."""
     keys, vehicle = scenario.keys, scenario.keys.vehicle.airframe
     text: Source
     findings: list[Finding] = []
@@ -247,9 +257,10 @@ def _plan(files: Files, given: File | Plan, scenario: Scenario) -> tuple[Source,
     else:
         reader = PlanReader.of(vehicle, keys.battery, keys.laps) if foreign else PlanReader()
         text, (plan, findings) = files.read(str(given), reader)
+    plan, notes = fenced(plan, **fences)
     if keys.obstacles == IGNORE:
         plan = replace(plan, site=plan.site._replace(airspace=EVERYWHERE))
-    warnings = [finding.fault(text.name) for finding in findings]
+    warnings = [*(finding.fault(text.name) for finding in findings), *notes]
     radius_m, wind_mps = plan.min_radius_m, keys.wind.speeds_mps[1]
     if not foreign and radius_m and (tight := too_tight(vehicle, vehicle.airspeed_mps, radius_m, wind_mps)):
         expected = "a path of eadp cover with --wind, or less wind"

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
+from eadp.api.fences import fenced
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.turns import calm_findings, is_tight
 from eadp.errors import Fault, InputError
+from eadp.io.field.files import read_field_text
 from eadp.io.mission.reader import PlanReader, is_mission
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.plan import Finding, Plan
@@ -17,21 +19,28 @@ if TYPE_CHECKING:
 
 
 class CheckedPlan(NamedTuple):
-    """A plan, its name in messages, what was found in it, and what was checked."""
+    """A plan, its name in messages, what was found in it, what was checked, and notes on files beside it."""
 
     plan: Plan
     name: str
     findings: Sequence[Finding]
     report: Report | None = None
+    notes: Sequence[Fault] = ()
 
     @property
     def faults(self) -> list[Fault]:
-        """The findings, in the file's lines."""
-        return [finding.fault(self.name) for finding in self.findings]
+        """The findings, in the file's lines, and the notes."""
+        return [*(finding.fault(self.name) for finding in self.findings), *self.notes]
 
 
 def check_plan(
-    file: File, *, min_radius_m: float | None = None, laps: int | None = None, geometry: bool = True
+    file: File,
+    *,
+    min_radius_m: float | None = None,
+    laps: int | None = None,
+    avoid: File | None = None,
+    inside: File | None = None,
+    geometry: bool = True,
 ) -> CheckedPlan:
     """Read a plan, or a mission, and check it over the whole range of every path parameter, by value and by proof.
 
@@ -39,6 +48,8 @@ def check_plan(
     ----------
     file, min_radius_m, laps
         As for `read_plan`; turns that are tighter than the radius are found, too.
+    avoid, inside : path, optional
+        Files of polygons or fences that the path stays out of, and inside of, besides those of the plan.
     geometry : bool, optional
         Whether the geometry is checked.
 
@@ -49,15 +60,16 @@ def check_plan(
     """
     text = read_text(str(file))
     plan, findings = _read(text, min_radius_m or None, laps)
+    plan, notes = fenced(plan, *(None if path is None else read_field_text(str(path)) for path in (avoid, inside)))
     if not geometry:
-        return CheckedPlan(plan, text.name, findings)
+        return CheckedPlan(plan, text.name, findings, notes=notes)
     from eadp.validation.check import check_plan as check_geometry
     from eadp.validation.proof import StageProof, prove_plan
 
     # a mission's coordinates are rounded, and it has no parameters: there is nothing to prove
     proofs = (StageProof(),) * len(plan.stages) if is_mission(text) else prove_plan(plan)
     report = check_geometry(plan, min_radius_m=min_radius_m, proofs=proofs)
-    return CheckedPlan(plan, text.name, [*findings, *report.findings], report)
+    return CheckedPlan(plan, text.name, [*findings, *report.findings], report, notes)
 
 
 def read_plan(

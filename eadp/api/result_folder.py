@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from eadp.api.fences import FENCES
 from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.errors import InputError
 from eadp.io.figures.flights import DrawnFlight
@@ -113,15 +114,15 @@ def _inputs(folder: Path) -> FlightInputs:
         named = vehicle_path(document, overrides)
         if named is not None:
             files.texts[named] = files.text(paths["vehicle"])
-    chosen = {kind: paths.get(kind) for kind in ("scenario", "profile", "energy")}
+    chosen = {kind: paths.get(kind) for kind in ("scenario", "profile", "energy", *FENCES)}
     return load_flight(paths["plan"], **chosen, overrides=overrides, files=files)
 
 
 def _paths(folder: Path) -> dict[str, str]:
     """The paths of the inputs by kind."""
-    paths: dict[str, str] = {}
+    paths = {kind: str(path) for kind in FENCES for path in (folder / kind).glob("*")}
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():
-        if path.name != OVERRIDES:
+        if path.name != OVERRIDES and path.is_file():
             paths[_kind(read_text(str(path)))] = str(path)
     return paths
 

@@ -25,6 +25,8 @@ def simulate(
     seed: int | None = None,
     *,
     laps: int | None = None,
+    avoid: File | None = None,
+    inside: File | None = None,
     on_step: Callable[[Step], None] = lambda _step: None,
     warn: Warn = python_warnings,
 ) -> Flight:
@@ -47,6 +49,8 @@ def simulate(
         Seed of gusts and noise, by default the scenario's.
     laps : int, optional
         How many times a mission that repeats for ever is flown, by default the scenario's.
+    avoid, inside : path, optional
+        Files of polygons or fences that the flight stays out of, and inside of, besides those of the plan.
     on_step : function, optional
         Called with each logged step, such as for a progress bar.
     warn : function, optional
@@ -62,7 +66,10 @@ def simulate(
         With every fault of the first file that has any.
     """
     texts = override_texts(overrides, planner, seed, laps)
-    inputs = load_flight(plan, scenario=scenario, profile=profile, energy=energy, overrides=read_overrides(texts))
+    keys = read_overrides(texts)
+    inputs = load_flight(
+        plan, scenario=scenario, profile=profile, energy=energy, avoid=avoid, inside=inside, overrides=keys
+    )
     warn(inputs.warnings)
     return fly_flight(inputs, inputs.preflight(), on_step, texts)
 
@@ -76,13 +83,15 @@ def forecast(
     planner: str | None = None,
     *,
     laps: int | None = None,
+    avoid: File | None = None,
+    inside: File | None = None,
     warn: Warn = python_warnings,
 ) -> dict[str, Any] | None:
     """Forecast a flight before take-off, without flying it.
 
     Parameters
     ----------
-    plan, scenario, profile, energy, overrides, planner, laps, warn
+    plan, scenario, profile, energy, overrides, planner, laps, avoid, inside, warn
         As `simulate`.
 
     Returns
@@ -97,7 +106,9 @@ def forecast(
         As `simulate`.
     """
     keys = read_overrides(override_texts(overrides, planner, None, laps))
-    inputs = load_flight(plan, scenario=scenario, profile=profile, energy=energy, overrides=keys)
+    inputs = load_flight(
+        plan, scenario=scenario, profile=profile, energy=energy, avoid=avoid, inside=inside, overrides=keys
+    )
     warn(inputs.warnings)
     found = inputs.preflight()
     return None if found is None else forecast_values(found)

@@ -19,7 +19,7 @@ def command(
     to: Annotated[
         str,
         Option(
-            help="Plan of QGroundControl, WPL for ArduPilot, flight plan of Paparazzi, or a map or track.",
+            help="Plan of QGroundControl (px4: for PX4), WPL for ArduPilot, flight plan of Paparazzi, a map or track.",
             metavar=f"[{'|'.join(EXPORT_NAMES)}]",
         ),
     ],

@@ -60,6 +60,12 @@ class PlanOptions:
     laps: Annotated[int | None, Flag(metavar="N", low=1, high=10_000)] = None
     """How many times a mission that repeats for ever is flown."""
 
+    avoid: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Polygons that the path stays out of: a fence, GeoJSON, KML or CSV."""
+
+    inside: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Polygons that the path stays inside of, as --avoid."""
+
 
 def command(
     file: Annotated[
@@ -93,7 +99,14 @@ def command(
     if options.junit is not None:
         output_file(options.junit)
     start_s = time.perf_counter()
-    read = check_plan(file, min_radius_m=options.min_radius_m, laps=options.laps, geometry=options.check)
+    read = check_plan(
+        file,
+        min_radius_m=options.min_radius_m,
+        laps=options.laps,
+        avoid=options.avoid,
+        inside=options.inside,
+        geometry=options.check,
+    )
     plan, report, lines = read.plan, read.report, read.faults
     if options.junit is not None:
         from eadp.cli.junit import Case, junit_text

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
+from eadp.api.fences import FENCES
 from eadp.api.flight import REPORT
 from eadp.api.given import FlightOptions
 from eadp.api.simulate import simulate
@@ -81,7 +82,7 @@ def command(
     if output.out is not None:
         check_new_folder(output.out, force=output.force)
     if is_sorties(plan):
-        alone = {name: getattr(options, name) for name in ("scenario", "profile", "energy", "laps")}
+        alone = {name: getattr(options, name) for name in ("scenario", "profile", "energy", "laps", *FENCES)}
         for name, value in {**alone, "figure": output.figure, "junit": output.junit}.items():
             if value is not None:
                 raise usage_fault(f"--{name}", str(value), "beside a folder of sorties", "its scenario, or --set")
@@ -105,6 +106,8 @@ def command(
         options.planner,
         seed,
         laps=options.laps,
+        avoid=options.avoid,
+        inside=options.inside,
         on_step=show,
         warn=warn,
     )
@@ -117,7 +120,7 @@ def command(
     else:
         from eadp.io.report.words import setting_text
 
-        shown = _text(summary, output, decisions=len(flight.decisions), never_past=flight.inputs.never_past)
+        shown = _text(summary, output, decisions=len(flight.decisions))
         emit(f"aircraft   {setting_text(flight.inputs.scenario)}\n{shown}")
     failures = _failures(summary)
     if failures is not None:
@@ -151,7 +154,7 @@ def _sorties(folder: str, texts: list[str], seed: int | None, output: SimulateOu
     return 0 if job.summary["completed"] and (job.summary["reserve_kept"] or not output.require_reserve) else 1
 
 
-def _text(summary: Mapping[str, Any], output: SimulateOutputs, *, decisions: int, never_past: str) -> str:
+def _text(summary: Mapping[str, Any], output: SimulateOutputs, *, decisions: int) -> str:
     """The summary for people."""
     from eadp.io.report.words import label_of, parameter_text, reserve_text
 
@@ -159,7 +162,7 @@ def _text(summary: Mapping[str, Any], output: SimulateOutputs, *, decisions: int
     power, solver = summary["power_w"], summary["solver"]
     reserve = reserve_text(summary)
     lines = [
-        *_forecast(summary["energy_forecast"], never_past),
+        *_forecast(summary["energy_forecast"], summary["never_past"]),
         f"{done}: {summary['reason']} after {summary['duration_s']:.2f} s, {summary['distance_m'] / 1000:.2f} km",
         *(
             f"airspace   {'beyond' if each['name'] == BOUNDARY else 'in'} {each['name']} from "
@@ -233,7 +236,7 @@ def _reach(expected: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _forecast(expected: Mapping[str, Any] | None, never_past: str) -> list[str]:
+def _forecast(expected: Mapping[str, Any] | None, never_past: str | None) -> list[str]:
     """What was to be expected before take-off."""
     if expected is None:
         return [f"forecast   finishes with 0 %: never past {never_past}"] if never_past else []

@@ -80,17 +80,28 @@ def test_a_log_without_current(eadp):
 
 
 def test_the_charge_at_the_start_needs_evidence(eadp, flight):
-    doubt = "--soc:1:1: error: nothing shows the charge at the start of the log; expected --soc SHARE"
+    doubt = "--soc:1:1: error: nothing shows the charge at the start of the log: the first voltage is "
     answer = eadp("fit", flight, "--battery", "--capacity", "2")
     assert (answer.code, answer.out, answer.err.startswith(doubt)) == (2, "", True)
     lines = flight.read_text().splitlines()
     used = [f"{lines[0]},discharged_mah", *(f"{line},{100 + i}" for i, line in enumerate(lines[1:]))]
     flight.write_text("\n".join(used) + "\n")
     assert "soc: 0.95\n" in eadp("fit", flight, "--battery", "--capacity", "2").out  # 100 mAh of 2 Ah
+    unknown = "its count of the charge used starts at 100 mAh of a capacity that is not known (--capacity AH)"
+    assert unknown in eadp("fit", flight, "--battery", "--cells", "4").err
     lines[1] = "0,16.75,0,0"  # at rest, 4.19 V a cell
     flight.write_text("\n".join(lines) + "\n")
     assert "soc: 1.0\n" in eadp("fit", flight, "--battery", "--capacity", "2").out
-    assert doubt in eadp("fit", flight, "--battery", "--cells", "5").err
+    assert f"{doubt}16.75 V at rest, 5 full cells have 21.00 V" in eadp("fit", flight, "--battery", "--cells", "5").err
+
+
+def test_a_voltage_at_rest_says_the_charge_that_may_be_given(eadp, flight):
+    lines = flight.read_text().splitlines()
+    rest_v = 4 * interpolated(0.6, CURVES_V["lipo"])
+    flight.write_text("\n".join([lines[0], f"0,{rest_v},0,0", *lines[2:]]) + "\n")
+    answer = eadp("fit", flight, "--battery", "--cells", "4")
+    assert f"the first voltage is {rest_v:.2f} V at rest, 4 full cells have 16.80 V at rest" in answer.err
+    assert answer.err.endswith("the voltage at rest of lipo cells makes it 0.60\n")
 
 
 def test_a_capacity_at_the_end_of_the_search_is_no_result(eadp, flight):

@@ -252,6 +252,105 @@ def test_fences_go_out_and_come_in(eadp, covered, tmp_path):
     assert radii == pytest.approx([40 / math.cos(math.pi / 32)] * 32, abs=0.05)
 
 
+AROUND = [(55.366, 10.425), (55.366, 10.445), (55.376, 10.445), (55.376, 10.425)]
+ACROSS = [(55.370, 10.434), (55.370, 10.436), (55.3702, 10.436), (55.3702, 10.434)]
+"""Corners of a boundary round a leg to the east, and of an obstacle across it, by latitude and longitude [°]."""
+
+
+def fence_rows(*rings):
+    """A fence file of Mission Planner: each ring's command and corners."""
+    corners = [(command, len(ring), *corner) for command, ring in rings for corner in ring]
+    return "QGC WPL 110\n" + "".join(
+        f"{i}\t0\t0\t{command}\t{count:.6f}\t0.000000\t0.000000\t0.000000\t{lat:.6f}\t{lon:.6f}\t0.000000\t0\n"
+        for i, (command, count, lat, lon) in enumerate(corners)
+    )
+
+
+def fence_plan(*rings):
+    """A plan of QGroundControl without a mission: its fence, of whether a ring is a boundary and its corners."""
+    polygons = [{"inclusion": inside, "polygon": ring, "version": 1} for inside, ring in rings]
+    mission = {"cruiseSpeed": 15, "firmwareType": 3, "hoverSpeed": 5, "items": [], "vehicleType": 1, "version": 2}
+    return json.dumps({
+        "fileType": "Plan",
+        "geoFence": {"circles": [], "polygons": polygons, "version": 2},
+        "groundStation": "QGroundControl",
+        "mission": {**mission, "plannedHomePosition": [55.37, 10.43, 0]},
+        "rallyPoints": {"points": [], "version": 2},
+        "version": 1,
+    })  # fmt: skip
+
+
+@pytest.fixture
+def leg(tmp_path):
+    """A mission of a leg of 630 m to the east."""
+    path = tmp_path / "leg.waypoints"
+    rows = [(0, 16, 55.37, 10.43, 0), (3, 22, 0, 0, 60), (3, 16, 55.37, 10.44, 60)]
+    path.write_text("QGC WPL 110\n" + "".join(
+        f"{i}\t{int(i == 0)}\t{frame}\t{command}\t0\t0\t0\t0\t{lat}\t{lon}\t{height}\t1\n"
+        for i, (frame, command, lat, lon, height) in enumerate(rows)
+    ))  # fmt: skip
+    return path
+
+
+@pytest.mark.parametrize("form", ["rows", "plan"])
+def test_a_mission_flies_beside_a_fence_of_its_own_file(eadp, leg, tmp_path, form):
+    texts = {
+        "rows": fence_rows((5001, AROUND), (5002, ACROSS)),
+        "plan": fence_plan((True, AROUND), (False, ACROSS)),
+    }
+    fence = tmp_path / "fence"
+    fence.write_text(texts[form])
+    wide = (leg, "--inside", fence)
+    assert "%: inside" in eadp("plan", *wide, "--format", "plan").out
+    assert eadp("plan", *wide, "--check").code == 0
+    narrow = (*wide, "--avoid", fence)
+    assert "enters obstacle 1" in eadp("plan", *narrow, "--check").out
+    told = json.loads(eadp("simulate", *wide, "--format", "json").out)
+    assert (told["completed"], told["obstacles"], told["energy_forecast"]["obstacles"]) == (True, [], [])
+    flown = json.loads(eadp("simulate", *narrow, "--format", "json", "-o", tmp_path / "flown").out)
+    assert [each["name"] for each in flown["obstacles"]] == ["obstacle 1"]
+    assert flown["energy_forecast"]["obstacles"] == [{"name": "obstacle 1", "probability": 1.0}]
+    # the folder has them, too
+    page = tmp_path / "page.html"
+    assert eadp("report", tmp_path / "flown", "-o", page).code == 0
+    assert "obstacle 1" in page.read_text()
+    for kind in ("avoid", "inside"):
+        assert (tmp_path / "flown/inputs" / kind / "fence").read_text() == texts[form]
+
+
+def test_boundaries_of_a_plan_and_beside_it_both_hold(eadp, covered, tmp_path):
+    for name, (west, east) in {"half": (-200, 300), "far": (2000, 2300)}.items():
+        rows = f"{west},-200\n{east},-200\n{east},600\n{west},600\n"
+        (tmp_path / f"{name}.csv").write_text(f"x_m,y_m\n{rows}")
+    both = headers(eadp("plan", covered, "--inside", tmp_path / "half.csv", "--format", "plan").out)["inside"]
+    corners = sorted(tuple(map(float, word.split(","))) for word in both.split()[2:])
+    assert corners == [(-90, -90), (-90, 490), (300, -90), (300, 490)]
+    assert refused(eadp("plan", covered, "--inside", tmp_path / "far.csv"), "no ground in common")
+
+
+@pytest.mark.parametrize(
+    ("option", "rings", "message"),
+    [
+        (
+            "--avoid",
+            [(5001, AROUND)],
+            "expected a fence; those of this file belong to --inside",
+        ),
+        ("--inside", [(5001, [(0, 0), (0, 1), (1, 1)])], "1 polygon farther than 100 km left out"),
+        ("--inside", [(5001, ACROSS)], "the start (0, 0) lies in an obstacle or beyond the boundary"),
+    ],
+)
+def test_a_fence_that_is_of_no_use_is_refused(eadp, leg, tmp_path, option, rings, message):
+    (tmp_path / "fence.txt").write_text(fence_rows(*rings))
+    assert refused(eadp("simulate", leg, option, tmp_path / "fence.txt"), message)
+
+
+def test_a_fence_in_degrees_beside_a_plan_in_metres_is_refused(eadp, tmp_path):
+    (tmp_path / "fence.txt").write_text(fence_rows((5001, AROUND)))
+    answer = eadp("plan", "plans/survey.plan", "--inside", tmp_path / "fence.txt")
+    assert refused(answer, "is in degrees, and what it lies beside is in metres")
+
+
 @pytest.mark.parametrize(("key", "place"), [("start", "[0, 0]"), ("home", "[0, 0]")])
 def test_a_start_or_a_home_in_an_obstacle_is_refused(eadp, tmp_path, key, place):
     plan = tmp_path / "house.plan"

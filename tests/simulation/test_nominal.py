@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import eadp
+from eadp.api.flight import fly_flight
 from eadp.api.inputs import load_flight
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.models.plan.trace import whole_route
 from eadp.planning.base import FlownLegs
-from eadp.simulation.loop import TIME_LIMIT, Outcome, fly
+from eadp.simulation.loop import TIME_LIMIT
 from eadp.simulation.nominal import NominalFlight
 
 HOME = (47.0, 8.0)
@@ -100,10 +101,9 @@ def test_turns_that_are_never_got_past_are_named_and_have_no_forecast(tmp_path):
     assert inputs.preflight() is None
     (stuck,) = [fault.message for fault in inputs.warnings if "circles, and never gets past it" in fault.message]
     assert stuck.startswith(f"{inputs.never_past}: ")
-    outcome = Outcome()
-    for _ in fly(inputs.world, inputs.flight(), outcome):
-        pass
-    assert outcome.reason == TIME_LIMIT
+    summary = fly_flight(inputs).summary
+    assert summary["reason"] == TIME_LIMIT
+    assert (summary["energy_forecast"], summary["never_past"]) == (None, inputs.never_past)
 
 
 def test_what_can_be_followed_is_left_as_it_is(tmp_path):

@@ -47,6 +47,11 @@ class BatteryOptions:
         volts = CURVES_V.get(self.chemistry) or cell_v(self.chemistry) or ()
         return volts if len(volts) > 2 else ()
 
+    @property
+    def ends_or_curve_v(self) -> Sequence[float]:
+        """As `cell_v`, of its ends where only these are known; of lipo cells where nothing is [V]."""
+        return CURVES_V.get(self.chemistry) or cell_v(self.chemistry) or CURVES_V["lipo"]
+
     def check(self) -> None:
         """Refuse values that no battery has; raises InputError."""
         if self.capacity_ah is None and self.cells is None:
@@ -180,12 +185,27 @@ def _charge_at_start(
     """The state of charge at the start of a log, and what is doubtful about it; raises InputError without evidence."""
     if options.soc is not None:
         return options.soc, ""
-    used_ah, capacity_ah = stated.get("used_ah", 0.0), options.capacity_ah or stated.get("capacity_ah")
-    if used_ah > 0 and capacity_ah and NO_CHARGE < used_ah / capacity_ah < 1:
+    used_ah, capacity_ah = stated.get("used_ah"), options.capacity_ah or stated.get("capacity_ah")
+    if used_ah and capacity_ah and NO_CHARGE < used_ah / capacity_ah < 1:
         soc = 1 - used_ah / capacity_ah
         return soc, f"{used_ah:.3g} Ah were used before the log's first reading: its charge is taken as {soc:.3f}"
-    resting = abs(current_a[0]) <= RESTING * float(np.max(current_a))
-    if not (resting and is_full_at_rest(float(voltage_v[0]), options.cells, options.cell_v or CURVES_V["lipo"])):
-        message = "nothing shows the charge at the start of the log"
-        raise InputError.at("--soc", 1, 1, message, "--soc SHARE, which is 1 for a battery that was full")
-    return 1.0, ""
+    first_v, first_a, curve_v = float(voltage_v[0]), float(current_a[0]), options.ends_or_curve_v
+    resting = abs(first_a) <= RESTING * float(np.max(current_a))
+    if resting and is_full_at_rest(first_v, options.cells, curve_v):
+        return 1.0, ""
+    cells = options.cells or 1
+    facts = [
+        f"the first voltage is {first_v:.2f} V {'at rest' if resting else f'under {first_a:.3g} A'}",
+        f"{'a full cell has' if cells == 1 else f'{cells} full cells have'} {cells * curve_v[-1]:.2f} V at rest",
+    ]
+    if used_ah is not None:
+        of = "" if capacity_ah else " of a capacity that is not known (--capacity AH)"
+        facts.append(f"its count of the charge used starts at {1000 * used_ah:.0f} mAh{of}")
+    if "capacity_ah" in stated:
+        facts.append(f"the autopilot's parameters state a capacity of {stated['capacity_ah']:g} Ah")
+    message = f"nothing shows the charge at the start of the log: {', '.join(facts)}"
+    expected = "--soc SHARE, which is 1 for a battery that was full"
+    if resting and options.cells and options.cell_v and curve_v[0] <= first_v / cells <= curve_v[-1]:
+        share = np.interp(first_v / cells, curve_v, np.linspace(0, 1, len(curve_v)))
+        expected += f"; the voltage at rest of {options.chemistry} cells makes it {share:.2f}"
+    raise InputError.at("--soc", 1, 1, message, expected)

@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
+from eadp.api.fences import FENCES
 from eadp.api.given import File, FlightOptions, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
 from eadp.api.replan.apply import Hook, ValuesFile
@@ -101,13 +102,11 @@ def replan(
         With the faults of the files, or of an option under its name on the command line.
     """
     flight, link = flight or FlightOptions(), link or LinkOptions()
-    named = {"plan": plan, "scenario": flight.scenario, "profile": flight.profile, "energy": flight.energy}
-    options.check(link, named)
+    given = {name: getattr(flight, name) for name in ("scenario", "profile", "energy", *FENCES)}
+    options.check(link, {"plan": plan, **given})
     home = ["on_infeasible=home"] if link.return_home else []
     overrides = read_overrides(override_texts([*flight.overrides, *home], flight.planner, laps=flight.laps))
-    inputs = load_flight(
-        plan, scenario=flight.scenario, profile=flight.profile, energy=flight.energy, overrides=overrides
-    )
+    inputs = load_flight(plan, **given, overrides=overrides)
     if link.items is not None:
         inputs = _of_items(inputs, link.items)
     warn(inputs.warnings)

@@ -115,31 +115,50 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     return _field(_format(source).read(source, metres, feature), source)
 
 
-def read_zones(
-    text: Text, field: Field, *, metres: bool = False, inside: bool = False
-) -> tuple[tuple[Obstacle, ...], list[str]]:
-    """Read the outlines of all polygons of a file, as obstacles or as a boundary of a field's flight, in its metres.
-
-    Obstacles that have no name are numbered. Of fences, those to keep inside are read, or those to keep out of. What
-    lies farther than `ZONES_M` from the field's middle is left out, which the notes say.
+def read_airspace(
+    avoid: Text | None, inside: Text | None, origin_deg: tuple[float, float] | None, *, metres: bool = False
+) -> tuple[Airspace, list[Fault]]:
+    """Read obstacles and a boundary, each from a file of its own, in the metres round an origin; with notes.
 
     Raises
     ------
     InputError
-        With the faults of the file; also if it is in degrees and the field is not, or the other way round, and if
+        As `read_zones`.
+    """
+    (obstacles, notes), (outlines, more) = (
+        ((), []) if text is None else read_zones(text, origin_deg, metres=metres, inside=within)
+        for text, within in ((avoid, False), (inside, True))
+    )
+    return Airspace(obstacles, tuple(each.outline for each in outlines)), [*notes, *more]
+
+
+def read_zones(
+    text: Text, origin_deg: tuple[float, float] | None, *, metres: bool = False, inside: bool = False
+) -> tuple[tuple[Obstacle, ...], list[Fault]]:
+    """Read the outlines of all polygons of a file, as obstacles or as a boundary, in the metres round an origin.
+
+    Obstacles that have no name are numbered. Of fences, those to keep inside are read, or those to keep out of. What
+    lies farther than `ZONES_M` from the origin, latitude and longitude, is left out, which the notes say. Without an
+    origin, what the file lies beside is in metres.
+
+    Raises
+    ------
+    InputError
+        With the faults of the file; also if it is in degrees and there is no origin, or the other way round, and if
         nothing is left of a boundary.
     """
     source = SourceText(text)
     rings, degrees = _format(source).zones(source, metres, inside)
-    if degrees != (field.origin_deg is not None):
-        message = f"is in {'degrees' if degrees else 'metres'}, and the field is not"
-        raise source.error(rings[0].location, message, "the units of the field")
+    if degrees != (origin_deg is not None):
+        units = ("metres", "degrees")
+        message = f"is in {units[degrees]}, and what it lies beside is in {units[not degrees]}"
+        raise source.error(rings[0].location, message, "the units of the field or plan")
     notes: list[str] = []
-    obstacles = _obstacles(rings, field.origin_deg, source, notes)
+    obstacles = _obstacles(rings, origin_deg, source, notes)
     if not obstacles and (inside or not all(note.endswith(_FAR) for note in notes)):
-        expected = f"a polygon within {ZONES_M / 1000:g} km, of {NO_AREA_M2:g} m² or more in the units of the field"
-        raise source.error(rings[0].location, "; ".join(notes) or "no polygon", expected)
-    return obstacles, [f"{printable(source.name)}: {note}" for note in notes]
+        expected = f"a polygon within {ZONES_M / 1000:g} km, of {NO_AREA_M2:g} m² or more, in the units of what it "
+        raise source.error(rings[0].location, "; ".join(notes) or "no polygon", expected + "lies beside")
+    return obstacles, [Fault(source.name, 1, 1, note, severity="note") for note in notes]
 
 
 def _obstacles(

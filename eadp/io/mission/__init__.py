@@ -3,6 +3,7 @@
 ENDINGS = {
     "qgc": ".plan",
     "ardupilot": ".waypoints",
+    "px4": ".plan",
     "paparazzi": ".xml",
     "kml": ".kml",
     "geojson": ".geojson",
@@ -10,7 +11,7 @@ ENDINGS = {
 }
 """Endings of the names of files, by format."""
 
-WITH_ITEMS = ("qgc", "ardupilot")
+WITH_ITEMS = ("qgc", "ardupilot", "px4")
 """Formats of missions of items; a map of these to the plan's stages is written beside the mission."""
 
 ITEMS_ENDING = ".items.json"

@@ -1,7 +1,7 @@
 """Plans as missions of autopilots and as maps.
 
 `EXPORTS` lists the formats. Missions are written from items: lines by their ends, whole and half turns as loiters,
-other arcs as corners whose fillets they are.
+other arcs as corners whose fillets they are; for PX4, which refuses `LOITER_TURNS`, all arcs as corners near them.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from eadp.io.mission.draft import Fence, MissionItem
 from eadp.io.mission.maps import geojson_text, gpx_text, kml_text
 from eadp.io.mission.paparazzi import paparazzi_text
 from eadp.io.mission.path import PlannedPath, Section
-from eadp.io.mission.qgc import qgc_text
+from eadp.io.mission.qgc import PX4, qgc_text
 from eadp.io.mission.wpl import fence_text, wpl_text
 from eadp.plug_ins import plug_in
 
@@ -37,23 +37,24 @@ JOINED_M = 5.0
 """Largest gap that a trigger off its path leaves which becomes one waypoint, in its middle [m]."""
 
 
-def mission_items(path: PlannedPath, *, flying: bool = False) -> list[MissionItem]:
+def mission_items(path: PlannedPath, *, flying: bool = False, px4: bool = False) -> list[MissionItem]:
     """The items of the mission that flies a path; home is not among them.
 
     `flying`: whether the aircraft comes from the leg before, so that it neither takes off nor flies to the start.
+    `px4`: whether turns are waypoints within the path's tolerance, and the take-off has a place.
     """
-    return _ItemBuilder(path, flying=flying).items
+    return _ItemBuilder(path, flying=flying, px4=px4).items
 
 
 class _ItemBuilder:
-    def __init__(self, path: PlannedPath, *, flying: bool) -> None:
-        self.path, self.items = path, list[MissionItem]()
+    def __init__(self, path: PlannedPath, *, flying: bool, px4: bool) -> None:
+        self.path, self.items, self._px4 = path, list[MissionItem](), px4
         self._skipped: int | None = None  # the first leg of a line without an item of its own
         sections = path.sections
         self._altitude_m, self._legs = path.altitude_of(sections[0]), (sections[0].first, sections[0].last)
         if not flying:
             if path.home_deg is not None:
-                self._add(d.TAKEOFF, (0.0,) * 4, None)
+                self._add(d.TAKEOFF, (0.0,) * 4, sections[0].start_m if px4 else None)
             self._fly_to(sections[0].start_m)
         if path.trigger_distance_m is not None:
             self._command((d.TRIGGER_DISTANCE, path.trigger_distance_m, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
@@ -83,7 +84,7 @@ class _ItemBuilder:
         if arc and loiter is not None:
             self._add(d.LOITER_TURNS, (*loiter, 1.0), arc.centre_m)
         else:
-            for point, begins_m in section.corners():
+            for point, begins_m in section.corners(self.path.tolerance_m if self._px4 else math.inf):
                 self._fly_to(point, begins_m)
         end, acceptance_m = section.end_m, 0.0
         if following is not None:
@@ -103,7 +104,7 @@ class _ItemBuilder:
         """The loiter that an arc is, up to where the next item lies ahead: turns, 0 and radius; None for corners."""
         arc = section.arc
         halves = arc.sweep_rad / math.pi if arc else 0.0
-        if arc is None or not (halves > 2 - HALVES_TOLERANCE or abs(halves - 1) < HALVES_TOLERANCE):
+        if arc is None or self._px4 or not (halves > 2 - HALVES_TOLERANCE or abs(halves - 1) < HALVES_TOLERANCE):
             return None
         radius_m = held_radius_m(arc.radius_m)
         if radius_m < 1 or abs(radius_m - arc.radius_m) > self.path.tolerance_m:
@@ -147,8 +148,8 @@ def _fences(path: PlannedPath) -> list[Fence]:
     return [Fence(inclusion, [path.geodetic_deg(point) for point in ring]) for inclusion, ring in rings]
 
 
-FENCED = ("qgc", "ardupilot")
-"""Formats that hold obstacles and a boundary; of the second they are a file of their own."""
+FENCED = ("qgc", "ardupilot", "px4")
+"""Formats that hold obstacles and a boundary; of `ardupilot` they are a file of their own."""
 
 
 def fence_file(path: PlannedPath) -> str:
@@ -160,6 +161,7 @@ def fence_file(path: PlannedPath) -> str:
 _WRITERS: tuple[Callable[[PlannedPath], str], ...] = (
     lambda path: qgc_text(mission_items(path), path.home, path.airspeed_mps, _fences(path)),
     lambda path: wpl_text(mission_items(path), path.home),
+    lambda path: qgc_text(mission_items(path, px4=True), path.home, path.airspeed_mps, _fences(path), PX4),
     paparazzi_text,
     kml_text,
     geojson_text,

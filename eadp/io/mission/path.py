@@ -63,15 +63,20 @@ class Section:
         (x0, y0), (x1, y1), (x2, y2), (x3, y3) = *points[:2], *points[-2:]
         return math.atan2(y1 - y0, x1 - x0), math.atan2(y3 - y2, x3 - x2)
 
-    def corners(self) -> list[tuple[Point, float]]:
-        """Points [m] whose fillets are the arc, and how far before them these begin [m]; else its points, with 0."""
+    def corners(self, tolerance_m: float = math.inf) -> list[tuple[Point, float]]:
+        """Points [m] whose fillets are the arc, and how far before them these begin [m]; else its points, with 0.
+
+        The points lie at most a tolerance [m] outside the arc.
+        """
         if self.arc is None:
             return [(point, 0.0) for point in self.points_m]
         # a fillet that turns by 2 h begins r tan h before its corner, which lies r (1/cos h − 1) out
-        most = min(MAX_HALF_ANGLE_RAD, math.atan(MAX_ACCEPTANCE_M / self.arc.radius_m))
+        radius_m = self.arc.radius_m
+        near = math.acos(radius_m / (radius_m + tolerance_m))
+        most = min(MAX_HALF_ANGLE_RAD, math.atan(MAX_ACCEPTANCE_M / radius_m), near)
         count = math.ceil(self.arc.sweep_rad / (2 * most) - 1e-9)
         half = self.arc.sweep_rad / (2 * count)
-        begins_m = self.arc.radius_m * math.tan(half)
+        begins_m = radius_m * math.tan(half)
         return [(self.arc.point((k + 0.5) / count, 1 / math.cos(half)), begins_m) for k in range(count)]
 
     def drawn(self, tolerance_m: float) -> list[Point]:

@@ -30,7 +30,7 @@ from eadp.io.mission.draft import (
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
 from eadp.io.text.source import Location, SourceText
 
-ARDUPILOT = 3
+ARDUPILOT, PX4 = 3, 12
 FENCE_VERSION = 2
 FIXED_WING, VTOL = 1, frozenset((19, 20, 21, 22, 23, 24, 25))
 """MAVLink's types of aircraft that fly on wings."""
@@ -256,7 +256,13 @@ def _read_landing(item: _Value, draft: MissionDraft, landing: int) -> None:
         draft.items.append(DraftItem(item.path, number, command, frame, values, (item.location,) * 9))
 
 
-def qgc_text(items: Sequence[MissionItem], home_deg: Point, airspeed_mps: float, fences: Sequence[Fence] = ()) -> str:
+def qgc_text(
+    items: Sequence[MissionItem],
+    home_deg: Point,
+    airspeed_mps: float,
+    fences: Sequence[Fence] = (),
+    firmware: int = ARDUPILOT,
+) -> str:
     """The file of a mission of a fixed wing."""
     polygons = [
         {
@@ -275,7 +281,7 @@ def qgc_text(items: Sequence[MissionItem], home_deg: Point, airspeed_mps: float,
         written.append(item)
     mission = {
         "cruiseSpeed": airspeed_mps,
-        "firmwareType": ARDUPILOT,
+        "firmwareType": firmware,
         "globalPlanAltitudeMode": 1,
         "hoverSpeed": airspeed_mps,
         "items": written,

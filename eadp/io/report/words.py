@@ -95,7 +95,8 @@ def _charge(summary: Mapping[str, Any], faults: Sequence[BatteryFault]) -> list[
 def _forecast(summary: Mapping[str, Any]) -> list[str]:
     expected = summary["energy_forecast"]
     if expected is None:
-        return []
+        stuck = summary.get("never_past")  # of a folder from before there was one
+        return [f"There was no forecast before take-off: {stuck} has a turn that is never got past."] if stuck else []
     came = ""
     if summary["completed"]:
         took_s, used_wh = summary["duration_s"] - expected["time_s"], summary["energy_wh"] - expected["energy_wh"]

@@ -738,14 +738,14 @@ def test_zones_far_from_the_field_are_left_out_and_large_ones_cut():
     far = [(longitude + 30 + x / 100, latitude + y / 100) for x, y in ((0, 0), (1, 0), (0, 1), (0, 0))]
     wide = [(longitude + x, latitude + y) for x, y in ((-40, -20), (40, -20), (40, 0.05), (-40, 0.05), (-40, -20))]
     both = json.dumps({"type": "MultiPolygon", "coordinates": [[wide], [far]]})
-    near, notes = read_zones(Text("z", both), field)
-    assert notes == ["z: 1 polygon farther than 100 km left out"]
+    near, notes = read_zones(Text("z", both), field.origin_deg)
+    assert [str(note) for note in notes] == ["z:1:1: note: 1 polygon farther than 100 km left out"]
     x, y = zip(*near[0].outline, strict=True)
     assert (min(x), max(x), min(y)) == pytest.approx((-ZONES_M, ZONES_M, -ZONES_M))
     assert max(y) == pytest.approx(5600, rel=0.2)
-    assert read_zones(Text("z", polygon(far)), field) == ((), notes)
+    assert read_zones(Text("z", polygon(far)), field.origin_deg) == ((), notes)
     with pytest.raises(InputError, match=r"1 polygon farther than 100 km left out; expected a polygon within 100 km"):
-        read_zones(Text("z", polygon(far)), field, inside=True)
+        read_zones(Text("z", polygon(far)), field.origin_deg, inside=True)
 
 
 def test_fences_are_zones():
@@ -754,20 +754,20 @@ def test_fences_are_zones():
         for i, (lat, lon) in enumerate([(55, 10), (55, 10.01), (55.01, 10.01), (55.01, 10), (55.005, 10.005)])
     )
     field = field_of(polygon([(10, 55), (10.01, 55), (10.01, 55.01), (10, 55.01), (10, 55)]))
-    (inside,), _ = read_zones(Text("z", rows), field, inside=True)
+    (inside,), _ = read_zones(Text("z", rows), field.origin_deg, inside=True)
     assert np.array(sorted(inside.outline)) == pytest.approx(np.array(sorted(field.outline)), abs=MILLIMETRE)
-    (circle,), _ = read_zones(Text("z", rows), field)
+    (circle,), _ = read_zones(Text("z", rows), field.origin_deg)
     assert len(circle.outline) == 32
     plan = {"fileType": "Plan", "geoFence": {"version": 2, "polygons": [], "circles": [
         {"inclusion": False, "circle": {"center": [55.005, 10.005], "radius": 20}}]}}  # fmt: skip
-    (same,), _ = read_zones(Text("z", json.dumps(plan)), field)
+    (same,), _ = read_zones(Text("z", json.dumps(plan)), field.origin_deg)
     assert np.array(sorted(same.outline)) == pytest.approx(np.array(sorted(circle.outline)), abs=MILLIMETRE)
     with pytest.raises(InputError, match=r"no fence to keep inside; expected a fence; those of this file belong to"):
-        read_zones(Text("z", json.dumps(plan)), field, inside=True)
+        read_zones(Text("z", json.dumps(plan)), field.origin_deg, inside=True)
     assert "is a mission or a fence" in fault_of(rows)
     rally = "QGC WPL 110\n0\t0\t0\t5100\t8\t0\t0\t0\t55\t10\t0\t1\n"
     with pytest.raises(InputError, match=r"no fence to keep out of; expected a fence; places to rally are none"):
-        read_zones(Text("z", rally), field)
+        read_zones(Text("z", rally), field.origin_deg)
 
 
 def test_as_many_holes_as_allowed_and_one_more():

@@ -68,7 +68,7 @@ items = st.tuples(st.sampled_from(KINDS), coordinates, coordinates)
 
 
 @settings(max_examples=draws(0.4))
-@given(flown=st.lists(items, min_size=1, max_size=7), to=st.sampled_from(["qgc", "ardupilot"]))
+@given(flown=st.lists(items, min_size=1, max_size=7), to=st.sampled_from(WITH_ITEMS))
 def test_what_is_exported_reads_back_as_the_same_path(flown, to):
     """A loiter round the place of a neighbour is left out: where it is left turns with a millimetre."""
     places = [(0.0, 0.0), *(flown_at[1:] for flown_at in flown)]
@@ -94,7 +94,7 @@ def test_a_coverage_reads_back_as_the_same_path(eadp, tmp_path):
     assert eadp("cover", "plans/meadow.geojson", "--min-radius", "20", "--swath", "40", "-o", out).code == 0
     plan, _ = read_plan(read_text(str(out)))
     for c1 in {plan.hull(0).hi, plan.hull(0).lo} if plan.path_count else {0.0}:
-        for to in ("qgc", "ardupilot"):
+        for to in WITH_ITEMS:
             back, _ = read_back(path_of(plan, (c1,)), to)
             assert same(plan, back, (c1,))
 
@@ -131,10 +131,32 @@ def test_half_and_whole_turns_are_loiters_and_lines_have_their_ends():
     assert sum(item.command == 18 for item in mission_items(path_of(twice))) == 1
 
 
+@pytest.mark.parametrize("tolerance_m", [0.2, 1.0, 5.0])
+def test_turns_of_px4_are_waypoints_within_the_tolerance(tolerance_m):
+    """PX4 refuses a mission with LOITER_TURNS (18), and one whose first position is far away, as 0, 0 is."""
+    plan, _ = read_plan(Text("p", LINES))
+    home = to_geodetic_deg(-400, 0, HOME)
+    path = path_of(plan, home_deg=home, tolerance_m=tolerance_m)
+    mission = json.loads(EXPORTS["px4"](path))["mission"]
+    assert mission["firmwareType"] == 12
+    assert {item["command"] for item in mission["items"]} == {16, 20, 22}
+    line = drawn(plan, HOME)
+    places = [
+        to_local_m(*item["params"][4:6], HOME) for item in mission["items"] if item["command"] in (16, 22)
+    ]  # the take-off, too
+    off_m = [line.distance(shapely.Point(place)) for place in places]
+    assert max(off_m) < tolerance_m + ROUNDED_M
+    flown = shapely.LineString(places)
+    assert shapely.hausdorff_distance(shapely.segmentize(flown, STEP_M), line) < tolerance_m + ROUNDED_M
+    turn = [section.arc for section in path.sections if section.arc]
+    needed = sum(arc.sweep_rad / (2 * math.acos(arc.radius_m / (arc.radius_m + tolerance_m))) for arc in turn)
+    assert needed <= sum(off > 1e-3 for off in off_m) < needed + len(turn), "as few as the tolerance needs"
+
+
 def test_lines_are_flown_to_their_ends():
     """ArduPilot leaves a waypoint before a loiter 39 to 77 m early, unless its acceptance radius (p2) is small."""
     plan, _ = read_plan(Text("p", LINES.replace("2500", "2496").replace("x - 100", "x - 99.96")))
-    for to in WITH_ITEMS:
+    for to in ("qgc", "ardupilot"):
         again, _ = READER(Text("m", EXPORTS[to](path_of(plan))))
         flown = mission_items(path_of(again))
         (k,) = (k for k, item in enumerate(flown) if item.command == 18)

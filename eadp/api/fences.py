@@ -1,0 +1,40 @@
+"""Obstacles and a boundary from files beside a plan."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from eadp.errors import Fault, InputError
+from eadp.io.field.reader import read_airspace
+from eadp.io.text.streams import Text
+from eadp.models.airspace import Airspace
+from eadp.models.plan.plan import Plan
+
+FENCES = ("avoid", "inside")
+"""Kinds of files of fences."""
+
+
+def fenced(plan: Plan, avoid: Text | None = None, inside: Text | None = None) -> tuple[Plan, list[Fault]]:
+    """A plan with the obstacles and the boundary of files besides its own, and notes; both boundaries hold.
+
+    Raises
+    ------
+    InputError
+        As `read_airspace`; or where the boundaries have no ground in common.
+    """
+    if avoid is None and inside is None:
+        return plan, []
+    own, (given, notes) = plan.site.airspace, read_airspace(avoid, inside, plan.site.origin_deg)
+    boundary = own.boundary or given.boundary
+    if own.boundary and given.boundary:
+        assert inside is not None
+        from eadp.core.geometry.polygons import clipped
+
+        # two outlines have no hole in common, as their unions may have
+        pairs = ((mine, each) for mine in own.boundary for each in given.boundary)
+        boundary = tuple(part[0] for mine, each in pairs for part in clipped([[mine]], [each]))
+        if not boundary:
+            message = "no ground in common with the plan's own boundary"
+            raise InputError.at(inside.name, 1, 1, message, "a boundary round the plan")
+    airspace = Airspace((*own.obstacles, *given.obstacles), boundary)
+    return replace(plan, site=plan.site._replace(airspace=airspace)), notes
