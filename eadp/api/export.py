@@ -206,12 +206,22 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
         options.trigger_distance_m,
         options.tolerance_m,
         _fenced(flown.site.airspace, planned.legs),
+        None if options.scenario is None and flown.site.made_for is None else airframe.airspeed_mps,
+        0.0 if options.scenario is None else _climb_deg(airframe),
     )
     if to not in WITH_ITEMS:
         return Exported(writer(path), "", parameters)
     mapped = mapped_items(mission_items(path, px4=to == "px4"), planned, flown.path_count)
     fence = fence_file(path) if to == "ardupilot" else ""
     return Exported(writer(path), items_text(mapped, flown.names[: flown.path_count]), parameters, fence)
+
+
+def _climb_deg(airframe: Airframe) -> float:
+    """Angle of the steepest climb at the airspeed in whole degrees, as ArduPilot holds it; 0 where none is modelled."""
+    if isinstance(airframe, PaperVehicle):
+        return 0.0
+    climb_mps, _ = airframe.climb_rates_mps(airframe.airspeed_mps)
+    return float(round(math.degrees(math.asin(min(1.0, climb_mps / airframe.airspeed_mps)))))
 
 
 def _fenced(airspace: Airspace, legs: Sequence[Leg]) -> Airspace:

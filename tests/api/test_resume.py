@@ -2,6 +2,7 @@
 
 import json
 import struct
+from dataclasses import replace
 
 import pytest
 from common.autopilot_logs import dataflash, ulog
@@ -18,6 +19,7 @@ from eadp.api.sorties.plan import SortieOptions, SortiePlanner
 from eadp.api.sorties.resume import left_of, resumed
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import InputError
+from eadp.models.airspace import Airspace
 from eadp.models.vehicle import PaperVehicle
 
 LENGTH_M, SWATH_M, SPEED_MPS, EVERY_S = 600.0, 40.0, 10.0, 0.5
@@ -158,3 +160,31 @@ def test_the_rest_is_whole_lines(planner):
         ],
     )
     assert again.area_m2 == pytest.approx(SWATH_M * (4 * LENGTH_M - 270), rel=0.01)
+
+
+def test_ground_without_room_for_a_turn_is_not_left(planner, tmp_path):
+    """Within a boundary that is the field's own, lines end before it: what is beyond them is flown by no sortie."""
+    task = planner.task
+    bounded = replace(task.field, airspace=Airspace(boundary=(task.field.outline,)))
+    home = replace(task.options, home=to_geodetic_deg(LENGTH_M / 2, WIDTH_M / 2, ORIGIN))
+    wide = replace(task.motion, min_radius_m=30)
+    bounded = replace(planner, task=replace(task, field=bounded, options=home, motion=wide))
+    lines = bounded.free_lines(bounded.task.field)
+    log = tmp_path / "log.jsonl"
+
+    def flown_along(lines):
+        rows, time_s = [], 0.0
+        for (x0, y0), (x1, y1) in lines:
+            count = round(abs(x1 - x0) / SPEED_MPS)
+            for k in range(count + 1):
+                x, y = x0 + (x1 - x0) * k / count, y0 + (y1 - y0) * k / count
+                rows.append({"time_s": time_s + k, "x_m": x, "y_m": y})
+            time_s = rows[-1]["time_s"] + 10
+        log.write_text("".join(json.dumps(row) + "\n" for row in rows))
+        return [str(log)]
+
+    with pytest.raises(InputError, match="nothing is left to cover"):
+        resumed(bounded, flown_along(lines), lambda _: None)
+    _, left = resumed(bounded, flown_along(lines[1:]), lambda _: None)
+    assert left.area_m2 > SWATH_M * LENGTH_M / 2
+    assert planner.free_lines(planner.task.field) is None

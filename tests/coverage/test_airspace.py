@@ -157,3 +157,20 @@ def test_parts_of_a_field_are_covered_by_one_path():
     walled = replace(field, airspace=airspace((wall,)))
     for x, y in points(cover(CoverageRequest(walled, MOTION)).path(0.0)):
         assert not within(wall, x, y, 0.05)
+
+
+def test_a_turn_may_start_and_end_with_the_half_circle_of_its_line():
+    """In a lane hardly wider than a turn, beside a mast: no corner leads from one line to the next."""
+    lane, mast = [((0.0, 0.0), (60.0, 0.0), (60.0, 150.0), (0.0, 150.0))], (30.0, 10.0, 40.0, 30.0)
+    west, south, east, north = mast
+    space = FreeSpace([((west, south), (east, south), (east, north), (west, north))], lane, CLEAR_M)
+    start, end = (30.0, 75.0, math.pi), (30.0, 45.0, 0.0)
+    turns = FreeTurns(space, MOTION)
+    assert turns.direct(start, end) is None
+    found = turns.turn(start, end)
+    assert found is not None
+    assert any(piece.length_m == pytest.approx(math.pi * 25.0) for piece in found.pieces)
+    for x, y in polyline_m(found.pieces):
+        assert within(lane[0], x, y, CLEAR_M - 0.05)
+        assert not (west < x < east and south < y < north)
+    assert found.pieces[-1].end == pytest.approx(end, abs=1e-6)

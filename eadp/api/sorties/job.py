@@ -16,9 +16,9 @@ from eadp.api.inputs import FlightInputs, load_flight
 from eadp.api.sorties import SORTIES, SORTIES_SCENARIO
 from eadp.api.sorties.folder import read_sorties
 from eadp.api.sorties.plan import SortiePlanner
-from eadp.api.sorties.resume import left_of
+from eadp.api.sorties.resume import flown_again, left_of
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.polygons import covered_shares, ground_m2
+from eadp.core.geometry.polygons import covered_shares
 from eadp.coverage.separation import LATE_S, Nearest, TimedTrack, nearest
 from eadp.errors import Fault, Infeasible
 from eadp.io.flight.coverage import flown_lines, flown_of_plan, planned_lines
@@ -34,9 +34,6 @@ MAX_ROUNDS = 5
 
 FLOWN = ("completed", "reason", "duration_s", "energy_wh", "distance_m", "soc_final", "reserve_kept", "quality")
 """Figures of each flight."""
-
-MIN_PART_SHARE = 0.01
-"""Share of the field below which a part is not flown again: it needs a take-off and a landing of its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,18 +184,9 @@ class _Job:
         self.lines += flown_lines(inputs.world.plan, columns)
 
     def left_to_cover(self) -> Field | None:
-        """The parts left of the field of which the sorties were to cover `MIN_PART_SHARE` or more; None without one."""
-        task = self.planner.task
+        """What is left of the ground that the sorties were to cover."""
         left = left_of(self.planner, self.lines)
-        if left is None:
-            return None
-
-        def planned_m2(part: Sequence[Sequence[Point]]) -> float:
-            """Ground of a part that planned lines cover: what has no room for a turn was never planned [m²]."""
-            return covered_shares([part], [self.planned], task.motion.swath_m)[-1] * ground_m2(*part)
-
-        parts = [part for part in left.parts if planned_m2(part) >= MIN_PART_SHARE * task.field.area_m2]
-        return left.with_parts(parts) if parts else None
+        return left and flown_again(self.planner, left, self.planned)
 
     def coverage(self) -> float:
         """Share of the field that is covered."""

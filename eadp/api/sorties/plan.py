@@ -19,6 +19,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import place_text
+from eadp.coverage.airspace import free_lines
 from eadp.coverage.cover import (
     AUTO,
     DUBINS,
@@ -207,6 +208,14 @@ class SortiePlanner:
         swath_m = self.task.motion.swath_m
         apart_m = swath_m if request.pattern == ZAMBONI else request.order_spacing_m or swath_m
         return LineGrid.over(self.task.field, self.heading_rad, swath_m, apart_m)
+
+    def free_lines(self, ground: Field) -> list[tuple[Point, Point]] | None:
+        """The lines over a ground that have room for their turns; None where nothing is in their way."""
+        space = self._request.space
+        if space is None:
+            return None
+        lines = free_lines(self.grid().whole_lines(ground)[::2], space, self.task.motion.min_radius_m)
+        return [(line.start[:2], line.end[:2]) for line in lines[::2]]
 
     @property
     def laps(self) -> bool:

@@ -18,16 +18,19 @@ from eadp.core.arrays import BoolArray, FloatArray
 from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import LINE, Point
 from eadp.core.geometry.geodesy import to_near_local_m
-from eadp.core.geometry.polygons import covered_shares, uncovered
+from eadp.core.geometry.polygons import covered_shares, ground_m2, uncovered
 from eadp.coverage.cover import DUBINS, ZAMBONI
 from eadp.coverage.sorties import whole_lines
-from eadp.errors import InputError, PathUndefined
+from eadp.errors import Fault, InputError, PathUndefined
 from eadp.io.flight.coverage import flown_lines, flown_of_plan
 from eadp.io.link.recorded import CAMERA, PICTURE, form_of, log_values
 from eadp.io.telemetry.reader import TelemetryReader, numbered_lines, open_telemetry
 from eadp.models.field import Field
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import nominal_legs
+
+MIN_PART_SHARE = 0.01
+"""Share of the field below which a part is not flown again: it needs a take-off and a landing of its own."""
 
 SLIVER_SHARE = 0.3
 """Width of ground between flown lines that is not flown again, over the swath: errors of flights leave so much."""
@@ -92,9 +95,14 @@ def resumed(planner: SortiePlanner, sources: Sequence[str], warn: Warn) -> tuple
         assert heading_rad is not None
         planner = replace(planner, lines=(compass_deg(heading_rad), ZAMBONI if laps else DUBINS))
     left = left_of(planner, [line for track in tracks for line in track.lines])
-    if left is None:
+    again = left and flown_again(planner, left)
+    if left is None or again is None:
         raise InputError.at("--resume", 1, 1, "nothing is left to cover", "flights that leave some of the field")
-    return planner, left
+    if (rest_m2 := left.area_m2 - again.area_m2) >= 1:
+        message = f"{rest_m2 / 1e4:.2g} ha are left, in parts of which lines with turns cover less than "
+        message += f"{100 * MIN_PART_SHARE:g} % of the field"
+        warn([Fault("--resume", 1, 1, message, severity="note")])
+    return planner, again
 
 
 def left_of(planner: SortiePlanner, flown: Sequence[Line]) -> Field | None:
@@ -106,6 +114,23 @@ def left_of(planner: SortiePlanner, flown: Sequence[Line]) -> Field | None:
         return left
     # to leave a line and to join it again takes a turn each; of a wider sliver some line has half or more
     return whole_lines(left, field, planner.grid(), 2 * math.pi * motion.min_radius_m, SLIVER_SHARE / 2)
+
+
+def flown_again(planner: SortiePlanner, left: Field, planned: Sequence[Line] | None = None) -> Field | None:
+    """The parts left of a field of which planned lines cover `MIN_PART_SHARE` of it or more; None without one.
+
+    Planned are, by default, the lines over what is left that have room for their turns.
+    """
+    field, swath_m = planner.task.field, planner.task.motion.swath_m
+    lines = planner.free_lines(left) if planned is None else planned
+
+    def planned_m2(part: Sequence[Sequence[Point]]) -> float:
+        """Ground of a part that planned lines cover: what has no room for a turn was never planned [m²]."""
+        share = 1.0 if lines is None else covered_shares([part], [lines], swath_m)[-1]
+        return share * ground_m2(*part)
+
+    parts = [part for part in left.parts if planned_m2(part) >= MIN_PART_SHARE * field.area_m2]
+    return left.with_parts(parts) if parts else None
 
 
 def _read(source: str, planner: SortiePlanner, warn: Warn) -> list[FlownSurvey]:

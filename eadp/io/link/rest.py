@@ -37,7 +37,7 @@ class RestLayout:
         return None
 
     def after(
-        self, held: Sequence[MissionItem], mapped: Sequence[MappedItem], planned: PlannedLegs
+        self, held: Sequence[MissionItem], mapped: Sequence[MappedItem], planned: PlannedLegs, *, px4: bool
     ) -> tuple[int, list[MappedItem]]:
         """How many of the items held stay, and those that follow.
 
@@ -47,6 +47,8 @@ class RestLayout:
             The items that are held, home aside, and their map.
         planned : PlannedLegs
             What is left to fly.
+        px4 : bool
+            Whether turns are waypoints, see `mission_items`.
 
         Raises
         ------
@@ -73,7 +75,7 @@ class RestLayout:
             self._trigger_distance_m(held),
             airspace=site.airspace,
         )
-        return kept, mapped_items(mission_items(path, flying=True), left, self._plan.path_count)
+        return kept, mapped_items(mission_items(path, flying=True, px4=px4), left, self._plan.path_count)
 
     def _trigger_distance_m(self, held: Sequence[MissionItem]) -> float | None:
         """Distance between pictures of a mission that takes them all the way; None where the stages say it [m]."""

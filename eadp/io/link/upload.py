@@ -310,7 +310,8 @@ class HeldMission:
             if (planned := rest()) is None:
                 self._go(State.REFUSED, AGAIN_S)
                 return
-            kept, new = self._layout.after(self._held[self._home :], self._items, planned)
+            held, px4 = self._held[self._home :], not self.ardupilot
+            kept, new = self._layout.after(held, self._items, planned, px4=px4)
         except PathUndefined as error:
             self._refuse(f"the rest cannot be laid out; no upload: {error}")
             return

@@ -50,21 +50,24 @@ class _ItemBuilder:
     def __init__(self, path: PlannedPath, *, flying: bool, px4: bool) -> None:
         self.path, self.items, self._px4 = path, list[MissionItem](), px4
         self._skipped: int | None = None  # the first leg of a line without an item of its own
+        self._airspeed_mps: float | None = None
         sections = path.sections
         self._altitude_m, self._legs = path.altitude_of(sections[0]), (sections[0].first, sections[0].last)
         if not flying:
             if path.home_deg is not None:
+<<<<<<< HEAD
                 self._add(d.TAKEOFF, (0.0,) * 4, sections[0].start_m if px4 else None)
+=======
+                self._add(d.TAKEOFF, (path.climb_deg, 0.0, 0.0, 0.0), None)
+            self._change_speed(sections[0])
+>>>>>>> work-w50c
             self._fly_to(sections[0].start_m)
         if path.trigger_distance_m is not None:
             self._command((d.TRIGGER_DISTANCE, path.trigger_distance_m, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
-        airspeed: float | None = None
         for k, section in enumerate(sections):
             stage = section.stage
             self._altitude_m, self._legs = path.altitude_of(section), (section.first, section.last)
-            if stage.airspeed_mps is not None and stage.airspeed_mps != airspeed:
-                airspeed = stage.airspeed_mps
-                self._command((d.CHANGE_SPEED, 0.0, airspeed, -1.0, 0.0, 0.0, 0.0, 0.0))
+            self._change_speed(section)
             for command in stage.commands:
                 if command[0] != d.TRIGGER_DISTANCE or path.trigger_distance_m is None:
                     self._command(command)
@@ -131,6 +134,13 @@ class _ItemBuilder:
         legs = first if self._skipped is None else self._skipped, last
         self.items.append(MissionItem(command, d.RELATIVE, (*parameters, *place, self._altitude_m), legs))
         self._skipped = None
+
+    def _change_speed(self, section: Section) -> None:
+        """Command the airspeed that is stated for a section, where it is another than before."""
+        airspeed_mps = self.path.airspeed_of(section)
+        if airspeed_mps is not None and airspeed_mps != self._airspeed_mps:
+            self._airspeed_mps = airspeed_mps
+            self._command((d.CHANGE_SPEED, 0.0, airspeed_mps, -1.0, 0.0, 0.0, 0.0, 0.0))
 
     def _command(self, command: Sequence[float]) -> None:
         self.items.append(MissionItem(int(command[0]), d.NO_POSITION, tuple(command[1:]), self._legs))

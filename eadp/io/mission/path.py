@@ -92,7 +92,8 @@ class Section:
 class PlannedPath:
     """What is exported: the sections of a plan at parameters, and what holds on them.
 
-    `altitude_m` holds where a stage has none; `home_deg` is where the aircraft takes off and returns to, None without.
+    `altitude_m` holds where a stage has none, and `stated_mps` as its airspeed, None without one; `home_deg` is where
+    the aircraft takes off and returns to, None without; `climb_deg` is the pitch of the take-off [°].
     """
 
     name: str
@@ -104,6 +105,8 @@ class PlannedPath:
     trigger_distance_m: float | None = None
     tolerance_m: float = TOLERANCE_M
     airspace: Airspace = EVERYWHERE
+    stated_mps: float | None = None
+    climb_deg: float = 0.0
 
     def geodetic_deg(self, point: Point) -> Point:
         """Latitude and longitude of a point [m]."""
@@ -112,6 +115,10 @@ class PlannedPath:
     def altitude_of(self, section: Section) -> float:
         """The altitude of a section above home [m]."""
         return self.altitude_m if section.stage.altitude_m is None else section.stage.altitude_m
+
+    def airspeed_of(self, section: Section) -> float | None:
+        """The airspeed that is stated for a section [m/s]."""
+        return self.stated_mps if section.stage.airspeed_mps is None else section.stage.airspeed_mps
 
     @property
     def home(self) -> Point:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import itertools
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("pymavlink")
 
-from common.plans import ORIGIN, placed_survey
+from common.plans import ORIGIN, STADIUM, placed_survey
 from mavlink_vehicle import Autopilot, MissionHolder, frames, recorded
 
 from eadp.api.inputs import load_flight
@@ -550,7 +551,7 @@ def test_a_log_of_a_mission_with_another_number_of_items_has_the_stage_by_positi
 def test_a_partial_list_that_is_refused_is_followed_by_the_whole(inputs, mission, lines, monkeypatch):
     """As many items as before, moved a little."""
 
-    def moved(_layout, held, mapped, _planned):
+    def moved(_layout, held, mapped, _planned, **_):
         return 10, [
             MappedItem(item._replace(parameters=(*item.parameters[:6], 61.0)), old.first, old.last, (-1.0,))
             for old, item in zip(mapped[10:], held[10:], strict=True)
@@ -644,10 +645,21 @@ def test_the_rest_has_the_camera_of_each_line():
     planned = nominal_route(plan, ()).planned()
     path = PlannedPath("whole", planned_sections(planned.legs), ORIGIN, 60.0, 15.0, ORIGIN)
     whole = mapped_items(mission_items(path), planned, 0)
-    kept, rest = RestLayout(plan, 15.0).after([each.item for each in whole], whole, planned)
+    kept, rest = RestLayout(plan, 15.0).after([each.item for each in whole], whole, planned, px4=False)
     assert 0 < kept < len(whole)
     assert [each.item[:3] for each in rest] == [each.item[:3] for each in whole[kept:]]  # legs count from the first
     assert [each.item.parameters[0] for each in rest if each.item.command == 206] == [0, 15, 0, 15, 0]
+
+
+@pytest.mark.parametrize("px4", [False, True])
+def test_the_rest_for_px4_has_no_loiters(px4):
+    plan, _ = read_plan(Text("stadium", STADIUM.format(2, 40, 8, 30)))
+    plan = replace(plan, site=plan.site._replace(origin_deg=ORIGIN))
+    planned = nominal_route(plan, ()).planned()
+    path = PlannedPath("whole", planned_sections(planned.legs), ORIGIN, 60.0, 15.0, ORIGIN)
+    whole = mapped_items(mission_items(path, px4=px4), planned, plan.path_count)
+    _, rest = RestLayout(plan, 15.0).after([each.item for each in whole], whole, planned, px4=px4)
+    assert any(each.item.command == 18 for each in rest) is not px4
 
 
 @pytest.mark.parametrize("older", [False, True])

@@ -257,6 +257,41 @@ def test_commands_and_speeds_are_written_back():
             assert (each.stages[0].airspeed_mps, each.stages[-1].airspeed_mps) == (None, 21)
 
 
+@pytest.mark.parametrize("to", ["qgc", "ardupilot"])
+def test_the_take_off_has_a_pitch_and_the_mission_its_airspeed_from_the_start(to):
+    plan, _ = read_plan(Text("p", LINES))
+    path = path_of(plan, home_deg=to_geodetic_deg(-400, 0, HOME), stated_mps=17.0, climb_deg=11.0)
+    first, speed, *others = mission_items(path)
+    assert (first.command, first.parameters[0]) == (22, 11.0)
+    assert (speed.command, *speed.parameters[:2]) == (178, 0, 17)
+    assert 178 not in [item.command for item in others]
+    back, _ = read_back(path, to)
+    assert {stage.airspeed_mps for stage in back.stages} == {17}
+    # what is read is written again as it was
+    given = {"home_deg": back.site.origin_deg, "climb_deg": 11.0}
+    again = [item for item in mission_items(path_of(back, **given)) if item.command in (22, 178)]
+    assert [(item.command, *item.parameters[:2]) for item in again] == [(22, 11.0, 0), (178, 0, 17)]
+
+
+def test_pitch_and_airspeed_are_those_of_the_aircraft(eadp):
+    """Of the scenario: as asin(climb / airspeed). Without one neither is known."""
+    words = ("export", "plans/survey.plan", "--to", "ardupilot", "--origin", "55.37,10.43", "--home", "55.368,10.43")
+    flown = ("--scenario", "scenarios/survey.yaml", "--set", "vehicle.airframe.max_climb_rate_mps=2")
+    for more, commanded in ((("--set", "spacing=20"), [(22, 0)]), (flown, [(22, 8), (178, 15)])):
+        rows = [row.split("\t") for row in eadp(*words, *more).out.splitlines()[1:]]
+        found = [(int(row[3]), float(row[5 if row[3] == "178" else 4])) for row in rows if row[3] in ("22", "178")]
+        assert found == commanded
+    assert math.degrees(math.asin(2 / 15)) == pytest.approx(8, abs=0.5)
+
+
+def test_a_stage_has_its_own_airspeed_and_not_the_stated_one():
+    plan, _ = read_plan(Text("p", LINES.replace("0.0005; 270", "%: airspeed 21\n0.0005; 270")))
+    assert [stage.airspeed_mps for stage in plan.stages] == [None, 21, 21]
+    for stated, wanted in ((17.0, [17, 21]), (21.0, [21]), (None, [21])):
+        items = mission_items(path_of(plan, stated_mps=stated))
+        assert [item.parameters[1] for item in items if item.command == 178] == wanted
+
+
 # --- maps and Paparazzi -----------------------------------------------------------------------------------------------
 
 
