@@ -55,12 +55,8 @@ class _ItemBuilder:
         self._altitude_m, self._legs = path.altitude_of(sections[0]), (sections[0].first, sections[0].last)
         if not flying:
             if path.home_deg is not None:
-<<<<<<< HEAD
-                self._add(d.TAKEOFF, (0.0,) * 4, sections[0].start_m if px4 else None)
-=======
-                self._add(d.TAKEOFF, (path.climb_deg, 0.0, 0.0, 0.0), None)
+                self._add(d.TAKEOFF, (path.climb_deg, 0.0, 0.0, 0.0), sections[0].start_m if px4 else None)
             self._change_speed(sections[0])
->>>>>>> work-w50c
             self._fly_to(sections[0].start_m)
         if path.trigger_distance_m is not None:
             self._command((d.TRIGGER_DISTANCE, path.trigger_distance_m, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
