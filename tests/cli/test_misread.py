@@ -218,6 +218,11 @@ def test_latitude_and_longitude_swapped(eadp, tmp_path):
     )
     assert refused(eadp("export", plan, "--to", "kml", "--home", "10.43,55.37"), "--home:1:1", "LAT,LON in that order")
     assert refused(eadp("cover", *MEADOW, "--home", "10.43,55.37"), "--home:1:1", "LAT,LON in that order")
+    zone = tmp_path / "zone.csv"
+    zone.write_text("lat,lon\n10.43,55.37\n10.44,55.37\n10.44,55.38\n")
+    for option in ("--avoid", "--inside"):
+        answer = eadp("cover", *MEADOW, option, zone)
+        assert refused(answer, "zone.csv:2:1: error: lies near the field or plan if longitude and latitude are swapped")
 
 
 def test_degrees_for_metres(eadp, tmp_path):

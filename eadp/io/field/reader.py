@@ -26,6 +26,7 @@ from eadp.io.text.kinds import HEAD
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.models.airspace import Airspace, Obstacle
+from eadp.models.doubts import NEAR_DEG
 from eadp.models.field import Field
 
 HOLES_LIMIT = 1_000
@@ -57,6 +58,8 @@ RING_LIMIT = 1000
 _TOLERANCES_M = (0.01, 0.03, 0.1, 0.3, 1.0)
 """Tolerances within which a ring of more vertices is simplified [m]."""
 
+_MIRRORED = "longitude and latitude are swapped"
+_SWAPPED = "longitude and latitude seem to be swapped"
 _DEGREES = "longitude within ±180 and latitude within ±90 degrees"
 
 
@@ -155,6 +158,9 @@ def read_zones(
         raise source.error(rings[0].location, message, "the units of the field or plan")
     notes: list[str] = []
     obstacles = _obstacles(rings, origin_deg, source, notes)
+    if not obstacles and any(_near_if_swapped(ring, origin_deg, source) for ring in rings):
+        expected = "the order of the file beside it, in which they may be swapped instead"
+        raise source.error(rings[0].location, f"lies near the field or plan if {_MIRRORED}", expected)
     if not obstacles and (inside or not all(note.endswith(_FAR) for note in notes)):
         expected = f"a polygon within {ZONES_M / 1000:g} km, of {NO_AREA_M2:g} m² or more, in the units of what it "
         raise source.error(rings[0].location, "; ".join(notes) or "no polygon", expected + "lies beside")
@@ -208,6 +214,15 @@ def _near_corners(ring: Ring, origin_deg: tuple[float, float] | None, source: So
             for vertex, point in zip(ring.vertices, rough, strict=True)
         ]
     return corners if _is_near(corners) else None
+
+
+def _near_if_swapped(ring: Ring, origin_deg: tuple[float, float] | None, source: SourceText) -> bool:
+    """Whether a polygon that is far from a field is near it with its longitudes and latitudes swapped."""
+    if origin_deg is None or any(abs(vertex.x) > 90 for vertex in ring.vertices):
+        return False
+    mirrored = replace(ring, vertices=[vertex._replace(x=vertex.y, y=vertex.x) for vertex in ring.vertices])
+    far, near = (_near_corners(each, origin_deg, source) for each in (ring, mirrored))
+    return far is None and near is not None
 
 
 def _is_near(corners: Sequence[Point]) -> bool:
@@ -386,7 +401,8 @@ def _part(
     for ring in part:
         corners = _near_corners(ring, origin_deg, source)
         if corners is None:
-            raise source.error(ring.location, "is far from the field", f"within {ZONES_M / 1000:g} km")
+            swapped = f", and near it if {_MIRRORED}" if _near_if_swapped(ring, origin_deg, source) else ""
+            raise source.error(ring.location, f"is far from the field{swapped}", f"within {ZONES_M / 1000:g} km")
         moved.append([Vertex(x, y, vertex.location) for (x, y), vertex in zip(corners, ring.vertices, strict=True)])
     rings = _simplified(moved, source, [])
     return _solid_parts(
@@ -454,6 +470,9 @@ def _localised(
         dx, dy = abs(vertex.x - start.x), abs(vertex.y - start.y)
         if dx > _WIDEST_DEG or dy > _HIGHEST_DEG:
             message = f"{dx:.6g}° of longitude and {dy:.6g}° of latitude from the first vertex"
+            here = start.x, start.y
+            if all(min(math.dist(each, here) for each in (v[:2], v[1::-1])) < NEAR_DEG for v in chain(*rings)):
+                message += f": {_SWAPPED} in some vertices"
             raise source.error(vertex.location, message, _or(_SMALLER, draft.remedy))
     return [
         [Vertex(*to_local_m(vertex.y, vertex.x, origin), vertex.location) for vertex in ring] for ring in rings
@@ -479,11 +498,13 @@ def _check_degrees(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source:
         which, value, limit = ("longitude", first.x, 180) if abs(first.x) > 180 else ("latitude", first.y, 90)
         message = f"a {which} of {value:.10g} is beyond ±{limit}, as in {len(beyond)} of {len(vertices)} vertices"
         if all(abs(vertex.x) <= 90 and abs(vertex.y) <= 180 for vertex in vertices):
-            message = f"a latitude of {value:.10g} is beyond ±90: longitude and latitude seem to be swapped"
+            message = f"a latitude of {value:.10g} is beyond ±90: {_SWAPPED}"
         raise source.error(first.location, message, _or(_DEGREES, draft.remedy))
     for vertex in vertices:
         if abs(vertex.y) > LATITUDE_LIMIT_DEG:
             message = f"a latitude of {vertex.y:.10g}, near a pole"
+            if all(abs(each.x) <= LATITUDE_LIMIT_DEG for each in vertices):
+                message += f": {_SWAPPED}"
             raise source.error(vertex.location, message, f"latitudes within ±{LATITUDE_LIMIT_DEG:g}")
 
 

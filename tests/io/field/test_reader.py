@@ -365,6 +365,31 @@ def test_longitude_and_latitude_in_each_others_place():
     latitude = f"{swapped[0][1]:.10g}"
     message = f"a latitude of {latitude} is beyond ±90: longitude and latitude seem to be swapped"
     assert fault_of(polygon(swapped)) == f"2:1: error: {message}; {NOT_DEGREES}, or --metres"
+    high = [(lat, lon) for lon, lat in around(BOX, (23.7, 86.4))]
+    assert "near a pole: longitude and latitude seem to be swapped" in fault_of(table(high, header="lon,lat,ring"))
+
+
+def test_some_vertices_in_each_others_place():
+    right = around(BOX, ODENSE)
+    for i in range(4):
+        some = [place[::-1] if k == i else place for k, place in enumerate(right)]
+        for body in (polygon(some), kml(placemark(some)), table(some, header="lon,lat,ring")):
+            assert "from the first vertex: longitude and latitude seem to be swapped in some vertices" in fault_of(body)
+    # as large as a country, and no vertex swapped
+    assert "swapped" not in fault_of(polygon([(8, 54.5), (13, 54.5), (13, 57.5), (8, 57.5)]))
+
+
+def test_zones_that_mirrored_lie_near_the_field():
+    field = field_of(polygon(around(BOX)))
+    swapped = polygon([place[::-1] for place in around(BOX)])
+    for inside in (False, True):
+        with pytest.raises(
+            InputError, match="near the field or plan if longitude and latitude are swapped; expected the o"
+        ):
+            read_zones(Text("z", swapped), field, inside=inside)
+    # or it is the field's file that is
+    with pytest.raises(InputError, match="in which they may be swapped instead"):
+        read_zones(Text("z", polygon(around(BOX))), read(swapped)[0])
 
 
 @pytest.mark.parametrize(
@@ -638,7 +663,8 @@ def test_a_hole_may_touch_at_a_point():
         (table([*BOX[:3], (1e300, -1e300)]), "5:1: error: a vertex at (1e+300, -1e+300) m; expected coordinates of "),
         (
             polygon([(10, 84.9999), (10.01, 85.0001), (10, 85.0001)]),
-            "3:1: error: a latitude of 85.0001, near a pole; expected latitudes within ±85",
+            "3:1: error: a latitude of 85.0001, near a pole: longitude and latitude seem to be swapped; "
+            "expected latitudes within ±85",
         ),
     ],
 )
