@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.waypoints import TURNS_TOLERANCE
+from eadp.core.geometry.waypoints import ARC_RAD, TURNS_TOLERANCE
 from eadp.io.mission import EXPORT_NAMES
 from eadp.io.mission import draft as d
 from eadp.io.mission.autopilot import ACCEPTANCE_M
@@ -51,6 +52,9 @@ class _ItemBuilder:
         self.path, self.items, self._px4 = path, list[MissionItem](), px4
         self._skipped: int | None = None  # the first leg of a line without an item of its own
         self._airspeed_mps: float | None = None
+        # whether the section before ended beside the start of this one, in which direction [rad], and where [m]
+        self._gap, self._end_m = False, path.sections[0].start_m
+        self._course_rad: float | None = None
         sections = path.sections
         self._altitude_m, self._legs = path.altitude_of(sections[0]), (sections[0].first, sections[0].last)
         if not flying:
@@ -69,7 +73,8 @@ class _ItemBuilder:
                     self._command(command)
             if k > 0 and math.dist(sections[k - 1].end_m, section.start_m) > JOINED_M:
                 self._fly_to(section.start_m)
-            self._fly(section, sections[k + 1] if k + 1 < len(sections) else None)
+                self._course_rad, self._end_m = None, section.start_m
+            self._fly(section, *(*sections[k + 1 : k + 3], None, None)[:2])
         distances_m = [item.parameters[0] for item in self.items if item.command == d.TRIGGER_DISTANCE]
         # a mission's own pictures, which nothing ends, are written back as they are
         if distances_m and distances_m[-1] > 0 and (path.trigger_distance_m is not None or 0.0 in distances_m):
@@ -77,14 +82,28 @@ class _ItemBuilder:
         if path.home_deg is not None:
             self._command((d.RETURN, *(0.0,) * 7))
 
-    def _fly(self, section: Section, following: Section | None) -> None:
+    def _fly(self, section: Section, following: Section | None, later: Section | None) -> None:
         """Add a section; its end is no waypoint where the turns beside it lead there by themselves."""
         arc, loiter = section.arc, self._loiter(section)
+        # beside a gap the autopilot turns as it does: there is no room for the arc and for the kink of the gap
+        before, self._gap = self._gap, following is not None and self._is_gap(section, following)
+        beside = before or self._gap
+        # of the room of a turn, the waypoints at its ends take some, where the lines beside it lead elsewhere
+        starts, ends = section.courses_rad
+        kinks = [0.0 if self._course_rad is None else starts - self._course_rad]
+        if following is not None:
+            kinks.append(self._joined(following, section.end_m, later).courses_rad[0] - ends)
+        kinks = [abs(math.remainder(each, 2 * math.pi)) for each in kinks]
+        taken_m = arc.radius_m * math.tan(max(kinks) / 2) if arc else 0.0
+        if arc and kinks[0] > ARC_RAD:  # what its acceptance radius takes, too
+            taken_m = max(taken_m, self.items[-1].parameters[1])
+        self._course_rad = self._joined(section, self._end_m, following).courses_rad[1]
+        self._end_m = self._end(section, following)
         if arc and loiter is not None:
             self._add(d.LOITER_TURNS, (*loiter, 1.0), arc.centre_m)
         else:
-            for point, begins_m in section.corners(self.path.tolerance_m if self._px4 else math.inf):
-                self._fly_to(point, begins_m)
+            for point, begins_m in section.corners(self.path.tolerance_m if self._px4 or beside else math.inf):
+                self._fly_to(point, 0.0 if beside else max(begins_m - taken_m, 0.0))
         end, acceptance_m = section.end_m, 0.0
         if following is not None:
             turn = math.remainder(following.courses_rad[0] - section.courses_rad[1], 2 * math.pi)
@@ -95,8 +114,7 @@ class _ItemBuilder:
             if abs(turn) <= STRAIGHT_RAD and self._joins(section, following):
                 self._skipped = None if arc else section.first
                 return
-            if self.path.tolerance_m < math.dist(end, following.start_m) <= JOINED_M:
-                end = (end[0] + following.start_m[0]) / 2, (end[1] + following.start_m[1]) / 2
+            end = self._end_m
         self._fly_to(end, acceptance_m)
 
     def _loiter(self, section: Section) -> tuple[float, float, float] | None:
@@ -110,6 +128,19 @@ class _ItemBuilder:
             return None
         turns = math.floor(halves / 2 + TURNS_TOLERANCE) if halves > 1.5 else 0.5
         return turns, 0.0, -arc.turn * radius_m
+
+    def _end(self, section: Section, following: Section | None) -> Point:
+        """Where the last waypoint of a section lies [m]: in the middle of a gap, if there is one."""
+        (x, y), gap = section.end_m, following is not None and self._is_gap(section, following)
+        return ((x + following.start_m[0]) / 2, (y + following.start_m[1]) / 2) if following and gap else (x, y)
+
+    def _joined(self, section: Section, start_m: Point, following: Section | None) -> Section:
+        """A section as it is flown: a line from the waypoint before [m] to its own."""
+        return section if section.arc else replace(section, start_m=start_m, end_m=self._end(section, following))
+
+    def _is_gap(self, section: Section, following: Section) -> bool:
+        """Whether the next section starts beside the end of one, by what becomes one waypoint."""
+        return self.path.tolerance_m < math.dist(section.end_m, following.start_m) <= JOINED_M
 
     def _joins(self, section: Section, following: Section) -> bool:
         """Whether the corners of a turn lead to a short line, or that to them, where nothing else changes."""
