@@ -117,10 +117,16 @@ class NominalFlight:
             own = slice(int(first), int(last) + 1)
             alone = FlownLegs(times_s[own], turning_s[own])
             part = TightLegs(tight.bends[own], tight.corners[own])
-            for at, section in self._sections(route, part, wind_mps, alone):
-                there = slice(at, at + len(section.rows))
-                squares_s2[place] += float((section.times_s - alone.times_s[there]).sum()) ** 2
-                alone.times_s[there], alone.turning_s[there] = section.times_s, section.turning_s
+            sections = self._sections(route, part, wind_mps, alone)
+            if not sections:
+                continue
+            counts = np.array([len(section.rows) for _, section in sections])
+            starts = counts.cumsum() - counts
+            at = np.repeat([start for start, _ in sections] - starts, counts) + np.arange(counts.sum())
+            flown_s = np.concatenate([section.times_s for _, section in sections])
+            squares_s2[place] = (np.add.reduceat(flown_s - alone.times_s[at], starts) ** 2).sum()
+            alone.times_s[at] = flown_s
+            alone.turning_s[at] = np.concatenate([section.turning_s for _, section in sections])
         return FlownLegs(times_s, turning_s, np.sqrt(squares_s2))
 
     def _tight(self, legs: RouteArrays, wind_mps: Point) -> TightLegs:
@@ -132,17 +138,15 @@ class NominalFlight:
         self, route: Route, tight: TightLegs, wind_mps: Point, followed: FlownLegs
     ) -> list[tuple[int, FlownPart]]:
         """The parts of a route that the aircraft cannot follow, as flown, each with the number of its first leg."""
-        starts = np.flatnonzero(tight.bends | tight.corners)
-        if not len(starts) or route.cursor is None:
+        starts = np.flatnonzero(tight.bends | tight.corners).tolist()
+        if not starts or route.cursor is None:
             return []
-        found, i, passed, walk = list[tuple[int, FlownPart]](), 0, 0, cursors(route.cursor)
+        found, beyond, passed, walk = list[tuple[int, FlownPart]](), 0, 0, cursors(route.cursor)
         # laps alike share what is flown, but for the last leg, on which the plan ends
         rows = [*route.table.alike[route.order[:-1]].tolist(), -int(route.order[-1]) - 2]
         kept = self._kept.setdefault(route.table, {})
-        while len(starts := starts[starts >= i]):
-            i = int(starts[0])
-            if not math.isfinite(followed.times_s[i]):
-                i += 1
+        for i in starts:
+            if i < beyond or not math.isfinite(followed.times_s[i]):
                 continue
             known = kept.setdefault((rows[i - 1] if i else -1, rows[i]), [])
             section = next((one for one in known if _holds(one, rows, i, wind_mps)), None)
@@ -156,7 +160,7 @@ class NominalFlight:
                 section, passed = self._fly(route, cursor, rows, i, tight, wind_mps, followed), i + 1
                 known.append(section)
             found.append((i, section))
-            i += len(section.rows)
+            beyond = i + len(section.rows)
         return found
 
     def _fly(

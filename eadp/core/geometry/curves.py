@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 
 from eadp.core.expressions.algebra import is_zero
 from eadp.core.expressions.derivatives import PathFunction
@@ -37,6 +38,7 @@ _Polynomial = dict[tuple[int, int], _Coefficient]
 _ONE: _Polynomial = {(0, 0): Fraction(1)}
 
 
+@lru_cache(maxsize=512)
 def path_kind(expression: Expression) -> str:
     """`line`, `circle` or `curve`: what the zero set of a path function is by its form.
 

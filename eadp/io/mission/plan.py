@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from eadp.core.expressions.reader import read_expression
-from eadp.core.expressions.tree import constant
+from eadp.core.expressions.tree import Expression, constant
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, to_local_m, to_near_local_m
 from eadp.core.geometry.waypoints import Loiter, Target, Waypoint, path_through
@@ -339,6 +339,7 @@ class MissionPlan:
                 )
                 self._find(item.locations[0], "too-close", message)
         stages: list[Stage] = []
+        functions: dict[str, Expression] = {}  # laps have theirs in common
         commanded = 0
         for target, piece in path.pieces:
             visit = visits[target]
@@ -346,6 +347,8 @@ class MissionPlan:
             commands = tuple(each for earlier in visits[commanded : target + 1] for each in earlier.commands)
             commanded = max(commanded, target + 1)
             function, rotation, gain = piece_path(piece)
+            if function not in functions:
+                functions[function] = read_expression(function)
             x, y = (constant(round(value, 9)) for value in piece.end[:2])
             stages.append(
                 Stage(
@@ -353,7 +356,7 @@ class MissionPlan:
                     visit.item.locations[0][0],
                     float(f"{gain:.4g}"),
                     rotation,
-                    read_expression(function),
+                    functions[function],
                     (x, y),
                     altitude_m=visit.altitude_m,
                     airspeed_mps=visit.airspeed_mps,

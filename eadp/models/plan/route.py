@@ -7,7 +7,7 @@ laps, not a straight line between two constants.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -190,6 +190,7 @@ class RoutePredictor:
         self._shapes: dict[object, _Shape] = {}
         self._laps: dict[object, _Lap | None] = {}
         self._table: LegTable | None = None
+        self._last: Route | None = None
 
     def route(self, cursor: PlanCursor, joined_m: Point, margin_m: float = 0.0) -> Route:
         """The rest of the plan from the start of the stage being flown.
@@ -209,6 +210,22 @@ class RoutePredictor:
         PathUndefined
             If a path or trigger has no value, a trigger is not met, or the plan's end is not reached.
         """
+        rest = None if cursor.table.plan.repeats else self._rest(cursor, joined_m)
+        self._last = rest or self._laid_out(cursor, joined_m, margin_m)
+        return self._last
+
+    def _rest(self, cursor: PlanCursor, joined_m: Point) -> Route | None:
+        """That of the route before which is left, of a plan that is flown once; None where it is another one."""
+        rest = self._last
+        while rest is not None and rest.cursor is not None and _place(rest.cursor) < _place(cursor):
+            rest = rest.after() if len(rest.order) > 1 else None
+        if rest is None or rest.cursor != cursor:
+            return None
+        leg, number = self._leg(cursor, joined_m)
+        order = np.concatenate(([number], rest.order[1:]))
+        return replace(rest, order=order, pieces=(leg, *rest.pieces[1:]), cursor=cursor)
+
+    def _laid_out(self, cursor: PlanCursor, joined_m: Point, margin_m: float) -> Route:
         table = self._table = self._table or LegTable(cursor.table.plan)
         made = _RouteMaker(table, cursor)
         start = joined_m
@@ -386,6 +403,11 @@ def _cut_at_end(
     if clearance_m > -math.inf and all(before.clearance_m < clearance_m for before in ends):
         ends.append(UncertainEnd(number, flown_m, clearance_m, leg.length_m))
     return None
+
+
+def _place(cursor: PlanCursor) -> tuple[int, int, int]:
+    """What grows from stage to stage."""
+    return cursor.segment, cursor.lap, cursor.stage.index
 
 
 def _grid(point: Point) -> tuple[int, int]:

@@ -33,19 +33,22 @@ def with_climbs(
 
     Source: energy of a climb m g Δh / η; ground speed by V cos γ.
     """
-    times, added_w, peak_w = times_s.copy(), np.zeros(len(times_s)), np.zeros(len(times_s))
+    times, added_w, peak_w = times_s.tolist(), [0.0] * len(times_s), [0.0] * len(times_s)
+    rates: dict[float, tuple[float, float, float]] = {}  # of each airspeed: what it takes, and its climb and descent
     here_m = climb.altitude_m
-    for i, leg in enumerate(route.legs):
-        altitude_m, airspeed_mps = climb.commanded(leg.stage)
-        added_w[i] = peak_w[i] = climb.faster_w(airspeed_mps)
-        up_mps, down_mps = climb.rates_mps(airspeed_mps)
+    for i, stage in enumerate(route.of_legs):
+        altitude_m, airspeed_mps = climb.commanded(stage)
+        if airspeed_mps not in rates:
+            rates[airspeed_mps] = climb.faster_w(airspeed_mps), *climb.rates_mps(airspeed_mps)
+        faster_w, up_mps, down_mps = rates[airspeed_mps]
+        added_w[i] = peak_w[i] = faster_w
         rate_mps = up_mps if altitude_m > here_m else -down_mps
         if altitude_m == here_m or rate_mps == 0 or times[i] <= 0:
             continue
         climb_s = (altitude_m - here_m) / rate_mps
         # the climb takes V (1 − cos γ) of the ground speed
         slower_mps = airspeed_mps - math.sqrt(max(airspeed_mps**2 - rate_mps**2, 0.0))
-        slowed = min(slower_mps * whole_s[i] / max(leg.distance_m, 1e-9), MAX_SLOWED)
+        slowed = min(slower_mps * float(whole_s[i]) / max(route.legs[i].distance_m, 1e-9), MAX_SLOWED)
         # t' = t + slowed · t_c, with t_c ≤ t' in this leg
         climbed_s = min(climb_s, times[i] / (1 - slowed))
         times[i] += slowed * climbed_s
@@ -53,4 +56,4 @@ def with_climbs(
         here_m = altitude_m if climbed_s == climb_s else here_m + climb_m
         added_w[i] += climb_j_per_m * climb_m / times[i]
         peak_w[i] += max(climb_j_per_m * rate_mps, 0.0)
-    return times, np.maximum(motion_w + added_w, 0.0), motion_w + peak_w
+    return np.array(times), np.maximum(motion_w + added_w, 0.0), motion_w + peak_w

@@ -460,6 +460,29 @@ def test_what_is_remembered_does_not_leak_between_parameters():
         assert np.array_equal(of_legs(follower.route(parameters).legs), legs)
 
 
+def test_what_is_left_of_a_plan_flown_once_is_that_of_the_route_before():
+    plan = covered()
+    follower, start = begun(plan, (plan.hull(0).lo,))
+    predictor, before = RoutePredictor(), None
+    changes = {4: plan.hull(0).hi, 9: plan.hull(0).lo}
+    for number in range(14):
+        for beside_m in (0.0, 3.0):  # a stage that is joined elsewhere
+            joined_m = start[0], start[1] + beside_m
+            found, fresh = predictor.route(follower.cursor, joined_m), RoutePredictor().route(follower.cursor, joined_m)
+            assert np.array_equal(of_legs(found.legs), of_legs(fresh.legs))
+            assert found.parameters == fresh.parameters
+            assert (found.cursor, found.ends, found.beyond_m) == (fresh.cursor, fresh.ends, fresh.beyond_m)
+            assert np.array_equal(found.runs, fresh.runs)
+            assert np.array_equal(found.scales, fresh.scales)
+        if before is not None and number not in changes:
+            assert found.legs[-1] is before.legs[-1], "laid out once"
+        before = found
+        follower.next_stage()
+        start = found.legs[0].end_m
+        if number + 1 in changes:
+            follower.decide((changes[number + 1],))
+
+
 @pytest.mark.parametrize("make", [survey, with_computations])
 def test_after_is_the_course_from_the_next_stage(make):
     plan = make()
