@@ -19,7 +19,7 @@ from eadp.coverage.cover import cover as cover_field
 from eadp.coverage.plan_builder import FieldComputations, build_plan
 from eadp.coverage.report import CoverageReport, PowerDraw
 from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
-from eadp.errors import EadpError, Fault, InputError, one_of, printable
+from eadp.errors import EadpError, Fault, InputError, one_of, printable, refuse
 from eadp.io.field.draft import NAME_LIMIT
 from eadp.io.field.files import read_field_text
 from eadp.io.field.reader import read_airspace, read_field
@@ -681,6 +681,11 @@ def coverage_task(
         reserve = setting.keys.reserve_soc
         pack_wh = (1 - reserve) * battery.capacity_ah * battery.voltage_at((1 + reserve) / 2)
     wind_mps = setting.keys.wind.steady_mps
+    if (vehicle is not None or "vehicle" in setting.chosen) and not isinstance(flown.airframe, PaperVehicle):
+        speed_mps = options.airspeed_mps or flown.airframe.airspeed_mps
+        faults = replace(flown.airframe, airspeed_mps=speed_mps).faults()
+        where = "--airspeed" if options.airspeed_mps else str(vehicle or scenario)
+        refuse([Fault(where, 1, 1, fault, "an aeroplane that can fly so") for fault in faults])
     task = CoverageTask.read(field, options, flown.name, flown.airframe, wind_mps, profile, pack_wh)
     speed_mps = math.hypot(*task.motion.wind_mps)
     if tight := too_tight(flown.airframe, task.motion.airspeed_mps, task.motion.min_radius_m, speed_mps):

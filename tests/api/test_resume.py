@@ -137,6 +137,16 @@ def test_a_log_of_the_ground(planner, tmp_path):
         resumed(planner, [str(log)], lambda _: None)
 
 
+def test_a_table_is_no_flight(planner, tmp_path):
+    """Said once, and not of each line."""
+    table = tmp_path / "flight.csv"
+    table.write_text("time_s,x_m,y_m\n" + "0,0,0\n" * 100)
+    warned = []
+    with pytest.raises(InputError, match="is no flight; expected a folder of eadp simulate"):
+        resumed(planner, [str(table)], warned.extend)
+    assert warned == []
+
+
 def test_the_rest_is_whole_lines(planner):
     """Lines beside each other that leave scraps between them, and short gaps along one, are no lines of their own."""
     swaying = [[(0, 20), (150, 12), (300, 27), (LENGTH_M, 20)], [(0, 60), (LENGTH_M, 68)], [(40, 100), (560, 100)]]

@@ -197,6 +197,14 @@ def test_an_aircraft_that_is_possible_and_unlikely(eadp, tmp_path, body, warning
     assert f"{file}:{warning}" in answer.err
 
 
+def test_a_field_is_covered_by_an_aircraft_that_can_fly_so(eadp, tmp_path):
+    """An airspeed in km/h takes more than the motor has."""
+    wing = tmp_path / "wing.yaml"
+    wing.write_text("schema: eadp.vehicle/1\nairframe: {model: fixed-wing, airspeed_mps: 58, max_power_w: 400}\n")
+    answer = eadp("cover", *SURVEY, "--vehicle", wing, "--swath", 40)
+    assert refused(answer, "of a motor of 400 W; expected an aeroplane that can fly so")
+
+
 @pytest.mark.parametrize("option", ["--sensor-width-mm", "--focal-length-mm"])
 def test_a_camera_in_metres(eadp, option):
     camera = {"--altitude": "100", "--sensor-width-mm": "13.2", "--focal-length-mm": "8.8", option: "0.0132"}

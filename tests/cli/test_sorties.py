@@ -322,7 +322,8 @@ def test_too_few_sorties_are_told_how_short_they_are(eadp, scenario, folder, doc
     share = float(re.search(r"lasts for (\d+) % of its sortie", few.err)[1])
     assert 50 <= share < 100
     enough = eadp(*COVER, "--scenario", scenario, "--sorties", str(count)).out
-    words = "no fewer are enough" if count == document["min_count"] else "as asked for"
+    few = document["min_count"]
+    words = "no fewer are enough" if count == few else f"as asked for, {few} at least"
     assert f"sorties    {count}, {words}: " in enough
 
 

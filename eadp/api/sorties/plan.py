@@ -552,7 +552,10 @@ class SortiePlan:
         name = f"{task.field.name}, " if task.field.name else ""
         count, few = document["count"], document["min_count"]
         asked = few < count == self.planner.options.count
-        least = f"{count}, {'as asked for' if asked else 'no fewer are enough' if count == few else 'the fewest found'}"
+        why = (
+            f"as asked for, {few} at least" if asked else "no fewer are enough" if count == few else "the fewest found"
+        )
+        least = f"{count}, {why}"
         place = f" at {place_text(task.field.origin_deg)}" if task.field.origin_deg else ""
         lines = [
             f"field      {name}{self.ground.area_m2 / 1e4:.2f} ha{place}, {100 * document['coverage']:.2f} % covered",

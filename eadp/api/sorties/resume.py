@@ -32,6 +32,9 @@ from eadp.models.plan.trace import nominal_legs
 MIN_PART_SHARE = 0.01
 """Share of the field below which a part is not flown again: it needs a take-off and a landing of its own."""
 
+SWATH_SHARE = 0.01
+"""Share by which the swath may be another than that of a flight resumed: less than cameras' data are known to."""
+
 SLIVER_SHARE = 0.3
 """Width of ground between flown lines that is not flown again, over the swath: errors of flights leave so much."""
 
@@ -140,21 +143,29 @@ def _read(source: str, planner: SortiePlanner, warn: Warn) -> list[FlownSurvey]:
         form = None
         if path.is_file() and os.access(path, os.R_OK):
             with path.open("rb") as stream:
-                form = form_of(stream.read(16))
+                head = stream.read(16)
+                form = form_of(head)
+            if form is None and head.strip() and not head.lstrip().startswith(b"{"):
+                expected = "a folder of eadp simulate -o DIR, telemetry as JSON lines, or a log"
+                raise InputError.at(source, 1, 1, "is no flight", expected)
         return [_of_telemetry(source, planner, warn) if form is None else _of_log(source, form, planner)]
     folders = [path] if (path / SUMMARY).exists() else sorted(each.parent for each in path.glob(f"*/{SUMMARY}"))
     if not folders:
         raise InputError.at(source, 1, 1, "has no flight", "a folder of eadp simulate -o DIR, telemetry, or a log")
-    return [_of_folder(folder, planner) for folder in folders]
+    return [_of_folder(folder, planner, warn) for folder in folders]
 
 
-def _of_folder(folder: Path, planner: SortiePlanner) -> FlownSurvey:
+def _of_folder(folder: Path, planner: SortiePlanner, warn: Warn) -> FlownSurvey:
     """The flight of a result folder. Raises InputError where its plan has another origin than the field."""
     flight, field = read_folder(folder), planner.task.field
     plan = flight.world.plan
     origin, own = plan.site.origin_deg, field.origin_deg
     if (origin is None) != (own is None) or (origin and own and math.dist(origin, own) > 1e-6):
         raise InputError.at(str(folder), 1, 1, "is of another field", f"a flight over {field.name or 'this field'}")
+    before_m, now_m = plan.site.swath_m, planner.task.motion.swath_m
+    if before_m is not None and abs(now_m - before_m) > SWATH_SHARE * before_m:
+        message = f"lines of {before_m:.3g} m were flown, and the rest is planned with {now_m:.3g} m: is the camera, "
+        warn([Fault(str(folder), 1, 1, message + "its altitude or overlap another?", severity="warning")])
     columns = flown_of_plan(flight.columns, flight.summary["turned_back_s"])
     points = np.array([columns["x_m"], columns["y_m"]]).T
     heading_rad = _longest_line_rad(plan, flight.world.parameters)

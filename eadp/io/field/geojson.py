@@ -86,7 +86,8 @@ def _candidates(source: SourceText) -> list[FeatureCandidate]:
         _collect(source, root, start, [], candidates, Counter(), lines=True)
     if not candidates:
         only = ", ".join(printable(kind, 40) for kind in islice(seen, NAMES_SHOWN))
-        raise source.error(start, f"no polygon, only {only}" if only else "no polygon", _A_POLYGON)
+        expected = f"{_A_POLYGON}: of a pole, one round it" if set(seen) == {"Point"} else _A_POLYGON
+        raise source.error(start, f"no polygon, only {only}" if only else "no polygon", expected)
     return candidates
 
 
