@@ -9,6 +9,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
+from eadp.api.fences import fenced_by
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
 from eadp.api.plan import plan_of
@@ -68,6 +69,12 @@ class ExportOptions:
 
     laps: Annotated[int | None, Flag(metavar="N", low=1, high=10_000)] = None
     """How many times a mission that repeats for ever is flown."""
+
+    avoid: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Polygons that the path stays out of: a fence, GeoJSON, KML or CSV."""
+
+    inside: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Polygons that the path stays inside of, as --avoid."""
 
     start: Annotated[str | None, Flag("--from", metavar="STAGE,LAP")] = None
     """Write the rest, from this stage of this lap on."""
@@ -156,12 +163,16 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     parameters = ""
     if options.scenario is None:
         flown, name = plan_of(plan, options.min_radius_m, options.laps, warn)
+        flown, notes = fenced_by(flown, options.avoid, options.inside)
+        warn(notes)
         made = flown.site.made_for
         airframe: Airframe = FixedWing() if made is None else FixedWing(airspeed_mps=made.airspeed_mps)
         forecast, planned = None, _planned(flown, name, parameters_of(flown, options.overrides))
     else:
         overrides = read_overrides(override_texts(options.overrides, laps=options.laps))
-        inputs = load_flight(plan, scenario=options.scenario, overrides=overrides)
+        inputs = load_flight(
+            plan, scenario=options.scenario, avoid=options.avoid, inside=options.inside, overrides=overrides
+        )
         warn(inputs.warnings)
         flown, name, airframe = inputs.world.plan, inputs.sources["plan"].name, inputs.world.vehicle
         if isinstance(airframe, PaperVehicle) and options.altitude_m is None:

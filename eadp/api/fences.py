@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from eadp.api.given import File
 from eadp.errors import Fault, InputError
+from eadp.io.field.files import read_field_text
 from eadp.io.field.reader import read_airspace
 from eadp.io.text.streams import Text
 from eadp.models.airspace import Airspace
@@ -38,3 +40,8 @@ def fenced(plan: Plan, avoid: Text | None = None, inside: Text | None = None) ->
             raise InputError.at(inside.name, 1, 1, message, "a boundary round the plan")
     airspace = Airspace((*own.obstacles, *given.obstacles), boundary)
     return replace(plan, site=plan.site._replace(airspace=airspace)), notes
+
+
+def fenced_by(plan: Plan, avoid: File | None, inside: File | None) -> tuple[Plan, list[Fault]]:
+    """As `fenced`, of paths; raises InputError as it, and where a file cannot be read."""
+    return fenced(plan, *(None if path is None else read_field_text(str(path)) for path in (avoid, inside)))

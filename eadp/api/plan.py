@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from eadp.api.fences import fenced
+from eadp.api.fences import fenced_by
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.turns import calm_findings, is_tight
 from eadp.errors import Fault, InputError
-from eadp.io.field.files import read_field_text
 from eadp.io.mission.reader import PlanReader, is_mission
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.plan import Finding, Plan
@@ -60,7 +59,7 @@ def check_plan(
     """
     text = read_text(str(file))
     plan, findings = _read(text, min_radius_m or None, laps)
-    plan, notes = fenced(plan, *(None if path is None else read_field_text(str(path)) for path in (avoid, inside)))
+    plan, notes = fenced_by(plan, avoid, inside)
     if not geometry:
         return CheckedPlan(plan, text.name, findings, notes=notes)
     from eadp.validation.check import check_plan as check_geometry

@@ -92,7 +92,8 @@ def test_the_charge_at_the_start_needs_evidence(eadp, flight):
     lines[1] = "0,16.75,0,0"  # at rest, 4.19 V a cell
     flight.write_text("\n".join(lines) + "\n")
     assert "soc: 1.0\n" in eadp("fit", flight, "--battery", "--capacity", "2").out
-    assert f"{doubt}16.75 V at rest, 5 full cells have 21.00 V" in eadp("fit", flight, "--battery", "--cells", "5").err
+    answer = eadp("fit", flight, "--battery", "--cells", "5")
+    assert f"{doubt}16.75 V at rest, 5 full lipo cells have 21.00 V" in answer.err
 
 
 def test_a_voltage_at_rest_says_the_charge_that_may_be_given(eadp, flight):
@@ -100,8 +101,10 @@ def test_a_voltage_at_rest_says_the_charge_that_may_be_given(eadp, flight):
     rest_v = 4 * interpolated(0.6, CURVES_V["lipo"])
     flight.write_text("\n".join([lines[0], f"0,{rest_v},0,0", *lines[2:]]) + "\n")
     answer = eadp("fit", flight, "--battery", "--cells", "4")
-    assert f"the first voltage is {rest_v:.2f} V at rest, 4 full cells have 16.80 V at rest" in answer.err
+    assert f"the first voltage is {rest_v:.2f} V at rest, 4 full lipo cells have 16.80 V at rest" in answer.err
     assert answer.err.endswith("the voltage at rest of lipo cells makes it 0.60\n")
+    answer = eadp("fit", flight, "--battery", "--capacity", "2")
+    assert answer.err.endswith(" or --cells N, by which the voltage at rest tells it\n")
 
 
 def test_a_capacity_at_the_end_of_the_search_is_no_result(eadp, flight):

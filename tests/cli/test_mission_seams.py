@@ -318,6 +318,21 @@ def test_a_mission_flies_beside_a_fence_of_its_own_file(eadp, leg, tmp_path, for
         assert (tmp_path / "flown/inputs" / kind / "fence").read_text() == texts[form]
 
 
+@pytest.mark.parametrize("forecast", [False, True])
+def test_a_mission_is_exported_with_a_fence_of_its_own_file(eadp, leg, tmp_path, forecast):
+    fence, scenario = tmp_path / "fence.txt", tmp_path / "scenario.yaml"
+    fence.write_text(fence_rows((5001, AROUND), (5002, ACROSS)))
+    scenario.write_text("schema: eadp.scenario/1\nbattery: {capacity_ah: 2.0}\n")
+    more = ("--scenario", scenario) if forecast else ()
+    answer = eadp("export", leg, "--to", "qgc", "--inside", fence, "--avoid", fence, *more)
+    found = json.loads(answer.out)["geoFence"]["polygons"]
+    rings = {each["inclusion"]: sorted(map(tuple, each["polygon"])) for each in found}
+    assert len(found) == 2
+    for inclusion, ring in ((True, AROUND), (False, ACROSS)):
+        assert rings[inclusion] == [pytest.approx(corner, abs=1e-6) for corner in sorted(ring)]
+    assert ("enters obstacle 1" in answer.err) == forecast
+
+
 def test_boundaries_of_a_plan_and_beside_it_both_hold(eadp, covered, tmp_path):
     for name, (west, east) in {"half": (-200, 300), "far": (2000, 2300)}.items():
         rows = f"{west},-200\n{east},-200\n{east},600\n{west},600\n"

@@ -48,9 +48,10 @@ class BatteryOptions:
         return volts if len(volts) > 2 else ()
 
     @property
-    def ends_or_curve_v(self) -> Sequence[float]:
-        """As `cell_v`, of its ends where only these are known; of lipo cells where nothing is [V]."""
-        return CURVES_V.get(self.chemistry) or cell_v(self.chemistry) or CURVES_V["lipo"]
+    def ends_or_curve(self) -> tuple[str, Sequence[float]]:
+        """A chemistry, and its voltages as `cell_v` or at its ends alone [V]; lipo where none of its own is known."""
+        volts = CURVES_V.get(self.chemistry) or cell_v(self.chemistry)
+        return (self.chemistry, volts) if volts else ("lipo", CURVES_V["lipo"])
 
     def check(self) -> None:
         """Refuse values that no battery has; raises InputError."""
@@ -189,14 +190,15 @@ def _charge_at_start(
     if used_ah and capacity_ah and NO_CHARGE < used_ah / capacity_ah < 1:
         soc = 1 - used_ah / capacity_ah
         return soc, f"{used_ah:.3g} Ah were used before the log's first reading: its charge is taken as {soc:.3f}"
-    first_v, first_a, curve_v = float(voltage_v[0]), float(current_a[0]), options.ends_or_curve_v
+    first_v, first_a, (chemistry, curve_v) = float(voltage_v[0]), float(current_a[0]), options.ends_or_curve
     resting = abs(first_a) <= RESTING * float(np.max(current_a))
     if resting and is_full_at_rest(first_v, options.cells, curve_v):
         return 1.0, ""
     cells = options.cells or 1
     facts = [
         f"the first voltage is {first_v:.2f} V {'at rest' if resting else f'under {first_a:.3g} A'}",
-        f"{'a full cell has' if cells == 1 else f'{cells} full cells have'} {cells * curve_v[-1]:.2f} V at rest",
+        f"{f'a full {chemistry} cell has' if cells == 1 else f'{cells} full {chemistry} cells have'} "
+        f"{cells * curve_v[-1]:.2f} V at rest",
     ]
     if used_ah is not None:
         of = "" if capacity_ah else " of a capacity that is not known (--capacity AH)"
@@ -205,7 +207,9 @@ def _charge_at_start(
         facts.append(f"the autopilot's parameters state a capacity of {stated['capacity_ah']:g} Ah")
     message = f"nothing shows the charge at the start of the log: {', '.join(facts)}"
     expected = "--soc SHARE, which is 1 for a battery that was full"
-    if resting and options.cells and options.cell_v and curve_v[0] <= first_v / cells <= curve_v[-1]:
+    if resting and options.cells is None:
+        expected += ", or --cells N, by which the voltage at rest tells it"
+    elif resting and options.cell_v and curve_v[0] <= first_v / cells <= curve_v[-1]:
         share = np.interp(first_v / cells, curve_v, np.linspace(0, 1, len(curve_v)))
         expected += f"; the voltage at rest of {options.chemistry} cells makes it {share:.2f}"
     raise InputError.at("--soc", 1, 1, message, expected)
