@@ -147,8 +147,9 @@ def mean_w(path: Path) -> float:
         rows = np.genfromtxt(path, delimiter=",", names=True)
         return float(np.mean((rows["voltage_v"] * rows["current_a"])[rows["current_a"] != -1]))
     rows, log = [], mavutil.mavlink_connection(str(path))
-    while (one := log.recv_match(type="CURR")) is not None:
-        rows.append(one.Volt * one.Curr / 1e4)  # in hundredths, as ArduPilot 3.1 has them
+    with log.filehandle:
+        while (one := log.recv_match(type="CURR")) is not None:
+            rows.append(one.Volt * one.Curr / 1e4)  # in hundredths, as ArduPilot 3.1 has them
     return statistics.fmean(rows)
 
 

@@ -386,10 +386,10 @@ def test_zones_that_mirrored_lie_near_the_field():
         with pytest.raises(
             InputError, match="near the field or plan if longitude and latitude are swapped; expected the o"
         ):
-            read_zones(Text("z", swapped), field, inside=inside)
+            read_zones(Text("z", swapped), field.origin_deg, inside=inside)
     # or it is the field's file that is
     with pytest.raises(InputError, match="in which they may be swapped instead"):
-        read_zones(Text("z", polygon(around(BOX))), read(swapped)[0])
+        read_zones(Text("z", polygon(around(BOX))), read(swapped)[0].origin_deg)
 
 
 @pytest.mark.parametrize(
