@@ -20,8 +20,9 @@ SETTLED_S, HELD_S = 60.0, 5.0
 upper one is flown first, and the lower one for the rest: it rises to the upper one if that can be flown for as long,
 and stays while it can be for more than the second time [s]."""
 
-LAST_S = 35.0
-"""Time before the end in which nothing changes but after a loss of charge [s]."""
+EARLY_S, LAST_S = 30.0, 35.0
+"""Time from the start in which computations do not fall for the margin alone: the deviation of the forecast halves in
+it; and time before the end in which nothing changes. A loss of charge is answered in both [s]."""
 
 
 class Policy:
@@ -50,7 +51,7 @@ class Policy:
         self._fell_s = time_s
 
     def computations(
-        self, time_s: float, now_w: float, evaluation: Evaluation, solution: Solution
+        self, time_s: float, now_w: float, evaluation: Evaluation, solution: Solution, *, lost: bool
     ) -> tuple[Vector, float]:
         """The computations to fly with now, and for how long [s]: those sustained to the end; asking changes nothing.
 
@@ -63,6 +64,8 @@ class Policy:
         evaluation : Evaluation
             Of one place.
         solution : Solution
+        lost : bool
+            Whether charge was lost in this flight.
         """
         kind = int(evaluation.kinds[0])
         envelope = evaluation.evaluator.envelopes[kind]
@@ -85,6 +88,11 @@ class Policy:
                 chosen = held
             # the lower one lasts to the end
             lasts_s = lasts_s if chosen > below else math.inf
+        # early in the flight none falls for the margin alone, while the mean keeps the reserve
+        if chosen < held and time_s < EARLY_S and not lost:
+            expected_soc = evaluation.final_charge(0, solution.filling).mean
+            if expected_soc >= evaluation.evaluator.objective.reserve_soc:
+                chosen, lasts_s = held, EARLY_S - time_s
         return tuple(envelope.configurations[chosen].tolist()), lasts_s
 
 
