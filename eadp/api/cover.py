@@ -682,8 +682,7 @@ def coverage_task(
         pack_wh = (1 - reserve) * battery.capacity_ah * battery.voltage_at((1 + reserve) / 2)
     wind_mps = setting.keys.wind.steady_mps
     if (vehicle is not None or "vehicle" in setting.chosen) and not isinstance(flown.airframe, PaperVehicle):
-        speed_mps = options.airspeed_mps or flown.airframe.airspeed_mps
-        faults = replace(flown.airframe, airspeed_mps=speed_mps).faults()
+        faults = replace(flown.airframe, airspeed_mps=options.airspeed_mps or flown.airframe.airspeed_mps).faults()
         where = "--airspeed" if options.airspeed_mps else str(vehicle or scenario)
         refuse([Fault(where, 1, 1, fault, "an aeroplane that can fly so") for fault in faults])
     task = CoverageTask.read(field, options, flown.name, flown.airframe, wind_mps, profile, pack_wh)

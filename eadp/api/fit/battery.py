@@ -44,14 +44,17 @@ class BatteryOptions:
     @property
     def cell_v(self) -> Sequence[float]:
         """Open-circuit voltage of a cell at even steps of the charge [V]; empty where only its ends are known."""
-        volts = CURVES_V.get(self.chemistry) or cell_v(self.chemistry) or ()
-        return volts if len(volts) > 2 else ()
+        return self._known_v if len(self._known_v) > 2 else ()
 
     @property
     def ends_or_curve(self) -> tuple[str, Sequence[float]]:
         """A chemistry, and its voltages as `cell_v` or at its ends alone [V]; lipo where none of its own is known."""
-        volts = CURVES_V.get(self.chemistry) or cell_v(self.chemistry)
-        return (self.chemistry, volts) if volts else ("lipo", CURVES_V["lipo"])
+        return (self.chemistry, self._known_v) if self._known_v else ("lipo", CURVES_V["lipo"])
+
+    @property
+    def _known_v(self) -> Sequence[float]:
+        """What is known of the chemistry: a curve, or its ends; empty of one that is not known."""
+        return CURVES_V.get(self.chemistry) or cell_v(self.chemistry) or ()
 
     def check(self) -> None:
         """Refuse values that no battery has; raises InputError."""

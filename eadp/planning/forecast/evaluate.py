@@ -177,6 +177,10 @@ class Evaluation:
         knapsack = self.knapsack
         return knapsack._replace(available=knapsack.available + np.where(knapsack.spare >= 0, learned, 0.0))
 
+    def left_over(self, filling: Filling) -> float:
+        """State of charge that computations which can fall leave over, of one place."""
+        return float(self.adaptive.available[0] - filling.use[0])
+
     def filled(self) -> Filling:
         """The optimal computations at each place, in closed form."""
         return fill_greedy(self.knapsack)

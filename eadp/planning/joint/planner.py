@@ -369,8 +369,10 @@ class JointPlanner(Planner):
         b, limits, std = self._mission.battery, plan.evaluation.limits, float(plan.evaluation.std[0])
         if limits.beyond_w[0] > 0:
             return b.limit_at(b.voltage_at(known.soc))
-        left = float(plan.evaluation.adaptive.available[0] - plan.solution.filling.use[0])
-        if left <= BETTER * std and limits.min_soc[0] > self._settings.reserve_soc + ROUNDING:
+        if (
+            plan.evaluation.left_over(plan.solution.filling) <= BETTER * std
+            and limits.min_soc[0] > self._settings.reserve_soc + ROUNDING
+        ):
             by_letter = limits.letter_soc[0] >= limits.delivered_soc[0]
             return LETTER if by_letter else b.limit_at(b.voltage_at(float(limits.delivered_soc[0])))
         if not plan.solution.feasible:

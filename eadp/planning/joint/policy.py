@@ -118,6 +118,6 @@ def sustained_w(evaluation: Evaluation, kind: int, solution: Solution) -> float:
     mix = np.divide(taken, whole, out=np.zeros(steps), where=whole > 0)
     power_w = float(envelope.powers_w[0] + mix @ np.diff(envelope.powers_w))
     # charge left over, and the charge that a watt more takes to the end
-    over = float(evaluation.adaptive.available[0] - solution.filling.use[0])
+    over = evaluation.left_over(solution.filling)
     per_w = float(evaluation.totals.soc_per_j[0] * evaluation.totals.seconds[0])
     return power_w + max(over, 0.0) / max(per_w, 1e-12)
