@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from eadp.core.arrays import FloatArray
+from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Piece, Pose, flight_time_s
 
@@ -57,6 +58,11 @@ class MotionLimits:
     def ground_limit_mps(self) -> float:
         """Ground speed with the wind behind [m/s]."""
         return self.airspeed_mps + math.hypot(*self.wind_mps)
+
+    def max_line_speed_mps(self, heading_rad: float) -> float:
+        """Ground speed of the faster ones of lines that are flown both ways [m/s]."""
+        ways = np.array([heading_rad, heading_rad + math.pi])
+        return float(ground_speeds_mps(np.cos(ways), np.sin(ways), self.airspeed_mps, self.wind_mps)[0].max())
 
     def time_s(self, pieces: Sequence[Piece]) -> float:
         """Time of flight along pieces [s].

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from eadp.api.cover import CoverageOptions, coverage_task
+from eadp.api.cover import CoverageOptions, coverage_task, picture_warnings
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import Files
 from eadp.api.sorties.plan import SortieOptions, SortiePlan, SortiePlanner
@@ -55,7 +55,7 @@ def cover_in_sorties(
     profile_path = None if profile is None else str(profile)
     scenario_path = None if scenario is None else str(scenario)
     planner = SortiePlanner(task, sorties or SortieOptions(), Files(), scenario_path, profile_path, overrides)
-    if not resume:
-        return planner.plan()
-    planner, ground = resumed(planner, [*map(str, resume)], warn)
-    return planner.plan(ground)
+    planner, ground = resumed(planner, [*map(str, resume)], warn) if resume else (planner, None)
+    plan = planner.plan(ground)
+    warn(picture_warnings(plan.pictures))
+    return plan

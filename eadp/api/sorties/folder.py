@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import csv
 import io
+import itertools
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -75,7 +76,7 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
         figure = (target / f"{FIGURE}.svg").read_bytes()
         page = {
             "title": f"{len(rows)} sorties",
-            "note": "; ".join(line.partition(" ")[2].strip() for line in plan.lines()[:3]),
+            "note": "; ".join(line.partition(" ")[2].strip() for line in itertools.takewhile(bool, plan.lines())),
             "figure": base64.b64encode(figure).decode(),
             "table": plan.table(),
         }

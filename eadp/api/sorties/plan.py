@@ -39,6 +39,7 @@ from eadp.errors import Infeasible, InputError
 from eadp.io.scenario.scenario_file import value_text
 from eadp.io.text.options import Flag, check_range
 from eadp.io.text.tables import aligned
+from eadp.models.camera import Pictures, pictures_document
 from eadp.models.field import Field
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
@@ -464,6 +465,14 @@ class SortiePlan:
         return covered_by_lines(CoveragePath(tuple(legs)), self.ground, self.planner.task.motion.swath_m)
 
     @property
+    def pictures(self) -> Pictures | None:
+        """The camera's pictures of all sorties together; None without a camera."""
+        shots = [shot for each in self.sorties if (shot := each.plan.pictures) is not None]
+        if not shots or shots[0].number is None:
+            return shots[0] if shots else None
+        return shots[0]._replace(number=sum(shot.number or 0 for shot in shots))
+
+    @property
     def time_s(self) -> float:
         """From the first take-off to the last landing [s]."""
         return max(start + each.time_s for start, each in zip(self.starts_s, self.sorties, strict=True))
@@ -485,6 +494,7 @@ class SortiePlan:
                     "lines": path.lines,
                     "spacing_m": None if spacing is None else each.plan.plan.parameters[0].shown(spacing),
                     "length_m": path.length_m,
+                    "pictures": None if each.plan.pictures is None else each.plan.pictures.number,
                     "time_s": end.remaining_s,
                     "time_std_s": end.remaining_std_s,
                     **{key: getattr(end, key) for key in keys},
@@ -518,6 +528,7 @@ class SortiePlan:
             "separation_m": options.separation_m,
             "nearest_m": None if near is None else near.distance_m,
             "overlap_m": options.overlap_m,
+            **pictures_document(self.pictures),
             "options": {key: value for key, value in asdict(task.options).items() if value is not None},
             "sorties": rows,
             "parts": task.field.parts,
@@ -567,6 +578,7 @@ class SortiePlan:
         if near is not None:
             later = f"with {document['stagger_s']:g} s from one take-off to the next"
             lines.append(f"apart      {near.distance_m:.0f} m or more, {later}")
+        lines += [] if self.pictures is None else self.pictures.lines()
         return [*lines, task.motion.wind_text, "", *aligned(table)]
 
     def scenario_text(self, profile: str | None) -> str:
