@@ -173,12 +173,17 @@ class CameraOptions:
         """
         camera = Camera() if self.camera is None else read_camera(self.camera)
         camera = camera.with_values(**{key: getattr(self, key) for key in _CAMERA_KEYS})
-        found = replace(self, camera=camera.name or None, **{key: getattr(camera, key) for key in _CAMERA_KEYS})
+        name = printable(" ".join(camera.name.split()), NAME_LIMIT)
+        found = replace(self, camera=name or None, **{key: getattr(camera, key) for key in _CAMERA_KEYS})
         if self.gsd_cm is None:
             return found
         if self.altitude_m is not None:
             raise _fault("--gsd", f"{self.gsd_cm:g}", "the size of a pixel beside the altitude", "one of the two")
-        check_range("--gsd", self.gsd_cm, MIN_GSD_CM, MAX_GSD_CM, closed=True)
+        if not MIN_GSD_CM <= self.gsd_cm <= MAX_GSD_CM:
+            expected = (
+                f"centimetres from {MIN_GSD_CM:g} to {MAX_GSD_CM:g}: {self.gsd_cm:g} m are {100 * self.gsd_cm:g} cm"
+            )
+            raise _fault("--gsd", f"{self.gsd_cm:g}", f"{self.gsd_cm:g} cm a pixel", expected)
         width_mm, focal_mm, columns = found._needed("sensor_width_mm", "focal_length_mm", "image_width_px")
         # h = g n / (s / f): the altitude at which n pixels of the size g are as wide as the picture
         return replace(found, altitude_m=self.gsd_cm / 100 * columns / ground_m(width_mm, focal_mm, 1.0))
@@ -494,7 +499,7 @@ class CoverageTask:
             computations=computations,
             min_radius_m=motion.min_radius_m,
             site=_site(field, covered, motion, self.home_m, self.vehicle)._replace(camera=_survey_camera(pictures)),
-            altitude_m=options.altitude_m,
+            altitude_m=None if options.altitude_m is None else round(options.altitude_m, 3),
             commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
         )
         known = self.profile is not None or self.pack_wh is not None
@@ -520,9 +525,8 @@ def _survey_camera(pictures: Pictures | None) -> SurveyCamera | None:
     """What the plan carries of its pictures."""
     if pictures is None:
         return None
-    name = printable(" ".join(pictures.camera.split()), NAME_LIMIT)
     gsd_cm = None if pictures.gsd_cm is None else round(pictures.gsd_cm, 6)
-    return SurveyCamera(name, round(pictures.altitude_m, 3), gsd_cm)
+    return SurveyCamera(pictures.camera, round(pictures.altitude_m, 3), gsd_cm)
 
 
 def _millimetres(points: Sequence[Point]) -> tuple[Point, ...]:

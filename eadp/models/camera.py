@@ -12,8 +12,8 @@ MIN_LENGTH_MM, MAX_LENGTH_MM = 0.5, 1e3
 """Sensors have from 2 mm (of thermal cameras) to 100 mm, lenses from 1.5 mm to 800 mm: metres are refused [mm]."""
 MAX_PIXELS = 100_000
 MAX_PIXEL_RATIO = 1.25
-"""Width of a pixel over its height, or the inverse: 1.33 of pictures cropped from 4:3 to 16:9, 1.56 where width and height
-of 5:4 are swapped."""
+"""Width of a pixel over its height, or the inverse: of pictures cropped from 4:3 to 16:9 it is 1.33, where width and
+height of 5:4 are swapped 1.56."""
 
 Length = Annotated[float, Ge(MIN_LENGTH_MM), Le(MAX_LENGTH_MM)]
 Pixels = Annotated[int, Ge(1), Le(MAX_PIXELS)]

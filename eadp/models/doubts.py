@@ -121,7 +121,8 @@ def shot_doubts(shots: Shots) -> Iterator[Doubt]:
         if gsd_cm is None:
             yield Doubt("--altitude", message, f"metres: {altitude_m:g} ft are {altitude_m * FOOT_M:.4g} m")
         else:
-            expected = f"at most {gsd_cm * LEGAL_M / altitude_m:.2g} cm a pixel, or another lens"
+            lower_cm = math.floor(100 * gsd_cm * LEGAL_M / altitude_m) / 100
+            expected = f"at most {lower_cm:g} cm a pixel, or another lens"
             yield Doubt("--gsd", f"{gsd_cm:g} cm a pixel are seen from {message}", expected)
     if width_mm is not None and width_mm < SMALL_SENSOR_MM:
         expected = "as 6.2 mm of 1/2.3 inch, 13.2 of 1 inch, 23.5 of APS-C, 35.9 of full frame"
