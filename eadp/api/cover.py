@@ -193,7 +193,7 @@ class CameraOptions:
         for key in keys:
             option, value = option_name(key), getattr(self, key)
             if value is None:
-                expected = "--gsd or --altitude" if key == "altitude_m" else "--camera, or this option"
+                expected = "--gsd or --altitude" if key == "altitude_m" else "a --camera that has it, or this option"
                 raise _fault(option, "", f"the camera needs {option} too", expected)
             check_range(option, value, *_CAMERA_LIMITS[key], closed=key == "image_width_px")
         return [getattr(self, key) for key in keys]

@@ -180,9 +180,7 @@ def test_the_camera_goes_with_the_sorties(eadp, tmp_path):
     assert document["camera"] == pytest.approx(shot)
     assert document["pictures"] == sum(row["pictures"] for row in document["sorties"])
     assert document["pictures"] == pytest.approx(600 * 400 / (30 * 10), rel=0.15)
-    said = (
-        "camera     mine from 50 m: pictures of 60.0 m across; 1 cm a pixel; one each 10.0 m, forward overlap 75 %; "
-    )
+    said = "camera     mine from 50 m: pictures of 60.0 m across; 1 cm a pixel; one each 10.0 m, forward overlap 75 %; "
     assert f"{said}{document['pictures']} in all\n" in text
     assert said[11:].strip() in (out / "index.html").read_text()
     camera.unlink()  # the folder has its values

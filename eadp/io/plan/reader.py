@@ -69,7 +69,7 @@ more than once."""
 _CORNER = re.compile(r"{0},{0}\Z".format(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"))
 _HEIGHT = re.compile(r"(?:^|\s)height\s+(\S+)\Z")
 _MADE_FOR = re.compile(r"(.*?)\s*airspeed\s+(\S+)\s+wind\s+(\S+?),?\s+(\S+)\Z")
-_CAMERA = re.compile(r"(.*?)\s*\baltitude\s+(\S+)(?:\s+gsd\s+(\S+))?\Z")
+_CAMERA = re.compile(r"(.*?) ?\baltitude (\S+)(?: gsd (\S+))?\Z")
 _STAGE_HEADERS = ("altitude", "airspeed", "command")
 """Headers of the stages after them, which may stand more than once."""
 LIMIT_CHARACTERS, LIMIT_STAGES = 10_000_000, 10_000
@@ -890,7 +890,7 @@ def _made_for(text: str) -> MadeFor:
 
 
 def _camera(text: str) -> SurveyCamera:
-    found = _CAMERA.match(text.strip())
+    found = _CAMERA.match(" ".join(text.split()))  # of runs of blanks each would be tried from everywhere
     try:
         altitude_m, gsd_cm = (None if word is None else float(word) for word in found.groups()[1:]) if found else (0, 0)
     except ValueError:
