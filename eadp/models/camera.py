@@ -59,10 +59,7 @@ class Camera:
         width_mm, height_mm, columns, rows = map(float, sides)  # type: ignore[arg-type]
         wide_um, high_um = 1000 * width_mm / columns, 1000 * height_mm / rows
         if max(wide_um, high_um) > MAX_PIXEL_RATIO * min(wide_um, high_um):
-            yield (
-                "image_width_px",
-                f"pixels of {wide_um:.3g} by {high_um:.3g} µm, by the sensor's size and the picture's",
-            )
+            yield "image_width_px", f"pixels of {wide_um:.3g} by {high_um:.3g} µm, by the sizes of sensor and picture"
 
 
 def ground_m(size_mm: float, focal_length_mm: float, altitude_m: float) -> float:
@@ -118,7 +115,7 @@ class Pictures(NamedTuple):
 
     @property
     def max_forward_overlap(self) -> float | None:
-        """Largest forward overlap that the camera is quick enough for on the fastest lines, 0 or less if for none."""
+        """Largest forward overlap for which the camera is quick enough on the fastest lines; below 0, it leaves gaps."""
         if self.interval_s is None or self.distance_m is None or self.forward_overlap is None:
             return None
         # 1 − v t / L, of pictures that are L = d / (1 − overlap) long
@@ -142,9 +139,9 @@ class Pictures(NamedTuple):
             return []
         # rounded down: what is printed is possible
         line = (
-            f"interval   {self.interval_s:g} s or more: on the fastest lines, at {self.speed_mps:.1f} m/s over ground, "
+            f"interval   {self.interval_s:g} s or more: on the fastest lines, at {self.speed_mps:.1f} m/s over ground"
         )
-        line += f"forward overlap up to {max(100 * most // 1, 0):.0f} %"
+        line += f", forward overlap up to {100 * most // 1:.0f} %"
         if most < self.forward_overlap:
             slow_mps = self.distance_m / self.interval_s
             line += f"; {100 * self.forward_overlap:.0f} % up to {slow_mps * 10 // 1 / 10:.1f} m/s"

@@ -42,7 +42,7 @@ def test_the_overlap_that_the_interval_allows_is_that_of_pictures_taken_so(speed
     quick = speed_mps <= 16.0
     assert (list(interval_doubts(shot)) == []) == quick
     (line,) = shot.lines()[1:]
-    assert f"forward overlap up to {max(math.floor(100 * shared + 1e-9), 0)} %" in line
+    assert f"forward overlap up to {math.floor(100 * shared + 1e-9)} %" in line
     assert line.endswith("; 80 % up to 16.0 m/s") != quick
 
 

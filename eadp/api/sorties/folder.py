@@ -76,7 +76,7 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
         figure = (target / f"{FIGURE}.svg").read_bytes()
         page = {
             "title": f"{len(rows)} sorties",
-            "note": "; ".join(line.partition(" ")[2].strip() for line in itertools.takewhile(bool, plan.lines())),
+            "note": "; ".join(" ".join(line.split()) for line in itertools.takewhile(bool, plan.lines())),
             "figure": base64.b64encode(figure).decode(),
             "table": plan.table(),
         }
