@@ -115,7 +115,7 @@ class Pictures(NamedTuple):
 
     @property
     def max_forward_overlap(self) -> float | None:
-        """Largest forward overlap for which the camera is quick enough on the fastest lines; below 0, it leaves gaps."""
+        """Largest forward overlap for which the camera is quick enough on the fastest lines; below 0 with gaps."""
         if self.interval_s is None or self.distance_m is None or self.forward_overlap is None:
             return None
         # 1 − v t / L, of pictures that are L = d / (1 − overlap) long
@@ -138,10 +138,8 @@ class Pictures(NamedTuple):
         if most is None or self.distance_m is None or self.forward_overlap is None or self.interval_s is None:
             return []
         # rounded down: what is printed is possible
-        line = (
-            f"interval   {self.interval_s:g} s or more: on the fastest lines, at {self.speed_mps:.1f} m/s over ground"
-        )
-        line += f", forward overlap up to {100 * most // 1:.0f} %"
+        line = f"interval   {self.interval_s:g} s or more: on the fastest lines, at {self.speed_mps:.1f} m/s over "
+        line += f"ground, forward overlap up to {100 * most // 1:.0f} %"
         if most < self.forward_overlap:
             slow_mps = self.distance_m / self.interval_s
             line += f"; {100 * self.forward_overlap:.0f} % up to {slow_mps * 10 // 1 / 10:.1f} m/s"
