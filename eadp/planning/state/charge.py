@@ -219,8 +219,8 @@ class ChargeFilter:
         )
         self._now = charge  # after the drain since the last correction
 
-    def ingest(self, charges: Column, powers_w: Column, steps_s: Column, *, measured: bool = True) -> bool:
-        """Take readings in order; return whether charge was lost.
+    def ingest(self, charges: Column, powers_w: Column, steps_s: Column, *, measured: bool = True) -> None:
+        """Take readings in order.
 
         Parameters
         ----------
@@ -234,11 +234,9 @@ class ChargeFilter:
         measured : bool
             Whether readings of the power show the drain between them; in a take-off it changes faster.
         """
-        losses = self._state.belief.losses
         charges, powers_w, steps_s = columns(charges, powers_w, steps_s)
         self._state = jitted(_ingested)(self._state, self._model, charges, powers_w, steps_s, measured)
         self._now = after_drain(self._state.charge, self._state.drain.since)
-        return self._state.belief.losses > losses
 
     @property
     def soc(self) -> float:
@@ -254,6 +252,11 @@ class ChargeFilter:
     def power_w(self) -> float:
         """The last power known [W]."""
         return self._state.drain.power_w
+
+    @property
+    def losses(self) -> int:
+        """Sudden losses so far."""
+        return self._state.belief.losses
 
     @property
     def believed(self) -> bool:
