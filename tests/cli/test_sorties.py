@@ -6,6 +6,7 @@ import contextlib
 import csv
 import itertools
 import json
+import math
 import re
 import shutil
 from dataclasses import replace
@@ -21,6 +22,7 @@ from eadp.api.cover import CoverageOptions
 from eadp.api.sorties.folder import read_sorties
 from eadp.api.sorties.job import _Job
 from eadp.api.sorties.plan import SortieOptions
+from eadp.api.sorties.resume import _heading_of_lines_rad
 from eadp.cli.main import main
 from eadp.io.flight.coverage import planned_lines
 
@@ -371,6 +373,17 @@ def test_a_pack_that_cannot_lift_off(eadp, tmp_path):
     weak = tmp_path / "weak.yaml"
     weak.write_text(json.dumps(SCENARIO | {"battery": {"capacity_ah": 1.0, "resistance_ohm": 5.0}}))
     assert refused(eadp(*COVER, "--scenario", weak, "--sorties", "auto"), "level flight: 80.5 W exceeds the")
+
+
+def test_the_heading_of_the_lines_is_not_that_of_a_way_from_afar(tmp_path):
+    field = tmp_path / "field.csv"
+    field.write_text("x_m,y_m\n0,0\n300,0\n300,200\n0,200\n")
+    options = CoverageOptions(
+        metres=True, min_radius_m=30, swath_m=40, heading_deg=90, pattern="dubins", start=(-3000, 2500)
+    )
+    plan = library.cover(field, options, warn=lambda _: None).plan
+    assert max(math.dist(*line) for line in planned_lines(plan, ())) > 3000
+    assert math.sin(_heading_of_lines_rad(plan, ())) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_resume_refuses_what_is_not_of_this_field(eadp, scenario, flown, tmp_path):
