@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.profile import profile_of_scenario, read_profile
+from eadp.api.terrain import FLAT_M, Heights, TerrainOptions, TerrainTask
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import place_text, to_local_m
@@ -213,8 +214,8 @@ class CameraOptions:
 
 
 @dataclass(frozen=True)
-class CoverageOptions(CameraOptions, FieldOptions, PathOptions):
-    """Options of a coverage: in order those of the path, the field and the camera.
+class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, PathOptions):
+    """Options of a coverage: in order those of the path, the field, the camera and the ground.
 
     Faults name them as the command `eadp cover` does.
     """
@@ -309,6 +310,7 @@ class CoveragePlan:
     repairs: Sequence[str]
     pictures: Pictures | None = None
     pack_wh: float | None = None
+    heights: Heights | None = None
 
     @property
     def document(self) -> dict[str, Any]:
@@ -321,7 +323,14 @@ class CoveragePlan:
             "gsd_cm": None if shot is None else shot.gsd_cm,
             "batteries": self._batteries,
             "camera": None if shot is None else {"width_m": shot.width_m, "distance_m": shot.distance_m},
+            "terrain": None if self.heights is None else self.heights.document(*self._on_ground),
         }
+
+    @property
+    def _on_ground(self) -> tuple[float, float | None, float | None]:
+        """Width of a picture or of a line's ground [m], distance of the lines [m], and size of a pixel [cm]."""
+        shot, apart_m = self.pictures, self.report.least.spacing_m
+        return (self.report.motion.swath_m, apart_m, None) if shot is None else (shot.width_m, apart_m, shot.gsd_cm)
 
     @property
     def _side_overlaps(self) -> list[float | None]:
@@ -329,8 +338,7 @@ class CoveragePlan:
         return [self._overlap(end.spacing_m) for end in (self.report.full, self.report.least)]
 
     def _overlap(self, apart_m: float | None) -> float | None:
-        width_m = self.report.motion.swath_m if self.pictures is None else self.pictures.width_m
-        return None if apart_m is None else 1 - apart_m / width_m
+        return None if apart_m is None else 1 - apart_m / self._on_ground[0]
 
     @property
     def _batteries(self) -> list[float] | None:
@@ -342,7 +350,8 @@ class CoveragePlan:
     def lines(self) -> list[str]:
         """A summary for people, line by line."""
         camera = [] if self.pictures is None else [self.pictures.text()]
-        return [*self.report.text(), *camera, *self._overlap_text(), *self._batteries_text()]
+        ground = [] if self.heights is None else self.heights.text(*self._on_ground)
+        return [*self.report.text(), *camera, *self._overlap_text(), *ground, *self._batteries_text()]
 
     def _overlap_text(self) -> list[str]:
         """The overlap of neighbouring lines, and where it is always less."""
@@ -381,6 +390,7 @@ class CoverageTask:
         Its computations run over the field; with it, or with a pack, the report has the energy.
     pack_wh : float or None
         What a full pack holds above the reserve [Wh].
+    terrain : TerrainTask or None
     """
 
     file: str
@@ -392,6 +402,7 @@ class CoverageTask:
     airframe: Airframe
     profile: AnyProfile | None = None
     pack_wh: float | None = None
+    terrain: TerrainTask | None = None
 
     @classmethod
     def read(
@@ -403,6 +414,8 @@ class CoverageTask:
         wind_mps: Point,
         profile: AnyProfile | None = None,
         pack_wh: float | None = None,
+        *,
+        from_ground: bool = False,
     ) -> CoverageTask:
         """Read a field's file, `-` for standard input; `wind_mps` (east, north) holds unless the options have one.
 
@@ -420,7 +433,16 @@ class CoverageTask:
         text = read_field_text(path)
         field, repairs = read_field(text, metres=options.metres, feature=options.feature)
         field, notes = _limited(field, options)
-        return cls(text.name, field, [*repairs, *notes], options, motion, vehicle, airframe, profile, pack_wh)
+        ends = [_point(name, given, field) for name, given in (("--start", options.start), ("--home", options.home))]
+        heights, speed_mps = (options.altitude_m, options.clearance_m), motion.airspeed_mps
+        terrain = TerrainTask.read(options, *heights, field, ends, airframe, speed_mps, from_ground)
+        return cls(text.name, field, [*repairs, *notes], options, motion, vehicle, airframe, profile, pack_wh, terrain)
+
+    @property
+    def extent_m(self) -> float:
+        """The greater extent of the field, to the east or to the north [m]."""
+        x, y = zip(*(vertex for part in self.field.parts for vertex in part[0]), strict=True)
+        return float(max(max(x) - min(x), max(y) - min(y)))
 
     @cached_property
     def home_m(self) -> Point | None:
@@ -468,7 +490,8 @@ class CoverageTask:
         heading = options.heading_rad
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
         ends = start, self.home_m
-        return CoverageRequest(self.field, self.motion, options.pattern, heading, *ends, apart, airspace=self.airspace)
+        pattern = options.pattern if self.terrain is None else self.terrain.pattern(options.pattern, self.field)
+        return CoverageRequest(self.field, self.motion, pattern, heading, *ends, apart, airspace=self.airspace)
 
     def planned(self, solution: CoverageSolution, field: Field | None = None) -> CoveragePlan:
         """The plan of a path over the field, or over a part of it.
@@ -483,13 +506,14 @@ class CoverageTask:
         parts = [tuple(map(_millimetres, part)) for part in field.parts]
         name = printable(" ".join(field.name.split()), NAME_LIMIT)
         covered = Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:]))
+        flown, heights, altitude_m, sited = self._over_ground(solution, field)
         plan = build_plan(
-            solution,
+            flown,
             name=self.file,
             computations=computations,
             min_radius_m=motion.min_radius_m,
-            site=_site(field, covered, motion, self.home_m, self.vehicle),
-            altitude_m=options.altitude_m,
+            site=_site(sited, covered, motion, self.home_m, self.vehicle),
+            altitude_m=altitude_m,
             commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
         )
         known = self.profile is not None or self.pack_wh is not None
@@ -499,7 +523,24 @@ class CoverageTask:
         sensed_m = sum(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing)
         pictures = options.pictures(sensed_m)
         notes = [*self.repairs, *self.flown_over]
-        return CoveragePlan(plan, comments + plan_text(plan), report, notes, pictures, self.pack_wh)
+        return CoveragePlan(plan, comments + plan_text(plan), report, notes, pictures, self.pack_wh, heights)
+
+    def _over_ground(
+        self, solution: CoverageSolution, field: Field
+    ) -> tuple[CoverageSolution, Heights | None, float | None, Field]:
+        """A path with its altitudes over the terrain, the altitude where it has none, and obstacles on their ground."""
+        task, motion = self.terrain, self.motion
+        if task is None:
+            return solution, None, self.options.altitude_m, field
+        if self.options.turns_off and not solution.blocks:
+            parts = tuple(part for leg in solution.path(0.0).legs for part in leg.split())
+            solution = replace(solution, sections=parts)
+        start_m = solution.path(0.0).legs[0].start[:2]
+        ground = task.ground(field, start_m, self.home_m)
+        flown, profile = task.flown(solution, ground, motion, self.request.order_spacing_m or motion.swath_m)
+        heights = Heights(profile, ground, self.home_m or start_m, task, motion.ground_limit_mps)
+        sited = replace(field, airspace=ground.airspace(field.airspace))
+        return flown, heights, float(profile.flown_m[-1]), sited
 
 
 def _site(field: Field, covered: Field, motion: MotionLimits, home: Point | None, vehicle: str) -> Site:
@@ -685,7 +726,12 @@ def coverage_task(
         faults = replace(flown.airframe, airspeed_mps=options.airspeed_mps or flown.airframe.airspeed_mps).faults()
         where = "--airspeed" if options.airspeed_mps else str(vehicle or scenario)
         refuse([Fault(where, 1, 1, fault, "an aeroplane that can fly so") for fault in faults])
-    task = CoverageTask.read(field, options, flown.name, flown.airframe, wind_mps, profile, pack_wh)
+    task = CoverageTask.read(
+        field, options, flown.name, flown.airframe, wind_mps, profile, pack_wh, from_ground=cruises
+    )
+    if task.terrain is None and task.extent_m > FLAT_M:
+        message = f"the ground is taken as flat over {task.extent_m / 1000:.1f} km; --terrain has its heights"
+        warn([Fault(task.file, 1, 1, message, severity="note")])
     speed_mps = math.hypot(*task.motion.wind_mps)
     if tight := too_tight(flown.airframe, task.motion.airspeed_mps, task.motion.min_radius_m, speed_mps):
         warn([Fault("--min-radius", 1, 1, tight, severity="warning")])

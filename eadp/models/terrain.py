@@ -54,6 +54,10 @@ class Terrain:
             found[left] = bilinear(tile.heights_m, *tile.cells(*places[left].T))
         return found
 
+    def place_deg(self, point_m: FloatArray) -> tuple[float, float]:
+        """Latitude and longitude of a point, shape (2,) [°]."""
+        return to_geodetic_deg(float(point_m[0]), float(point_m[1]), self.origin_deg)
+
     def known_m(self, points_m: FloatArray) -> FloatArray:
         """`heights_m` where all are known.
 
@@ -64,7 +68,7 @@ class Terrain:
         """
         heights_m = self.heights_m(points_m)
         if len(missing := np.flatnonzero(np.isnan(heights_m))):
-            latitude, longitude = to_geodetic_deg(*points_m[missing[0]].tolist(), self.origin_deg)
+            latitude, longitude = self.place_deg(points_m[missing[0]])
             raise Infeasible(f"the terrain has no height at {latitude:.5f},{longitude:.5f}, where the flight leads")
         return heights_m
 

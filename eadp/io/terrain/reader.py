@@ -62,12 +62,12 @@ def read_terrain(files: Sequence[str], points_m: FloatArray, origin_deg: tuple[f
     terrain = Terrain(tuple(tile for tile, _ in read if tile is not None), origin_deg)
     missing = points_m[np.isnan(terrain.heights_m(points_m))]
     if len(missing):
-        places = np.array([to_geodetic_deg(*point, origin_deg) for point in points_m.tolist()])
+        places = np.array([terrain.place_deg(point) for point in points_m])
         field = (*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
         has = "; ".join(
             f"{printable(file)} {_bounds_text(bounds)}" for file, (_, bounds) in zip(files, read, strict=True)
         )
-        latitude, longitude = to_geodetic_deg(*missing[0].tolist(), origin_deg)
+        latitude, longitude = terrain.place_deg(missing[0])
         message = f"no height at {latitude:.5f},{longitude:.5f}: the field is in {_bounds_text(field)}, {has}"
         raise InputError.at(files[0], 1, 1, message, "a terrain without voids that holds the field; several are joined")
     return terrain
@@ -88,7 +88,7 @@ def _read(file: str, wanted: Bounds) -> tuple[Tile | None, Bounds]:
 
 
 def _read_hgt(file: str) -> tuple[Tile, Bounds]:
-    """A degree of SRTM: rows from north, of 16-bit numbers, the largest byte first; its name is its south-west corner."""
+    """A degree of SRTM: rows from north of big-endian 16-bit numbers; its name is its south-west corner."""
     name = re.fullmatch(r"([NS])(\d\d)([EW])(\d\d\d)", Path(file).stem.upper())
     if name is None:
         raise InputError.at(file, 1, 1, "its name is not that of a degree of SRTM", _EXPECTED)
