@@ -172,7 +172,9 @@ class Heights(NamedTuple):
             f"{profile.commanded} altitude{'s' * (profile.commanded > 1)}",
             f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m{elsewhere}",
         ]
-        if profile.high_share:
+        if profile.high_share and profile.commanded == 1:
+            lines[1] += "; laps have one altitude, lines of --pattern dubins follow the ground"
+        elif profile.high_share:
             able = [100 * RATE_SHARE * rate / self.ground_limit_mps for rate in self.task.climbing[:2]]
             latitude, longitude = profile.highest
             lines.append(

@@ -43,7 +43,7 @@ def write_coverage_figure(
     with figure_file(path, max(0.8 + 5.5 * wide * len(ways), 6.0 * below), 6.5 + 2.2 * below) as figure:
         rows = figure.add_gridspec(1 + below, 1, height_ratios=[3, 1][: 1 + below])
         grid = rows[0].subgridspec(1, len(ways))
-        all_axes = np.atleast_1d(grid.subplots(sharex=True, sharey=True, squeeze=True))
+        all_axes = grid.subplots(sharex=True, sharey=True, squeeze=False)[0]
         if profile is not None:
             _draw_profile(figure.add_subplot(rows[1]), profile)
         for axes, (title, way) in zip(all_axes, ways.items(), strict=True):

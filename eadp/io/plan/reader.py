@@ -61,6 +61,7 @@ _HEADERS = (
     "avoid",
     "inside",
     "made-for",
+    "ground",
 )
 _RING_HEADERS, _LIMIT_HEADERS = ("field", "hole"), ("avoid", "inside")
 """Headers of the field's parts, each an outline and the holes in it; of obstacles and of the boundary. They may stand
@@ -459,6 +460,7 @@ class _Reader:
             home_m=self._of("home", _xy),
             airspace=self._header_airspace(),
             made_for=self._of("made-for", _made_for),
+            ground_m=self._of("ground", lambda text: _numbers(text, 1, "metres above the sea, like 120")[0]),
         )
 
     def _header_airspace(self) -> Airspace:

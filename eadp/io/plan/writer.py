@@ -79,6 +79,8 @@ def _mission_lines(site: Site) -> list[str]:
         speed, wind, from_deg = (number_text(value) for value in made[1:])
         name = f"{made.vehicle} " if made.vehicle else ""
         lines.append(f"%: made-for {name}airspeed {speed} wind {wind} {from_deg}")
+    if site.ground_m is not None:
+        lines.append(f"%: ground {number_text(site.ground_m)}")
     return lines
 
 

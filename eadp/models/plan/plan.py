@@ -84,6 +84,8 @@ class Site(NamedTuple):
     airspace : Airspace
         Obstacles and boundary.
     made_for : MadeFor or None
+    ground_m : float or None
+        Height of the ground above the sea where altitudes are 0 [m], of a plan that follows the ground.
     """
 
     origin_deg: tuple[float, float] | None = None
@@ -93,6 +95,7 @@ class Site(NamedTuple):
     home_m: Point | None = None
     airspace: Airspace = EVERYWHERE
     made_for: MadeFor | None = None
+    ground_m: float | None = None
 
 
 @dataclass(frozen=True)
