@@ -390,7 +390,8 @@ class CoverageTask:
         Its computations run over the field; with it, or with a pack, the report has the energy.
     pack_wh : float or None
         What a full pack holds above the reserve [Wh].
-    terrain : TerrainTask or None
+    from_ground : bool
+        Whether a flight starts on the ground.
     """
 
     file: str
@@ -402,7 +403,7 @@ class CoverageTask:
     airframe: Airframe
     profile: AnyProfile | None = None
     pack_wh: float | None = None
-    terrain: TerrainTask | None = None
+    from_ground: bool = False
 
     @classmethod
     def read(
@@ -433,16 +434,23 @@ class CoverageTask:
         text = read_field_text(path)
         field, repairs = read_field(text, metres=options.metres, feature=options.feature)
         field, notes = _limited(field, options)
-        ends = [_point(name, given, field) for name, given in (("--start", options.start), ("--home", options.home))]
-        heights, speed_mps = (options.altitude_m, options.clearance_m), motion.airspeed_mps
-        terrain = TerrainTask.read(options, *heights, field, ends, airframe, speed_mps, from_ground)
-        return cls(text.name, field, [*repairs, *notes], options, motion, vehicle, airframe, profile, pack_wh, terrain)
+        return cls(
+            text.name, field, [*repairs, *notes], options, motion, vehicle, airframe, profile, pack_wh, from_ground
+        )
 
     @property
     def extent_m(self) -> float:
         """The greater extent of the field, to the east or to the north [m]."""
         x, y = zip(*(vertex for part in self.field.parts for vertex in part[0]), strict=True)
         return float(max(max(x) - min(x), max(y) - min(y)))
+
+    @cached_property
+    def terrain(self) -> TerrainTask | None:
+        """The ground to follow, if one is given. Raises InputError of its files and options."""
+        options, speed_mps = self.options, self.motion.airspeed_mps
+        ends = _point("--start", options.start, self.field), self.home_m
+        heights = options.altitude_m, options.clearance_m
+        return TerrainTask.read(options, *heights, self.field, ends, self.airframe, speed_mps, self.from_ground)
 
     @cached_property
     def home_m(self) -> Point | None:

@@ -191,6 +191,11 @@ class Heights(NamedTuple):
         return [*lines, f"way home   above the ground at {self.home_altitude_m} m (home.altitude_m, RTL_ALTITUDE)"]
 
 
+def height_range_m(heights: Sequence[Heights]) -> list[float] | None:
+    """Least, mean and greatest height above ground on the lines of some flights [m]; None without one."""
+    return _range(np.concatenate([each.profile.above_m for each in heights])) if heights else None
+
+
 def _range(values: FloatArray) -> list[float]:
     """Least, mean and greatest."""
     return [float(values.min()), float(values.mean()), float(values.max())]
