@@ -521,7 +521,7 @@ class CoverageTask:
             computations=computations,
             min_radius_m=motion.min_radius_m,
             site=_site(sited, covered, motion, self.home_m, self.vehicle)._replace(
-                ground_m=None if heights is None else round(heights.ground.zero_m, 2)
+                ground_m=None if heights is None else heights.ground.zero_m
             ),
             altitude_m=altitude_m,
             commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),

@@ -107,7 +107,7 @@ class TerrainTask(NamedTuple):
 
     def ground(self, field: Field, start_m: Point, home_m: Point | None) -> Ground:
         """The ground as a flight has it, whose altitude is 0 at home, or at the start."""
-        zero_m = float(self.terrain.known_m(np.array([home_m or start_m]))[0])
+        zero_m = round(float(self.terrain.known_m(np.array([home_m or start_m]))[0]), 2)  # as a plan has it
         return Ground(self.terrain, zero_m, field.airspace)
 
     def flown(

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from common.terrains import from_corner, write_degrees, write_geotiff, write_hgt
 
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import InputError
 from eadp.io.terrain.reader import read_terrain
-from tests.support.terrains import from_corner, write_degrees, write_geotiff, write_hgt
 
 ORIGIN = (55.5, 10.5)
 POINTS = np.random.default_rng(1).uniform(-900, 900, (40, 2))
