@@ -19,7 +19,7 @@ from eadp.errors import InputError
 from eadp.io.terrain.reader import read_terrain
 from eadp.io.text.options import Flag, check_range
 from eadp.models.field import Field
-from eadp.models.terrain import Terrain
+from eadp.models.terrain import ElevationModel
 from eadp.models.vehicle import Airframe, PaperVehicle
 
 TOLERANCE_SHARE = 0.1
@@ -50,7 +50,7 @@ class TerrainTask(NamedTuple):
     `from_ground` is whether the flight starts on the ground.
     """
 
-    terrain: Terrain
+    terrain: ElevationModel
     limits: HeightLimits
     climbing: Climbing
     from_ground: bool

@@ -18,7 +18,7 @@ from eadp.coverage.cover import CoverageSolution
 from eadp.coverage.swaths import CoverageLeg, MotionLimits
 from eadp.errors import Infeasible, Unreachable
 from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace
-from eadp.models.terrain import Terrain
+from eadp.models.terrain import ElevationModel
 
 STEP_M = 10.0
 """Distance of the samples of a path [m]. A floor is that of the neighbours, too: a flight is up to 9 m ahead or behind."""
@@ -41,7 +41,7 @@ class HeightLimits(NamedTuple):
 class Ground(NamedTuple):
     """The ground of a flight: its heights, that of the altitude 0 above the sea [m], and what may stand on it."""
 
-    terrain: Terrain
+    terrain: ElevationModel
     zero_m: float
     given: Airspace = EVERYWHERE
 
@@ -78,7 +78,7 @@ class HeightProfile:
     on_line: BoolArray
     commanded: int
     limits: HeightLimits
-    terrain: Terrain
+    terrain: ElevationModel
 
     @property
     def above_m(self) -> FloatArray:

@@ -29,7 +29,7 @@ class Tile(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Terrain:
+class ElevationModel:
     """The ground of a local frame, from the first of some tiles that knows it."""
 
     tiles: tuple[Tile, ...]

@@ -15,7 +15,7 @@ from eadp.coverage.swaths import MotionLimits
 from eadp.errors import Infeasible
 from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.field import Field
-from eadp.models.terrain import Terrain, Tile
+from eadp.models.terrain import ElevationModel, Tile
 
 LIMITS = HeightLimits(80.0, 8.0, 20.0)
 WING = Climbing(3.0, 1.6, 0.5)
@@ -35,7 +35,7 @@ def ground(height, obstacles=()):
         x, y = np.array([to_local_m(*place, ORIGIN) for place in zip(latitudes, longitudes, strict=True)]).T
         return 200 - y / 10, 200 + x / 10
 
-    return Ground(Terrain((Tile(heights_m, cells),), ORIGIN), ZERO_M, Airspace(tuple(obstacles)))
+    return Ground(ElevationModel((Tile(heights_m, cells),), ORIGIN), ZERO_M, Airspace(tuple(obstacles)))
 
 
 def flown(height, pattern="dubins", heading_rad=0.0, start_m=None, obstacles=(), **given):

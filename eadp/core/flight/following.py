@@ -49,7 +49,7 @@ class Band(NamedTuple):
     may_end: BoolArray
 
 
-def lowest_profile_m(floor_m: FloatArray, up_m: FloatArray, down_m: FloatArray) -> FloatArray:
+def min_profile_m(floor_m: FloatArray, up_m: FloatArray, down_m: FloatArray) -> FloatArray:
     """The lowest profile at or above a floor that climbs and descends no more than it can.
 
     Parameters
@@ -72,7 +72,7 @@ def lowest_profile_m(floor_m: FloatArray, up_m: FloatArray, down_m: FloatArray) 
 def banded(band: Band, climbing: Climbing, room_m: float) -> Band:
     """A band that an aircraft can stay within: floor and ceiling change no faster than it can, `room_m` apart [m]."""
     up_m, down_m = (RATE_SHARE * rate * band.seconds for rate in (climbing.up_mps, climbing.down_mps))
-    floor_m = lowest_profile_m(band.floor_m, up_m, down_m)
+    floor_m = min_profile_m(band.floor_m, up_m, down_m)
     ceiling_m = np.maximum(band.ceiling_m, floor_m + room_m)
     down = np.concatenate([[0.0], np.cumsum(down_m)])
     # a descent to a lower ceiling starts in time: c_i = min over j ≥ i of c_j + (D_j − D_i)

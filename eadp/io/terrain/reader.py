@@ -17,7 +17,7 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import InputError, printable
-from eadp.models.terrain import Terrain, Tile
+from eadp.models.terrain import ElevationModel, Tile
 
 MARGIN_M = 2000.0
 """Ground that is read around what is asked for [m]: turns of fast aircraft are 500 m wide, and ways to lines longer."""
@@ -39,7 +39,7 @@ Bounds = tuple[float, float, float, float]
 _EXPECTED = "a GeoTIFF, or an .hgt of SRTM named as N55E010.hgt"
 
 
-def read_terrain(files: Sequence[str], points_m: FloatArray, origin_deg: tuple[float, float]) -> Terrain:
+def read_terrain(files: Sequence[str], points_m: FloatArray, origin_deg: tuple[float, float]) -> ElevationModel:
     """The ground around points of a local frame, where files overlap of the first that knows it.
 
     Parameters
@@ -59,7 +59,7 @@ def read_terrain(files: Sequence[str], points_m: FloatArray, origin_deg: tuple[f
     corners = [to_geodetic_deg(x, y, origin_deg) for x in (low[0], high[0]) for y in (low[1], high[1])]
     (south, west), (north, east) = np.min(corners, axis=0).tolist(), np.max(corners, axis=0).tolist()
     read = [_read(file, (south, west, north, east)) for file in files]
-    terrain = Terrain(tuple(tile for tile, _ in read if tile is not None), origin_deg)
+    terrain = ElevationModel(tuple(tile for tile, _ in read if tile is not None), origin_deg)
     missing = points_m[np.isnan(terrain.heights_m(points_m))]
     if len(missing):
         places = np.array([terrain.place_deg(point) for point in points_m])

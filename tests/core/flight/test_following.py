@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import linprog
 
-from eadp.core.flight.following import LEVEL_M, RATE_SHARE, Band, Climbing, banded, commanded, lowest_profile_m
+from eadp.core.flight.following import LEVEL_M, RATE_SHARE, Band, Climbing, banded, commanded, min_profile_m
 from eadp.errors import Unreachable
 
 WING = Climbing(3.0, 1.6, 0.5)
@@ -54,7 +54,7 @@ def test_the_lowest_profile_is_that_of_a_linear_program(seed):
     found = linprog(
         np.ones(40), np.vstack([rises, -rises]), np.concatenate([up_m, down_m]), bounds=[(f, None) for f in floor_m]
     )
-    assert lowest_profile_m(floor_m, up_m, down_m) == pytest.approx(found.x, abs=1e-6)
+    assert min_profile_m(floor_m, up_m, down_m) == pytest.approx(found.x, abs=1e-6)
 
 
 @pytest.mark.parametrize(("start", "level"), [(0.0, 40.0), (0.0, 4.0), (30.0, -10.0), (5.0, 4.0)])
