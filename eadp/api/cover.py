@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, Self
 
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.profile import profile_of_scenario, read_profile
+from eadp.api.terrain import FLAT_M, Heights, TerrainOptions, TerrainTask
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import place_text, to_local_m
@@ -261,8 +262,8 @@ class CameraOptions:
 
 
 @dataclass(frozen=True)
-class CoverageOptions(CameraOptions, FieldOptions, PathOptions):
-    """Options of a coverage: in order those of the path, the field and the camera.
+class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, PathOptions):
+    """Options of a coverage: in order those of the path, the field, the camera and the ground.
 
     Faults name them as the command `eadp cover` does.
     """
@@ -324,12 +325,21 @@ class CoveragePlan:
     repairs: Sequence[str]
     pictures: Pictures | None = None
     pack_wh: float | None = None
+    heights: Heights | None = None
 
     @property
     def document(self) -> dict[str, Any]:
         """The values of `eadp.cover/1`."""
         own = {"side_overlap": self._side_overlaps, "batteries": self._batteries}
-        return self.report.document(self.repairs, self.text) | own | pictures_document(self.pictures)
+        ground = None if self.heights is None else self.heights.document(*self._on_ground)
+        shown = self.report.document(self.repairs, self.text)
+        return shown | own | pictures_document(self.pictures) | {"terrain": ground}
+
+    @property
+    def _on_ground(self) -> tuple[float, float | None, float | None]:
+        """Width of a picture or of a line's ground [m], distance of the lines [m], and size of a pixel [cm]."""
+        shot, apart_m = self.pictures, self.report.least.spacing_m
+        return (self.report.motion.swath_m, apart_m, None) if shot is None else (shot.width_m, apart_m, shot.gsd_cm)
 
     @property
     def _side_overlaps(self) -> list[float | None]:
@@ -337,8 +347,7 @@ class CoveragePlan:
         return [self._overlap(end.spacing_m) for end in (self.report.full, self.report.least)]
 
     def _overlap(self, apart_m: float | None) -> float | None:
-        width_m = self.report.motion.swath_m if self.pictures is None else self.pictures.width_m
-        return None if apart_m is None else 1 - apart_m / width_m
+        return None if apart_m is None else 1 - apart_m / self._on_ground[0]
 
     @property
     def _batteries(self) -> list[float] | None:
@@ -350,7 +359,8 @@ class CoveragePlan:
     def lines(self) -> list[str]:
         """A summary for people, line by line."""
         camera = [] if self.pictures is None else self.pictures.lines()
-        return [*self.report.text(), *camera, *self._overlap_text(), *self._batteries_text()]
+        ground = [] if self.heights is None else self.heights.text(*self._on_ground)
+        return [*self.report.text(), *camera, *self._overlap_text(), *ground, *self._batteries_text()]
 
     def _overlap_text(self) -> list[str]:
         """The overlap of neighbouring lines, and where it is always less."""
@@ -389,6 +399,8 @@ class CoverageTask:
         Its computations run over the field; with it, or with a pack, the report has the energy.
     pack_wh : float or None
         What a full pack holds above the reserve [Wh].
+    from_ground : bool
+        Whether a flight starts on the ground.
     """
 
     file: str
@@ -400,6 +412,7 @@ class CoverageTask:
     airframe: Airframe
     profile: AnyProfile | None = None
     pack_wh: float | None = None
+    from_ground: bool = False
 
     @classmethod
     def read(
@@ -411,6 +424,8 @@ class CoverageTask:
         wind_mps: Point,
         profile: AnyProfile | None = None,
         pack_wh: float | None = None,
+        *,
+        from_ground: bool = False,
     ) -> CoverageTask:
         """Read a field's file, `-` for standard input; `wind_mps` (east, north) holds unless the options have one.
 
@@ -428,7 +443,23 @@ class CoverageTask:
         text = read_field_text(path)
         field, repairs = read_field(text, metres=options.metres, feature=options.feature)
         field, notes = _limited(field, options)
-        return cls(text.name, field, [*repairs, *notes], options, motion, vehicle, airframe, profile, pack_wh)
+        return cls(
+            text.name, field, [*repairs, *notes], options, motion, vehicle, airframe, profile, pack_wh, from_ground
+        )
+
+    @property
+    def extent_m(self) -> float:
+        """The greater extent of the field, to the east or to the north [m]."""
+        x, y = zip(*(vertex for part in self.field.parts for vertex in part[0]), strict=True)
+        return float(max(max(x) - min(x), max(y) - min(y)))
+
+    @cached_property
+    def terrain(self) -> TerrainTask | None:
+        """The ground to follow, if one is given. Raises InputError of its files and options."""
+        options, speed_mps = self.options, self.motion.airspeed_mps
+        ends = _point("--start", options.start, self.field), self.home_m
+        heights = options.altitude_m, options.clearance_m
+        return TerrainTask.read(options, *heights, self.field, ends, self.airframe, speed_mps, self.from_ground)
 
     @cached_property
     def home_m(self) -> Point | None:
@@ -476,7 +507,8 @@ class CoverageTask:
         heading = options.heading_rad
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
         ends = start, self.home_m
-        return CoverageRequest(self.field, self.motion, options.pattern, heading, *ends, apart, airspace=self.airspace)
+        pattern = options.pattern if self.terrain is None else self.terrain.pattern(options.pattern, self.field)
+        return CoverageRequest(self.field, self.motion, pattern, heading, *ends, apart, airspace=self.airspace)
 
     def planned(self, solution: CoverageSolution, field: Field | None = None) -> CoveragePlan:
         """The plan of a path over the field, or over a part of it.
@@ -493,13 +525,16 @@ class CoverageTask:
         parts = [tuple(map(_millimetres, part)) for part in field.parts]
         name = printable(" ".join(field.name.split()), NAME_LIMIT)
         covered = Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:]))
+        flown, heights, altitude_m, sited = self._over_ground(solution, field)
         plan = build_plan(
-            solution,
+            flown,
             name=self.file,
             computations=computations,
             min_radius_m=motion.min_radius_m,
-            site=_site(field, covered, motion, self.home_m, self.vehicle)._replace(camera=_survey_camera(pictures)),
-            altitude_m=None if options.altitude_m is None else round(options.altitude_m, 3),
+            site=_site(sited, covered, motion, self.home_m, self.vehicle)._replace(
+                camera=_survey_camera(pictures), ground_m=None if heights is None else heights.ground.zero_m
+            ),
+            altitude_m=altitude_m,
             commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
         )
         known = self.profile is not None or self.pack_wh is not None
@@ -507,7 +542,25 @@ class CoverageTask:
         report = CoverageReport.of(replace(field, airspace=self.airspace), motion, solution, power)
         comments = "".join(f"% {line}\n" for line in report.comments(printable(self.file, 100)))
         notes = [*self.repairs, *self.flown_over]
-        return CoveragePlan(plan, comments + plan_text(plan), report, notes, pictures, self.pack_wh)
+        return CoveragePlan(plan, comments + plan_text(plan), report, notes, pictures, self.pack_wh, heights)
+
+    def _over_ground(
+        self, solution: CoverageSolution, field: Field
+    ) -> tuple[CoverageSolution, Heights | None, float | None, Field]:
+        """A path with its altitudes over the terrain, the altitude where it has none, and obstacles on their ground."""
+        task, motion = self.terrain, self.motion
+        if task is None:
+            altitude_m = self.options.altitude_m
+            return solution, None, None if altitude_m is None else round(altitude_m, 3), field
+        if self.options.turns_off and not solution.blocks:
+            parts = tuple(part for leg in solution.path(0.0).legs for part in leg.split())
+            solution = replace(solution, sections=parts)
+        start_m = solution.path(0.0).legs[0].start[:2]
+        ground = task.ground(field, start_m, self.home_m)
+        flown, profile = task.flown(solution, ground, motion, self.request.order_spacing_m or motion.swath_m)
+        heights = Heights(profile, ground, self.home_m or start_m, task, motion.ground_limit_mps)
+        sited = replace(field, airspace=ground.airspace(field.airspace))
+        return flown, heights, float(profile.flown_m[-1]), sited
 
 
 def _site(field: Field, covered: Field, motion: MotionLimits, home: Point | None, vehicle: str) -> Site:
@@ -709,7 +762,12 @@ def coverage_task(
         faults = replace(flown.airframe, airspeed_mps=options.airspeed_mps or flown.airframe.airspeed_mps).faults()
         where = "--airspeed" if options.airspeed_mps else str(vehicle or scenario)
         refuse([Fault(where, 1, 1, fault, "an aeroplane that can fly so") for fault in faults])
-    task = CoverageTask.read(field, options, flown.name, flown.airframe, wind_mps, profile, pack_wh)
+    task = CoverageTask.read(
+        field, options, flown.name, flown.airframe, wind_mps, profile, pack_wh, from_ground=cruises
+    )
+    if task.terrain is None and task.extent_m > FLAT_M:
+        message = f"the ground is taken as flat over {task.extent_m / 1000:.1f} km; --terrain has its heights"
+        warn([Fault(task.file, 1, 1, message, severity="note")])
     speed_mps = math.hypot(*task.motion.wind_mps)
     if tight := too_tight(flown.airframe, task.motion.airspeed_mps, task.motion.min_radius_m, speed_mps):
         warn([Fault("--min-radius", 1, 1, tight, severity="warning")])

@@ -3,25 +3,29 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
 
 from eadp.api.fences import fenced_by
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
 from eadp.api.plan import plan_of
+from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_near_local_m
 from eadp.errors import Fault, InputError, PathUndefined, one_of, printable
 from eadp.io.mission import FENCE_ENDING, ITEMS_ENDING, WITH_ITEMS
 from eadp.io.mission.autopilot import PARAMETER_FILES, wanted_parameters
-from eadp.io.mission.export import EXPORTS, FENCED, fence_file, mission_items, writer_of
+from eadp.io.mission.export import ABOVE_GROUND, EXPORTS, FENCED, fence_file, mission_items, writer_of
 from eadp.io.mission.items import items_text, mapped_items
-from eadp.io.mission.path import PlannedPath, planned_sections
+from eadp.io.mission.path import PlannedPath, Section, planned_sections
 from eadp.io.plan.parameters import parameters_of
 from eadp.io.scenario.scenario_file import override_texts, read_overrides
+from eadp.io.terrain.reader import read_terrain
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import write_text
 from eadp.models.airspace import Airspace, risk_text
@@ -75,6 +79,12 @@ class ExportOptions:
 
     inside: Annotated[str | None, Flag(metavar="FILE")] = None
     """Polygons that the path stays inside of, as --avoid."""
+
+    altitudes: Literal["relative", "terrain"] = "relative"
+    """Above home, or above the ground below, as qgc and ardupilot can."""
+
+    terrain: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
+    """Heights of the ground, as of eadp cover: for --altitudes terrain of a plan that follows it."""
 
     start: Annotated[str | None, Flag("--from", metavar="STAGE,LAP")] = None
     """Write the rest, from this stage of this lap on."""
@@ -207,9 +217,14 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     if any(flown.site.airspace) and to not in FENCED:
         message = f"obstacles and boundary are not in the format {to}"
         warn([Fault(name, 1, 1, message, severity="note")])
+    if flown.site.ground_m is not None and options.home_deg is not None and options.altitudes == "relative":
+        message = f"altitudes are above {flown.site.ground_m:g} m above the sea, the ground at the plan's home or start"
+        warn([Fault("--home", 1, 1, message, "a home as high, or --altitudes terrain", severity="warning")])
+    sections = planned_sections(planned.legs)
+    ground = _ground(flown, name, to, options, sections)
     path = PlannedPath(
         (flown.site.field.name if flown.site.field else "") or printable(name.rpartition("/")[2]),
-        planned_sections(planned.legs),
+        sections,
         place,
         altitude_m,
         airframe.airspeed_mps,
@@ -219,12 +234,31 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
         _fenced(flown.site.airspace, planned.legs),
         None if options.scenario is None and flown.site.made_for is None else airframe.airspeed_mps,
         0.0 if options.scenario is None else _climb_deg(airframe),
+        ground,
     )
     if to not in WITH_ITEMS:
         return Exported(writer(path), "", parameters)
     mapped = mapped_items(mission_items(path, px4=to == "px4"), planned, flown.path_count)
     fence = fence_file(path) if to == "ardupilot" else ""
     return Exported(writer(path), items_text(mapped, flown.names[: flown.path_count]), parameters, fence)
+
+
+def _ground(
+    plan: Plan, name: str, to: str, options: ExportOptions, sections: Sequence[Section]
+) -> Callable[[FloatArray], FloatArray] | None:
+    """The ground above which altitudes are written, above the altitude 0; None where they are above home."""
+    zero_m, origin_deg = plan.site.ground_m, plan.site.origin_deg
+    if options.altitudes == "relative":
+        return None
+    if to not in ABOVE_GROUND:
+        raise _fault("--altitudes", options.altitudes, f"{to} has no altitudes above ground", " or ".join(ABOVE_GROUND))
+    if zero_m is None or origin_deg is None:  # a plan over flat ground
+        return lambda points_m: np.zeros(len(points_m))
+    if not options.terrain:
+        raise _fault("--altitudes", options.altitudes, f"{name} follows a ground that is not known", "--terrain FILE")
+    ends = [point for section in sections for point in (section.start_m, section.end_m)]
+    terrain = read_terrain(options.terrain, np.array(ends), origin_deg)
+    return lambda points_m: terrain.known_m(points_m) - zero_m
 
 
 def _climb_deg(airframe: Airframe) -> float:

@@ -113,8 +113,9 @@ def command(
     if plot is not None:
         from eadp.io.figures.coverage import write_coverage_figure
 
-        report = found.report
-        write_coverage_figure(plot, report.field, report.titled_paths(), report.motion.swath_m)
+        report, heights = found.report, found.heights
+        profile = None if heights is None else heights.profile
+        write_coverage_figure(plot, report.field, report.titled_paths(), report.motion.swath_m, profile)
     if wanted == "json":
         emit_json(found.document)
         return 0

@@ -81,7 +81,7 @@ def build_plan(
     site : Site, optional
         Where the field is.
     altitude_m : float, optional
-        Altitude of all stages [m].
+        Altitude of the stages whose legs have none [m].
     commands : (tuple, tuple), optional
         What an autopilot does as it starts on the field, and as it starts on a turn, see `Stage`.
     """
@@ -93,7 +93,9 @@ def build_plan(
     stages = builder.stages if commands is None else builder.commanded(commands)
     return Plan(
         name=name,
-        stages=tuple(replace(stage, altitude_m=altitude_m) for stage in stages),
+        stages=tuple(
+            replace(stage, altitude_m=altitude_m if stage.altitude_m is None else stage.altitude_m) for stage in stages
+        ),
         path_count=1 if solution.min_c1 < 0 else 0,
         titles=(Title("spacing", "m", _expression(_spacing(solution.blocks[0]))),) if solution.min_c1 < 0 else (),
         computations=builder.computations.computations,
@@ -133,7 +135,14 @@ class _PlanBuilder:
             legs = section.last_lap()  # its first line starts where the last turn ends, whatever the parameters were
         self._add_once(legs)
 
-    def _add_stage(self, path: PathText, trigger: tuple[str, str], sensing: bool, min_c1: float) -> None:
+    def _add_stage(
+        self,
+        path: PathText,
+        trigger: tuple[str, str],
+        sensing: bool,
+        min_c1: float,
+        altitude_m: float | None = None,
+    ) -> None:
         """Append a stage along a path to a trigger point, both as text."""
         self._sensing.append(sensing)
         box = (Box(min_c1, 0.0),) if self._min_c1 < 0 else ()
@@ -141,7 +150,7 @@ class _PlanBuilder:
         x, y = map(_expression, trigger)
         gain = float(f"{path.gain:.4g}")
         number, function = len(self.stages) + 1, _expression(path.function)
-        self.stages.append(Stage(number, 0, gain, path.rotation_deg, function, (x, y), sets))
+        self.stages.append(Stage(number, 0, gain, path.rotation_deg, function, (x, y), sets, altitude_m=altitude_m))
 
     def commanded(self, commands: tuple[Command, Command]) -> list[Stage]:
         """The stages with a command where the field starts, and one where it ends."""
@@ -170,7 +179,9 @@ class _PlanBuilder:
             if leg.piece.length_m >= MIN_STAGE_M:
                 self.shortest_m = min(self.shortest_m, leg.piece.length_m)
                 x, y, _ = leg.end
-                self._add_stage(piece_path(leg.piece), (_number(x), _number(y)), leg.sensing, self._min_c1)
+                self._add_stage(
+                    piece_path(leg.piece), (_number(x), _number(y)), leg.sensing, self._min_c1, leg.altitude_m
+                )
         self.segments.append(Segment(first, len(self.stages) - first))
 
     def _add_laps(self, block: Block) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -125,12 +125,13 @@ def direction_cosine(value: float) -> float:
 class CoverageLeg:
     """A piece of a coverage path; `sensing` where it is flown to cover ground.
 
-    `gaps_m` are the intervals along it that lie outside the field [m].
+    `gaps_m` are the intervals along it that lie outside the field [m], `altitude_m` is its own, if it has one.
     """
 
     piece: Piece
     sensing: bool = False
     gaps_m: tuple[tuple[float, float], ...] = ()
+    altitude_m: float | None = None
 
     @property
     def start(self) -> Pose:
@@ -154,7 +155,7 @@ class CoverageLeg:
         poses = [piece.start, *(piece.pose_at(place) for place in places_m), piece.end]
         lengths = np.diff([0.0, *places_m, piece.length_m]).tolist()
         return [
-            CoverageLeg(Piece(piece.turn, start, end, length, piece.centre_m), self.sensing)
+            CoverageLeg(Piece(piece.turn, start, end, length, piece.centre_m), self.sensing, (), self.altitude_m)
             for (start, end), length in zip(itertools.pairwise(poses), lengths, strict=True)
         ]
 
@@ -162,7 +163,7 @@ class CoverageLeg:
         """The leg cut at its gaps, over which nothing is sensed."""
         # ground, gap, ground, …
         parts = self.cut(*(end for gap in self.gaps_m for end in gap))
-        return [CoverageLeg(part.piece, self.sensing and i % 2 == 0) for i, part in enumerate(parts)]
+        return [replace(part, sensing=self.sensing and i % 2 == 0) for i, part in enumerate(parts)]
 
 
 @dataclass(frozen=True)

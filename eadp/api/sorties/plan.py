@@ -15,6 +15,7 @@ import numpy as np
 
 from eadp.api.cover import CoveragePlan, CoverageTask
 from eadp.api.inputs import Files, FlightInputs, load_flight
+from eadp.api.terrain import Heights, height_range_m
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import heading_rad
 from eadp.core.geometry.curves import Point
@@ -459,6 +460,11 @@ class SortiePlan:
         return nearest([track.later(k * self.stagger_s) for k, track in enumerate(self._tracks)])
 
     @property
+    def _heights(self) -> list[Heights]:
+        """The heights of each sortie over terrain."""
+        return [each.plan.heights for each in self.sorties if each.plan.heights is not None]
+
+    @property
     def coverage(self) -> float:
         """Share of the ground that the sorties' lines cover."""
         legs = [leg for sortie in self.sorties for leg in sortie.path().legs]
@@ -529,6 +535,7 @@ class SortiePlan:
             "nearest_m": None if near is None else near.distance_m,
             "overlap_m": options.overlap_m,
             **pictures_document(self.pictures),
+            "height_m": height_range_m(self._heights),
             "options": {key: value for key, value in asdict(task.options).items() if value is not None},
             "sorties": rows,
             "parts": task.field.parts,
@@ -579,6 +586,9 @@ class SortiePlan:
             later = f"with {document['stagger_s']:g} s from one take-off to the next"
             lines.append(f"apart      {near.distance_m:.0f} m or more, {later}")
         lines += [] if self.pictures is None else self.pictures.lines()
+        if (heights_m := document["height_m"]) is not None:
+            least, mean, most = heights_m
+            lines.append(f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m")
         return [*lines, task.motion.wind_text, "", *aligned(table)]
 
     def scenario_text(self, profile: str | None) -> str:
@@ -589,6 +599,8 @@ class SortiePlan:
         value["planner"] = {**(value.get("planner") or {}), "name": self.sorties[0].inputs.scenario.keys.planner.name}
         if profile is not None:
             value["profile"] = profile
+        if heights := self._heights:
+            value["home"] = {"altitude_m": max(each.home_altitude_m for each in heights)}
         value.setdefault("on_infeasible", "home")  # what a sortie leaves is flown by another
         value = {"schema": "eadp.scenario/1", **value}
         head = "# One sortie: eadp simulate sortie-01.plan --scenario scenario.yaml. All: eadp simulate of the folder."

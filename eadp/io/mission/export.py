@@ -10,6 +10,8 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.waypoints import ARC_RAD, TURNS_TOLERANCE
 from eadp.io.mission import EXPORT_NAMES
@@ -159,7 +161,10 @@ class _ItemBuilder:
         place = (0.0, 0.0) if point is None else self.path.geodetic_deg(point)
         first, last = self._legs
         legs = first if self._skipped is None else self._skipped, last
-        self.items.append(MissionItem(command, d.RELATIVE, (*parameters, *place, self._altitude_m), legs))
+        frame, altitude_m = d.RELATIVE, self._altitude_m
+        if point is not None and self.path.ground is not None:
+            frame, altitude_m = d.TERRAIN, round(altitude_m - float(self.path.ground(np.array([point]))[0]), 2)
+        self.items.append(MissionItem(command, frame, (*parameters, *place, altitude_m), legs))
         self._skipped = None
 
     def _change_speed(self, section: Section) -> None:
@@ -184,6 +189,9 @@ def _fences(path: PlannedPath) -> list[Fence]:
     rings = [*outside, *((True, ring) for ring in path.airspace.boundary)]
     return [Fence(inclusion, [path.geodetic_deg(point) for point in ring]) for inclusion, ring in rings]
 
+
+ABOVE_GROUND = ("qgc", "ardupilot")
+"""Formats that hold altitudes above ground: PX4 takes no mission with them."""
 
 FENCED = ("qgc", "ardupilot", "px4")
 """Formats that hold obstacles and a boundary; of `ardupilot` they are a file of their own."""

@@ -44,6 +44,7 @@ VERSIONS = {
 LANDINGS = {"fwLandingPattern": LAND, "vtolLandingPattern": VTOL_LAND}
 STRUCTURE = "StructureScan"
 CALCULATED, ABOVE_TERRAIN = 3, 4
+MODES = {RELATIVE: 1, TERRAIN: ABOVE_TERRAIN}
 """QGroundControl's AltitudeMode of heights above ground: with the altitude of the ground added, or not."""
 NEWER = "a plan (*.plan), which a later QGroundControl makes of it"
 _TRANSECTS = "TransectStyleComplexItem"
@@ -276,13 +277,13 @@ def qgc_text(
     for number, (command, frame, parameters, _) in enumerate(items, 1):
         item: dict[str, Any] = {"autoContinue": True, "command": command, "doJumpId": number, "frame": frame}
         item |= {"params": [round(value, 9) for value in parameters], "type": "SimpleItem"}
-        if frame == RELATIVE:
-            item |= {"AMSLAltAboveTerrain": None, "Altitude": parameters[6], "AltitudeMode": 1}
+        if frame in MODES:
+            item |= {"AMSLAltAboveTerrain": None, "Altitude": parameters[6], "AltitudeMode": MODES[frame]}
         written.append(item)
     mission = {
         "cruiseSpeed": airspeed_mps,
         "firmwareType": firmware,
-        "globalPlanAltitudeMode": 1,
+        "globalPlanAltitudeMode": MODES[TERRAIN if any(item.frame == TERRAIN for item in items) else RELATIVE],
         "hoverSpeed": airspeed_mps,
         "items": written,
         "plannedHomePosition": [*(round(value, 9) for value in home_deg), 0.0],

@@ -62,6 +62,7 @@ _HEADERS = (
     "inside",
     "made-for",
     "camera",
+    "ground",
 )
 _RING_HEADERS, _LIMIT_HEADERS = ("field", "hole"), ("avoid", "inside")
 """Headers of the field's parts, each an outline and the holes in it; of obstacles and of the boundary. They may stand
@@ -462,6 +463,7 @@ class _Reader:
             airspace=self._header_airspace(),
             made_for=self._of("made-for", _made_for),
             camera=self._of("camera", _camera),
+            ground_m=self._of("ground", lambda text: _numbers(text, 1, "metres above the sea, like 120")[0]),
         )
 
     def _header_airspace(self) -> Airspace:

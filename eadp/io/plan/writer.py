@@ -83,6 +83,8 @@ def _mission_lines(site: Site) -> list[str]:
         name = f"{camera.name} " if camera.name else ""
         size = "" if camera.gsd_cm is None else f" gsd {number_text(camera.gsd_cm)}"
         lines.append(f"%: camera {name}altitude {number_text(camera.altitude_m)}{size}")
+    if site.ground_m is not None:
+        lines.append(f"%: ground {number_text(site.ground_m)}")
     return lines
 
 

@@ -103,6 +103,8 @@ class Site(NamedTuple):
         Obstacles and boundary.
     made_for : MadeFor or None
     camera : SurveyCamera or None
+    ground_m : float or None
+        Height of the ground above the sea where altitudes are 0 [m], of a plan that follows the ground.
     """
 
     origin_deg: tuple[float, float] | None = None
@@ -113,6 +115,7 @@ class Site(NamedTuple):
     airspace: Airspace = EVERYWHERE
     made_for: MadeFor | None = None
     camera: SurveyCamera | None = None
+    ground_m: float | None = None
 
 
 @dataclass(frozen=True)
