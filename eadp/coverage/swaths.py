@@ -12,7 +12,7 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Piece, Pose, flight_time_s
+from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, lengths_m, times_s
 
 SPACING_SHARE = 0.5
 """Default line spacing at the highest path parameter as a share of the swath: a side overlap of one half.
@@ -69,6 +69,12 @@ class MotionLimits:
         if self.windless:
             return sum(piece.length_m for piece in pieces) / self.airspeed_mps
         return flight_time_s(pieces, self.airspeed_mps, self.wind_mps)
+
+    def turns_s(self, ends: Sequence[Pose], starts: Sequence[Pose]) -> FloatArray:
+        """Times of the quickest turns from each of some poses to each of others, with nothing in the way [s]."""
+        if self.windless:
+            return lengths_m(ends, starts, self.min_radius_m) / self.airspeed_mps
+        return times_s(ends, starts, self.min_radius_m, self.airspeed_mps, self.wind_mps)
 
 
 @dataclass(frozen=True)

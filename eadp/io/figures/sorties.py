@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -40,13 +41,14 @@ def write_sorties_figure(
             label = f"sortie {sortie.number}"
             if sorties[-1].aircraft > 1:
                 label = f"{label}, aircraft {sortie.aircraft}"
-            middles = []
-            for leg in sortie.path.legs:
-                if leg.sensing:
-                    axes.fill(*ground_of(leg, swath_m), color=colour, alpha=0.22, linewidth=0, zorder=2)
-                    middles.append(leg.piece.pose_at(leg.piece.length_m / 2)[:2])
-                width = 1.2 if leg.sensing else 0.6
-                axes.plot(*line_of(leg), color=colour, linewidth=width, zorder=3, label=label)
+            lines, turns = ([leg for leg in sortie.path.legs if leg.sensing is on] for on in (True, False))
+            middles = [leg.piece.pose_at(leg.piece.length_m / 2)[:2] for leg in lines]
+            for leg in lines:
+                axes.fill(*ground_of(leg, swath_m), color=colour, alpha=0.22, linewidth=0, zorder=2)
+            for legs, width in ((lines, 1.2), (turns, 0.6)):
+                # as one line with breaks, which is quicker to draw
+                xy = [point for leg in legs for point in (*zip(*line_of(leg), strict=True), (math.nan, math.nan))]
+                axes.plot(*zip(*xy, strict=True), color=colour, linewidth=width, zorder=3, label=label)
             if middles:
                 at = middles[len(middles) // 2]
                 box = {"boxstyle": "circle", "facecolor": "white", "edgecolor": colour}
