@@ -102,14 +102,14 @@ class FreeTurns:
     """The quickest free turns between poses: direct, or around the corners of the free space.
 
     A corner stands twice in `_corners`: a pose along its ring, then the one in the other direction. `_between` keeps
-    what `direct` has found, `_found` what `turn` has.
+    what `direct` has found, `found` what `turn` has.
     """
 
     space: FreeSpace
     motion: MotionLimits
     _corners: list[Pose] = field(default_factory=list)
     _between: dict[tuple[Pose, Pose], FreeTurn | None] = field(default_factory=dict)
-    _found: dict[tuple[Pose, Pose], FreeTurn | None] = field(default_factory=dict)
+    found: dict[tuple[Pose, Pose], FreeTurn | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for ring in self.space.corners_m(CORNER_RATIO * self.motion.min_radius_m):
@@ -149,9 +149,9 @@ class FreeTurns:
     def turn(self, start: Pose, end: Pose) -> FreeTurn | None:
         """The quickest free path found, direct or around corners; None where none is."""
         key = start, end
-        if key not in self._found:
-            self._found[key] = self.direct(start, end) or self._around(start, end)
-        return self._found[key]
+        if key not in self.found:
+            self.found[key] = self.direct(start, end) or self._around(start, end)
+        return self.found[key]
 
     def _around(self, start: Pose, end: Pose) -> FreeTurn | None:
         """The quickest free path found around corners; None where none is."""
@@ -225,16 +225,23 @@ def free_order(
     # where no free turn is found: above any sum of times, so that an order of this time has a turn that is blocked
     blocked_s = 1e3 * (float(between_s.max()) + float(own_s.sum()) + 1)
     checked: set[tuple[int, int]] = set()
+
+    def check(pairs: Iterable[tuple[int, int]]) -> None:
+        """Take the times of free turns where they are longer."""
+        for a, b in pairs:
+            found = turns.turn(directed[a].end, directed[b].start)
+            between_s[a, b] = blocked_s if found is None else max(found.time_s, between_s[a, b])
+            checked.add((a, b))
+
+    ends, starts = ({pose: i for i, pose in enumerate(poses)} for poses in zip(*((leg.end, leg.start) for leg in directed)))
+    check([(ends[end], starts[start]) for end, start in turns.found if end in ends and start in starts])
     best: tuple[list[int], float] = [], blocked_s  # of the orders whose turns are all checked
     order, time_s = quick_order(between_s, own_s, first_s, last_s)
     for _ in range(MAX_ORDERS):
         unchecked = set(itertools.pairwise(order)) - checked
         if unchecked:
             turns.find_direct((directed[a].end, directed[b].start) for a, b in unchecked)
-            for a, b in unchecked:
-                found = turns.turn(directed[a].end, directed[b].start)
-                between_s[a, b] = blocked_s if found is None else max(found.time_s, between_s[a, b])
-            checked |= unchecked
+            check(unchecked)
             # mended where it has become slower; searched in full where that leaves nothing to check
             order, time_s = quick_order(between_s, own_s, first_s, last_s, order)
             continue

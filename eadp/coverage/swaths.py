@@ -177,6 +177,11 @@ class CoveragePath:
         return [leg.piece for leg in self.legs]
 
     @property
+    def sensed_m(self) -> list[tuple[Point, Point]]:
+        """Both ends of each leg that covers ground [m]."""
+        return [(leg.start[:2], leg.end[:2]) for leg in self.legs if leg.sensing]
+
+    @property
     def length_m(self) -> float:
         """Its length [m]."""
         return sum(leg.piece.length_m for leg in self.legs)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from statistics import NormalDist
@@ -31,7 +31,8 @@ from eadp.coverage.cover import (
     cover,
     line_costs,
 )
-from eadp.coverage.report import covered_by_lines, rounded_deg
+from eadp.coverage.left import LeftGround, left_ground, left_text
+from eadp.coverage.report import FULL, covered_by_lines, rounded_deg
 from eadp.coverage.separation import Nearest, TimedTrack, nearest, stagger_s, track_of
 from eadp.coverage.sorties import Divided, Divider, Division, min_sorties, min_time_s, tours
 from eadp.coverage.swaths import CoveragePath, straight
@@ -171,6 +172,8 @@ class SortiePlanner:
         Path of the scenario, of which `overrides` replace keys.
     profile : str or None
         Path of the profile.
+    on_part : function
+        Called with the progress before each forecast of a part.
     """
 
     task: CoverageTask
@@ -181,6 +184,7 @@ class SortiePlanner:
     overrides: Mapping[str, Any] = field(default_factory=dict)
     lines: tuple[float, str] | None = None
     """Compass bearing of the lines [°] and pattern, where they are known."""
+    on_part: Callable[[str], None] = field(default=lambda _: None, repr=False, compare=False)
 
     @cached_property
     def _request(self) -> CoverageRequest:
@@ -261,12 +265,13 @@ class SortiePlanner:
         def divider(order: Sequence[int] | None = None) -> Divider[PlannedSortie]:
             """What divides the lines in an order, by default side by side."""
             division = Division(ground, grid, self.options.overlap_m, order)
-            return Divider(division, forecast, cuts=not laps, step=self.options.aircraft)
+            return Divider(division, forecast, cuts=not laps, step=self.options.aircraft, on_part=self.on_part)
 
         def divided(order: Sequence[int] | None = None) -> Divided[PlannedSortie]:
             """The fewest sorties over the lines in an order."""
             return divider(order).fewest(max(least.count, self.options.count or 1))
 
+        self.on_part("the lines are chosen")
         # the bound needs the power that any one sortie takes
         side_by_side = Division(ground, grid, self.options.overlap_m)
         sample = forecast(side_by_side.part(0.0, side_by_side.total_m if laps else side_by_side.end_of_first_m))
@@ -469,11 +474,23 @@ class SortiePlan:
         """The least distance of two aircraft as planned; None with one."""
         return nearest([track.later(k * self.stagger_s) for k, track in enumerate(self._tracks)])
 
-    @property
+    @cached_property
+    def _path(self) -> CoveragePath:
+        """The legs of all sorties."""
+        return CoveragePath(tuple(leg for sortie in self.sorties for leg in sortie.path().legs))
+
+    @cached_property
     def coverage(self) -> float:
         """Share of the ground that the sorties' lines cover."""
-        legs = [leg for sortie in self.sorties for leg in sortie.path().legs]
-        return covered_by_lines(CoveragePath(tuple(legs)), self.ground, self.planner.task.motion.swath_m)
+        return covered_by_lines(self._path, self.ground, self.planner.task.motion.swath_m)
+
+    @cached_property
+    def left(self) -> list[LeftGround]:
+        """The places of the ground that they leave uncovered."""
+        if self.coverage >= FULL:
+            return []
+        task = self.planner.task
+        return left_ground(replace(self.ground, airspace=task.airspace), self._path.sensed_m, task.motion)
 
     @property
     def time_s(self) -> float:
@@ -524,6 +541,7 @@ class SortiePlan:
             "length_m": sum(row["length_m"] for row in rows),
             "time_s": self.time_s,
             "coverage": self.coverage,
+            "left": [each.document(task.field.origin_deg) for each in self.left],
             "aircraft": options.aircraft,
             "stagger_s": self.stagger_s,
             "swap_s": options.swap_s,
@@ -559,8 +577,12 @@ class SortiePlan:
         ]
 
     def lines(self) -> list[str]:
+        """The summary, wind and table for people, line by line."""
+        return [*self.summary(), self.planner.task.motion.wind_text, "", *aligned(self.table())]
+
+    def summary(self) -> list[str]:
         """A summary for people, line by line."""
-        document, task, table = self.document(), self.planner.task, self.table()
+        document, task = self.document(), self.planner.task
         name = f"{task.field.name}, " if task.field.name else ""
         count, few = document["count"], document["min_count"]
         asked = few < count == self.planner.options.count
@@ -579,7 +601,7 @@ class SortiePlan:
         if near is not None:
             later = f"with {document['stagger_s']:g} s from one take-off to the next"
             lines.append(f"apart      {near.distance_m:.0f} m or more, {later}")
-        return [*lines, task.motion.wind_text, "", *aligned(table)]
+        return lines + left_text(self.left, 1 - self.coverage, task.field.origin_deg)
 
     def scenario_text(self, profile: str | None) -> str:
         """A scenario that flies the sorties: all of the given one and its vehicle, from the ground at home."""

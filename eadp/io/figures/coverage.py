@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from eadp.coverage.left import LeftGround
 from eadp.coverage.swaths import CoverageLeg, CoveragePath
 from eadp.io.figures.canvas import (
     COLOURS,
     START,
     Axes,
+    draw_area,
     draw_arrow,
     draw_ground,
     figure_file,
@@ -24,8 +26,10 @@ STEP_M = 3.0
 """Distance between points of a turn, about [m]."""
 
 
-def write_coverage_figure(path: str, field: Field, ways: Mapping[str, CoveragePath], swath_m: float) -> None:
-    """Draw a field and coverage paths side by side under their titles: ground covered, lines, turns.
+def write_coverage_figure(
+    path: str, field: Field, ways: Mapping[str, CoveragePath], swath_m: float, left: Sequence[LeftGround] = ()
+) -> None:
+    """Draw a field and coverage paths side by side under their titles: ground covered and left, lines, turns.
 
     Raises
     ------
@@ -38,11 +42,19 @@ def write_coverage_figure(path: str, field: Field, ways: Mapping[str, CoveragePa
         all_axes = np.atleast_1d(figure.subplots(1, len(ways), sharex=True, sharey=True, squeeze=True))
         for axes, (title, way) in zip(all_axes, ways.items(), strict=True):
             draw_ground(axes, field, field.airspace)
+            draw_left(axes, left)
             _draw_way(axes, way, swath_m)
             label_map(axes, title)
             axes.set_aspect("equal", adjustable="box")
             axes.label_outer()
         fit_legend(figure, 6, loc="outside lower center", fontsize=9)
+
+
+def draw_left(axes: Axes, left: Sequence[LeftGround]) -> None:
+    """Ground that is not covered, hatched."""
+    style = {"facecolor": "white", "edgecolor": "#00000070", "hatch": "xx", "linewidth": 0.6, "zorder": 1.9}
+    for each in left:
+        draw_area(axes, each.rings, **style, label="not covered")
 
 
 def _draw_way(axes: Axes, way: CoveragePath, swath_m: float) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from eadp.core.geometry.curves import Point
+from eadp.coverage.left import LeftGround
 from eadp.coverage.swaths import CoveragePath
 from eadp.io.figures.canvas import (
     COLOURS,
@@ -17,7 +18,7 @@ from eadp.io.figures.canvas import (
     fit_legend,
     label_map,
 )
-from eadp.io.figures.coverage import ground_of, line_of
+from eadp.io.figures.coverage import draw_left, ground_of, line_of
 from eadp.models.field import Field
 
 
@@ -30,12 +31,18 @@ class DrawnSortie(NamedTuple):
 
 
 def write_sorties_figure(
-    path: Path, field: Field, sorties: Sequence[DrawnSortie], swath_m: float, home_m: Point | None
+    path: Path,
+    field: Field,
+    sorties: Sequence[DrawnSortie],
+    swath_m: float,
+    home_m: Point | None,
+    left: Sequence[LeftGround] = (),
 ) -> None:
     """Draw sorties. Written to `path` with the endings .svg and .png."""
     with figure_pair(path, 8.5, 8.0) as figure:
         axes = figure.subplots()
         draw_ground(axes, field, field.airspace)
+        draw_left(axes, left)
         for i, sortie in enumerate(sorties):
             colour = COLOURS[i % len(COLOURS)]
             label = f"sortie {sortie.number}"
