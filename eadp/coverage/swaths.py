@@ -13,7 +13,7 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Piece, Pose, flight_time_s
+from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, lengths_m, times_s
 
 SPACING_SHARE = 0.5
 """Default line spacing at the highest path parameter as a share of the swath: a side overlap of one half.
@@ -75,6 +75,12 @@ class MotionLimits:
         if self.windless:
             return sum(piece.length_m for piece in pieces) / self.airspeed_mps
         return flight_time_s(pieces, self.airspeed_mps, self.wind_mps)
+
+    def turns_s(self, ends: Sequence[Pose], starts: Sequence[Pose]) -> FloatArray:
+        """Times of the quickest turns from each of some poses to each of others, with nothing in the way [s]."""
+        if self.windless:
+            return lengths_m(ends, starts, self.min_radius_m) / self.airspeed_mps
+        return times_s(ends, starts, self.min_radius_m, self.airspeed_mps, self.wind_mps)
 
 
 @dataclass(frozen=True)
@@ -176,6 +182,11 @@ class CoveragePath:
     def pieces(self) -> list[Piece]:
         """The pieces of its legs."""
         return [leg.piece for leg in self.legs]
+
+    @property
+    def sensed_m(self) -> list[tuple[Point, Point]]:
+        """Both ends of each leg that covers ground [m]."""
+        return [(leg.start[:2], leg.end[:2]) for leg in self.legs if leg.sensing]
 
     @property
     def length_m(self) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import csv
 import io
-import itertools
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -72,11 +71,11 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
             for row, sortie in zip(rows, plan.sorties, strict=True)
         ]
         task = plan.planner.task
-        write_sorties_figure(target / FIGURE, task.field, drawn, task.motion.swath_m, task.home_m)
+        write_sorties_figure(target / FIGURE, task.field, drawn, task.motion.swath_m, task.home_m, plan.left)
         figure = (target / f"{FIGURE}.svg").read_bytes()
         page = {
             "title": f"{len(rows)} sorties",
-            "note": "; ".join(" ".join(line.split()) for line in itertools.takewhile(bool, plan.lines())),
+            "note": "; ".join(" ".join(line.split()) for line in plan.summary()),
             "figure": base64.b64encode(figure).decode(),
             "table": plan.table(),
         }
