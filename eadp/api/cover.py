@@ -13,12 +13,13 @@ from eadp.api.given import File, Warn, python_warnings
 from eadp.api.profile import profile_of_scenario, read_profile
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
+from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import place_text, to_local_m
 from eadp.coverage.cover import AUTO, PATTERNS, CoverageRequest, CoverageSolution, has_pattern
 from eadp.coverage.cover import cover as cover_field
 from eadp.coverage.plan_builder import FieldComputations, build_plan
 from eadp.coverage.report import CoverageReport, PowerDraw
-from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
+from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, CoverageLeg, MotionLimits, straight
 from eadp.errors import EadpError, Fault, InputError, one_of, printable, refuse
 from eadp.io.field.draft import NAME_LIMIT
 from eadp.io.field.files import read_field_text
@@ -35,7 +36,7 @@ from eadp.models.doubts import NEAR_DEG, Doubt, Shots, angle_doubts, shot_doubts
 from eadp.models.field import Field
 from eadp.models.performance import PATH_MARGIN, ground_radius_m, too_tight
 from eadp.models.plan.plan import MadeFor, Plan, Site
-from eadp.models.plan.stage import Box
+from eadp.models.plan.stage import LAND, RETURN, TAKEOFF, Box
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe, PaperVehicle
 
@@ -48,6 +49,8 @@ MIN_LENGTH_MM, MAX_LENGTH_MM = 0.5, 1e3
 MAX_OVERLAP = 99.0
 MAX_DISTANCE_M = 50_000.0
 """Largest distance of the start and home points from the field [m]."""
+CLIMB_OUT_M = 50.0
+"""Height of a climb straight ahead after take-off [m]: what ArduPilot's TKOFF_ALT is by default."""
 
 Pair = str | Point
 """Two numbers, or the text of two numbers."""
@@ -80,7 +83,14 @@ class PathOptions:
     """Where the flight starts: X,Y [m], or LAT,LON [°] of a field in degrees."""
 
     home: Annotated[Pair | None, Flag(metavar="POINT")] = None
-    """Where the flight ends; as --start."""
+    """Where the flight takes off, unless --start is another place, and where it returns to; as --start."""
+
+    takeoff_deg: Annotated[float | None, Flag("--takeoff", metavar="HEADING")] = None
+    """Heading of the take-off [°], straight ahead up to 50 m; with --landing by default into the wind."""
+
+    landing: Annotated[str | Pose | None, Flag(metavar="LAT,LON,HEADING")] = None
+    """Where to land, instead of returning to home, and the heading of the final approach [°]; X,Y,HEADING [m] of a
+    field in metres. Without --home it takes off there."""
 
     wind: Annotated[Pair | None, Flag(metavar="SPEED,FROM_DEG")] = None
     """Wind: speed [m/s] and the bearing it blows from [°]; by default the scenario's."""
@@ -258,9 +268,7 @@ class CoverageOptions(CameraOptions, FieldOptions, PathOptions):
         """The mathematical heading (0 east, counter-clockwise) of the lines, if it is given."""
         if self.heading_deg is None:
             return None
-        if not abs(self.heading_deg) <= 360:
-            raise _fault("--heading", f"{self.heading_deg}", "no heading", "a compass bearing [°]: 0 north, 90 east")
-        return heading_rad(self.heading_deg)
+        return _course_rad("--heading", self.heading_deg)
 
 
 class Pictures(NamedTuple):
@@ -424,8 +432,63 @@ class CoverageTask:
 
     @cached_property
     def home_m(self) -> Point | None:
-        """Where the flight ends."""
-        return _point("--home", self.options.home, self.field)
+        """Where the flight takes off and returns to."""
+        found = _point("--home", self.options.home, self.field)
+        return self._landing[:2] if found is None and self._landing is not None else found
+
+    @cached_property
+    def _landing(self) -> Pose | None:
+        """Where the flight lands, and on which course."""
+        given, expected = self.options.landing, "a place and a heading [°], like 55.37,10.43,240"
+        if given is None:
+            return None
+        *place, heading = _raw(given).replace(",", " ").split() or [""]
+        try:
+            course = _course_rad("--landing", float(heading))
+        except ValueError:
+            raise _fault("--landing", _raw(given), "no heading", expected) from None
+        point = _point("--landing", ",".join(place), self.field)
+        assert point is not None
+        return *point, course
+
+    @cached_property
+    def climb_out(self) -> CoverageLeg | None:
+        """The climb straight ahead after take-off; None where no direction is known."""
+        options, given = self.options, self.options.takeoff_deg
+        if given is None and (options.landing is None or options.start is not None or self.motion.windless):
+            return None
+        if self.home_m is None or options.start is not None:
+            raise _fault("--takeoff", f"{given}", "no home to take off from", "--home, and no --start")
+        east, north = self.motion.wind_mps
+        course = math.atan2(-north, -east) if given is None else _course_rad("--takeoff", given)
+        length_m = self._sloping_m("--takeoff", course, min(CLIMB_OUT_M, self._altitude_m), 0)
+        x, y = self.home_m
+        return CoverageLeg(straight((x, y), (x + length_m * math.cos(course), y + length_m * math.sin(course))))
+
+    @cached_property
+    def approach(self) -> CoverageLeg | None:
+        """The final approach, down from the plan's altitude; None without a landing."""
+        if self._landing is None:
+            return None
+        x, y, course = self._landing
+        length_m = self._sloping_m("--landing", course, self._altitude_m, 1)
+        return CoverageLeg(straight((x - length_m * math.cos(course), y - length_m * math.sin(course)), (x, y)))
+
+    @property
+    def _altitude_m(self) -> float:
+        altitude_m = self.options.altitude_m
+        return self.airframe.cruise_altitude_m if altitude_m is None else altitude_m
+
+    def _sloping_m(self, option: str, course_rad: float, height_m: float, down: int) -> float:
+        """Ground that a climb of a height takes straight ahead, or a descent (1) [m]; a headwind may die down."""
+        if isinstance(self.airframe, PaperVehicle):
+            message = f"the airframe {self.airframe.model} holds its altitude"
+            raise _fault(option, "", message, "an aeroplane, as --vehicle or in --scenario")
+        rate_mps = self.airframe.climb_rates_mps(self.motion.airspeed_mps)[down]
+        if rate_mps <= 0:
+            raise _fault(option, "", f"the aircraft does not {'descend' if down else 'climb'}", "another airspeed")
+        metre = straight((0.0, 0.0), (math.cos(course_rad), math.sin(course_rad)))
+        return height_m / rate_mps * max(1 / self.motion.time_s([metre]), self.motion.airspeed_mps)
 
     @cached_property
     def airspace(self) -> Airspace:
@@ -433,14 +496,18 @@ class CoverageTask:
         given, altitude_m, airframe = self.field.airspace, self.options.altitude_m, self.airframe
         if altitude_m is None or isinstance(airframe, PaperVehicle):
             return given
-        reached_m = [altitude_m] * len(given.obstacles)
-        if self.home_m is not None and given.obstacles:
+        reached_m, slopes = [altitude_m] * len(given.obstacles), list[tuple[Point, float]]()
+        if self.home_m is not None:
+            # a climb from home with the wind behind, straight to the obstacle
+            climb_mps = airframe.climb_rates_mps(self.motion.airspeed_mps)[0]
+            slopes.append((self.home_m, climb_mps / self.motion.ground_limit_mps))
+        if self.approach is not None:
+            slopes.append((self.approach.end[:2], altitude_m / self.approach.piece.length_m))
+        for point, slope in slopes if given.obstacles else ():
             from eadp.core.geometry.polygons import distances_m
 
-            # a climb from home with the wind behind, straight to the obstacle
-            climb = airframe.climb_rates_mps(self.motion.airspeed_mps)[0] / self.motion.ground_limit_mps
-            ways_m = distances_m([each.outline for each in given.obstacles], self.home_m)
-            reached_m = [min(altitude_m, climb * way_m) for way_m in ways_m.tolist()]
+            ways_m = distances_m([each.outline for each in given.obstacles], point).tolist()
+            reached_m = [min(there_m, slope * way_m) for there_m, way_m in zip(reached_m, ways_m, strict=True)]
         high = [
             each
             for each, there_m in zip(given.obstacles, reached_m, strict=True)
@@ -464,11 +531,12 @@ class CoverageTask:
     def request(self) -> CoverageRequest:
         """The coverage of the whole field."""
         options = self.options
-        start = _point("--start", options.start, self.field)
-        heading = options.heading_rad
+        ends = _point("--start", options.start, self.field) or self.home_m, self.home_m
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
-        ends = start, self.home_m
-        return CoverageRequest(self.field, self.motion, options.pattern, heading, *ends, apart, airspace=self.airspace)
+        given = self.field, self.motion, options.pattern, options.heading_rad, *ends, apart
+        return CoverageRequest(
+            *given, airspace=self.airspace, climb_out=self.climb_out, approach=self.approach
+        )
 
     def planned(self, solution: CoverageSolution, field: Field | None = None) -> CoveragePlan:
         """The plan of a path over the field, or over a part of it.
@@ -481,6 +549,13 @@ class CoverageTask:
         field, options, motion = field or self.field, self.options, self.motion
         distance_m, computations = options.picture_distance_m, _computations(self.profile, options.turns_off)
         parts = [tuple(map(_millimetres, part)) for part in field.parts]
+        first_m, takeoff, ending = solution.path(0.0).legs[0].start[:2], None, None
+        if self.home_m is not None and math.dist(first_m, self.home_m) < 1e-6:
+            # a height of 0 is that of the plan
+            up_m = 0.0 if self.climb_out is None else min(CLIMB_OUT_M, self._altitude_m)
+            takeoff, ending = _command(TAKEOFF, up_m), _command(RETURN)
+        if self.approach is not None:
+            ending = _command(LAND)
         name = printable(" ".join(field.name.split()), NAME_LIMIT)
         covered = Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:]))
         plan = build_plan(
@@ -491,6 +566,8 @@ class CoverageTask:
             site=_site(field, covered, motion, self.home_m, self.vehicle),
             altitude_m=options.altitude_m,
             commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
+            takeoff=takeoff,
+            ending=ending,
         )
         known = self.profile is not None or self.pack_wh is not None
         power = _power(plan, self.profile, self.airframe.cruise_power_w, computations) if known else None
@@ -520,6 +597,11 @@ def _millimetres(points: Sequence[Point]) -> tuple[Point, ...]:
 def _pictures(distance_m: float) -> tuple[float, ...]:
     """The command to take a picture every so many metres; 0 for none."""
     return (TRIGGER_DISTANCE, round(distance_m, 6), 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def _command(command: int, height_m: float = 0.0) -> tuple[float, ...]:
+    """A command that has a height alone [m]."""
+    return (command, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, height_m)
 
 
 def _limited(field: Field, options: CoverageOptions) -> tuple[Field, list[str]]:
@@ -570,8 +652,15 @@ def _point(option: str, given: Pair | None, field: Field) -> Point | None:
     return point
 
 
-def _raw(given: Pair) -> str:
-    return given if isinstance(given, str) else f"{given[0]},{given[1]}"
+def _course_rad(option: str, compass: float) -> float:
+    """The mathematical heading of an option's compass bearing [°]."""
+    if not abs(compass) <= 360:
+        raise _fault(option, f"{compass}", "no heading", "a compass bearing [°]: 0 north, 90 east")
+    return heading_rad(compass)
+
+
+def _raw(given: Pair | Pose) -> str:
+    return given if isinstance(given, str) else ",".join(map(str, given))
 
 
 def _two_numbers(option: str, given: Pair, expected: str) -> Point:
@@ -673,7 +762,7 @@ def coverage_task(
         message = "no computations to stop on turns; --profile names some"
         warn([Fault("--turns-off", 1, 1, message, severity="note")])
     flown = setting.keys.vehicle if vehicle is None else read_vehicle(read_text(str(vehicle)))
-    if cruises and options.altitude_m is None:
+    if (cruises or options.landing is not None or options.takeoff_deg is not None) and options.altitude_m is None:
         options = replace(options, altitude_m=flown.airframe.cruise_altitude_m)
     pack_wh = None
     if vehicle is not None or "battery" in setting.chosen:

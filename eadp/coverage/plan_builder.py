@@ -17,7 +17,7 @@ from eadp.coverage.swaths import CoverageLeg, StripFrame, direction_cosine
 from eadp.coverage.zamboni import END_TOLERANCE_M, Block
 from eadp.models.plan.plan import Plan, Site
 from eadp.models.plan.segments import LoopVariable, Segment
-from eadp.models.plan.stage import Box, Stage, Title
+from eadp.models.plan.stage import LAND, Box, Stage, Title
 
 GAIN_PER_M = 0.1
 """Gain of a stage for a path function whose gradient is 1: a circle's is this over its diameter, the gradient there."""
@@ -66,6 +66,8 @@ def build_plan(
     site: Site | None = None,
     altitude_m: float | None = None,
     commands: tuple[Command, Command] | None = None,
+    takeoff: Command | None = None,
+    ending: Command | None = None,
 ) -> Plan:
     """The plan of a coverage path.
 
@@ -84,16 +86,29 @@ def build_plan(
         Altitude of all stages [m].
     commands : (tuple, tuple), optional
         What an autopilot does as it starts on the field, and as it starts on a turn, see `Stage`.
+    takeoff : tuple, optional
+        The command of a take-off: the path starts on the ground.
+    ending : tuple, optional
+        The command of the last stage: a landing, whose altitude the stage has, or the return.
     """
-    builder = _PlanBuilder(solution, computations or FieldComputations())
+    builder = _PlanBuilder(solution, computations or FieldComputations(), from_start=takeoff is not None)
     site = site or Site()
-    if builder.start_m is not None:
+    if takeoff is not None:
+        site = site._replace(start_m=site.home_m)
+    elif builder.start_m is not None:
         site = site._replace(start_m=builder.start_m)
     repeats = len(builder.segments) > 1
     stages = builder.stages if commands is None else builder.commanded(commands)
+    stages = [replace(stage, altitude_m=altitude_m) for stage in stages]
+    if takeoff is not None:
+        stages[0] = replace(stages[0], commands=(takeoff, *stages[0].commands))
+    if ending is not None:
+        last = stages[-1]
+        down_m = ending[-1] if ending[0] == LAND else altitude_m
+        stages[-1] = replace(last, commands=(*last.commands, ending), altitude_m=down_m)
     return Plan(
         name=name,
-        stages=tuple(replace(stage, altitude_m=altitude_m) for stage in stages),
+        stages=tuple(stages),
         path_count=1 if solution.min_c1 < 0 else 0,
         titles=(Title("spacing", "m", _expression(_spacing(solution.blocks[0]))),) if solution.min_c1 < 0 else (),
         computations=builder.computations.computations,
@@ -109,8 +124,8 @@ def build_plan(
 class _PlanBuilder:
     """Stages and segments of a plan, and the length of its shortest stage; `_sensing`, whether each stage is a line."""
 
-    def __init__(self, solution: CoverageSolution, computations: FieldComputations) -> None:
-        self.computations = computations
+    def __init__(self, solution: CoverageSolution, computations: FieldComputations, *, from_start: bool) -> None:
+        self.computations, self._from_start = computations, from_start
         self.stages: list[Stage] = []
         self.segments: list[Segment] = []
         self.shortest_m = math.inf
@@ -162,7 +177,7 @@ class _PlanBuilder:
             # the first stage ends where the default start is its start: 100 m on a line, a quarter of a circle
             piece = legs[0].piece
             share = START_M if piece.turn == 0 else piece.radius_m * math.pi / 2
-            if share < piece.length_m:
+            if share < piece.length_m and not self._from_start:
                 legs = [*legs[0].cut(share), *legs[1:]]
             else:
                 self.start_m = (round(piece.start[0], _DIGITS), round(piece.start[1], _DIGITS))

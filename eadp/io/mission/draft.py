@@ -8,13 +8,14 @@ from typing import NamedTuple
 
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.text.source import Location
+from eadp.models.plan import stage
 from eadp.models.vehicle import FixedWing
 
 ITEMS_LIMIT = 10_000
 """Most items of a mission, and most that are flown: an autopilot holds hundreds."""
 
 WAYPOINT, LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME = 16, 17, 18, 19
-RETURN, LAND, TAKEOFF, LOITER_TO_ALTITUDE = 20, 21, 22, 31
+RETURN, LAND, TAKEOFF, LOITER_TO_ALTITUDE = stage.RETURN, stage.LAND, stage.TAKEOFF, 31
 SPLINE, VTOL_TAKEOFF, VTOL_LAND = 82, 84, 85
 JUMP, CHANGE_SPEED, LAND_START, TRIGGER_DISTANCE = 177, 178, 189, 206
 
