@@ -19,7 +19,7 @@ from eadp.coverage.cover import AUTO, PATTERNS, CoverageRequest, CoverageSolutio
 from eadp.coverage.cover import cover as cover_field
 from eadp.coverage.plan_builder import FieldComputations, build_plan
 from eadp.coverage.report import CoverageReport, PowerDraw
-from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, CoverageLeg, MotionLimits, straight
+from eadp.coverage.swaths import CLIMB_OUT_M, RADIUS_SHARE, SPACING_SHARE, CoverageLeg, MotionLimits, straight
 from eadp.errors import EadpError, Fault, InputError, one_of, printable, refuse
 from eadp.io.field.draft import NAME_LIMIT
 from eadp.io.field.files import read_field_text
@@ -49,8 +49,6 @@ MIN_LENGTH_MM, MAX_LENGTH_MM = 0.5, 1e3
 MAX_OVERLAP = 99.0
 MAX_DISTANCE_M = 50_000.0
 """Largest distance of the start and home points from the field [m]."""
-CLIMB_OUT_M = 50.0
-"""Height of a climb straight ahead after take-off [m]: what ArduPilot's TKOFF_ALT is by default."""
 
 Pair = str | Point
 """Two numbers, or the text of two numbers."""

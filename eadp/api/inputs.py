@@ -430,8 +430,7 @@ def _altitude_m(plan: Plan, scenario: Scenario, vehicle: Airframe) -> float:
         return scenario.keys.start.altitude_m
     commanded = any(stage.altitude_m is not None for stage in plan.stages)
     # a plan takes off by command, a mission from the origin
-    takes_off = any(command[0] == TAKEOFF for command in plan.stages[0].commands)
-    from_ground = takes_off or (commanded and plan.site.start_m == (0.0, 0.0))
+    from_ground = plan.stages[0].command(TAKEOFF) or (commanded and plan.site.start_m == (0.0, 0.0))
     here = scenario.position_m("start", plan.site.origin_deg) is None
     if from_ground and here and not isinstance(vehicle, PaperVehicle):
         return 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from eadp.core.expressions.reader import read_expression
@@ -56,6 +56,16 @@ def _is_placed(item: DraftItem) -> bool:
     latitude, longitude = item.parameters[4:6]
     placed = abs(latitude) <= 90 and abs(longitude) <= 180 and max(abs(latitude), abs(longitude)) >= SAME_POINT_DEG
     return item.command in _POSITIONED and placed
+
+
+def _command(item: DraftItem) -> tuple[float, ...]:
+    """An item as the command of a stage."""
+    return (float(item.command), *(0.0 if math.isnan(value) else value for value in item.parameters))
+
+
+def _without_place(item: DraftItem) -> tuple[float, ...]:
+    """As `_command`, of an item whose place is the path's."""
+    return (*_command(item)[:5], 0.0, 0.0, 0.0)
 
 
 @dataclass
@@ -265,12 +275,13 @@ class MissionPlan:
                 here = (0.0, 0.0) if item.command == d.RETURN else self.points.get(index) or here
                 climb_m = 0.0 if altitude is None else altitude - (before or 0.0)
                 target = self._target(index, item, here, airspeed, climb_m)
+                if item.command == d.TAKEOFF and not visits:
+                    commands.append((*_without_place(item)[:-1], altitude or 0.0))
                 if target is not None:
                     visits.append(_Visit(target, item, altitude, airspeed, tuple(commands)))
                     commands = []
-            elif item.command in MOTIONLESS or item.command == d.CHANGE_SPEED:
-                values = [0.0 if math.isnan(value) else value for value in item.parameters]
-                commands.append((float(item.command), *values))
+            elif item.command in MOTIONLESS or item.command in (d.CHANGE_SPEED, d.LAND_START):
+                commands.append(_command(item))
         if commands and visits:
             visits[-1] = visits[-1]._replace(commands=(*visits[-1].commands, *commands))
         return visits
@@ -364,6 +375,9 @@ class MissionPlan:
                     item=visit.item.label,
                 )
             )
+        last = visits[-1].item
+        if last.command in (d.LAND, d.RETURN):
+            stages[-1] = replace(stages[-1], commands=(*stages[-1].commands, _without_place(last)))
         shortest_m = min(piece.length_m for _, piece in path.pieces)
         return Plan(
             name=self.source.name,

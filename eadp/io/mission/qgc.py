@@ -272,13 +272,21 @@ def qgc_text(
         }
         for inclusion, corners, _ in fences
     ]
-    written = []
-    for number, (command, frame, parameters, _) in enumerate(items, 1):
+    written: list[dict[str, Any]] = []
+    lands = [item.command for item in items[-3:]] == [LAND_START, WAYPOINT, LAND]
+    for number, (command, frame, parameters, _) in enumerate(items[:-3] if lands else items, 1):
         item: dict[str, Any] = {"autoContinue": True, "command": command, "doJumpId": number, "frame": frame}
         item |= {"params": [round(value, 9) for value in parameters], "type": "SimpleItem"}
         if frame == RELATIVE:
             item |= {"AMSLAltAboveTerrain": None, "Altitude": parameters[6], "AltitudeMode": 1}
         written.append(item)
+    if lands:
+        approach, land = ([round(value, 9) for value in item.parameters[4:]] for item in items[-2:])
+        written.append(
+            {"type": "ComplexItem", "complexItemType": "fwLandingPattern", "version": 2, "altitudesAreRelative": True}
+            | {"landingApproachCoordinate": approach, "landCoordinate": land, "useLoiterToAlt": False}
+            | {"loiterRadius": 0.0, "loiterClockwise": True, "stopTakingPhotos": False, "stopVideoPhotos": False}
+        )
     mission = {
         "cruiseSpeed": airspeed_mps,
         "firmwareType": firmware,

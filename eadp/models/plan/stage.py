@@ -138,6 +138,10 @@ class Stage:
         """What messages call it."""
         return self.item or f"stage {self.index}"
 
+    def command(self, number: int) -> tuple[float, ...]:
+        """Its command of a number; empty without."""
+        return next((each for each in self.commands if each[0] == number), ())
+
     @cached_property
     def kind(self) -> str:
         """`line`, `circle` or `curve`."""

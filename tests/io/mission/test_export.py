@@ -237,7 +237,8 @@ def test_home_adds_take_off_and_return_and_stages_their_settings():
     exported = mission_items(path_of(plan, home_deg=home, trigger_distance_m=25.0))
     assert [exported[0].command, exported[-1].command] == [22, 20]
     assert [item.parameters[0] for item in exported if item.command == 206] == [25, 0]
-    assert {item.parameters[6] for item in exported if item.command in (16, 18, 22)} == {60}
+    assert {item.parameters[6] for item in exported if item.command in (16, 18)} == {60}
+    assert exported[0].parameters[6] == 50, "ArduPilot climbs straight ahead to there"
     back, _ = read_back(path_of(plan, home_deg=home), "qgc")
     assert back.site.origin_deg == pytest.approx(home)
     assert back.stages[-1].trigger_at(()) == (0, 0)
