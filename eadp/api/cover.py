@@ -10,8 +10,9 @@ from os import PathLike
 from typing import Annotated, Any, Literal, NamedTuple
 
 from eadp.api.given import File, Warn, python_warnings
+from eadp.api.landing import Air, approach, climb_out, course_rad, landing_pose
 from eadp.api.profile import profile_of_scenario, read_profile
-from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, heading_rad
+from eadp.core.geometry.bearings import blowing_to_rad, compass_deg
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import place_text, to_local_m
@@ -19,7 +20,7 @@ from eadp.coverage.cover import AUTO, PATTERNS, CoverageRequest, CoverageSolutio
 from eadp.coverage.cover import cover as cover_field
 from eadp.coverage.plan_builder import FieldComputations, build_plan
 from eadp.coverage.report import CoverageReport, PowerDraw
-from eadp.coverage.swaths import CLIMB_OUT_M, RADIUS_SHARE, SPACING_SHARE, CoverageLeg, MotionLimits, straight
+from eadp.coverage.swaths import CLIMB_OUT_M, RADIUS_SHARE, SPACING_SHARE, CoverageLeg, MotionLimits
 from eadp.errors import EadpError, Fault, InputError, one_of, printable, refuse
 from eadp.io.field.draft import NAME_LIMIT
 from eadp.io.field.files import read_field_text
@@ -266,7 +267,7 @@ class CoverageOptions(CameraOptions, FieldOptions, PathOptions):
         """The mathematical heading (0 east, counter-clockwise) of the lines, if it is given."""
         if self.heading_deg is None:
             return None
-        return _course_rad("--heading", self.heading_deg)
+        return course_rad("--heading", self.heading_deg)
 
 
 class Pictures(NamedTuple):
@@ -437,17 +438,9 @@ class CoverageTask:
     @cached_property
     def _landing(self) -> Pose | None:
         """Where the flight lands, and on which course."""
-        given, expected = self.options.landing, "a place and a heading [°], like 55.37,10.43,240"
-        if given is None:
+        if self.options.landing is None:
             return None
-        *place, heading = _raw(given).replace(",", " ").split() or [""]
-        try:
-            course = _course_rad("--landing", float(heading))
-        except ValueError:
-            raise _fault("--landing", _raw(given), "no heading", expected) from None
-        point = _point("--landing", ",".join(place), self.field)
-        assert point is not None
-        return *point, course
+        return landing_pose(self.options.landing, lambda raw: _place("--landing", raw, self.field))
 
     @cached_property
     def climb_out(self) -> CoverageLeg | None:
@@ -458,35 +451,22 @@ class CoverageTask:
         if self.home_m is None or options.start is not None:
             raise _fault("--takeoff", f"{given}", "no home to take off from", "--home, and no --start")
         east, north = self.motion.wind_mps
-        course = math.atan2(-north, -east) if given is None else _course_rad("--takeoff", given)
-        length_m = self._sloping_m("--takeoff", course, min(CLIMB_OUT_M, self._altitude_m), 0)
-        x, y = self.home_m
-        return CoverageLeg(straight((x, y), (x + length_m * math.cos(course), y + length_m * math.sin(course))))
+        course = math.atan2(-north, -east) if given is None else course_rad("--takeoff", given)
+        return climb_out(self.home_m, course, min(CLIMB_OUT_M, self._altitude_m), self.airframe, self._air)
 
     @cached_property
     def approach(self) -> CoverageLeg | None:
         """The final approach, down from the plan's altitude; None without a landing."""
-        if self._landing is None:
-            return None
-        x, y, course = self._landing
-        length_m = self._sloping_m("--landing", course, self._altitude_m, 1)
-        return CoverageLeg(straight((x - length_m * math.cos(course), y - length_m * math.sin(course)), (x, y)))
+        return self._landing and approach(self._landing, self._altitude_m, self.airframe, self._air)
+
+    @property
+    def _air(self) -> Air:
+        return Air(self.motion.airspeed_mps, self.motion.wind_mps)
 
     @property
     def _altitude_m(self) -> float:
         altitude_m = self.options.altitude_m
         return self.airframe.cruise_altitude_m if altitude_m is None else altitude_m
-
-    def _sloping_m(self, option: str, course_rad: float, height_m: float, down: int) -> float:
-        """Ground that a climb of a height takes straight ahead, or a descent (1) [m]; a headwind may die down."""
-        if isinstance(self.airframe, PaperVehicle):
-            message = f"the airframe {self.airframe.model} holds its altitude"
-            raise _fault(option, "", message, "an aeroplane, as --vehicle or in --scenario")
-        rate_mps = self.airframe.climb_rates_mps(self.motion.airspeed_mps)[down]
-        if rate_mps <= 0:
-            raise _fault(option, "", f"the aircraft does not {'descend' if down else 'climb'}", "another airspeed")
-        metre = straight((0.0, 0.0), (math.cos(course_rad), math.sin(course_rad)))
-        return height_m / rate_mps * max(1 / self.motion.time_s([metre]), self.motion.airspeed_mps)
 
     @cached_property
     def airspace(self) -> Airspace:
@@ -532,9 +512,7 @@ class CoverageTask:
         ends = _point("--start", options.start, self.field) or self.home_m, self.home_m
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
         given = self.field, self.motion, options.pattern, options.heading_rad, *ends, apart
-        return CoverageRequest(
-            *given, airspace=self.airspace, climb_out=self.climb_out, approach=self.approach
-        )
+        return CoverageRequest(*given, airspace=self.airspace, climb_out=self.climb_out, approach=self.approach)
 
     def planned(self, solution: CoverageSolution, field: Field | None = None) -> CoveragePlan:
         """The plan of a path over the field, or over a part of it.
@@ -624,9 +602,11 @@ def wind_vector_mps(given: Pair) -> Point:
 
 
 def _point(option: str, given: Pair | None, field: Field) -> Point | None:
+    return None if given is None else _place(option, given, field)
+
+
+def _place(option: str, given: Pair, field: Field) -> Point:
     """A point in the field's coordinates: metres, or latitude and longitude if the field was given in degrees."""
-    if given is None:
-        return None
     if field.origin_deg is None:
         point = _two_numbers(option, given, "X,Y in metres, like -50,20")
     else:
@@ -650,15 +630,8 @@ def _point(option: str, given: Pair | None, field: Field) -> Point | None:
     return point
 
 
-def _course_rad(option: str, compass: float) -> float:
-    """The mathematical heading of an option's compass bearing [°]."""
-    if not abs(compass) <= 360:
-        raise _fault(option, f"{compass}", "no heading", "a compass bearing [°]: 0 north, 90 east")
-    return heading_rad(compass)
-
-
-def _raw(given: Pair | Pose) -> str:
-    return given if isinstance(given, str) else ",".join(map(str, given))
+def _raw(given: Pair) -> str:
+    return given if isinstance(given, str) else f"{given[0]},{given[1]}"
 
 
 def _two_numbers(option: str, given: Pair, expected: str) -> Point:

@@ -425,7 +425,7 @@ def _commands(plan: Plan) -> bool:
 
 
 def _altitude_m(plan: Plan, scenario: Scenario, vehicle: Airframe) -> float:
-    """Altitude at the start [m]: as given, else that of the ground for a take-off or a mission, else the first stage's."""
+    """Altitude at the start [m]: as given, else the ground for a take-off or a mission, else the first stage's."""
     if scenario.keys.start.altitude_m is not None:
         return scenario.keys.start.altitude_m
     commanded = any(stage.altitude_m is not None for stage in plan.stages)

@@ -144,9 +144,9 @@ class CoverageRequest:
     """A coverage problem: the field, the motion's limits, and what is prescribed.
 
     `heading_rad` None leaves the heading of the lines free; `start_m` and `home_m` None leave both ends of the path
-    free. A path may start with a straight `climb_out` and end with a straight final `approach`. Ordered lines lie at most
-    `order_spacing_m` apart, by default a swath, or on a `grid`. `airspace` is what is in the way, by default all that the
-    field has.
+    free. A path may start with a straight `climb_out` and end with a straight final `approach`. Ordered lines lie at
+    most `order_spacing_m` apart, by default a swath, or on a `grid`. `airspace` is what is in the way, by default all
+    that the field has.
     """
 
     field: Field

@@ -8,16 +8,17 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from eadp.core.expressions.reader import read_expression
-from eadp.core.expressions.tree import Expression, number_text
-from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Piece
+from eadp.core.expressions.tree import Expression, constant, number_text
+from eadp.core.geometry.curves import Point, tangent
+from eadp.core.geometry.dubins import Piece, ordered
 from eadp.core.geometry.envelope import PiecewiseLinear
 from eadp.coverage.cover import CoverageSolution
 from eadp.coverage.swaths import CoverageLeg, StripFrame, direction_cosine
 from eadp.coverage.zamboni import END_TOLERANCE_M, Block
+from eadp.errors import Infeasible
 from eadp.models.plan.plan import Plan, Site
 from eadp.models.plan.segments import LoopVariable, Segment
-from eadp.models.plan.stage import LAND, Box, Stage, Title
+from eadp.models.plan.stage import LAND, RETURN, Box, Stage, Title
 
 GAIN_PER_M = 0.1
 """Gain of a stage for a path function whose gradient is 1: a circle's is this over its diameter, the gradient there."""
@@ -310,6 +311,51 @@ def piece_path(piece: Piece) -> PathText:
         nx, ny, rotation = -nx, -ny, 270
     # n·(p − start)
     return PathText(_shifted(-round(nx * x + ny * y, _DIGITS), _linear((nx, ny))), rotation, GAIN_PER_M)
+
+
+def piece_stages(pieces: Sequence[Piece], like: Stage, first: int) -> tuple[Stage, ...]:
+    """Stages along pieces, flown as another stage is, with numbers from `first` on."""
+    stages = []
+    for index, piece in enumerate(pieces, first):
+        function, rotation_deg, gain = piece_path(piece)
+        x, y = map(constant, piece.end[:2])
+        flown = replace(like, index=index, segment=None, commands=(), path=read_expression(function), trigger=(x, y))
+        stages.append(replace(flown, gain=gain, rotation_deg=rotation_deg))
+    return tuple(stages)
+
+
+def with_landing(plan: Plan, approach: CoverageLeg, radius_m: float, land: Command) -> Plan:
+    """A plan that lands from where it ends: the quickest turn to a final approach, and down it.
+
+    Parameters
+    ----------
+    plan : Plan
+    approach : CoverageLeg
+    radius_m : float
+        Of the turns [m].
+    land : tuple
+        The command of the landing, whose altitude its stage has.
+
+    Raises
+    ------
+    Infeasible
+        If laps decide where the plan ends, or path parameters do.
+    """
+    last = plan.stages[-1]
+    laps = plan.repeats or (last.segment and last.segment.repeats)
+    if laps or any(part.max_parameter for part in (last.path, *last.trigger)):
+        raise Infeasible("where the plan ends depends on its laps or its path parameters")
+    x, y = last.trigger_at(())
+    dx, dy = tangent(last.path_at(()), (x, y), last.sense)
+    turn = ordered((x, y, math.atan2(dy, dx)), approach.start, radius_m)[0]
+    pieces = [each for each in (*turn.pieces, approach.piece) if each.length_m >= MIN_STAGE_M]
+    *way, down = piece_stages(pieces, last, len(plan.stages) + 1)
+    landing = replace(down, altitude_m=land[-1], commands=(land,))
+    kept = replace(last, commands=tuple(each for each in last.commands if each[0] != RETURN))
+    segments = plan.segments and (*plan.segments, Segment(len(plan.stages), len(pieces)))
+    stages = (*plan.stages[:-1], kept, *way, landing)
+    # the laps that explicit stages had are none any more
+    return replace(plan, stages=stages, segments=segments, primitive_stages=None, shift=None, final=None)
 
 
 def _number(value: float) -> str:

@@ -19,6 +19,9 @@ RETURN, LAND, TAKEOFF, LOITER_TO_ALTITUDE = stage.RETURN, stage.LAND, stage.TAKE
 SPLINE, VTOL_TAKEOFF, VTOL_LAND = 82, 84, 85
 JUMP, CHANGE_SPEED, LAND_START, TRIGGER_DISTANCE = 177, 178, 189, 206
 
+HIGHEST_M = 1e5
+"""Highest altitude, and greatest depth [m]."""
+
 CIRCLE_CORNERS, MAX_FENCE_M = 32, 1e6
 """Corners of a round fence, and its largest radius [m]."""
 
@@ -55,6 +58,10 @@ class DraftItem:
     locations: tuple[Location, ...]
 
 
+Place = tuple[float, float, float]
+"""A place to rally: latitude and longitude [°], altitude above home [m]."""
+
+
 class Fence(NamedTuple):
     """An area that an autopilot keeps in, or out of: its corners as latitude and longitude [°]."""
 
@@ -85,6 +92,7 @@ class MissionDraft:
     items: list[DraftItem] = field(default_factory=list)
     multirotor: bool = False
     fences: list[Fence] = field(default_factory=list)
+    rally: list[Place] = field(default_factory=list)
     doubts: list[tuple[Location, str, str]] = field(default_factory=list)
 
 

@@ -13,15 +13,15 @@ from dataclasses import replace
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.waypoints import ARC_RAD, TURNS_TOLERANCE
 from eadp.coverage.swaths import CLIMB_OUT_M
-from eadp.io.mission import EXPORT_NAMES
+from eadp.io.mission import EXPORT_NAMES, FENCE_ENDING, RALLY_ENDING
 from eadp.io.mission import draft as d
 from eadp.io.mission.autopilot import ACCEPTANCE_M
-from eadp.io.mission.draft import Fence, MissionItem
+from eadp.io.mission.draft import Fence, MissionItem, Place
 from eadp.io.mission.maps import geojson_text, gpx_text, kml_text
 from eadp.io.mission.paparazzi import paparazzi_text
 from eadp.io.mission.path import PlannedPath, Section
 from eadp.io.mission.qgc import PX4, qgc_text
-from eadp.io.mission.wpl import fence_text, wpl_text
+from eadp.io.mission.wpl import fence_text, rally_text, wpl_text
 from eadp.plug_ins import plug_in
 
 HALVES_TOLERANCE = 1e-4
@@ -206,20 +206,26 @@ def _fences(path: PlannedPath) -> list[Fence]:
     return [Fence(inclusion, [path.geodetic_deg(point) for point in ring]) for inclusion, ring in rings]
 
 
+def _rally(path: PlannedPath) -> list[Place]:
+    return [(*path.geodetic_deg((x, y)), up_m) for x, y, up_m in path.rally]
+
+
 FENCED = ("qgc", "ardupilot", "px4")
 """Formats that hold obstacles and a boundary; of `ardupilot` they are a file of their own."""
 
 
-def fence_file(path: PlannedPath) -> str:
-    """The file of ArduPilot's fence; empty without obstacles and boundary."""
-    fences = _fences(path)
-    return fence_text(fences) if fences else ""
+def files_beside(path: PlannedPath) -> dict[str, str]:
+    """ArduPilot's files of the fence and of places to rally, by the ending of their names; none that is empty."""
+    fences, rally = _fences(path), _rally(path)
+    return ({FENCE_ENDING: fence_text(fences)} if fences else {}) | ({RALLY_ENDING: rally_text(rally)} if rally else {})
 
 
 _WRITERS: tuple[Callable[[PlannedPath], str], ...] = (
-    lambda path: qgc_text(mission_items(path), path.home, path.airspeed_mps, _fences(path)),
+    lambda path: qgc_text(mission_items(path), path.home, path.airspeed_mps, _fences(path), rally=_rally(path)),
     lambda path: wpl_text(mission_items(path), path.home),
-    lambda path: qgc_text(mission_items(path, px4=True), path.home, path.airspeed_mps, _fences(path), PX4),
+    lambda path: qgc_text(
+        mission_items(path, px4=True), path.home, path.airspeed_mps, _fences(path), PX4, _rally(path)
+    ),
     paparazzi_text,
     kml_text,
     geojson_text,

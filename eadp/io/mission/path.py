@@ -93,7 +93,8 @@ class PlannedPath:
     """What is exported: the sections of a plan at parameters, and what holds on them.
 
     `altitude_m` holds where a stage has none, and `stated_mps` as its airspeed, None without one; `home_deg` is where
-    the aircraft takes off and returns to, None without; `climb_deg` is the pitch of the take-off [°].
+    the aircraft takes off and returns to, None without; `climb_deg` is the pitch of the take-off [°]; `rally` are
+    places to rally, with their altitudes above home [m].
     """
 
     name: str
@@ -107,6 +108,7 @@ class PlannedPath:
     airspace: Airspace = EVERYWHERE
     stated_mps: float | None = None
     climb_deg: float = 0.0
+    rally: tuple[tuple[float, float, float], ...] = ()
 
     def geodetic_deg(self, point: Point) -> Point:
         """Latitude and longitude of a point [m]."""

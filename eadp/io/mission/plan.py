@@ -23,7 +23,6 @@ from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.plan.plan import Finding, Plan, Site
 from eadp.models.plan.stage import Stage
 
-HIGHEST_M = 1e5
 LOW_M = 50.0
 """Height below home beyond which an altitude above the sea may be one above home [m]."""
 LOITER_RADIUS_M = 60.0
@@ -104,7 +103,7 @@ class MissionPlan:
 
     def _check_home(self) -> None:
         latitude, longitude, altitude = self.draft.home
-        if not (abs(latitude) <= 90 and abs(longitude) <= 180 and abs(altitude) <= HIGHEST_M):
+        if not (abs(latitude) <= 90 and abs(longitude) <= 180 and abs(altitude) <= d.HIGHEST_M):
             message = f"home at latitude {latitude:.10g}, longitude {longitude:.10g}, altitude {altitude:.10g}"
             expected = "degrees within ±90 and ±180, and metres"
         elif latitude == longitude == 0:
@@ -156,8 +155,8 @@ class MissionPlan:
             if item.command not in _HERE_IF_NULL:
                 self._fault(at[6], item, "no coordinates", "a latitude and a longitude")
             return
-        if abs(altitude) > HIGHEST_M:
-            self._fault(at[8], item, f"an altitude of {altitude:.10g} m", f"at most {HIGHEST_M:g} m")
+        if abs(altitude) > d.HIGHEST_M:
+            self._fault(at[8], item, f"an altitude of {altitude:.10g} m", f"at most {d.HIGHEST_M:g} m")
         if abs(latitude) > 90 or abs(longitude) > 180:
             which = (6, "latitude", latitude, 90) if abs(latitude) > 90 else (7, "longitude", longitude, 180)
             self._fault(at[which[0]], item, f"a {which[1]} of {which[2]:.10g}", f"degrees within ±{which[3]}")
@@ -385,12 +384,15 @@ class MissionPlan:
             path_count=0,
             trigger_radius_m=min(TRIGGER_RADIUS_M, float(f"{0.9 * shortest_m:.2g}")),
             min_radius_m=radius_m,
-            site=Site(self._origin_deg, (0.0, 0.0), home_m=(0.0, 0.0), airspace=self._airspace()),
+            site=Site(self._origin_deg, (0.0, 0.0), home_m=(0.0, 0.0), airspace=self._airspace(), rally=self._rally()),
         )
 
     @property
     def _origin_deg(self) -> Point:
         return self.draft.home[0], self.draft.home[1]
+
+    def _rally(self) -> tuple[tuple[float, float, float], ...]:
+        return tuple((*to_local_m(*place[:2], self._origin_deg), place[2]) for place in self.draft.rally)
 
     def _airspace(self) -> Airspace:
         """The fences: obstacles and boundary."""

@@ -84,6 +84,8 @@ class Site(NamedTuple):
     airspace : Airspace
         Obstacles and boundary.
     made_for : MadeFor or None
+    rally : tuple of (float, float, float)
+        Where an autopilot may return to instead of home, and the altitude above home there [m].
     """
 
     origin_deg: tuple[float, float] | None = None
@@ -93,6 +95,7 @@ class Site(NamedTuple):
     home_m: Point | None = None
     airspace: Airspace = EVERYWHERE
     made_for: MadeFor | None = None
+    rally: tuple[tuple[float, float, float], ...] = ()
 
 
 @dataclass(frozen=True)
