@@ -349,7 +349,15 @@ class CoveragePlan:
     def lines(self) -> list[str]:
         """A summary for people, line by line."""
         camera = [] if self.pictures is None else [self.pictures.text()]
-        return [*self.report.text(), *camera, *self._overlap_text(), *self._batteries_text()]
+        return [*self.report.text(), *self._landing_text(), *camera, *self._overlap_text(), *self._batteries_text()]
+
+    def _landing_text(self) -> list[str]:
+        """The final approach."""
+        *_, before, last = self.plan.stages
+        if not last.command(LAND):
+            return []
+        length_m = math.dist(before.trigger_at(()), last.trigger_at(()))
+        return [f"landing    final approach of {length_m:.0f} m from {before.altitude_m:g} m"]
 
     def _overlap_text(self) -> list[str]:
         """The overlap of neighbouring lines, and where it is always less."""

@@ -36,7 +36,7 @@ from eadp.models.performance import too_tight
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.route import MARGIN_M
-from eadp.models.plan.stage import COMPUTATION, TAKEOFF, Stage
+from eadp.models.plan.stage import COMPUTATION, LAND, TAKEOFF, Stage
 from eadp.models.plan.trace import KEPT_ROUTES, default_start, whole_route
 from eadp.models.profile import configuration_text
 from eadp.models.profile_sum import AnyProfile
@@ -318,8 +318,9 @@ def _world(
 
 
 def _altitudes_m(plan: Plan, vehicle: Airframe) -> list[float]:
-    """Altitudes of a plan's stages, the aircraft's own where the plan commands none [m]."""
-    return [vehicle.cruise_altitude_m if stage.altitude_m is None else stage.altitude_m for stage in plan.stages]
+    """Altitudes of a plan's stages but a landing, the aircraft's own where the plan commands none [m]."""
+    level = [stage for stage in plan.stages if not stage.command(LAND)] or plan.stages
+    return [vehicle.cruise_altitude_m if stage.altitude_m is None else stage.altitude_m for stage in level]
 
 
 def _way_home(plan: Plan, scenario: Scenario, start_m: Point) -> WayHome | None:
