@@ -27,6 +27,7 @@ from eadp.io.mission.export import EXPORTS, FENCED, files_beside, mission_items,
 from eadp.io.mission.items import items_text, mapped_items
 from eadp.io.mission.path import PlannedPath, planned_sections
 from eadp.io.mission.reader import read_rally
+from eadp.io.mission.survey import check_survey, survey_lines
 from eadp.io.plan.parameters import parameters_of
 from eadp.io.scenario.scenario_file import override_texts, read_overrides, read_scenario
 from eadp.io.text.options import Flag
@@ -74,6 +75,9 @@ class ExportOptions:
 
     rally: Annotated[str | None, Flag(metavar="FILE")] = None
     """Places to rally, of a plan of QGroundControl or WPL: written with those of the plan."""
+
+    survey: bool = False
+    """Write the lines over the field as one survey of QGroundControl, which can be edited there."""
 
     trigger_distance_m: float | None = None
     """Take a picture every so many metres [m]."""
@@ -241,7 +245,13 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
         None if options.scenario is None and flown.site.made_for is None else airframe.airspeed_mps,
         0.0 if options.scenario is None else _climb_deg(airframe),
         rally,
+        _surveyed(flown, to, warn, name) if options.survey else (),
     )
+    if path.surveyed:
+        try:
+            survey_lines(path, path.surveyed)
+        except Infeasible as error:
+            raise _fault("--survey", "", str(error), "the plan of a field") from None
     if to not in WITH_ITEMS:
         return Exported(writer(path), parameters)
     items = mission_items(path, px4=to == "px4")
@@ -276,6 +286,20 @@ def _landed(given: File | Plan, options: ExportOptions) -> Plan:
         return with_landing(plan, final, plan.min_radius_m or airframe.turn_radius_m, (LAND, *(0.0,) * 7))
     except Infeasible as error:
         raise _fault("--landing", str(raw), str(error), "eadp cover --landing, which plans for it") from None
+
+
+def _surveyed(plan: Plan, to: str, warn: Warn, name: str) -> tuple[Point, ...]:
+    """The outline of the field that is exported as a survey; what that costs is said."""
+    if to not in ("qgc", "px4"):
+        raise _fault("--survey", "", f"the format {to} has no surveys", "--to qgc, or px4")
+    try:
+        check_survey(plan)
+    except Infeasible as error:
+        raise _fault("--survey", "", str(error), "lines in an order over one polygon") from None
+    message = "once the survey is edited, QGroundControl lays its lines anew, evenly and in turn: forecast that mission"
+    warn([Fault(name, 1, 1, message, severity="note")])
+    assert plan.site.field is not None
+    return plan.site.field.outline
 
 
 def _ends_text(path: PlannedPath, items: Sequence[MissionItem]) -> str:

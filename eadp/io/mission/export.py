@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.waypoints import ARC_RAD, TURNS_TOLERANCE
@@ -20,7 +21,8 @@ from eadp.io.mission.draft import Fence, MissionItem, Place
 from eadp.io.mission.maps import geojson_text, gpx_text, kml_text
 from eadp.io.mission.paparazzi import paparazzi_text
 from eadp.io.mission.path import PlannedPath, Section
-from eadp.io.mission.qgc import PX4, qgc_text
+from eadp.io.mission.qgc import ARDUPILOT, PX4, qgc_text
+from eadp.io.mission.survey import survey_item, survey_lines, survey_span
 from eadp.io.mission.wpl import fence_text, rally_text, wpl_text
 from eadp.plug_ins import plug_in
 
@@ -210,6 +212,15 @@ def _rally(path: PlannedPath) -> list[Place]:
     return [(*path.geodetic_deg((x, y)), up_m) for x, y, up_m in path.rally]
 
 
+def _qgc(path: PlannedPath, firmware: int) -> str:
+    """The plan of QGroundControl, its lines as one item where the path is surveyed."""
+    items, survey = mission_items(path, px4=firmware == PX4), None
+    if path.surveyed:
+        lines = survey_lines(path, path.surveyed)
+        survey = (*survey_span(items, lines), partial(survey_item, path, path.surveyed, lines))
+    return qgc_text(items, path.home, path.airspeed_mps, _fences(path), firmware, _rally(path), survey)
+
+
 FENCED = ("qgc", "ardupilot", "px4")
 """Formats that hold obstacles and a boundary; of `ardupilot` they are a file of their own."""
 
@@ -221,11 +232,9 @@ def files_beside(path: PlannedPath) -> dict[str, str]:
 
 
 _WRITERS: tuple[Callable[[PlannedPath], str], ...] = (
-    lambda path: qgc_text(mission_items(path), path.home, path.airspeed_mps, _fences(path), rally=_rally(path)),
+    lambda path: _qgc(path, ARDUPILOT),
     lambda path: wpl_text(mission_items(path), path.home),
-    lambda path: qgc_text(
-        mission_items(path, px4=True), path.home, path.airspeed_mps, _fences(path), PX4, _rally(path)
-    ),
+    lambda path: _qgc(path, PX4),
     paparazzi_text,
     kml_text,
     geojson_text,

@@ -94,7 +94,7 @@ class PlannedPath:
 
     `altitude_m` holds where a stage has none, and `stated_mps` as its airspeed, None without one; `home_deg` is where
     the aircraft takes off and returns to, None without; `climb_deg` is the pitch of the take-off [°]; `rally` are
-    places to rally, with their altitudes above home [m].
+    places to rally, with their altitudes above home [m]; `surveyed` is the field whose lines are one item, if any.
     """
 
     name: str
@@ -109,6 +109,7 @@ class PlannedPath:
     stated_mps: float | None = None
     climb_deg: float = 0.0
     rally: tuple[tuple[float, float, float], ...] = ()
+    surveyed: tuple[Point, ...] = ()
 
     def geodetic_deg(self, point: Point) -> Point:
         """Latitude and longitude of a point [m]."""

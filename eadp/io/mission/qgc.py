@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -285,8 +285,11 @@ def qgc_text(
     fences: Sequence[Fence] = (),
     firmware: int = ARDUPILOT,
     rally: Sequence[Place] = (),
+    survey: tuple[int, int, Callable[[list[dict[str, Any]]], dict[str, Any]]] | None = None,
 ) -> str:
     """The file of a mission of a fixed wing; of ArduPilot, with a landing as the pattern that can be edited.
+
+    `survey` is the span of the items that a complex item has, and what makes it of them.
 
     MAVSDK, which sends plans to PX4, refuses a pattern. There it is the same items, which QGroundControl makes one of.
     """
@@ -307,6 +310,9 @@ def qgc_text(
         if frame == RELATIVE:
             item |= {"AMSLAltAboveTerrain": None, "Altitude": parameters[6], "AltitudeMode": 1}
         written.append(item)
+    if survey is not None:
+        start, end, joined = survey
+        written[start:end] = [joined(written[start:end])]
     if lands and not pattern:
         written[-2]["params"][3] = None
     if pattern:
