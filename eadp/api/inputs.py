@@ -161,7 +161,8 @@ class FlightInputs:
     def preflight(self, *, whole: bool = True) -> Preflight | None:
         """The forecast of the flight before take-off, with its wind as the weather forecast.
 
-        Without `whole` it has neither the latest turn back nor the probabilities of obstacles: they take most of the time.
+        Without `whole` it has neither the latest turn back nor the probabilities of obstacles, which take most of its
+        time.
         """
         if self.mission.battery.prescribed:
             return None
