@@ -59,7 +59,7 @@ class PowerTracker:
     settings : EstimatorSettings
     mission : Mission
     horizon_s : float, optional
-        How far ahead the planner looks at the power [s]; by default one period.
+        How far ahead the planner forecasts the power [s]; by default one period.
     limit_w : float
         What motor and battery can deliver [W]: a reading above it is none.
 
