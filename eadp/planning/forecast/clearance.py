@@ -63,7 +63,7 @@ def entering(
     near[places] = True
     obstacles = [airspace.obstacles[i] for i in np.unique(areas).tolist() if i < len(airspace.obstacles)]
     outlines = [each.outline for each in obstacles]
-    # points flown through: those from which a near one is at most LEAD_M ahead
+    # points flown through: those from which a near one is at most LEAD_M ahead, by the counts of near points up to each
     steps_m = np.linalg.norm(np.diff(at_m, axis=0, prepend=at_m[:1]), axis=1)
     flown_m = np.cumsum(steps_m)
     ahead_m = flown_m[np.minimum(np.searchsorted(flown_m, flown_m + LEAD_M), len(flown_m) - 1)]
@@ -90,6 +90,7 @@ def entering(
             off_m[:], off_rad[:] = 0.0, 0.0
             turned, same = 0.0, True
         before = leg
+        # one step to the next point: the gusts, the guidance's turn rate, and where the flights are then
         step_s = steps_m[i] / ground_mps[i]
         # Ornstein-Uhlenbeck: g ← ρ g + √(1 − ρ²) σ n, with ρ = e^(−Δt/τ)
         keep = math.exp(-step_s / gust_s)

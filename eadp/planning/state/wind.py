@@ -46,7 +46,10 @@ class FlightWind:
         airspeeds_mps: FloatArray,
         time_s: float,
     ) -> None:
-        """Take ground velocities and headings, NaN for none, each of shape (n,); `time_s` is at their end."""
+        """Take ground velocities and headings, NaN for none, each of shape (n,); `time_s` is at their end.
+
+        `steps_s` are the times since the reading before [s]. The estimate goes on where a wind is measured, too.
+        """
         vx, vy = velocities_mps
         believed = np.asarray(self.headings.ingest(vx, vy, headings_rad, steps_s, airspeeds_mps, self._filter))
         if self._measured is not None and time_s > self._measured[1]:
