@@ -31,6 +31,9 @@ COPTERS, COPTER_MISSION, PLANE_MISSION, PX4_MISSION = (2, 3, 4, 13, 14, 15, 29, 
 """ArduPilot's types of copters, its modes AUTO, and PX4's main and sub-mode AUTO, MISSION."""
 
 
+# what each message says, see `READERS`
+
+
 def _position(fields: Fields) -> Values:
     found: Values = {"time_s": fields["time_boot_ms"] / 1e3}
     if fields["lat"] or fields["lon"]:  # 0, 0 is no position yet
@@ -43,7 +46,7 @@ def _position(fields: Fields) -> Values:
 
 
 def _battery(fields: Fields) -> Values:
-    if fields["id"]:
+    if fields["id"]:  # another battery than the first
         return {}
     cells = [cell for cell in (*fields["voltages"], *fields.get("voltages_ext", ())) if cell != UNKNOWN_16]
     amps, consumed = fields["current_battery"], fields["current_consumed"]
@@ -113,6 +116,7 @@ def _parameter(fields: Fields) -> Values:
 
 
 def _text(name: str | bytes) -> str:
+    """A name as text: it is filled up with zeros."""
     return (name if isinstance(name, str) else bytes(name).decode("ascii", "replace")).rstrip("\0")
 
 
