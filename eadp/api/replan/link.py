@@ -8,7 +8,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, BinaryIO
 
 from eadp.api.inputs import FlightInputs
 from eadp.api.replan.autopilot import RETURN, HeardAutopilot
@@ -98,16 +98,20 @@ class LinkFlight:
                 text, 1, 1, "the plan has no place on the earth, and an autopilot's positions have", "%: origin"
             )
         self._inputs, self._emit, self._send, self._log = inputs, emit, send, log
+        # the map of the mission's items, as exported
         exported = self._exported = None if options.items is None else read_items(options.items, self._path_names)
         if options.upload and exported is None:
             raise InputError.at("--upload", 1, 1, "the mission is unknown", "--items, as eadp export writes them")
+        # path parameters that the mission is to have; None before the first plan, and on the way home
         self._decided_path: tuple[float, ...] | None = None
+        # whether a return may be commanded yet; whether only home can be reached
         self._may_return, self._returns = options.return_home, False
         self._pilot = Pilot(name, plan, inputs.mission.parameters, warn, self._give, lambda: self._lines.count)
         self._autopilot = HeardAutopilot(options.system, self._give, self._pilot)
         self._replanner = Replanner(inputs, name, log, self._decided, self._pilot.once)
         self._lines = LineMaker(self._replanner.reader, inputs.mission, exported, self._pilot.say)
         self._replanner.restore()
+        # a log that is resumed from has the map of the mission uploaded last
         if exported is not None and log is not None and log.items is not None:
             self._lines.items = parse_items(log.items, self._path_names)
         self._mission: HeldMission | None = None
@@ -344,39 +348,46 @@ def replay_flight(
     InputError
         If the file cannot be read, or has no flight.
     """
+    flight: Replanner | LinkFlight
     with open_telemetry(path) as stream:
         head = stream.readline(10_000)
         if _kind(head) == START:
             if json.loads(head).get("inputs") != hashed:
                 what = "is of another plan, scenario or settings: decisions may be others"
                 warn(Fault(path, 1, 1, what, severity="warning"))
-            replanner = Replanner(inputs, path, log, emit, warn)
-            replanner.restore()
+            flight = Replanner(inputs, path, log, emit, warn)
+            flight.restore()
             for number, raw in numbered_lines(stream, path):
                 if _kind(raw) == TELEMETRY:
                     line = {key: value for key, value in json.loads(raw).items() if key != "kind"}
-                    replanner.take(replanner.reader.reading(number + 1, line))
-            used, completes = replanner.used, replanner.completes
+                    flight.take(flight.reader.reading(number + 1, line))
         else:
             flight = LinkFlight(inputs, path, options, log, emit, warn)
-            form = form_of(head)
-            if form in (None, TLOG):
-                require_pymavlink("--replay", path)
-                messages = list(tlog_messages(head + stream.read(), WANTED))
-                places = [values_of(each.kind, each.fields) for each in messages if each.kind == "GLOBAL_POSITION_INT"]
-                _check_place(path, inputs.world.plan, places)
-                for message in itertools.takewhile(lambda _: not flight.over, messages):
-                    flight.take(message)
-            else:
-                rows = list(log_values(path, str(form)))
-                _check_place(path, inputs.world.plan, rows)
-                for values in itertools.takewhile(lambda _: not flight.over, rows):
-                    flight.update(values)
-            used, completes = flight.used, flight.completes
-    if not used:
+            _replay_messages(flight, path, inputs.world.plan, head, stream)
+    if not flight.used:
         what = "a log of eadp replan, or a log (.tlog, .bin, .ulg) of a flight of the plan"
         raise InputError.at(path, 1, 1, "has no flight that can be used", what)
-    return completes
+    return flight.completes
+
+
+def _replay_messages(flight: LinkFlight, path: str, plan: Plan, head: bytes, stream: BinaryIO) -> None:
+    """Pass what a telemetry log, or an autopilot's own log, says to a flight, until that is over.
+
+    `head` is the first line of the file, and `stream` the rest of it.
+    """
+    form = form_of(head)
+    if form in (None, TLOG):
+        require_pymavlink("--replay", path)
+        messages = list(tlog_messages(head + stream.read(), WANTED))
+        places = [values_of(each.kind, each.fields) for each in messages if each.kind == "GLOBAL_POSITION_INT"]
+        _check_place(path, plan, places)
+        for message in itertools.takewhile(lambda _: not flight.over, messages):
+            flight.take(message)
+    else:
+        rows = list(log_values(path, str(form)))
+        _check_place(path, plan, rows)
+        for values in itertools.takewhile(lambda _: not flight.over, rows):
+            flight.update(values)
 
 
 def _check_place(path: str, plan: Plan, rows: Sequence[Mapping[str, Any]]) -> None:

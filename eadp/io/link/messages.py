@@ -35,6 +35,7 @@ COPTERS, COPTER_MISSION, PLANE_MISSION, PX4_MISSION = (2, 3, 4, 13, 14, 15, 29, 
 
 
 def _position(fields: Fields) -> Values:
+    """Position, ground velocity as east and north, altitude above home, and heading, at a time."""
     found: Values = {"time_s": fields["time_boot_ms"] / 1e3}
     if fields["lat"] or fields["lon"]:  # 0, 0 is no position yet
         found |= {"lat_deg": fields["lat"] / 1e7, "lon_deg": fields["lon"] / 1e7}
@@ -46,6 +47,7 @@ def _position(fields: Fields) -> Values:
 
 
 def _battery(fields: Fields) -> Values:
+    """Voltage, current, charge drawn and share that remains, of the first battery."""
     if fields["id"]:  # another battery than the first
         return {}
     cells = [cell for cell in (*fields["voltages"], *fields.get("voltages_ext", ())) if cell != UNKNOWN_16]
@@ -59,6 +61,7 @@ def _battery(fields: Fields) -> Values:
 
 
 def _status(fields: Fields) -> Values:
+    """Voltage, current and share that remains, by which those of `_battery` are replaced where they do not come."""
     volts, amps, share = fields["voltage_battery"], fields["current_battery"], fields["battery_remaining"]
     return {
         "status_voltage_v": None if volts in (0, UNKNOWN_16) else volts / 1e3,
@@ -68,6 +71,7 @@ def _status(fields: Fields) -> Values:
 
 
 def _wind(fields: Fields) -> Values:
+    """The vector that the wind blows towards, from its speed and the direction that it comes from."""
     speed, comes_from = fields["speed"], math.radians(fields["direction"])
     if speed == 0:  # no estimate yet
         return {}
@@ -75,11 +79,13 @@ def _wind(fields: Fields) -> Values:
 
 
 def _item(fields: Fields) -> Values:
+    """The item that is flown to, and how many there are; 0, of older autopilots, is unknown."""
     count = fields.get("total", 0)
     return {"item": fields["seq"], "item_count": None if count == 0 else count}
 
 
 def _heartbeat(fields: Fields) -> Values:
+    """Whether motors are armed, the mission is flown, the system is active; and whether item 0 is home."""
     return {
         "armed": bool(fields["base_mode"] & ARMED),
         "automatic": _flies_mission(fields),
@@ -103,15 +109,18 @@ def _flies_mission(fields: Fields) -> bool:
 
 
 def _landed(fields: Fields) -> Values:
+    """Whether the aircraft is in the air, None where the autopilot does not know."""
     state = fields["landed_state"]
     return {"in_air": None if state not in (ON_GROUND, *IN_AIR) else state in IN_AIR}
 
 
 def _named(fields: Fields) -> Values:
+    """A named value: what a process on board runs with."""
     return {"named": (_text(fields["name"]), fields["value"])}
 
 
 def _parameter(fields: Fields) -> Values:
+    """A parameter of the autopilot."""
     return {"parameter": (_text(fields["param_id"]), fields["param_value"])}
 
 
@@ -121,6 +130,7 @@ def _text(name: str | bytes) -> str:
 
 
 def _answer(fields: Fields) -> Values:
+    """The answer to a command: that, and its result."""
     return {"answer": (fields["command"], fields["result"])}
 
 

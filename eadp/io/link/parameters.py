@@ -23,7 +23,7 @@ class ParameterCheck:
         self._left, self._differences, self._rounds = list(wanted), list[str](), 0
 
     def take(self, name: str, value: float) -> None:
-        """Take a parameter that has come."""
+        """Compare a parameter that has come, if it is one of those wanted."""
         for each in [each for each in self._left if name in (each.name, each.older)]:
             self._left.remove(each)
             self._differences.append(each.difference(name, value))

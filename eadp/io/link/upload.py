@@ -189,7 +189,7 @@ class HeldMission:
         return [] if before is None else self.read(now_s)
 
     def take(self, kind: str, fields: Mapping[str, Any], now_s: float) -> list[Output]:
-        """Take a message of the mission protocol."""
+        """Pass a message of the mission protocol to the transfer, and go on where that ends."""
         self._now_s = now_s
         self._ended(self._client.take(kind, fields, now_s))
         return self._done()

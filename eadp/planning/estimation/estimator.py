@@ -210,7 +210,7 @@ class ExactEstimator:
     # --- readings
 
     def observe(self, time_s: float, motion_w: float | None) -> float:
-        """Take a reading [W], or None where there is none; return its one-step forecast [W].
+        """Update the state with a reading [W], None where there is none; return the forecast that it was before [W].
 
         Predicts to `time_s`, and corrects with the reading unless the gate holds.
         """
@@ -282,7 +282,10 @@ class ExactEstimator:
         return EnergyFilter(state, covariance, self._dynamics(state))
 
     def _dynamics(self, state: FloatArray) -> EnergyDynamics:
-        """The model with the period, noise and disturbance as estimated so far; harmonics drift by those of a state."""
+        """The model with the period, noise and disturbance as estimated so far.
+
+        Harmonics drift by their amplitudes in a state: they turn with the period, which is uncertain.
+        """
         s, period_s = self._settings, self.period_s or 1.0
         noise_w, (std_w, time_s) = self.noise_w, self.disturbance
         least = DRIFT_SHARE**2 * (noise_w**2 + std_w**2)

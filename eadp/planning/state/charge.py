@@ -228,7 +228,7 @@ class ChargeFilter:
         self._now = charge  # after the drain since the last correction
 
     def ingest(self, charges: Column, powers_w: Column, steps_s: Column, *, measured: bool = True) -> None:
-        """Take readings in order.
+        """Drain the charge by readings of the power, and correct it by those of the gauge, in their order.
 
         Parameters
         ----------

@@ -76,14 +76,14 @@ class ClimbFollower:
 
     @classmethod
     def of(cls, mission: Mission) -> ClimbFollower | None:
-        """That of a mission; None where it flies at one altitude and airspeed from its start on."""
+        """A follower of a mission's climbs; None where it flies at one altitude and airspeed from its start on."""
         commanded = any(s.altitude_m is not None or s.airspeed_mps is not None for s in mission.plan.stages)
         if mission.airframe is None or not (commanded or mission.altitude_m != mission.cruise_altitude_m):
             return None
         return cls(Climb(mission.airframe, mission.altitude_m))
 
     def follow(self, stage: Stage, step_s: float) -> None:
-        """Follow the flight along a stage for a step [s]."""
+        """Update the altitude, and what climbing does to power and speed, by a step [s] along a stage."""
         airframe, here_m = self.climb
         altitude_m, airspeed_mps = self.climb.commanded(stage)
         up_mps, down_mps = self.climb.rates_mps(airspeed_mps)

@@ -77,33 +77,43 @@ class FlightState:
         self._ground = GroundLog(mission.plan, weights or {})
         self._wind = FlightWind(mission.gust_time_s)
         self._times = TimeRatio()
+        # the motion's power before it is learned: of a model fitted to a log, else as stated
         level_w = mission.energy.mean_w if mission.energy is not None else mission.motion_w
         climb_j_per_m = 0.0 if mission.airframe is None else mission.airframe.climb_j_per_m
         self._motion = MotionPower(level_w, climb_j_per_m=climb_j_per_m)
         battery = mission.battery
         full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)
+        # no reading of the power exceeds this
         limit_w = min(float(battery.max_power_w(battery.voltage_v)), MAX_OF_MOTOR * mission.max_motion_w)
         self._gate = PowerGate(mission.motion_w, limit_w)
         self._power = PowerTracker(settings, mission, horizon_s, limit_w)
         self._queue = ReadingQueue(self._power, settings.every_s)
-        per_as = 0.0 if battery.prescribed else battery.drain_per_as
-        model = DrainModel(empty_v, full_v - empty_v, battery.resistance_ohm, per_as, np.array(battery.curve))
-        self._charge = ChargeFilter(model, (full_v - empty_v) / battery.voltage_at(0.5), battery.soc)
+        drain_model = DrainModel(
+            empty_v=empty_v,
+            rise_v=full_v - empty_v,
+            resistance_ohm=battery.resistance_ohm,
+            per_as=0.0 if battery.prescribed else battery.drain_per_as,  # a charge that is replayed is not drained
+            curve=np.array(battery.curve),
+        )
+        self._charge = ChargeFilter(drain_model, (full_v - empty_v) / battery.voltage_at(0.5), battery.soc)
         self._voltage = VoltageWatch(battery)
         self._climb = ClimbFollower.of(mission)
-        self._last_s: float | None = None
+        self._last_s: float | None = None  # of the last reading that the filters have taken
         self.reached_s = 0.0
-        self._altitude_m: float | None = None
+        self._altitude_m: float | None = None  # as measured at the last observation
 
     # --- readings in
 
     def ingest(self, readings: Readings) -> None:
-        """Take readings since the last observation: stage and parameters have not changed."""
+        """Take readings since the last observation, all on its stage and with its parameters; they wait."""
         self._make_room()
         self._queue.ingest(readings)
 
     def observe(self, observation: Observation) -> None:
-        """Take an observation, which is a reading, too, unless it is too soon after the last one."""
+        """Take an observation, which is a reading, too, unless it is too soon after the last one; it waits.
+
+        The voltage is compared at once: charge that it shows to be lost is taken off the gauge's.
+        """
         self._make_room()
         sample = observation.sample
         if sample.soc is not None:

@@ -96,7 +96,7 @@ class HeadingGate:
         airspeeds_mps: Sequence[float] | FloatArray,
         wind: WindFilter | None = None,
     ) -> Sequence[float] | FloatArray:
-        """Take a batch of readings, and return the headings to use.
+        """Judge headings by a batch of readings; return those to use for the wind.
 
         Parameters
         ----------

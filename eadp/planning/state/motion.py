@@ -78,7 +78,7 @@ class MotionPower:
         self._state = MotionState(MotionWindow(0.0, 0.0, 0.0), started(prior))
 
     def ingest(self, powers_w: Column, beside_w: Column, steps_s: Column, slope: float, climb_mps: float = 0.0) -> None:
-        """Take readings in order, on a leg.
+        """Add readings on one leg, in order, to the window that is open, and full windows to the regression.
 
         Parameters
         ----------

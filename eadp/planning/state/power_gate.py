@@ -86,7 +86,7 @@ class PowerGate:
         *,
         on_plan: bool = True,
     ) -> list[float] | FloatArray:
-        """Take readings in order; return them, NaN where one is false or missing.
+        """Judge readings in order; return them, NaN where one is false or missing.
 
         Parameters
         ----------

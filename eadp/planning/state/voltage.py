@@ -72,7 +72,10 @@ class VoltageWatch:
         return LOSS_SHARE * self.lost
 
     def ingest(self, time_s: float, voltage_v: float, power_w: float, soc: float) -> None:
-        """Take a reading of the voltage [V] at a time [s], beside the power [W] and the charge as the gauge has it."""
+        """Add a reading of the voltage [V], beside the power [W] and the gauge's charge, and update `lost`.
+
+        Left out where the curve is not straight, and after a gap.
+        """
         step_s, self._last_s = time_s - self._last_s, time_s
         straight = soc - self.lost >= STRAIGHT_FROM
         if not (self._rise_v and straight and voltage_v > 0 and 0 < step_s <= WINDOW_S):

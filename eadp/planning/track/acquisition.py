@@ -73,11 +73,11 @@ class Acquisition:
         self._start, self._start_m = start, start_m
         self.hypotheses = [Hypothesis(start)]
         self.settled = self.stage_found = self.is_start = False
-        # the last position, with its time; when the first came [s]; the last step [s]
+        # time [s] and place of the last position; when the first came, and the time between the last two [s]
         self._last: tuple[float, Point] | None = None
         self._first_s: float | None = None
         self._usual_s = 0.0
-        # when stages, and laps too, were uncertain last [s]
+        # when hypotheses of other stages, and of other laps, were left last [s]
         self._stage_s = self._lap_s = math.inf
 
     def update(self, to: Sample, in_force: dict[int, float]) -> None:

@@ -50,7 +50,7 @@ class OutlierGate:
     def __init__(self, cruise_mps: float) -> None:
         self._cruise_mps, self._max_mps = cruise_mps, SPEED_FACTOR * cruise_mps
         self._last: Sample | None = None
-        # the last step, and what is added to the samples' clock [s]
+        # the step between the last two samples, and what is added to the samples' clock [s]
         self._step_s = self._clock_s = 0.0
         # the last position that was accepted, with its time, and the velocity to it
         self._position: tuple[float, Point] | None = None
@@ -66,15 +66,16 @@ class OutlierGate:
         self._frozen = False
 
     def accept(self, sample: Sample) -> tuple[Sample | None, Notice | None]:
-        """Take a sample; return it on the time without jumps, its position None where it cannot be, and a notice.
+        """Judge a sample; return it on a clock without jumps, and a notice of what is wrong with it, if anything is.
 
-        The sample is None where its time is not to be used.
+        Its position is None where it cannot be. The sample is None where its time cannot be, or is yet to be confirmed.
         """
         sample, notice = sample._replace(time_s=sample.time_s + self._clock_s), None
         last = self._last
         if last is not None:
             step_s = sample.time_s - last.time_s
             gap = step_s > GAP_S and step_s > GAP_STEPS * self._step_s
+            # a step back, or far on, may be a clock that jumped: the samples that follow confirm it
             jump = self._jump(last, sample) if step_s <= 0 or gap else None
             if jump is not None:
                 if not self._confirm(sample, step_s):
@@ -172,12 +173,14 @@ class OutlierGate:
             self._position = time_s, position
             return None
         since_s, (x, y) = self._position
+        # the same as before, though the aircraft moves: frozen, once that has lasted
         if position == (x, y) and (self._frozen or self._moving(sample)):
             if time_s - since_s <= FROZEN_S or self._frozen:
                 return None
             self._frozen = True
             return Notice("x_m", f"the position has not changed for {time_s - since_s:.6g} s", "a position that moves")
         self._frozen = False
+        # too far off, unless enough in a row agree that the aircraft is there
         outlier = self._outlier(self._position, (time_s, position))
         if outlier is not None and not self._confirm_position((time_s, position)):
             return outlier

@@ -45,7 +45,7 @@ class InitialClimb:
         self.on_plan = not self.from_ground and self._update_near(first, altitude_m)
 
     def update(self, sample: Sample, altitude_m: float) -> None:
-        """Take a sample, beside the plan's altitude at it [m]."""
+        """Update `on_plan` with a sample, beside the plan's altitude at it [m]."""
         if self.on_plan:
             return
         if not self._update_near(sample, altitude_m):

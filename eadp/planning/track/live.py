@@ -164,6 +164,7 @@ class LiveFlight:
             return self._advise_empty(sample), ()
         self._empty = False
         advice = self._track_and_advise(sample, to)
+        # past the end only what comes with advice is of use
         return advice, () if advice is None and tracker.complete else tuple(self._messages.notices)
 
     def _track_and_advise(self, sample: Sample, to: Sample) -> Advice | None:
@@ -173,10 +174,12 @@ class LiveFlight:
         """
         tracker, before, time_s = self._tracker, self._decision, to.time_s
         tracker.flies_mission = sample.flies_mission
+        # what is reported: the charge, else the one known; parameters, not a number where a value is on its way
         known_soc = self._flight.state.soc if self._flight is not None else self._last[1]
         soc = known_soc if sample.soc is None else sample.soc
         reported = self._mission.plan.by_name(sample.parameters)
         in_force = {name: value for name, value in reported.items() if not math.isnan(value)}
+        # where the flight is in its plan: found from the middle of a flight, or followed
         acquiring = tracker.acquisition is not None and self._acquire(tracker.acquisition, to, in_force)
         flight = self._flight
         if flight is None:
@@ -187,6 +190,7 @@ class LiveFlight:
         else:
             position = self._track(flight, to, soc)
             tracker.put_in_force(reported, time_s, position, flight.planner.hold)
+        # whether it has ended
         step_s, self._last = time_s - self._last[0], (time_s, soc)
         was_complete, ends = tracker.complete, tracker.update_end(to, position, step_s)
         if ends is not None:
@@ -194,6 +198,7 @@ class LiveFlight:
         if tracker.complete:
             ending = Ending(remaining_s=0.0, soc_end=soc, soc_end_std=0.0, completes_probability=1.0)
             return None if was_complete else self._advice(sample, COMPLETED, sample.wind_mps, ending)
+        # the decision, and advice where that is new, or due
         observation = tracker.observation(to, position, soc)._replace(on_plan=self._climbs.on_plan)
         self._update_planner(flight, observation)
         now = flight.decision
@@ -397,7 +402,7 @@ class _GroundVelocity:
         self._positions: deque[tuple[float, float, float]] = deque()  # t [s], x and y [m]
 
     def update(self, sample: Sample) -> Point | None:
-        """Take a sample's position; return the velocity at it [m/s], None if unknown.
+        """Add a sample's position to the window; return the velocity at it [m/s], None if unknown.
 
         Source: the least-squares parabola through the positions, its slope at the last one, so that turns do not lag.
         """

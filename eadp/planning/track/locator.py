@@ -149,11 +149,11 @@ class Locator:
     # --- parameters
 
     def decide(self, parameters: Sequence[float], position: Point) -> None:
-        """Take new parameters, see `PlanExecutor.decide`."""
+        """Put parameters decided into the plan of every hypothesis, see `PlanExecutor.decide`."""
         self._each(lambda executor: executor.decide(parameters, position))
 
     def take_in_force(self, parameters: Sequence[float], position: Point) -> None:
-        """Take parameters that are known to be in force, see `PlanExecutor.take_in_force`."""
+        """Put parameters in force in every hypothesis, as reported, see `PlanExecutor.take_in_force`."""
         self._each(lambda executor: executor.take_in_force(parameters, position))
 
     def _each(self, change: Callable[[PlanExecutor], object]) -> None:
@@ -195,23 +195,17 @@ class Locator:
         self._time_s, self._position = to.time_s, to.position_m
         step_s = to.time_s - last_s
         line = line_between(position, to.position_m)
-        steps = len(line)
-        for hypothesis in self.hypotheses[1:]:
-            try:
-                for x, y in line:
-                    if hypothesis.executor.advance(x, y):
-                        hypothesis.since_s = to.time_s
-            except EadpError:
-                hypothesis.log_likelihood = -math.inf
-        # the likeliest one by its triggers along the line, or by the stages to skip at its end
+        self._advance_others(line, to.time_s)
+        # the likeliest one by its triggers along the line, unless stages are skipped at its end
         likeliest, executor = self.hypotheses[0], self.executor
         for k, (x, y) in enumerate(line, 1):
+            share = k / len(line)
             if skips is not None:
                 executor.stay(x, y)
             elif executor.advance(x, y):
-                self._start(likeliest, last_s + k / steps * step_s)
-                if k < steps:
-                    started(likeliest.since_s, (x, y), k / steps)
+                self._start(likeliest, last_s + share * step_s)
+                if k < len(line):
+                    started(likeliest.since_s, (x, y), share)
             if executor.complete:
                 break
         to_skip = skips or 0
@@ -226,6 +220,16 @@ class Locator:
                 started(likeliest.since_s, to.position_m, 1.0)
         if len(self.hypotheses) > 1:
             self._weigh(to, step_s)
+
+    def _advance_others(self, line: list[Point], time_s: float) -> None:
+        """Advance the hypotheses other than the likeliest along a line, at whose end it is `time_s`."""
+        for hypothesis in self.hypotheses[1:]:
+            try:
+                for x, y in line:
+                    if hypothesis.executor.advance(x, y):
+                        hypothesis.since_s = time_s
+            except EadpError:
+                hypothesis.log_likelihood = -math.inf
 
     def leads(self, stages: int) -> bool:
         """Whether the plan has so many stages after this one; a negative number is behind."""
@@ -394,7 +398,7 @@ class _Candidate(NamedTuple):
 
     @property
     def log_likelihood(self) -> float:
-        """That of the hypothesis before the gap included."""
+        """Log likelihood, that of the hypothesis before the gap included."""
         return self.before.log_likelihood + self.match.log_likelihood
 
     def placed(self, position: Point | None) -> Hypothesis:

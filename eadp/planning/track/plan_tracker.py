@@ -241,7 +241,7 @@ class PlanTracker:
     # --- parameters
 
     def decide(self, parameters: Vector, position: Point) -> None:
-        """Take the parameters decided, at a position [m]."""
+        """Put parameters decided into the plan, as far as the aircraft applies them, at a position [m]."""
         self.applied.decide(parameters)
         if not self.lost:
             try:
@@ -296,7 +296,7 @@ class PlanTracker:
         return reported
 
     def _hold(self, position: Point, hold: Callable[[Mapping[int, float]], None]) -> None:
-        """Plan with the parameters that the aircraft changes; the others stay."""
+        """Have the planner hold what the aircraft does not change, and the plan follow what will be in force."""
         held = self.applied.held
         hold(held)
         self.locator.decide(self.applied.effective, position)
