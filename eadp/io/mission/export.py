@@ -78,6 +78,9 @@ class _ItemBuilder:
         # a mission's own pictures, which nothing ends, are written back as they are
         if distances_m and distances_m[-1] > 0 and (path.trigger_distance_m is not None or 0.0 in distances_m):
             self._command((d.TRIGGER_DISTANCE, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
+            starts = [i for i, item in enumerate(self.items) if item.command == d.LAND_START]
+            if starts:  # what follows a landing is not done
+                self.items.insert(starts[0], self.items.pop()._replace(legs=self.items[starts[0]].legs))
         last = sections[-1].stage
         if last.command(d.RETURN) or (path.home_deg is not None and not last.command(d.LAND)):
             self._command((d.RETURN, *(0.0,) * 7))
