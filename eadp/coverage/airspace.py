@@ -152,6 +152,8 @@ class FreeTurns:
 
     def _around(self, start: Pose, end: Pose) -> FreeTurn | None:
         """The quickest free path found around corners; None where none is."""
+        if np.ptp(self.space.rooms([start[:2], end[:2]])):
+            return None
         # a line has room for a half circle at either end: one leaves it, and one leads to it
         back = (*end[:2], end[2] + math.pi)
         turned = [half_circle(pose, self.motion.min_radius_m, side).end for pose in (start, back) for side in (1, -1)]
@@ -160,8 +162,8 @@ class FreeTurns:
         # it comes up; of equal times the one found first, as poses have no order
         own = stops[len(self._corners) :]
         to_corners = np.vstack([self._apart_s, self.motion.turns_s([*own, start], self._corners)])
-        least_s = np.hstack([to_corners, self.motion.turns_s([*stops, start], own)]).tolist()
-        left_s = [row[-1] for row in least_s]
+        min_s = np.hstack([to_corners, self.motion.turns_s([*stops, start], own)]).tolist()
+        left_s = [row[-1] for row in min_s]
         done: set[int] = set()
         count, last = itertools.count(), len(stops) - 1
         stops.append(start)
@@ -179,9 +181,9 @@ class FreeTurns:
                 return FreeTurn(time_s, pieces)
             elif here not in done:
                 done.add(here)
-                bounds_s = np.add(least_s[here], left_s[:-1])
+                bounds_s = np.add(min_s[here], left_s[:-1])
                 self.find_direct((stops[here], stops[to]) for to in np.argsort(bounds_s)[:AT_ONCE] if to not in done)
-                for to, to_s in enumerate(least_s[here]):
+                for to, to_s in enumerate(min_s[here]):
                     if to not in done:
                         heapq.heappush(queue, (time_s + to_s + left_s[to], next(count), time_s, here, pieces, to))
         return None
@@ -217,6 +219,9 @@ def free_order(
     Infeasible
         If no such order is found.
     """
+    failure = Infeasible("no order of the lines has turns that stay out of the obstacles and inside the boundary")
+    if np.ptp(turns.space.rooms([leg.start[:2] for leg in directed])):
+        raise failure
     between_s, own_s, first_s, last_s = costs
     between_s = between_s.copy()  # raised below where the turn is not free
     # where no free turn is found: above any sum of times, so that an order of this time has a turn that is blocked
@@ -240,7 +245,7 @@ def free_order(
         if unchecked:
             turns.find_direct((directed[a].end, directed[b].start) for a, b in unchecked)
             check(unchecked)
-            # mended where it has become slower; searched in full where that leaves nothing to check
+            # improved where it has become slower; searched in full where that leaves nothing to check
             order, time_s = quick_order(between_s, own_s, first_s, last_s, order)
             continue
         best = min(best, (order, time_s), key=lambda one: one[1])
@@ -251,4 +256,4 @@ def free_order(
             break
     if best[1] < blocked_s:
         return best
-    raise Infeasible("no order of the lines has turns that stay out of the obstacles and inside the boundary")
+    raise failure
