@@ -1,6 +1,7 @@
 """Coverage within limits: lines and turns that stay out of obstacles and inside a boundary.
 
-Lines are cut where they leave the free space, and shortened until a half circle to one side of either end is free. The
+Lines are cut where they leave the free space, and shortened until a half circle to one side of either end is free,
+behind what is flown straight beyond the line. The
 order of the lines is found with the times of free turns: those that an order uses are checked, replaced by the quickest
 free ones, direct or around corners, and the order is found again, until all of its turns are free.
 
@@ -59,7 +60,7 @@ class FreeTurn(NamedTuple):
     pieces: tuple[Piece, ...]
 
 
-def free_lines(lines: Sequence[CoverageLeg], space: FreeSpace, radius_m: float) -> list[CoverageLeg]:
+def free_lines(lines: Sequence[CoverageLeg], space: FreeSpace, motion: MotionLimits) -> list[CoverageLeg]:
     """Lines cut to the free space, with room for a turn at either end; each in both directions."""
     inside = [
         straight(line.piece.pose_at(low)[:2], line.piece.pose_at(high)[:2])
@@ -68,28 +69,34 @@ def free_lines(lines: Sequence[CoverageLeg], space: FreeSpace, radius_m: float) 
     ]
     # shortened at its end until there is room for a half circle; then reversed, and at its start
     for _ in range(2):
-        inside = [straight(line.end[:2], line.start[:2]) for line in _with_room(inside, space, radius_m)]
+        inside = [straight(line.end[:2], line.start[:2]) for line in _with_room(inside, space, motion)]
     legs = [CoverageLeg(line, True) for line in inside]
     return [way for leg in legs for way in (leg, leg.backward())]
 
 
-def _with_room(lines: Sequence[Piece], space: FreeSpace, radius_m: float) -> list[Piece]:
-    """Lines shortened until there is room for a half circle at their ends, to either side; without those too short."""
+def _with_room(lines: Sequence[Piece], space: FreeSpace, motion: MotionLimits) -> list[Piece]:
+    """Lines shortened until there is room at their ends for what is flown beyond, and for a half circle to either side.
+
+    Those that are too short are left out.
+    """
     if not lines:
         return []
     places = np.array([line.length_m for line in lines])
-    halves = [polyline_m([half_circle((0.0, 0.0, 0.0), radius_m, side)]) for side in (1, -1)]
+    beyond = [straight((0.0, 0.0), (motion.beyond_m, 0.0))] if motion.beyond_m else []
+    halves = [
+        polyline_m([*beyond, half_circle((motion.beyond_m, 0.0, 0.0), motion.min_radius_m, side)]) for side in (1, -1)
+    ]
     todo = np.arange(len(lines))
     while len(todo):
         x, y, headings = np.array([lines[i].pose_at(places[i]) for i in todo.tolist()]).T
         turned = np.array([[np.cos(headings), np.sin(headings)], [-np.sin(headings), np.cos(headings)]])
-        # shape (lines, points, 2): each half circle as one from the origin, turned and moved
+        # shape (lines, points, 2): each way on as one from the origin, turned and moved
         rooms = [
             space.has_each([*(np.einsum("pi,ijn->npj", half, turned) + np.stack([x, y], axis=1)[:, None])])
             for half in halves
         ]
         todo = todo[~(rooms[0] | rooms[1])]
-        places[todo] -= TRIM_SHARE * radius_m
+        places[todo] -= TRIM_SHARE * motion.min_radius_m
         todo = todo[places[todo] >= MIN_LINE_M]
     kept = zip(lines, places.tolist(), strict=True)
     return [straight(line.start[:2], line.pose_at(place)[:2]) for line, place in kept if place >= MIN_LINE_M]

@@ -120,7 +120,7 @@ def test_a_line_ends_where_half_a_turn_is_free():
     # a radius before the wall, and a step of a quarter of it more: the half circle would touch
     space = FreeSpace([((200.0, -1e4), (300.0, -1e4), (300.0, 1e4), (200.0, 1e4))])
     line = CoverageLeg(straight((0.0, 0.0), (400.0, 0.0)), True)
-    legs = free_lines([line], space, 20.0)[::2]
+    legs = free_lines([line], space, replace(MOTION, min_radius_m=20.0))[::2]
     assert [(leg.start[0], leg.end[0]) for leg in legs] == [
         (pytest.approx(0.0), pytest.approx(175.0, abs=0.1)),
         (pytest.approx(325.0, abs=0.1), pytest.approx(400.0)),
