@@ -38,7 +38,7 @@ from eadp.models.camera import MAX_LENGTH_MM, MAX_PIXELS, MIN_LENGTH_MM, Camera,
 from eadp.models.computing import Computing, join_profile
 from eadp.models.doubts import NEAR_DEG, Doubt, Shots, angle_doubts, interval_doubts, shot_doubts
 from eadp.models.field import Field
-from eadp.models.performance import PATH_MARGIN, ground_radius_m, too_tight
+from eadp.models.performance import PATH_MARGIN, ground_radius_m, roll_out_m, too_tight
 from eadp.models.plan.plan import MadeFor, Plan, Site, SurveyCamera
 from eadp.models.plan.stage import LAND, RETURN, TAKEOFF, Box
 from eadp.models.profile_sum import AnyProfile
@@ -102,6 +102,13 @@ class PathOptions:
 
     turns_off: bool = False
     """Computations stop on turns."""
+
+    lead_in_m: float | None = None
+    """Straight and level flight before each line [m]; by default, with --forward-overlap, what the aircraft needs to
+    roll out of a turn, else 0."""
+
+    overshoot_m: float = 0.0
+    """Straight and level flight after each line [m]."""
 
 
 @dataclass(frozen=True)
@@ -309,7 +316,13 @@ class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, PathOptions):
         if math.hypot(*wind_mps) >= speed:
             message = f"a wind of {math.hypot(*wind_mps):g} m/s, no slower than the aircraft"
             raise _fault("--wind", _raw(self.wind or ""), message, f"less than its {speed:g} m/s")
-        return MotionLimits(swath, least, ideal, apart, speed, wind_mps)
+        check_range("--overshoot", self.overshoot_m, 0.0, MAX_LENGTH_M, closed=True)
+        lead_in = self.lead_in_m
+        if lead_in is None:
+            rolls_m = 0.0 if self.forward_overlap is None else roll_out_m(airframe, speed + math.hypot(*wind_mps))
+            lead_in = float(math.ceil(rolls_m))
+        check_range("--lead-in", lead_in, 0.0, MAX_LENGTH_M, closed=True)
+        return MotionLimits(swath, least, ideal, apart, speed, wind_mps, lead_in, self.overshoot_m)
 
     @property
     def heading_rad(self) -> float | None:

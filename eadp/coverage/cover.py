@@ -271,7 +271,9 @@ def _best_of_pattern(request: CoverageRequest, pattern: Pattern, headings: Seque
     for heading in headings:
         try:
             legs = [replace(leg, sensing=True) for leg in pattern(request, heading)]
-            if request.space is not None and not all(request.space.has_hull(polyline_m([leg.piece])) for leg in legs):
+            if request.space is not None and not all(
+                request.space.has_hull(polyline_m([leg.led(request.motion).piece])) for leg in legs
+            ):
                 raise Infeasible(f"lines of pattern {request.pattern} leave the boundary or cross an obstacle")
             if legs:
                 found.append(_connected(request, request.pattern, heading, legs))
@@ -333,9 +335,11 @@ def _connected(
     sections: list[CoverageLeg | Block] = [*climb_out]
     previous: Pose | None = None
     for part in parts:
-        entry = _entry(request, part.start, turns) if previous is None else _turn(request, previous, part.start, turns)
-        sections += [*entry, part]
-        previous = part.end
+        flown = [part] if isinstance(part, Block) else part.with_leads(request.motion)
+        start = flown[0].start
+        entry = _entry(request, start, turns) if previous is None else _turn(request, previous, start, turns)
+        sections += [*entry, *flown]
+        previous = flown[-1].end
     assert previous is not None
     solution = CoverageSolution(pattern, heading_rad, (*sections, *_exit(request, previous, turns), *approach))
     legs = solution.path(solution.min_c1).legs
@@ -366,7 +370,8 @@ class _Candidate:
         """The block in full."""
         points = self.frame.into(np.array(request.field.outline))
         first = float(points[:, 0].min()) + (self.index * self.layout.lines + 0.5) * self.layout.pitch_m
-        return build_block(self.frame, BlockBounds(points), first, self.layout, request.motion)
+        bounds = BlockBounds(points, request.motion.beyond_m)
+        return build_block(self.frame, bounds, first, self.layout, request.motion)
 
 
 class _Chain(NamedTuple):
@@ -403,7 +408,7 @@ def _zamboni_at(request: CoverageRequest, heading: float) -> Iterator[_Chain]:
     motion = request.motion
     points = frame_of(heading).into(np.array(request.field.outline))
     left, width = float(points[:, 0].min()), float(np.ptp(points[:, 0]))
-    bounds = BlockBounds(points)
+    bounds = BlockBounds(points, motion.beyond_m)
     # one frame for each corner: u to the right or left of the heading, v a quarter turn from it to either side
     corners = [(towards, hand, frame_of(heading, towards, hand)) for towards in (1, -1) for hand in (1, -1)]
     unit_times_s = [_unit_times_s(frame, motion) for _, _, frame in corners]
@@ -478,6 +483,7 @@ def line_costs(request: CoverageRequest, directed: Sequence[CoverageLeg]) -> Lin
     LineCosts
         [s], rounded to `TIE_DIGITS`.
     """
+    directed = [leg.led(request.motion) for leg in directed]
     starts, ends = [leg.start for leg in directed], [leg.end for leg in directed]
     own_s = np.array([request.motion.time_s([leg.piece]) for leg in directed])
     between_s = request.motion.turns_s(ends, starts)
@@ -541,7 +547,7 @@ def _quickest_sets(request: CoverageRequest, headings: Sequence[float]) -> Itera
             yield each, each.costs
         elif space is not None and not each.cut:
             flown_m = sum(leg.piece.length_m for leg in each.directed[::2])
-            directed = free_lines(each.directed[::2], space, motion.min_radius_m)
+            directed = free_lines(each.directed[::2], space, motion)
             left_m = sum(leg.piece.length_m for leg in directed[::2])
             if left_m >= MIN_LEFT * flown_m:
                 lost_s[each.number] = LOST_RATIO * (flown_m - left_m) / motion.airspeed_mps
@@ -560,7 +566,8 @@ def _free_in_order(
     failure = Infeasible("no line of the field has room for a turn out of the obstacles and inside the boundary")
     for each, costs in itertools.islice(sets, FREE_HEADINGS_TRIED):
         try:
-            order, _ = free_order(each.directed, costs, _free_turns(space, request.motion), draft=draft)
+            led = [leg.led(request.motion) for leg in each.directed]
+            order, _ = free_order(led, costs, _free_turns(space, request.motion), draft=draft)
             return _connected(request, DUBINS, each.heading_rad, [each.directed[i] for i in order])
         except Infeasible as error:
             failure = error

@@ -187,6 +187,8 @@ class CoverageReport:
             "spacing_m": [full.spacing_m, least.spacing_m],
             "seam_m": self.seam_m,
             "swath_m": self.motion.swath_m,
+            "lead_in_m": self.motion.lead_in_m,
+            "overshoot_m": self.motion.overshoot_m,
             "min_radius_m": min_radius_m if math.isfinite(min_radius_m) else None,  # a single line has no turn
             "c1": [least.c1, full.c1] if least is not full else None,
             "at_lowest_c1": {"length_m": least.length_m, "time_s": least.time_s, "lines": least.lines},
@@ -245,6 +247,8 @@ class CoverageReport:
                 f"{'covers' if end is self.full else '':<10} {100 * end.coverage:.2f} %{at}: "
                 f"{_counted(end.lines, 'line')}, {end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
             )
+        if beyond := self.motion.beyond_text:
+            lines.append(f"straight   {beyond}")
         obstacles, boundary = self.field.airspace
         if obstacles or boundary:
             kept = [f"out of {_counted(len(obstacles), 'obstacle')}"] if obstacles else []

@@ -224,7 +224,7 @@ class SortiePlanner:
         space = self._request.space
         if space is None:
             return None
-        lines = free_lines(self.grid().whole_lines(ground)[::2], space, self.task.motion.min_radius_m)
+        lines = free_lines(self.grid().whole_lines(ground)[::2], space, self.task.motion)
         return [(line.start[:2], line.end[:2]) for line in lines[::2]]
 
     @property

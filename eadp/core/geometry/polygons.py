@@ -471,6 +471,13 @@ class FreeSpace:
         """Whether a circle of a radius [m] on a field's ground, as `covered_shares` has it, lies out of it."""
         return not shapely.intersection(self._inner, _union(parts)).buffer(-radius_m).is_empty
 
+    def rooms(self, points_m: ArrayLike) -> IntArray:
+        """Numbers of its parts in which points lie, shape (n, 2), with no way from one to another; shape (n,)."""
+        everywhere = shapely.box(-FAR_M, -FAR_M, FAR_M, FAR_M)
+        parts = shapely.get_parts(shapely.difference(self._outer or everywhere, self._inner))
+        found: IntArray = shapely.distance(shapely.points(points_m)[:, np.newaxis], parts).argmin(axis=1)
+        return found
+
     def intervals_m(self, start: Point, end: Point) -> list[tuple[float, float]]:
         """The parts of a straight line that lie in it, as intervals along the line [m]."""
         line = shapely.difference(shapely.LineString([start, end]), self._inner)
@@ -489,6 +496,9 @@ class FreeSpace:
         thinned = [shapely.simplify(part.exterior, distance_m / 20) for part in polygons]
         return [tuple((float(x), float(y)) for x, y in ring.coords[:-1]) for ring in thinned]
 
+
+FAR_M = 1e6
+"""Beyond any field [m]."""
 
 ALONG_M = 1e-3
 """How far a path may cross a boundary that it runs along [m]."""
