@@ -350,13 +350,13 @@ def _surveyed(plan: Plan, to: str, warn: Warn, name: str) -> tuple[Point, ...]:
 def _ends_text(path: PlannedPath, items: Sequence[MissionItem]) -> str:
     """What a mission flies besides its path: how it takes off, and ways that the forecast does not have."""
     first, last, said = path.sections[0], path.sections[-1], []
+    home_m = to_local_m(*path.home, path.origin_deg)
     if items[0].command == TAKEOFF and not (first.stage.command(TAKEOFF) and first.stage.command(TAKEOFF)[-1]):
-        home_m = to_local_m(*path.home, path.origin_deg)
-        to_m = first.start_m if math.dist(home_m, first.start_m) > NEAR_M else first.end_m
-        course = math.atan2(to_m[1] - home_m[1], to_m[0] - home_m[0])
+        way_m, course = math.dist(home_m, first.start_m), first.courses_rad[0]
+        if way_m > NEAR_M:
+            course = math.atan2(first.start_m[1] - home_m[1], first.start_m[0] - home_m[0])
         said.append(f"an autopilot climbs as it is launched, for the path towards {compass_deg(course):.0f}°")
     if path.home_deg is not None:
-        home_m = to_local_m(*path.home_deg, path.origin_deg)
         ways = {"from home": math.dist(home_m, first.start_m)}
         if not last.stage.command(LAND):
             ways["back"] = math.dist(last.end_m, home_m)
