@@ -111,7 +111,7 @@ class Samples(NamedTuple):
 class HeightProfile:
     """A flight over its ground at samples, shape (n,): heights of the ground below and of the flight [m].
 
-    `commanded_m` are the altitudes in turn; `sides_m` is the mean height of the ground half the lines' distance to either
+    `commanded_m` are the altitudes in turn, `sides_m` the mean heights of the ground half the lines' distance to either
     side.
     """
 
