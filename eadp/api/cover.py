@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, Self
 
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.profile import profile_of_scenario, read_profile
@@ -27,15 +27,17 @@ from eadp.io.field.reader import read_airspace, read_field
 from eadp.io.mission.draft import TRIGGER_DISTANCE
 from eadp.io.plan.writer import plan_text
 from eadp.io.scenario.scenario_file import read_scenario
-from eadp.io.text.options import Flag, check_range
+from eadp.io.text.options import Flag, check_range, option_name
 from eadp.io.text.streams import read_text
+from eadp.io.vehicle.camera_file import read_camera
 from eadp.io.vehicle.vehicle_file import read_vehicle
 from eadp.models.airspace import Airspace, Obstacle
+from eadp.models.camera import MAX_LENGTH_MM, MAX_PIXELS, MIN_LENGTH_MM, Camera, Pictures, ground_m, pictures_document
 from eadp.models.computing import Computing, join_profile
-from eadp.models.doubts import NEAR_DEG, Doubt, Shots, angle_doubts, shot_doubts
+from eadp.models.doubts import NEAR_DEG, Doubt, Shots, angle_doubts, interval_doubts, shot_doubts
 from eadp.models.field import Field
 from eadp.models.performance import PATH_MARGIN, ground_radius_m, too_tight
-from eadp.models.plan.plan import MadeFor, Plan, Site
+from eadp.models.plan.plan import MadeFor, Plan, Site, SurveyCamera
 from eadp.models.plan.stage import Box
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe, PaperVehicle
@@ -44,8 +46,8 @@ MIN_RADIUS_M = 0.1
 MAX_LENGTH_M = 1e5
 MAX_AIRSPEED_MPS = 1e3
 MAX_ALTITUDE_M = 1e5
-MIN_LENGTH_MM, MAX_LENGTH_MM = 0.5, 1e3
-"""Sensors have from 2 mm (of thermal cameras) to 100 mm, lenses from 1.5 mm to 800 mm: metres are refused [mm]."""
+MIN_GSD_CM, MAX_GSD_CM = 0.1, 1e3
+"""No aircraft in flight resolves a millimetre: most pixels in metres are refused [cm]."""
 MAX_OVERLAP = 99.0
 MAX_DISTANCE_M = 50_000.0
 """Largest distance of the start and home points from the field [m]."""
@@ -116,12 +118,29 @@ class FieldOptions:
     """Obstacles so far below the plan's altitude [m] are flown over, where their height is known."""
 
 
+_CAMERA_LIMITS = {
+    "altitude_m": (0.0, MAX_ALTITUDE_M),
+    "sensor_width_mm": (MIN_LENGTH_MM, MAX_LENGTH_MM),
+    "sensor_height_mm": (MIN_LENGTH_MM, MAX_LENGTH_MM),
+    "focal_length_mm": (MIN_LENGTH_MM, MAX_LENGTH_MM),
+    "image_width_px": (1, MAX_PIXELS),
+}
+_CAMERA_KEYS = ("sensor_width_mm", "sensor_height_mm", "focal_length_mm", "picture_interval_s", "image_width_px")
+"""Options whose values replace those of a camera."""
+
+
 @dataclass(frozen=True)
 class CameraOptions:
     """The camera, and how its pictures overlap."""
 
     altitude_m: float | None = None
-    """Altitude above the ground [m], which the plan holds."""
+    """Altitude above the ground [m], which the plan holds; or it follows from --gsd."""
+
+    gsd_cm: float | None = None
+    """Ground sampling distance, the size of a pixel on the ground [cm]."""
+
+    camera: Annotated[str | None, Flag(metavar="NAME")] = None
+    """Camera by name, or a camera file (.yaml); an unknown name lists them. The next options replace its values."""
 
     sensor_width_mm: float | None = None
     """Width of the camera's sensor, across the lines [mm]."""
@@ -145,26 +164,48 @@ class CameraOptions:
     image_width_px: int | None = None
     """Width of a picture, across the lines [pixels]: the size of a pixel is said."""
 
-    def _footprint_m(self, option: str, size_mm: float | None, overlap: float | None) -> float:
-        """Ground that a picture adds beside its neighbour [m]: h s / f, less the overlap; `option` names the size."""
+    def with_camera(self) -> Self:
+        """The options with the values of the camera, and the altitude at which its pixels have their size.
 
-        def needed(name: str, value: float | None, low: float, high: float) -> float:
+        Raises
+        ------
+        InputError
+            If there is no such camera, or the altitude is given as well, or cannot follow.
+        """
+        camera = Camera() if self.camera is None else read_camera(self.camera)
+        camera = camera.with_values(**{key: getattr(self, key) for key in _CAMERA_KEYS})
+        name = printable(" ".join(camera.name.split()), NAME_LIMIT)
+        found = replace(self, camera=name or None, **{key: getattr(camera, key) for key in _CAMERA_KEYS})
+        if self.gsd_cm is None:
+            return found
+        if self.altitude_m is not None:
+            raise _fault("--gsd", f"{self.gsd_cm:g}", "the size of a pixel beside the altitude", "one of the two")
+        if not MIN_GSD_CM <= self.gsd_cm <= MAX_GSD_CM:
+            expected = (
+                f"centimetres from {MIN_GSD_CM:g} to {MAX_GSD_CM:g}: {self.gsd_cm:g} m are {100 * self.gsd_cm:g} cm"
+            )
+            raise _fault("--gsd", f"{self.gsd_cm:g}", f"{self.gsd_cm:g} cm a pixel", expected)
+        width_mm, focal_mm, columns = found._needed("sensor_width_mm", "focal_length_mm", "image_width_px")
+        # h = g n / (s / f): the altitude at which n pixels of the size g are as wide as the picture
+        return replace(found, altitude_m=self.gsd_cm / 100 * columns / ground_m(width_mm, focal_mm, 1.0))
+
+    def _needed(self, *keys: str) -> list[float]:
+        """Values of the camera; a fault where one is not given, or out of range."""
+        for key in keys:
+            option, value = option_name(key), getattr(self, key)
             if value is None:
-                message = f"the camera needs {name} too"
-                raise _fault(name, "", message, f"--altitude, {option} and --focal-length-mm")
-            check_range(name, value, low, high)
-            return value
+                expected = "--gsd or --altitude" if key == "altitude_m" else "a --camera that has it, or this option"
+                raise _fault(option, "", f"the camera needs {option} too", expected)
+            check_range(option, value, *_CAMERA_LIMITS[key], closed=key == "image_width_px")
+        return [getattr(self, key) for key in keys]
 
-        altitude_m = needed("--altitude", self.altitude_m, 0.0, MAX_ALTITUDE_M)
-        size_mm = needed(option, size_mm, MIN_LENGTH_MM, MAX_LENGTH_MM)
-        focal_mm = needed("--focal-length-mm", self.focal_length_mm, MIN_LENGTH_MM, MAX_LENGTH_MM)
-        side = option == "--sensor-width-mm"
-        overlap = overlap or 0.0
+    def _footprint_m(self, key: str, overlap: float = 0.0) -> float:
+        """Ground that a picture adds beside its neighbour [m], less the overlap [%]; `key` is the sensor's size."""
+        altitude_m, size_mm, focal_mm = self._needed("altitude_m", key, "focal_length_mm")
         if not (overlap == 0 or 1 <= overlap <= MAX_OVERLAP):
-            name = "--side-overlap" if side else "--forward-overlap"
+            name = "--side-overlap" if key == "sensor_width_mm" else "--forward-overlap"
             raise _fault(name, f"{overlap:g}", f"{overlap:g} %", f"percent from 1 to {MAX_OVERLAP:g}, as 70; or 0")
-        # similar triangles: h/f on the ground for each millimetre of the sensor
-        return altitude_m * size_mm / focal_mm * (1 - overlap / 100)
+        return ground_m(size_mm, focal_mm, altitude_m) * (1 - overlap / 100)
 
     @cached_property
     def _side_overlaps(self) -> tuple[float | None, float]:
@@ -185,32 +226,39 @@ class CameraOptions:
         wanted, _ = self._side_overlaps
         if wanted is None:
             return None
-        return self._footprint_m("--sensor-width-mm", self.sensor_width_mm, wanted)
+        return self._footprint_m("sensor_width_mm", wanted)
 
-    def pictures(self, sensed_m: float) -> Pictures | None:
-        """The pictures along lines of a length [m]; None without a camera."""
-        if self.sensor_width_mm is None:
+    def pictures(self, sensed_m: float, speed_mps: float) -> Pictures | None:
+        """Those along lines of a length [m], the fastest at a ground speed [m/s]; None without a camera."""
+        if self.sensor_width_mm is None or self.altitude_m is None:
             return None
-        width_m = self._footprint_m("--sensor-width-mm", self.sensor_width_mm, 0.0)
-        apart_m = self.picture_distance_m
-        count = None if apart_m is None else math.ceil(sensed_m / apart_m)
-        forward = None if self.forward_overlap is None else self.forward_overlap / 100
-        gsd_cm = None if self.image_width_px is None else 100 * width_m / self.image_width_px
-        return Pictures(width_m, apart_m, forward, count, gsd_cm)
+        width_m, apart_m = self._footprint_m("sensor_width_mm"), self.picture_distance_m
+        gsd_cm = None if self.image_width_px is None else 100 * width_m / self._needed("image_width_px")[0]
+        return Pictures(
+            camera=self.camera or "",
+            altitude_m=self.altitude_m,
+            width_m=width_m,
+            gsd_cm=gsd_cm,
+            distance_m=apart_m,
+            forward_overlap=None if self.forward_overlap is None else self.forward_overlap / 100,
+            number=None if apart_m is None else math.ceil(sensed_m / apart_m),
+            interval_s=self.picture_interval_s or None,
+            speed_mps=speed_mps,
+        )
 
     @property
     def picture_length_m(self) -> float | None:
         """Ground in a picture along a line [m]; None where the sensor's height is not known."""
         if self.sensor_height_mm is None:
             return None
-        return self._footprint_m("--sensor-height-mm", self.sensor_height_mm, 0.0)
+        return self._footprint_m("sensor_height_mm")
 
     @cached_property
     def picture_distance_m(self) -> float | None:
         """Distance between pictures along a line [m]; None where none are taken."""
         if self.forward_overlap is None:
             return None
-        return self._footprint_m("--sensor-height-mm", self.sensor_height_mm, self.forward_overlap)
+        return self._footprint_m("sensor_height_mm", self.forward_overlap)
 
 
 @dataclass(frozen=True)
@@ -226,9 +274,9 @@ class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, PathOptions):
         camera = (self.sensor_width_mm, self.focal_length_mm, self.side_overlap)
         if self.swath_m is None:
             if camera == (None, None, None):
-                expected = "--swath, or --altitude, --sensor-width-mm and --focal-length-mm"
+                expected = "--swath, or --altitude or --gsd, and --camera"
                 raise _fault("--swath", "", "no width of ground that a line covers", expected)
-            return self._footprint_m("--sensor-width-mm", self.sensor_width_mm, self._side_overlaps[1])
+            return self._footprint_m("sensor_width_mm", self._side_overlaps[1])
         if self.sensor_width_mm is not None or self.side_overlap is not None:
             raise _fault("--swath", f"{self.swath_m:g}", "a swath beside that of the camera", "one of the two")
         return self.swath_m
@@ -264,39 +312,6 @@ class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, PathOptions):
         return heading_rad(self.heading_deg)
 
 
-class Pictures(NamedTuple):
-    """A camera's pictures.
-
-    Attributes
-    ----------
-    width_m : float
-        Of the ground in one, across the lines [m].
-    distance_m : float or None
-        Between pictures along a line [m]; None where none are taken.
-    forward_overlap : float or None
-        Share of a picture that the next one of the line shows too.
-    number : int or None
-        Of all lines, the densest.
-    gsd_cm : float or None
-        Ground sampling distance, of a pixel [cm]; None where the picture's width in pixels is not known.
-    """
-
-    width_m: float
-    distance_m: float | None
-    forward_overlap: float | None
-    number: int | None
-    gsd_cm: float | None
-
-    def text(self) -> str:
-        """For people."""
-        parts = [f"pictures of {self.width_m:.1f} m across"]
-        parts += [] if self.gsd_cm is None else [f"{self.gsd_cm:.2g} cm a pixel"]
-        if self.distance_m is not None and self.forward_overlap is not None:
-            overlap = f"forward overlap {100 * self.forward_overlap:.0f} %"
-            parts += [f"one each {self.distance_m:.1f} m, {overlap}", f"{self.number} in all"]
-        return f"camera     {'; '.join(parts)}"
-
-
 @dataclass(frozen=True)
 class CoveragePlan:
     """A plan that covers a field: its text, its report, the repairs made to the field, and the camera's pictures.
@@ -315,16 +330,10 @@ class CoveragePlan:
     @property
     def document(self) -> dict[str, Any]:
         """The values of `eadp.cover/1`."""
-        shot = self.pictures
-        return self.report.document(self.repairs, self.text) | {
-            "side_overlap": self._side_overlaps,
-            "forward_overlap": None if shot is None else shot.forward_overlap,
-            "pictures": None if shot is None else shot.number,
-            "gsd_cm": None if shot is None else shot.gsd_cm,
-            "batteries": self._batteries,
-            "camera": None if shot is None else {"width_m": shot.width_m, "distance_m": shot.distance_m},
-            "terrain": None if self.heights is None else self.heights.document(*self._on_ground),
-        }
+        own = {"side_overlap": self._side_overlaps, "batteries": self._batteries}
+        ground = None if self.heights is None else self.heights.document(*self._on_ground)
+        shown = self.report.document(self.repairs, self.text)
+        return shown | own | pictures_document(self.pictures) | {"terrain": ground}
 
     @property
     def _on_ground(self) -> tuple[float, float | None, float | None]:
@@ -349,7 +358,7 @@ class CoveragePlan:
     @property
     def lines(self) -> list[str]:
         """A summary for people, line by line."""
-        camera = [] if self.pictures is None else [self.pictures.text()]
+        camera = [] if self.pictures is None else self.pictures.lines()
         ground = [] if self.heights is None else self.heights.text(*self._on_ground)
         return [*self.report.text(), *camera, *self._overlap_text(), *ground, *self._batteries_text()]
 
@@ -509,10 +518,13 @@ class CoverageTask:
         """
         field, options, motion = field or self.field, self.options, self.motion
         distance_m, computations = options.picture_distance_m, _computations(self.profile, options.turns_off)
+        sensed_m = sum(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing)
+        pictures = options.pictures(sensed_m, motion.max_line_speed_mps(solution.heading_rad))
         parts = [tuple(map(_millimetres, part)) for part in field.parts]
         name = printable(" ".join(field.name.split()), NAME_LIMIT)
         covered = Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:]))
-        flown, heights, altitude_m, sited = solution, None, options.altitude_m, field
+        flown, heights, sited = solution, None, field
+        altitude_m = None if options.altitude_m is None else round(options.altitude_m, 3)
         if self.terrain is not None:
             if options.turns_off and not solution.blocks:
                 split = (part for leg in solution.path(0.0).legs for part in leg.split())
@@ -526,7 +538,8 @@ class CoverageTask:
             computations=computations,
             min_radius_m=motion.min_radius_m,
             site=_site(sited, covered, motion, self.home_m, self.vehicle)._replace(
-                ground_m=None if heights is None else heights.profile.ground.zero_m
+                camera=_survey_camera(pictures),
+                ground_m=None if heights is None else heights.profile.ground.zero_m,
             ),
             altitude_m=altitude_m,
             commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
@@ -535,8 +548,6 @@ class CoverageTask:
         power = _power(plan, self.profile, self.airframe.cruise_power_w, computations) if known else None
         report = CoverageReport.of(replace(field, airspace=self.airspace), motion, solution, power)
         comments = "".join(f"% {line}\n" for line in report.comments(printable(self.file, 100)))
-        sensed_m = sum(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing)
-        pictures = options.pictures(sensed_m)
         notes = [*self.repairs, *self.flown_over]
         return CoveragePlan(plan, comments + plan_text(plan), report, notes, pictures, self.pack_wh, heights)
 
@@ -550,6 +561,14 @@ def _site(field: Field, covered: Field, motion: MotionLimits, home: Point | None
     made_for = MadeFor(vehicle, motion.airspeed_mps, round(wind_mps, 3), round(from_deg, 1) % 360)
     home_m = None if home is None else _millimetres((home,))[0]
     return Site(field.origin_deg, None, covered, motion.swath_m, home_m, airspace, made_for)
+
+
+def _survey_camera(pictures: Pictures | None) -> SurveyCamera | None:
+    """What the plan carries of its pictures."""
+    if pictures is None:
+        return None
+    gsd_cm = None if pictures.gsd_cm is None else round(pictures.gsd_cm, 6)
+    return SurveyCamera(pictures.camera, round(pictures.altitude_m, 3), gsd_cm)
 
 
 def _millimetres(points: Sequence[Point]) -> tuple[Point, ...]:
@@ -685,7 +704,14 @@ def cover(
         With the faults of the files, or of an option under its name on the command line.
     """
     task = coverage_task(str(field), options, profile, scenario, vehicle, warn)
-    return task.planned(cover_field(task.request))
+    found = task.planned(cover_field(task.request))
+    warn(picture_warnings(found.pictures))
+    return found
+
+
+def picture_warnings(pictures: Pictures | None) -> list[Fault]:
+    """Warnings about pictures that the camera may be too slow for."""
+    return [] if pictures is None else _warnings(interval_doubts(pictures))
 
 
 def coverage_task(
@@ -712,6 +738,7 @@ def coverage_task(
         message = "no computations to stop on turns; --profile names some"
         warn([Fault("--turns-off", 1, 1, message, severity="note")])
     flown = setting.keys.vehicle if vehicle is None else read_vehicle(read_text(str(vehicle)))
+    options = options.with_camera()
     if cruises and options.altitude_m is None:
         options = replace(options, altitude_m=flown.airframe.cruise_altitude_m)
     pack_wh = None
@@ -733,8 +760,12 @@ def coverage_task(
     speed_mps = math.hypot(*task.motion.wind_mps)
     if tight := too_tight(flown.airframe, task.motion.airspeed_mps, task.motion.min_radius_m, speed_mps):
         warn([Fault("--min-radius", 1, 1, tight, severity="warning")])
-    warn([Fault(*doubt[:1], 1, 1, *doubt[1:], severity="warning") for doubt in _doubts(task)])
+    warn(_warnings(_doubts(task)))
     return task
+
+
+def _warnings(doubts: Iterable[Doubt]) -> list[Fault]:
+    return [Fault(key, 1, 1, message, expected, severity="warning") for key, message, expected in doubts]
 
 
 def _doubts(task: CoverageTask) -> Iterator[Doubt]:
@@ -744,5 +775,4 @@ def _doubts(task: CoverageTask) -> Iterator[Doubt]:
     if options.wind is not None:
         yield from angle_doubts("--wind", _two_numbers("--wind", options.wind, "")[1])
     camera = options.altitude_m, options.sensor_width_mm, options.focal_length_mm
-    shots = Shots(*camera, options.picture_distance_m, options.picture_interval_s)
-    yield from shot_doubts(shots, task.motion.ground_limit_mps)
+    yield from shot_doubts(Shots(*camera, options.gsd_cm))

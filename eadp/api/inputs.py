@@ -158,23 +158,28 @@ class FlightInputs:
         """A new flight with its planner."""
         return make_flight(self.scenario.planner, self.scenario.estimator, self.mission)
 
-    def preflight(self) -> Preflight | None:
-        """The forecast of the flight before take-off, with its wind as the weather forecast."""
+    def preflight(self, *, whole: bool = True) -> Preflight | None:
+        """The forecast of the flight before take-off, with its wind as the weather forecast.
+
+        Without `whole` it has neither the latest turn back nor the probabilities of obstacles: they take most of the time.
+        """
         if self.mission.battery.prescribed:
             return None
         wind, settings = self.world.wind, self.scenario.planner
         planner = planner_class(settings.name)
         plan, altitudes_m = self.world.plan, _altitudes_m(self.world.plan, self.world.vehicle)
         wind_mps = wind.steady_at_mps(0.0, statistics.median_high(altitudes_m))
-        found = planner.preflight(settings, self.mission, wind_mps, wind.gust_std_mps)
+        mission = self.mission if whole else replace(self.mission, way_home=None)
+        found = planner.preflight(settings, mission, wind_mps, wind.gust_std_mps)
         airspace = plan.site.airspace.in_the_way(min(altitudes_m))
-        if found is None or not any(airspace):
+        if found is None or not whole or not any(airspace):
             return found
-        from eadp.planning.forecast.clearance import entering  # few plans have obstacles
+        from eadp.planning.forecast import clearance  # few plans have obstacles
 
         gusts, world = (wind.gust_std_mps, wind.gust_time_s), self.world
         legs = found.planned(self.mission).legs
-        return replace(found, entering=entering(legs, airspace, world.vehicle, world.guidance, wind_mps, gusts))
+        entered = clearance.entering(legs, airspace, world.vehicle, world.guidance, wind_mps, gusts)
+        return replace(found, entering=entered)
 
 
 def load_flight(

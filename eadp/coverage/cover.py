@@ -11,9 +11,10 @@ Source: letter, Sec. IV-A; Dubins 1957 for the turns between lines.
 from __future__ import annotations
 
 import functools
+import heapq
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,7 +24,7 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Pose, centre_m, lengths_m, ordered, polyline_m, times_s
+from eadp.core.geometry.dubins import Pose, centre_m, ordered, polyline_m
 from eadp.core.geometry.polygons import FreeSpace, strip_extents
 from eadp.coverage.airspace import FreeTurns, LineCosts, free_lines, free_order
 from eadp.coverage.line_order import best_order, quick_order
@@ -200,8 +201,10 @@ class CoverageSolution:
         return min((block.min_c1 for block in self.blocks), default=0.0)
 
 
-def cover(request: CoverageRequest) -> CoverageSolution:
+def cover(request: CoverageRequest, *, draft: bool = False) -> CoverageSolution:
     """The quickest path found that covers a field.
+
+    With `draft`, lines within obstacles and a boundary are ordered by a quick search: some percent longer at most.
 
     Raises
     ------
@@ -214,7 +217,7 @@ def cover(request: CoverageRequest) -> CoverageSolution:
         raise Infeasible(f"a wind of {wind_mps:g} m/s is not slower than the aircraft's {motion.airspeed_mps:g}")
     headings = _tried_headings(request) if request.heading_rad is None else [request.heading_rad]
     if request.pattern == DUBINS:
-        return _best_in_order(request, headings)
+        return _best_in_order(request, headings, draft)
     if request.pattern not in PATTERNS:
         return _best_of_pattern(request, plug_in("coverage_patterns", request.pattern), headings)
     parted = bool(request.field.others)
@@ -230,7 +233,7 @@ def cover(request: CoverageRequest) -> CoverageSolution:
             raise Infeasible(f"the field is too narrow for the Zamboni-like motion: {needs}")
         return zamboni
     try:
-        order = _best_in_order(request, headings)
+        order = _best_in_order(request, headings, draft and zamboni is None)
     except Infeasible:
         if zamboni is None:
             raise
@@ -358,6 +361,8 @@ class _Chain(NamedTuple):
 
 def _best_zamboni(request: CoverageRequest, headings: Sequence[float]) -> CoverageSolution | None:
     """The quickest Zamboni-like path at some headings; None where the field is too narrow, or no path is free."""
+    if request.space is not None and request.space.blocks(request.field.parts, request.motion.swath_m / 2):
+        return None  # no place of the field is farther from the hull of the laps of its block
     found = [chain for heading in headings for chain in _zamboni_at(request, heading)]
     if not found:
         return None
@@ -425,7 +430,7 @@ def _quickest_chain(request: CoverageRequest, rows: Sequence[Sequence[_Candidate
     total_s = own_s[0] + _from_start_s(request, starts[0])
     predecessors: list[FloatArray] = []
     for i in range(1, len(rows)):
-        times = total_s[:, None] + _turn_times_s(request.motion, ends[i - 1], starts[i])
+        times = total_s[:, None] + request.motion.turns_s(ends[i - 1], starts[i])
         predecessors.append(times.argmin(axis=0))
         total_s = times.min(axis=0) + own_s[i]
     total_s = total_s + _to_home_s(request, ends[-1])
@@ -457,73 +462,87 @@ def line_costs(request: CoverageRequest, directed: Sequence[CoverageLeg]) -> Lin
     """
     starts, ends = [leg.start for leg in directed], [leg.end for leg in directed]
     own_s = np.array([request.motion.time_s([leg.piece]) for leg in directed])
-    between_s = _turn_times_s(request.motion, ends, starts)
+    between_s = request.motion.turns_s(ends, starts)
     costs = between_s, own_s, _from_start_s(request, starts), _to_home_s(request, ends)
     # rounding differs in a field that is turned or moved, and must not change the order
     return LineCosts(*(np.round(part, TIE_DIGITS) for part in costs))
 
 
 class _LineSet(NamedTuple):
-    """Lines at a heading, each in both directions, with their costs.
+    """Lines at a heading, each in both directions.
 
-    `time_s` is that of a quick order, with what lines left out count [s]; `number` is that of the set as tried.
+    `time_s` is a lower bound, or with `costs` that of a quick order, where lines left out count; `number` is that of
+    the set as tried.
     """
 
     time_s: float
     number: int
     heading_rad: float
     directed: list[CoverageLeg]
-    costs: LineCosts
+    cut: bool = False
+    costs: LineCosts | None = None
 
 
-def _best_in_order(request: CoverageRequest, headings: Sequence[float]) -> CoverageSolution:
-    """The quickest order of lines at some headings: all are ordered quickly, and the best of these in full.
+def _best_in_order(request: CoverageRequest, headings: Sequence[float], draft: bool) -> CoverageSolution:
+    """The quickest order of lines at some headings: they are ordered quickly, and the best of these in full.
 
     Raises
     ------
     Infeasible
         If a heading needs too many lines, or no order is free.
     """
-    motion = request.motion
-    sets: list[_LineSet] = []
-    quickest_s = math.inf
-    half_turn_s = math.pi * motion.min_radius_m / motion.airspeed_mps
-    for heading in headings:
-        for directed in _lines_at(request, heading):
-            lines, lost_s = directed[::2], 0.0
-            if request.space is not None:
-                flown_m = sum(leg.piece.length_m for leg in lines)
-                directed = free_lines(lines, request.space, motion.min_radius_m)
-                lines = directed[::2]
-                left_m = sum(leg.piece.length_m for leg in lines)
-                lost_s = LOST_RATIO * (flown_m - left_m) / motion.airspeed_mps
-                if left_m < MIN_LEFT * flown_m:
-                    continue
-            if motion.windless:
-                # not tried where a bound is above the quickest: every line, and most of a half circle between two
-                lines_s = sum(leg.piece.length_m for leg in lines) / motion.airspeed_mps
-                if lines_s + lost_s + (len(lines) - 1) * half_turn_s * 0.6 > quickest_s:
-                    continue
-            costs = line_costs(request, directed)
-            _, order_s = quick_order(*costs)
-            time_s = order_s + lost_s
-            quickest_s = min(quickest_s, time_s)
-            sets.append(_LineSet(time_s, len(sets), heading, directed, costs))
-    sets.sort(key=lambda each: each.time_s)
+    sets = _quickest_sets(request, headings)
     if request.space is not None:
-        return _free_in_order(request, request.space, sets)
-    solved = [(each, *best_order(*each.costs)) for each in sets[:FULL_SEARCHES]]
+        return _free_in_order(request, request.space, sets, draft)
+    solved = [(each, *best_order(*costs)) for each, costs in itertools.islice(sets, FULL_SEARCHES)]
     # of equal times, up to rounding, the heading that was tried first
     best, order, _ = min(solved, key=lambda one: (round(one[2], 9), one[0].number))
     return _connected(request, DUBINS, best.heading_rad, [best.directed[i] for i in order])
 
 
-def _free_in_order(request: CoverageRequest, space: FreeSpace, sets: Sequence[_LineSet]) -> CoverageSolution:
+def _quickest_sets(request: CoverageRequest, headings: Sequence[float]) -> Iterator[tuple[_LineSet, LineCosts]]:
+    """Lines at some headings with their costs, by the time of a quick order, the quickest first.
+
+    A set is cut to the free space, and ordered, where no other is quicker by the bound that is known of it.
+    """
+    motion, space = request.motion, request.space
+    half_turn_s = math.pi * motion.min_radius_m / motion.ground_limit_mps
+
+    def bound_s(directed: Sequence[CoverageLeg]) -> float:
+        """Less than an order takes: every line, and most of a half circle between two [s]."""
+        lines_s = sum(leg.piece.length_m for leg in directed[::2]) / motion.ground_limit_mps
+        return lines_s + (len(directed) // 2 - 1) * half_turn_s * 0.6
+
+    tried = [(heading, directed) for heading in headings for directed in _lines_at(request, heading)]
+    queue = [_LineSet(bound_s(directed), i, heading, directed) for i, (heading, directed) in enumerate(tried)]
+    heapq.heapify(queue)
+    lost_s: dict[int, float] = {}
+    while queue:
+        each = heapq.heappop(queue)
+        if each.costs is not None:
+            yield each, each.costs
+        elif space is not None and not each.cut:
+            flown_m = sum(leg.piece.length_m for leg in each.directed[::2])
+            directed = free_lines(each.directed[::2], space, motion.min_radius_m)
+            left_m = sum(leg.piece.length_m for leg in directed[::2])
+            if left_m >= MIN_LEFT * flown_m:
+                lost_s[each.number] = LOST_RATIO * (flown_m - left_m) / motion.airspeed_mps
+                time_s = bound_s(directed) + lost_s[each.number]
+                heapq.heappush(queue, each._replace(time_s=time_s, directed=directed, cut=True))
+        else:
+            costs = line_costs(request, each.directed)
+            time_s = quick_order(*costs)[1] + lost_s.get(each.number, 0.0)
+            heapq.heappush(queue, each._replace(time_s=time_s, costs=costs))
+
+
+def _free_in_order(
+    request: CoverageRequest, space: FreeSpace, sets: Iterable[tuple[_LineSet, LineCosts]], draft: bool
+) -> CoverageSolution:
     """The first of some sets of lines, the quickest first, with an order whose turns are all free."""
     failure = Infeasible("no line of the field has room for a turn out of the obstacles and inside the boundary")
-    for each in sets[:FREE_HEADINGS_TRIED]:
+    for each, costs in itertools.islice(sets, FREE_HEADINGS_TRIED):
         try:
-            order, _ = free_order(each.directed, each.costs, _free_turns(space, request.motion))
+            order, _ = free_order(each.directed, costs, _free_turns(space, request.motion), draft=draft)
             return _connected(request, DUBINS, each.heading_rad, [each.directed[i] for i in order])
         except Infeasible as error:
             failure = error
@@ -585,13 +604,6 @@ def _directed_lines(frame: StripFrame, spans: Sequence[tuple[float, list[tuple[f
 # --- between lines ----------------------------------------------------------------------------------------------------
 
 
-def _turn_times_s(motion: MotionLimits, ends: Sequence[Pose], starts: Sequence[Pose]) -> FloatArray:
-    """Times of the quickest turns from each pose to each [s]."""
-    if motion.windless:
-        return lengths_m(ends, starts, motion.min_radius_m) / motion.airspeed_mps
-    return times_s(ends, starts, motion.min_radius_m, motion.airspeed_mps, motion.wind_mps)
-
-
 def _turn(request: CoverageRequest, end: Pose, start: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
     """The quickest turn from one pose to another, a free one of `turns`. Raises Infeasible where there is none."""
     motion = request.motion
@@ -613,14 +625,14 @@ def _from_start_s(request: CoverageRequest, starts: Sequence[Pose]) -> FloatArra
     """Least time from the start point to each pose [s]; 0 where the start is free."""
     if request.start_m is None:
         return np.zeros(len(starts))
-    return np.asarray(_turn_times_s(request.motion, _free_poses(request.start_m), starts).min(axis=0))
+    return np.asarray(request.motion.turns_s(_free_poses(request.start_m), starts).min(axis=0))
 
 
 def _to_home_s(request: CoverageRequest, ends: Sequence[Pose]) -> FloatArray:
     """Least time from each pose to the home point [s]; 0 where the end is free."""
     if request.home_m is None:
         return np.zeros(len(ends))
-    return np.asarray(_turn_times_s(request.motion, ends, _free_poses(request.home_m)).min(axis=1))
+    return np.asarray(request.motion.turns_s(ends, _free_poses(request.home_m)).min(axis=1))
 
 
 def _entry(request: CoverageRequest, start: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
@@ -629,7 +641,7 @@ def _entry(request: CoverageRequest, start: Pose, turns: FreeTurns | None) -> li
     if point is None:
         return []
     poses = [*_free_poses(point), *((*point, heading) for heading in _tangents(point, start, motion.min_radius_m))]
-    return _turn(request, poses[int(_turn_times_s(motion, poses, [start])[:, 0].argmin())], start, turns)
+    return _turn(request, poses[int(motion.turns_s(poses, [start])[:, 0].argmin())], start, turns)
 
 
 def _exit(request: CoverageRequest, end: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
@@ -640,7 +652,7 @@ def _exit(request: CoverageRequest, end: Pose, turns: FreeTurns | None) -> list[
     # the tangents of arrival are those of a departure from home with all headings reversed
     backward = _tangents(point, (x, y, heading + math.pi), motion.min_radius_m)
     poses = [*_free_poses(point), *((*point, opposite + math.pi) for opposite in backward)]
-    return _turn(request, end, poses[int(_turn_times_s(motion, [end], poses)[0].argmin())], turns)
+    return _turn(request, end, poses[int(motion.turns_s([end], poses)[0].argmin())], turns)
 
 
 def _tangents(point: Point, pose: Pose, radius_m: float) -> list[float]:

@@ -21,7 +21,7 @@ from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace
 from eadp.models.terrain import ElevationModel
 
 STEP_M = 10.0
-"""Distance of the samples of a path [m]. A floor is its neighbours', too: a flight is up to 9 m ahead or behind."""
+"""Distance of the samples of a path [m]. A floor is that of the neighbours, too: a flight is up to 9 m off along it."""
 
 ASIDE_M = 2.0
 """Distance of a flight from its line [m]: 0.8 m after turns in steady wind, 1.5 m in gusts of 1.5 m/s."""

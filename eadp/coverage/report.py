@@ -7,6 +7,7 @@ import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from eadp.core.expressions.tree import number_text
@@ -14,6 +15,7 @@ from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.geodesy import place_text
 from eadp.core.geometry.polygons import covered_share
 from eadp.coverage.cover import DUBINS, ZAMBONI, CoverageSolution
+from eadp.coverage.left import LeftGround, left_ground, left_text
 from eadp.coverage.swaths import CoveragePath, MotionLimits
 from eadp.models.field import Field
 
@@ -88,8 +90,7 @@ def _line_distance_m(path: CoveragePath, heading_rad: float) -> float | None:
 
 def covered_by_lines(path: CoveragePath, field: Field, swath_m: float) -> float:
     """Share of a field that the lines of a path cover; turns cover nothing."""
-    lines = [(leg.start[:2], leg.end[:2]) for leg in path.legs if leg.sensing]
-    return covered_share(field.parts, lines, swath_m)
+    return covered_share(field.parts, path.sensed_m, swath_m)
 
 
 def rounded_deg(heading_rad: float, digits: int) -> float:
@@ -120,6 +121,13 @@ class CoverageReport:
     def ends(self) -> Sequence[PathReport]:
         """The reports of the ends of c1 that differ."""
         return (self.full,) if self.least is self.full else (self.full, self.least)
+
+    @cached_property
+    def left(self) -> list[LeftGround]:
+        """The places that are not covered, at the coarsest spacing."""
+        if self.least.coverage >= FULL:
+            return []
+        return left_ground(self.field, self.solution.path(self.least.c1).sensed_m, self.motion)
 
     @property
     def seam_m(self) -> float | None:
@@ -191,6 +199,7 @@ class CoverageReport:
             "boundary": bool(self.field.airspace.boundary),
             "origin_deg": self.field.origin_deg,
             "field": {"name": self.field.name, "area_m2": self.field.area_m2},
+            "left": [each.document(self.field.origin_deg) for each in self.left],
             "normalised": list(normalised),
             "plan": plan,
         }
@@ -240,9 +249,8 @@ class CoverageReport:
         if obstacles or boundary:
             kept = [f"out of {_counted(len(obstacles), 'obstacle')}"] if obstacles else []
             kept += ["inside the boundary"] if boundary else []
-            short = min(end.coverage for end in self.ends) < FULL
-            why = "; ground is left where a line would have no room for a turn" if short else ""
-            lines.append(f"stays      {' and '.join(kept)}{why}")
+            lines.append(f"stays      {' and '.join(kept)}")
+        lines += left_text(self.left, 1 - self.least.coverage, self.field.origin_deg)
         if blocks:
             lines.append(f"laps       one less in each block from a spacing of {self._steps_text} m on")
         tightest = min(end.min_radius_m for end in self.ends)

@@ -199,12 +199,15 @@ class Divider(Generic[AnySortie]):
         Whether lines may be cut.
     step : int
         The number of sorties is a whole multiple of it: of the aircraft.
+    on_part : function
+        Called with the progress before each forecast.
     """
 
     division: Division
     forecast: Callable[[Field], AnySortie]
     cuts: bool = True
     step: int = 1
+    on_part: Callable[[str], None] = lambda _: None
 
     @cached_property
     def _known(self) -> dict[Interval, AnySortie]:
@@ -331,6 +334,8 @@ class Divider(Generic[AnySortie]):
     def _sortie(self, interval: Interval) -> AnySortie:
         """The sortie over an interval [m], forecast once."""
         if interval not in self._known:
+            share = interval[1] / self.division.total_m
+            self.on_part(f"lines divided up to {100 * share:.0f} %, {len(self._known)} parts tried")
             self._known[interval] = self.forecast(self.division.part(*interval))
         return self._known[interval]
 

@@ -11,8 +11,9 @@ from functools import cached_property
 import numpy as np
 
 from eadp.core.arrays import FloatArray
+from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Piece, Pose, flight_time_s
+from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, lengths_m, times_s
 
 SPACING_SHARE = 0.5
 """Default line spacing at the highest path parameter as a share of the swath: a side overlap of one half.
@@ -58,6 +59,11 @@ class MotionLimits:
         """Ground speed with the wind behind [m/s]."""
         return self.airspeed_mps + math.hypot(*self.wind_mps)
 
+    def max_line_speed_mps(self, heading_rad: float) -> float:
+        """Ground speed of the faster ones of lines that are flown both ways [m/s]."""
+        ways = np.array([heading_rad, heading_rad + math.pi])
+        return float(ground_speeds_mps(np.cos(ways), np.sin(ways), self.airspeed_mps, self.wind_mps)[0].max())
+
     def time_s(self, pieces: Sequence[Piece]) -> float:
         """Time of flight along pieces [s].
 
@@ -69,6 +75,12 @@ class MotionLimits:
         if self.windless:
             return sum(piece.length_m for piece in pieces) / self.airspeed_mps
         return flight_time_s(pieces, self.airspeed_mps, self.wind_mps)
+
+    def turns_s(self, ends: Sequence[Pose], starts: Sequence[Pose]) -> FloatArray:
+        """Times of the quickest turns from each of some poses to each of others, with nothing in the way [s]."""
+        if self.windless:
+            return lengths_m(ends, starts, self.min_radius_m) / self.airspeed_mps
+        return times_s(ends, starts, self.min_radius_m, self.airspeed_mps, self.wind_mps)
 
 
 @dataclass(frozen=True)
@@ -170,6 +182,11 @@ class CoveragePath:
     def pieces(self) -> list[Piece]:
         """The pieces of its legs."""
         return [leg.piece for leg in self.legs]
+
+    @property
+    def sensed_m(self) -> list[tuple[Point, Point]]:
+        """Both ends of each leg that covers ground [m]."""
+        return [(leg.start[:2], leg.end[:2]) for leg in self.legs if leg.sensing]
 
     @property
     def length_m(self) -> float:

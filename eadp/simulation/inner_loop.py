@@ -8,7 +8,7 @@ compiled for lines and circles; for a general curve it runs in plain Python on t
 from __future__ import annotations
 
 import math
-from collections.abc import MutableSequence, Sequence
+from collections.abc import MutableSequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -83,60 +83,60 @@ NOISE = 2000
 _NOTHING: Jet = (math.nan, math.nan, math.nan, math.nan, math.nan, math.nan)
 
 
-class BatteryTables(NamedTuple):
-    """Places of the voltage over the charge, see `level`, and a trace that is replayed, see `replayed_soc`, or none."""
+class StepTables(NamedTuple):
+    """What steps look up: normal random numbers for gusts, and the battery.
 
+    Places of its voltage over the charge, see `level`, and a trace that is replayed, see `replayed_soc`, or none.
+    """
+
+    noise: Any
     curve: Any
     replay: Any
+
+
+class StepRecords(NamedTuple):
+    """What steps write: a ring buffer of what was measured in the last `LATE` + 1 steps; readings; rows of the log."""
+
+    late: Any
+    readings: Any
+    rows: Any
+
+
+class GeneralCurve(NamedTuple):
+    """Of a stage with a general curve: its function, None where there is a closed form, and the progress along it."""
+
+    path: PathFunction | None
+    progress: CurveProgress | None
 
 
 def run_steps(
     s: State,
     w: MutableSequence[float],
     c: Constants,
-    noise: Sequence[float],
-    tables: BatteryTables,
-    late: MutableSequence[float],
-    readings: MutableSequence[float],
-    rows: MutableSequence[float],
+    tables: StepTables,
+    records: StepRecords,
+    curve: GeneralCurve | None,
     k: int,
     end: int,
-    path: PathFunction | None,
-    curve: CurveProgress | None,
 ) -> tuple[int, int]:
     """Fly from step `k` to step `end` or the next event; return the last step and the events.
 
-    Parameters
-    ----------
-    s, w, c
-        State and variables of the triggers, which are changed, and constants.
-    noise
-        Normal random numbers for gusts.
-    tables
-        Of the battery.
-    late
-        Ring buffer of the measured variables of the last `LATE` + 1 steps.
-    readings
-        Readings of the sensors, appended to.
-    rows
-        Rows of the log, appended to.
-    path, curve
-        Of a stage whose path is a general curve.
+    `s` and `w` are the state and the variables of the triggers, which are changed, `c` constants.
     """
     while k < end:
         k += 1
         wind_x, wind_y = c[STEADY_X], c[STEADY_Y]
         if c[GUSTS] != 0.0:
-            advance_gust(s, c, noise)
+            advance_gust(s, c, tables.noise)
             wind_x += s[GUST_X]
             wind_y += s[GUST_Y]
-        if path is not None:
-            jet = path(s[X] - c[OFFSET_X], s[Y] - c[OFFSET_Y])
-        else:
+        if curve is None or curve.path is None:
             # φ = q (u² + v²) + a u + b v + e
             u, v, h = s[X] - c[X0], s[Y] - c[Y0], 2 * c[Q]
             phi = c[Q] * (u * u + v * v) + c[A] * u + c[B] * v + c[E]
             jet = (phi, h * u + c[A], h * v + c[B], h, 0.0, h)
+        else:
+            jet = curve.path(s[X] - c[OFFSET_X], s[Y] - c[OFFSET_Y])
         if not math.isfinite(jet[0]):
             return k, LOST
         power_w = fly_step(s, c, jet, c[GAIN], c[SENSE], wind_x, wind_y) + c[COMPUTING]
@@ -153,14 +153,14 @@ def run_steps(
         if failed:
             return k, failed
         if k >= s[RECORD_AT]:
-            _record(s, c, late, readings, rows, k)
-        events = watched(w, s[X], s[Y], curve)
+            _record(s, c, records, k)
+        events = watched(w, s[X], s[Y], None if curve is None else curve.progress)
         if events:
             return k, events
     return k, 0
 
 
-def drain(s: State, c: Constants, power_w: float, k: int, tables: BatteryTables) -> int:
+def drain(s: State, c: Constants, power_w: float, k: int, tables: StepTables) -> int:
     """Drain the battery over step `k`, faults included; return `EMPTY`, `SAGS` or 0."""
     # I = 2y / (V + √(V² − 4 R y)), ḃ = −k_b I / Q_c; at the terminals (V + √(V² − 4 R y)) / 2 = y / I
     # measured: with `battery.drain_per_s` a plain flight takes 1.4 times as long, a compiled one the same
@@ -184,19 +184,13 @@ def drain(s: State, c: Constants, power_w: float, k: int, tables: BatteryTables)
     return 0
 
 
-def _record(
-    s: State,
-    c: Constants,
-    late: MutableSequence[float],
-    readings: MutableSequence[float],
-    rows: MutableSequence[float],
-    k: int,
-) -> None:
+def _record(s: State, c: Constants, records: StepRecords, k: int) -> None:
     """Append a reading and a row of the log where step `k` has them, and set the step of the next call.
 
     With a delay the measured variables of every step go into `late`, a ring buffer of `LATE` + 1 places: step k into
     place (k − 1) mod (`LATE` + 1). The first step is read until the delay is over.
     """
+    late, readings, rows = records
     late_by = int(c[LATE])
     if late_by > 0:
         _copy_measured(s, late, (k - 1) % (late_by + 1) * SNAPSHOT)
@@ -242,7 +236,8 @@ class InnerLoop:
     def __init__(self, state: list[float], constants: list[float], battery: Battery, wind: Wind, rng: Any) -> None:
         self._compiled = compiled.enabled()
         self._fly = compiled.jitted(run_steps, makes_arrays=False)
-        self._tables = BatteryTables(self._numbers(list(battery.curve)), self._numbers(battery.replay))
+        curve, replay = self._numbers(list(battery.curve)), self._numbers(battery.replay)
+        self._tables = StepTables(self._numbers([]), curve, replay)
         self._rng = rng
         first = rng.standard_normal(2)
         # the points of a power curve stay the last ones
@@ -253,12 +248,9 @@ class InnerLoop:
         s[MIN_POWER], s[MAX_POWER] = math.inf, -math.inf
         s[SOC] = battery.prescribed_soc(0.0) if battery.prescribed else battery.soc
         c[EMPTY_V : DRAIN + 1] = drain_constants(battery, c[STEP_S])
-        self._noise: Any = self._numbers([])
-        self._late: Any = self._numbers([])
-        self._readings: Any = self._zeros(READING * MAX_READINGS)
-        self._rows: Any = self._zeros(ROW * MAX_ROWS)
-        self._path: PathFunction | None = None
-        self._curve: CurveProgress | None = None
+        readings, rows = self._zeros(READING * MAX_READINGS), self._zeros(ROW * MAX_ROWS)
+        self._records = StepRecords(self._numbers([]), readings, rows)
+        self._curve: GeneralCurve | None = None
         self._watch: Any = []
         self._cruise = constants[CRUISE_M], constants[SPEED_HELD]
         self._s, self._c = self._numbers(s), self._numbers(c)
@@ -273,7 +265,7 @@ class InnerLoop:
         """Set the steps between readings, from the first on, their delay, and the steps between rows of the log."""
         self._s[READ_AT], self._s[LOG_AT] = 1, log_every
         self._c[READ_EVERY], self._c[LATE], self._c[LOG_EVERY] = every, late, log_every
-        self._late = self._zeros(SNAPSHOT * (late + 1))
+        self._records = self._records._replace(late=self._zeros(SNAPSHOT * (late + 1)))
 
     def set_loss(self, step: int, drop: float) -> None:
         """Set the next sudden loss of charge: its step, and its size as a state of charge."""
@@ -294,11 +286,10 @@ class InnerLoop:
         if executor.form is not None:
             q, x, y, a, b, e = executor.form
             c[Q], c[X0], c[Y0], c[A], c[B], c[E] = q, x + ox, y + oy, a, b, e  # moved by the offset
-            self._path = None
-        else:
-            self._path = _guarded(executor.path)
+        path = None if executor.form is not None else _guarded(executor.path)
         watch = executor.watch
-        self._curve, watch.numbers = watch.curve, self._numbers(list(watch.numbers))
+        self._curve = None if path is None and watch.curve is None else GeneralCurve(path, watch.curve)
+        watch.numbers = self._numbers(list(watch.numbers))
         self._watch = watch.numbers
 
     def run(self, k: int, end: int) -> tuple[int, int]:
@@ -309,24 +300,22 @@ class InnerLoop:
         if self._c[GUSTS]:
             if self._s[NOISE_LEFT] < 2:
                 noise = self._rng.standard_normal(NOISE)
-                self._noise = noise if self._compiled else noise.tolist()
+                self._tables = self._tables._replace(noise=noise if self._compiled else noise.tolist())
                 self._s[NOISE_LEFT] = NOISE
             end = min(end, k + int(self._s[NOISE_LEFT]) // 2)  # a step takes two
         room = MAX_READINGS - int(self._s[READINGS])
         end = min(end, k + room * int(self._c[READ_EVERY]), k + MAX_ROWS * int(self._c[LOG_EVERY]))
-        if self._compiled and (self._path is not None or self._curve is not None):
+        if self._compiled and self._curve is not None:
             return self._run_uncompiled(k, end)
-        state = (self._s, self._watch, self._c, self._noise, self._tables, self._late, self._readings, self._rows)
-        k, events = self._fly(*state, k, end, self._path, self._curve)
+        constants = self._c, self._tables, self._records, self._curve
+        k, events = self._fly(self._s, self._watch, *constants, k, end)
         return k, events
 
     def _run_uncompiled(self, k: int, end: int) -> tuple[int, int]:
         """Run along a general curve in plain Python, on the arrays of the compiled function."""
         state, watch = self._s.tolist(), self._watch.tolist()
-        tables = BatteryTables(*(table.tolist() for table in self._tables))
-        constants = self._c.tolist(), self._noise.tolist(), tables
-        records = self._late, self._readings, self._rows
-        k, events = run_steps(state, watch, *constants, *records, k, end, self._path, self._curve)
+        tables = StepTables(*(table.tolist() for table in self._tables))
+        k, events = run_steps(state, watch, self._c.tolist(), tables, self._records, self._curve, k, end)
         self._s[:], self._watch[:] = state, watch
         return k, events
 
@@ -337,13 +326,13 @@ class InnerLoop:
             s = self._s
             return tuple(map(float, (s[X], s[Y], s[POWER], s[SOC], s[VX], s[VY], s[HEADING])))
         at = max(k - rows, 0) % rows * SNAPSHOT
-        return tuple(map(float, self._late[at : at + SNAPSHOT]))
+        return tuple(map(float, self._records.late[at : at + SNAPSHOT]))
 
     def take_readings(self) -> list[list[float]] | FloatArray:
         """Take the readings since the last call out of the loop: their steps, and the values of each variable."""
         count = int(self._s[READINGS])
         self._s[READINGS] = 0
-        flat = self._readings[: READING * count]
+        flat = self._records.readings[: READING * count]
         if self._compiled:
             columns: FloatArray = flat.reshape(-1, READING).T.copy()
             return columns
@@ -355,7 +344,7 @@ class InnerLoop:
         if not count:
             return []
         self._s[ROWS] = 0
-        flat = self._rows[: ROW * count]
+        flat = self._records.rows[: ROW * count]
         values: list[float] = flat.tolist() if self._compiled else flat
         return [values[i : i + ROW] for i in range(0, len(values), ROW)]
 

@@ -16,18 +16,17 @@ from eadp.api.result_folder import SUMMARY, read_folder
 from eadp.api.sorties.plan import SortiePlanner
 from eadp.core.arrays import BoolArray, FloatArray
 from eadp.core.geometry.bearings import compass_deg
-from eadp.core.geometry.curves import LINE, Point
+from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_near_local_m
 from eadp.core.geometry.polygons import covered_shares, ground_m2, uncovered
 from eadp.coverage.cover import DUBINS, ZAMBONI
 from eadp.coverage.sorties import whole_lines
 from eadp.errors import Fault, InputError, PathUndefined
-from eadp.io.flight.coverage import flown_lines, flown_of_plan
+from eadp.io.flight.coverage import flown_lines, flown_of_plan, planned_lines
 from eadp.io.link.recorded import CAMERA, PICTURE, form_of, log_values
 from eadp.io.telemetry.reader import TelemetryReader, numbered_lines, open_telemetry
 from eadp.models.field import Field
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.trace import nominal_legs
 
 MIN_PART_SHARE = 0.01
 """Share of the field below which a part is not flown again: it needs a take-off and a landing of its own."""
@@ -168,23 +167,31 @@ def _of_folder(folder: Path, planner: SortiePlanner, warn: Warn) -> FlownSurvey:
         warn([Fault(str(folder), 1, 1, message + "its altitude or overlap another?", severity="warning")])
     columns = flown_of_plan(flight.columns, flight.summary["turned_back_s"])
     points = np.array([columns["x_m"], columns["y_m"]]).T
-    heading_rad = _longest_line_rad(plan, flight.world.parameters)
+    heading_rad = _heading_of_lines_rad(plan, flight.world.parameters)
     laps = plan.path_count > 0
     times_s = np.array(columns["time_s"])
     return FlownSurvey(str(folder), times_s, points, flown_lines(plan, columns), heading_rad, laps)
 
 
-def _longest_line_rad(plan: Plan, parameters: Sequence[float]) -> float | None:
-    """The heading of the longest line of a plan; None where it has none, or a path has no value."""
+def _heading_of_lines_rad(plan: Plan, parameters: Sequence[float]) -> float | None:
+    """The heading of the longest line of a plan's field, the ways to it and home apart.
+
+    None where it has neither, or a path has no value.
+    """
+    if plan.site.field is None:
+        return None
+    corners = np.concatenate([outline for outline, *_ in plan.site.field.parts])
     try:
-        legs = [leg for leg in nominal_legs(plan, parameters) if leg.stage.kind == LINE]
+        lines = np.array([(*start, *end) for start, end in planned_lines(plan, parameters)]).reshape(-1, 2, 2)
     except PathUndefined:
         return None
-    if not legs:
+    middles = lines.mean(axis=1)
+    lines = lines[((corners.min(axis=0) <= middles) & (middles <= corners.max(axis=0))).all(axis=1)]
+    if not len(lines):
         return None
-    longest = max(legs, key=lambda leg: leg.distance_m)
-    (x0, y0), (x1, y1) = longest.start_m, longest.end_m
-    return math.atan2(y1 - y0, x1 - x0)
+    along = lines[:, 1] - lines[:, 0]
+    east, north = along[np.argmax(np.hypot(along[:, 0], along[:, 1]))].tolist()
+    return math.atan2(north, east)
 
 
 def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurvey:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from eadp.coverage.heights import HeightProfile
+from eadp.coverage.left import LeftGround
 from eadp.coverage.swaths import CoverageLeg, CoveragePath
 from eadp.io.figures.canvas import (
     COLOURS,
     START,
     Axes,
+    draw_area,
     draw_arrow,
     draw_ground,
     figure_file,
@@ -26,9 +28,15 @@ STEP_M = 3.0
 
 
 def write_coverage_figure(
-    path: str, field: Field, ways: Mapping[str, CoveragePath], swath_m: float, profile: HeightProfile | None = None
+    path: str,
+    field: Field,
+    ways: Mapping[str, CoveragePath],
+    swath_m: float,
+    *,
+    profile: HeightProfile | None = None,
+    left: Sequence[LeftGround] = (),
 ) -> None:
-    """Draw a field and coverage paths side by side under their titles: ground covered, lines, turns.
+    """Draw a field and coverage paths side by side under their titles: ground covered and left, lines, turns.
 
     Over terrain the ground and the flight are drawn below.
 
@@ -48,6 +56,7 @@ def write_coverage_figure(
             _draw_profile(figure.add_subplot(rows[1]), profile)
         for axes, (title, way) in zip(all_axes, ways.items(), strict=True):
             draw_ground(axes, field, field.airspace)
+            draw_left(axes, left)
             _draw_way(axes, way, swath_m)
             label_map(axes, title)
             axes.set_aspect("equal", adjustable="box")
@@ -61,13 +70,20 @@ def _draw_profile(axes: Axes, profile: HeightProfile) -> None:
     axes.fill_between(km, profile.ground_m, profile.ground_m.min(), color="#b7a98f", linewidth=0, label="ground")
     low_m = profile.ground_m + limits.line_m
     band = (low_m, low_m + limits.tolerance_m)
-    label = f"{limits.line_m:g} to {limits.line_m + limits.tolerance_m:g} m above ground"
+    label = f"{limits.line_m:.4g} to {limits.line_m + limits.tolerance_m:.4g} m above ground"
     axes.fill_between(km, *band, where=on_line, color=COLOURS[2], alpha=0.3, linewidth=0, label=label)
     axes.plot(km, profile.flown_m, color=COLOURS[1], linewidth=1.0)
     axes.plot(km, np.where(on_line, profile.flown_m, np.nan), color=COLOURS[0], linewidth=1.3)
     axes.set_xlabel("distance flown [km]")
     axes.set_ylabel("altitude [m]")
     axes.margins(x=0)
+
+
+def draw_left(axes: Axes, left: Sequence[LeftGround]) -> None:
+    """Ground that is not covered, hatched."""
+    style = {"facecolor": "white", "edgecolor": "#00000070", "hatch": "xx", "linewidth": 0.6, "zorder": 1.9}
+    for each in left:
+        draw_area(axes, each.rings, **style, label="not covered")
 
 
 def _draw_way(axes: Axes, way: CoveragePath, swath_m: float) -> None:

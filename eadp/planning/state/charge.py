@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -219,8 +219,8 @@ class ChargeFilter:
         )
         self._now = charge  # after the drain since the last correction
 
-    def ingest(self, charges: Column, powers_w: Column, steps_s: Column, *, measured: bool = True) -> bool:
-        """Take readings in order; return whether charge was lost.
+    def ingest(self, charges: Column, powers_w: Column, steps_s: Column, *, measured: bool = True) -> None:
+        """Take readings in order.
 
         Parameters
         ----------
@@ -234,11 +234,9 @@ class ChargeFilter:
         measured : bool
             Whether readings of the power show the drain between them; in a take-off it changes faster.
         """
-        losses = self._state.belief.losses
         charges, powers_w, steps_s = columns(charges, powers_w, steps_s)
         self._state = jitted(_ingested)(self._state, self._model, charges, powers_w, steps_s, measured)
         self._now = after_drain(self._state.charge, self._state.drain.since)
-        return self._state.belief.losses > losses
 
     @property
     def soc(self) -> float:
@@ -254,6 +252,11 @@ class ChargeFilter:
     def power_w(self) -> float:
         """The last power known [W]."""
         return self._state.drain.power_w
+
+    @property
+    def losses(self) -> int:
+        """Sudden losses so far."""
+        return self._state.belief.losses
 
     @property
     def believed(self) -> bool:
@@ -335,6 +338,18 @@ def after_drain(charge: Charge, drain: float) -> Charge:
         var_offset,
     )
     # fmt: on
+
+
+def charge_at_end(charge: Charge, drain: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Charge and its variance after predicted drains of a mission, each of shape (n,).
+
+    Where a drain is more than the battery holds, the charge is below 0: what is short. Beyond empty, κ stays as it is
+    there: it is known of a battery from full to empty, and would else grow without end.
+    """
+    inside: Any = np.minimum(drain, max(charge.soc, 0.0))
+    at, beyond = after_drain(charge, inside), drain - inside
+    variance = at.var_soc - 2 * beyond * at.cov_soc_ratio + beyond * beyond * at.var_ratio
+    return at.soc - at.use_ratio * beyond, variance
 
 
 def corrected(charge: Charge, error: float, noise: float) -> Charge:

@@ -13,7 +13,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.flight.wind import WindFilter
 from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor
@@ -23,20 +22,18 @@ from eadp.planning.base import Mission, Observation, Readings, Sample
 from eadp.planning.estimation.estimator import Estimator, EstimatorSettings, PowerEstimate
 from eadp.planning.state.charge import MAX_STEP_S, ChargeFilter, DrainModel
 from eadp.planning.state.climb import ClimbFollower
-from eadp.planning.state.heading_gate import HEADING_DISBELIEVED, HeadingGate
-from eadp.planning.state.known import ChargeKnown, Known, MotionKnown, TimeKnown, WindKnown
+from eadp.planning.state.heading_gate import HEADING_DISBELIEVED
+from eadp.planning.state.known import ChargeKnown, Known, MotionKnown, TimeKnown
 from eadp.planning.state.motion import MotionPower
 from eadp.planning.state.power import PowerTracker
 from eadp.planning.state.power_gate import MAX_OF_MOTOR, PowerGate
 from eadp.planning.state.queue import SAME_TIME_S, ReadingQueue, Seen
 from eadp.planning.state.time_ratio import TimeRatio
 from eadp.planning.state.voltage import VoltageWatch
+from eadp.planning.state.wind import FlightWind
 
 MAX_AIRSPEEDS = 5.0
 """Ratio of a measured airspeed to that of cruise, or the inverse, above which it is false."""
-
-MEASURED_WIND_S = 60.0
-"""How long a measured wind is used [s]."""
 
 NAVIGATION_M = 0.25, 10.0
 """Least and greatest standard deviation of how far the aircraft reaches [m]."""
@@ -78,9 +75,7 @@ class FlightState:
         settings, self._mission = estimator or EstimatorSettings(), mission
         self._place = _Place(mission)
         self._ground = GroundLog(mission.plan, weights or {})
-        self._wind = WindFilter(mission.gust_time_s)
-        self._headings = HeadingGate()
-        self._measured_wind: tuple[Point, float] | None = None  # [m/s], and until when it is used [s]
+        self._wind = FlightWind(mission.gust_time_s)
         self._times = TimeRatio()
         level_w = mission.energy.mean_w if mission.energy is not None else mission.motion_w
         climb_j_per_m = 0.0 if mission.airframe is None else mission.airframe.climb_j_per_m
@@ -99,7 +94,6 @@ class FlightState:
         self._last_s: float | None = None
         self.reached_s = 0.0
         self._altitude_m: float | None = None
-        self._losses = 0
 
     # --- readings in
 
@@ -132,7 +126,7 @@ class FlightState:
 
     def assume(self, wind_mps: Point, gust_std_mps: float) -> None:
         """Before take-off: the wind of the weather forecast [m/s], and its gusts."""
-        self._measured_wind = wind_mps, math.inf
+        self._wind.forecast(wind_mps)
         self._times.expect(gust_std_mps, self._mission.cruise_mps, self._mission.gust_time_s)
 
     def _process(self) -> None:
@@ -168,7 +162,7 @@ class FlightState:
         place.cursor, place.flies_mission = o.cursor, o.sample.flies_mission
         place.computing_w = seen.powers.computing_w
         if o.sample.wind_mps is not None:
-            self._measured_wind = o.sample.wind_mps, o.time_s + MEASURED_WIND_S
+            self._wind.measure(o.sample.wind_mps, o.time_s)
 
     def _start_stage(self, o: Observation, stages_before: int) -> None:
         """A stage has started: the leg before shows how long legs take, unless it was flown only in part."""
@@ -222,11 +216,7 @@ class FlightState:
         measured = (ratios > 1 / MAX_AIRSPEEDS) & (ratios < MAX_AIRSPEEDS)
         airspeeds_mps = np.where(measured, airspeeds_mps, level_mps)
         vx, vy, headings = (_numbers(column) for column in (readings.vx_mps, readings.vy_mps, readings.headings_rad))
-        headings = np.asarray(self._headings.ingest(vx, vy, headings, steps_s, airspeeds_mps, self._wind))
-        if self._measured_wind is not None and self._last_s > self._measured_wind[1]:
-            self._measured_wind = None
-        moving = steps_s > 0
-        self._wind.ingest(*(column[moving] for column in (vx, vy, headings, steps_s, airspeeds_mps)))
+        self._wind.ingest((vx, vy), headings, steps_s, airspeeds_mps, self._last_s)
         # over a long gap the charge goes on with the power before it; the motion takes the reading for MAX_STEP_S
         drain_powers_w = np.where(steps_s > MAX_STEP_S, math.nan, powers_w)
         if on_plan:
@@ -235,7 +225,7 @@ class FlightState:
             steps = np.minimum(steps_s, MAX_STEP_S)
             # 0 * steps: one value for each reading
             self._motion.ingest(powers_w, beside_w + 0 * steps, steps, self._place.slope, climb_mps or 0.0)
-        self._losses += self._charge.ingest(_numbers(readings.charges), drain_powers_w, steps_s, measured=on_plan)
+        self._charge.ingest(_numbers(readings.charges), drain_powers_w, steps_s, measured=on_plan)
 
     def _follow_climb(self, steps_s: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Follow the climb over steps [s]; return the power that it and the stage's airspeed added over each [W].
@@ -292,7 +282,7 @@ class FlightState:
     def wind_mps(self) -> Point:
         """The wind to plan with [m/s]: measured, else estimated."""
         self._process()
-        return self._wind.wind_mps if self._measured_wind is None else self._measured_wind[0]
+        return self._wind.mps
 
     @property
     def laps(self) -> int:
@@ -340,7 +330,7 @@ class FlightState:
     def losses(self) -> int:
         """Sudden losses of charge so far."""
         self._process()
-        return self._losses
+        return self._charge.losses
 
     def is_ambiguous(self, soc: float) -> bool:
         """Whether the charge, `soc` now, may have jumped: the next reading decides."""
@@ -355,7 +345,7 @@ class FlightState:
             GAUGE_STUCK: not self._charge.believed and not self._charge.rises,
             GAUGE_RISES: not self._charge.believed and self._charge.rises,
             POWER_OUTLIER: self._gate.rejects,
-            HEADING_DISBELIEVED: self._headings.disbelieved,
+            HEADING_DISBELIEVED: self._wind.headings.disbelieved,
             CELL_LOST: self._voltage.lost > 0,
         }
         return tuple([code for code, holds in known.items() if holds])
@@ -366,7 +356,6 @@ class FlightState:
         max_w = min(self._gate.max_motion_w, self._mission.max_motion_w)
         place, times, motion = self._place, self._times, self._motion
         gain_std, gain_from = self._charge.gauge_gain
-        wind = WindKnown(self.wind_mps, self._wind.covariance if self._measured_wind is None else (0.0, 0.0, 0.0))
         return Known(
             time_s,
             position,
@@ -375,7 +364,7 @@ class FlightState:
             place.since_s,
             self._queue.stages_started,
             self._mission.cruise_mps,
-            wind,
+            self._wind.known,
             TimeKnown(times.ratio, times.variance, times.noise_s),
             MotionKnown(
                 motion.level_w, motion.slope_w, *motion.variances, max_w, motion.climb_j_per_m, motion.in_doubt

@@ -18,6 +18,7 @@ from eadp.planning.state.charge import (
     ChargeFilter,
     DrainModel,
     after_drain,
+    charge_at_end,
     corrected,
 )
 
@@ -30,7 +31,9 @@ UNIT = DrainModel(empty_v=1.0, rise_v=0.0, resistance_ohm=0.0, per_as=1.0)
 def observe(charge, reading, drained, *, measured=True):
     """Take a reading, with the charge drained since the last by prediction; return whether some was lost."""
     step_s = 1.0 if measured else 2 * MAX_STEP_S
-    return charge.ingest([reading], [drained / step_s], [step_s])
+    before = charge.losses
+    charge.ingest([reading], [drained / step_s], [step_s])
+    return charge.losses > before
 
 
 def matrix(charge):
@@ -303,16 +306,16 @@ def test_readings_in_a_batch_are_taken_as_one_by_one(seed, compiled_code):
         drained = drain_per_s(power_w, volts, resistance_ohm, per_as) * step_s if started else 0.0
         expected |= observe(one, charge, drained, measured=not math.isnan(reading_w))
         started = True
-    found, at = False, 0
+    at = 0
     compiled.enable(compiled_code)
     try:
         while at < count:
             end = min(count, at + int(rng.integers(1, 40)))
-            found |= other.ingest(charges[at:end], powers_w[at:end], steps_s[at:end])
+            other.ingest(charges[at:end], powers_w[at:end], steps_s[at:end])
             at = end
     finally:
         compiled.enable(False)
-    assert found
+    assert other.losses == one.losses > 0
     assert expected
     assert other.power_w == powers_w[-1]
     assert other.soc == pytest.approx(one.soc, abs=1e-12)
@@ -403,6 +406,17 @@ def test_a_drain_is_a_kalman_filters_prediction_with_matrices(seed, compiled_cod
     assert matrix(found) == pytest.approx(f @ matrix(charge) @ f.T + q, rel=1e-12, abs=1e-15)
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_beyond_empty_the_ratio_stays(seed):
+    charge = some_charge(np.random.default_rng(seed))
+    drains = charge.soc * np.array([0.2, 1.0, 3.0, 20.0])
+    for drain, soc, variance in zip(drains.tolist(), *charge_at_end(charge, drains), strict=True):
+        then = after_drain(charge, min(drain, charge.soc))
+        row = np.array([1.0, -max(drain - charge.soc, 0.0), 0.0, 0.0])
+        assert soc == pytest.approx(row @ [then.soc, then.use_ratio, then.use_slope, then.offset], rel=1e-12)
+        assert variance == pytest.approx(row @ matrix(then) @ row, rel=1e-12)
+
+
 @pytest.mark.parametrize("compiled_code", [False, pytest.param(True, marks=fast)])
 @pytest.mark.parametrize("seed", range(5))
 def test_a_reading_is_a_kalman_filters_correction_with_matrices(seed, compiled_code):
@@ -432,7 +446,8 @@ def test_without_a_gauge_the_charge_is_the_integral_of_the_power(compiled_code):
         soc -= drain_per_s(power_w, 10 + 2 * soc, 0.1, model.per_as) * step_s
     compiled.enable(compiled_code)
     try:
-        assert not charge.ingest(np.full(300, math.nan), powers_w, steps_s)
+        charge.ingest(np.full(300, math.nan), powers_w, steps_s)
+        assert charge.losses == 0
     finally:
         compiled.enable(False)
     assert charge.soc == pytest.approx(soc, abs=1e-12)

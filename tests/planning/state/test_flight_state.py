@@ -14,8 +14,8 @@ from common.observations import measured
 
 from eadp.api.inputs import load_flight
 from eadp.planning.base import Observation, Readings
-from eadp.planning.state import flight_state as module
 from eadp.planning.state.flight_state import FlightState
+from eadp.planning.state.wind import MEASURED_WIND_S
 from eadp.simulation.loop import Outcome, fly
 
 BATCHES = 1e-9
@@ -319,9 +319,9 @@ def test_a_measured_wind_is_used_for_a_while():
     known = state.known(one.time_s, (0.0, 0.0))
     assert known.wind == ((2.0, -1.0), (0.0, 0.0, 0.0))
     later = measured(one, velocity_mps=None, heading_rad=None)
-    state.observe(measured(later, time_s=one.time_s + module.MEASURED_WIND_S - 1))
+    state.observe(measured(later, time_s=one.time_s + MEASURED_WIND_S - 1))
     assert state.wind_mps == (2.0, -1.0)
-    state.observe(measured(later, time_s=one.time_s + module.MEASURED_WIND_S + 1))
+    state.observe(measured(later, time_s=one.time_s + MEASURED_WIND_S + 1))
     assert state.wind_mps != (2.0, -1.0)
     assert state.known(0.0, (0.0, 0.0)).wind.covariance != (0.0, 0.0, 0.0)
 
