@@ -10,16 +10,18 @@ from os import PathLike
 from typing import Annotated, Any, Literal, Self
 
 from eadp.api.given import File, Warn, python_warnings
+from eadp.api.landing import Air, approach, climb_out, course_rad, landing_pose
 from eadp.api.profile import profile_of_scenario, read_profile
 from eadp.api.terrain import FLAT_M, Heights, TerrainOptions, TerrainTask
-from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, heading_rad
+from eadp.core.geometry.bearings import blowing_to_rad, compass_deg
 from eadp.core.geometry.curves import Point
+from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import place_text, to_local_m
 from eadp.coverage.cover import AUTO, PATTERNS, CoverageRequest, CoverageSolution, has_pattern
 from eadp.coverage.cover import cover as cover_field
 from eadp.coverage.plan_builder import FieldComputations, build_plan
 from eadp.coverage.report import CoverageReport, PowerDraw
-from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
+from eadp.coverage.swaths import CLIMB_OUT_M, RADIUS_SHARE, SPACING_SHARE, CoverageLeg, MotionLimits
 from eadp.errors import EadpError, Fault, InputError, one_of, printable, refuse
 from eadp.io.field.draft import NAME_LIMIT
 from eadp.io.field.files import read_field_text
@@ -38,7 +40,7 @@ from eadp.models.doubts import NEAR_DEG, Doubt, Shots, angle_doubts, interval_do
 from eadp.models.field import Field
 from eadp.models.performance import PATH_MARGIN, ground_radius_m, too_tight
 from eadp.models.plan.plan import MadeFor, Plan, Site, SurveyCamera
-from eadp.models.plan.stage import Box
+from eadp.models.plan.stage import LAND, RETURN, TAKEOFF, Box
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe, PaperVehicle
 
@@ -83,7 +85,14 @@ class PathOptions:
     """Where the flight starts: X,Y [m], or LAT,LON [°] of a field in degrees."""
 
     home: Annotated[Pair | None, Flag(metavar="POINT")] = None
-    """Where the flight ends; as --start."""
+    """Where the flight takes off, unless --start is another place, and where it returns to; as --start."""
+
+    takeoff_deg: Annotated[float | None, Flag("--takeoff", metavar="HEADING")] = None
+    """Heading of the take-off [°], straight ahead up to 50 m; with --landing by default into the wind."""
+
+    landing: Annotated[str | Pose | None, Flag(metavar="LAT,LON,HEADING")] = None
+    """Where to land, instead of returning to home, and the heading of the final approach [°]; X,Y,HEADING [m] of a
+    field in metres. Without --home it takes off there."""
 
     wind: Annotated[Pair | None, Flag(metavar="SPEED,FROM_DEG")] = None
     """Wind: speed [m/s] and the bearing it blows from [°]; by default the scenario's."""
@@ -307,9 +316,7 @@ class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, PathOptions):
         """The mathematical heading (0 east, counter-clockwise) of the lines, if it is given."""
         if self.heading_deg is None:
             return None
-        if not abs(self.heading_deg) <= 360:
-            raise _fault("--heading", f"{self.heading_deg}", "no heading", "a compass bearing [°]: 0 north, 90 east")
-        return heading_rad(self.heading_deg)
+        return course_rad("--heading", self.heading_deg)
 
 
 @dataclass(frozen=True)
@@ -360,7 +367,16 @@ class CoveragePlan:
         """A summary for people, line by line."""
         camera = [] if self.pictures is None else self.pictures.lines()
         ground = [] if self.heights is None else self.heights.text(*self._on_ground)
-        return [*self.report.text(), *camera, *self._overlap_text(), *ground, *self._batteries_text()]
+        flight = [*self.report.text(), *self._landing_text()]
+        return [*flight, *camera, *self._overlap_text(), *ground, *self._batteries_text()]
+
+    def _landing_text(self) -> list[str]:
+        """The final approach."""
+        *_, before, last = self.plan.stages
+        if not last.command(LAND):
+            return []
+        length_m = math.dist(before.trigger_at(()), last.trigger_at(()))
+        return [f"landing    final approach of {length_m:.0f} m from {before.altitude_m:g} m"]
 
     def _overlap_text(self) -> list[str]:
         """The overlap of neighbouring lines, and where it is always less."""
@@ -399,8 +415,6 @@ class CoverageTask:
         Its computations run over the field; with it, or with a pack, the report has the energy.
     pack_wh : float or None
         What a full pack holds above the reserve [Wh].
-    from_ground : bool
-        Whether a flight starts on the ground.
     """
 
     file: str
@@ -412,7 +426,6 @@ class CoverageTask:
     airframe: Airframe
     profile: AnyProfile | None = None
     pack_wh: float | None = None
-    from_ground: bool = False
 
     @classmethod
     def read(
@@ -424,8 +437,6 @@ class CoverageTask:
         wind_mps: Point,
         profile: AnyProfile | None = None,
         pack_wh: float | None = None,
-        *,
-        from_ground: bool = False,
     ) -> CoverageTask:
         """Read a field's file, `-` for standard input; `wind_mps` (east, north) holds unless the options have one.
 
@@ -443,9 +454,7 @@ class CoverageTask:
         text = read_field_text(path)
         field, repairs = read_field(text, metres=options.metres, feature=options.feature)
         field, notes = _limited(field, options)
-        return cls(
-            text.name, field, [*repairs, *notes], options, motion, vehicle, airframe, profile, pack_wh, from_ground
-        )
+        return cls(text.name, field, [*repairs, *notes], options, motion, vehicle, airframe, profile, pack_wh)
 
     @property
     def extent_m(self) -> float:
@@ -456,13 +465,56 @@ class CoverageTask:
     @cached_property
     def terrain(self) -> TerrainTask | None:
         """The ground to follow, if one is given. Raises InputError of its files and options."""
-        ends = _point("--start", self.options.start, self.field), self.home_m
-        return TerrainTask.read(self.options, self.options.altitude_m, self.options.clearance_m, self.field, ends)
+        options = self.options
+        if options.terrain and options.landing is not None:
+            expected = "one of the two; without --landing the way home keeps above the ground"
+            raise _fault("--landing", str(options.landing), "no final approach over a terrain is planned", expected)
+        ends = _point("--start", options.start, self.field), self.home_m
+        return TerrainTask.read(options, options.altitude_m, options.clearance_m, self.field, ends)
 
     @cached_property
     def home_m(self) -> Point | None:
-        """Where the flight ends."""
-        return _point("--home", self.options.home, self.field)
+        """Where the flight takes off and returns to."""
+        found = _point("--home", self.options.home, self.field)
+        return self._landing[:2] if found is None and self._landing is not None else found
+
+    @property
+    def from_ground(self) -> bool:
+        """Whether the flight takes off at home."""
+        return self.home_m is not None and self.options.start is None
+
+    @cached_property
+    def _landing(self) -> Pose | None:
+        """Where the flight lands, and on which course."""
+        if self.options.landing is None:
+            return None
+        return landing_pose(self.options.landing, lambda raw: _place("--landing", raw, self.field))
+
+    @cached_property
+    def climb_out(self) -> CoverageLeg | None:
+        """The climb straight ahead after take-off; None where no direction is known."""
+        options, given = self.options, self.options.takeoff_deg
+        if given is None and (options.landing is None or options.start is not None or self.motion.windless):
+            return None
+        if self.home_m is None or options.start is not None:
+            raise _fault("--takeoff", f"{given}", "no home to take off from", "--home, and no --start")
+        east, north = self.motion.wind_mps
+        course = math.atan2(-north, -east) if given is None else course_rad("--takeoff", given)
+        return climb_out(self.home_m, course, min(CLIMB_OUT_M, self._altitude_m), self.airframe, self._air)
+
+    @cached_property
+    def approach(self) -> CoverageLeg | None:
+        """The final approach, down from the plan's altitude; None without a landing."""
+        return self._landing and approach(self._landing, self._altitude_m, self.airframe, self._air)
+
+    @property
+    def _air(self) -> Air:
+        return Air(self.motion.airspeed_mps, self.motion.wind_mps)
+
+    @property
+    def _altitude_m(self) -> float:
+        altitude_m = self.options.altitude_m
+        return self.airframe.cruise_altitude_m if altitude_m is None else altitude_m
 
     @cached_property
     def airspace(self) -> Airspace:
@@ -470,14 +522,18 @@ class CoverageTask:
         given, altitude_m, airframe = self.field.airspace, self.options.altitude_m, self.airframe
         if altitude_m is None or isinstance(airframe, PaperVehicle):
             return given
-        reached_m = [altitude_m] * len(given.obstacles)
-        if self.home_m is not None and given.obstacles:
+        reached_m, slopes = [altitude_m] * len(given.obstacles), list[tuple[Point, float]]()
+        if self.home_m is not None:
+            # a climb from home with the wind behind, straight to the obstacle
+            climb_mps = airframe.climb_rates_mps(self.motion.airspeed_mps)[0]
+            slopes.append((self.home_m, climb_mps / self.motion.ground_limit_mps))
+        if self.approach is not None:
+            slopes.append((self.approach.end[:2], altitude_m / self.approach.piece.length_m))
+        for point, slope in slopes if given.obstacles else ():
             from eadp.core.geometry.polygons import distances_m
 
-            # a climb from home with the wind behind, straight to the obstacle
-            climb = airframe.climb_rates_mps(self.motion.airspeed_mps)[0] / self.motion.ground_limit_mps
-            ways_m = distances_m([each.outline for each in given.obstacles], self.home_m)
-            reached_m = [min(altitude_m, climb * way_m) for way_m in ways_m.tolist()]
+            ways_m = distances_m([each.outline for each in given.obstacles], point).tolist()
+            reached_m = [min(there_m, slope * way_m) for there_m, way_m in zip(reached_m, ways_m, strict=True)]
         high = [
             each
             for each, there_m in zip(given.obstacles, reached_m, strict=True)
@@ -501,12 +557,11 @@ class CoverageTask:
     def request(self) -> CoverageRequest:
         """The coverage of the whole field."""
         options = self.options
-        start = _point("--start", options.start, self.field)
-        heading = options.heading_rad
+        ends = _point("--start", options.start, self.field) or self.home_m, self.home_m
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
-        ends = start, self.home_m
         pattern = options.pattern if self.terrain is None else self.terrain.pattern(options.pattern, self.field)
-        return CoverageRequest(self.field, self.motion, pattern, heading, *ends, apart, airspace=self.airspace)
+        given = self.field, self.motion, pattern, options.heading_rad, *ends, apart
+        return CoverageRequest(*given, airspace=self.airspace, climb_out=self.climb_out, approach=self.approach)
 
     def planned(self, solution: CoverageSolution, field: Field | None = None) -> CoveragePlan:
         """The plan of a path over the field, or over a part of it.
@@ -521,6 +576,13 @@ class CoverageTask:
         sensed_m = sum(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing)
         pictures = options.pictures(sensed_m, motion.max_line_speed_mps(solution.heading_rad))
         parts = [tuple(map(_millimetres, part)) for part in field.parts]
+        takeoff, ending = None, None
+        if self.from_ground:
+            # a height of 0 is that of the plan
+            up_m = 0.0 if self.climb_out is None else min(CLIMB_OUT_M, self._altitude_m)
+            takeoff, ending = _command(TAKEOFF, up_m), _command(RETURN)
+        if self.approach is not None:
+            ending = _command(LAND)
         name = printable(" ".join(field.name.split()), NAME_LIMIT)
         covered = Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:]))
         flown, heights, sited = solution, None, field
@@ -543,6 +605,8 @@ class CoverageTask:
             ),
             altitude_m=altitude_m,
             commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
+            takeoff=takeoff,
+            ending=ending,
         )
         known = self.profile is not None or self.pack_wh is not None
         power = _power(plan, self.profile, self.airframe.cruise_power_w, computations) if known else None
@@ -580,6 +644,11 @@ def _pictures(distance_m: float) -> tuple[float, ...]:
     return (TRIGGER_DISTANCE, round(distance_m, 6), 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
 
 
+def _command(command: int, height_m: float = 0.0) -> tuple[float, ...]:
+    """A command that has a height alone [m]."""
+    return (command, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, height_m)
+
+
 def _limited(field: Field, options: CoverageOptions) -> tuple[Field, list[str]]:
     """The field with its obstacles and its boundary, and notes on what was left out of these."""
     avoid, inside = (None if path is None else read_field_text(path) for path in (options.avoid, options.inside))
@@ -602,9 +671,11 @@ def wind_vector_mps(given: Pair) -> Point:
 
 
 def _point(option: str, given: Pair | None, field: Field) -> Point | None:
+    return None if given is None else _place(option, given, field)
+
+
+def _place(option: str, given: Pair, field: Field) -> Point:
     """A point in the field's coordinates: metres, or latitude and longitude if the field was given in degrees."""
-    if given is None:
-        return None
     if field.origin_deg is None:
         point = _two_numbers(option, given, "X,Y in metres, like -50,20")
     else:
@@ -739,7 +810,7 @@ def coverage_task(
         warn([Fault("--turns-off", 1, 1, message, severity="note")])
     flown = setting.keys.vehicle if vehicle is None else read_vehicle(read_text(str(vehicle)))
     options = options.with_camera()
-    if cruises and options.altitude_m is None:
+    if (cruises or options.landing is not None or options.takeoff_deg is not None) and options.altitude_m is None:
         options = replace(options, altitude_m=flown.airframe.cruise_altitude_m)
     pack_wh = None
     if vehicle is not None or "battery" in setting.chosen:
@@ -751,9 +822,7 @@ def coverage_task(
         faults = replace(flown.airframe, airspeed_mps=options.airspeed_mps or flown.airframe.airspeed_mps).faults()
         where = "--airspeed" if options.airspeed_mps else str(vehicle or scenario)
         refuse([Fault(where, 1, 1, fault, "an aeroplane that can fly so") for fault in faults])
-    task = CoverageTask.read(
-        field, options, flown.name, flown.airframe, wind_mps, profile, pack_wh, from_ground=cruises
-    )
+    task = CoverageTask.read(field, options, flown.name, flown.airframe, wind_mps, profile, pack_wh)
     if task.terrain is None and task.extent_m > FLAT_M:
         message = f"the ground is taken as flat over {task.extent_m / 1000:.1f} km; --terrain has its heights"
         warn([Fault(task.file, 1, 1, message, severity="note")])

@@ -61,18 +61,16 @@ class FreeTurn(NamedTuple):
 
 def free_lines(lines: Sequence[CoverageLeg], space: FreeSpace, radius_m: float) -> list[CoverageLeg]:
     """Lines cut to the free space, with room for a turn at either end; each in both directions."""
-    found = []
-    inside = []
-    for line in lines:
-        for low, high in space.intervals_m(line.start[:2], line.end[:2]):
-            inside.append(straight(line.piece.pose_at(low)[:2], line.piece.pose_at(high)[:2]))
+    inside = [
+        straight(line.piece.pose_at(low)[:2], line.piece.pose_at(high)[:2])
+        for line in lines
+        for low, high in space.intervals_m(line.start[:2], line.end[:2])
+    ]
     # shortened at its end until there is room for a half circle; then reversed, and at its start
     for _ in range(2):
         inside = [straight(line.end[:2], line.start[:2]) for line in _with_room(inside, space, radius_m)]
-    for line in inside:
-        leg = CoverageLeg(line, True)
-        found += [leg, leg.backward()]
-    return found
+    legs = [CoverageLeg(line, True) for line in inside]
+    return [way for leg in legs for way in (leg, leg.backward())]
 
 
 def _with_room(lines: Sequence[Piece], space: FreeSpace, radius_m: float) -> list[Piece]:
@@ -83,7 +81,7 @@ def _with_room(lines: Sequence[Piece], space: FreeSpace, radius_m: float) -> lis
     halves = [polyline_m([half_circle((0.0, 0.0, 0.0), radius_m, side)]) for side in (1, -1)]
     todo = np.arange(len(lines))
     while len(todo):
-        x, y, headings = np.array([lines[i].pose_at(places[i]) for i in todo]).T
+        x, y, headings = np.array([lines[i].pose_at(places[i]) for i in todo.tolist()]).T
         turned = np.array([[np.cos(headings), np.sin(headings)], [-np.sin(headings), np.cos(headings)]])
         # shape (lines, points, 2): each half circle as one from the origin, turned and moved
         rooms = [
@@ -134,15 +132,14 @@ class FreeTurns:
         left: dict[tuple[Pose, Pose], Iterator[FreeTurn]] = {}
         for pair, paths in zip(new, ordered_each(starts, ends, self.motion.min_radius_m), strict=True):
             turns = (FreeTurn(self.motion.time_s(path.pieces), path.pieces) for path in paths)
-            if not self.motion.windless:
-                turns = iter(sorted(turns, key=lambda turn: turn.time_s))  # of equally quick ones the shorter first
-            left[pair] = turns
+            # in wind by their times, of equally quick ones the shorter first
+            left[pair] = turns if self.motion.windless else iter(sorted(turns, key=lambda turn: turn.time_s))
         while left:  # the quickest of each, then the next of those whose own is not free
             tried = {pair: next(turns, None) for pair, turns in left.items()}
-            flown = [pair for pair, turn in tried.items() if turn and turn.pieces]
-            free = self.space.has_each([polyline_m(tried[pair].pieces) for pair in flown])
-            for pair in [pair for pair, is_free in zip(flown, free, strict=True) if not is_free]:
-                del tried[pair]
+            flown = {pair: polyline_m(turn.pieces) for pair, turn in tried.items() if turn and turn.pieces}
+            for pair, free in zip(flown, self.space.has_each([*flown.values()]), strict=True):
+                if not free:
+                    del tried[pair]
             self._between |= tried
             left = {pair: turns for pair, turns in left.items() if pair not in tried}
 
@@ -233,9 +230,8 @@ def free_order(
             between_s[a, b] = blocked_s if found is None else max(found.time_s, between_s[a, b])
             checked.add((a, b))
 
-    ends, starts = (
-        {pose: i for i, pose in enumerate(poses)} for poses in zip(*((leg.end, leg.start) for leg in directed))
-    )
+    ends = {leg.end: i for i, leg in enumerate(directed)}
+    starts = {leg.start: i for i, leg in enumerate(directed)}
     check([(ends[end], starts[start]) for end, start in turns.found if end in ends and start in starts])
     best: tuple[list[int], float] = [], blocked_s  # of the orders whose turns are all checked
     order, time_s = quick_order(between_s, own_s, first_s, last_s)

@@ -145,8 +145,9 @@ class CoverageRequest:
     """A coverage problem: the field, the motion's limits, and what is prescribed.
 
     `heading_rad` None leaves the heading of the lines free; `start_m` and `home_m` None leave both ends of the path
-    free. Ordered lines lie at most `order_spacing_m` apart, by default a swath, or on a `grid`. `airspace` is
-    what is in the way, by default all that the field has.
+    free. A path may start with a straight `climb_out` and end with a straight final `approach`. Ordered lines lie at
+    most `order_spacing_m` apart, by default a swath, or on a `grid`. `airspace` is what is in the way, by default all
+    that the field has.
     """
 
     field: Field
@@ -158,6 +159,18 @@ class CoverageRequest:
     order_spacing_m: float | None = None
     grid: LineGrid | None = None
     airspace: Airspace | None = None
+    climb_out: CoverageLeg | None = None
+    approach: CoverageLeg | None = None
+
+    @property
+    def way_out(self) -> Point | Pose | None:
+        """Where the way to the first line starts: with a heading after a climb-out."""
+        return self.start_m if self.climb_out is None else self.climb_out.end
+
+    @property
+    def way_back(self) -> Point | Pose | None:
+        """Where the way from the last line ends: with a heading before an approach."""
+        return self.home_m if self.approach is None else self.approach.start
 
     @cached_property
     def space(self) -> FreeSpace | None:
@@ -312,14 +325,19 @@ def _connected(
         If no turn between two of them is free.
     """
     turns = None if request.space is None else _free_turns(request.space, request.motion)
-    sections: list[CoverageLeg | Block] = []
+    climb_out, approach = ([] if leg is None else [leg] for leg in (request.climb_out, request.approach))
+    for leg, name in (*((leg, "climb-out") for leg in climb_out), *((leg, "final approach") for leg in approach)):
+        if request.space is not None and not request.space.has_hull(polyline_m([leg.piece])):
+            message = f"the {name} of {leg.piece.length_m:.0f} m crosses an obstacle or the boundary"
+            raise Infeasible(f"{message}; another heading, or less altitude, may not")
+    sections: list[CoverageLeg | Block] = [*climb_out]
     previous: Pose | None = None
     for part in parts:
         entry = _entry(request, part.start, turns) if previous is None else _turn(request, previous, part.start, turns)
         sections += [*entry, part]
         previous = part.end
     assert previous is not None
-    solution = CoverageSolution(pattern, heading_rad, (*sections, *_exit(request, previous, turns)))
+    solution = CoverageSolution(pattern, heading_rad, (*sections, *_exit(request, previous, turns), *approach))
     legs = solution.path(solution.min_c1).legs
     lines = [i for i, leg in enumerate(legs) if leg.sensing]
     access = (*legs[: lines[0]], *legs[lines[-1] + 1 :])
@@ -616,42 +634,48 @@ def _turn(request: CoverageRequest, end: Pose, start: Pose, turns: FreeTurns | N
     return [CoverageLeg(piece) for piece in path.pieces]
 
 
-def _free_poses(point: Point) -> list[Pose]:
-    """Poses at a point, their headings all round."""
-    return [(*point, math.remainder(2 * math.pi * k / FREE_HEADINGS, 2 * math.pi)) for k in range(FREE_HEADINGS)]
+def _poses(end: Point | Pose) -> list[Pose]:
+    """An end of the path as poses: at a point, with headings all round."""
+    if len(end) == 3:
+        return [end]
+    return [(*end, math.remainder(2 * math.pi * k / FREE_HEADINGS, 2 * math.pi)) for k in range(FREE_HEADINGS)]
 
 
 def _from_start_s(request: CoverageRequest, starts: Sequence[Pose]) -> FloatArray:
     """Least time from the start point to each pose [s]; 0 where the start is free."""
-    if request.start_m is None:
+    if request.way_out is None:
         return np.zeros(len(starts))
-    return np.asarray(request.motion.turns_s(_free_poses(request.start_m), starts).min(axis=0))
+    return np.asarray(request.motion.turns_s(_poses(request.way_out), starts).min(axis=0))
 
 
 def _to_home_s(request: CoverageRequest, ends: Sequence[Pose]) -> FloatArray:
     """Least time from each pose to the home point [s]; 0 where the end is free."""
-    if request.home_m is None:
+    if request.way_back is None:
         return np.zeros(len(ends))
-    return np.asarray(request.motion.turns_s(ends, _free_poses(request.home_m)).min(axis=1))
+    return np.asarray(request.motion.turns_s(ends, _poses(request.way_back)).min(axis=1))
 
 
 def _entry(request: CoverageRequest, start: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
     """The path from the start point to a pose, from the best heading."""
-    point, motion = request.start_m, request.motion
+    point, motion = request.way_out, request.motion
     if point is None:
         return []
-    poses = [*_free_poses(point), *((*point, heading) for heading in _tangents(point, start, motion.min_radius_m))]
+    poses = _poses(point)
+    if len(point) == 2:
+        poses += [(*point, heading) for heading in _tangents(point, start, motion.min_radius_m)]
     return _turn(request, poses[int(motion.turns_s(poses, [start])[:, 0].argmin())], start, turns)
 
 
 def _exit(request: CoverageRequest, end: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
     """The path from a pose to the home point, arriving at the best heading."""
-    point, motion, (x, y, heading) = request.home_m, request.motion, end
+    point, motion, (x, y, heading) = request.way_back, request.motion, end
     if point is None:
         return []
-    # the tangents of arrival are those of a departure from home with all headings reversed
-    backward = _tangents(point, (x, y, heading + math.pi), motion.min_radius_m)
-    poses = [*_free_poses(point), *((*point, opposite + math.pi) for opposite in backward)]
+    poses = _poses(point)
+    if len(point) == 2:
+        # the tangents of arrival are those of a departure from home with all headings reversed
+        backward = _tangents(point, (x, y, heading + math.pi), motion.min_radius_m)
+        poses += [(*point, opposite + math.pi) for opposite in backward]
     return _turn(request, end, poses[int(motion.turns_s([end], poses)[0].argmin())], turns)
 
 

@@ -36,7 +36,14 @@ class LeftGround(NamedTuple):
         return {"area_m2": self.area_m2, "at_m": self.place_m, "at_deg": at_deg, "reason": self.reason}
 
 
-def left_ground(field: Field, lines: Sequence[Sequence[Point]], motion: MotionLimits) -> list[LeftGround]:
+def left_ground(
+    field: Field,
+    lines: Sequence[Sequence[Point]],
+    motion: MotionLimits,
+    *,
+    width_share: float = WIDTH_SHARE,
+    why: str = "",
+) -> list[LeftGround]:
     """The places of a field that lines leave uncovered, the largest first.
 
     Parameters
@@ -47,12 +54,17 @@ def left_ground(field: Field, lines: Sequence[Sequence[Point]], motion: MotionLi
         Points of each line [m].
     motion : MotionLimits
         For the swath and the room of a turn.
+    width_share : float, optional
+        Narrower ground is left out, over the swath.
+    why : str, optional
+        The reason of all; by default it is found for each.
     """
     found = []
-    for rings in uncovered(field.parts, lines, motion.swath_m, WIDTH_SHARE * motion.swath_m):
+    for rings in uncovered(field.parts, lines, motion.swath_m, width_share * motion.swath_m):
         area_m2 = ground_m2(*rings)
         if area_m2 >= MIN_SHARE * field.area_m2:
-            found.append(LeftGround(rings, area_m2, inner_point(*rings), _reason(rings, area_m2, field, motion)))
+            reason = why or _reason(rings, area_m2, field, motion)
+            found.append(LeftGround(rings, area_m2, inner_point(*rings), reason))
     return sorted(found, key=lambda each: -each.area_m2)
 
 

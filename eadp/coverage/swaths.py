@@ -23,6 +23,9 @@ The published survey's is two fifths. Laps are whole: a share nearer to 1 leaves
 RADIUS_SHARE = 1.5
 """Default ideal turning radius as a share of the smallest one."""
 
+CLIMB_OUT_M = 50.0
+"""Height of the climb straight ahead after take-off [m]: ArduPilot's TKOFF_ALT by default."""
+
 MIN_LINE_M = 5.0
 """Lines over a corner of the field are made at least this long."""
 

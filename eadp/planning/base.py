@@ -435,21 +435,21 @@ def allowed_levels(
     settings: PlannerSettings, mission: Mission, index: int, box: Box, *, measured: bool = False
 ) -> tuple[float, ...]:
     """Values that a computation may take in a set: the settings' within it, else the profile's, or those measured."""
-    own = settings.levels.get(mission.plan.names[index])
-    if own is None:
+    levels = settings.levels.get(mission.plan.names[index])
+    if levels is None:
         return mission.computing.levels(index - mission.plan.path_count, box, measured=measured)
-    return tuple(sorted(level for level in own if box.lo <= level <= box.hi)) or (box.lo,)
+    return tuple(sorted(level for level in levels if box.lo <= level <= box.hi)) or (box.lo,)
 
 
 def trade_off_faults(rows: Sequence[TradeOff], plan: Plan) -> list[tuple[str, str, str]]:
-    """Trade-offs that no parameters within the plan's sets meet, see `Planner.faults`."""
+    """Trade-offs of stages that the plan has not, or that no parameters within its sets meet; see `Planner.faults`."""
     boxes = {name: plan.hull(i) for i, name in enumerate(plan.names)} if plan.has_sets else {}
-    found = []
+    faults = []
     for i, row in enumerate(rows):
         beyond = [stage for stage in row.stages if stage > len(plan.stages)]
         if beyond:
             expected = f"stages from 1 to {len(plan.stages)}"
-            found.append((f"trade_offs.{i}.stages", f"the plan has no stage {beyond[0]}", expected))
+            faults.append((f"trade_offs.{i}.stages", f"the plan has no stage {beyond[0]}", expected))
         # R c is greatest at an end of each set
         greatest = sum(
             max(weight * boxes[name].lo, weight * boxes[name].hi)
@@ -458,8 +458,8 @@ def trade_off_faults(rows: Sequence[TradeOff], plan: Plan) -> list[tuple[str, st
         )
         if greatest < row.at_least:
             message = f"no parameters meet the trade-off: R c is at most {greatest:g}, and r is {row.at_least:g}"
-            found.append((f"trade_offs.{i}.at_least", message, f"at most {greatest:g}"))
-    return found
+            faults.append((f"trade_offs.{i}.at_least", message, f"at most {greatest:g}"))
+    return faults
 
 
 def thinned(levels: Sequence[tuple[float, ...]], limit: int) -> list[tuple[float, ...]]:

@@ -28,9 +28,9 @@ class PlannedFlight:
         self.decision = Decision(parameters)
 
     def take(self, seen: Readings | Observation) -> Decision:
-        """Take readings, or an observation, at which the planner decides; return the last decision.
+        """Take readings, or an observation, at which the planner is updated; return the decision that holds.
 
-        The planner does not decide before the flight has reached its plan.
+        The planner is not updated before the flight has reached its plan.
         """
         if isinstance(seen, Readings):
             self.state.ingest(seen)
@@ -41,7 +41,7 @@ class PlannedFlight:
         return self.decision
 
     def keep(self, parameters: Vector, held: Mapping[int, float]) -> None:
-        """Decide on parameters in the planner's place, and hold some of them, by index."""
+        """Put parameters in place of the planner's decision, and have it hold some of them, by index, at a value."""
         if parameters != self.decision.parameters:
             self.decision = self.decision._replace(parameters=parameters)
         self.planner.hold(held)

@@ -118,16 +118,16 @@ class OsqpSolver:
         self._osqp.setup(diagonal * identity(self.columns, format="csc"), linear, rows, lower, upper, **settings)
 
     def update(self, linear: FloatArray, lower: FloatArray, upper: FloatArray, entries: FloatArray) -> None:
-        """Set the vectors and the entries of A."""
+        """Set q, l, u and the entries of A, in the order of its columns."""
         self._osqp.update(q=linear, l=lower, u=upper, Ax=entries)
 
     def run(self, start: FloatArray) -> QpSolution:
-        """Solve, from an x."""
+        """Run OSQP from `start`; its result, whatever its status."""
         self._osqp.warm_start(x=start)
-        found = self._osqp.solve(raise_error=False)
-        info = found.info
-        # OSQP may write its next solution into the same memory
-        return QpSolution(np.array(found.x), np.array(found.y), info.status_val, info.status, info.iter)
+        result = self._osqp.solve(raise_error=False)
+        info = result.info
+        # copies: OSQP may write its next solution into the same memory
+        return QpSolution(np.array(result.x), np.array(result.y), info.status_val, info.status, info.iter)
 
 
 QpData = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
@@ -153,7 +153,7 @@ class QuadraticProgram:
         self, filled: NDArray[np.bool_], proximal: float, report: SolverReport, tolerance: float = 1e-6
     ) -> None:
         self._rows, self._columns = filled.shape
-        # OSQP wants A by columns; `places` are its entries in a matrix stored by rows
+        # OSQP wants A by columns (`_indptr`, `_indices`); `_places` are these entries in a matrix stored by rows
         columns, self._indices = np.nonzero(filled.T)
         self._places = self._indices * self._columns + columns
         self._indptr = np.concatenate([[0], np.cumsum(filled.sum(axis=0))])
@@ -207,7 +207,7 @@ class QuadraticProgram:
             raise SolverFailed("a row whose lower bound is above its upper bound")
 
     def _run(self, data: QpData, proximal: float, settings: dict[str, float]) -> QpSolution:
-        """One run of OSQP, counted."""
+        """One run of OSQP, counted; its solution, verified. Raises SolverFailed without one."""
         osqp, report = load_osqp(), self._report
         report.calls += 1
         try:

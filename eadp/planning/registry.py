@@ -34,9 +34,12 @@ def planner_class(name: str) -> type[Planner]:
     EadpError
         On an unknown name.
     """
-    module, _, attribute = PLANNERS.get(name, "").partition(":")
     planner: type[Planner] | None
-    planner = getattr(import_module(module), attribute) if module else plug_in("planners", name)
+    if name in PLANNERS:
+        module, _, class_name = PLANNERS[name].partition(":")
+        planner = getattr(import_module(module), class_name)
+    else:
+        planner = plug_in("planners", name)
     if planner is None:
         raise EadpError(f"unknown planner {printable(name, 60)}; expected one of {', '.join(PLANNERS)}")
     return planner

@@ -63,12 +63,13 @@ def constants_of(airframe: Airframe, guidance: Guidance, wind: Wind, step_s: flo
     ]
     c[MASS : CRUISE_M + 1] = [airframe.mass_kg, airframe.weight_n, airframe.cruise_altitude_m]
     c[SPEED_HELD] = airframe.airspeed_mps
-    set_own = next(own for kind, own in _OWN_CONSTANTS.items() if isinstance(airframe, kind))
-    set_own(c, airframe, step_s)
+    set_constants = next(function for kind, function in _OWN_CONSTANTS.items() if isinstance(airframe, kind))
+    set_constants(c, airframe, step_s)
     return c
 
 
 def _set_paper_constants(c: State, airframe: PaperVehicle, step_s: float) -> None:
+    """Set the constants of the papers' aircraft."""
     c[MODEL], c[HEIGHT_GAIN] = PAPER_MODEL, airframe.altitude_gain
     c[LIFT : WIND_LIFTS + 1] = [
         airframe.lift_coefficient,
@@ -82,6 +83,7 @@ def _set_paper_constants(c: State, airframe: PaperVehicle, step_s: float) -> Non
 
 
 def _set_fixed_wing_constants(c: State, airframe: FixedWing, step_s: float) -> None:
+    """Set the constants of an aeroplane with a drag polar."""
     density_area = 0.5 * airframe.air_density_kgpm3 * airframe.wing_area_m2
     # D = ½ρS C_D0 V² + K (n W)² / (½ρS V²): the two coefficients
     parasitic = density_area * airframe.zero_lift_drag_coefficient
@@ -90,6 +92,7 @@ def _set_fixed_wing_constants(c: State, airframe: FixedWing, step_s: float) -> N
 
 
 def _set_power_curve_constants(c: list[float], airframe: PowerCurve, step_s: float) -> None:
+    """Set the constants of an aeroplane with a power curve, and append its points: airspeeds, then drags."""
     _set_aeroplane_constants(c, airframe, step_s, 0.0, airframe.turn_drag_n, 0.5 * airframe.points[0][0])
     c[POINTS] = len(airframe.points)
     c += [speed for speed, _ in airframe.points]
@@ -99,6 +102,7 @@ def _set_power_curve_constants(c: list[float], airframe: PowerCurve, step_s: flo
 def _set_aeroplane_constants(
     c: State, airframe: FixedWing | PowerCurve, step_s: float, parasitic: float, induced: float, min_mps: float
 ) -> None:
+    """Set the constants of every aeroplane: two coefficients of drag, the least airspeed [m/s], and its limits."""
     c[MODEL], c[HEIGHT_GAIN] = AEROPLANE_MODEL, airframe.altitude_gain_per_s
     c[PARASITIC : MAX_W + 1] = [
         parasitic,
@@ -270,7 +274,7 @@ def _guided_radps(s: State, c: Constants, jet: Jet, gain: float, sense: float, a
 
 
 def _within(value: float, limit: float) -> float:
-    """A value held within ±limit; NaN stays."""
+    """A value limited to ±limit; NaN stays."""
     if value > limit:
         return limit
     return -limit if value < -limit else value

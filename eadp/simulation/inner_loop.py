@@ -119,9 +119,10 @@ def run_steps(
     k: int,
     end: int,
 ) -> tuple[int, int]:
-    """Fly from step `k` to step `end` or the next event; return the last step and the events.
+    """Fly from step `k` to step `end` or the next event; return the last step, and the events as bits, 0 for none.
 
-    `s` and `w` are the state and the variables of the triggers, which are changed, `c` constants.
+    `s` is the state and `w` the variables of the stage's trigger, both changed in place, `c` the constants. Each step:
+    the wind, the path at the position, the aircraft, the sums, the battery, the records, and last the trigger.
     """
     while k < end:
         k += 1
@@ -175,6 +176,7 @@ def drain(s: State, c: Constants, power_w: float, k: int, tables: StepTables) ->
     if len(tables.replay) > 0:
         s[SOC] = replayed_soc(tables.replay, k * c[STEP_S])
     else:
+        # ḃ Δt = −(k_b Δt / Q_c) · 2y / (2 V at the terminals): DRAIN is 2 k_b Δt / Q_c
         s[SOC] -= c[DRAIN] * power_w / twice_v
         if k == c[FAULT_AT]:
             s[SOC] -= c[DROP]
@@ -185,7 +187,7 @@ def drain(s: State, c: Constants, power_w: float, k: int, tables: StepTables) ->
 
 
 def _record(s: State, c: Constants, records: StepRecords, k: int) -> None:
-    """Append a reading and a row of the log where step `k` has them, and set the step of the next call.
+    """Append a reading and a row of the log where step `k` has them, and set when it is called next, `RECORD_AT`.
 
     With a delay the measured variables of every step go into `late`, a ring buffer of `LATE` + 1 places: step k into
     place (k − 1) mod (`LATE` + 1). The first step is read until the delay is over.
@@ -198,9 +200,9 @@ def _record(s: State, c: Constants, records: StepRecords, k: int) -> None:
         n = int(s[READINGS]) * READING
         readings[n] = k
         if late_by > 0:
-            at = max(k - 1 - late_by, 0) % (late_by + 1) * SNAPSHOT
+            place = max(k - 1 - late_by, 0) % (late_by + 1) * SNAPSHOT
             for i in range(SNAPSHOT):
-                readings[n + 1 + i] = late[at + i]
+                readings[n + 1 + i] = late[place + i]
         else:
             _copy_measured(s, readings, n + 1)
         s[READINGS] += 1
@@ -217,7 +219,7 @@ def _record(s: State, c: Constants, records: StepRecords, k: int) -> None:
 
 
 def _copy_measured(s: State, to: MutableSequence[float], at: int) -> None:
-    """Copy the `SNAPSHOT` measured variables to a place on."""
+    """Copy the `SNAPSHOT` measured variables into `to`, from index `at` on."""
     to[at], to[at + 1], to[at + 2], to[at + 3] = s[X], s[Y], s[POWER], s[SOC]
     to[at + 4], to[at + 5], to[at + 6] = s[VX], s[VY], s[HEADING]
 
@@ -231,7 +233,10 @@ def drain_constants(battery: Battery, step_s: float) -> list[float]:
 
 
 class InnerLoop:
-    """State and constants of one flight, and the function that runs its steps."""
+    """State and constants of one flight, and the function that runs its steps.
+
+    Numbers are lists in plain Python, and arrays where the function is compiled.
+    """
 
     def __init__(self, state: list[float], constants: list[float], battery: Battery, wind: Wind, rng: Any) -> None:
         self._compiled = compiled.enabled()
@@ -240,9 +245,9 @@ class InnerLoop:
         self._tables = StepTables(self._numbers([]), curve, replay)
         self._rng = rng
         first = rng.standard_normal(2)
-        # the points of a power curve stay the last ones
-        own, points = constants[:AIRCRAFT_CONSTANTS], constants[AIRCRAFT_CONSTANTS:]
-        c: Any = [*own, *[0.0] * (CONSTANTS - AIRCRAFT_CONSTANTS), *points]
+        # those of the aircraft, then of battery, records and stage; the points of a power curve stay the last ones
+        aircraft, points = constants[:AIRCRAFT_CONSTANTS], constants[AIRCRAFT_CONSTANTS:]
+        c: Any = [*aircraft, *[0.0] * (CONSTANTS - AIRCRAFT_CONSTANTS), *points]
         s: Any = [*state, *[0.0] * (STATE - AIRCRAFT_STATE)]
         s[GUST_X], s[GUST_Y] = wind.gust_std_mps * float(first[0]), wind.gust_std_mps * float(first[1])
         s[MIN_POWER], s[MAX_POWER] = math.inf, -math.inf
@@ -256,9 +261,11 @@ class InnerLoop:
         self._s, self._c = self._numbers(s), self._numbers(c)
 
     def _numbers(self, values: list[float]) -> Any:
+        """Numbers as the function takes them: an array where it is compiled."""
         return np.array(values) if self._compiled else values
 
     def _zeros(self, count: int) -> Any:
+        """So many zeros as the function takes them."""
         return np.zeros(count) if self._compiled else [0.0] * count
 
     def set_records(self, every: int, late: int, log_every: int) -> None:
@@ -287,15 +294,15 @@ class InnerLoop:
             q, x, y, a, b, e = executor.form
             c[Q], c[X0], c[Y0], c[A], c[B], c[E] = q, x + ox, y + oy, a, b, e  # moved by the offset
         path = None if executor.form is not None else _guarded(executor.path)
-        watch = executor.watch
+        watch = executor.watch  # the trigger's variables, which the steps change, and progress along a general curve
         self._curve = None if path is None and watch.curve is None else GeneralCurve(path, watch.curve)
         watch.numbers = self._numbers(list(watch.numbers))
         self._watch = watch.numbers
 
     def run(self, k: int, end: int) -> tuple[int, int]:
-        """Run to step `end` or the next event, see `run_steps`; earlier if random numbers or room end.
+        """Run from step `k` to step `end` or the next event, see `run_steps`; return the last step, and the events.
 
-        At least one step, unless it is `full`.
+        It stops before `end` where random numbers or the room for records end. At least one step, unless it is `full`.
         """
         if self._c[GUSTS]:
             if self._s[NOISE_LEFT] < 2:
@@ -321,11 +328,11 @@ class InnerLoop:
 
     def measured(self, k: int) -> tuple[float, ...]:
         """The `SNAPSHOT` measured variables after step `k`, with the sensors' delay."""
-        rows = int(self._c[LATE]) + 1
-        if rows == 1:
+        places = int(self._c[LATE]) + 1  # of the ring buffer, see `_record`
+        if places == 1:
             s = self._s
             return tuple(map(float, (s[X], s[Y], s[POWER], s[SOC], s[VX], s[VY], s[HEADING])))
-        at = max(k - rows, 0) % rows * SNAPSHOT
+        at = max(k - places, 0) % places * SNAPSHOT
         return tuple(map(float, self._records.late[at : at + SNAPSHOT]))
 
     def take_readings(self) -> list[list[float]] | FloatArray:

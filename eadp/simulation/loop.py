@@ -92,28 +92,34 @@ class _Flight:
         )
         self._flight = flight
         self._bridge = _SensorBridge(world, flight, self._inner_loop, outcome)
-        # stacks, with the next step last; both end with a step that no flight reaches
+        # stacks, with the next step last, and first a step that no flight reaches: losses of charge, as (step, amount),
+        # and the steps at which they are measured
         self._losses = _losses(world)
         self._alarms = [step + self._bridge.late for step, _ in self._losses]
-        """Steps at which the losses are measured."""
         computing_w = world.computing_w(executor.parameters, executor.stage)
         self._log = ParameterLog(world.plan, executor.cursor, executor.joined_m, world.actual, computing_w)
         outcome.parameters = self._log
         self._inner_loop.start_stage(executor, computing_w)
+        # in force; the plan's stage, which stays the last one on the way home; the last decision put in force
         self._parameters = executor.parameters
         self._plan_stage, self._stages_started = executor.stage.index, executor.stages_started
         self._decided = flight.decision.parameters
         self._returning = False
-        self._track: list[Step] = []
-        self._k, self._next_update = 0, 1
+        self._track: list[Step] = []  # what is checked for obstacles
+        self._k, self._next_update = 0, 1  # the last step flown, and the step at which the planner is due
 
     def steps(self) -> Iterator[Step]:
-        """Fly, see `fly`. Each turn of the loop is one run of the inner loop and what is due after it."""
+        """Fly, see `fly`. Each turn of the loop is one run of the inner loop and what is due after it.
+
+        In this order: readings and rows of the log before step k, the planner's update at step k, the row of step k,
+        and what the events and the decision change.
+        """
         world, inner_loop, bridge = self._world, self._inner_loop, self._bridge
         end, reason = math.ceil(world.clock.time_limit_s / world.clock.step_s - 1e-9), None
         while reason is None and self._k < end:
             self._k, events = inner_loop.run(self._k, self._next_stop(end))
             k, failed = self._k, events & (LOST | EMPTY | SAGS)
+            # whether the planner is updated at step k
             due = (k >= self._next_update or k == self._alarms[-1]) and not self._returning and not failed
             # where an update is due, the readings of step k are part of its observation, and the row of step k has what
             # is estimated after it: both wait
@@ -143,9 +149,9 @@ class _Flight:
         return steps
 
     def _next_stop(self, end: int) -> int:
-        """Set the next loss of charge and the wind; return the step to stop at.
+        """Set the next loss of charge and the wind of the next run; return the step up to which it may fly.
 
-        There the planner, a loss, its measurement or another wind is due, or the flight ends.
+        At that step the planner, a loss, its measurement or another wind is due, or the flight ends.
         """
         if self._k >= self._losses[-1][0]:
             self._losses.pop()
@@ -165,7 +171,11 @@ class _Flight:
         return variable(X), variable(Y), variable(HEADING)
 
     def _hand_over(self, events: int, end: int, *, due: bool) -> str | None:
-        """Hand events and the planner's decision to the plan, and the stage to fly back; return why the flight ends."""
+        """Hand events and the planner's decision to the plan, and what is to be flown now to the inner loop.
+
+        Sets when the planner is updated next; `due` is whether it was at this step, and `end` the last step. Returns
+        why the flight ends; None where it goes on.
+        """
         executor = self._executor
         try:
             changed = executor.handle(events, *self._pose()[:2]) if events else False
@@ -194,10 +204,8 @@ class _Flight:
         """Put the planner's new decision in force, or turn home; return whether that changes what is flown."""
         decision = self._flight.decision
         if decision.returns_home:
-            self._outcome.turned_back_s, self._outcome.turned_back_m = (
-                self._k * self._world.clock.step_s,
-                self._pose()[:2],
-            )
+            self._outcome.turned_back_s = self._k * self._world.clock.step_s
+            self._outcome.turned_back_m = self._pose()[:2]
             self._executor, self._returning = _turned_back(self._world, self._executor, self._pose()), True
             return True
         if decision.parameters is self._decided:
@@ -206,7 +214,7 @@ class _Flight:
         return self._executor.decide(self._decided, self._pose()[:2])
 
     def _start_flown(self) -> None:
-        """Start the stage and the parameters that the executor is at now, in the inner loop and in the log."""
+        """Start what the executor flies now in the inner loop and in the log: another stage, or other parameters."""
         executor, time_s = self._executor, self._k * self._world.clock.step_s
         self._parameters = executor.parameters
         computing_w = self._world.computing_w(executor.parameters, executor.stage)
@@ -243,6 +251,7 @@ class _Flight:
     def _close(self, reason: str) -> None:
         """Fill in the outcome of a flight that has ended."""
         variable, outcome, time_s = self._inner_loop.variable, self._outcome, self._k * self._world.clock.step_s
+        # the inner loop sums power and ground speed over the steps
         totals = outcome.totals
         totals.energy_j = variable(ENERGY) * self._world.clock.step_s
         totals.distance_m = variable(DISTANCE) * self._world.clock.step_s
@@ -263,7 +272,7 @@ class _Flight:
 
 
 def _turned_back(world: World, executor: PlanExecutor, pose: Pose) -> PlanExecutor:
-    """The flight home from a pose."""
+    """The executor of the flight home from a pose, with the computations at their lowest."""
     assert world.way_home is not None
     plan = home_plan(executor.cursor, pose, world.way_home)
     lowest = tuple(box.lo for box in plan.stages[0].sets)
@@ -319,6 +328,7 @@ class _SensorBridge:
 
     def ingest(self, k: int) -> None:
         """Pass the new readings up to step `k` to the flight; a later one is part of its next observation."""
+        # steps and measured variables: arrays where compiled, else lists
         columns: Any = self._inner_loop.take_readings()
         count = len(columns[0])
         if count and columns[0][-1] > k:
@@ -327,34 +337,38 @@ class _SensorBridge:
         if not count:
             return
         if isinstance(columns[0], np.ndarray) and not self._ideal:
-            columns = [numbers.tolist() for numbers in columns]
+            columns = [numbers.tolist() for numbers in columns]  # a power may be None then
         steps, x, y, powers_w, charges, vx, vy, headings = columns
         if not self._ideal:
             for i, n in enumerate(map(int, steps)):
                 (x[i], y[i]), powers_w[i], charges[i] = self._suite.measured(n, x[i], y[i], powers_w[i], charges[i])
         step_s = self._step_s
         times_s: Any = steps * step_s if isinstance(steps, np.ndarray) else [n * step_s for n in steps]
-        self._flight.take(Readings(times_s, x, y, powers_w, charges, vx, vy, headings, [math.nan] * len(times_s)))
+        airspeeds_mps = [math.nan] * len(times_s)  # not measured
+        self._flight.take(Readings(times_s, x, y, powers_w, charges, vx, vy, headings, airspeeds_mps))
 
 
 def step_at(time_s: float, step_s: float, max_step: int) -> int:
-    """The first step that ends at a time [s] or later, from 1 to `max_step`."""
+    """The first step that ends at a time [s] or later, from 1 to `max_step`; a time within rounding of one is at it."""
     if time_s >= max_step * step_s:
         return max_step
     return max(1, math.ceil((time_s - 1e-9) / step_s - 1e-9))
 
 
 def log_every_s(world: World) -> float:
-    """Time between rows of the log [s]; among obstacles or within a boundary, a flight without one keeps its track."""
+    """Time between rows of the log [s]; infinite for a flight without one.
+
+    Among obstacles or within a boundary it is `TRACK_S` at most, as rows are the track that is checked.
+    """
     every_s = world.clock.log_every_s
     return min(every_s, TRACK_S) if any(world.plan.site.airspace) else every_s
 
 
 def _losses(world: World) -> list[tuple[int, float]]:
-    """Steps with a sudden loss of charge and its amount, in descending order; of a replayed charge, 0.
+    """Steps with a sudden loss of charge, at each of which the planner is updated, and its amount; the last step first.
 
-    The planner is updated at each. The first entry is beyond the end of any flight. A replayed charge has a loss where
-    two of its points have one time; the amount is in the charge that is replayed.
+    The first entry is beyond the end of any flight. A charge that is replayed has a loss where two of its points have
+    one time: its amount is 0 here, as it is in the charge that is replayed.
     """
     drops = [(fault.at_s, fault.soc_drop) for fault in world.faults]
     if world.battery.prescribed:

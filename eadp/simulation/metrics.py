@@ -31,7 +31,18 @@ class FlightTotals:
 
 @dataclass
 class ParameterRecord:
-    """A parameter over a flight: first and last value, time integrals as commanded and as it was, and changes."""
+    """A parameter over a flight.
+
+    Attributes
+    ----------
+    first, last : float
+        First and last value.
+    integral, actual_integral : float
+        Time integrals of its values as commanded, and of the rates that a computation ran at.
+    changes : int
+    history : list of (float, float)
+        Time [s] and value of each change.
+    """
 
     first: float
     last: float
@@ -78,12 +89,15 @@ class ParameterLog:
     ) -> None:
         self._plan, self._actual = plan, actual
         self.computing_j = 0.0
+        # in force since the time up to which integrals are [s]: power, parameters, and their sets
         self._computing_w = computing_w
         self._since_s = 0.0
         self._values, self._sets = cursor.parameters, plan.quality_sets[cursor.stage.index - 1]
         self.records = [ParameterRecord(value, value) for value in self._values]
+        # of each parameter: time integral of c̃, and the time in which it had a choice [s]
         self._share_integral = [0.0] * len(self._values)
         self._share_time_s = [0.0] * len(self._values)
+        # what U is computed of; when the plan was left [s], and where, if short of its end, see `close`
         self._events = [_Event(0.0, cursor, joined_m, actual(cursor.parameters))]
         self._ended_s: float | None = None
         self._short_of: tuple[Point, float] | None = None
@@ -121,16 +135,16 @@ class ParameterLog:
         duration = time_s - self._since_s
         self._since_s = time_s
         self.computing_j += self._computing_w * duration
-        for i, (value, run) in enumerate(zip(self._values, self._actual(self._values), strict=True)):
+        for i, (value, actual) in enumerate(zip(self._values, self._actual(self._values), strict=True)):
             self.records[i].integral += value * duration
-            self.records[i].actual_integral += run * duration
-            share = self._sets[i].share(run) if self._sets else None
+            self.records[i].actual_integral += actual * duration
+            share = self._sets[i].share(actual) if self._sets else None
             if share is not None:
                 self._share_integral[i] += share * duration
                 self._share_time_s[i] += duration
 
     def mean_shown(self, index: int, shown: Callable[[float], float]) -> float:
-        """Time average of what a parameter stands for, which `shown` gives."""
+        """Time average of a parameter as people read it: `shown` gives that of a value."""
         record, end_s = self.records[index], self._since_s
         times_s, values = zip((0.0, record.first), *record.history, strict=True)
         spans_s = np.diff([*times_s, end_s])
@@ -156,6 +170,7 @@ class ParameterLog:
 
         Source: `eadp.models.plan.ground`.
         """
+        # the ground flown: the stages and the parameters in force, once more
         ground, predictor = GroundLog(self._plan, weights), RoutePredictor()
         for time_s, cursor, joined_m, parameters in self._events:
             if joined_m is not None:  # never None for the first

@@ -49,8 +49,19 @@ LASTING = Battery(capacity_ah=1e9, resistance_ohm=0.0)
 
 
 class FlownPart(NamedTuple):
-    """A part of a route as flown: its legs as rows, the first of those alike, the wind [m/s], and of each leg the time,
-    the time integral of tan² of a bank that takes as much energy [s], and how far off it the aircraft was [m]."""
+    """A section of a route as flown: from a leg that the aircraft cannot follow to the leg on which it is back on path.
+
+    Attributes
+    ----------
+    rows : tuple of int
+        Its legs, as rows of the table of legs; of legs alike, the first one's row.
+    wind_mps : (float, float)
+        The wind that it was flown in [m/s].
+    times_s, turning_s : array, shape (legs,)
+        Time of each leg, and the time integral of tan² of a bank that takes as much energy [s].
+    off_m : array, shape (legs,)
+        How far off each leg the aircraft was at most [m].
+    """
 
     rows: tuple[int, ...]
     wind_mps: Point
@@ -59,7 +70,7 @@ class FlownPart(NamedTuple):
     off_m: FloatArray
 
     def tail(self, row: int) -> FlownPart:
-        """The part from a leg on."""
+        """The part of it from the leg of a row on."""
         k = self.rows.index(row)
         return FlownPart(self.rows[k:], self.wind_mps, self.times_s[k:], self.turning_s[k:], self.off_m[k:])
 
@@ -96,14 +107,14 @@ class NominalFlight:
         """Time on each leg of a route in a wind [m/s], shape (legs,) [s], and what is flown off the path."""
         followed = FlownLegs(*route.times_s(self._airframe.airspeed_mps, wind_mps))
         tight, times_s = self._tight(RouteArrays.of([route]), wind_mps), followed.times_s.copy()
-        found = []
+        overshoots = []
         for first, section in self._sections(route, tight, wind_mps, followed):
-            own = slice(first, first + len(section.rows))
-            times_s[own] = section.times_s
-            excess_s = float((section.times_s - followed.times_s[own]).sum())
-            stages = route.of_legs[own]
-            found.append(Overshoot(stages[0], stages[-1], excess_s, float(section.off_m.max())))
-        return times_s, found
+            legs = slice(first, first + len(section.rows))
+            times_s[legs] = section.times_s
+            excess_s = float((section.times_s - followed.times_s[legs]).sum())
+            stages = route.of_legs[legs]
+            overshoots.append(Overshoot(stages[0], stages[-1], excess_s, float(section.off_m.max())))
+        return times_s, overshoots
 
     def flown(self, routes: Sequence[Route], wind_mps: Point, followed: FlownLegs) -> FlownLegs:
         """Times of routes' legs as flown, see `eadp.planning.base.Nominal`."""
@@ -114,19 +125,20 @@ class NominalFlight:
         times_s, turning_s = followed.times_s.copy(), followed.turning_s.copy()
         squares_s2 = np.zeros(len(routes))  # of each route, the sum of the squares of what sections take longer
         for place, (route, first, last) in enumerate(zip(routes, legs.first, legs.last, strict=True)):
-            own = slice(int(first), int(last) + 1)
-            alone = FlownLegs(times_s[own], turning_s[own])
-            part = TightLegs(tight.bends[own], tight.corners[own])
+            mine = slice(int(first), int(last) + 1)
+            alone = FlownLegs(times_s[mine], turning_s[mine])  # views: what is written to them is in the results
+            part = TightLegs(tight.bends[mine], tight.corners[mine])
             sections = self._sections(route, part, wind_mps, alone)
             if not sections:
                 continue
+            # the legs of all sections in a row: where each section starts in it, and the number of each in the route
             counts = np.array([len(section.rows) for _, section in sections])
             starts = counts.cumsum() - counts
-            at = np.repeat([start for start, _ in sections] - starts, counts) + np.arange(counts.sum())
+            numbers = np.repeat([start for start, _ in sections] - starts, counts) + np.arange(counts.sum())
             flown_s = np.concatenate([section.times_s for _, section in sections])
-            squares_s2[place] = (np.add.reduceat(flown_s - alone.times_s[at], starts) ** 2).sum()
-            alone.times_s[at] = flown_s
-            alone.turning_s[at] = np.concatenate([section.turning_s for _, section in sections])
+            squares_s2[place] = (np.add.reduceat(flown_s - alone.times_s[numbers], starts) ** 2).sum()
+            alone.times_s[numbers] = flown_s
+            alone.turning_s[numbers] = np.concatenate([section.turning_s for _, section in sections])
         return FlownLegs(times_s, turning_s, np.sqrt(squares_s2))
 
     def _tight(self, legs: RouteArrays, wind_mps: Point) -> TightLegs:
@@ -137,13 +149,19 @@ class NominalFlight:
     def _sections(
         self, route: Route, tight: TightLegs, wind_mps: Point, followed: FlownLegs
     ) -> list[tuple[int, FlownPart]]:
-        """The parts of a route that the aircraft cannot follow, as flown, each with the number of its first leg."""
+        """The sections of a route that the aircraft cannot follow, as flown, each with the number of its first leg.
+
+        One that was flown before, on legs alike and in much the same wind, is not flown again.
+        """
         starts = np.flatnonzero(tight.bends | tight.corners).tolist()
         if not starts or route.cursor is None:
             return []
-        found, beyond, passed, walk = list[tuple[int, FlownPart]](), 0, 0, cursors(route.cursor)
+        sections = list[tuple[int, FlownPart]]()
+        # the first leg behind the last section; the cursors of the legs, and how many are taken of them
+        beyond, passed, walk = 0, 0, cursors(route.cursor)
         # laps alike share what is flown, but for the last leg, on which the plan ends
         rows = [*route.table.alike[route.order[:-1]].tolist(), -int(route.order[-1]) - 2]
+        # sections flown before, by the rows of the leg before them and of their first one
         kept = self._kept.setdefault(route.table, {})
         for i in starts:
             if i < beyond or not math.isfinite(followed.times_s[i]):
@@ -159,9 +177,9 @@ class NominalFlight:
                 cursor = next(islice(walk, i - passed, None))
                 section, passed = self._fly(route, cursor, rows, i, tight, wind_mps, followed), i + 1
                 known.append(section)
-            found.append((i, section))
+            sections.append((i, section))
             beyond = i + len(section.rows)
-        return found
+        return sections
 
     def _fly(
         self,
@@ -173,18 +191,24 @@ class NominalFlight:
         wind_mps: Point,
         followed: FlownLegs,
     ) -> FlownPart:
+        """Fly a section, from the start of the leg `first` until the aircraft is back on its path, or the plan ends.
+
+        `cursor` is that of the first leg, and `alike` has the rows of all legs, for those of the section.
+        """
         leg = route.legs[first]
+        # the course with which the leg before ends; of the first leg, its own at its start
         course = route.table.rows.courses_rad[route.order[max(first - 1, 0)], 1 if first else 0]
         executor = PlanExecutor.at(cursor, leg.start_m)
         loop = self._loop(leg, float(course), wind_mps)
         k, check = 0, round(CHECK_S / STEP_S)
-        rows: list[tuple[float, float, float]] = []
+        of_legs: list[tuple[float, float, float]] = []  # time, turning and distance off, see `FlownPart`
         for i in range(first, len(route.legs)):
             leg, leg_s = route.legs[i], float(followed.times_s[i])
             loop.start_stage(executor, 0.0)
             began, began_j, off_m = k, loop.variable(ENERGY), 0.0
             limit = k + math.ceil((STUCK_TIMES * leg_s + STUCK_S) / STEP_S)
             events = 0
+            # to the end of the leg, or until back on it
             while not events and k < limit:
                 k, events = loop.run(k, min(k + check, limit))
                 away_m, turned = _off(loop, leg)
@@ -192,25 +216,26 @@ class NominalFlight:
                 if not events and not tight.bends[i] and away_m < BACK_M and turned < BACK_RAD:
                     break
             else:
-                if events & LOST or not events:
-                    rows.append((math.inf, 0.0, off_m))
+                if events & LOST or not events:  # it never gets to the end
+                    of_legs.append((math.inf, 0.0, off_m))
                     break
             flown_s = (k - began) * STEP_S
             turning_s = self._turning_s(leg, flown_s, (loop.variable(ENERGY) - began_j) * STEP_S)
-            if not events:
+            if not events:  # back on the leg: the rest of it as its path has it
                 left = _share_left(loop, leg, flown_s, leg_s)
-                rows.append((flown_s + left * leg_s, turning_s + left * float(followed.turning_s[i]), off_m))
+                of_legs.append((flown_s + left * leg_s, turning_s + left * float(followed.turning_s[i]), off_m))
                 break
-            rows.append((flown_s, turning_s, off_m))
+            of_legs.append((flown_s, turning_s, off_m))
             executor.handle(events, loop.variable(X), loop.variable(Y))
             if executor.complete:
                 break
-        return FlownPart(tuple(alike[first : first + len(rows)]), wind_mps, *np.array(rows).T)
+        return FlownPart(tuple(alike[first : first + len(of_legs)]), wind_mps, *np.array(of_legs).T)
 
     def _loop(self, leg: Leg, course: float, wind_mps: Point) -> InnerLoop:
-        """The aircraft on its path, on a course [rad], in level flight."""
+        """A simulated aircraft at the start of a leg, on a course [rad], in level flight and a steady wind [m/s]."""
         wind = Wind(math.hypot(*wind_mps), towards_deg=math.degrees(math.atan2(wind_mps[1], wind_mps[0])))
         speed = leg.stage.airspeed_mps or self._airframe.airspeed_mps
+        # the heading that holds the course: V sin(θ − χ) is the wind from the left
         cross = wind_mps[0] * math.sin(course) - wind_mps[1] * math.cos(course)
         heading = course + math.asin(min(max(cross / speed, -1.0), 1.0))
         airframe = replace(self._airframe, airspeed_mps=speed)
@@ -222,7 +247,8 @@ class NominalFlight:
         return loop
 
     def _turning_s(self, leg: Leg, flown_s: float, energy_j: float) -> float:
-        """∫ tan² φ dt of the bank whose power is that of the energy of a leg [s]."""
+        """∫ tan² φ dt of a bank that takes as much energy as was flown on a leg with, in its time [s]."""
+        # E = P(0) t + (P(45°) − P(0)) ∫ tan² φ dt
         airframe, speed = self._airframe, leg.stage.airspeed_mps or self._airframe.airspeed_mps
         level_w = airframe.level_power_w(speed)
         bank_w = airframe.level_power_w(speed, math.pi / 4) - level_w  # tan² 45° = 1
@@ -230,7 +256,7 @@ class NominalFlight:
 
 
 def _holds(part: FlownPart, rows: Sequence[int], first: int, wind_mps: Point) -> bool:
-    """Whether a part was flown on the legs from one on, in this wind."""
+    """Whether a part was flown on the same legs as those from the leg `first` on, in much the same wind."""
     return math.dist(part.wind_mps, wind_mps) <= SAME_WIND_MPS and part.rows == tuple(
         rows[first : first + len(part.rows)]
     )
@@ -249,6 +275,7 @@ def _off(loop: InnerLoop, leg: Leg) -> tuple[float, float]:
 
 
 def _share_left(loop: InnerLoop, leg: Leg, flown_s: float, leg_s: float) -> float:
+    """Share of a leg that is left where the aircraft is, `flown_s` after its start; `leg_s` is its whole time [s]."""
     if leg.distance_m <= 0:
         return 0.0
     position = loop.variable(X), loop.variable(Y)

@@ -35,7 +35,7 @@ class SensorSuite:
         self._recover = min(1.0, step_s / sensors.drop_out_s) if share < 1 else 0.0
         # in balance: share · recover = (1 − share) · fail
         self._fail = min(1.0, self._recover * share / (1 - share)) if share < 1 else 1.0
-        self._out = float(self._durations.random()) < share
+        self._out = float(self._durations.random()) < share  # whether it starts in a drop-out
         self._state_ends = self._duration()
 
     def power_w(self, step: int, power_w: float) -> float | None:
@@ -65,7 +65,7 @@ class SensorSuite:
     def measured(
         self, step: int, x_m: float, y_m: float, power_w: float, soc: float
     ) -> tuple[tuple[float, float], float | None, float]:
-        """The measurement of a position [m], a power [W] and a state of charge."""
+        """Position [m], power [W], None in a drop-out, and state of charge, as measured at a step."""
         return self.position_m(step, x_m, y_m), self.power_w(step, power_w), self.soc(step, soc)
 
     def _row(self, step: int) -> list[float]:

@@ -55,9 +55,9 @@ class Hook:
         self._parameters, self._log, self._warn = parameters, log, warn
         self._process: subprocess.Popen[bytes] | None = None
         self._started_s = 0.0
+        # time and values: as last decided, and as of the last run, none where that failed
         self._wanted: dict[str, Any] = {}
         self._run: dict[str, Any] = {}
-        """The last decision, and that of the last run that has not failed: its time and its values."""
 
     def decided(self, decision: Mapping[str, Any]) -> None:
         """Take a decision: start the command if values have changed and it does not run."""
@@ -66,7 +66,7 @@ class Hook:
         self._start()
 
     def close(self) -> None:
-        """Wait for the last run, and for one with the last values if they are others."""
+        """Wait for the run that goes on, and for one more where other values were decided meanwhile."""
         for _ in range(2):
             if self._process is not None:
                 with contextlib.suppress(subprocess.TimeoutExpired):
@@ -87,7 +87,7 @@ class Hook:
             self._ended(None, getattr(error, "strerror", None) or str(error))
 
     def _poll(self, *, last: bool = False) -> bool:
-        """See whether the command has ended, and end it after `LIMIT_S`; return whether it failed."""
+        """See whether the command has ended, and end it after `LIMIT_S`, or now if `last`; return whether it failed."""
         process = self._process
         code = None if process is None else process.poll()
         if process is None or (code is None and not last and time.monotonic() - self._started_s <= LIMIT_S):
@@ -100,6 +100,7 @@ class Hook:
         return code != 0
 
     def _ended(self, code: int | None, what: str) -> None:
+        """Log the end of a run, and warn of one that failed: by its exit code, None without one, and in words."""
         run = self._run
         if self._log is not None:
             self._log.applied({**run, "exit_code": code, "took_s": round(time.monotonic() - self._started_s, 3)})

@@ -59,14 +59,15 @@ class HeardAutopilot:
         self.system, self.component, self._give, self._pilot = system, 0, give, pilot
         self.lost = self.armed = self.ardupilot = False
         self.missing: set[str] = set()
-        self._heard_s: float | None = None
-        self._sent_s = -math.inf
-        self._asked = self._returns = 0
+        self._heard_s: float | None = None  # its last heartbeat [s]
+        self._sent_s = -math.inf  # our last heartbeat [s]
+        self._asked = self._returns = 0  # how often messages were asked for, and a return was commanded
 
     def hear(self, message: Message, now_s: float) -> bool:
         """Note who sends, and whether heartbeats are back; return whether the message is to be taken.
 
-        It is of the autopilot, the first one heard, or of another computer of its aircraft that reports what it runs.
+        Those of the autopilot are, the first one heard; and of other computers of its aircraft, what they report to run
+        (`NAMED_VALUE_FLOAT`).
         """
         beats = is_autopilot(message.kind, message.fields)
         if message.kind == "HEARTBEAT" and not beats:
@@ -89,7 +90,7 @@ class HeardAutopilot:
         return message.component == self.component
 
     def beat(self, now_s: float) -> bool:
-        """Note whether its heartbeats are lost, and send one where that is due; return whether it was."""
+        """Note whether its heartbeats are lost, and send one of ours where that is due; return whether it was."""
         if self._heard_s is not None and not self.lost and now_s - self._heard_s > LOST_S:
             self.lost = True
             self._pilot.note("the autopilot's heartbeats are lost")
@@ -105,7 +106,7 @@ class HeardAutopilot:
         self.ask_again()
 
     def ask_again(self) -> None:
-        """Ask for those of which none has come, `MAX_COMMANDS` times at most."""
+        """Ask again for the messages of which none has come, `MAX_COMMANDS` times at most."""
         self._asked += 1
         for kind in sorted(self.missing) if self._asked <= MAX_COMMANDS else ():
             self.command(SET_INTERVAL, INTERVALS[kind])
@@ -116,7 +117,7 @@ class HeardAutopilot:
         return self._returns > 0
 
     def command_return(self) -> bool:
-        """Command it to return; return whether that is over: it was, `MAX_COMMANDS` times, and has not accepted."""
+        """Command it to return home, once more; True where it was `MAX_COMMANDS` times, and did not: no more then."""
         self._returns += 1
         if self._returns > MAX_COMMANDS:
             self._pilot.tell(f"return not accepted by the autopilot, commanded {MAX_COMMANDS} times")
@@ -125,7 +126,7 @@ class HeardAutopilot:
         return False
 
     def command(self, command: int, numbers: Sequence[float], repeated: int = 0) -> None:
-        """Give a command."""
+        """Give a command with its first numbers; `repeated` is how often it was given before."""
         values = {f"param{k}": float(value) for k, value in enumerate((*numbers, *(0.0,) * 7)[:7], 1)}
         self.give("COMMAND_LONG", {"command": command, "confirmation": repeated, **values})
 

@@ -44,10 +44,10 @@ def json_schema() -> dict[str, Any]:
 
 def decision_line(advice: Advice) -> dict[str, Any]:
     """Advice as the object of a line."""
-    known = {**advice._asdict(), **advice.ending._asdict(), "soc_end_forecast": advice.ending.soc_end}
-    known["wind_mps"] = None if advice.wind_mps is None else list(advice.wind_mps)
-    known["warnings"] = list(advice.warnings)
-    return {key: known[key] for key in DecisionLine.model_fields}
+    fields = {**advice._asdict(), **advice.ending._asdict(), "soc_end_forecast": advice.ending.soc_end}
+    fields["wind_mps"] = None if advice.wind_mps is None else list(advice.wind_mps)
+    fields["warnings"] = list(advice.warnings)
+    return {key: fields[key] for key in DecisionLine.model_fields}
 
 
 def json_line(line: dict[str, Any]) -> str:

@@ -8,7 +8,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, BinaryIO
 
 from eadp.api.inputs import FlightInputs
 from eadp.api.replan.autopilot import RETURN, HeardAutopilot
@@ -98,16 +98,20 @@ class LinkFlight:
                 text, 1, 1, "the plan has no place on the earth, and an autopilot's positions have", "%: origin"
             )
         self._inputs, self._emit, self._send, self._log = inputs, emit, send, log
+        # the map of the mission's items, as exported
         exported = self._exported = None if options.items is None else read_items(options.items, self._path_names)
         if options.upload and exported is None:
             raise InputError.at("--upload", 1, 1, "the mission is unknown", "--items, as eadp export writes them")
+        # path parameters that the mission is to have; None before the first plan, and on the way home
         self._decided_path: tuple[float, ...] | None = None
+        # whether a return may be commanded yet; whether only home can be reached
         self._may_return, self._returns = options.return_home, False
         self._pilot = Pilot(name, plan, inputs.mission.parameters, warn, self._give, lambda: self._lines.count)
         self._autopilot = HeardAutopilot(options.system, self._give, self._pilot)
         self._replanner = Replanner(inputs, name, log, self._decided, self._pilot.once)
         self._lines = LineMaker(self._replanner.reader, inputs.mission, exported, self._pilot.say)
         self._replanner.restore()
+        # a log that is resumed from has the map of the mission uploaded last
         if exported is not None and log is not None and log.items is not None:
             self._lines.items = parse_items(log.items, self._path_names)
         self._mission: HeldMission | None = None
@@ -118,6 +122,7 @@ class LinkFlight:
 
     @property
     def _path_names(self) -> tuple[str, ...]:
+        """Names of the path parameters."""
         plan = self._inputs.mission.plan
         return plan.names[: plan.path_count]
 
@@ -137,41 +142,30 @@ class LinkFlight:
         return self._replanner.used
 
     def take(self, message: Message, now_s: float = 0.0) -> None:
-        """Take a message that has come at a time of any clock [s]."""
-        autopilot, pilot = self._autopilot, self._pilot
+        """Take a message that has come at a time of any clock [s].
+
+        In this order: what it changes at the autopilot and its mission, the lines that it makes, and what their
+        decisions change in the mission.
+        """
+        autopilot, pilot, mission = self._autopilot, self._pilot, self._mission
         first, lost = not autopilot.component, autopilot.lost
         if not autopilot.hear(message, now_s):
             return
         if message.kind in PROTOCOL:
-            to = (
-                message.fields["target_system"],
-                message.fields["target_component"],
-                message.fields.get("mission_type", 0),
-            )
-            if self._mission is not None and to == (autopilot.system, COMPONENT, 0):
-                self._do(self._mission.take(message.kind, message.fields, now_s))
+            self._take_transfer(message, now_s)
             return
         try:
             values = values_of(message.kind, message.fields)
         except (ArithmeticError, LookupError, TypeError, ValueError):
             pilot.say(f"{message.kind} that makes no sense; ignored")
             return
-        mission, begins = self._mission, False
+        # the autopilot is heard, or armed, anew: what is known of it is asked for again
+        begins = False
         if message.kind == "HEARTBEAT":
             begins = first or lost or (values["armed"] and not autopilot.armed)
-            autopilot.armed, autopilot.ardupilot = values["armed"], values["home_is_item"]
-            if first and self._send is not None:
-                known, vehicle = self._inputs.mission, self._inputs.world.vehicle
-                wanted = wanted_parameters(known.plan, vehicle, known.battery, ardupilot=autopilot.ardupilot)
-                self._check = ParameterCheck(wanted)
-            if mission is not None:
-                mission.ardupilot = autopilot.ardupilot
+            self._take_heartbeat(values, first=first)
         if message.kind == "MISSION_CURRENT":
-            if mission is not None:
-                self._do(mission.count(values["item_count"], now_s))
-            elif self._lines.items is not None and values["item_count"] not in (None, len(self._lines.items)):
-                pilot.say(OTHER_MISSION)
-                self._lines.items = None
+            self._count_items(values["item_count"], now_s)
         if self._check is not None and values.get("parameter") is not None:
             self._check.take(*values["parameter"])
         if values.get("answer") == (RETURN, ACCEPTED) and autopilot.was_commanded:
@@ -188,6 +182,32 @@ class LinkFlight:
         if mission is not None and self._uploads and self._decided_path is not None:
             self._do(mission.decide(now_s, self._decided_path, self._replanner.rest))
 
+    def _take_transfer(self, message: Message, now_s: float) -> None:
+        """Take a message of the mission protocol, if it is for this computer and of the mission."""
+        fields, here = message.fields, (self._autopilot.system, COMPONENT, 0)
+        to = fields["target_system"], fields["target_component"], fields.get("mission_type", 0)
+        if self._mission is not None and to == here:
+            self._do(self._mission.take(message.kind, fields, now_s))
+
+    def _take_heartbeat(self, values: Mapping[str, Any], *, first: bool) -> None:
+        """Note what the autopilot is; with the first heartbeat, which of its parameters are to be compared."""
+        autopilot = self._autopilot
+        autopilot.armed, autopilot.ardupilot = values["armed"], values["home_is_item"]
+        if first and self._send is not None:
+            known, vehicle = self._inputs.mission, self._inputs.world.vehicle
+            wanted = wanted_parameters(known.plan, vehicle, known.battery, ardupilot=autopilot.ardupilot)
+            self._check = ParameterCheck(wanted)
+        if self._mission is not None:
+            self._mission.ardupilot = autopilot.ardupilot
+
+    def _count_items(self, count: int | None, now_s: float) -> None:
+        """See by the number of its items whether the autopilot has another mission; say so, where it is not read."""
+        if self._mission is not None:
+            self._do(self._mission.count(count, now_s))
+        elif self._lines.items is not None and count not in (None, len(self._lines.items)):
+            self._pilot.say(OTHER_MISSION)
+            self._lines.items = None
+
     def lost(self, damaged: int, refused: int, left_out: int) -> None:
         """Say that so many frames were no messages, so many not signed, and so many positions too many."""
         if damaged:
@@ -198,7 +218,7 @@ class LinkFlight:
             self._pilot.say(f"positions come faster than {SHARE:.0%} of a core can take: some are left out")
 
     def update(self, values: Mapping[str, Any]) -> None:
-        """Take what a message says, and re-plan with the lines that are due."""
+        """Take what a message, or a row of a log, says, and re-plan with the lines that are due."""
         if MISSION in values:
             self._is_held(values[MISSION])
             return
@@ -206,7 +226,10 @@ class LinkFlight:
             self._replanner.take(reading)
 
     def tick(self, now_s: float) -> None:
-        """Send a heartbeat if one is due, and say where the autopilot's are lost."""
+        """Do what is due by the time alone: a heartbeat, and with it what is asked or commanded again, and the mission.
+
+        Says where the autopilot's heartbeats are lost.
+        """
         autopilot = self._autopilot
         if autopilot.beat(now_s):
             autopilot.ask_again()
@@ -224,11 +247,11 @@ class LinkFlight:
             return
         for name in self._check.names():
             self._autopilot.give("PARAM_REQUEST_READ", {"param_id": name.encode(), "param_index": -1})
-        if said := self._check.result():
-            self._pilot.tell(f"the forecast does not hold: {said}")
+        if differences := self._check.result():
+            self._pilot.tell(f"the forecast does not hold: {differences}")
 
     def _is_held(self, items: list[MissionItem]) -> None:
-        """Go on by the items of a log, or where they are others by the position."""
+        """Take the mission that a log has from here on: stages are found by its items, if they are those of the map."""
         if self._exported is not None:
             same = same_items([each.item for each in self._exported], items)
             self._lines.items = self._exported if same else None
@@ -249,6 +272,7 @@ class LinkFlight:
                     self._map(items)
 
     def _map(self, items: list[MappedItem] | None) -> None:
+        """Find stages by another map from now on, by the position without one; log a new map."""
         if items is not None and items != self._lines.items and self._log is not None:
             self._log.mission(items_text(items, self._path_names))
         self._lines.items = items
@@ -256,7 +280,7 @@ class LinkFlight:
     # --- what goes out
 
     def _decided(self, line: dict[str, Any]) -> None:
-        """Send a decision, and print it."""
+        """Take a line of decisions: print it, show it to the pilot, note the path that the mission is to have."""
         self._emit(line)
         if self._replanner.planned and not self._returns:  # before the first plan the parameters are those of take-off
             self._decided_path = tuple([line["parameters"][name] for name in self._path_names])
@@ -266,6 +290,7 @@ class LinkFlight:
         self._pilot.decision(line, completes=self._replanner.completes)
 
     def _give(self, kind: str, values: Mapping[str, Any]) -> None:
+        """Send a message, where there is a link to send on: a flight that is replayed has none."""
         if self._send is not None:
             self._send(self._autopilot.system or 1, kind, values)
 
@@ -287,9 +312,10 @@ def fly(
     """
     require_pymavlink("--mavlink", address)
     key = None if options.signing_key is None else read_key(options.signing_key)
-    opened: list[Link] = []
+    opened: list[Link] = []  # none yet: a fault of the flight's files is found before the link is opened
 
     def send(*message: Any) -> None:
+        """Send on the link, once it is open."""
         for link in opened:
             link.send(*message)
 
@@ -322,51 +348,58 @@ def replay_flight(
     InputError
         If the file cannot be read, or has no flight.
     """
+    flight: Replanner | LinkFlight
     with open_telemetry(path) as stream:
         head = stream.readline(10_000)
         if _kind(head) == START:
             if json.loads(head).get("inputs") != hashed:
                 what = "is of another plan, scenario or settings: decisions may be others"
                 warn(Fault(path, 1, 1, what, severity="warning"))
-            replanner = Replanner(inputs, path, log, emit, warn)
-            replanner.restore()
+            flight = Replanner(inputs, path, log, emit, warn)
+            flight.restore()
             for number, raw in numbered_lines(stream, path):
                 if _kind(raw) == TELEMETRY:
                     line = {key: value for key, value in json.loads(raw).items() if key != "kind"}
-                    replanner.take(replanner.reader.reading(number + 1, line))
-            used, completes = replanner.used, replanner.completes
+                    flight.take(flight.reader.reading(number + 1, line))
         else:
             flight = LinkFlight(inputs, path, options, log, emit, warn)
-            form = form_of(head)
-            if form in (None, TLOG):
-                require_pymavlink("--replay", path)
-                messages = list(tlog_messages(head + stream.read(), WANTED))
-                places = [values_of(each.kind, each.fields) for each in messages if each.kind == "GLOBAL_POSITION_INT"]
-                _check_place(path, inputs.world.plan, places)
-                for message in itertools.takewhile(lambda _: not flight.over, messages):
-                    flight.take(message)
-            else:
-                rows = list(log_values(path, str(form)))
-                _check_place(path, inputs.world.plan, rows)
-                for values in itertools.takewhile(lambda _: not flight.over, rows):
-                    flight.update(values)
-            used, completes = flight.used, flight.completes
-    if not used:
+            _replay_messages(flight, path, inputs.world.plan, head, stream)
+    if not flight.used:
         what = "a log of eadp replan, or a log (.tlog, .bin, .ulg) of a flight of the plan"
         raise InputError.at(path, 1, 1, "has no flight that can be used", what)
-    return completes
+    return flight.completes
+
+
+def _replay_messages(flight: LinkFlight, path: str, plan: Plan, head: bytes, stream: BinaryIO) -> None:
+    """Pass what a telemetry log, or an autopilot's own log, says to a flight, until that is over.
+
+    `head` is the first line of the file, and `stream` the rest of it.
+    """
+    form = form_of(head)
+    if form in (None, TLOG):
+        require_pymavlink("--replay", path)
+        messages = list(tlog_messages(head + stream.read(), WANTED))
+        places = [values_of(each.kind, each.fields) for each in messages if each.kind == "GLOBAL_POSITION_INT"]
+        _check_place(path, plan, places)
+        for message in itertools.takewhile(lambda _: not flight.over, messages):
+            flight.take(message)
+    else:
+        rows = list(log_values(path, str(form)))
+        _check_place(path, plan, rows)
+        for values in itertools.takewhile(lambda _: not flight.over, rows):
+            flight.update(values)
 
 
 def _check_place(path: str, plan: Plan, rows: Sequence[Mapping[str, Any]]) -> None:
     """Refuse a flight that is nowhere near its plan: none of its positions is."""
-    found = [(row["lat_deg"], row["lon_deg"]) for row in rows if row.get("lat_deg") is not None]
-    if plan.site.origin_deg is None or not found:
+    positions = [(row["lat_deg"], row["lon_deg"]) for row in rows if row.get("lat_deg") is not None]
+    if plan.site.origin_deg is None or not positions:
         return
     ends = [stage.trigger_at([plan.hull(i).hi for i in range(plan.path_count)]) for stage in plan.stages]
     reach_m = max(NEAR_M, NEAR_SIZES * max(math.dist(end, ends[0]) for end in ends))
-    points = [to_near_local_m(*place, plan.site.origin_deg) for place in found]
+    points = [to_near_local_m(*position, plan.site.origin_deg) for position in positions]
     if all(point is None or min(math.dist(point, end) for end in ends) > reach_m for point in points):
-        message = f"is a flight elsewhere, as at {found[0][0]:.4f}, {found[0][1]:.4f}"
+        message = f"is a flight elsewhere, as at {positions[0][0]:.4f}, {positions[0][1]:.4f}"
         raise InputError.at(path, 1, 1, message, f"a log of a flight within {reach_m / 1000:.3g} km of the plan")
 
 

@@ -47,23 +47,24 @@ class Pilot:
     ) -> None:
         self._name, self._plan, self._warn, self._give, self._line = name, plan, warn, give, line
         self._warned: set[str] = set()
+        # what the last text was about; the path parameters last decided; the number of the last text in pieces
         self._about, self._path, self._texts = "", tuple(parameters[: plan.path_count]), 0
 
     # --- warnings
 
     def say(self, what: str) -> None:
-        """Warn, and once."""
+        """Warn on standard error, once."""
         self.once(Fault(self._name, max(self._line(), 1), 1, what, severity="warning"))
 
     def tell(self, what: str) -> None:
-        """Warn at the ground station, too, and once."""
+        """Warn on standard error and at the ground station, once."""
         before = len(self._warned)
         self.say(what)
         if len(self._warned) > before:
             self.show(what, WARNING)
 
     def note(self, what: str) -> None:
-        """Say what is as it should be."""
+        """Note on standard error something that is as it should be."""
         self._warn(Fault(self._name, max(self._line(), 1), 1, what, severity="note"))
 
     def once(self, fault: Fault) -> None:
@@ -76,7 +77,7 @@ class Pilot:
     # --- at the ground station
 
     def decision(self, line: Mapping[str, Any], *, completes: bool) -> None:
-        """Send the numbers of a decision, and say it where it is another one."""
+        """Send the numbers of a decision to the ground station, and its text where it is another one than the last."""
         boot_ms = max(0, round(line["time_s"] * 1000)) % 2**32
         shown = {p.label: p.shown(line["parameters"][p.name]) for p in self._plan.parameters}
         shown |= {"soc_end": line["soc_end_forecast"], "p_done": line["completes_probability"]}
@@ -84,7 +85,7 @@ class Pilot:
             if value is not None:
                 fields = {"time_boot_ms": boot_ms, "name": _ascii(name)[:NAME_CHARACTERS].encode(), "value": value}
                 self._give("NAMED_VALUE_FLOAT", fields)
-        # a reason whose numbers alone change is said once; another path always, and first
+        # a reason whose numbers alone change is said once; another path always, before a reason that does not name it
         about = repr(line["parameters"]) + _NUMBERS.sub("", line["reason"])
         path = self._new_path(line)
         if (line["reason"] != KEPT or path) and about != self._about:
@@ -116,4 +117,5 @@ class Pilot:
 
 
 def _ascii(text: str) -> str:
+    """A text as MAVLink may have it."""
     return text.replace("→", "->").replace("−", "-").encode("ascii", "replace").decode()

@@ -110,14 +110,16 @@ def replan(
     if link.items is not None:
         inputs = _of_items(inputs, link.items)
     warn(inputs.warnings)
-    doors: list[Hook | ValuesFile] = []
+    takers: list[Hook | ValuesFile] = []
 
     def emit(line: dict[str, Any]) -> None:
+        """Hand a decision to the caller, and its computations to who runs them."""
         decided(line)
-        for door in doors:
-            door.decided(line)
+        for taker in takers:
+            taker.decided(line)
 
     def warn_of(where: str) -> Callable[[str], None]:
+        """A function that warns with a text, under an option's or a file's name."""
         return lambda what: warn([Fault(where, 1, 1, what, severity="warning")])
 
     with ExitStack() as stack:
@@ -128,21 +130,22 @@ def replan(
             stack.callback(log.close)
         computations = inputs.mission.plan.parameters[inputs.mission.plan.path_count :]
         if options.publish is not None:
-            doors.append(ValuesFile(options.publish, computations, warn_of(options.publish)))
+            takers.append(ValuesFile(options.publish, computations, warn_of(options.publish)))
         if options.apply is not None:
             hook = Hook(options.apply, computations, log, warn_of("--apply"))
-            doors.append(hook)
+            takers.append(hook)
             stack.callback(hook.close)
 
-        def one(fault: Fault) -> None:
+        def warn_one(fault: Fault) -> None:
+            """Warn of one fault."""
             warn([fault])
 
         if options.replay is not None:
-            return replay_flight(options.replay, inputs, link, log, emit, one, hashed)
+            return replay_flight(options.replay, inputs, link, log, emit, warn_one, hashed)
         if stream is None:
-            return fly(options.mavlink or "", inputs, link, log, emit, one)
+            return fly(options.mavlink or "", inputs, link, log, emit, warn_one)
         name = "<stdin>" if options.telemetry == "-" else options.telemetry
-        return replan_lines(inputs, stream, name, log, emit, one)
+        return replan_lines(inputs, stream, name, log, emit, warn_one)
 
 
 def _of_items(inputs: FlightInputs, items: str) -> FlightInputs:

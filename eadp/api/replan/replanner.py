@@ -97,9 +97,10 @@ class Replanner:
         )
         self._gate, self.reader = OutlierGate(inputs.mission.cruise_mps), TelemetryReader(name, inputs.mission)
         self._log, self._emit, self._warn = log, emit, warn
+        # samples of the log that is resumed from, by their first fields, and the time of the last [s]
         self._logged: set[tuple[float | None, ...]] = set()
         self._logged_to_s = 0.0
-        self._skipped = self.used = self.planned = False
+        self._skipped = self.used = self.planned = False  # whether there was a warning that lines are skipped
 
     @property
     def completes(self) -> bool:
@@ -135,13 +136,16 @@ class Replanner:
         self._warn_of_log()
 
     def _update(self, sample: Sample) -> tuple[Advice | None, tuple[Notice, ...]]:
+        """Update the gate and the flight with a sample; return advice, at the sample's own time, and notices."""
         accepted, notice = self._gate.accept(sample)
         advice, notices = self._flight.update(accepted) if accepted is not None else (None, ())
-        advice = advice and advice._replace(time_s=sample.time_s)
+        if advice is not None:  # the gate may have put the sample on another clock
+            advice = advice._replace(time_s=sample.time_s)
         self.planned |= advice is not None and advice.reason not in (TAKE_OFF, KEPT)
         return advice, notices if notice is None else (notice, *notices)
 
     def _decide(self, advice: Advice) -> None:
+        """Emit advice as a line of decisions, and log it."""
         line = decision_line(advice)
         self._emit(line)
         if self._log is not None:  # emitted first: after a kill between the two it is repeated, not lost
@@ -151,9 +155,9 @@ class Replanner:
         """Replay the log, if there is one; emit the last decision if it is missing."""
         if self._log is None:
             return
-        pending: Advice | None = None
+        pending: Advice | None = None  # without a decision in the log yet
         for sample in self._log.entries(self._mission):
-            if sample is None:
+            if sample is None:  # the entry of a decision
                 pending = None
                 continue
             self._logged.add(sample[:5])
@@ -165,5 +169,6 @@ class Replanner:
             self._decide(pending)
 
     def _warn_of_log(self) -> None:
+        """Pass on what the log has had to warn of."""
         while self._log is not None and self._log.warnings:
             self._warn(self._log.warnings.pop(0))

@@ -201,7 +201,8 @@ class SortiePlanner:
         if self.lines is not None:
             request = replace(request, heading_rad=heading_rad(self.lines[0]), pattern=self.lines[1])
         if request.heading_rad is None or request.pattern == AUTO:
-            whole = cover(replace(request, start_m=None, home_m=None), draft=True)
+            alone = replace(request, start_m=None, home_m=None, climb_out=None, approach=None)
+            whole = cover(alone, draft=True)
             request = replace(request, pattern=whole.pattern, heading_rad=whole.heading_rad)
         return replace(request, start_m=request.home_m)
 
@@ -321,6 +322,7 @@ class SortiePlanner:
         """
         motion, home_m, world = self.task.motion, self._request.home_m, sample.world
         assert home_m is not None
+        land_m = home_m if self._request.approach is None else self._request.approach.end[:2]
         parts: list[tuple[Point, Point]] = []  # of the lines, in lengths of `PART_M` or less
         for u, spans in zip(grid.middles_m.tolist(), grid.extents(ground), strict=True):
             for low, high in spans:
@@ -333,7 +335,7 @@ class SortiePlanner:
 
         # in wind, a flight that returns has flown as far one way as the other
         lines_s = np.array([(seconds(a, b) + seconds(b, a)) / 2 for a, b in parts])
-        access_s = np.array([min(seconds(home_m, end) + seconds(end, home_m) for end in part) for part in parts])
+        access_s = np.array([min(seconds(home_m, end) + seconds(end, land_m) for end in part) for part in parts])
         computing_w, _ = world.computing.extreme(world.plan, "lo", world.actual)
         battery, reserve_soc = world.battery, sample.scenario.keys.reserve_soc
         power_w = world.vehicle.cruise_power_w + computing_w

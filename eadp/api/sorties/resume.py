@@ -96,8 +96,9 @@ def resumed(planner: SortiePlanner, sources: Sequence[str], warn: Warn) -> tuple
         heading_rad, laps = known[0].heading_rad, known[0].laps
         assert heading_rad is not None
         planner = replace(planner, lines=(compass_deg(heading_rad), ZAMBONI if laps else DUBINS))
-    left = left_of(planner, [line for track in tracks for line in track.lines])
-    again = left and flown_again(planner, left)
+    lines = [line for track in tracks for line in track.lines]
+    left = left_of(planner, lines)
+    again = left and flown_again(planner, left, lines)
     if left is None or again is None:
         raise InputError.at("--resume", 1, 1, "nothing is left to cover", "flights that leave some of the field")
     if (rest_m2 := left.area_m2 - again.area_m2) >= 1:
@@ -118,20 +119,27 @@ def left_of(planner: SortiePlanner, flown: Sequence[Line]) -> Field | None:
     return whole_lines(left, field, planner.grid(), 2 * math.pi * motion.min_radius_m, SLIVER_SHARE / 2)
 
 
-def flown_again(planner: SortiePlanner, left: Field, planned: Sequence[Line] | None = None) -> Field | None:
-    """The parts left of a field of which planned lines cover `MIN_PART_SHARE` of it or more; None without one.
+def flown_again(
+    planner: SortiePlanner,
+    left: Field,
+    flown: Sequence[Line],
+    planned: Sequence[Line] | None = None,
+    min_share: float = MIN_PART_SHARE,
+) -> Field | None:
+    """The parts left of a field in which planned lines cover so much of it that no flown one does; None without one.
 
-    Planned are, by default, the lines over what is left that have room for their turns.
+    Planned are, by default, the lines over what is left that have room for their turns; `min_share` is of the field.
     """
     field, swath_m = planner.task.field, planner.task.motion.swath_m
     lines = planner.free_lines(left) if planned is None else planned
 
-    def planned_m2(part: Sequence[Sequence[Point]]) -> float:
-        """Ground of a part that planned lines cover: what has no room for a turn was never planned [m²]."""
-        share = 1.0 if lines is None else covered_shares([part], [lines], swath_m)[-1]
-        return share * ground_m2(*part)
+    def bare_m2(part: Sequence[Sequence[Point]]) -> float:
+        """Ground of a part that is planned, and not covered: what has no room for a turn was never planned [m²]."""
+        bare = uncovered([part], flown, swath_m, SLIVER_SHARE * swath_m)
+        share = 1.0 if lines is None or not bare else covered_shares(bare, [lines], swath_m)[-1]
+        return share * sum(ground_m2(*each) for each in bare)
 
-    parts = [part for part in left.parts if planned_m2(part) >= MIN_PART_SHARE * field.area_m2]
+    parts = [part for part in left.parts if bare_m2(part) >= min_share * field.area_m2]
     return left.with_parts(parts) if parts else None
 
 

@@ -75,12 +75,13 @@ class LineMaker:
         self._reader, self.items, self._warn = reader, items, warn
         self._plan, self._battery = mission.plan, mission.battery
         self.count = 0
+        # the last values of messages, and of the computations' processes, by name: each when it came [s], and the value
         self._known: dict[str, tuple[float, Any]] = {}
         self._parameters: dict[str, tuple[float, float]] = {}
-        self._now_s = self._line_s = -math.inf
-        self._ground: dict[str, Any] | None = None
+        self._now_s = self._line_s = -math.inf  # the autopilot's time, and that of the last line [s]
+        self._ground: dict[str, Any] | None = None  # the last line on the ground
         self._home_is_item = False
-        self._gauged = self.flown = False
+        self._gauged = self.flown = False  # whether the charge drawn is measured; whether it has flown
         self.restarts = 0
         self.decided: tuple[float, ...] | None = None
         self._reached = -1
@@ -95,6 +96,11 @@ class LineMaker:
         return readings
 
     def _due(self, values: Mapping[str, Any]) -> list[dict[str, Any]]:
+        """Keep what a message says; return the lines that are due with it.
+
+        A message with a time makes one, unless it comes too soon after the last, or on the ground. The first one in the
+        air comes with the last one on the ground, at which the flight starts.
+        """
         if "home_is_item" in values:
             self._home_is_item = values["home_is_item"]
         if "named" in values and values["named"] is not None:
@@ -125,10 +131,11 @@ class LineMaker:
         if not self._flies():
             self._ground = line if placed else self._ground
             return []
-        first = self._ground if not self.flown and self._ground is not None else None
+        ground = None if self.flown else self._ground
         self.flown = True
-        recent = first is not None and time_s - first["time_s"] <= STALE_S
-        return [first, line] if first is not None and recent and first["time_s"] < time_s else [line]
+        if ground is not None and 0 < time_s - ground["time_s"] <= STALE_S:
+            return [ground, line]
+        return [line]
 
     @property
     def landed(self) -> bool:
@@ -149,6 +156,7 @@ class LineMaker:
     # --- one line
 
     def _line(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """The line of telemetry at a message's time: what that says, and what is known of before and not old."""
         volts = self._value("voltage_v", "status_voltage_v")
         amps = self._value("current_a", "status_current_a")
         line: dict[str, Any] = {"time_s": self._now_s}
@@ -163,6 +171,7 @@ class LineMaker:
         for key in ("airspeed_mps", "wind_mps"):
             if (value := self._value(key)) is not None:
                 line[key] = value
+        # parameters in force: as processes report them, and as the item that is flown to has them
         item = self._item()
         parameters: dict[str, float | None] = {
             name: value for name, (at_s, value) in self._parameters.items() if self._is_fresh(at_s)
@@ -172,6 +181,7 @@ class LineMaker:
         if item is not None:
             if item.first == item.last:
                 line["stages_started"] = item.first
+            # None: a value is on its way to the aircraft, since its mission gets another one
             on_its_way = self.decided not in (None, item.parameters)
             path = (None if on_its_way else value for value in item.parameters)
             parameters |= dict(zip(self._plan.names, path, strict=False))
@@ -180,7 +190,7 @@ class LineMaker:
         return line
 
     def _charge(self) -> dict[str, Any]:
-        """The charge drawn, which has finer steps, before the share that remains."""
+        """The charge of a line: that drawn, which has finer steps, if it has ever come, else the share that remains."""
         consumed = self._value("consumed_ah")
         self._gauged |= consumed is not None
         return (
@@ -194,6 +204,7 @@ class LineMaker:
             soc = max(battery.soc - battery.drain_per_as * 3600 * drawn, 0.0)
         if volts is None or soc is None or battery.voltage_empty_v is None:
             return
+        # V + R I is the open-circuit voltage
         drop_v = battery.resistance_ohm * max(amps or 0.0, 0.0)
         off_v = volts + drop_v - battery.voltage_at(soc)
         allowed_v = CURVE_SHARE * (battery.voltage_v - battery.voltage_empty_v) + RESISTANCE_SHARE * drop_v
@@ -202,7 +213,7 @@ class LineMaker:
             self._warn(f"the voltage is far {said} that of the charge: another battery, or one that was not full")
 
     def _after(self, reached: int) -> dict[str, Any]:
-        """The item after one that is reached: an autopilot says it at once, and some say it several times."""
+        """What an item that is reached says: that the one after it is flown to; nothing where it was said before."""
         again, self._reached = reached == self._reached, reached
         if again or reached < (self.item or 0):
             return {}
@@ -210,7 +221,7 @@ class LineMaker:
         return {"item": reached + 1 if last is None else min(reached + 1, last)}
 
     def _item(self) -> MappedItem | None:
-        """The item that is flown to."""
+        """The item that is flown to, of the map; None where it has none, with a warning in the air."""
         number = self.item
         if self.items is None or number is None:
             return None
@@ -228,13 +239,14 @@ class LineMaker:
                 self._parameters[parameter.name] = self._now_s, value
 
     def _flies(self) -> bool:
+        """Whether the aircraft is in the air: as the autopilot says, else if it is armed and active."""
         in_air = self._value("in_air", ages=False)
         if in_air is not None:
             return bool(in_air)
         return bool(self._value("armed", ages=False)) and bool(self._value("active", ages=False))
 
     def _value(self, *keys: str, ages: bool = True) -> Any:
-        """The first of some values that is known, and not old."""
+        """The first of some values that is known, and not old; with `ages=False` however old it is."""
         for key in keys:
             at_s, value = self._known.get(key, (0.0, None))
             if value is not None and (not ages or self._is_fresh(at_s)):
@@ -242,4 +254,5 @@ class LineMaker:
         return None
 
     def _is_fresh(self, at_s: float) -> bool:
+        """Whether a value of a time [s] is not old."""
         return self._now_s - at_s <= STALE_S

@@ -84,7 +84,7 @@ class Codec:
         self.damaged = 0
         self._signing = self._mav.signing
         self._signing.secret_key, self._signing.sign_outgoing = key, key is not None
-        self._signing.allow_unsigned_callback = lambda *_: False
+        self._signing.allow_unsigned_callback = lambda *_: False  # no frame passes unsigned
         self._signing.timestamp = round(max(time.time() - SIGNING_EPOCH_S, 0.0) * SIGNING_HZ)
 
     @property
@@ -93,7 +93,10 @@ class Codec:
         return int(self._signing.reject_count)
 
     def decoded(self, data: bytes) -> Iterator[Message]:
-        """The messages wanted among bytes that have come."""
+        """The messages wanted among bytes that have come.
+
+        Bytes between frames are passed over. On a stream, a frame that has not come whole is kept for the next call.
+        """
         data, start = self._rest + data, 0
         self._rest = b""
         while (found := MARK.search(data, start)) is not None:
@@ -107,13 +110,14 @@ class Codec:
                 return
             if number is None or number in self._wanted:
                 message = self._message(data[start : start + size])
-                if message is None:
+                if message is None:  # what looked like the start of a frame was none
                     start += 1
                     continue
                 yield message
             start += size
 
     def _message(self, frame: bytes) -> Message | None:
+        """The message of a frame; None where it is damaged or refused, which is counted."""
         refused, times = self.refused, dict(self._signing.stream_timestamps)
         try:
             decoded = self._mav.decode(bytearray(frame))
@@ -134,7 +138,10 @@ class Codec:
 
 
 def _frame(data: bytes, start: int) -> tuple[int, int | None]:
-    """Length of the frame that starts there, 0 where none does; and its message's number, None if yet unknown."""
+    """Length of the frame that starts there, 0 where none does; and its message's number.
+
+    The number is None where the header has not come whole: the length is that of the header then.
+    """
     if data[start] not in MARKS:
         return 0, None
     beside, header = MARKS[data[start]]
@@ -168,6 +175,7 @@ class Throttle:
 
     def passes(self) -> bool:
         """Whether a piece of work is let through now."""
+        # time of the core that is saved up: it grows by SHARE of the time that passes, less what this thread has worked
         now_s, worked_s = time.monotonic(), time.thread_time()
         self._left_s = min(self._left_s + SHARE * (now_s - self._looked_s), SAVED_S) - (worked_s - self._worked_s)
         self._looked_s, self._worked_s = now_s, worked_s
@@ -222,7 +230,10 @@ class Link:
         return self._codec.refused
 
     def receive(self, timeout_s: float) -> list[Message]:
-        """Messages that have come, waiting for the first for a time [s]."""
+        """Messages that have come, waiting for the first for a time [s]; for `BATCH_S` of work at most.
+
+        It pauses before the next call, so that reading takes `READING_SHARE` of a core at most.
+        """
         time.sleep(max(0.0, self._pause_to_s - time.monotonic()))
         messages: list[Message] = []
         begun_s, ends_s, came = time.thread_time(), time.monotonic() + timeout_s, False
@@ -256,7 +267,10 @@ class Link:
 
 
 def _checked(address: str) -> dict[str, Any]:
-    """An address as pymavlink's arguments: it would run some files, and take others for logs."""
+    """An address as pymavlink's arguments, refused unless it is of a known kind.
+
+    Given others, pymavlink would run some files, and take others for logs.
+    """
     if address.startswith(ALLOWED):
         if not re.fullmatch(r"[a-z]+:[^:]+:[0-9]{1,5}", address):
             raise _fault(address, "is no address")
@@ -272,6 +286,7 @@ def _checked(address: str) -> dict[str, Any]:
 
 
 def _fault(address: str, message: str) -> InputError:
+    """The error of an address that is none, or cannot be opened."""
     expected = "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or /dev/tty…,BAUD"
     return InputError.at("--mavlink", 1, 1, message, expected, address)
 

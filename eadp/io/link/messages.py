@@ -31,7 +31,11 @@ COPTERS, COPTER_MISSION, PLANE_MISSION, PX4_MISSION = (2, 3, 4, 13, 14, 15, 29, 
 """ArduPilot's types of copters, its modes AUTO, and PX4's main and sub-mode AUTO, MISSION."""
 
 
+# what each message says, see `READERS`
+
+
 def _position(fields: Fields) -> Values:
+    """Position, ground velocity as east and north, altitude above home, and heading, at a time."""
     found: Values = {"time_s": fields["time_boot_ms"] / 1e3}
     if fields["lat"] or fields["lon"]:  # 0, 0 is no position yet
         found |= {"lat_deg": fields["lat"] / 1e7, "lon_deg": fields["lon"] / 1e7}
@@ -43,7 +47,8 @@ def _position(fields: Fields) -> Values:
 
 
 def _battery(fields: Fields) -> Values:
-    if fields["id"]:
+    """Voltage, current, charge drawn and share that remains, of the first battery."""
+    if fields["id"]:  # another battery than the first
         return {}
     cells = [cell for cell in (*fields["voltages"], *fields.get("voltages_ext", ())) if cell != UNKNOWN_16]
     amps, consumed = fields["current_battery"], fields["current_consumed"]
@@ -56,6 +61,7 @@ def _battery(fields: Fields) -> Values:
 
 
 def _status(fields: Fields) -> Values:
+    """Voltage, current and share that remains, by which those of `_battery` are replaced where they do not come."""
     volts, amps, share = fields["voltage_battery"], fields["current_battery"], fields["battery_remaining"]
     return {
         "status_voltage_v": None if volts in (0, UNKNOWN_16) else volts / 1e3,
@@ -65,6 +71,7 @@ def _status(fields: Fields) -> Values:
 
 
 def _wind(fields: Fields) -> Values:
+    """The vector that the wind blows towards, from its speed and the direction that it comes from."""
     speed, comes_from = fields["speed"], math.radians(fields["direction"])
     if speed == 0:  # no estimate yet
         return {}
@@ -72,11 +79,13 @@ def _wind(fields: Fields) -> Values:
 
 
 def _item(fields: Fields) -> Values:
+    """The item that is flown to, and how many there are; 0, of older autopilots, is unknown."""
     count = fields.get("total", 0)
     return {"item": fields["seq"], "item_count": None if count == 0 else count}
 
 
 def _heartbeat(fields: Fields) -> Values:
+    """Whether motors are armed, the mission is flown, the system is active; and whether item 0 is home."""
     return {
         "armed": bool(fields["base_mode"] & ARMED),
         "automatic": _flies_mission(fields),
@@ -100,23 +109,28 @@ def _flies_mission(fields: Fields) -> bool:
 
 
 def _landed(fields: Fields) -> Values:
+    """Whether the aircraft is in the air, None where the autopilot does not know."""
     state = fields["landed_state"]
     return {"in_air": None if state not in (ON_GROUND, *IN_AIR) else state in IN_AIR}
 
 
 def _named(fields: Fields) -> Values:
+    """A named value: what a process on board runs with."""
     return {"named": (_text(fields["name"]), fields["value"])}
 
 
 def _parameter(fields: Fields) -> Values:
+    """A parameter of the autopilot."""
     return {"parameter": (_text(fields["param_id"]), fields["param_value"])}
 
 
 def _text(name: str | bytes) -> str:
+    """A name as text: it is filled up with zeros."""
     return (name if isinstance(name, str) else bytes(name).decode("ascii", "replace")).rstrip("\0")
 
 
 def _answer(fields: Fields) -> Values:
+    """The answer to a command: that, and its result."""
     return {"answer": (fields["command"], fields["result"])}
 
 

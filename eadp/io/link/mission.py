@@ -50,8 +50,10 @@ class MissionClient:
 
     def __init__(self) -> None:
         self.messages: list[Outgoing] = []
+        # the message that an answer is waited for, when it is repeated [s], and how often it was sent
         self._request = Outgoing("", {})
         self._due_s, self._tries = 0.0, 0
+        # what is being read: the items that have come, and how many there are; what is being written, by number
         self._received: list[MissionItem] | None = None
         self._count: int | None = None
         self._sent: dict[int, MissionItem] | None = None
@@ -62,12 +64,12 @@ class MissionClient:
         return self._received is not None or self._sent is not None
 
     def download(self, now_s: float) -> None:
-        """Read the mission."""
+        """Begin to read the mission."""
         self._received, self._count, self._sent = [], None, None
         self._ask(now_s, "MISSION_REQUEST_LIST", {})
 
     def upload(self, now_s: float, items: Sequence[MissionItem], first: int, *, partial: bool) -> None:
-        """Write a mission, or with `partial` its items from the `first` on."""
+        """Begin to write a mission, or with `partial` its items from the `first` on."""
         self._received, self._sent = None, dict(enumerate(items))
         if partial:
             self._ask(now_s, "MISSION_WRITE_PARTIAL_LIST", {"start_index": first, "end_index": len(items) - 1})
@@ -75,7 +77,10 @@ class MissionClient:
             self._ask(now_s, "MISSION_COUNT", {"count": len(items)})
 
     def take(self, kind: str, fields: Mapping[str, Any], now_s: float) -> Received | Sent | None:
-        """Take a message of the protocol that has come for this computer; return the end of a transfer."""
+        """Take a message of the protocol that has come for this computer; return the end of a transfer, if it ends.
+
+        An autopilot that is written to asks for each item, and acknowledges at the end.
+        """
         if self._received is not None:
             return self._receive(self._received, kind, fields, now_s)
         if self._sent is None:
@@ -88,7 +93,7 @@ class MissionClient:
         return None
 
     def tick(self, now_s: float) -> Received | Sent | None:
-        """Repeat what is not answered; give up after `MAX_TRIES`, which is the end of a transfer."""
+        """Repeat what is not answered; give up after `MAX_TRIES`, and return that as the end of the transfer."""
         if not self.busy or now_s < self._due_s:
             return None
         if self._tries < MAX_TRIES:
@@ -102,6 +107,10 @@ class MissionClient:
     def _receive(
         self, received: list[MissionItem], kind: str, fields: Mapping[str, Any], now_s: float
     ) -> Received | Sent | None:
+        """Take a message of a reading: the number of items, or the next item; ask for the one after it, up to the last.
+
+        Others, and items out of order, are passed over: what is not answered is repeated.
+        """
         if kind == "MISSION_COUNT" and self._count is None:
             self._count = min(fields["count"], ITEMS_LIMIT)
         elif kind == "MISSION_ITEM_INT" and self._count is not None and fields["seq"] == len(received):
@@ -117,14 +126,17 @@ class MissionClient:
         return self._end(received)
 
     def _ask(self, now_s: float, kind: str, fields: dict[str, Any]) -> None:
+        """Send a message that is repeated until it is answered."""
         self._request, self._tries = Outgoing(kind, fields), 1
         self._send(now_s)
 
     def _send(self, now_s: float) -> None:
+        """Send the present request, once more."""
         self._due_s = now_s + (ITEM_RETRY_S if self._request.kind == "MISSION_REQUEST_INT" else RETRY_S)
         self.messages.append(self._request)
 
     def _end(self, items: list[MissionItem] | None = None) -> Received | Sent:
+        """End the transfer; `items` are those read, None where they could not be."""
         ended = Sent() if self._received is None else Received(items)
         self._received = self._sent = None
         return ended
@@ -148,6 +160,7 @@ def _fields(number: int, item: MissionItem) -> dict[str, Any]:
 
 
 def _item(fields: Mapping[str, Any]) -> MissionItem:
+    """The item of a message's fields."""
     factor = SCALE if fields["frame"] in FRAMES else 1.0
     values = (*(fields[f"param{k}"] for k in range(1, 5)), fields["x"] / factor, fields["y"] / factor, fields["z"])
     return MissionItem(fields["command"], fields["frame"], tuple(v if is_number(v) else math.nan for v in values))

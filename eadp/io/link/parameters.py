@@ -19,23 +19,25 @@ class ParameterCheck:
     """
 
     def __init__(self, wanted: Sequence[AutopilotParameter]) -> None:
+        # those that have not come; what of the others disagrees; how often names were asked for
         self._left, self._differences, self._rounds = list(wanted), list[str](), 0
 
     def take(self, name: str, value: float) -> None:
-        """Take a parameter that has come."""
+        """Compare a parameter that has come, if it is one of those wanted."""
         for each in [each for each in self._left if name in (each.name, each.older)]:
             self._left.remove(each)
             self._differences.append(each.difference(name, value))
 
     def names(self) -> list[str]:
-        """The names to ask for now."""
+        """The names to ask for now: `ASKED` times each name that has not come, then as often its older one, if any."""
         self._rounds += 1
-        new, older = self._rounds <= ASKED, self._rounds <= 2 * ASKED
-        return [each.name if new else each.older for each in self._left if new or (older and each.older)]
+        if self._rounds <= ASKED:
+            return [each.name for each in self._left]
+        return [each.older for each in self._left if each.older] if self._rounds <= 2 * ASKED else []
 
     def result(self) -> str:
         """What disagrees, once all has come that comes; empty before, and after it was given."""
         if self._left and self._rounds <= 2 * ASKED:
             return ""
-        said, self._differences = "; ".join(filter(None, self._differences)), []
-        return said
+        text, self._differences = "; ".join(filter(None, self._differences)), []
+        return text

@@ -39,16 +39,19 @@ _TRIGGER_CONTROL = 2003
 
 
 def _battery(row: Row, volts: str, amps: str, consumed_mah: str, remaining: str, full: float) -> Values:
-    known = {name: row.get(name, _UNKNOWN) for name in (volts, amps, consumed_mah, remaining)}
+    """What a row says of the battery, by the labels of its columns; `full` is what remains of a full one."""
+    volts_v, current_a, mah, share = (row.get(label, _UNKNOWN) for label in (volts, amps, consumed_mah, remaining))
     return {
-        "voltage_v": known[volts] if known[volts] > 0 else None,
-        "current_a": None if known[amps] == -1 else known[amps],
-        "consumed_ah": known[consumed_mah] / 1e3 if known[consumed_mah] >= 0 else None,
-        "remaining": known[remaining] / full if known[remaining] >= 0 else None,
+        "voltage_v": volts_v if volts_v > 0 else None,
+        "current_a": None if current_a == -1 else current_a,
+        "consumed_ah": mah / 1e3 if mah >= 0 else None,
+        "remaining": share / full if share >= 0 else None,
     }
 
 
 def _position(latitude: str, longitude: str) -> Callable[[Row], Values]:
+    """A function that reads a row of positions, by the labels of its columns; see `_moving` for what it adds."""
+
     def read(row: Row) -> Values:
         found: Values = {"time_s": row["time_s"]}
         if row[latitude] or row[longitude]:
@@ -61,6 +64,7 @@ def _position(latitude: str, longitude: str) -> Callable[[Row], Values]:
 
 
 def _item(row: Row) -> Values:
+    """What a command that starts says: of the camera, and if it moves the aircraft, that its item is flown to."""
     switched = _switched(row["CId"], row.get("Prm1", _UNKNOWN))
     return switched | ({"item": int(row["CNum"])} if row["CId"] <= _NAV_LAST else {})
 
@@ -83,9 +87,10 @@ class _Mission:
         self._items: list[MissionItem] = []
 
     def read(self, row: Row) -> Values:
+        """Take the row of an item; with the last one of a mission, say which the autopilot holds, home aside."""
         number = int(row["CNum"])
-        if number != len(self._items):
-            self._items = self._items[: number if number == 0 else None]
+        if number == 0:  # another mission
+            self._items = []
         if number == len(self._items):
             numbers = (row.get(f"Prm{k}", _UNKNOWN) for k in range(1, 5))
             place = row["Lat"], row["Lng"], row["Alt"]
@@ -153,11 +158,13 @@ def log_values(path: str, form: str) -> Iterator[Values]:
         yield from _tlog_values(path)
         return
     readers = _ULOG if form == "ulog" else {"CMD": _Mission().read, **_DATAFLASH}
-    read = read_tables(path, path, form, [*readers, *(topic for topic, *_ in _MOTION[form])]).columns
-    tables = {topic.removesuffix(" 0"): first for topic, table in read.items() if (first := _first_instance(table))}
+    columns = read_tables(path, path, form, [*readers, *(topic for topic, *_ in _MOTION[form])]).columns
+    tables = {topic.removesuffix(" 0"): first for topic, table in columns.items() if (first := _first_instance(table))}
     yield {"home_is_item": form == "dataflash"}
+    # a log that does not say when the aircraft flies counts as in the air
     if not tables.keys() & {"vehicle_status", "vehicle_land_detected", "ARM", "STAT"}:
         yield {"armed": True, "active": True}
+    # rows of all topics, by time and the order of their topics
     rows = []
     for order, (topic, reader) in enumerate(readers.items()):
         table = tables.get(topic, {})
@@ -212,6 +219,7 @@ def _moving(positions: Table, tables: dict[str, Table], form: str) -> Table:
                 positions[key] = np.interp(positions["time_s"], at_s, motion[label][order])
             if "z" in motion:  # down from where the estimate started
                 positions["altitude_m"] = np.interp(positions["time_s"], at_s, -motion["z"][order])
+            # headings are not interpolated, as they jump from 360 to 0: the last one before
             last = np.clip(np.searchsorted(at_s, positions["time_s"], side="right") - 1, 0, None)
             positions["heading_deg"] = motion[heading][order][last] * unit_deg % 360
     return positions

@@ -31,8 +31,8 @@ class RestLayout:
         placed = [item for item in held if item.frame in d.FRAMES and any(item.parameters[4:6])]
         if any(d.FRAMES[item.frame] != d.RELATIVE for item in placed):
             return "altitudes of the mission are not above home"
-        own = all(stage.altitude_m is None for stage in self._plan.stages)
-        if own and len({round(item.parameters[6], 1) for item in placed}) > 1:
+        at_one_altitude = all(stage.altitude_m is None for stage in self._plan.stages)
+        if at_one_altitude and len({round(item.parameters[6], 1) for item in placed}) > 1:
             return "altitudes of the mission are not those of the plan"
         return None
 
@@ -55,9 +55,10 @@ class RestLayout:
         PathUndefined
             If it cannot be laid out.
         """
+        # items up to the stage being flown stay; new ones follow the last stage that those are of
         kept = sum(each.first <= planned.started for each in mapped)
-        done = max([planned.started, *(each.last for each in mapped[:kept])])
-        left = planned.after(done - planned.started + 1)
+        last_stage = max([planned.started, *(each.last for each in mapped[:kept])])
+        left = planned.after(last_stage - planned.started + 1)
         if not any(leg.distance_m > 0 for leg in left.legs):
             return kept, []
         altitudes_m = [
@@ -71,7 +72,7 @@ class RestLayout:
             site.origin_deg,
             altitudes_m[-1] if altitudes_m else held[0].parameters[6],
             self._airspeed_mps,
-            site.origin_deg if held[-1].command == d.RETURN else None,
+            site.origin_deg if held[-1].command == d.RETURN else None,  # where it returns to
             self._trigger_distance_m(held),
             airspace=site.airspace,
         )

@@ -75,31 +75,46 @@ REPLACING = (State.CHECKING, State.CHECKED, State.UPLOADING, State.VERIFYING, St
 
 
 class _Upload(NamedTuple):
-    """What is being uploaded: the items, home included, from which one on, their map, the path parameters decided."""
+    """What is being uploaded.
+
+    Attributes
+    ----------
+    items : list of MissionItem
+        The whole new mission, home included.
+    mission : list of MappedItem
+        Its map, home aside.
+    decided : tuple of float
+        The path parameters that it has.
+    partial : bool
+        Whether only the items after those that stay are sent.
+    """
 
     items: list[MissionItem]
-    first: int
     mission: list[MappedItem]
     decided: tuple[float, ...]
     partial: bool
 
 
 class _ItemFlown:
-    """The item that the aircraft flies to; after an upload it goes back to it where the autopilot has not."""
+    """The item that the aircraft flies to, which some autopilots start again from the first of after an upload."""
 
     def __init__(self) -> None:
         self.item: int | None = None
         self._beyond: int | None = None
-        """The last one beyond the first."""
+        """The last one flown to beyond the first item of the mission."""
         self._resume: tuple[int, float] | None = None
+        """After an upload: the one to fly to, and until when an autopilot may be sent back to it [s]."""
 
     def uploaded(self, now_s: float) -> None:
-        """An upload has ended."""
+        """Note the end of an upload: the item flown to before it is to be flown to on."""
         if self._beyond is not None:
             self._resume = self._beyond, now_s + SETTLED_S
 
     def take(self, item: int | None, first: int, now_s: float) -> int | None:
-        """Take the item that is flown to; return the one to go back to, if the autopilot started again."""
+        """Take the item that is flown to; return the one to go back to, None but where the autopilot started again.
+
+        `first` is the number of the first item of the mission.
+        """
         self.item = item
         if item is not None and item > first:
             self._beyond = item
@@ -109,12 +124,15 @@ class _ItemFlown:
         if now_s > until_s:
             self._resume = None
             return None
-        # to any other one a pilot may have gone back
+        # started again: at the first item; to any other one a pilot may have gone back
         return number if item is not None and item <= first < number else None
 
 
 class HeldMission:
-    """What the autopilot holds, as a machine of `State`: each event returns what is to be done.
+    """What the autopilot holds, as a state machine (`State`): each event returns what is to be done.
+
+    UNKNOWN → READING → HELD; where the path decided is another → CHECKING → CHECKED → UPLOADING → VERIFYING → HELD, or
+    REFUSED or TORN, from which it is tried again.
 
     Parameters
     ----------
@@ -142,12 +160,13 @@ class HeldMission:
         self._layout, self._client = RestLayout(plan, airspeed_mps), MissionClient()
         self.ardupilot = False
         self._state = State.UNKNOWN
+        # maps: of the mission exported, and of the one that the autopilot holds, or held last
         self._exported, self._items = list(items), list(items if latest is None else latest)
         self._held: list[MissionItem] | None = None
-        """As read from the autopilot, home included where it has one."""
+        """As read from the autopilot, home included where it has one; None where it is not one of these."""
         self._upload: _Upload | None = None
-        self._takes_parts = True
-        self._asked: tuple[float, ...] | None = None
+        self._takes_parts = True  # until the autopilot has refused a partial upload
+        self._uploaded: tuple[float, ...] | None = None  # path parameters of the mission held, where it was uploaded
         self._count: int | None = None
         self._again_s, self._now_s = math.inf, 0.0
         self._flown = _ItemFlown()
@@ -156,21 +175,21 @@ class HeldMission:
     # --- events
 
     def read(self, now_s: float) -> list[Output]:
-        """Read the autopilot's mission, and see whether it is that of the map."""
+        """Have the autopilot's mission read, and then judged: whether it is that of the map."""
         if not self._client.busy:
             self._go(State.READING if self._upload is None else State.VERIFYING)
             self._client.download(now_s)
         return self._done()
 
     def count(self, items: int | None, now_s: float) -> list[Output]:
-        """Read the mission again where the autopilot has another number of items than before."""
+        """Take the number of items that the autopilot says it holds; have them read again where it is another one."""
         if items == self._count or self._client.busy:
             return []
         before, self._count = self._count, items
         return [] if before is None else self.read(now_s)
 
     def take(self, kind: str, fields: Mapping[str, Any], now_s: float) -> list[Output]:
-        """Take a message of the mission protocol."""
+        """Pass a message of the mission protocol to the transfer, and go on where that ends."""
         self._now_s = now_s
         self._ended(self._client.take(kind, fields, now_s))
         return self._done()
@@ -186,7 +205,10 @@ class HeldMission:
         return self._done()
 
     def decide(self, now_s: float, decided: tuple[float, ...], rest: Rest) -> list[Output]:
-        """Replace the rest of the mission where other path parameters are decided."""
+        """Take the path parameters decided: have the rest of the mission replaced where it has others.
+
+        The mission is read first (CHECKING); once that is done, the next decision lays the rest out and sends it.
+        """
         self._now_s = now_s
         waits = self._state is State.REFUSED and now_s < self._again_s
         if self._state in (State.HELD, State.REFUSED, State.CHECKED, State.TORN) and not waits:
@@ -211,18 +233,21 @@ class HeldMission:
 
     @property
     def _home(self) -> int:
+        """Number of the first item that is of the mission: 1 where item 0 is home."""
         return int(self.ardupilot)
 
     def _done(self) -> list[Output]:
-        """What is to be done, messages of the transfer first."""
+        """Take out what is to be done after an event, messages of the transfer first."""
         outputs, self._outputs = [*self._client.messages, *self._outputs], []
         self._client.messages.clear()
         return outputs
 
     def _go(self, state: State, again_s: float = math.inf) -> None:
+        """Enter a state, in which something is tried again after a time [s]."""
         self._state, self._again_s = state, self._now_s + again_s
 
     def _ended(self, transfer: Received | Sent | None) -> None:
+        """Go on after the end of a transfer, if one has ended: what was sent is read back, what was read is judged."""
         if isinstance(transfer, Sent):
             self._flown.uploaded(self._now_s)
             self._go(State.VERIFYING)
@@ -244,15 +269,16 @@ class HeldMission:
         if upload is not None and self._held is not None:
             self._judge_upload(upload, held, self._held)
             return
-        for known in (self._items, self._exported):
-            if same_items([each.item for each in known], held[self._home :]):
+        for mapped in (self._items, self._exported):
+            if same_items([each.item for each in mapped], held[self._home :]):
                 if self._held is None:
-                    self._outputs.append(Noted(f"the autopilot holds the mission of --items: {len(known)} items"))
-                self._hold(held, known, None if known is not self._items else self._asked)
+                    self._outputs.append(Noted(f"the autopilot holds the mission of --items: {len(mapped)} items"))
+                self._hold(held, mapped, self._uploaded if mapped is self._items else None)
                 return
         self._lose("another mission than that of --items is held: the stage is found by the position")
 
     def _judge_upload(self, upload: _Upload, held: list[MissionItem], before: list[MissionItem]) -> None:
+        """See what an upload has left: the new mission, the one before, the first items of the new one, or another."""
         new = self._shared(held, upload.items)
         if new == len(held) == len(upload.items):
             self._count = None
@@ -262,7 +288,7 @@ class HeldMission:
             self._takes_parts = self._takes_parts and not upload.partial
             self._refuse("new mission refused; the old one is kept")
         elif self._equal(held[new:], before[new : len(held)], home=False):
-            # it is flown meanwhile, as it is
+            # torn; it is flown meanwhile, as it is: by the map of both
             mixed = [*upload.mission[: new - self._home], *self._items[new - self._home :]]
             self._count = None
             self._hold(held, mixed[: len(held) - self._home], None, State.TORN)
@@ -274,28 +300,35 @@ class HeldMission:
         self,
         held: list[MissionItem],
         items: list[MappedItem],
-        asked: tuple[float, ...] | None,
+        uploaded: tuple[float, ...] | None,
         state: State = State.HELD,
     ) -> None:
-        self._held, self._items, self._asked = held, items, asked
+        """Note the mission that is held, with its map, and the path parameters that it was uploaded with, if it was."""
+        self._held, self._items, self._uploaded = held, items, uploaded
         self._go(state, RECHECK_S)
         self._outputs.append(Mapped(items))
 
     def _lose(self, what: str) -> None:
+        """Note that another mission is held, with a warning: no map holds."""
         self._held = None
         self._go(State.UNKNOWN, AGAIN_S)
         self._outputs += [Warned(what), Mapped(None)]
 
     def _refuse(self, why: str) -> None:
+        """Note that the rest could not be replaced, with a warning."""
         self._go(State.REFUSED, AGAIN_S)
         self._outputs.append(Warned(why))
 
     def _has(self, decided: tuple[float, ...] | None) -> bool:
-        """Whether these were uploaded, or the items of the stages ahead have them; the last, where none is flown to."""
+        """Whether the mission that is held has these path parameters.
+
+        It has if it was uploaded with them, or else if the items of the stages ahead have them: of those after the
+        stage being flown, or where it is not known, the last item.
+        """
         if self._state is State.TORN:
             return False
-        if self._asked is not None:
-            return decided == self._asked
+        if self._uploaded is not None:
+            return decided == self._uploaded
         index = -1 if self._flown.item is None else self._flown.item - self._home
         if not 0 <= index < len(self._items):
             return decided == self._items[-1].parameters if self._items else True
@@ -304,7 +337,7 @@ class HeldMission:
     # --- writing
 
     def _send(self, decided: tuple[float, ...], rest: Rest) -> None:
-        """Lay the rest out, and upload it."""
+        """Lay the rest of the mission out, and begin to upload it after the items that stay."""
         assert self._held is not None
         try:
             if (planned := rest()) is None:
@@ -319,7 +352,7 @@ class HeldMission:
         items = [*self._held[:first], *(each.item for each in new)]
         partial = self._takes_parts and self.ardupilot and len(items) == len(self._held) and bool(new)
         laid_out = planned.parameters[-1][: len(decided)]  # a parameter that was held may be asked for anew meanwhile
-        self._upload = _Upload(items, first, [*self._items[:kept], *new], laid_out, partial)
+        self._upload = _Upload(items, [*self._items[:kept], *new], laid_out, partial)
         self._go(State.UPLOADING)
         self._client.upload(self._now_s, items, first, partial=partial)
 
@@ -331,23 +364,24 @@ class HeldMission:
     def _shared(self, held: Sequence[MissionItem], written: Sequence[MissionItem]) -> int:
         """How many items held are those written, from the first on, home included."""
         pairs = zip(held[self._home :], written[self._home :], strict=False)
-        return self._home + next(
-            (k for k, (one, other) in enumerate(pairs) if not _equal([one], [other])),
-            min(len(held), len(written)) - self._home,
-        )
+        different = (k for k, (one, other) in enumerate(pairs) if not _equal([one], [other]))
+        return self._home + next(different, min(len(held), len(written)) - self._home)
 
 
 def _equal(held: Sequence[MissionItem], written: Sequence[MissionItem]) -> bool:
+    """Whether items held are those written, in all numbers, and as many."""
     return same_items(written, held) and all(map(_is_same, held, written))
 
 
 def _is_same(held: MissionItem, written: MissionItem) -> bool:
     """Whether an item is the one written, as an autopilot keeps it: one without a position has any frame."""
     numbers = list(zip(held.parameters[:4], written.parameters[:4], strict=True))
+    # the radius of a loiter is rounded, see `WHOLE_M`
     if written.command == d.LOITER_TURNS:
-        radius, kept = numbers.pop(2)
-        if not abs(radius - kept) < (WHOLE_M if abs(kept) > 255 else 1.0):
+        held_m, written_m = numbers.pop(2)
+        if not abs(held_m - written_m) < (WHOLE_M if abs(written_m) > 255 else 1.0):
             return False
+    # with a position: the frame, and the altitude beside the first four numbers
     if written.frame in d.FRAMES:
         if d.FRAMES.get(held.frame) != d.FRAMES[written.frame]:
             return False

@@ -9,20 +9,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.waypoints import ARC_RAD, TURNS_TOLERANCE
-from eadp.io.mission import EXPORT_NAMES
+from eadp.coverage.swaths import CLIMB_OUT_M
+from eadp.io.mission import EXPORT_NAMES, FENCE_ENDING, RALLY_ENDING
 from eadp.io.mission import draft as d
 from eadp.io.mission.autopilot import ACCEPTANCE_M
-from eadp.io.mission.draft import Fence, MissionItem
+from eadp.io.mission.draft import Fence, MissionItem, Place
 from eadp.io.mission.maps import geojson_text, gpx_text, kml_text
 from eadp.io.mission.paparazzi import paparazzi_text
 from eadp.io.mission.path import PlannedPath, Section
-from eadp.io.mission.qgc import PX4, qgc_text
-from eadp.io.mission.wpl import fence_text, wpl_text
+from eadp.io.mission.qgc import ARDUPILOT, PX4, qgc_text
+from eadp.io.mission.survey import survey_item, survey_lines, survey_span
+from eadp.io.mission.wpl import fence_text, rally_text, wpl_text
 from eadp.plug_ins import plug_in
 
 HALVES_TOLERANCE = 1e-4
@@ -60,10 +63,7 @@ class _ItemBuilder:
         sections = path.sections
         self._altitude_m, self._legs = path.altitude_of(sections[0]), (sections[0].first, sections[0].last)
         if not flying:
-            if path.home_deg is not None:
-                self._add(d.TAKEOFF, (path.climb_deg, 0.0, 0.0, 0.0), sections[0].start_m if px4 else None)
-            self._change_speed(sections[0])
-            self._fly_to(sections[0].start_m)
+            self._take_off(sections[0])
         if path.trigger_distance_m is not None:
             self._command((d.TRIGGER_DISTANCE, path.trigger_distance_m, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
         for k, section in enumerate(sections):
@@ -71,7 +71,8 @@ class _ItemBuilder:
             self._altitude_m, self._legs = path.altitude_of(section), (section.first, section.last)
             self._change_speed(section)
             for command in stage.commands:
-                if command[0] != d.TRIGGER_DISTANCE or path.trigger_distance_m is None:
+                own = command[0] == d.TRIGGER_DISTANCE and path.trigger_distance_m is not None
+                if not own and command[0] not in (d.TAKEOFF, d.LAND, d.RETURN):
                     self._command(command)
             if k > 0 and math.dist(sections[k - 1].end_m, section.start_m) > JOINED_M:
                 self._fly_to(section.start_m)
@@ -81,8 +82,23 @@ class _ItemBuilder:
         # a mission's own pictures, which nothing ends, are written back as they are
         if distances_m and distances_m[-1] > 0 and (path.trigger_distance_m is not None or 0.0 in distances_m):
             self._command((d.TRIGGER_DISTANCE, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
-        if path.home_deg is not None:
+        last = sections[-1].stage
+        if last.command(d.RETURN) or (path.home_deg is not None and not last.command(d.LAND)):
             self._command((d.RETURN, *(0.0,) * 7))
+
+    def _take_off(self, first: Section) -> None:
+        """Add the take-off, and the start of a path that does not take off there itself."""
+        path, takeoff, level_m = self.path, first.stage.command(d.TAKEOFF), self._altitude_m
+        if takeoff or path.home_deg is not None:
+            # the autopilot climbs straight ahead to this height, and on along the path
+            self._altitude_m = takeoff[-1] if takeoff and takeoff[-1] > 0 else min(level_m, CLIMB_OUT_M)
+            place = first.end_m if takeoff else first.start_m
+            pitch_deg = path.climb_deg or (takeoff[1] if takeoff else 0.0)
+            self._add(d.TAKEOFF, (pitch_deg, 0.0, 0.0, 0.0), place if self._px4 else None)
+            self._altitude_m = level_m
+        self._change_speed(first)
+        if not takeoff or path.home_deg is not None:
+            self._fly_to(first.start_m)
 
     def _fly(self, section: Section, following: Section | None, later: Section | None) -> None:
         """Add a section; its end is no waypoint where the turns beside it lead there by themselves."""
@@ -107,6 +123,13 @@ class _ItemBuilder:
             for point, begins_m in section.corners(self.path.tolerance_m if self._px4 or beside else math.inf):
                 self._fly_to(point, 0.0 if beside else max(begins_m - taken_m, 0.0))
         end, acceptance_m = section.end_m, 0.0
+        if following is None and section.stage.command(d.LAND):
+            if all(item.command != d.LAND_START for item in self.items):
+                # before the waypoint at the start of the approach, from where on a landing is flown
+                start = MissionItem(d.LAND_START, d.NO_POSITION, (0.0,) * 7, self.items[-1].legs)
+                self.items.insert(len(self.items) - 1, start)
+            self._add(d.LAND, section.stage.command(d.LAND)[1:5], end)
+            return
         if following is not None:
             turn = math.remainder(following.courses_rad[0] - section.courses_rad[1], 2 * math.pi)
             long = section.arc is None and math.dist(section.start_m, end) >= LONG_M
@@ -193,20 +216,34 @@ def _fences(path: PlannedPath) -> list[Fence]:
 ABOVE_GROUND = ("qgc", "ardupilot")
 """Formats that hold altitudes above ground: PX4 takes no mission with them."""
 
+
+def _rally(path: PlannedPath) -> list[Place]:
+    return [(*path.geodetic_deg((x, y)), up_m) for x, y, up_m in path.rally]
+
+
+def _qgc(path: PlannedPath, firmware: int) -> str:
+    """The plan of QGroundControl, its lines as one item where the path is surveyed."""
+    items, survey = mission_items(path, px4=firmware == PX4), None
+    if path.surveyed:
+        lines = survey_lines(path, path.surveyed)
+        survey = (*survey_span(items, lines), partial(survey_item, path, path.surveyed, lines))
+    return qgc_text(items, path.home, path.airspeed_mps, _fences(path), firmware, _rally(path), survey)
+
+
 FENCED = ("qgc", "ardupilot", "px4")
 """Formats that hold obstacles and a boundary; of `ardupilot` they are a file of their own."""
 
 
-def fence_file(path: PlannedPath) -> str:
-    """The file of ArduPilot's fence; empty without obstacles and boundary."""
-    fences = _fences(path)
-    return fence_text(fences) if fences else ""
+def files_beside(path: PlannedPath) -> dict[str, str]:
+    """ArduPilot's files of the fence and of places to rally, by the ending of their names; none that is empty."""
+    fences, rally = _fences(path), _rally(path)
+    return ({FENCE_ENDING: fence_text(fences)} if fences else {}) | ({RALLY_ENDING: rally_text(rally)} if rally else {})
 
 
 _WRITERS: tuple[Callable[[PlannedPath], str], ...] = (
-    lambda path: qgc_text(mission_items(path), path.home, path.airspeed_mps, _fences(path)),
+    lambda path: _qgc(path, ARDUPILOT),
     lambda path: wpl_text(mission_items(path), path.home),
-    lambda path: qgc_text(mission_items(path, px4=True), path.home, path.airspeed_mps, _fences(path), PX4),
+    lambda path: _qgc(path, PX4),
     paparazzi_text,
     kml_text,
     geojson_text,

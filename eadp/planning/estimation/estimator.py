@@ -131,7 +131,7 @@ class PowerEstimate(NamedTuple):
         return shaped
 
     def power_rows(self, ahead_s: FloatArray) -> FloatArray:
-        """What reads the motion's power at such times off the state, shape (n, 2r + 3)."""
+        """The rows C e^{At}, shape (n, 2r + 3): each times the state is the motion's power, `ahead_s` [s] later."""
         return _power_rows((len(self.state) - 3) // 2, self.period_s or 1.0, self.disturbance_s, ahead_s.tobytes())
 
     def horizon_w(self) -> FloatArray:
@@ -196,11 +196,11 @@ class ExactEstimator:
         if state_w is not None:
             state[:-2] = state_w[: 2 * self._order + 1]
         self._filter = self._first_filter(state)
-        self._time_s: float | None = None
-        self._learn_from_s = 0.0
-        self._lap_marks_s: list[float] = []
-        self._readings = array("d"), array("d")  # times [s] and powers [W]
-        self._learn_at_s = math.inf
+        self._time_s: float | None = None  # of the last reading [s]
+        self._lap_marks_s: list[float] = []  # starts of the laps in a row, and the end of the last [s]
+        # readings for the noise estimate, times [s] and powers [W]; since when, and when the next estimate is due [s]
+        self._readings = array("d"), array("d")
+        self._learn_from_s, self._learn_at_s = 0.0, math.inf
 
     @property
     def state_w(self) -> FloatArray:
@@ -210,7 +210,7 @@ class ExactEstimator:
     # --- readings
 
     def observe(self, time_s: float, motion_w: float | None) -> float:
-        """Take a reading [W], or None where there is none; return its one-step forecast [W].
+        """Update the state with a reading [W], None where there is none; return the forecast that it was before [W].
 
         Predicts to `time_s`, and corrects with the reading unless the gate holds.
         """
@@ -239,7 +239,7 @@ class ExactEstimator:
     # --- laps
 
     def end_lap(self, time_s: float) -> None:
-        """Take the time of the lap that ends as the period; one whose start had no mark, of either method, has none."""
+        """Take the time of the lap that ends as the period, if its start was marked: by `start_lap`, or by an end."""
         self._lap_marks_s.append(time_s)
         times = np.diff(self._lap_marks_s).tolist()
         if not times:
@@ -282,7 +282,10 @@ class ExactEstimator:
         return EnergyFilter(state, covariance, self._dynamics(state))
 
     def _dynamics(self, state: FloatArray) -> EnergyDynamics:
-        """The model with the period, noise and disturbance as estimated so far; harmonics drift by those of a state."""
+        """The model with the period, noise and disturbance as estimated so far.
+
+        Harmonics drift by their amplitudes in a state: they turn with the period, which is uncertain.
+        """
         s, period_s = self._settings, self.period_s or 1.0
         noise_w, (std_w, time_s) = self.noise_w, self.disturbance
         least = DRIFT_SHARE**2 * (noise_w**2 + std_w**2)
@@ -322,14 +325,14 @@ class ExactEstimator:
         # y = 1, cos jθ, sin jθ: what the laps explain
         waves = [wave(j * angle) for j in range(1, self._order + 1) for wave in (np.cos, np.sin)]
         columns = np.column_stack([np.ones(len(times)), *waves])
-        found = fit_disturbance(times, power, columns=columns, samples=LEARN_SAMPLES)
-        if not math.isfinite(found.log_likelihood):
+        fit = fit_disturbance(times, power, columns=columns, samples=LEARN_SAMPLES)
+        if not math.isfinite(fit.log_likelihood):
             return
         before = self._density_w2_s()
-        self.noise_w = max(found.noise_w, MIN_NOISE_W)
+        self.noise_w = max(fit.noise_w, MIN_NOISE_W)
         # a disturbance below this counts as white noise: it keeps its time constant
-        white = found.std_w < MIN_DISTURBANCE_W
-        self.disturbance = (MIN_DISTURBANCE_W, self.disturbance[1]) if white else (found.std_w, found.time_s)
+        white = fit.std_w < MIN_DISTURBANCE_W
+        self.disturbance = (MIN_DISTURBANCE_W, self.disturbance[1]) if white else (fit.std_w, fit.time_s)
         self._filter.widen(max(1.0, self._density_w2_s() / before))
         self._filter.dynamics = self._dynamics(self._filter.state)
 
@@ -340,7 +343,7 @@ class ExactEstimator:
 
 
 def _lap_turns(marks_s: list[float], times_s: FloatArray, period_s: float) -> FloatArray:
-    """Laps flown at given times: completed ones are one turn each, others progress by the period."""
+    """Laps flown at given times, as a number with a fraction: from mark to mark one each, beyond them one a period."""
     marks = marks_s or [float(times_s[0])]
     far = 1e6  # laps before the first mark and after the last: beyond any flight's
     known_s = [marks[0] - far * period_s, *marks, marks[-1] + far * period_s]
@@ -364,7 +367,10 @@ def _power_rows(order: int, period_s: float, time_s: float, ahead: bytes) -> Flo
 
 @lru_cache(maxsize=1)
 def _published_step(order: int, turn_rad: float, steps: int) -> tuple[list[complex], list[float]]:
-    """The published filter's factor of each harmonic in some equal Euler steps of an angle, and its gain."""
+    """The published filter's factor of each harmonic's α + iβ in `steps` equal Euler steps of an angle, and its gain.
+
+    Neither depends on the readings.
+    """
     # q⁺ = (I + AΔt) q is (1 − iωjΔt)(α_j + iβ_j), step by step
     factors = [complex(1.0, -turn_rad * j) ** steps for j in range(1, order + 1)]
     # P⁻ = A 1 Aᵀ + 1 with 1 all ones: A·1 has every row's sum, so P⁻ = s sᵀ + 1
@@ -425,11 +431,11 @@ class PublishedEstimator:
         return expected
 
     def end_lap(self, time_s: float) -> None:
-        """Take the time of the lap that ends, and restart the clock."""
+        """Take the time of the lap that ends as the period, and start the time of the next one."""
         self._lap_s, self._lap_started_s = time_s - self._lap_started_s, time_s
 
     def start_lap(self, time_s: float) -> None:
-        """Restart the clock without a lap's time."""
+        """Start the time of a lap that follows no other."""
         self._lap_started_s = time_s
 
     def shift_level(self, by_w: float) -> None:

@@ -83,6 +83,7 @@ def filtered(fitted: EnergyFit, gate_w: float = 0.0) -> FilteredLog:
 
 
 def _table(rows: Sequence[Sequence[object]]) -> str:
+    """Rows as CSV."""
     return "".join(",".join(map(str, row)) + "\n" for row in rows)
 
 
@@ -137,13 +138,13 @@ def _distances_along(path_m: FloatArray, position_m: FloatArray) -> FloatArray:
     first_m = np.linalg.norm(path_m - position_m[0], axis=1)
     # local minima of the distance from the first position: one for each lap that passes by it
     nearest = (first_m[1:-1] <= first_m[:-2]) & (first_m[1:-1] <= first_m[2:]) & (first_m[1:-1] < BEGIN_M)
-    found: list[FloatArray] = []
-    for at in [*(np.flatnonzero(nearest) + 1).tolist(), int(first_m.argmin())]:
+    of_laps: list[FloatArray] = []
+    for point in [*(np.flatnonzero(nearest) + 1).tolist(), int(first_m.argmin())]:
         off_m = np.empty(len(position_m))
         for k, steps in enumerate(moved.tolist()):
-            low, high = max(at - WINDOW, 0), at + round(1.5 * steps) + WINDOW
+            low, high = max(point - WINDOW, 0), point + round(1.5 * steps) + WINDOW
             ahead_m = np.linalg.norm(path_m[low:high] - position_m[k], axis=1)
-            at = low + int(ahead_m.argmin())
+            point = low + int(ahead_m.argmin())
             off_m[k] = ahead_m.min()
-        found.append(off_m)
-    return min(found, key=lambda off_m: float(off_m @ off_m))
+        of_laps.append(off_m)
+    return min(of_laps, key=lambda off_m: float(off_m @ off_m))

@@ -31,7 +31,10 @@ STEPPING = -1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EnergyDynamics:
-    """State-space model of the motion power; units as in `eadp.core.signals.forecasting`."""
+    """State-space model of the motion power: harmonics of a period that drift, a disturbance, and a sensor's noise.
+
+    Units are as in `eadp.core.signals.forecasting`.
+    """
 
     order: int
     period_s: float
@@ -41,11 +44,11 @@ class EnergyDynamics:
     noise_w: float
 
     def transition(self, step_s: float) -> FloatArray:
-        """e^{A Δt}."""
+        """e^{A Δt}, which moves the state over a step [s]."""
         return forecasting.step_matrix(self.order, self.period_s, self.time_s, step_s)
 
     def process_noise(self, step_s: float) -> FloatArray:
-        """Q of a step."""
+        """Q, the covariance that a step [s] adds."""
         return forecasting.step_noise(self.drift_w2_per_s, self.std_w, self.time_s, step_s)
 
 
@@ -60,11 +63,12 @@ class EnergyFilter:
         self._covariance = covariance
         self._dynamics = dynamics
         self._output = forecasting.output(dynamics.order)
+        # the last step [s], and what it does to state and covariance; the gain of the last correction
         self._step_s = 0.0
         self._transition = np.eye(len(state))
         self._noise = np.zeros_like(covariance)
         self._gain = np.zeros(len(state))
-        self._maps: tuple[FloatArray, ...] = ()
+        self._maps: tuple[FloatArray, ...] = ()  # of the covariance over 1, 2, 4, … steps, while the gain is held
         # STEPPING, or by how many readings the covariance is behind the state, the gain held
         self._held = STEPPING
 
@@ -131,6 +135,7 @@ class EnergyFilter:
         return float(expected)
 
     def _gain_now(self) -> FloatArray:
+        """The gain of the last correction, by the covariance after it."""
         # K = P⁻ Cᵀ S⁻¹ = P⁺ Cᵀ R⁻¹
         return self._covariance @ self._output / self._dynamics.noise_w**2
 
@@ -148,7 +153,7 @@ class EnergyFilter:
         self._maps, self._held = tuple(maps), 0
 
     def _catch_up(self) -> None:
-        """Update the covariance for the readings that the state has already taken."""
+        """Update the covariance for the readings that the state has taken since it was held."""
         # by the binary digits of their number: map k is that of 2ᵏ steps
         for k, covariance_map in enumerate(self._maps):
             if self._held > 0 and self._held >> k & 1:
@@ -156,6 +161,6 @@ class EnergyFilter:
         self._held = min(self._held, 0)  # STEPPING stays
 
     def _step_by_step(self) -> None:
-        """Hold the gain no more."""
+        """Go back from a gain that is held to one that each step computes."""
         self._catch_up()
         self._held = STEPPING

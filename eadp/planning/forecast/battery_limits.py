@@ -89,41 +89,43 @@ def power_limits(
     Source: letter, Def. III.3; Rint battery.
     """
     b, times_s = battery, load.times_s
-    varies = b.voltage_at(1.0) > b.voltage_at(0.0)
+    voltage_varies = b.voltage_at(1.0) > b.voltage_at(0.0)
     limits = b.resistance_ohm, b.max_current_a, b.cutoff_voltage_v or 0.0
     per_as = (b.drain_per_as * use_ratio)[legs.place]
+    # power that has to be delivered, and mean power that drains the most
     base_w, greatest_w = load.peak_w + load.min_w, load.motion_w + load.max_w
     # the lowest charge at the end of each route; and the charge at which each leg's minimum power can be delivered
     floor: FloatArray = np.full(len(legs.first), min(reserve_soc, soc))
     required = np.zeros(len(times_s))
-    if varies:
+    if voltage_varies:
         required = b.soc_at(min_voltage_v(base_w, *limits))
         floor = np.maximum(floor, np.minimum(soc, required[legs.last]))
     volts = b.voltage_at(np.maximum(floor, 0.0)[legs.place])
     charge_end = volts
     # the drain depends on the voltage, and the voltage on the charge: in turns
-    for _ in range(3 if varies else 1):
+    for _ in range(3 if voltage_varies else 1):
         taken = times_s * drain_per_s(greatest_w, volts, b.resistance_ohm, 1.0) * per_as
+        # no more than to the floor; the voltage of a leg is that of the charge in its middle
         scale = np.minimum(1.0, (soc - floor) / np.maximum(legs.sums(taken), 1e-12))
         taken = taken * scale[legs.place]
         charge_end = soc - legs.running(taken)
         volts = b.voltage_at(np.maximum(charge_end + taken / 2, 0.0))
-    deliverable = DELIVERABLE * max_power_w(volts, *limits)
-    allowed = deliverable
+    deliverable_w = DELIVERABLE * max_power_w(volts, *limits)
+    allowed_w = deliverable_w
     if b.power_per_soc_w < math.inf:
-        allowed = np.minimum(deliverable, np.maximum(charge_end, 0.0) * b.power_per_soc_w)
-    beyond = base_w - float(max_power_w(b.voltage_at(soc), *limits))
+        allowed_w = np.minimum(deliverable_w, np.maximum(charge_end, 0.0) * b.power_per_soc_w)
+    beyond_w = base_w - float(max_power_w(b.voltage_at(soc), *limits))
     # what minimum power uses after each leg: a charge required at its end, less this, is one at the end of the route
     base_use = times_s * drain_per_s(load.motion_w + load.min_w, volts, b.resistance_ohm, 1.0) * per_as
     later_use = legs.sums(base_use)[legs.place] - legs.running(base_use)
-    room_w = allowed - load.peak_w
-    greatest = np.maximum.reduceat
+    room_w = allowed_w - load.peak_w
+    greatest_of = np.maximum.reduceat  # over the legs of each route
     return PowerLimits(
-        volts,
-        room_w,
-        load.max_w > room_w,
-        allowed < deliverable,
-        np.maximum(greatest(beyond, legs.first), 0.0),
-        greatest(base_w / b.power_per_soc_w - later_use, legs.first),
-        greatest(required - later_use, legs.first),
+        volts=volts,
+        room_w=room_w,
+        truncated=load.max_w > room_w,
+        by_letter=allowed_w < deliverable_w,
+        beyond_w=np.maximum(greatest_of(beyond_w, legs.first), 0.0),
+        letter_soc=greatest_of(base_w / b.power_per_soc_w - later_use, legs.first),
+        delivered_soc=greatest_of(required - later_use, legs.first),
     )

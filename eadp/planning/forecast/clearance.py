@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from eadp.core.arrays import BoolArray, FloatArray
 from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.curves import Point
 from eadp.models.airspace import BOUNDARY, Airspace
@@ -63,12 +64,8 @@ def entering(
     near[places] = True
     obstacles = [airspace.obstacles[i] for i in np.unique(areas).tolist() if i < len(airspace.obstacles)]
     outlines = [each.outline for each in obstacles]
-    # points flown through: those from which a near one is at most LEAD_M ahead
     steps_m = np.linalg.norm(np.diff(at_m, axis=0, prepend=at_m[:1]), axis=1)
-    flown_m = np.cumsum(steps_m)
-    ahead_m = flown_m[np.minimum(np.searchsorted(flown_m, flown_m + LEAD_M), len(flown_m) - 1)]
-    counts = np.concatenate(([0], np.cumsum(near)))
-    through = counts[np.searchsorted(flown_m, ahead_m, side="right")] > counts[: len(near)]
+    through = _flown_through(steps_m, near)
     # ground speed, and the greatest turn rate of the course [rad/s]
     speed = airframe.airspeed_mps
     ground_mps, along_mps = ground_speeds_mps(np.cos(courses), np.sin(courses), speed, wind_mps)
@@ -84,19 +81,21 @@ def entering(
     before = None  # the leg of the point before
     for i in np.flatnonzero(through).tolist():
         leg, course = points[i][0], courses[i]
+        # by how much the path has turned since the point before: in a curve along a leg, or in a corner between two
         turned = course - courses[i - 1] if i and before is not None else 0.0
-        same = leg is before
+        along_leg = leg is before
         if i == 0 or not through[i - 1]:  # starts anew, on the path
             off_m[:], off_rad[:] = 0.0, 0.0
-            turned, same = 0.0, True
+            turned, along_leg = 0.0, True
         before = leg
+        # one step to the next point: the gusts, the guidance's turn rate, and where the flights are then
         step_s = steps_m[i] / ground_mps[i]
         # Ornstein-Uhlenbeck: g ← ρ g + √(1 − ρ²) σ n, with ρ = e^(−Δt/τ)
         keep = math.exp(-step_s / gust_s)
         gust = keep * gust + math.sqrt(1 - keep * keep) * gust_mps * rng.standard_normal((2, FLIGHTS))
         across_mps = gust[1] * math.cos(course) - gust[0] * math.sin(course)
         # χ̇ = χ̇_path − k_d (Δχ + v_⊥/v + arctan(k e)); e ← e + (v sin Δχ + v_⊥) Δt
-        curving = turned / step_s if same and step_s > 0 else 0.0
+        curving = turned / step_s if along_leg and step_s > 0 else 0.0
         gain = guidance.gain_per_m if guidance.normalised else _gain_per_m(leg, points[i][1].x_m, points[i][1].y_m)
         wanted = curving - guidance.k_d * (off_rad + across_mps / ground_mps[i] + np.arctan(gain * off_m))
         off_rad = off_rad + np.clip(wanted, -greatest[i], greatest[i]) * step_s - turned
@@ -108,6 +107,19 @@ def entering(
                 entered[-1] |= ~holding(airspace.boundary, there_m).any(axis=0)
     names = [*(each.name for each in obstacles), BOUNDARY]
     return {name: share for name, share in zip(names, entered.mean(axis=1).tolist(), strict=False) if share}
+
+
+def _flown_through(steps_m: FloatArray, near: BoolArray) -> BoolArray:
+    """Which points of a path are flown through: those from which one that is `near` is at most `LEAD_M` ahead.
+
+    `steps_m` are the distances from the points before [m]; all of shape (n,).
+    """
+    flown_m = np.cumsum(steps_m)
+    ahead_m = flown_m[np.minimum(np.searchsorted(flown_m, flown_m + LEAD_M), len(flown_m) - 1)]
+    # near points before each, and up to LEAD_M ahead of each: more where one lies between
+    counts = np.concatenate(([0], np.cumsum(near)))
+    through: BoolArray = counts[np.searchsorted(flown_m, ahead_m, side="right")] > counts[: len(near)]
+    return through
 
 
 def _gain_per_m(leg: Leg, x_m: float, y_m: float) -> float:

@@ -34,7 +34,8 @@ def with_climbs(
     Source: energy of a climb m g Δh / η; ground speed by V cos γ.
     """
     times, added_w, peak_w = times_s.tolist(), [0.0] * len(times_s), [0.0] * len(times_s)
-    rates: dict[float, tuple[float, float, float]] = {}  # of each airspeed: what it takes, and its climb and descent
+    # of each airspeed: its power above the airframe's own [W], and its greatest rates of climb and descent [m/s]
+    rates: dict[float, tuple[float, float, float]] = {}
     here_m = climb.altitude_m
     for i, stage in enumerate(route.of_legs):
         altitude_m, airspeed_mps = climb.commanded(stage)
@@ -45,6 +46,7 @@ def with_climbs(
         rate_mps = up_mps if altitude_m > here_m else -down_mps
         if altitude_m == here_m or rate_mps == 0 or times[i] <= 0:
             continue
+        # a climb, or descent, at the greatest rate from the start of the leg, to the next leg if it takes longer
         climb_s = (altitude_m - here_m) / rate_mps
         # the climb takes V (1 − cos γ) of the ground speed
         slower_mps = airspeed_mps - math.sqrt(max(airspeed_mps**2 - rate_mps**2, 0.0))

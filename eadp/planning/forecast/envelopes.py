@@ -113,30 +113,31 @@ class Envelopes:
 
     @property
     def table(self) -> EnvelopeTable:
-        """The envelopes as arrays."""
+        """The envelopes built so far, as arrays."""
         if len(self._table.powers_w) < len(self._envelopes):
             width = max(len(envelope.powers_w) for envelope in self._envelopes)
-            rows = [
-                [np.pad(each, (0, width - len(each)), mode="edge") for each in envelope[:2]]
-                for envelope in self._envelopes
-            ]
-            self._table = EnvelopeTable(np.array([row[0] for row in rows]), np.array([row[1] for row in rows]))
+            powers_w, values = (
+                np.array([np.pad(row, (0, width - len(row)), mode="edge") for row in rows])
+                for rows in zip(*((envelope.powers_w, envelope.values) for envelope in self._envelopes), strict=True)
+            )
+            self._table = EnvelopeTable(powers_w, values)
         return self._table
 
     def groups(self, table: LegTable, order: IntArray) -> IntArray:
-        """Group of each leg, by its row in a table, shape (legs,). A table only grows: rows that are known stay."""
-        of_table, known = self._of_rows
+        """Group of the configurations of each leg, shape (legs,); `order` are the legs' rows in a table.
+
+        A table only grows: the groups of rows that were looked up before are kept.
+        """
+        of_table, of_rows = self._of_rows
         # rows that are new get a group; all, where the table is another one
         if of_table is not table:
-            known = known[:0]
-        if len(known) < len(table.stages):
-            rest = slice(len(known), None)
-            new = [
-                self._group(stage, own) for stage, own in zip(table.stages[rest], table.parameters[rest], strict=True)
-            ]
-            known = np.concatenate((known, new))
-            self._of_rows = table, known
-        groups: IntArray = known[order]
+            of_rows = of_rows[:0]
+        if len(of_rows) < len(table.stages):
+            rest = slice(len(of_rows), None)
+            rows = zip(table.stages[rest], table.parameters[rest], strict=True)
+            of_rows = np.concatenate((of_rows, [self._group(stage, parameters) for stage, parameters in rows]))
+            self._of_rows = table, of_rows
+        groups: IntArray = of_rows[order]
         return groups
 
     def extremes_w(self) -> FloatArray:
@@ -146,7 +147,11 @@ class Envelopes:
         return self._extremes_w
 
     def kinds(self, groups: IntArray, room_w: FloatArray, truncated: BoolArray) -> IntArray:
-        """The envelope of each leg: of all configurations of its group, or where truncated of those that fit."""
+        """Number of the envelope of each leg: of all configurations of its group, or where truncated of those that fit.
+
+        `groups`, `room_w`, the power that the battery leaves for the computations [W], and `truncated` have the shape
+        (legs,).
+        """
         whole = [self._kind(i, len(group.powers_w)) for i, group in enumerate(self._groups)]
         kinds: IntArray = np.array(whole, dtype=np.intp)[groups]
         for leg in np.flatnonzero(truncated).tolist():
@@ -155,7 +160,7 @@ class Envelopes:
         return kinds
 
     def _kind(self, group: int, count: int) -> int:
-        """The number of the envelope of a group's first configurations, which is built at first."""
+        """The number of the envelope of a group's first `count` configurations, built when it is first asked for."""
         number = self._kinds.setdefault((group, count), len(self._envelopes))
         if number == len(self._envelopes):
             configurations, powers_w, values = self._groups[group]
@@ -163,7 +168,10 @@ class Envelopes:
         return number
 
     def _group(self, stage: Stage, own: Vector) -> int:
-        """The number of the group of a stage with parameters `own`, which is built at first."""
+        """The number of the group of a stage with parameters `own`; built when it is first asked for.
+
+        What determines a group is its key: sets, weights and trade-offs, and with these the path parameters.
+        """
         trade_offs = [row for row in self._trade_offs if row.holds_in(stage.index)]
         path = own[: self._rho] if trade_offs else ()
         weights = self.shares.weights if self._total else self.shares.scaled(stage.index)
@@ -199,22 +207,25 @@ class Envelopes:
             ],
             MAX_CONFIGURATIONS,
         )
-        rows, powers = [], []
-        for choice in itertools.islice(itertools.product(*levels), MAX_CONFIGURATIONS):
-            values = (*own[:rho], *choice)
+        configurations, powers_w = [], []
+        for configuration in itertools.islice(itertools.product(*levels), MAX_CONFIGURATIONS):
+            values = (*own[:rho], *configuration)
             named = list(zip(names, values, strict=True))
+            # R c < r
             if any(
                 sum(row.coefficients.get(name, 0.0) * value for name, value in named) < row.at_least - 1e-9
                 for row in trade_offs
             ):
                 continue
             try:
-                powers.append(computing.power_w(values, sets))
+                powers_w.append(computing.power_w(values, sets))
             except Infeasible:
                 continue
-            rows.append(choice)
-        if not rows:  # no configuration satisfies the trade-offs: the lowest levels, as where nothing is feasible
-            rows = [tuple(values[0] for values in levels)]
-            powers = [computing.power_w((*own[:rho], *rows[0]), sets)]
-        order = np.argsort(powers, kind="stable")
-        return np.array(rows, dtype=float).reshape(len(rows), len(levels))[order], np.array(powers)[order]
+            configurations.append(configuration)
+        # no configuration satisfies the trade-offs: the lowest levels, as where nothing is feasible
+        if not configurations:
+            configurations = [tuple(values[0] for values in levels)]
+            powers_w = [computing.power_w((*own[:rho], *configurations[0]), sets)]
+        order = np.argsort(powers_w, kind="stable")
+        shape = len(configurations), len(levels)  # where there are no computations, too
+        return np.array(configurations, dtype=float).reshape(shape)[order], np.array(powers_w)[order]

@@ -112,7 +112,7 @@ class UncertainEnds(NamedTuple):
     unflown: tuple[FloatArray, ...]
 
     def unspent(self, values: FloatArray) -> list[float]:
-        """What is not spent of some values of the legs, shape (legs,), at the route's end and each before it."""
+        """What is not spent of times or energies of the legs, shape (legs,), at the route's end, and at each before."""
         return [0.0, *(float(values @ unflown) for unflown in self.unflown)]
 
     @property
@@ -126,10 +126,15 @@ CERTAIN = UncertainEnds((), ())
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Routes evaluated; places are numbered as the routes that can be flown.
+    """Routes evaluated: their forecast, and the knapsack of computations that each allows.
+
+    Places are numbered as the routes that can be flown. `legs` are those of all places, in a row.
 
     Attributes
     ----------
+    evaluator : Evaluator
+    known : Known
+        What is known where the routes start.
     routes : list of Route
         Those that can be flown in this wind.
     index : array of int, shape (places,)
@@ -169,16 +174,17 @@ class Evaluation:
 
     @property
     def adaptive(self) -> Knapsack:
-        """The knapsack of computations that can fall at any time: their margin is what will not be known in the end.
+        """The knapsack of computations that can fall at any time: more is available, as their margin is smaller.
 
-        Where the reserve is kept with its probability at minimum power from now on; else as it is.
+        It is of what will not be known when they change last. Where minimum power from now on does not keep the
+        reserve with its probability, the knapsack as it is.
         """
-        learned = self.evaluator.quantile * (self.std - self.final_std)
+        learned = self.evaluator.quantile * (self.std - self.final_std)  # z (σ − σ₊)
         knapsack = self.knapsack
         return knapsack._replace(available=knapsack.available + np.where(knapsack.spare >= 0, learned, 0.0))
 
     def left_over(self, filling: Filling) -> float:
-        """State of charge that computations which can fall leave over, of one place."""
+        """State of charge that `adaptive` has beyond what computations use, of an evaluation of one place."""
         return float(self.adaptive.available[0] - filling.use[0])
 
     def filled(self) -> Filling:
@@ -191,28 +197,30 @@ class Evaluation:
 
     def computing_w(self, shares: FloatArray) -> FloatArray:
         """Mean power of the computations on each leg with shares of the increments [W], shape (legs,)."""
+        # minimum power, and of each increment from vertex to vertex of the envelope its share
         powers_w = self.evaluator.envelopes.table.powers_w[self.kinds]
-        added: FloatArray = powers_w[:, 0] + (np.diff(powers_w, axis=1) * shares).sum(axis=1)
-        return added
+        mean_w: FloatArray = powers_w[:, 0] + (np.diff(powers_w, axis=1) * shares).sum(axis=1)
+        return mean_w
 
     def expected_s(self, place: int) -> FloatArray:
         """Time on each leg of a place times the probability that it is flown [s]."""
-        times_s = self.load.times_s[self.legs.place == place]
+        times_s, ends = self.load.times_s[self.legs.place == place], self.ends[place]
         expected: FloatArray = times_s.copy()
-        for share, unflown in zip(*self.ends[place], strict=True):
-            expected -= share * unflown * times_s
+        for probability, unflown in zip(ends.probabilities, ends.unflown, strict=True):
+            expected -= probability * unflown * times_s
         return expected
 
     def earliest_s(self, place: int, leg: int = 0) -> float:
-        """Time from the start of a leg of a place to the end, less a standard deviation [s]."""
+        """Time from the start of a leg of a place to the flight's end, if that is a standard deviation early [s]."""
         std_s = math.sqrt(float(self.totals.time_var_s2[place]))
         return float(self.expected_s(place)[leg:].sum()) - std_s
 
     def final_charge(self, place: int, filling: Filling) -> FinalCharge:
-        """State of charge at the end at a place with computations as filled."""
+        """State of charge at the end at a place with computations as filled: a distribution."""
         ends, soc_per_j = self.ends[place], float(self.totals.soc_per_j[place])
-        lost = float(self.evaluator.losses(self.totals.seconds[place])) * LOSS
-        last_soc = self.known.soc - float(filling.use[place]) - lost
+        expected_loss = float(self.evaluator.losses(self.totals.seconds[place])) * LOSS
+        last_soc = self.known.soc - float(filling.use[place]) - expected_loss  # at the route's end
+        # at an earlier end, the charge of the energy that is not spent is left, too
         unspent_j = ends.unspent(self._energies_j(place, filling))
         means = tuple([last_soc + soc_per_j * left_j for left_j in unspent_j])
         mean_soc, _ = moments(ends.all_probabilities, means)
@@ -226,21 +234,23 @@ class Evaluation:
         """
         ends, totals, charge = self.ends[place], self.totals, self.final_charge(place, filling)
         times_s, energies_j = self.load.times_s[self.legs.place == place], self._energies_j(place, filling)
+        # to the route's end: the variance of the energy is that of the motion, and of a time that is off
         energy_j, seconds, time_var = float(energies_j.sum()), float(totals.seconds[place]), totals.time_var_s2[place]
         energy_var = float(totals.energy_var_j2[place]) + (energy_j / seconds) ** 2 * float(time_var)
-        early_s, spread_s2 = moments(ends.all_probabilities, ends.unspent(times_s))
-        unspent_j, spread_j2 = moments(ends.all_probabilities, ends.unspent(energies_j))
-        least = charge if held else self.final_charge(place, self.knapsack.filling(np.zeros_like(filling.shares)))
+        # means and variances of what earlier ends leave of it
+        early_s, early_var_s2 = moments(ends.all_probabilities, ends.unspent(times_s))
+        unspent_j, unspent_var_j2 = moments(ends.all_probabilities, ends.unspent(energies_j))
+        safest = charge if held else self.final_charge(place, self.knapsack.filling(np.zeros_like(filling.shares)))
         empty_soc = max(float(self.limits.delivered_soc[place]), 0.0)  # the cut-off voltage is reached
         return Ending(
             remaining_s=seconds - early_s,
-            remaining_std_s=math.sqrt(float(time_var) + spread_s2),
+            remaining_std_s=math.sqrt(float(time_var) + early_var_s2),
             energy_wh=(energy_j - unspent_j) / 3600,
-            energy_std_wh=math.sqrt(energy_var + spread_j2) / 3600,
+            energy_std_wh=math.sqrt(energy_var + unspent_var_j2) / 3600,
             soc_end=charge.mean,
             soc_end_std=math.sqrt(charge.variance),
-            completes_probability=least.probability_above(empty_soc),
-            reserve_probability=least.probability_above(max(self.evaluator.objective.reserve_soc, empty_soc)),
+            completes_probability=safest.probability_above(empty_soc),
+            reserve_probability=safest.probability_above(max(self.evaluator.objective.reserve_soc, empty_soc)),
         )
 
     def _energies_j(self, place: int, filling: Filling) -> FloatArray:
@@ -275,15 +285,16 @@ class Evaluator:
         self.envelopes = Envelopes(mission, settings, objective.trade_offs, total=objective.total)
         self.quantile = NormalDist().inv_cdf(objective.probability)
         stages = range(1, len(mission.plan.stages) + 1)
-        scaled = [self.envelopes.shares.scaled(stage) for stage in stages]
+        # weights of the parameters in U on each stage: of the path's, and the sum of all, 0 where none has a choice
+        of_stages = [self.envelopes.shares.scaled(stage) for stage in stages]
         rho = mission.plan.path_count
-        self._path_weights = np.array([own[:rho] for own in scaled]).reshape(len(scaled), rho)
-        self._counted = np.array([own.sum() for own in scaled])
-        self._scale_s = 0.0
+        self._path_weights = np.array([weights[:rho] for weights in of_stages]).reshape(len(of_stages), rho)
+        self._counted = np.array([weights.sum() for weights in of_stages])
+        self._scale_s = 0.0  # of the objective `total`; 0 until the first evaluation
         self.path_weight = 0.0 if objective.total else float(self._path_weights.sum(axis=1).max(initial=0.0))
 
     def losses(self, seconds: float | FloatArray) -> FloatArray:
-        """Sudden losses of charge to expect in a time [s]."""
+        """Mean number of sudden losses of charge in a time [s]."""
         expected: FloatArray = self.objective.losses_per_s * np.asarray(seconds)
         return expected
 
@@ -292,18 +303,18 @@ class Evaluator:
         # the energy of the motion, and that of a time that is off
         energy_var = totals.energy_var_j2 + totals.mean_w**2 * totals.time_var_s2
         gain = self._gain_std(known, soc)
-        losses = self.losses(totals.seconds) * LOSS_SQUARE
+        loss_var = self.losses(totals.seconds) * LOSS_SQUARE  # of a compound Poisson process: λ t E x²
         charge_var = totals.charge_var + known.charge.lost_std**2
-        std: FloatArray = np.sqrt(totals.soc_per_j**2 * energy_var + charge_var + gain**2 + losses)
+        std: FloatArray = np.sqrt(totals.soc_per_j**2 * energy_var + charge_var + gain**2 + loss_var)
         return std
 
     def _gain_std(self, known: Known, soc: float | FloatArray) -> FloatArray:
-        """Standard deviation of a final state of charge due to the gauge's gain, which no one learns in flight."""
+        """Standard deviation of a final state of charge due to the gauge's gain, which no reading in flight shows."""
         std: FloatArray = known.charge.gain_std * np.maximum(known.charge.gain_from - soc, 0.0)
         return std
 
     def evaluate(self, known: Known, routes: Sequence[Route]) -> Evaluation:
-        """Evaluate routes from a moment of a flight.
+        """Evaluate routes from a moment of a flight: times and powers of their legs, then charge and computations.
 
         Parameters
         ----------
@@ -316,10 +327,11 @@ class Evaluator:
         PathUndefined
             If none of them can be flown in this wind.
         """
-        # times of whole legs in the estimated wind and those about it; as flown where they cannot be followed
         legs = RouteArrays.of(routes)
+        # times of whole legs, shape (winds, legs): the first row in the estimated wind, the others in those about it
         winds_mps = _sigma_points(known.wind, known.airspeed_mps)
         in_winds_s, turning_s = leg_times_s(legs.rows, legs.order, known.airspeed_mps, winds_mps)
+        # a leg that cannot be followed takes as much longer, in each wind, as the aircraft takes for it in the first
         followed = FlownLegs(in_winds_s[0], turning_s[0])
         nominal = self.mission.nominal
         flown = followed if nominal is None else nominal.flown(routes, known.wind.mps, followed)
@@ -334,7 +346,7 @@ class Evaluator:
                 raise PathUndefined("the rest of the plan cannot be flown in this wind")
             rest = self.evaluate(known, [routes[i] for i in index.tolist()])
             return replace(rest, index=index[rest.index])
-        # what is left of the first legs, and times and powers of the motion on what is left
+        # mean times over the wind's distribution, and how much of them is left: all but of the first leg of a route
         factor, wind_var = _wind_effect(legs.sums(in_winds_s.T))
         if flown is not followed:
             wind_var += (OVERSHOOT_SHARE * flown.excess_s / legs.sums(in_winds_s[0])) ** 2
@@ -355,34 +367,60 @@ class Evaluator:
             )
         # above the mean of a window by twice its standard deviation
         peak_w = np.maximum(peak_w, known.motion.max_w) + 2 * math.sqrt(known.motion.noise / WINDOW_S)
-        # the computations, within the battery's limits of power
         groups = self.envelopes.groups(routes[0].table, legs.order)
         extremes_w = self.envelopes.extremes_w()[groups]
         load = RouteLoad(times_s, motion_w, peak_w, extremes_w[:, 0], extremes_w[:, 1])
         totals = self._totals(known, legs, load, bank_s, wind_var)
+        return self._evaluation(known, routes, legs, groups, load, left, totals)
+
+    def _evaluation(
+        self,
+        known: Known,
+        routes: Sequence[Route],
+        legs: RouteArrays,
+        groups: IntArray,
+        load: RouteLoad,
+        left: FloatArray,
+        totals: Totals,
+    ) -> Evaluation:
+        """Charge and computations of routes, by the times and powers of their legs: the second half of `evaluate`.
+
+        `groups` are those of the legs' configurations, shape (legs,), and `left` the share of each route's first leg
+        that is left, shape (routes,); `totals` are without `soc_per_j`.
+        """
+        # the voltage on each leg, and the configurations that the battery's limits of power leave
         battery, reserve_soc = self.mission.battery, self.objective.reserve_soc
         limits = power_limits(legs, load, battery, known.soc, reserve_soc, totals.use_ratio)
         kinds = self.envelopes.kinds(groups, limits.room_w, limits.truncated)
+        # db/dE = k κ dI/dP, at the mean voltage of a route
         mean_v = legs.sums(limits.volts) / (legs.last - legs.first + 1)
         slope = current_slope_a_per_w(totals.mean_w, mean_v, battery.resistance_ohm)
         totals = totals._replace(soc_per_j=battery.drain_per_as * totals.use_ratio * slope)
         # the charge at the end, and what it leaves for the computations
         ends = [_ends(known, route, share) for route, share in zip(routes, left.tolist(), strict=True)]
         std = self.charge_std(known, totals, max(reserve_soc, 0.0))
+        use, values = self._vertex_use(legs, load, kinds, limits, totals), self.envelopes.table.values[kinds]
+        base_use = legs.sums(use[:, 0])
         weight, base = self._weights(known, legs, load)
-        knapsack = self._knapsack(legs, load, kinds, limits, totals, weight, base)
-        knapsack = knapsack._replace(available=self._available(known, legs, load, limits, totals, ends, std, knapsack))
-        index = np.arange(len(routes))
+        knapsack = Knapsack(
+            use=np.diff(use, axis=1),
+            gain=np.diff(values, axis=1) * weight[:, None],
+            place=legs.place,
+            base_use=base_use,
+            base_value=base + legs.sums(weight * values[:, 0]),
+            available=self._available(known, legs, load, limits, totals, ends, std, base_use),
+        )
         # σ₊² = g² + (τ/T)² (σ² − g²): all but the gauge's gain g falls with the time T that is left
-        gain, left = self._gain_std(known, max(reserve_soc, 0.0)), np.minimum(LAST_CHANGE_S / totals.seconds, 1.0)
-        final_std = np.hypot(gain, left * np.sqrt(np.maximum(std**2 - gain**2, 0.0)))
+        gain, still = self._gain_std(known, max(reserve_soc, 0.0)), np.minimum(LAST_CHANGE_S / totals.seconds, 1.0)
+        final_std = np.hypot(gain, still * np.sqrt(np.maximum(std**2 - gain**2, 0.0)))
+        index = np.arange(len(routes))
         return Evaluation(
             self, known, list(routes), index, legs, load, kinds, limits, totals, ends, std, weight, knapsack, final_std
         )
 
     def _left(self, known: Known, legs: RouteArrays, routes: Sequence[Route], whole_s: FloatArray) -> FloatArray:
-        """Share of the first leg of each route that is left, shape (routes,)."""
-        left: dict[int, float] = {}  # by row: routes share most of their legs
+        """Share of the first leg of each route that is left, shape (routes,); `whole_s` are the times of whole legs."""
+        left: dict[int, float] = {}  # by row of the table: routes with the same first leg have one
         rows = legs.order[legs.first].tolist()
         for row, route, leg_s in zip(rows, routes, whole_s[legs.first].tolist(), strict=True):
             if row not in left:
@@ -390,11 +428,15 @@ class Evaluator:
         return np.array([left[row] for row in rows])
 
     def _left_of(self, known: Known, leg: Leg, leg_s: float) -> float:
-        """Share of a leg that is left, by the position; elapsed time distinguishes the turns of a circle."""
+        """Share of a leg being flown that is left, by the position; `leg_s` is the time of the whole leg [s].
+
+        The time since its start distinguishes the turns of a circle, and stands in where the path has no value.
+        """
         flown = min(1.0, (known.time_s - known.since_s) / max(leg_s, 1e-9))
         if leg.distance_m <= 0:
             return 0.0
         try:
+            # the stage before ended within its trigger's radius of the leg's start: up to so much more than the leg
             early_m = self.mission.plan.max_radius_m if known.stages_started > 1 else 0.0
             return left_m(leg, known.position_m, flown * leg.distance_m, early_m) / leg.distance_m
         except PathUndefined:
@@ -403,25 +445,33 @@ class Evaluator:
     def _climbed(
         self, known: Known, routes: Sequence[Route], whole_s: FloatArray, times_s: FloatArray, motion_w: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Times [s], mean and greatest motion powers [W] of all legs with climbs; see `with_climbs`."""
+        """Times [s], mean and greatest motion powers [W] of all legs with climbs, shape (legs,); see `with_climbs`.
+
+        `whole_s` are the times of whole legs, `times_s` those left, and `motion_w` the powers, all in level flight.
+        """
         assert known.climb is not None
-        found, first, per_m = [], 0, known.motion.climb_j_per_m
+        of_routes, first, per_m = [], 0, known.motion.climb_j_per_m
         for route in routes:
-            own = slice(first, first + len(route.order))
-            whole = whole_s[own] * known.time.ratio
-            found.append(with_climbs(known.climb, route, whole, times_s[own], motion_w[own], per_m))
-            first = own.stop
-        times, motion, peak = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
+            mine = slice(first, first + len(route.order))
+            whole = whole_s[mine] * known.time.ratio
+            of_routes.append(with_climbs(known.climb, route, whole, times_s[mine], motion_w[mine], per_m))
+            first = mine.stop
+        times, motion, peak = (np.concatenate(arrays) for arrays in zip(*of_routes, strict=True))
         return times, motion, np.maximum(peak, motion)
 
     def _totals(
         self, known: Known, legs: RouteArrays, load: RouteLoad, bank_s: FloatArray, wind_var: FloatArray
     ) -> Totals:
-        """Sums over each route; `soc_per_j` is still to come."""
+        """Sums over each route; `soc_per_j` is NaN until the voltage on the legs is known, see `_evaluation`.
+
+        `bank_s` is the time integral of tan² of the bank [s], and `wind_var` the variance of the time's logarithm due
+        to the wind, of each route.
+        """
         time, motion = known.time, known.motion
         seconds = np.maximum(legs.sums(load.times_s), 1e-3)
+        # var t = t² (var ratio + var log t) + noise t
         time_var = seconds**2 * (time.variance + wind_var) + time.noise_s * seconds
-        # (t, ∫tan²φ) P (t, ∫tan²φ)ᵀ + v t, with P the covariance of a and b
+        # var E = (t, ∫tan²φ) P (t, ∫tan²φ)ᵀ + v t, with P the covariance of a and b
         energy_var = (
             seconds**2 * motion.var_level
             + 2 * seconds * bank_s * motion.cov_level_slope
@@ -429,37 +479,35 @@ class Evaluator:
             + motion.noise * seconds
         )
         mean_w = legs.sums((load.motion_w + (load.min_w + load.max_w) / 2) * load.times_s) / seconds
+        # charge used to charge predicted: by the filter's state after the drain of the mean power
         battery = self.mission.battery
         volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
         drain = drain_per_s(mean_w, volts, battery.resistance_ohm, battery.drain_per_as) * seconds
         soc, charge_var = charge_at_end(known.charge.filtered, drain)
-        use_ratio = (known.soc - soc) / np.maximum(drain, 1e-12)
-        # the last array holds the place of `soc_per_j`
-        return Totals(seconds, time_var, energy_var, use_ratio, charge_var, mean_w, seconds)
+        return Totals(
+            seconds=seconds,
+            time_var_s2=time_var,
+            energy_var_j2=energy_var,
+            use_ratio=(known.soc - soc) / np.maximum(drain, 1e-12),
+            charge_var=charge_var,
+            mean_w=mean_w,
+            soc_per_j=np.full_like(seconds, math.nan),
+        )
 
-    def _knapsack(
-        self,
-        legs: RouteArrays,
-        load: RouteLoad,
-        kinds: IntArray,
-        limits: PowerLimits,
-        totals: Totals,
-        weight: FloatArray,
-        base: FloatArray,
-    ) -> Knapsack:
-        """Use and gain of every increment, and the values at minimum power; what is available is still to come."""
-        battery, table = self.mission.battery, self.envelopes.table
-        powers_w, values = table.powers_w[kinds], table.values[kinds]
+    def _vertex_use(
+        self, legs: RouteArrays, load: RouteLoad, kinds: IntArray, limits: PowerLimits, totals: Totals
+    ) -> FloatArray:
+        """State of charge that each leg uses at each vertex of its envelope, shape (legs, vertices)."""
+        battery, powers_w = self.mission.battery, self.envelopes.table.powers_w[kinds]
         per_as = (battery.drain_per_as * totals.use_ratio)[legs.place]
-        drains = drain_per_s(load.motion_w[:, None] + powers_w, limits.volts[:, None], battery.resistance_ohm, 1.0)
-        use = drains * (load.times_s * per_as)[:, None]
-        base_value = base + legs.sums(weight * values[:, 0])
-        gain = np.diff(values, axis=1) * weight[:, None]
-        # the last array holds the place of what is available
-        return Knapsack(np.diff(use, axis=1), gain, legs.place, legs.sums(use[:, 0]), base_value, base_value)
+        currents_a = drain_per_s(load.motion_w[:, None] + powers_w, limits.volts[:, None], battery.resistance_ohm, 1.0)
+        use: FloatArray = currents_a * (load.times_s * per_as)[:, None]
+        return use
 
     def _weights(self, known: Known, legs: RouteArrays, load: RouteLoad) -> tuple[FloatArray, FloatArray]:
-        """What a value of 1 on each leg adds to the objective; and that of what is flown and of the path.
+        """What a value of 1 on each leg adds to the objective, shape (legs,); and what is sure of it, shape (routes,).
+
+        Sure is what the part flown has added, and what the path parameters add on the legs left.
 
         Source: `eadp.models.plan.ground` for U.
         """
@@ -470,14 +518,17 @@ class Evaluator:
         # ground of the whole mission: flown, being flown, and left
         whole_m = known.flown.ground + per_s * run.free_s + legs.sums(ground_m * (self._counted[stage] > 0))
         whole_m = np.where(whole_m > 0, whole_m, math.inf)
+        # Σ ω c̃ of the path parameters on each leg, and the ground times the value that it was, or will be, seen with
         rho = self._path_weights.shape[1]
         path = (self._path_weights[stage] * legs.rows.shares[legs.order, :rho]).sum(axis=1)
-        # and what the path parameters add to U on it
         seen_m = known.flown.value + per_s * run.area_s + legs.sums(ground_m * path)
         return ground_m / whole_m[legs.place], seen_m / whole_m
 
     def _total_weights(self, legs: RouteArrays, load: RouteLoad) -> FloatArray:
-        """Weight of each leg's Σ w c where the objective is their sum over time, relative to the first maximum."""
+        """Weight of each leg where the objective is Σ w c summed over time: its time, scaled.
+
+        Scaled by the maximum at the first evaluation, so that the objective is at most about 1, as U is.
+        """
         if not self._scale_s:
             plan, weights = self.mission.plan, self.envelopes.shares.weights
             rho = plan.path_count
@@ -494,25 +545,28 @@ class Evaluator:
         totals: Totals,
         ends: list[UncertainEnds],
         std: FloatArray,
-        knapsack: Knapsack,
+        base_use: FloatArray,
     ) -> FloatArray:
-        """State of charge that may be used so that the reserve is kept with its probability, shape (routes,)."""
+        """State of charge that may be used so that the reserve is kept with its probability, shape (routes,).
+
+        `base_use` is what minimum power uses of it.
+        """
+        # the charge, losses taken off, that is there with the probability if nothing is used
         soc = known.soc - self.losses(totals.seconds) * LOSS
         level = soc - self.quantile * std
-        for place, own in enumerate(ends):
-            if own.probabilities:
+        for place, of_place in enumerate(ends):
+            if of_place.probabilities:
                 mine = legs.place == place
                 # an earlier end leaves the energy of the legs behind it: at minimum power, the least that it is sure of
-                unspent = own.unspent(((load.motion_w + load.min_w) * load.times_s)[mine])
+                unspent = of_place.unspent(((load.motion_w + load.min_w) * load.times_s)[mine])
                 means = tuple([float(soc[place]) + float(totals.soc_per_j[place]) * energy_j for energy_j in unspent])
-                level[place] = FinalCharge(float(std[place]), own.all_probabilities, means).level(
-                    self.objective.probability
-                )
+                charge = FinalCharge(float(std[place]), of_place.all_probabilities, means)
+                level[place] = charge.level(self.objective.probability)
         available = level - np.maximum(self.objective.reserve_soc, limits.min_soc)
         # power that cannot be delivered counts as charge that is short, so that the least excess ranks first: no more
         # is available than minimum power uses, less the excess
         excess = limits.beyond_w * totals.seconds * totals.soc_per_j
-        short: FloatArray = np.minimum(available, knapsack.base_use) - excess
+        short: FloatArray = np.minimum(available, base_use) - excess
         return np.where(limits.beyond_w > 0, short, available)
 
 
@@ -528,26 +582,30 @@ def _wind_effect(times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
 
     Source: unscented transform, Julier and Uhlmann 1997.
     """
-    known = (np.isfinite(times_s) & (times_s > 0)).all(axis=1, keepdims=True)
-    # where it cannot be flown in one of the winds, it counts as in the estimate
-    ratios = np.where(known, times_s, 1.0) / np.where(known, times_s[:, :1], 1.0)
+    flyable = (np.isfinite(times_s) & (times_s > 0)).all(axis=1, keepdims=True)
+    # a route that cannot be flown in one of the winds counts as in the estimate: a ratio of 1
+    ratios = np.where(flyable, times_s, 1.0) / np.where(flyable, times_s[:, :1], 1.0)
+    # of each pair, the first and the second difference of log t along one column of the root, of √2 its length
     above, below = np.log(ratios[:, 1::2]), np.log(ratios[:, 2::2])
     first, second = (above - below) / 2, (above + below) / 2
-    # E = ½ tr H P, var = gᵀ P g + ½ tr (H P)²
+    # with gradient g and Hessian H of log t: E = ½ tr H P, var = gᵀ P g + ½ tr (H P)²
     return np.exp(second.sum(axis=1) / 2), ((first**2).sum(axis=1) + (second**2).sum(axis=1)) / 2
 
 
 def _sigma_points(wind: WindKnown, airspeed_mps: float) -> FloatArray:
-    """A wind and four about it within `MAX_WIND`, shape (5, 2); it alone, (1, 2), where it is exact or beyond."""
+    """The winds that represent an uncertain wind: its estimate and two pairs about it, shape (5, 2) [m/s].
+
+    None is above `MAX_WIND`; the estimate alone, shape (1, 2), where it is exact, or above `MAX_WIND` itself.
+    """
     (x, y), (pxx, pyy, pxy) = wind.mps, wind.covariance
     max_mps = MAX_WIND * airspeed_mps
     if pxx + pyy <= 0 or math.hypot(x, y) > max_mps:
         return np.array([(x, y)])
-    # no more uncertain than before anything was known: P (P + σ² I)⁻¹ σ², of two dimensions
+    # no more uncertain than before anything was known: P ← P (P + σ² I)⁻¹ σ², written out for two dimensions
     prior, determinant = WIND_PRIOR_MPS**2, pxx * pyy - pxy * pxy
     scale = prior / ((pxx + prior) * (pyy + prior) - pxy * pxy)
     pxx, pyy, pxy = (pxx * prior + determinant) * scale, (pyy * prior + determinant) * scale, pxy * prior * scale
-    # L with L Lᵀ = P, times √2
+    # √2 L = [[a, 0], [b, c]], with L Lᵀ = P the root of Cholesky; a pair of winds along each of its columns
     a = math.sqrt(2 * max(pxx, 1e-12))
     b = 2 * pxy / a
     c = math.sqrt(max(2 * pyy - b * b, 0.0))
@@ -558,12 +616,13 @@ def _sigma_points(wind: WindKnown, airspeed_mps: float) -> FloatArray:
 
 
 def _ends(known: Known, route: Route, left: float) -> UncertainEnds:
-    """Uncertain ends ahead; `left` is the remaining share of the first leg."""
+    """The uncertain ends of a route that are ahead; `left` is the remaining share of its first leg."""
     if not route.ends:
         return CERTAIN
-    reach = NormalDist(0.0, known.reach_std_m)
-    # ends in the order in which they are reached: one is the flight's if it is reached, and none before it is
-    reached_before, shares, unflown_of = 0.0, [], []
+    cross_track_error = NormalDist(0.0, known.reach_std_m)
+    # ends in the order in which they are reached, each with a greater clearance: the flight ends at the first whose
+    # clearance exceeds the error, at this one with Φ(clearance/σ) − Φ(clearance of the one before/σ)
+    reached_before, probabilities, unflown_of_ends = 0.0, [], []
     for end in route.ends:
         ahead_m = end.length_m * (left if end.leg == 0 else 1.0)
         unflown_m = end.length_m - end.flown_m
@@ -573,8 +632,8 @@ def _ends(known: Known, route: Route, left: float) -> UncertainEnds:
         unflown = np.zeros(len(route.order))
         unflown[end.leg] = min(1.0, unflown_m / max(ahead_m, 1e-6))
         unflown[end.leg + 1 :] = 1.0
-        reached = reach.cdf(end.clearance_m)
-        shares.append(reached - reached_before)
-        unflown_of.append(unflown)
+        reached = cross_track_error.cdf(end.clearance_m)
+        probabilities.append(reached - reached_before)
+        unflown_of_ends.append(unflown)
         reached_before = reached
-    return UncertainEnds(tuple(shares), tuple(unflown_of))
+    return UncertainEnds(tuple(probabilities), tuple(unflown_of_ends))

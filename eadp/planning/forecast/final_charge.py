@@ -39,7 +39,8 @@ class FinalCharge(NamedTuple):
         return self.std**2 + moments(self.shares, self.means)[1]
 
     def probability_above(self, soc: float) -> float:
-        """Probability of a state of charge above one."""
+        """Probability that the state of charge at the end is above `soc`."""
+        # Σ share · ½ erfc((soc − mean)/(σ √2))
         scale = max(self.std, MIN_STD) * math.sqrt(2.0)
         above = 0.0
         for share, mean in zip(self.shares, self.means, strict=True):
@@ -47,7 +48,7 @@ class FinalCharge(NamedTuple):
         return above / 2
 
     def level(self, probability: float) -> float:
-        """State of charge above which it is with a probability."""
+        """State of charge above which the flight ends with a probability: a quantile."""
         below_mean = NormalDist().inv_cdf(probability) * self.std
         # the level of the mixture lies between those of its lowest and its highest end; with one end they are equal
         low, high = min(self.means) - below_mean, max(self.means) - below_mean

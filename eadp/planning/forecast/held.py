@@ -66,7 +66,7 @@ class Preflight:
 
     @classmethod
     def of(cls, evaluation: Evaluation, filling: Filling, parameters: Vector) -> Preflight:
-        """That of the one place of an evaluation, with parameters as decided and computations as filled."""
+        """The forecast of an evaluation of one place, with parameters as decided and computations as filled."""
         place, route, evaluator = 0, evaluation.routes[0], evaluation.evaluator
         plan = evaluator.mission.plan
         means = _mean_computations(evaluation, filling, route, plan.path_count)
@@ -77,12 +77,18 @@ class Preflight:
         expected_s = evaluation.expected_s(place)
         computing_w = evaluation.computing_w(filling.shares)
         powers_w = evaluation.load.motion_w + computing_w
-        seconds, energies = (np.bincount(route.stages, values) for values in (expected_s, powers_w * expected_s))
-        computing_wh = float(computing_w @ expected_s) / 3600
-        stages = {i: (float(seconds[i]), float(energies[i]) / 3600) for i in np.unique(route.stages).tolist()}
-        turn_back = latest_turn_back(evaluation, place, filling)
-        stop = None if feasible else reach(evaluation, place, filling)
-        return cls(names, parameters, forecast, feasible, quality, stages, computing_wh, turn_back, stop)
+        seconds, energies_j = (np.bincount(route.stages, values) for values in (expected_s, powers_w * expected_s))
+        return cls(
+            parameters=names,
+            decided=parameters,
+            forecast=forecast,
+            feasible=feasible,
+            quality=quality,
+            stages={i: (float(seconds[i]), float(energies_j[i]) / 3600) for i in np.unique(route.stages).tolist()},
+            computing_wh=float(computing_w @ expected_s) / 3600,
+            turn_back=latest_turn_back(evaluation, place, filling),
+            reach=None if feasible else reach(evaluation, place, filling),
+        )
 
     def planned(self, mission: Mission) -> PlannedLegs:
         """The legs that were forecast, to the plan's end."""
@@ -91,9 +97,10 @@ class Preflight:
 
 
 def _mean_computations(evaluation: Evaluation, filling: Filling, route: Route, rho: int) -> list[float]:
-    """Mean of each computation over the time with a set in which it may run, as filled."""
+    """Mean of each computation, as filled, over the time of the stages in which it is not inhibited."""
     envelopes = [evaluation.evaluator.envelopes[kind].configurations for kind in evaluation.kinds.tolist()]
-    # shape (legs, computations): that of minimum power, and the increments taken
+    # mean configuration of each leg, shape (legs, computations): that of minimum power, and the shares taken of the
+    # increments from vertex to vertex of its envelope
     configurations = np.array([envelope[0] for envelope in envelopes])
     for leg, (envelope, shares) in enumerate(zip(envelopes, filling.shares, strict=True)):
         configurations[leg] += shares[: len(envelope) - 1] @ np.diff(envelope, axis=0)
@@ -120,13 +127,14 @@ class HeldForecast:
         self._evaluators: dict[Vector, Evaluator] = {}
 
     def evaluation(self, known: Known, parameters: Vector) -> Evaluation:
-        """The rest of the flight at parameters.
+        """The rest of the flight evaluated at parameters; place 0 of it.
 
         Raises
         ------
         PathUndefined
             If the plan cannot be flown at them, or not in this wind.
         """
+        # computations that are held are an evaluator's with one level of each
         computing = parameters[self._mission.plan.path_count :]
         if computing not in self._evaluators:
             levels = {name: (value,) for name, value in zip(self._mission.plan.names, parameters, strict=True)}

@@ -47,6 +47,7 @@ def home_spare(evaluation: Evaluation, place: int, flown_s: float = 0.0, flown_j
     seconds = _seconds_home(way_home, evaluation.known)
     if not math.isfinite(seconds):
         return -math.inf
+    # energy of the climb to the altitude of the way home
     known, mission = evaluation.known, evaluation.evaluator.mission
     here_m = mission.cruise_altitude_m if known.climb is None else known.climb.altitude_m
     to_m = here_m if way_home.altitude_m is None else way_home.altitude_m
@@ -56,9 +57,13 @@ def home_spare(evaluation: Evaluation, place: int, flown_s: float = 0.0, flown_j
 def _spare(
     evaluation: Evaluation, place: int, seconds: float, flown_s: float, flown_j: float, climb_j: float = 0.0
 ) -> float:
-    """Charge above the reserve after a time from here at the least power, with the reserve's probability."""
+    """Charge above the reserve, with the reserve's probability, after so many seconds from here at the least power.
+
+    The deviation is that of a flight of this time, and of what was flown to here (`flown_s`, `flown_j`) before it.
+    """
     evaluator, known = evaluation.evaluator, evaluation.known
     objective, battery = evaluator.objective, evaluator.mission.battery
+    # the charge after it
     mine = evaluation.legs.place == place
     power_w = float(evaluation.load.motion_w[mine].min()) + float(evaluation.load.min_w[mine].min())
     power_w += climb_j / seconds if seconds > 0 else 0.0
@@ -85,13 +90,13 @@ def _spare(
 def _seconds_home(way_home: WayHome, known: Known) -> float:
     """Time of a whole turn and the straight lines home [s]; 0 at home, infinite against too strong a wind."""
     corners = np.array([known.position_m, *way_home.line(known.position_m)])
-    steps = np.diff(corners, axis=0)
-    lengths_m = np.linalg.norm(steps, axis=1)
-    steps, lengths_m = steps[lengths_m >= AT_HOME_M], lengths_m[lengths_m >= AT_HOME_M]
+    lines = np.diff(corners, axis=0)
+    lengths_m = np.linalg.norm(lines, axis=1)
+    lines, lengths_m = lines[lengths_m >= AT_HOME_M], lengths_m[lengths_m >= AT_HOME_M]
     if not len(lengths_m):
         return 0.0
-    speed, courses = known.airspeed_mps, (steps / lengths_m[:, None]).T
-    ground_mps = ground_speeds_mps(courses[0], courses[1], speed, known.wind.mps)[0]
+    speed, (course_x, course_y) = known.airspeed_mps, (lines / lengths_m[:, None]).T
+    ground_mps, _ = ground_speeds_mps(course_x, course_y, speed, known.wind.mps)
     if (ground_mps <= 0).any():
         return math.inf
     return float((lengths_m / ground_mps).sum()) + 2 * math.pi * HOME_RADII * way_home.turn_radius_m / speed
@@ -116,8 +121,8 @@ def latest_turn_back(evaluation: Evaluation, place: int, filling: Filling) -> Tu
     """
     if evaluation.evaluator.mission.way_home is None:
         return None
-    found = _last_point(evaluation, place, filling, lambda there, *flown: home_spare(there, place, *flown) or 0.0)
-    return None if found is None else TurnBack(found.time_s, found.position_m)
+    last = _last_point(evaluation, place, filling, lambda there, *flown: home_spare(there, place, *flown) or 0.0)
+    return None if last is None else TurnBack(last.time_s, last.position_m)
 
 
 class Reach(NamedTuple):
@@ -145,18 +150,19 @@ def reach(evaluation: Evaluation, place: int, filling: Filling) -> Reach | None:
 def _last_point(
     evaluation: Evaluation, place: int, filling: Filling, spare: Callable[[Evaluation, float, float], float]
 ) -> Reach | None:
-    """The last point of a route that leaves spare charge, 0 or more.
+    """The last point of a route at which `spare` is 0 or more; None if it is nowhere.
 
-    `spare` gives it for the evaluation as known there, by the time [s] and the energy [J] flown to it.
+    The route is flown from point to point as forecast: the charge is drained by its mean power. `spare` gives a charge
+    by the evaluation with what is known at a point, and by the time [s] and the energy [J] flown to it.
     """
     known, battery = evaluation.known, evaluation.evaluator.mission.battery
-    found = Reach(known.time_s, known.position_m, 0.0, 0.0) if spare(evaluation, 0.0, 0.0) >= 0 else None
+    last = Reach(known.time_s, known.position_m, 0.0, 0.0) if spare(evaluation, 0.0, 0.0) >= 0 else None
     mine, legs = evaluation.legs.place == place, evaluation.routes[place].legs
     powers_w = (evaluation.load.motion_w + evaluation.computing_w(filling.shares))[mine]
     times_s = evaluation.load.times_s[mine]
     total_m, total_j = sum(leg.distance_m for leg in legs), float(powers_w @ times_s)
     if not (total_m > 0 and total_j > 0):  # at the plan's end already
-        return found
+        return last
     step_m = max(MIN_STEP_M, total_m / STEPS)
     filtered, flown_s, flown_j, flown_m = known.charge.filtered, 0.0, 0.0, 0.0
     for leg, power_w, leg_s in zip(legs, powers_w.tolist(), times_s.tolist(), strict=True):
@@ -168,9 +174,9 @@ def _last_point(
             filtered, flown_s, flown_j = after_drain(filtered, drain), flown_s + step_s, flown_j + power_w * step_s
             flown_m += leg.distance_m / len(points)
             if filtered.soc <= 0:
-                return found
-            at = point.x_m, point.y_m
-            there = known._replace(position_m=at, charge=known.charge._replace(filtered=filtered))
+                return last
+            position = point.x_m, point.y_m
+            there = known._replace(position_m=position, charge=known.charge._replace(filtered=filtered))
             if spare(replace(evaluation, known=there), flown_s, flown_j) >= 0:
-                found = Reach(known.time_s + flown_s, at, flown_m / total_m, flown_j / total_j)
-    return found
+                last = Reach(known.time_s + flown_s, position, flown_m / total_m, flown_j / total_j)
+    return last

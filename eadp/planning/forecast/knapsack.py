@@ -50,15 +50,15 @@ class Knapsack(NamedTuple):
         return np.divide(self.gain, self.use, out=ratio, where=self.use > 0)
 
     def at(self, place: int) -> Knapsack:
-        """That of one place alone."""
-        mine, own = self.place == place, slice(place, place + 1)
-        alone = np.zeros(int(mine.sum()), dtype=np.intp)
+        """The knapsack of one place alone, which is place 0 of it."""
+        legs, row = self.place == place, slice(place, place + 1)
+        only = np.zeros(int(legs.sum()), dtype=np.intp)
         return Knapsack(
-            self.use[mine], self.gain[mine], alone, self.base_use[own], self.base_value[own], self.available[own]
+            self.use[legs], self.gain[legs], only, self.base_use[row], self.base_value[row], self.available[row]
         )
 
     def filling(self, shares: FloatArray) -> Filling:
-        """What shares of the increments, shape (legs, steps), come to."""
+        """The filling that takes shares of the increments, shape (legs, steps): their use and value are summed."""
         count = len(self.base_use)
         use = self.base_use + np.bincount(self.place, (self.use * shares).sum(axis=1), count)
         value = self.base_value + np.bincount(self.place, (self.gain * shares).sum(axis=1), count)
@@ -89,16 +89,17 @@ def fill_greedy(knapsack: Knapsack) -> Filling:
     # increments of all legs in a row, by place, the most efficient first
     use, place = knapsack.use.ravel(), np.repeat(knapsack.place, knapsack.use.shape[1])
     order = np.lexsort((-knapsack.efficiency.ravel(), place))
-    used, of_place = use[order], place[order]
-    # use of those before each one, and at the first of each place
-    before = used.cumsum() - used
-    first = np.searchsorted(of_place, np.arange(len(knapsack.base_use)))
+    use, place = use[order], place[order]
+    # use of all that stand before each one in the row, and of those that stand before its place
+    before = use.cumsum() - use
+    first = np.searchsorted(place, np.arange(len(knapsack.base_use)))
     start = before[np.minimum(first, len(before) - 1)] if len(before) else before
-    # what is left for each one; below 0 where not even minimum power is possible, so that nothing is taken
+    # charge left for each one, once those before it at its place are whole: it is taken whole if that suffices, else in
+    # part, or not at all; below 0 where not even minimum power is possible, so that nothing is taken
     spare = np.where(knapsack.spare >= -FULL, np.maximum(knapsack.spare, 0.0), -1.0)
-    left = (spare + FULL)[of_place] - (before - start[of_place]) if len(before) else before
-    share = np.clip(left / np.where(used > 0, used, 1.0), 0.0, 1.0)
-    share = np.where(used > 0, share, left >= 0)  # what takes no charge is taken whole
-    shares = np.empty(len(use))
+    left = (spare + FULL)[place] - (before - start[place]) if len(before) else before
+    share = np.clip(left / np.where(use > 0, use, 1.0), 0.0, 1.0)
+    share = np.where(use > 0, share, left >= 0)  # what takes no charge is taken whole
+    shares = np.empty(len(use))  # in the order of the legs again
     shares[order] = share
     return knapsack.filling(shares.reshape(knapsack.use.shape))

@@ -39,6 +39,7 @@ class Places:
 
     def __init__(self, evaluator: Evaluator, decided: Vector, held: Collection[int] = ()) -> None:
         self.evaluator, plan = evaluator, evaluator.mission.plan
+        # of each path parameter: from the lowest to the highest value of its sets
         self._boxes = [plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []
         self.open = [i for i, box in enumerate(self._boxes) if not box.fixed and i not in held]
         self.decided = decided
@@ -46,10 +47,10 @@ class Places:
         self._predictor = RoutePredictor()
         self._routes: dict[Shares, Route | None] = {}
         self._stage: tuple[object, ...] = ()
-        """What `_routes` hold for."""
+        """What `_routes` start from: the stage, its path parameters, and whether the end of the plan is uncertain."""
 
     def enter(self, known: Known) -> None:
-        """Forget the routes known unless the stage and its parameters are those that they start from."""
+        """Begin a re-planning: forget the routes kept unless they start from the stage and parameters of now."""
         cursor = known.cursor
         path = len(self._boxes)
         stage = known.stages_started, cursor.waiting[:path], cursor.parameters[:path], known.reach_std_m > 0
@@ -65,11 +66,12 @@ class Places:
         for i, share in zip(self.open, shares, strict=True):
             box = self._boxes[i]
             value = box.lo + share * (box.hi - box.lo)
-            values[i] = value if abs(value - values[i]) > SAME_SHARE * (box.hi - box.lo) else values[i]
+            if abs(value - values[i]) > SAME_SHARE * (box.hi - box.lo):  # else as decided: a rounding is no change
+                values[i] = value
         return tuple(values)
 
     def route(self, known: Known, shares: Shares) -> Route | None:
-        """The route at a place; None where it has no path."""
+        """The route that is left at a place; None where its path is undefined, or nothing is left to fly."""
         if shares not in self._routes:
             cursor = known.cursor.decide(self.parameters(shares))
             try:
@@ -80,16 +82,16 @@ class Places:
         return self._routes[shares]
 
     def evaluate(self, known: Known, places: list[Shares]) -> tuple[list[Shares], Evaluation | None]:
-        """Evaluate places; returns those that can be flown, and their evaluation."""
+        """Evaluate places together; returns those that can be flown, and their evaluation, None if there are none."""
         routes = [(shares, route) for shares in places if (route := self.route(known, shares)) is not None]
         if not routes:
             return [], None
         try:
-            found = self.evaluator.evaluate(known, [route for _, route in routes])
+            evaluation = self.evaluator.evaluate(known, [route for _, route in routes])
         except PathUndefined:
             return [], None
-        return [routes[i][0] for i in found.index.tolist()], found
+        return [routes[i][0] for i in evaluation.index.tolist()], evaluation
 
     def decide(self, shares: Shares, parameters: Vector) -> None:
-        """Set the place and the parameters decided."""
+        """Note the place and the parameters that the planner has decided."""
         self.shares, self.decided = shares, parameters

@@ -63,7 +63,19 @@ FULL_SHARE = 1 - 1e-6
 
 
 class Candidate(NamedTuple):
-    """A plan: its place and evaluation, that place alone, the computations as solved, and whether they stay so."""
+    """A plan that may be flown.
+
+    Attributes
+    ----------
+    shares : tuple of float
+        Its place.
+    evaluation : Evaluation
+        Of this place alone.
+    solution : Solution
+        Its computations.
+    held : bool
+        Whether these stay as they are to the end.
+    """
 
     shares: Shares
     evaluation: Evaluation
@@ -103,12 +115,14 @@ class JointPlanner(Planner):
         # value and charge left over of the plan that was searched last
         self._searched: tuple[float, float] | None = None
         self._infeasible_since_s: float | None = None
+        # as of the last re-planning, and update: losses of charge, stages started; and the reading that decides on a
+        # charge that may have jumped [s]
         self._losses = 0
         self._stages_started, self._next_reading_s = 1, math.inf
         # charge to spare for the way home, None without one; and when it sufficed last [s]
         self._home: tuple[float | None, float] = (None, 0.0)
         self._by_stage = any(row.stages for row in own.trade_offs)
-        # what is shown is forecast again and again, and a way home on which it depends
+        # re-planned every `planner.every_s`: where forecasts are shown live, and where a turn home depends on them
         self._often = mission.live or (mission.way_home is not None and mission.way_home.turns_back)
 
     @classmethod
@@ -129,20 +143,21 @@ class JointPlanner(Planner):
 
     @property
     def next_update_s(self) -> float:
-        """When it looks next; at the next reading where the charge may have jumped."""
+        """When it re-plans next [s]; at the next reading where the charge may have jumped."""
         return min(self._next_s, self._next_reading_s)
 
     def update(self, state: FlightState) -> Decision:
-        """Look at the plan when due, at a new stage, and at once when charge was lost."""
+        """Re-plan when due, at a new stage, and at once when charge was lost; the last decision else."""
         o = state.now
         if self._decision.returns_home:
             return self._decision
         entered, self._stages_started = o.stages_started != self._stages_started, o.stages_started
         due = o.time_s >= self._next_s - 1e-9
-        # a new stage counts where the path can change with it
+        # a new stage counts where the path can change with it, or trade-offs do, and where forecasts are shown
         entered &= self._mission.live or self._by_stage or (bool(self._places.open) and o.cursor.accepts_changes())
         jumped = state.losses > self._losses
         self._next_reading_s = state.next_reading_s if state.is_ambiguous(o.soc) else math.inf
+        # a loss is answered before `start_after_s`, too
         starts_s = max(state.reached_s + WARM_UP_S, WARM_UP_S + (0.0 if jumped else self._own.start_after_s))
         if o.time_s < starts_s - 1e-9:
             self._next_s = starts_s
@@ -154,7 +169,10 @@ class JointPlanner(Planner):
         return self._decision
 
     def hold(self, held: Mapping[int, float]) -> None:
-        """Re-plan at the next update, with these parameters as they are."""
+        """Take the parameters, by index, that stay at a value from now on; re-plan at the next update.
+
+        A computation is held by an evaluator with one level of it, a path parameter by not being searched.
+        """
         rho, names = self._mission.plan.path_count, self._mission.plan.names
         levels = {names[i]: (value,) for i, value in held.items() if i >= rho}
         settings = replace(self._settings, levels={**self._settings.levels, **levels})
@@ -165,7 +183,10 @@ class JointPlanner(Planner):
         self._next_s, self._searched = WARM_UP_S + self._own.start_after_s, None
 
     def _replan(self, o: Observation, known: Known, cause: str) -> None:
-        """Forecast the plan in force, search the path where it is to be searched, and decide."""
+        """Forecast the plan in force, search the path where it is to be searched, and decide.
+
+        Near the end no plan is sought, and but for forecasts that are shown nothing is done at all.
+        """
         report, calls, started = self.report, self.report.calls, time.perf_counter()
         self._places.enter(known)
         plan = self._plan(known, self._places.shares)
@@ -182,7 +203,7 @@ class JointPlanner(Planner):
             solution = self._program.solve(found.evaluation.adaptive)
             found = found._replace(solution=solution)
             chosen = self._decision.parameters if closes else self._choose(o, found)
-            # computations that are held to the end are forecast as they are
+            # where nothing changes from the next re-planning on, computations are held: they are forecast as they are
             if self._is_free(o) and self._closes(cause, found.evaluation.earliest_s(0) - (self._next_s - o.time_s)):
                 found = self._with_held_computations(found, chosen)
             self._decide(o, known, cause, found, chosen, calls, searched=search)
@@ -203,9 +224,11 @@ class JointPlanner(Planner):
     def _search_plan(self, known: Known, kept: Candidate | None, cause: str) -> Candidate | None:
         """Search the path; return the plan with the best one, and note its value and charge.
 
-        It is the plan in force, `kept`, where the gain is small, or the change would come too late.
+        It is the plan in force, `kept`, where the gain is small, or the change would come too late. None where neither
+        can be flown.
         """
         places = self._places
+        # the value to exceed, if the plan in force is feasible
         flown = kept if kept is not None and kept.solution.feasible else None
         threshold = -math.inf if flown is None else flown.solution.value + self._policy.path_gain
         search = Search(partial(places.evaluate, known), places.evaluator.path_weight, threshold)
@@ -274,7 +297,7 @@ class JointPlanner(Planner):
             o.time_s, now_w, plan.evaluation, plan.solution, lost=self._losses > 0
         )
         after_w = self._power_w(plan.evaluation, (*before[: self._mission.plan.path_count], *computations))
-        # no fall where the stage, by its trade-offs, allows no more
+        # it is no fall where the stage, by its trade-offs, allows no more than that
         max_w = evaluator.envelopes[int(plan.evaluation.kinds[0])].powers_w[-1]
         return ComputationChoice(computations, lasts_s, after_w < min(now_w, max_w) - 1e-9)
 
@@ -285,7 +308,10 @@ class JointPlanner(Planner):
     def _decide(
         self, o: Observation, known: Known, cause: str, plan: Candidate, chosen: Vector, calls: int, *, searched: bool
     ) -> None:
-        """Decide on a plan, and on the parameters of it to fly with now."""
+        """Make the decision: a plan, the parameters of it to fly with now, `chosen`, and the record with its reason.
+
+        `calls` are the runs of OSQP before this re-planning, and `searched` is whether the path was.
+        """
         solution, limit = plan.solution, self._battery_limit(known, plan)
         self.report.infeasible += not solution.feasible
         if solution.feasible:
@@ -304,7 +330,7 @@ class JointPlanner(Planner):
         self._decision = Decision(chosen, reason, record, returns_home)
 
     def _with_held_computations(self, plan: Candidate, chosen: Vector) -> Candidate:
-        """A plan with the computations as they are now to the end: they change no more."""
+        """A plan with the computations of now to the end: on each leg the increments up to their power are taken."""
         evaluation = plan.evaluation
         powers_w = evaluation.evaluator.envelopes.table.powers_w[evaluation.kinds, 1:]
         flown = np.where(powers_w <= self._power_w(evaluation, chosen) + 1e-9, 1.0, 0.0)
@@ -316,11 +342,11 @@ class JointPlanner(Planner):
         route, rho = plan.evaluation.routes[0], self._mission.plan.path_count
         # the first leg that is flown with other path parameters than this one
         start = route.parameters[0][:rho]
-        changed = [i for i, own in enumerate(route.parameters) if own[:rho] != start]
+        changed = [i for i, parameters in enumerate(route.parameters) if parameters[:rho] != start]
         return plan.evaluation.earliest_s(0, changed[0] if changed else 0)
 
     def _power_w(self, evaluation: Evaluation, parameters: Vector) -> float:
-        """Power of parameters within the sets of the stage being flown [W]."""
+        """Power of the computations of parameters, clipped to the sets of the stage being flown [W]."""
         route = evaluation.routes[0]
         boxes, rho = route.of_legs[0].sets, self._mission.plan.path_count
         own = (*route.parameters[0][:rho], *parameters[rho:])
@@ -339,11 +365,13 @@ class JointPlanner(Planner):
             return False
         # by as much as since the last re-planning it falls until the next one
         falls = max(0.0, before - spare) if before is not None and math.isfinite(before) else 0.0
-        return -plan.evaluation.shortfall(0) < spare < falls
+        less_short = spare > -plan.evaluation.shortfall(0)
+        return less_short and spare < falls
 
     # --- records
 
     def _reason(self, known: Known, plan: Candidate, chosen: Vector, *, searched: bool) -> str:
+        """The decision and its reason, in words: what is short, else what changes, else that nothing does."""
         evaluation, battery = plan.evaluation, self._mission.battery
         if not plan.solution.feasible:
             since = f"infeasible since {self._infeasible_since_s:.1f} s: "
@@ -367,8 +395,10 @@ class JointPlanner(Planner):
     def _battery_limit(self, known: Known, plan: Candidate) -> str | None:
         """The limit of the battery's power without which there would be more computations, or a feasible plan."""
         b, limits, std = self._mission.battery, plan.evaluation.limits, float(plan.evaluation.std[0])
+        # minimum power exceeds what can be delivered
         if limits.beyond_w[0] > 0:
             return b.limit_at(b.voltage_at(known.soc))
+        # all charge is used, but for what a limit requires above the reserve
         if (
             plan.evaluation.left_over(plan.solution.filling) <= BETTER * std
             and limits.min_soc[0] > self._settings.reserve_soc + ROUNDING
@@ -377,16 +407,18 @@ class JointPlanner(Planner):
             return LETTER if by_letter else b.limit_at(b.voltage_at(float(limits.delivered_soc[0])))
         if not plan.solution.feasible:
             return None
+        # a leg where a limit excludes configurations, and every one below these is flown
         taken = (plan.solution.filling.shares >= FULL_SHARE) | (plan.evaluation.knapsack.use <= 0)
-        full = np.flatnonzero(limits.truncated & taken.all(axis=1))  # and every configuration below flown
-        if not len(full):
+        limited = np.flatnonzero(limits.truncated & taken.all(axis=1))
+        if not len(limited):
             return None
-        first = int(full[0])
+        first = int(limited[0])
         return LETTER if limits.by_letter[first] else b.limit_at(float(limits.volts[first]))
 
     def _record(
         self, o: Observation, known: Known, cause: str, chosen: Vector, plan: Candidate, reason: str
     ) -> DecisionRecord:
+        """The record of a re-planning, but for the battery's limit and the runs of OSQP."""
         b, solution = self._mission.battery, plan.solution
         forecast = plan.evaluation.forecast(0, solution.filling, held=plan.held)
         total = self._places.evaluator.objective.total
@@ -412,6 +444,7 @@ class JointPlanner(Planner):
 
 
 def _evaluator(settings: PlannerSettings, mission: Mission, own: JointSettings) -> Evaluator:
+    """The evaluator of routes with the objective that the settings state."""
     return Evaluator(
         mission,
         settings,

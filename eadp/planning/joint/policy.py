@@ -53,12 +53,15 @@ class Policy:
     def computations(
         self, time_s: float, now_w: float, evaluation: Evaluation, solution: Solution, *, lost: bool
     ) -> tuple[Vector, float]:
-        """The computations to fly with now, and for how long [s]: those sustained to the end; asking changes nothing.
+        """The computations to fly with now, and for how long [s]; asking changes nothing.
+
+        One of the two configurations around the power that can be sustained to the end, or the one in force, if it is
+        to rise or to fall later; see `SETTLED_S` and `EARLY_S`.
 
         Parameters
         ----------
         time_s : float
-            [s].
+            Time of the flight [s].
         now_w : float
             Power of the computations in force [W].
         evaluation : Evaluation
@@ -70,21 +73,23 @@ class Policy:
         kind = int(evaluation.kinds[0])
         envelope = evaluation.evaluator.envelopes[kind]
         powers_w = envelope.powers_w
-        # vertices by number: held, the one in force; below and the next, those around the sustained power
+        # vertices of the envelope by number: `held`, the one in force; `below` and the next, around the sustained power
         held = int(np.clip(np.searchsorted(powers_w, now_w + 1e-9, side="right") - 1, 0, len(powers_w) - 1))
-        chosen, lasts_s = 0, math.inf
+        chosen, lasts_s = 0, math.inf  # of an infeasible plan: minimum power
         if solution.feasible:
             below, share = _vertex(powers_w, sustained_w(evaluation, kind, solution))
-            if share < 1:  # the upper one falls before the end is so near that nothing changes
+            # the upper one can be flown for its share of the time left, then the lower one
+            if share < 1:  # it falls before the end is so near that nothing changes
                 remaining_s = float(evaluation.totals.seconds[0])
                 lasts_s = min(share * remaining_s, evaluation.earliest_s(0) - LAST_S - HELD_S)
-            rises = below + (lasts_s > SETTLED_S)
-            stays = held <= below + (lasts_s > HELD_S)
-            waits = time_s - self._fell_s < SETTLED_S
+            # the highest vertex to rise to, and the highest to stay at
+            rises_to = below + 1 if lasts_s > SETTLED_S else below
+            stays_to = below + 1 if lasts_s > HELD_S else below
             chosen = below
-            if rises > held:
-                chosen = held if waits else rises
-            elif stays:
+            if rises_to > held:
+                waits = time_s - self._fell_s < SETTLED_S
+                chosen = held if waits else rises_to
+            elif held <= stays_to:
                 chosen = held
             # the lower one lasts to the end
             lasts_s = lasts_s if chosen > below else math.inf
@@ -97,7 +102,10 @@ class Policy:
 
 
 def _vertex(powers_w: np.ndarray, target_w: float) -> tuple[int, float]:
-    """The vertex at or below a power [W], and the share of the way to the next one."""
+    """Number of the vertex at or below a power [W], and the power's share of the way to the next one.
+
+    The last but one where the power is at the last or above: a share of 1 or more.
+    """
     below = int(np.clip(np.searchsorted(powers_w, target_w + 1e-9, side="right") - 1, 0, max(len(powers_w) - 2, 0)))
     if len(powers_w) == 1:
         return 0, 0.0
@@ -118,6 +126,6 @@ def sustained_w(evaluation: Evaluation, kind: int, solution: Solution) -> float:
     mix = np.divide(taken, whole, out=np.zeros(steps), where=whole > 0)
     power_w = float(envelope.powers_w[0] + mix @ np.diff(envelope.powers_w))
     # charge left over, and the charge that a watt more takes to the end
-    over = evaluation.left_over(solution.filling)
-    per_w = float(evaluation.totals.soc_per_j[0] * evaluation.totals.seconds[0])
-    return power_w + max(over, 0.0) / max(per_w, 1e-12)
+    left_over = evaluation.left_over(solution.filling)
+    soc_per_w = float(evaluation.totals.soc_per_j[0] * evaluation.totals.seconds[0])
+    return power_w + max(left_over, 0.0) / max(soc_per_w, 1e-12)

@@ -91,7 +91,7 @@ class ComputationProgram:
         self._qp: QuadraticProgram | None = None
 
     def solve(self, knapsack: Knapsack) -> Solution:
-        """The optimal computations at one place, by OSQP.
+        """The optimal computations at one place, by OSQP; in closed form where that is better by much, or OSQP fails.
 
         Parameters
         ----------
@@ -101,19 +101,21 @@ class ComputationProgram:
         closed = fill_greedy(knapsack)
         if not closed.feasible[0]:
             return Solution(closed, INFEASIBLE)
-        chosen = np.flatnonzero((knapsack.use > 0) & (knapsack.gain > 0))
-        if not len(chosen):
+        # variables of the program: increments that cost something and gain something; the others are as in closed form
+        variable = np.flatnonzero((knapsack.use > 0) & (knapsack.gain > 0))
+        if not len(variable):
             return Solution(closed, NOTHING_TO_CHOOSE)
-        use, gain = knapsack.use.ravel()[chosen], knapsack.gain.ravel()[chosen]
+        use, gain = knapsack.use.ravel()[variable], knapsack.gain.ravel()[variable]
         spare = max(float(knapsack.spare[0]), 0.0)
-        x, iterations = np.full(len(chosen), 0.5), 0
+        # QPs, each with its proximal term around the last one's solution, until one is as good as the closed form
+        x, iterations = np.full(len(variable), 0.5), 0
         try:
             for _ in range(1 + RECENTRED):
                 x, multiplier, iterations = self._solved(gain, use, spare, x)
                 shares = closed.shares.copy()
-                shares.ravel()[chosen] = _exact(gain, use, spare, x, multiplier)
-                found = knapsack.filling(shares)
-                gap = float(closed.value[0] - found.value[0])
+                shares.ravel()[variable] = _exact(gain, use, spare, x, multiplier)
+                filling = knapsack.filling(shares)
+                gap = float(closed.value[0] - filling.value[0])
                 if gap <= OUTDONE:
                     break
         except SolverFailed:
@@ -123,48 +125,54 @@ class ComputationProgram:
         if gap > OUTDONE:
             self._report.outdone += 1
             return Solution(closed, CLOSED_FORM, iterations, gap)
-        return Solution(found, SOLVED, iterations, gap)
+        return Solution(filling, SOLVED, iterations, gap)
 
     def _solved(
         self, gain: FloatArray, use: FloatArray, spare: float, centre: FloatArray
     ) -> tuple[FloatArray, float, int]:
-        """max gain·x − ½ε|y − y_centre|² subject to use·x ≤ spare, y being x scaled by use: x, multiplier, iterations.
+        """One run of OSQP: the shares x, the multiplier of the charge, and the iterations.
+
+            max gain·x − ½ε|y − y_centre|²  subject to  use·x ≤ spare,  0 ≤ x ≤ 1,  y being x scaled by use
 
         So scaled, the row has entries of 1, whatever the leg.
         """
         # y = s x with s = use / mean use: use·x = mean use · Σ y, and the gain of y is gain/s
         real, mean_use = len(gain), float(use.mean())
+        # variables are filled up to a multiple of SIZES with ones that are 0; `scale` is s, `slope` the gain of y
         count = real + -real % SIZES
-        column, slope, start = np.ones(count), np.zeros(count), np.zeros(count)
-        column[:real] = np.maximum(use / mean_use, 1e-6)
-        slope[:real], start[:real] = gain / column[:real], centre * column[:real]
-        usual = float(np.median(slope[:real]))  # a lap's rest may be worth a hundred times as much
+        scale, slope, start = np.ones(count), np.zeros(count), np.zeros(count)
+        scale[:real] = np.maximum(use / mean_use, 1e-6)
+        slope[:real], start[:real] = gain / scale[:real], centre * scale[:real]
+        # gains are divided by the usual one; their mean would not do: a lap's rest may gain a hundred times as much
+        usual = float(np.median(slope[:real]))
         if self._qp is None or count != self._size:
-            filled = np.vstack([np.ones((1, count)), np.eye(count)]) > 0
-            self._qp, self._size = QuadraticProgram(filled, PROXIMAL, self._report, TOLERANCE), count
+            pattern = np.vstack([np.ones((1, count)), np.eye(count)]) > 0
+            self._qp, self._size = QuadraticProgram(pattern, PROXIMAL, self._report, TOLERANCE), count
+        # the first row is the charge, the others are the bounds 0 ≤ y ≤ s
         matrix = np.vstack([np.zeros((1, count)), np.eye(count)])
-        matrix[0, :real] = use / (mean_use * column[:real])
+        matrix[0, :real] = use / (mean_use * scale[:real])
         # a row that cannot bind would only slow OSQP down
         room = UNBOUNDED if spare >= float(use.sum()) else spare / mean_use
         lower, upper = np.zeros(count + 1), np.zeros(count + 1)
-        lower[0], upper[0], upper[1 : real + 1] = -UNBOUNDED, room, column[:real]
+        lower[0], upper[0], upper[1 : real + 1] = -UNBOUNDED, room, scale[:real]
         solution = self._qp.solve(-slope / usual, matrix, lower, upper, start)
         multiplier = max(float(solution.multipliers[0]), 0.0) * usual / mean_use
-        return (solution.x / column)[:real], multiplier, solution.iterations
+        return (solution.x / scale)[:real], multiplier, solution.iterations
 
 
 def _exact(gain: FloatArray, use: FloatArray, spare: float, x: FloatArray, multiplier: float) -> FloatArray:
     """A QP's shares without its tolerance, within the charge.
 
-    What full and empty shares leave of the charge goes to those at the multiplier, or comes from the least efficient.
+    Charge that this leaves goes to the increments at the multiplier, the most efficient first; charge that it lacks is
+    taken from all, the least efficient first.
     """
     # above the multiplier in full, below it not at all, at it as the QP has them
     net = gain - multiplier * use
     ties = np.abs(net) <= TIE * multiplier * use
     x = np.where(ties, np.clip(x, 0.0, 1.0), net > 0)
-    left = spare - float(use @ x)
-    order = np.argsort(gain / use, kind="stable")
-    if left > 0:  # to the ties, the most efficient first; a lack comes from all, the least efficient first
+    left = spare - float(use @ x)  # negative for a lack
+    order = np.argsort(gain / use, kind="stable")  # the least efficient first
+    if left > 0:
         order = order[::-1][ties[order[::-1]]]
     for i in order.tolist():
         if abs(left) <= FULL * FULL:

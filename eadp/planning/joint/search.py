@@ -25,11 +25,11 @@ POINTS = {1: 9, 2: 11, 3: 5}
 """Points per side of the grid, by the number of path parameters; more are searched one after the other."""
 
 HALVED, ROUNDS, MIN_STEP = 4, 6, 1e-3
-"""Cells that are halved in a round, most rounds, and the smallest step, and gain of U, that matters."""
+"""Most cells that are halved in a round, most rounds, and the smallest step, and gain of U, that matters."""
 
 
 class Place(NamedTuple):
-    """A place: its value, and the charge it is short of.
+    """A place in the space of the path parameters, evaluated: its value, and the charge it is short of.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Place(NamedTuple):
     shortfall : float
         State of charge missing; 0 where it suffices.
     steps : int
-        Number of legs: it identifies the step.
+        Number of legs left to fly: places with the same number are on the same step.
     """
 
     shares: Shares
@@ -65,7 +65,7 @@ Evaluate = Callable[[list[Shares]], tuple[list[Shares], Evaluation | None]]
 
 @dataclass
 class Search:
-    """One search.
+    """One search; `best` runs it.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Search:
     Attributes
     ----------
     known : dict
-        Places evaluated; None for those that cannot be flown.
+        Places evaluated so far, by their shares; None for those that cannot be flown.
     """
 
     evaluate: Evaluate
@@ -86,8 +86,8 @@ class Search:
     threshold: float = -math.inf
     known: dict[Shares, Place | None] = field(default_factory=dict)
 
-    def look(self, wanted: Iterable[Shares]) -> list[Place]:
-        """The places at some shares, without those that cannot be flown; shares not known yet are evaluated at once."""
+    def places_at(self, wanted: Iterable[Shares]) -> list[Place]:
+        """The places at some shares, without those that cannot be flown; those not known yet are evaluated together."""
         wanted = list(dict.fromkeys(wanted))
         new = [shares for shares in wanted if shares not in self.known]
         if new:
@@ -104,6 +104,9 @@ class Search:
     def best(self, start: Shares) -> Place | None:
         """The best place found; None if the plan cannot be flown at any.
 
+        One parameter is searched along its axis; two or three on a grid over all, then along each axis in turn, through
+        the best place so far; more along each axis alone.
+
         Parameters
         ----------
         start : tuple of float
@@ -112,61 +115,60 @@ class Search:
         if len(start) == 1:
             return _best(self._along(start, 0))
         grid = np.linspace(0.0, 1.0, POINTS.get(len(start), 0)).tolist()
-        found = self.look([start, *itertools.product(grid, repeat=len(start))])
+        found = self.places_at([start, *itertools.product(grid, repeat=len(start))])
         for axis in range(len(start)):
-            found += self._along(max(found, key=_rank).shares if found else start, axis)
+            best = _best(found)
+            found += self._along(start if best is None else best.shares, axis)
         return _best(found)
 
     def _along(self, base: Shares, axis: int) -> list[Place]:
-        """Places along an axis, from a grid over the whole set to edges of steps."""
+        """Places along an axis through a place: a grid over the whole set, and rounds of halvings of its cells."""
 
         def at(share: float) -> Shares:
+            """The place with this share on the axis."""
             return (*base[:axis], share, *base[axis + 1 :])
 
         grid = sorted({*np.linspace(0.0, 1.0, POINTS[1]).tolist(), base[axis]})
-        found = self.look(map(at, grid))
+        found = self.places_at(map(at, grid))
         cells = list(itertools.pairwise(grid))
         for _ in range(ROUNDS):
             best = _best(found)
             if best is None:
                 break
-            # the cells that may reach most are halved; while nothing is feasible, those beside the best place
-            bounds = sorted(
-                ((self._bound(at(low), at(high)), low, high) for low, high in cells if high - low > MIN_STEP),
-                reverse=True,
-            )
-            limit = max(best.value + MIN_STEP, self.threshold)
-            chosen = [(low, high) for bound, low, high in bounds if bound > limit][:HALVED]
-            if not best.feasible:
-                chosen = [
-                    (low, high) for low, high in cells if best.shares in (at(low), at(high)) and high - low > MIN_STEP
-                ]
+            wide = [(low, high) for low, high in cells if high - low > MIN_STEP]
+            if best.feasible:  # the cells that may reach most, if that is better than the best place by enough
+                bounds = sorted(((self._bound(at(low), at(high)), low, high) for low, high in wide), reverse=True)
+                limit = max(best.value + MIN_STEP, self.threshold)
+                chosen = [(low, high) for bound, low, high in bounds if bound > limit][:HALVED]
+            else:  # those beside the place that is the least short of charge
+                chosen = [(low, high) for low, high in wide if best.shares in (at(low), at(high))]
             if not chosen:
                 break
+            # each in two
             middles = [(low + high) / 2 for low, high in chosen]
-            found += self.look(map(at, middles))
+            found += self.places_at(map(at, middles))
             cells = [cell for cell in cells if cell not in chosen]
             cells += [
-                part
+                half
                 for (low, high), middle in zip(chosen, middles, strict=True)
-                for part in ((low, middle), (middle, high))
+                for half in ((low, middle), (middle, high))
             ]
         return found
 
     def _bound(self, low: Shares, high: Shares) -> float:
-        """What the value between two places along one line may reach; −inf where no step ends between them."""
+        """What the value may reach between two known places on one axis; −inf where no step ends between them.
+
+        The best place of a step is at its edge, just before a whole lap more is too much.
+        """
         a, b = self.known[low], self.known[high]
+        same_step = a is not None and b is not None and a.steps == b.steps and a.feasible == b.feasible
         # from a feasible end the value rises by at most `slope` a share
         values = [place.value for place in (a, b) if place is not None and place.feasible]
-        if not values or (a is not None and b is not None and a.steps == b.steps and a.feasible == b.feasible):
+        if not values or same_step:
             return -math.inf
         return max(values) + self.slope * max(abs(y - x) for x, y in zip(low, high, strict=True))
 
 
-def _rank(place: Place) -> tuple[bool, float]:
-    return place.rank
-
-
 def _best(places: Iterable[Place]) -> Place | None:
-    """The first of the best places."""
-    return max(places, key=_rank, default=None)
+    """The first of the best places; None where there is none."""
+    return max(places, key=lambda place: place.rank, default=None)

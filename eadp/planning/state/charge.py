@@ -113,9 +113,17 @@ class Drain(NamedTuple):
 
 
 class GaugeReadings(NamedTuple):
-    """First and last reading; number of readings, of those another than the last, and of outliers in a row.
+    """What the filter keeps of the gauge's readings.
 
-    `taken` and `changes` count the first reading, too, and are 2 again after a loss.
+    Attributes
+    ----------
+    first, last : float
+        First and last reading; NaN before the first.
+    taken, changes : int
+        Readings, and those that were another than the one before; both count the first one, and are 2 again after a
+        loss.
+    outliers : int
+        Outliers in a row up to the last reading.
     """
 
     first: float
@@ -146,7 +154,7 @@ class Gauge(NamedTuple):
 
 
 class Belief(NamedTuple):
-    """Whether the gauge is believed, and rose where it was not; charge lost in all, and the number of losses."""
+    """Whether the gauge is believed, and whether it rose when it was disbelieved; charge lost in all, and how often."""
 
     believed: bool
     rises: bool
@@ -201,13 +209,13 @@ class ChargeFilter:
 
     def __init__(self, model: DrainModel, voltage_fall: float = 0.0, start_soc: float = math.nan) -> None:
         self._model, self._min_slope = model, -voltage_fall
-        # κ is what is stated at half of the charge: when full, it is less by half of s
-        slope = SLOPE_OF_USE_STD**2
-        of_ratio = RATIO_OF_USE_STD**2 + slope / 4
+        # what is assumed of κ holds at half of the charge, and the filter starts full: κ(full) = κ(half) − s/2, so that
+        # var κ = σ_κ² + σ_s²/4, cov(κ, s) = −σ_s²/2
+        var_slope = SLOPE_OF_USE_STD**2
+        var_ratio = RATIO_OF_USE_STD**2 + var_slope / 4
         nothing = Charge(*(0.0,) * len(Charge._fields))
-        # κ(full) = κ(half) − s/2: var κ = σ_κ² + σ_s²/4, cov(κ, s) = −σ_s²/2
         charge = nothing._replace(
-            soc=start_soc, use_ratio=1.0, var_ratio=of_ratio, cov_ratio_slope=-slope / 2, var_slope=slope
+            soc=start_soc, use_ratio=1.0, var_ratio=var_ratio, cov_ratio_slope=-var_slope / 2, var_slope=var_slope
         )
         self._state = ChargeState(
             charge,
@@ -220,7 +228,7 @@ class ChargeFilter:
         self._now = charge  # after the drain since the last correction
 
     def ingest(self, charges: Column, powers_w: Column, steps_s: Column, *, measured: bool = True) -> None:
-        """Take readings in order.
+        """Drain the charge by readings of the power, and correct it by those of the gauge, in their order.
 
         Parameters
         ----------
@@ -271,8 +279,6 @@ class ChargeFilter:
     def use(self, drain: float) -> tuple[float, float]:
         """Charge that the battery uses for a predicted drain from now on, and the variance of b thereafter.
 
-        The slope has a least value: no voltage rises while the charge falls.
-
         Source: b ← b − κ d − ½ s d².
         """
         now = self.ahead
@@ -281,7 +287,7 @@ class ChargeFilter:
 
     @property
     def ahead(self) -> Charge:
-        """The state that `use` starts from."""
+        """The state now, to predict from: its slope s has a least value, as no voltage rises while the charge falls."""
         return self._now._replace(use_slope=max(self._now.use_slope, self._min_slope))
 
     @property
@@ -295,7 +301,7 @@ class ChargeFilter:
         return self._state.readings.outliers > 0 or abs(soc - self.soc) > MIN_JUMP
 
 
-# The functions below may be compiled, see `eadp.core.compiled`.
+# The functions below may be compiled, see `eadp.core.compiled`: states are built anew, for there is no `_replace`.
 
 
 def after_drain(charge: Charge, drain: float) -> Charge:
@@ -406,7 +412,7 @@ def _with_soc(charge: Charge, soc: float, var_soc: float) -> Charge:
 
 
 def _with_new_soc(charge: Charge, soc: float, var_soc: float) -> Charge:
-    """The state with a b that is known from elsewhere: it covaries with nothing."""
+    """The state with a b that owes nothing to the state before: it covaries with nothing."""
     c = charge
     # fmt: off
     return Charge(
@@ -418,7 +424,7 @@ def _with_new_soc(charge: Charge, soc: float, var_soc: float) -> Charge:
 
 
 def _with_new_offset(charge: Charge, offset: float, var_soc: float, cov_soc_offset: float, var_offset: float) -> Charge:
-    """The state with an o that is known from elsewhere: it covaries with b alone."""
+    """The state with an o that owes nothing to the state before: it covaries with b alone."""
     c = charge
     # fmt: off
     return Charge(
@@ -432,7 +438,7 @@ def _with_new_offset(charge: Charge, offset: float, var_soc: float, cov_soc_offs
 def _ingested(
     state: ChargeState, model: DrainModel, charges: Column, powers_w: Column, steps_s: Column, measured: bool
 ) -> ChargeState:
-    """See `ChargeFilter.ingest`."""
+    """The state after readings, see `ChargeFilter.ingest`: each adds to the drain, and one of the gauge corrects."""
     for i in range(len(charges)):
         drain = state.drain
         known = not math.isnan(powers_w[i])
@@ -452,7 +458,7 @@ def _ingested(
 
 
 def _with_reading(state: ChargeState, reading: float, drained: float) -> ChargeState:
-    """The state after a reading, and after the drain since the last one."""
+    """The state after a reading of the gauge; `drained` is the drain predicted since the one before, included."""
     readings = state.readings
     if math.isnan(readings.last):
         return _with_first_reading(state, reading)
@@ -480,18 +486,18 @@ def _with_first_reading(state: ChargeState, reading: float) -> ChargeState:
 
 
 def _none_since(drain: Drain) -> Drain:
-    """The drain where the state of charge holds now."""
+    """The drain once the state of charge includes it: nothing since."""
     return Drain(since=0.0, unmeasured=0.0, total=drain.total, power_w=drain.power_w)
 
 
 def _with_change(state: ChargeState, fell: float, drained: float) -> ChargeState:
-    """The state after a reading that is another than the one before: an outlier, a loss, or a correction.
+    """The state after a reading that says something: it is an outlier, shows a loss, or corrects the state.
 
-    `fell` is by how much it is below the one before, `drained` the drain predicted between the two. `readings.changes`
-    is 2 or more from here on: divisors `changes - 1` are not 0.
+    The reading is `state.readings.last`; `fell` is by how much it is below the one before, `drained` the drain
+    predicted between the two. `readings.changes` is 2 or more from here on: divisors `changes - 1` are not 0.
     """
-    drain, belief, last = state.drain, state.belief, state.readings
-    readings = GaugeReadings(last.first, last.last, last.taken, last.changes + 1, last.outliers)
+    drain, belief, known = state.drain, state.belief, state.readings
+    readings = GaugeReadings(known.first, known.last, known.taken, known.changes + 1, known.outliers)
     charge, gauge = state.charge, state.gauge
     if fell != 0.0:
         charge, gauge = _with_step(charge, gauge, fell, drained)
@@ -500,24 +506,28 @@ def _with_change(state: ChargeState, fell: float, drained: float) -> ChargeState
     var_soc = now.var_soc + (UNMEASURED * drain.unmeasured) ** 2
     if readings.changes <= FIRST_READINGS and not gauge.from_full:  # not below that of the mean of the first readings
         var_soc = max(var_soc, gauge.noise_variance / (readings.changes - 1))
-    # e = z + o − b and its variance; a gauge that rises by a step is where it falls to the last reading
+    # e = z + o − b, and its variance. Where a gauge of steps falls to z, b is z + o; where it rises to z, b is where it
+    # falls to the reading before: one step lower
     error = readings.last + now.offset - (gauge.step if fell < 0 else 0.0) - now.soc
     variance = var_soc - 2 * now.cov_soc_offset + now.var_offset
 
     # an outlier: the state goes on without it, unless it is a loss, or the end of a false one
     exact = gauge.noise_variance < EXACT_GAUGE
     if _is_outlier(abs(error), variance, gauge.noise_variance, readings.taken, drain.since):
-        again = GaugeReadings(readings.first, readings.last, readings.taken, readings.changes, readings.outliers + 1)
-        state = ChargeState(charge, drain, again, gauge, belief, state.checkpoint)
+        one_more = GaugeReadings(readings.first, readings.last, readings.taken, readings.changes, readings.outliers + 1)
+        state = ChargeState(charge, drain, one_more, gauge, belief, state.checkpoint)
+        # the second in a row confirms; an exact gauge needs none
+        confirmed = readings.outliers > 0 or exact
         # a charge that rises by no more than was lost is the end of a false loss
         is_back = belief.believed and error <= belief.lost + MIN_JUMP
-        return _with_loss(state, now, error) if (readings.outliers > 0 or exact) and (error < 0 or is_back) else state
+        return _with_loss(state, now, error) if confirmed and (error < 0 or is_back) else state
 
     # no outlier: the state is corrected, and the noise learned, unless the gauge is disbelieved
     readings = GaugeReadings(readings.first, readings.last, readings.taken, readings.changes, outliers=0)
     if not belief.believed:
         return ChargeState(charge, drain, readings, gauge, belief, state.checkpoint)
-    # a small loss is one of charge, not of capacity; a coarse gauge looks exact before it has changed a few times
+    # a small loss is one of charge, not of capacity: its size beyond what is usual is added to var b alone, so that the
+    # correction is not of κ. A coarse gauge looks exact before it has changed a few times
     if not exact or readings.changes <= FIRST_CHANGES:
         var_soc += max(0.0, error * error - SMALL_JUMP_STDS**2 * (variance + gauge.noise_variance))
     # a drain without a measured power says nothing of the gauge's noise
@@ -541,8 +551,11 @@ def _noise(gauge: Gauge, readings: GaugeReadings, change: float) -> float:
 
 
 def _is_outlier(size: float, variance: float, noise: float, taken: int, drain: float) -> bool:
-    """Whether an innovation of a size is that of an outlier, after a drain; the first readings are none."""
-    if noise < EXACT_GAUGE and taken > 2:  # exact: off by the error of the drain alone, below ten times it
+    """Whether an innovation of a size is that of an outlier, after a drain; the first readings are none.
+
+    `variance` is that of the prediction, `noise` that of the gauge.
+    """
+    if noise < EXACT_GAUGE and taken > 2:  # an exact gauge is off by the error of the drain alone, below ten times it
         return size > MIN_JUMP + 10 * drain
     return taken > 4 and size > JUMP and size > JUMP_STDS * math.sqrt(variance + noise)
 
@@ -562,10 +575,10 @@ def _with_loss(state: ChargeState, now: Charge, error: float) -> ChargeState:
 
 
 def _with_step(charge: Charge, gauge: Gauge, fell: float, drained: float) -> tuple[Charge, Gauge]:
-    """State and gauge once a change of its reading shows whether it has steps, of size q.
+    """State and gauge after a change of its reading, which shows whether the gauge has steps, of size q.
 
-    It has if its first change is more than the last drain; it has none once another change is no multiple of q. With
-    steps, o is uniform in 0 to q: of mean q/2 and variance q²/12. Without, it is 0.
+    It has if its first change is more than the drain since the reading before, `drained`; it has none once another
+    change is no multiple of q. With steps, o is uniform in 0 to q: of mean q/2 and variance q²/12. Without, it is 0.
     """
     step, size = gauge.step, abs(fell)
     if math.isnan(step):  # the first change
@@ -583,7 +596,11 @@ def _with_step(charge: Charge, gauge: Gauge, fell: float, drained: float) -> tup
 
 
 def _checked(state: ChargeState) -> ChargeState:
-    """Compare what the gauge has fallen by with the drain, now and then; once disbelieved, with the integral."""
+    """The state after comparing what the gauge has fallen by with the drain, each time that enough has been drained.
+
+    Sets whether the gauge is believed: not, where it falls by much less than the drain; again, where it falls with the
+    drain and is not far above the integral of the power.
+    """
     charge, drain, gauge, belief, checkpoint = state.charge, state.drain, state.gauge, state.belief, state.checkpoint
     reading, drained = state.readings.last, drain.total - checkpoint.total_drain
     # too little has been drained to show in the gauge
@@ -596,7 +613,7 @@ def _checked(state: ChargeState) -> ChargeState:
         belief = Belief(False, fell < 0, belief.lost, belief.losses)
         charge = now = after_drain(checkpoint.charge, drained)
         drain = Drain(0.0, drain.unmeasured, drain.total, drain.power_w)
-    elif falls and fell <= expected / MIN_FALL:  # believed again where it is not far above the integral
+    elif falls and fell <= expected / MIN_FALL:
         far = max(CHECKED_QUANTA * gauge.quantum, JUMP_STDS * math.sqrt(now.var_soc))
         if reading <= now.soc + far:
             belief = Belief(True, belief.rises, belief.lost, belief.losses)

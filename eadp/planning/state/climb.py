@@ -18,7 +18,7 @@ class Climb(NamedTuple):
     altitude_m: float
 
     def commanded(self, stage: Stage) -> tuple[float, float]:
-        """The altitude [m] and the airspeed [m/s] that hold on a stage."""
+        """The altitude [m] and the airspeed [m/s] that a stage commands; those of cruise where it commands none."""
         return (
             self.airframe.cruise_altitude_m if stage.altitude_m is None else stage.altitude_m,
             self.airframe.airspeed_mps if stage.airspeed_mps is None else stage.airspeed_mps,
@@ -31,6 +31,9 @@ class Climb(NamedTuple):
     def rates_mps(self, airspeed_mps: float) -> tuple[float, float]:
         """Greatest rates of climb and descent [m/s]."""
         return _rates_mps(self.airframe, airspeed_mps)
+
+
+# kept by airspeed: a plan commands few
 
 
 @lru_cache(256)
@@ -73,23 +76,23 @@ class ClimbFollower:
 
     @classmethod
     def of(cls, mission: Mission) -> ClimbFollower | None:
-        """That of a mission; None where it flies at one altitude and airspeed from its start on."""
+        """A follower of a mission's climbs; None where it flies at one altitude and airspeed from its start on."""
         commanded = any(s.altitude_m is not None or s.airspeed_mps is not None for s in mission.plan.stages)
         if mission.airframe is None or not (commanded or mission.altitude_m != mission.cruise_altitude_m):
             return None
         return cls(Climb(mission.airframe, mission.altitude_m))
 
     def follow(self, stage: Stage, step_s: float) -> None:
-        """Follow the flight along a stage for a step [s]."""
+        """Update the altitude, and what climbing does to power and speed, by a step [s] along a stage."""
         airframe, here_m = self.climb
         altitude_m, airspeed_mps = self.climb.commanded(stage)
         up_mps, down_mps = self.climb.rates_mps(airspeed_mps)
-        # ḣ = k (h_d − h) within the rates
-        closing = -math.expm1(-airframe.altitude_gain_per_s * step_s)
-        climb_m = min(max(closing * (altitude_m - here_m), -down_mps * step_s), up_mps * step_s)
+        # ḣ = k (h_d − h) over the step: Δh = (1 − e^(−k Δt)) (h_d − h), within the greatest rates
+        closed = -math.expm1(-airframe.altitude_gain_per_s * step_s)
+        climb_m = min(max(closed * (altitude_m - here_m), -down_mps * step_s), up_mps * step_s)
         self.climb = Climb(airframe, here_m + climb_m)
         rate_mps = climb_m / step_s if step_s > 0 else 0.0
-        # V cos γ, and the way that it is short of V
+        # V cos γ with sin γ = ḣ/V, and the time by which a flight at it is late
         self.level_mps = math.sqrt(max(airspeed_mps**2 - rate_mps**2, 0.0))
         self.slowed_s += step_s * (1 - self.level_mps / airspeed_mps)
         self.power_w = airframe.climb_j_per_m * rate_mps + self.climb.faster_w(airspeed_mps)

@@ -77,33 +77,43 @@ class FlightState:
         self._ground = GroundLog(mission.plan, weights or {})
         self._wind = FlightWind(mission.gust_time_s)
         self._times = TimeRatio()
+        # the motion's power before it is learned: of a model fitted to a log, else as stated
         level_w = mission.energy.mean_w if mission.energy is not None else mission.motion_w
         climb_j_per_m = 0.0 if mission.airframe is None else mission.airframe.climb_j_per_m
         self._motion = MotionPower(level_w, climb_j_per_m=climb_j_per_m)
         battery = mission.battery
         full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)
+        # no reading of the power exceeds this
         limit_w = min(float(battery.max_power_w(battery.voltage_v)), MAX_OF_MOTOR * mission.max_motion_w)
         self._gate = PowerGate(mission.motion_w, limit_w)
         self._power = PowerTracker(settings, mission, horizon_s, limit_w)
         self._queue = ReadingQueue(self._power, settings.every_s)
-        per_as = 0.0 if battery.prescribed else battery.drain_per_as
-        model = DrainModel(empty_v, full_v - empty_v, battery.resistance_ohm, per_as, np.array(battery.curve))
-        self._charge = ChargeFilter(model, (full_v - empty_v) / battery.voltage_at(0.5), battery.soc)
+        drain_model = DrainModel(
+            empty_v=empty_v,
+            rise_v=full_v - empty_v,
+            resistance_ohm=battery.resistance_ohm,
+            per_as=0.0 if battery.prescribed else battery.drain_per_as,  # a charge that is replayed is not drained
+            curve=np.array(battery.curve),
+        )
+        self._charge = ChargeFilter(drain_model, (full_v - empty_v) / battery.voltage_at(0.5), battery.soc)
         self._voltage = VoltageWatch(battery)
         self._climb = ClimbFollower.of(mission)
-        self._last_s: float | None = None
+        self._last_s: float | None = None  # of the last reading that the filters have taken
         self.reached_s = 0.0
-        self._altitude_m: float | None = None
+        self._altitude_m: float | None = None  # as measured at the last observation
 
     # --- readings in
 
     def ingest(self, readings: Readings) -> None:
-        """Take readings since the last observation: stage and parameters have not changed."""
+        """Take readings since the last observation, all on its stage and with its parameters; they wait."""
         self._make_room()
         self._queue.ingest(readings)
 
     def observe(self, observation: Observation) -> None:
-        """Take an observation, which is a reading, too, unless it is too soon after the last one."""
+        """Take an observation, which is a reading, too, unless it is too soon after the last one; it waits.
+
+        The voltage is compared at once: charge that it shows to be lost is taken off the gauge's.
+        """
         self._make_room()
         sample = observation.sample
         if sample.soc is not None:
@@ -117,20 +127,28 @@ class FlightState:
             self.reached_s = observation.time_s
 
     def shift_level(self, by_w: float) -> None:
-        """Step the level of the motion's power by a known change [W], see `ExactEstimator.shift_level`."""
+        """Take a known change of the power of level flight [W], see `ExactEstimator.shift_level`."""
         self._queue.step_level(by_w)
 
     def _make_room(self) -> None:
-        if self._queue.full:  # without what comes: the next instants that are asked for may lie in it
+        """Before something joins a full queue: have the estimator process what waits in it already.
+
+        Not what comes, too: `estimates` may be asked for instants within that next.
+        """
+        if self._queue.full:
             self._queue.estimate()
 
     def assume(self, wind_mps: Point, gust_std_mps: float) -> None:
-        """Before take-off: the wind of the weather forecast [m/s], and its gusts."""
+        """Before take-off: take the wind of the weather forecast, and the standard deviation of its gusts [m/s]."""
         self._wind.forecast(wind_mps)
         self._times.expect(gust_std_mps, self._mission.cruise_mps, self._mission.gust_time_s)
 
     def _process(self) -> None:
-        """Pass what waits through the filters, in its order; an observation's reading goes with those before it."""
+        """Pass what waits through the filters, in its order; called before any of them is asked.
+
+        Readings are held back by one: the reading of an observation that follows joins them. Its place in the plan is
+        taken after them, as they were made on the stage before.
+        """
         readings: Readings | None = None
         for each in self._queue.take_unfiltered():
             if isinstance(each, Seen):
@@ -148,7 +166,7 @@ class FlightState:
             self._read(readings)
 
     def _locate(self, seen: Seen) -> None:
-        """Take the place of an observation: a new stage, or changed parameters; power of computations; measured wind.
+        """Update where the flight is in its plan, and the parameters in force, by an observation; and a measured wind.
 
         Readings before it are processed already, with the parameters that were in force.
         """
@@ -165,9 +183,13 @@ class FlightState:
             self._wind.measure(o.sample.wind_mps, o.time_s)
 
     def _start_stage(self, o: Observation, stages_before: int) -> None:
-        """A stage has started: the leg before shows how long legs take, unless it was flown only in part."""
+        """A stage has started: learn from the leg that ended, and lay out the one that starts.
+
+        The time of the leg that ended, beside its forecast, shows how long legs take, if it was flown whole and as
+        planned; the first of a flight is joined anywhere.
+        """
         place, speed, gust_time_s = self._place, self._mission.cruise_mps, self._mission.gust_time_s
-        slowed_s = 0.0
+        slowed_s = 0.0  # by climbing, on the leg that ended
         if self._climb is not None:
             slowed_s, self._climb.slowed_s = self._climb.slowed_s, 0.0
         if place.route is not None:
@@ -175,27 +197,31 @@ class FlightState:
             # an autopilot that gets another line in a turn leaves the turn elsewhere, up to a turn later
             diverted = place.flies_mission and o.cursor.waiting[:rho] != place.cursor.waiting[:rho]
             if stages_before > 1 and not place.through_gap and place.follows and not diverted:
-                forecast_s = float(place.route.times_s(speed, self.wind_mps)[0][0])
+                times_s, _ = place.route.times_s(speed, self.wind_mps)
                 flown_s = o.time_s - place.since_s - slowed_s
-                self._times.learn(forecast_s, flown_s, self._wind.gust_std_mps, speed, gust_time_s)
+                self._times.learn(float(times_s[0]), flown_s, self._wind.gust_std_mps, speed, gust_time_s)
+            # windows of the motion's power lie within one leg, of one bank
             self._motion.end_window(place.slope)
         place.start(o)
         route = place.route
         if route is not None:
             self._ground.start_leg(o.time_s, o.cursor, route.first.length_m)
             times_s, turning_s = route.times_s(speed, self.wind_mps)
+            # mean tan² φ = ∫tan² φ dt / t
             slope = float(turning_s[0] / times_s[0]) if 0 < times_s[0] < math.inf else 0.0
             max_slope = math.inf if self._mission.nominal is None else self._mission.nominal.max_slope
-            # a turn that is overshot tells nothing of the time that its path takes, nor does the leg after it
+            # a turn that is overshot shows nothing of the time that its path takes, nor does the leg after it
             turns = slope <= max_slope
             place.slope, place.follows, place.turns = min(slope, max_slope), place.turns and turns, turns
         self._ground.hold(o.time_s, o.cursor, o.parameters)
 
     def _read(self, readings: Readings, o: Observation | None = None) -> None:
-        """Update the filters with readings, columns of shape (n,), in the order of their use; `o` is at their end.
+        """Update the filters with readings, columns of shape (n,), all on the stage of `_place`.
 
-        Navigation, power gate, climb, heading gate, wind, motion power, charge. The first reading of a flight has no
-        step. Readings at the time of the last one are left out. In a take-off the charge alone is updated by the power.
+        `o` is the observation that the last of them is of, if it is of one. In the order in which one filter needs the
+        other: navigation, power gate, climb, heading gate, wind, motion power, charge. The first reading of a flight
+        has no step. Readings at the time of the last one are left out. In a take-off the power updates the charge
+        alone.
         """
         on_plan = o is None or o.on_plan
         times_s = np.asarray(readings.times_s, dtype=float)
@@ -204,45 +230,51 @@ class FlightState:
         if self._last_s is not None and not steps_s.any():
             return
         self._last_s = float(times_s[-1])
-        # once a second, whenever it is asked
+        # the cross-track error is learned at the first reading of each whole second, however often readings come
         whole_s = np.floor(times_s + SAME_TIME_S)
         for i in np.flatnonzero(np.diff(whole_s, prepend=math.floor(before_s + SAME_TIME_S)) > 0).tolist():
             self._place.learn_reach((float(readings.x_m[i]), float(readings.y_m[i])), float(times_s[i]))
         powers_w = np.asarray(self._gate.ingest(times_s, readings.powers_w, self._place.computing_w, on_plan=on_plan))
         climb_w, level_mps = self._follow_climb(steps_s)
         climb_mps = self._take_altitude(o, float(steps_s.sum()))
-        airspeeds_mps = np.asarray(_numbers(readings.airspeeds_mps), dtype=float)
+        # measured airspeeds, and those commanded where none is measured or one cannot be
+        airspeeds_mps = _numbers(readings.airspeeds_mps)
         ratios = airspeeds_mps / self._mission.cruise_mps
-        measured = (ratios > 1 / MAX_AIRSPEEDS) & (ratios < MAX_AIRSPEEDS)
-        airspeeds_mps = np.where(measured, airspeeds_mps, level_mps)
+        possible = (ratios > 1 / MAX_AIRSPEEDS) & (ratios < MAX_AIRSPEEDS)
+        airspeeds_mps = np.where(possible, airspeeds_mps, level_mps)
         vx, vy, headings = (_numbers(column) for column in (readings.vx_mps, readings.vy_mps, readings.headings_rad))
         self._wind.ingest((vx, vy), headings, steps_s, airspeeds_mps, self._last_s)
-        # over a long gap the charge goes on with the power before it; the motion takes the reading for MAX_STEP_S
-        drain_powers_w = np.where(steps_s > MAX_STEP_S, math.nan, powers_w)
         if on_plan:
             # a climb that is measured is a term of the regression; one that is commanded is taken off
             beside_w = self._place.computing_w + (climb_w if climb_mps is None else self._airspeed_w())
+            # a reading after a long gap stands for MAX_STEP_S of it
             steps = np.minimum(steps_s, MAX_STEP_S)
             # 0 * steps: one value for each reading
             self._motion.ingest(powers_w, beside_w + 0 * steps, steps, self._place.slope, climb_mps or 0.0)
+        # over a long gap the charge is drained by the power before it
+        drain_powers_w = np.where(steps_s > MAX_STEP_S, math.nan, powers_w)
         self._charge.ingest(_numbers(readings.charges), drain_powers_w, steps_s, measured=on_plan)
 
     def _follow_climb(self, steps_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Follow the climb over steps [s]; return the power that it and the stage's airspeed added over each [W].
+        """Follow the commanded climb over steps [s]; return what it adds to the power, and the airspeed over ground.
 
-        And the airspeed's horizontal part [m/s]; both of shape (n,).
+        The power that the climb and the stage's airspeed add over each step [W], and the horizontal part of the
+        airspeed [m/s], both of shape (n,).
         """
         if self._climb is None:
             return np.zeros(len(steps_s)), np.full(len(steps_s), self._mission.cruise_mps)
-        found = []
+        of_steps = []
         for step_s in steps_s.tolist():
             self._climb.follow(self._place.cursor.stage, step_s)
-            found.append((self._climb.power_w, self._climb.level_mps))
-        added_w, level_mps = np.array(found).T
+            of_steps.append((self._climb.power_w, self._climb.level_mps))
+        added_w, level_mps = np.array(of_steps).T
         return added_w, level_mps
 
     def _take_altitude(self, o: Observation | None, seconds: float) -> float | None:
-        """Take an observation's altitude; return the rate of climb over a time [s] before it [m/s], None if unknown."""
+        """Take a measured altitude; return the rate of climb [m/s], None where no two altitudes in a row are known.
+
+        `seconds` is the time since the altitude before [s]. In a take-off the dead reckoning follows the altitude.
+        """
         altitude_m = None if o is None else o.sample.altitude_m
         before_m, self._altitude_m = self._altitude_m, altitude_m
         if altitude_m is None or o is None:
@@ -253,8 +285,10 @@ class FlightState:
 
     def _airspeed_w(self) -> float:
         """Power of level flight at the stage's airspeed above that at the airframe's own [W]."""
-        climb = None if self._climb is None else self._climb.climb
-        return 0.0 if climb is None else climb.faster_w(climb.commanded(self._place.cursor.stage)[1])
+        if self._climb is None:
+            return 0.0
+        _, airspeed_mps = self._climb.climb.commanded(self._place.cursor.stage)
+        return self._climb.climb.faster_w(airspeed_mps)
 
     # --- what is known
 
@@ -302,17 +336,20 @@ class FlightState:
 
     @property
     def horizon_s(self) -> float:
-        """How far ahead the planner looks at the power [s]."""
+        """How far ahead the planner forecasts the power [s]."""
         return self._power.horizon_of_s(self.period_s)
 
     @property
     def estimator(self) -> Estimator:
-        """The estimator of the power, after all readings; only to be asked."""
+        """The estimator of the power, after all readings; for reading: what updates it is the queue."""
         self._queue.estimate()
         return self._power.estimator
 
     def estimates(self, times_s: Sequence[float]) -> tuple[list[float], list[PowerEstimate]]:
-        """Forecast of the last reading [W] and the power as estimated after it, at instants since the last call [s]."""
+        """At instants since the last call [s]: forecasts of the last reading before each [W], and estimates after it.
+
+        For the rows of a simulation's log, in ascending order.
+        """
         forecasts_w, estimates = [], []
         for time_s in times_s:
             self._queue.estimate(time_s + SAME_TIME_S)
@@ -341,62 +378,79 @@ class FlightState:
     def warnings(self) -> tuple[str, ...]:
         """Codes of what is wrong with the readings."""
         self._process()
-        known = {
+        applies = {
             GAUGE_STUCK: not self._charge.believed and not self._charge.rises,
             GAUGE_RISES: not self._charge.believed and self._charge.rises,
             POWER_OUTLIER: self._gate.rejects,
             HEADING_DISBELIEVED: self._wind.headings.disbelieved,
             CELL_LOST: self._voltage.lost > 0,
         }
-        return tuple([code for code, holds in known.items() if holds])
+        return tuple([code for code, holds in applies.items() if holds])
 
     def known(self, time_s: float, position: Point) -> Known:
-        """What is known at a time [s] and a position [m]."""
+        """What is known at a time [s] and a position [m], those of the last reading: what a forecast starts from."""
         self._process()
-        max_w = min(self._gate.max_motion_w, self._mission.max_motion_w)
         place, times, motion = self._place, self._times, self._motion
         gain_std, gain_from = self._charge.gauge_gain
+        var_level, cov_level_slope, var_slope, noise = motion.variances
         return Known(
-            time_s,
-            position,
-            place.cursor,
-            place.joined_m,
-            place.since_s,
-            self._queue.stages_started,
-            self._mission.cruise_mps,
-            self._wind.known,
-            TimeKnown(times.ratio, times.variance, times.noise_s),
-            MotionKnown(
-                motion.level_w, motion.slope_w, *motion.variances, max_w, motion.climb_j_per_m, motion.in_doubt
+            time_s=time_s,
+            position_m=position,
+            cursor=place.cursor,
+            joined_m=place.joined_m,
+            since_s=place.since_s,
+            stages_started=self._queue.stages_started,
+            airspeed_mps=self._mission.cruise_mps,
+            wind=self._wind.known,
+            time=TimeKnown(times.ratio, times.variance, times.noise_s),
+            motion=MotionKnown(
+                level_w=motion.level_w,
+                slope_w=motion.slope_w,
+                var_level=var_level,
+                cov_level_slope=cov_level_slope,
+                var_slope=var_slope,
+                noise=noise,
+                max_w=min(self._gate.max_motion_w, self._mission.max_motion_w),
+                climb_j_per_m=motion.climb_j_per_m,
+                in_doubt=motion.in_doubt,
             ),
-            ChargeKnown(self._charge.ahead, gain_std, gain_from, self._charge.believed, self._voltage.lost_std),
-            0.0 if place.flies_mission else place.reach_std_m,
-            self._climb.climb if self._climb is not None else None,
-            self._ground.until(time_s),
+            charge=ChargeKnown(
+                filtered=self._charge.ahead,
+                gain_std=gain_std,
+                gain_from=gain_from,
+                believed=self._charge.believed,
+                lost_std=self._voltage.lost_std,
+            ),
+            # an autopilot's mission ends where it is laid out to
+            reach_std_m=0.0 if place.flies_mission else place.reach_std_m,
+            climb=None if self._climb is None else self._climb.climb,
+            flown=self._ground.until(time_s),
         )
 
 
 class _Place:
-    """Where the flight is in its plan, and how well it keeps to it.
+    """Where the flight is in its plan, and how well it keeps to it: as of the last observation processed.
 
     Attributes
     ----------
-    cursor, joined_m
-        As of the last observation.
+    cursor : PlanCursor
+        The stage being flown.
+    joined_m : (float, float)
+        Where it was joined [m].
     route : Route or None
         The leg being flown alone; None where it cannot be laid out.
     since_s : float
-        When it was joined [s].
+        When the leg was joined [s].
     slope : float
-        Its mean tan² φ.
+        Mean tan² φ of the leg, as the aircraft can turn.
     computing_w : float
-        Power of the computations as of the last observation [W].
+        Power of the computations in force [W].
     turns, follows : bool
-        Whether the aircraft can turn as tightly as the leg, and could on the one before, too.
+        Whether the aircraft can turn as tightly as the leg; and could on the one before, too.
     through_gap : bool
-        Whether its start or end may be unknown.
+        Whether the leg's start or end may be unknown.
     flies_mission : bool
-        As of the last observation.
+        Whether an autopilot flies a mission laid out before.
     reach_std_m : float
         Standard deviation of the cross-track error [m].
     """
@@ -413,7 +467,7 @@ class _Place:
         self._predictor = RoutePredictor()
 
     def start(self, o: Observation) -> None:
-        """A stage has started."""
+        """Start a stage where an observation is in the plan, and lay its leg out."""
         self.joined_m, self.since_s, self.through_gap = o.joined_m, o.time_s, o.through_gap
         try:
             self.route = self._predictor.leg(o.cursor, o.joined_m)
@@ -421,7 +475,9 @@ class _Place:
             self.route = None
 
     def learn_reach(self, position: Point, time_s: float) -> None:
-        """Update `reach_std_m` with a position [m] at a time [s], by the median: stages are joined from far off.
+        """Update `reach_std_m` with the distance of a position [m] at a time [s] from the path.
+
+        By the median, which the large distances where stages are joined do not move much.
 
         Source: recursive median, a step up or down for each reading above or below it.
         """
@@ -433,23 +489,35 @@ class _Place:
             phi, gx, gy, *_ = leg.path(position[0] - leg.offset_m[0], position[1] - leg.offset_m[1])
         except (ArithmeticError, ValueError):
             return
-        # the distance to the path is |φ| / |∇φ|
+        # |φ| / |∇φ|, the distance to the path, is above the median m: φ² > |∇φ|² m²
         square = gx * gx + gy * gy
         if square > 0 and math.isfinite(phi):
             above = phi * phi > square * (MEDIAN_PER_STD * self.reach_std_m) ** 2
+            # σ ← σ e^(± Δt/τ)
             std_m = self.reach_std_m * math.exp((1.0 if above else -1.0) * min(1.0, step_s / OFF_PATH_S))
             self.reach_std_m = min(max(std_m, NAVIGATION_M[0]), NAVIGATION_M[1])
 
 
 def _with_reading(before: Readings | None, sample: Sample) -> Readings:
-    """Readings, and a sample as one more."""
+    """Readings with a sample as one more; as they are where the sample is no later than the last of them."""
+    # a measured wind is not estimated from the velocity, too
     vx, vy = (None, None) if sample.velocity_mps is None or sample.wind_mps is not None else sample.velocity_mps
-    place = _numbers([sample.time_s]), _numbers([sample.x_m]), _numbers([sample.y_m])
-    rest = (_numbers([value]) for value in (sample.soc, vx, vy, sample.heading_rad, sample.airspeed_mps))
-    own = Readings(*place, [sample.power_w], *rest)  # no power, and not a number, are not the same
-    if before is None or before.times_s[-1] >= sample.time_s:
-        return own if before is None else before
-    return Readings(*(np.append(_numbers(old), _numbers(new)) for old, new in zip(before, own, strict=True)))
+    one = Readings(
+        times_s=_numbers([sample.time_s]),
+        x_m=_numbers([sample.x_m]),
+        y_m=_numbers([sample.y_m]),
+        powers_w=[sample.power_w],  # None, no power, is not the same as a power that is not a number
+        charges=_numbers([sample.soc]),
+        vx_mps=_numbers([vx]),
+        vy_mps=_numbers([vy]),
+        headings_rad=_numbers([sample.heading_rad]),
+        airspeeds_mps=_numbers([sample.airspeed_mps]),
+    )
+    if before is None:
+        return one
+    if before.times_s[-1] >= sample.time_s:
+        return before
+    return Readings(*(np.append(_numbers(old), _numbers(new)) for old, new in zip(before, one, strict=True)))
 
 
 def _numbers(column: object) -> FloatArray:

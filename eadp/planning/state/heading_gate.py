@@ -44,7 +44,17 @@ _Moments = tuple[FloatArray, FloatArray]
 
 
 class _Fit(NamedTuple):
-    """What the moments give: variances of implied wind, ground velocity and residual [m²/s²], and mean winds [m/s]."""
+    """Two estimates of the wind by the moments, and how well each fits.
+
+    Attributes
+    ----------
+    implied_mps, circle_mps : (float, float)
+        Mean wind that the headings imply, and the centre of the circle of ground velocities [m/s].
+    scatter, residual : float
+        Variance of the implied wind about its mean, and of the wind by the circle's fit [m²/s²].
+    velocity : float
+        Variance of the ground velocity: large once the aircraft has turned [m²/s²].
+    """
 
     scatter: float
     velocity: float
@@ -86,7 +96,7 @@ class HeadingGate:
         airspeeds_mps: Sequence[float] | FloatArray,
         wind: WindFilter | None = None,
     ) -> Sequence[float] | FloatArray:
-        """Take a batch of readings, and return the headings to use.
+        """Judge headings by a batch of readings; return those to use for the wind.
 
         Parameters
         ----------
@@ -106,6 +116,7 @@ class HeadingGate:
         sequence of float, shape (n,)
             `headings_rad`; all NaN where they are disbelieved after this batch.
         """
+        # vectors as complex numbers
         v = np.asarray(vx_mps, dtype=float) + 1j * np.asarray(vy_mps, dtype=float)
         theta, steps = np.asarray(headings_rad, dtype=float), np.asarray(steps_s, dtype=float)
         used = ~np.isnan(v.real + v.imag + theta)
@@ -120,7 +131,8 @@ class HeadingGate:
         return np.full(len(theta), math.nan) if self.disbelieved else headings_rad
 
     def _add(self, v: np.ndarray, u: np.ndarray, steps: FloatArray, used: np.ndarray) -> float:
-        """Add ground velocities and implied winds to the moments, older ones faded; return their time [s]."""
+        """Add ground velocities v and implied winds u to the moments, older ones faded; return the time in them [s]."""
+        # each counts for its time, times e^(−age/window) at the end of the batch
         age_s = np.sum(steps) - np.cumsum(steps)
         weights = (steps * np.exp(-age_s / WINDOW_S))[used]
         v, u = v[used], u[used]
@@ -136,15 +148,16 @@ class HeadingGate:
         square = airspeed_mps**2
         # scatter and mean of the implied wind, as multiples of their limits
         scatter = fit.scatter / max(MAX_SCATTER * square, MAX_GUSTS * fit.residual)
-        drift = math.hypot(*fit.implied_mps) / (MAX_WIND * airspeed_mps)
+        speed = math.hypot(*fit.implied_mps) / (MAX_WIND * airspeed_mps)
         if not self.disbelieved:
-            self.disbelieved = scatter > 1 or drift > 1
+            self.disbelieved = scatter > 1 or speed > 1
             if self.disbelieved:
                 self._fits_s = 0.0
                 if wind is not None:
                     wind.restart(fit.circle_mps, WIND_STD_MPS)
             return
-        fits = scatter < RESTORE_SHARE and drift < RESTORE_SHARE
+        # disbelieved: believed again once it has fit for RESTORE_S; time without a turn shows nothing
+        fits = scatter < RESTORE_SHARE and speed < RESTORE_SHARE
         if not fits:
             self._fits_s = 0.0
         elif fit.velocity > TURNED_SHARE * square:
@@ -167,6 +180,13 @@ def _fit(sums: _Moments) -> _Fit:
     radius_squared = max(velocity_var + float(np.sum((mean[1:3] - w) ** 2)), 1e-9)
     # var (|v|²/2 − w·v), what the line leaves
     line_var = max(covariance[3, 3] - float(w @ covariance[1:3, 3]), 0.0)
-    # ½(|v − w|² − s²) is s times the error of the airspeed; a component of the gusts, of two
+    # ½(|v − w|² − s²) is s times the error of the airspeed, so line_var/s² is the variance of one component of the
+    # gusts, of two
     residual = 2 * line_var / radius_squared
-    return _Fit(squared - ux * ux - uy * uy, velocity_var, residual, (ux, uy), (float(w[0]), float(w[1])))
+    return _Fit(
+        scatter=squared - ux * ux - uy * uy,  # E |u|² − |E u|²
+        velocity=velocity_var,
+        residual=residual,
+        implied_mps=(ux, uy),
+        circle_mps=(float(w[0]), float(w[1])),
+    )

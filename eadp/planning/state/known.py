@@ -19,7 +19,10 @@ class WindKnown(NamedTuple):
 
 
 class TimeKnown(NamedTuple):
-    """Ratio of flown to forecast times, its variance, and the variance of times per second beside it [s]."""
+    """Ratio of flown to forecast times of legs, and what is uncertain of a time t: its variance is
+
+    t² variance + noise_s t
+    """
 
     ratio: float
     variance: float
@@ -27,10 +30,22 @@ class TimeKnown(NamedTuple):
 
 
 class MotionKnown(NamedTuple):
-    """Power of the motion a + b tan² φ [W], the covariance of a and b [W²], and the noise of its energy [J²/s].
+    """Power of the motion, a + b tan² φ, as learned in flight.
 
-    And the greatest power that was measured, up to the motor's [W], the energy of a metre of climb [J/m], and whether a
-    may have changed for good.
+    Attributes
+    ----------
+    level_w, slope_w : float
+        a, of level flight, and b [W].
+    var_level, cov_level_slope, var_slope : float
+        Covariance of a and b [W²].
+    noise : float
+        Variance of the motion's energy per second beside it [J²/s].
+    max_w : float
+        The greatest power that was measured, up to the motor's [W].
+    climb_j_per_m : float
+        Energy of a metre of climb [J/m].
+    in_doubt : bool
+        Whether a may have changed for good.
     """
 
     level_w: float
@@ -45,10 +60,18 @@ class MotionKnown(NamedTuple):
 
 
 class ChargeKnown(NamedTuple):
-    """The filter's state.
+    """The charge, and how well it is known.
 
-    And standard deviation of the gauge's gain, the charge from which on it counts, whether the gauge is believed, and
-    the standard deviation of the charge lost by the voltage.
+    Attributes
+    ----------
+    filtered : Charge
+        State of the filter: the charge, and how the power drains it.
+    gain_std, gain_from : float
+        Standard deviation of the gauge's gain, and the charge from which on it counts.
+    believed : bool
+        Whether the gauge is.
+    lost_std : float
+        Standard deviation of the charge that the voltage shows to be lost.
     """
 
     filtered: Charge
@@ -66,13 +89,13 @@ class Known(NamedTuple):
     time_s : float
         Now [s].
     position_m : (float, float)
-        [m].
+        Where the aircraft is [m].
     cursor : PlanCursor
         The stage being flown.
     joined_m : (float, float)
-        Where it was joined [m].
+        Where that was joined [m].
     since_s : float
-        When [s].
+        When that was joined [s].
     stages_started : int
         Over the flight.
     airspeed_mps : float

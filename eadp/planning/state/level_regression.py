@@ -53,7 +53,7 @@ class Prior(NamedTuple):
 
 
 class Sums(NamedTuple):
-    """Sums over windows, weighted by their times and faded; and the number of windows, faded, too."""
+    """Sums over windows of 1, x, x², y, …, weighted by the windows' times and faded; and their number, faded, too."""
 
     n: float
     x: float
@@ -72,7 +72,7 @@ NO_SUMS = Sums(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Fit(NamedTuple):
-    """Posterior of a, b and c, the noise of windows, and the variances and covariances of a, b and c."""
+    """Posterior of a, b and c; `aa`, `ab`, … their variances and covariances; the noise of windows, see `Prior`."""
 
     a: float
     b: float
@@ -87,7 +87,7 @@ class Fit(NamedTuple):
 
 
 class Evidence(NamedTuple):
-    """Of a step, up and down: logarithms of the likelihood ratio, and the sums over the windows since it may be.
+    """Of a step up and of one down: CUSUM of the log-likelihood ratio, and sums over the windows since it last was 0.
 
     `before` is the fit without these windows, with which they are compared.
     """
@@ -126,13 +126,13 @@ def in_doubt(state: Regression) -> bool:
 
 
 def with_window(state: Regression, seconds: float, mean: float, x: float, z: float, min_step: float) -> Regression:
-    """The state after a window.
+    """The state after a window: its fit, or where a lasting step of the level is found, a new one since the step.
 
     Parameters
     ----------
     state : Regression
     seconds : float
-        Its length [s].
+        The window's length [s].
     mean, x, z : float
         Means of y, x and z over it.
     min_step : float
@@ -141,16 +141,17 @@ def with_window(state: Regression, seconds: float, mean: float, x: float, z: flo
     evidence = _compared(state, seconds, mean, x, z, min_step)
     prior, sums, before = state.prior, _added(state.sums, seconds, mean, x, z), state.fit
     steps, step = state.steps, state.step
-    found = max(evidence.up, evidence.down) > ALARM
-    if found:
+    stepped = max(evidence.up, evidence.down) > ALARM
+    if stepped:
+        # learn again from the windows since the step, with slopes as before it and a level that may be anywhere
         before = evidence.before
         sums = evidence.since_up if evidence.up > evidence.down else evidence.since_down
-        wide = 1 / (NEW_LEVEL * min_step) ** 2
+        information_a = 1 / (NEW_LEVEL * min_step) ** 2
         # a level that was wrong from the start looks like noise
         noise = min(before.noise, WINDOW_S * (min_step / STANDS_OUT) ** 2)
-        prior = Prior(before.a, before.b, before.c, wide, prior.information_b, prior.information_c, noise)
+        prior = Prior(before.a, before.b, before.c, information_a, prior.information_b, prior.information_c, noise)
     fit = _fitted(sums, prior, before)
-    if found:
+    if stepped:
         steps, step = steps + 1, mean - before.a - before.b * x - before.c * z
         evidence = Evidence(0.0, 0.0, NO_SUMS, NO_SUMS, fit)
     return Regression(prior, sums, fit, evidence, steps, step)
@@ -175,16 +176,16 @@ def _added(sums: Sums, seconds: float, mean: float, x: float, z: float) -> Sums:
 
 
 def _compared(state: Regression, seconds: float, mean: float, x: float, z: float, min_step: float) -> Evidence:
-    """The evidence of a step after a window."""
+    """The evidence of a step of the level after one more window."""
     was = state.evidence
-    # while a step may be, its windows are compared with what was before them
+    # while there may have been a step, windows are compared with the fit without those since
     before = was.before if max(was.up, was.down) > DOUBT else state.fit
     # e = y − a − b x − c z, of variance v/t + (1, x, z) P (1, x, z)ᵀ
     error = mean - before.a - before.b * x - before.c * z
     variance = before.noise / seconds + before.aa + 2 * x * before.ab + x * x * before.bb
     variance += z * (z * before.cc + 2 * before.ac + 2 * x * before.bc)
     freedom = 1.0 + INDEPENDENT * state.sums.windows
-    # the step as the windows before this one have it, so that the bound holds
+    # the size of the step as estimated without this window, so that the bound on false alarms holds
     step_up = max(_mean_error(was.since_up, before), min_step)
     step_down = min(_mean_error(was.since_down, before), -min_step)
     # CUSUM: S ← max(0, S + log-likelihood ratio); the step may be since S was last 0
@@ -214,7 +215,7 @@ def _log_likelihood_ratio(error: float, step: float, variance: float, freedom: f
 
 
 def _fitted(sums: Sums, prior: Prior, before: Fit) -> Fit:
-    """Posterior by the sums over windows."""
+    """Posterior of a, b, c and of the noise by the sums over windows; `before` has the noise to start from."""
     # the residuals' noise depends on the fit, and the fit on the noise: in turns
     fit = before
     for _ in range(2):
@@ -232,12 +233,12 @@ def _fitted(sums: Sums, prior: Prior, before: Fit) -> Fit:
 
 
 def _posterior(sums: Sums, prior: Prior, noise: float) -> Fit:
-    """Posterior by the sums over windows and a given noise."""
+    """Posterior of a, b and c by the sums over windows and a given noise: 3 normal equations, solved by hand."""
     # (P⁻¹ + XᵀX/v) (a, b, c) = P⁻¹ prior + Xᵀy/v, with P the prior covariance and v the noise
     info_aa, info_ab = prior.information_a + sums.n / noise, sums.x / noise
     info_bb = prior.information_b + sums.xx / noise
     info_ac, info_bc, info_cc = sums.z / noise, sums.xz / noise, prior.information_c + sums.zz / noise
-    # y above what the prior c explains
+    # right-hand sides, for c − prior c: y above what the prior c explains
     rhs_a = prior.information_a * prior.a + (sums.y - prior.c * sums.z) / noise
     rhs_b = prior.information_b * prior.b + (sums.xy - prior.c * sums.xz) / noise
     rhs_c = (sums.zy - prior.c * sums.zz) / noise
@@ -245,6 +246,7 @@ def _posterior(sums: Sums, prior: Prior, noise: float) -> Fit:
     by_a, by_b = info_ac / info_cc, info_bc / info_cc
     info_aa, info_ab, info_bb = info_aa - by_a * info_ac, info_ab - by_a * info_bc, info_bb - by_b * info_bc
     rhs_a, rhs_b = rhs_a - by_a * rhs_c, rhs_b - by_b * rhs_c
+    # the 2 × 2 system that is left, by its inverse, the covariance of a and b
     determinant = info_aa * info_bb - info_ab * info_ab
     a, b = (info_bb * rhs_a - info_ab * rhs_b) / determinant, (info_aa * rhs_b - info_ab * rhs_a) / determinant
     aa, ab, bb = info_bb / determinant, -info_ab / determinant, info_aa / determinant

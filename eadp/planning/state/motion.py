@@ -66,13 +66,19 @@ class MotionPower:
         level = level_w or 0.0
         level_std, slope_std = (level_share * level, TURN_SHARE * level) if level_w else UNKNOWN_W
         climb_std = CLIMB_SHARE * climb_j_per_m or UNKNOWN_W[1]
-        informations = 1 / level_std**2, 1 / slope_std**2, 1 / climb_std**2
-        noise = WINDOW_S * max(POWER_SHARE * level, MIN_POWER_STD_W) ** 2
-        prior = Prior(level, TURN_SHARE * level, climb_j_per_m, *informations, noise)
+        prior = Prior(
+            a=level,
+            b=TURN_SHARE * level,
+            c=climb_j_per_m,
+            information_a=1 / level_std**2,
+            information_b=1 / slope_std**2,
+            information_c=1 / climb_std**2,
+            noise=WINDOW_S * max(POWER_SHARE * level, MIN_POWER_STD_W) ** 2,
+        )
         self._state = MotionState(MotionWindow(0.0, 0.0, 0.0), started(prior))
 
     def ingest(self, powers_w: Column, beside_w: Column, steps_s: Column, slope: float, climb_mps: float = 0.0) -> None:
-        """Take readings in order, on a leg.
+        """Add readings on one leg, in order, to the window that is open, and full windows to the regression.
 
         Parameters
         ----------
@@ -90,7 +96,7 @@ class MotionPower:
         self._state = ingested(self._state, powers_w, beside_w, steps_s, slope, climb_mps)
 
     def end_window(self, slope: float) -> None:
-        """End the window of readings, on a leg of mean tan² φ `slope`, and update the regression."""
+        """End the window of readings at the end of a leg, of mean tan² φ `slope`, and update the regression with it."""
         self._state = _window_ended(self._state, slope)
 
     @property
@@ -131,13 +137,12 @@ class MotionPower:
 def _ingested(
     state: MotionState, powers_w: Column, beside_w: Column, steps_s: Column, slope: float, climb_mps: float
 ) -> MotionState:
-    """See `MotionPower.ingest`."""
+    """The state after readings, see `MotionPower.ingest`: each adds to the window, which ends when it is full."""
     for i in range(len(powers_w)):
         if steps_s[i] > 0.0 and not math.isnan(powers_w[i]):
             window = state.window
             energy_j = window.energy_j + (powers_w[i] - beside_w[i]) * steps_s[i]
             climb_m = window.climb_m + climb_mps * steps_s[i]
-            # the window, and the regression once it is full
             state = MotionState(MotionWindow(energy_j, window.seconds + steps_s[i], climb_m), state.regression)
             if state.window.seconds >= WINDOW_S - 1e-9:
                 state = _window_ended(state, slope)
@@ -145,7 +150,10 @@ def _ingested(
 
 
 def _window_ended(state: MotionState, slope: float) -> MotionState:
-    """The state after a window; one shorter than half of `WINDOW_S` is left out."""
+    """The state after the window that is open: an empty one, and the regression with its means.
+
+    One shorter than half of `WINDOW_S` is left out.
+    """
     window, regression = state
     seconds = window.seconds
     if seconds >= WINDOW_S / 2:

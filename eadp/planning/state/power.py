@@ -59,7 +59,7 @@ class PowerTracker:
     settings : EstimatorSettings
     mission : Mission
     horizon_s : float, optional
-        How far ahead the planner looks at the power [s]; by default one period.
+        How far ahead the planner forecasts the power [s]; by default one period.
     limit_w : float
         What motor and battery can deliver [W]: a reading above it is none.
 
@@ -79,18 +79,20 @@ class PowerTracker:
         self.estimator: Estimator = _estimator(settings, mission)
         self.laps, self.computing_w, self.forecast_w = 0, 0.0, 0.0
         self._mission, self._horizon_s, self._limit_w = mission, horizon_s, limit_w
+        # segment of the last lap's start; whether a gap of the telemetry lies since; when that was [s]
         self._segment, self._through_gap = 0, False
         self._lap_from_s, self.lap_time_s = math.inf, self.estimator.period_s
-        self._computing_for: tuple[Vector, int] | None = None
+        self._computing_for: tuple[Vector, int] | None = None  # parameters and stage that `computing_w` is of
 
     def horizon_of_s(self, period_s: float | None) -> float:
         """How far ahead the planner looks, by the period [s]."""
         return self._horizon_s or period_s or UNKNOWN_PERIOD_S
 
     def locate(self, o: Observation, *, entered: bool) -> int:
-        """Take the place of an observation, and count laps; return `NO_LAP`, `LAP_STARTS` or `LAP_ENDS`.
+        """Update the laps and the power of the computations by where an observation is in the plan.
 
-        `entered` is whether its stage has just started.
+        Returns what has happened to the laps: `NO_LAP`, `LAP_STARTS` or `LAP_ENDS`. `entered` is whether the stage of
+        the observation has just started.
         """
         self._through_gap |= o.through_gap
         if self._computing_for != (o.parameters, o.stage):
@@ -99,7 +101,10 @@ class PowerTracker:
         return self._count_lap(o) if entered else NO_LAP
 
     def _count_lap(self, o: Observation) -> int:
-        """Count a lap if the stage that has started ends one; the first of a repeated segment starts one."""
+        """Count a lap if the stage that has started is the first of the next one; return what happens, as `locate`.
+
+        A lap is counted if it was flown whole within a segment; with a gap, or in another segment, one only starts.
+        """
         before, self._segment = self._segment, o.cursor.segment
         segment = o.cursor.table.segments[self._segment]
         plan = self._mission.plan
@@ -119,7 +124,7 @@ class PowerTracker:
         return LAP_ENDS if whole else LAP_STARTS
 
     def begin(self, powers: Powers) -> Powers:
-        """Have the estimator take a lap that starts or ends with readings; return these, as arrays."""
+        """Before readings are observed: pass the lap that starts or ends with them on; return them, as arrays."""
         if powers.lap:
             (self.estimator.end_lap if powers.lap == LAP_ENDS else self.estimator.start_lap)(powers.lap_s)
         times_s, powers_w = np.asarray(powers.times_s, dtype=float), np.array(powers.powers_w, dtype=float)
@@ -127,12 +132,12 @@ class PowerTracker:
 
     def observe(self, powers: Powers, first: int, until_s: float = math.inf) -> int:
         """Update the estimator with readings as arrays, from the index `first` up to a time; return the next index."""
-        times_s, beside_w = np.asarray(powers.times_s), powers.computing_w
+        times_s, computing_w = np.asarray(powers.times_s), powers.computing_w
         end = int(np.searchsorted(times_s, until_s, "right"))
-        motions_w = np.asarray(powers.powers_w)[first:end] - beside_w
+        motions_w = np.asarray(powers.powers_w)[first:end] - computing_w
         for time_s, value in zip(times_s[first:end].tolist(), motions_w.tolist(), strict=True):
-            motion_w = value if value + beside_w <= self._limit_w else None  # not a number is none, too
-            self.forecast_w = self.estimator.observe(time_s, motion_w) + beside_w
+            motion_w = value if value + computing_w <= self._limit_w else None  # not a number is none, too
+            self.forecast_w = self.estimator.observe(time_s, motion_w) + computing_w
         return end
 
     def estimate(self) -> PowerEstimate:
@@ -141,6 +146,7 @@ class PowerTracker:
 
 
 def _estimator(settings: EstimatorSettings, mission: Mission) -> Estimator:
+    """The estimator that the settings name, initialised with what the mission knows of the power."""
     if settings.kind == PUBLISHED:
         return PublishedEstimator(settings)
     if mission.energy is not None:
@@ -172,6 +178,6 @@ def _nominal_lap_s(mission: Mission) -> float | None:
         legs = nominal_legs(mission.plan, mission.parameters, mission.start_m)
     except PathUndefined:
         return None
-    whole = max(legs[-1].lap - 1, 0)  # the last lap may be cut short, the first starts anywhere
-    length = sum(leg.length_m for leg in legs if leg.lap == whole)
-    return length / mission.cruise_mps if length > 0 and math.isfinite(length) else None
+    lap = max(legs[-1].lap - 1, 0)  # the last but one is whole: the last may be cut short, the first starts anywhere
+    length_m = sum(leg.length_m for leg in legs if leg.lap == lap)
+    return length_m / mission.cruise_mps if length_m > 0 and math.isfinite(length_m) else None

@@ -86,7 +86,7 @@ class PowerGate:
         *,
         on_plan: bool = True,
     ) -> list[float] | FloatArray:
-        """Take readings in order; return them, NaN where one is false or missing.
+        """Judge readings in order; return them, NaN where one is false or missing.
 
         Parameters
         ----------
@@ -104,17 +104,17 @@ class PowerGate:
         list of float, or array, shape (n,)
             An array in compiled code.
         """
-        known: Any = powers_w
-        if not isinstance(known, np.ndarray):
-            known = [math.nan if power_w is None else power_w for power_w in powers_w]
+        values: Any = powers_w
+        if not isinstance(values, np.ndarray):
+            values = [math.nan if power_w is None else power_w for power_w in powers_w]
         if not on_plan:
             self._state = self._state._replace(rejects=False)
-            return [power_w if 0.0 <= power_w <= self._bounds.limit_w else math.nan for power_w in known]
-        passed: list[float] | FloatArray = np.empty(len(known)) if enabled() else [math.nan] * len(known)
+            return [power_w if 0.0 <= power_w <= self._bounds.limit_w else math.nan for power_w in values]
+        passed: list[float] | FloatArray = np.empty(len(values)) if enabled() else [math.nan] * len(values)
         ingested = jitted(_ingested)
-        times_s, known = columns(times_s, known)
-        self._state = ingested(self._state, self._bounds, times_s, known, computing_w, passed)
-        if powers_w[-1] is None:
+        times_s, values = columns(times_s, values)
+        self._state = ingested(self._state, self._bounds, times_s, values, computing_w, passed)
+        if powers_w[-1] is None:  # no reading is no false one
             self._state = self._state._replace(rejects=False)
         return passed
 
@@ -140,20 +140,21 @@ def _ingested(
 def _with_reading(
     state: GateState, bounds: PowerBounds, time_s: float, power_w: float, computing_w: float
 ) -> GateState:
-    """The state after a reading."""
+    """The state after a reading; its `rejects` says whether that is false."""
     mean_w, read_s, last_w, max_motion_w, since_s, _ = state
     if not 0.0 <= power_w <= bounds.limit_w:  # NaN included
-        return GateState(mean_w, read_s, last_w, max_motion_w, since_s, True)
+        return GateState(mean_w, read_s, last_w, max_motion_w, since_s, rejects=True)
     if math.isnan(mean_w):
         mean_w = power_w
     if power_w > MAX_RATIO * max(mean_w, bounds.usual_w):  # false, until it has persisted: the mean is another then
         if math.isnan(since_s):
             since_s = time_s
         if time_s - since_s < PERSISTENT_S:
-            return GateState(mean_w, read_s, last_w, max_motion_w, since_s, True)
+            return GateState(mean_w, read_s, last_w, max_motion_w, since_s, rejects=True)
         mean_w = power_w
     # m ← m + (1 − e^(−Δt/τ)) (y − m)
     mean_w += (1.0 - math.exp((read_s - time_s) / MEAN_S)) * (power_w - mean_w)
     motion_w = power_w - computing_w
     # the smaller of two in a row is what both have reached
-    return GateState(mean_w, time_s, motion_w, max(max_motion_w, min(motion_w, last_w)), math.nan, False)
+    max_motion_w = max(max_motion_w, min(motion_w, last_w))
+    return GateState(mean_w, time_s, motion_w, max_motion_w, since_s=math.nan, rejects=False)

@@ -1,4 +1,7 @@
-"""The queue of what a flight has read: the filters and the estimator each take it when they are asked."""
+"""The queue of what a flight has read: the filters and the estimator each take it when they are asked.
+
+Each has its own position in the one list of what waits; what both have taken is dropped.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +75,7 @@ class ReadingQueue:
         self._waiting: list[Batch | Seen | LevelStep] = []
         # how many of what waits the filters, and the estimator, have taken
         self._filtered = self._estimated = 0
-        # what the estimator has taken in part, and how many readings of it
+        # the readings that the estimator has taken in part, and how many of them
         self._begun: Powers | None = None
         self._within = 0
 
@@ -85,17 +88,17 @@ class ReadingQueue:
         return len(self._waiting) - self._estimated >= MAX_WAITING
 
     def ingest(self, readings: Readings) -> None:
-        """Take a batch of readings."""
+        """Take a batch of readings; they wait."""
         self._waiting.append(Batch(readings, Powers(readings.times_s, readings.powers_w, self._power.computing_w)))
         self.next_reading_s = float(readings.times_s[-1]) + self.every_s
         self._soc = float(readings.charges[-1])
 
     def observe(self, o: Observation) -> None:
-        """Take an observation."""
+        """Take an observation: its stage and lap are counted at once, the rest of it waits."""
         before, self.stages_started = self.stages_started, o.stages_started
         is_reading = o.time_s >= self.next_reading_s - SAME_TIME_S
         lap = self._power.locate(o, entered=o.stages_started != before)
-        # a take-off has a power of its own
+        # a take-off has a power of its own, which the estimator does not learn
         times_s, powers_w = ([o.time_s], [o.sample.power_w if o.on_plan else None]) if is_reading else ([], [])
         powers = Powers(times_s, powers_w, self._power.computing_w, lap, o.time_s)
         self._waiting.append(Seen(o, before, is_reading, powers))
@@ -104,17 +107,17 @@ class ReadingQueue:
         self.now, self.soc_before, self._soc = o, self._soc, o.soc
 
     def step_level(self, by_w: float) -> None:
-        """Take a known change of the motion's power [W]."""
+        """Take a known change of the motion's power [W]; it waits in its order, for the estimator alone."""
         self._waiting.append(LevelStep(by_w))
 
     def take_unfiltered(self) -> Iterator[Batch | Seen]:
-        """Take out for the filters, in order, what they have not taken yet."""
-        waiting, self._filtered = self._waiting[self._filtered :], len(self._waiting)
+        """What the filters have not taken yet, in order; it counts as taken by them."""
+        new, self._filtered = self._waiting[self._filtered :], len(self._waiting)
         self._drop_taken()
-        return (each for each in waiting if not isinstance(each, LevelStep))
+        return (each for each in new if not isinstance(each, LevelStep))
 
     def estimate(self, until_s: float = math.inf) -> None:
-        """Pass what waits to the estimator of the power, in order, up to a time [s]."""
+        """Pass what waits to the estimator of the power, in order, up to a time [s]: a batch in part, if need be."""
         while self._estimated < len(self._waiting):
             each = self._waiting[self._estimated]
             if isinstance(each, LevelStep):
@@ -124,7 +127,7 @@ class ReadingQueue:
                     self._begun, self._within = self._power.begin(each.powers), 0
                 self._within = self._power.observe(self._begun, self._within, until_s)
                 if self._within < len(self._begun.times_s):
-                    break
+                    break  # the rest of its readings is later
                 self._begun = None
             self._estimated += 1
         self._drop_taken()

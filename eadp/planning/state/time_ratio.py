@@ -29,6 +29,7 @@ class TimeRatio:
     def __init__(self) -> None:
         self.noise_s = TIME_NOISE_S
         self.ratio = 1.0
+        # sums over the legs flown, Σ forecast and Σ (flown − forecast); and each leg's forecast and flown time [s]
         self._forecast_s = self._excess_s = 0.0
         self._legs: list[tuple[float, float]] = []
 
@@ -62,11 +63,11 @@ class TimeRatio:
 
     @property
     def variance(self) -> float:
-        """Variance of the ratio."""
+        """Variance of the ratio, of its posterior: σ² / (Σ forecast + σ²/σ_β²)."""
         return self.noise_s / (self._forecast_s + self.noise_s / RATIO_STD**2)
 
 
 def _expected_noise_s(gust_std_mps: float, airspeed_mps: float, gust_time_s: float) -> float:
-    """Variance of a leg's time per second of it [s²/s]."""
+    """Prior variance of a leg's time per second of it, in gusts of a standard deviation and correlation time [s²/s]."""
     # a gust of σ and correlation time τ moves an aircraft by √(2 τ t) σ metres in t seconds
     return TIME_NOISE_S + 2 * gust_time_s * (gust_std_mps / airspeed_mps) ** 2

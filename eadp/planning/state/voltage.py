@@ -45,6 +45,7 @@ class VoltageWatch:
 
     def __init__(self, battery: Battery) -> None:
         self.lost = 0.0
+        # from empty to full [V]; 0 where the voltage shows nothing of the charge, so that nothing is learned
         self._rise_v = battery.voltage_at(1.0) - battery.voltage_at(0.0)
         self._last_s = math.nan
         # over the window that is open: t [s], ∫V dt [V s], ∫(1 − b) dt [s] and ∫I dt [A s]
@@ -55,13 +56,13 @@ class VoltageWatch:
         resistance_ohm = max(battery.resistance_ohm, 1e-6)
         # y = V, x = 1 − b, z = I: a = V₀, b = −s, c = −R
         prior = Prior(
-            battery.voltage_at(1.0),
-            -self._rise_v,
-            -resistance_ohm,
-            1 / (LEVEL_SHARE * self._rise_v) ** 2,
-            1 / (CURVE_SHARE * self._rise_v) ** 2,
-            1 / (RESISTANCE_SHARE * resistance_ohm) ** 2,
-            WINDOW_S * (NOISE_SHARE * self._rise_v) ** 2,
+            a=battery.voltage_at(1.0),
+            b=-self._rise_v,
+            c=-resistance_ohm,
+            information_a=1 / (LEVEL_SHARE * self._rise_v) ** 2,
+            information_b=1 / (CURVE_SHARE * self._rise_v) ** 2,
+            information_c=1 / (RESISTANCE_SHARE * resistance_ohm) ** 2,
+            noise=WINDOW_S * (NOISE_SHARE * self._rise_v) ** 2,
         )
         self._regression = started(prior)
 
@@ -71,20 +72,24 @@ class VoltageWatch:
         return LOSS_SHARE * self.lost
 
     def ingest(self, time_s: float, voltage_v: float, power_w: float, soc: float) -> None:
-        """Take a reading of the voltage [V] at a time [s], beside the power [W] and the charge as the gauge has it."""
+        """Add a reading of the voltage [V], beside the power [W] and the gauge's charge, and update `lost`.
+
+        Left out where the curve is not straight, and after a gap.
+        """
         step_s, self._last_s = time_s - self._last_s, time_s
         straight = soc - self.lost >= STRAIGHT_FROM
         if not (self._rise_v and straight and voltage_v > 0 and 0 < step_s <= WINDOW_S):
             return
-        values = step_s, step_s * voltage_v, step_s * (1 - soc), step_s * power_w / voltage_v
-        seconds, volts, drawn, amps = (was + value for was, value in zip(self._sums, values, strict=True))
+        integrals = step_s, step_s * voltage_v, step_s * (1 - soc), step_s * power_w / voltage_v
+        seconds, volts, drawn, amps = (was + value for was, value in zip(self._sums, integrals, strict=True))
         self._sums = seconds, volts, drawn, amps
         if seconds < WINDOW_S:
             return
+        # the window is full: its means go into the regression
         self._sums = 0.0, 0.0, 0.0, 0.0
         before, means = self._regression.steps, (volts / seconds, drawn / seconds, amps / seconds)
         self._regression = with_window(self._regression, seconds, *means, STEP_SHARE * self._rise_v)
-        # a fall of V₀ by ΔV is a loss of ΔV/s
+        # a lasting fall of V₀ by ΔV, where one was recognised, is a loss of ΔV/s
         fell_v = -self._regression.step
         if self._regression.steps > before and fell_v > 0:
             self.lost = min(self.lost + fell_v / max(-self._regression.prior.b, MIN_SLOPE * self._rise_v), 1.0)

@@ -31,11 +31,11 @@ class FlightWind:
         self._measured: tuple[Point, float] | None = None  # [m/s], and until when it is used [s]
 
     def forecast(self, wind_mps: Point) -> None:
-        """Take the wind of a weather forecast [m/s]."""
+        """Plan with the wind of a weather forecast [m/s], until another one is measured."""
         self._measured = wind_mps, math.inf
 
     def measure(self, wind_mps: Point, time_s: float) -> None:
-        """Take a measured wind [m/s]."""
+        """Plan with a measured wind [m/s], for `MEASURED_WIND_S` from a time on [s]."""
         self._measured = wind_mps, time_s + MEASURED_WIND_S
 
     def ingest(
@@ -46,7 +46,10 @@ class FlightWind:
         airspeeds_mps: FloatArray,
         time_s: float,
     ) -> None:
-        """Take ground velocities and headings, NaN for none, each of shape (n,); `time_s` is at their end."""
+        """Update the estimate with ground velocities and headings, NaN for none; also while another wind is used.
+
+        All are of shape (n,). `steps_s` are the times since the reading before [s], `time_s` is that of the last one.
+        """
         vx, vy = velocities_mps
         believed = np.asarray(self.headings.ingest(vx, vy, headings_rad, steps_s, airspeeds_mps, self._filter))
         if self._measured is not None and time_s > self._measured[1]:

@@ -73,17 +73,18 @@ class Acquisition:
         self._start, self._start_m = start, start_m
         self.hypotheses = [Hypothesis(start)]
         self.settled = self.stage_found = self.is_start = False
-        # the last position, with its time; when the first came [s]; the last step [s]
+        # time [s] and place of the last position; when the first came, and the time between the last two [s]
         self._last: tuple[float, Point] | None = None
         self._first_s: float | None = None
         self._usual_s = 0.0
-        # when stages, and laps too, were uncertain last [s]
+        # when hypotheses of other stages, and of other laps, were left last [s]
         self._stage_s = self._lap_s = math.inf
 
     def update(self, to: Sample, in_force: dict[int, float]) -> None:
-        """Take a position, and the parameters reported to be in force, by index.
+        """Update the hypotheses with a position, and the parameters reported to be in force, by index.
 
-        The first course is waited for; after a gap it starts again.
+        The first position, and one after a gap, makes them anew; the first waits for a course. Others move them along
+        and weigh them. `stage_found` and `settled` follow once they have agreed for long enough.
         """
         if to.position_m is None:
             return
@@ -100,8 +101,10 @@ class Acquisition:
             if last is None and not candidates:
                 self.is_start = True
                 return
-            first = not candidates or (to.stage in (None, 1) and to.stages_started in (None, 1))
-            self.hypotheses = [*candidates, *([self._anew(to)] if first else [])]
+            # a flight that starts only now, unless a later stage is reported
+            if not candidates or (to.stage in (None, 1) and to.stages_started in (None, 1)):
+                candidates.append(self._anew(to))
+            self.hypotheses = candidates
             self._stage_s = self._lap_s = to.time_s
         else:
             for hypothesis in self.hypotheses:
@@ -110,10 +113,10 @@ class Acquisition:
         for one in self.hypotheses:
             one.weigh(to, weight, OUTLIER, TRACK_STD_M)
         self.hypotheses = likely(self.hypotheses)
+        # when stages, and laps, disagreed last
         best = self.hypotheses[0]
-        places = [one.executor.cursor for one in self.hypotheses]
-        stages = {(cursor.segment, cursor.stage.index) for cursor in places}
-        if len(stages) > 1:
+        cursors_left = [one.executor.cursor for one in self.hypotheses]
+        if len({(cursor.segment, cursor.stage.index) for cursor in cursors_left}) > 1:
             self._stage_s = to.time_s
         if not all(_alike(one, best) for one in self.hypotheses):
             self._lap_s = to.time_s
@@ -121,13 +124,13 @@ class Acquisition:
         self.settled = to.time_s - self._lap_s >= SETTLE_S
 
     def _anew(self, to: Sample) -> Hypothesis:
-        """A flight that has just started."""
+        """The hypothesis that the flight has just started, at a position away from the mission's start."""
         cursor = self._start.cursor
         assert to.position_m is not None
         return Hypothesis(self._start.placed(cursor, to.position_m, 1, to.position_m, 0.0), to.time_s, START_LOG_PRIOR)
 
     def _candidates(self, to: Sample, in_force: dict[int, float]) -> Iterator[Hypothesis]:
-        """The best match on each leg of the nominal flights."""
+        """A hypothesis of each leg that a position fits, of the nominal flights at each choice of parameters."""
         plan, rules = self._start.cursor.table.plan, self._start.cursor.table.rules
         for values in self._choices():
             try:
@@ -159,7 +162,7 @@ class Acquisition:
 
 
 def _matched(executor: PlanExecutor, cursor: PlanCursor, leg: Leg, legs_before: int, to: Sample) -> Hypothesis | None:
-    """The flight placed on a leg, at the position sighted; None where position or course do not fit.
+    """The hypothesis that a flight is on a leg, at a position; None where position or course do not fit.
 
     `executor` is at the start of the plan. The likelihood is left at 1: `update` weighs the position next, as it does
     for every hypothesis.
@@ -170,7 +173,7 @@ def _matched(executor: PlanExecutor, cursor: PlanCursor, leg: Leg, legs_before: 
         phi, gx, gy, *_ = leg.path(x, y)
     except (EadpError, ArithmeticError, ValueError):
         return None
-    # too far from the path: cheaper to see than by its points
+    # |φ|/|∇φ|, the distance from the path, is too large: cheaper to see than by the points of the leg
     if phi * phi > (MAX_STDS * TRACK_STD_M) ** 2 * (gx * gx + gy * gy):
         return None
     match = best_match(leg, to)

@@ -57,7 +57,7 @@ class AppliedParameters:
         return tuple([self.held.get(i, value) for i, value in enumerate(self.asked)])
 
     def decide(self, parameters: Vector) -> None:
-        """Take a decision."""
+        """Take the parameters decided: those not held are to be flown with, and to change from what is reported."""
         asked = list(self.asked)
         for i, value in enumerate(parameters):
             if i not in self.held and value != asked[i]:
@@ -67,19 +67,23 @@ class AppliedParameters:
         self.asked = tuple(asked)
 
     def release(self, i: int) -> bool:
-        """Take that a value of a parameter is on its way to the aircraft; return whether it was held."""
+        """A value of a parameter is on its way to the aircraft: it is not held any more; return whether it was."""
         self._refused_s.pop(i, None)
         return self.held.pop(i, None) is not None
 
     def update(self, time_s: float, reported: Mapping[int, float], expected: Vector) -> bool:
-        """Take parameters reported, and those in force by the plan's rules; return whether those held have changed."""
+        """Take parameters reported, by index; return whether those that are held have changed.
+
+        `expected` are those in force by the plan's rules.
+        """
         self._reported |= reported
-        held = dict(self.held)
+        held_before = dict(self.held)
         for i, value in reported.items():
             if i in self.held:
                 if not self._same(i, value, self.held[i]):
                     del self.held[i], self._before[i]
                 continue
+            # it refuses a value while it is reported as before the decision, and neither as asked nor as expected
             unchanged = i in self._before and self._same(i, value, self._before[i])
             if not unchanged or self._same(i, value, self.asked[i]):
                 self._refused_s.pop(i, None)
@@ -88,22 +92,25 @@ class AppliedParameters:
             if time_s - self._refused_s.get(i, math.inf) >= APPLY_S:
                 self.held[i] = value
                 del self._refused_s[i]
-        return held != self.held
+        return held_before != self.held
 
     def update_apart(self, time_s: float, reported: Mapping[int, float], expected: Vector) -> list[int]:
-        """Take parameters reported; return those as in the stage before or in the next one, for less than `APART_S`.
+        """Indices of parameters reported that the aircraft has of the stage before, or of the next one, for a moment.
 
-        `expected` are those in force by the plan's rules: the aircraft starts its stage a little later, or sooner.
+        `expected` are those in force by the plan's rules: the aircraft starts its stage a little later, or sooner, by
+        less than `APART_S`. Such a report is no refusal.
         """
         for i, value in enumerate(expected):
             if value != self._expected[i]:
                 self._left[i] = self._expected[i], time_s
         self._expected = expected
         others = {i: value for i, value in reported.items() if not self._same(i, value, expected[i])}
+        # sooner: as decided already, since when; later: as in force before the last change, since that
         ahead = [i for i, value in others.items() if self._same(i, value, self.asked[i])]
         self._ahead_s = {i: self._ahead_s.get(i, time_s) for i in ahead}
-        left = {i: since_s for i, (value, since_s) in self._left.items() if i in others and others[i] == value}
-        return [i for i, since_s in (self._ahead_s | left).items() if time_s - since_s < APART_S]
+        behind_s = {i: since_s for i, (value, since_s) in self._left.items() if i in others and others[i] == value}
+        return [i for i, since_s in (self._ahead_s | behind_s).items() if time_s - since_s < APART_S]
 
     def _same(self, i: int, one: float, other: float) -> bool:
+        """Whether two values of a parameter are the same within its tolerance."""
         return abs(one - other) <= self._tolerances[i]

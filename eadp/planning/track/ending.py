@@ -32,6 +32,7 @@ def is_certain(executor: PlanExecutor, position: Point, course_rad: float | None
     end = executor.cursor.end()
     if end is None or end.at_trigger:
         return True
+    # the position soon
     ahead_m = 0.0 if course_rad is None else AHEAD_M
     course_rad = course_rad or 0.0
     straight_on = position[0] + ahead_m * math.cos(course_rad), position[1] + ahead_m * math.sin(course_rad)
@@ -63,7 +64,7 @@ class Continuation:
         self._log_odds = 0.0
 
     def update(self, executor: PlanExecutor, to: Sample, step_s: float) -> bool | None:
-        """Take a position, `step_s` [s] after the last one; return whether the flight goes on, None while unknown."""
+        """Weigh a position, `step_s` [s] after the last one; return whether the flight goes on, None while unknown."""
         if executor.complete:
             return False
         if to.position_m is not None:

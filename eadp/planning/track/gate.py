@@ -50,7 +50,7 @@ class OutlierGate:
     def __init__(self, cruise_mps: float) -> None:
         self._cruise_mps, self._max_mps = cruise_mps, SPEED_FACTOR * cruise_mps
         self._last: Sample | None = None
-        # the last step, and what is added to the samples' clock [s]
+        # the step between the last two samples, and what is added to the samples' clock [s]
         self._step_s = self._clock_s = 0.0
         # the last position that was accepted, with its time, and the velocity to it
         self._position: tuple[float, Point] | None = None
@@ -66,15 +66,16 @@ class OutlierGate:
         self._frozen = False
 
     def accept(self, sample: Sample) -> tuple[Sample | None, Notice | None]:
-        """Take a sample; return it on the time without jumps, its position None where it cannot be, and a notice.
+        """Judge a sample; return it on a clock without jumps, and a notice of what is wrong with it, if anything is.
 
-        The sample is None where its time is not to be used.
+        Its position is None where it cannot be. The sample is None where its time cannot be, or is yet to be confirmed.
         """
         sample, notice = sample._replace(time_s=sample.time_s + self._clock_s), None
         last = self._last
         if last is not None:
             step_s = sample.time_s - last.time_s
             gap = step_s > GAP_S and step_s > GAP_STEPS * self._step_s
+            # a step back, or far on, may be a clock that jumped: the samples that follow confirm it
             jump = self._jump(last, sample) if step_s <= 0 or gap else None
             if jump is not None:
                 if not self._confirm(sample, step_s):
@@ -94,7 +95,10 @@ class OutlierGate:
     # --- the clock
 
     def _jump(self, last: Sample, sample: Sample) -> Notice | None:
-        """A notice of a time that has to be confirmed; None where it is that of a gap."""
+        """A notice where a time may be that of a clock that jumped, and has to be confirmed; None where it may pass.
+
+        Back in time always; forwards where it is far, or position and charge go on as if less time had passed.
+        """
         step_s = sample.time_s - last.time_s
         if step_s <= 0:
             what = f"late: {sample.time_s:.15g} s is not after {last.time_s:.15g} s"
@@ -111,11 +115,13 @@ class OutlierGate:
         """Whether the charge has fallen as if the time had passed."""
         if self._first is None or last.soc is None or sample.soc is None or last.time_s <= self._first[0]:
             return False
-        expected = (self._first[1] - last.soc) / (last.time_s - self._first[0]) * (sample.time_s - last.time_s)
+        # at the mean rate since the first sample
+        (first_s, first_soc), step_s = self._first, sample.time_s - last.time_s
+        expected = (first_soc - last.soc) / (last.time_s - first_s) * step_s
         return last.soc - sample.soc > DRAINED_SHARE * expected > 0
 
     def _goes_on(self, sample: Sample, step_s: float) -> bool:
-        """Whether the position is that of a step of the usual length, and the aircraft moves."""
+        """Whether the position is near that of a straight flight on for `step_s` [s], and the aircraft moves."""
         position, velocity = sample.position_m, self._velocity
         if self._position is None or position is None or velocity is None or not self._moving(sample):
             return False
@@ -124,7 +130,10 @@ class OutlierGate:
         return distance_m <= ON_SHARE * self._cruise_mps * step_s + ON_M
 
     def _confirm(self, sample: Sample, step_s: float) -> bool:
-        """Count a sample on another time; return whether enough consecutive ones agree with one another."""
+        """Count a sample on another time; return whether enough in a row agree, so that the clock has jumped.
+
+        `step_s` is its time after the last sample accepted, negative for one before it [s].
+        """
         before, self._odd = self._odd, sample
         agrees = before is not None and 0 < sample.time_s - before.time_s <= max(GAP_S, GAP_STEPS * self._step_s)
         self._odd_count = self._odd_count + 1 if agrees else 1
@@ -136,9 +145,9 @@ class OutlierGate:
         return self._odd_count >= (MIN_AGREEING if goes_on else MIN_BACK)
 
     def _reset_clock(self, last: Sample, sample: Sample, step_s: float) -> tuple[Sample, Notice]:
-        """Set the clock to the time that goes on, by the usual steps or the time that the distance takes.
+        """Correct the clock after a jump, so that time goes on: by usual steps, or by the time that the distance takes.
 
-        Returns the sample on it, and a notice.
+        Returns the sample on the corrected clock, and a notice.
         """
         usual_s = self._odd_count * max(self._step_s, 1e-3)
         way_s = 0.0
@@ -153,7 +162,10 @@ class OutlierGate:
     # --- the position
 
     def _take_position(self, sample: Sample) -> Notice | None:
-        """Take a position as the reference of the next; return a notice if it cannot be, or is frozen from now on."""
+        """Take a position as the reference of the next; return a notice if it cannot be, or is frozen from now on.
+
+        A frozen one sets `_frozen`: it is not used, without another notice, until it moves.
+        """
         position, time_s = sample.position_m, sample.time_s
         if position is None:
             return None
@@ -161,12 +173,14 @@ class OutlierGate:
             self._position = time_s, position
             return None
         since_s, (x, y) = self._position
+        # the same as before, though the aircraft moves: frozen, once that has lasted
         if position == (x, y) and (self._frozen or self._moving(sample)):
             if time_s - since_s <= FROZEN_S or self._frozen:
                 return None
             self._frozen = True
             return Notice("x_m", f"the position has not changed for {time_s - since_s:.6g} s", "a position that moves")
         self._frozen = False
+        # too far off, unless enough in a row agree that the aircraft is there
         outlier = self._outlier(self._position, (time_s, position))
         if outlier is not None and not self._confirm_position((time_s, position)):
             return outlier

@@ -45,7 +45,7 @@ class InitialClimb:
         self.on_plan = not self.from_ground and self._update_near(first, altitude_m)
 
     def update(self, sample: Sample, altitude_m: float) -> None:
-        """Take a sample, beside the plan's altitude at it [m]."""
+        """Update `on_plan` with a sample, beside the plan's altitude at it [m]."""
         if self.on_plan:
             return
         if not self._update_near(sample, altitude_m):
@@ -56,9 +56,12 @@ class InitialClimb:
         self.on_plan = stays or sample.time_s - self._start_s > MAX_S
 
     def _update_near(self, sample: Sample, altitude_m: float) -> bool:
-        """Take an altitude; return whether it is the plan's, or another one that is held, and the airspeed cruise's."""
+        """Take an altitude; return whether the flight is as on its plan: at cruise airspeed, and at its altitude.
+
+        The plan's altitude [m], or another one that is held. Without an altitude, once the slowest climb has got there.
+        """
         near = sample.airspeed_mps is None or abs(sample.airspeed_mps / self._cruise_mps - 1) <= NEAR_SHARE
-        if sample.altitude_m is None:  # climbed since by the slowest climb
+        if sample.altitude_m is None:
             return near and (not self.from_ground or (sample.time_s - self._start_s) * SLOWEST_MPS >= altitude_m)
         if abs(sample.altitude_m - self._level_m) > SLOWEST_MPS * STAYS_S:
             self._level_m, self._level_s = sample.altitude_m, sample.time_s

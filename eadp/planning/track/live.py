@@ -113,12 +113,14 @@ class LiveFlight:
         self._messages = Messages()
         self._ground = _GroundVelocity(mission.cruise_mps)
         self._started = False
+        # made at the first sample, by `_start`
         self._tracker: PlanTracker
         self._climbs: InitialClimb
+        # made once the stage is known, by `_plan_with`
         self._flight: PlannedFlight | None = None
         self._held: HeldForecast
-        self._failure = ""
-        self._origin_s = 0.0
+        self._failure = ""  # the last one of the planner that there was a notice of
+        self._origin_s = 0.0  # the flight's time 0 on the samples' clock [s]
         # time [s] and state of charge of the last sample
         self._last: tuple[float, float] = (0.0, 1.0)
         self._next_s = -math.inf
@@ -162,6 +164,7 @@ class LiveFlight:
             return self._advise_empty(sample), ()
         self._empty = False
         advice = self._track_and_advise(sample, to)
+        # past the end only what comes with advice is of use
         return advice, () if advice is None and tracker.complete else tuple(self._messages.notices)
 
     def _track_and_advise(self, sample: Sample, to: Sample) -> Advice | None:
@@ -171,11 +174,13 @@ class LiveFlight:
         """
         tracker, before, time_s = self._tracker, self._decision, to.time_s
         tracker.flies_mission = sample.flies_mission
+        # what is reported: the charge, else the one known; parameters, not a number where a value is on its way
         known_soc = self._flight.state.soc if self._flight is not None else self._last[1]
         soc = known_soc if sample.soc is None else sample.soc
         reported = self._mission.plan.by_name(sample.parameters)
-        known = {name: value for name, value in reported.items() if not math.isnan(value)}
-        acquiring = tracker.acquisition is not None and self._acquire(tracker.acquisition, to, known)
+        in_force = {name: value for name, value in reported.items() if not math.isnan(value)}
+        # where the flight is in its plan: found from the middle of a flight, or followed
+        acquiring = tracker.acquisition is not None and self._acquire(tracker.acquisition, to, in_force)
         flight = self._flight
         if flight is None:
             return self._advise_unknown(sample, time_s)
@@ -185,6 +190,7 @@ class LiveFlight:
         else:
             position = self._track(flight, to, soc)
             tracker.put_in_force(reported, time_s, position, flight.planner.hold)
+        # whether it has ended
         step_s, self._last = time_s - self._last[0], (time_s, soc)
         was_complete, ends = tracker.complete, tracker.update_end(to, position, step_s)
         if ends is not None:
@@ -192,6 +198,7 @@ class LiveFlight:
         if tracker.complete:
             ending = Ending(remaining_s=0.0, soc_end=soc, soc_end_std=0.0, completes_probability=1.0)
             return None if was_complete else self._advice(sample, COMPLETED, sample.wind_mps, ending)
+        # the decision, and advice where that is new, or due
         observation = tracker.observation(to, position, soc)._replace(on_plan=self._climbs.on_plan)
         self._update_planner(flight, observation)
         now = flight.decision
@@ -207,7 +214,10 @@ class LiveFlight:
     # --- the plan
 
     def _start(self, sample: Sample) -> None:
-        """Set location and time of the start from the first sample."""
+        """Begin with the first sample: set time and place of the start, and take off, or find where the flight is.
+
+        The start is the mission's, if the first position can be reached from it in the time flown, else that position.
+        """
         mission = self._mission
         self._origin_s = 0.0 if 0 <= sample.time_s <= CLOCK_START_S else sample.time_s
         position, start = sample.position_m, mission.start_m
@@ -223,6 +233,7 @@ class LiveFlight:
         self._tracker = PlanTracker(mission, start, time_s, self._messages)
         self._last = (time_s, mission.battery.soc if sample.soc is None else sample.soc)
         self._started = True
+        # in the middle of the flight, by its position or by its reports
         away = position is not None and start is position and mission.start_m is not None
         if away or sample.stage not in (None, 1) or (sample.stages_started or 1) > 1:
             self._tracker.acquire_from(mission.start_m or start)
@@ -240,9 +251,9 @@ class LiveFlight:
         self._flight, self._held = self._make(mission), self._make_forecast(mission)
 
     def _acquire(self, acquisition: Acquisition, to: Sample, parameters: Mapping[str, float]) -> bool:
-        """Find stage and lap where telemetry begins in the middle of the flight; return whether it does begin there.
+        """Take a step of finding stage and lap in the middle of a flight; return False where it has just started.
 
-        Planning starts with the stage. Path parameters are held until the lap is found.
+        Planning starts once the stage is found. Path parameters are held until the lap is found, too.
         """
         plan, tracker = self._mission.plan, self._tracker
         acquisition.update(to, {plan.names.index(name): v for name, v in parameters.items() if name in plan.names})
@@ -250,6 +261,7 @@ class LiveFlight:
             tracker.acquisition = None
             self._take_off(tracker.executor.joined_m)
             return False
+        # the path parameters that the likeliest hypothesis flies with, or is about to
         best, rho = acquisition.hypotheses[0], plan.path_count
         path = best.executor.cursor.waiting[:rho]
         if acquisition.stage_found and self._flight is None:
@@ -262,21 +274,26 @@ class LiveFlight:
         return True
 
     def _track(self, flight: PlannedFlight, to: Sample, soc: float) -> Point:
-        """Advance to a sample; the planner observes each stage that starts before it, at that time."""
-        t0, soc0 = self._last
+        """Advance through the plan to a sample; return the position at it, see `PlanTracker.track`.
 
-        # `part`: of the way from the last sample to this one
+        The planner observes each stage that starts before the sample, at that time.
+        """
+        last_s, last_soc = self._last
+
         def started(time_s: float, position: Point, part: float) -> None:
-            at = Sample(max(time_s, t0), *position, None, None)  # a charge between two readings of a gauge is none
-            observation = self._tracker.observation(at, position, soc0 + part * (soc - soc0))
+            """Have the planner observe a start of a stage; `part` is of the way from the last sample to this one."""
+            # a charge between two readings of a gauge is no reading: the sample has none
+            at_start = Sample(max(time_s, last_s), *position, power_w=None, soc=None)
+            observation = self._tracker.observation(at_start, position, last_soc + part * (soc - last_soc))
             self._update_planner(flight, observation._replace(on_plan=self._climbs.on_plan))
 
-        return self._tracker.track(to, t0, flight.state.wind_mps, started)
+        return self._tracker.track(to, last_s, flight.state.wind_mps, started)
 
     # --- the planner
 
     @property
     def _decision(self) -> Decision:
+        """The last decision; the parameters of take-off before the first."""
         return Decision(self._mission.parameters) if self._flight is None else self._flight.decision
 
     def _update_planner(self, flight: PlannedFlight, observation: Observation) -> None:
@@ -309,7 +326,8 @@ class LiveFlight:
         """
         decision, record, reasons = flight.decision, flight.decision.record, self._messages.reasons
         if record is not None and observation.time_s - record.time_s > max(RECENT_S, 3 * self._every_s):
-            record = None
+            record = None  # too old to be a forecast of now
+        # that nothing changes is no reason beside another one
         if decision.reason not in reasons and not (reasons and decision.reason.startswith(KEPT)):
             reasons.append(decision.reason)
         reason = "; ".join(reason for reason in reasons if reason) or KEPT
@@ -345,27 +363,28 @@ class LiveFlight:
         tracker, names = self._tracker, self._mission.plan.names
         executor = tracker.executor
         return Advice(
-            sample.time_s,
-            executor.stage.index,
-            executor.cursor.lap,
-            dict(zip(names, tracker.applied.asked, strict=True)),
-            dict(zip(names, executor.parameters, strict=True)),
-            ending,
-            wind_mps,
-            reason,
-            self._warnings(sample),
-            self._decision.returns_home,
+            time_s=sample.time_s,
+            stage=executor.stage.index,
+            lap=executor.cursor.lap,
+            parameters=dict(zip(names, tracker.applied.asked, strict=True)),
+            in_force=dict(zip(names, executor.parameters, strict=True)),
+            ending=ending,
+            wind_mps=wind_mps,
+            reason=reason,
+            warnings=self._warnings(sample),
+            returns_home=self._decision.returns_home,
         )
 
     def _warnings(self, sample: Sample) -> tuple[str, ...]:
-        known = {
+        """Codes of what is wrong: with the sample, with the flight in its plan, with the readings so far."""
+        applies = {
             STALE: sample.position_m is None or sample.soc is None,
             STAGE_UNKNOWN: self._tracker.stage_unknown,
             NOT_APPLIED: bool(self._tracker.applied.held),
         }
         return (
             *sample.warnings,
-            *(code for code, holds in known.items() if holds),
+            *(code for code, holds in applies.items() if holds),
             *(() if self._flight is None else self._flight.state.warnings),
         )
 
@@ -383,7 +402,7 @@ class _GroundVelocity:
         self._positions: deque[tuple[float, float, float]] = deque()  # t [s], x and y [m]
 
     def update(self, sample: Sample) -> Point | None:
-        """Take a sample's position; return the velocity at it [m/s], None if unknown.
+        """Add a sample's position to the window; return the velocity at it [m/s], None if unknown.
 
         Source: the least-squares parabola through the positions, its slope at the last one, so that turns do not lag.
         """
@@ -402,7 +421,7 @@ class _GroundVelocity:
         times, offsets = data[:, 0] - sample.time_s, data[:, 1:] - data[-1, 1:]
         if len(positions) < 2 or -times[0] < MIN_SPAN_S:
             return None
-        # p = p₀ + v t + c t², t from the last one; a line through two
+        # least squares of p = p₀ + v t + c t², with t and p from the last one; a line through two
         columns = [np.ones_like(times), times, times**2][: len(positions)]
         slopes = np.linalg.lstsq(np.stack(columns, axis=1), offsets, rcond=None)[0][1]
         vx, vy = float(slopes[0]), float(slopes[1])

@@ -46,15 +46,19 @@ POINT_M, MAX_POINTS = 3.0, 400
 
 
 def max_time_stds(seen: Sample) -> float:
-    """Maximum mismatch of time in standard deviations: a report without a position decides, whatever the time."""
+    """Maximum mismatch of time in standard deviations; infinite where a stage is reported and no position is known.
+
+    The report decides then, whatever the time.
+    """
     reported = seen.stage is not None or seen.stages_started is not None
     return math.inf if reported and seen.position_m is None else MAX_STDS
 
 
 def allows(seen: Sample, executor: PlanExecutor) -> bool:
-    """Whether a flight is on the stage that a sample reports, or before it."""
+    """Whether a flight is on the stage that a sample reports, or on the one before it; True without a report."""
     following = executor.cursor.next()
-    stages = None, executor.stage.index, following and following.stage.index
+    next_stage = None if following is None else following.stage.index
+    stages = None, executor.stage.index, next_stage
     counts = None, executor.stages_started, executor.stages_started + 1
     return seen.stage in stages and seen.stages_started in counts
 
@@ -74,19 +78,23 @@ class Hypothesis:
         return cursor.segment, cursor.lap, cursor.stage.index
 
     def weigh(self, to: Sample, share: float, max_mismatch: float, distance_std_m: float | None = None) -> None:
-        """Update the likelihood with a position, the share of independent evidence in it, see `path_mismatch`."""
+        """Update the likelihood with a position, by its mismatch with the path, at most `max_mismatch`.
+
+        `share` is how much of the position is evidence of its own, independent of the one before; see `path_mismatch`.
+        """
+        # log of a normal density: −½ (mismatch in standard deviations)²
         mismatch = path_mismatch(self.executor, to, distance_std_m or DISTANCE_STD_M)
         self.log_likelihood -= min(mismatch, max_mismatch) / 2 * share
 
     def on_leg(self, cursor: PlanCursor, leg: Leg, number: int, position: Point, share: float) -> PlanExecutor:
-        """The flight a number of legs on, a share along that leg, at a position [m]."""
+        """This flight `number` legs on: at a position [m], a share along that leg, `leg`, of a cursor."""
         executor = self.executor
         joined = leg.start_m if number else executor.joined_m
         return executor.placed(cursor, joined, executor.stages_started + number, position, share)
 
 
 def likely(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
-    """The hypotheses that are as good as not excluded, the likeliest first."""
+    """The hypotheses that are not as good as excluded, the likeliest first; one at least, where all are."""
     ranked = sorted(hypotheses, key=lambda one: -one.log_likelihood)
     return [one for one in ranked if one.log_likelihood >= ranked[0].log_likelihood - ALIKE] or ranked[:1]
 
@@ -141,14 +149,21 @@ class Locator:
     # --- parameters
 
     def decide(self, parameters: Sequence[float], position: Point) -> None:
-        """Take new parameters, see `PlanExecutor.decide`."""
+        """Put parameters decided into the plan of every hypothesis, see `PlanExecutor.decide`."""
         self._each(lambda executor: executor.decide(parameters, position))
 
     def take_in_force(self, parameters: Sequence[float], position: Point) -> None:
-        """Take parameters that are known to be in force, see `PlanExecutor.take_in_force`."""
+        """Put parameters in force in every hypothesis, as reported, see `PlanExecutor.take_in_force`."""
         self._each(lambda executor: executor.take_in_force(parameters, position))
 
     def _each(self, change: Callable[[PlanExecutor], object]) -> None:
+        """Change every hypothesis's flight; one other than the likeliest is excluded where it cannot be changed so.
+
+        Raises
+        ------
+        EadpError
+            If the likeliest cannot.
+        """
         change(self.executor)
         for hypothesis in [*self.hypotheses[1:], *self._before]:
             try:
@@ -176,43 +191,49 @@ class Locator:
             As `PlanExecutor.advance`.
         """
         assert to.position_m is not None
-        time_s, position = self._time_s, self._position
+        last_s, position = self._time_s, self._position
         self._time_s, self._position = to.time_s, to.position_m
+        step_s = to.time_s - last_s
         line = line_between(position, to.position_m)
-        steps = len(line)
+        self._advance_others(line, to.time_s)
+        # the likeliest one by its triggers along the line, unless stages are skipped at its end
+        likeliest, executor = self.hypotheses[0], self.executor
+        for k, (x, y) in enumerate(line, 1):
+            share = k / len(line)
+            if skips is not None:
+                executor.stay(x, y)
+            elif executor.advance(x, y):
+                self._start(likeliest, last_s + share * step_s)
+                if k < len(line):
+                    started(likeliest.since_s, (x, y), share)
+            if executor.complete:
+                break
+        to_skip = skips or 0
+        for k in range(1, to_skip + 1):
+            if executor.complete:
+                break
+            executor.skip(to.position_m)
+            self._start(likeliest, last_s + k / to_skip * step_s)
+            self.through_gap |= to_skip != 1
+            # the last stage starts at `to`, which the caller observes itself
+            if k < to_skip and not executor.complete:
+                started(likeliest.since_s, to.position_m, 1.0)
+        if len(self.hypotheses) > 1:
+            self._weigh(to, step_s)
+
+    def _advance_others(self, line: list[Point], time_s: float) -> None:
+        """Advance the hypotheses other than the likeliest along a line, at whose end it is `time_s`."""
         for hypothesis in self.hypotheses[1:]:
             try:
                 for x, y in line:
                     if hypothesis.executor.advance(x, y):
-                        hypothesis.since_s = to.time_s
+                        hypothesis.since_s = time_s
             except EadpError:
                 hypothesis.log_likelihood = -math.inf
-        # the likeliest one by its triggers along the line, or by the stages to skip at its end
-        likeliest, executor = self.hypotheses[0], self.executor
-        for k, (x, y) in enumerate(line, 1):
-            if skips is not None:
-                executor.stay(x, y)
-            elif executor.advance(x, y):
-                self._start(likeliest, time_s + k / steps * (to.time_s - time_s))
-                if k < steps:
-                    started(likeliest.since_s, (x, y), k / steps)
-            if executor.complete:
-                break
-        for k in range(1, (skips or 0) + 1):
-            if executor.complete:
-                break
-            executor.skip(to.position_m)
-            self._start(likeliest, time_s + k / (skips or 1) * (to.time_s - time_s))
-            self.through_gap |= skips != 1
-            # the last stage starts at `to`, which the caller observes itself
-            if k < (skips or 0) and not executor.complete:
-                started(likeliest.since_s, to.position_m, 1.0)
-        if len(self.hypotheses) > 1:
-            self._weigh(to, to.time_s - time_s)
 
     def leads(self, stages: int) -> bool:
-        """Whether so many stages of the plan are left after this one."""
-        if stages < 2:
+        """Whether the plan has so many stages after this one; a negative number is behind."""
+        if stages < 2:  # needs no route: this stage, or the one after it
             return stages >= 0
         try:
             return stages < len(self._predictor.route(self.executor.cursor, self.executor.joined_m).legs)
@@ -220,7 +241,7 @@ class Locator:
             return False
 
     def go_on(self) -> bool:
-        """Go on with the plan after an end of it, of which the flight is uncertain; return whether it has more."""
+        """Follow the plan past an end of it, of which the flight is uncertain; return whether there is more of it."""
         try:
             following = self.executor.past_end()
         except PathUndefined:  # the next lap has no path
@@ -230,11 +251,14 @@ class Locator:
         return following is not None
 
     def _start(self, hypothesis: Hypothesis, time_s: float) -> None:
-        """Note that the stage of a hypothesis starts at a time [s]; uncertain where there are others."""
+        """Note that the stage of a hypothesis starts at a time [s]; its start is uncertain where there are others."""
         hypothesis.since_s, self.through_gap = time_s, len(self.hypotheses) > 1
 
     def _weigh(self, to: Sample, step_s: float) -> None:
-        """Update the likelihoods with a position, and drop hypotheses that are no longer likely."""
+        """Update the likelihoods with a position, `step_s` after the last; drop hypotheses that are no longer likely.
+
+        An end of the plan is taken from the likeliest alone, and only if it is likely enough.
+        """
         for hypothesis in self.hypotheses:
             hypothesis.weigh(to, min(1.0, step_s / INDEPENDENT_S), 2 * MAX_STDS**2)
         reported = [one for one in self.hypotheses if allows(to, one.executor)]
@@ -275,26 +299,28 @@ class Locator:
         unknown = seen._replace(x_m=None, y_m=None, velocity_mps=None)
         stated = seen.stage is not None or seen.stages_started is not None
         located = list(self._candidates(seen, wind_mps)) if seen.position_m is not None else []
-        found = located or list(self._candidates(unknown, wind_mps))
-        if not found and stated:
-            found = list(self._candidates(unknown._replace(stage=None, stages_started=None), wind_mps))
+        candidates = located or list(self._candidates(unknown, wind_mps))
+        if not candidates and stated:
+            candidates = list(self._candidates(unknown._replace(stage=None, stages_started=None), wind_mps))
             stated = False
         self.through_gap = True
-        if not found:  # the rest of the plan cannot be laid out: straight on
+        if not candidates:  # the rest of the plan cannot be laid out: straight on
             self._before = []
             return None
-        best = max(found, key=lambda one: one.log_likelihood)
+        best = max(candidates, key=lambda one: one.log_likelihood)
         lowest = best.log_likelihood - ALIKE
-        ranked = [one for one in found if one.log_likelihood >= lowest] if located else [best]
-        self._keep([one.placed(seen.position_m) for one in ranked])
+        # without a position, a forecast of where the flight is: the best alone
+        likely_ones = [one for one in candidates if one.log_likelihood >= lowest] if located else [best]
+        self._keep([one.placed(seen.position_m) for one in likely_ones])
         position = seen.position_m or best.match.position_m
+        # found again: later samples are followed from here, not sought from before the gap
         if located or (stated and seen.position_m is not None):
             self._before = []
             self._time_s, self._position = seen.time_s, position
         return position
 
     def _candidates(self, seen: Sample, wind_mps: Point) -> Iterator[_Candidate]:
-        """The best match on each leg that the time and the reports allow."""
+        """The best match on each leg that the time since the last position, and the reports, allow."""
         elapsed_s = seen.time_s - self._time_s
         std_s = TIME_STD_S + TIME_STD_SHARE * elapsed_s
         for before in self._before:
@@ -309,11 +335,15 @@ class Locator:
                     yield _Candidate(before, leg, seen.time_s, match)
 
     def _legs_ahead(self, hypothesis: Hypothesis, wind_mps: Point) -> Iterator[_LegAhead]:
-        """The legs left to fly from a hypothesis at the last position, and when they are flown."""
+        """The legs left to fly from a hypothesis at the last position, and when they are flown.
+
+        Up to the first leg that cannot be flown in this wind; none where the route has no path.
+        """
         executor = hypothesis.executor
         try:
             route = self._predictor.route(executor.cursor, executor.joined_m)
             times_s = route.times_s(self._speed, wind_mps)[0].tolist()
+            # how much of the first leg was flown at the last position: by that, and by the time for turns of a circle
             flown_s = 0.0
             if route.legs and 0 < times_s[0] < math.inf and route.legs[0].distance_m > 0:
                 leg = route.legs[0]
@@ -359,7 +389,7 @@ class _LegAhead(NamedTuple):
 
 
 class _Candidate(NamedTuple):
-    """A match after a gap: where on which leg, and its log likelihood."""
+    """Where a flight may be after a gap: the hypothesis before it, the leg ahead, the time [s], and the best match."""
 
     before: Hypothesis
     ahead: _LegAhead
@@ -368,11 +398,11 @@ class _Candidate(NamedTuple):
 
     @property
     def log_likelihood(self) -> float:
-        """That of the hypothesis before the gap included."""
+        """Log likelihood, that of the hypothesis before the gap included."""
         return self.before.log_likelihood + self.match.log_likelihood
 
     def placed(self, position: Point | None) -> Hypothesis:
-        """The flight there, at a position if it is known [m]."""
+        """The candidate as a hypothesis: the flight there, at its position if that is known [m]."""
         ahead, share = self.ahead, self.match.share
         placed = self.before.on_leg(ahead.cursor, ahead.leg, ahead.number, position or self.match.position_m, share)
         return Hypothesis(placed, self.time_s - share * ahead.duration_s, self.log_likelihood)
@@ -381,7 +411,7 @@ class _Candidate(NamedTuple):
 def path_mismatch(executor: PlanExecutor, to: Sample, distance_std_m: float = DISTANCE_STD_M) -> float:
     """Square of the mismatch of position and course with the path of a flight's stage, in standard deviations.
 
-    That of the distance is `distance_std_m` [m].
+    That of the distance is `distance_std_m` [m]. A path without a value here does not speak against it: 0.
     """
     assert to.position_m is not None
     ox, oy = executor.cursor.offset_m

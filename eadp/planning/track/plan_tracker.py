@@ -33,11 +33,11 @@ class Messages:
     """What there has been a notice about, over the flight."""
 
     def clear(self) -> None:
-        """Start with another sample."""
+        """Begin another sample, without a reason or notice of its own; what there has been a notice of stays."""
         self.reasons, self.notices = [], []
 
     def once(self, key: str, message: str, expected: str, about: str = "") -> None:
-        """Add a notice unless there has been one about the same; the default is the same message."""
+        """Add a notice, once in a flight of each thing that it is `about`: by default, of each message."""
         if (about or message) not in self.noticed and len(self.noticed) < MAX_NOTICES:
             self.noticed.add(about or message)
             self.notices.append(Notice(key, message, expected))
@@ -102,7 +102,10 @@ class PlanTracker:
         return self.lost or self.locator.uncertain or undecided
 
     def observation(self, sample: Sample, position: Point, soc: float) -> Observation:
-        """A sample at a position and a state of charge, which it may not have measured, in the plan."""
+        """The observation of a sample where the flight is in its plan.
+
+        At a position [m] and a state of charge, which the sample may not have measured.
+        """
         executor, (x_m, y_m) = self.executor, position
         at = sample._replace(x_m=x_m, y_m=y_m, flies_mission=self.flies_mission)
         gap = self.locator.through_gap
@@ -144,9 +147,9 @@ class PlanTracker:
             return position or last
         try:
             if gap or self.locator.lost:
-                found = self._seek(to, last_s, wind_mps, started)
-                if found is not None or position is None:
-                    return found or last
+                sought = self._seek(to, last_s, wind_mps, started)
+                if sought is not None or position is None:
+                    return sought or last
             elif position is None:
                 return last
             self.locator.follow(to, self._take_report(to), started)
@@ -158,18 +161,18 @@ class PlanTracker:
     def _seek(
         self, to: Sample, last_s: float, wind_mps: Point, started: Callable[[float, Point, float], None]
     ) -> Point | None:
-        """Find the flight again after a gap."""
+        """Find the flight again after a gap, see `Locator.seek`; where that is on a later stage, observe its start."""
         before = self.executor.stages_started
-        found = self.locator.seek(to, wind_mps)
+        position = self.locator.seek(to, wind_mps)
         since_s = self.locator.hypotheses[0].since_s
-        if found is not None and self.executor.stages_started != before and last_s < since_s < to.time_s:
+        if position is not None and self.executor.stages_started != before and last_s < since_s < to.time_s:
             started(since_s, self.executor.joined_m, 1.0)
-        return found
+        return position
 
     def _take_report(self, to: Sample) -> int | None:
-        """Take the stage reported, with a notice where it cannot be; return how many stages to advance to it.
+        """How many stages the flight is to be advanced by, as a sample reports its stage; None where positions decide.
 
-        None where positions decide.
+        A report that cannot be gives a notice, and positions decide.
         """
         executor, reported = self.executor, to.stage
         if to.stages_started is not None:
@@ -191,7 +194,7 @@ class PlanTracker:
             # only positions distinguish the laps of a plan of one stage
             return None if skips == 1 else 0
         lap = executor.stages_to(now) if reported < now else None
-        # 4 → 1 is the next lap; 3 → 2 is a jump back, since forwards is the longer way
+        # a stage behind: 4 → 1 is the next lap; 3 → 2 is a jump back, since forwards is more than half of a lap
         if skips is None or (reported < now and lap is not None and 2 * skips > lap):
             if self._past_stage != reported:
                 self._past_stage = reported
@@ -238,7 +241,7 @@ class PlanTracker:
     # --- parameters
 
     def decide(self, parameters: Vector, position: Point) -> None:
-        """Take the parameters decided, at a position [m]."""
+        """Put parameters decided into the plan, as far as the aircraft applies them, at a position [m]."""
         self.applied.decide(parameters)
         if not self.lost:
             try:
@@ -253,7 +256,7 @@ class PlanTracker:
         position: Point,
         hold: Callable[[Mapping[int, float]], None],
     ) -> None:
-        """Put the reported parameters in force; `hold` takes those that the aircraft does not change.
+        """Put the parameters that the aircraft reports in force; `hold` is called with those that it does not change.
 
         A parameter that is not a number is on its way to the aircraft.
         """
@@ -293,7 +296,7 @@ class PlanTracker:
         return reported
 
     def _hold(self, position: Point, hold: Callable[[Mapping[int, float]], None]) -> None:
-        """Plan with the parameters that the aircraft changes; the others stay."""
+        """Have the planner hold what the aircraft does not change, and the plan follow what will be in force."""
         held = self.applied.held
         hold(held)
         self.locator.decide(self.applied.effective, position)

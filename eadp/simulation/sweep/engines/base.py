@@ -54,12 +54,12 @@ class QueueEngine:
     """Most runs of a task."""
 
     def __init__(self) -> None:
-        self._size = 1
-        self._next_task: list[Run] = []
-        self._under_way: dict[Any, list[Run]] = {}
-        self._suspects: deque[Run] = deque()
-        self._done: SimpleQueue[Any] = SimpleQueue()
-        self._broken = False
+        self._size = 1  # runs of a task to come
+        self._next_task: list[Run] = []  # the runs taken for it so far
+        self._under_way: dict[Any, list[Run]] = {}  # the runs of each future
+        self._suspects: deque[Run] = deque()  # runs whose worker died, to be made one by one
+        self._done: SimpleQueue[Any] = SimpleQueue()  # futures that are done
+        self._broken = False  # whether workers have to be replaced
 
     @property
     def room(self) -> int:
@@ -79,13 +79,18 @@ class QueueEngine:
             self._start_task()
 
     def _start_task(self) -> None:
+        """Send the runs taken as a task; its future reports itself when it is done."""
         runs, self._next_task = self._next_task, []
         future = self._send(runs)
         self._under_way[future] = runs
         future.add_done_callback(self._done.put)
 
     def finished(self) -> list[tuple[Run, Result | None]]:
-        """Wait for runs; the list is empty if all those that ended lost their worker."""
+        """Wait for runs, and give them back with their results; an empty list if all that ended lost their worker.
+
+        Those become suspects. Once nothing else is under way, one suspect is made alone: if its worker dies again, it
+        is given back with None.
+        """
         if self._next_task:  # the last runs
             self._start_task()
         alone = not self._under_way
@@ -93,6 +98,7 @@ class QueueEngine:
             self._recover()
             self._size = 1
             self.submit(self._suspects.popleft())
+        # one task, and those that are done soon after it
         results = self._ended()
         end_s = time.monotonic() + GATHER_S
         while 2 * self._done.qsize() < len(self._under_way) and time.monotonic() < end_s:
@@ -106,7 +112,10 @@ class QueueEngine:
         return [(run, result) for run, result in results if result is not None]
 
     def _ended(self) -> list[tuple[Run, Result | None]]:
-        """The runs of a task; the size of those to come by the time that it took."""
+        """Wait for a task; return its runs and results, None where its worker died.
+
+        The time that it took sets the size of the tasks to come.
+        """
         future = self._done.get()
         runs, done = self._under_way.pop(future), self._result(future)
         if done is None:

@@ -99,4 +99,5 @@ class DaskEngine(QueueEngine):
 
 
 def _same(make: Make) -> Make:
+    """The function itself: the task whose result it is, on each worker."""
     return make

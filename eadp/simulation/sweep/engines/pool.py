@@ -47,6 +47,7 @@ class PoolEngine(QueueEngine):
         return cls(make, processes) if processes > 1 else None
 
     def _start(self) -> None:
+        """Open a pool of processes, and the line whose closing ends them."""
         context = multiprocessing.get_context("spawn")
         self._worker_end, self._line = context.Pipe(duplex=False)
         self._broken = False
@@ -115,5 +116,6 @@ def _end_with(line: Connection) -> None:
 
 
 def _work(runs: list[Run]) -> Done:
+    """Make the runs of a task in a worker process, which `_start_worker` has given the function."""
     assert _make is not None
     return make_task(_make, runs)
