@@ -178,7 +178,7 @@ class Heights(NamedTuple):
         elif profile.high_share:
             limits, motion = profile.ground.limits, profile.ground.motion
             up, down = (100 * RATE_SHARE * rate / motion.ground_limit_mps for rate in self.climbing[:2])
-            latitude, longitude = profile.highest_deg
+            latitude, longitude = profile.max_place_deg
             lines.append(
                 f"           {100 * profile.high_share:.0f} % of the lines higher than "
                 f"{limits.line_m + limits.tolerance_m:g} m, most at {latitude:.5f},{longitude:.5f}: slopes are up to "

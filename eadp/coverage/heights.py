@@ -145,7 +145,7 @@ class HeightProfile:
         return float(np.mean(self.above_m > limits.line_m + limits.tolerance_m + ROUNDING_M))
 
     @property
-    def highest_deg(self) -> tuple[float, float]:
+    def max_place_deg(self) -> tuple[float, float]:
         """Latitude and longitude [°] where a line is highest above ground."""
         return self.ground.terrain.place_deg(self.samples.points_m[self.samples.on_line][int(np.argmax(self.above_m))])
 
