@@ -156,6 +156,7 @@ class Heights(NamedTuple):
             "ground_m": [float(profile.ground_m.min()), float(profile.ground_m.max())],
             "height_m": _range(profile.above_m),
             "height_elsewhere_m": profile.elsewhere_m,
+            "lower_share": profile.low_share,
             "higher_share": profile.high_share,
             "altitudes": len(profile.commanded_m),
             "home_altitude_m": self.home_altitude_m,
@@ -169,10 +170,15 @@ class Heights(NamedTuple):
         (low, high), elsewhere_m = values["ground_m"], values["height_elsewhere_m"]
         elsewhere = "" if elsewhere_m is None else f", {elsewhere_m:.0f} m or more elsewhere"
         lines = [
-            f"ground     {low:.0f} to {high:.0f} m above home, {values['zero_m']:.0f} m above the sea; "
+            f"ground     {round(low)} to {round(high)} m above home, {values['zero_m']:.0f} m above the sea; "
             f"{values['altitudes']} altitude{'s' * (values['altitudes'] > 1)}",
             f"height     {height_text(values['height_m'])}{elsewhere}",
         ]
+        if profile.low_share:
+            share, line_m = 100 * profile.low_share, profile.ground.limits.line_m
+            lines.append(
+                f"           {share:.1f} % of the lines lower than {line_m:g} m: the climb from home takes longer"
+            )
         if profile.high_share and values["altitudes"] == 1:
             lines[1] += "; laps have one altitude, lines of --pattern dubins follow the ground"
         elif profile.high_share:

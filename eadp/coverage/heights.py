@@ -134,9 +134,16 @@ class HeightProfile:
 
     @property
     def elsewhere_m(self) -> float | None:
-        """Least height above ground beside the lines [m]; None without such a way."""
-        above_m = (self.flown_m - self.ground_m)[~self.samples.on_line]
-        return float(above_m.min()) if len(above_m) else None
+        """Least height above ground beside the lines [m], after a climb from the ground; None without such a way."""
+        above_m = self.flown_m - self.ground_m
+        climbed = np.maximum.accumulate(above_m) >= self.ground.limits.clearance_m - ROUNDING_M
+        elsewhere_m = above_m[climbed & ~self.samples.on_line]
+        return float(elsewhere_m.min()) if len(elsewhere_m) else None
+
+    @property
+    def low_share(self) -> float:
+        """Share of the lines that are lower than is asked for: those of a climb from the ground."""
+        return float(np.mean(self.above_m < self.ground.limits.line_m - ROUNDING_M))
 
     @property
     def high_share(self) -> float:
@@ -194,7 +201,7 @@ def over_terrain(
         if climbed_m[k] < below_m[k]:
             latitude, longitude = ground.terrain.place_deg(samples.points_m[k])
             rise = f"rises {below_m[k] - start_m:.0f} m in {samples.places_m[k]:.0f} m of the way from home"
-            able = f"the aircraft climbs {climbed_m[k] - start_m:.0f} m: another home, or a climb before the way"
+            able = f"the aircraft climbs {climbed_m[k] - start_m:.0f} m: another --home, or --takeoff another way"
             raise Infeasible(f"the ground at {latitude:.5f},{longitude:.5f} {rise}, and {able}")
         floor_m = np.minimum(floor_m, climbed_m)
     if solution.blocks:
