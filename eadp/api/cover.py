@@ -478,13 +478,12 @@ class CoverageTask:
     @cached_property
     def terrain(self) -> TerrainTask | None:
         """The ground to follow, if one is given. Raises InputError of its files and options."""
-        options, speed_mps = self.options, self.motion.airspeed_mps
+        options = self.options
         if options.terrain and options.landing is not None:
             expected = "one of the two; without --landing the way home keeps above the ground"
             raise _fault("--landing", str(options.landing), "no final approach over a terrain is planned", expected)
         ends = _point("--start", options.start, self.field), self.home_m
-        heights = options.altitude_m, options.clearance_m
-        return TerrainTask.read(options, *heights, self.field, ends, self.airframe, speed_mps, self.from_ground)
+        return TerrainTask.read(options, options.altitude_m, options.clearance_m, self.field, ends)
 
     @cached_property
     def home_m(self) -> Point | None:
@@ -599,14 +598,23 @@ class CoverageTask:
             ending = _command(LAND)
         name = printable(" ".join(field.name.split()), NAME_LIMIT)
         covered = Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:]))
-        flown, heights, altitude_m, sited = self._over_ground(solution, field)
+        flown, heights, sited = solution, None, field
+        altitude_m = None if options.altitude_m is None else round(options.altitude_m, 3)
+        if self.terrain is not None:
+            if options.turns_off and not solution.blocks:
+                split = (part for leg in solution.path(0.0).legs for part in leg.split())
+                flown = replace(solution, sections=tuple(split))
+            apart_m, ends = self.request.order_spacing_m or motion.swath_m, (self.home_m, self.airframe)
+            flown, heights = self.terrain.flown(flown, field, motion, apart_m, *ends, from_ground=self.from_ground)
+            altitude_m, sited = heights.profile.commanded_m[-1], heights.on_ground(field)
         plan = build_plan(
             flown,
             name=self.file,
             computations=computations,
             min_radius_m=motion.min_radius_m,
             site=_site(sited, covered, motion, self.home_m, self.vehicle)._replace(
-                camera=_survey_camera(pictures), ground_m=None if heights is None else heights.ground.zero_m
+                camera=_survey_camera(pictures),
+                ground_m=None if heights is None else heights.profile.ground.zero_m,
             ),
             altitude_m=altitude_m,
             commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
@@ -619,24 +627,6 @@ class CoverageTask:
         comments = "".join(f"% {line}\n" for line in report.comments(printable(self.file, 100)))
         notes = [*self.repairs, *self.flown_over]
         return CoveragePlan(plan, comments + plan_text(plan), report, notes, pictures, self.pack_wh, heights)
-
-    def _over_ground(
-        self, solution: CoverageSolution, field: Field
-    ) -> tuple[CoverageSolution, Heights | None, float | None, Field]:
-        """A path with its altitudes over the terrain, the altitude where it has none, and obstacles on their ground."""
-        task, motion = self.terrain, self.motion
-        if task is None:
-            altitude_m = self.options.altitude_m
-            return solution, None, None if altitude_m is None else round(altitude_m, 3), field
-        if self.options.turns_off and not solution.blocks:
-            parts = tuple(part for leg in solution.path(0.0).legs for part in leg.split())
-            solution = replace(solution, sections=parts)
-        start_m = solution.path(0.0).legs[0].start[:2]
-        ground = task.ground(field, start_m, self.home_m)
-        flown, profile = task.flown(solution, ground, motion, self.request.order_spacing_m or motion.swath_m)
-        heights = Heights(profile, ground, self.home_m or start_m, task, motion.ground_limit_mps)
-        sited = replace(field, airspace=ground.airspace(field.airspace))
-        return flown, heights, float(profile.flown_m[-1]), sited
 
 
 def _site(field: Field, covered: Field, motion: MotionLimits, home: Point | None, vehicle: str) -> Site:

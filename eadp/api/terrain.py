@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -31,6 +31,9 @@ FLAT_M = 1000.0
 RELIEF_POINTS, HOME_POINTS = 50, 25
 """Points in a row over a field whose relief is taken, and on a way home."""
 
+WAYS_HOME = 200
+"""Ways home that are tried, at least."""
+
 
 @dataclass(frozen=True)
 class TerrainOptions:
@@ -45,15 +48,10 @@ class TerrainOptions:
 
 
 class TerrainTask(NamedTuple):
-    """The ground of a field to cover, and how an aircraft follows it.
-
-    `from_ground` is whether the flight starts on the ground.
-    """
+    """The ground of a field to cover, and the heights above it that a flight keeps."""
 
     terrain: ElevationModel
     limits: HeightLimits
-    climbing: Climbing
-    from_ground: bool
 
     @classmethod
     def read(
@@ -63,9 +61,6 @@ class TerrainTask(NamedTuple):
         clearance_m: float,
         field: Field,
         ends: Sequence[Point | None],
-        airframe: Airframe,
-        airspeed_mps: float,
-        from_ground: bool,
     ) -> TerrainTask | None:
         """The ground around a field and the ends of its flight; None where no terrain is given.
 
@@ -83,8 +78,6 @@ class TerrainTask(NamedTuple):
             raise _fault("--terrain", "no height to keep above the ground", "--altitude")
         if field.origin_deg is None:
             raise _fault("--terrain", "the field has no place on the earth", "a field in degrees")
-        if isinstance(airframe, PaperVehicle):
-            raise _fault("--terrain", f"the airframe {airframe.model} holds its own altitude", "another --vehicle")
         tolerance_m = TOLERANCE_SHARE * altitude_m if options.height_tolerance_m is None else options.height_tolerance_m
         check_range("--height-tolerance", tolerance_m, 1, 1000, closed=True)
         if altitude_m < clearance_m:
@@ -93,8 +86,7 @@ class TerrainTask(NamedTuple):
             )
         points = [*(vertex for part in field.parts for vertex in part[0]), *(end for end in ends if end is not None)]
         terrain = read_terrain(files, np.array(points), field.origin_deg)
-        climbing = Climbing(*airframe.climb_rates_mps(airspeed_mps), airframe.altitude_gain_per_s)
-        return cls(terrain, HeightLimits(altitude_m, tolerance_m, clearance_m), climbing, from_ground)
+        return cls(terrain, HeightLimits(altitude_m, tolerance_m, clearance_m))
 
     def pattern(self, pattern: str, field: Field) -> str:
         """Lines in an order instead of either pattern, where laps would be too high above the lower ground."""
@@ -103,97 +95,120 @@ class TerrainTask(NamedTuple):
         corners = np.array([vertex for part in field.parts for vertex in part[0]])
         x, y = np.linspace(corners.min(axis=0), corners.max(axis=0), RELIEF_POINTS).T
         heights_m = self.terrain.heights_m(np.column_stack([each.ravel() for each in np.meshgrid(x, y)]))
-        return DUBINS if np.ptp(heights_m[~np.isnan(heights_m)]) > self.limits.tolerance_m else AUTO
-
-    def ground(self, field: Field, start_m: Point, home_m: Point | None) -> Ground:
-        """The ground as a flight has it, whose altitude is 0 at home, or at the start."""
-        zero_m = round(float(self.terrain.known_m(np.array([home_m or start_m]))[0]), 2)  # as a plan has it
-        return Ground(self.terrain, zero_m, field.airspace)
+        return DUBINS if np.nanmax(heights_m) - np.nanmin(heights_m) > self.limits.tolerance_m else AUTO
 
     def flown(
-        self, solution: CoverageSolution, ground: Ground, motion: MotionLimits, apart_m: float
-    ) -> tuple[CoverageSolution, HeightProfile]:
-        """A path with its altitudes, see `over_terrain`."""
-        start_m = 0.0 if self.from_ground else None
-        return over_terrain(solution, ground, self.limits, motion, self.climbing, apart_m, start_m)
+        self,
+        solution: CoverageSolution,
+        field: Field,
+        motion: MotionLimits,
+        apart_m: float,
+        home_m: Point | None,
+        airframe: Airframe,
+        *,
+        from_ground: bool,
+    ) -> tuple[CoverageSolution, Heights]:
+        """A path with its altitudes, see `over_terrain`, which are 0 at home, or at the start; and its heights.
+
+        Raises
+        ------
+        Infeasible
+            As `over_terrain`.
+        InputError
+            Of an aircraft that holds its own altitude.
+        """
+        if isinstance(airframe, PaperVehicle):
+            raise _fault("--terrain", f"the airframe {airframe.model} holds its own altitude", "another --vehicle")
+        home_m = home_m or solution.path(0.0).legs[0].start[:2]
+        zero_m = round(float(self.terrain.known_m(np.array([home_m]))[0]), 2)  # as a plan has it
+        ground = Ground(self.terrain, zero_m, self.limits, motion, apart_m, field.airspace)
+        climbing = Climbing(*airframe.climb_rates_mps(motion.airspeed_mps), airframe.altitude_gain_per_s)
+        flown, profile = over_terrain(solution, ground, climbing, 0.0 if from_ground else None)
+        return flown, Heights(profile, home_m, climbing)
 
 
 class Heights(NamedTuple):
-    """The heights of a flight: its profile, its ground, home [m], and the least ground speed of a climb [m/s]."""
+    """The heights of a flight over its ground: its profile, home [m], and how the aircraft climbs."""
 
     profile: HeightProfile
-    ground: Ground
     home_m: Point
-    task: TerrainTask
-    ground_limit_mps: float
+    climbing: Climbing
+
+    def on_ground(self, field: Field) -> Field:
+        """A field whose obstacles have heights above the altitude 0."""
+        return replace(field, airspace=self.profile.ground.airspace)
 
     @property
     def home_altitude_m(self) -> int:
         """Altitude at which every straight way home is clear of the ground [m]."""
-        points_m = self.profile.points_m[:: max(1, len(self.profile.points_m) // 200)]
-        shares = np.linspace(0, 1, HOME_POINTS)[:, None, None]
-        ways_m = (np.array(self.home_m) + shares * (points_m - np.array(self.home_m))).reshape(-1, 2)
-        return math.ceil(float(self.ground.heights_m(ways_m).max()) + self.profile.limits.clearance_m)
-
-    def overlaps(self, width_m: float, apart_m: float | None) -> list[float] | None:
-        """Least, mean and greatest share of a picture that the next line shows too."""
-        if apart_m is None:
-            return None
-        # a picture is as wide as its height above the ground
-        shares = 1 - apart_m / (width_m * self.profile.overlapping_m / self.profile.limits.line_m)
-        return _range(shares)
-
-    def pixels_cm(self, gsd_cm: float | None) -> list[float] | None:
-        """Least, mean and greatest size of a pixel on the ground [cm]."""
-        return None if gsd_cm is None else _range(gsd_cm * self.profile.above_m / self.profile.limits.line_m)
+        ground, points_m = self.profile.ground, self.profile.samples.points_m
+        ends_m = points_m[:: max(1, len(points_m) // WAYS_HOME)] - np.array(self.home_m)
+        ways_m = np.array(self.home_m) + np.linspace(0, 1, HOME_POINTS)[:, None, None] * ends_m
+        return math.ceil(float(ground.heights_m(ways_m.reshape(-1, 2)).max()) + ground.limits.clearance_m)
 
     def document(self, width_m: float, apart_m: float | None, gsd_cm: float | None) -> dict[str, Any]:
-        """Its values in `eadp.cover/1`."""
-        profile = self.profile
+        """Its values in `eadp.cover/1`, by the width of a picture, the lines' distance and the size of a pixel."""
+        profile, line_m = self.profile, self.profile.ground.limits.line_m
+        # pictures are as wide as their height above the ground
+        shares = None if apart_m is None else 1 - apart_m / (width_m * profile.overlapping_m / line_m)
         return {
-            "zero_m": self.ground.zero_m,
+            "zero_m": profile.ground.zero_m,
             "ground_m": [float(profile.ground_m.min()), float(profile.ground_m.max())],
             "height_m": _range(profile.above_m),
             "height_elsewhere_m": profile.elsewhere_m,
+            "lower_share": profile.low_share,
             "higher_share": profile.high_share,
-            "altitudes": profile.commanded,
+            "altitudes": len(profile.commanded_m),
             "home_altitude_m": self.home_altitude_m,
-            "gsd_cm": self.pixels_cm(gsd_cm),
-            "side_overlap": self.overlaps(width_m, apart_m),
+            "gsd_cm": None if gsd_cm is None else _range(gsd_cm * profile.above_m / line_m),
+            "side_overlap": None if shares is None else _range(shares),
         }
 
     def text(self, width_m: float, apart_m: float | None, gsd_cm: float | None) -> list[str]:
-        """For people."""
-        profile, (least, mean, most) = self.profile, _range(self.profile.above_m)
-        low, high = profile.ground_m.min(), profile.ground_m.max()
-        elsewhere = "" if profile.elsewhere_m is None else f", {profile.elsewhere_m:.0f} m or more elsewhere"
+        """For people, of the same."""
+        profile, values = self.profile, self.document(width_m, apart_m, gsd_cm)
+        (low, high), elsewhere_m = values["ground_m"], values["height_elsewhere_m"]
+        elsewhere = "" if elsewhere_m is None else f", {elsewhere_m:.0f} m or more elsewhere"
         lines = [
-            f"ground     {low:.0f} to {high:.0f} m above home, {self.ground.zero_m:.0f} m above the sea; "
-            f"{profile.commanded} altitude{'s' * (profile.commanded > 1)}",
-            f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m{elsewhere}",
+            f"ground     {round(low)} to {round(high)} m above home, {values['zero_m']:.0f} m above the sea; "
+            f"{values['altitudes']} altitude{'s' * (values['altitudes'] > 1)}",
+            f"height     {height_text(values['height_m'])}{elsewhere}",
         ]
-        if profile.high_share and profile.commanded == 1:
+        if profile.low_share:
+            share, line_m = 100 * profile.low_share, profile.ground.limits.line_m
+            lines.append(
+                f"           {share:.1f} % of the lines lower than {line_m:g} m: the climb from home takes longer"
+            )
+        if profile.high_share and values["altitudes"] == 1:
             lines[1] += "; laps have one altitude, lines of --pattern dubins follow the ground"
         elif profile.high_share:
-            able = [100 * RATE_SHARE * rate / self.ground_limit_mps for rate in self.task.climbing[:2]]
-            latitude, longitude = profile.highest
+            limits, motion = profile.ground.limits, profile.ground.motion
+            up, down = (100 * RATE_SHARE * rate / motion.ground_limit_mps for rate in self.climbing[:2])
+            latitude, longitude = profile.max_place_deg
             lines.append(
                 f"           {100 * profile.high_share:.0f} % of the lines higher than "
-                f"{profile.limits.line_m + profile.limits.tolerance_m:g} m, most at {latitude:.5f},{longitude:.5f}: "
-                f"slopes are up to {100 * profile.steepest:.0f} %, the aircraft follows {able[0]:.0f} % up and "
-                f"{able[1]:.0f} % down"
+                f"{limits.line_m + limits.tolerance_m:g} m, most at {latitude:.5f},{longitude:.5f}: slopes are up to "
+                f"{100 * profile.steepest:.0f} %, the aircraft follows {up:.0f} % up and {down:.0f} % down"
             )
-        shares, pixels = self.overlaps(width_m, apart_m), self.pixels_cm(gsd_cm)
-        said = [] if pixels is None else [f"pixels of {pixels[0]:.2g} to {pixels[2]:.2g} cm, mean {pixels[1]:.2g} cm"]
-        if shares is not None:
-            said.append(f"overlap {100 * shares[0]:.0f} to {100 * shares[2]:.0f} %, mean {100 * shares[1]:.0f} %")
+        said = []
+        if (pixels := values["gsd_cm"]) is not None:
+            said.append(f"pixels of {pixels[0]:.2g} to {pixels[2]:.2g} cm, mean {pixels[1]:.2g} cm")
+        if (shares := values["side_overlap"]) is not None:
+            least, mean, most = (100 * share for share in shares)
+            said.append(f"overlap {least:.0f} to {most:.0f} %, mean {mean:.0f} %")
         lines += [f"on ground  {'; '.join(said)}"] if said else []
-        return [*lines, f"way home   above the ground at {self.home_altitude_m} m (home.altitude_m, RTL_ALTITUDE)"]
+        return [*lines, f"way home   above the ground at {values['home_altitude_m']} m (home.altitude_m, RTL_ALTITUDE)"]
 
 
 def height_range_m(heights: Sequence[Heights]) -> list[float] | None:
     """Least, mean and greatest height above ground on the lines of some flights [m]; None without one."""
     return _range(np.concatenate([each.profile.above_m for each in heights])) if heights else None
+
+
+def height_text(heights_m: Sequence[float]) -> str:
+    """Least, mean and greatest height on lines [m], for people."""
+    least, mean, most = heights_m
+    return f"{least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m"
 
 
 def _range(values: FloatArray) -> list[float]:

@@ -16,7 +16,7 @@ from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.polygons import holding
 from eadp.coverage.cover import CoverageSolution
 from eadp.coverage.swaths import CoverageLeg, MotionLimits
-from eadp.errors import Infeasible, Unreachable
+from eadp.errors import Infeasible
 from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace
 from eadp.models.terrain import ElevationModel
 
@@ -29,6 +29,8 @@ ASIDE_M = 2.0
 LAPS_TRIED = 5
 """Values of c1 at which the ground under laps is taken."""
 
+ROUNDING_M = 1e-6
+
 
 class HeightLimits(NamedTuple):
     """Heights above ground [m]: least on lines, by how much they may be higher, and least elsewhere."""
@@ -39,85 +41,47 @@ class HeightLimits(NamedTuple):
 
 
 class Ground(NamedTuple):
-    """The ground of a flight: its heights, that of the altitude 0 above the sea [m], and what may stand on it."""
+    """The ground of a flight, and how high above it the flight is.
+
+    Attributes
+    ----------
+    terrain : ElevationModel
+    zero_m : float
+        Height above the sea of the altitude 0 [m].
+    limits : HeightLimits
+    motion : MotionLimits
+    apart_m : float
+        Distance of the lines [m].
+    given : Airspace, optional
+        Obstacles with heights above their ground.
+    """
 
     terrain: ElevationModel
     zero_m: float
+    limits: HeightLimits
+    motion: MotionLimits
+    apart_m: float
     given: Airspace = EVERYWHERE
 
     def heights_m(self, points_m: FloatArray) -> FloatArray:
         """Heights above the altitude 0 [m], shape (n,). Raises Infeasible where one is not known."""
         return self.terrain.known_m(points_m) - self.zero_m
 
-    def airspace(self, airspace: Airspace) -> Airspace:
+    @property
+    def airspace(self) -> Airspace:
         """Obstacles whose heights are above the altitude 0: from the highest ground of their outlines."""
         tops = []
-        for each in airspace.obstacles:
+        for each in self.given.obstacles:
             if each.height_m is not None:
                 known_m = self.terrain.heights_m(np.array(each.outline))
                 # of one beyond the terrain the height is not known
                 top_m = None if np.isnan(known_m).any() else float(known_m.max()) - self.zero_m + each.height_m
                 each = each._replace(height_m=top_m)
             tops.append(each)
-        return airspace._replace(obstacles=tuple(tops))
+        return self.given._replace(obstacles=tuple(tops))
 
 
-@dataclass(frozen=True)
-class HeightProfile:
-    """A flight over its ground, at samples, shape (n,).
-
-    `commanded` are the altitudes of the parts of the path; `sides_m` is the mean height of the ground half a line's
-    distance to either side.
-    """
-
-    places_m: FloatArray
-    points_m: FloatArray
-    ground_m: FloatArray
-    sides_m: FloatArray
-    flown_m: FloatArray
-    on_line: BoolArray
-    commanded: int
-    limits: HeightLimits
-    terrain: ElevationModel
-
-    @property
-    def above_m(self) -> FloatArray:
-        """Heights above ground on lines [m]."""
-        return (self.flown_m - self.ground_m)[self.on_line]
-
-    @property
-    def overlapping_m(self) -> FloatArray:
-        """Heights on lines above the ground where their pictures overlap [m]."""
-        return (self.flown_m - self.sides_m)[self.on_line]
-
-    @property
-    def elsewhere_m(self) -> float | None:
-        """Least height above ground beside the lines [m]."""
-        return (
-            float((self.flown_m - self.ground_m)[~self.on_line].min(initial=math.inf))
-            if not self.on_line.all()
-            else None
-        )
-
-    @property
-    def high_share(self) -> float:
-        """Share of the lines that are higher than is allowed for."""
-        return float(np.mean(self.above_m > self.limits.line_m + self.limits.tolerance_m + 1e-6))
-
-    @property
-    def highest(self) -> tuple[float, float]:
-        """Latitude and longitude [°] where a line is highest above ground."""
-        k = int(np.argmax(np.where(self.on_line, self.flown_m - self.ground_m, -np.inf)))
-        return self.terrain.place_deg(self.points_m[k])
-
-    @property
-    def steepest(self) -> float:
-        """Greatest slope of the ground under lines, along them."""
-        rise = np.abs(np.diff(self.ground_m)) / np.maximum(np.diff(self.places_m), 1e-9)
-        return float(rise[self.on_line[1:] & self.on_line[:-1]].max(initial=0.0))
-
-
-class _Samples(NamedTuple):
+class Samples(NamedTuple):
     """Samples of legs: places along the path, points, headings, legs before each, and whether it is on a line."""
 
     places_m: FloatArray
@@ -127,64 +91,81 @@ class _Samples(NamedTuple):
     on_line: BoolArray
 
     @classmethod
-    def of(cls, legs: Sequence[CoverageLeg]) -> _Samples:
+    def of(cls, legs: Sequence[CoverageLeg]) -> Samples:
+        """Samples of legs, at most `STEP_M` apart, with the ends of all."""
         poses, places, owner, on_line = [legs[0].start], [0.0], [0], [legs[0].sensing]
         for k, leg in enumerate(legs):
             on_line[-1] |= leg.sensing
-            count = max(1, math.ceil(leg.piece.length_m / STEP_M))
-            steps_m = [leg.piece.length_m * i / count for i in range(1, count + 1)]
-            begin_m = places[-1]
+            steps_m = np.linspace(0, leg.piece.length_m, max(1, math.ceil(leg.piece.length_m / STEP_M)) + 1)[
+                1:
+            ].tolist()
             poses += [leg.piece.pose_at(step_m) for step_m in steps_m]
-            places += [begin_m + step_m for step_m in steps_m]
-            owner += [k] * count
-            on_line += [leg.sensing] * count
+            places += [places[-1] + step_m for step_m in steps_m]
+            owner += [k] * len(steps_m)
+            on_line += [leg.sensing] * len(steps_m)
         x, y, headings = np.array(poses).T
         return cls(np.array(places), np.column_stack([x, y]), headings, np.array(owner), np.array(on_line))
 
-    def beside(self, distance_m: FloatArray) -> list[FloatArray]:
-        """Points to the left and to the right [m]."""
-        normals = np.column_stack([-np.sin(self.headings_rad), np.cos(self.headings_rad)])
-        return [self.points_m + side * distance_m[:, None] * normals for side in (1, -1)]
 
+@dataclass(frozen=True)
+class HeightProfile:
+    """A flight over its ground at samples, shape (n,): heights of the ground below and of the flight [m].
 
-def _over_ground(
-    samples: _Samples, ground: Ground, limits: HeightLimits, motion: MotionLimits, apart_m: float
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Heights of the ground below samples and beside them, and floor and ceiling of the flight [m]."""
-    aside_m = np.where(samples.on_line, apart_m / 2, CLEARANCE_SHARE * motion.min_radius_m)
-    below_m, left_m, right_m = (ground.heights_m(points) for points in (samples.points_m, *samples.beside(aside_m)))
-    sides_m = (left_m + right_m) / 2
-    rises_m = np.abs(left_m - right_m) / apart_m * ASIDE_M
-    high_m = below_m - rises_m + limits.line_m + limits.tolerance_m
-    ceiling_m = np.where(samples.on_line, _spread(high_m, np.minimum), np.inf)
-    floor_m = np.where(
-        samples.on_line,
-        np.maximum(below_m + rises_m, sides_m) + limits.line_m,
-        np.max([below_m, left_m, right_m], axis=0) + limits.clearance_m,
-    )
-    for each in ground.airspace(ground.given).obstacles:
-        if each.height_m is not None:
-            inside = np.any(
-                [holding([each.outline], points)[0] for points in (samples.points_m, *samples.beside(aside_m))], axis=0
-            )
-            floor_m = np.where(inside, np.maximum(floor_m, each.height_m + limits.clearance_m), floor_m)
-    return below_m, sides_m, _spread(floor_m, np.maximum), ceiling_m
+    `commanded_m` are the altitudes in turn, `sides_m` the mean heights of the ground half the lines' distance to either
+    side.
+    """
 
+    samples: Samples
+    ground: Ground
+    ground_m: FloatArray
+    sides_m: FloatArray
+    flown_m: FloatArray
+    commanded_m: tuple[float, ...]
 
-def _spread(values: FloatArray, function: np.ufunc) -> FloatArray:
-    """The least or the greatest of each sample and its neighbours."""
-    padded = np.pad(values, 1, mode="edge")
-    return np.asarray(function(function(padded[:-2], padded[1:-1]), padded[2:]))
+    @property
+    def above_m(self) -> FloatArray:
+        """Heights above ground on lines [m]."""
+        return (self.flown_m - self.ground_m)[self.samples.on_line]
+
+    @property
+    def overlapping_m(self) -> FloatArray:
+        """Heights on lines above the ground where their pictures overlap [m]."""
+        return (self.flown_m - self.sides_m)[self.samples.on_line]
+
+    @property
+    def elsewhere_m(self) -> float | None:
+        """Least height above ground beside the lines [m], after a climb from the ground; None without such a way."""
+        above_m = self.flown_m - self.ground_m
+        climbed = np.maximum.accumulate(above_m) >= self.ground.limits.clearance_m - ROUNDING_M
+        elsewhere_m = above_m[climbed & ~self.samples.on_line]
+        return float(elsewhere_m.min()) if len(elsewhere_m) else None
+
+    @property
+    def low_share(self) -> float:
+        """Share of the lines that are lower than is asked for: those of a climb from the ground."""
+        return float(np.mean(self.above_m < self.ground.limits.line_m - ROUNDING_M))
+
+    @property
+    def high_share(self) -> float:
+        """Share of the lines that are higher than is allowed for."""
+        limits = self.ground.limits
+        return float(np.mean(self.above_m > limits.line_m + limits.tolerance_m + ROUNDING_M))
+
+    @property
+    def max_place_deg(self) -> tuple[float, float]:
+        """Latitude and longitude [°] where a line is highest above ground."""
+        return self.ground.terrain.place_deg(self.samples.points_m[self.samples.on_line][int(np.argmax(self.above_m))])
+
+    @property
+    def steepest(self) -> float:
+        """Greatest slope of the ground under lines, along them."""
+        on_line = self.samples.on_line
+        rise = np.abs(np.diff(self.ground_m)) / np.maximum(np.diff(self.samples.places_m), ROUNDING_M)
+        return float(rise[on_line[1:] & on_line[:-1]].max(initial=0.0))
 
 
 def over_terrain(
-    solution: CoverageSolution,
-    ground: Ground,
-    limits: HeightLimits,
-    motion: MotionLimits,
-    climbing: Climbing,
-    apart_m: float,
-    start_m: float | None = None,
+    solution: CoverageSolution, ground: Ground, climbing: Climbing, start_m: float | None = None
 ) -> tuple[CoverageSolution, HeightProfile]:
     """A path whose legs have the altitudes that keep it above the ground; laps have one altitude.
 
@@ -192,12 +173,7 @@ def over_terrain(
     ----------
     solution : CoverageSolution
     ground : Ground
-    limits : HeightLimits
-    motion : MotionLimits
-        For the ground speeds.
     climbing : Climbing
-    apart_m : float
-        Distance of the lines [m].
     start_m : float, optional
         Altitude at the start [m], for a flight from the ground; by default that of the first leg.
 
@@ -213,90 +189,75 @@ def over_terrain(
     Infeasible
         Where the height of the ground is not known, or the aircraft cannot climb over it.
     """
-    if solution.blocks:
-        return _at_one_altitude(solution, ground, limits, motion, apart_m)
-    legs = [leg for leg in solution.path(0.0).legs if leg.piece.length_m > 0]
-    samples = _Samples.of(legs)
-    below_m, sides_m, floor_m, ceiling_m = _over_ground(samples, ground, limits, motion, apart_m)
-    lengths_m = np.diff(samples.places_m)
+    legs = _legs(solution, 0.0)
+    samples, motion = Samples.of(legs), ground.motion
+    below_m, sides_m, floor_m, ceiling_m = _band(samples, ground)
     courses = samples.headings_rad[1:]
     speeds_mps, _ = ground_speeds_mps(np.cos(courses), np.sin(courses), motion.airspeed_mps, motion.wind_mps)
-    seconds = lengths_m / np.maximum(speeds_mps, 1e-3)
+    seconds = np.diff(samples.places_m) / speeds_mps
     if start_m is not None:
         climbed_m = start_m + RATE_SHARE * climbing.up_mps * np.concatenate([[0.0], np.cumsum(seconds)])
-        _check_climb_out(samples, below_m, climbed_m, ground)
+        k = 1 + int(np.argmax((below_m - climbed_m)[1:]))
+        if climbed_m[k] < below_m[k]:
+            latitude, longitude = ground.terrain.place_deg(samples.points_m[k])
+            rise = f"rises {below_m[k] - start_m:.0f} m in {samples.places_m[k]:.0f} m of the way from home"
+            able = f"the aircraft climbs {climbed_m[k] - start_m:.0f} m: another --home, or --takeoff another way"
+            raise Infeasible(f"the ground at {latitude:.5f},{longitude:.5f} {rise}, and {able}")
         floor_m = np.minimum(floor_m, climbed_m)
-    straight = np.array([leg.piece.turn == 0 for leg in legs])
-    ends = np.append(samples.legs[1:] != samples.legs[:-1], True)
-    band = banded(
-        Band(samples.places_m, seconds, floor_m, ceiling_m, straight[samples.legs] | ends),
-        climbing,
-        limits.tolerance_m / 2,
-    )
-    try:
-        found = commanded(band, climbing, floor_m, start_m)
-    except Unreachable as error:
-        place = ground.terrain.place_deg(samples.points_m[error.target])
-        raise Infeasible(f"{error}: {place[0]:.5f},{place[1]:.5f}") from None
-    altitudes_m = np.empty(len(floor_m))
-    flown_m = np.empty(len(floor_m))
-    first, flown_m[0] = 0, found[0][1] if start_m is None else start_m
-    for end, altitude_m in found:
-        altitudes_m[first + 1 : end + 1] = altitude_m
-        for i in range(first, end):
-            flown_m[i + 1] = climbing.followed_m(flown_m[i], np.array(altitude_m), float(seconds[i]))
-        first = end
-    profile = HeightProfile(
-        samples.places_m,
-        samples.points_m,
-        below_m,
-        sides_m,
-        flown_m,
-        samples.on_line,
-        len(found),
-        limits,
-        ground.terrain,
-    )
-    return replace(solution, sections=tuple(_cut(legs, samples, altitudes_m))), profile
+    if solution.blocks:
+        tried = np.linspace(0.0, solution.min_c1, LAPS_TRIED).tolist()
+        floors_m = [_band(Samples.of(_legs(solution, c1)), ground)[2].max() for c1 in tried]
+        found = [(len(below_m) - 1, float(math.ceil(max(floors_m))))]
+    else:
+        straight = np.array([leg.piece.turn == 0 for leg in legs])[samples.legs]
+        ends = np.append(samples.legs[1:] != samples.legs[:-1], True)
+        band = Band(samples.places_m, seconds, floor_m, ceiling_m, straight | ends)
+        found = commanded(banded(band, climbing, ground.limits.tolerance_m / 2), climbing, floor_m, start_m)
+    lasts, levels_m = zip(*found, strict=True)
+    altitudes_m = np.repeat(levels_m, np.diff([0, *lasts]))
+    flown_m = [np.array(levels_m[0] if start_m is None else start_m)]
+    for altitude_m, step_s in zip(altitudes_m, seconds.tolist(), strict=True):
+        flown_m.append(climbing.followed_m(flown_m[-1], altitude_m, step_s))
+    profile = HeightProfile(samples, ground, below_m, sides_m, np.array(flown_m), levels_m)
+    return solution if solution.blocks else replace(solution, sections=_cut(legs, samples, altitudes_m)), profile
 
 
-def _cut(legs: Sequence[CoverageLeg], samples: _Samples, altitudes_m: FloatArray) -> list[CoverageLeg]:
-    """The legs, cut where the altitude changes."""
-    parts = []
+def _legs(solution: CoverageSolution, c1: float) -> list[CoverageLeg]:
+    return [leg for leg in solution.path(c1).legs if leg.piece.length_m > 0]
+
+
+def _band(samples: Samples, ground: Ground) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Heights of the ground below samples and on the mean beside them, and floor and ceiling of the flight [m]."""
+    limits, on_line = ground.limits, samples.on_line
+    aside_m = np.where(on_line, ground.apart_m / 2, CLEARANCE_SHARE * ground.motion.min_radius_m)[:, None]
+    normals = np.column_stack([-np.sin(samples.headings_rad), np.cos(samples.headings_rad)])
+    places_m = [samples.points_m + side * aside_m * normals for side in (0, 1, -1)]
+    below_m, left_m, right_m = map(ground.heights_m, places_m)
+    sides_m = (left_m + right_m) / 2
+    rises_m = np.abs(left_m - right_m) / ground.apart_m * ASIDE_M
+    on_lines_m = np.maximum(below_m + rises_m, sides_m) + limits.line_m
+    floor_m = np.where(on_line, on_lines_m, np.max([below_m, left_m, right_m], axis=0) + limits.clearance_m)
+    for each in ground.airspace.obstacles:
+        if each.height_m is not None:
+            over = np.any([holding([each.outline], points)[0] for points in places_m], axis=0)
+            floor_m = np.where(over, np.maximum(floor_m, each.height_m + limits.clearance_m), floor_m)
+    high_m = below_m - rises_m + limits.line_m + limits.tolerance_m
+    return below_m, sides_m, _spread(floor_m), np.where(on_line, -_spread(-high_m), np.inf)
+
+
+def _spread(values: FloatArray) -> FloatArray:
+    """The greatest of each sample and its neighbours."""
+    padded = np.pad(values, 1, mode="edge")
+    return np.maximum(np.maximum(padded[:-2], padded[2:]), values)
+
+
+def _cut(legs: Sequence[CoverageLeg], samples: Samples, altitudes_m: FloatArray) -> tuple[CoverageLeg, ...]:
+    """The legs, cut where the altitude of the ways between samples changes."""
+    parts: list[CoverageLeg] = []
     for k, leg in enumerate(legs):
-        own = np.flatnonzero(samples.legs[1:] == k) + 1
-        begin_m = samples.places_m[own[0] - 1]
-        changes = [i for i, j in itertools.pairwise(own.tolist()) if altitudes_m[i] != altitudes_m[j]]
-        values = [altitudes_m[own[0]], *(altitudes_m[i + 1] for i in changes)]
-        pieces = leg.cut(*(float(samples.places_m[i] - begin_m) for i in changes)) if changes else [leg]
-        parts += [replace(part, altitude_m=float(value)) for part, value in zip(pieces, values, strict=True)]
-    return parts
-
-
-def _check_climb_out(samples: _Samples, below_m: FloatArray, climbed_m: FloatArray, ground: Ground) -> None:
-    """Refuse ground that rises faster than a climb from the start."""
-    k = 1 + int(np.argmax((below_m - climbed_m)[1:]))
-    if climbed_m[k] < below_m[k]:
-        latitude, longitude = ground.terrain.place_deg(samples.points_m[k])
-        rise, way_m = below_m[k] - climbed_m[0], samples.places_m[k]
-        raise Infeasible(
-            f"the ground at {latitude:.5f},{longitude:.5f} rises {rise:.0f} m in {way_m:.0f} m of the way from home, "
-            f"and the aircraft climbs {climbed_m[k] - climbed_m[0]:.0f} m: another home, or a climb before the way"
-        )
-
-
-def _at_one_altitude(
-    solution: CoverageSolution, ground: Ground, limits: HeightLimits, motion: MotionLimits, apart_m: float
-) -> tuple[CoverageSolution, HeightProfile]:
-    """Laps, and what is flown between them, at the least altitude at which all keep their heights."""
-    taken = []
-    for c1 in np.linspace(0.0, solution.min_c1, LAPS_TRIED).tolist():
-        samples = _Samples.of([leg for leg in solution.path(c1).legs if leg.piece.length_m > 0])
-        taken.append((samples, *_over_ground(samples, ground, limits, motion, apart_m)))
-    altitude_m = math.ceil(max(float(floor_m.max()) for *_, floor_m, _ in taken))
-    samples, below_m, sides_m, *_ = taken[0]
-    flown_m = np.full(len(below_m), float(altitude_m))
-    profile = HeightProfile(
-        samples.places_m, samples.points_m, below_m, sides_m, flown_m, samples.on_line, 1, limits, ground.terrain
-    )
-    return solution, profile
+        own = np.flatnonzero(samples.legs[1:] == k).tolist()
+        changes = [j for i, j in itertools.pairwise(own) if altitudes_m[i] != altitudes_m[j]]
+        pieces = leg.cut(*(samples.places_m[changes] - samples.places_m[own[0]]).tolist()) if changes else [leg]
+        starts = [own[0], *changes]
+        parts += [replace(part, altitude_m=float(altitudes_m[i])) for part, i in zip(pieces, starts, strict=True)]
+    return tuple(parts)

@@ -87,22 +87,11 @@ def bilinear(values: FloatArray, rows: FloatArray, columns: FloatArray) -> Float
     array, shape (k,)
         NaN beyond, and beside a node that is NaN.
     """
-    inside = np.full(len(rows), True)
-    low, share = [], []
-    for places, count in ((rows, values.shape[0]), (columns, values.shape[1])):
-        inside &= (places >= -0.5) & (places <= count - 0.5)
-        within = np.clip(np.where(inside, places, 0.0), 0.0, count - 1.0)
-        low.append(np.minimum(within.astype(np.intp), max(count - 2, 0)))
-        share.append(within - low[-1])
-    (i, j), (s, t) = low, share
-    below, beside = np.minimum(i + 1, values.shape[0] - 1), np.minimum(j + 1, values.shape[1] - 1)
-    # f = (1 − s)(1 − t) f00 + (1 − s) t f01 + s (1 − t) f10 + s t f11, nodes of weight 0 left out
-    found = np.zeros(len(rows))
-    for weight, node in (
-        ((1 - s) * (1 - t), values[i, j]),
-        ((1 - s) * t, values[i, beside]),
-        (s * (1 - t), values[below, j]),
-        (s * t, values[below, beside]),
-    ):
-        found += np.where(weight > 0, weight * node, 0.0)
-    return np.where(inside, found, np.nan)
+    from scipy.ndimage import map_coordinates
+
+    inside = (np.abs(rows - (values.shape[0] - 1) / 2) <= values.shape[0] / 2) & (
+        np.abs(columns - (values.shape[1] - 1) / 2) <= values.shape[1] / 2
+    )
+    found = np.full(len(rows), np.nan)
+    found[inside] = map_coordinates(values, [rows[inside], columns[inside]], order=1, mode="nearest")
+    return found

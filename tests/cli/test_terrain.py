@@ -81,7 +81,7 @@ def flown_as_planned(field, terrain, wind, *, altitude_m=80.0, gentle=False, fol
     overrides = {"vehicle": WING[1], "wind.speed_mps": speed, "wind.from_deg": from_deg, "battery.capacity_ah": 30.0}
     flight = eadp.simulate(str(plan), overrides=overrides, warn=lambda _: None)
     assert flight.summary["completed"]
-    profile, limits = found.heights.profile, found.heights.profile.limits
+    profile, limits = found.heights.profile, found.heights.profile.ground.limits
     columns = flight.columns
     points = np.column_stack([columns["x_m"], columns["y_m"]])
     site = found.plan.site
@@ -284,3 +284,12 @@ def test_what_is_refused(eadp, slope, tmp_path):
         (eadp("cover", field, *paper, "--swath", "60", "--altitude", "80", *over), "holds its own altitude"),
     ):
         refused(answer, message)
+
+
+def test_computations_stop_on_turns_at_any_altitude(eadp, slope):
+    field, terrain = slope
+    profile = ("--profile", "profiles/pednet-jetson-nano.yaml", "--turns-off")
+    given = (field, *WING, *profile, "--swath", "60", "--altitude", "80", "--format", "json")
+    flat, over = (json.loads(eadp("cover", *given, *more).out) for more in ((), ("--terrain", terrain)))
+    assert over["lines"] == flat["lines"]
+    assert over["terrain"]["altitudes"] > 1

@@ -35,12 +35,14 @@ def ground(height, obstacles=()):
         x, y = np.array([to_local_m(*place, ORIGIN) for place in zip(latitudes, longitudes, strict=True)]).T
         return 200 - y / 10, 200 + x / 10
 
-    return Ground(ElevationModel((Tile(heights_m, cells),), ORIGIN), ZERO_M, Airspace(tuple(obstacles)))
+    return Ground(
+        ElevationModel((Tile(heights_m, cells),), ORIGIN), ZERO_M, LIMITS, MOTION, 50.0, Airspace(tuple(obstacles))
+    )
 
 
 def flown(height, pattern="dubins", heading_rad=0.0, start_m=None, obstacles=(), **given):
     solution = cover(CoverageRequest(FIELD, MOTION, pattern, heading_rad, **given))
-    return solution, *over_terrain(solution, ground(height, obstacles), LIMITS, MOTION, WING, 50.0, start_m)
+    return solution, *over_terrain(solution, ground(height, obstacles), WING, start_m)
 
 
 def test_level_ground_has_one_altitude():
@@ -62,8 +64,8 @@ def test_lines_up_a_plane_keep_their_height(slope):
     turns = [[leg.piece for leg in each.sections if leg.piece.turn] for each in (solution, path)]
     assert turns[0] == turns[1]
     # heights by the plane itself, at the samples of the profile
-    x = profile.points_m[:, 0]
-    above_m = (profile.flown_m - slope * x)[profile.on_line]
+    x = profile.samples.points_m[:, 0]
+    above_m = (profile.flown_m - slope * x)[profile.samples.on_line]
     assert above_m == pytest.approx(profile.above_m, abs=ROUNDING_M)
     assert above_m.min() >= 80 - ROUNDING_M
     assert above_m.max() <= 88 + ROUNDING_M
@@ -76,7 +78,7 @@ def test_lines_up_a_plane_keep_their_height(slope):
 def test_a_slope_across_the_lines_needs_an_altitude_a_line():
     # lines along y of a plane that rises with x: each is level
     solution, _, profile = flown(lambda x, y: 0.04 * x, heading_rad=math.pi / 2)
-    assert profile.commanded <= solution.path(0.0).lines
+    assert len(profile.commanded_m) <= solution.path(0.0).lines
     assert profile.above_m.min() >= 80 - ROUNDING_M
     # on either side of a line the ground is as much higher as lower
     assert profile.sides_m == pytest.approx(profile.ground_m, abs=ROUNDING_M)
@@ -92,8 +94,8 @@ def test_a_ridge_between_lines_raises_them():
         return 10 * np.maximum(0, 1 - np.abs(y - ridge) / 20)
 
     *_, profile = flown(height)
-    beside = profile.on_line & (np.abs(np.abs(profile.points_m[:, 1] - ridge) - 25) < 1)
-    inner = beside & (profile.points_m[:, 0] > 50) & (profile.points_m[:, 0] < 550)
+    beside = profile.samples.on_line & (np.abs(np.abs(profile.samples.points_m[:, 1] - ridge) - 25) < 1)
+    inner = beside & (profile.samples.points_m[:, 0] > 50) & (profile.samples.points_m[:, 0] < 550)
     # one of its two sides is on the ridge: half its height, but for the grid's cells
     assert profile.sides_m[inner] == pytest.approx(5.0, abs=1.5)
     assert profile.ground_m[inner] == pytest.approx(0.0, abs=0.5)
@@ -111,16 +113,16 @@ def test_an_obstacle_is_flown_over_where_its_ground_is():
     # a mast of 30 m on a plane, at x = 300 above lines of 80 m: 20 m clear of its top, from the highest of its ground
     mast = Obstacle(((290.0, 100.0), (310.0, 100.0), (310.0, 200.0), (290.0, 200.0)), "mast", 75.0)
     plane = ground(lambda x, y: 0.02 * x, [mast])
-    (top,) = plane.airspace(plane.given).obstacles
+    (top,) = plane.airspace.obstacles
     assert top.height_m == pytest.approx(75 + 0.02 * 310)
     *_, profile = flown(lambda x, y: 0.02 * x, obstacles=[mast])
-    x, y = profile.points_m.T
+    x, y = profile.samples.points_m.T
     over = (np.abs(x - 300) < 10) & (np.abs(y - 150) < 50)
     assert over.any()
     assert profile.flown_m[over].min() >= top.height_m + 20 - ROUNDING_M
     # of one beyond the terrain no top is known
     far = replace_outline(mast, 1e5)
-    assert ground(lambda x, y: 0 * x, [far]).airspace(Airspace((far,))).obstacles[0].height_m is None
+    assert ground(lambda x, y: 0 * x, [far]).airspace.obstacles[0].height_m is None
 
 
 def replace_outline(obstacle, shift_m):
@@ -141,8 +143,13 @@ def test_laps_fly_at_one_altitude_above_the_highest_ground_of_any_spacing():
 def test_a_flight_from_the_ground_climbs_from_home():
     *_, profile = flown(lambda x, y: 0 * x, start_m=0.0)
     assert profile.flown_m[0] == 0
-    rates = np.diff(profile.flown_m) / (np.diff(profile.places_m) / 15.0)
+    rates = np.diff(profile.flown_m) / (np.diff(profile.samples.places_m) / 15.0)
     assert rates.max() <= WING.up_mps + 1e-9
+    # 80 m take 27 s and more of the first line, of 3,600 m in all; where it is lower than the clearance it is no turn
+    below_m = profile.samples.places_m[int(np.argmax(profile.flown_m >= 80))]
+    assert below_m >= 80 / WING.up_mps * 15
+    assert profile.low_share == pytest.approx(below_m / 3600, abs=0.01)
+    assert profile.elsewhere_m >= 20 - ROUNDING_M
     assert profile.flown_m[200] >= 80
 
 

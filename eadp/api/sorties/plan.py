@@ -15,7 +15,7 @@ import numpy as np
 
 from eadp.api.cover import CoveragePlan, CoverageTask
 from eadp.api.inputs import Files, FlightInputs, load_flight
-from eadp.api.terrain import Heights, height_range_m
+from eadp.api.terrain import Heights, height_range_m, height_text
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import heading_rad
 from eadp.core.geometry.curves import Point
@@ -623,8 +623,7 @@ class SortiePlan:
             lines.append(f"apart      {near.distance_m:.0f} m or more, {later}")
         lines += [] if self.pictures is None else self.pictures.lines()
         if (heights_m := document["height_m"]) is not None:
-            least, mean, most = heights_m
-            lines.append(f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m")
+            lines.append(f"height     {height_text(heights_m)}")
         return lines + left_text(self.left, 1 - self.coverage, task.field.origin_deg)
 
     def scenario_text(self, profile: str | None) -> str:

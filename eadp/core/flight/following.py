@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray
-from eadp.errors import Unreachable
+from eadp.errors import Infeasible
 
 LEVEL_M = 0.25
 """Commanded altitudes are multiples of this [m]: errors of barometers and maps are larger."""
@@ -102,8 +102,8 @@ def commanded(
 
     Raises
     ------
-    Unreachable
-        With a sample from which no command stays above the floor.
+    Infeasible
+        If the floor rises faster than the aircraft.
     """
     last, found = len(band.places_m) - 1, list[tuple[int, float]]()
     top_m = float(np.max(band.ceiling_m, initial=float(band.floor_m.max()), where=np.isfinite(band.ceiling_m)))
@@ -119,7 +119,7 @@ def commanded(
         tried = (_farthest(each, climbing, hard_floor_m, levels_m, i, here_m, before_m) for each in (band, high))
         best = next((each for each in tried if each is not None), None)
         if best is None:
-            raise Unreachable(i, "no climb from here stays above the ground")
+            raise Infeasible(f"no climb from {band.places_m[i]:.0f} m of the way on stays above the ground")
         i, before_m, here_m = best
         found.append((i, before_m))
     return found

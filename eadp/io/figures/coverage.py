@@ -66,15 +66,14 @@ def write_coverage_figure(
 
 def _draw_profile(axes: Axes, profile: HeightProfile) -> None:
     """The ground and the flight over the distance flown; on lines the heights that are allowed, too."""
-    km, limits = profile.places_m / 1000, profile.limits
+    km, on_line, limits = profile.samples.places_m / 1000, profile.samples.on_line, profile.ground.limits
     axes.fill_between(km, profile.ground_m, profile.ground_m.min(), color="#b7a98f", linewidth=0, label="ground")
     low_m = profile.ground_m + limits.line_m
     band = (low_m, low_m + limits.tolerance_m)
     label = f"{limits.line_m:.4g} to {limits.line_m + limits.tolerance_m:.4g} m above ground"
-    axes.fill_between(km, *band, where=profile.on_line, color=COLOURS[2], alpha=0.3, linewidth=0, label=label)
+    axes.fill_between(km, *band, where=on_line, color=COLOURS[2], alpha=0.3, linewidth=0, label=label)
     axes.plot(km, profile.flown_m, color=COLOURS[1], linewidth=1.0)
-    on_line = np.where(profile.on_line, profile.flown_m, np.nan)
-    axes.plot(km, on_line, color=COLOURS[0], linewidth=1.3)
+    axes.plot(km, np.where(on_line, profile.flown_m, np.nan), color=COLOURS[0], linewidth=1.3)
     axes.set_xlabel("distance flown [km]")
     axes.set_ylabel("altitude [m]")
     axes.margins(x=0)

@@ -19,8 +19,8 @@ from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import InputError, printable
 from eadp.models.terrain import ElevationModel, Tile
 
-MARGIN_M = 2000.0
-"""Ground that is read around what is asked for [m]: turns of fast aircraft are 500 m wide, and ways to lines longer."""
+MARGIN_M = 1000.0
+"""Ground that is read around the field and its ends [m]: turns of fast aircraft are 500 m wide."""
 
 MAX_CELLS = 25_000_000
 """Most cells that are read of a file: 5 km by 5 km at 1 m, which are 200 MB."""
@@ -113,7 +113,6 @@ def _read_geotiff(file: str, wanted: Bounds) -> tuple[Tile | None, Bounds]:
     """The part of a GeoTIFF within bounds."""
     try:
         import rasterio
-        from rasterio.errors import RasterioError
         from rasterio.warp import transform, transform_bounds
         from rasterio.windows import Window
     except ImportError:
@@ -153,7 +152,9 @@ def _read_geotiff(file: str, wanted: Bounds) -> tuple[Tile | None, Bounds]:
             window = Window(first[1], first[0], columns, rows)
             values = raster.read(1, window=window, masked=True).astype(float).filled(np.nan)
             heights_m = values * raster.scales[0] + raster.offsets[0]
-    except (RasterioError, ValueError, OverflowError) as error:
+    except InputError:
+        raise
+    except Exception as error:  # rasterio raises GDAL's errors besides its own
         raise InputError.at(file, 1, 1, f"cannot be read: {printable(str(error), 200)}", _EXPECTED) from None
 
     def cells(latitudes: FloatArray, longitudes: FloatArray) -> tuple[FloatArray, FloatArray]:
