@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, Self
 
 from eadp.api.given import File, Warn, python_warnings
+from eadp.api.landing import Air, approach, climb_out, course_rad, landing_pose
 from eadp.api.profile import profile_of_scenario, read_profile
-from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, heading_rad
+from eadp.api.terrain import FLAT_M, Heights, TerrainOptions, TerrainTask
+from eadp.core.geometry.bearings import blowing_to_rad, compass_deg
 from eadp.core.geometry.curves import Point
+from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import place_text, to_local_m
 from eadp.coverage.cover import AUTO, PATTERNS, CoverageRequest, CoverageSolution, has_pattern
 from eadp.coverage.cover import cover as cover_field
 from eadp.coverage.plan_builder import FieldComputations, build_plan
 from eadp.coverage.report import CoverageReport, PowerDraw
-from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
+from eadp.coverage.swaths import CLIMB_OUT_M, RADIUS_SHARE, SPACING_SHARE, CoverageLeg, MotionLimits
 from eadp.errors import EadpError, Fault, InputError, one_of, printable, refuse
 from eadp.io.field.draft import NAME_LIMIT
 from eadp.io.field.files import read_field_text
@@ -26,16 +29,18 @@ from eadp.io.field.reader import read_airspace, read_field
 from eadp.io.mission.draft import TRIGGER_DISTANCE
 from eadp.io.plan.writer import plan_text
 from eadp.io.scenario.scenario_file import read_scenario
-from eadp.io.text.options import Flag, check_range
+from eadp.io.text.options import Flag, check_range, option_name
 from eadp.io.text.streams import read_text
+from eadp.io.vehicle.camera_file import read_camera
 from eadp.io.vehicle.vehicle_file import read_vehicle
 from eadp.models.airspace import Airspace, Obstacle
+from eadp.models.camera import MAX_LENGTH_MM, MAX_PIXELS, MIN_LENGTH_MM, Camera, Pictures, ground_m, pictures_document
 from eadp.models.computing import Computing, join_profile
-from eadp.models.doubts import NEAR_DEG, Doubt, Shots, angle_doubts, shot_doubts
+from eadp.models.doubts import NEAR_DEG, Doubt, Shots, angle_doubts, interval_doubts, shot_doubts
 from eadp.models.field import Field
-from eadp.models.performance import PATH_MARGIN, ground_radius_m, too_tight
-from eadp.models.plan.plan import MadeFor, Plan, Site
-from eadp.models.plan.stage import Box
+from eadp.models.performance import PATH_MARGIN, ground_radius_m, roll_out_m, too_tight
+from eadp.models.plan.plan import MadeFor, Plan, Site, SurveyCamera
+from eadp.models.plan.stage import LAND, RETURN, TAKEOFF, Box
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe, PaperVehicle
 
@@ -43,8 +48,8 @@ MIN_RADIUS_M = 0.1
 MAX_LENGTH_M = 1e5
 MAX_AIRSPEED_MPS = 1e3
 MAX_ALTITUDE_M = 1e5
-MIN_LENGTH_MM, MAX_LENGTH_MM = 0.5, 1e3
-"""Sensors have from 2 mm (of thermal cameras) to 100 mm, lenses from 1.5 mm to 800 mm: metres are refused [mm]."""
+MIN_GSD_CM, MAX_GSD_CM = 0.1, 1e3
+"""No aircraft in flight resolves a millimetre: most pixels in metres are refused [cm]."""
 MAX_OVERLAP = 99.0
 MAX_DISTANCE_M = 50_000.0
 """Largest distance of the start and home points from the field [m]."""
@@ -80,7 +85,14 @@ class PathOptions:
     """Where the flight starts: X,Y [m], or LAT,LON [°] of a field in degrees."""
 
     home: Annotated[Pair | None, Flag(metavar="POINT")] = None
-    """Where the flight ends; as --start."""
+    """Where the flight takes off, unless --start is another place, and where it returns to; as --start."""
+
+    takeoff_deg: Annotated[float | None, Flag("--takeoff", metavar="HEADING")] = None
+    """Heading of the take-off [°], straight ahead up to 50 m; with --landing by default into the wind."""
+
+    landing: Annotated[str | Pose | None, Flag(metavar="LAT,LON,HEADING")] = None
+    """Where to land, instead of returning to home, and the heading of the final approach [°]; X,Y,HEADING [m] of a
+    field in metres. Without --home it takes off there."""
 
     wind: Annotated[Pair | None, Flag(metavar="SPEED,FROM_DEG")] = None
     """Wind: speed [m/s] and the bearing it blows from [°]; by default the scenario's."""
@@ -90,6 +102,13 @@ class PathOptions:
 
     turns_off: bool = False
     """Computations stop on turns."""
+
+    lead_in_m: float | None = None
+    """Straight and level flight before each line [m]; by default, with --forward-overlap, what the aircraft needs to
+    roll out of a turn, else 0."""
+
+    overshoot_m: float = 0.0
+    """Straight and level flight after each line [m]."""
 
 
 @dataclass(frozen=True)
@@ -115,12 +134,29 @@ class FieldOptions:
     """Obstacles so far below the plan's altitude [m] are flown over, where their height is known."""
 
 
+_CAMERA_LIMITS = {
+    "altitude_m": (0.0, MAX_ALTITUDE_M),
+    "sensor_width_mm": (MIN_LENGTH_MM, MAX_LENGTH_MM),
+    "sensor_height_mm": (MIN_LENGTH_MM, MAX_LENGTH_MM),
+    "focal_length_mm": (MIN_LENGTH_MM, MAX_LENGTH_MM),
+    "image_width_px": (1, MAX_PIXELS),
+}
+_CAMERA_KEYS = ("sensor_width_mm", "sensor_height_mm", "focal_length_mm", "picture_interval_s", "image_width_px")
+"""Options whose values replace those of a camera."""
+
+
 @dataclass(frozen=True)
 class CameraOptions:
     """The camera, and how its pictures overlap."""
 
     altitude_m: float | None = None
-    """Altitude above the ground [m], which the plan holds."""
+    """Altitude above the ground [m], which the plan holds; or it follows from --gsd."""
+
+    gsd_cm: float | None = None
+    """Ground sampling distance, the size of a pixel on the ground [cm]."""
+
+    camera: Annotated[str | None, Flag(metavar="NAME")] = None
+    """Camera by name, or a camera file (.yaml); an unknown name lists them. The next options replace its values."""
 
     sensor_width_mm: float | None = None
     """Width of the camera's sensor, across the lines [mm]."""
@@ -144,26 +180,48 @@ class CameraOptions:
     image_width_px: int | None = None
     """Width of a picture, across the lines [pixels]: the size of a pixel is said."""
 
-    def _footprint_m(self, option: str, size_mm: float | None, overlap: float | None) -> float:
-        """Ground that a picture adds beside its neighbour [m]: h s / f, less the overlap; `option` names the size."""
+    def with_camera(self) -> Self:
+        """The options with the values of the camera, and the altitude at which its pixels have their size.
 
-        def needed(name: str, value: float | None, low: float, high: float) -> float:
+        Raises
+        ------
+        InputError
+            If there is no such camera, or the altitude is given as well, or cannot follow.
+        """
+        camera = Camera() if self.camera is None else read_camera(self.camera)
+        camera = camera.with_values(**{key: getattr(self, key) for key in _CAMERA_KEYS})
+        name = printable(" ".join(camera.name.split()), NAME_LIMIT)
+        found = replace(self, camera=name or None, **{key: getattr(camera, key) for key in _CAMERA_KEYS})
+        if self.gsd_cm is None:
+            return found
+        if self.altitude_m is not None:
+            raise _fault("--gsd", f"{self.gsd_cm:g}", "the size of a pixel beside the altitude", "one of the two")
+        if not MIN_GSD_CM <= self.gsd_cm <= MAX_GSD_CM:
+            expected = (
+                f"centimetres from {MIN_GSD_CM:g} to {MAX_GSD_CM:g}: {self.gsd_cm:g} m are {100 * self.gsd_cm:g} cm"
+            )
+            raise _fault("--gsd", f"{self.gsd_cm:g}", f"{self.gsd_cm:g} cm a pixel", expected)
+        width_mm, focal_mm, columns = found._needed("sensor_width_mm", "focal_length_mm", "image_width_px")
+        # h = g n / (s / f): the altitude at which n pixels of the size g are as wide as the picture
+        return replace(found, altitude_m=self.gsd_cm / 100 * columns / ground_m(width_mm, focal_mm, 1.0))
+
+    def _needed(self, *keys: str) -> list[float]:
+        """Values of the camera; a fault where one is not given, or out of range."""
+        for key in keys:
+            option, value = option_name(key), getattr(self, key)
             if value is None:
-                message = f"the camera needs {name} too"
-                raise _fault(name, "", message, f"--altitude, {option} and --focal-length-mm")
-            check_range(name, value, low, high)
-            return value
+                expected = "--gsd or --altitude" if key == "altitude_m" else "a --camera that has it, or this option"
+                raise _fault(option, "", f"the camera needs {option} too", expected)
+            check_range(option, value, *_CAMERA_LIMITS[key], closed=key == "image_width_px")
+        return [getattr(self, key) for key in keys]
 
-        altitude_m = needed("--altitude", self.altitude_m, 0.0, MAX_ALTITUDE_M)
-        size_mm = needed(option, size_mm, MIN_LENGTH_MM, MAX_LENGTH_MM)
-        focal_mm = needed("--focal-length-mm", self.focal_length_mm, MIN_LENGTH_MM, MAX_LENGTH_MM)
-        side = option == "--sensor-width-mm"
-        overlap = overlap or 0.0
+    def _footprint_m(self, key: str, overlap: float = 0.0) -> float:
+        """Ground that a picture adds beside its neighbour [m], less the overlap [%]; `key` is the sensor's size."""
+        altitude_m, size_mm, focal_mm = self._needed("altitude_m", key, "focal_length_mm")
         if not (overlap == 0 or 1 <= overlap <= MAX_OVERLAP):
-            name = "--side-overlap" if side else "--forward-overlap"
+            name = "--side-overlap" if key == "sensor_width_mm" else "--forward-overlap"
             raise _fault(name, f"{overlap:g}", f"{overlap:g} %", f"percent from 1 to {MAX_OVERLAP:g}, as 70; or 0")
-        # similar triangles: h/f on the ground for each millimetre of the sensor
-        return altitude_m * size_mm / focal_mm * (1 - overlap / 100)
+        return ground_m(size_mm, focal_mm, altitude_m) * (1 - overlap / 100)
 
     @cached_property
     def _side_overlaps(self) -> tuple[float | None, float]:
@@ -184,37 +242,44 @@ class CameraOptions:
         wanted, _ = self._side_overlaps
         if wanted is None:
             return None
-        return self._footprint_m("--sensor-width-mm", self.sensor_width_mm, wanted)
+        return self._footprint_m("sensor_width_mm", wanted)
 
-    def pictures(self, sensed_m: float) -> Pictures | None:
-        """The pictures along lines of a length [m]; None without a camera."""
-        if self.sensor_width_mm is None:
+    def pictures(self, sensed_m: float, speed_mps: float) -> Pictures | None:
+        """Those along lines of a length [m], the fastest at a ground speed [m/s]; None without a camera."""
+        if self.sensor_width_mm is None or self.altitude_m is None:
             return None
-        width_m = self._footprint_m("--sensor-width-mm", self.sensor_width_mm, 0.0)
-        apart_m = self.picture_distance_m
-        count = None if apart_m is None else math.ceil(sensed_m / apart_m)
-        forward = None if self.forward_overlap is None else self.forward_overlap / 100
-        gsd_cm = None if self.image_width_px is None else 100 * width_m / self.image_width_px
-        return Pictures(width_m, apart_m, forward, count, gsd_cm)
+        width_m, apart_m = self._footprint_m("sensor_width_mm"), self.picture_distance_m
+        gsd_cm = None if self.image_width_px is None else 100 * width_m / self._needed("image_width_px")[0]
+        return Pictures(
+            camera=self.camera or "",
+            altitude_m=self.altitude_m,
+            width_m=width_m,
+            gsd_cm=gsd_cm,
+            distance_m=apart_m,
+            forward_overlap=None if self.forward_overlap is None else self.forward_overlap / 100,
+            number=None if apart_m is None else math.ceil(sensed_m / apart_m),
+            interval_s=self.picture_interval_s or None,
+            speed_mps=speed_mps,
+        )
 
     @property
     def picture_length_m(self) -> float | None:
         """Ground in a picture along a line [m]; None where the sensor's height is not known."""
         if self.sensor_height_mm is None:
             return None
-        return self._footprint_m("--sensor-height-mm", self.sensor_height_mm, 0.0)
+        return self._footprint_m("sensor_height_mm")
 
     @cached_property
     def picture_distance_m(self) -> float | None:
         """Distance between pictures along a line [m]; None where none are taken."""
         if self.forward_overlap is None:
             return None
-        return self._footprint_m("--sensor-height-mm", self.sensor_height_mm, self.forward_overlap)
+        return self._footprint_m("sensor_height_mm", self.forward_overlap)
 
 
 @dataclass(frozen=True)
-class CoverageOptions(CameraOptions, FieldOptions, PathOptions):
-    """Options of a coverage: in order those of the path, the field and the camera.
+class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, PathOptions):
+    """Options of a coverage: in order those of the path, the field, the camera and the ground.
 
     Faults name them as the command `eadp cover` does.
     """
@@ -225,9 +290,9 @@ class CoverageOptions(CameraOptions, FieldOptions, PathOptions):
         camera = (self.sensor_width_mm, self.focal_length_mm, self.side_overlap)
         if self.swath_m is None:
             if camera == (None, None, None):
-                expected = "--swath, or --altitude, --sensor-width-mm and --focal-length-mm"
+                expected = "--swath, or --altitude or --gsd, and --camera"
                 raise _fault("--swath", "", "no width of ground that a line covers", expected)
-            return self._footprint_m("--sensor-width-mm", self.sensor_width_mm, self._side_overlaps[1])
+            return self._footprint_m("sensor_width_mm", self._side_overlaps[1])
         if self.sensor_width_mm is not None or self.side_overlap is not None:
             raise _fault("--swath", f"{self.swath_m:g}", "a swath beside that of the camera", "one of the two")
         return self.swath_m
@@ -251,49 +316,20 @@ class CoverageOptions(CameraOptions, FieldOptions, PathOptions):
         if math.hypot(*wind_mps) >= speed:
             message = f"a wind of {math.hypot(*wind_mps):g} m/s, no slower than the aircraft"
             raise _fault("--wind", _raw(self.wind or ""), message, f"less than its {speed:g} m/s")
-        return MotionLimits(swath, least, ideal, apart, speed, wind_mps)
+        check_range("--overshoot", self.overshoot_m, 0.0, MAX_LENGTH_M, closed=True)
+        lead_in = self.lead_in_m
+        if lead_in is None:
+            rolls_m = 0.0 if self.forward_overlap is None else roll_out_m(airframe, speed + math.hypot(*wind_mps))
+            lead_in = float(math.ceil(rolls_m))
+        check_range("--lead-in", lead_in, 0.0, MAX_LENGTH_M, closed=True)
+        return MotionLimits(swath, least, ideal, apart, speed, wind_mps, lead_in, self.overshoot_m)
 
     @property
     def heading_rad(self) -> float | None:
         """The mathematical heading (0 east, counter-clockwise) of the lines, if it is given."""
         if self.heading_deg is None:
             return None
-        if not abs(self.heading_deg) <= 360:
-            raise _fault("--heading", f"{self.heading_deg}", "no heading", "a compass bearing [°]: 0 north, 90 east")
-        return heading_rad(self.heading_deg)
-
-
-class Pictures(NamedTuple):
-    """A camera's pictures.
-
-    Attributes
-    ----------
-    width_m : float
-        Of the ground in one, across the lines [m].
-    distance_m : float or None
-        Between pictures along a line [m]; None where none are taken.
-    forward_overlap : float or None
-        Share of a picture that the next one of the line shows too.
-    number : int or None
-        Of all lines, the densest.
-    gsd_cm : float or None
-        Ground sampling distance, of a pixel [cm]; None where the picture's width in pixels is not known.
-    """
-
-    width_m: float
-    distance_m: float | None
-    forward_overlap: float | None
-    number: int | None
-    gsd_cm: float | None
-
-    def text(self) -> str:
-        """For people."""
-        parts = [f"pictures of {self.width_m:.1f} m across"]
-        parts += [] if self.gsd_cm is None else [f"{self.gsd_cm:.2g} cm a pixel"]
-        if self.distance_m is not None and self.forward_overlap is not None:
-            overlap = f"forward overlap {100 * self.forward_overlap:.0f} %"
-            parts += [f"one each {self.distance_m:.1f} m, {overlap}", f"{self.number} in all"]
-        return f"camera     {'; '.join(parts)}"
+        return course_rad("--heading", self.heading_deg)
 
 
 @dataclass(frozen=True)
@@ -309,19 +345,21 @@ class CoveragePlan:
     repairs: Sequence[str]
     pictures: Pictures | None = None
     pack_wh: float | None = None
+    heights: Heights | None = None
 
     @property
     def document(self) -> dict[str, Any]:
         """The values of `eadp.cover/1`."""
-        shot = self.pictures
-        return self.report.document(self.repairs, self.text) | {
-            "side_overlap": self._side_overlaps,
-            "forward_overlap": None if shot is None else shot.forward_overlap,
-            "pictures": None if shot is None else shot.number,
-            "gsd_cm": None if shot is None else shot.gsd_cm,
-            "batteries": self._batteries,
-            "camera": None if shot is None else {"width_m": shot.width_m, "distance_m": shot.distance_m},
-        }
+        own = {"side_overlap": self._side_overlaps, "batteries": self._batteries}
+        ground = None if self.heights is None else self.heights.document(*self._on_ground)
+        shown = self.report.document(self.repairs, self.text)
+        return shown | own | pictures_document(self.pictures) | {"terrain": ground}
+
+    @property
+    def _on_ground(self) -> tuple[float, float | None, float | None]:
+        """Width of a picture or of a line's ground [m], distance of the lines [m], and size of a pixel [cm]."""
+        shot, apart_m = self.pictures, self.report.least.spacing_m
+        return (self.report.motion.swath_m, apart_m, None) if shot is None else (shot.width_m, apart_m, shot.gsd_cm)
 
     @property
     def _side_overlaps(self) -> list[float | None]:
@@ -329,8 +367,7 @@ class CoveragePlan:
         return [self._overlap(end.spacing_m) for end in (self.report.full, self.report.least)]
 
     def _overlap(self, apart_m: float | None) -> float | None:
-        width_m = self.report.motion.swath_m if self.pictures is None else self.pictures.width_m
-        return None if apart_m is None else 1 - apart_m / width_m
+        return None if apart_m is None else 1 - apart_m / self._on_ground[0]
 
     @property
     def _batteries(self) -> list[float] | None:
@@ -341,8 +378,18 @@ class CoveragePlan:
     @property
     def lines(self) -> list[str]:
         """A summary for people, line by line."""
-        camera = [] if self.pictures is None else [self.pictures.text()]
-        return [*self.report.text(), *camera, *self._overlap_text(), *self._batteries_text()]
+        camera = [] if self.pictures is None else self.pictures.lines()
+        ground = [] if self.heights is None else self.heights.text(*self._on_ground)
+        flight = [*self.report.text(), *self._landing_text()]
+        return [*flight, *camera, *self._overlap_text(), *ground, *self._batteries_text()]
+
+    def _landing_text(self) -> list[str]:
+        """The final approach."""
+        *_, before, last = self.plan.stages
+        if not last.command(LAND):
+            return []
+        length_m = math.dist(before.trigger_at(()), last.trigger_at(()))
+        return [f"landing    final approach of {length_m:.0f} m from {before.altitude_m:g} m"]
 
     def _overlap_text(self) -> list[str]:
         """The overlap of neighbouring lines, and where it is always less."""
@@ -422,10 +469,66 @@ class CoverageTask:
         field, notes = _limited(field, options)
         return cls(text.name, field, [*repairs, *notes], options, motion, vehicle, airframe, profile, pack_wh)
 
+    @property
+    def extent_m(self) -> float:
+        """The greater extent of the field, to the east or to the north [m]."""
+        x, y = zip(*(vertex for part in self.field.parts for vertex in part[0]), strict=True)
+        return float(max(max(x) - min(x), max(y) - min(y)))
+
+    @cached_property
+    def terrain(self) -> TerrainTask | None:
+        """The ground to follow, if one is given. Raises InputError of its files and options."""
+        options, speed_mps = self.options, self.motion.airspeed_mps
+        if options.terrain and options.landing is not None:
+            expected = "one of the two; without --landing the way home keeps above the ground"
+            raise _fault("--landing", str(options.landing), "no final approach over a terrain is planned", expected)
+        ends = _point("--start", options.start, self.field), self.home_m
+        heights = options.altitude_m, options.clearance_m
+        return TerrainTask.read(options, *heights, self.field, ends, self.airframe, speed_mps, self.from_ground)
+
     @cached_property
     def home_m(self) -> Point | None:
-        """Where the flight ends."""
-        return _point("--home", self.options.home, self.field)
+        """Where the flight takes off and returns to."""
+        found = _point("--home", self.options.home, self.field)
+        return self._landing[:2] if found is None and self._landing is not None else found
+
+    @property
+    def from_ground(self) -> bool:
+        """Whether the flight takes off at home."""
+        return self.home_m is not None and self.options.start is None
+
+    @cached_property
+    def _landing(self) -> Pose | None:
+        """Where the flight lands, and on which course."""
+        if self.options.landing is None:
+            return None
+        return landing_pose(self.options.landing, lambda raw: _place("--landing", raw, self.field))
+
+    @cached_property
+    def climb_out(self) -> CoverageLeg | None:
+        """The climb straight ahead after take-off; None where no direction is known."""
+        options, given = self.options, self.options.takeoff_deg
+        if given is None and (options.landing is None or options.start is not None or self.motion.windless):
+            return None
+        if self.home_m is None or options.start is not None:
+            raise _fault("--takeoff", f"{given}", "no home to take off from", "--home, and no --start")
+        east, north = self.motion.wind_mps
+        course = math.atan2(-north, -east) if given is None else course_rad("--takeoff", given)
+        return climb_out(self.home_m, course, min(CLIMB_OUT_M, self._altitude_m), self.airframe, self._air)
+
+    @cached_property
+    def approach(self) -> CoverageLeg | None:
+        """The final approach, down from the plan's altitude; None without a landing."""
+        return self._landing and approach(self._landing, self._altitude_m, self.airframe, self._air)
+
+    @property
+    def _air(self) -> Air:
+        return Air(self.motion.airspeed_mps, self.motion.wind_mps)
+
+    @property
+    def _altitude_m(self) -> float:
+        altitude_m = self.options.altitude_m
+        return self.airframe.cruise_altitude_m if altitude_m is None else altitude_m
 
     @cached_property
     def airspace(self) -> Airspace:
@@ -433,14 +536,18 @@ class CoverageTask:
         given, altitude_m, airframe = self.field.airspace, self.options.altitude_m, self.airframe
         if altitude_m is None or isinstance(airframe, PaperVehicle):
             return given
-        reached_m = [altitude_m] * len(given.obstacles)
-        if self.home_m is not None and given.obstacles:
+        reached_m, slopes = [altitude_m] * len(given.obstacles), list[tuple[Point, float]]()
+        if self.home_m is not None:
+            # a climb from home with the wind behind, straight to the obstacle
+            climb_mps = airframe.climb_rates_mps(self.motion.airspeed_mps)[0]
+            slopes.append((self.home_m, climb_mps / self.motion.ground_limit_mps))
+        if self.approach is not None:
+            slopes.append((self.approach.end[:2], altitude_m / self.approach.piece.length_m))
+        for point, slope in slopes if given.obstacles else ():
             from eadp.core.geometry.polygons import distances_m
 
-            # a climb from home with the wind behind, straight to the obstacle
-            climb = airframe.climb_rates_mps(self.motion.airspeed_mps)[0] / self.motion.ground_limit_mps
-            ways_m = distances_m([each.outline for each in given.obstacles], self.home_m)
-            reached_m = [min(altitude_m, climb * way_m) for way_m in ways_m.tolist()]
+            ways_m = distances_m([each.outline for each in given.obstacles], point).tolist()
+            reached_m = [min(there_m, slope * way_m) for there_m, way_m in zip(reached_m, ways_m, strict=True)]
         high = [
             each
             for each, there_m in zip(given.obstacles, reached_m, strict=True)
@@ -464,11 +571,11 @@ class CoverageTask:
     def request(self) -> CoverageRequest:
         """The coverage of the whole field."""
         options = self.options
-        start = _point("--start", options.start, self.field)
-        heading = options.heading_rad
+        ends = _point("--start", options.start, self.field) or self.home_m, self.home_m
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
-        ends = start, self.home_m
-        return CoverageRequest(self.field, self.motion, options.pattern, heading, *ends, apart, airspace=self.airspace)
+        pattern = options.pattern if self.terrain is None else self.terrain.pattern(options.pattern, self.field)
+        given = self.field, self.motion, pattern, options.heading_rad, *ends, apart
+        return CoverageRequest(*given, airspace=self.airspace, climb_out=self.climb_out, approach=self.approach)
 
     def planned(self, solution: CoverageSolution, field: Field | None = None) -> CoveragePlan:
         """The plan of a path over the field, or over a part of it.
@@ -480,26 +587,56 @@ class CoverageTask:
         """
         field, options, motion = field or self.field, self.options, self.motion
         distance_m, computations = options.picture_distance_m, _computations(self.profile, options.turns_off)
+        sensed_m = sum(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing)
+        pictures = options.pictures(sensed_m, motion.max_line_speed_mps(solution.heading_rad))
         parts = [tuple(map(_millimetres, part)) for part in field.parts]
+        takeoff, ending = None, None
+        if self.from_ground:
+            # a height of 0 is that of the plan
+            up_m = 0.0 if self.climb_out is None else min(CLIMB_OUT_M, self._altitude_m)
+            takeoff, ending = _command(TAKEOFF, up_m), _command(RETURN)
+        if self.approach is not None:
+            ending = _command(LAND)
         name = printable(" ".join(field.name.split()), NAME_LIMIT)
         covered = Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:]))
+        flown, heights, altitude_m, sited = self._over_ground(solution, field)
         plan = build_plan(
-            solution,
+            flown,
             name=self.file,
             computations=computations,
             min_radius_m=motion.min_radius_m,
-            site=_site(field, covered, motion, self.home_m, self.vehicle),
-            altitude_m=options.altitude_m,
+            site=_site(sited, covered, motion, self.home_m, self.vehicle)._replace(
+                camera=_survey_camera(pictures), ground_m=None if heights is None else heights.ground.zero_m
+            ),
+            altitude_m=altitude_m,
             commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
+            takeoff=takeoff,
+            ending=ending,
         )
         known = self.profile is not None or self.pack_wh is not None
         power = _power(plan, self.profile, self.airframe.cruise_power_w, computations) if known else None
         report = CoverageReport.of(replace(field, airspace=self.airspace), motion, solution, power)
         comments = "".join(f"% {line}\n" for line in report.comments(printable(self.file, 100)))
-        sensed_m = sum(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing)
-        pictures = options.pictures(sensed_m)
         notes = [*self.repairs, *self.flown_over]
-        return CoveragePlan(plan, comments + plan_text(plan), report, notes, pictures, self.pack_wh)
+        return CoveragePlan(plan, comments + plan_text(plan), report, notes, pictures, self.pack_wh, heights)
+
+    def _over_ground(
+        self, solution: CoverageSolution, field: Field
+    ) -> tuple[CoverageSolution, Heights | None, float | None, Field]:
+        """A path with its altitudes over the terrain, the altitude where it has none, and obstacles on their ground."""
+        task, motion = self.terrain, self.motion
+        if task is None:
+            altitude_m = self.options.altitude_m
+            return solution, None, None if altitude_m is None else round(altitude_m, 3), field
+        if self.options.turns_off and not solution.blocks:
+            parts = tuple(part for leg in solution.path(0.0).legs for part in leg.split())
+            solution = replace(solution, sections=parts)
+        start_m = solution.path(0.0).legs[0].start[:2]
+        ground = task.ground(field, start_m, self.home_m)
+        flown, profile = task.flown(solution, ground, motion, self.request.order_spacing_m or motion.swath_m)
+        heights = Heights(profile, ground, self.home_m or start_m, task, motion.ground_limit_mps)
+        sited = replace(field, airspace=ground.airspace(field.airspace))
+        return flown, heights, float(profile.flown_m[-1]), sited
 
 
 def _site(field: Field, covered: Field, motion: MotionLimits, home: Point | None, vehicle: str) -> Site:
@@ -513,6 +650,14 @@ def _site(field: Field, covered: Field, motion: MotionLimits, home: Point | None
     return Site(field.origin_deg, None, covered, motion.swath_m, home_m, airspace, made_for)
 
 
+def _survey_camera(pictures: Pictures | None) -> SurveyCamera | None:
+    """What the plan carries of its pictures."""
+    if pictures is None:
+        return None
+    gsd_cm = None if pictures.gsd_cm is None else round(pictures.gsd_cm, 6)
+    return SurveyCamera(pictures.camera, round(pictures.altitude_m, 3), gsd_cm)
+
+
 def _millimetres(points: Sequence[Point]) -> tuple[Point, ...]:
     return tuple((round(x, 3), round(y, 3)) for x, y in points)
 
@@ -520,6 +665,11 @@ def _millimetres(points: Sequence[Point]) -> tuple[Point, ...]:
 def _pictures(distance_m: float) -> tuple[float, ...]:
     """The command to take a picture every so many metres; 0 for none."""
     return (TRIGGER_DISTANCE, round(distance_m, 6), 0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def _command(command: int, height_m: float = 0.0) -> tuple[float, ...]:
+    """A command that has a height alone [m]."""
+    return (command, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, height_m)
 
 
 def _limited(field: Field, options: CoverageOptions) -> tuple[Field, list[str]]:
@@ -544,9 +694,11 @@ def wind_vector_mps(given: Pair) -> Point:
 
 
 def _point(option: str, given: Pair | None, field: Field) -> Point | None:
+    return None if given is None else _place(option, given, field)
+
+
+def _place(option: str, given: Pair, field: Field) -> Point:
     """A point in the field's coordinates: metres, or latitude and longitude if the field was given in degrees."""
-    if given is None:
-        return None
     if field.origin_deg is None:
         point = _two_numbers(option, given, "X,Y in metres, like -50,20")
     else:
@@ -646,7 +798,14 @@ def cover(
         With the faults of the files, or of an option under its name on the command line.
     """
     task = coverage_task(str(field), options, profile, scenario, vehicle, warn)
-    return task.planned(cover_field(task.request))
+    found = task.planned(cover_field(task.request))
+    warn(picture_warnings(found.pictures))
+    return found
+
+
+def picture_warnings(pictures: Pictures | None) -> list[Fault]:
+    """Warnings about pictures that the camera may be too slow for."""
+    return [] if pictures is None else _warnings(interval_doubts(pictures))
 
 
 def coverage_task(
@@ -673,7 +832,8 @@ def coverage_task(
         message = "no computations to stop on turns; --profile names some"
         warn([Fault("--turns-off", 1, 1, message, severity="note")])
     flown = setting.keys.vehicle if vehicle is None else read_vehicle(read_text(str(vehicle)))
-    if cruises and options.altitude_m is None:
+    options = options.with_camera()
+    if (cruises or options.landing is not None or options.takeoff_deg is not None) and options.altitude_m is None:
         options = replace(options, altitude_m=flown.airframe.cruise_altitude_m)
     pack_wh = None
     if vehicle is not None or "battery" in setting.chosen:
@@ -686,11 +846,18 @@ def coverage_task(
         where = "--airspeed" if options.airspeed_mps else str(vehicle or scenario)
         refuse([Fault(where, 1, 1, fault, "an aeroplane that can fly so") for fault in faults])
     task = CoverageTask.read(field, options, flown.name, flown.airframe, wind_mps, profile, pack_wh)
+    if task.terrain is None and task.extent_m > FLAT_M:
+        message = f"the ground is taken as flat over {task.extent_m / 1000:.1f} km; --terrain has its heights"
+        warn([Fault(task.file, 1, 1, message, severity="note")])
     speed_mps = math.hypot(*task.motion.wind_mps)
     if tight := too_tight(flown.airframe, task.motion.airspeed_mps, task.motion.min_radius_m, speed_mps):
         warn([Fault("--min-radius", 1, 1, tight, severity="warning")])
-    warn([Fault(*doubt[:1], 1, 1, *doubt[1:], severity="warning") for doubt in _doubts(task)])
+    warn(_warnings(_doubts(task)))
     return task
+
+
+def _warnings(doubts: Iterable[Doubt]) -> list[Fault]:
+    return [Fault(key, 1, 1, message, expected, severity="warning") for key, message, expected in doubts]
 
 
 def _doubts(task: CoverageTask) -> Iterator[Doubt]:
@@ -700,5 +867,4 @@ def _doubts(task: CoverageTask) -> Iterator[Doubt]:
     if options.wind is not None:
         yield from angle_doubts("--wind", _two_numbers("--wind", options.wind, "")[1])
     camera = options.altitude_m, options.sensor_width_mm, options.focal_length_mm
-    shots = Shots(*camera, options.picture_distance_m, options.picture_interval_s)
-    yield from shot_doubts(shots, task.motion.ground_limit_mps)
+    yield from shot_doubts(Shots(*camera, options.gsd_cm))

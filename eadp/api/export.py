@@ -3,34 +3,50 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
 
 from eadp.api.fences import fenced_by
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
+from eadp.api.landing import Air, approach, landing_pose
 from eadp.api.plan import plan_of
-from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_near_local_m
-from eadp.errors import Fault, InputError, PathUndefined, one_of, printable
-from eadp.io.mission import FENCE_ENDING, ITEMS_ENDING, WITH_ITEMS
+from eadp.core.arrays import FloatArray
+from eadp.core.geometry.bearings import blowing_to_rad, compass_deg
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.dubins import Pose
+from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_local_m, to_near_local_m
+from eadp.coverage.plan_builder import with_landing
+from eadp.errors import Fault, Infeasible, InputError, PathUndefined, one_of, printable
+from eadp.io.mission import FENCE_ENDING, ITEMS_ENDING, RALLY_ENDING, WITH_ITEMS
 from eadp.io.mission.autopilot import PARAMETER_FILES, wanted_parameters
-from eadp.io.mission.export import EXPORTS, FENCED, fence_file, mission_items, writer_of
+from eadp.io.mission.draft import MissionItem
+from eadp.io.mission.export import ABOVE_GROUND, EXPORTS, FENCED, files_beside, mission_items, writer_of
 from eadp.io.mission.items import items_text, mapped_items
-from eadp.io.mission.path import PlannedPath, planned_sections
+from eadp.io.mission.path import PlannedPath, Section, planned_sections
+from eadp.io.mission.reader import read_rally
+from eadp.io.mission.survey import check_survey, survey_lines
 from eadp.io.plan.parameters import parameters_of
-from eadp.io.scenario.scenario_file import override_texts, read_overrides
+from eadp.io.scenario.scenario_file import override_texts, read_overrides, read_scenario
+from eadp.io.terrain.reader import read_terrain
 from eadp.io.text.options import Flag
-from eadp.io.text.streams import write_text
+from eadp.io.text.streams import read_text, write_text
 from eadp.models.airspace import Airspace, risk_text
 from eadp.models.plan.legs import Leg, leg_points
-from eadp.models.plan.plan import Plan
+from eadp.models.plan.plan import MadeFor, Plan
 from eadp.models.plan.route import PlannedLegs
+from eadp.models.plan.stage import LAND, TAKEOFF
 from eadp.models.plan.trace import nominal_route
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.planning.forecast.held import Preflight
+
+NEAR_M = 1.0
+"""Distance up to which the path starts or ends at home [m]."""
 
 FENCE_STEP_M = 2.0
 """Distance between points of the path that is checked for fences [m]."""
@@ -58,6 +74,15 @@ class ExportOptions:
     origin_deg: Annotated[Position | None, Flag(metavar="POINT")] = None
     """Where the plan's (0, 0) lies: LAT,LON [°], for a plan without."""
 
+    landing: Annotated[str | Pose | None, Flag(metavar="LAT,LON,HEADING")] = None
+    """Land there instead of returning to home, on this heading [°], from where the plan ends."""
+
+    rally: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Places to rally, of a plan of QGroundControl or WPL: written with those of the plan."""
+
+    survey: bool = False
+    """Write the lines over the field as one survey of QGroundControl, which can be edited there."""
+
     trigger_distance_m: float | None = None
     """Take a picture every so many metres [m]."""
 
@@ -75,6 +100,12 @@ class ExportOptions:
 
     inside: Annotated[str | None, Flag(metavar="FILE")] = None
     """Polygons that the path stays inside of, as --avoid."""
+
+    altitudes: Literal["relative", "terrain"] = "relative"
+    """Above home, or above the ground below, as qgc and ardupilot can."""
+
+    terrain: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
+    """Heights of the ground, as of eadp cover: for --altitudes terrain of a plan that follows it."""
 
     start: Annotated[str | None, Flag("--from", metavar="STAGE,LAP")] = None
     """Write the rest, from this stage of this lap on."""
@@ -112,26 +143,22 @@ class Exported(NamedTuple):
     Attributes
     ----------
     text : str
-    items : str
-        The file of the map of its items to stages; empty where it has no items.
     parameters : str
         The file of an autopilot's parameters; empty where none is asked for.
-    fence : str
-        The file of its fence, of ArduPilot; empty without obstacles and boundary.
+    beside : mapping of str
+        Files that are written beside it, by the ending of their names: the map of its items to stages, and ArduPilot's
+        fence and places to rally.
     """
 
     text: str
-    items: str = ""
     parameters: str = ""
-    fence: str = ""
+    beside: Mapping[str, str] = {}
 
     def write(self, path: str) -> None:
-        """Write the file, and the map and the fence beside it. Raises InputError."""
+        """Write the file, and those beside it. Raises InputError."""
         write_text(path, self.text)
-        if self.fence:
-            write_text(path + FENCE_ENDING, self.fence)
-        if self.items:
-            write_text(path + ITEMS_ENDING, self.items)
+        for ending, text in self.beside.items():
+            write_text(path + ending, text)
 
 
 def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> Exported:
@@ -161,6 +188,8 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     if writer is None:
         raise _fault("--to", to, "is no format", one_of(EXPORTS, to))
     parameters = ""
+    if options.landing is not None:
+        plan = _landed(plan, options)
     if options.scenario is None:
         flown, name = plan_of(plan, options.min_radius_m, options.laps, warn)
         flown, notes = fenced_by(flown, options.avoid, options.inside)
@@ -174,7 +203,8 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
             plan, scenario=options.scenario, avoid=options.avoid, inside=options.inside, overrides=overrides
         )
         warn(inputs.warnings)
-        flown, name, airframe = inputs.world.plan, inputs.sources["plan"].name, inputs.world.vehicle
+        flown, airframe = inputs.world.plan, inputs.world.vehicle
+        name = inputs.sources["plan"].name if options.landing is None else flown.name
         if isinstance(airframe, PaperVehicle) and options.altitude_m is None:
             stated, _ = plan_of(plan, options.min_radius_m, options.laps, lambda _: None)
             if any(stage.altitude_m is not None for stage in stated.stages):
@@ -204,12 +234,22 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
         warn([Fault(name, 1, 1, _forecast_text(forecast, flown, planned.legs), severity="note")])
     if options.start is not None:
         planned = _rest(planned, options.start)
-    if any(flown.site.airspace) and to not in FENCED:
-        message = f"obstacles and boundary are not in the format {to}"
+    rally = flown.site.rally
+    if options.rally is not None:
+        given = read_rally(read_text(options.rally))
+        rally += tuple((*to_local_m(latitude, longitude, place), up_m) for latitude, longitude, up_m in given)
+    left_out = ["obstacles and boundary"] * any(flown.site.airspace) + ["places to rally"] * any(rally)
+    if left_out and to not in FENCED:
+        message = f"{' and '.join(left_out)} are not in the format {to}"
         warn([Fault(name, 1, 1, message, severity="note")])
+    if flown.site.ground_m is not None and options.home_deg is not None and options.altitudes == "relative":
+        message = f"altitudes are above {flown.site.ground_m:g} m above the sea, the ground at the plan's home or start"
+        warn([Fault("--home", 1, 1, message, "a home as high, or --altitudes terrain", severity="warning")])
+    sections = planned_sections(planned.legs)
+    ground = _ground(flown, name, to, options, sections)
     path = PlannedPath(
         (flown.site.field.name if flown.site.field else "") or printable(name.rpartition("/")[2]),
-        planned_sections(planned.legs),
+        sections,
         place,
         altitude_m,
         airframe.airspeed_mps,
@@ -219,12 +259,100 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
         _fenced(flown.site.airspace, planned.legs),
         None if options.scenario is None and flown.site.made_for is None else airframe.airspeed_mps,
         0.0 if options.scenario is None else _climb_deg(airframe),
+        ground,
+        rally,
+        _surveyed(flown, to, warn, name) if options.survey else (),
     )
+    if path.surveyed:
+        try:
+            survey_lines(path, path.surveyed)
+        except Infeasible as error:
+            raise _fault("--survey", "", str(error), "the plan of a field") from None
     if to not in WITH_ITEMS:
-        return Exported(writer(path), "", parameters)
-    mapped = mapped_items(mission_items(path, px4=to == "px4"), planned, flown.path_count)
-    fence = fence_file(path) if to == "ardupilot" else ""
-    return Exported(writer(path), items_text(mapped, flown.names[: flown.path_count]), parameters, fence)
+        return Exported(writer(path), parameters)
+    items = mission_items(path, px4=to == "px4")
+    if note := _ends_text(path, items):
+        warn([Fault(name, 1, 1, note, severity="note")])
+    mapped = mapped_items(items, planned, flown.path_count)
+    beside = {ITEMS_ENDING: items_text(mapped, flown.names[: flown.path_count])}
+    return Exported(writer(path), parameters, beside | (files_beside(path) if to == "ardupilot" else {}))
+
+
+def _landed(given: File | Plan, options: ExportOptions) -> Plan:
+    """A plan that lands where `--landing` says, from where it ends."""
+    plan, name = plan_of(given, options.min_radius_m, options.laps, lambda _: None)
+    raw = options.landing or ""
+    if plan.stages[-1].item or plan.stages[-1].command(LAND):
+        raise _fault(
+            "--landing", str(raw), "the plan has a landing, or is a mission with an end of its own", "no --landing"
+        )
+    place, _ = _places(plan, name, options)
+    made = plan.site.made_for or MadeFor("", FixedWing.airspeed_mps, 0.0, 0.0)
+    blows = blowing_to_rad(made.wind_from_deg)
+    airframe: Airframe = FixedWing(airspeed_mps=made.airspeed_mps)
+    wind_mps = made.wind_mps * math.cos(blows), made.wind_mps * math.sin(blows)
+    if options.scenario is not None:
+        keys = read_scenario(options.scenario, read_overrides(override_texts(options.overrides))).keys
+        airframe, wind_mps = keys.vehicle.airframe, keys.wind.steady_mps
+    to = landing_pose(raw, lambda text: _near("--landing", text, place))
+    height_m = plan.stages[-1].altitude_m
+    height_m = (options.altitude_m or airframe.cruise_altitude_m) if height_m is None else height_m
+    final = approach(to, height_m, airframe, Air(airframe.airspeed_mps, wind_mps))
+    try:
+        return with_landing(plan, final, plan.min_radius_m or airframe.turn_radius_m, (LAND, *(0.0,) * 7))
+    except Infeasible as error:
+        raise _fault("--landing", str(raw), str(error), "eadp cover --landing, which plans for it") from None
+
+
+def _surveyed(plan: Plan, to: str, warn: Warn, name: str) -> tuple[Point, ...]:
+    """The outline of the field that is exported as a survey; what that costs is said."""
+    if to not in ("qgc", "px4"):
+        raise _fault("--survey", "", f"the format {to} has no surveys", "--to qgc, or px4")
+    try:
+        check_survey(plan)
+    except Infeasible as error:
+        raise _fault("--survey", "", str(error), "lines in an order over one polygon") from None
+    message = "once the survey is edited, QGroundControl lays its lines anew, evenly and in turn: forecast that mission"
+    warn([Fault(name, 1, 1, message, severity="note")])
+    assert plan.site.field is not None
+    return plan.site.field.outline
+
+
+def _ends_text(path: PlannedPath, items: Sequence[MissionItem]) -> str:
+    """What a mission flies besides its path: how it takes off, and ways that the forecast does not have."""
+    first, last, said = path.sections[0], path.sections[-1], []
+    if items[0].command == TAKEOFF and not (first.stage.command(TAKEOFF) and first.stage.command(TAKEOFF)[-1]):
+        home_m = to_local_m(*path.home, path.origin_deg)
+        to_m = first.start_m if math.dist(home_m, first.start_m) > NEAR_M else first.end_m
+        course = math.atan2(to_m[1] - home_m[1], to_m[0] - home_m[0])
+        said.append(f"an autopilot climbs as it is launched, for the path towards {compass_deg(course):.0f}°")
+    if path.home_deg is not None:
+        home_m = to_local_m(*path.home_deg, path.origin_deg)
+        ways = {"from home": math.dist(home_m, first.start_m)}
+        if not last.stage.command(LAND):
+            ways["back"] = math.dist(last.end_m, home_m)
+        if sum(ways.values()) > NEAR_M:
+            lengths = " and ".join(f"{length_m:.0f} m {where}" for where, length_m in ways.items())
+            said.append(f"the forecast is without {lengths}, which a plan of eadp cover --home has")
+    return "; ".join(said)
+
+
+def _ground(
+    plan: Plan, name: str, to: str, options: ExportOptions, sections: Sequence[Section]
+) -> Callable[[FloatArray], FloatArray] | None:
+    """The ground above which altitudes are written, above the altitude 0; None where they are above home."""
+    zero_m, origin_deg = plan.site.ground_m, plan.site.origin_deg
+    if options.altitudes == "relative":
+        return None
+    if to not in ABOVE_GROUND:
+        raise _fault("--altitudes", options.altitudes, f"{to} has no altitudes above ground", " or ".join(ABOVE_GROUND))
+    if zero_m is None or origin_deg is None:  # a plan over flat ground
+        return lambda points_m: np.zeros(len(points_m))
+    if not options.terrain:
+        raise _fault("--altitudes", options.altitudes, f"{name} follows a ground that is not known", "--terrain FILE")
+    ends = [point for section in sections for point in (section.start_m, section.end_m)]
+    terrain = read_terrain(options.terrain, np.array(ends), origin_deg)
+    return lambda points_m: terrain.known_m(points_m) - zero_m
 
 
 def _climb_deg(airframe: Airframe) -> float:
@@ -270,13 +398,20 @@ def _places(plan: Plan, name: str, options: ExportOptions) -> tuple[tuple[float,
     if place is None:
         raise InputError.at(name, 1, 1, "the plan has no place on the earth", "--origin LAT,LON")
     if "--home" in points:
-        if to_near_local_m(*points["--home"], place) is None:
-            expected = f"LAT,LON in that order, within {FARTHEST_M / 1000:g} km"
-            raise _fault("--home", str(options.home_deg), "is far from the plan's origin", expected)
+        _near("--home", points["--home"], place)
         return place, points["--home"]
     if plan.site.home_m is None or plan.site.home_m == plan.site.start_m:
         return place, None
     return place, to_geodetic_deg(*plan.site.home_m, place)
+
+
+def _near(option: str, given: Position, place: Point) -> Point:
+    """A position of an option in the plan's frame [m]."""
+    found = to_near_local_m(*_position_deg(option, given), place)
+    if found is None:
+        expected = f"LAT,LON in that order, within {FARTHEST_M / 1000:g} km"
+        raise _fault(option, str(given), "is far from the plan's origin", expected)
+    return found
 
 
 def _forecast_text(forecast: Preflight, plan: Plan, legs: Sequence[Leg]) -> str:
@@ -375,8 +510,13 @@ def export(
     written = out is not None and str(out) != "-"
     if written:
         mission.write(str(out))
-    if mission.fence:
-        where = f"{out}{FENCE_ENDING}" if written else "a file beside that of -o FILE"
-        message = f"obstacles and boundary are ArduPilot's fence, {where}: send it besides"
+    for ending, what in (
+        (FENCE_ENDING, "obstacles and boundary are ArduPilot's fence"),
+        (RALLY_ENDING, "places to rally"),
+    ):
+        if ending not in mission.beside:
+            continue
+        where = f"{out}{ending}" if written else "a file beside that of -o FILE"
+        message = f"{what}, {where}: send it besides"
         warn([Fault(str(plan) if isinstance(plan, str | PathLike) else "plan", 1, 1, message, severity="note")])
     return mission.text

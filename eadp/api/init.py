@@ -9,6 +9,7 @@ from eadp.api.cover import CoverageOptions, CoverageTask
 from eadp.coverage.cover import cover
 from eadp.errors import Fault, InputError, printable, refuse
 from eadp.io.text.streams import Text, write_text
+from eadp.io.vehicle.camera_file import FOLDER as CAMERAS_FOLDER
 from eadp.io.vehicle.vehicle_file import read_vehicle
 
 FOLDER = files("eadp") / "presets"
@@ -16,7 +17,9 @@ PRESETS = tuple(sorted(file.name.removesuffix(".yaml") for file in (FOLDER / "ve
 """Names of the aircraft that are shipped."""
 
 DEFAULT = "foam-wing"
-SCENARIO, FIELD, PLAN = "scenario.yaml", "field.geojson", "survey.plan"
+SCENARIO, FIELD, PLAN, CAMERA = "scenario.yaml", "field.geojson", "survey.plan", "camera.yaml"
+LIGHT_CAMERA = "canon-s100"
+"""The camera of 0.2 kg that any of the aircraft carries."""
 SWATH_M = 40.0
 """Swath of the plan [m]."""
 
@@ -25,7 +28,7 @@ WIND = 4.0, 270.0
 
 
 def start_texts(folder: str, preset: str) -> dict[str, str]:
-    """Texts by path of a folder's first files: a preset's vehicle, a scenario, a field, and a plan that covers it.
+    """Texts by path of a folder's first files: a preset's vehicle, a scenario, a camera, a field, and a plan for it.
 
     Raises
     ------
@@ -43,7 +46,8 @@ def start_texts(folder: str, preset: str) -> dict[str, str]:
     plan = covered.text.replace(printable(str(field), 100), FIELD)
     names = {"vehicle": vehicle, "scenario": SCENARIO, "plan": PLAN, "wind_mps": WIND[0], "from_deg": WIND[1]}
     scenario = (FOLDER / SCENARIO).read_text("utf-8").format(**names)
-    texts = {vehicle: body, SCENARIO: scenario, FIELD: field.read_text("utf-8"), PLAN: plan}
+    camera = (CAMERAS_FOLDER / f"{LIGHT_CAMERA}.yaml").read_text("utf-8")
+    texts = {vehicle: body, CAMERA: camera, SCENARIO: scenario, FIELD: field.read_text("utf-8"), PLAN: plan}
     return {os.path.join(folder, name): text for name, text in texts.items()}
 
 

@@ -36,7 +36,7 @@ from eadp.models.performance import too_tight
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.route import MARGIN_M
-from eadp.models.plan.stage import COMPUTATION, Stage
+from eadp.models.plan.stage import COMPUTATION, LAND, TAKEOFF, Stage
 from eadp.models.plan.trace import KEPT_ROUTES, default_start, whole_route
 from eadp.models.profile import configuration_text
 from eadp.models.profile_sum import AnyProfile
@@ -158,23 +158,29 @@ class FlightInputs:
         """A new flight with its planner."""
         return make_flight(self.scenario.planner, self.scenario.estimator, self.mission)
 
-    def preflight(self) -> Preflight | None:
-        """The forecast of the flight before take-off, with its wind as the weather forecast."""
+    def preflight(self, *, whole: bool = True) -> Preflight | None:
+        """The forecast of the flight before take-off, with its wind as the weather forecast.
+
+        Without `whole` it has neither the latest turn back nor the probabilities of obstacles, which take most of its
+        time.
+        """
         if self.mission.battery.prescribed:
             return None
         wind, settings = self.world.wind, self.scenario.planner
         planner = planner_class(settings.name)
         plan, altitudes_m = self.world.plan, _altitudes_m(self.world.plan, self.world.vehicle)
         wind_mps = wind.steady_at_mps(0.0, statistics.median_high(altitudes_m))
-        found = planner.preflight(settings, self.mission, wind_mps, wind.gust_std_mps)
+        mission = self.mission if whole else replace(self.mission, way_home=None)
+        found = planner.preflight(settings, mission, wind_mps, wind.gust_std_mps)
         airspace = plan.site.airspace.in_the_way(min(altitudes_m))
-        if found is None or not any(airspace):
+        if found is None or not whole or not any(airspace):
             return found
-        from eadp.planning.forecast.clearance import entering  # few plans have obstacles
+        from eadp.planning.forecast import clearance  # few plans have obstacles
 
         gusts, world = (wind.gust_std_mps, wind.gust_time_s), self.world
         legs = found.planned(self.mission).legs
-        return replace(found, entering=entering(legs, airspace, world.vehicle, world.guidance, wind_mps, gusts))
+        entered = clearance.entering(legs, airspace, world.vehicle, world.guidance, wind_mps, gusts)
+        return replace(found, entering=entered)
 
 
 def load_flight(
@@ -318,8 +324,9 @@ def _world(
 
 
 def _altitudes_m(plan: Plan, vehicle: Airframe) -> list[float]:
-    """Altitudes of a plan's stages, the aircraft's own where the plan commands none [m]."""
-    return [vehicle.cruise_altitude_m if stage.altitude_m is None else stage.altitude_m for stage in plan.stages]
+    """Altitudes of a plan's stages but a landing, the aircraft's own where the plan commands none [m]."""
+    level = [stage for stage in plan.stages if not stage.command(LAND)] or plan.stages
+    return [vehicle.cruise_altitude_m if stage.altitude_m is None else stage.altitude_m for stage in level]
 
 
 def _way_home(plan: Plan, scenario: Scenario, start_m: Point) -> WayHome | None:
@@ -425,12 +432,14 @@ def _commands(plan: Plan) -> bool:
 
 
 def _altitude_m(plan: Plan, scenario: Scenario, vehicle: Airframe) -> float:
-    """Altitude at the start [m]: as given, else the first stage's; a mission, which starts at home, on the ground."""
+    """Altitude at the start [m]: as given, else the ground for a take-off or a mission, else the first stage's."""
     if scenario.keys.start.altitude_m is not None:
         return scenario.keys.start.altitude_m
-    commanded_m = [stage.altitude_m for stage in plan.stages if stage.altitude_m is not None]
-    from_home = plan.site.start_m == (0.0, 0.0)  # the origin of a mission
-    if commanded_m and from_home and scenario.position_m("start", plan.site.origin_deg) is None:
+    commanded = any(stage.altitude_m is not None for stage in plan.stages)
+    # a plan takes off by command, a mission from the origin
+    from_ground = plan.stages[0].command(TAKEOFF) or (commanded and plan.site.start_m == (0.0, 0.0))
+    here = scenario.position_m("start", plan.site.origin_deg) is None
+    if from_ground and here and not isinstance(vehicle, PaperVehicle):
         return 0.0
     first_m = plan.stages[0].altitude_m
     return vehicle.cruise_altitude_m if first_m is None else first_m

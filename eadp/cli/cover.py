@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from typer import Argument
 
 from eadp.api.cover import CoverageOptions, cover
 from eadp.api.sorties.plan import SortieOptions
-from eadp.cli.output import emit, emit_json, usage_fault, warn
+from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, Infeasible
 from eadp.io.text.options import Flag
 
@@ -94,13 +95,19 @@ def command(
     if divided:
         from eadp.api.sorties.cover import cover_in_sorties
 
+        progress = Progress("cover", math.inf)  # on a terminal alone
         try:
-            plan = cover_in_sorties(file, options, division, **files, resume=given.resume, warn=warn)
+            plan = cover_in_sorties(
+                file, options, division, **files, resume=given.resume, on_part=progress.show, warn=warn
+            )
+            progress.close()
             warn([Fault(name, 1, 1, note, severity="note") for note in plan.planner.task.flown_over])
             return _sorties(plan, output, wanted)
         except Infeasible as error:
             warn([Fault(name, 1, 1, str(error), "a nearer home, a larger pack, or less wind")])
             return 1
+        finally:
+            progress.close()
     try:
         found = cover(file, options, **files, warn=warn)
     except Infeasible as error:
@@ -113,8 +120,10 @@ def command(
     if plot is not None:
         from eadp.io.figures.coverage import write_coverage_figure
 
-        report = found.report
-        write_coverage_figure(plot, report.field, report.titled_paths(), report.motion.swath_m)
+        report, heights = found.report, found.heights
+        profile = None if heights is None else heights.profile
+        drawn = report.field, report.titled_paths(), report.motion.swath_m
+        write_coverage_figure(plot, *drawn, profile=profile, left=report.left)
     if wanted == "json":
         emit_json(found.document)
         return 0

@@ -30,6 +30,7 @@ def command(
     """Example: eadp init runs/mine --preset foam-wing
 
     Start a folder: a commented vehicle file and scenario, a field, and a plan that covers it, which fly as they are.
+    A camera file lies beside them.
 
     Exit code 0 if the files are written, 2 on bad input; a file that exists is replaced with --force alone.
     """

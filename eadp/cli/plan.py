@@ -245,6 +245,7 @@ def document(plan: Plan, findings: Sequence[Finding], report: Report | None = No
         "origin_deg": plan.site.origin_deg,
         **({} if plan.site.start_m is None else {"start_m": plan.site.start_m}),
         **({} if plan.site.field is None else {"field": plan.site.field.summary}),
+        **({} if plan.site.camera is None else {"camera": plan.site.camera._asdict()}),
         "findings": [_finding(item) for item in findings],
     }
     if plan.segments:
@@ -356,6 +357,8 @@ def _table(plan: Plan, *, verbose: bool) -> str:
         else:
             lines.append(f"laps       are alike but for the shift: {'proven' if proven else 'sampled'}")
     lines.append(f"final      ({plan.final_point[0].text}, {plan.final_point[1].text}) m")
+    if (camera := plan.site.camera) is not None:
+        lines.append(f"camera     {camera.text}")
     for i, item in enumerate(plan.parameters):
         what = f"{item.kind}{' ' + item.title if item.title else ''}{' [' + item.unit + ']' if item.unit else ''}"
         if item.stands_for is not None:

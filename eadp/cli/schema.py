@@ -15,6 +15,7 @@ _MODULES = {
     "energy": "eadp.io.energy.model_file",
     "scenario": "eadp.io.scenario.scenario_file",
     "vehicle": "eadp.io.vehicle.vehicle_file",
+    "camera": "eadp.io.vehicle.camera_file",
     "sweep": "eadp.api.sweep.sweep_file",
     "telemetry": "eadp.io.telemetry.reader",
     "decision": "eadp.api.replan.decisions",

@@ -1,6 +1,7 @@
 """Coverage within limits: lines and turns that stay out of obstacles and inside a boundary.
 
-Lines are cut where they leave the free space, and shortened until a half circle to one side of either end is free. The
+Lines are cut where they leave the free space, and shortened until a half circle to one side of either end is free,
+behind what is flown straight beyond the line. The
 order of the lines is found with the times of free turns: those that an order uses are checked, replaced by the quickest
 free ones, direct or around corners, and the order is found again, until all of its turns are free.
 
@@ -12,14 +13,15 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.geometry.dubins import Piece, Pose, ordered, polyline_m
+from eadp.core.geometry.dubins import Piece, Pose, ordered_each, polyline_m
 from eadp.core.geometry.polygons import FreeSpace
 from eadp.coverage.line_order import best_order, quick_order
 from eadp.coverage.swaths import MIN_LINE_M, CoverageLeg, MotionLimits, half_circle, straight
@@ -34,6 +36,12 @@ CORNER_RATIO = 1.05
 MAX_CORNERS = 48
 MAX_ORDERS = 60
 """Most poses at corners, and most orders that are tried."""
+
+AT_ONCE = 6
+"""Turns from a corner that are checked at once, the most likely ones."""
+
+MIN_GAIN = 1e-6
+"""Share of the time that an order has to save to be worth another one: less is rounding."""
 
 
 class LineCosts(NamedTuple):
@@ -52,37 +60,46 @@ class FreeTurn(NamedTuple):
     pieces: tuple[Piece, ...]
 
 
-def free_lines(lines: Sequence[CoverageLeg], space: FreeSpace, radius_m: float) -> list[CoverageLeg]:
+def free_lines(lines: Sequence[CoverageLeg], space: FreeSpace, motion: MotionLimits) -> list[CoverageLeg]:
     """Lines cut to the free space, with room for a turn at either end; each in both directions."""
-    found = []
-    for line in lines:
-        start, end = line.start[:2], line.end[:2]
-        for low, high in space.intervals_m(start, end):
-            inside = straight(line.piece.pose_at(low)[:2], line.piece.pose_at(high)[:2])
-            shortened = _with_room(inside, space, radius_m)
-            if shortened is not None:
-                leg = CoverageLeg(shortened, True)
-                found += [leg, leg.backward()]
-    return found
+    inside = [
+        straight(line.piece.pose_at(low)[:2], line.piece.pose_at(high)[:2])
+        for line in lines
+        for low, high in space.intervals_m(line.start[:2], line.end[:2])
+    ]
+    # shortened at its end until there is room for a half circle; then reversed, and at its start
+    for _ in range(2):
+        inside = [straight(line.end[:2], line.start[:2]) for line in _with_room(inside, space, motion)]
+    legs = [CoverageLeg(line, True) for line in inside]
+    return [way for leg in legs for way in (leg, leg.backward())]
 
 
-def _with_room(line: Piece, space: FreeSpace, radius_m: float) -> Piece | None:
-    """A line shortened until there is room for a half circle at both ends; None where nothing is left."""
-    step_m, low_m, high_m = TRIM_SHARE * radius_m, 0.0, line.length_m
+def _with_room(lines: Sequence[Piece], space: FreeSpace, motion: MotionLimits) -> list[Piece]:
+    """Lines shortened until there is room at their ends for what is flown beyond, and for a half circle to either side.
 
-    def has_room(place_m: float, backward: bool) -> bool:
-        """Whether a half circle to either side is free where the line is left, forward or backward."""
-        x, y, heading = line.pose_at(place_m)
-        pose = (x, y, heading + math.pi * backward)
-        return any(space.has(polyline_m([half_circle(pose, radius_m, turn)])) for turn in (1, -1))
-
-    while high_m - low_m >= MIN_LINE_M and not has_room(high_m, False):
-        high_m -= step_m
-    while high_m - low_m >= MIN_LINE_M and not has_room(low_m, True):
-        low_m += step_m
-    if high_m - low_m < MIN_LINE_M:
-        return None
-    return straight(line.pose_at(low_m)[:2], line.pose_at(high_m)[:2])
+    Those that are too short are left out.
+    """
+    if not lines:
+        return []
+    places = np.array([line.length_m for line in lines])
+    beyond = [straight((0.0, 0.0), (motion.beyond_m, 0.0))] if motion.beyond_m else []
+    halves = [
+        polyline_m([*beyond, half_circle((motion.beyond_m, 0.0, 0.0), motion.min_radius_m, side)]) for side in (1, -1)
+    ]
+    todo = np.arange(len(lines))
+    while len(todo):
+        x, y, headings = np.array([lines[i].pose_at(places[i]) for i in todo.tolist()]).T
+        turned = np.array([[np.cos(headings), np.sin(headings)], [-np.sin(headings), np.cos(headings)]])
+        # shape (lines, points, 2): each way on as one from the origin, turned and moved
+        rooms = [
+            space.has_each([*(np.einsum("pi,ijn->npj", half, turned) + np.stack([x, y], axis=1)[:, None])])
+            for half in halves
+        ]
+        todo = todo[~(rooms[0] | rooms[1])]
+        places[todo] -= TRIM_SHARE * motion.min_radius_m
+        todo = todo[places[todo] >= MIN_LINE_M]
+    kept = zip(lines, places.tolist(), strict=True)
+    return [straight(line.start[:2], line.pose_at(place)[:2]) for line, place in kept if place >= MIN_LINE_M]
 
 
 @dataclass
@@ -90,13 +107,14 @@ class FreeTurns:
     """The quickest free turns between poses: direct, or around the corners of the free space.
 
     A corner stands twice in `_corners`: a pose along its ring, then the one in the other direction. `_between` keeps
-    what `direct` has found.
+    what `direct` has found, `found` what `turn` has.
     """
 
     space: FreeSpace
     motion: MotionLimits
     _corners: list[Pose] = field(default_factory=list)
     _between: dict[tuple[Pose, Pose], FreeTurn | None] = field(default_factory=dict)
+    found: dict[tuple[Pose, Pose], FreeTurn | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for ring in self.space.corners_m(CORNER_RATIO * self.motion.min_radius_m):
@@ -110,42 +128,82 @@ class FreeTurns:
 
     def direct(self, start: Pose, end: Pose) -> FreeTurn | None:
         """The quickest free Dubins path, without corners on the way; None where none is free."""
-        key = start, end
-        if key not in self._between:
-            paths = [path.pieces for path in ordered(start, end, self.motion.min_radius_m)]
-            timed = [FreeTurn(self.motion.time_s(pieces), pieces) for pieces in paths]
-            timed.sort(key=lambda turn: turn.time_s)  # of equally quick ones the shorter stays first
-            free = (turn for turn in timed if not turn.pieces or self.space.has(polyline_m(turn.pieces)))
-            self._between[key] = next(free, None)
-        return self._between[key]
+        self.find_direct([(start, end)])
+        return self._between[start, end]
+
+    def find_direct(self, pairs: Iterable[tuple[Pose, Pose]]) -> None:
+        """Find the turns of `direct` for pairs of poses, all at once."""
+        if not (new := [pair for pair in pairs if pair not in self._between]):
+            return
+        starts, ends = zip(*new, strict=True)
+        left: dict[tuple[Pose, Pose], Iterator[FreeTurn]] = {}
+        for pair, paths in zip(new, ordered_each(starts, ends, self.motion.min_radius_m), strict=True):
+            turns = (FreeTurn(self.motion.time_s(path.pieces), path.pieces) for path in paths)
+            # in wind by their times, of equally quick ones the shorter first
+            left[pair] = turns if self.motion.windless else iter(sorted(turns, key=lambda turn: turn.time_s))
+        while left:  # the quickest of each, then the next of those whose own is not free
+            tried = {pair: next(turns, None) for pair, turns in left.items()}
+            flown = {pair: polyline_m(turn.pieces) for pair, turn in tried.items() if turn and turn.pieces}
+            for pair, free in zip(flown, self.space.has_each([*flown.values()]), strict=True):
+                if not free:
+                    del tried[pair]
+            self._between |= tried
+            left = {pair: turns for pair, turns in left.items() if pair not in tried}
 
     def turn(self, start: Pose, end: Pose) -> FreeTurn | None:
         """The quickest free path found, direct or around corners; None where none is."""
-        found = self.direct(start, end)
-        if found is not None:
-            return found
+        key = start, end
+        if key not in self.found:
+            self.found[key] = self.direct(start, end) or self._around(start, end)
+        return self.found[key]
+
+    def _around(self, start: Pose, end: Pose) -> FreeTurn | None:
+        """The quickest free path found around corners; None where none is."""
+        if np.ptp(self.space.rooms([start[:2], end[:2]])):
+            return None
         # a line has room for a half circle at either end: one leaves it, and one leads to it
         back = (*end[:2], end[2] + math.pi)
         turned = [half_circle(pose, self.motion.min_radius_m, side).end for pose in (start, back) for side in (1, -1)]
         stops = [*self._corners, *turned[:2], *((x, y, heading + math.pi) for x, y, heading in turned[2:]), end]
-        # Dijkstra over the corners; of equal times the one found first, as poses have no order
-        done: set[Pose] = set()
-        count = itertools.count()
-        queue: list[tuple[float, int, Pose, tuple[Piece, ...]]] = [(0.0, next(count), start, ())]
+        # A* over the corners: no way takes less than the turns do where nothing is in the way. A turn is checked where
+        # it comes up; of equal times the one found first, as poses have no order
+        own = stops[len(self._corners) :]
+        to_corners = np.vstack([self._apart_s, self.motion.turns_s([*own, start], self._corners)])
+        min_s = np.hstack([to_corners, self.motion.turns_s([*stops, start], own)]).tolist()
+        left_s = [row[-1] for row in min_s]
+        done: set[int] = set()
+        count, last = itertools.count(), len(stops) - 1
+        stops.append(start)
+        # least time of the whole way [s], number; time to a stop [s], the stop, the way there; the stop to go on to
+        queue: list[tuple[float, int, float, int, tuple[Piece, ...], int | None]]
+        queue = [(0.0, next(count), 0.0, last + 1, (), None)]
         while queue:
-            time_s, _, pose, pieces = heapq.heappop(queue)
-            if pose == end and pieces:
+            _, _, time_s, here, pieces, there = heapq.heappop(queue)
+            if there is not None:
+                if there not in done and (leg := self.direct(stops[here], stops[there])) is not None:
+                    then_s = time_s + leg.time_s
+                    way = (*pieces, *leg.pieces)
+                    heapq.heappush(queue, (then_s + left_s[there], next(count), then_s, there, way, None))
+            elif here == last:
                 return FreeTurn(time_s, pieces)
-            if pose in done:
-                continue
-            done.add(pose)
-            for following in stops:
-                if following not in done and (leg := self.direct(pose, following)) is not None:
-                    heapq.heappush(queue, (time_s + leg.time_s, next(count), following, (*pieces, *leg.pieces)))
+            elif here not in done:
+                done.add(here)
+                bounds_s = np.add(min_s[here], left_s[:-1])
+                self.find_direct((stops[here], stops[to]) for to in np.argsort(bounds_s)[:AT_ONCE] if to not in done)
+                for to, to_s in enumerate(min_s[here]):
+                    if to not in done:
+                        heapq.heappush(queue, (time_s + to_s + left_s[to], next(count), time_s, here, pieces, to))
         return None
 
+    @cached_property
+    def _apart_s(self) -> FloatArray:
+        """Times of the quickest turns from each corner to each, with nothing in the way [s]."""
+        return self.motion.turns_s(self._corners, self._corners)
 
-def free_order(directed: Sequence[CoverageLeg], costs: LineCosts, turns: FreeTurns) -> tuple[list[int], float]:
+
+def free_order(
+    directed: Sequence[CoverageLeg], costs: LineCosts, turns: FreeTurns, *, draft: bool = False
+) -> tuple[list[int], float]:
     """The order of lines of least time whose turns are all free.
 
     Parameters
@@ -155,6 +213,8 @@ def free_order(directed: Sequence[CoverageLeg], costs: LineCosts, turns: FreeTur
     costs : LineCosts
         With turns that may cross what is not free [s].
     turns : FreeTurns
+    draft : bool, optional
+        Whether the first such order of a quick search is enough.
 
     Returns
     -------
@@ -166,24 +226,41 @@ def free_order(directed: Sequence[CoverageLeg], costs: LineCosts, turns: FreeTur
     Infeasible
         If no such order is found.
     """
+    failure = Infeasible("no order of the lines has turns that stay out of the obstacles and inside the boundary")
+    if np.ptp(turns.space.rooms([leg.start[:2] for leg in directed])):
+        raise failure
     between_s, own_s, first_s, last_s = costs
     between_s = between_s.copy()  # raised below where the turn is not free
     # where no free turn is found: above any sum of times, so that an order of this time has a turn that is blocked
     blocked_s = 1e3 * (float(between_s.max()) + float(own_s.sum()) + 1)
     checked: set[tuple[int, int]] = set()
-    solve = quick_order  # until all turns of its order are checked, which are most; then `best_order`
-    for _ in range(MAX_ORDERS):
-        order, time_s = solve(between_s, own_s, first_s, last_s)
-        unchecked = set(itertools.pairwise(order)) - checked
-        if not unchecked and solve is quick_order:
-            solve = best_order
-            continue
-        if time_s >= blocked_s and solve is best_order:
-            break
-        if not unchecked:
-            return order, time_s
-        for a, b in unchecked:
+
+    def check(pairs: Iterable[tuple[int, int]]) -> None:
+        """Take the times of free turns where they are longer."""
+        for a, b in pairs:
             found = turns.turn(directed[a].end, directed[b].start)
             between_s[a, b] = blocked_s if found is None else max(found.time_s, between_s[a, b])
             checked.add((a, b))
-    raise Infeasible("no order of the lines has turns that stay out of the obstacles and inside the boundary")
+
+    ends = {leg.end: i for i, leg in enumerate(directed)}
+    starts = {leg.start: i for i, leg in enumerate(directed)}
+    check([(ends[end], starts[start]) for end, start in turns.found if end in ends and start in starts])
+    best: tuple[list[int], float] = [], blocked_s  # of the orders whose turns are all checked
+    order, time_s = quick_order(between_s, own_s, first_s, last_s)
+    for _ in range(MAX_ORDERS):
+        unchecked = set(itertools.pairwise(order)) - checked
+        if unchecked:
+            turns.find_direct((directed[a].end, directed[b].start) for a, b in unchecked)
+            check(unchecked)
+            # improved where it has become slower; searched in full where that leaves nothing to check
+            order, time_s = quick_order(between_s, own_s, first_s, last_s, order)
+            continue
+        best = min(best, (order, time_s), key=lambda one: one[1])
+        if draft and time_s < blocked_s:
+            break
+        order, time_s = best_order(between_s, own_s, first_s, last_s)
+        if time_s > best[1] * (1 - MIN_GAIN):
+            break
+    if best[1] < blocked_s:
+        return best
+    raise failure

@@ -11,9 +11,10 @@ Source: letter, Sec. IV-A; Dubins 1957 for the turns between lines.
 from __future__ import annotations
 
 import functools
+import heapq
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -23,7 +24,7 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Pose, centre_m, lengths_m, ordered, polyline_m, times_s
+from eadp.core.geometry.dubins import Pose, centre_m, ordered, polyline_m
 from eadp.core.geometry.polygons import FreeSpace, strip_extents
 from eadp.coverage.airspace import FreeTurns, LineCosts, free_lines, free_order
 from eadp.coverage.line_order import best_order, quick_order
@@ -144,8 +145,9 @@ class CoverageRequest:
     """A coverage problem: the field, the motion's limits, and what is prescribed.
 
     `heading_rad` None leaves the heading of the lines free; `start_m` and `home_m` None leave both ends of the path
-    free. Ordered lines lie at most `order_spacing_m` apart, by default a swath, or on a `grid`. `airspace` is
-    what is in the way, by default all that the field has.
+    free. A path may start with a straight `climb_out` and end with a straight final `approach`. Ordered lines lie at
+    most `order_spacing_m` apart, by default a swath, or on a `grid`. `airspace` is what is in the way, by default all
+    that the field has.
     """
 
     field: Field
@@ -157,6 +159,18 @@ class CoverageRequest:
     order_spacing_m: float | None = None
     grid: LineGrid | None = None
     airspace: Airspace | None = None
+    climb_out: CoverageLeg | None = None
+    approach: CoverageLeg | None = None
+
+    @property
+    def way_out(self) -> Point | Pose | None:
+        """Where the way to the first line starts: with a heading after a climb-out."""
+        return self.start_m if self.climb_out is None else self.climb_out.end
+
+    @property
+    def way_back(self) -> Point | Pose | None:
+        """Where the way from the last line ends: with a heading before an approach."""
+        return self.home_m if self.approach is None else self.approach.start
 
     @cached_property
     def space(self) -> FreeSpace | None:
@@ -200,8 +214,10 @@ class CoverageSolution:
         return min((block.min_c1 for block in self.blocks), default=0.0)
 
 
-def cover(request: CoverageRequest) -> CoverageSolution:
+def cover(request: CoverageRequest, *, draft: bool = False) -> CoverageSolution:
     """The quickest path found that covers a field.
+
+    With `draft`, lines within obstacles and a boundary are ordered by a quick search: some percent longer at most.
 
     Raises
     ------
@@ -214,7 +230,7 @@ def cover(request: CoverageRequest) -> CoverageSolution:
         raise Infeasible(f"a wind of {wind_mps:g} m/s is not slower than the aircraft's {motion.airspeed_mps:g}")
     headings = _tried_headings(request) if request.heading_rad is None else [request.heading_rad]
     if request.pattern == DUBINS:
-        return _best_in_order(request, headings)
+        return _best_in_order(request, headings, draft)
     if request.pattern not in PATTERNS:
         return _best_of_pattern(request, plug_in("coverage_patterns", request.pattern), headings)
     parted = bool(request.field.others)
@@ -230,7 +246,7 @@ def cover(request: CoverageRequest) -> CoverageSolution:
             raise Infeasible(f"the field is too narrow for the Zamboni-like motion: {needs}")
         return zamboni
     try:
-        order = _best_in_order(request, headings)
+        order = _best_in_order(request, headings, draft and zamboni is None)
     except Infeasible:
         if zamboni is None:
             raise
@@ -255,7 +271,9 @@ def _best_of_pattern(request: CoverageRequest, pattern: Pattern, headings: Seque
     for heading in headings:
         try:
             legs = [replace(leg, sensing=True) for leg in pattern(request, heading)]
-            if request.space is not None and not all(request.space.has_hull(polyline_m([leg.piece])) for leg in legs):
+            if request.space is not None and not all(
+                request.space.has_hull(polyline_m([leg.led(request.motion).piece])) for leg in legs
+            ):
                 raise Infeasible(f"lines of pattern {request.pattern} leave the boundary or cross an obstacle")
             if legs:
                 found.append(_connected(request, request.pattern, heading, legs))
@@ -309,14 +327,21 @@ def _connected(
         If no turn between two of them is free.
     """
     turns = None if request.space is None else _free_turns(request.space, request.motion)
-    sections: list[CoverageLeg | Block] = []
+    climb_out, approach = ([] if leg is None else [leg] for leg in (request.climb_out, request.approach))
+    for leg, name in (*((leg, "climb-out") for leg in climb_out), *((leg, "final approach") for leg in approach)):
+        if request.space is not None and not request.space.has_hull(polyline_m([leg.piece])):
+            message = f"the {name} of {leg.piece.length_m:.0f} m crosses an obstacle or the boundary"
+            raise Infeasible(f"{message}; another heading, or less altitude, may not")
+    sections: list[CoverageLeg | Block] = [*climb_out]
     previous: Pose | None = None
     for part in parts:
-        entry = _entry(request, part.start, turns) if previous is None else _turn(request, previous, part.start, turns)
-        sections += [*entry, part]
-        previous = part.end
+        flown = [part] if isinstance(part, Block) else part.with_leads(request.motion)
+        start = flown[0].start
+        entry = _entry(request, start, turns) if previous is None else _turn(request, previous, start, turns)
+        sections += [*entry, *flown]
+        previous = flown[-1].end
     assert previous is not None
-    solution = CoverageSolution(pattern, heading_rad, (*sections, *_exit(request, previous, turns)))
+    solution = CoverageSolution(pattern, heading_rad, (*sections, *_exit(request, previous, turns), *approach))
     legs = solution.path(solution.min_c1).legs
     lines = [i for i, leg in enumerate(legs) if leg.sensing]
     access = (*legs[: lines[0]], *legs[lines[-1] + 1 :])
@@ -345,7 +370,8 @@ class _Candidate:
         """The block in full."""
         points = self.frame.into(np.array(request.field.outline))
         first = float(points[:, 0].min()) + (self.index * self.layout.lines + 0.5) * self.layout.pitch_m
-        return build_block(self.frame, BlockBounds(points), first, self.layout, request.motion)
+        bounds = BlockBounds(points, request.motion.beyond_m)
+        return build_block(self.frame, bounds, first, self.layout, request.motion)
 
 
 class _Chain(NamedTuple):
@@ -358,6 +384,8 @@ class _Chain(NamedTuple):
 
 def _best_zamboni(request: CoverageRequest, headings: Sequence[float]) -> CoverageSolution | None:
     """The quickest Zamboni-like path at some headings; None where the field is too narrow, or no path is free."""
+    if request.space is not None and request.space.blocks(request.field.parts, request.motion.swath_m / 2):
+        return None  # no place of the field is farther from the hull of the laps of its block
     found = [chain for heading in headings for chain in _zamboni_at(request, heading)]
     if not found:
         return None
@@ -380,7 +408,7 @@ def _zamboni_at(request: CoverageRequest, heading: float) -> Iterator[_Chain]:
     motion = request.motion
     points = frame_of(heading).into(np.array(request.field.outline))
     left, width = float(points[:, 0].min()), float(np.ptp(points[:, 0]))
-    bounds = BlockBounds(points)
+    bounds = BlockBounds(points, motion.beyond_m)
     # one frame for each corner: u to the right or left of the heading, v a quarter turn from it to either side
     corners = [(towards, hand, frame_of(heading, towards, hand)) for towards in (1, -1) for hand in (1, -1)]
     unit_times_s = [_unit_times_s(frame, motion) for _, _, frame in corners]
@@ -425,7 +453,7 @@ def _quickest_chain(request: CoverageRequest, rows: Sequence[Sequence[_Candidate
     total_s = own_s[0] + _from_start_s(request, starts[0])
     predecessors: list[FloatArray] = []
     for i in range(1, len(rows)):
-        times = total_s[:, None] + _turn_times_s(request.motion, ends[i - 1], starts[i])
+        times = total_s[:, None] + request.motion.turns_s(ends[i - 1], starts[i])
         predecessors.append(times.argmin(axis=0))
         total_s = times.min(axis=0) + own_s[i]
     total_s = total_s + _to_home_s(request, ends[-1])
@@ -455,75 +483,91 @@ def line_costs(request: CoverageRequest, directed: Sequence[CoverageLeg]) -> Lin
     LineCosts
         [s], rounded to `TIE_DIGITS`.
     """
+    directed = [leg.led(request.motion) for leg in directed]
     starts, ends = [leg.start for leg in directed], [leg.end for leg in directed]
     own_s = np.array([request.motion.time_s([leg.piece]) for leg in directed])
-    between_s = _turn_times_s(request.motion, ends, starts)
+    between_s = request.motion.turns_s(ends, starts)
     costs = between_s, own_s, _from_start_s(request, starts), _to_home_s(request, ends)
     # rounding differs in a field that is turned or moved, and must not change the order
     return LineCosts(*(np.round(part, TIE_DIGITS) for part in costs))
 
 
 class _LineSet(NamedTuple):
-    """Lines at a heading, each in both directions, with their costs.
+    """Lines at a heading, each in both directions.
 
-    `time_s` is that of a quick order, with what lines left out count [s]; `number` is that of the set as tried.
+    `time_s` is a lower bound, or with `costs` that of a quick order, where lines left out count; `number` is that of
+    the set as tried.
     """
 
     time_s: float
     number: int
     heading_rad: float
     directed: list[CoverageLeg]
-    costs: LineCosts
+    cut: bool = False
+    costs: LineCosts | None = None
 
 
-def _best_in_order(request: CoverageRequest, headings: Sequence[float]) -> CoverageSolution:
-    """The quickest order of lines at some headings: all are ordered quickly, and the best of these in full.
+def _best_in_order(request: CoverageRequest, headings: Sequence[float], draft: bool) -> CoverageSolution:
+    """The quickest order of lines at some headings: they are ordered quickly, and the best of these in full.
 
     Raises
     ------
     Infeasible
         If a heading needs too many lines, or no order is free.
     """
-    motion = request.motion
-    sets: list[_LineSet] = []
-    quickest_s = math.inf
-    half_turn_s = math.pi * motion.min_radius_m / motion.airspeed_mps
-    for heading in headings:
-        for directed in _lines_at(request, heading):
-            lines, lost_s = directed[::2], 0.0
-            if request.space is not None:
-                flown_m = sum(leg.piece.length_m for leg in lines)
-                directed = free_lines(lines, request.space, motion.min_radius_m)
-                lines = directed[::2]
-                left_m = sum(leg.piece.length_m for leg in lines)
-                lost_s = LOST_RATIO * (flown_m - left_m) / motion.airspeed_mps
-                if left_m < MIN_LEFT * flown_m:
-                    continue
-            if motion.windless:
-                # not tried where a bound is above the quickest: every line, and most of a half circle between two
-                lines_s = sum(leg.piece.length_m for leg in lines) / motion.airspeed_mps
-                if lines_s + lost_s + (len(lines) - 1) * half_turn_s * 0.6 > quickest_s:
-                    continue
-            costs = line_costs(request, directed)
-            _, order_s = quick_order(*costs)
-            time_s = order_s + lost_s
-            quickest_s = min(quickest_s, time_s)
-            sets.append(_LineSet(time_s, len(sets), heading, directed, costs))
-    sets.sort(key=lambda each: each.time_s)
+    sets = _quickest_sets(request, headings)
     if request.space is not None:
-        return _free_in_order(request, request.space, sets)
-    solved = [(each, *best_order(*each.costs)) for each in sets[:FULL_SEARCHES]]
+        return _free_in_order(request, request.space, sets, draft)
+    solved = [(each, *best_order(*costs)) for each, costs in itertools.islice(sets, FULL_SEARCHES)]
     # of equal times, up to rounding, the heading that was tried first
     best, order, _ = min(solved, key=lambda one: (round(one[2], 9), one[0].number))
     return _connected(request, DUBINS, best.heading_rad, [best.directed[i] for i in order])
 
 
-def _free_in_order(request: CoverageRequest, space: FreeSpace, sets: Sequence[_LineSet]) -> CoverageSolution:
+def _quickest_sets(request: CoverageRequest, headings: Sequence[float]) -> Iterator[tuple[_LineSet, LineCosts]]:
+    """Lines at some headings with their costs, by the time of a quick order, the quickest first.
+
+    A set is cut to the free space, and ordered, where no other is quicker by the bound that is known of it.
+    """
+    motion, space = request.motion, request.space
+    half_turn_s = math.pi * motion.min_radius_m / motion.ground_limit_mps
+
+    def bound_s(directed: Sequence[CoverageLeg]) -> float:
+        """Less than an order takes: every line, and most of a half circle between two [s]."""
+        lines_s = sum(leg.piece.length_m for leg in directed[::2]) / motion.ground_limit_mps
+        return lines_s + (len(directed) // 2 - 1) * half_turn_s * 0.6
+
+    tried = [(heading, directed) for heading in headings for directed in _lines_at(request, heading)]
+    queue = [_LineSet(bound_s(directed), i, heading, directed) for i, (heading, directed) in enumerate(tried)]
+    heapq.heapify(queue)
+    lost_s: dict[int, float] = {}
+    while queue:
+        each = heapq.heappop(queue)
+        if each.costs is not None:
+            yield each, each.costs
+        elif space is not None and not each.cut:
+            flown_m = sum(leg.piece.length_m for leg in each.directed[::2])
+            directed = free_lines(each.directed[::2], space, motion)
+            left_m = sum(leg.piece.length_m for leg in directed[::2])
+            if left_m >= MIN_LEFT * flown_m:
+                lost_s[each.number] = LOST_RATIO * (flown_m - left_m) / motion.airspeed_mps
+                time_s = bound_s(directed) + lost_s[each.number]
+                heapq.heappush(queue, each._replace(time_s=time_s, directed=directed, cut=True))
+        else:
+            costs = line_costs(request, each.directed)
+            time_s = quick_order(*costs)[1] + lost_s.get(each.number, 0.0)
+            heapq.heappush(queue, each._replace(time_s=time_s, costs=costs))
+
+
+def _free_in_order(
+    request: CoverageRequest, space: FreeSpace, sets: Iterable[tuple[_LineSet, LineCosts]], draft: bool
+) -> CoverageSolution:
     """The first of some sets of lines, the quickest first, with an order whose turns are all free."""
     failure = Infeasible("no line of the field has room for a turn out of the obstacles and inside the boundary")
-    for each in sets[:FREE_HEADINGS_TRIED]:
+    for each, costs in itertools.islice(sets, FREE_HEADINGS_TRIED):
         try:
-            order, _ = free_order(each.directed, each.costs, _free_turns(space, request.motion))
+            led = [leg.led(request.motion) for leg in each.directed]
+            order, _ = free_order(led, costs, _free_turns(space, request.motion), draft=draft)
             return _connected(request, DUBINS, each.heading_rad, [each.directed[i] for i in order])
         except Infeasible as error:
             failure = error
@@ -585,13 +629,6 @@ def _directed_lines(frame: StripFrame, spans: Sequence[tuple[float, list[tuple[f
 # --- between lines ----------------------------------------------------------------------------------------------------
 
 
-def _turn_times_s(motion: MotionLimits, ends: Sequence[Pose], starts: Sequence[Pose]) -> FloatArray:
-    """Times of the quickest turns from each pose to each [s]."""
-    if motion.windless:
-        return lengths_m(ends, starts, motion.min_radius_m) / motion.airspeed_mps
-    return times_s(ends, starts, motion.min_radius_m, motion.airspeed_mps, motion.wind_mps)
-
-
 def _turn(request: CoverageRequest, end: Pose, start: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
     """The quickest turn from one pose to another, a free one of `turns`. Raises Infeasible where there is none."""
     motion = request.motion
@@ -604,43 +641,49 @@ def _turn(request: CoverageRequest, end: Pose, start: Pose, turns: FreeTurns | N
     return [CoverageLeg(piece) for piece in path.pieces]
 
 
-def _free_poses(point: Point) -> list[Pose]:
-    """Poses at a point, their headings all round."""
-    return [(*point, math.remainder(2 * math.pi * k / FREE_HEADINGS, 2 * math.pi)) for k in range(FREE_HEADINGS)]
+def _poses(end: Point | Pose) -> list[Pose]:
+    """An end of the path as poses: at a point, with headings all round."""
+    if len(end) == 3:
+        return [end]
+    return [(*end, math.remainder(2 * math.pi * k / FREE_HEADINGS, 2 * math.pi)) for k in range(FREE_HEADINGS)]
 
 
 def _from_start_s(request: CoverageRequest, starts: Sequence[Pose]) -> FloatArray:
     """Least time from the start point to each pose [s]; 0 where the start is free."""
-    if request.start_m is None:
+    if request.way_out is None:
         return np.zeros(len(starts))
-    return np.asarray(_turn_times_s(request.motion, _free_poses(request.start_m), starts).min(axis=0))
+    return np.asarray(request.motion.turns_s(_poses(request.way_out), starts).min(axis=0))
 
 
 def _to_home_s(request: CoverageRequest, ends: Sequence[Pose]) -> FloatArray:
     """Least time from each pose to the home point [s]; 0 where the end is free."""
-    if request.home_m is None:
+    if request.way_back is None:
         return np.zeros(len(ends))
-    return np.asarray(_turn_times_s(request.motion, ends, _free_poses(request.home_m)).min(axis=1))
+    return np.asarray(request.motion.turns_s(ends, _poses(request.way_back)).min(axis=1))
 
 
 def _entry(request: CoverageRequest, start: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
     """The path from the start point to a pose, from the best heading."""
-    point, motion = request.start_m, request.motion
+    point, motion = request.way_out, request.motion
     if point is None:
         return []
-    poses = [*_free_poses(point), *((*point, heading) for heading in _tangents(point, start, motion.min_radius_m))]
-    return _turn(request, poses[int(_turn_times_s(motion, poses, [start])[:, 0].argmin())], start, turns)
+    poses = _poses(point)
+    if len(point) == 2:
+        poses += [(*point, heading) for heading in _tangents(point, start, motion.min_radius_m)]
+    return _turn(request, poses[int(motion.turns_s(poses, [start])[:, 0].argmin())], start, turns)
 
 
 def _exit(request: CoverageRequest, end: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
     """The path from a pose to the home point, arriving at the best heading."""
-    point, motion, (x, y, heading) = request.home_m, request.motion, end
+    point, motion, (x, y, heading) = request.way_back, request.motion, end
     if point is None:
         return []
-    # the tangents of arrival are those of a departure from home with all headings reversed
-    backward = _tangents(point, (x, y, heading + math.pi), motion.min_radius_m)
-    poses = [*_free_poses(point), *((*point, opposite + math.pi) for opposite in backward)]
-    return _turn(request, end, poses[int(_turn_times_s(motion, [end], poses)[0].argmin())], turns)
+    poses = _poses(point)
+    if len(point) == 2:
+        # the tangents of arrival are those of a departure from home with all headings reversed
+        backward = _tangents(point, (x, y, heading + math.pi), motion.min_radius_m)
+        poses += [(*point, opposite + math.pi) for opposite in backward]
+    return _turn(request, end, poses[int(motion.turns_s([end], poses)[0].argmin())], turns)
 
 
 def _tangents(point: Point, pose: Pose, radius_m: float) -> list[float]:

@@ -85,10 +85,12 @@ def best_order(costs: ArrayLike, own: ArrayLike, first: ArrayLike, last: ArrayLi
     return problem.with_cost(search.best_of([search.perturbed(search.best_of(initial[:DESCENTS]))]))
 
 
-def quick_order(costs: ArrayLike, own: ArrayLike, first: ArrayLike, last: ArrayLike) -> tuple[list[int], float]:
+def quick_order(
+    costs: ArrayLike, own: ArrayLike, first: ArrayLike, last: ArrayLike, known: Sequence[int] | None = None
+) -> tuple[list[int], float]:
     """A good order at a tenth of the effort, to compare fields, headings or spacings with one another.
 
-    Arguments, results and errors are those of `best_order`.
+    Arguments, results and errors are those of `best_order`; `known` is an order to improve.
 
     Notes
     -----
@@ -101,7 +103,7 @@ def quick_order(costs: ArrayLike, own: ArrayLike, first: ArrayLike, last: ArrayL
     problem = _problem(costs, own, first, last)
     if problem.lines < 2:
         return problem.with_cost(_held_karp(problem))
-    return problem.with_cost(_Search(problem).best_of(_initial_orders(problem)[:1]))
+    return problem.with_cost(_Search(problem).best_of(_initial_orders(problem)[:1] if known is None else [known]))
 
 
 # --- the problem ------------------------------------------------------------------------------------------------------

@@ -8,16 +8,17 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from eadp.core.expressions.reader import read_expression
-from eadp.core.expressions.tree import Expression, number_text
-from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Piece
+from eadp.core.expressions.tree import Expression, constant, number_text
+from eadp.core.geometry.curves import Point, tangent
+from eadp.core.geometry.dubins import Piece, ordered
 from eadp.core.geometry.envelope import PiecewiseLinear
 from eadp.coverage.cover import CoverageSolution
 from eadp.coverage.swaths import CoverageLeg, StripFrame, direction_cosine
 from eadp.coverage.zamboni import END_TOLERANCE_M, Block
+from eadp.errors import Infeasible
 from eadp.models.plan.plan import Plan, Site
 from eadp.models.plan.segments import LoopVariable, Segment
-from eadp.models.plan.stage import Box, Stage, Title
+from eadp.models.plan.stage import LAND, RETURN, Box, Stage, Title
 
 GAIN_PER_M = 0.1
 """Gain of a stage for a path function whose gradient is 1: a circle's is this over its diameter, the gradient there."""
@@ -66,6 +67,8 @@ def build_plan(
     site: Site | None = None,
     altitude_m: float | None = None,
     commands: tuple[Command, Command] | None = None,
+    takeoff: Command | None = None,
+    ending: Command | None = None,
 ) -> Plan:
     """The plan of a coverage path.
 
@@ -81,19 +84,34 @@ def build_plan(
     site : Site, optional
         Where the field is.
     altitude_m : float, optional
-        Altitude of all stages [m].
+        Altitude of the stages whose legs have none [m].
     commands : (tuple, tuple), optional
         What an autopilot does as it starts on the field, and as it starts on a turn, see `Stage`.
+    takeoff : tuple, optional
+        The command of a take-off: the path starts on the ground.
+    ending : tuple, optional
+        The command of the last stage: a landing, whose altitude the stage has, or the return.
     """
-    builder = _PlanBuilder(solution, computations or FieldComputations())
+    builder = _PlanBuilder(solution, computations or FieldComputations(), from_start=takeoff is not None)
     site = site or Site()
-    if builder.start_m is not None:
+    if takeoff is not None:
+        site = site._replace(start_m=site.home_m)
+    elif builder.start_m is not None:
         site = site._replace(start_m=builder.start_m)
     repeats = len(builder.segments) > 1
     stages = builder.stages if commands is None else builder.commanded(commands)
+    stages = [
+        replace(stage, altitude_m=altitude_m if stage.altitude_m is None else stage.altitude_m) for stage in stages
+    ]
+    if takeoff is not None:
+        stages[0] = replace(stages[0], commands=(takeoff, *stages[0].commands))
+    if ending is not None:
+        last = stages[-1]
+        down_m = ending[-1] if ending[0] == LAND else last.altitude_m
+        stages[-1] = replace(last, commands=(*last.commands, ending), altitude_m=down_m)
     return Plan(
         name=name,
-        stages=tuple(replace(stage, altitude_m=altitude_m) for stage in stages),
+        stages=tuple(stages),
         path_count=1 if solution.min_c1 < 0 else 0,
         titles=(Title("spacing", "m", _expression(_spacing(solution.blocks[0]))),) if solution.min_c1 < 0 else (),
         computations=builder.computations.computations,
@@ -109,8 +127,8 @@ def build_plan(
 class _PlanBuilder:
     """Stages and segments of a plan, and the length of its shortest stage; `_sensing`, whether each stage is a line."""
 
-    def __init__(self, solution: CoverageSolution, computations: FieldComputations) -> None:
-        self.computations = computations
+    def __init__(self, solution: CoverageSolution, computations: FieldComputations, *, from_start: bool) -> None:
+        self.computations, self._from_start = computations, from_start
         self.stages: list[Stage] = []
         self.segments: list[Segment] = []
         self.shortest_m = math.inf
@@ -133,7 +151,14 @@ class _PlanBuilder:
             legs = section.last_lap()  # its first line starts where the last turn ends, whatever the parameters were
         self._add_once(legs)
 
-    def _add_stage(self, path: PathText, trigger: tuple[str, str], sensing: bool, min_c1: float) -> None:
+    def _add_stage(
+        self,
+        path: PathText,
+        trigger: tuple[str, str],
+        sensing: bool,
+        min_c1: float,
+        altitude_m: float | None = None,
+    ) -> None:
         """Append a stage along a path to a trigger point, both as text."""
         self._sensing.append(sensing)
         box = (Box(min_c1, 0.0),) if self._min_c1 < 0 else ()
@@ -141,7 +166,7 @@ class _PlanBuilder:
         x, y = map(_expression, trigger)
         gain = float(f"{path.gain:.4g}")
         number, function = len(self.stages) + 1, _expression(path.function)
-        self.stages.append(Stage(number, 0, gain, path.rotation_deg, function, (x, y), sets))
+        self.stages.append(Stage(number, 0, gain, path.rotation_deg, function, (x, y), sets, altitude_m=altitude_m))
 
     def commanded(self, commands: tuple[Command, Command]) -> list[Stage]:
         """The stages with a command where the field starts, and one where it ends."""
@@ -162,7 +187,7 @@ class _PlanBuilder:
             # the first stage ends where the default start is its start: 100 m on a line, a quarter of a circle
             piece = legs[0].piece
             share = START_M if piece.turn == 0 else piece.radius_m * math.pi / 2
-            if share < piece.length_m:
+            if share < piece.length_m and not self._from_start:
                 legs = [*legs[0].cut(share), *legs[1:]]
             else:
                 self.start_m = (round(piece.start[0], _DIGITS), round(piece.start[1], _DIGITS))
@@ -170,7 +195,9 @@ class _PlanBuilder:
             if leg.piece.length_m >= MIN_STAGE_M:
                 self.shortest_m = min(self.shortest_m, leg.piece.length_m)
                 x, y, _ = leg.end
-                self._add_stage(piece_path(leg.piece), (_number(x), _number(y)), leg.sensing, self._min_c1)
+                self._add_stage(
+                    piece_path(leg.piece), (_number(x), _number(y)), leg.sensing, self._min_c1, leg.altitude_m
+                )
         self.segments.append(Segment(first, len(self.stages) - first))
 
     def _add_laps(self, block: Block) -> None:
@@ -295,6 +322,51 @@ def piece_path(piece: Piece) -> PathText:
         nx, ny, rotation = -nx, -ny, 270
     # n·(p − start)
     return PathText(_shifted(-round(nx * x + ny * y, _DIGITS), _linear((nx, ny))), rotation, GAIN_PER_M)
+
+
+def piece_stages(pieces: Sequence[Piece], like: Stage, first: int) -> tuple[Stage, ...]:
+    """Stages along pieces, flown as another stage is, with numbers from `first` on."""
+    stages = []
+    for index, piece in enumerate(pieces, first):
+        function, rotation_deg, gain = piece_path(piece)
+        x, y = map(constant, piece.end[:2])
+        flown = replace(like, index=index, segment=None, commands=(), path=read_expression(function), trigger=(x, y))
+        stages.append(replace(flown, gain=gain, rotation_deg=rotation_deg))
+    return tuple(stages)
+
+
+def with_landing(plan: Plan, approach: CoverageLeg, radius_m: float, land: Command) -> Plan:
+    """A plan that lands from where it ends: the quickest turn to a final approach, and down it.
+
+    Parameters
+    ----------
+    plan : Plan
+    approach : CoverageLeg
+    radius_m : float
+        Of the turns [m].
+    land : tuple
+        The command of the landing, whose altitude its stage has.
+
+    Raises
+    ------
+    Infeasible
+        If laps decide where the plan ends, or path parameters do.
+    """
+    last = plan.stages[-1]
+    laps = plan.repeats or (last.segment and last.segment.repeats)
+    if laps or any(part.max_parameter for part in (last.path, *last.trigger)):
+        raise Infeasible("where the plan ends depends on its laps or its path parameters")
+    x, y = last.trigger_at(())
+    dx, dy = tangent(last.path_at(()), (x, y), last.sense)
+    turn = ordered((x, y, math.atan2(dy, dx)), approach.start, radius_m)[0]
+    pieces = [each for each in (*turn.pieces, approach.piece) if each.length_m >= MIN_STAGE_M]
+    *way, down = piece_stages(pieces, last, len(plan.stages) + 1)
+    landing = replace(down, altitude_m=land[-1], commands=(land,))
+    kept = replace(last, commands=tuple(each for each in last.commands if each[0] != RETURN))
+    segments = plan.segments and (*plan.segments, Segment(len(plan.stages), len(pieces)))
+    stages = (*plan.stages[:-1], kept, *way, landing)
+    # the laps that explicit stages had are none any more
+    return replace(plan, stages=stages, segments=segments, primitive_stages=None, shift=None, final=None)
 
 
 def _number(value: float) -> str:

@@ -7,6 +7,7 @@ import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from eadp.core.expressions.tree import number_text
@@ -14,6 +15,7 @@ from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.geodesy import place_text
 from eadp.core.geometry.polygons import covered_share
 from eadp.coverage.cover import DUBINS, ZAMBONI, CoverageSolution
+from eadp.coverage.left import LeftGround, left_ground, left_text
 from eadp.coverage.swaths import CoveragePath, MotionLimits
 from eadp.models.field import Field
 
@@ -88,8 +90,7 @@ def _line_distance_m(path: CoveragePath, heading_rad: float) -> float | None:
 
 def covered_by_lines(path: CoveragePath, field: Field, swath_m: float) -> float:
     """Share of a field that the lines of a path cover; turns cover nothing."""
-    lines = [(leg.start[:2], leg.end[:2]) for leg in path.legs if leg.sensing]
-    return covered_share(field.parts, lines, swath_m)
+    return covered_share(field.parts, path.sensed_m, swath_m)
 
 
 def rounded_deg(heading_rad: float, digits: int) -> float:
@@ -120,6 +121,13 @@ class CoverageReport:
     def ends(self) -> Sequence[PathReport]:
         """The reports of the ends of c1 that differ."""
         return (self.full,) if self.least is self.full else (self.full, self.least)
+
+    @cached_property
+    def left(self) -> list[LeftGround]:
+        """The places that are not covered, at the coarsest spacing."""
+        if self.least.coverage >= FULL:
+            return []
+        return left_ground(self.field, self.solution.path(self.least.c1).sensed_m, self.motion)
 
     @property
     def seam_m(self) -> float | None:
@@ -179,6 +187,8 @@ class CoverageReport:
             "spacing_m": [full.spacing_m, least.spacing_m],
             "seam_m": self.seam_m,
             "swath_m": self.motion.swath_m,
+            "lead_in_m": self.motion.lead_in_m,
+            "overshoot_m": self.motion.overshoot_m,
             "min_radius_m": min_radius_m if math.isfinite(min_radius_m) else None,  # a single line has no turn
             "c1": [least.c1, full.c1] if least is not full else None,
             "at_lowest_c1": {"length_m": least.length_m, "time_s": least.time_s, "lines": least.lines},
@@ -191,6 +201,7 @@ class CoverageReport:
             "boundary": bool(self.field.airspace.boundary),
             "origin_deg": self.field.origin_deg,
             "field": {"name": self.field.name, "area_m2": self.field.area_m2},
+            "left": [each.document(self.field.origin_deg) for each in self.left],
             "normalised": list(normalised),
             "plan": plan,
         }
@@ -236,13 +247,14 @@ class CoverageReport:
                 f"{'covers' if end is self.full else '':<10} {100 * end.coverage:.2f} %{at}: "
                 f"{_counted(end.lines, 'line')}, {end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
             )
+        if beyond := self.motion.beyond_text:
+            lines.append(f"straight   {beyond}")
         obstacles, boundary = self.field.airspace
         if obstacles or boundary:
             kept = [f"out of {_counted(len(obstacles), 'obstacle')}"] if obstacles else []
             kept += ["inside the boundary"] if boundary else []
-            short = min(end.coverage for end in self.ends) < FULL
-            why = "; ground is left where a line would have no room for a turn" if short else ""
-            lines.append(f"stays      {' and '.join(kept)}{why}")
+            lines.append(f"stays      {' and '.join(kept)}")
+        lines += left_text(self.left, 1 - self.least.coverage, self.field.origin_deg)
         if blocks:
             lines.append(f"laps       one less in each block from a spacing of {self._steps_text} m on")
         tightest = min(end.min_radius_m for end in self.ends)

@@ -19,7 +19,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.geometry.polygons import clipped, ground_m2
+from eadp.core.geometry.polygons import FAR_M, clipped, ground_m2
 from eadp.coverage.cover import LineGrid
 from eadp.errors import Infeasible
 from eadp.models.field import Field
@@ -34,9 +34,6 @@ EVEN = 0.02
 """A sortie is full where it leaves no more than this share of a pack."""
 
 MAX_SORTIES = 200
-FAR_M = 1e6
-"""Beyond any field [m]."""
-
 SAME_M = 1e-2
 """Places so close are the same [m]: a line is not cut for less."""
 
@@ -199,12 +196,15 @@ class Divider(Generic[AnySortie]):
         Whether lines may be cut.
     step : int
         The number of sorties is a whole multiple of it: of the aircraft.
+    on_part : function
+        Called with the progress before each forecast.
     """
 
     division: Division
     forecast: Callable[[Field], AnySortie]
     cuts: bool = True
     step: int = 1
+    on_part: Callable[[str], None] = lambda _: None
 
     @cached_property
     def _known(self) -> dict[Interval, AnySortie]:
@@ -331,6 +331,8 @@ class Divider(Generic[AnySortie]):
     def _sortie(self, interval: Interval) -> AnySortie:
         """The sortie over an interval [m], forecast once."""
         if interval not in self._known:
+            share = interval[1] / self.division.total_m
+            self.on_part(f"lines divided up to {100 * share:.0f} %, {len(self._known)} parts tried")
             self._known[interval] = self.forecast(self.division.part(*interval))
         return self._known[interval]
 

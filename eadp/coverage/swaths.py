@@ -5,14 +5,15 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from eadp.core.arrays import FloatArray
+from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Piece, Pose, flight_time_s
+from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, lengths_m, times_s
 
 SPACING_SHARE = 0.5
 """Default line spacing at the highest path parameter as a share of the swath: a side overlap of one half.
@@ -21,6 +22,9 @@ The published survey's is two fifths. Laps are whole: a share nearer to 1 leaves
 
 RADIUS_SHARE = 1.5
 """Default ideal turning radius as a share of the smallest one."""
+
+CLIMB_OUT_M = 50.0
+"""Height of the climb straight ahead after take-off [m]: ArduPilot's TKOFF_ALT by default."""
 
 MIN_LINE_M = 5.0
 """Lines over a corner of the field are made at least this long."""
@@ -31,7 +35,8 @@ class MotionLimits:
     """Swath, turning radii, line spacing, airspeed and wind of a coverage path.
 
     `spacing_m` is the line spacing at c1 = 0, `radius_m` the ideal turning radius of the letter. Lines and turns are
-    timed at `airspeed_mps` in `wind_mps`.
+    timed at `airspeed_mps` in `wind_mps`. Before and after each line the flight is straight for `lead_in_m` and
+    `overshoot_m`.
     """
 
     swath_m: float
@@ -40,6 +45,19 @@ class MotionLimits:
     spacing_m: float
     airspeed_mps: float = 15.0
     wind_mps: Point = (0.0, 0.0)
+    lead_in_m: float = 0.0
+    overshoot_m: float = 0.0
+
+    @property
+    def beyond_m(self) -> float:
+        """What a line that is flown either way needs beyond both of its ends [m]."""
+        return max(self.lead_in_m, self.overshoot_m)
+
+    @property
+    def beyond_text(self) -> str:
+        """What is flown beyond lines, for people; '' for nothing."""
+        sides = ((self.lead_in_m, "before"), (self.overshoot_m, "after"))
+        return ", ".join(f"{length_m:g} m {side} each line" for length_m, side in sides if length_m)
 
     @cached_property
     def windless(self) -> bool:
@@ -58,6 +76,11 @@ class MotionLimits:
         """Ground speed with the wind behind [m/s]."""
         return self.airspeed_mps + math.hypot(*self.wind_mps)
 
+    def max_line_speed_mps(self, heading_rad: float) -> float:
+        """Ground speed of the faster ones of lines that are flown both ways [m/s]."""
+        ways = np.array([heading_rad, heading_rad + math.pi])
+        return float(ground_speeds_mps(np.cos(ways), np.sin(ways), self.airspeed_mps, self.wind_mps)[0].max())
+
     def time_s(self, pieces: Sequence[Piece]) -> float:
         """Time of flight along pieces [s].
 
@@ -69,6 +92,12 @@ class MotionLimits:
         if self.windless:
             return sum(piece.length_m for piece in pieces) / self.airspeed_mps
         return flight_time_s(pieces, self.airspeed_mps, self.wind_mps)
+
+    def turns_s(self, ends: Sequence[Pose], starts: Sequence[Pose]) -> FloatArray:
+        """Times of the quickest turns from each of some poses to each of others, with nothing in the way [s]."""
+        if self.windless:
+            return lengths_m(ends, starts, self.min_radius_m) / self.airspeed_mps
+        return times_s(ends, starts, self.min_radius_m, self.airspeed_mps, self.wind_mps)
 
 
 @dataclass(frozen=True)
@@ -119,12 +148,13 @@ def direction_cosine(value: float) -> float:
 class CoverageLeg:
     """A piece of a coverage path; `sensing` where it is flown to cover ground.
 
-    `gaps_m` are the intervals along it that lie outside the field [m].
+    `gaps_m` are the intervals along it that lie outside the field [m], `altitude_m` is its own, if it has one.
     """
 
     piece: Piece
     sensing: bool = False
     gaps_m: tuple[tuple[float, float], ...] = ()
+    altitude_m: float | None = None
 
     @property
     def start(self) -> Pose:
@@ -142,13 +172,34 @@ class CoverageLeg:
         gaps = tuple((piece.length_m - end, piece.length_m - start) for start, end in reversed(self.gaps_m))
         return CoverageLeg(piece, self.sensing, gaps)
 
+    def led(self, motion: MotionLimits) -> CoverageLeg:
+        """The straight leg made longer by the lead-in and the overshoot, which have no gaps of their own."""
+        before, after = motion.lead_in_m, motion.overshoot_m
+        if not (before or after):
+            return self
+        start, end = self._at(-before), self._at(self.piece.length_m + after)
+        gaps = tuple((low + before, high + before) for low, high in self.gaps_m)
+        return CoverageLeg(straight(start, end), self.sensing, gaps)
+
+    def with_leads(self, motion: MotionLimits) -> list[CoverageLeg]:
+        """The straight leg between its lead-in and its overshoot, which cover no ground."""
+        whole = self.led(motion)
+        before = [CoverageLeg(straight(whole.start[:2], self.start[:2]))] if motion.lead_in_m else []
+        after = [CoverageLeg(straight(self.end[:2], whole.end[:2]))] if motion.overshoot_m else []
+        return [*before, self, *after]
+
+    def _at(self, place_m: float) -> Point:
+        """The point of the straight leg at a place along it, which may lie beyond its ends [m]."""
+        x, y, _ = self.piece.pose_at(place_m)
+        return x, y
+
     def cut(self, *places_m: float) -> list[CoverageLeg]:
         """The leg in several, cut at places along it [m]; the parts have no gaps."""
         piece = self.piece
         poses = [piece.start, *(piece.pose_at(place) for place in places_m), piece.end]
         lengths = np.diff([0.0, *places_m, piece.length_m]).tolist()
         return [
-            CoverageLeg(Piece(piece.turn, start, end, length, piece.centre_m), self.sensing)
+            CoverageLeg(Piece(piece.turn, start, end, length, piece.centre_m), self.sensing, (), self.altitude_m)
             for (start, end), length in zip(itertools.pairwise(poses), lengths, strict=True)
         ]
 
@@ -156,7 +207,7 @@ class CoverageLeg:
         """The leg cut at its gaps, over which nothing is sensed."""
         # ground, gap, ground, …
         parts = self.cut(*(end for gap in self.gaps_m for end in gap))
-        return [CoverageLeg(part.piece, self.sensing and i % 2 == 0) for i, part in enumerate(parts)]
+        return [replace(part, sensing=self.sensing and i % 2 == 0) for i, part in enumerate(parts)]
 
 
 @dataclass(frozen=True)
@@ -169,6 +220,11 @@ class CoveragePath:
     def pieces(self) -> list[Piece]:
         """The pieces of its legs."""
         return [leg.piece for leg in self.legs]
+
+    @property
+    def sensed_m(self) -> list[tuple[Point, Point]]:
+        """Both ends of each leg that covers ground [m]."""
+        return [(leg.start[:2], leg.end[:2]) for leg in self.legs if leg.sensing]
 
     @property
     def length_m(self) -> float:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from eadp.core.geometry.curves import Point
 from eadp.models.battery import Battery, BatteryFault
+from eadp.models.camera import Pictures
 from eadp.models.vehicle import Airframe, PaperVehicle, PowerCurve
 from eadp.models.weather import Wind
 
@@ -102,25 +103,27 @@ class Shots(NamedTuple):
         Above ground [m].
     sensor_width_mm, focal_length_mm : float or None
         [mm].
-    distance_m : float or None
-        Between pictures along a line [m].
-    shortest_s : float or None
-        Shortest time between pictures of which the camera is capable [s].
+    gsd_cm : float or None
+        Size of a pixel on the ground, where the altitude follows from it [cm].
     """
 
     altitude_m: float | None = None
     sensor_width_mm: float | None = None
     focal_length_mm: float | None = None
-    distance_m: float | None = None
-    shortest_s: float | None = None
+    gsd_cm: float | None = None
 
 
-def shot_doubts(shots: Shots, speed_mps: float) -> Iterator[Doubt]:
-    """Doubts about the altitude and the camera of a survey, and pictures too fast at a ground speed [m/s]."""
-    altitude_m, width_mm, focal_mm, distance_m, shortest_s = shots
+def shot_doubts(shots: Shots) -> Iterator[Doubt]:
+    """Doubts about the altitude and the camera of a survey."""
+    altitude_m, width_mm, focal_mm, gsd_cm = shots
     if altitude_m is not None and altitude_m > LEGAL_M:
-        expected = f"metres: {altitude_m:g} ft are {altitude_m * FOOT_M:.4g} m"
-        yield Doubt("--altitude", f"{altitude_m:g} m, above the {LEGAL_M:g} m that most rules allow", expected)
+        message = f"{altitude_m:.4g} m, above the {LEGAL_M:g} m that most rules allow"
+        if gsd_cm is None:
+            yield Doubt("--altitude", message, f"metres: {altitude_m:g} ft are {altitude_m * FOOT_M:.4g} m")
+        else:
+            lower_cm = math.floor(100 * gsd_cm * LEGAL_M / altitude_m) / 100
+            expected = f"at most {lower_cm:g} cm a pixel, or another lens"
+            yield Doubt("--gsd", f"{gsd_cm:g} cm a pixel are seen from {message}", expected)
     if width_mm is not None and width_mm < SMALL_SENSOR_MM:
         expected = "as 6.2 mm of 1/2.3 inch, 13.2 of 1 inch, 23.5 of APS-C, 35.9 of full frame"
         yield Doubt("--sensor-width-mm", f"{width_mm:g} mm, smaller than a 1/4-inch sensor", expected)
@@ -128,8 +131,13 @@ def shot_doubts(shots: Shots, speed_mps: float) -> Iterator[Doubt]:
         message = f"{focal_mm:g} mm with a sensor of {width_mm:g} mm, which spans {_span_deg(width_mm, focal_mm):.2g}°"
         expected = f"the lens's own: as full-frame equivalent it is {focal_mm * width_mm / 36:.3g} mm"
         yield Doubt("--focal-length-mm", message, expected)
+
+
+def interval_doubts(pictures: Pictures) -> Iterator[Doubt]:
+    """A doubt about pictures that follow one another too fast on the fastest lines."""
+    distance_m, speed_mps, shortest_s = pictures.distance_m, pictures.speed_mps, pictures.interval_s
     if distance_m is not None and distance_m < (shortest_s or QUICK_S) * speed_mps:
-        message = f"a picture each {distance_m:.3g} m, which are {distance_m / speed_mps:.2g} s downwind"
+        message = f"a picture each {distance_m:.3g} m, which are {distance_m / speed_mps:.2g} s on the fastest lines"
         whose = f"the camera's {shortest_s:g} s" if shortest_s else f"{QUICK_S:g} s, as most cameras have"
         yield Doubt("--forward-overlap", message, f"{whose}: less overlap, a slower flight, or more altitude")
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from eadp.core.expressions.reader import read_expression
-from eadp.core.expressions.tree import constant
 from eadp.core.geometry.dubins import Pose
 from eadp.models.airspace import WayHome
 from eadp.models.plan.cursor import PlanCursor
@@ -25,29 +23,13 @@ def home_plan(cursor: PlanCursor, pose: Pose, way_home: WayHome) -> Plan:
         Where the aircraft is [m] and its heading [rad].
     way_home : WayHome
     """
-    from eadp.coverage.plan_builder import piece_path  # slow to import, and few flights end at home
+    from eadp.coverage.plan_builder import piece_stages  # slow to import, and few flights end at home
 
     plan = cursor.table.plan
     rho = plan.path_count  # the first parameters are the path's, the others the computations'
     lowest = [plan.hull(i).lo for i in range(rho, len(cursor.parameters))]
     sets = tuple(Box(value, value) for value in (*cursor.parameters[:rho], *lowest))
     altitude_m = cursor.stage.altitude_m if way_home.altitude_m is None else way_home.altitude_m
-    stages = []
-    for index, piece in enumerate(way_home.pieces(pose), 1):
-        function, rotation_deg, gain = piece_path(piece)
-        x, y = map(constant, piece.end[:2])
-        stages.append(
-            replace(
-                cursor.stage,
-                index=index,
-                gain=gain,
-                rotation_deg=rotation_deg,
-                path=read_expression(function),
-                trigger=(x, y),
-                sets=sets,
-                segment=None,
-                commands=(),
-                altitude_m=altitude_m,
-            )
-        )
-    return Plan(plan.name, tuple(stages), rho, plan.computations, trigger_radius_m=plan.trigger_radius_m)
+    like = replace(cursor.stage, sets=sets, altitude_m=altitude_m)
+    stages = piece_stages(way_home.pieces(pose), like, 1)
+    return Plan(plan.name, stages, rho, plan.computations, trigger_radius_m=plan.trigger_radius_m)

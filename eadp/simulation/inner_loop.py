@@ -83,7 +83,7 @@ NOISE = 2000
 _NOTHING: Jet = (math.nan, math.nan, math.nan, math.nan, math.nan, math.nan)
 
 
-class Tables(NamedTuple):
+class StepTables(NamedTuple):
     """What steps look up: normal random numbers for gusts, and the battery.
 
     Places of its voltage over the charge, see `level`, and a trace that is replayed, see `replayed_soc`, or none.
@@ -94,7 +94,7 @@ class Tables(NamedTuple):
     replay: Any
 
 
-class Records(NamedTuple):
+class StepRecords(NamedTuple):
     """What steps write: a ring buffer of what was measured in the last `LATE` + 1 steps; readings; rows of the log."""
 
     late: Any
@@ -113,8 +113,8 @@ def run_steps(
     s: State,
     w: MutableSequence[float],
     c: Constants,
-    tables: Tables,
-    records: Records,
+    tables: StepTables,
+    records: StepRecords,
     curve: GeneralCurve | None,
     k: int,
     end: int,
@@ -161,7 +161,7 @@ def run_steps(
     return k, 0
 
 
-def drain(s: State, c: Constants, power_w: float, k: int, tables: Tables) -> int:
+def drain(s: State, c: Constants, power_w: float, k: int, tables: StepTables) -> int:
     """Drain the battery over step `k`, faults included; return `EMPTY`, `SAGS` or 0."""
     # I = 2y / (V + √(V² − 4 R y)), ḃ = −k_b I / Q_c; at the terminals (V + √(V² − 4 R y)) / 2 = y / I
     # measured: with `battery.drain_per_s` a plain flight takes 1.4 times as long, a compiled one the same
@@ -186,7 +186,7 @@ def drain(s: State, c: Constants, power_w: float, k: int, tables: Tables) -> int
     return 0
 
 
-def _record(s: State, c: Constants, records: Records, k: int) -> None:
+def _record(s: State, c: Constants, records: StepRecords, k: int) -> None:
     """Append a reading and a row of the log where step `k` has them, and set when it is called next, `RECORD_AT`.
 
     With a delay the measured variables of every step go into `late`, a ring buffer of `LATE` + 1 places: step k into
@@ -242,7 +242,7 @@ class InnerLoop:
         self._compiled = compiled.enabled()
         self._fly = compiled.jitted(run_steps, makes_arrays=False)
         curve, replay = self._numbers(list(battery.curve)), self._numbers(battery.replay)
-        self._tables = Tables(self._numbers([]), curve, replay)
+        self._tables = StepTables(self._numbers([]), curve, replay)
         self._rng = rng
         first = rng.standard_normal(2)
         # those of the aircraft, then of battery, records and stage; the points of a power curve stay the last ones
@@ -254,7 +254,7 @@ class InnerLoop:
         s[SOC] = battery.prescribed_soc(0.0) if battery.prescribed else battery.soc
         c[EMPTY_V : DRAIN + 1] = drain_constants(battery, c[STEP_S])
         readings, rows = self._zeros(READING * MAX_READINGS), self._zeros(ROW * MAX_ROWS)
-        self._records = Records(self._numbers([]), readings, rows)
+        self._records = StepRecords(self._numbers([]), readings, rows)
         self._curve: GeneralCurve | None = None
         self._watch: Any = []
         self._cruise = constants[CRUISE_M], constants[SPEED_HELD]
@@ -321,7 +321,7 @@ class InnerLoop:
     def _run_uncompiled(self, k: int, end: int) -> tuple[int, int]:
         """Run along a general curve in plain Python, on the arrays of the compiled function."""
         state, watch = self._s.tolist(), self._watch.tolist()
-        tables = Tables(*(table.tolist() for table in self._tables))
+        tables = StepTables(*(table.tolist() for table in self._tables))
         k, events = run_steps(state, watch, self._c.tolist(), tables, self._records, self._curve, k, end)
         self._s[:], self._watch[:] = state, watch
         return k, events

@@ -28,7 +28,7 @@ from eadp.models.airspace import BOUNDARY
 from eadp.models.plan.cursor import PlanCursor, Vector, shift_at
 from eadp.models.plan.legs import leg_points
 from eadp.models.plan.plan import Finding, Plan
-from eadp.models.plan.stage import COMPUTATION, Box, Stage
+from eadp.models.plan.stage import COMPUTATION, LAND, Box, Stage
 from eadp.models.plan.trace import nominal_legs
 from eadp.validation.proof import StageProof
 
@@ -556,17 +556,19 @@ def _corners_findings(plan: Plan) -> Iterator[Finding]:
 def _airspace_findings(plan: Plan) -> Iterator[Finding]:
     """Where the nominal path enters an obstacle, or leaves the boundary, at values across the path parameters' sets.
 
-    A stage without an altitude counts as low.
+    A stage without an altitude counts as low; a landing descends evenly.
     """
     if not any(plan.site.airspace):
         return
     boxes = [plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []
     found: set[str] = set()
     for share in (1.0, 0.75, 0.5, 0.25, 0.0) if boxes else (1.0,):
-        values = tuple(box.lo + share * (box.hi - box.lo) for box in boxes)
+        values, level_m = tuple(box.lo + share * (box.hi - box.lo) for box in boxes), 0.0
         for leg in _or_none(nominal_legs, plan.laps(), values) or ():
             track = [(point.x_m, point.y_m) for point in leg_points(leg, TRACK_M)]
-            altitudes_m = [leg.stage.altitude_m or 0.0] * len(track)
+            before_m, level_m = level_m, leg.stage.altitude_m or 0.0
+            start_m = before_m if leg.stage.command(LAND) else level_m
+            altitudes_m = np.linspace(start_m, level_m, len(track)).tolist()
             for entry in plan.site.airspace.entries([0.0] * len(track), track, altitudes_m):
                 if entry.name not in found:
                     found.add(entry.name)

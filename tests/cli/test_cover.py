@@ -117,10 +117,90 @@ def test_the_camera_gives_swath_altitude_and_pictures(eadp, tmp_path, pattern):
     assert on == answer["lines"]
 
 
+PHANTOM = {"--camera": "dji-phantom-4-pro", "--side-overlap": 70, "--forward-overlap": 80, "--picture-interval": 2}
+
+
+def test_the_altitude_follows_from_the_size_of_a_pixel(eadp, tmp_path):
+    """DJI's own formula of this camera, of the Phantom 4 RTK: a pixel has H/36.5 cm, H in metres."""
+    plan = tmp_path / "meadow.plan"
+    given = (
+        "cover",
+        "plans/meadow.geojson",
+        "--min-radius",
+        "30",
+        "--pattern",
+        "dubins",
+        "--wind",
+        "3,0",
+        *flags(PHANTOM),
+    )
+    answer = eadp(*given, "--gsd", "2", "--format", "json")
+    document = json.loads(answer.out)
+    altitude_m = document["camera"]["altitude_m"]
+    assert altitude_m == pytest.approx(2 * 36.5, rel=1e-3)
+    assert document["gsd_cm"] == pytest.approx(2)
+    assert document["camera"]["name"] == "DJI Phantom 4 Pro with picture_interval_s 2"
+    # the other way round
+    back = json.loads(eadp(*given, "--altitude", altitude_m, "--format", "json").out)
+    assert back["gsd_cm"] == pytest.approx(2)
+    assert back["plan"] == document["plan"]
+    # by the camera's values alone
+    own = {"--sensor-width-mm": 13.2, "--sensor-height-mm": 8.8, "--focal-length-mm": 8.8, "--image-width-px": 5472}
+    words = flags({key: value for key, value in PHANTOM.items() if key != "--camera"} | own)
+    alike = json.loads(eadp(*given[:8], *words, "--gsd", "2", "--format", "json").out)
+    assert alike["camera"] == document["camera"] | {"name": ""}
+    plan.write_text(document["plan"])
+    shown = json.loads(eadp("plan", plan, "--format", "json").out)
+    assert shown["camera"] == {
+        "name": document["camera"]["name"], "altitude_m": pytest.approx(altitude_m, abs=1e-3), "gsd_cm": 2.0,
+    }  # fmt: skip
+    assert {stage["altitude_m"] for stage in shown["stages"]} == {shown["camera"]["altitude_m"]}
+    assert f"camera     {document['camera']['name']} from {altitude_m:.4g} m, 2 cm a pixel\n" in eadp("plan", plan).out
+
+
+def test_the_interval_of_the_camera_limits_the_overlap(eadp):
+    """Lines across a wind are slower than with it behind, which no line of theirs has."""
+    given = (
+        "cover",
+        "plans/meadow.geojson",
+        "--min-radius",
+        "30",
+        "--pattern",
+        "dubins",
+        "--gsd",
+        "2",
+        *flags(PHANTOM),
+    )
+    length_m = 3648 * 0.02
+    for wind, ground_mps in (("6,90", 15 + 6), ("6,0", (15**2 - 6**2) ** 0.5)):
+        answer = eadp(*given, "--airspeed", "15", "--wind", wind, "--heading", "90", "--format", "json")
+        found = json.loads(answer.out)["camera"]["max_forward_overlap"]
+        assert found == pytest.approx(1 - ground_mps * 2 / length_m, rel=1e-3)
+        text = eadp(*given, "--airspeed", "15", "--wind", wind, "--heading", "90", "--format", "text").out
+        assert (
+            f"at {ground_mps:.1f} m/s over ground, forward overlap up to {100 * found // 1:.0f} %; 80 % up to 7."
+            in text
+        )
+        assert "--forward-overlap:1:1: warning: a picture each 14.6 m" in answer.err
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         ({}, "--swath, or --altitude"),
+        (
+            {"--camera": "sony"},
+            "--camera:1:1: error: no camera sony; expected a camera file (.yaml), or one of canon-s100",
+        ),
+        ({"--camera": "sony-rx0"}, "--altitude:1:1: error: the camera needs --altitude too; expected --gsd or"),
+        ({**PHANTOM, "--gsd": 2, "--altitude": 73}, "--gsd:1:1: error: the size of a pixel beside the altitude"),
+        (
+            {**PHANTOM, "--gsd": 0.02},
+            "--gsd:1:1: error: 0.02 cm a pixel; expected centimetres from 0.1 to 1000: 0.02 m",
+        ),
+        ({**PHANTOM, "--gsd": "nan"}, "--gsd:1:1: error: nan cm a pixel"),
+        ({"--gsd": 2, "--swath": 30}, "--sensor-width-mm:1:1: error: the camera needs --sensor-width-mm too"),
+        ({**CAMERA, "--image-width-px": 0}, "--image-width-px:1:1: error: 0 is out of range; expected from 1"),
         ({"--swath": 30, "--side-overlap": 70}, "one of the two"),
         ({**CAMERA, "--focal-length-mm": 0}, "--focal-length-mm:1:1: error: 0 is out of range"),
         ({**CAMERA, "--side-overlap": 0.7}, "--side-overlap:1:1: error: 0.7 %; expected percent"),
@@ -362,7 +442,7 @@ def test_obstacles_and_a_boundary(eadp, limits, tmp_path):
     more = ("--avoid", tmp_path / "avoid.csv", "--inside", tmp_path / "inside.csv")
     answer = eadp("cover", *limits, *more, "-o", out, "--plot", picture)
     assert answer.code == 0
-    assert "stays      out of 1 obstacle and inside the boundary; ground is left" in answer.out
+    assert "stays      out of 1 obstacle and inside the boundary\nleft       " in answer.out
     assert eadp("plan", out, "--check").code == 0
     # the plan as it is flown, point by point
     rows = [row.split(",") for row in eadp("plan", out, "--trace", "1").out.splitlines()[1:]]
@@ -372,6 +452,10 @@ def test_obstacles_and_a_boundary(eadp, limits, tmp_path):
         assert -60.6 < y < 460.6
     document = json.loads(eadp("cover", *limits, *more, "--format", "json").out)
     assert (document["obstacles"], document["boundary"]) == (1, True)
+    assert sum(each["area_m2"] for each in document["left"]) == pytest.approx(
+        (1 - document["coverage"]) * 240_000, rel=0.01
+    )
+    assert document["left"][0]["at_deg"] is None
 
 
 @pytest.mark.parametrize(
@@ -453,7 +537,7 @@ def test_a_wanted_and_an_acceptable_overlap(eadp, tmp_path):
     # of a footprint of 120 m, 40 % and 30 %
     stated = ("--swath", "48", "--spacing", "36", "--pattern", "zamboni", "--altitude", "80")
     same = json.loads(eadp("cover", path, "--metres", *stated, "--format", "json").out)
-    assert document["plan"] == same["plan"]
+    assert document["plan"].replace("%: camera altitude 80\n", "") == same["plan"]
     assert document["lines"] > document["at_lowest_c1"]["lines"]
 
 

@@ -55,7 +55,7 @@ def test_nothing_is_overwritten_unasked(eadp, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["scenario.yaml"]
     assert (tmp_path / "scenario.yaml").read_text() == "mine"
     assert eadp("init", tmp_path, "--force").code == 0
-    assert len(list(tmp_path.iterdir())) == 4
+    assert len(list(tmp_path.iterdir())) == 5
 
 
 def test_bad_input(eadp, tmp_path):

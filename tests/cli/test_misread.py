@@ -146,16 +146,22 @@ def surveyed(**changed):
             0,
             "300 m, above the 120 m that most rules allow; expected metres: 300 ft are 91",
         ),
+        (("cover", *SURVEY, "--gsd", "4", "--camera", "sony-rx0"), 0, ""),
+        (
+            ("cover", *SURVEY, "--gsd", "5", "--camera", "sony-rx0"),
+            0,
+            "5 cm a pixel are seen from 140 m, above the 120 m that most rules allow; expected at most 4.28 cm",
+        ),
         (surveyed(side_overlap=0.7), 2, "0.7 %; expected percent from 1 to 99, as 70"),
         (
             surveyed(forward_overlap=95),
             0,
-            "each 4.18 m, which are 0.28 s downwind; expected 0.5 s, as most cameras",
+            "each 4.18 m, which are 0.28 s on the fastest lines; expected 0.5 s, as most cameras",
         ),
         (
             surveyed(forward_overlap=80, picture_interval=2),
             0,
-            "1.1 s downwind; expected the camera's 2 s",
+            "1.1 s on the fastest lines; expected the camera's 2 s",
         ),
         (surveyed(min_radius=15), 0, "which the aircraft holds not even in calm air; in 0 m/s it needs"),
         (

@@ -6,6 +6,7 @@ import contextlib
 import csv
 import itertools
 import json
+import math
 import re
 import shutil
 from dataclasses import replace
@@ -21,6 +22,7 @@ from eadp.api.cover import CoverageOptions
 from eadp.api.sorties.folder import read_sorties
 from eadp.api.sorties.job import _Job
 from eadp.api.sorties.plan import SortieOptions
+from eadp.api.sorties.resume import _heading_of_lines_rad
 from eadp.cli.main import main
 from eadp.io.flight.coverage import planned_lines
 
@@ -137,7 +139,7 @@ def test_all_sorties_are_flown_with_a_fresh_pack_each(flown, document):
 def test_a_job_is_done_where_it_covers_what_was_planned(folder, flown):
     """Parts that no line was planned for, or that are worth no flight, are no reason to fly again."""
     planner, document = read_sorties(str(folder))
-    job = _Job(planner, document, {}, [], 0, lambda _: None, lambda _: None)
+    job = _Job(planner, document, {}, [], 0, 0.01, lambda _: None, lambda _: None)
     plans = [library.read_plan(folder / row["plan"]) for row in document["sorties"]]
     lines = [line for plan in plans for line in planned_lines(plan, ())]
     job.planned = job.lines = lines
@@ -145,6 +147,11 @@ def test_a_job_is_done_where_it_covers_what_was_planned(folder, flown):
     job.lines = lines[: len(lines) // 2]
     left = job.left_to_cover()
     assert left.area_m2 > 0.2 * planner.task.field.area_m2
+    named = sum(each.area_m2 for each in job.left(done=False)) / planner.task.field.area_m2
+    assert named == pytest.approx(document["coverage"] - job.coverage(), abs=0.01)
+    job.min_share = 0.9
+    assert job.left_to_cover() is None, "less than is asked for is left"
+    assert {each.reason for each in job.left(done=True)} == {"below 90 % of the field, not flown again"}
     job.planned = job.lines
     assert job.left_to_cover() is None, "what was not planned is not left"
 
@@ -160,6 +167,34 @@ def test_a_rest_is_planned_whatever_the_rates_of_take_off(tmp_path):
         for keys in ({}, {"parameters.fps": 10.0})
     ]
     assert energies[0] == energies[1]
+
+
+def test_the_camera_goes_with_the_sorties(eadp, tmp_path):
+    """The size of a pixel is that asked for, not that from the aircraft's cruise altitude."""
+    field, out, camera = tmp_path / "field.csv", tmp_path / "job", tmp_path / "own.yaml"
+    field.write_text("x_m,y_m\n0,0\n600,0\n600,400\n0,400\n")
+    camera.write_text(
+        "{schema: eadp.camera/1, name: mine, sensor_width_mm: 12, sensor_height_mm: 8, image_width_px: 6000, "
+        "focal_length_mm: 10, picture_interval_s: 1}"
+    )
+    given = ("cover", field, "--metres", "--vehicle", WING, "--home", "-50,0", "--sorties", "2", "--pattern", "dubins")
+    pictures = ("--camera", camera, "--gsd", "1", "--side-overlap", "50", "--forward-overlap", "75", "-o", out)
+    text = eadp(*given, *pictures).out
+    document = json.loads((out / "sorties.json").read_text())
+    # 6000 pixels of 1 cm are 60 m, 12 mm by 10 mm from 50 m; a quarter of 40 m
+    assert document["gsd_cm"] == pytest.approx(1)
+    shot = {"name": "mine", "altitude_m": 50, "width_m": 60, "distance_m": 10, "max_forward_overlap": 1 - 15 / 40}
+    assert document["camera"] == pytest.approx(shot)
+    assert document["pictures"] == sum(row["pictures"] for row in document["sorties"])
+    assert document["pictures"] == pytest.approx(600 * 400 / (30 * 10), rel=0.15)
+    said = "camera     mine from 50 m: pictures of 60.0 m across; 1 cm a pixel; one each 10.0 m, forward overlap 75 %; "
+    assert f"{said}{document['pictures']} in all\n" in text
+    assert said[11:].strip() in (out / "index.html").read_text()
+    camera.unlink()  # the folder has its values
+    planner, _ = read_sorties(str(out))
+    assert planner.task.options.picture_length_m == pytest.approx(40)
+    for row in document["sorties"]:
+        assert library.read_plan(out / row["plan"]).site.camera == ("mine", 50, 1)
 
 
 @pytest.mark.slow
@@ -343,6 +378,17 @@ def test_a_pack_that_cannot_lift_off(eadp, tmp_path):
     weak = tmp_path / "weak.yaml"
     weak.write_text(json.dumps(SCENARIO | {"battery": {"capacity_ah": 1.0, "resistance_ohm": 5.0}}))
     assert refused(eadp(*COVER, "--scenario", weak, "--sorties", "auto"), "level flight: 80.5 W exceeds the")
+
+
+def test_the_heading_of_the_lines_is_not_that_of_a_way_from_afar(tmp_path):
+    field = tmp_path / "field.csv"
+    field.write_text("x_m,y_m\n0,0\n300,0\n300,200\n0,200\n")
+    options = CoverageOptions(
+        metres=True, min_radius_m=30, swath_m=40, heading_deg=90, pattern="dubins", start=(-3000, 2500)
+    )
+    plan = library.cover(field, options, warn=lambda _: None).plan
+    assert max(math.dist(*line) for line in planned_lines(plan, ())) > 3000
+    assert math.sin(_heading_of_lines_rad(plan, ())) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_resume_refuses_what_is_not_of_this_field(eadp, scenario, flown, tmp_path):

@@ -19,7 +19,7 @@ from eadp.simulation.inner_loop import (
     SAGS,
     SOC,
     STATE,
-    Tables,
+    StepTables,
     drain,
     drain_constants,
 )
@@ -34,7 +34,7 @@ def drained(battery, power_w, seconds, fault=(0, 0.0)):
     c[FAULT_AT], c[DROP] = fault
     s[SOC] = battery.soc
     for k in range(1, round(seconds / STEP_S) + 1):
-        if failed := drain(s, c, power_w(k * STEP_S), k, Tables([], battery.curve, [])):
+        if failed := drain(s, c, power_w(k * STEP_S), k, StepTables([], battery.curve, [])):
             return s[SOC], failed
     return s[SOC], 0
 
@@ -88,5 +88,5 @@ def test_a_replayed_charge_is_not_drained():
     s, c = [0.0] * STATE, [0.0] * CONSTANTS
     c[EMPTY_V : DRAIN + 1] = drain_constants(Battery(), STEP_S)
     c[STEP_S_PLACE] = STEP_S
-    assert drain(s, c, 30.0, 50, Tables([], [], [0.0, 0.0, 1.0, 1.0])) == 0
+    assert drain(s, c, 30.0, 50, StepTables([], [], [0.0, 0.0, 1.0, 1.0])) == 0
     assert s[SOC] == 0.5

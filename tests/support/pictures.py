@@ -21,12 +21,12 @@ PICTURES = ROOT / "docs/pictures"
 LOSS = "simulate plans/survey.plan --scenario scenarios/survey-loss.yaml"
 FLIGHTS = [f"{LOSS} --planner {name} -o {{out}}/{name}" for name in ("joint", "paper", "static")]
 COVER = (
-    "cover plans/meadow.geojson --vehicle vehicles/foam-wing.yaml --wind 4,240 --pattern zamboni --altitude 40 "
-    "--sensor-width-mm 6.3 --focal-length-mm 4.5 --side-overlap 70:55 --format text"
+    "cover plans/meadow.geojson --vehicle vehicles/foam-wing.yaml --wind 4,240 --pattern zamboni "
+    "--gsd 1.4 --camera canon-sx260 --side-overlap 70:55 --format text"
 )
 ESTATE = (
-    "cover plans/estate.geojson --vehicle vehicles/foam-wing.yaml --wind 4,240 --altitude 60 --sensor-width-mm 6.3 "
-    "--focal-length-mm 4.5 --side-overlap 80 --home 55.516,10.351 --sorties auto"
+    "cover plans/estate.geojson --vehicle vehicles/foam-wing.yaml --wind 4,240 --gsd 2.1 "
+    "--camera canon-sx260 --side-overlap 80 --home 55.516,10.351 --sorties auto"
 )
 
 MADE: Mapping[str, tuple[list[str], str]] = {

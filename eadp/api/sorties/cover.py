@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
-from eadp.api.cover import CoverageOptions, coverage_task
+from eadp.api.cover import CoverageOptions, coverage_task, picture_warnings
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import Files
 from eadp.api.sorties.plan import SortieOptions, SortiePlan, SortiePlanner
@@ -23,6 +23,7 @@ def cover_in_sorties(
     *,
     vehicle: File | None = None,
     resume: Sequence[File] = (),
+    on_part: Callable[[str], None] = lambda _: None,
     warn: Warn = python_warnings,
 ) -> SortiePlan:
     """Plan the coverage of a field in the fewest flights from home and back, each with a full pack.
@@ -36,6 +37,8 @@ def cover_in_sorties(
     profile : path, optional
     resume : sequence of paths, optional
         Flown result folders or telemetry: the ground that they covered is left out.
+    on_part : function, optional
+        Called with the progress, as text.
 
     Raises
     ------
@@ -54,8 +57,9 @@ def cover_in_sorties(
         overrides |= {"wind.speed_mps": math.hypot(east, north), "wind.from_deg": round(from_deg, 6)}
     profile_path = None if profile is None else str(profile)
     scenario_path = None if scenario is None else str(scenario)
-    planner = SortiePlanner(task, sorties or SortieOptions(), Files(), scenario_path, profile_path, overrides)
-    if not resume:
-        return planner.plan()
-    planner, ground = resumed(planner, [*map(str, resume)], warn)
-    return planner.plan(ground)
+    division, files = sorties or SortieOptions(), Files()
+    planner = SortiePlanner(task, division, files, scenario_path, profile_path, overrides, on_part=on_part)
+    planner, ground = resumed(planner, [*map(str, resume)], warn) if resume else (planner, None)
+    plan = planner.plan(ground)
+    warn(picture_warnings(plan.pictures))
+    return plan

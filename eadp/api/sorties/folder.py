@@ -71,11 +71,11 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
             for row, sortie in zip(rows, plan.sorties, strict=True)
         ]
         task = plan.planner.task
-        write_sorties_figure(target / FIGURE, task.field, drawn, task.motion.swath_m, task.home_m)
+        write_sorties_figure(target / FIGURE, task.field, drawn, task.motion.swath_m, task.home_m, plan.left)
         figure = (target / f"{FIGURE}.svg").read_bytes()
         page = {
             "title": f"{len(rows)} sorties",
-            "note": "; ".join(line.partition(" ")[2].strip() for line in plan.lines()[:3]),
+            "note": "; ".join(" ".join(line.split()) for line in plan.summary()),
             "figure": base64.b64encode(figure).decode(),
             "table": plan.table(),
         }

@@ -16,9 +16,10 @@ from eadp.api.inputs import FlightInputs, load_flight
 from eadp.api.sorties import SORTIES, SORTIES_SCENARIO
 from eadp.api.sorties.folder import read_sorties
 from eadp.api.sorties.plan import SortiePlanner
-from eadp.api.sorties.resume import flown_again, left_of
+from eadp.api.sorties.resume import MIN_PART_SHARE, SLIVER_SHARE, flown_again, left_of
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.polygons import covered_shares
+from eadp.core.geometry.polygons import covered_shares, strips
+from eadp.coverage.left import LeftGround, left_ground, left_text
 from eadp.coverage.separation import LATE_S, Nearest, TimedTrack, nearest
 from eadp.errors import Fault, Infeasible
 from eadp.io.flight.coverage import flown_lines, flown_of_plan, planned_lines
@@ -50,6 +51,8 @@ class JobFlight:
 
     summary: dict[str, Any]
     flights: dict[str, Flight]
+    left: Sequence[LeftGround] = ()
+    """The places that were planned and are not covered."""
 
     def write(self, folder: str | Path, *, force: bool = False) -> None:
         """Write the folder: `job.json`, and a result folder of each flight.
@@ -74,6 +77,7 @@ class JobFlight:
         covered = f"{100 * summary['coverage']:.2f} % of the field, {100 * summary['planned_coverage']:.2f} % planned"
         lines = [
             f"{done}: {covered}, with {summary['batteries']} batteries{again}",
+            *left_text(self.left, sum(each["share"] for each in summary["left"]), summary["origin_deg"]),
             f"time       {summary['duration_s'] / 60:.0f} min, {summary['distance_m'] / 1000:.1f} km",
             f"energy     {summary['energy_wh']:.1f} Wh; least charge at a landing {summary['soc_final']:.3f}, "
             f"reserve {'kept' if summary['reserve_kept'] else 'NOT kept'} in all flights",
@@ -96,6 +100,7 @@ def simulate_sorties(
     overrides: Overrides = (),
     seed: int = 0,
     *,
+    min_part: float = 100 * MIN_PART_SHARE,
     on_flight: Callable[[str], None] = lambda _name: None,
     warn: Warn = python_warnings,
 ) -> JobFlight:
@@ -109,6 +114,8 @@ def simulate_sorties(
         As for `simulate`, in every flight.
     seed : int, optional
         Of the first flight's gusts and noise; each later one's is one more. Of late take-offs, too.
+    min_part : float, optional
+        Percent of the field below which a part that is left is not flown again.
     on_flight : function, optional
         Called with the name of each flight before it.
     warn : function, optional
@@ -120,7 +127,7 @@ def simulate_sorties(
     """
     folder, texts = str(folder), override_texts(overrides)
     planner, document = read_sorties(folder)
-    job = _Job(planner, document, {**read_overrides(texts)}, texts, seed, on_flight, warn)
+    job = _Job(planner, document, {**read_overrides(texts)}, texts, seed, min_part / 100, on_flight, warn)
     scenario = str(Path(folder) / SORTIES_SCENARIO)
     tours: list[list[str]] = [[] for _ in range(document["aircraft"])]
     for row in document["sorties"]:
@@ -156,6 +163,7 @@ class _Job:
     overrides: dict[str, Any]
     texts: list[str]
     seed: int
+    min_share: float
     on_flight: Callable[[str], None]
     warn: Warn
     flights: dict[str, Flight] = field(default_factory=dict)
@@ -186,7 +194,14 @@ class _Job:
     def left_to_cover(self) -> Field | None:
         """What is left of the ground that the sorties were to cover."""
         left = left_of(self.planner, self.lines)
-        return left and flown_again(self.planner, left, self.planned)
+        return left and flown_again(self.planner, left, self.lines, self.planned, self.min_share)
+
+    def left(self, done: bool) -> list[LeftGround]:
+        """The places that were planned and are not covered."""
+        task = self.planner.task
+        planned = task.field.with_parts(strips(task.field.parts, self.planned, task.motion.swath_m))
+        why = f"below {100 * self.min_share:g} % of the field, not flown again" if done else "not flown"
+        return left_ground(planned, self.lines, task.motion, width_share=SLIVER_SHARE, why=why)
 
     def coverage(self) -> float:
         """Share of the field that is covered."""
@@ -200,7 +215,8 @@ class _Job:
         near = nearest(tracks)
         if near is not None and near.distance_m < self.document["separation_m"]:
             self._warn_near(near)
-        done = self.left_to_cover() is None
+        done, field = self.left_to_cover() is None, self.planner.task.field
+        left = self.left(done)
         rows = [
             {
                 "sortie": name,
@@ -218,6 +234,7 @@ class _Job:
             "batteries": len(rows),
             "coverage": self.coverage(),
             "planned_coverage": self.document["coverage"],
+            "left": [each.document(field.origin_deg) | {"share": each.area_m2 / field.area_m2} for each in left],
             "duration_s": max(row["take_off_s"] + row["duration_s"] for row in rows),
             "distance_m": sum(row["distance_m"] for row in rows),
             "energy_wh": sum(row["energy_wh"] for row in rows),
@@ -228,9 +245,10 @@ class _Job:
             "nearest_s": None if near is None else near.time_s,
             "nearest_at_m": None if near is None else list(near.place_m),
             "flights": rows,
+            "origin_deg": field.origin_deg,
             "seed": self.seed,
         }
-        return JobFlight(summary, {name: self.flights[name] for name in flights})
+        return JobFlight(summary, {name: self.flights[name] for name in flights}, left)
 
     def _starts_s(self, tours: Sequence[Sequence[str]]) -> tuple[dict[str, float], list[TimedTrack]]:
         """Take-off of each flight [s], late by what is drawn, and the track of each aircraft."""

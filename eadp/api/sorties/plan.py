@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from statistics import NormalDist
@@ -15,6 +15,7 @@ import numpy as np
 
 from eadp.api.cover import CoveragePlan, CoverageTask
 from eadp.api.inputs import Files, FlightInputs, load_flight
+from eadp.api.terrain import Heights, height_range_m
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import heading_rad
 from eadp.core.geometry.curves import Point
@@ -31,7 +32,8 @@ from eadp.coverage.cover import (
     cover,
     line_costs,
 )
-from eadp.coverage.report import covered_by_lines, rounded_deg
+from eadp.coverage.left import LeftGround, left_ground, left_text
+from eadp.coverage.report import FULL, covered_by_lines, rounded_deg
 from eadp.coverage.separation import Nearest, TimedTrack, nearest, stagger_s, track_of
 from eadp.coverage.sorties import Divided, Divider, Division, min_sorties, min_time_s, tours
 from eadp.coverage.swaths import CoveragePath, straight
@@ -39,6 +41,7 @@ from eadp.errors import Infeasible, InputError
 from eadp.io.scenario.scenario_file import value_text
 from eadp.io.text.options import Flag, check_range
 from eadp.io.text.tables import aligned
+from eadp.models.camera import Pictures, pictures_document
 from eadp.models.field import Field
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
@@ -53,6 +56,9 @@ between two sorties [s]."""
 
 PART_M = 200.0
 """Length of the parts of lines for which the way there is counted [m]."""
+
+DRAFT_SHARE = 0.02
+"""Share of the charge that lines in a draft's order take at most beyond what they need: 0.011 measured."""
 
 _DEVIATIONS = NormalDist().inv_cdf(Objective.probability)
 """Standard deviations of the charge at the end that the probability of the reserve takes."""
@@ -168,6 +174,8 @@ class SortiePlanner:
         Path of the scenario, of which `overrides` replace keys.
     profile : str or None
         Path of the profile.
+    on_part : function
+        Called with the progress before each forecast of a part.
     """
 
     task: CoverageTask
@@ -178,6 +186,7 @@ class SortiePlanner:
     overrides: Mapping[str, Any] = field(default_factory=dict)
     lines: tuple[float, str] | None = None
     """Compass bearing of the lines [°] and pattern, where they are known."""
+    on_part: Callable[[str], None] = field(default=lambda _: None, repr=False, compare=False)
 
     @cached_property
     def _request(self) -> CoverageRequest:
@@ -192,7 +201,8 @@ class SortiePlanner:
         if self.lines is not None:
             request = replace(request, heading_rad=heading_rad(self.lines[0]), pattern=self.lines[1])
         if request.heading_rad is None or request.pattern == AUTO:
-            whole = cover(replace(request, start_m=None, home_m=None))
+            alone = replace(request, start_m=None, home_m=None, climb_out=None, approach=None)
+            whole = cover(alone, draft=True)
             request = replace(request, pattern=whole.pattern, heading_rad=whole.heading_rad)
         return replace(request, start_m=request.home_m)
 
@@ -214,7 +224,7 @@ class SortiePlanner:
         space = self._request.space
         if space is None:
             return None
-        lines = free_lines(self.grid().whole_lines(ground)[::2], space, self.task.motion.min_radius_m)
+        lines = free_lines(self.grid().whole_lines(ground)[::2], space, self.task.motion)
         return [(line.start[:2], line.end[:2]) for line in lines[::2]]
 
     @property
@@ -245,19 +255,26 @@ class SortiePlanner:
         """Sorties over a ground by a request's pattern: side by side, or along a tour of its lines if that is less."""
         motion, laps, grid = self.task.motion, request.pattern == ZAMBONI, self.grid(request)
 
-        def forecast(part: Field) -> PlannedSortie:
+        def planned(part: Field, *, draft: bool) -> PlannedSortie:
             covered = _without_bays(part) if laps else part  # laps cover bays and holes as if they were field
-            return self.sortie(cover(replace(request, field=covered, grid=None if laps else grid)), part)
+            part_of = replace(request, field=covered, grid=None if laps else grid)
+            return self.sortie(cover(part_of, draft=draft), part)
+
+        def forecast(part: Field) -> PlannedSortie:
+            """The sortie over a part: as a draft where that decides whether it can be flown."""
+            found = planned(part, draft=True)
+            return planned(part, draft=False) if -DRAFT_SHARE * found.used <= found.spare < 0 else found
 
         def divider(order: Sequence[int] | None = None) -> Divider[PlannedSortie]:
             """What divides the lines in an order, by default side by side."""
             division = Division(ground, grid, self.options.overlap_m, order)
-            return Divider(division, forecast, cuts=not laps, step=self.options.aircraft)
+            return Divider(division, forecast, cuts=not laps, step=self.options.aircraft, on_part=self.on_part)
 
         def divided(order: Sequence[int] | None = None) -> Divided[PlannedSortie]:
             """The fewest sorties over the lines in an order."""
             return divider(order).fewest(max(least.count, self.options.count or 1))
 
+        self.on_part("the lines are chosen")
         # the bound needs the power that any one sortie takes
         side_by_side = Division(ground, grid, self.options.overlap_m)
         sample = forecast(side_by_side.part(0.0, side_by_side.total_m if laps else side_by_side.end_of_first_m))
@@ -274,6 +291,9 @@ class SortiePlanner:
                 message += f": {divider().of_count(self.options.count).shortest.short_text}"
             expected = f"{len(found.sorties)} or more"
             raise InputError.at("--sorties", 1, 1, message, expected, f"{self.options.count}")
+        if not laps and self._request.space is not None:
+            whole = [planned(each.plan.report.field, draft=False) for each in found.sorties]
+            found = found._replace(sorties=whole)
         return SortiePlan(self, ground, found, least.within(found.sorties))
 
     def sortie(self, solution: CoverageSolution, part: Field, *, held: bool = True) -> PlannedSortie:
@@ -284,7 +304,7 @@ class SortiePlanner:
         if held:  # those of take-off are others
             given = {key: value for key, value in given.items() if key.partition(".")[0] != "parameters"}
         inputs = load_flight(plan, scenario=self.scenario, profile=self.profile, overrides=given, files=self.files)
-        found = inputs.preflight()
+        found = inputs.preflight(whole=False)
         if found is None or found.forecast.soc_end is None or found.forecast.soc_end_std is None:
             raise Infeasible("a sortie has no forecast: the battery's charge is prescribed, or the wind is too strong")
         spare = found.forecast.soc_end - _DEVIATIONS * found.forecast.soc_end_std - inputs.scenario.keys.reserve_soc
@@ -302,6 +322,7 @@ class SortiePlanner:
         """
         motion, home_m, world = self.task.motion, self._request.home_m, sample.world
         assert home_m is not None
+        land_m = home_m if self._request.approach is None else self._request.approach.end[:2]
         parts: list[tuple[Point, Point]] = []  # of the lines, in lengths of `PART_M` or less
         for u, spans in zip(grid.middles_m.tolist(), grid.extents(ground), strict=True):
             for low, high in spans:
@@ -314,7 +335,7 @@ class SortiePlanner:
 
         # in wind, a flight that returns has flown as far one way as the other
         lines_s = np.array([(seconds(a, b) + seconds(b, a)) / 2 for a, b in parts])
-        access_s = np.array([min(seconds(home_m, end) + seconds(end, home_m) for end in part) for part in parts])
+        access_s = np.array([min(seconds(home_m, end) + seconds(end, land_m) for end in part) for part in parts])
         computing_w, _ = world.computing.extreme(world.plan, "lo", world.actual)
         battery, reserve_soc = world.battery, sample.scenario.keys.reserve_soc
         power_w = world.vehicle.cruise_power_w + computing_w
@@ -458,10 +479,35 @@ class SortiePlan:
         return nearest([track.later(k * self.stagger_s) for k, track in enumerate(self._tracks)])
 
     @property
+    def _heights(self) -> list[Heights]:
+        """The heights of each sortie over terrain."""
+        return [each.plan.heights for each in self.sorties if each.plan.heights is not None]
+
+    @cached_property
+    def _path(self) -> CoveragePath:
+        """The legs of all sorties."""
+        return CoveragePath(tuple(leg for sortie in self.sorties for leg in sortie.path().legs))
+
+    @cached_property
     def coverage(self) -> float:
         """Share of the ground that the sorties' lines cover."""
-        legs = [leg for sortie in self.sorties for leg in sortie.path().legs]
-        return covered_by_lines(CoveragePath(tuple(legs)), self.ground, self.planner.task.motion.swath_m)
+        return covered_by_lines(self._path, self.ground, self.planner.task.motion.swath_m)
+
+    @cached_property
+    def left(self) -> list[LeftGround]:
+        """The places of the ground that they leave uncovered."""
+        if self.coverage >= FULL:
+            return []
+        task = self.planner.task
+        return left_ground(replace(self.ground, airspace=task.airspace), self._path.sensed_m, task.motion)
+
+    @property
+    def pictures(self) -> Pictures | None:
+        """The camera's pictures of all sorties together; None without a camera."""
+        shots = [shot for each in self.sorties if (shot := each.plan.pictures) is not None]
+        if not shots or shots[0].number is None:
+            return shots[0] if shots else None
+        return shots[0]._replace(number=sum(shot.number or 0 for shot in shots))
 
     @property
     def time_s(self) -> float:
@@ -485,6 +531,7 @@ class SortiePlan:
                     "lines": path.lines,
                     "spacing_m": None if spacing is None else each.plan.plan.parameters[0].shown(spacing),
                     "length_m": path.length_m,
+                    "pictures": None if each.plan.pictures is None else each.plan.pictures.number,
                     "time_s": end.remaining_s,
                     "time_std_s": end.remaining_std_s,
                     **{key: getattr(end, key) for key in keys},
@@ -512,12 +559,15 @@ class SortiePlan:
             "length_m": sum(row["length_m"] for row in rows),
             "time_s": self.time_s,
             "coverage": self.coverage,
+            "left": [each.document(task.field.origin_deg) for each in self.left],
             "aircraft": options.aircraft,
             "stagger_s": self.stagger_s,
             "swap_s": options.swap_s,
             "separation_m": options.separation_m,
             "nearest_m": None if near is None else near.distance_m,
             "overlap_m": options.overlap_m,
+            **pictures_document(self.pictures),
+            "height_m": height_range_m(self._heights),
             "options": {key: value for key, value in asdict(task.options).items() if value is not None},
             "sorties": rows,
             "parts": task.field.parts,
@@ -547,8 +597,12 @@ class SortiePlan:
         ]
 
     def lines(self) -> list[str]:
+        """The summary, wind and table for people, line by line."""
+        return [*self.summary(), self.planner.task.motion.wind_text, "", *aligned(self.table())]
+
+    def summary(self) -> list[str]:
         """A summary for people, line by line."""
-        document, task, table = self.document(), self.planner.task, self.table()
+        document, task = self.document(), self.planner.task
         name = f"{task.field.name}, " if task.field.name else ""
         count, few = document["count"], document["min_count"]
         asked = few < count == self.planner.options.count
@@ -567,7 +621,11 @@ class SortiePlan:
         if near is not None:
             later = f"with {document['stagger_s']:g} s from one take-off to the next"
             lines.append(f"apart      {near.distance_m:.0f} m or more, {later}")
-        return [*lines, task.motion.wind_text, "", *aligned(table)]
+        lines += [] if self.pictures is None else self.pictures.lines()
+        if (heights_m := document["height_m"]) is not None:
+            least, mean, most = heights_m
+            lines.append(f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m")
+        return lines + left_text(self.left, 1 - self.coverage, task.field.origin_deg)
 
     def scenario_text(self, profile: str | None) -> str:
         """A scenario that flies the sorties: all of the given one and its vehicle, from the ground at home."""
@@ -577,6 +635,8 @@ class SortiePlan:
         value["planner"] = {**(value.get("planner") or {}), "name": self.sorties[0].inputs.scenario.keys.planner.name}
         if profile is not None:
             value["profile"] = profile
+        if heights := self._heights:
+            value["home"] = {"altitude_m": max(each.home_altitude_m for each in heights)}
         value.setdefault("on_infeasible", "home")  # what a sortie leaves is flown by another
         value = {"schema": "eadp.scenario/1", **value}
         head = "# One sortie: eadp simulate sortie-01.plan --scenario scenario.yaml. All: eadp simulate of the folder."

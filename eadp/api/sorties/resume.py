@@ -16,18 +16,17 @@ from eadp.api.result_folder import SUMMARY, read_folder
 from eadp.api.sorties.plan import SortiePlanner
 from eadp.core.arrays import BoolArray, FloatArray
 from eadp.core.geometry.bearings import compass_deg
-from eadp.core.geometry.curves import LINE, Point
+from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_near_local_m
 from eadp.core.geometry.polygons import covered_shares, ground_m2, uncovered
 from eadp.coverage.cover import DUBINS, ZAMBONI
 from eadp.coverage.sorties import whole_lines
 from eadp.errors import Fault, InputError, PathUndefined
-from eadp.io.flight.coverage import flown_lines, flown_of_plan
+from eadp.io.flight.coverage import flown_lines, flown_of_plan, planned_lines
 from eadp.io.link.recorded import CAMERA, PICTURE, form_of, log_values
 from eadp.io.telemetry.reader import TelemetryReader, numbered_lines, open_telemetry
 from eadp.models.field import Field
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.trace import nominal_legs
 
 MIN_PART_SHARE = 0.01
 """Share of the field below which a part is not flown again: it needs a take-off and a landing of its own."""
@@ -97,8 +96,9 @@ def resumed(planner: SortiePlanner, sources: Sequence[str], warn: Warn) -> tuple
         heading_rad, laps = known[0].heading_rad, known[0].laps
         assert heading_rad is not None
         planner = replace(planner, lines=(compass_deg(heading_rad), ZAMBONI if laps else DUBINS))
-    left = left_of(planner, [line for track in tracks for line in track.lines])
-    again = left and flown_again(planner, left)
+    lines = [line for track in tracks for line in track.lines]
+    left = left_of(planner, lines)
+    again = left and flown_again(planner, left, lines)
     if left is None or again is None:
         raise InputError.at("--resume", 1, 1, "nothing is left to cover", "flights that leave some of the field")
     if (rest_m2 := left.area_m2 - again.area_m2) >= 1:
@@ -119,20 +119,27 @@ def left_of(planner: SortiePlanner, flown: Sequence[Line]) -> Field | None:
     return whole_lines(left, field, planner.grid(), 2 * math.pi * motion.min_radius_m, SLIVER_SHARE / 2)
 
 
-def flown_again(planner: SortiePlanner, left: Field, planned: Sequence[Line] | None = None) -> Field | None:
-    """The parts left of a field of which planned lines cover `MIN_PART_SHARE` of it or more; None without one.
+def flown_again(
+    planner: SortiePlanner,
+    left: Field,
+    flown: Sequence[Line],
+    planned: Sequence[Line] | None = None,
+    min_share: float = MIN_PART_SHARE,
+) -> Field | None:
+    """The parts left of a field in which planned lines cover so much of it that no flown one does; None without one.
 
-    Planned are, by default, the lines over what is left that have room for their turns.
+    Planned are, by default, the lines over what is left that have room for their turns; `min_share` is of the field.
     """
     field, swath_m = planner.task.field, planner.task.motion.swath_m
     lines = planner.free_lines(left) if planned is None else planned
 
-    def planned_m2(part: Sequence[Sequence[Point]]) -> float:
-        """Ground of a part that planned lines cover: what has no room for a turn was never planned [m²]."""
-        share = 1.0 if lines is None else covered_shares([part], [lines], swath_m)[-1]
-        return share * ground_m2(*part)
+    def bare_m2(part: Sequence[Sequence[Point]]) -> float:
+        """Ground of a part that is planned, and not covered: what has no room for a turn was never planned [m²]."""
+        bare = uncovered([part], flown, swath_m, SLIVER_SHARE * swath_m)
+        share = 1.0 if lines is None or not bare else covered_shares(bare, [lines], swath_m)[-1]
+        return share * sum(ground_m2(*each) for each in bare)
 
-    parts = [part for part in left.parts if planned_m2(part) >= MIN_PART_SHARE * field.area_m2]
+    parts = [part for part in left.parts if bare_m2(part) >= min_share * field.area_m2]
     return left.with_parts(parts) if parts else None
 
 
@@ -168,23 +175,31 @@ def _of_folder(folder: Path, planner: SortiePlanner, warn: Warn) -> FlownSurvey:
         warn([Fault(str(folder), 1, 1, message + "its altitude or overlap another?", severity="warning")])
     columns = flown_of_plan(flight.columns, flight.summary["turned_back_s"])
     points = np.array([columns["x_m"], columns["y_m"]]).T
-    heading_rad = _longest_line_rad(plan, flight.world.parameters)
+    heading_rad = _heading_of_lines_rad(plan, flight.world.parameters)
     laps = plan.path_count > 0
     times_s = np.array(columns["time_s"])
     return FlownSurvey(str(folder), times_s, points, flown_lines(plan, columns), heading_rad, laps)
 
 
-def _longest_line_rad(plan: Plan, parameters: Sequence[float]) -> float | None:
-    """The heading of the longest line of a plan; None where it has none, or a path has no value."""
+def _heading_of_lines_rad(plan: Plan, parameters: Sequence[float]) -> float | None:
+    """The heading of the longest line of a plan's field, the ways to it and home apart.
+
+    None where it has neither, or a path has no value.
+    """
+    if plan.site.field is None:
+        return None
+    corners = np.concatenate([outline for outline, *_ in plan.site.field.parts])
     try:
-        legs = [leg for leg in nominal_legs(plan, parameters) if leg.stage.kind == LINE]
+        lines = np.array([(*start, *end) for start, end in planned_lines(plan, parameters)]).reshape(-1, 2, 2)
     except PathUndefined:
         return None
-    if not legs:
+    middles = lines.mean(axis=1)
+    lines = lines[((corners.min(axis=0) <= middles) & (middles <= corners.max(axis=0))).all(axis=1)]
+    if not len(lines):
         return None
-    longest = max(legs, key=lambda leg: leg.distance_m)
-    (x0, y0), (x1, y1) = longest.start_m, longest.end_m
-    return math.atan2(y1 - y0, x1 - x0)
+    along = lines[:, 1] - lines[:, 0]
+    east, north = along[np.argmax(np.hypot(along[:, 0], along[:, 1]))].tolist()
+    return math.atan2(north, east)
 
 
 def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurvey:

@@ -128,12 +128,18 @@ def ordered(start: Pose, end: Pose, radius_m: float) -> list[DubinsPath]:
 
     Source: Shkel and Lumelsky 2001.
     """
-    paths = []
-    for word, *arcs in _words(np.array([start]), np.array([end]), radius_m):
-        first, middle, last = (float(arc[0, 0]) * radius_m for arc in arcs)
-        if math.isfinite(middle):
-            paths.append(DubinsPath(word, (first, middle, last), start, end, radius_m))
-    return sorted(paths, key=lambda path: path.length_m)
+    return ordered_each([start], [end], radius_m)[0]
+
+
+def ordered_each(starts: Sequence[Pose], ends: Sequence[Pose], radius_m: float) -> list[list[DubinsPath]]:
+    """The paths of `ordered` from each of some poses to its own of as many others."""
+    paths: list[list[DubinsPath]] = [[] for _ in starts]
+    for word, *arcs in _words(np.array(starts, dtype=float), np.array(ends, dtype=float), radius_m):
+        lengths_m = (np.stack(arcs, axis=-1) * radius_m).tolist()
+        for found, start, end, (first, middle, last) in zip(paths, starts, ends, lengths_m, strict=True):
+            if math.isfinite(middle):
+                found.append(DubinsPath(word, (first, middle, last), start, end, radius_m))
+    return [sorted(found, key=lambda path: path.length_m) for found in paths]
 
 
 ARC_STEP_RAD = math.radians(5)
@@ -210,7 +216,7 @@ def lengths_m(starts: ArrayLike, ends: ArrayLike, radius_m: float) -> FloatArray
 
     Source: Dubins 1957; Shkel and Lumelsky 2001.
     """
-    totals = [arcs.first + arcs.middle + arcs.last for arcs in _words(starts, ends, radius_m)]
+    totals = [arcs.first + arcs.middle + arcs.last for arcs in _words(*_each_to_each(starts, ends), radius_m)]
     shortest_of: FloatArray = np.fmin.reduce(totals) * radius_m
     return shortest_of
 
@@ -295,7 +301,7 @@ def times_s(starts: ArrayLike, ends: ArrayLike, radius_m: float, airspeed_mps: f
     a, b = np.asarray(starts, dtype=float)[:, np.newaxis, 2], np.asarray(ends, dtype=float)[np.newaxis, :, 2]
     at_start, at_end = pace.rest(a), pace.rest(b)
     fastest = np.full(np.broadcast_shapes(a.shape, b.shape), np.inf)
-    for word, first, middle, last in _words(starts, ends, radius_m):
+    for word, first, middle, last in _words(*_each_to_each(starts, ends), radius_m):
         one, two, three = (TURNS[letter] for letter in word)
         course = a + one * first
         there = pace.rest(course)
@@ -366,7 +372,7 @@ class _Pace:
 
 
 class _Arcs(NamedTuple):
-    """A word and its three lengths [radii], shape (n, m); NaN where there is no such path."""
+    """A word and its three lengths [radii], of the poses' shape; NaN where there is no such path."""
 
     word: str
     first: FloatArray
@@ -374,8 +380,13 @@ class _Arcs(NamedTuple):
     last: FloatArray
 
 
-def _words(starts: ArrayLike, ends: ArrayLike, radius_m: float) -> Iterator[_Arcs]:
-    """The paths of every word from poses, shape (n, 3), to others, shape (m, 3).
+def _each_to_each(starts: ArrayLike, ends: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """Poses, shapes (n, 3) and (m, 3), as arrays that broadcast to (n, m, 3)."""
+    return np.asarray(starts, dtype=float)[:, np.newaxis, :], np.asarray(ends, dtype=float)[np.newaxis, :, :]
+
+
+def _words(here: FloatArray, there: FloatArray, radius_m: float) -> Iterator[_Arcs]:
+    """The paths of every word from poses to others, arrays of shape (…, 3) that broadcast.
 
     Raises
     ------
@@ -384,7 +395,6 @@ def _words(starts: ArrayLike, ends: ArrayLike, radius_m: float) -> Iterator[_Arc
     """
     if not 0 < radius_m < math.inf:
         raise ValueError(f"a turning radius of {radius_m:g} m is not above 0 and finite")
-    here, there = np.asarray(starts, dtype=float)[:, np.newaxis, :], np.asarray(ends, dtype=float)[np.newaxis, :, :]
     if not (np.isfinite(here).all() and np.isfinite(there).all()):
         raise ValueError("a pose is not finite")
     x, y = (np.moveaxis(there[..., :2] - here[..., :2], -1, 0)) / radius_m

@@ -444,7 +444,17 @@ class FreeSpace:
 
     def sees(self, starts_m: ArrayLike, ends_m: ArrayLike) -> BoolArray:
         """Whether straight lines lie in it, from points to points, each of shape (n, 2); shape (n,)."""
-        lines = shapely.linestrings(np.stack((np.asarray(starts_m), np.asarray(ends_m)), axis=1))
+        return self._free(shapely.linestrings(np.stack((np.asarray(starts_m), np.asarray(ends_m)), axis=1)))
+
+    def has_each(self, paths_m: Sequence[FloatArray]) -> BoolArray:
+        """Whether polylines lie in it, each of shape (points, 2); shape (n,)."""
+        if not len(paths_m):
+            return np.zeros(0, dtype=bool)
+        of_points = np.repeat(np.arange(len(paths_m)), [len(path) for path in paths_m])
+        return self._free(shapely.linestrings(np.concatenate(paths_m), indices=of_points))
+
+    def _free(self, lines: Any) -> BoolArray:
+        """Whether each of many lines lies in it."""
         free = ~shapely.intersects(self._inner, lines)
         found: BoolArray = free if self._outer is None else free & shapely.covers(self._outer, lines)
         return found
@@ -456,6 +466,17 @@ class FreeSpace:
     def _holds(self, geometry: shapely.Geometry) -> bool:
         inside = self._outer is None or bool(shapely.covers(self._outer, geometry))
         return inside and not bool(shapely.intersects(self._inner, geometry))
+
+    def blocks(self, parts: Sequence[Sequence[Sequence[Point]]], radius_m: float) -> bool:
+        """Whether a circle of a radius [m] on a field's ground, as `covered_shares` has it, lies out of it."""
+        return not shapely.intersection(self._inner, _union(parts)).buffer(-radius_m).is_empty
+
+    def rooms(self, points_m: ArrayLike) -> IntArray:
+        """Numbers of its parts in which points lie, shape (n, 2), with no way from one to another; shape (n,)."""
+        everywhere = shapely.box(-FAR_M, -FAR_M, FAR_M, FAR_M)
+        parts = shapely.get_parts(shapely.difference(self._outer or everywhere, self._inner))
+        found: IntArray = shapely.distance(shapely.points(points_m)[:, np.newaxis], parts).argmin(axis=1)
+        return found
 
     def intervals_m(self, start: Point, end: Point) -> list[tuple[float, float]]:
         """The parts of a straight line that lie in it, as intervals along the line [m]."""
@@ -475,6 +496,9 @@ class FreeSpace:
         thinned = [shapely.simplify(part.exterior, distance_m / 20) for part in polygons]
         return [tuple((float(x), float(y)) for x, y in ring.coords[:-1]) for ring in thinned]
 
+
+FAR_M = 1e6
+"""Beyond any field [m]."""
 
 ALONG_M = 1e-3
 """How far a path may cross a boundary that it runs along [m]."""
@@ -516,6 +540,19 @@ def distances_m(areas: Sequence[Sequence[Point]], point: Point) -> FloatArray:
     """Distances of areas from a point, 0 where it lies within; shape (areas,) [m]."""
     found: FloatArray = shapely.distance([shapely.Polygon(area) for area in areas], shapely.Point(point))
     return found
+
+
+def apart_m(areas: Sequence[Sequence[Point]], rings: Sequence[Sequence[Point]]) -> list[float]:
+    """Distances of the edges of areas from an outline with its holes, 0 where they meet [m]."""
+    part = shapely.Polygon(rings[0], rings[1:])
+    found: list[float] = shapely.distance([shapely.LinearRing(area) for area in areas], part).tolist()
+    return found
+
+
+def inner_point(*rings: Sequence[Point]) -> Point:
+    """A point of the ground of an outline and its holes, away from its edges where it can be [m]."""
+    point = shapely.point_on_surface(shapely.Polygon(rings[0], rings[1:]))
+    return float(point.x), float(point.y)
 
 
 def holding(areas: Sequence[Sequence[Point]], points_m: FloatArray) -> BoolArray:

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from eadp.coverage.heights import HeightProfile
+from eadp.coverage.left import LeftGround
 from eadp.coverage.swaths import CoverageLeg, CoveragePath
 from eadp.io.figures.canvas import (
     COLOURS,
     START,
     Axes,
+    draw_area,
     draw_arrow,
     draw_ground,
     figure_file,
@@ -24,8 +27,18 @@ STEP_M = 3.0
 """Distance between points of a turn, about [m]."""
 
 
-def write_coverage_figure(path: str, field: Field, ways: Mapping[str, CoveragePath], swath_m: float) -> None:
-    """Draw a field and coverage paths side by side under their titles: ground covered, lines, turns.
+def write_coverage_figure(
+    path: str,
+    field: Field,
+    ways: Mapping[str, CoveragePath],
+    swath_m: float,
+    *,
+    profile: HeightProfile | None = None,
+    left: Sequence[LeftGround] = (),
+) -> None:
+    """Draw a field and coverage paths side by side under their titles: ground covered and left, lines, turns.
+
+    Over terrain the ground and the flight are drawn below.
 
     Raises
     ------
@@ -34,15 +47,44 @@ def write_coverage_figure(path: str, field: Field, ways: Mapping[str, CoveragePa
     """
     x, y = zip(*(corner for part in field.parts for corner in part[0]), strict=True)
     wide = min(1.6, max(0.5, (max(x) - min(x) + 150) / (max(y) - min(y) + 150)))
-    with figure_file(path, 0.8 + 5.5 * wide * len(ways), 6.5) as figure:
-        all_axes = np.atleast_1d(figure.subplots(1, len(ways), sharex=True, sharey=True, squeeze=True))
+    below = 0 if profile is None else 1
+    with figure_file(path, max(0.8 + 5.5 * wide * len(ways), 6.0 * below), 6.5 + 2.2 * below) as figure:
+        rows = figure.add_gridspec(1 + below, 1, height_ratios=[3, 1][: 1 + below])
+        grid = rows[0].subgridspec(1, len(ways))
+        all_axes = grid.subplots(sharex=True, sharey=True, squeeze=False)[0]
+        if profile is not None:
+            _draw_profile(figure.add_subplot(rows[1]), profile)
         for axes, (title, way) in zip(all_axes, ways.items(), strict=True):
             draw_ground(axes, field, field.airspace)
+            draw_left(axes, left)
             _draw_way(axes, way, swath_m)
             label_map(axes, title)
             axes.set_aspect("equal", adjustable="box")
             axes.label_outer()
         fit_legend(figure, 6, loc="outside lower center", fontsize=9)
+
+
+def _draw_profile(axes: Axes, profile: HeightProfile) -> None:
+    """The ground and the flight over the distance flown; on lines the heights that are allowed, too."""
+    km, limits = profile.places_m / 1000, profile.limits
+    axes.fill_between(km, profile.ground_m, profile.ground_m.min(), color="#b7a98f", linewidth=0, label="ground")
+    low_m = profile.ground_m + limits.line_m
+    band = (low_m, low_m + limits.tolerance_m)
+    label = f"{limits.line_m:.4g} to {limits.line_m + limits.tolerance_m:.4g} m above ground"
+    axes.fill_between(km, *band, where=profile.on_line, color=COLOURS[2], alpha=0.3, linewidth=0, label=label)
+    axes.plot(km, profile.flown_m, color=COLOURS[1], linewidth=1.0)
+    on_line = np.where(profile.on_line, profile.flown_m, np.nan)
+    axes.plot(km, on_line, color=COLOURS[0], linewidth=1.3)
+    axes.set_xlabel("distance flown [km]")
+    axes.set_ylabel("altitude [m]")
+    axes.margins(x=0)
+
+
+def draw_left(axes: Axes, left: Sequence[LeftGround]) -> None:
+    """Ground that is not covered, hatched."""
+    style = {"facecolor": "white", "edgecolor": "#00000070", "hatch": "xx", "linewidth": 0.6, "zorder": 1.9}
+    for each in left:
+        draw_area(axes, each.rings, **style, label="not covered")
 
 
 def _draw_way(axes: Axes, way: CoveragePath, swath_m: float) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from eadp.core.geometry.curves import Point
+from eadp.coverage.left import LeftGround
 from eadp.coverage.swaths import CoveragePath
 from eadp.io.figures.canvas import (
     COLOURS,
@@ -16,7 +18,7 @@ from eadp.io.figures.canvas import (
     fit_legend,
     label_map,
 )
-from eadp.io.figures.coverage import ground_of, line_of
+from eadp.io.figures.coverage import draw_left, ground_of, line_of
 from eadp.models.field import Field
 
 
@@ -29,24 +31,31 @@ class DrawnSortie(NamedTuple):
 
 
 def write_sorties_figure(
-    path: Path, field: Field, sorties: Sequence[DrawnSortie], swath_m: float, home_m: Point | None
+    path: Path,
+    field: Field,
+    sorties: Sequence[DrawnSortie],
+    swath_m: float,
+    home_m: Point | None,
+    left: Sequence[LeftGround] = (),
 ) -> None:
     """Draw sorties. Written to `path` with the endings .svg and .png."""
     with figure_pair(path, 8.5, 8.0) as figure:
         axes = figure.subplots()
         draw_ground(axes, field, field.airspace)
+        draw_left(axes, left)
         for i, sortie in enumerate(sorties):
             colour = COLOURS[i % len(COLOURS)]
             label = f"sortie {sortie.number}"
             if sorties[-1].aircraft > 1:
                 label = f"{label}, aircraft {sortie.aircraft}"
-            middles = []
-            for leg in sortie.path.legs:
-                if leg.sensing:
-                    axes.fill(*ground_of(leg, swath_m), color=colour, alpha=0.22, linewidth=0, zorder=2)
-                    middles.append(leg.piece.pose_at(leg.piece.length_m / 2)[:2])
-                width = 1.2 if leg.sensing else 0.6
-                axes.plot(*line_of(leg), color=colour, linewidth=width, zorder=3, label=label)
+            lines, turns = ([leg for leg in sortie.path.legs if leg.sensing is on] for on in (True, False))
+            middles = [leg.piece.pose_at(leg.piece.length_m / 2)[:2] for leg in lines]
+            for leg in lines:
+                axes.fill(*ground_of(leg, swath_m), color=colour, alpha=0.22, linewidth=0, zorder=2)
+            for legs, width in ((lines, 1.2), (turns, 0.6)):
+                # as one line with breaks, which is quicker to draw
+                xy = [point for leg in legs for point in (*zip(*line_of(leg), strict=True), (math.nan, math.nan))]
+                axes.plot(*zip(*xy, strict=True), color=colour, linewidth=width, zorder=3, label=label)
             if middles:
                 at = middles[len(middles) // 2]
                 box = {"boxstyle": "circle", "facecolor": "white", "edgecolor": colour}

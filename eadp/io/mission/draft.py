@@ -8,15 +8,19 @@ from typing import NamedTuple
 
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.text.source import Location
+from eadp.models.plan import stage
 from eadp.models.vehicle import FixedWing
 
 ITEMS_LIMIT = 10_000
 """Most items of a mission, and most that are flown: an autopilot holds hundreds."""
 
 WAYPOINT, LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME = 16, 17, 18, 19
-RETURN, LAND, TAKEOFF, LOITER_TO_ALTITUDE = 20, 21, 22, 31
+RETURN, LAND, TAKEOFF, LOITER_TO_ALTITUDE = stage.RETURN, stage.LAND, stage.TAKEOFF, 31
 SPLINE, VTOL_TAKEOFF, VTOL_LAND = 82, 84, 85
 JUMP, CHANGE_SPEED, LAND_START, TRIGGER_DISTANCE = 177, 178, 189, 206
+
+HIGHEST_M = 1e5
+"""Highest altitude, and greatest depth [m]."""
 
 CIRCLE_CORNERS, MAX_FENCE_M = 32, 1e6
 """Corners of a round fence, and its largest radius [m]."""
@@ -54,6 +58,10 @@ class DraftItem:
     locations: tuple[Location, ...]
 
 
+Place = tuple[float, float, float]
+"""A place to rally: latitude and longitude [°], altitude above home [m]."""
+
+
 class Fence(NamedTuple):
     """An area that an autopilot keeps in, or out of: its corners as latitude and longitude [°]."""
 
@@ -84,6 +92,7 @@ class MissionDraft:
     items: list[DraftItem] = field(default_factory=list)
     multirotor: bool = False
     fences: list[Fence] = field(default_factory=list)
+    rally: list[Place] = field(default_factory=list)
     doubts: list[tuple[Location, str, str]] = field(default_factory=list)
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.models.airspace import EVERYWHERE, Airspace
@@ -93,7 +94,9 @@ class PlannedPath:
     """What is exported: the sections of a plan at parameters, and what holds on them.
 
     `altitude_m` holds where a stage has none, and `stated_mps` as its airspeed, None without one; `home_deg` is where
-    the aircraft takes off and returns to, None without; `climb_deg` is the pitch of the take-off [°].
+    the aircraft takes off and returns to, None without; `climb_deg` is the pitch of the take-off [°]. `ground` has the
+    height of the ground at points, shape (n, 2), above the altitude 0 [m], where altitudes are written above it.
+    `rally` are places to rally, with their altitudes above home [m]; `surveyed` is the field whose lines are one item.
     """
 
     name: str
@@ -107,6 +110,9 @@ class PlannedPath:
     airspace: Airspace = EVERYWHERE
     stated_mps: float | None = None
     climb_deg: float = 0.0
+    ground: Callable[[FloatArray], FloatArray] | None = None
+    rally: tuple[tuple[float, float, float], ...] = ()
+    surveyed: tuple[Point, ...] = ()
 
     def geodetic_deg(self, point: Point) -> Point:
         """Latitude and longitude of a point [m]."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from eadp.core.expressions.reader import read_expression
@@ -23,7 +23,6 @@ from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.plan.plan import Finding, Plan, Site
 from eadp.models.plan.stage import Stage
 
-HIGHEST_M = 1e5
 LOW_M = 50.0
 """Height below home beyond which an altitude above the sea may be one above home [m]."""
 LOITER_RADIUS_M = 60.0
@@ -56,6 +55,16 @@ def _is_placed(item: DraftItem) -> bool:
     latitude, longitude = item.parameters[4:6]
     placed = abs(latitude) <= 90 and abs(longitude) <= 180 and max(abs(latitude), abs(longitude)) >= SAME_POINT_DEG
     return item.command in _POSITIONED and placed
+
+
+def _command(item: DraftItem) -> tuple[float, ...]:
+    """An item as the command of a stage."""
+    return (float(item.command), *(0.0 if math.isnan(value) else value for value in item.parameters))
+
+
+def _without_place(item: DraftItem) -> tuple[float, ...]:
+    """As `_command`, of an item whose place is the path's."""
+    return (*_command(item)[:5], 0.0, 0.0, 0.0)
 
 
 @dataclass
@@ -94,7 +103,7 @@ class MissionPlan:
 
     def _check_home(self) -> None:
         latitude, longitude, altitude = self.draft.home
-        if not (abs(latitude) <= 90 and abs(longitude) <= 180 and abs(altitude) <= HIGHEST_M):
+        if not (abs(latitude) <= 90 and abs(longitude) <= 180 and abs(altitude) <= d.HIGHEST_M):
             message = f"home at latitude {latitude:.10g}, longitude {longitude:.10g}, altitude {altitude:.10g}"
             expected = "degrees within ±90 and ±180, and metres"
         elif latitude == longitude == 0:
@@ -146,8 +155,8 @@ class MissionPlan:
             if item.command not in _HERE_IF_NULL:
                 self._fault(at[6], item, "no coordinates", "a latitude and a longitude")
             return
-        if abs(altitude) > HIGHEST_M:
-            self._fault(at[8], item, f"an altitude of {altitude:.10g} m", f"at most {HIGHEST_M:g} m")
+        if abs(altitude) > d.HIGHEST_M:
+            self._fault(at[8], item, f"an altitude of {altitude:.10g} m", f"at most {d.HIGHEST_M:g} m")
         if abs(latitude) > 90 or abs(longitude) > 180:
             which = (6, "latitude", latitude, 90) if abs(latitude) > 90 else (7, "longitude", longitude, 180)
             self._fault(at[which[0]], item, f"a {which[1]} of {which[2]:.10g}", f"degrees within ±{which[3]}")
@@ -265,12 +274,13 @@ class MissionPlan:
                 here = (0.0, 0.0) if item.command == d.RETURN else self.points.get(index) or here
                 climb_m = 0.0 if altitude is None else altitude - (before or 0.0)
                 target = self._target(index, item, here, airspeed, climb_m)
+                if item.command == d.TAKEOFF and not visits:
+                    commands.append((*_without_place(item)[:-1], altitude or 0.0))
                 if target is not None:
                     visits.append(_Visit(target, item, altitude, airspeed, tuple(commands)))
                     commands = []
-            elif item.command in MOTIONLESS or item.command == d.CHANGE_SPEED:
-                values = [0.0 if math.isnan(value) else value for value in item.parameters]
-                commands.append((float(item.command), *values))
+            elif item.command in MOTIONLESS or item.command in (d.CHANGE_SPEED, d.LAND_START):
+                commands.append(_command(item))
         if commands and visits:
             visits[-1] = visits[-1]._replace(commands=(*visits[-1].commands, *commands))
         return visits
@@ -364,6 +374,9 @@ class MissionPlan:
                     item=visit.item.label,
                 )
             )
+        last = visits[-1].item
+        if last.command in (d.LAND, d.RETURN):
+            stages[-1] = replace(stages[-1], commands=(*stages[-1].commands, _without_place(last)))
         shortest_m = min(piece.length_m for _, piece in path.pieces)
         return Plan(
             name=self.source.name,
@@ -371,12 +384,15 @@ class MissionPlan:
             path_count=0,
             trigger_radius_m=min(TRIGGER_RADIUS_M, float(f"{0.9 * shortest_m:.2g}")),
             min_radius_m=radius_m,
-            site=Site(self._origin_deg, (0.0, 0.0), home_m=(0.0, 0.0), airspace=self._airspace()),
+            site=Site(self._origin_deg, (0.0, 0.0), home_m=(0.0, 0.0), airspace=self._airspace(), rally=self._rally()),
         )
 
     @property
     def _origin_deg(self) -> Point:
         return self.draft.home[0], self.draft.home[1]
+
+    def _rally(self) -> tuple[tuple[float, float, float], ...]:
+        return tuple((*to_local_m(*place[:2], self._origin_deg), place[2]) for place in self.draft.rally)
 
     def _airspace(self) -> Airspace:
         """The fences: obstacles and boundary."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,6 +12,7 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import InputError, printable
 from eadp.io.mission.draft import (
     ABSOLUTE,
+    HIGHEST_M,
     ITEMS_LIMIT,
     LAND,
     LAND_START,
@@ -26,12 +27,13 @@ from eadp.io.mission.draft import (
     Fence,
     MissionDraft,
     MissionItem,
+    Place,
 )
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
 from eadp.io.text.source import Location, SourceText
 
 ARDUPILOT, PX4 = 3, 12
-FENCE_VERSION = 2
+FENCE_VERSION = RALLY_VERSION = 2
 FIXED_WING, VTOL = 1, frozenset((19, 20, 21, 22, 23, 24, 25))
 """MAVLink's types of aircraft that fly on wings."""
 VERSIONS = {
@@ -44,6 +46,7 @@ VERSIONS = {
 LANDINGS = {"fwLandingPattern": LAND, "vtolLandingPattern": VTOL_LAND}
 STRUCTURE = "StructureScan"
 CALCULATED, ABOVE_TERRAIN = 3, 4
+MODES = {RELATIVE: 1, TERRAIN: ABOVE_TERRAIN}
 """QGroundControl's AltitudeMode of heights above ground: with the altitude of the ground added, or not."""
 NEWER = "a plan (*.plan), which a later QGroundControl makes of it"
 _TRANSECTS = "TransectStyleComplexItem"
@@ -119,7 +122,7 @@ def is_qgc(head: str) -> bool:
 
 
 def read_qgc(source: SourceText) -> MissionDraft:
-    """Read the mission of a plan, and its fences; its rally points are not read.
+    """Read the mission of a plan, its fences and its rally points.
 
     Raises
     ------
@@ -140,7 +143,23 @@ def read_qgc(source: SourceText) -> MissionDraft:
     for item in mission.member("items").elements():
         _read_item(item.is_(JsonObject), draft)
     draft.fences += _fences(root)
+    draft.rally += qgc_rally(source)
     return draft
+
+
+def qgc_rally(source: SourceText) -> list[Place]:
+    """The rally points of a plan alone; raises InputError."""
+    rally = _root(source).member("rallyPoints")
+    if not isinstance(rally.value, JsonObject) or rally.member("version").value != RALLY_VERSION:
+        return []
+    return [(*_corner(each), _altitude(each)) for each in rally.member("points").elements()]
+
+
+def _altitude(place: _Value) -> float:
+    values = place.value
+    if len(values) < 3 or type(values[2]) not in (int, float) or not abs(values[2]) <= HIGHEST_M:
+        raise place.error("no altitude above home", "[latitude, longitude, altitude]")
+    return float(values[2])
 
 
 def qgc_fences(source: SourceText) -> list[Fence]:
@@ -256,36 +275,61 @@ def _read_landing(item: _Value, draft: MissionDraft, landing: int) -> None:
         draft.items.append(DraftItem(item.path, number, command, frame, values, (item.location,) * 9))
 
 
+def _rounded(values: Sequence[float]) -> list[float | None]:
+    return [round(value, 9) for value in values]
+
+
 def qgc_text(
     items: Sequence[MissionItem],
     home_deg: Point,
     airspeed_mps: float,
     fences: Sequence[Fence] = (),
     firmware: int = ARDUPILOT,
+    rally: Sequence[Place] = (),
+    survey: tuple[int, int, Callable[[list[dict[str, Any]]], dict[str, Any]]] | None = None,
 ) -> str:
-    """The file of a mission of a fixed wing."""
+    """The file of a mission of a fixed wing; of ArduPilot, with a landing as the pattern that can be edited.
+
+    `survey` is the span of the items that a complex item has, and what makes it of them.
+
+    MAVSDK, which sends plans to PX4, refuses a pattern. There it is the same items, which QGroundControl makes one of.
+    """
     polygons = [
         {
             "inclusion": inclusion,
-            "polygon": [[round(latitude, 9), round(longitude, 9)] for latitude, longitude in corners],
+            "polygon": [_rounded(corner) for corner in corners],
             "version": 1,
         }
         for inclusion, corners, _ in fences
     ]
-    written = []
-    for number, (command, frame, parameters, _) in enumerate(items, 1):
+    written: list[dict[str, Any]] = []
+    lands = [item.command for item in items[-3:]] == [LAND_START, WAYPOINT, LAND]
+    pattern = lands and firmware == ARDUPILOT
+    for number, (command, frame, parameters, _) in enumerate(items[:-3] if pattern else items, 1):
         item: dict[str, Any] = {"autoContinue": True, "command": command, "doJumpId": number, "frame": frame}
-        item |= {"params": [round(value, 9) for value in parameters], "type": "SimpleItem"}
-        if frame == RELATIVE:
-            item |= {"AMSLAltAboveTerrain": None, "Altitude": parameters[6], "AltitudeMode": 1}
+        item |= {"params": _rounded(parameters), "type": "SimpleItem"}
+        if frame in MODES:
+            item |= {"AMSLAltAboveTerrain": None, "Altitude": parameters[6], "AltitudeMode": MODES[frame]}
         written.append(item)
+    if survey is not None:
+        start, end, joined = survey
+        written[start:end] = [joined(written[start:end])]
+    if lands and not pattern:
+        written[-2]["params"][3] = None
+    if pattern:
+        approach, land = (_rounded(item.parameters[4:]) for item in items[-2:])
+        written.append(
+            {"type": "ComplexItem", "complexItemType": "fwLandingPattern", "version": 2, "altitudesAreRelative": True}
+            | {"landingApproachCoordinate": approach, "landCoordinate": land, "useLoiterToAlt": False}
+            | {"loiterRadius": 0.0, "loiterClockwise": True, "stopTakingPhotos": False, "stopVideoPhotos": False}
+        )
     mission = {
         "cruiseSpeed": airspeed_mps,
         "firmwareType": firmware,
-        "globalPlanAltitudeMode": 1,
+        "globalPlanAltitudeMode": MODES[TERRAIN if any(item.frame == TERRAIN for item in items) else RELATIVE],
         "hoverSpeed": airspeed_mps,
         "items": written,
-        "plannedHomePosition": [*(round(value, 9) for value in home_deg), 0.0],
+        "plannedHomePosition": [*_rounded(home_deg), 0.0],
         "vehicleType": FIXED_WING,
         "version": 2,
     }
@@ -294,7 +338,7 @@ def qgc_text(
         "geoFence": {"circles": [], "polygons": polygons, "version": FENCE_VERSION},
         "groundStation": "QGroundControl",
         "mission": mission,
-        "rallyPoints": {"points": [], "version": 2},
+        "rallyPoints": {"points": [_rounded(place) for place in rally], "version": RALLY_VERSION},
         "version": 1,
     }
     return json.dumps(plan, indent=4) + "\n"

@@ -30,7 +30,7 @@ from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.field import Field
-from eadp.models.plan.plan import TRIGGER_RADIUS_M, Finding, MadeFor, Plan, ShortForm, Site
+from eadp.models.plan.plan import TRIGGER_RADIUS_M, Finding, MadeFor, Plan, ShortForm, Site, SurveyCamera
 from eadp.models.plan.segments import LoopVariable, Segment
 from eadp.models.plan.stage import ROTATIONS, Box, PointExpression, Stage, Title
 from eadp.models.plan.structure import equal, find_shift, find_structure, header_disagrees, tidy
@@ -58,9 +58,12 @@ _HEADERS = (
     "hole",
     "swath",
     "home",
+    "rally",
     "avoid",
     "inside",
     "made-for",
+    "camera",
+    "ground",
 )
 _RING_HEADERS, _LIMIT_HEADERS = ("field", "hole"), ("avoid", "inside")
 """Headers of the field's parts, each an outline and the holes in it; of obstacles and of the boundary. They may stand
@@ -68,6 +71,7 @@ more than once."""
 _CORNER = re.compile(r"{0},{0}\Z".format(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"))
 _HEIGHT = re.compile(r"(?:^|\s)height\s+(\S+)\Z")
 _MADE_FOR = re.compile(r"(.*?)\s*airspeed\s+(\S+)\s+wind\s+(\S+?),?\s+(\S+)\Z")
+_CAMERA = re.compile(r"(.*?) ?\baltitude (\S+)(?: gsd (\S+))?\Z")
 _STAGE_HEADERS = ("altitude", "airspeed", "command")
 """Headers of the stages after them, which may stand more than once."""
 LIMIT_CHARACTERS, LIMIT_STAGES = 10_000_000, 10_000
@@ -459,6 +463,9 @@ class _Reader:
             home_m=self._of("home", _xy),
             airspace=self._header_airspace(),
             made_for=self._of("made-for", _made_for),
+            camera=self._of("camera", _camera),
+            ground_m=self._of("ground", lambda text: _numbers(text, 1, "metres above the sea, like 120")[0]),
+            rally=self._of("rally", _rally) or (),
         )
 
     def _header_airspace(self) -> Airspace:
@@ -875,6 +882,11 @@ def _xy(text: str) -> Point:
     return x, y
 
 
+def _rally(text: str) -> tuple[tuple[float, float, float], ...]:
+    rows = (_numbers(part, 3, "x, y and altitude in metres, like 0 0 60, 90 0 60") for part in text.split(","))
+    return tuple((x, y, up) for x, y, up in rows)
+
+
 def _made_for(text: str) -> MadeFor:
     found = _MADE_FOR.match(text.strip())
     try:
@@ -884,6 +896,17 @@ def _made_for(text: str) -> MadeFor:
     if not found or not all(abs(value) <= 1e4 for value in numbers) or len(numbers) < 3:
         raise ExpressionError(0, "no aircraft, airspeed and wind", "like survey wing airspeed 15 wind 6 270")
     return MadeFor(found[1], *numbers)
+
+
+def _camera(text: str) -> SurveyCamera:
+    found = _CAMERA.match(" ".join(text.split()))  # of runs of blanks each would be tried from everywhere
+    try:
+        altitude_m, gsd_cm = (None if word is None else float(word) for word in found.groups()[1:]) if found else (0, 0)
+    except ValueError:
+        altitude_m = gsd_cm = 0
+    if not found or not altitude_m or not all(0 < value <= 1e5 for value in (altitude_m, gsd_cm) if value is not None):
+        raise ExpressionError(0, "no camera, altitude and pixel size", "like Sony a6000 20 mm altitude 102.1 gsd 2")
+    return SurveyCamera(found[1], altitude_m, gsd_cm)
 
 
 def _ring(text: str) -> tuple[Point, ...]:

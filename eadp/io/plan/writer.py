@@ -67,10 +67,12 @@ def _title_text(title: Title) -> str:
 
 
 def _mission_lines(site: Site) -> list[str]:
-    """The headers of home, of obstacles and boundary, and of what the plan was made for."""
+    """The headers of home, of obstacles and boundary, of what the plan was made for, and of its camera."""
     lines = []
     if site.home_m is not None:
         lines.append(f"%: home {_corners([site.home_m])}")
+    if site.rally:
+        lines.append(f"%: rally {', '.join(' '.join(map(number_text, place)) for place in site.rally)}")
     for obstacle in site.airspace.obstacles:
         height = "" if obstacle.height_m is None else f" height {number_text(obstacle.height_m)}"
         lines.append(f"%: avoid {obstacle.name}{height} {_corners(obstacle.outline)}")
@@ -79,6 +81,12 @@ def _mission_lines(site: Site) -> list[str]:
         speed, wind, from_deg = (number_text(value) for value in made[1:])
         name = f"{made.vehicle} " if made.vehicle else ""
         lines.append(f"%: made-for {name}airspeed {speed} wind {wind} {from_deg}")
+    if (camera := site.camera) is not None:
+        name = f"{camera.name} " if camera.name else ""
+        size = "" if camera.gsd_cm is None else f" gsd {number_text(camera.gsd_cm)}"
+        lines.append(f"%: camera {name}altitude {number_text(camera.altitude_m)}{size}")
+    if site.ground_m is not None:
+        lines.append(f"%: ground {number_text(site.ground_m)}")
     return lines
 
 

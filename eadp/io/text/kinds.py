@@ -22,6 +22,7 @@ _MISSIONS = "a plan; a mission as WPL (*.waypoints) or a plan of QGroundControl"
 USES = {
     "scenario": ("a scenario", "--scenario {}"),
     "vehicle": ("a vehicle file", "--set vehicle={}, or eadp vehicle {}"),
+    "camera": ("a camera", "eadp cover FIELD --camera {}"),
     "profile": ("a profile", "--profile {}"),
     "energy": ("an energy model", "--energy {}"),
     "sweep": ("a sweep", "eadp sweep {}"),

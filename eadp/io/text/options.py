@@ -41,6 +41,7 @@ UNITS = {
     "_s": "SECONDS",
     "_w": "W",
     "_mm": "MM",
+    "_cm": "CM",
     "_px": "PX",
 }
 """What stands for a value in the help, by the unit that ends its field's name."""

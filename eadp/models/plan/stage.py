@@ -105,6 +105,10 @@ class Parameter:
         return float(brentq(lambda value: self.shown(value) - shown, box.lo, box.hi, xtol=1e-9))
 
 
+RETURN, LAND, TAKEOFF = 20, 21, 22
+"""MAVLink's commands that say how a stage is flown: to its end, then home; down to its end; up from the ground."""
+
+
 @dataclass(frozen=True)
 class Stage:
     """A path to follow until its trigger, and the sets of the parameters there. Source: letter, Def. II.2.
@@ -112,7 +116,8 @@ class Stage:
     `radius_m` is the radius of its trigger where it has its own (the letter's ε_i); `Plan.radius_m` is the one that
     holds. `segment` is the one that it belongs to, where path and trigger may name its loop variables. `altitude_m` is
     above the origin. `commands` are what an autopilot does as the stage starts, as MAVLink's numbers: a command and its
-    parameters; they do not move it. `item` is what messages call the item of a mission that it leads to.
+    parameters; they do not move it, but for `TAKEOFF`, `LAND` and `RETURN`. `item` is what messages call the item of a
+    mission that it leads to.
     """
 
     index: int
@@ -133,6 +138,10 @@ class Stage:
     def label(self) -> str:
         """What messages call it."""
         return self.item or f"stage {self.index}"
+
+    def command(self, number: int) -> tuple[float, ...]:
+        """Its command of a number; empty without."""
+        return next((each for each in self.commands if each[0] == number), ())
 
     @cached_property
     def kind(self) -> str:

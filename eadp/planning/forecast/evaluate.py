@@ -27,7 +27,7 @@ from eadp.planning.forecast.climbs import with_climbs
 from eadp.planning.forecast.envelopes import Envelopes
 from eadp.planning.forecast.final_charge import LOSS, LOSS_SQUARE, FinalCharge, moments
 from eadp.planning.forecast.knapsack import Filling, Knapsack, fill_greedy
-from eadp.planning.state.charge import after_drain
+from eadp.planning.state.charge import charge_at_end
 from eadp.planning.state.known import Known, WindKnown
 from eadp.planning.state.level_regression import WINDOW_S
 
@@ -483,13 +483,13 @@ class Evaluator:
         battery = self.mission.battery
         volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
         drain = drain_per_s(mean_w, volts, battery.resistance_ohm, battery.drain_per_as) * seconds
-        then = after_drain(known.charge.filtered, drain)
+        soc, charge_var = charge_at_end(known.charge.filtered, drain)
         return Totals(
             seconds=seconds,
             time_var_s2=time_var,
             energy_var_j2=energy_var,
-            use_ratio=(known.soc - then.soc) / np.maximum(drain, 1e-12),
-            charge_var=then.var_soc + 0 * drain,  # 0 * drain: one value for each route
+            use_ratio=(known.soc - soc) / np.maximum(drain, 1e-12),
+            charge_var=charge_var,
             mean_w=mean_w,
             soc_per_j=np.full_like(seconds, math.nan),
         )

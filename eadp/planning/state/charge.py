@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -344,6 +344,18 @@ def after_drain(charge: Charge, drain: float) -> Charge:
         var_offset,
     )
     # fmt: on
+
+
+def charge_at_end(charge: Charge, drain: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Charge and its variance after predicted drains of a mission, each of shape (n,).
+
+    Where a drain is more than the battery holds, the charge is below 0: what is short. Beyond empty, κ stays as it is
+    there: it is known of a battery from full to empty, and would else grow without end.
+    """
+    inside: Any = np.minimum(drain, max(charge.soc, 0.0))
+    at, beyond = after_drain(charge, inside), drain - inside
+    variance = at.var_soc - 2 * beyond * at.cov_soc_ratio + beyond * beyond * at.var_ratio
+    return at.soc - at.use_ratio * beyond, variance
 
 
 def corrected(charge: Charge, error: float, noise: float) -> Charge:

@@ -32,6 +32,7 @@ READER = PlanReader(turn_radius_m=RADIUS_M)
 TOLERANCE_M, ROUNDED_M, STEP_M = 1.0, 0.05, 2.0
 SAME_LENGTH = 0.005
 LINES = "0.1; 90; x\n0, 300\n0.0005; 270; (x - 50)^2 + (y - 300)^2 - 2500\n100, 300\n0.1; 270; x - 100\n100, 0\n"
+LANDING = f"%: altitude 60\n{LINES}%: altitude 0\n%: command 21 0 0 0 0 0 0 0\n0.1; 270; x - 100\n100, -400\n"
 
 
 def path_of(plan, parameters=(), **options):
@@ -237,7 +238,8 @@ def test_home_adds_take_off_and_return_and_stages_their_settings():
     exported = mission_items(path_of(plan, home_deg=home, trigger_distance_m=25.0))
     assert [exported[0].command, exported[-1].command] == [22, 20]
     assert [item.parameters[0] for item in exported if item.command == 206] == [25, 0]
-    assert {item.parameters[6] for item in exported if item.command in (16, 18, 22)} == {60}
+    assert {item.parameters[6] for item in exported if item.command in (16, 18)} == {60}
+    assert exported[0].parameters[6] == 50, "ArduPilot climbs straight ahead to there"
     back, _ = read_back(path_of(plan, home_deg=home), "qgc")
     assert back.site.origin_deg == pytest.approx(home)
     assert back.stages[-1].trigger_at(()) == (0, 0)
@@ -468,8 +470,9 @@ def test_what_cannot_be_exported_writes_nothing(eadp, tmp_path, arguments, words
 
 def test_pymavlink_loads_it(tmp_path):
     mavwp = pytest.importorskip("pymavlink.mavwp")
-    plan, _ = read_plan(Text("p", LINES))
+    plan, _ = read_plan(Text("p", LANDING))
     exported = mission_items(path_of(plan, home_deg=HOME))
+    assert [item.command for item in exported[-3:]] == [189, 16, 21]
     file = tmp_path / "m.waypoints"
     file.write_text(EXPORTS["ardupilot"](path_of(plan, home_deg=HOME)))
     loader = mavwp.MAVWPLoader()
@@ -480,6 +483,12 @@ def test_pymavlink_loads_it(tmp_path):
         assert (loaded.x, loaded.y, loaded.z) == pytest.approx(item.parameters[4:], abs=1e-6)
 
 
+def test_pictures_end_before_a_landing():
+    path = path_of(read_plan(Text("p", LANDING))[0], trigger_distance_m=20.0)
+    assert [item.command for item in mission_items(path)[-4:]] == [206, 189, 16, 21]
+    assert json.loads(EXPORTS["qgc"](path))["mission"]["items"][-1]["complexItemType"] == "fwLandingPattern"
+
+
 @pytest.mark.slow
 def test_mavsdk_imports_it():
     """MAVSDK's own importer, which works once a heartbeat has connected a system; by hand, with eadp[exchange-test]."""
@@ -488,7 +497,7 @@ def test_mavsdk_imports_it():
     mavutil = pytest.importorskip("pymavlink.mavutil")
     plan, _ = read_plan(Text("p", LINES))
     path = path_of(plan, home_deg=HOME, trigger_distance_m=20.0)
-    exported = mission_items(path)
+    exported, lands = mission_items(path), path_of(read_plan(Text("p", LANDING))[0])
     stop = threading.Event()
 
     def beat():
@@ -508,9 +517,14 @@ def test_mavsdk_imports_it():
             raw = mission_raw.MissionRaw(system)
             qgc = raw.import_qgroundcontrol_mission_from_string(EXPORTS["qgc"](path)).mission_items
             wpl = raw.import_mission_planner_mission_from_string(EXPORTS["ardupilot"](path)).mission_items
+            px4 = raw.import_qgroundcontrol_mission_from_string(EXPORTS["px4"](lands)).mission_items
+            wpl_lands = raw.import_mission_planner_mission_from_string(EXPORTS["ardupilot"](lands)).mission_items
     finally:
         stop.set()
         beats.join()
+    for taken, px4_too in ((px4, True), (wpl_lands, False)):
+        wanted = [item.command for item in mission_items(lands, px4=px4_too)]
+        assert [item.command for item in taken[-len(wanted) :]] == wanted
     for taken in (qgc[-len(exported) :], wpl[-len(exported) :]):  # home is an item of ArduPilot's
         assert [item.command for item in taken] == [item.command for item in exported]
         for found, item in zip(taken, exported, strict=True):

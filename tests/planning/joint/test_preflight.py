@@ -79,6 +79,17 @@ def test_the_forecast_is_what_is_flown(plan, planner, battery_ah, wind, meadow):
     assert sum(energy for _, energy in expected.stages.values()) == pytest.approx(evaluated.energy_wh)
 
 
+def test_the_smaller_the_battery_the_less_likely_the_end():
+    sizes_ah = 0.4, 0.3, 0.2, 0.1, 0.02
+    likely = [
+        inputs_of(ROOT / "plans/survey.plan", "static", **{"battery.capacity_ah": size}).preflight().forecast
+        for size in sizes_ah
+    ]
+    shares = [one.completes_probability for one in likely]
+    assert shares == sorted(shares, reverse=True)
+    assert shares[-1] < 1e-6
+
+
 @pytest.mark.parametrize("planner", ["static", "joint"])
 def test_a_battery_that_is_too_small_is_told_before_take_off(planner):
     inputs = inputs_of(ROOT / "plans/survey.plan", planner, **{"battery.capacity_ah": 0.15})

@@ -18,6 +18,7 @@ from eadp.planning.state.charge import (
     ChargeFilter,
     DrainModel,
     after_drain,
+    charge_at_end,
     corrected,
 )
 
@@ -403,6 +404,17 @@ def test_a_drain_is_a_kalman_filters_prediction_with_matrices(seed, compiled_cod
     state = f @ [charge.soc, charge.use_ratio, charge.use_slope, charge.offset]
     assert [found.soc, found.use_ratio, found.use_slope, found.offset] == pytest.approx(state, rel=1e-12)
     assert matrix(found) == pytest.approx(f @ matrix(charge) @ f.T + q, rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_beyond_empty_the_ratio_stays(seed):
+    charge = some_charge(np.random.default_rng(seed))
+    drains = charge.soc * np.array([0.2, 1.0, 3.0, 20.0])
+    for drain, soc, variance in zip(drains.tolist(), *charge_at_end(charge, drains), strict=True):
+        then = after_drain(charge, min(drain, charge.soc))
+        row = np.array([1.0, -max(drain - charge.soc, 0.0), 0.0, 0.0])
+        assert soc == pytest.approx(row @ [then.soc, then.use_ratio, then.use_slope, then.offset], rel=1e-12)
+        assert variance == pytest.approx(row @ matrix(then) @ row, rel=1e-12)
 
 
 @pytest.mark.parametrize("compiled_code", [False, pytest.param(True, marks=fast)])

@@ -1,0 +1,68 @@
+"""Where a flight lands and takes off, as options have it: the final approach and the climb-out of an aircraft."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+from eadp.core.geometry.bearings import heading_rad
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.dubins import Pose, flight_time_s
+from eadp.coverage.swaths import CoverageLeg, straight
+from eadp.errors import InputError
+from eadp.models.vehicle import Airframe, PaperVehicle
+
+
+class Air(NamedTuple):
+    """An airspeed, and the wind, where it blows towards (east, north) [m/s]."""
+
+    airspeed_mps: float
+    wind_mps: Point
+
+
+def course_rad(option: str, bearing_deg: float) -> float:
+    """The mathematical heading of an option's compass bearing; raises InputError."""
+    if not abs(bearing_deg) <= 360:
+        raise InputError.at(option, 1, 1, "no heading", "a compass bearing [°]: 0 north, 90 east", f"{bearing_deg}")
+    return heading_rad(bearing_deg)
+
+
+def landing_pose(given: str | Pose, point: Callable[[str], Point]) -> Pose:
+    """Where `--landing` lands, and on which course; `point` reads its place. Raises InputError."""
+    raw = given if isinstance(given, str) else ",".join(map(str, given))
+    *place, bearing = raw.replace(",", " ").split() or [""]
+    try:
+        course = course_rad("--landing", float(bearing))
+    except ValueError:
+        course = math.nan
+    if len(place) != 2 or math.isnan(course):
+        expected = "a place and a heading [°], like 55.37,10.43,240"
+        raise InputError.at("--landing", 1, 1, "no place and heading", expected, raw)
+    return *point(",".join(place)), course
+
+
+def approach(to: Pose, height_m: float, airframe: Airframe, air: Air) -> CoverageLeg:
+    """The straight final approach that descends from a height to where a flight lands; raises InputError."""
+    x, y, course = to
+    length_m = _sloping_m("--landing", course, height_m, airframe, air, 1)
+    return CoverageLeg(straight((x - length_m * math.cos(course), y - length_m * math.sin(course)), (x, y)))
+
+
+def climb_out(start_m: Point, course: float, height_m: float, airframe: Airframe, air: Air) -> CoverageLeg:
+    """The straight way ahead on a course [rad] in which an aircraft climbs to a height; raises InputError."""
+    (x, y), length_m = start_m, _sloping_m("--takeoff", course, height_m, airframe, air, 0)
+    return CoverageLeg(straight((x, y), (x + length_m * math.cos(course), y + length_m * math.sin(course))))
+
+
+def _sloping_m(option: str, course: float, height_m: float, airframe: Airframe, air: Air, down: int) -> float:
+    """Ground that a climb of a height takes on a course, or a descent (1) [m]; a headwind may die down."""
+    if isinstance(airframe, PaperVehicle):
+        message = f"the airframe {airframe.model} holds its altitude"
+        raise InputError.at(option, 1, 1, message, "an aeroplane, as in --scenario")
+    rate_mps = airframe.climb_rates_mps(air.airspeed_mps)[down]
+    if rate_mps <= 0 or height_m <= 0:
+        message = f"the aircraft does not {'descend' if down else 'climb'} at {air.airspeed_mps:g} m/s"
+        raise InputError.at(option, 1, 1, message, "another airspeed, and an altitude above home")
+    metre_s = flight_time_s([straight((0.0, 0.0), (math.cos(course), math.sin(course)))], *air)
+    return height_m / rate_mps * max(1 / metre_s, air.airspeed_mps)

@@ -1,0 +1,155 @@
+"""Altitudes that an aircraft is commanded along a path, so that it stays above a floor and below a ceiling.
+
+A commanded altitude holds for a part of the path. A model follows it at once, as fast as it can; autopilots spread the
+change over the part. Both keep to the floor.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from eadp.core.arrays import BoolArray, FloatArray
+from eadp.errors import Unreachable
+
+LEVEL_M = 0.25
+"""Commanded altitudes are multiples of this [m]: errors of barometers and maps are larger."""
+
+ROUNDING_M = 1e-6
+
+RATE_SHARE = 0.8
+"""Share of the greatest rates of climb and descent that the ground may ask for: turns and gusts take the rest."""
+
+
+class Climbing(NamedTuple):
+    """How an aircraft takes another altitude: greatest rates [m/s], and that for an error of altitude [1/s]."""
+
+    up_mps: float
+    down_mps: float
+    gain_per_s: float
+
+    def followed_m(self, altitude_m: FloatArray, commanded_m: FloatArray, seconds: float) -> FloatArray:
+        """Altitudes after a time with commanded ones [m]."""
+        # ḣ = k (h_c − h) within the rates
+        closed = -np.expm1(-self.gain_per_s * seconds) * (commanded_m - altitude_m)
+        return np.asarray(altitude_m + np.clip(closed, -self.down_mps * seconds, self.up_mps * seconds))
+
+
+class Band(NamedTuple):
+    """Where a flight along samples of a path may be, shape (n,); times of the ways between them, shape (n − 1,).
+
+    `may_end` says where another altitude may be commanded.
+    """
+
+    places_m: FloatArray
+    seconds: FloatArray
+    floor_m: FloatArray
+    ceiling_m: FloatArray
+    may_end: BoolArray
+
+
+def min_profile_m(floor_m: FloatArray, up_m: FloatArray, down_m: FloatArray) -> FloatArray:
+    """The lowest profile at or above a floor that climbs and descends no more than it can.
+
+    Parameters
+    ----------
+    floor_m : array, shape (n,)
+    up_m, down_m : array, shape (n − 1,)
+        Greatest climb and descent from each sample to the next [m].
+
+    Returns
+    -------
+    array, shape (n,)
+        Of all such profiles the lowest at every sample.
+    """
+    up, down = (np.concatenate([[0.0], np.cumsum(each)]) for each in (up_m, down_m))
+    # z_i = max over j ≥ i of f_j − (U_j − U_i), then over j ≤ i of z_j − (D_i − D_j)
+    climbed = np.maximum.accumulate((floor_m - up)[::-1])[::-1] + up
+    return np.asarray(np.maximum.accumulate(climbed + down) - down)
+
+
+def banded(band: Band, climbing: Climbing, room_m: float) -> Band:
+    """A band that an aircraft can stay within: floor and ceiling change no faster than it can, `room_m` apart [m]."""
+    up_m, down_m = (RATE_SHARE * rate * band.seconds for rate in (climbing.up_mps, climbing.down_mps))
+    floor_m = min_profile_m(band.floor_m, up_m, down_m)
+    ceiling_m = np.maximum(band.ceiling_m, floor_m + room_m)
+    down = np.concatenate([[0.0], np.cumsum(down_m)])
+    # a descent to a lower ceiling starts in time: c_i = min over j ≥ i of c_j + (D_j − D_i)
+    ceiling_m = np.minimum.accumulate((ceiling_m + down)[::-1])[::-1] - down
+    return band._replace(floor_m=floor_m, ceiling_m=ceiling_m)
+
+
+def commanded(
+    band: Band, climbing: Climbing, hard_floor_m: FloatArray, start_m: float | None = None
+) -> list[tuple[int, float]]:
+    """Altitudes to command along a band, each as far as it can hold.
+
+    Parameters
+    ----------
+    band : Band
+        As `banded` makes it.
+    climbing : Climbing
+    hard_floor_m : array, shape (n,)
+        What a straight climb or descent from one command's end to the next one's stays above, too [m].
+    start_m : float, optional
+        Altitude at the first sample [m]; by default the first one commanded.
+
+    Returns
+    -------
+    list of (int, float)
+        The sample at which each command ends, and the altitude [m].
+
+    Raises
+    ------
+    Unreachable
+        With a sample from which no command stays above the floor.
+    """
+    last, found = len(band.places_m) - 1, list[tuple[int, float]]()
+    top_m = float(np.max(band.ceiling_m, initial=float(band.floor_m.max()), where=np.isfinite(band.ceiling_m)))
+    levels_m = LEVEL_M * np.arange(np.floor(band.floor_m.min() / LEVEL_M), np.ceil(top_m / LEVEL_M) + 1)
+    # at its greatest rate an aircraft climbs where it is commanded so much more
+    levels_m = np.concatenate(
+        [levels_m, levels_m[-1] + np.arange(LEVEL_M, climbing.up_mps / climbing.gain_per_s, LEVEL_M)]
+    )
+    i, here_m, before_m = 0, start_m, start_m
+    while i < last:
+        # where it cannot, it is above the ceiling, but not below the floor
+        high = band._replace(ceiling_m=np.full(last + 1, np.inf))
+        tried = (_farthest(each, climbing, hard_floor_m, levels_m, i, here_m, before_m) for each in (band, high))
+        best = next((each for each in tried if each is not None), None)
+        if best is None:
+            raise Unreachable(i, "no climb from here stays above the ground")
+        i, before_m, here_m = best
+        found.append((i, before_m))
+    return found
+
+
+def _farthest(
+    band: Band,
+    climbing: Climbing,
+    hard_floor_m: FloatArray,
+    levels_m: FloatArray,
+    start: int,
+    here_m: float | None,
+    before_m: float | None,
+) -> tuple[int, float, float] | None:
+    """Where the command that holds farthest from a sample ends, its altitude, and that of the aircraft there [m]."""
+    levels_m = levels_m if before_m is not None else levels_m[levels_m >= band.floor_m[start] - ROUNDING_M]
+    flown_m = levels_m if here_m is None else np.full(len(levels_m), here_m)
+    best, steepest = None, -np.inf
+    for end in range(start + 1, len(band.places_m)):
+        flown_m = climbing.followed_m(flown_m, levels_m, float(band.seconds[end - 1]))
+        kept = (flown_m >= band.floor_m[end] - ROUNDING_M) & (flown_m <= band.ceiling_m[end] + ROUNDING_M)
+        levels_m, flown_m = levels_m[kept], flown_m[kept]
+        if not len(levels_m):
+            break
+        way_m = band.places_m[end] - band.places_m[start]
+        fit = levels_m >= hard_floor_m[end] - ROUNDING_M
+        if before_m is not None:
+            steepest = max(steepest, (hard_floor_m[end] - before_m) / way_m)
+            fit = levels_m >= before_m + steepest * way_m - ROUNDING_M
+        if band.may_end[end] and fit.any():
+            k = int(np.argmax(fit))  # the lowest
+            best = end, float(levels_m[k]), float(flown_m[k])
+    return best

@@ -1,0 +1,1 @@
+"""Digital elevation models in: GeoTIFF and SRTM."""

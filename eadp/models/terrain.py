@@ -1,0 +1,108 @@
+"""The ground's height, from grids of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+from eadp.core.geometry.geodesy import to_geodetic_deg
+from eadp.errors import Infeasible
+
+
+class Tile(NamedTuple):
+    """A grid of heights.
+
+    Attributes
+    ----------
+    heights_m : array, shape (rows, columns)
+        Above the sea [m]; NaN where it is not known.
+    cells : function
+        From latitudes and longitudes [°] to rows and columns, whole at the centre of a cell.
+    """
+
+    heights_m: FloatArray
+    cells: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True)
+class ElevationModel:
+    """The ground of a local frame, from the first of some tiles that knows it."""
+
+    tiles: tuple[Tile, ...]
+    origin_deg: tuple[float, float]
+
+    def heights_m(self, points_m: FloatArray) -> FloatArray:
+        """Height of the ground above the sea [m], bilinear between the centres of cells; NaN where it is not known.
+
+        Parameters
+        ----------
+        points_m : array, shape (n, 2)
+            In the local frame [m].
+
+        Returns
+        -------
+        array, shape (n,)
+        """
+        places = np.array([to_geodetic_deg(x, y, self.origin_deg) for x, y in points_m.tolist()]).reshape(-1, 2)
+        found = np.full(len(places), np.nan)
+        for tile in self.tiles:
+            left = np.flatnonzero(np.isnan(found))
+            found[left] = bilinear(tile.heights_m, *tile.cells(*places[left].T))
+        return found
+
+    def place_deg(self, point_m: FloatArray) -> tuple[float, float]:
+        """Latitude and longitude of a point, shape (2,) [°]."""
+        return to_geodetic_deg(float(point_m[0]), float(point_m[1]), self.origin_deg)
+
+    def known_m(self, points_m: FloatArray) -> FloatArray:
+        """`heights_m` where all are known.
+
+        Raises
+        ------
+        Infeasible
+            With the first place of which the height is not known.
+        """
+        heights_m = self.heights_m(points_m)
+        if len(missing := np.flatnonzero(np.isnan(heights_m))):
+            latitude, longitude = self.place_deg(points_m[missing[0]])
+            raise Infeasible(f"the terrain has no height at {latitude:.5f},{longitude:.5f}, where the flight leads")
+        return heights_m
+
+
+def bilinear(values: FloatArray, rows: FloatArray, columns: FloatArray) -> FloatArray:
+    """Values of a grid between its nodes.
+
+    Parameters
+    ----------
+    values : array, shape (m, n)
+    rows, columns : array, shape (k,)
+        Half a cell beyond the outer nodes their value holds, as a cell has one.
+
+    Returns
+    -------
+    array, shape (k,)
+        NaN beyond, and beside a node that is NaN.
+    """
+    inside = np.full(len(rows), True)
+    low, share = [], []
+    for places, count in ((rows, values.shape[0]), (columns, values.shape[1])):
+        inside &= (places >= -0.5) & (places <= count - 0.5)
+        within = np.clip(np.where(inside, places, 0.0), 0.0, count - 1.0)
+        low.append(np.minimum(within.astype(np.intp), max(count - 2, 0)))
+        share.append(within - low[-1])
+    (i, j), (s, t) = low, share
+    below, beside = np.minimum(i + 1, values.shape[0] - 1), np.minimum(j + 1, values.shape[1] - 1)
+    # f = (1 − s)(1 − t) f00 + (1 − s) t f01 + s (1 − t) f10 + s t f11, nodes of weight 0 left out
+    found = np.zeros(len(rows))
+    for weight, node in (
+        ((1 - s) * (1 - t), values[i, j]),
+        ((1 - s) * t, values[i, beside]),
+        (s * (1 - t), values[below, j]),
+        (s * t, values[below, beside]),
+    ):
+        found += np.where(weight > 0, weight * node, 0.0)
+    return np.where(inside, found, np.nan)

@@ -1,0 +1,286 @@
+"""`eadp cover --terrain`: plans that are flown over the ground as said, exported and divided; and refusals."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from common import ROOT, few
+from common.answers import refused
+from common.terrains import from_corner, write_degrees, write_geotiff, write_hgt
+from scipy.ndimage import gaussian_filter
+
+import eadp
+from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
+from eadp.core.geometry.polygons import holding
+from eadp.io.terrain.reader import read_terrain
+
+pytest.importorskip("rasterio")
+
+ORIGIN = (55.5, 10.5)
+METRES = 111_320 * math.cos(math.radians(ORIGIN[0])), 111_330.0
+"""Of a degree of longitude and of latitude, about [m]."""
+WING = ("--vehicle", str(ROOT / "vehicles/survey-wing.yaml"))
+ENERGY_SHARE = 0.015
+ROUNDING_M = 1e-6
+FOLLOWED_M = 0.5
+"""Difference of a height as planned and as flown, on ground of 60 %: a metre of the path, and the climb's steps [m]."""
+
+
+def write_field(path, centre_deg, width_m, depth_m):
+    """A rectangle round a place, as GeoJSON."""
+    corners = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5)]
+    places = [to_geodetic_deg(u * width_m, v * depth_m, centre_deg)[::-1] for u, v in corners]
+    path.write_text(json.dumps({"type": "Polygon", "coordinates": [places]}))
+    return str(path)
+
+
+def ground(path, height):
+    """A GeoTIFF of a function of x and y from the origin [m], of cells of 10 m by 15 m."""
+
+    def of_degrees(latitudes, longitudes):
+        return 100 + height((longitudes - ORIGIN[1]) * METRES[0], (latitudes - ORIGIN[0]) * METRES[1])
+
+    return write_degrees(path, of_degrees, (55.47, 10.45), (55.53, 10.55), 1 / 7200)
+
+
+def _noise(seed, cells, height_m):
+    heights_m = gaussian_filter(np.random.default_rng(seed).normal(0, 1, (400, 400)), cells)
+    heights_m *= height_m / heights_m.std()
+    return lambda x, y: heights_m[(y / 15 + 200).astype(int) % 400, (x / 15 + 200).astype(int) % 400]
+
+
+GROUNDS = {
+    **{f"{100 * s:.0f} % to the east": lambda x, y, s=s: s * x + 0 * y for s in (0.03, -0.08, 0.15, 0.3)},
+    **{f"{100 * s:.0f} % to the north": lambda x, y, s=s: s * y + 0 * x for s in (0.05, 0.12)},
+    **{
+        f"hills of {h} m, {w} m apart": lambda x, y, h=h, w=w: h * np.sin(2 * np.pi * x / w) * np.cos(2 * np.pi * y / w)
+        for h, w in ((10, 300), (20, 400), (40, 500), (15, 150))
+    },
+    **{
+        f"a ridge of {h} m, {w} m wide": lambda x, y, h=h, w=w: h * np.exp(-(((x - 50) / w) ** 2)) + 0 * y
+        for h, w in ((20, 100), (40, 150), (60, 80))
+    },
+    **{f"a step of {h} m": lambda x, y, h=h: np.where(x + 0.5 * y > 0, h, 0.0) for h in (10, 30)},
+    "a valley": lambda x, y: np.abs(x) / 6 + 0 * y,
+    **{f"noise {c} {h}": _noise(c, c, h) for c, h in ((3, 2), (6, 5), (10, 10), (2, 3))},
+}
+GENTLE = ("3 % to the east", "5 % to the north", "noise 3 2", "noise 6 5", "noise 10 10")
+"""What the wing follows everywhere."""
+
+
+def flown_as_planned(field, terrain, wind, *, altitude_m=80.0, gentle=False, folder):
+    """Plan a field over terrain, fly it, and compare heights above ground and energy with what was said."""
+    plan = folder / "over.plan"
+    options = eadp.CoverageOptions(swath_m=60.0, altitude_m=altitude_m, wind=wind, terrain=[terrain])
+    found = eadp.cover(field, options, vehicle=WING[1], warn=lambda _: None)
+    plan.write_text(found.text)
+    speed, from_deg = map(float, wind.split(","))
+    overrides = {"vehicle": WING[1], "wind.speed_mps": speed, "wind.from_deg": from_deg, "battery.capacity_ah": 30.0}
+    flight = eadp.simulate(str(plan), overrides=overrides, warn=lambda _: None)
+    assert flight.summary["completed"]
+    profile, limits = found.heights.profile, found.heights.profile.limits
+    columns = flight.columns
+    points = np.column_stack([columns["x_m"], columns["y_m"]])
+    site = found.plan.site
+    # the ground by the file again
+    again = read_terrain([terrain], points[::50], site.origin_deg)
+    above_m = columns["altitude_m"] + site.ground_m - again.heights_m(points)
+    straight = np.array([stage.kind == "line" for stage in found.plan.stages])[columns["stage"].astype(int) - 1]
+    on_line = straight & holding([found.report.field.outline], points)[0]
+    assert on_line.sum() > 100
+    assert above_m[on_line].min() >= limits.line_m - ROUNDING_M
+    assert above_m.min() >= limits.clearance_m
+    assert above_m[on_line].min() == pytest.approx(profile.above_m.min(), abs=FOLLOWED_M)
+    assert above_m[on_line].max() == pytest.approx(profile.above_m.max(), abs=FOLLOWED_M)
+    assert above_m[~on_line].min() == pytest.approx(profile.elsewhere_m, abs=2 * FOLLOWED_M)
+    if gentle:
+        assert above_m[on_line].max() <= limits.line_m + limits.tolerance_m
+        assert profile.high_share == 0
+    said = flight.summary["energy_forecast"]["energy_wh"]
+    assert said == pytest.approx(flight.summary["energy_wh"], rel=ENERGY_SHARE)
+    return found, flight
+
+
+@pytest.mark.parametrize("name", few(GROUNDS, 2))
+def test_heights_are_flown_as_planned(tmp_path, name):
+    winds = ("0,0", "4,240", "7,100")
+    wind = winds[list(GROUNDS).index(name) % 3]
+    field = write_field(tmp_path / "field.geojson", ORIGIN, 600, 400)
+    terrain = ground(tmp_path / "ground.tif", GROUNDS[name])
+    flown_as_planned(field, terrain, wind, gentle=name in GENTLE, folder=tmp_path)
+
+
+def _jacksboro(path):
+    """The elevation model that matplotlib brings along: the Jacksboro fault, Tennessee."""
+    from matplotlib import cbook
+
+    sample = cbook.get_sample_data("jacksboro_fault_dem.npz")
+    step = float(sample["dx"])
+    north = max(float(sample["ymin"]), float(sample["ymax"]))
+    corner = from_corner(float(sample["xmin"]), north, step)
+    return write_geotiff(path, sample["elevation"].astype("int16"), corner), sample["elevation"]
+
+
+@pytest.mark.parametrize("centre", few([(36.533, -84.328), (36.60, -84.25), (36.66, -84.15)], 1))
+def test_real_ground_is_flown_over_as_planned(tmp_path, centre):
+    terrain, _ = _jacksboro(tmp_path / "fault.tif")
+    field = write_field(tmp_path / "field.geojson", centre, 500, 350)
+    found, _ = flown_as_planned(field, terrain, "4,240", altitude_m=90.0, folder=tmp_path)
+    # the mountain is steeper than the wing climbs, which is said
+    assert found.heights.profile.high_share > 0.1
+    assert any("of the lines higher than 99 m" in line for line in found.lines)
+
+
+@pytest.fixture(scope="module")
+def slope(tmp_path_factory):
+    """A field on a slope of 5 %, by a GeoTIFF and by an .hgt."""
+    folder = tmp_path_factory.mktemp("slope")
+    field = write_field(folder / "field.geojson", ORIGIN, 600, 400)
+    return field, ground(folder / "slope.tif", lambda x, y: 0.05 * x + 0 * y)
+
+
+CAMERA = (
+    "--sensor-width-mm",
+    "13.2",
+    "--focal-length-mm",
+    "8.8",
+    "--side-overlap",
+    "70:60",
+    "--image-width-px",
+    "4000",
+)
+
+
+def test_json_text_and_picture_have_the_heights(eadp, slope, tmp_path):
+    field, terrain = slope
+    plan, plot = tmp_path / "slope.plan", tmp_path / "slope.png"
+    given = (field, *WING, *CAMERA, "--altitude", "80", "--terrain", terrain)
+    document = json.loads(eadp("cover", *given, "--format", "json", "-o", plan, "--plot", plot).out)
+    heights = document["terrain"]
+    least, mean, most = heights["height_m"]
+    assert 80 - ROUNDING_M <= least < mean < most <= 88 + ROUNDING_M
+    # a picture is 13.2/8.8 as wide as its height above ground, of 4000 pixels
+    assert heights["gsd_cm"] == pytest.approx([100 * 1.5 * each / 4000 for each in heights["height_m"]])
+    apart_m = document["spacing_m"][0]
+    assert heights["side_overlap"][0] == pytest.approx(1 - apart_m / (1.5 * least), abs=0.002)
+    assert heights["side_overlap"][0] >= 0.6
+    assert heights["zero_m"] == pytest.approx(float(plan.read_text().split("%: ground ")[1].split()[0]), abs=0.01)
+    # straight ways home over a plane: its highest place, and the clearance
+    assert heights["home_altitude_m"] == pytest.approx(heights["ground_m"][1] + 20, abs=1)
+    assert plot.stat().st_size > 10_000
+    text = eadp("cover", *given, "--format", "text").out
+    assert f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m" in text
+    assert f"way home   above the ground at {heights['home_altitude_m']} m" in text
+
+
+def test_laps_have_one_altitude_where_they_are_asked_for(eadp, slope):
+    field, terrain = slope
+    given = (field, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain)
+    laps = json.loads(eadp("cover", *given, "--pattern", "zamboni", "--format", "json").out)
+    assert laps["terrain"]["altitudes"] == 1
+    assert laps["plan"].count("%: altitude ") == 1
+    assert "laps have one altitude" in eadp("cover", *given, "--pattern", "zamboni", "--format", "text").out
+    assert json.loads(eadp("cover", *given, "--format", "json").out)["pattern"] == "dubins"
+
+
+def test_an_export_is_above_home_or_above_the_ground(eadp, slope, tmp_path):
+    field, terrain = slope
+    plan = tmp_path / "slope.plan"
+    eadp("cover", field, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain, "-o", plan)
+    rows = {}
+    for kind in ("relative", "terrain"):
+        for to in ("ardupilot", "qgc"):
+            out = tmp_path / f"{kind}.{to}"
+            answer = eadp("export", plan, "--to", to, "--altitudes", kind, "--terrain", terrain, "-o", out)
+            assert answer.code == 0
+        rows[kind] = [row.split("\t") for row in (tmp_path / f"{kind}.ardupilot").read_text().splitlines()[2:]]
+        items = json.loads((tmp_path / f"{kind}.qgc").read_text())["mission"]["items"]
+        placed = [item for item in items if item["frame"] != 2]
+        frame, mode = {"relative": (3, 1), "terrain": (10, 4)}[kind]
+        assert {(item["frame"], item["AltitudeMode"]) for item in placed} == {(frame, mode)}
+        waypoints = [float(row[10]) for row in rows[kind] if row[2] != "2"]
+        assert waypoints == pytest.approx([item["Altitude"] for item in placed])
+    zero_m = float(plan.read_text().split("%: ground ")[1].split()[0])
+    for relative, above in zip(rows["relative"], rows["terrain"], strict=True):
+        if relative[2] == "2":
+            assert relative == above
+            continue
+        assert (relative[2], above[2]) == ("3", "10")
+        x, _ = to_local_m(float(relative[8]), float(relative[9]), ORIGIN)
+        ground_m = 100 + 0.05 * x - zero_m
+        assert float(relative[10]) - float(above[10]) == pytest.approx(ground_m, abs=0.05)
+    # the altitudes above home are read back as they were written
+    again = eadp("plan", tmp_path / "relative.ardupilot", "--format", "plan").out
+    commanded = {
+        line.split()[2] for text in (plan.read_text(), again) for line in text.splitlines() if "altitude" in line
+    }
+    assert commanded == {line.split()[2] for line in plan.read_text().splitlines() if "%: altitude" in line}
+
+
+def test_what_cannot_be_exported_above_ground(eadp, slope, tmp_path):
+    field, terrain = slope
+    plan = tmp_path / "slope.plan"
+    eadp("cover", field, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain, "-o", plan)
+    refused(eadp("export", plan, "--to", "qgc", "--altitudes", "terrain"), "follows a ground that is not known")
+    refused(eadp("export", plan, "--to", "px4", "--altitudes", "terrain"), "px4 has no altitudes above ground")
+    answer = eadp("export", plan, "--to", "qgc", "--home", "55.501,10.501")
+    assert "the ground at the plan's home or start" in answer.err
+    # over flat ground an altitude above home is one above ground
+    eadp("cover", field, *WING, "--swath", "60", "--altitude", "80", "-o", plan)
+    items = json.loads(eadp("export", plan, "--to", "qgc", "--altitudes", "terrain").out)["mission"]["items"]
+    assert {(item["frame"], item["Altitude"]) for item in items if "Altitude" in item} == {(10, 80)}
+
+
+def test_sorties_follow_the_ground_from_home(eadp, slope, tmp_path):
+    field, terrain = slope
+    folder = tmp_path / "sorties"
+    given = ("--swath", "60", "--altitude", "80", "--terrain", terrain, "--home", "55.4975,10.494", "--sorties", "auto")
+    answer = eadp("cover", field, *WING, *given, "-o", folder)
+    assert answer.code == 0
+    assert " m above ground on lines, mean " in answer.out
+    document = json.loads((folder / "sorties.json").read_text())
+    assert 80 - ROUNDING_M <= document["height_m"][0] <= document["height_m"][2] <= 88 + ROUNDING_M
+    scenario = (folder / "scenario.yaml").read_text()
+    assert 'home: {"altitude_m": ' in scenario
+    assert eadp("simulate", folder).code == 0
+
+
+def test_flat_ground_is_said_of_large_fields_alone(eadp, slope, tmp_path):
+    small, terrain = slope
+    large = write_field(tmp_path / "large.geojson", ORIGIN, 1010, 300)
+    note = "the ground is taken as flat over 1.0 km; --terrain has its heights"
+    given = ("--min-radius", "30", "--swath", "60")
+    assert note in eadp("cover", large, *given).err
+    assert note not in eadp("cover", small, *given).err
+    assert note not in eadp("cover", large, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain).err
+
+
+def test_srtm_serves_without_the_extra(eadp, slope, tmp_path):
+    field, _ = slope
+    tile = write_hgt(tmp_path / "N55E010.hgt", np.full((1201, 1201), 40))
+    given = (*WING, "--swath", "60", "--altitude", "80", "--terrain", tile, "--format", "json")
+    assert json.loads(eadp("cover", field, *given).out)["terrain"]["zero_m"] == 40
+
+
+def test_what_is_refused(eadp, slope, tmp_path):
+    field, terrain = slope
+    given = (*WING, "--swath", "60", "--altitude", "80")
+    far = write_field(tmp_path / "far.geojson", (56.5, 10.5), 600, 400)
+    metres = tmp_path / "metres.csv"
+    metres.write_text("x_m,y_m\n0,0\n400,0\n400,300\n0,300\n")
+    over = ("--terrain", terrain)
+    paper = ("--scenario", "scenarios/paper-I-static.yaml")
+    for answer, message in (
+        (eadp("cover", far, *given, *over), r"no height at 56.49820,10.49513: the field is in 56.4982,10.4951 to"),
+        (eadp("cover", field, *given, "--terrain", tmp_path / "no.tif"), "no such file"),
+        (eadp("cover", metres, *given, *over), "the field has no place on the earth"),
+        (eadp("cover", field, *WING, "--swath", "60", *over), "no height to keep above the ground"),
+        (eadp("cover", field, *given, "--height-tolerance", "5"), "no ground to be above"),
+        (eadp("cover", field, *given, *over, "--height-tolerance", "0.5"), "height-tolerance"),
+        (eadp("cover", field, *given, *over, "--clearance", "90"), "80 m, less than the clearance"),
+        (eadp("cover", field, *paper, "--swath", "60", "--altitude", "80", *over), "holds its own altitude"),
+    ):
+        refused(answer, message)
