@@ -14,7 +14,7 @@ from eadp.api.profile import profile_of_scenario, read_profile
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import place_text, to_local_m
-from eadp.coverage.cover import AUTO, PATTERNS, CoverageRequest, CoverageSolution, has_pattern
+from eadp.coverage.cover import AUTO, DUBINS, PATTERNS, CoverageRequest, CoverageSolution, has_pattern
 from eadp.coverage.cover import cover as cover_field
 from eadp.coverage.plan_builder import FieldComputations, build_plan
 from eadp.coverage.report import CoverageReport, PowerDraw
@@ -90,6 +90,9 @@ class PathOptions:
 
     turns_off: bool = False
     """Computations stop on turns."""
+
+    crosshatch: bool = False
+    """Lines at right angles follow, too."""
 
     lead_in_m: float | None = None
     """Straight and level flight before each line [m]; by default, with --forward-overlap, what the aircraft needs to
@@ -363,6 +366,7 @@ class CoveragePlan:
         seam_m = self.report.seam_m
         seam = self._overlap(seam_m)
         where = "" if seam is None else f"; {100 * seam:.0f} %, {seam_m:.1f} m, in the middle of each block"
+        where += "; covered twice, in two directions" if self.report.solution.crossed else ""
         return [f"overlap    {' to '.join(dict.fromkeys(shares))} from line to line{where}"] if shares else []
 
     def _batteries_text(self) -> list[str]:
@@ -430,6 +434,9 @@ class CoverageTask:
         check_range("--clearance", options.clearance_m, 0, MAX_ALTITUDE_M, closed=True)
         if not has_pattern(options.pattern):
             raise _fault("--pattern", options.pattern, "is no pattern", one_of(PATTERNS, options.pattern))
+        if options.crosshatch and options.pattern not in (AUTO, DUBINS):
+            message = f"pattern {options.pattern} has one direction of lines"
+            raise _fault("--crosshatch", "", message, "--pattern dubins, lines in an order")
         text = read_field_text(path)
         field, repairs = read_field(text, metres=options.metres, feature=options.feature)
         field, notes = _limited(field, options)
@@ -481,7 +488,16 @@ class CoverageTask:
         heading = options.heading_rad
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
         ends = start, self.home_m
-        return CoverageRequest(self.field, self.motion, options.pattern, heading, *ends, apart, airspace=self.airspace)
+        return CoverageRequest(
+            self.field,
+            self.motion,
+            options.pattern,
+            heading,
+            *ends,
+            apart,
+            airspace=self.airspace,
+            crosshatch=options.crosshatch,
+        )
 
     def planned(self, solution: CoverageSolution, field: Field | None = None) -> CoveragePlan:
         """The plan of a path over the field, or over a part of it.

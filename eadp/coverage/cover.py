@@ -146,7 +146,8 @@ class CoverageRequest:
 
     `heading_rad` None leaves the heading of the lines free; `start_m` and `home_m` None leave both ends of the path
     free. Ordered lines lie at most `order_spacing_m` apart, by default a swath, or on a `grid`. `airspace` is
-    what is in the way, by default all that the field has.
+    what is in the way, by default all that the field has. With `crosshatch` lines at right angles follow. `after` is a
+    pose from which the path goes on, instead of a start.
     """
 
     field: Field
@@ -158,6 +159,8 @@ class CoverageRequest:
     order_spacing_m: float | None = None
     grid: LineGrid | None = None
     airspace: Airspace | None = None
+    crosshatch: bool = False
+    after: Pose | None = None
 
     @cached_property
     def space(self) -> FreeSpace | None:
@@ -172,7 +175,7 @@ class CoverageSolution:
 
     `time_s` is the time of flight at the lowest c1, `access_s` the part of it before the first line and after the last.
     `other_share` is the time of the other pattern divided by this one's, without access; None if only one was tried.
-    `laps` is the Zamboni-like motion that was not chosen.
+    `laps` is the Zamboni-like motion that was not chosen, `crossed` whether lines at right angles follow.
     """
 
     pattern: str
@@ -182,6 +185,7 @@ class CoverageSolution:
     access_s: float = 0.0
     other_share: float | None = None
     laps: CoverageSolution | None = None
+    crossed: bool = False
 
     def path(self, c1: float) -> CoveragePath:
         """The whole path at a fixed parameter."""
@@ -215,6 +219,8 @@ def cover(request: CoverageRequest, *, draft: bool = False) -> CoverageSolution:
     wind_mps = math.hypot(*motion.wind_mps)
     if wind_mps >= motion.airspeed_mps:
         raise Infeasible(f"a wind of {wind_mps:g} m/s is not slower than the aircraft's {motion.airspeed_mps:g}")
+    if request.crosshatch:
+        return _crossed(request)
     headings = _tried_headings(request) if request.heading_rad is None else [request.heading_rad]
     if request.pattern == DUBINS:
         return _best_in_order(request, headings, draft)
@@ -245,6 +251,16 @@ def cover(request: CoverageRequest, *, draft: bool = False) -> CoverageSolution:
     if laps_s <= MAX_TIME_RATIO * lines_s:
         return replace(zamboni, other_share=lines_s / laps_s)
     return replace(order, other_share=laps_s / lines_s, laps=zamboni)
+
+
+def _crossed(request: CoverageRequest) -> CoverageSolution:
+    """Lines in an order, and then lines at right angles to them from where the first ones end."""
+    along = replace(request, pattern=DUBINS, crosshatch=False)
+    first = cover(replace(along, home_m=None))
+    across_rad = (first.heading_rad + math.pi / 2) % math.pi
+    last = first.path(0.0).legs[-1].end
+    second = cover(replace(along, heading_rad=across_rad, start_m=None, after=last))
+    return replace(_timed(request, DUBINS, first.heading_rad, [*first.sections, *second.sections]), crossed=True)
 
 
 def has_pattern(name: str) -> bool:
@@ -323,7 +339,14 @@ def _connected(
         sections += [*entry, *flown]
         previous = flown[-1].end
     assert previous is not None
-    solution = CoverageSolution(pattern, heading_rad, (*sections, *_exit(request, previous, turns)))
+    return _timed(request, pattern, heading_rad, [*sections, *_exit(request, previous, turns)])
+
+
+def _timed(
+    request: CoverageRequest, pattern: str, heading_rad: float, sections: Sequence[CoverageLeg | Block]
+) -> CoverageSolution:
+    """The solution of some sections, with its times."""
+    solution = CoverageSolution(pattern, heading_rad, tuple(sections))
     legs = solution.path(solution.min_c1).legs
     lines = [i for i, leg in enumerate(legs) if leg.sensing]
     access = (*legs[: lines[0]], *legs[lines[-1] + 1 :])
@@ -630,6 +653,8 @@ def _free_poses(point: Point) -> list[Pose]:
 
 def _from_start_s(request: CoverageRequest, starts: Sequence[Pose]) -> FloatArray:
     """Least time from the start point to each pose [s]; 0 where the start is free."""
+    if request.after is not None:
+        return np.asarray(request.motion.turns_s([request.after], starts)[0])
     if request.start_m is None:
         return np.zeros(len(starts))
     return np.asarray(request.motion.turns_s(_free_poses(request.start_m), starts).min(axis=0))
@@ -645,6 +670,8 @@ def _to_home_s(request: CoverageRequest, ends: Sequence[Pose]) -> FloatArray:
 def _entry(request: CoverageRequest, start: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
     """The path from the start point to a pose, from the best heading."""
     point, motion = request.start_m, request.motion
+    if request.after is not None:
+        return _turn(request, request.after, start, turns)
     if point is None:
         return []
     poses = [*_free_poses(point), *((*point, heading) for heading in _tangents(point, start, motion.min_radius_m))]

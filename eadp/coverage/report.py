@@ -83,8 +83,9 @@ def path_report(
 def _line_distance_m(path: CoveragePath, heading_rad: float) -> float | None:
     """The median distance of neighbouring lines [m]; None for a single one."""
     sin, cos = math.sin(heading_rad), math.cos(heading_rad)
-    # places across the lines; those of one line twice are equal to a centimetre
-    places = sorted({round(leg.start[1] * cos - leg.start[0] * sin, 2) for leg in path.legs if leg.sensing})
+    # places across the lines of the heading; those of one line twice are equal to a centimetre
+    lines = [leg for leg in path.legs if leg.sensing and abs(math.sin(leg.start[2] - heading_rad)) < 0.5]
+    places = sorted({round(leg.start[1] * cos - leg.start[0] * sin, 2) for leg in lines})
     return statistics.median(b - a for a, b in itertools.pairwise(places)) if len(places) > 1 else None
 
 
@@ -121,6 +122,13 @@ class CoverageReport:
     def ends(self) -> Sequence[PathReport]:
         """The reports of the ends of c1 that differ."""
         return (self.full,) if self.least is self.full else (self.full, self.least)
+
+    @property
+    def _headings_text(self) -> str:
+        """The compass bearings of the lines [°]."""
+        first = self.solution.heading_rad
+        headings = [first, first + math.pi / 2] if self.solution.crossed else [first]
+        return " and ".join(f"{rounded_deg(heading, 1):.1f}" for heading in headings)
 
     @cached_property
     def left(self) -> list[LeftGround]:
@@ -162,7 +170,7 @@ class CoverageReport:
         full, least, motion = self.full, self.least, self.motion
         lines = [
             f"Covers {name} with a swath of {motion.swath_m:g} m and turns of {motion.min_radius_m:g} m or "
-            f"more; lines heading {rounded_deg(self.solution.heading_rad, 1):.1f} deg.",
+            f"more; lines heading {self._headings_text} deg.",
             f"{full.lines} lines, {full.length_m:.0f} m",
         ]
         if least is not full:
@@ -193,6 +201,7 @@ class CoverageReport:
             "c1": [least.c1, full.c1] if least is not full else None,
             "at_lowest_c1": {"length_m": least.length_m, "time_s": least.time_s, "lines": least.lines},
             "c1_steps": self._steps,
+            "crosshatch": solution.crossed,
             "blocks": len(solution.blocks),
             "other_pattern_share": solution.other_share,
             "zamboni_time_s": self.laps_s() or None,
@@ -238,7 +247,7 @@ class CoverageReport:
             + (f" at {place_text(self.field.origin_deg)}" if self.field.origin_deg else "")
             + (f", {parts} parts" if parts > 1 else "")
             + (f", {_counted(holes, 'hole')}" if holes else ""),
-            f"pattern    {pattern}; lines heading {rounded_deg(solution.heading_rad, 1):.1f}°",
+            f"pattern    {pattern}; lines heading {self._headings_text}°",
         ]
         for end in self.ends:
             at = "" if end.spacing_m is None else f" with lines {end.spacing_m:.1f} m apart"
