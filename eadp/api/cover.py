@@ -14,6 +14,7 @@ from eadp.api.profile import profile_of_scenario, read_profile
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import place_text, to_local_m
+from eadp.coverage.corridor import cover_corridor
 from eadp.coverage.cover import AUTO, DUBINS, PATTERNS, CoverageRequest, CoverageSolution, has_pattern
 from eadp.coverage.cover import cover as cover_field
 from eadp.coverage.plan_builder import FieldComputations, build_plan
@@ -22,7 +23,7 @@ from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
 from eadp.errors import EadpError, Fault, InputError, one_of, printable, refuse
 from eadp.io.field.draft import NAME_LIMIT
 from eadp.io.field.files import read_field_text
-from eadp.io.field.reader import read_airspace, read_field
+from eadp.io.field.reader import read_airspace, read_corridor, read_field
 from eadp.io.mission.draft import TRIGGER_DISTANCE
 from eadp.io.plan.writer import plan_text
 from eadp.io.scenario.scenario_file import read_scenario
@@ -108,6 +109,9 @@ class FieldOptions:
 
     metres: bool = False
     """The file is in local metres, not degrees."""
+
+    corridor_m: float | None = None
+    """The file has a line, as of a river or a road: cover so much ground across it [m], by lines that follow it."""
 
     feature: str | None = None
     """Which polygon of a file that holds several: id, name or number; or all, as parts."""
@@ -398,6 +402,8 @@ class CoverageTask:
         Its computations run over the field; with it, or with a pack, the report has the energy.
     pack_wh : float or None
         What a full pack holds above the reserve [Wh].
+    line : tuple of (float, float)
+        Of a corridor, its middle [m].
     """
 
     file: str
@@ -409,6 +415,7 @@ class CoverageTask:
     airframe: Airframe
     profile: AnyProfile | None = None
     pack_wh: float | None = None
+    line: tuple[Point, ...] = ()
 
     @classmethod
     def read(
@@ -438,9 +445,22 @@ class CoverageTask:
             message = f"pattern {options.pattern} has one direction of lines"
             raise _fault("--crosshatch", "", message, "--pattern dubins, lines in an order")
         text = read_field_text(path)
-        field, repairs = read_field(text, metres=options.metres, feature=options.feature)
+        line: tuple[Point, ...] = ()
+        if options.corridor_m is None:
+            field, repairs = read_field(text, metres=options.metres, feature=options.feature)
+        else:
+            check_range("--corridor", options.corridor_m, 0.0, MAX_LENGTH_M)
+            for name, value in (("--heading", options.heading_deg), ("--crosshatch", options.crosshatch or None)):
+                if value is not None:
+                    raise _fault(name, "", "beside --corridor, whose lines follow the line", "one of the two")
+            if options.pattern not in (AUTO, DUBINS):
+                raise _fault("--pattern", options.pattern, "beside --corridor", "lines in an order: dubins, or auto")
+            field, line, repairs = read_corridor(
+                text, options.corridor_m, metres=options.metres, feature=options.feature
+            )
         field, notes = _limited(field, options)
-        return cls(text.name, field, [*repairs, *notes], options, motion, vehicle, airframe, profile, pack_wh)
+        notes = [*repairs, *notes]
+        return cls(text.name, field, notes, options, motion, vehicle, airframe, profile, pack_wh, line)
 
     @cached_property
     def home_m(self) -> Point | None:
@@ -498,6 +518,12 @@ class CoverageTask:
             airspace=self.airspace,
             crosshatch=options.crosshatch,
         )
+
+    def solution(self) -> CoverageSolution:
+        """The quickest path found. Raises Infeasible."""
+        if self.options.corridor_m is None:
+            return cover_field(self.request)
+        return cover_corridor(self.request, self.line, self.options.corridor_m)
 
     def planned(self, solution: CoverageSolution, field: Field | None = None) -> CoveragePlan:
         """The plan of a path over the field, or over a part of it.
@@ -675,7 +701,7 @@ def cover(
         With the faults of the files, or of an option under its name on the command line.
     """
     task = coverage_task(str(field), options, profile, scenario, vehicle, warn)
-    return task.planned(cover_field(task.request))
+    return task.planned(task.solution())
 
 
 def coverage_task(

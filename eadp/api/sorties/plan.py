@@ -193,6 +193,8 @@ class SortiePlanner:
         if request.home_m is None:
             expected = "--home LAT,LON, or X,Y of a field in metres"
             raise InputError.at("--home", 1, 1, "sorties start and end at home", expected)
+        if self.task.options.corridor_m is not None:
+            raise InputError.at("--corridor", 1, 1, "is covered in one flight", "a shorter line, without --sorties")
         if request.pattern not in PATTERNS:
             expected = f"one of {', '.join(PATTERNS)}"
             raise InputError.at("--pattern", 1, 1, "covers a field in one flight", expected, request.pattern)
