@@ -13,7 +13,7 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, lengths_m, times_s
+from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, lengths_m, polyline_m, times_s
 
 SPACING_SHARE = 0.5
 """Default line spacing at the highest path parameter as a share of the swath: a side overlap of one half.
@@ -181,11 +181,15 @@ class CoverageLeg:
         gaps = tuple((low + before, high + before) for low, high in self.gaps_m)
         return CoverageLeg(straight(start, end), self.sensing, gaps)
 
-    def with_leads(self, motion: MotionLimits) -> list[CoverageLeg]:
-        """The straight leg between its lead-in and its overshoot, which cover no ground."""
+    def leads(self, motion: MotionLimits) -> tuple[list[CoverageLeg], list[CoverageLeg]]:
+        """The lead-in before the straight leg, and the overshoot after it, which cover no ground; [] of no length."""
         whole = self.led(motion)
         before = [CoverageLeg(straight(whole.start[:2], self.start[:2]))] if motion.lead_in_m else []
-        after = [CoverageLeg(straight(self.end[:2], whole.end[:2]))] if motion.overshoot_m else []
+        return before, [CoverageLeg(straight(self.end[:2], whole.end[:2]))] if motion.overshoot_m else []
+
+    def with_leads(self, motion: MotionLimits) -> list[CoverageLeg]:
+        """The straight leg between its lead-in and its overshoot."""
+        before, after = self.leads(motion)
         return [*before, self, *after]
 
     def _at(self, place_m: float) -> Point:
@@ -222,9 +226,9 @@ class CoveragePath:
         return [leg.piece for leg in self.legs]
 
     @property
-    def sensed_m(self) -> list[tuple[Point, Point]]:
-        """Both ends of each leg that covers ground [m]."""
-        return [(leg.start[:2], leg.end[:2]) for leg in self.legs if leg.sensing]
+    def sensed_m(self) -> list[tuple[Point, ...]]:
+        """Points of each leg that covers ground [m]: both ends, and those of an arc."""
+        return [tuple(map(tuple, polyline_m([leg.piece]).tolist())) for leg in self.legs if leg.sensing]
 
     @property
     def length_m(self) -> float:
@@ -238,8 +242,12 @@ class CoveragePath:
 
     @property
     def lines(self) -> int:
-        """The number of legs that cover ground."""
-        return sum(leg.sensing for leg in self.legs)
+        """The number of lines: legs that cover ground, those that follow one another as one."""
+        return sum(leg.sensing and not before for leg, before in zip(self.legs, self._sensing_before, strict=True))
+
+    @property
+    def _sensing_before(self) -> list[bool]:
+        return [False, *(leg.sensing for leg in self.legs[:-1])][: len(self.legs)]
 
 
 def straight(start: Point, end: Point) -> Piece:

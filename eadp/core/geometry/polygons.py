@@ -320,9 +320,9 @@ def _union(parts: Sequence[Sequence[ArrayLike]]) -> shapely.Geometry:
 
 
 def covered_share(
-    parts: Sequence[Sequence[Sequence[Point]]], lines: Sequence[tuple[Point, Point]], swath_m: float
+    parts: Sequence[Sequence[Sequence[Point]]], lines: Sequence[Sequence[Point]], swath_m: float
 ) -> float:
-    """Share of a field within half a swath of straight lines, square to them; arguments as of `covered_shares`."""
+    """Share of a field within half a swath of lines, square to their ends; arguments as of `covered_shares`."""
     return covered_shares(parts, [[line] for line in lines], swath_m)[-1]
 
 
@@ -404,6 +404,21 @@ def _rings(areas: shapely.Geometry) -> list[list[Ring]]:
     found = [part for part in shapely.get_parts(areas) if part.geom_type == "Polygon" and part.area > 0]
     oriented = map(shapely.geometry.polygon.orient, found)
     return [[tuple(ring.coords)[:-1] for ring in (area.exterior, *area.interiors)] for area in oriented]
+
+
+def corridor(line: Sequence[Point], width_m: float) -> list[list[Ring]]:
+    """The ground within half a width of a line, square to its ends; as `strips`."""
+    return _rings(shapely.LineString(line).buffer(width_m / 2, cap_style="flat", join_style="mitre"))
+
+
+def beside(line: Sequence[Point], offset_m: float, tolerance_m: float) -> list[Ring]:
+    """A line at a distance to the left of another one, below 0 to the right, without bends within a tolerance [m].
+
+    In several parts where it would cross itself.
+    """
+    moved = shapely.LineString(line).simplify(tolerance_m).offset_curve(offset_m, join_style="mitre")
+    parts = [part for part in shapely.get_parts(moved) if part.length > EDGE_M]
+    return [tuple(part.simplify(TOLERANCE_M).coords) for part in parts]
 
 
 # --- where a path may lie ---------------------------------------------------------------------------------------------
