@@ -17,7 +17,8 @@ from eadp.core.geometry.bearings import blowing_to_rad, compass_deg
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import place_text, to_local_m
-from eadp.coverage.cover import AUTO, PATTERNS, CoverageRequest, CoverageSolution, has_pattern
+from eadp.coverage.corridor import cover_corridor
+from eadp.coverage.cover import AUTO, DUBINS, PATTERNS, CoverageRequest, CoverageSolution, has_pattern
 from eadp.coverage.cover import cover as cover_field
 from eadp.coverage.plan_builder import FieldComputations, build_plan
 from eadp.coverage.report import CoverageReport, PowerDraw
@@ -25,7 +26,7 @@ from eadp.coverage.swaths import CLIMB_OUT_M, RADIUS_SHARE, SPACING_SHARE, Cover
 from eadp.errors import EadpError, Fault, InputError, one_of, printable, refuse
 from eadp.io.field.draft import NAME_LIMIT
 from eadp.io.field.files import read_field_text
-from eadp.io.field.reader import read_airspace, read_field
+from eadp.io.field.reader import read_airspace, read_corridor, read_field
 from eadp.io.mission.draft import TRIGGER_DISTANCE
 from eadp.io.plan.writer import plan_text
 from eadp.io.scenario.scenario_file import read_scenario
@@ -38,7 +39,7 @@ from eadp.models.camera import MAX_LENGTH_MM, MAX_PIXELS, MIN_LENGTH_MM, Camera,
 from eadp.models.computing import Computing, join_profile
 from eadp.models.doubts import NEAR_DEG, Doubt, Shots, angle_doubts, interval_doubts, shot_doubts
 from eadp.models.field import Field
-from eadp.models.performance import PATH_MARGIN, ground_radius_m, too_tight
+from eadp.models.performance import PATH_MARGIN, ground_radius_m, roll_out_m, too_tight
 from eadp.models.plan.plan import MadeFor, Plan, Site, SurveyCamera
 from eadp.models.plan.stage import LAND, RETURN, TAKEOFF, Box
 from eadp.models.profile_sum import AnyProfile
@@ -103,6 +104,16 @@ class PathOptions:
     turns_off: bool = False
     """Computations stop on turns."""
 
+    crosshatch: bool = False
+    """Lines at right angles follow, too."""
+
+    lead_in_m: float | None = None
+    """Straight and level flight before each line [m]; by default, with --forward-overlap, what the aircraft needs to
+    roll out of a turn, else 0."""
+
+    overshoot_m: float = 0.0
+    """Straight and level flight after each line [m]."""
+
 
 @dataclass(frozen=True)
 class FieldOptions:
@@ -110,6 +121,9 @@ class FieldOptions:
 
     metres: bool = False
     """The file is in local metres, not degrees."""
+
+    corridor_m: float | None = None
+    """The file has a line, as of a river or a road: cover so much ground across it [m], by lines that follow it."""
 
     feature: str | None = None
     """Which polygon of a file that holds several: id, name or number; or all, as parts."""
@@ -309,7 +323,13 @@ class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, PathOptions):
         if math.hypot(*wind_mps) >= speed:
             message = f"a wind of {math.hypot(*wind_mps):g} m/s, no slower than the aircraft"
             raise _fault("--wind", _raw(self.wind or ""), message, f"less than its {speed:g} m/s")
-        return MotionLimits(swath, least, ideal, apart, speed, wind_mps)
+        check_range("--overshoot", self.overshoot_m, 0.0, MAX_LENGTH_M, closed=True)
+        lead_in = self.lead_in_m
+        if lead_in is None:
+            rolls_m = 0.0 if self.forward_overlap is None else roll_out_m(airframe, speed + math.hypot(*wind_mps))
+            lead_in = float(math.ceil(rolls_m))
+        check_range("--lead-in", lead_in, 0.0, MAX_LENGTH_M, closed=True)
+        return MotionLimits(swath, least, ideal, apart, speed, wind_mps, lead_in, self.overshoot_m)
 
     @property
     def heading_rad(self) -> float | None:
@@ -384,6 +404,7 @@ class CoveragePlan:
         seam_m = self.report.seam_m
         seam = self._overlap(seam_m)
         where = "" if seam is None else f"; {100 * seam:.0f} %, {seam_m:.1f} m, in the middle of each block"
+        where += "; covered twice, in two directions" if self.report.solution.crossed else ""
         return [f"overlap    {' to '.join(dict.fromkeys(shares))} from line to line{where}"] if shares else []
 
     def _batteries_text(self) -> list[str]:
@@ -415,6 +436,8 @@ class CoverageTask:
         Its computations run over the field; with it, or with a pack, the report has the energy.
     pack_wh : float or None
         What a full pack holds above the reserve [Wh].
+    line : tuple of (float, float)
+        Of a corridor, its middle [m].
     """
 
     file: str
@@ -426,6 +449,7 @@ class CoverageTask:
     airframe: Airframe
     profile: AnyProfile | None = None
     pack_wh: float | None = None
+    line: tuple[Point, ...] = ()
 
     @classmethod
     def read(
@@ -451,10 +475,26 @@ class CoverageTask:
         check_range("--clearance", options.clearance_m, 0, MAX_ALTITUDE_M, closed=True)
         if not has_pattern(options.pattern):
             raise _fault("--pattern", options.pattern, "is no pattern", one_of(PATTERNS, options.pattern))
+        if options.crosshatch and options.pattern not in (AUTO, DUBINS):
+            message = f"pattern {options.pattern} has one direction of lines"
+            raise _fault("--crosshatch", "", message, "--pattern dubins, lines in an order")
         text = read_field_text(path)
-        field, repairs = read_field(text, metres=options.metres, feature=options.feature)
+        line: tuple[Point, ...] = ()
+        if options.corridor_m is None:
+            field, repairs = read_field(text, metres=options.metres, feature=options.feature)
+        else:
+            check_range("--corridor", options.corridor_m, 0.0, MAX_LENGTH_M)
+            for name, value in (("--heading", options.heading_deg), ("--crosshatch", options.crosshatch or None)):
+                if value is not None:
+                    raise _fault(name, "", "beside --corridor, whose lines follow the line", "one of the two")
+            if options.pattern not in (AUTO, DUBINS):
+                raise _fault("--pattern", options.pattern, "beside --corridor", "lines in an order: dubins, or auto")
+            field, line, repairs = read_corridor(
+                text, options.corridor_m, metres=options.metres, feature=options.feature
+            )
         field, notes = _limited(field, options)
-        return cls(text.name, field, [*repairs, *notes], options, motion, vehicle, airframe, profile, pack_wh)
+        notes = [*repairs, *notes]
+        return cls(text.name, field, notes, options, motion, vehicle, airframe, profile, pack_wh, line)
 
     @property
     def extent_m(self) -> float:
@@ -560,8 +600,24 @@ class CoverageTask:
         ends = _point("--start", options.start, self.field) or self.home_m, self.home_m
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
         pattern = options.pattern if self.terrain is None else self.terrain.pattern(options.pattern, self.field)
-        given = self.field, self.motion, pattern, options.heading_rad, *ends, apart
-        return CoverageRequest(*given, airspace=self.airspace, climb_out=self.climb_out, approach=self.approach)
+        return CoverageRequest(
+            self.field,
+            self.motion,
+            pattern,
+            options.heading_rad,
+            *ends,
+            apart,
+            airspace=self.airspace,
+            climb_out=self.climb_out,
+            approach=self.approach,
+            crosshatch=options.crosshatch,
+        )
+
+    def solution(self) -> CoverageSolution:
+        """The quickest path found. Raises Infeasible."""
+        if self.options.corridor_m is None:
+            return cover_field(self.request)
+        return cover_corridor(self.request, self.line, self.options.corridor_m)
 
     def planned(self, solution: CoverageSolution, field: Field | None = None) -> CoveragePlan:
         """The plan of a path over the field, or over a part of it.
@@ -775,7 +831,7 @@ def cover(
         With the faults of the files, or of an option under its name on the command line.
     """
     task = coverage_task(str(field), options, profile, scenario, vehicle, warn)
-    found = task.planned(cover_field(task.request))
+    found = task.planned(task.solution())
     warn(picture_warnings(found.pictures))
     return found
 

@@ -56,8 +56,8 @@ Position = str | tuple[float, float]
 
 
 @dataclass(frozen=True)
-class ExportOptions:
-    """Options of an export. Faults name them as the command `eadp export` does."""
+class PartOptions:
+    """At which parameters a plan is exported, and what of it."""
 
     overrides: Annotated[Sequence[str], Flag("--set", metavar="NAME=VALUE")] = ()
     """A parameter, as in spacing=20; with --scenario any of its keys."""
@@ -65,8 +65,31 @@ class ExportOptions:
     scenario: Annotated[str | None, Flag(metavar="FILE")] = None
     """Scenario (YAML): parameters are those that the forecast before take-off chooses."""
 
+    laps: Annotated[int | None, Flag(metavar="N", low=1, high=10_000)] = None
+    """How many times a mission that repeats for ever is flown."""
+
+    start: Annotated[str | None, Flag("--from", metavar="STAGE,LAP")] = None
+    """Write the rest, from this stage of this lap on."""
+
+    telemetry: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Write what is left where this telemetry ends, as then decided; with --scenario."""
+
+    parameters: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Write the autopilot's parameters that the forecast holds for: .param of ArduPilot, .params of PX4."""
+
+
+@dataclass(frozen=True)
+class PlaceOptions:
+    """Where an exported plan lies, and what is around it."""
+
     altitude_m: float | None = None
     """Altitude above home [m], where the plan has none; by default the aircraft's."""
+
+    altitudes: Literal["relative", "terrain"] = "relative"
+    """Above home, or above the ground below, as qgc and ardupilot can."""
+
+    terrain: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
+    """Heights of the ground, as of eadp cover: for --altitudes terrain of a plan that follows it."""
 
     home_deg: Annotated[Position | None, Flag(metavar="POINT")] = None
     """Where to take off and return to: LAT,LON [°]; by default the plan's home, if it has one."""
@@ -80,8 +103,16 @@ class ExportOptions:
     rally: Annotated[str | None, Flag(metavar="FILE")] = None
     """Places to rally, of a plan of QGroundControl or WPL: written with those of the plan."""
 
-    survey: bool = False
-    """Write the lines over the field as one survey of QGroundControl, which can be edited there."""
+    avoid: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Polygons that the path stays out of: a fence, GeoJSON, KML or CSV."""
+
+    inside: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Polygons that the path stays inside of, as --avoid."""
+
+
+@dataclass(frozen=True)
+class ExportOptions(PlaceOptions, PartOptions):
+    """Options of an export. Faults name them as the command `eadp export` does."""
 
     trigger_distance_m: float | None = None
     """Take a picture every so many metres [m]."""
@@ -92,29 +123,8 @@ class ExportOptions:
     min_radius_m: float | None = None
     """Turning radius of a mission's turns [m]."""
 
-    laps: Annotated[int | None, Flag(metavar="N", low=1, high=10_000)] = None
-    """How many times a mission that repeats for ever is flown."""
-
-    avoid: Annotated[str | None, Flag(metavar="FILE")] = None
-    """Polygons that the path stays out of: a fence, GeoJSON, KML or CSV."""
-
-    inside: Annotated[str | None, Flag(metavar="FILE")] = None
-    """Polygons that the path stays inside of, as --avoid."""
-
-    altitudes: Literal["relative", "terrain"] = "relative"
-    """Above home, or above the ground below, as qgc and ardupilot can."""
-
-    terrain: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
-    """Heights of the ground, as of eadp cover: for --altitudes terrain of a plan that follows it."""
-
-    start: Annotated[str | None, Flag("--from", metavar="STAGE,LAP")] = None
-    """Write the rest, from this stage of this lap on."""
-
-    telemetry: Annotated[str | None, Flag(metavar="FILE")] = None
-    """Write what is left where this telemetry ends, as then decided; with --scenario."""
-
-    parameters: Annotated[str | None, Flag(metavar="FILE")] = None
-    """Write the autopilot's parameters that the forecast holds for: .param of ArduPilot, .params of PX4."""
+    survey: bool = False
+    """Write the lines over the field as one survey of QGroundControl, which can be edited there."""
 
     def check(self) -> None:
         """Refuse values out of range, and options that do not go together; raises InputError."""
@@ -187,95 +197,114 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     writer = writer_of(to)
     if writer is None:
         raise _fault("--to", to, "is no format", one_of(EXPORTS, to))
-    parameters = ""
     if options.landing is not None:
         plan = _landed(plan, options)
-    if options.scenario is None:
-        flown, name = plan_of(plan, options.min_radius_m, options.laps, warn)
-        flown, notes = fenced_by(flown, options.avoid, options.inside)
-        warn(notes)
-        made = flown.site.made_for
-        airframe: Airframe = FixedWing() if made is None else FixedWing(airspeed_mps=made.airspeed_mps)
-        forecast, planned = None, _planned(flown, name, parameters_of(flown, options.overrides))
-    else:
-        overrides = read_overrides(override_texts(options.overrides, laps=options.laps))
-        inputs = load_flight(
-            plan, scenario=options.scenario, avoid=options.avoid, inside=options.inside, overrides=overrides
-        )
-        warn(inputs.warnings)
-        flown, airframe = inputs.world.plan, inputs.world.vehicle
-        name = inputs.sources["plan"].name if options.landing is None else flown.name
-        if isinstance(airframe, PaperVehicle) and options.altitude_m is None:
-            stated, _ = plan_of(plan, options.min_radius_m, options.laps, lambda _: None)
-            if any(stage.altitude_m is not None for stage in stated.stages):
-                message = f"the plan commands altitudes, and the airframe {airframe.model} holds its own"
-                raise _fault("--scenario", str(options.scenario), message, "another airframe, or --altitude")
-        if options.parameters is not None:
-            parameters = _parameters(inputs, options.parameters, name, warn)
-        forecast = None
-        if options.telemetry is not None:
-            planned = _after(inputs, options.telemetry, name, warn)
-        else:
-            forecast = inputs.preflight()
-            if forecast is None:
-                message, expected = "the forecast before take-off finds no parameters", "a battery that is drained"
-                raise _fault("--scenario", options.scenario, message, f"{expected}, or --set without --scenario")
-            planned = forecast.planned(inputs.mission)
-    place, home_deg = _places(flown, name, options)
-    altitude_m = options.altitude_m
+    chosen = _stated(plan, options, warn) if options.scenario is None else _forecast(plan, options, warn)
+    planned = chosen.planned if options.start is None else _rest(chosen.planned, options.start)
+    path = _path(chosen._replace(planned=planned), to, options, warn)
+    if to not in WITH_ITEMS:
+        return Exported(writer(path), chosen.parameters)
+    items = mission_items(path, px4=to == "px4")
+    if note := _ends_text(path, items):
+        warn([Fault(chosen.name, 1, 1, note, severity="note")])
+    rho = chosen.plan.path_count
+    beside = {ITEMS_ENDING: items_text(mapped_items(items, planned, rho), chosen.plan.names[:rho])}
+    return Exported(writer(path), chosen.parameters, beside | (files_beside(path) if to == "ardupilot" else {}))
+
+
+class _Chosen(NamedTuple):
+    """What is exported: a plan, its name in messages, the legs at parameters, the aircraft, and its parameter file."""
+
+    plan: Plan
+    name: str
+    planned: PlannedLegs
+    airframe: Airframe
+    parameters: str = ""
+
+
+def _stated(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
+    """A plan at the parameters that are stated."""
+    plan, name = plan_of(given, options.min_radius_m, options.laps, warn)
+    plan, notes = fenced_by(plan, options.avoid, options.inside)
+    warn(notes)
+    made = plan.site.made_for
+    airframe = FixedWing() if made is None else FixedWing(airspeed_mps=made.airspeed_mps)
+    return _Chosen(plan, name, _planned(plan, name, parameters_of(plan, options.overrides)), airframe)
+
+
+def _forecast(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
+    """A plan at the parameters that its forecast in a scenario chooses, or the rest of it by telemetry."""
+    overrides = read_overrides(override_texts(options.overrides, laps=options.laps))
+    inputs = load_flight(
+        given, scenario=options.scenario, avoid=options.avoid, inside=options.inside, overrides=overrides
+    )
+    warn(inputs.warnings)
+    plan, airframe = inputs.world.plan, inputs.world.vehicle
+    name = inputs.sources["plan"].name if options.landing is None else plan.name
+    if isinstance(airframe, PaperVehicle) and options.altitude_m is None:
+        stated, _ = plan_of(given, options.min_radius_m, options.laps, lambda _: None)
+        if any(stage.altitude_m is not None for stage in stated.stages):
+            message = f"the plan commands altitudes, and the airframe {airframe.model} holds its own"
+            raise _fault("--scenario", str(options.scenario), message, "another airframe, or --altitude")
+    parameters = "" if options.parameters is None else _parameters(inputs, options.parameters, name, warn)
+    if options.telemetry is not None:
+        return _Chosen(plan, name, _after(inputs, options.telemetry, name, warn), airframe, parameters)
+    forecast = inputs.preflight()
+    if forecast is None:
+        message, expected = "the forecast before take-off finds no parameters", "a battery that is drained"
+        raise _fault("--scenario", str(options.scenario), message, f"{expected}, or --set without --scenario")
+    planned = forecast.planned(inputs.mission)
+    warn([Fault(name, 1, 1, _forecast_text(forecast, plan, planned.legs), severity="note")])
+    return _Chosen(plan, name, planned, airframe, parameters)
+
+
+def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> PlannedPath:
+    """What is written, with notes on what the format cannot hold."""
+    plan, name, planned, airframe, _ = chosen
+
+    def note(message: str, severity: str = "note", option: str = name, expected: str = "") -> None:
+        warn([Fault(option, 1, 1, message, expected, severity=severity)])
+
+    place, home_deg = _places(plan, name, options)
+    altitude_m, known = options.altitude_m, options.scenario is not None
     if altitude_m is None:
         altitude_m = airframe.cruise_altitude_m
-        if any(stage.altitude_m is None for stage in flown.stages):
-            known = options.scenario is not None
+        if any(stage.altitude_m is None for stage in plan.stages):
             whose = "the aircraft's" if known else "that of the default aircraft, as there is no --scenario"
-            message = f"altitude {altitude_m:g} m, {whose}; --altitude sets another"
-            warn([Fault(name, 1, 1, message, severity="note" if known else "warning")])
-    if forecast is not None:
-        warn([Fault(name, 1, 1, _forecast_text(forecast, flown, planned.legs), severity="note")])
-    if options.start is not None:
-        planned = _rest(planned, options.start)
-    rally = flown.site.rally
+            note(f"altitude {altitude_m:g} m, {whose}; --altitude sets another", "note" if known else "warning")
+    rally = plan.site.rally
     if options.rally is not None:
         given = read_rally(read_text(options.rally))
         rally += tuple((*to_local_m(latitude, longitude, place), up_m) for latitude, longitude, up_m in given)
-    left_out = ["obstacles and boundary"] * any(flown.site.airspace) + ["places to rally"] * any(rally)
+    left_out = ["obstacles and boundary"] * any(plan.site.airspace) + ["places to rally"] * any(rally)
     if left_out and to not in FENCED:
-        message = f"{' and '.join(left_out)} are not in the format {to}"
-        warn([Fault(name, 1, 1, message, severity="note")])
-    if flown.site.ground_m is not None and options.home_deg is not None and options.altitudes == "relative":
-        message = f"altitudes are above {flown.site.ground_m:g} m above the sea, the ground at the plan's home or start"
-        warn([Fault("--home", 1, 1, message, "a home as high, or --altitudes terrain", severity="warning")])
+        note(f"{' and '.join(left_out)} are not in the format {to}")
+    if plan.site.ground_m is not None and options.home_deg is not None and options.altitudes == "relative":
+        message = f"altitudes are above {plan.site.ground_m:g} m above the sea, the ground at the plan's home or start"
+        note(message, "warning", "--home", "a home as high, or --altitudes terrain")
     sections = planned_sections(planned.legs)
-    ground = _ground(flown, name, to, options, sections)
     path = PlannedPath(
-        (flown.site.field.name if flown.site.field else "") or printable(name.rpartition("/")[2]),
-        sections,
-        place,
-        altitude_m,
-        airframe.airspeed_mps,
-        home_deg,
-        options.trigger_distance_m,
-        options.tolerance_m,
-        _fenced(flown.site.airspace, planned.legs),
-        None if options.scenario is None and flown.site.made_for is None else airframe.airspeed_mps,
-        0.0 if options.scenario is None else _climb_deg(airframe),
-        ground,
-        rally,
-        _surveyed(flown, to, warn, name) if options.survey else (),
+        name=(plan.site.field.name if plan.site.field else "") or printable(name.rpartition("/")[2]),
+        sections=sections,
+        origin_deg=place,
+        altitude_m=altitude_m,
+        airspeed_mps=airframe.airspeed_mps,
+        home_deg=home_deg,
+        trigger_distance_m=options.trigger_distance_m,
+        tolerance_m=options.tolerance_m,
+        airspace=_fenced(plan.site.airspace, planned.legs),
+        stated_mps=airframe.airspeed_mps if known or plan.site.made_for is not None else None,
+        climb_deg=_climb_deg(airframe) if known else 0.0,
+        ground=_ground(plan, name, to, options, sections),
+        rally=rally,
+        surveyed=_surveyed(plan, to, warn, name) if options.survey else (),
     )
     if path.surveyed:
         try:
             survey_lines(path, path.surveyed)
         except Infeasible as error:
             raise _fault("--survey", "", str(error), "the plan of a field") from None
-    if to not in WITH_ITEMS:
-        return Exported(writer(path), parameters)
-    items = mission_items(path, px4=to == "px4")
-    if note := _ends_text(path, items):
-        warn([Fault(name, 1, 1, note, severity="note")])
-    mapped = mapped_items(items, planned, flown.path_count)
-    beside = {ITEMS_ENDING: items_text(mapped, flown.names[: flown.path_count])}
-    return Exported(writer(path), parameters, beside | (files_beside(path) if to == "ardupilot" else {}))
+    return path
 
 
 def _landed(given: File | Plan, options: ExportOptions) -> Plan:
@@ -321,13 +350,13 @@ def _surveyed(plan: Plan, to: str, warn: Warn, name: str) -> tuple[Point, ...]:
 def _ends_text(path: PlannedPath, items: Sequence[MissionItem]) -> str:
     """What a mission flies besides its path: how it takes off, and ways that the forecast does not have."""
     first, last, said = path.sections[0], path.sections[-1], []
+    home_m = to_local_m(*path.home, path.origin_deg)
     if items[0].command == TAKEOFF and not (first.stage.command(TAKEOFF) and first.stage.command(TAKEOFF)[-1]):
-        home_m = to_local_m(*path.home, path.origin_deg)
-        to_m = first.start_m if math.dist(home_m, first.start_m) > NEAR_M else first.end_m
-        course = math.atan2(to_m[1] - home_m[1], to_m[0] - home_m[0])
+        way_m, course = math.dist(home_m, first.start_m), first.courses_rad[0]
+        if way_m > NEAR_M:
+            course = math.atan2(first.start_m[1] - home_m[1], first.start_m[0] - home_m[0])
         said.append(f"an autopilot climbs as it is launched, for the path towards {compass_deg(course):.0f}°")
     if path.home_deg is not None:
-        home_m = to_local_m(*path.home_deg, path.origin_deg)
         ways = {"from home": math.dist(home_m, first.start_m)}
         if not last.stage.command(LAND):
             ways["back"] = math.dist(last.end_m, home_m)

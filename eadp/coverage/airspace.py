@@ -1,6 +1,7 @@
 """Coverage within limits: lines and turns that stay out of obstacles and inside a boundary.
 
-Lines are cut where they leave the free space, and shortened until a half circle to one side of either end is free. The
+Lines are cut where they leave the free space, and shortened until a half circle to one side of either end is free,
+behind what is flown straight beyond the line. The
 order of the lines is found with the times of free turns: those that an order uses are checked, replaced by the quickest
 free ones, direct or around corners, and the order is found again, until all of its turns are free.
 
@@ -59,7 +60,7 @@ class FreeTurn(NamedTuple):
     pieces: tuple[Piece, ...]
 
 
-def free_lines(lines: Sequence[CoverageLeg], space: FreeSpace, radius_m: float) -> list[CoverageLeg]:
+def free_lines(lines: Sequence[CoverageLeg], space: FreeSpace, motion: MotionLimits) -> list[CoverageLeg]:
     """Lines cut to the free space, with room for a turn at either end; each in both directions."""
     inside = [
         straight(line.piece.pose_at(low)[:2], line.piece.pose_at(high)[:2])
@@ -68,28 +69,34 @@ def free_lines(lines: Sequence[CoverageLeg], space: FreeSpace, radius_m: float) 
     ]
     # shortened at its end until there is room for a half circle; then reversed, and at its start
     for _ in range(2):
-        inside = [straight(line.end[:2], line.start[:2]) for line in _with_room(inside, space, radius_m)]
+        inside = [straight(line.end[:2], line.start[:2]) for line in _with_room(inside, space, motion)]
     legs = [CoverageLeg(line, True) for line in inside]
     return [way for leg in legs for way in (leg, leg.backward())]
 
 
-def _with_room(lines: Sequence[Piece], space: FreeSpace, radius_m: float) -> list[Piece]:
-    """Lines shortened until there is room for a half circle at their ends, to either side; without those too short."""
+def _with_room(lines: Sequence[Piece], space: FreeSpace, motion: MotionLimits) -> list[Piece]:
+    """Lines shortened until there is room at their ends for what is flown beyond, and for a half circle to either side.
+
+    Those that are too short are left out.
+    """
     if not lines:
         return []
     places = np.array([line.length_m for line in lines])
-    halves = [polyline_m([half_circle((0.0, 0.0, 0.0), radius_m, side)]) for side in (1, -1)]
+    beyond = [straight((0.0, 0.0), (motion.beyond_m, 0.0))] if motion.beyond_m else []
+    halves = [
+        polyline_m([*beyond, half_circle((motion.beyond_m, 0.0, 0.0), motion.min_radius_m, side)]) for side in (1, -1)
+    ]
     todo = np.arange(len(lines))
     while len(todo):
         x, y, headings = np.array([lines[i].pose_at(places[i]) for i in todo.tolist()]).T
         turned = np.array([[np.cos(headings), np.sin(headings)], [-np.sin(headings), np.cos(headings)]])
-        # shape (lines, points, 2): each half circle as one from the origin, turned and moved
+        # shape (lines, points, 2): each way on as one from the origin, turned and moved
         rooms = [
             space.has_each([*(np.einsum("pi,ijn->npj", half, turned) + np.stack([x, y], axis=1)[:, None])])
             for half in halves
         ]
         todo = todo[~(rooms[0] | rooms[1])]
-        places[todo] -= TRIM_SHARE * radius_m
+        places[todo] -= TRIM_SHARE * motion.min_radius_m
         todo = todo[places[todo] >= MIN_LINE_M]
     kept = zip(lines, places.tolist(), strict=True)
     return [straight(line.start[:2], line.pose_at(place)[:2]) for line, place in kept if place >= MIN_LINE_M]
@@ -152,6 +159,8 @@ class FreeTurns:
 
     def _around(self, start: Pose, end: Pose) -> FreeTurn | None:
         """The quickest free path found around corners; None where none is."""
+        if np.ptp(self.space.rooms([start[:2], end[:2]])):
+            return None
         # a line has room for a half circle at either end: one leaves it, and one leads to it
         back = (*end[:2], end[2] + math.pi)
         turned = [half_circle(pose, self.motion.min_radius_m, side).end for pose in (start, back) for side in (1, -1)]
@@ -160,8 +169,8 @@ class FreeTurns:
         # it comes up; of equal times the one found first, as poses have no order
         own = stops[len(self._corners) :]
         to_corners = np.vstack([self._apart_s, self.motion.turns_s([*own, start], self._corners)])
-        least_s = np.hstack([to_corners, self.motion.turns_s([*stops, start], own)]).tolist()
-        left_s = [row[-1] for row in least_s]
+        min_s = np.hstack([to_corners, self.motion.turns_s([*stops, start], own)]).tolist()
+        left_s = [row[-1] for row in min_s]
         done: set[int] = set()
         count, last = itertools.count(), len(stops) - 1
         stops.append(start)
@@ -179,9 +188,9 @@ class FreeTurns:
                 return FreeTurn(time_s, pieces)
             elif here not in done:
                 done.add(here)
-                bounds_s = np.add(least_s[here], left_s[:-1])
+                bounds_s = np.add(min_s[here], left_s[:-1])
                 self.find_direct((stops[here], stops[to]) for to in np.argsort(bounds_s)[:AT_ONCE] if to not in done)
-                for to, to_s in enumerate(least_s[here]):
+                for to, to_s in enumerate(min_s[here]):
                     if to not in done:
                         heapq.heappush(queue, (time_s + to_s + left_s[to], next(count), time_s, here, pieces, to))
         return None
@@ -217,6 +226,9 @@ def free_order(
     Infeasible
         If no such order is found.
     """
+    failure = Infeasible("no order of the lines has turns that stay out of the obstacles and inside the boundary")
+    if np.ptp(turns.space.rooms([leg.start[:2] for leg in directed])):
+        raise failure
     between_s, own_s, first_s, last_s = costs
     between_s = between_s.copy()  # raised below where the turn is not free
     # where no free turn is found: above any sum of times, so that an order of this time has a turn that is blocked
@@ -240,7 +252,7 @@ def free_order(
         if unchecked:
             turns.find_direct((directed[a].end, directed[b].start) for a, b in unchecked)
             check(unchecked)
-            # mended where it has become slower; searched in full where that leaves nothing to check
+            # improved where it has become slower; searched in full where that leaves nothing to check
             order, time_s = quick_order(between_s, own_s, first_s, last_s, order)
             continue
         best = min(best, (order, time_s), key=lambda one: one[1])
@@ -251,4 +263,4 @@ def free_order(
             break
     if best[1] < blocked_s:
         return best
-    raise Infeasible("no order of the lines has turns that stay out of the obstacles and inside the boundary")
+    raise failure

@@ -145,22 +145,23 @@ class CoverageRequest:
     """A coverage problem: the field, the motion's limits, and what is prescribed.
 
     `heading_rad` None leaves the heading of the lines free; `start_m` and `home_m` None leave both ends of the path
-    free. A path may start with a straight `climb_out` and end with a straight final `approach`. Ordered lines lie at
-    most `order_spacing_m` apart, by default a swath, or on a `grid`. `airspace` is what is in the way, by default all
-    that the field has.
+    free; a path may start at a pose. It may start with a straight `climb_out` and end with a straight final `approach`.
+    Ordered lines lie at most `order_spacing_m` apart, by default a swath, or on a `grid`. `airspace` is what is in the
+    way, by default all that the field has. With `crosshatch` lines at right angles follow.
     """
 
     field: Field
     motion: MotionLimits
     pattern: str = AUTO
     heading_rad: float | None = None
-    start_m: Point | None = None
+    start_m: Point | Pose | None = None
     home_m: Point | None = None
     order_spacing_m: float | None = None
     grid: LineGrid | None = None
     airspace: Airspace | None = None
     climb_out: CoverageLeg | None = None
     approach: CoverageLeg | None = None
+    crosshatch: bool = False
 
     @property
     def way_out(self) -> Point | Pose | None:
@@ -185,7 +186,8 @@ class CoverageSolution:
 
     `time_s` is the time of flight at the lowest c1, `access_s` the part of it before the first line and after the last.
     `other_share` is the time of the other pattern divided by this one's, without access; None if only one was tried.
-    `laps` is the Zamboni-like motion that was not chosen.
+    `laps` is the Zamboni-like motion that was not chosen, `crossed` whether lines at right angles follow.
+    Of a corridor `spacing_m` is the distance of lines, None for one, and `ends` the number of bends at which lines end.
     """
 
     pattern: str
@@ -195,6 +197,9 @@ class CoverageSolution:
     access_s: float = 0.0
     other_share: float | None = None
     laps: CoverageSolution | None = None
+    crossed: bool = False
+    spacing_m: float | None = None
+    ends: int = 0
 
     def path(self, c1: float) -> CoveragePath:
         """The whole path at a fixed parameter."""
@@ -228,6 +233,8 @@ def cover(request: CoverageRequest, *, draft: bool = False) -> CoverageSolution:
     wind_mps = math.hypot(*motion.wind_mps)
     if wind_mps >= motion.airspeed_mps:
         raise Infeasible(f"a wind of {wind_mps:g} m/s is not slower than the aircraft's {motion.airspeed_mps:g}")
+    if request.crosshatch:
+        return _crossed(request)
     headings = _tried_headings(request) if request.heading_rad is None else [request.heading_rad]
     if request.pattern == DUBINS:
         return _best_in_order(request, headings, draft)
@@ -260,6 +267,16 @@ def cover(request: CoverageRequest, *, draft: bool = False) -> CoverageSolution:
     return replace(order, other_share=laps_s / lines_s, laps=zamboni)
 
 
+def _crossed(request: CoverageRequest) -> CoverageSolution:
+    """Lines in an order, and then lines at right angles to them from where the first ones end."""
+    along = replace(request, pattern=DUBINS, crosshatch=False)
+    first = cover(replace(along, home_m=None, approach=None))
+    across_rad = (first.heading_rad + math.pi / 2) % math.pi
+    last = first.path(0.0).legs[-1].end
+    second = cover(replace(along, heading_rad=across_rad, start_m=last, climb_out=None))
+    return replace(_timed(request, DUBINS, first.heading_rad, [*first.sections, *second.sections]), crossed=True)
+
+
 def has_pattern(name: str) -> bool:
     """Whether eadp or an installed package has a pattern of a name. Raises EadpError if it cannot be imported."""
     return name in PATTERNS or plug_in("coverage_patterns", name) is not None
@@ -271,10 +288,14 @@ def _best_of_pattern(request: CoverageRequest, pattern: Pattern, headings: Seque
     for heading in headings:
         try:
             legs = [replace(leg, sensing=True) for leg in pattern(request, heading)]
-            if request.space is not None and not all(request.space.has_hull(polyline_m([leg.piece])) for leg in legs):
+            if request.space is not None and not all(
+                request.space.has_hull(polyline_m([leg.led(request.motion).piece])) for leg in legs
+            ):
                 raise Infeasible(f"lines of pattern {request.pattern} leave the boundary or cross an obstacle")
             if legs:
-                found.append(_connected(request, request.pattern, heading, legs))
+                found.append(
+                    connected(request, request.pattern, heading, [leg.with_leads(request.motion) for leg in legs])
+                )
         except Infeasible as error:
             failure = error
     if not found:
@@ -314,17 +335,19 @@ def _headings(field: Field) -> Iterator[float]:
             yield heading
 
 
-def _connected(
-    request: CoverageRequest, pattern: str, heading_rad: float, parts: Sequence[CoverageLeg | Block]
+def connected(
+    request: CoverageRequest, pattern: str, heading_rad: float, parts: Sequence[Sequence[CoverageLeg | Block]]
 ) -> CoverageSolution:
     """The timed solution that flies lines or blocks in this order, from the start point to home by the quickest turns.
+
+    A line has its lead-in and its overshoot, and all its legs, if it has several.
 
     Raises
     ------
     Infeasible
         If no turn between two of them is free.
     """
-    turns = None if request.space is None else _free_turns(request.space, request.motion)
+    turns = None if request.space is None else free_turns(request.space, request.motion)
     climb_out, approach = ([] if leg is None else [leg] for leg in (request.climb_out, request.approach))
     for leg, name in (*((leg, "climb-out") for leg in climb_out), *((leg, "final approach") for leg in approach)):
         if request.space is not None and not request.space.has_hull(polyline_m([leg.piece])):
@@ -332,12 +355,20 @@ def _connected(
             raise Infeasible(f"{message}; another heading, or less altitude, may not")
     sections: list[CoverageLeg | Block] = [*climb_out]
     previous: Pose | None = None
-    for part in parts:
-        entry = _entry(request, part.start, turns) if previous is None else _turn(request, previous, part.start, turns)
-        sections += [*entry, part]
-        previous = part.end
+    for flown in parts:
+        start = flown[0].start
+        entry = _entry(request, start, turns) if previous is None else _turn(request, previous, start, turns)
+        sections += [*entry, *flown]
+        previous = flown[-1].end
     assert previous is not None
-    solution = CoverageSolution(pattern, heading_rad, (*sections, *_exit(request, previous, turns), *approach))
+    return _timed(request, pattern, heading_rad, [*sections, *_exit(request, previous, turns), *approach])
+
+
+def _timed(
+    request: CoverageRequest, pattern: str, heading_rad: float, sections: Sequence[CoverageLeg | Block]
+) -> CoverageSolution:
+    """The solution of some sections, with its times."""
+    solution = CoverageSolution(pattern, heading_rad, tuple(sections))
     legs = solution.path(solution.min_c1).legs
     lines = [i for i, leg in enumerate(legs) if leg.sensing]
     access = (*legs[: lines[0]], *legs[lines[-1] + 1 :])
@@ -366,7 +397,8 @@ class _Candidate:
         """The block in full."""
         points = self.frame.into(np.array(request.field.outline))
         first = float(points[:, 0].min()) + (self.index * self.layout.lines + 0.5) * self.layout.pitch_m
-        return build_block(self.frame, BlockBounds(points), first, self.layout, request.motion)
+        bounds = BlockBounds(points, request.motion.beyond_m)
+        return build_block(self.frame, bounds, first, self.layout, request.motion)
 
 
 class _Chain(NamedTuple):
@@ -387,14 +419,14 @@ def _best_zamboni(request: CoverageRequest, headings: Sequence[float]) -> Covera
     if request.space is None:
         min_s = min(chain.time_s for chain in found)
         best = next(chain for chain in found if chain.time_s <= min_s * (1 + 1e-9))  # rounding chooses no heading
-        return _connected(request, ZAMBONI, best.heading_rad, [each.block(request) for each in best.candidates])
+        return connected(request, ZAMBONI, best.heading_rad, [[each.block(request)] for each in best.candidates])
     for chain in sorted(found, key=lambda chain: chain.time_s)[:FREE_CHAINS]:
         blocks = [candidate.block(request) for candidate in chain.candidates]
         # laps of any sequence of c1 lie in the hull of those at its ends
         hulls = ([leg.piece for c1 in (0.0, block.min_c1) for leg in block.legs(c1)] for block in blocks)
         if all(request.space.has_hull(polyline_m(pieces)) for pieces in hulls):
             with suppress(Infeasible):
-                return _connected(request, ZAMBONI, chain.heading_rad, blocks)
+                return connected(request, ZAMBONI, chain.heading_rad, [[block] for block in blocks])
     return None
 
 
@@ -403,7 +435,7 @@ def _zamboni_at(request: CoverageRequest, heading: float) -> Iterator[_Chain]:
     motion = request.motion
     points = frame_of(heading).into(np.array(request.field.outline))
     left, width = float(points[:, 0].min()), float(np.ptp(points[:, 0]))
-    bounds = BlockBounds(points)
+    bounds = BlockBounds(points, motion.beyond_m)
     # one frame for each corner: u to the right or left of the heading, v a quarter turn from it to either side
     corners = [(towards, hand, frame_of(heading, towards, hand)) for towards in (1, -1) for hand in (1, -1)]
     unit_times_s = [_unit_times_s(frame, motion) for _, _, frame in corners]
@@ -445,13 +477,13 @@ def _quickest_chain(request: CoverageRequest, rows: Sequence[Sequence[_Candidate
     ends = [[candidate.end for candidate in row] for row in rows]
     own_s = [np.array([candidate.time_s for candidate in row]) for row in rows]
     # T_i(b) = min_a (T_i−1(a) + turn(a, b)) + own_i(b), and a as the predecessor of b
-    total_s = own_s[0] + _from_start_s(request, starts[0])
+    total_s = own_s[0] + from_start_s(request, starts[0])
     predecessors: list[FloatArray] = []
     for i in range(1, len(rows)):
         times = total_s[:, None] + request.motion.turns_s(ends[i - 1], starts[i])
         predecessors.append(times.argmin(axis=0))
         total_s = times.min(axis=0) + own_s[i]
-    total_s = total_s + _to_home_s(request, ends[-1])
+    total_s = total_s + to_home_s(request, ends[-1])
     corner = int(total_s.argmin())
     chosen = [rows[-1][corner]]
     for row, predecessor in zip(reversed(rows[:-1]), reversed(predecessors), strict=True):
@@ -478,10 +510,11 @@ def line_costs(request: CoverageRequest, directed: Sequence[CoverageLeg]) -> Lin
     LineCosts
         [s], rounded to `TIE_DIGITS`.
     """
+    directed = [leg.led(request.motion) for leg in directed]
     starts, ends = [leg.start for leg in directed], [leg.end for leg in directed]
     own_s = np.array([request.motion.time_s([leg.piece]) for leg in directed])
     between_s = request.motion.turns_s(ends, starts)
-    costs = between_s, own_s, _from_start_s(request, starts), _to_home_s(request, ends)
+    costs = between_s, own_s, from_start_s(request, starts), to_home_s(request, ends)
     # rounding differs in a field that is turned or moved, and must not change the order
     return LineCosts(*(np.round(part, TIE_DIGITS) for part in costs))
 
@@ -515,7 +548,7 @@ def _best_in_order(request: CoverageRequest, headings: Sequence[float], draft: b
     solved = [(each, *best_order(*costs)) for each, costs in itertools.islice(sets, FULL_SEARCHES)]
     # of equal times, up to rounding, the heading that was tried first
     best, order, _ = min(solved, key=lambda one: (round(one[2], 9), one[0].number))
-    return _connected(request, DUBINS, best.heading_rad, [best.directed[i] for i in order])
+    return connected(request, DUBINS, best.heading_rad, [best.directed[i].with_leads(request.motion) for i in order])
 
 
 def _quickest_sets(request: CoverageRequest, headings: Sequence[float]) -> Iterator[tuple[_LineSet, LineCosts]]:
@@ -541,7 +574,7 @@ def _quickest_sets(request: CoverageRequest, headings: Sequence[float]) -> Itera
             yield each, each.costs
         elif space is not None and not each.cut:
             flown_m = sum(leg.piece.length_m for leg in each.directed[::2])
-            directed = free_lines(each.directed[::2], space, motion.min_radius_m)
+            directed = free_lines(each.directed[::2], space, motion)
             left_m = sum(leg.piece.length_m for leg in directed[::2])
             if left_m >= MIN_LEFT * flown_m:
                 lost_s[each.number] = LOST_RATIO * (flown_m - left_m) / motion.airspeed_mps
@@ -557,18 +590,20 @@ def _free_in_order(
     request: CoverageRequest, space: FreeSpace, sets: Iterable[tuple[_LineSet, LineCosts]], draft: bool
 ) -> CoverageSolution:
     """The first of some sets of lines, the quickest first, with an order whose turns are all free."""
+    motion = request.motion
     failure = Infeasible("no line of the field has room for a turn out of the obstacles and inside the boundary")
     for each, costs in itertools.islice(sets, FREE_HEADINGS_TRIED):
         try:
-            order, _ = free_order(each.directed, costs, _free_turns(space, request.motion), draft=draft)
-            return _connected(request, DUBINS, each.heading_rad, [each.directed[i] for i in order])
+            led = [leg.led(motion) for leg in each.directed]
+            order, _ = free_order(led, costs, free_turns(space, motion), draft=draft)
+            return connected(request, DUBINS, each.heading_rad, [each.directed[i].with_leads(motion) for i in order])
         except Infeasible as error:
             failure = error
     raise failure
 
 
 @functools.lru_cache(maxsize=4)
-def _free_turns(space: FreeSpace, motion: MotionLimits) -> FreeTurns:
+def free_turns(space: FreeSpace, motion: MotionLimits) -> FreeTurns:
     """Free turns with what they have found so far: the parts of a field have many turns in common."""
     return FreeTurns(space, motion)
 
@@ -641,14 +676,14 @@ def _poses(end: Point | Pose) -> list[Pose]:
     return [(*end, math.remainder(2 * math.pi * k / FREE_HEADINGS, 2 * math.pi)) for k in range(FREE_HEADINGS)]
 
 
-def _from_start_s(request: CoverageRequest, starts: Sequence[Pose]) -> FloatArray:
+def from_start_s(request: CoverageRequest, starts: Sequence[Pose]) -> FloatArray:
     """Least time from the start point to each pose [s]; 0 where the start is free."""
     if request.way_out is None:
         return np.zeros(len(starts))
     return np.asarray(request.motion.turns_s(_poses(request.way_out), starts).min(axis=0))
 
 
-def _to_home_s(request: CoverageRequest, ends: Sequence[Pose]) -> FloatArray:
+def to_home_s(request: CoverageRequest, ends: Sequence[Pose]) -> FloatArray:
     """Least time from each pose to the home point [s]; 0 where the end is free."""
     if request.way_back is None:
         return np.zeros(len(ends))

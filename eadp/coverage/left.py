@@ -81,8 +81,8 @@ def _reason(rings: Sequence[Ring], area_m2: float, field: Field, motion: MotionL
     for each in obstacles:
         if share(each.outline) > 0.5:
             return f"{each.name}, and no room for a turn beside it"
-    # a line ends where there is room for half a circle, in steps of a part of its radius
-    reach_m = (2 + 2 * CLEARANCE_SHARE) * motion.min_radius_m + motion.swath_m / 2
+    # a line ends where there is room for what is flown beyond and half a circle, in steps of a part of its radius
+    reach_m = (2 + 2 * CLEARANCE_SHARE) * motion.min_radius_m + motion.beyond_m + motion.swath_m / 2
     edges = [(each.name, each.outline) for each in obstacles] + [(BOUNDARY, ring) for ring in boundary]
     near = zip(apart_m([outline for _, outline in edges], rings), (name for name, _ in edges), strict=True)
     distance_m, name = min(near, default=(reach_m + 1, ""))

@@ -14,6 +14,7 @@ from eadp.core.expressions.tree import number_text
 from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.geodesy import place_text
 from eadp.core.geometry.polygons import covered_share
+from eadp.coverage.corridor import CORRIDOR
 from eadp.coverage.cover import DUBINS, ZAMBONI, CoverageSolution
 from eadp.coverage.left import LeftGround, left_ground, left_text
 from eadp.coverage.swaths import CoveragePath, MotionLimits
@@ -76,15 +77,19 @@ def path_report(
         energy = joules / 3600  # [Wh]
     coverage = covered_by_lines(path, field, motion.swath_m)
     spacing_m = solution.blocks[0].spacing_at(max(c1, solution.blocks[0].min_c1)) if solution.blocks else None
-    spacing_m = spacing_m or _line_distance_m(path, solution.heading_rad)
+    if solution.pattern == CORRIDOR:
+        spacing_m = solution.spacing_m
+    else:
+        spacing_m = spacing_m or _line_distance_m(path, solution.heading_rad)
     return PathReport(c1, spacing_m, coverage, path.length_m, time_s, path.lines, path.min_radius_m, energy)
 
 
 def _line_distance_m(path: CoveragePath, heading_rad: float) -> float | None:
     """The median distance of neighbouring lines [m]; None for a single one."""
     sin, cos = math.sin(heading_rad), math.cos(heading_rad)
-    # places across the lines; those of one line twice are equal to a centimetre
-    places = sorted({round(leg.start[1] * cos - leg.start[0] * sin, 2) for leg in path.legs if leg.sensing})
+    # places across the lines of the heading; those of one line twice are equal to a centimetre
+    lines = [leg for leg in path.legs if leg.sensing and abs(math.sin(leg.start[2] - heading_rad)) < 0.5]
+    places = sorted({round(leg.start[1] * cos - leg.start[0] * sin, 2) for leg in lines})
     return statistics.median(b - a for a, b in itertools.pairwise(places)) if len(places) > 1 else None
 
 
@@ -121,6 +126,13 @@ class CoverageReport:
     def ends(self) -> Sequence[PathReport]:
         """The reports of the ends of c1 that differ."""
         return (self.full,) if self.least is self.full else (self.full, self.least)
+
+    @property
+    def _headings_text(self) -> str:
+        """ "heading" and the compass bearings of the lines [°]."""
+        first = self.solution.heading_rad
+        headings = [first, first + math.pi / 2] if self.solution.crossed else [first]
+        return "heading " + " and ".join(f"{rounded_deg(heading, 1):.1f}" for heading in headings)
 
     @cached_property
     def left(self) -> list[LeftGround]:
@@ -162,7 +174,8 @@ class CoverageReport:
         full, least, motion = self.full, self.least, self.motion
         lines = [
             f"Covers {name} with a swath of {motion.swath_m:g} m and turns of {motion.min_radius_m:g} m or "
-            f"more; lines heading {rounded_deg(self.solution.heading_rad, 1):.1f} deg.",
+            f"more"
+            + (f"; lines {self._headings_text} deg." if self.solution.pattern != CORRIDOR else ", along a corridor."),
             f"{full.lines} lines, {full.length_m:.0f} m",
         ]
         if least is not full:
@@ -187,10 +200,14 @@ class CoverageReport:
             "spacing_m": [full.spacing_m, least.spacing_m],
             "seam_m": self.seam_m,
             "swath_m": self.motion.swath_m,
+            "lead_in_m": self.motion.lead_in_m,
+            "overshoot_m": self.motion.overshoot_m,
             "min_radius_m": min_radius_m if math.isfinite(min_radius_m) else None,  # a single line has no turn
             "c1": [least.c1, full.c1] if least is not full else None,
             "at_lowest_c1": {"length_m": least.length_m, "time_s": least.time_s, "lines": least.lines},
             "c1_steps": self._steps,
+            "crosshatch": solution.crossed,
+            "bends_at_ends": solution.ends,
             "blocks": len(solution.blocks),
             "other_pattern_share": solution.other_share,
             "zamboni_time_s": self.laps_s() or None,
@@ -229,15 +246,24 @@ class CoverageReport:
         solution, blocks = self.solution, len(self.solution.blocks)
         parts = len(self.field.parts)
         holes = sum(map(len, self.field.parts)) - parts
-        own = {DUBINS: "lines in an order, Dubins turns", ZAMBONI: f"Zamboni-like, {_counted(blocks, 'block')}"}
+        own = {
+            CORRIDOR: "lines along a corridor, Dubins turns",
+            DUBINS: "lines in an order, Dubins turns",
+            ZAMBONI: f"Zamboni-like, {_counted(blocks, 'block')}",
+        }
         pattern = own.get(solution.pattern, solution.pattern)
         lines = [
             f"field      {f'{self.field.name}, ' if self.field.name else ''}{self.field.area_m2 / 1e4:.2f} ha"
             + (f" at {place_text(self.field.origin_deg)}" if self.field.origin_deg else "")
             + (f", {parts} parts" if parts > 1 else "")
             + (f", {_counted(holes, 'hole')}" if holes else ""),
-            f"pattern    {pattern}; lines heading {rounded_deg(solution.heading_rad, 1):.1f}°",
+            f"pattern    {pattern}" + (f"; lines {self._headings_text}°" if solution.pattern != CORRIDOR else ""),
         ]
+        if solution.ends:
+            tight = (
+                f"{_counted(solution.ends, 'bend')} too tight for turns of {self.motion.min_radius_m:g} m on the line"
+            )
+            lines.append(f"bends      {tight}: lines end there, and a turn leads on")
         for end in self.ends:
             at = "" if end.spacing_m is None else f" with lines {end.spacing_m:.1f} m apart"
             energy = f", {end.energy_wh:.2f} Wh" if end.energy_wh is not None else ""
@@ -245,6 +271,8 @@ class CoverageReport:
                 f"{'covers' if end is self.full else '':<10} {100 * end.coverage:.2f} %{at}: "
                 f"{_counted(end.lines, 'line')}, {end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
             )
+        if beyond := self.motion.beyond_text:
+            lines.append(f"straight   {beyond}")
         obstacles, boundary = self.field.airspace
         if obstacles or boundary:
             kept = [f"out of {_counted(len(obstacles), 'obstacle')}"] if obstacles else []

@@ -19,7 +19,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.geometry.polygons import clipped, ground_m2
+from eadp.core.geometry.polygons import FAR_M, clipped, ground_m2
 from eadp.coverage.cover import LineGrid
 from eadp.errors import Infeasible
 from eadp.models.field import Field
@@ -34,9 +34,6 @@ EVEN = 0.02
 """A sortie is full where it leaves no more than this share of a pack."""
 
 MAX_SORTIES = 200
-FAR_M = 1e6
-"""Beyond any field [m]."""
-
 SAME_M = 1e-2
 """Places so close are the same [m]: a line is not cut for less."""
 

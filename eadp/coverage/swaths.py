@@ -13,7 +13,7 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, lengths_m, times_s
+from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, lengths_m, polyline_m, times_s
 
 SPACING_SHARE = 0.5
 """Default line spacing at the highest path parameter as a share of the swath: a side overlap of one half.
@@ -35,7 +35,8 @@ class MotionLimits:
     """Swath, turning radii, line spacing, airspeed and wind of a coverage path.
 
     `spacing_m` is the line spacing at c1 = 0, `radius_m` the ideal turning radius of the letter. Lines and turns are
-    timed at `airspeed_mps` in `wind_mps`.
+    timed at `airspeed_mps` in `wind_mps`. Before and after each line the flight is straight for `lead_in_m` and
+    `overshoot_m`.
     """
 
     swath_m: float
@@ -44,6 +45,19 @@ class MotionLimits:
     spacing_m: float
     airspeed_mps: float = 15.0
     wind_mps: Point = (0.0, 0.0)
+    lead_in_m: float = 0.0
+    overshoot_m: float = 0.0
+
+    @property
+    def beyond_m(self) -> float:
+        """What a line that is flown either way needs beyond both of its ends [m]."""
+        return max(self.lead_in_m, self.overshoot_m)
+
+    @property
+    def beyond_text(self) -> str:
+        """What is flown beyond lines, for people; '' for nothing."""
+        sides = ((self.lead_in_m, "before"), (self.overshoot_m, "after"))
+        return ", ".join(f"{length_m:g} m {side} each line" for length_m, side in sides if length_m)
 
     @cached_property
     def windless(self) -> bool:
@@ -158,6 +172,31 @@ class CoverageLeg:
         gaps = tuple((piece.length_m - end, piece.length_m - start) for start, end in reversed(self.gaps_m))
         return CoverageLeg(piece, self.sensing, gaps)
 
+    def led(self, motion: MotionLimits) -> CoverageLeg:
+        """The straight leg made longer by the lead-in and the overshoot, which have no gaps of their own."""
+        before, after = motion.lead_in_m, motion.overshoot_m
+        if not (before or after):
+            return self
+        start, end = self._at(-before), self._at(self.piece.length_m + after)
+        gaps = tuple((low + before, high + before) for low, high in self.gaps_m)
+        return CoverageLeg(straight(start, end), self.sensing, gaps)
+
+    def leads(self, motion: MotionLimits) -> tuple[list[CoverageLeg], list[CoverageLeg]]:
+        """The lead-in before the straight leg, and the overshoot after it, which cover no ground; [] of no length."""
+        whole = self.led(motion)
+        before = [CoverageLeg(straight(whole.start[:2], self.start[:2]))] if motion.lead_in_m else []
+        return before, [CoverageLeg(straight(self.end[:2], whole.end[:2]))] if motion.overshoot_m else []
+
+    def with_leads(self, motion: MotionLimits) -> list[CoverageLeg]:
+        """The straight leg between its lead-in and its overshoot."""
+        before, after = self.leads(motion)
+        return [*before, self, *after]
+
+    def _at(self, place_m: float) -> Point:
+        """The point of the straight leg at a place along it, which may lie beyond its ends [m]."""
+        x, y, _ = self.piece.pose_at(place_m)
+        return x, y
+
     def cut(self, *places_m: float) -> list[CoverageLeg]:
         """The leg in several, cut at places along it [m]; the parts have no gaps."""
         piece = self.piece
@@ -187,9 +226,9 @@ class CoveragePath:
         return [leg.piece for leg in self.legs]
 
     @property
-    def sensed_m(self) -> list[tuple[Point, Point]]:
-        """Both ends of each leg that covers ground [m]."""
-        return [(leg.start[:2], leg.end[:2]) for leg in self.legs if leg.sensing]
+    def sensed_m(self) -> list[tuple[Point, ...]]:
+        """Points of each leg that covers ground [m]: both ends, and those of an arc."""
+        return [tuple(map(tuple, polyline_m([leg.piece]).tolist())) for leg in self.legs if leg.sensing]
 
     @property
     def length_m(self) -> float:
@@ -203,8 +242,12 @@ class CoveragePath:
 
     @property
     def lines(self) -> int:
-        """The number of legs that cover ground."""
-        return sum(leg.sensing for leg in self.legs)
+        """The number of lines: legs that cover ground, those that follow one another as one."""
+        return sum(leg.sensing and not before for leg, before in zip(self.legs, self._sensing_before, strict=True))
+
+    @property
+    def _sensing_before(self) -> list[bool]:
+        return [False, *(leg.sensing for leg in self.legs[:-1])][: len(self.legs)]
 
 
 def straight(start: Point, end: Point) -> Piece:

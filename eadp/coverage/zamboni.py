@@ -230,11 +230,15 @@ def layouts(width_m: float, motion: MotionLimits) -> list[BlockLayout]:
 
 
 class BlockBounds:
-    """The upper boundary of a polygon whose vertices are given in a block's frame, and the lower one, upside down."""
+    """The upper boundary of a polygon whose vertices are given in a block's frame, and the lower one, upside down.
 
-    def __init__(self, points_m: FloatArray) -> None:
-        self.above: Envelope = upper_envelope(points_m)
-        self.below: Envelope = upper_envelope(points_m * np.array([1.0, -1.0]))
+    Both lie `beyond_m` out: laps turn at the same level on both lines.
+    """
+
+    def __init__(self, points_m: FloatArray, beyond_m: float = 0.0) -> None:
+        out = np.array([0.0, beyond_m])
+        self.above: Envelope = upper_envelope(points_m + out)
+        self.below: Envelope = upper_envelope(points_m * np.array([1.0, -1.0]) + out)
 
 
 def summarise_block(

@@ -27,12 +27,27 @@ With it flights stay within 6.5 m of paths among obstacles, in winds up to 0.6 o
 """
 
 
+LEVEL_DEG = 2.0
+"""Bank at which an aircraft is level: of a picture at 100 m the middle is 3.5 m aside [°]."""
+
+
 def ground_radius_m(airframe: Airframe, airspeed_mps: float, wind_mps: float) -> float:
     """Least radius of a circle over the ground [m], in a wind, at the course on which it is the widest.
 
     With the wind the ground speed is V + W, and its acceleration (V + W)²/r is at most that of a turn in calm air.
     """
     return airframe.turn_radius_m * ((airspeed_mps + wind_mps) / airframe.airspeed_mps) ** 2
+
+
+def roll_out_m(airframe: Airframe, ground_mps: float) -> float:
+    """Distance from the end of a turn of the greatest bank to where the aircraft is level, to `LEVEL_DEG` [m].
+
+    Source: the airframe's first-order roll.
+    """
+    if isinstance(airframe, PaperVehicle):
+        return 0.0
+    # φ = φ_max e^(−t/τ)
+    return ground_mps * airframe.roll_time_constant_s * max(0.0, math.log(airframe.max_bank_deg / LEVEL_DEG))
 
 
 def too_tight(airframe: Airframe, airspeed_mps: float, radius_m: float, wind_mps: float) -> str:

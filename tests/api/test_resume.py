@@ -16,7 +16,7 @@ from mavlink_vehicle import Autopilot
 from eadp.api.cover import CoverageOptions, CoverageTask
 from eadp.api.inputs import Files
 from eadp.api.sorties.plan import SortieOptions, SortiePlanner
-from eadp.api.sorties.resume import left_of, resumed
+from eadp.api.sorties.resume import flown_again, left_of, resumed
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import InputError
 from eadp.models.airspace import Airspace
@@ -198,3 +198,16 @@ def test_ground_without_room_for_a_turn_is_not_left(planner, tmp_path):
     _, left = resumed(bounded, flown_along(lines[1:]), lambda _: None)
     assert left.area_m2 > SWATH_M * LENGTH_M / 2
     assert planner.free_lines(planner.task.field) is None
+
+
+@pytest.mark.parametrize(("min_share", "again"), [(0.02, True), (0.04, False)])
+def test_scraps_are_measured_by_their_bare_ground(planner, min_share, again):
+    """A line flown 14 m beside its own leaves a strip of 14 m by 240 m, 0.035 of the field: a line is 0.25 of it."""
+    x, y = to_local_m(*ORIGIN, planner.task.field.origin_deg)
+    lines = [[(0, 20), (LENGTH_M, 20)], [(0, 60), (LENGTH_M, 60)], [(0, 100), (LENGTH_M, 100)],
+             [(0, 140), (360, 140)], [(360, 154), (LENGTH_M, 154)]]  # fmt: skip
+    flown = [tuple((a + x, b + y) for a, b in line) for line in lines]
+    left = left_of(planner, flown)
+    assert left is not None
+    assert left.area_m2 > 0.09 * planner.task.field.area_m2
+    assert (flown_again(planner, left, flown, min_share=min_share) is not None) == again

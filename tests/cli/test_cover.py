@@ -442,7 +442,7 @@ def test_obstacles_and_a_boundary(eadp, limits, tmp_path):
     more = ("--avoid", tmp_path / "avoid.csv", "--inside", tmp_path / "inside.csv")
     answer = eadp("cover", *limits, *more, "-o", out, "--plot", picture)
     assert answer.code == 0
-    assert "stays      out of 1 obstacle and inside the boundary; ground is left" in answer.out
+    assert "stays      out of 1 obstacle and inside the boundary\nleft       " in answer.out
     assert eadp("plan", out, "--check").code == 0
     # the plan as it is flown, point by point
     rows = [row.split(",") for row in eadp("plan", out, "--trace", "1").out.splitlines()[1:]]
@@ -452,6 +452,10 @@ def test_obstacles_and_a_boundary(eadp, limits, tmp_path):
         assert -60.6 < y < 460.6
     document = json.loads(eadp("cover", *limits, *more, "--format", "json").out)
     assert (document["obstacles"], document["boundary"]) == (1, True)
+    assert sum(each["area_m2"] for each in document["left"]) == pytest.approx(
+        (1 - document["coverage"]) * 240_000, rel=0.01
+    )
+    assert document["left"][0]["at_deg"] is None
 
 
 @pytest.mark.parametrize(

@@ -163,6 +163,8 @@ def test_places_to_rally_of_a_file_are_written_and_a_plan_keeps_them(eadp, tmp_p
     assert read_plan(Text("p", plan_text(plan)))[0].site.rally == ((10, 20, 45),)
     rally.write_text("QGC WPL 110\n0\t0\t3\t16\t0\t0\t0\t0\t47.001\t8.002\t60\t0\n")
     assert refused(eadp("export", flight, "--to", "qgc", "--rally", rally), "no places to rally")
+    flight.write_text("%: origin 47 8\n%: rally 10 20\n0.1; 90; x\n0, 300\n")
+    assert refused(eadp("export", flight, "--to", "qgc"), ":2:", "x, y and altitude in metres")
 
 
 def test_an_export_adds_a_landing_from_where_the_plan_ends(eadp, landing, tmp_path):

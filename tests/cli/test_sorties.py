@@ -139,7 +139,7 @@ def test_all_sorties_are_flown_with_a_fresh_pack_each(flown, document):
 def test_a_job_is_done_where_it_covers_what_was_planned(folder, flown):
     """Parts that no line was planned for, or that are worth no flight, are no reason to fly again."""
     planner, document = read_sorties(str(folder))
-    job = _Job(planner, document, {}, [], 0, lambda _: None, lambda _: None)
+    job = _Job(planner, document, {}, [], 0, 0.01, lambda _: None, lambda _: None)
     plans = [library.read_plan(folder / row["plan"]) for row in document["sorties"]]
     lines = [line for plan in plans for line in planned_lines(plan, ())]
     job.planned = job.lines = lines
@@ -147,6 +147,11 @@ def test_a_job_is_done_where_it_covers_what_was_planned(folder, flown):
     job.lines = lines[: len(lines) // 2]
     left = job.left_to_cover()
     assert left.area_m2 > 0.2 * planner.task.field.area_m2
+    named = sum(each.area_m2 for each in job.left(done=False)) / planner.task.field.area_m2
+    assert named == pytest.approx(document["coverage"] - job.coverage(), abs=0.01)
+    job.min_share = 0.9
+    assert job.left_to_cover() is None, "less than is asked for is left"
+    assert {each.reason for each in job.left(done=True)} == {"below 90 % of the field, not flown again"}
     job.planned = job.lines
     assert job.left_to_cover() is None, "what was not planned is not left"
 

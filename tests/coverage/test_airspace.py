@@ -120,7 +120,7 @@ def test_a_line_ends_where_half_a_turn_is_free():
     # a radius before the wall, and a step of a quarter of it more: the half circle would touch
     space = FreeSpace([((200.0, -1e4), (300.0, -1e4), (300.0, 1e4), (200.0, 1e4))])
     line = CoverageLeg(straight((0.0, 0.0), (400.0, 0.0)), True)
-    legs = free_lines([line], space, 20.0)[::2]
+    legs = free_lines([line], space, replace(MOTION, min_radius_m=20.0))[::2]
     assert [(leg.start[0], leg.end[0]) for leg in legs] == [
         (pytest.approx(0.0), pytest.approx(175.0, abs=0.1)),
         (pytest.approx(325.0, abs=0.1), pytest.approx(400.0)),
@@ -174,3 +174,38 @@ def test_a_turn_may_start_and_end_with_the_half_circle_of_its_line():
         assert within(lane[0], x, y, CLEAR_M - 0.05)
         assert not (west < x < east and south < y < north)
     assert found.pieces[-1].end == pytest.approx(end, abs=1e-6)
+
+
+def by_relaxation(turns, start, end):
+    """The least time of a free way over the corners, all turns between any two of them checked [s]."""
+    back = (*end[:2], end[2] + math.pi)
+    halves = [half_circle(pose, turns.motion.min_radius_m, side).end for pose in (start, back) for side in (1, -1)]
+    stops = [start, *turns._corners, *halves[:2], *((x, y, h + math.pi) for x, y, h in halves[2:]), end]
+    pairs = [(a, b) for a in stops for b in stops if a != b]
+    turns.find_direct(pairs)
+    times = {pair: turns.direct(*pair) for pair in pairs}
+    least = dict.fromkeys(stops, math.inf) | {start: 0.0}
+    for _ in stops:  # Bellman and Ford
+        for (a, b), leg in times.items():
+            if leg is not None:
+                least[b] = min(least[b], least[a] + leg.time_s)
+    return least[end]
+
+
+@pytest.mark.parametrize("wind", few([(0.0, 0.0), (4.0, -3.0)], 1))
+def test_the_way_around_corners_is_the_quickest(wind):
+    walls = [
+        ((x - 10, y - 120), (x + 10, y - 120), (x + 10, y + 120), (x - 10, y + 120)) for x, y in ((0, 0), (150, 90))
+    ]
+    turns = FreeTurns(FreeSpace(walls), replace(MOTION, wind_mps=wind))
+    for start, end in (((-100.0, 0.0, 0.0), (300.0, 60.0, 0.0)), ((70.0, 0.0, 1.0), (-80.0, 20.0, 3.0))):
+        assert turns.direct(start, end) is None
+        assert turns.turn(start, end).time_s == pytest.approx(by_relaxation(turns, start, end), rel=1e-9)
+
+
+def test_a_draft_keeps_the_limits_and_takes_little_longer():
+    request = CoverageRequest(Field(BOX, airspace=airspace((MAST,), (ROOM,))), MOTION, "dubins")
+    draft, full = cover(request, draft=True), cover(request)
+    assert draft.heading_rad == full.heading_rad
+    assert full.time_s <= draft.time_s <= 1.05 * full.time_s
+    assert not any(within(MAST, x, y, 0.05 - CLEAR_M) for x, y in points(draft.path(0.0)))

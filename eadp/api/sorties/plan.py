@@ -17,7 +17,7 @@ from eadp.api.cover import CoveragePlan, CoverageTask
 from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.api.terrain import Heights, height_range_m, height_text
 from eadp.core.arrays import FloatArray
-from eadp.core.geometry.bearings import heading_rad
+from eadp.core.geometry.bearings import compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import place_text
 from eadp.coverage.airspace import free_lines
@@ -195,6 +195,8 @@ class SortiePlanner:
         if request.home_m is None:
             expected = "--home LAT,LON, or X,Y of a field in metres"
             raise InputError.at("--home", 1, 1, "sorties start and end at home", expected)
+        if self.task.options.corridor_m is not None:
+            raise InputError.at("--corridor", 1, 1, "is covered in one flight", "a shorter line, without --sorties")
         if request.pattern not in PATTERNS:
             expected = f"one of {', '.join(PATTERNS)}"
             raise InputError.at("--pattern", 1, 1, "covers a field in one flight", expected, request.pattern)
@@ -224,7 +226,7 @@ class SortiePlanner:
         space = self._request.space
         if space is None:
             return None
-        lines = free_lines(self.grid().whole_lines(ground)[::2], space, self.task.motion.min_radius_m)
+        lines = free_lines(self.grid().whole_lines(ground)[::2], space, self.task.motion)
         return [(line.start[:2], line.end[:2]) for line in lines[::2]]
 
     @property
@@ -243,6 +245,8 @@ class SortiePlanner:
             Of `--home`, and of a number of sorties that is too small.
         """
         ground = ground or self.task.field
+        if self.task.options.crosshatch:
+            return self._crossed(ground)
         if self._request.pattern == ZAMBONI:
             try:
                 return self._planned(ground, self._request)
@@ -250,6 +254,21 @@ class SortiePlanner:
                 if self.task.request.pattern == ZAMBONI:
                     raise Infeasible(f"{error}; in sorties, --pattern dubins") from None
         return self._planned(ground, replace(self._request, pattern=DUBINS))
+
+    def _crossed(self, ground: Field) -> SortiePlan:
+        """Sorties along the lines, and then sorties along those at right angles."""
+        if self.options.count is not None:
+            expected = "auto: each of the two directions takes its own"
+            raise InputError.at("--sorties", 1, 1, "beside --crosshatch", expected, f"{self.options.count}")
+        along = replace(self, task=replace(self.task, options=replace(self.task.options, crosshatch=False)))
+        first_deg = compass_deg(along.heading_rad)
+        one, other = (
+            replace(along, lines=(bearing_deg % 360, DUBINS)).plan(ground)
+            for bearing_deg in (first_deg, first_deg + 90)
+        )
+        intervals = one.divided.intervals + other.divided.intervals
+        both = Divided(intervals, one.divided.sorties + other.divided.sorties)
+        return SortiePlan(self, ground, both, one.least.beside(other.least))
 
     def _planned(self, ground: Field, request: CoverageRequest) -> SortiePlan:
         """Sorties over a ground by a request's pattern: side by side, or along a tour of its lines if that is less."""
@@ -398,6 +417,16 @@ class LeastSorties:
         packs_s = [each.pack_wh * 3600 / self.power_w for each in sorties]
         # above all ways there and back, which `min_time_s` asks for
         return replace(self, pack_s=max(min(self.pack_s, max(packs_s)), 1.001 * float(self.access_s.max())))
+
+    def beside(self, other: LeastSorties) -> LeastSorties:
+        """The bound of both, flown one after the other."""
+        return LeastSorties(
+            np.concatenate([self.lines_s, other.lines_s]),
+            np.concatenate([self.access_s, other.access_s]),
+            np.concatenate([self.turns_s, other.turns_s]),
+            min(self.power_w, other.power_w),
+            max(self.pack_s, other.pack_s),
+        )
 
     @property
     def count(self) -> int:

@@ -320,9 +320,9 @@ def _union(parts: Sequence[Sequence[ArrayLike]]) -> shapely.Geometry:
 
 
 def covered_share(
-    parts: Sequence[Sequence[Sequence[Point]]], lines: Sequence[tuple[Point, Point]], swath_m: float
+    parts: Sequence[Sequence[Sequence[Point]]], lines: Sequence[Sequence[Point]], swath_m: float
 ) -> float:
-    """Share of a field within half a swath of straight lines, square to them; arguments as of `covered_shares`."""
+    """Share of a field within half a swath of lines, square to their ends; arguments as of `covered_shares`."""
     return covered_shares(parts, [[line] for line in lines], swath_m)[-1]
 
 
@@ -406,6 +406,21 @@ def _rings(areas: shapely.Geometry) -> list[list[Ring]]:
     return [[tuple(ring.coords)[:-1] for ring in (area.exterior, *area.interiors)] for area in oriented]
 
 
+def corridor(line: Sequence[Point], width_m: float) -> list[list[Ring]]:
+    """The ground within half a width of a line, square to its ends; as `strips`."""
+    return _rings(shapely.LineString(line).buffer(width_m / 2, cap_style="flat", join_style="mitre"))
+
+
+def beside(line: Sequence[Point], offset_m: float, tolerance_m: float) -> list[Ring]:
+    """A line at a distance to the left of another one, below 0 to the right, without bends within a tolerance [m].
+
+    In several parts where it would cross itself.
+    """
+    moved = shapely.LineString(line).simplify(tolerance_m).offset_curve(offset_m, join_style="mitre")
+    parts = [part for part in shapely.get_parts(moved) if part.length > EDGE_M]
+    return [tuple(part.simplify(TOLERANCE_M).coords) for part in parts]
+
+
 # --- where a path may lie ---------------------------------------------------------------------------------------------
 
 
@@ -471,6 +486,13 @@ class FreeSpace:
         """Whether a circle of a radius [m] on a field's ground, as `covered_shares` has it, lies out of it."""
         return not shapely.intersection(self._inner, _union(parts)).buffer(-radius_m).is_empty
 
+    def rooms(self, points_m: ArrayLike) -> IntArray:
+        """Numbers of its parts in which points lie, shape (n, 2), with no way from one to another; shape (n,)."""
+        everywhere = shapely.box(-FAR_M, -FAR_M, FAR_M, FAR_M)
+        parts = shapely.get_parts(shapely.difference(self._outer or everywhere, self._inner))
+        found: IntArray = shapely.distance(shapely.points(points_m)[:, np.newaxis], parts).argmin(axis=1)
+        return found
+
     def intervals_m(self, start: Point, end: Point) -> list[tuple[float, float]]:
         """The parts of a straight line that lie in it, as intervals along the line [m]."""
         line = shapely.difference(shapely.LineString([start, end]), self._inner)
@@ -489,6 +511,9 @@ class FreeSpace:
         thinned = [shapely.simplify(part.exterior, distance_m / 20) for part in polygons]
         return [tuple((float(x), float(y)) for x, y in ring.coords[:-1]) for ring in thinned]
 
+
+FAR_M = 1e6
+"""Beyond any field [m]."""
 
 ALONG_M = 1e-3
 """How far a path may cross a boundary that it runs along [m]."""

@@ -135,7 +135,9 @@ class FeatureCandidate:
         return printable(f"{key}={self.properties[key]}", 60) if key in self.properties else "without a name"
 
 
-def choose_feature(candidates: Sequence[FeatureCandidate], feature: str | None, source: SourceText) -> FeatureCandidate:
+def choose_feature(
+    candidates: Sequence[FeatureCandidate], feature: str | None, source: SourceText, what: str = "polygon"
+) -> FeatureCandidate:
     """The feature that was asked for, by a name, by KEY=VALUE of a property, by its number from 1, or the only one.
 
     Raises
@@ -157,7 +159,7 @@ def choose_feature(candidates: Sequence[FeatureCandidate], feature: str | None, 
     if feature is None:
         if len(candidates) == 1:
             return candidates[0]
-        message = f"{len(candidates)} features with polygons"
+        message = f"{len(candidates)} features with {what}s"
         raise source.error(candidates[1].location, message, f"one, or --feature with a name or number of {known}")
     named = [candidate for candidate in candidates if feature.strip() in candidate.names]
     key, is_property, value = feature.partition("=")
@@ -170,7 +172,7 @@ def choose_feature(candidates: Sequence[FeatureCandidate], feature: str | None, 
         return named[0]
     if re.fullmatch("[0-9]{1,7}", feature.strip()) and 1 <= int(feature) <= len(candidates):
         return candidates[int(feature) - 1]
-    message = f"no feature {printable(feature, 80)} with a polygon"
+    message = f"no feature {printable(feature, 80)} with a {what}"
     raise InputError.at("--feature", 1, 1, message, f"a name or number of {known}", printable(feature, 80))
 
 

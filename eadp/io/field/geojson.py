@@ -23,6 +23,9 @@ from eadp.io.field.draft import (
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
 from eadp.io.text.source import Location, SourceText
 
+_OUTLINES, _LINES = ("closed",), ("closed", "open")
+"""Which lines are read."""
+
 _A_POLYGON = "a Polygon, or a Feature or FeatureCollection with one"
 MAX_HEIGHT_M = 10_000.0
 """Largest height of an obstacle [m]."""
@@ -65,6 +68,16 @@ def read_geojson(source: SourceText, metres: bool, feature: str | None) -> Field
     return FieldDraft(rings, not in_metres, True, remedy if in_metres else "--metres", name, [], obstacles, others)
 
 
+def geojson_line(source: SourceText, metres: bool, feature: str | None) -> FieldDraft:
+    """Read the line of a feature, as the only ring; arguments and errors as of `read_geojson`."""
+    chosen = choose_feature(_candidates(source, lines=True), feature, source, "line")
+    in_metres = _in_metres(chosen.chain, metres, source)
+    (line,), *others = (_rings(*line, source) for line in chosen.polygons)
+    remedy = "no --metres" if metres else "a file without units or crs in metres"
+    name = "".join(chosen.names[:1])
+    return FieldDraft([line], not in_metres, True, remedy if in_metres else "--metres", name, others=others)
+
+
 def geojson_zones(source: SourceText, metres: bool, inside: bool) -> tuple[list[Ring], bool]:
     """The outlines of all polygons, and whether they are in degrees; raises InputError as `read_geojson`."""
     candidates = _candidates(source)
@@ -72,8 +85,8 @@ def geojson_zones(source: SourceText, metres: bool, inside: bool) -> tuple[list[
     return rings, not _in_metres(candidates[0].chain, metres, source)
 
 
-def _candidates(source: SourceText) -> list[FeatureCandidate]:
-    """The features with polygons, one or more."""
+def _candidates(source: SourceText, *, lines: bool = False) -> list[FeatureCandidate]:
+    """The features with polygons, one or more; or with `lines` those with lines."""
     if match := _ASSIGNED.match(source.body):  # a script that holds the object: blanks keep its places
         body = " " * match.end() + source.body[match.end() :].rstrip().removesuffix(";")
         source.body = body
@@ -81,13 +94,18 @@ def _candidates(source: SourceText) -> list[FeatureCandidate]:
     start = source.location(len(source.body) - len(source.body.lstrip()))
     candidates: list[FeatureCandidate] = []
     seen: Counter[str] = Counter()
-    _collect(source, root, start, [], candidates, seen)
-    if not candidates:
-        _collect(source, root, start, [], candidates, Counter(), lines=True)
+    _collect(source, root, start, [], candidates, seen, lines=_LINES if lines else ())
+    if not candidates and not lines:
+        _collect(source, root, start, [], candidates, Counter(), lines=_OUTLINES)
     if not candidates:
         only = ", ".join(printable(kind, 40) for kind in islice(seen, NAMES_SHOWN))
         expected = f"{_A_POLYGON}: of a pole, one round it" if set(seen) == {"Point"} else _A_POLYGON
-        raise source.error(start, f"no polygon, only {only}" if only else "no polygon", expected)
+        if lines:
+            expected = "a LineString; a polygon is covered without --corridor"
+        elif any("LineString" in kind for kind in seen):
+            expected += "; of a line, --corridor WIDTH"
+        what = "line" if lines else "polygon"
+        raise source.error(start, f"no {what}, only {only}" if only else f"no {what}", expected)
     return candidates
 
 
@@ -99,11 +117,11 @@ def _collect(
     found: list[FeatureCandidate],
     seen: Counter[str],
     *,
-    lines: bool = False,
+    lines: tuple[str, ...] = (),
 ) -> None:
     """Collect the features with polygons at and below a GeoJSON object, and count the types of the others.
 
-    With `lines` closed lines are outlines.
+    With `lines` it is those with lines: `_OUTLINES` are closed, `_LINES` are any.
     """
     if not isinstance(node, JsonObject):
         raise source.error(location, f"{_kind(node)} where an object of GeoJSON belongs", _A_POLYGON)
@@ -132,7 +150,7 @@ def _collect(
 
 
 def _polygons(
-    source: SourceText, node: Any, location: Location, seen: Counter[str], lines: bool
+    source: SourceText, node: Any, location: Location, seen: Counter[str], lines: tuple[str, ...]
 ) -> tuple[list[tuple[Any, Location]], list[JsonObject]]:
     """The polygons of a geometry, and the objects on the way to them."""
     if not isinstance(node, JsonObject) or not isinstance(kind := node.get("type"), str):
@@ -150,8 +168,8 @@ def _polygons(
         given = node.get("coordinates")
         each = [given] if kind == "LineString" else given if isinstance(given, JsonList) else []
         at = source.location(node.offsets.get("coordinates", 0))
-        return [(_closed(line), at) for line in each if _is_closed(line)], [node]
-    if kind not in ("Polygon", "MultiPolygon"):
+        return [(_closed(line), at) for line in each if _is_line(line, closed=lines == _OUTLINES)], [node]
+    if kind not in ("Polygon", "MultiPolygon") or lines == _LINES:
         seen[f"a {kind}"] += 1
         return [], []
     coordinates = _members(source, node, "coordinates", location)
@@ -163,9 +181,9 @@ def _polygons(
     return list(zip(coordinates, locations, strict=True)), [node]
 
 
-def _is_closed(line: Any) -> bool:
-    """Whether a line ends where it starts, and may have an area."""
-    return isinstance(line, JsonList) and len(line) > 3 and line[0] == line[-1]
+def _is_line(line: Any, *, closed: bool) -> bool:
+    """Whether it is a line; with `closed`, whether it ends where it starts, and may have an area."""
+    return isinstance(line, JsonList) and len(line) > 1 and not (closed and (len(line) < 4 or line[0] != line[-1]))
 
 
 def _closed(line: Any) -> JsonList:

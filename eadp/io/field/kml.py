@@ -30,6 +30,7 @@ from eadp.io.text.source import Location, SourceText
 _OUTER, _INNER = "outerBoundaryIs", "innerBoundaryIs"
 _RING_PATHS = [["Polygon", role, "LinearRing", "coordinates"] for role in (_OUTER, _INNER)]
 _LINE_PATH = ["LineString", "coordinates"]
+_A_POLYGON = "KML with a Polygon, or a closed line, in a Placemark"
 
 
 @dataclass
@@ -173,21 +174,33 @@ def read_kml(source: SourceText, metres: bool, feature: str | None) -> FieldDraf
     return FieldDraft(rings, True, True, "", "".join(chosen.names[:1]), [], obstacles, parts)
 
 
+def kml_line(source: SourceText, metres: bool, feature: str | None) -> FieldDraft:
+    """Read the line of a Placemark, as the only ring; arguments and errors as of `read_kml`."""
+    chosen = choose_feature(_candidates(source, metres, lines=True), feature, source, "line")
+    (line,), *others = (_rings(*line, source) for line in chosen.polygons)
+    return FieldDraft([line], True, True, "", "".join(chosen.names[:1]), others=others)
+
+
 def kml_zones(source: SourceText, metres: bool, inside: bool) -> tuple[list[Ring], bool]:
     """The outlines of all polygons, and that they are in degrees; raises InputError as `read_kml`."""
     candidates = _candidates(source, metres)
     return [ring for each in candidates for ring in each.outlines(_rings, source)], True
 
 
-def _candidates(source: SourceText, metres: bool) -> list[FeatureCandidate]:
-    """The Placemarks with polygons, one or more."""
+def _candidates(source: SourceText, metres: bool, *, lines: bool = False) -> list[FeatureCandidate]:
+    """The Placemarks with polygons, one or more; or with `lines` those with lines."""
     if metres:
         raise InputError.at("--metres", 1, 1, "a KML file is in degrees (WGS-84)", "KML without --metres")
     reader = _KmlReader(source)
-    candidates = reader.document() or reader.outlines()
+    polygons = reader.document()
+    if lines and not reader.lines:
+        raise source.error((1, 1), "no line", "KML with a LineString; a polygon is covered without --corridor")
+    candidates = reader.lines if lines else polygons or reader.outlines()
     if not candidates:
         only = f", only {counted(len(reader.lines), 'open line', 'open lines')}" if reader.lines else ""
-        raise source.error((1, 1), f"no polygon{only}", "KML with a Polygon, or a closed line, in a Placemark")
+        raise source.error(
+            (1, 1), f"no polygon{only}", f"{_A_POLYGON}{'; of a line, --corridor WIDTH' if reader.lines else ''}"
+        )
     return candidates
 
 

@@ -18,8 +18,8 @@ from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import FAULTS_SHOWN, Fault, printable, refuse
 from eadp.io.field.draft import NAME_LIMIT, FieldDraft, Ring, Vertex, counted
 from eadp.io.field.fences import no_field, qgc_zones, wpl_zones
-from eadp.io.field.geojson import geojson_zones, is_geojson, read_geojson
-from eadp.io.field.kml import kml_zones, read_kml
+from eadp.io.field.geojson import geojson_line, geojson_zones, is_geojson, read_geojson
+from eadp.io.field.kml import kml_line, kml_zones, read_kml
 from eadp.io.field.table import read_table
 from eadp.io.mission.qgc import is_qgc
 from eadp.io.text.kinds import HEAD
@@ -71,6 +71,7 @@ class FieldFormat:
     recognise: Callable[[str], bool]
     read: Callable[[SourceText, bool, str | None], FieldDraft]
     zones: Callable[[SourceText, bool, bool], tuple[list[Ring], bool]]
+    line: Callable[[SourceText, bool, str | None], FieldDraft]
 
 
 def _table_zones(source: SourceText, metres: bool, inside: bool) -> tuple[list[Ring], bool]:
@@ -79,11 +80,11 @@ def _table_zones(source: SourceText, metres: bool, inside: bool) -> tuple[list[R
 
 
 FORMATS = (
-    FieldFormat("QGroundControl plan", is_qgc, no_field, qgc_zones),
-    FieldFormat("WPL", lambda head: head.startswith("QGC WPL"), no_field, wpl_zones),
-    FieldFormat("GeoJSON", is_geojson, read_geojson, geojson_zones),
-    FieldFormat("KML", lambda head: head[0] == "<", read_kml, kml_zones),
-    FieldFormat("CSV of vertices", lambda head: True, read_table, _table_zones),
+    FieldFormat("QGroundControl plan", is_qgc, no_field, qgc_zones, no_field),
+    FieldFormat("WPL", lambda head: head.startswith("QGC WPL"), no_field, wpl_zones, no_field),
+    FieldFormat("GeoJSON", is_geojson, read_geojson, geojson_zones, geojson_line),
+    FieldFormat("KML", lambda head: head[0] == "<", read_kml, kml_zones, kml_line),
+    FieldFormat("CSV of vertices", lambda head: True, read_table, _table_zones, read_table),
 )
 """Formats of fields; the first that recognises a text reads it."""
 
@@ -116,6 +117,52 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     """
     source = SourceText(text)
     return _field(_format(source).read(source, metres, feature), source)
+
+
+def read_corridor(
+    text: Text, width_m: float, *, metres: bool = False, feature: str | None = None
+) -> tuple[Field, tuple[Point, ...], list[str]]:
+    """Read a line, and make the ground within half a width of it the field.
+
+    Parameters
+    ----------
+    text : Text
+        GeoJSON or KML with a LineString, or a CSV of its vertices.
+    width_m : float
+        [m].
+    metres, feature
+        As of `read_field`.
+
+    Returns
+    -------
+    field : Field
+    line : tuple of (float, float)
+        The line's vertices, in the field's metres.
+    repaired : list of str
+
+    Raises
+    ------
+    InputError
+        As `read_field`.
+    """
+    from eadp.core.geometry.polygons import corridor
+
+    source = SourceText(text)
+    draft = _format(source).line(source, metres, feature)
+    if more := draft.rings[1:] + [ring for part in draft.others for ring in part]:
+        raise source.error(more[0].location, "a second line", "one line, from end to end")
+    rings, notes = [draft.rings[0].vertices], list(draft.notes)
+    if len({vertex[:2] for vertex in rings[0]}) < 2:
+        raise source.error(draft.rings[0].location, "a line of one place", "two vertices or more that differ")
+    origin_deg: tuple[float, float] | None = None
+    if draft.degrees:
+        rings, origin_deg = _localised(rings, draft, source, notes)
+    else:
+        _check_metres(rings, draft, source)
+    _check_extent(rings, draft, source)
+    line = tuple((vertex.x, vertex.y) for vertex in rings[0])
+    (outline, *holes), *_ = corridor(line, width_m)
+    return Field(outline, tuple(holes), printable(draft.name), origin_deg), line, notes
 
 
 def read_airspace(

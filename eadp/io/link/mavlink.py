@@ -249,7 +249,10 @@ class Link:
         return messages
 
     def _limit_senders(self) -> None:
-        """Write to no more addresses than some, the first ones."""
+        """Write to `MAX_SENDERS` addresses at most: where more have sent, to those known before.
+
+        pymavlink writes to all in `clients`.
+        """
         senders: set[Any] = getattr(self._port, "clients", set())
         if len(senders) > MAX_SENDERS:
             senders &= self._senders

@@ -53,6 +53,7 @@ def _position(latitude: str, longitude: str) -> Callable[[Row], Values]:
     """A function that reads a row of positions, by the labels of its columns; see `_moving` for what it adds."""
 
     def read(row: Row) -> Values:
+        """What the row says; 0, 0 is no position yet."""
         found: Values = {"time_s": row["time_s"]}
         if row[latitude] or row[longitude]:
             found |= {"lat_deg": row[latitude], "lon_deg": row[longitude]}

@@ -350,6 +350,7 @@ class HeldMission:
             return
         first = self._home + kept
         items = [*self._held[:first], *(each.item for each in new)]
+        # ArduPilot takes a part of a mission, if the number of items stays
         partial = self._takes_parts and self.ardupilot and len(items) == len(self._held) and bool(new)
         laid_out = planned.parameters[-1][: len(decided)]  # a parameter that was held may be asked for anew meanwhile
         self._upload = _Upload(items, [*self._items[:kept], *new], laid_out, partial)

@@ -57,10 +57,9 @@ class _ItemBuilder:
         self.path, self.items, self._px4 = path, list[MissionItem](), px4
         self._skipped: int | None = None  # the first leg of a line without an item of its own
         self._airspeed_mps: float | None = None
-        # whether the section before ended beside the start of this one, in which direction [rad], and where [m]
-        self._gap, self._end_m = False, path.sections[0].start_m
-        self._course_rad: float | None = None
         sections = path.sections
+        self._sections = sections
+        self._flown = self._as_flown()
         self._altitude_m, self._legs = path.altitude_of(sections[0]), (sections[0].first, sections[0].last)
         if not flying:
             self._take_off(sections[0])
@@ -74,14 +73,16 @@ class _ItemBuilder:
                 own = command[0] == d.TRIGGER_DISTANCE and path.trigger_distance_m is not None
                 if not own and command[0] not in (d.TAKEOFF, d.LAND, d.RETURN):
                     self._command(command)
-            if k > 0 and math.dist(sections[k - 1].end_m, section.start_m) > JOINED_M:
+            if self._gap_m(k) > JOINED_M:
                 self._fly_to(section.start_m)
-                self._course_rad, self._end_m = None, section.start_m
-            self._fly(section, *(*sections[k + 1 : k + 3], None, None)[:2])
+            self._fly(k)
         distances_m = [item.parameters[0] for item in self.items if item.command == d.TRIGGER_DISTANCE]
         # a mission's own pictures, which nothing ends, are written back as they are
         if distances_m and distances_m[-1] > 0 and (path.trigger_distance_m is not None or 0.0 in distances_m):
             self._command((d.TRIGGER_DISTANCE, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
+            starts = [i for i, item in enumerate(self.items) if item.command == d.LAND_START]
+            if starts:  # what follows a landing is not done
+                self.items.insert(starts[0], self.items.pop()._replace(legs=self.items[starts[0]].legs))
         last = sections[-1].stage
         if last.command(d.RETURN) or (path.home_deg is not None and not last.command(d.LAND)):
             self._command((d.RETURN, *(0.0,) * 7))
@@ -100,23 +101,40 @@ class _ItemBuilder:
         if not takeoff or path.home_deg is not None:
             self._fly_to(first.start_m)
 
-    def _fly(self, section: Section, following: Section | None, later: Section | None) -> None:
+    def _gap_m(self, k: int) -> float:
+        """Distance from the end of the section before to the start of one [m]; 0 where it is the first or beyond."""
+        ends = self._sections[k - 1].end_m, self._sections[k % len(self._sections)].start_m
+        return math.dist(*ends) if 0 < k < len(self._sections) else 0.0
+
+    def _is_gap(self, k: int) -> bool:
+        """Whether a section starts beside the end of the one before, by what becomes one waypoint in the middle."""
+        return self.path.tolerance_m < self._gap_m(k) <= JOINED_M
+
+    def _as_flown(self) -> list[Section]:
+        """The sections with their ends where the waypoints are: in the middles of gaps."""
+        flown, start_m = [], self._sections[0].start_m
+        for k, section in enumerate(self._sections):
+            (x, y), following = section.end_m, self._sections[k + 1 : k + 2]
+            middle = ((x + following[0].start_m[0]) / 2, (y + following[0].start_m[1]) / 2) if following else (x, y)
+            end_m = middle if self._is_gap(k + 1) else (x, y)
+            flown.append(replace(section, start_m=start_m, end_m=end_m))
+            start_m = following[0].start_m if self._gap_m(k + 1) > JOINED_M else end_m
+        return flown
+
+    def _fly(self, k: int) -> None:
         """Add a section; its end is no waypoint where the turns beside it lead there by themselves."""
+        section, following = (*self._sections[k : k + 2], None)[:2]
+        assert section is not None
         arc, loiter = section.arc, self._loiter(section)
         # beside a gap the autopilot turns as it does: there is no room for the arc and for the kink of the gap
-        before, self._gap = self._gap, following is not None and self._is_gap(section, following)
-        beside = before or self._gap
+        beside = self._is_gap(k) or self._is_gap(k + 1)
         # of the room of a turn, the waypoints at its ends take some, where the lines beside it lead elsewhere
-        starts, ends = section.courses_rad
-        kinks = [0.0 if self._course_rad is None else starts - self._course_rad]
-        if following is not None:
-            kinks.append(self._joined(following, section.end_m, later).courses_rad[0] - ends)
-        kinks = [abs(math.remainder(each, 2 * math.pi)) for each in kinks]
-        taken_m = arc.radius_m * math.tan(max(kinks) / 2) if arc else 0.0
-        if arc and kinks[0] > ARC_RAD:  # what its acceptance radius takes, too
+        near = [j for j in (k, k + 1) if 0 < j < len(self._flown) and self._gap_m(j) <= JOINED_M]
+        turns = {j: self._flown[j].courses_rad[0] - self._flown[j - 1].courses_rad[1] for j in near}
+        kinks = {j: abs(math.remainder(turn, 2 * math.pi)) for j, turn in turns.items()}
+        taken_m = arc.radius_m * math.tan(max(kinks.values(), default=0.0) / 2) if arc else 0.0
+        if arc and kinks.get(k, 0.0) > ARC_RAD:  # what its acceptance radius takes, too
             taken_m = max(taken_m, self.items[-1].parameters[1])
-        self._course_rad = self._joined(section, self._end_m, following).courses_rad[1]
-        self._end_m = self._end(section, following)
         if arc and loiter is not None:
             self._add(d.LOITER_TURNS, (*loiter, 1.0), arc.centre_m)
         else:
@@ -124,10 +142,10 @@ class _ItemBuilder:
                 self._fly_to(point, 0.0 if beside else max(begins_m - taken_m, 0.0))
         end, acceptance_m = section.end_m, 0.0
         if following is None and section.stage.command(d.LAND):
-            if all(item.command != d.LAND_START for item in self.items):
+            before = self.items[-1] if self.items else None
+            if before and before.command == d.WAYPOINT and all(item.command != d.LAND_START for item in self.items):
                 # before the waypoint at the start of the approach, from where on a landing is flown
-                start = MissionItem(d.LAND_START, d.NO_POSITION, (0.0,) * 7, self.items[-1].legs)
-                self.items.insert(len(self.items) - 1, start)
+                self.items.insert(-1, MissionItem(d.LAND_START, d.NO_POSITION, (0.0,) * 7, before.legs))
             self._add(d.LAND, section.stage.command(d.LAND)[1:5], end)
             return
         if following is not None:
@@ -139,7 +157,7 @@ class _ItemBuilder:
             if abs(turn) <= STRAIGHT_RAD and self._joins(section, following):
                 self._skipped = None if arc else section.first
                 return
-            end = self._end_m
+            end = self._flown[k].end_m
         self._fly_to(end, acceptance_m)
 
     def _loiter(self, section: Section) -> tuple[float, float, float] | None:
@@ -153,19 +171,6 @@ class _ItemBuilder:
             return None
         turns = math.floor(halves / 2 + TURNS_TOLERANCE) if halves > 1.5 else 0.5
         return turns, 0.0, -arc.turn * radius_m
-
-    def _end(self, section: Section, following: Section | None) -> Point:
-        """Where the last waypoint of a section lies [m]: in the middle of a gap, if there is one."""
-        (x, y), gap = section.end_m, following is not None and self._is_gap(section, following)
-        return ((x + following.start_m[0]) / 2, (y + following.start_m[1]) / 2) if following and gap else (x, y)
-
-    def _joined(self, section: Section, start_m: Point, following: Section | None) -> Section:
-        """A section as it is flown: a line from the waypoint before [m] to its own."""
-        return section if section.arc else replace(section, start_m=start_m, end_m=self._end(section, following))
-
-    def _is_gap(self, section: Section, following: Section) -> bool:
-        """Whether the next section starts beside the end of one, by what becomes one waypoint."""
-        return self.path.tolerance_m < math.dist(section.end_m, following.start_m) <= JOINED_M
 
     def _joins(self, section: Section, following: Section) -> bool:
         """Whether the corners of a turn lead to a short line, or that to them, where nothing else changes."""

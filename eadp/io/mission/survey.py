@@ -50,9 +50,9 @@ def survey_lines(path: PlannedPath, outline: Sequence[Point]) -> list[Section]:
             straight[-1] = replace(before, end_m=each.end_m, last=each.last)  # a line in several stages
         elif each.arc is None and not each.points_m:
             straight.append(each)
-    if not straight:
-        raise Infeasible("it has no lines")
     over_m = [float(lengths_within_m([outline], [each.start_m, each.end_m])[2].sum()) for each in straight]
+    if not any(over_m):
+        raise Infeasible("it has no line over its field")
     course = straight[over_m.index(max(over_m))].courses_rad[0]
     return [
         each
@@ -147,13 +147,14 @@ def _entry(outline: Sequence[Point], start_m: Point, angle_deg: float, spacing_m
 
     def ends(u: float) -> list[float]:
         """Where a line enters and leaves the polygon, the edge that comes first of these first."""
-        edges = [(a, b) for a, b in itertools.pairwise([*corners, corners[0]]) if (a[0] - u) * (b[0] - u) < 0]
+        edges = [(a, b) for a, b in itertools.pairwise([*corners, corners[0]]) if (a[0] > u) != (b[0] > u)]
         found = [a[1] + (u - a[0]) / (b[0] - a[0]) * (b[1] - a[1]) for a, b in edges]
         return sorted((min(found), max(found)), key=found.index)
 
     corners, (x, y) = [turned(point) for point in outline], turned(start_m)
     across = [u for u, _ in corners]
-    first, last = math.ceil((min(across) - left_m) / spacing_m), math.floor((max(across) - left_m) / spacing_m)
+    # a line through a corner alone is none
+    first, last = math.floor((min(across) - left_m) / spacing_m) + 1, math.ceil((max(across) - left_m) / spacing_m) - 1
     if first >= last:  # one line, through the middle
         return 0
     places = [left_m + k * spacing_m for k in (first, last)]

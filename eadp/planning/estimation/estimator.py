@@ -308,14 +308,16 @@ class ExactEstimator:
         self._learn_at_s = time_s + (LEARN_FIRST_PERIODS * self.period_s if self.period_s else LEARN_FIRST_S)
 
     def _learn(self, time_s: float) -> None:
-        """Maximum-likelihood noise and disturbance in a window of readings, harmonics eliminated.
+        """Estimate noise and disturbance from the readings of the last window, and take them into the filter's model.
 
-        Where the noise is larger than assumed so far, the covariance is widened.
+        By maximum likelihood, harmonics eliminated. Where the noise is larger than assumed so far, the covariance is
+        widened. Sets when the next estimate is due.
         """
         for numbers in self._readings:
             del numbers[:-READINGS_KEPT]
         unit_s = self.period_s or LEARN_FIRST_S
         self._learn_at_s = time_s + min(max(1.5 * (time_s - self._learn_from_s), unit_s), LEARN_MAX_PERIODS * unit_s)
+        # readings of the window, a subset of them
         window_s = LEARN_PERIODS * self.period_s if self.period_s else LEARN_APERIODIC_S
         first = bisect.bisect_right(self._readings[0], time_s - window_s)
         times, power = (np.array(numbers[first:]) for numbers in self._readings)

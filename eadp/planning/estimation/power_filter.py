@@ -124,7 +124,7 @@ class EnergyFilter:
         return expected
 
     def _follow_held(self, measured_w: float) -> float:
-        """`follow` with the gain held: the covariance follows a block later."""
+        """As `follow`, for a reading at the usual step while the gain is held; the covariance follows a block later."""
         state = self._transition.dot(self.state)
         expected = self._output.dot(state)
         self.state = state + self._gain * (measured_w - expected)

@@ -7,7 +7,7 @@ faster than it can. It is flown many times at once, each with gusts of its own.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from eadp.core.arrays import BoolArray, FloatArray
 from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.curves import Point
 from eadp.models.airspace import BOUNDARY, Airspace
-from eadp.models.plan.legs import Leg, leg_points
+from eadp.models.plan.legs import Leg, TracePoint, leg_points
 from eadp.models.vehicle import Airframe, FixedWing, Guidance
 
 FLIGHTS = 200
@@ -66,18 +66,44 @@ def entering(
     outlines = [each.outline for each in obstacles]
     steps_m = np.linalg.norm(np.diff(at_m, axis=0, prepend=at_m[:1]), axis=1)
     through = _flown_through(steps_m, near)
+    # which flights have entered each obstacle, and left the boundary
+    entered = np.zeros((len(outlines) + bool(airspace.boundary), FLIGHTS), dtype=bool)
+    for i, off_m in _flights(points, courses, steps_m, through, airframe, guidance, wind_mps, gusts):
+        if near[i]:
+            there_m = at_m[i] + off_m[:, None] * (-math.sin(courses[i]), math.cos(courses[i]))
+            entered[: len(outlines)] |= holding(outlines, there_m)
+            if airspace.boundary:
+                entered[-1] |= ~holding(airspace.boundary, there_m).any(axis=0)
+    names = [*(each.name for each in obstacles), BOUNDARY]
+    return {name: share for name, share in zip(names, entered.mean(axis=1).tolist(), strict=False) if share}
+
+
+def _flights(
+    points: Sequence[tuple[Leg, TracePoint]],
+    courses: FloatArray,
+    steps_m: FloatArray,
+    through: BoolArray,
+    airframe: Airframe,
+    guidance: Guidance,
+    wind_mps: Point,
+    gusts: tuple[float, float],
+) -> Iterator[tuple[int, FloatArray]]:
+    """Fly along a path `FLIGHTS` times at once; yield each point flown `through`, by number, and how far they are off.
+
+    How far each is beside the point [m], left positive, shape (FLIGHTS,). `courses` are the path's [rad], `steps_m` the
+    distances from the points before [m], all of shape (n,); the rest is as of `entering`.
+    """
     # ground speed, and the greatest turn rate of the course [rad/s]
     speed = airframe.airspeed_mps
     ground_mps, along_mps = ground_speeds_mps(np.cos(courses), np.sin(courses), speed, wind_mps)
     ground_mps = np.maximum(ground_mps, 1.0)
     # χ̇ = θ̇ a·ṗ/‖ṗ‖², with θ̇ at most V/R
     limited = isinstance(airframe, FixedWing)
-    greatest = speed * along_mps / (airframe.turn_radius_m * ground_mps) if limited else np.full(len(near), np.inf)
+    greatest = speed * along_mps / (airframe.turn_radius_m * ground_mps) if limited else np.full(len(points), np.inf)
     rng, (gust_mps, gust_s) = np.random.default_rng(0), gusts
     # of each flight: gust [m/s], and how far it is beside the path [m] and off its course [rad], left positive
     gust = rng.standard_normal((2, FLIGHTS)) * gust_mps
     off_m, off_rad = np.zeros(FLIGHTS), np.zeros(FLIGHTS)
-    entered = np.zeros((len(outlines) + bool(airspace.boundary), FLIGHTS), dtype=bool)
     before = None  # the leg of the point before
     for i in np.flatnonzero(through).tolist():
         leg, course = points[i][0], courses[i]
@@ -88,7 +114,7 @@ def entering(
             off_m[:], off_rad[:] = 0.0, 0.0
             turned, along_leg = 0.0, True
         before = leg
-        # one step to the next point: the gusts, the guidance's turn rate, and where the flights are then
+        # the step from the point before: the gusts, the guidance's turn rate, and where the flights are then
         step_s = steps_m[i] / ground_mps[i]
         # Ornstein-Uhlenbeck: g ← ρ g + √(1 − ρ²) σ n, with ρ = e^(−Δt/τ)
         keep = math.exp(-step_s / gust_s)
@@ -100,13 +126,7 @@ def entering(
         wanted = curving - guidance.k_d * (off_rad + across_mps / ground_mps[i] + np.arctan(gain * off_m))
         off_rad = off_rad + np.clip(wanted, -greatest[i], greatest[i]) * step_s - turned
         off_m = off_m + (ground_mps[i] * np.sin(off_rad) + across_mps) * step_s
-        if near[i]:
-            there_m = at_m[i] + off_m[:, None] * (-math.sin(course), math.cos(course))
-            entered[: len(outlines)] |= holding(outlines, there_m)
-            if airspace.boundary:
-                entered[-1] |= ~holding(airspace.boundary, there_m).any(axis=0)
-    names = [*(each.name for each in obstacles), BOUNDARY]
-    return {name: share for name, share in zip(names, entered.mean(axis=1).tolist(), strict=False) if share}
+        yield i, off_m
 
 
 def _flown_through(steps_m: FloatArray, near: BoolArray) -> BoolArray:

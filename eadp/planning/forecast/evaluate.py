@@ -192,7 +192,7 @@ class Evaluation:
         return fill_greedy(self.knapsack)
 
     def shortfall(self, place: int) -> float:
-        """State of charge missing for minimum power; 0 where it suffices."""
+        """State of charge missing for minimum power at a place; 0 where it suffices."""
         return max(0.0, -float(self.knapsack.spare[place]))
 
     def computing_w(self, shares: FloatArray) -> FloatArray:

@@ -71,12 +71,14 @@ class Preflight:
         plan = evaluator.mission.plan
         means = _mean_computations(evaluation, filling, route, plan.path_count)
         names = dict(zip(plan.names, (*parameters[: plan.path_count], *means), strict=True))
+        # U is of parameters with a choice; without one on any stage there is none
         counted = any(evaluator.envelopes.shares.scaled(stage).any() for stage in route.stages.tolist())
         quality = float(filling.value[place]) if counted else None
         forecast, feasible = evaluation.forecast(place, filling), bool(filling.feasible[place])
         expected_s = evaluation.expected_s(place)
         computing_w = evaluation.computing_w(filling.shares)
         powers_w = evaluation.load.motion_w + computing_w
+        # sums over the legs of each stage, from 1; index 0 is none
         seconds, energies_j = (np.bincount(route.stages, values) for values in (expected_s, powers_w * expected_s))
         return cls(
             parameters=names,

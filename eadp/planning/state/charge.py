@@ -491,7 +491,7 @@ def _none_since(drain: Drain) -> Drain:
 
 
 def _with_change(state: ChargeState, fell: float, drained: float) -> ChargeState:
-    """The state after a reading that says something: it is an outlier, shows a loss, or corrects the state.
+    """The state after a reading that says something: an outlier, or one that corrects the state.
 
     The reading is `state.readings.last`; `fell` is by how much it is below the one before, `drained` the drain
     predicted between the two. `readings.changes` is 2 or more from here on: divisors `changes - 1` are not 0.
@@ -511,29 +511,19 @@ def _with_change(state: ChargeState, fell: float, drained: float) -> ChargeState
     error = readings.last + now.offset - (gauge.step if fell < 0 else 0.0) - now.soc
     variance = var_soc - 2 * now.cov_soc_offset + now.var_offset
 
-    # an outlier: the state goes on without it, unless it is a loss, or the end of a false one
-    exact = gauge.noise_variance < EXACT_GAUGE
     if _is_outlier(abs(error), variance, gauge.noise_variance, readings.taken, drain.since):
-        one_more = GaugeReadings(readings.first, readings.last, readings.taken, readings.changes, readings.outliers + 1)
-        state = ChargeState(charge, drain, one_more, gauge, belief, state.checkpoint)
-        # the second in a row confirms; an exact gauge needs none
-        confirmed = readings.outliers > 0 or exact
-        # a charge that rises by no more than was lost is the end of a false loss
-        is_back = belief.believed and error <= belief.lost + MIN_JUMP
-        return _with_loss(state, now, error) if confirmed and (error < 0 or is_back) else state
-
+        return _with_outlier(ChargeState(charge, drain, readings, gauge, belief, state.checkpoint), now, error)
     # no outlier: the state is corrected, and the noise learned, unless the gauge is disbelieved
     readings = GaugeReadings(readings.first, readings.last, readings.taken, readings.changes, outliers=0)
     if not belief.believed:
         return ChargeState(charge, drain, readings, gauge, belief, state.checkpoint)
     # a small loss is one of charge, not of capacity: its size beyond what is usual is added to var b alone, so that the
     # correction is not of κ. A coarse gauge looks exact before it has changed a few times
-    if not exact or readings.changes <= FIRST_CHANGES:
+    if gauge.noise_variance >= EXACT_GAUGE or readings.changes <= FIRST_CHANGES:
         var_soc += max(0.0, error * error - SMALL_JUMP_STDS**2 * (variance + gauge.noise_variance))
     # a drain without a measured power says nothing of the gauge's noise
-    noise = (
-        gauge.noise_variance if drain.unmeasured > 0.0 else _noise(gauge, readings, now.use_ratio * drain.since - fell)
-    )
+    unexplained = now.use_ratio * drain.since - fell
+    noise = gauge.noise_variance if drain.unmeasured > 0.0 else _noise(gauge, readings, unexplained)
     # the greatest fall between two readings may be one step
     gauge = Gauge(noise, min(max(gauge.quantum, fell), MAX_QUANTUM), gauge.step, gauge.from_full)
     charge = corrected(_with_soc(now, now.soc, var_soc), error, noise)
@@ -558,6 +548,22 @@ def _is_outlier(size: float, variance: float, noise: float, taken: int, drain: f
     if noise < EXACT_GAUGE and taken > 2:  # an exact gauge is off by the error of the drain alone, below ten times it
         return size > MIN_JUMP + 10 * drain
     return taken > 4 and size > JUMP and size > JUMP_STDS * math.sqrt(variance + noise)
+
+
+def _with_outlier(state: ChargeState, now: Charge, error: float) -> ChargeState:
+    """The state after an outlier: it goes on without the reading, unless that is a loss, or the end of a false one.
+
+    `now` is the charge predicted at the reading, and `error` by how much that is above it.
+    """
+    readings, belief = state.readings, state.belief
+    # the second in a row confirms; an exact gauge needs none
+    confirmed = readings.outliers > 0 or state.gauge.noise_variance < EXACT_GAUGE
+    # a charge that rises by no more than was lost is the end of a false loss
+    is_back = belief.believed and error <= belief.lost + MIN_JUMP
+    if confirmed and (error < 0 or is_back):
+        return _with_loss(state, now, error)
+    readings = GaugeReadings(readings.first, readings.last, readings.taken, readings.changes, readings.outliers + 1)
+    return ChargeState(state.charge, state.drain, readings, state.gauge, belief, state.checkpoint)
 
 
 def _with_loss(state: ChargeState, now: Charge, error: float) -> ChargeState:

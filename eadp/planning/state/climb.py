@@ -38,11 +38,13 @@ class Climb(NamedTuple):
 
 @lru_cache(256)
 def _level_w(airframe: Aeroplane, airspeed_mps: float) -> float:
+    """Power of level flight at an airspeed [W]."""
     return airframe.level_power_w(airspeed_mps)
 
 
 @lru_cache(256)
 def _rates_mps(airframe: Aeroplane, airspeed_mps: float) -> tuple[float, float]:
+    """Greatest rates of climb and descent at an airspeed [m/s]."""
     return airframe.climb_rates_mps(airspeed_mps)
 
 

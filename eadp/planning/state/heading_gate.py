@@ -81,7 +81,7 @@ class HeadingGate:
 
     def __init__(self) -> None:
         self.disbelieved = False
-        self._sums = np.zeros((4, 4)), np.zeros(4)
+        self._sums: _Moments = np.zeros((4, 4)), np.zeros(4)
         self._fits_s = 0.0
         """How long a disbelieved heading has fit, turns included [s]."""
         self._unjudged_s = 0.0

@@ -141,6 +141,7 @@ class OutlierGate:
             return self._odd_count >= MIN_AGREEING
         if -step_s <= GAP_S:  # a sample that was delayed
             return False
+        # far back: sooner where the position goes on, as if usual steps had passed
         goes_on = self._goes_on(sample, self._odd_count * self._step_s)
         return self._odd_count >= (MIN_AGREEING if goes_on else MIN_BACK)
 

@@ -233,7 +233,7 @@ class Locator:
 
     def leads(self, stages: int) -> bool:
         """Whether the plan has so many stages after this one; a negative number is behind."""
-        if stages < 2:  # needs no route: this stage, or the one after it
+        if stages < 2:  # behind; or this stage, or the one after it, which need no route
             return stages >= 0
         try:
             return stages < len(self._predictor.route(self.executor.cursor, self.executor.joined_m).legs)

@@ -193,6 +193,7 @@ class PlanTracker:
             self._past_stage = None
             # only positions distinguish the laps of a plan of one stage
             return None if skips == 1 else 0
+        # how many stages a lap has
         lap = executor.stages_to(now) if reported < now else None
         # a stage behind: 4 → 1 is the next lap; 3 → 2 is a jump back, since forwards is more than half of a lap
         if skips is None or (reported < now and lap is not None and 2 * skips > lap):

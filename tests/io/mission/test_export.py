@@ -483,6 +483,12 @@ def test_pymavlink_loads_it(tmp_path):
         assert (loaded.x, loaded.y, loaded.z) == pytest.approx(item.parameters[4:], abs=1e-6)
 
 
+def test_pictures_end_before_a_landing():
+    path = path_of(read_plan(Text("p", LANDING))[0], trigger_distance_m=20.0)
+    assert [item.command for item in mission_items(path)[-4:]] == [206, 189, 16, 21]
+    assert json.loads(EXPORTS["qgc"](path))["mission"]["items"][-1]["complexItemType"] == "fwLandingPattern"
+
+
 @pytest.mark.slow
 def test_mavsdk_imports_it():
     """MAVSDK's own importer, which works once a heartbeat has connected a system; by hand, with eadp[exchange-test]."""

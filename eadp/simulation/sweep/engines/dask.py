@@ -63,10 +63,12 @@ class DaskEngine(QueueEngine):
         return max(1, self._threads)
 
     def _send(self, runs: list[Run]) -> Any:
+        """The future of a task on the cluster."""
         with self._connection_errors():
             return self._client.submit(make_task, self._make, runs, pure=False)
 
     def _result(self, future: Any) -> Done | None:
+        """The results of a task; None where its workers died."""
         from distributed import KilledWorker
 
         with self._connection_errors():

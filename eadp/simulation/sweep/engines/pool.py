@@ -56,6 +56,7 @@ class PoolEngine(QueueEngine):
         )
 
     def _start_task(self) -> None:
+        """As `QueueEngine._start_task`; runs that a broken pool does not take become suspects."""
         runs = self._next_task
         try:
             # processes are started here, and inherit the mask: Ctrl-C is this process's to handle
@@ -66,9 +67,11 @@ class PoolEngine(QueueEngine):
             self._suspects.extend(runs)
 
     def _send(self, runs: list[Run]) -> Future[Done]:
+        """The future of a task in the pool."""
         return self._executor.submit(_work, runs)
 
     def _result(self, future: Future[Done]) -> Done | None:
+        """The results of a task; None where the pool is broken."""
         try:
             return future.result()
         except BrokenProcessPool:  # a broken pool gives back all its runs at once
@@ -76,6 +79,7 @@ class PoolEngine(QueueEngine):
             return None
 
     def _recover(self) -> None:
+        """Open another pool in place of a broken one."""
         if self._broken:
             self.close()
             self._start()
