@@ -11,6 +11,7 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.core.flight.following import RATE_SHARE, Climbing
+from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import Point
 from eadp.coverage.cover import AUTO, DUBINS, CoverageSolution
 from eadp.coverage.heights import Ground, HeightLimits, HeightProfile, over_terrain
@@ -93,8 +94,7 @@ class TerrainTask(NamedTuple):
         if pattern != AUTO:
             return pattern
         corners = np.array([vertex for part in field.parts for vertex in part[0]])
-        x, y = np.linspace(corners.min(axis=0), corners.max(axis=0), RELIEF_POINTS).T
-        heights_m = self.terrain.heights_m(np.column_stack([each.ravel() for each in np.meshgrid(x, y)]))
+        heights_m, _ = self.terrain.grid(corners, RELIEF_POINTS)
         return DUBINS if np.nanmax(heights_m) - np.nanmin(heights_m) > self.limits.tolerance_m else AUTO
 
     def flown(
@@ -137,6 +137,17 @@ class Heights(NamedTuple):
     def on_ground(self, field: Field) -> Field:
         """A field whose obstacles have heights above the altitude 0."""
         return replace(field, airspace=self.profile.ground.airspace)
+
+    @property
+    def contours_deg(self) -> float:
+        """Compass bearing, from 0 to 180, along which the ground under the lines changes least [°]."""
+        profile = self.profile
+        lines_m = profile.samples.points_m[profile.samples.on_line]
+        heights_m, (step_x, step_y) = profile.ground.terrain.grid(lines_m, RELIEF_POINTS)
+        rises = np.array([each.ravel() for each in np.gradient(heights_m, step_y, step_x)[::-1]])
+        # least Σ (∇h · t)²: of the structure tensor, the eigenvector of the smaller eigenvalue
+        _, vectors = np.linalg.eigh(np.nan_to_num(rises) @ np.nan_to_num(rises).T)
+        return compass_deg(math.atan2(vectors[1, 0], vectors[0, 0])) % 180
 
     @property
     def home_altitude_m(self) -> int:
@@ -188,7 +199,8 @@ class Heights(NamedTuple):
             lines.append(
                 f"           {100 * profile.high_share:.0f} % of the lines higher than "
                 f"{limits.line_m + limits.tolerance_m:g} m, most at {latitude:.5f},{longitude:.5f}: slopes are up to "
-                f"{100 * profile.steepest:.0f} %, the aircraft follows {up:.0f} % up and {down:.0f} % down"
+                f"{100 * profile.steepest:.0f} %, the aircraft follows {up:.0f} % up and {down:.0f} % down; "
+                f"--heading {self.contours_deg:.0f} is along the contours"
             )
         said = []
         if (pixels := values["gsd_cm"]) is not None:

@@ -58,6 +58,13 @@ class ElevationModel:
         """Latitude and longitude of a point, shape (2,) [°]."""
         return to_geodetic_deg(float(point_m[0]), float(point_m[1]), self.origin_deg)
 
+    def grid(self, points_m: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+        """Heights over the box of points, shape (count, count) from south-west, and the steps to x and y [m]."""
+        low, high = points_m.min(axis=0), points_m.max(axis=0)
+        x, y = np.linspace(low, high, count).T
+        nodes = np.column_stack([each.ravel() for each in np.meshgrid(x, y)])
+        return self.heights_m(nodes).reshape(count, count), (high - low) / (count - 1)
+
     def known_m(self, points_m: FloatArray) -> FloatArray:
         """`heights_m` where all are known.
 

@@ -114,10 +114,9 @@ def commanded(
     )
     i, here_m, before_m = 0, start_m, start_m
     while i < last:
-        # where it cannot, it is above the ceiling, but not below the floor
-        high = band._replace(ceiling_m=np.full(last + 1, np.inf))
-        tried = (_farthest(each, climbing, hard_floor_m, levels_m, i, here_m, before_m) for each in (band, high))
-        best = next((each for each in tried if each is not None), None)
+        # where it cannot stay in the band, it is above the ceiling for a while, but not below the floor
+        given = band, climbing, hard_floor_m, levels_m, i, here_m, before_m
+        best = _farthest(*given) or _farthest(*given, above=True)
         if best is None:
             raise Infeasible(f"no climb from {band.places_m[i]:.0f} m of the way on stays above the ground")
         i, before_m, here_m = best
@@ -133,15 +132,21 @@ def _farthest(
     start: int,
     here_m: float | None,
     before_m: float | None,
+    *,
+    above: bool = False,
 ) -> tuple[int, float, float] | None:
-    """Where the command that holds farthest from a sample ends, its altitude, and that of the aircraft there [m]."""
+    """Where the command that holds farthest from a sample ends, its altitude, and that of the aircraft there [m].
+
+    From `above` the ceiling it is the one that is first below it, or else the shortest.
+    """
     levels_m = levels_m if before_m is not None else levels_m[levels_m >= band.floor_m[start] - ROUNDING_M]
     flown_m = levels_m if here_m is None else np.full(len(levels_m), here_m)
     best, steepest = None, -np.inf
     for end in range(start + 1, len(band.places_m)):
         flown_m = climbing.followed_m(flown_m, levels_m, float(band.seconds[end - 1]))
-        kept = (flown_m >= band.floor_m[end] - ROUNDING_M) & (flown_m <= band.ceiling_m[end] + ROUNDING_M)
-        levels_m, flown_m = levels_m[kept], flown_m[kept]
+        below = flown_m <= band.ceiling_m[end] + ROUNDING_M
+        kept = (flown_m >= band.floor_m[end] - ROUNDING_M) & (below | above)
+        levels_m, flown_m, below = levels_m[kept], flown_m[kept], below[kept]
         if not len(levels_m):
             break
         way_m = band.places_m[end] - band.places_m[start]
@@ -150,6 +155,10 @@ def _farthest(
             steepest = max(steepest, (hard_floor_m[end] - before_m) / way_m)
             fit = levels_m >= before_m + steepest * way_m - ROUNDING_M
         if band.may_end[end] and fit.any():
-            k = int(np.argmax(fit))  # the lowest
-            best = end, float(levels_m[k]), float(flown_m[k])
+            back = above and bool((fit & below).any())
+            k = int(np.argmax(fit & below if back else fit))  # the lowest
+            if not above or back or best is None:
+                best = end, float(levels_m[k]), float(flown_m[k])
+            if back:
+                break
     return best

@@ -139,6 +139,17 @@ def test_where_no_other_altitude_may_be_commanded_none_is():
     assert len(ends) > 2
 
 
+def test_a_flight_that_gets_above_the_band_comes_back():
+    # as steep down as the wing follows, where one altitude holds for 150 m, as on a turn: then straight on
+    floor_m = np.concatenate([-0.08 * STEP_M * np.arange(200), np.full(100, -0.08 * STEP_M * 199)])
+    may_end = (np.arange(300) % 30 == 29) | (np.arange(300) > 200)
+    band = _band(floor_m, may_end)
+    flown_m, _ = _flown(band, commanded(band, WING, floor_m))
+    assert (flown_m > band.ceiling_m + LEVEL_M).any()
+    assert (flown_m - floor_m).max() <= 150 * 0.08 + 2 * TOLERANCE_M
+    assert flown_m[-1] <= band.ceiling_m[-1]
+
+
 def test_a_climb_that_the_aircraft_cannot_begin_is_named():
     floor_m = np.concatenate([np.zeros(20), np.full(20, 50.0)])
     with pytest.raises(Infeasible, match="no climb from 0 m of the way on"):
