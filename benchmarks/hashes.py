@@ -106,19 +106,7 @@ def write_files(folder: Path) -> dict[str, str]:
     for name, corners in FIELDS.items():
         field, found[name] = folder / f"{name}.csv", folder / f"{name}.plan"
         field.write_text("x_m,y_m\n" + "\n".join(f"{x},{y}" for x, y in corners) + "\n")
-        options = [
-            "--pattern",
-            "zamboni",
-            "--metres",
-            "--min-radius",
-            "30",
-            "--swath",
-            "30",
-            "--lead-in",
-            "0",
-            "--profile",
-            str(PROFILE),
-        ]
+        options = ["--pattern", "zamboni", "--metres", "--min-radius", "30", "--swath", "30", "--profile", str(PROFILE)]
         if main(["cover", str(field), *options, "-o", str(found[name])]):
             raise SystemExit(f"{name}: not covered")
     profiles = {"pednet": PROFILE, "letter": LETTER, "two profile": folder / "two.yaml"}

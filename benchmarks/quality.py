@@ -99,19 +99,7 @@ def plans(folder: Path) -> dict[str, str]:
         field = folder / f"{name}.csv"
         field.write_text("x_m,y_m\n" + "\n".join(f"{x},{y}" for x, y in corners) + "\n")
         out = folder / f"{name}.plan"
-        options = [
-            "--pattern",
-            "zamboni",
-            "--metres",
-            "--min-radius",
-            "30",
-            "--swath",
-            "30",
-            "--lead-in",
-            "0",
-            "--profile",
-            PROFILE,
-        ]
+        options = ["--pattern", "zamboni", "--metres", "--min-radius", "30", "--swath", "30", "--profile", PROFILE]
         with contextlib.redirect_stdout(io.StringIO()):
             code = main(["cover", str(field), *options, "-o", str(out)])
         if code:

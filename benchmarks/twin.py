@@ -86,7 +86,7 @@ FIELDS = {
     "slanted": [[0, 0], [400, 100], [450, 450], [100, 380]],
     "corner": [[0, 0], [560, 0], [560, 240], [280, 240], [280, 420], [0, 420]],
 }
-COVER = ["--pattern", "zamboni", "--min-radius", "45", "--swath", "45", "--lead-in", "0", "--profile", str(PROFILE)]
+COVER = ["--pattern", "zamboni", "--min-radius", "45", "--swath", "45", "--profile", str(PROFILE)]
 GRID, REFINED, RESERVE, PER_LINE = 6, 4, 0.05, round(1 / SAMPLE_S)
 OHM_AH = 0.06
 """Resistance of a pack times its capacity."""
