@@ -92,9 +92,9 @@ class _Flight:
         )
         self._flight = flight
         self._bridge = _SensorBridge(world, flight, self._inner_loop, outcome)
-        # stacks, with the next step last, and first a step that no flight reaches: losses of charge, as (step, amount),
-        # and the steps at which they are measured
-        self._losses = _losses(world)
+        # stacks: the next one is last, and below all a step that no flight reaches, so that none is ever empty
+        self._losses = _losses(world)  # of charge: steps and amounts
+        # steps at which a loss is measured: the planner is due
         self._alarms = [step + self._bridge.late for step, _ in self._losses]
         computing_w = world.computing_w(executor.parameters, executor.stage)
         self._log = ParameterLog(world.plan, executor.cursor, executor.joined_m, world.actual, computing_w)

@@ -101,7 +101,7 @@ class SortieOptions:
 
 @dataclass(frozen=True)
 class PlannedSortie:
-    """One flight: its path, its plan, and its forecast with the highest parameters that the division reckons with.
+    """One flight: its path, its plan, and its forecast, which is that of `SortiePlanner.sortie`.
 
     Attributes
     ----------
@@ -268,7 +268,7 @@ class SortiePlanner:
         )
         intervals = one.divided.intervals + other.divided.intervals
         both = Divided(intervals, one.divided.sorties + other.divided.sorties)
-        return SortiePlan(self, ground, both, one.least.beside(other.least))
+        return SortiePlan(self, ground, both, one.least.followed_by(other.least))
 
     def _planned(self, ground: Field, request: CoverageRequest) -> SortiePlan:
         """Sorties over a ground by a request's pattern: side by side, or along a tour of its lines if that is less."""
@@ -316,11 +316,11 @@ class SortiePlanner:
         return SortiePlan(self, ground, found, least.within(found.sorties))
 
     def sortie(self, solution: CoverageSolution, part: Field, *, held: bool = True) -> PlannedSortie:
-        """A sortie along a path; with `held`, at the lowest parameters throughout."""
+        """A sortie along a path over a part, forecast as its planner flies it; with `held`, at the lowest parameters."""
         planned = self.task.planned(solution, part)
         plan = _at_lowest(planned.plan) if held else planned.plan
         given = self.overrides
-        if held:  # those of take-off are others
+        if held:  # the plan has its parameters, whatever the scenario sets at take-off
             given = {key: value for key, value in given.items() if key.partition(".")[0] != "parameters"}
         inputs = load_flight(plan, scenario=self.scenario, profile=self.profile, overrides=given, files=self.files)
         found = inputs.preflight(whole=False)
@@ -418,7 +418,7 @@ class LeastSorties:
         # above all ways there and back, which `min_time_s` asks for
         return replace(self, pack_s=max(min(self.pack_s, max(packs_s)), 1.001 * float(self.access_s.max())))
 
-    def beside(self, other: LeastSorties) -> LeastSorties:
+    def followed_by(self, other: LeastSorties) -> LeastSorties:
         """The bound of both, flown one after the other."""
         return LeastSorties(
             np.concatenate([self.lines_s, other.lines_s]),

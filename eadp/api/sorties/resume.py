@@ -203,7 +203,7 @@ def _heading_of_lines_rad(plan: Plan, parameters: Sequence[float]) -> float | No
 
 
 def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurvey:
-    """A flight of telemetry: no camera is known."""
+    """A flight of telemetry, all of it taken as photographed, since it does not say when the camera was on."""
     reader, rows = TelemetryReader(source, origin_deg=planner.task.field.origin_deg), []
     with open_telemetry(source) as stream:
         for number, raw in numbered_lines(stream, source):
@@ -213,7 +213,8 @@ def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurve
                 rows.append((sample.time_s, sample.x_m, sample.y_m))
     if len(rows) < 2:
         raise InputError.at(source, 1, 1, "has no positions", "telemetry with x_m and y_m, or lat_deg and lon_deg")
-    return _of_positions(source, rows, np.ones(len(rows), dtype=bool), planner)
+    photographed = np.ones(len(rows), dtype=bool)
+    return _of_positions(source, rows, photographed, planner)
 
 
 def _of_log(source: str, form: str, planner: SortiePlanner) -> FlownSurvey:

@@ -118,12 +118,13 @@ class Codec:
 
     def _message(self, frame: bytes) -> Message | None:
         """The message of a frame; None where it is damaged or refused, which is counted."""
-        refused, times = self.refused, dict(self._signing.stream_timestamps)
+        refused_before, times = self.refused, dict(self._signing.stream_timestamps)
         try:
             decoded = self._mav.decode(bytearray(frame))
             fields = {name: getattr(decoded, name) for name in decoded.get_fieldnames()}
         except Exception:  # pymavlink trusts what a frame says of itself
-            self.damaged += self.refused == refused
+            if self.refused == refused_before:  # pymavlink counts those that it refuses
+                self.damaged += 1
             self._signing.stream_timestamps = times  # a forged time does not lock out the frames that are signed
             return None
         return Message(decoded.get_type(), decoded.get_srcSystem(), decoded.get_srcComponent(), fields)

@@ -160,7 +160,7 @@ def _fields(number: int, item: MissionItem) -> dict[str, Any]:
 
 
 def _item(fields: Mapping[str, Any]) -> MissionItem:
-    """The item of a message's fields."""
+    """The mission item that a message MISSION_ITEM_INT holds, its place in degrees where its frame is a global one."""
     factor = SCALE if fields["frame"] in FRAMES else 1.0
     values = (*(fields[f"param{k}"] for k in range(1, 5)), fields["x"] / factor, fields["y"] / factor, fields["z"])
     return MissionItem(fields["command"], fields["frame"], tuple(v if is_number(v) else math.nan for v in values))

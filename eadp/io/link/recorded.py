@@ -39,7 +39,10 @@ _TRIGGER_CONTROL = 2003
 
 
 def _battery(row: Row, volts: str, amps: str, consumed_mah: str, remaining: str, full: float) -> Values:
-    """What a row says of the battery, by the labels of its columns; `full` is what remains of a full one."""
+    """What a row says of the battery, by the labels of its columns; `full` is what remains of a full one.
+
+    What the log says it does not know is None. A column that it does not have is NaN, which `finite` leaves out.
+    """
     volts_v, current_a, mah, share = (row.get(label, _UNKNOWN) for label in (volts, amps, consumed_mah, remaining))
     return {
         "voltage_v": volts_v if volts_v > 0 else None,

@@ -340,7 +340,7 @@ class PaperPlanner(Planner):
         if coverage is None:
             return parameters
         path = parameters[: self._rho]
-        chosen = self._ruled(o, path, coverage)
+        chosen = self._path_by_rule(o, path, coverage)
         if self._own.trade_offs and chosen != path:
             # as far towards the rule's path as some computations satisfy the rows, with the path in force, too
             ways = (
@@ -350,8 +350,12 @@ class PaperPlanner(Planner):
             chosen = next((way for way in ways if len(self._horizon(o, way).choices)), path)
         return (*chosen, *parameters[self._rho :])
 
-    def _ruled(self, o: Observation, path: Vector, coverage: _Coverage) -> Vector:
-        """Path parameters by the rule of the settings."""
+    def _path_by_rule(self, o: Observation, path: Vector, coverage: _Coverage) -> Vector:
+        """The path parameters to fly, by the rule of the settings: with a time left t_r ≤ t_b, the time to the reserve.
+
+        "largest": the same share of every set, the largest that suffices. "subroutine": lowered by δ until it suffices.
+        "delta": one δ down where it does not suffice; one up, if that is allowed and still does.
+        """
         own, boxes = self._own, coverage.boxes
         # direction in which the path parameters shorten the coverage
         down = -1 if coverage.longest_s >= coverage.shortest_s else 1

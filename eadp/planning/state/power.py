@@ -68,7 +68,7 @@ class PowerTracker:
     laps : int
         Laps flown whole.
     lap_time_s : float or None
-        Time of the last lap, known before its readings are processed [s].
+        Time of the last lap, known before its readings are processed [s]; before the first one the estimator's period.
     computing_w : float
         Power of the computations in force [W].
     forecast_w : float
@@ -77,11 +77,12 @@ class PowerTracker:
 
     def __init__(self, settings: EstimatorSettings, mission: Mission, horizon_s: float | None, limit_w: float) -> None:
         self.estimator: Estimator = _estimator(settings, mission)
+        self.lap_time_s = self.estimator.period_s
         self.laps, self.computing_w, self.forecast_w = 0, 0.0, 0.0
         self._mission, self._horizon_s, self._limit_w = mission, horizon_s, limit_w
-        # segment of the last lap's start; whether a gap of the telemetry lies since; when that was [s]
-        self._segment, self._through_gap = 0, False
-        self._lap_from_s, self.lap_time_s = math.inf, self.estimator.period_s
+        self._lap_from_s = math.inf  # when the lap being flown started [s]; infinite before the first
+        self._segment = 0  # in which it started
+        self._through_gap = False  # whether a gap of the telemetry lies in it
         self._computing_for: tuple[Vector, int] | None = None  # parameters and stage that `computing_w` is of
 
     def horizon_of_s(self, period_s: float | None) -> float:

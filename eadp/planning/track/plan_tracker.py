@@ -172,17 +172,19 @@ class PlanTracker:
     def _take_report(self, to: Sample) -> int | None:
         """How many stages the flight is to be advanced by, as a sample reports its stage; None where positions decide.
 
-        A report that cannot be gives a notice, and positions decide.
+        A count of stages goes before the stage's index. A report that cannot be gives a notice, and positions decide.
         """
-        executor, reported = self.executor, to.stage
         if to.stages_started is not None:
-            ahead = to.stages_started - executor.stages_started
-            if self.locator.leads(ahead):
-                return ahead
-            what = f"{to.stages_started} stages started, and {executor.stages_started} are flown; ignored"
+            flown = self.executor.stages_started
+            if self.locator.leads(to.stages_started - flown):
+                return to.stages_started - flown
+            what = f"{to.stages_started} stages started, and {flown} are flown; ignored"
             self._messages.once("stages_started", what, "a stage ahead")
-        if reported is None:
-            return None
+        return None if to.stage is None else self._ahead_to(to.stage)
+
+    def _ahead_to(self, reported: int) -> int | None:
+        """How many stages ahead the reported index is, 0 on it; None, with a notice, where it cannot be."""
+        executor = self.executor
         now, count = executor.stage.index, len(self._mission.plan.stages)
         if reported > count:
             self._messages.once("stage", f"there is no stage {reported}; ignored", f"one of 1 to {count}")
@@ -193,10 +195,10 @@ class PlanTracker:
             self._past_stage = None
             # only positions distinguish the laps of a plan of one stage
             return None if skips == 1 else 0
-        # how many stages a lap has
-        lap = executor.stages_to(now) if reported < now else None
+        # a lap has as many stages as there are to the next start of this one
+        lap_stages = executor.stages_to(now) if reported < now else None
         # a stage behind: 4 → 1 is the next lap; 3 → 2 is a jump back, since forwards is more than half of a lap
-        if skips is None or (reported < now and lap is not None and 2 * skips > lap):
+        if skips is None or (lap_stages is not None and 2 * skips > lap_stages):
             if self._past_stage != reported:
                 self._past_stage = reported
                 what = f"stage {reported} is before stage {now}, which is flown; ignored"
