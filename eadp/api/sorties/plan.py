@@ -316,7 +316,7 @@ class SortiePlanner:
         return SortiePlan(self, ground, found, least.within(found.sorties))
 
     def sortie(self, solution: CoverageSolution, part: Field, *, held: bool = True) -> PlannedSortie:
-        """A sortie along a path over a part, forecast as its planner flies it; with `held`, at the lowest parameters."""
+        """A sortie along a path over a part, forecast by its planner; with `held`, at the lowest parameters."""
         planned = self.task.planned(solution, part)
         plan = _at_lowest(planned.plan) if held else planned.plan
         given = self.overrides
