@@ -35,7 +35,7 @@ from eadp.errors import Infeasible
 
 CORRIDOR = "corridor"
 
-OFF_SHARE = 0.05
+OFF_SHARE = 0.02
 """Distance over the swath that a line may keep from the line that it follows: simplified, or in a bend."""
 
 MAX_BEYOND = 2.0

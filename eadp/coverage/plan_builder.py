@@ -174,7 +174,8 @@ class _PlanBuilder:
         for i, (stage, over) in enumerate(zip(self.stages, self._sensing, strict=True)):
             # whether the stages flown before it are lines: the one above, and for the first of a lap, the lap's last
             before = {self._sensing[i - 1] if i else False}
-            before |= {self._sensing[part.first + part.count - 1] for part in self.segments if part.first == i}
+            laps = [part for part in self.segments if part.repeats and part.first == i]
+            before |= {self._sensing[part.first + part.count - 1] for part in laps}
             stages.append(stage if before == {over} else replace(stage, commands=(commands[0 if over else 1],)))
         return stages
 

@@ -272,7 +272,7 @@ class CoverageReport:
                 f"{_counted(end.lines, 'line')}, {end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
             )
         if beyond := self.motion.beyond_text:
-            lines.append(f"straight   {beyond}")
+            lines.append(f"straight   {f'laps turn {self.motion.beyond_m:g} m farther out' if blocks else beyond}")
         obstacles, boundary = self.field.airspace
         if obstacles or boundary:
             kept = [f"out of {_counted(len(obstacles), 'obstacle')}"] if obstacles else []

@@ -226,9 +226,14 @@ class CoveragePath:
         return [leg.piece for leg in self.legs]
 
     @property
+    def runs(self) -> list[list[CoverageLeg]]:
+        """The lines: legs that cover ground, those that follow one another together."""
+        return [list(run) for sensing, run in itertools.groupby(self.legs, lambda leg: leg.sensing) if sensing]
+
+    @property
     def sensed_m(self) -> list[tuple[Point, ...]]:
-        """Points of each leg that covers ground [m]: both ends, and those of an arc."""
-        return [tuple(map(tuple, polyline_m([leg.piece]).tolist())) for leg in self.legs if leg.sensing]
+        """Points along each line [m]: the ends of its legs, and those of their arcs."""
+        return [tuple((x, y) for x, y in polyline_m([leg.piece for leg in run]).tolist()) for run in self.runs]
 
     @property
     def length_m(self) -> float:
@@ -242,12 +247,8 @@ class CoveragePath:
 
     @property
     def lines(self) -> int:
-        """The number of lines: legs that cover ground, those that follow one another as one."""
-        return sum(leg.sensing and not before for leg, before in zip(self.legs, self._sensing_before, strict=True))
-
-    @property
-    def _sensing_before(self) -> list[bool]:
-        return [False, *(leg.sensing for leg in self.legs[:-1])][: len(self.legs)]
+        """The number of lines."""
+        return len(self.runs)
 
 
 def straight(start: Point, end: Point) -> Piece:

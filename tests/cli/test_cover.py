@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 
 import pytest
@@ -88,9 +89,13 @@ def test_the_camera_gives_swath_altitude_and_pictures(eadp, tmp_path, pattern):
     given = ("cover", "plans/meadow.geojson", "--min-radius", "30", "--pattern", pattern)
     # 80 m · 13.2 mm / 8.8 mm = 120 m of ground across, of which 30 % are new; along 80 m, of which 20 %
     assert eadp(*given, "--swath", "36", "--format", "json").code == 0
-    alike, answer = (
+    answer, alike = (
         json.loads(eadp(*given, *more, "--format", "json").out)
-        for more in (("--swath", "36"), (*flags(CAMERA | PICTURES), "--image-width-px", "6000"))
+        for more in (
+            (*flags(CAMERA | PICTURES), "--image-width-px", "6000"),
+            # rolls from 45° to 2° with a time constant of 0.3 s, at 15 m/s
+            ("--swath", "36", "--lead-in", str(math.ceil(15 * 0.3 * math.log(45 / 2)))),
+        )
     )
     assert (answer["lines"], answer["length_m"]) == (alike["lines"], alike["length_m"])
     plan.write_text(answer["plan"])
@@ -622,3 +627,63 @@ def test_thousands_of_obstacles(eadp, limits, tmp_path):
     assert "stays      out of 2500 obstacles" in answer.out
     flight = eadp("simulate", tmp_path / "far.plan", "--set", "home.position_m=[300, 200]", "--set", "log_every_s=1")
     assert flight.code == 0
+
+
+def test_a_corridor_follows_its_line(eadp, tmp_path):
+    line, plan, picture = tmp_path / "brook.csv", tmp_path / "brook.plan", tmp_path / "brook.png"
+    line.write_text("x_m,y_m\n0,0\n500,0\n900,100\n900,600\n")
+    given = ("cover", line, "--min-radius", "25", "--swath", "40", "--corridor", "90")
+    answer = eadp(*given, "-o", plan, "--plot", picture)
+    assert answer.code == 0, answer.err
+    assert (
+        "pattern    lines along a corridor, Dubins turns\nbends      1 bend too tight for turns of 25 m" in answer.out
+    )
+    assert eadp("plan", plan, "--check").code == 0
+    document = json.loads(eadp(*given, "--format", "json").out)
+    assert document["spacing_m"] == [30.0, 30.0]
+    assert document["coverage"] > 0.99
+    flown = eadp("simulate", plan, "--set", "step_s=0.05")
+    assert flown.code == 0, flown.err
+
+
+@pytest.mark.parametrize(
+    ("extra", "words"),
+    [
+        (("--corridor", "0"), "--corridor:1:1: error: 0 is out of range"),
+        (("--corridor", "60", "--crosshatch"), "--crosshatch:1:1: error: beside --corridor"),
+        (("--corridor", "60", "--heading", "90"), "--heading:1:1: error: beside --corridor"),
+        (("--corridor", "60", "--pattern", "zamboni"), "--pattern:1:1: error: beside --corridor"),
+        (
+            ("--corridor", "60", "--sorties", "auto", "--home", "0,-50"),
+            "--corridor:1:1: error: is covered in one flight",
+        ),
+        (("--crosshatch", "--pattern", "zamboni"), "--crosshatch:1:1: error: pattern zamboni has one direction"),
+        (
+            ("--crosshatch", "--sorties", "2", "--home", "0,-50"),
+            "--sorties:1:1: error: beside --crosshatch; expected auto",
+        ),
+        (("--lead-in", "-1"), "--lead-in:1:1: error: -1 is out of range"),
+        (("--overshoot", "nan"), "--overshoot"),
+    ],
+)
+def test_lines_that_do_not_go_together_are_refused(eadp, tmp_path, extra, words):
+    field = tmp_path / "field.csv"
+    field.write_text("x_m,y_m\n0,0\n500,0\n500,300\n")
+    answer = eadp("cover", field, "--min-radius", "25", "--swath", "40", *extra)
+    assert answer.code == 2
+    assert words in answer.err
+    assert answer.out == ""
+
+
+def test_pictures_are_taken_on_the_line_alone(eadp, box):
+    """Between the lead-in and the overshoot, which the flight has besides."""
+    given = ("--min-radius", "30", "--pattern", "dubins", *flags(CAMERA | PICTURES))
+    bare, led = (
+        json.loads(eadp("cover", box, *given, "--lead-in", lead, "--overshoot", over, "--format", "json").out)
+        for lead, over in ((0, 0), (60, 25))
+    )
+    assert (led["pictures"], led["lines"], led["coverage"]) == (bare["pictures"], bare["lines"], bare["coverage"])
+    assert led["length_m"] >= bare["length_m"] + led["lines"] * 85 - 1e-6
+    assert (led["lead_in_m"], led["overshoot_m"]) == (60, 25)
+    on = [line for line in led["plan"].splitlines() if line.startswith("%: command 206")]
+    assert len(on) == 2 * led["lines"]

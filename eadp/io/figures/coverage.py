@@ -91,6 +91,10 @@ def _draw_way(axes: Axes, way: CoveragePath, swath_m: float) -> None:
     """Strips of ground covered, lines and turns over them, arrows on the lines, start and end."""
     pieces = way.pieces
     arrow = max((piece.length_m for piece in pieces), default=1.0) / 30
+    for line in way.runs:
+        piece = max((leg.piece for leg in line), key=lambda piece: piece.length_m)
+        x, y, heading = piece.pose_at(piece.length_m / 2)
+        draw_arrow(axes, (x, y), (x + arrow * math.cos(heading), y + arrow * math.sin(heading)), COLOURS[0])
     for leg in way.legs:
         if not leg.sensing:
             axes.plot(*line_of(leg), color=COLOURS[1], linewidth=1.0, label="turn", zorder=3)
@@ -98,8 +102,6 @@ def _draw_way(axes: Axes, way: CoveragePath, swath_m: float) -> None:
         label = f"ground covered, {swath_m:g} m wide"
         axes.fill(*ground_of(leg, swath_m), color=COLOURS[0], alpha=0.13, linewidth=0, zorder=2, label=label)
         axes.plot(*line_of(leg), color=COLOURS[0], linewidth=1.3, label="line", zorder=3)
-        x, y, heading = leg.piece.pose_at(leg.piece.length_m / 2)
-        draw_arrow(axes, (x, y), (x + arrow * math.cos(heading), y + arrow * math.sin(heading)), COLOURS[0])
     axes.plot(*pieces[0].start[:2], **START)
     axes.plot(*pieces[-1].end[:2], "s", color="black", markersize=5, zorder=4, label="end")
 

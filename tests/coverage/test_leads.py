@@ -1,0 +1,96 @@
+"""Straight ways before and after lines, and lines in two directions, by hand and by shapely."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from common import few
+
+from eadp.coverage.cover import CoverageRequest, cover
+from eadp.coverage.report import covered_by_lines
+from eadp.coverage.swaths import MotionLimits
+from eadp.models.airspace import CLEARANCE_SHARE, Airspace, Obstacle
+from eadp.models.field import Field
+from eadp.models.performance import roll_out_m
+from eadp.models.vehicle import FixedWing, PaperVehicle
+
+BOX = ((0.0, 0.0), (600.0, 0.0), (600.0, 400.0), (0.0, 400.0))
+MOTION = MotionLimits(40.0, 25.0, 37.5, 20.0)
+LED = replace(MOTION, lead_in_m=35.0, overshoot_m=12.0)
+MAST = ((250.0, 150.0), (330.0, 150.0), (330.0, 260.0), (250.0, 260.0))
+
+
+@pytest.mark.parametrize("limits", [Airspace(), Airspace((Obstacle(MAST, "mast"),))])
+@pytest.mark.parametrize("wind", few([(3.0, 4.0), (0.0, 0.0)], 1))
+def test_each_line_has_its_straight_ways(limits, wind):
+    field, motion = Field(BOX, airspace=limits), replace(LED, wind_mps=wind)
+    legs = cover(CoverageRequest(field, motion, "dubins")).path(0.0).legs
+    lines = [i for i, leg in enumerate(legs) if leg.sensing]
+    for i in lines:
+        before, line, after = legs[i - 1 : i + 2]
+        assert (before.piece.length_m, after.piece.length_m) == (pytest.approx(35.0), pytest.approx(12.0))
+        assert before.piece.turn == after.piece.turn == 0
+        assert before.start[2] == pytest.approx(line.start[2]) == pytest.approx(after.end[2])
+        assert not before.sensing
+        assert not after.sensing
+    mast = shapely.Polygon(MAST)
+    clear_m = CLEARANCE_SHARE * 25.0 - 0.05
+    for leg in legs if any(limits) else ():
+        points = [leg.piece.pose_at(s)[:2] for s in np.linspace(0, leg.piece.length_m, 60)]
+        assert shapely.LineString(points).distance(mast) > clear_m
+
+
+def test_the_lines_are_the_same_and_the_flight_is_longer():
+    field = Field(BOX)
+    bare, led = (cover(CoverageRequest(field, m, "dubins", 0.0)).path(0.0) for m in (MOTION, LED))
+    assert bare.lines == led.lines == 10
+    assert sorted(leg.piece.length_m for leg in led.legs if leg.sensing) == pytest.approx([600.0] * 10)
+    # a turn of the order joins lines whose ends lie 35 − 12 = 23 m apart along them
+    more_m = led.length_m - bare.length_m
+    assert 10 * 47 <= more_m <= 10 * 47 + 9 * 23
+
+
+def test_laps_turn_as_far_out_as_the_longer_of_the_two_needs():
+    field = Field(BOX)
+    bare, led = (cover(CoverageRequest(field, m, "zamboni", 0.0)).path(0.0) for m in (MOTION, LED))
+    lengths = [[leg.piece.length_m for leg in path.legs if leg.sensing] for path in (bare, led)]
+    assert np.array(lengths[1]) - lengths[0] == pytest.approx(np.full(len(lengths[0]), 70.0))
+
+
+@pytest.mark.parametrize("limits", [Airspace(), Airspace((Obstacle(MAST, "mast"),))])
+def test_lines_in_two_directions(limits):
+    field = Field(BOX, airspace=limits)
+    request = CoverageRequest(field, MOTION, crosshatch=True, start_m=(-50.0, -50.0), home_m=(-50.0, -50.0))
+    solution = cover(request)
+    path = solution.path(0.0)
+    along = [abs(math.cos(leg.start[2] - solution.heading_rad)) > 0.5 for leg in path.legs if leg.sensing]
+    assert along == sorted(along, reverse=True), "one direction, and then the other"
+    assert {round(abs(math.sin(2 * (leg.start[2] - solution.heading_rad))), 9) for leg in path.legs if leg.sensing} == {
+        0
+    }
+    assert (sum(along), len(along) - sum(along)) >= (10, 15)
+    for number in (0, 1):
+        chosen = [
+            leg for leg, first in zip((leg for leg in path.legs if leg.sensing), along, strict=True) if first != number
+        ]
+        assert covered_by_lines(type(path)(tuple(chosen)), field, 40.0) >= (0.9999 if limits == Airspace() else 0.93)
+    for one, other in itertools.pairwise(path.pieces):
+        assert one.end[:2] == pytest.approx(other.start[:2], abs=1e-6)
+    assert path.pieces[0].start[:2] == pytest.approx((-50, -50))
+    assert path.pieces[-1].end[:2] == pytest.approx((-50, -50))
+    assert solution.time_s == pytest.approx(path.length_m / 15)
+
+
+def test_an_aircraft_rolls_out_of_its_steepest_turn():
+    airframe = FixedWing(mass_kg=2, wing_area_m2=0.4, aspect_ratio=8, zero_lift_drag_coefficient=0.03,
+                         max_bank_deg=40, roll_time_constant_s=0.5)  # fmt: skip
+    bank, flown_m, step_s = 40.0, 0.0, 1e-4
+    while bank > 2:  # φ̇ = −φ/τ
+        bank, flown_m = bank * (1 - step_s / 0.5), flown_m + 20 * step_s
+    assert roll_out_m(airframe, 20.0) == pytest.approx(flown_m, rel=1e-3)
+    assert roll_out_m(PaperVehicle(), 20.0) == 0
