@@ -191,7 +191,8 @@ def over_terrain(
     """
     legs = _legs(solution, 0.0)
     samples, motion = Samples.of(legs), ground.motion
-    below_m, sides_m, floor_m, ceiling_m = _band(samples, ground)
+    below_m, sides_m, hard_m, ceiling_m = _band(samples, ground)
+    floor_m = _spread(hard_m)
     courses = samples.headings_rad[1:]
     speeds_mps, _ = ground_speeds_mps(np.cos(courses), np.sin(courses), motion.airspeed_mps, motion.wind_mps)
     seconds = np.diff(samples.places_m) / speeds_mps
@@ -203,7 +204,7 @@ def over_terrain(
             rise = f"rises {below_m[k] - start_m:.0f} m in {samples.places_m[k]:.0f} m of the way from home"
             able = f"the aircraft climbs {climbed_m[k] - start_m:.0f} m: another --home, or --takeoff another way"
             raise Infeasible(f"the ground at {latitude:.5f},{longitude:.5f} {rise}, and {able}")
-        floor_m = np.minimum(floor_m, climbed_m)
+        hard_m, floor_m = np.minimum(hard_m, climbed_m), np.minimum(floor_m, climbed_m)
     if solution.blocks:
         tried = np.linspace(0.0, solution.min_c1, LAPS_TRIED).tolist()
         floors_m = [_band(Samples.of(_legs(solution, c1)), ground)[2].max() for c1 in tried]
@@ -212,7 +213,7 @@ def over_terrain(
         straight = np.array([leg.piece.turn == 0 for leg in legs])[samples.legs]
         ends = np.append(samples.legs[1:] != samples.legs[:-1], True)
         band = Band(samples.places_m, seconds, floor_m, ceiling_m, straight | ends)
-        found = commanded(banded(band, climbing, ground.limits.tolerance_m / 2), climbing, floor_m, start_m)
+        found = commanded(banded(band, climbing, ground.limits.tolerance_m / 2), climbing, hard_m, start_m)
     lasts, levels_m = zip(*found, strict=True)
     altitudes_m = np.repeat(levels_m, np.diff([0, *lasts]))
     flown_m = [np.array(levels_m[0] if start_m is None else start_m)]
@@ -242,7 +243,7 @@ def _band(samples: Samples, ground: Ground) -> tuple[FloatArray, FloatArray, Flo
             over = np.any([holding([each.outline], points)[0] for points in places_m], axis=0)
             floor_m = np.where(over, np.maximum(floor_m, each.height_m + limits.clearance_m), floor_m)
     high_m = below_m - rises_m + limits.line_m + limits.tolerance_m
-    return below_m, sides_m, _spread(floor_m), np.where(on_line, -_spread(-high_m), np.inf)
+    return below_m, sides_m, floor_m, np.where(on_line, -_spread(-high_m), np.inf)
 
 
 def _spread(values: FloatArray) -> FloatArray:

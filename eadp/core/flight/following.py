@@ -16,6 +16,9 @@ from eadp.errors import Infeasible
 LEVEL_M = 0.25
 """Commanded altitudes are multiples of this [m]: errors of barometers and maps are larger."""
 
+RECOVERY_S = 30.0
+"""Time within which one command leads back below the ceiling [s]: a descent at the greatest rate gains 10 m or so."""
+
 ROUNDING_M = 1e-6
 
 RATE_SHARE = 0.8
@@ -150,15 +153,19 @@ def _farthest(
         if not len(levels_m):
             break
         way_m = band.places_m[end] - band.places_m[start]
-        fit = levels_m >= hard_floor_m[end] - ROUNDING_M
+        min_m = hard_floor_m[end]
         if before_m is not None:
             steepest = max(steepest, (hard_floor_m[end] - before_m) / way_m)
-            fit = levels_m >= before_m + steepest * way_m - ROUNDING_M
-        if band.may_end[end] and fit.any():
-            back = above and bool((fit & below).any())
-            k = int(np.argmax(fit & below if back else fit))  # the lowest
-            if not above or back or best is None:
-                best = end, float(levels_m[k]), float(flown_m[k])
-            if back:
+            min_m = before_m + steepest * way_m
+        # no command is so far from the flight that its greatest rate alone keeps it in the band
+        beyond = climbing.gain_per_s * (levels_m - flown_m)
+        fit = (levels_m >= min_m - ROUNDING_M) & (beyond <= climbing.up_mps) & (beyond >= -climbing.down_mps)
+        if above and float(band.seconds[start:end].sum()) > RECOVERY_S and best is not None:
+            break
+        back = fit & below if above else fit
+        if band.may_end[end] and (back.any() or (fit.any() and best is None)):
+            k = int(np.argmax(back if back.any() else fit))  # the lowest
+            best = end, float(levels_m[k]), float(flown_m[k])
+            if above and back[k]:
                 break
     return best
