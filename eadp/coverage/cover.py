@@ -523,13 +523,14 @@ class _LineSet(NamedTuple):
     """Lines at a heading, each in both directions.
 
     `time_s` is a lower bound, or with `costs` that of a quick order, where lines left out count; `number` is that of
-    the set as tried.
+    the set as tried, `places` how many there are across.
     """
 
     time_s: float
     number: int
     heading_rad: float
     directed: list[CoverageLeg]
+    places: int
     cut: bool = False
     costs: LineCosts | None = None
 
@@ -559,13 +560,16 @@ def _quickest_sets(request: CoverageRequest, headings: Sequence[float]) -> Itera
     motion, space = request.motion, request.space
     half_turn_s = math.pi * motion.min_radius_m / motion.ground_limit_mps
 
-    def bound_s(directed: Sequence[CoverageLeg]) -> float:
-        """Less than an order takes: every line, and most of a half circle between two [s]."""
+    def bound_s(directed: Sequence[CoverageLeg], places: int) -> float:
+        """Less than an order takes where lines lie beside each other: every line, and half circles between them [s]."""
         lines_s = sum(leg.piece.length_m for leg in directed[::2]) / motion.ground_limit_mps
-        return lines_s + (len(directed) // 2 - 1) * half_turn_s * 0.6
+        return lines_s + (places - 1) * half_turn_s
 
-    tried = [(heading, directed) for heading in headings for directed in _lines_at(request, heading)]
-    queue = [_LineSet(bound_s(directed), i, heading, directed) for i, (heading, directed) in enumerate(tried)]
+    queue: list[_LineSet] = []
+    for heading in headings:
+        sets = [*_lines_at(request, heading)]
+        places = len(sets[0]) // 2  # of the lines across bays and holes: parts of a line may be flown as one
+        queue += [_LineSet(bound_s(each, places), len(queue) + i, heading, each, places) for i, each in enumerate(sets)]
     heapq.heapify(queue)
     lost_s: dict[int, float] = {}
     while queue:
@@ -578,7 +582,7 @@ def _quickest_sets(request: CoverageRequest, headings: Sequence[float]) -> Itera
             left_m = sum(leg.piece.length_m for leg in directed[::2])
             if left_m >= MIN_LEFT * flown_m:
                 lost_s[each.number] = LOST_RATIO * (flown_m - left_m) / motion.airspeed_mps
-                time_s = bound_s(directed) + lost_s[each.number]
+                time_s = bound_s(directed, each.places) + lost_s[each.number]
                 heapq.heappush(queue, each._replace(time_s=time_s, directed=directed, cut=True))
         else:
             costs = line_costs(request, each.directed)

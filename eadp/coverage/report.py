@@ -271,8 +271,6 @@ class CoverageReport:
                 f"{'covers' if end is self.full else '':<10} {100 * end.coverage:.2f} %{at}: "
                 f"{_counted(end.lines, 'line')}, {end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
             )
-        if beyond := self.motion.beyond_text:
-            lines.append(f"straight   {f'laps turn {self.motion.beyond_m:g} m farther out' if blocks else beyond}")
         obstacles, boundary = self.field.airspace
         if obstacles or boundary:
             kept = [f"out of {_counted(len(obstacles), 'obstacle')}"] if obstacles else []
@@ -283,7 +281,8 @@ class CoverageReport:
             lines.append(f"laps       one less in each block from a spacing of {self._steps_text} m on")
         tightest = min(end.min_radius_m for end in self.ends)
         wide = f"{math.floor(100 * tightest + 1e-6) / 100:.2f} m or wider" if math.isfinite(tightest) else "none"
-        lines.append(f"turns      {wide}")
+        beyond = f"laps turn {self.motion.beyond_m:g} m farther out" if blocks else self.motion.beyond_text
+        lines.append(f"turns      {wide}{f'; {beyond}' if self.motion.beyond_m else ''}")
         if solution.laps is not None:
             lines.append(f"spacing    {self.fixed_spacing()}")
         elif not blocks and any(self.field.airspace):

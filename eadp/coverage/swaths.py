@@ -55,9 +55,9 @@ class MotionLimits:
 
     @property
     def beyond_text(self) -> str:
-        """What is flown beyond lines, for people; '' for nothing."""
+        """What is flown beyond lines, for people."""
         sides = ((self.lead_in_m, "before"), (self.overshoot_m, "after"))
-        return ", ".join(f"{length_m:g} m {side} each line" for length_m, side in sides if length_m)
+        return "straight for " + ", ".join(f"{length_m:g} m {side} each line" for length_m, side in sides if length_m)
 
     @cached_property
     def windless(self) -> bool:

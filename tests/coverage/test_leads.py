@@ -74,11 +74,10 @@ def test_lines_in_two_directions(limits):
         0
     }
     assert (sum(along), len(along) - sum(along)) >= (10, 15)
-    for number in (0, 1):
-        chosen = [
-            leg for leg, first in zip((leg for leg in path.legs if leg.sensing), along, strict=True) if first != number
-        ]
-        assert covered_by_lines(type(path)(tuple(chosen)), field, 40.0) >= (0.9999 if limits == Airspace() else 0.93)
+    for first in (True, False):
+        each = iter(along)
+        legs = tuple(replace(leg, sensing=leg.sensing and next(each) == first) for leg in path.legs)
+        assert covered_by_lines(type(path)(legs), field, 40.0) >= (0.9999 if limits == Airspace() else 0.93)
     for one, other in itertools.pairwise(path.pieces):
         assert one.end[:2] == pytest.approx(other.start[:2], abs=1e-6)
     assert path.pieces[0].start[:2] == pytest.approx((-50, -50))
