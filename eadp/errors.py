@@ -112,7 +112,11 @@ class ExpressionError(EadpError):
 
 
 class Infeasible(EadpError):
-    """A request has no solution."""
+    """A request has no solution; `advice` is what may have one."""
+
+    def __init__(self, message: str, advice: str = "") -> None:
+        super().__init__(message)
+        self.advice = advice
 
 
 class Unreachable(Infeasible):

@@ -666,6 +666,8 @@ class CoverageTask:
         )
         known = self.profile is not None or self.pack_wh is not None
         power = _power(plan, self.profile, self.airframe.cruise_power_w, computations) if known else None
+        if power is not None and self.from_ground and not isinstance(self.airframe, PaperVehicle):
+            power = replace(power, climb_j=self.airframe.climb_j_per_m * self._altitude_m)
         report = CoverageReport.of(replace(field, airspace=self.airspace), motion, solution, power)
         comments = "".join(f"% {line}\n" for line in report.comments(printable(self.file, 100)))
         notes = [*self.repairs, *self.flown_over]
@@ -899,5 +901,8 @@ def _doubts(task: CoverageTask) -> Iterator[Doubt]:
     yield from angle_doubts("--heading", options.heading_deg)
     if options.wind is not None:
         yield from angle_doubts("--wind", _two_numbers("--wind", options.wind, "")[1])
+    yield from angle_doubts("--takeoff", options.takeoff_deg)
+    if isinstance(options.landing, str):
+        yield from angle_doubts("--landing", float(options.landing.replace(",", " ").split()[-1]))
     camera = options.altitude_m, options.sensor_width_mm, options.focal_length_mm
     yield from shot_doubts(Shots(*camera, options.gsd_cm))

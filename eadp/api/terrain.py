@@ -139,15 +139,18 @@ class Heights(NamedTuple):
         return replace(field, airspace=self.profile.ground.airspace)
 
     @property
-    def contours_deg(self) -> float:
-        """Compass bearing, from 0 to 180, along which the ground under the lines changes least [°]."""
+    def contours_deg(self) -> float | None:
+        """Compass bearing, from 0 to 180, along which the ground under the lines changes least [°].
+
+        None where it has no direction: where slopes along it are more than half of those across it.
+        """
         profile = self.profile
         lines_m = profile.samples.points_m[profile.samples.on_line]
         heights_m, (step_x, step_y) = profile.ground.terrain.grid(lines_m, RELIEF_POINTS)
         rises = np.array([each.ravel() for each in np.gradient(heights_m, step_y, step_x)[::-1]])
         # least Σ (∇h · t)²: of the structure tensor, the eigenvector of the smaller eigenvalue
-        _, vectors = np.linalg.eigh(np.nan_to_num(rises) @ np.nan_to_num(rises).T)
-        return compass_deg(math.atan2(vectors[1, 0], vectors[0, 0])) % 180
+        (along, across), vectors = np.linalg.eigh(np.nan_to_num(rises) @ np.nan_to_num(rises).T)
+        return None if along > across / 4 else compass_deg(math.atan2(vectors[1, 0], vectors[0, 0])) % 180
 
     @property
     def home_altitude_m(self) -> int:
@@ -199,8 +202,8 @@ class Heights(NamedTuple):
             lines.append(
                 f"           {100 * profile.high_share:.0f} % of the lines higher than "
                 f"{limits.line_m + limits.tolerance_m:g} m, most at {latitude:.5f},{longitude:.5f}: slopes are up to "
-                f"{100 * profile.steepest:.0f} %, the aircraft follows {up:.0f} % up and {down:.0f} % down; "
-                f"--heading {self.contours_deg:.0f} is along the contours"
+                f"{100 * profile.steepest:.0f} %, the aircraft follows {up:.0f} % up and {down:.0f} % down"
+                + ("" if (bearing := self.contours_deg) is None else f"; --heading {bearing:.0f} is along the contours")
             )
         said = []
         if (pixels := values["gsd_cm"]) is not None:

@@ -104,14 +104,15 @@ def command(
             warn([Fault(name, 1, 1, note, severity="note") for note in plan.planner.task.flown_over])
             return _sorties(plan, output, wanted)
         except Infeasible as error:
-            warn([Fault(name, 1, 1, str(error), "a nearer home, a larger pack, or less wind")])
+            warn([Fault(name, 1, 1, str(error), error.advice or "a nearer home, a larger pack, or less wind")])
             return 1
         finally:
             progress.close()
     try:
         found = cover(file, options, **files, warn=warn)
     except Infeasible as error:
-        warn([Fault(name, 1, 1, str(error), "a field, a pattern, a swath and a spacing that fit together")])
+        advice = error.advice or "a field, a pattern, a swath and a spacing that fit together"
+        warn([Fault(name, 1, 1, str(error), advice)])
         return 1
     if out not in (None, "-"):
         from eadp.io.text.streams import write_text

@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray
+from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose, centre_m, ordered, polyline_m
 from eadp.core.geometry.polygons import FreeSpace, strip_extents
@@ -173,6 +174,14 @@ class CoverageRequest:
         """Where the way from the last line ends: with a heading before an approach."""
         return self.home_m if self.approach is None else self.approach.start
 
+    def check_ends(self) -> None:
+        """Raise Infeasible if climb-out or final approach is not free."""
+        for leg, name in ((self.climb_out, "climb-out"), (self.approach, "final approach")):
+            if leg is not None and self.space is not None and not self.space.has_hull(polyline_m([leg.piece])):
+                way = f"{leg.piece.length_m:.0f} m towards {compass_deg(leg.start[2]):.0f}°"
+                message = f"the {name} of {way} comes too near to an obstacle or the boundary"
+                raise Infeasible(message, "another heading, another place, or less altitude")
+
     @cached_property
     def space(self) -> FreeSpace | None:
         """Where lines and turns may lie; None for everywhere."""
@@ -229,6 +238,7 @@ def cover(request: CoverageRequest, *, draft: bool = False) -> CoverageSolution:
     Infeasible
         If the wind is too strong, the field is too narrow for the requested pattern, or needs too many lines.
     """
+    request.check_ends()  # before the search, which takes long
     motion = request.motion
     wind_mps = math.hypot(*motion.wind_mps)
     if wind_mps >= motion.airspeed_mps:
@@ -348,11 +358,8 @@ def connected(
         If no turn between two of them is free.
     """
     turns = None if request.space is None else free_turns(request.space, request.motion)
+    request.check_ends()
     climb_out, approach = ([] if leg is None else [leg] for leg in (request.climb_out, request.approach))
-    for leg, name in (*((leg, "climb-out") for leg in climb_out), *((leg, "final approach") for leg in approach)):
-        if request.space is not None and not request.space.has_hull(polyline_m([leg.piece])):
-            message = f"the {name} of {leg.piece.length_m:.0f} m crosses an obstacle or the boundary"
-            raise Infeasible(f"{message}; another heading, or less altitude, may not")
     sections: list[CoverageLeg | Block] = [*climb_out]
     previous: Pose | None = None
     for flown in parts:

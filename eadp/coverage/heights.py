@@ -74,8 +74,10 @@ class Ground(NamedTuple):
         for each in self.given.obstacles:
             if each.height_m is not None:
                 known_m = self.terrain.heights_m(np.array(each.outline))
-                # of one beyond the terrain the height is not known
-                top_m = None if np.isnan(known_m).any() else float(known_m.max()) - self.zero_m + each.height_m
+                # of one beyond the terrain the height is not known; one below home is as if it reached to home
+                top_m = (
+                    None if np.isnan(known_m).any() else max(float(known_m.max()) - self.zero_m + each.height_m, 0.0)
+                )
                 each = each._replace(height_m=top_m)
             tops.append(each)
         return self.given._replace(obstacles=tuple(tops))

@@ -26,11 +26,15 @@ FULL = 0.9999
 
 @dataclass(frozen=True)
 class PowerDraw:
-    """Power drawn over the field and on turns [W]: of the motion in level flight, and of the computations."""
+    """Power drawn over the field and on turns [W]: of the motion in level flight, and of the computations.
+
+    And the energy of the climb from the ground [J], 0 where the flight starts at its altitude.
+    """
 
     motion_w: float
     computing_w: float
     computing_on_turns_w: float
+    climb_j: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -71,10 +75,10 @@ def path_report(
     time_s = motion.time_s(path.pieces)
     energy = None
     if power is not None:
-        # E = P_motion t + P_computing t_lines + P_turns (t − t_lines)
+        # E = P_motion t + P_computing t_lines + P_turns (t − t_lines) + m g h/η
         lines_s = motion.time_s([leg.piece for leg in path.legs if leg.sensing])
         joules = power.motion_w * time_s + power.computing_w * lines_s + power.computing_on_turns_w * (time_s - lines_s)
-        energy = joules / 3600  # [Wh]
+        energy = (joules + power.climb_j) / 3600  # [Wh]
     coverage = covered_by_lines(path, field, motion.swath_m)
     spacing_m = solution.blocks[0].spacing_at(max(c1, solution.blocks[0].min_c1)) if solution.blocks else None
     if solution.pattern == CORRIDOR:
