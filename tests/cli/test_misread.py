@@ -134,6 +134,11 @@ def surveyed(**changed):
             0,
             "--wind:1:1: warning: 4.19°, an angle of a few degrees; expected degrees: 4.19",
         ),
+        (
+            surveyed(landing="55.4715,10.333,4.19"),
+            0,
+            "--landing:1:1: warning: 4.19°, an angle of a few degrees; expected degrees: 4.19",
+        ),
         (surveyed(sensor_width_mm=2.35), 0, "2.35 mm, smaller than a 1/4-inch sensor; expected as 6.2 mm"),
         (surveyed(sensor_width_mm=0.0063), 2, "--sensor-width-mm:1:1: error: 0.0063 is out of range"),  # m
         (

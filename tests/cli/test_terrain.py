@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -247,6 +248,21 @@ def test_sorties_follow_the_ground_from_home(eadp, slope, tmp_path):
     scenario = (folder / "scenario.yaml").read_text()
     assert 'home: {"altitude_m": ' in scenario
     assert eadp("simulate", folder).code == 0
+
+
+def test_a_mast_whose_top_is_below_home_is_in_a_plan_that_can_be_read(eadp, tmp_path):
+    # home is 40 m above the ground at the mast
+    terrain = ground(tmp_path / "slope.tif", lambda x, y: 0.08 * x)
+    field = write_field(tmp_path / "field.geojson", ORIGIN, 500, 400)
+    mast = write_field(tmp_path / "mast.geojson", to_geodetic_deg(-200, 0, ORIGIN), 10, 10)
+    text = json.dumps({"type": "Feature", "properties": {"height": 10}, "geometry": json.loads(Path(mast).read_text())})
+    (tmp_path / "mast.geojson").write_text(text)
+    latitude, longitude = to_geodetic_deg(300, 0, ORIGIN)
+    plan = tmp_path / "mast.plan"
+    given = ("--swath", "60", "--altitude", "80", "--avoid", mast, "--terrain", terrain)
+    assert eadp("cover", field, *WING, *given, "--home", f"{latitude},{longitude}", "-o", plan).code == 0
+    assert " height 0" in plan.read_text()
+    assert eadp("plan", plan).code == 0
 
 
 def test_flat_ground_is_said_of_large_fields_alone(eadp, slope, tmp_path):
