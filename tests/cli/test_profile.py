@@ -353,7 +353,7 @@ def test_schema_of_a_profile(run: Run) -> None:
 def test_schema_of_an_unknown_format_lists_the_known(run: Run) -> None:
     code, out, err = run("schema", "plans")
     assert (code, out) == (2, "")
-    known = "profile, energy, scenario, vehicle, sweep, telemetry, decision, summary, decisions"
+    known = "profile, energy, scenario, vehicle, camera, sweep, telemetry, decision, summary, decisions"
     assert err.startswith(f"NAME:1:1: error: no such file format; expected {known}\n")
 
 
