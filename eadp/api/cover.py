@@ -516,7 +516,7 @@ class CoverageTask:
     def home_m(self) -> Point | None:
         """Where the flight takes off and returns to."""
         found = _point("--home", self.options.home, self.field)
-        return self._landing[:2] if found is None and self._landing is not None else found
+        return self.landing[:2] if found is None and self.landing is not None else found
 
     @property
     def from_ground(self) -> bool:
@@ -524,7 +524,7 @@ class CoverageTask:
         return self.home_m is not None and self.options.start is None
 
     @cached_property
-    def _landing(self) -> Pose | None:
+    def landing(self) -> Pose | None:
         """Where the flight lands, and on which course."""
         if self.options.landing is None:
             return None
@@ -545,7 +545,7 @@ class CoverageTask:
     @cached_property
     def approach(self) -> CoverageLeg | None:
         """The final approach, down from the plan's altitude; None without a landing."""
-        return self._landing and approach(self._landing, self._altitude_m, self.airframe, self._air)
+        return self.landing and approach(self.landing, self._altitude_m, self.airframe, self._air)
 
     @property
     def _air(self) -> Air:
@@ -902,7 +902,7 @@ def _doubts(task: CoverageTask) -> Iterator[Doubt]:
     if options.wind is not None:
         yield from angle_doubts("--wind", _two_numbers("--wind", options.wind, "")[1])
     yield from angle_doubts("--takeoff", options.takeoff_deg)
-    if isinstance(options.landing, str):
-        yield from angle_doubts("--landing", float(options.landing.replace(",", " ").split()[-1]))
+    if task.landing is not None:
+        yield from angle_doubts("--landing", round(compass_deg(task.landing[2]), 9))
     camera = options.altitude_m, options.sensor_width_mm, options.focal_length_mm
     yield from shot_doubts(Shots(*camera, options.gsd_cm))

@@ -134,6 +134,7 @@ def surveyed(**changed):
             0,
             "--wind:1:1: warning: 4.19°, an angle of a few degrees; expected degrees: 4.19",
         ),
+        (surveyed(home="55.4715,10.333", landing="home"), 2, "--landing:1:1: error: no place and heading; expected"),
         (
             surveyed(landing="55.4715,10.333,4.19"),
             0,
