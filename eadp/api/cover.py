@@ -13,7 +13,7 @@ from eadp.api.given import File, Warn, python_warnings
 from eadp.api.landing import Air, approach, climb_out, course_rad, landing_pose
 from eadp.api.profile import profile_of_scenario, read_profile
 from eadp.api.terrain import FLAT_M, Heights, TerrainOptions, TerrainTask
-from eadp.core.geometry.bearings import blowing_to_rad, compass_deg
+from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, velocity_mps
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import place_text, to_local_m
@@ -724,8 +724,7 @@ def wind_vector_mps(given: Pair) -> Point:
         raise _fault("--wind", _raw(given), f"a speed of {speed:g}", "0 or more")
     if abs(from_deg) > 360:
         raise _fault("--wind", _raw(given), f"a bearing of {from_deg:g}°", "0 to 360: where the wind comes from")
-    angle = blowing_to_rad(from_deg)
-    return speed * math.cos(angle), speed * math.sin(angle)
+    return velocity_mps(speed, blowing_to_rad(from_deg))
 
 
 def _point(option: str, given: Pair | None, field: Field) -> Point | None:

@@ -17,7 +17,7 @@ from eadp.api.inputs import FlightInputs, load_flight
 from eadp.api.landing import Air, approach, landing_pose
 from eadp.api.plan import plan_of
 from eadp.core.arrays import FloatArray
-from eadp.core.geometry.bearings import blowing_to_rad, compass_deg
+from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, velocity_mps
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_local_m, to_near_local_m
@@ -317,9 +317,8 @@ def _landed(given: File | Plan, options: ExportOptions) -> Plan:
         )
     place, _ = _places(plan, name, options)
     made = plan.site.made_for or MadeFor("", FixedWing.airspeed_mps, 0.0, 0.0)
-    blows = blowing_to_rad(made.wind_from_deg)
     airframe: Airframe = FixedWing(airspeed_mps=made.airspeed_mps)
-    wind_mps = made.wind_mps * math.cos(blows), made.wind_mps * math.sin(blows)
+    wind_mps = velocity_mps(made.wind_mps, blowing_to_rad(made.wind_from_deg))
     if options.scenario is not None:
         keys = read_scenario(options.scenario, read_overrides(override_texts(options.overrides))).keys
         airframe, wind_mps = keys.vehicle.airframe, keys.wind.steady_mps

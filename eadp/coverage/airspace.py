@@ -1,9 +1,9 @@
 """Coverage within limits: lines and turns that stay out of obstacles and inside a boundary.
 
 Lines are cut where they leave the free space, and shortened until a half circle to one side of either end is free,
-behind what is flown straight beyond the line. The
-order of the lines is found with the times of free turns: those that an order uses are checked, replaced by the quickest
-free ones, direct or around corners, and the order is found again, until all of its turns are free.
+behind what is flown straight beyond the line. The order of the lines is found with the times of free turns: those that
+an order uses are checked, replaced by the quickest free ones, direct or around corners, and the order is found again,
+until all of its turns are free.
 
 Source: Dubins 1957 for the turns; Dellin and Srinivasa 2016 for edges that are checked where a shortest path uses them.
 """
@@ -41,7 +41,7 @@ AT_ONCE = 6
 """Turns from a corner that are checked at once, the most likely ones."""
 
 MIN_GAIN = 1e-6
-"""Share of the time that an order has to save to be worth another one: less is rounding."""
+"""Least share of the time that another order saves: less is rounding."""
 
 
 class LineCosts(NamedTuple):

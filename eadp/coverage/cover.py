@@ -358,7 +358,6 @@ def connected(
         If no turn between two of them is free.
     """
     turns = None if request.space is None else free_turns(request.space, request.motion)
-    request.check_ends()
     climb_out, approach = ([] if leg is None else [leg] for leg in (request.climb_out, request.approach))
     sections: list[CoverageLeg | Block] = [*climb_out]
     previous: Pose | None = None

@@ -204,8 +204,9 @@ def over_terrain(
         if climbed_m[k] < below_m[k]:
             latitude, longitude = ground.terrain.place_deg(samples.points_m[k])
             rise = f"rises {below_m[k] - start_m:.0f} m in {samples.places_m[k]:.0f} m of the way from home"
-            able = f"the aircraft climbs {climbed_m[k] - start_m:.0f} m: another --home, or --takeoff another way"
-            raise Infeasible(f"the ground at {latitude:.5f},{longitude:.5f} {rise}, and {able}")
+            able = f"the aircraft climbs {climbed_m[k] - start_m:.0f} m"
+            message = f"the ground at {latitude:.5f},{longitude:.5f} {rise}, and {able}"
+            raise Infeasible(message, "another --home, or --takeoff another way")
         hard_m, floor_m = np.minimum(hard_m, climbed_m), np.minimum(floor_m, climbed_m)
     if solution.blocks:
         tried = np.linspace(0.0, solution.min_c1, LAPS_TRIED).tolist()

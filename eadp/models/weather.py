@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eadp.core.bounds import Altitude, Degrees, Duration, MetresPerSecond, NotNegative
-from eadp.core.geometry.bearings import blowing_to_rad
+from eadp.core.geometry.bearings import blowing_to_rad, velocity_mps
 
 ProfileRow = tuple[NotNegative, MetresPerSecond, Degrees] | tuple[NotNegative, MetresPerSecond, Degrees, Altitude]
 """Wind at a time [s]: speed [m/s], where it comes from [°], and at what altitude above the origin [m] if it matters."""
@@ -53,11 +53,11 @@ class Wind:
         """The steady wind's vector (east, north) at a time [s] and an altitude above the origin [m], in m/s."""
         if not self.profile:
             angle = blowing_to_rad(self.from_deg) if self.towards_deg is None else math.radians(self.towards_deg)
-            return _vector(self.speed_mps, angle)
+            return velocity_mps(self.speed_mps, angle)
         levels: dict[float, list[tuple[float, ...]]] = {}
         for row in self.profile:
             time, speed, from_deg = row[:3]
-            levels.setdefault(sum(row[3:]), []).append((time, *_vector(speed, blowing_to_rad(from_deg))))
+            levels.setdefault(sum(row[3:]), []).append((time, *velocity_mps(speed, blowing_to_rad(from_deg))))
         heights_m = sorted(levels)
         over_time = [np.array(levels[height]).T for height in heights_m]
         east, north = (
@@ -71,7 +71,3 @@ class Wind:
         """The least and the greatest speed of the steady wind at the rows of its profile [m/s]."""
         speeds = [row[1] for row in self.profile] or [self.speed_mps]
         return min(speeds), max(speeds)
-
-
-def _vector(speed_mps: float, angle_rad: float) -> tuple[float, float]:
-    return speed_mps * math.cos(angle_rad), speed_mps * math.sin(angle_rad)

@@ -9,6 +9,7 @@ from typing import Any
 from eadp.api.replan.pilot import Pilot
 from eadp.io.link.mavlink import COMPONENT, Message
 from eadp.io.link.messages import is_autopilot
+from eadp.models.plan.stage import RETURN
 
 HEARTBEAT_S, LOST_S = 1.0, 5.0
 """How often to send a heartbeat, and the time without one after which the autopilot's are lost [s]."""
@@ -16,8 +17,8 @@ HEARTBEAT_S, LOST_S = 1.0, 5.0
 BEAT = {"type": 18, "autopilot": 8, "base_mode": 0, "custom_mode": 0, "system_status": 4, "mavlink_version": 3}
 """The heartbeat of a computer on board, which is no autopilot."""
 
-RETURN, MAX_COMMANDS = 20, 10
-"""The command to return to launch, and how often a command is given at most."""
+MAX_COMMANDS = 10
+"""How often a command is given at most."""
 SET_INTERVAL = 511
 """The command that asks for a message at an interval."""
 INTERVALS = {

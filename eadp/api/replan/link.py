@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, BinaryIO
 
 from eadp.api.inputs import FlightInputs
-from eadp.api.replan.autopilot import RETURN, HeardAutopilot
+from eadp.api.replan.autopilot import HeardAutopilot
 from eadp.api.replan.pilot import CRITICAL, Pilot
 from eadp.api.replan.replanner import Emit, Replanner, Warn
 from eadp.core.geometry.geodesy import to_near_local_m
@@ -30,6 +30,7 @@ from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
 from eadp.io.telemetry.reader import numbered_lines, open_telemetry
 from eadp.io.text.options import Flag
 from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import RETURN
 
 NEAR_M, NEAR_SIZES = 5000.0, 3.0
 """How far from its plan a flight may be that is replayed [m], or in sizes of the plan."""

@@ -18,3 +18,8 @@ def heading_rad(compass_deg: float) -> float:
 def blowing_to_rad(from_deg: float) -> float:
     """The mathematical angle that a wind blows towards, of the compass bearing that it comes from [rad]."""
     return math.radians((270 - from_deg) % 360)
+
+
+def velocity_mps(speed_mps: float, angle_rad: float) -> tuple[float, float]:
+    """The velocity (east, north) of a speed towards a mathematical angle, in m/s."""
+    return speed_mps * math.cos(angle_rad), speed_mps * math.sin(angle_rad)
