@@ -104,6 +104,11 @@ class PathOptions:
     turns_off: bool = False
     """Computations stop on turns."""
 
+
+@dataclass(frozen=True)
+class LineOptions:
+    """Which lines are flown, and what straight before and after them."""
+
     crosshatch: bool = False
     """Lines at right angles follow, too."""
 
@@ -285,8 +290,8 @@ class CameraOptions:
 
 
 @dataclass(frozen=True)
-class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, PathOptions):
-    """Options of a coverage: in order those of the path, the field, the camera and the ground.
+class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, LineOptions, PathOptions):
+    """Options of a coverage: in order those of the path, the lines, the field, the camera and the ground.
 
     Faults name them as the command `eadp cover` does.
     """

@@ -122,6 +122,7 @@ def test_the_camera_gives_swath_altitude_and_pictures(eadp, tmp_path, pattern):
     assert on == answer["lines"]
 
 
+LINES = ("cover", "plans/meadow.geojson", "--min-radius", "30", "--pattern", "dubins")
 PHANTOM = {"--camera": "dji-phantom-4-pro", "--side-overlap": 70, "--forward-overlap": 80, "--picture-interval": 2}
 
 
@@ -129,12 +130,7 @@ def test_the_altitude_follows_from_the_size_of_a_pixel(eadp, tmp_path):
     """DJI's own formula of this camera, of the Phantom 4 RTK: a pixel has H/36.5 cm, H in metres."""
     plan = tmp_path / "meadow.plan"
     given = (
-        "cover",
-        "plans/meadow.geojson",
-        "--min-radius",
-        "30",
-        "--pattern",
-        "dubins",
+        *LINES,
         "--wind",
         "3,0",
         *flags(PHANTOM),
@@ -166,12 +162,7 @@ def test_the_altitude_follows_from_the_size_of_a_pixel(eadp, tmp_path):
 def test_the_interval_of_the_camera_limits_the_overlap(eadp):
     """Lines across a wind are slower than with it behind, which no line of theirs has."""
     given = (
-        "cover",
-        "plans/meadow.geojson",
-        "--min-radius",
-        "30",
-        "--pattern",
-        "dubins",
+        *LINES,
         "--gsd",
         "2",
         *flags(PHANTOM),
