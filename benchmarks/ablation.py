@@ -14,7 +14,7 @@ import contextlib
 import math
 import statistics
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -31,7 +31,6 @@ from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.joint.policy import Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
 from eadp.planning.joint.search import Place, Search, Shares
-from eadp.planning.joint.settings import JointSettings
 
 SEVERAL = """\
 %: computations fps
@@ -63,17 +62,15 @@ trig:
 """The survey with more path parameters: c2 shortens its lines at the top, c3 at the bottom."""
 
 LOSS_RATES_PER_H = (0.0, 0.5, 1.0, 2.0, 4.0)
-OTHER_RATES_PER_H = [rate for rate in LOSS_RATES_PER_H if rate != JointSettings.loss_rate_per_h]
 AS_IT_IS = "as it is"
 must_search, along = JointPlanner._must_search, Search._along
 
 
 @dataclass(frozen=True)
 class Variant:
-    """What a variant replaces: attributes of modules and classes, and keys of the scenario."""
+    """What a variant replaces: attributes of modules and classes."""
 
     replaced: tuple[tuple[Any, str, Any], ...] = ()
-    keys: Mapping[str, Any] = field(default_factory=dict)
 
     @contextlib.contextmanager
     def flying(self) -> Iterator[None]:
@@ -100,10 +97,6 @@ def _closed_form(_: ComputationProgram, knapsack: Any) -> Solution:
     return Solution(fill_greedy(knapsack), SOLVED)
 
 
-def _rated(rate_per_h: float) -> Variant:
-    return Variant(keys={"planner.joint.loss_rate_per_h": rate_per_h})
-
-
 VARIANTS: Mapping[str, Variant] = {
     AS_IT_IS: Variant(),
     "no halvings (`ROUNDS` = 0)": Variant(((search, "ROUNDS", 0),)),
@@ -123,7 +116,6 @@ VARIANTS: Mapping[str, Variant] = {
     ),
     "the wind's estimate alone, without its variance": Variant(((evaluate, "_wind_effect", _no_effect),)),
     "an exact gauge": Variant(((Evaluator, "_gain_std", lambda *_: 0.0),)),
-    **{f"{rate:g} expected losses an hour": _rated(rate) for rate in OTHER_RATES_PER_H},
 }
 
 
@@ -139,12 +131,12 @@ def plans_of_several(folder: Path) -> dict[str, str]:
 
 
 def ablated(fly: Callable[[Mapping[str, Any]], dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    """One mission by every variant; `fly` flies it with some more keys."""
+    """One mission by every variant."""
     fly({})  # compiled, parsed
     flights = {}
     for name, variant in VARIANTS.items():
         with variant.flying():
-            flights[name] = fly(variant.keys)
+            flights[name] = fly({})
     return flights
 
 

@@ -860,7 +860,11 @@ def _page(given: argparse.Namespace) -> str:
 
 def _print(given: argparse.Namespace) -> None:
     if given.table:
-        report(given.seed, [json.loads(line) for line in Path(given.table).read_text().splitlines()])
+        read = [json.loads(line) for line in Path(given.table).read_text().splitlines()]
+        if given.ablate or given.losses:
+            print_variants(given, read)
+        else:
+            report(given.seed, read)
         return
     if given.programs:
         programs(given.programs, given.seed)
@@ -891,13 +895,7 @@ def _print(given: argparse.Namespace) -> None:
             work, missions = run, cases(given.missions, given.seed, found)
         if given.only:
             missions = [missions[i] for i in given.only]
-        with multiprocessing.get_context("spawn").Pool(given.jobs) as pool:
-            results = []
-            for result in pool.imap_unordered(work, [(found, mission) for mission in missions]):
-                results.append(result)
-                if given.out:
-                    with open(given.out, "a") as file:
-                        file.write(json.dumps(result) + "\n")
+        results = _flown_by_all(given, work, [(found, mission) for mission in missions])
     report(given.seed, results)
 
 
@@ -905,10 +903,25 @@ def variants(given: argparse.Namespace, found: dict[str, str]) -> None:
     """Fly variants of `joint`, and print how they compare."""
     missions = cases(given.missions, given.seed, found)
     tasks = [(found, missions[i]) for i in (given.only or range(len(missions)))]
-    with multiprocessing.get_context("spawn").Pool(given.jobs) as pool:
-        results = list(pool.imap_unordered(_ablated if given.ablate else _losses, tasks))
+    print_variants(given, _flown_by_all(given, _ablated if given.ablate else _losses, tasks))
+
+
+def print_variants(given: argparse.Namespace, results: list[Any]) -> None:
+    """Print how variants compare."""
     print(f"seed {given.seed}, {len(results)} missions; U is 0 where a mission is not completed")
     print("\n".join((ablation_table if given.ablate else losses_table)(results)))
+
+
+def _flown_by_all(given: argparse.Namespace, work: Any, tasks: list[Any]) -> list[Any]:
+    """What came of each task, written to a file of JSON lines as it comes."""
+    results = []
+    with multiprocessing.get_context("spawn").Pool(given.jobs) as pool:
+        for result in pool.imap_unordered(work, tasks):
+            results.append(result)
+            if given.out:
+                with open(given.out, "a") as file:
+                    file.write(json.dumps(result) + "\n")
+    return results
 
 
 def _ablated(task: tuple[dict[str, str], Case]) -> dict[str, dict[str, Any]]:
