@@ -8,21 +8,22 @@ from typing import Annotated
 from typer import Argument
 
 from eadp.cli.output import emit_json, usage_fault
+from eadp.io.text.schema_faults import schema_of
 
-# each module has a function, `json_schema` if it has no other name, and is imported only for its own schema
-_MODULES = {
-    "profile": "eadp.io.profile.model_file",
-    "energy": "eadp.io.energy.model_file",
-    "scenario": "eadp.io.scenario.scenario_file",
-    "vehicle": "eadp.io.vehicle.vehicle_file",
-    "camera": "eadp.io.vehicle.camera_file",
-    "sweep": "eadp.api.sweep.sweep_file",
-    "telemetry": "eadp.io.telemetry.reader",
-    "decision": "eadp.api.replan.decisions",
+# the dataclass or model of each format, or a function of its schema; its module is imported only for it
+_FORMATS = {
+    "profile": "eadp.io.profile.model_file:json_schema",
+    "energy": "eadp.io.energy.model_file:EnergyFile",
+    "scenario": "eadp.io.scenario.scenario_file:json_schema",
+    "vehicle": "eadp.io.vehicle.vehicle_file:VehicleFile",
+    "camera": "eadp.io.vehicle.camera_file:CameraFile",
+    "sweep": "eadp.api.sweep.sweep_file:SweepKeys",
+    "telemetry": "eadp.io.telemetry.reader:TelemetryLine",
+    "decision": "eadp.api.replan.decisions:DecisionLine",
     "summary": "eadp.api.flight_schemas:summary",
     "decisions": "eadp.api.flight_schemas:decisions",
 }
-_NAMES = ", ".join(_MODULES)
+_NAMES = ", ".join(_FORMATS)
 
 
 def command(
@@ -32,8 +33,10 @@ def command(
 
     Print the JSON Schema of a file format, for editors to check and complete files with.
     """
-    if name not in _MODULES:
+    if name not in _FORMATS:
         raise usage_fault("NAME", name, "no such file format", _NAMES)
-    module, _, function = _MODULES[name].partition(":")
-    emit_json(getattr(importlib.import_module(module), function or "json_schema")())
+    module, _, attribute = _FORMATS[name].partition(":")
+    found = getattr(importlib.import_module(module), attribute)
+    schema = schema_of(found) if isinstance(found, type) else found()
+    emit_json({"$schema": "https://json-schema.org/draft/2020-12/schema", **schema})
     return 0

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from eadp.io.scenario import scenario_file
-from eadp.io.text.schema_faults import properties
-from eadp.io.vehicle import vehicle_file
+from eadp.io.text.schema_faults import properties, schema_of
+from eadp.io.vehicle.vehicle_file import VehicleFile
 
 HEAD = """\
 # Scenario and vehicle files
@@ -35,7 +35,7 @@ OF_THE_VEHICLE = ("vehicle", "battery")
 def pages() -> Iterator[str]:
     """The lines of docs/scenario.md."""
     yield HEAD
-    scenario, vehicle = scenario_file.json_schema(), vehicle_file.json_schema()
+    scenario, vehicle = scenario_file.json_schema(), schema_of(VehicleFile)
     yield from section("Scenario", scenario, scenario, (), OF_THE_VEHICLE)
     yield from section("Vehicle", vehicle, vehicle, (), ())
 

@@ -37,11 +37,6 @@ class DecisionLine(BaseModel):
     returns_home: bool = Field(description="whether to give the plan up and fly home, where the scenario allows it")
 
 
-def json_schema() -> dict[str, Any]:
-    """JSON Schema of a line of decisions."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **DecisionLine.model_json_schema()}
-
-
 def decision_line(advice: Advice) -> dict[str, Any]:
     """Advice as the object of a line."""
     fields = {**advice._asdict(), **advice.ending._asdict(), "soc_end_forecast": advice.ending.soc_end}

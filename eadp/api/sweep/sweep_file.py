@@ -23,7 +23,7 @@ from eadp.io.mission.reader import PlanReader
 from eadp.io.scenario.scenario_file import REPLACED, Scenario, ScenarioFile, beside, override_key, plain, vehicle_path
 from eadp.io.sweep.statistics import SweepFlight
 from eadp.io.text.kinds import refuse_others
-from eadp.io.text.schema_faults import STRICT, schema_of, validated
+from eadp.io.text.schema_faults import STRICT, validated
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, read_yaml
@@ -110,11 +110,6 @@ class SweepKeys:
 
     seeds: Count | None = None
     """each run with seeds 0 to n - 1; else the scenario's own"""
-
-
-def json_schema() -> dict[str, Any]:
-    """JSON Schema of a sweep file."""
-    return schema_of(SweepKeys)
 
 
 @dataclass(frozen=True)

@@ -79,11 +79,6 @@ class EnergyFile(BaseModel):
     """Time that the log spans [s]."""
 
 
-def json_schema() -> dict[str, Any]:
-    """The JSON Schema of an energy model's file."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **EnergyFile.model_json_schema()}
-
-
 def parse_energy(text: Text) -> EnergyModel:
     """The energy model in a text, YAML or JSON, as `eadp fit` writes it.
 

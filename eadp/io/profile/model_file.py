@@ -336,7 +336,6 @@ def json_schema() -> dict[str, Any]:
     whole = schema_of(_SumFile)
     keys = whole["$defs"]["_PartFile"]["properties"]
     return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
         **whole,
         "title": SCHEMA,
         "description": ProfileFile.__doc__,

@@ -105,11 +105,6 @@ INSTEAD = {"x_m": "lat_deg", "y_m": "lon_deg", "soc": "current_consumed_ah"}
 """What a line may have in place of them."""
 
 
-def json_schema() -> dict[str, Any]:
-    """JSON Schema of a line of telemetry."""
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **TelemetryLine.model_json_schema()}
-
-
 class Reading(NamedTuple):
     """A sample of telemetry, or None where there is none, and what it was read from.
 

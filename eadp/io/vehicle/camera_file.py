@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib.resources import files
 from os.path import exists
-from typing import Any, Literal
+from typing import Literal
 
 from eadp.errors import InputError, one_of, printable
-from eadp.io.text.schema_faults import STRICT, keys_document, schema_of, validated, without_nulls
+from eadp.io.text.schema_faults import STRICT, keys_document, validated, without_nulls
 from eadp.io.text.streams import Text, read_text
 from eadp.models.camera import Camera
 
@@ -29,11 +29,6 @@ class CameraFile(Camera):
 
     source: str = ""
     """Where the values are from."""
-
-
-def json_schema() -> dict[str, Any]:
-    """JSON Schema of a camera file."""
-    return schema_of(CameraFile)
 
 
 def read_camera(name: str) -> Camera:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 from pydantic import Discriminator, Tag
 
 from eadp.errors import Fault, printable, refuse
-from eadp.io.text.schema_faults import STRICT, keys_document, schema_of, validated, validated_at, without_nulls
+from eadp.io.text.schema_faults import STRICT, keys_document, validated, validated_at, without_nulls
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, Path
 from eadp.models.battery import Battery
@@ -51,11 +51,6 @@ class VehicleFile:
 
     battery: Battery = field(default_factory=Battery)
     """The battery."""
-
-
-def json_schema() -> dict[str, Any]:
-    """JSON Schema of a vehicle file."""
-    return schema_of(VehicleFile)
 
 
 def vehicle_of(document: Document) -> VehicleFile:

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.errors import Fault, InputError
-from eadp.io.energy.model_file import energy_document, energy_yaml, json_schema, parse_energy
+from eadp.io.energy.model_file import EnergyFile, energy_document, energy_yaml, parse_energy
 from eadp.io.text.streams import Text, read_text
 from eadp.models.energy import Disturbance, EnergyModel, Harmonic
 
@@ -177,6 +177,6 @@ def test_file_of_a_model(tmp_path: Path) -> None:
 
 
 def test_schema_names_every_key_of_the_document() -> None:
-    schema = json_schema()
+    schema = EnergyFile.model_json_schema()
     assert schema["title"] == "eadp.energy/1"
     assert set(schema["properties"]) == set(energy_document(MODEL))

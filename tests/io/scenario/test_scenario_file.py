@@ -14,8 +14,8 @@ from eadp.api.inputs import load_flight
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import InputError
 from eadp.io.scenario.scenario_file import json_schema, read_scenario
-from eadp.io.text.schema_faults import properties
-from eadp.io.vehicle import vehicle_file
+from eadp.io.text.schema_faults import properties, schema_of
+from eadp.io.vehicle.vehicle_file import VehicleFile
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.simulation.loop import Outcome, fly
 
@@ -82,7 +82,7 @@ def keys_of(schema, node, path=()):
         yield from keys_of(schema, inner.get("items") or {}, (*path, name))
 
 
-@pytest.mark.parametrize("schema", [json_schema(), vehicle_file.json_schema()], ids=["scenario", "vehicle"])
+@pytest.mark.parametrize("schema", [json_schema(), schema_of(VehicleFile)], ids=["scenario", "vehicle"])
 def test_every_key_has_a_sentence_and_its_unit(schema):
     seen = 0
     for key, node in keys_of(schema, schema):

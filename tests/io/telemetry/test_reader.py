@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.mission.reader import PlanReader
-from eadp.io.telemetry.reader import LINE_LIMIT_BYTES, TelemetryReader, json_schema, numbered_lines
+from eadp.io.telemetry.reader import LINE_LIMIT_BYTES, TelemetryLine, TelemetryReader, numbered_lines
 from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
@@ -217,7 +217,7 @@ def test_lines_of_a_stream_and_one_that_is_too_long():
 
 
 def test_the_schema_names_what_is_required():
-    schema = json_schema()
+    schema = TelemetryLine.model_json_schema()
     assert schema["required"] == ["time_s"]
     more = {
         "lat_deg",
