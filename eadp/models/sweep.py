@@ -12,11 +12,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice
 from statistics import NormalDist
-from typing import Any, Protocol
+from typing import Annotated, Any, Literal, Protocol
 
 import numpy as np
+from annotated_types import Ge, Le, Len, Lt
 
-RANDOM, LATIN = "random", "latin"
+RUNS_LIMIT = 1_000_000
+Count = Annotated[int, Ge(1), Le(RUNS_LIMIT)]
+Two = Annotated[Sequence[float], Len(2, 2)]
 _STANDARD = NormalDist()
 DIED = "the process that made it died, alone and twice (out of memory?)"
 
@@ -25,52 +28,53 @@ DIED = "the process that made it died, alone and twice (out of memory?)"
 
 
 @dataclass(frozen=True)
-class Uniform:
-    """A uniform distribution between two numbers."""
+class Law:
+    """The distribution of a key: one of the three."""
 
-    low: float
-    high: float
+    uniform: Two | None = None
+    """[low, high]"""
 
-    def at(self, share: float) -> float:
-        """The quantile of a share in (0, 1)."""
-        return self.low + (self.high - self.low) * share
+    normal: Two | None = None
+    """[mean, standard deviation]"""
 
+    choice: Annotated[Sequence[Any], Len(1)] | None = None
+    """any of these values, each as likely"""
 
-@dataclass(frozen=True)
-class Normal:
-    """A normal distribution."""
-
-    mean: float
-    std: float
-
-    def at(self, share: float) -> float:
-        """The quantile of a share in (0, 1)."""
-        return self.mean + self.std * _STANDARD.inv_cdf(share)
-
-
-@dataclass(frozen=True)
-class Choice:
-    """One of several values with equal probability."""
-
-    values: tuple[Any, ...]
+    @property
+    def given(self) -> list[str]:
+        """The distributions that it has: one, unless it is faulty."""
+        return [name for name, values in vars(self).items() if values is not None]
 
     def at(self, share: float) -> Any:
         """The quantile of a share in (0, 1)."""
-        return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
+        if self.choice is not None:
+            return self.choice[min(int(share * len(self.choice)), len(self.choice) - 1)]
+        if self.uniform is not None:
+            low, high = self.uniform
+            return low + (high - low) * share
+        mean, std = self.normal or (0.0, 0.0)
+        return mean + std * _STANDARD.inv_cdf(share)
 
 
 @dataclass(frozen=True)
 class SampleDesign:
-    """Keys drawn at random, `runs` times: independently, or as a Latin hypercube.
+    """Keys drawn at random together, `runs` times: independently, or as a Latin hypercube.
 
     Every key has a generator of its own: another key does not change the draws of the keys before it, nor do more runs
     of method random.
     """
 
-    runs: int
-    keys: Mapping[str, Uniform | Normal | Choice]
-    seed: int = 0
-    method: str = RANDOM
+    runs: Count
+    """number of runs"""
+
+    keys: Annotated[Mapping[str, Law], Len(1)]
+    """distributions by varied key"""
+
+    seed: Annotated[int, Ge(0), Lt(2**63)] = 0
+    """seed of the draws"""
+
+    method: Literal["random", "latin"] = "random"
+    """latin: a Latin hypercube"""
 
     @cached_property
     def draws(self) -> dict[str, list[Any]]:
@@ -80,7 +84,7 @@ class SampleDesign:
     def _shares(self, column: int) -> list[float]:
         """A number in (0, 1) for each run; of a Latin hypercube, one in each of `runs` equal parts, in random order."""
         generator = np.random.default_rng([self.seed, column])
-        if self.method == LATIN:
+        if self.method == "latin":
             parts = generator.permutation(self.runs)
             shares = (parts + generator.random(self.runs)) / self.runs
         else:
@@ -137,9 +141,7 @@ class Design:
     def listed(self, name: str) -> tuple[Any, ...]:
         """The values that are listed for a key; none if it is drawn from a distribution."""
         law = self.sample.keys.get(name) if self.sample else None
-        if isinstance(law, Choice):
-            return law.values
-        return tuple(self.grid.get(name, ()) or self.zipped.get(name, ()))
+        return tuple((law and law.choice) or self.grid.get(name, ()) or self.zipped.get(name, ()))
 
 
 # --- order

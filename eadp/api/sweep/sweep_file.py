@@ -28,54 +28,14 @@ from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, read_yaml
 from eadp.io.text.yaml import Path as KeyPath
-from eadp.models.sweep import Choice, Design, DesignPoint, Normal, Run, SampleDesign, Uniform
+from eadp.models.sweep import RUNS_LIMIT, Count, Design, DesignPoint, Run, SampleDesign
 
 SCHEMA = "eadp.sweep/1"
-RUNS_LIMIT = 1_000_000
 FILES = ("plan", "scenario", "profile", "energy")
 SHORT = {"planner": "planner.name"}
 """Keys that stand for others; `c1` for `parameters.c1` is one of all scenarios' overrides."""
 
-Finite = Annotated[float, Field(allow_inf_nan=False)]
-Two = Annotated[list[Finite], Field(min_length=2, max_length=2)]
 Values = Annotated[list[Any], Field(min_length=1)]
-Count = Annotated[int, Field(ge=1, le=RUNS_LIMIT)]
-
-
-@dataclass(frozen=True)
-class DrawKeys:
-    """The distribution of a key: one of the three."""
-
-    uniform: Two | None = None
-    """[low, high]"""
-
-    normal: Two | None = None
-    """[mean, standard deviation]"""
-
-    choice: Values | None = None
-    """any of these values, each as likely"""
-
-    @property
-    def given(self) -> list[str]:
-        """The distributions that it has: one, unless it is faulty."""
-        return [law for law in ("uniform", "normal", "choice") if getattr(self, law) is not None]
-
-
-@dataclass(frozen=True, kw_only=True)
-class SampleKeys:
-    """Keys drawn at random together."""
-
-    runs: Count
-    """number of runs"""
-
-    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
-    """seed of the draws"""
-
-    method: Literal["random", "latin"] = "random"
-    """latin: a Latin hypercube"""
-
-    keys: Annotated[dict[str, DrawKeys], Field(min_length=1)]
-    """distributions by varied key"""
 
 
 @dataclass(frozen=True)
@@ -105,7 +65,7 @@ class SweepKeys:
     zip: dict[str, Values] = field(default_factory=dict)
     """the first values together, the second ones, …"""
 
-    sample: SampleKeys | None = None
+    sample: SampleDesign | None = None
     """keys drawn at random together"""
 
     seeds: Count | None = None
@@ -209,7 +169,7 @@ def read_sweep(given: Text | Mapping[str, Any], overrides: Mapping[str, Any] | N
     if not isinstance(document.value, dict):
         raise InputError(document.fault((), "is not a mapping of keys", f"keys such as schema: {SCHEMA}"))
     keys = validated(SweepKeys, document, document.value, lambda keys: _faults(keys, document))
-    design = _design(keys)
+    design = Design(keys.grid, keys.zip, keys.sample, keys.seeds)
     if len(design) > RUNS_LIMIT:
         message = f"{len(design)} runs are more than {RUNS_LIMIT}"
         raise InputError(document.fault((), message, f"a sweep of at most {RUNS_LIMIT} runs"))
@@ -225,20 +185,6 @@ def read_sweep(given: Text | Mapping[str, Any], overrides: Mapping[str, Any] | N
 
 
 # --- the design, and checks beyond the schema
-
-
-def _design(keys: SweepKeys) -> Design:
-    sample = None
-    if keys.sample:
-        laws = {name: _law(drawn) for name, drawn in keys.sample.keys.items()}
-        sample = SampleDesign(keys.sample.runs, laws, keys.sample.seed, keys.sample.method)
-    return Design(keys.grid, keys.zip, sample, keys.seeds)
-
-
-def _law(keys: DrawKeys) -> Uniform | Normal | Choice:
-    if keys.choice:
-        return Choice(tuple(keys.choice))
-    return Uniform(*keys.uniform) if keys.uniform else Normal(*(keys.normal or ()))
 
 
 def _varied_keys(keys: SweepKeys) -> Iterator[tuple[str, KeyPath, list[Any], KeyPath]]:
