@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated
 
 from eadp.api.given import File, Warn, python_warnings
@@ -13,7 +13,7 @@ from eadp.errors import Fault, InputError, printable
 from eadp.io.profile import measuring, model_file
 from eadp.io.profile.configurations import configurations_to_measure
 from eadp.io.profile.measuring import MeasurementSettings, check_command, mean_text, measure, measurements_csv
-from eadp.io.profile.power_sensor import Sensor, choose_sensor
+from eadp.io.profile.power_sensor import choose_sensor
 from eadp.io.scenario.scenario_file import Scenario
 from eadp.io.text.named import parse_named
 from eadp.io.text.options import Flag, option_name
@@ -26,7 +26,7 @@ SHORTEST_INTERVAL_S = 0.01
 
 @dataclass(frozen=True)
 class MeasureOptions:
-    """How the power of a command is measured; None is an option that was not given."""
+    """How the power of a command is measured."""
 
     config: Annotated[Sequence[str], Flag(metavar="NAME=VALUE,…")] = ()
     """Configuration of a trace, one option for each trace; with --measure, configurations to measure, all combinations:
@@ -35,42 +35,46 @@ class MeasureOptions:
     sweep: Annotated[Sequence[str], Flag(metavar="NAME=FROM:TO:STEP")] = ()
     """Values to measure at, both ends included."""
 
-    sensor: Annotated[str | None, Flag(metavar="KIND:NAME")] = None
+    sensor: Annotated[str, Flag(metavar="KIND:NAME")] = ""
     """The sensor to read, or its path."""
 
-    sysfs: Annotated[str | None, Flag(metavar="DIR")] = None
-    """Root of the sensors [/sys]."""
+    sysfs: Annotated[str, Flag(metavar="DIR")] = "/sys"
+    """Root of the sensors."""
 
-    warmup_s: float | None = None
-    """Time before the first sample [5 s]."""
+    warmup_s: float = MeasurementSettings.warm_up_s
+    """Time before the first sample."""
 
-    interval_s: float | None = None
-    """Time from one sample to the next [0.2 s]."""
+    interval_s: float = MeasurementSettings.interval_s
+    """Time from one sample to the next."""
 
-    accuracy: Annotated[str | None, Flag(metavar="W")] = None
-    """Standard error to measure to [0.05 W], or as in 1%."""
+    accuracy: Annotated[str, Flag(metavar="W")] = f"{MeasurementSettings.accuracy}"
+    """Standard error to measure to [W], or as in 1%."""
 
-    longest_s: float | None = None
-    """Longest time at a configuration [120 s]."""
+    longest_s: float = MeasurementSettings.max_time_s
+    """Longest time at a configuration."""
 
-    idle_s: float | None = None
+    idle_s: float = MeasurementSettings.idle_s
     """First measure for this time without the command."""
 
     def given(self) -> list[str]:
         """Those given, as options; without `--config`, which is not for measuring alone."""
-        return [option_name(name) for name, value in vars(self).items() if name != "config" and value not in (None, ())]
+        changed = [each.name for each in fields(self) if getattr(self, each.name) != each.default]
+        return [option_name(name) for name in changed if name != "config"]
 
     @property
     def settings(self) -> MeasurementSettings:
-        """The settings, with their defaults; raises InputError."""
-        accuracy, relative = _accuracy(self.accuracy) if self.accuracy else (MeasurementSettings.accuracy, False)
+        """The settings; raises InputError."""
+        for option, value, least in (
+            ("--warmup", self.warmup_s, 0.0),
+            ("--interval", self.interval_s, SHORTEST_INTERVAL_S),
+            ("--longest", self.longest_s, SHORTEST_INTERVAL_S),
+            ("--idle", self.idle_s, 0.0),
+        ):
+            if not least <= value < math.inf:
+                expected = f"a number of seconds, {least:g} or more"
+                raise InputError.at(option, 1, 1, f"{value:g} s", expected, f"{value:g}")
         return MeasurementSettings(
-            _seconds("--warmup", self.warmup_s, MeasurementSettings.warm_up_s),
-            _seconds("--interval", self.interval_s, MeasurementSettings.interval_s, SHORTEST_INTERVAL_S),
-            accuracy,
-            relative,
-            _seconds("--longest", self.longest_s, MeasurementSettings.max_time_s, SHORTEST_INTERVAL_S),
-            _seconds("--idle", self.idle_s, MeasurementSettings.idle_s),
+            self.warmup_s, self.interval_s, *_accuracy(self.accuracy), self.longest_s, self.idle_s
         )
 
 
@@ -104,10 +108,10 @@ def measure_profile(
     InputError
         Of the options, the sensor or the command.
     """
-    configurations = configurations_to_measure(options.config or (), options.sweep or ())
+    configurations = configurations_to_measure(options.config, options.sweep)
     check_command(command, configurations[0].names)
     settings = options.settings
-    sensor: Sensor = choose_sensor(options.sysfs or "/sys", options.sensor or "")
+    sensor = choose_sensor(options.sysfs, options.sensor)
     chosen(_note("--sensor", f"{printable(sensor.label)} at {printable(str(sensor.path))}"))
     results, idle = measure(command, configurations, sensor, settings, time, measuring.launched, report)
     notes = [_note("--idle", f"{mean_text(idle)} without the command; not subtracted")] if idle else []
@@ -122,15 +126,6 @@ def measure_profile(
 
 def _note(option: str, message: str, severity: str = "note") -> Fault:
     return Fault(option, 1, 1, message, severity=severity)
-
-
-def _seconds(option: str, value: float | None, default: float, least: float = 0.0) -> float:
-    if value is None:
-        return default
-    if not least <= value < math.inf:
-        expected = f"a number of seconds, {least:g} or more"
-        raise InputError.at(option, 1, 1, f"{value:g} s", expected, f"{value:g}")
-    return value
 
 
 def _accuracy(raw: str) -> tuple[float, bool]:
