@@ -79,10 +79,7 @@ class MeasureOptions:
 
 
 def measure_profile(
-    command: Sequence[str],
-    options: MeasureOptions,
-    chosen: Callable[[Fault], None],
-    report: Callable[[str], None],
+    command: Sequence[str], options: MeasureOptions, chosen: Callable[[Fault], None], report: Callable[[str], None]
 ) -> tuple[str, list[Fault]]:
     """Run a command at each configuration and sample a power sensor.
 

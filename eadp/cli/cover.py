@@ -60,8 +60,7 @@ class CoverOutputs:
 
 def command(
     file: Annotated[
-        str,
-        Argument(help="Field: GeoJSON, KML, KMZ or CSV of vertices, - for standard input.", metavar="FIELD"),
+        str, Argument(help="Field: GeoJSON, KML, KMZ or CSV of vertices, - for standard input.", metavar="FIELD")
     ],
     options: CoverageOptions,
     division: SortieOptions,

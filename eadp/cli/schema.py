@@ -26,9 +26,7 @@ _FORMATS = {
 _NAMES = ", ".join(_FORMATS)
 
 
-def command(
-    name: Annotated[str, Argument(metavar="NAME", help=f"File format: {_NAMES}.")],
-) -> int:
+def command(name: Annotated[str, Argument(metavar="NAME", help=f"File format: {_NAMES}.")]) -> int:
     """Example: eadp schema profile
 
     Print the JSON Schema of a file format, for editors to check and complete files with.

@@ -37,8 +37,7 @@ class VehicleOptions:
 
 
 def command(
-    file: Annotated[str, Argument(metavar="FILE", help="Vehicle file, - for standard input.")],
-    options: VehicleOptions,
+    file: Annotated[str, Argument(metavar="FILE", help="Vehicle file, - for standard input.")], options: VehicleOptions
 ) -> int:
     """Example: eadp vehicle vehicles/foam-wing.yaml
 

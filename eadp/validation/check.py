@@ -364,10 +364,7 @@ def _measure_joint(
     try:
         following = path_after()
         measures.next_m = math.dist(here, after.track(following, here).nearest(here))
-        measures.headings_deg = (
-            _heading_deg(path, trigger, stage.sense),
-            _heading_deg(following, here, after.sense),
-        )
+        measures.headings_deg = (_heading_deg(path, trigger, stage.sense), _heading_deg(following, here, after.sense))
         turn = math.radians(measures.headings_deg[1] - measures.headings_deg[0])
         measures.turn_deg = abs(math.degrees(wrap_angle_rad(turn)))
     except PathUndefined as error:

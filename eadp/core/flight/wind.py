@@ -239,13 +239,7 @@ def _with_heading(
 
 
 def _without_heading(
-    wind: WindEstimate,
-    gusts: Gusts,
-    vx: float,
-    vy: float,
-    airspeed_mps: float,
-    step_s: float,
-    gust_time_s: float,
+    wind: WindEstimate, gusts: Gusts, vx: float, vy: float, airspeed_mps: float, step_s: float, gust_time_s: float
 ) -> tuple[WindEstimate, Gusts]:
     """Wind and gusts after a reading without a heading."""
     ax, ay = vx - wind.x_mps, vy - wind.y_mps

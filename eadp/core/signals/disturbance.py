@@ -116,11 +116,7 @@ class DisturbanceFit:
 
 
 def fit_disturbance(
-    time_s: ArrayLike,
-    residual_w: ArrayLike,
-    *,
-    columns: ArrayLike | None = None,
-    samples: int = MAX_SAMPLES,
+    time_s: ArrayLike, residual_w: ArrayLike, *, columns: ArrayLike | None = None, samples: int = MAX_SAMPLES
 ) -> DisturbanceFit:
     """Maximum-likelihood fit of a disturbance and white noise to residuals.
 

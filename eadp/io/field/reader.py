@@ -427,10 +427,7 @@ def _is_small(ring: Ring, degrees: bool, smallest_m2: float) -> bool:
 
 
 def _sound(
-    rings: Sequence[Sequence[Vertex]],
-    origin_deg: tuple[float, float] | None,
-    source: SourceText,
-    counts: Counter[str],
+    rings: Sequence[Sequence[Vertex]], origin_deg: tuple[float, float] | None, source: SourceText, counts: Counter[str]
 ) -> list[list[tuple[Point, ...]]]:
     """An outline and its holes without flaws, made valid if that hardly changes their area; else raises the flaws."""
     corners = [tuple((vertex.x, vertex.y) for vertex in ring) for ring in rings]

@@ -170,8 +170,7 @@ def _draw_next_row(axes: Axes, start: Point, end: Point, label: str) -> None:
     (x0, y0), (x1, y1) = start, end
     aside, above = x0 + RADIUS + 0.25, y1 + RADIUS + 0.35
     _draw_transition(
-        axes,
-        [(x0 + RADIUS, y0), (aside, y0), (aside, above), (x1 - 0.8, above), (x1 - 0.8, y1), (x1 - RADIUS, y1)],
+        axes, [(x0 + RADIUS, y0), (aside, y0), (aside, above), (x1 - 0.8, above), (x1 - 0.8, y1), (x1 - RADIUS, y1)]
     )
     axes.text((x1 - 0.8 + aside) / 2, above + 0.04, label, ha="center", va="bottom", fontsize=8)
 

@@ -10,14 +10,7 @@ from typing import NamedTuple
 from eadp.core.geometry.curves import Point
 from eadp.coverage.left import LeftGround
 from eadp.coverage.swaths import CoveragePath
-from eadp.io.figures.canvas import (
-    COLOURS,
-    START,
-    draw_ground,
-    figure_pair,
-    fit_legend,
-    label_map,
-)
+from eadp.io.figures.canvas import COLOURS, START, draw_ground, figure_pair, fit_legend, label_map
 from eadp.io.figures.coverage import draw_left, ground_of, line_of
 from eadp.models.field import Field
 

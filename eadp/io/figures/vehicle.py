@@ -36,10 +36,7 @@ def write_vehicle_figure(path: str, name: str, airframe: Airframe, found: Perfor
             axes.plot(speeds, powers, color=colour, label=label, marker="" if high > low else "s")
         held_w = found.level_power_w + computing_w
         axes.plot(found.airspeed_mps, held_w, "o", color="black", label=f"as it flies, {held_w:.3g} W")
-        for speed, mark, text in (
-            (found.endurance_mps, "v", "longest time"),
-            (found.range_mps, "^", "longest way"),
-        ):
+        for speed, mark, text in ((found.endurance_mps, "v", "longest time"), (found.range_mps, "^", "longest way")):
             watts = airframe.level_power_w(speed) + computing_w
             axes.plot(speed, watts, mark, color=GREY, label=f"{text}, {speed:.3g} m/s")
         if found.range_w > 0:

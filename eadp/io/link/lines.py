@@ -66,11 +66,7 @@ class LineMaker:
     """
 
     def __init__(
-        self,
-        reader: TelemetryReader,
-        mission: Mission,
-        items: Sequence[MappedItem] | None,
-        warn: Callable[[str], None],
+        self, reader: TelemetryReader, mission: Mission, items: Sequence[MappedItem] | None, warn: Callable[[str], None]
     ) -> None:
         self._reader, self.items, self._warn = reader, items, warn
         self._plan, self._battery = mission.plan, mission.battery

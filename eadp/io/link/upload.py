@@ -151,11 +151,7 @@ class HeldMission:
     """
 
     def __init__(
-        self,
-        plan: Plan,
-        airspeed_mps: float,
-        items: Sequence[MappedItem],
-        latest: Sequence[MappedItem] | None = None,
+        self, plan: Plan, airspeed_mps: float, items: Sequence[MappedItem], latest: Sequence[MappedItem] | None = None
     ) -> None:
         self._layout, self._client = RestLayout(plan, airspeed_mps), MissionClient()
         self.ardupilot = False

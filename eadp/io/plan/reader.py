@@ -14,15 +14,7 @@ from functools import partial
 from typing import TypeVar
 
 from eadp.core.expressions.reader import read_expression, read_expressions
-from eadp.core.expressions.tree import (
-    FUNCTIONS,
-    Expression,
-    constant,
-    difference,
-    number_text,
-    substituted,
-    total,
-)
+from eadp.core.expressions.tree import FUNCTIONS, Expression, constant, difference, number_text, substituted, total
 from eadp.core.geometry.curves import Point
 from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, printable, refuse
 from eadp.io.plan.writer import point_text

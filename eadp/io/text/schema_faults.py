@@ -100,10 +100,7 @@ def without_nulls(value: Any) -> Any:
 
 
 def validated(
-    model: type[Model],
-    document: Document,
-    value: Any,
-    check: Callable[[Model], list[Fault]] | None = None,
+    model: type[Model], document: Document, value: Any, check: Callable[[Model], list[Fault]] | None = None
 ) -> Model:
     """A value of a document as a schema's dataclass or model.
 

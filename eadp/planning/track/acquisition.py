@@ -19,15 +19,7 @@ from eadp.models.plan.legs import Leg
 from eadp.models.plan.route import RoutePredictor
 from eadp.planning.base import Sample
 from eadp.planning.track.gate import GAP_S, GAP_STEPS
-from eadp.planning.track.locator import (
-    ALIKE,
-    INDEPENDENT_S,
-    MAX_STDS,
-    Hypothesis,
-    best_match,
-    likely,
-    line_between,
-)
+from eadp.planning.track.locator import ALIKE, INDEPENDENT_S, MAX_STDS, Hypothesis, best_match, likely, line_between
 
 VALUES = 49
 """Number of values of the path parameters from the lower to the upper ends of their sets, all at the same share."""
