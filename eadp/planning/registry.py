@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from eadp.planning.planner import Planner
 
 PLANNERS = {
-    "static": "eadp.planning.static:StaticPlanner",
+    "static": "eadp.planning.planner:Planner",
     "paper": "eadp.planning.paper.planner:PaperPlanner",
     "joint": "eadp.planning.joint.planner:JointPlanner",
 }

@@ -19,6 +19,7 @@ from eadp.io.figures.canvas import (
     legend_below,
     scale_by_decades,
     write_headline,
+    write_none,
 )
 from eadp.models.energy_fit import EnergyFit
 from eadp.planning.estimation.flown_log import FilteredLog, FlownTrack
@@ -193,8 +194,7 @@ def _draw_folded(axes: Axes, fitted: EnergyFit, every: int) -> None:
     best_s, periodic = fitted.spectrum.period_s, fitted.model.periodic
     axes.set_title("Folded over the period" if periodic else "Folded over the best candidate")
     if not math.isfinite(best_s):
-        axes.text(0.5, 0.5, "no period", transform=axes.transAxes, ha="center", va="center", color=GREY)
-        axes.set_axis_off()
+        write_none(axes, "no period")
         return
     phase_s, colour = fitted.times_s[::every] % best_s, COLOURS[0] if periodic else GREY
     axes.plot(phase_s, fitted.power_w[::every], ".", color=colour, markersize=2.5, alpha=0.4, label="samples")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from eadp.io.figures.canvas import COLOURS, GREY, Axes, Figure, figure_file, legend_below
-from eadp.models.profile import Profile
+from eadp.models.profile import Profile, titles
 from eadp.models.profile_sum import AnyProfile
 
 CURVES = 7
@@ -62,11 +62,6 @@ def _draw_part(figure: Figure, axes: Axes, part: Profile) -> None:
     legend_below(axes, 3, 0.14, handles=sorted(handles, key=lambda mark: mark.get_label() in MARKS))
 
 
-def _title(part: Profile, axis: int) -> str:
-    name, unit = part.names[axis], part.units[axis]
-    return f"{name} [{unit}]" if unit else name
-
-
 def _draw_family(axes: Axes, part: Profile, along: int, others: list[int], levels: list[np.ndarray]) -> None:
     """A curve along one parameter for each combination of the others' measured values."""
     combinations = list(itertools.product(*(levels[axis].tolist() for axis in others)))
@@ -83,7 +78,7 @@ def _draw_family(axes: Axes, part: Profile, along: int, others: list[int], level
         axes.plot(fine, part.interpolant(at), color=colour, linewidth=1.4, label=label or "model")
         rows = np.flatnonzero(np.all(part.configurations[:, others] == np.array(values), axis=1))
         _draw_points(axes, part, rows, along, colour)
-    axes.set_xlabel(_title(part, along))
+    axes.set_xlabel(titles(part.names, part.units)[along])
 
 
 def _draw_points(axes: Axes, part: Profile, rows: np.ndarray, along: int, colour: str) -> None:
@@ -116,7 +111,8 @@ def _draw_contours(figure: Figure, axes: Axes, part: Profile, varying: list[int]
     low_w, high_w = filled.get_clim()
     style: dict[str, Any] = {"edgecolors": "black", "linewidths": 0.8, "clip_on": False, "zorder": 3}
     axes.scatter(x, y, c=part.power_w, cmap="viridis", vmin=low_w, vmax=high_w, label=MARKS[0], **style)
-    axes.set(xlabel=_title(part, varying[0]), ylabel=_title(part, varying[1]))
+    labels = titles(part.names, part.units)
+    axes.set(xlabel=labels[varying[0]], ylabel=labels[varying[1]])
 
 
 def _draw_predictions(axes: Axes, part: Profile) -> None:

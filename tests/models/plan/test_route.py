@@ -40,7 +40,7 @@ from eadp.models.vehicle import FixedWing, Guidance
 from eadp.models.weather import Wind
 from eadp.models.world import TakeOff, Timing, World
 from eadp.planning.base import Mission, PlannerSettings
-from eadp.planning.static import StaticPlanner
+from eadp.planning.planner import Planner
 from eadp.simulation.loop import Outcome, fly
 
 MICROMETRE, MILLIMETRE = 1e-6, 1e-3
@@ -604,7 +604,7 @@ def test_a_simulated_flight_takes_the_times_told(wind):
     )
     mission = Mission(plan, computing, battery, plane.airspeed_mps, parameters, start)
     outcome = Outcome()
-    for _ in fly(world, Piloted(StaticPlanner(PlannerSettings(), mission)), outcome):
+    for _ in fly(world, Piloted(Planner(PlannerSettings(), mission)), outcome):
         pass
     assert outcome.completed
     course = Tracked(plan, parameters, start).route(parameters)
@@ -774,7 +774,7 @@ def flown_survey(c1):
     )
     mission = Mission(plan, computing, battery, plane.airspeed_mps, parameters, start)
     outcome = Outcome()
-    for _ in fly(world, Piloted(StaticPlanner(PlannerSettings(), mission)), outcome):
+    for _ in fly(world, Piloted(Planner(PlannerSettings(), mission)), outcome):
         pass
     assert outcome.completed
     return len(outcome.stage_times_s) + 1, outcome.duration_s
