@@ -135,6 +135,57 @@ class FeatureCandidate:
         return printable(f"{key}={self.properties[key]}", 60) if key in self.properties else "without a name"
 
 
+class FeatureFormat(NamedTuple):
+    """A format of features with names: how they are found, how their vertices are read, and in which units these are.
+
+    Attributes
+    ----------
+    features : function of source, metres and lines
+        The features with polygons, one or more; or those with lines.
+    rings : function of a polygon, its location and source
+        Its outline and its holes.
+    units : function of a feature's chain, metres and source
+        Whether it is in degrees, and the remedy where that is wrong.
+    """
+
+    features: Callable[[SourceText, bool, bool], list[FeatureCandidate]]
+    rings: Callable[[Any, Location, SourceText], list[Ring]]
+    units: Callable[[Sequence[Any], bool, SourceText], tuple[bool, str]]
+
+    def read(self, source: SourceText, metres: bool, feature: str | None, lines: bool) -> FieldDraft:
+        """Read the polygons of a feature, and others as obstacles; or its line, as the only ring.
+
+        Parameters
+        ----------
+        source : SourceText
+        metres : bool
+            It is in metres, whatever it states.
+        feature : str or None
+            Of several features, the one to read.
+        lines : bool
+
+        Raises
+        ------
+        InputError
+            If it is not of the format, or has no such feature; of the options, if they do not fit.
+        """
+        candidates = self.features(source, metres, lines)
+        avoided = [] if lines else [each for each in candidates if each.avoided]
+        wanted = [each for each in candidates if each not in avoided] or candidates
+        chosen = choose_feature(wanted, feature, source, "line" if lines else "polygon")
+        # before the vertices: their faults may come from the units
+        degrees, remedy = self.units(chosen.chain, metres, source)
+        rings, *others = (self.rings(*polygon, source) for polygon in chosen.polygons)
+        obstacles = [ring for each in avoided if each != chosen for ring in each.outlines(self.rings, source)]
+        return FieldDraft(rings, degrees, True, remedy, "".join(chosen.names[:1]), [], obstacles, others)
+
+    def zones(self, source: SourceText, metres: bool, inside: bool) -> tuple[list[Ring], bool]:
+        """The outlines of all polygons, and whether they are in degrees; raises InputError as `read`."""
+        candidates = self.features(source, metres, False)
+        rings = [ring for each in candidates for ring in each.outlines(self.rings, source)]
+        return rings, self.units(candidates[0].chain, metres, source)[0]
+
+
 def choose_feature(
     candidates: Sequence[FeatureCandidate], feature: str | None, source: SourceText, what: str = "polygon"
 ) -> FeatureCandidate:

@@ -14,10 +14,9 @@ from eadp.io.field.draft import (
     NAME_KEYS,
     NAMES_SHOWN,
     FeatureCandidate,
-    FieldDraft,
+    FeatureFormat,
     Ring,
     VertexReader,
-    choose_feature,
     counted,
 )
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
@@ -39,53 +38,7 @@ def is_geojson(head: str) -> bool:
     return head[0] in "{[" or _ASSIGNED.match(head) is not None
 
 
-def read_geojson(source: SourceText, metres: bool, feature: str | None) -> FieldDraft:
-    """Read the polygon of a feature.
-
-    Parameters
-    ----------
-    source : SourceText
-        A Polygon, a MultiPolygon of one, or a Feature, FeatureCollection or GeometryCollection with one.
-    metres : bool
-        It is in metres, whatever its `units` and `crs` are.
-    feature : str or None
-        Of several features, the one to read.
-
-    Raises
-    ------
-    InputError
-        If it is no JSON, no GeoJSON, or has not the one polygon; of `--feature`, if there is no such feature.
-    """
-    candidates = _candidates(source)
-    chosen = choose_feature([each for each in candidates if not each.avoided] or candidates, feature, source)
-    # before the vertices: their faults may come from the units
-    in_metres = _in_metres(chosen.chain, metres, source)
-    rings, *others = (_rings(*polygon, source) for polygon in chosen.polygons)
-    remedy = "no --metres" if metres else "a file without units or crs in metres"
-    avoided = [each for each in candidates if each.avoided and each != chosen]
-    obstacles = [ring for each in avoided for ring in each.outlines(_rings, source)]
-    name = "".join(chosen.names[:1])
-    return FieldDraft(rings, not in_metres, True, remedy if in_metres else "--metres", name, [], obstacles, others)
-
-
-def geojson_line(source: SourceText, metres: bool, feature: str | None) -> FieldDraft:
-    """Read the line of a feature, as the only ring; arguments and errors as of `read_geojson`."""
-    chosen = choose_feature(_candidates(source, lines=True), feature, source, "line")
-    in_metres = _in_metres(chosen.chain, metres, source)
-    (line,), *others = (_rings(*line, source) for line in chosen.polygons)
-    remedy = "no --metres" if metres else "a file without units or crs in metres"
-    name = "".join(chosen.names[:1])
-    return FieldDraft([line], not in_metres, True, remedy if in_metres else "--metres", name, others=others)
-
-
-def geojson_zones(source: SourceText, metres: bool, inside: bool) -> tuple[list[Ring], bool]:
-    """The outlines of all polygons, and whether they are in degrees; raises InputError as `read_geojson`."""
-    candidates = _candidates(source)
-    rings = [ring for each in candidates for ring in each.outlines(_rings, source)]
-    return rings, not _in_metres(candidates[0].chain, metres, source)
-
-
-def _candidates(source: SourceText, *, lines: bool = False) -> list[FeatureCandidate]:
+def _features(source: SourceText, metres: bool, lines: bool) -> list[FeatureCandidate]:
     """The features with polygons, one or more; or with `lines` those with lines."""
     if match := _ASSIGNED.match(source.body):  # a script that holds the object: blanks keep its places
         body = " " * match.end() + source.body[match.end() :].rstrip().removesuffix(";")
@@ -243,6 +196,12 @@ _OTHER_LENGTH = re.compile(
 )
 
 
+def _units(chain: Sequence[JsonObject], metres: bool, source: SourceText) -> tuple[bool, str]:
+    in_metres = _in_metres(chain, metres, source)
+    remedy = "no --metres" if metres else "a file without units or crs in metres"
+    return not in_metres, remedy if in_metres else "--metres"
+
+
 def _in_metres(chain: Sequence[JsonObject], metres: bool, source: SourceText) -> bool:
     """Whether coordinates are in metres: by the option, by `units` that start with metres, or by a grid's `crs`."""
     properties = [node.get("properties") for node in chain]
@@ -324,3 +283,6 @@ def _kind(value: Any) -> str:
         return {True: "true", False: "false", None: "null"}[value]
     kinds: dict[type, str] = {JsonObject: "an object", JsonList: "a list", tuple: "a list of numbers", str: "a string"}
     return kinds.get(type(value), "a number")
+
+
+GEOJSON = FeatureFormat(_features, _rings, _units)

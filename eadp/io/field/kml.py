@@ -18,10 +18,9 @@ from eadp.io.field.draft import (
     NAME_LIMIT,
     VERTICES_LIMIT,
     FeatureCandidate,
-    FieldDraft,
+    FeatureFormat,
     Ring,
     VertexReader,
-    choose_feature,
     counted,
 )
 from eadp.io.text.csv import number_fault
@@ -149,45 +148,7 @@ class _KmlReader:
             self.placemark = None
 
 
-def read_kml(source: SourceText, metres: bool, feature: str | None) -> FieldDraft:
-    """Read the polygon of a Placemark.
-
-    Parameters
-    ----------
-    source : SourceText
-        KML with a Polygon in a Placemark.
-    metres : bool
-        Refused if true: KML is in degrees.
-    feature : str or None
-        Of several Placemarks, the one to read.
-
-    Raises
-    ------
-    InputError
-        If it is no XML, has a document type, or has not the one polygon; of the options, if they do not fit.
-    """
-    candidates = _candidates(source, metres)
-    chosen = choose_feature([each for each in candidates if not each.avoided] or candidates, feature, source)
-    rings, *parts = (_rings(*polygon, source) for polygon in chosen.polygons)
-    avoided = [each for each in candidates if each.avoided and each != chosen]
-    obstacles = [ring for each in avoided for ring in each.outlines(_rings, source)]
-    return FieldDraft(rings, True, True, "", "".join(chosen.names[:1]), [], obstacles, parts)
-
-
-def kml_line(source: SourceText, metres: bool, feature: str | None) -> FieldDraft:
-    """Read the line of a Placemark, as the only ring; arguments and errors as of `read_kml`."""
-    chosen = choose_feature(_candidates(source, metres, lines=True), feature, source, "line")
-    (line,), *others = (_rings(*line, source) for line in chosen.polygons)
-    return FieldDraft([line], True, True, "", "".join(chosen.names[:1]), others=others)
-
-
-def kml_zones(source: SourceText, metres: bool, inside: bool) -> tuple[list[Ring], bool]:
-    """The outlines of all polygons, and that they are in degrees; raises InputError as `read_kml`."""
-    candidates = _candidates(source, metres)
-    return [ring for each in candidates for ring in each.outlines(_rings, source)], True
-
-
-def _candidates(source: SourceText, metres: bool, *, lines: bool = False) -> list[FeatureCandidate]:
+def _features(source: SourceText, metres: bool, lines: bool) -> list[FeatureCandidate]:
     """The Placemarks with polygons, one or more; or with `lines` those with lines."""
     if metres:
         raise InputError.at("--metres", 1, 1, "a KML file is in degrees (WGS-84)", "KML without --metres")
@@ -241,3 +202,6 @@ def _ring(ring: _RingText, reader: VertexReader) -> Ring:
         else:
             reader.add(result, float(parts[0]), float(parts[1]), location)
     return result
+
+
+KML = FeatureFormat(_features, _rings, lambda *_: (True, ""))

@@ -18,8 +18,8 @@ from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import FAULTS_SHOWN, Fault, printable, refuse
 from eadp.io.field.draft import NAME_LIMIT, FieldDraft, Ring, Vertex, counted
 from eadp.io.field.fences import no_field, qgc_zones, wpl_zones
-from eadp.io.field.geojson import geojson_line, geojson_zones, is_geojson, read_geojson
-from eadp.io.field.kml import kml_line, kml_zones, read_kml
+from eadp.io.field.geojson import GEOJSON, is_geojson
+from eadp.io.field.kml import KML
 from eadp.io.field.table import read_table
 from eadp.io.mission.qgc import is_qgc
 from eadp.io.text.kinds import HEAD
@@ -69,9 +69,8 @@ class FieldFormat:
 
     name: str
     recognise: Callable[[str], bool]
-    read: Callable[[SourceText, bool, str | None], FieldDraft]
+    read: Callable[[SourceText, bool, str | None, bool], FieldDraft]
     zones: Callable[[SourceText, bool, bool], tuple[list[Ring], bool]]
-    line: Callable[[SourceText, bool, str | None], FieldDraft]
 
 
 def _table_zones(source: SourceText, metres: bool, inside: bool) -> tuple[list[Ring], bool]:
@@ -80,11 +79,11 @@ def _table_zones(source: SourceText, metres: bool, inside: bool) -> tuple[list[R
 
 
 FORMATS = (
-    FieldFormat("QGroundControl plan", is_qgc, no_field, qgc_zones, no_field),
-    FieldFormat("WPL", lambda head: head.startswith("QGC WPL"), no_field, wpl_zones, no_field),
-    FieldFormat("GeoJSON", is_geojson, read_geojson, geojson_zones, geojson_line),
-    FieldFormat("KML", lambda head: head[0] == "<", read_kml, kml_zones, kml_line),
-    FieldFormat("CSV of vertices", lambda head: True, read_table, _table_zones, read_table),
+    FieldFormat("QGroundControl plan", is_qgc, no_field, qgc_zones),
+    FieldFormat("WPL", lambda head: head.startswith("QGC WPL"), no_field, wpl_zones),
+    FieldFormat("GeoJSON", is_geojson, GEOJSON.read, GEOJSON.zones),
+    FieldFormat("KML", lambda head: head[0] == "<", KML.read, KML.zones),
+    FieldFormat("CSV of vertices", lambda head: True, read_table, _table_zones),
 )
 """Formats of fields; the first that recognises a text reads it."""
 
@@ -116,7 +115,7 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
         With the faults of the file, each at its line and column, or of the options.
     """
     source = SourceText(text)
-    return _field(_format(source).read(source, metres, feature), source)
+    return _field(_format(source).read(source, metres, feature, False), source)
 
 
 def read_corridor(
@@ -148,7 +147,7 @@ def read_corridor(
     from eadp.core.geometry.polygons import corridor
 
     source = SourceText(text)
-    draft = _format(source).line(source, metres, feature)
+    draft = _format(source).read(source, metres, feature, True)
     if more := draft.rings[1:] + [ring for part in draft.others for ring in part]:
         raise source.error(more[0].location, "a second line", "one line, from end to end")
     rings, notes = [draft.rings[0].vertices], list(draft.notes)
