@@ -252,16 +252,6 @@ class ChargeFilter:
         return self._now.soc
 
     @property
-    def variance(self) -> float:
-        """Variance of b."""
-        return self._now.var_soc
-
-    @property
-    def power_w(self) -> float:
-        """The last power known [W]."""
-        return self._state.drain.power_w
-
-    @property
     def losses(self) -> int:
         """Sudden losses so far."""
         return self._state.belief.losses
@@ -275,15 +265,6 @@ class ChargeFilter:
     def rises(self) -> bool:
         """Whether the gauge rose where it was disbelieved."""
         return self._state.belief.rises
-
-    def use(self, drain: float) -> tuple[float, float]:
-        """Charge that the battery uses for a predicted drain from now on, and the variance of b thereafter.
-
-        Source: b ← b − κ d − ½ s d².
-        """
-        now = self.ahead
-        then = after_drain(now, drain)
-        return now.soc - then.soc, then.var_soc
 
     @property
     def ahead(self) -> Charge:

@@ -23,7 +23,7 @@ from eadp.planning.estimation.estimator import Estimator, EstimatorSettings, Pow
 from eadp.planning.state.charge import MAX_STEP_S, ChargeFilter, DrainModel
 from eadp.planning.state.climb import ClimbFollower
 from eadp.planning.state.heading_gate import HEADING_DISBELIEVED
-from eadp.planning.state.known import ChargeKnown, Known, MotionKnown, TimeKnown
+from eadp.planning.state.known import ChargeKnown, Known, TimeKnown
 from eadp.planning.state.motion import MotionPower
 from eadp.planning.state.power import PowerTracker
 from eadp.planning.state.power_gate import MAX_OF_MOTOR, PowerGate
@@ -390,9 +390,8 @@ class FlightState:
     def known(self, time_s: float, position: Point) -> Known:
         """What is known at a time [s] and a position [m], those of the last reading: what a forecast starts from."""
         self._process()
-        place, times, motion = self._place, self._times, self._motion
+        place, times = self._place, self._times
         gain_std, gain_from = self._charge.gauge_gain
-        var_level, cov_level_slope, var_slope, noise = motion.variances
         return Known(
             time_s=time_s,
             position_m=position,
@@ -403,17 +402,7 @@ class FlightState:
             airspeed_mps=self._mission.cruise_mps,
             wind=self._wind.known,
             time=TimeKnown(times.ratio, times.variance, times.noise_s),
-            motion=MotionKnown(
-                level_w=motion.level_w,
-                slope_w=motion.slope_w,
-                var_level=var_level,
-                cov_level_slope=cov_level_slope,
-                var_slope=var_slope,
-                noise=noise,
-                max_w=min(self._gate.max_motion_w, self._mission.max_motion_w),
-                climb_j_per_m=motion.climb_j_per_m,
-                in_doubt=motion.in_doubt,
-            ),
+            motion=self._motion.known(min(self._gate.max_motion_w, self._mission.max_motion_w)),
             charge=ChargeKnown(
                 filtered=self._charge.ahead,
                 gain_std=gain_std,

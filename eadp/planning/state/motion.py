@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from eadp.core.arrays import Column, columns
 from eadp.core.compiled import jitted
+from eadp.planning.state.known import MotionKnown
 from eadp.planning.state.level_regression import WINDOW_S, Prior, Regression, in_doubt, started, with_window
 
 TURN_SHARE = 0.3
@@ -99,36 +100,20 @@ class MotionPower:
         """End the window of readings at the end of a leg, of mean tan² φ `slope`, and update the regression with it."""
         self._state = _window_ended(self._state, slope)
 
-    @property
-    def level_w(self) -> float:
-        """a [W]."""
-        return self._state.regression.fit.a
-
-    @property
-    def slope_w(self) -> float:
-        """b [W], 0 or more."""
-        return max(self._state.regression.fit.b, 0.0)
-
-    @property
-    def climb_j_per_m(self) -> float:
-        """c [J/m], 0 or more."""
-        return max(self._state.regression.fit.c, 0.0)
-
-    @property
-    def in_doubt(self) -> bool:
-        """Whether the level may have changed for good: the next windows decide."""
-        return in_doubt(self._state.regression)
-
-    @property
-    def steps(self) -> int:
-        """Lasting changes of the level that were recognised."""
-        return self._state.regression.steps
-
-    @property
-    def variances(self) -> tuple[float, float, float, float]:
-        """Covariance of a and b: aa, ab, bb; and the variance of the energy per second beside [J²/s]."""
+    def known(self, max_w: float = math.inf) -> MotionKnown:
+        """What is known of the power, which reaches at most this [W]."""
         fit = self._state.regression.fit
-        return fit.aa, fit.ab, fit.bb, fit.noise
+        return MotionKnown(
+            level_w=fit.a,
+            slope_w=max(fit.b, 0.0),
+            var_level=fit.aa,
+            cov_level_slope=fit.ab,
+            var_slope=fit.bb,
+            noise=fit.noise,
+            max_w=max_w,
+            climb_j_per_m=max(fit.c, 0.0),
+            in_doubt=in_doubt(self._state.regression),
+        )
 
 
 # The functions below may be compiled, see `eadp.core.compiled`.

@@ -36,6 +36,12 @@ def observe(charge, reading, drained, *, measured=True):
     return charge.losses > before
 
 
+def use(charge, drain):
+    """Charge that a battery uses for a predicted drain from now on, and the variance of b thereafter."""
+    then = after_drain(charge.ahead, drain)
+    return charge.soc - then.soc, then.var_soc
+
+
 def matrix(charge):
     """The covariance of charge, ratio, slope and offset."""
     _, _, _, bb, bk, bs, kk, ks, ss, _, bo, ko, so, oo = charge
@@ -48,7 +54,7 @@ def followed(readings, drained, jumps=None):
         jumped = observe(charge, reading, drained if k else 0.0)
         if jumps is not None and jumped:
             jumps.append(k)
-        assert charge.variance >= 0
+        assert charge.ahead.var_soc >= 0
         found.append(charge.soc)
     return charge, np.array(found)
 
@@ -57,7 +63,7 @@ def test_an_exact_gauge_is_believed():
     true = 1 - 1e-4 * np.arange(2000)
     charge, found = followed(true, 1e-4, jumps := [])
     assert found == pytest.approx(true, abs=1e-12)
-    assert charge.variance < 1e-12
+    assert charge.ahead.var_soc < 1e-12
     assert jumps == []
 
 
@@ -122,7 +128,7 @@ def test_a_drain_whose_power_was_not_measured_teaches_little():
             observe(charge, soc + rng.normal(0, 0.002), 1e-3)
         before = charge.soc
         observe(charge, soc - 0.03, 0.1, measured=measured)
-        found[measured] = before - charge.soc, charge.use(0.1)[0] / 0.1
+        found[measured] = before - charge.soc, use(charge, 0.1)[0] / 0.1
     assert found[True][0] == pytest.approx(0.1, abs=0.01)
     assert found[False] == (pytest.approx(0.03, abs=0.01), pytest.approx(1.0, abs=0.1))
 
@@ -133,7 +139,7 @@ def test_the_variance_of_a_noisy_gauge_is_calibrated(count):
     for seed in range(100):
         true, readings = noisy(seed, 0.005, count)
         charge, found = followed(readings, 1e-4)
-        squares.append((found[-1] - true[-1]) ** 2 / charge.variance)
+        squares.append((found[-1] - true[-1]) ** 2 / charge.ahead.var_soc)
     assert np.mean(np.array(squares) < 1.96**2) > 0.8
 
 
@@ -148,7 +154,7 @@ def test_a_small_loss_of_an_exact_gauge_is_believed_soon():
     true = 1 - 1e-4 * np.arange(400) - np.where(np.arange(400) >= 150, 0.009, 0)
     charge, found = followed(true, 1e-4)
     late = abs(found[170] - true[170])
-    assert late < 0.002 or late < 3 * math.sqrt(charge.variance)
+    assert late < 0.002 or late < 3 * math.sqrt(charge.ahead.var_soc)
 
 
 def battery(ratio, count=4000, quantum=0.0, drained=2e-4):
@@ -171,7 +177,7 @@ def test_the_ratio_of_charge_used_to_charge_predicted_is_learned(ratio, quantum)
     charge, found = followed(readings[: half + 1], 2e-4, jumps := [])
     assert jumps == []
     for steps in (200, 1000, 1500):
-        used, variance = charge.use(2e-4 * steps)
+        used, variance = use(charge, 2e-4 * steps)
         assert abs(found[-1] - used - charges[half + steps]) < 4 * math.sqrt(variance) + 1e-4
         assert math.sqrt(variance) < 0.01
         assert used == pytest.approx(charges[half] - charges[half + steps], rel=0.04)
@@ -196,7 +202,7 @@ def test_the_variance_of_the_charge_to_be_used_is_that_of_a_kalman_filter_with_m
     for _ in range(steps):
         covariance = move @ covariance @ move.T + np.diag([USE_NOISE**2 * d, USE_DRIFT**2 * d, 0])
     end = np.linalg.matrix_power(move, steps) @ state
-    used, variance = charge.use(drain)
+    used, variance = use(charge, drain)
     assert used == pytest.approx(state[0] - end[0], rel=1e-9)
     assert variance == pytest.approx(covariance[0, 0], rel=1e-3)
 
@@ -209,7 +215,7 @@ def test_a_gauge_that_is_stuck_is_disbelieved_and_the_integral_holds(quantum):
     charge, found = followed(stuck, 2e-4, jumps := [])
     assert not charge.believed
     assert jumps == []
-    assert abs(found[-1] - charges[-1]) < 4 * math.sqrt(charge.variance) + quantum
+    assert abs(found[-1] - charges[-1]) < 4 * math.sqrt(charge.ahead.var_soc) + quantum
     assert abs(found[-1] - charges[-1]) < 0.02
     # and it is believed once it shows the truth again
     stuck[2500:] = readings[2500:]
@@ -261,7 +267,7 @@ def test_a_loss_below_the_outliers_limit_is_not_learned_as_use():
         for k in range(200):
             soc -= 1e-3 + (0.035 if k == 83 else 0.0)
             observe(charge, round(soc + rng.normal(0, 0.002), 2), 0.0 if k == 0 else 1e-3)
-        assert charge.use(0.4)[0] == pytest.approx(0.4, rel=0.05)
+        assert use(charge, 0.4)[0] == pytest.approx(0.4, rel=0.05)
 
 
 def test_the_gain_of_a_gauge_is_unknown_unless_it_is_exact():
@@ -281,8 +287,8 @@ def test_use_falls_no_faster_than_the_voltage_of_the_prediction(voltage_fall, sl
         observe(charge, soc, 1e-3 * (drained > 0))
         soc -= 1e-3 * (1 + 0.4 * (0.25 - drained))
         drained += 1e-3
-    now = charge.use(1e-6)[0] / 1e-6
-    assert charge.use(0.3)[0] == pytest.approx(0.3 * now + slope * 0.3**2 / 2, rel=0.02)
+    now = use(charge, 1e-6)[0] / 1e-6
+    assert use(charge, 0.3)[0] == pytest.approx(0.3 * now + slope * 0.3**2 / 2, rel=0.02)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -317,9 +323,9 @@ def test_readings_in_a_batch_are_taken_as_one_by_one(seed, compiled_code):
         compiled.enable(False)
     assert other.losses == one.losses > 0
     assert expected
-    assert other.power_w == powers_w[-1]
+    assert other._state.drain.power_w == powers_w[-1]
     assert other.soc == pytest.approx(one.soc, abs=1e-12)
-    assert other.use(0.2) == pytest.approx(one.use(0.2), rel=1e-9)
+    assert use(other, 0.2) == pytest.approx(use(one, 0.2), rel=1e-9)
 
 
 @pytest.mark.parametrize("rounded", [math.floor, round, math.ceil])
@@ -330,7 +336,7 @@ def test_the_first_steps_of_a_coarse_gauge_are_not_the_capacity(rounded):
     for _ in range(60):
         soc -= 1e-3
         observe(charge, rounded(soc * 100) / 100, 1e-3)
-        used.append(charge.use(0.5)[0])
+        used.append(use(charge, 0.5)[0])
     assert max(abs(value - 0.5) for value in used) < 0.02
 
 
@@ -358,8 +364,8 @@ def test_where_a_gauge_of_steps_starts_on_one_is_not_known(rounded, start):
     for _ in range(200):
         soc -= 2e-3
         observe(charge, rounded(100 * soc) / 100, 2e-3)
-    assert abs(charge.soc - soc) < 3 * math.sqrt(charge.variance)
-    assert 0.002 < math.sqrt(charge.variance) < 0.005
+    assert abs(charge.soc - soc) < 3 * math.sqrt(charge.ahead.var_soc)
+    assert 0.002 < math.sqrt(charge.ahead.var_soc) < 0.005
 
 
 def test_a_gauge_whose_changes_are_no_multiples_of_the_first_has_no_steps():
@@ -451,7 +457,7 @@ def test_without_a_gauge_the_charge_is_the_integral_of_the_power(compiled_code):
     finally:
         compiled.enable(False)
     assert charge.soc == pytest.approx(soc, abs=1e-12)
-    assert charge.variance > 0
+    assert charge.ahead.var_soc > 0
     assert charge.believed
     assert charge.gauge_gain == (0.0, 0.0)
 
@@ -477,7 +483,7 @@ def test_a_first_reading_holds_whatever_the_charge_at_the_start_was():
 def test_a_battery_that_nothing_drains_keeps_its_charge_without_a_gauge():
     charge = ChargeFilter(UNIT._replace(per_as=0.0), start_soc=0.9)
     charge.ingest([math.nan] * 5, [40.0] * 5, [1.0] * 5)
-    assert (charge.soc, charge.variance) == (0.9, 0.0)
+    assert (charge.soc, charge.ahead.var_soc) == (0.9, 0.0)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.003])
@@ -488,10 +494,10 @@ def test_readings_that_fail_for_a_while_are_bridged_by_the_drain(noise):
     for k in range(1600):
         soc -= 1.05 * 2.5e-4
         observe(charge, math.nan if k >= 800 else soc + noise * rng.normal(), 2.5e-4)
-    assert abs(charge.soc - soc) < 4 * math.sqrt(charge.variance)
+    assert abs(charge.soc - soc) < 4 * math.sqrt(charge.ahead.var_soc)
     assert abs(charge.soc - soc) < 0.01
-    before = charge.variance
+    before = charge.ahead.var_soc
     jumped = [observe(charge, soc + noise * rng.normal(), 0.0) for _ in range(5)]
     assert not any(jumped)
     assert charge.believed
-    assert charge.variance < before
+    assert charge.ahead.var_soc < before

@@ -35,9 +35,9 @@ def test_a_lasting_step_is_followed(share):
         rng = np.random.default_rng(seed)
         motion, new_w = flown(rng, 300 + seed % 10), LEVEL_W * (1 + share)
         flown(rng, 30, new_w, motion)
-        within.append(abs(motion.level_w - new_w) <= 2 * math.sqrt(motion.variances[0]))
+        within.append(abs(motion.known().level_w - new_w) <= 2 * math.sqrt(motion.known().var_level))
         flown(rng, 60, new_w, motion)
-        errors.append(abs(motion.level_w / new_w - 1))
+        errors.append(abs(motion.known().level_w / new_w - 1))
     assert np.mean(within) >= 0.9
     assert np.quantile(errors, 0.9) <= 0.05
 
@@ -45,16 +45,16 @@ def test_a_lasting_step_is_followed(share):
 def test_a_step_widens_the_variance():
     rng = np.random.default_rng(0)
     motion = flown(rng, 600)
-    before = motion.variances[0]
+    before = motion.known().var_level
     flown(rng, 20, 2 * LEVEL_W, motion)
-    assert motion.steps == 1
-    assert motion.variances[0] > 4 * before
+    assert motion._state.regression.steps == 1
+    assert motion.known().var_level > 4 * before
 
 
 @pytest.mark.parametrize(("flights", "most"), [(60, 1), pytest.param(480, 3, marks=pytest.mark.slow)])
 def test_false_alarms_are_as_rare_as_stated(flights, most):
     """In 80 hours of 480 flights at most 3, with 1.6 times the noise assumed: the design is one in 100 hours."""
-    assert sum(flown(np.random.default_rng(seed), 600).steps for seed in range(flights)) <= most
+    assert sum(flown(np.random.default_rng(seed), 600)._state.regression.steps for seed in range(flights)) <= most
 
 
 def test_a_single_wild_window_is_no_step():
@@ -62,7 +62,7 @@ def test_a_single_wild_window_is_no_step():
     motion = flown(rng, 300)
     flown(rng, 5, 1.5 * LEVEL_W, motion)
     flown(rng, 300, LEVEL_W, motion)
-    assert motion.level_w == pytest.approx(LEVEL_W, rel=0.04)
+    assert motion.known().level_w == pytest.approx(LEVEL_W, rel=0.04)
 
 
 @pytest.mark.parametrize("compiled_code", [False, pytest.param(True, marks=fast)])
@@ -81,17 +81,19 @@ def test_the_power_of_a_climb_is_a_term_of_its_own(compiled_code):
     weights = WINDOW_S * np.exp(-WINDOW_S * np.arange(count)[::-1] / FADE_S)
     prior, spread = np.array([40.0, TURN_SHARE * 40, 45.0]), [LEVEL_SHARE * 40, TURN_SHARE * 40, CLIMB_SHARE * 45]
     rows = np.column_stack([np.ones(count), slopes, rates])
-    mean, covariance = posterior(rows, powers, motion.variances[3] / weights, prior, spread)
-    assert (motion.level_w, motion.slope_w, motion.climb_j_per_m) == pytest.approx(mean, rel=1e-3)
-    assert motion.variances[0] == pytest.approx(covariance[0, 0], rel=1e-6)
-    assert motion.variances[2] == pytest.approx(covariance[1, 1], rel=1e-6)
+    mean, covariance = posterior(rows, powers, motion.known().noise / weights, prior, spread)
+    known = motion.known()
+    assert (known.level_w, known.slope_w, known.climb_j_per_m) == pytest.approx(mean, rel=1e-3)
+    assert known.var_level == pytest.approx(covariance[0, 0], rel=1e-6)
+    assert known.var_slope == pytest.approx(covariance[1, 1], rel=1e-6)
     fit = motion._state.regression.fit
     found = [[fit.aa, fit.ab, fit.ac], [fit.ab, fit.bb, fit.bc], [fit.ac, fit.bc, fit.cc]]
     assert np.array(found) == pytest.approx(covariance, rel=1e-6)
 
 
 def test_without_climbs_the_prior_of_a_climb_stays():
-    assert flown(np.random.default_rng(0), 100, motion=MotionPower(LEVEL_W, climb_j_per_m=37.3)).climb_j_per_m == 37.3
+    motion = flown(np.random.default_rng(0), 100, motion=MotionPower(LEVEL_W, climb_j_per_m=37.3))
+    assert motion.known().climb_j_per_m == 37.3
 
 
 def test_the_size_of_a_step_is_known():
