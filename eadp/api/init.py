@@ -16,7 +16,6 @@ FOLDER = files("eadp") / "presets"
 PRESETS = tuple(sorted(file.name.removesuffix(".yaml") for file in (FOLDER / "vehicles").iterdir()))
 """Names of the aircraft that are shipped."""
 
-DEFAULT = "foam-wing"
 SCENARIO, FIELD, PLAN, CAMERA = "scenario.yaml", "field.geojson", "survey.plan", "camera.yaml"
 LIGHT_CAMERA = "canon-s100"
 """The camera of 0.2 kg that any of the aircraft carries."""

@@ -31,9 +31,6 @@ BEND = 10.0
 FORGET_S = 60.0
 """Averaging time of the gusts' variance."""
 
-INNOVATION_S = 10.0
-"""Averaging time of the normalised innovation [s]."""
-
 
 def ground_speeds_mps(
     cosine: FloatArray, sine: FloatArray, airspeed_mps: float | FloatArray, wind_mps: tuple[Any, Any]
@@ -105,11 +102,10 @@ class Gusts(NamedTuple):
 
 
 class WindState(NamedTuple):
-    """State of `WindFilter`; the innovation is the mean that `WindFilter.heading_innovation` returns."""
+    """State of `WindFilter`."""
 
     wind: WindEstimate
     gusts: Gusts
-    heading_innovation: float
 
 
 class WindFilter:
@@ -134,7 +130,7 @@ class WindFilter:
     def restart(self, wind_mps: Point, std_mps: float) -> None:
         """Start again from a wind [m/s] and the standard deviation of its components [m/s]."""
         wind = WindEstimate(*wind_mps, std_mps**2, std_mps**2, 0.0)
-        self._state = WindState(wind, Gusts(INITIAL_GUST_MPS**2, 0.0), 1.0)
+        self._state = WindState(wind, Gusts(INITIAL_GUST_MPS**2, 0.0))
 
     @property
     def wind_mps(self) -> Point:
@@ -151,17 +147,6 @@ class WindFilter:
         """Variances of both components and their covariance [m²/s²]."""
         wind = self._state.wind
         return wind.var_x, wind.var_y, wind.cov_xy
-
-    @property
-    def heading_innovation(self) -> float:
-        """Normalised innovation squared of readings with a heading, its mean over `INNOVATION_S`; 1 before the first.
-
-        ½ eᵀ S⁻¹ e of the wind's two components, S = P + σ² I with the variance of the gusts: 1 where readings are as
-        the estimate expects them. Gusts are estimated from the same readings: where all are false, σ grows, too.
-
-        Source: consistency of a Kalman filter (Bar-Shalom et al. 2001).
-        """
-        return self._state.heading_innovation
 
     def ingest(
         self, vx_mps: Column, vy_mps: Column, headings_rad: Column, steps_s: Column, airspeeds_mps: Column
@@ -202,7 +187,7 @@ def _ingested(
         airspeed_mps = airspeeds_mps[i]
         if math.isnan(vx + vy):
             continue
-        wind, gusts, innovation = state
+        wind, gusts = state
         drift = DRIFT_M2PS3 * step_s
         wind = WindEstimate(wind.x_mps, wind.y_mps, wind.var_x + drift, wind.var_y + drift, wind.cov_xy)
         if math.isnan(heading_rad):
@@ -211,18 +196,9 @@ def _ingested(
             # v − s (cos θ, sin θ) measures w
             ex = vx - airspeed_mps * math.cos(heading_rad) - wind.x_mps
             ey = vy - airspeed_mps * math.sin(heading_rad) - wind.y_mps
-            of_reading = _normalised(wind, gusts.variance, ex, ey)
-            innovation += step_s / (step_s + INNOVATION_S) * (of_reading - innovation)
             wind, gusts = _with_heading(wind, gusts, ex, ey, step_s, gust_time_s)
-        state = WindState(wind, gusts, innovation)
+        state = WindState(wind, gusts)
     return state
-
-
-def _normalised(wind: WindEstimate, gust_variance: float, ex: float, ey: float) -> float:
-    """Half of the normalised innovation squared of both components, whose errors are given [m/s]."""
-    # ½ eᵀ S⁻¹ e with S = P + σ² I
-    xx, yy, xy = wind.var_x + gust_variance, wind.var_y + gust_variance, wind.cov_xy
-    return (yy * ex * ex - 2 * xy * ex * ey + xx * ey * ey) / (2 * (xx * yy - xy * xy))
 
 
 def _with_heading(

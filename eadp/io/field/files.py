@@ -13,7 +13,6 @@ from eadp.io.field.shp import MAGIC, shapefile_text
 from eadp.io.text.streams import Text, limit_bytes, read_text
 
 _ZIP = b"PK\x03\x04"
-_ARCHIVE = "a KMZ file, or a zip archive with a .shp"
 
 
 def read_field_text(path: str) -> Text:

@@ -63,7 +63,7 @@ class Columns(ColumnOptions):
     """The columns to read.
 
     `factors` asks for voltage and current even if there is a power; `also` for other columns, by name; `motion` for the
-    motion that the log has, in the columns `MOTION` of `also`. Positions in degrees become metres about `origin_deg`,
+    motion that the log has, in the columns below of `also`. Positions in degrees become metres about `origin_deg`,
     None for the first of them.
     """
 
@@ -73,7 +73,7 @@ class Columns(ColumnOptions):
     origin_deg: tuple[float, float] | None = None
 
 
-AIRSPEED, BANK, CLIMB, ALTITUDE = MOTION = ("airspeed_mps", "bank_rad", "climb_mps", "altitude_m")
+AIRSPEED, BANK, CLIMB, ALTITUDE = "airspeed_mps", "bank_rad", "climb_mps", "altitude_m"
 """Columns of the motion: true airspeed [m/s], bank [rad], rate of climb [m/s], altitude [m]."""
 
 

@@ -154,11 +154,6 @@ class Route:
         return PlannedLegs(self.legs, self.parameters)
 
     @property
-    def free(self) -> FloatArray:
-        """1 where a parameter has a choice on a leg that depends on it, else 0, shape (legs, parameters)."""
-        return self.table.rows.free[self.order]
-
-    @property
     def shares(self) -> FloatArray:
         """Share of its set that each parameter has on each leg, shape (legs, parameters); 0 where it has no choice."""
         return self.table.rows.shares[self.order]

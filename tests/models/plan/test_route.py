@@ -506,7 +506,7 @@ def test_free_and_shares_by_leg():
     course = follower.route((5.0, 0.0, 6.0))
     for i, (leg, own) in enumerate(zip(course.legs, course.parameters, strict=True)):
         for j, box in enumerate(leg.stage.sets):
-            assert course.free[i, j] == (box.lo < box.hi)
+            assert course.table.rows.free[course.order][i, j] == (box.lo < box.hi)
             expected = (min(max(own[j], box.lo), box.hi) - box.lo) / (box.hi - box.lo) if box.lo < box.hi else 0
             assert course.shares[i, j] == pytest.approx(expected)
     rows = list(zip(course.shape, course.parameters, strict=True))
@@ -525,8 +525,8 @@ def test_stages_without_sets_have_no_shares():
     follower = Tracked(plan, (3.0,), (3.0, 0.0))
     course = follower.route((3.0,))
     assert not course.shares.any()
-    assert not course.free.any()
-    assert course.shares.shape == course.free.shape == (1, 1)
+    assert not course.table.rows.free[course.order].any()
+    assert course.shares.shape == course.table.rows.free[course.order].shape == (1, 1)
 
 
 # --- times ------------------------------------------------------------------------------------------------------------
