@@ -50,11 +50,6 @@ class ProfileSum:
         """Their units; '' is not known."""
         return tuple(unit for part in self.parts for unit in part.units)
 
-    @property
-    def source(self) -> str:
-        """Where the measurements of all the parts come from."""
-        return "; ".join(part.source for part in self.parts if part.source)
-
     def power_w_at(self, configuration: Sequence[float], clamp: bool = False) -> float:
         """Average power [W] with all of the computations running; see `Profile.power_w_at`.
 

@@ -33,7 +33,6 @@ def test_names_units_ranges_levels_and_source_are_the_parts() -> None:
     assert (BOTH.range_of("fps"), BOTH.range_of("rate")) == ((2, 10), (1, 3))
     assert BOTH.levels(0, 2, 4) == (2, 3, 4)
     assert BOTH.levels(2, 1, 3) == (1, 2, 3)
-    assert BOTH.source == "detector"
     with pytest.raises(KeyError, match="speed"):
         BOTH.range_of("speed")
     with pytest.raises(IndexError):

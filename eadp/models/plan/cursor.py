@@ -99,11 +99,6 @@ class PlanCursor(NamedTuple):
             raise PathUndefined("no segment of the plan has any lap to fly")
         return first
 
-    @property
-    def repeats(self) -> bool:
-        """Whether the stage belongs to a segment of laps, after which others come."""
-        return self.table.segments[self.segment].repeats
-
     # --- where the stage lies
 
     def path(self) -> PathFunction:

@@ -35,8 +35,6 @@ class LegRows(NamedTuple):
         Airspeed that the stage commands [m/s]; NaN for none.
     stages : array of int, shape (rows,)
         Stage of each row, from 1.
-    free : array, shape (rows, parameters)
-        1 where a parameter has a choice on a leg that depends on it, else 0.
     shares : array, shape (rows, parameters)
         Share of its set that each parameter has; 0 where it has no choice.
     bends_per_m, courses_rad : array, shape (rows,) and (rows, 2)
@@ -48,7 +46,6 @@ class LegRows(NamedTuple):
     airspeeds_mps: FloatArray
     lengths_m: FloatArray
     stages: IntArray
-    free: FloatArray
     shares: FloatArray
     bends_per_m: FloatArray
     courses_rad: FloatArray
@@ -76,16 +73,13 @@ class LegTable:
         self.parameters: list[Vector] = []
         no_sets = (Box(0.0, 0.0),) * len(plan.names)
         self._sets = [[(box.lo, box.hi - box.lo) for box in own or no_sets] for own in plan.quality_sets]
-        self._free = [[float(width > 0) for _, width in own] for own in self._sets]
         self._nodes: list[Nodes] = []
         self._numbers: dict[tuple[int, int, Vector], int] = {}
         self._contents: dict[object, int] = {}
         self._alike: list[int] = []
         none, nothing = np.zeros(0), np.zeros((0, len(plan.names)))
         zero = np.zeros(1, dtype=np.intp)
-        self._rows = LegRows(
-            Nodes(none, none, none, none), zero, none, none, zero[1:], nothing, nothing, none, np.zeros((0, 2))
-        )
+        self._rows = LegRows(Nodes(none, none, none, none), zero, none, none, zero[1:], nothing, none, np.zeros((0, 2)))
 
     def row(self, stage: Stage, parameters: Vector, nodes: Nodes) -> int:
         """The row of a leg; a new one for what is not in the table yet."""
@@ -129,7 +123,6 @@ class LegTable:
             np.array([stage.airspeed_mps or math.nan for stage in stages]),
             np.array([own.weights_m.sum() for own in nodes]),
             np.array([stage.index for stage in stages], dtype=np.intp),
-            np.array([self._free[stage.index - 1] for stage in stages]),
             np.array([self._shares(stage, own) for stage, own in zip(stages, parameters, strict=True)]),
             np.array([np.abs(own.curvature_per_m).max() for own in nodes]),
             np.array([[_course_rad(own, 0), _course_rad(own, -1)] for own in nodes]),

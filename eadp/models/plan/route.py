@@ -153,11 +153,6 @@ class Route:
         """The legs to fly, from the start of the flight."""
         return PlannedLegs(self.legs, self.parameters)
 
-    @property
-    def shares(self) -> FloatArray:
-        """Share of its set that each parameter has on each leg, shape (legs, parameters); 0 where it has no choice."""
-        return self.table.rows.shares[self.order]
-
     def after(self) -> Route:
         """The same without its first leg."""
         ends = tuple(end._replace(leg=end.leg - 1) for end in self.ends if end.leg)
@@ -166,11 +161,6 @@ class Route:
         runs, scales = self.runs[1:] - passed, self.scales[passed:]
         cursor = None if self.cursor is None else self.cursor.next()
         return Route(self.table, self.order[1:], ends, pieces, runs, scales, self.beyond_m, cursor)
-
-    @cached_property
-    def shape(self) -> tuple[int, ...]:
-        """Indices of its stages: routes of one shape lie on one step of the staircase."""
-        return tuple(self.stages.tolist())
 
     @property
     def stages(self) -> IntArray:

@@ -149,8 +149,6 @@ class Evaluation:
         Of each place.
     std : array, shape (places,)
         Standard deviation of the final state of charge with the reserve just kept.
-    weight : array, shape (legs,)
-        What a value of 1 on a leg adds to the objective: for U, its share of the mission's ground.
     knapsack : Knapsack
         The computations of each place, within the charge that keeps the reserve with its probability.
     final_std : array, shape (places,)
@@ -168,7 +166,6 @@ class Evaluation:
     totals: Totals
     ends: list[UncertainEnds]
     std: FloatArray
-    weight: FloatArray
     knapsack: Knapsack
     final_std: FloatArray
 
@@ -415,7 +412,7 @@ class Evaluator:
         final_std = np.hypot(gain, still * np.sqrt(np.maximum(std**2 - gain**2, 0.0)))
         index = np.arange(len(routes))
         return Evaluation(
-            self, known, list(routes), index, legs, load, kinds, limits, totals, ends, std, weight, knapsack, final_std
+            self, known, list(routes), index, legs, load, kinds, limits, totals, ends, std, knapsack, final_std
         )
 
     def _left(self, known: Known, legs: RouteArrays, routes: Sequence[Route], whole_s: FloatArray) -> FloatArray:

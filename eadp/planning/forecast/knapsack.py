@@ -49,14 +49,6 @@ class Knapsack(NamedTuple):
         ratio: FloatArray = np.full(self.use.shape, np.inf)
         return np.divide(self.gain, self.use, out=ratio, where=self.use > 0)
 
-    def at(self, place: int) -> Knapsack:
-        """The knapsack of one place alone, which is place 0 of it."""
-        legs, row = self.place == place, slice(place, place + 1)
-        only = np.zeros(int(legs.sum()), dtype=np.intp)
-        return Knapsack(
-            self.use[legs], self.gain[legs], only, self.base_use[row], self.base_value[row], self.available[row]
-        )
-
     def filling(self, shares: FloatArray) -> Filling:
         """The filling that takes shares of the increments, shape (legs, steps): their use and value are summed."""
         count = len(self.base_use)

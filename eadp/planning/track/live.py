@@ -127,11 +127,6 @@ class LiveFlight:
         self._empty = False  # whether there has been advice that the battery is empty
         self.forecast_completes = False
 
-    @property
-    def complete(self) -> bool:
-        """Whether the plan is complete."""
-        return self._started and self._tracker.complete
-
     def rest(self) -> PlannedLegs | None:
         """The legs that are left at the parameters decided, from the last known position on; None where it is unknown.
 

@@ -50,15 +50,14 @@ def test_rows_stay_as_they_are_while_the_table_grows():
         assert row == len(expected) == table.row(stage, (c1, 10.0), nodes), "one row for one leg"
         box = plan.quality_sets[stage.index - 1][0]
         share = min(max((c1 - box.lo) / (box.hi - box.lo), 0.0), 1.0) if box.hi > box.lo else 0.0
-        expected.append((stage.index, float(box.hi > box.lo), share, time_s(nodes, stage.airspeed_mps or AIRSPEED)))
+        expected.append((stage.index, share, time_s(nodes, stage.airspeed_mps or AIRSPEED)))
         if rng.integers(4) == 0:  # the arrays are asked for while it grows
             assert table.rows.stages[: row + 1].tolist() == [stage for stage, *_ in expected]
     order = rng.integers(0, 60, 200)
     rows = table.rows
     ((times,), _) = leg_times_s(rows, order, AIRSPEED, np.array([WIND]))
-    stages, free, shares, seconds = (np.array(column)[order] for column in zip(*expected, strict=True))
+    stages, shares, seconds = (np.array(column)[order] for column in zip(*expected, strict=True))
     assert (rows.stages[order] == stages).all()
-    assert (rows.free[order, 0] == free).all()
     assert rows.shares[order, 0] == pytest.approx(shares)
     assert times == pytest.approx(seconds, rel=1e-12)
 

@@ -497,19 +497,18 @@ def test_after_is_the_course_from_the_next_stage(make):
         wind = (2.0, 5.0)
         for one, other in zip(after.times_s(15.0, wind), fresh.times_s(15.0, wind), strict=True):
             assert one == pytest.approx(other, rel=1e-9)
-        assert after.shape == course.shape[1:]
+        assert after.stages.tolist() == course.stages.tolist()[1:]
 
 
-def test_free_and_shares_by_leg():
+def test_shares_by_leg():
     plan = plan_of(TWO_PARAMETERS)
     follower, _ = begun(plan, (5.0, 0.0, 6.0))
     course = follower.route((5.0, 0.0, 6.0))
     for i, (leg, own) in enumerate(zip(course.legs, course.parameters, strict=True)):
         for j, box in enumerate(leg.stage.sets):
-            assert course.table.rows.free[course.order][i, j] == (box.lo < box.hi)
             expected = (min(max(own[j], box.lo), box.hi) - box.lo) / (box.hi - box.lo) if box.lo < box.hi else 0
-            assert course.shares[i, j] == pytest.approx(expected)
-    rows = list(zip(course.shape, course.parameters, strict=True))
+            assert course.table.rows.shares[course.order][i, j] == pytest.approx(expected)
+    rows = list(zip(course.stages.tolist(), course.parameters, strict=True))
     assert len(set(course.order.tolist())) >= len(set(rows)) > 1, "legs that repeat are one row"
     assert [course.table.stages[row] for row in course.order] == [leg.stage for leg in course.legs]
 
@@ -524,9 +523,8 @@ def test_stages_without_sets_have_no_shares():
     plan = plan_of("0.1; 90; x - c1\nc1, 400\n")
     follower = Tracked(plan, (3.0,), (3.0, 0.0))
     course = follower.route((3.0,))
-    assert not course.shares.any()
-    assert not course.table.rows.free[course.order].any()
-    assert course.shares.shape == course.table.rows.free[course.order].shape == (1, 1)
+    assert not course.table.rows.shares[course.order].any()
+    assert course.table.rows.shares.shape == (1, 1)
 
 
 # --- times ------------------------------------------------------------------------------------------------------------
@@ -873,7 +871,8 @@ def test_laps_that_are_alike_are_those_laid_out_one_by_one(c1, passed, now):
     found, expected = (predictor.route(cursor, start, MARGIN_M) for predictor in (RoutePredictor(), _EachLap()))
     assert any(not isinstance(piece, Leg) for piece in found.pieces)
     assert [leg._replace(track=None) for leg in found.legs] == [leg._replace(track=None) for leg in expected.legs]
-    assert (found.shape, found.parameters, found.ends) == (expected.shape, expected.parameters, expected.ends)
+    assert found.stages.tolist() == expected.stages.tolist()
+    assert (found.parameters, found.ends) == (expected.parameters, expected.ends)
     assert found.first == found.legs[0]
     wind = (3.0, -4.0)
     for ours, theirs in zip(found.times_s(15.0, wind), expected.times_s(15.0, wind), strict=True):

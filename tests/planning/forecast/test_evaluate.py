@@ -37,11 +37,11 @@ def own_parts(evaluation, place):
     """Everything that an evaluation has of a place, as arrays."""
     e, mine = evaluation, evaluation.legs.place == place
     yield from (array[mine] for array in e.load)
-    yield from (e.kinds[mine], e.weight[mine], e.limits.volts[mine], e.limits.room_w[mine], e.limits.truncated[mine])
+    yield from (e.kinds[mine], e.limits.volts[mine], e.limits.room_w[mine], e.limits.truncated[mine])
     for array in (*e.totals, e.limits.beyond_w, e.limits.letter_soc, e.limits.delivered_soc, e.std):
         yield array[place : place + 1]
-    yield from e.knapsack.at(place)[:2]
-    yield from e.knapsack.at(place)[3:]
+    yield from (e.knapsack.use[mine], e.knapsack.gain[mine])
+    yield from (column[place : place + 1] for column in e.knapsack[3:])
     yield np.array([*e.ends[place].probabilities, *itertools.chain(*e.ends[place].unflown)])
 
 

@@ -75,7 +75,8 @@ def test_places_do_not_know_of_each_other(seed):
     knapsack = knapsack_of(np.random.default_rng(100 + seed), 7)
     together = fill_greedy(knapsack)
     for place in range(7):
-        alone = fill_greedy(knapsack.at(place))
+        mine, own = knapsack.place == place, [column[place : place + 1] for column in knapsack[3:]]
+        alone = fill_greedy(Knapsack(knapsack.use[mine], knapsack.gain[mine], np.zeros(mine.sum(), dtype=int), *own))
         assert together.shares[knapsack.place == place] == pytest.approx(alone.shares, abs=1e-9)
         assert together.value[place] == pytest.approx(alone.value[0], abs=ROUNDING)
         assert together.use[place] == pytest.approx(alone.use[0], abs=ROUNDING)

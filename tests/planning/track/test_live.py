@@ -144,7 +144,7 @@ def test_the_stages_are_the_simulations_and_the_decisions_nearly(recorded, rate_
     assert mean_of(decided, 1) == pytest.approx(
         mean_of([(t, c) for t, c in true], 1, recorder.seen[-1].time_s), abs=0.1
     )
-    assert flight.complete
+    assert flight._tracker.complete
     assert flight.forecast_completes
     assert advice.reason == COMPLETED
     assert (advice.ending.soc_end, advice.ending.completes_probability) == (recorder.seen[-1].soc, 1.0)
@@ -224,7 +224,7 @@ def test_planners_without_a_forecast_have_one_of_held_parameters(planner):
     assert half.ending.completes_probability == pytest.approx(1.0, abs=0.01)
     assert half.ending.remaining_s == pytest.approx(outcome.duration_s / 2, rel=0.03)
     assert half.ending.soc_end == pytest.approx(outcome.soc_final, abs=0.02)
-    assert flight.complete
+    assert flight._tracker.complete
 
 
 def start(inputs, time_s=0.0, **changes):
