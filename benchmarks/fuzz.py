@@ -350,7 +350,7 @@ def items(data: bytes) -> None:
 
 def results(data: bytes) -> None:
     """Read what is there, then go on with the sweep."""
-    run = Run(0, "fuzz", {"plan": "p"}, {"seed": 1})
+    run = Run("fuzz", {"plan": "p"}, {"seed": 1})
     with closing(Results(scratch(data), read_only=True)) as read:
         read.expect(f"k{i}" for i in range(5))
         for summaries in (False, True):
@@ -450,7 +450,7 @@ def item_maps() -> list[bytes]:
 
 def results_files() -> list[bytes]:
     with closing(Results(scratch(b""))) as made:
-        made.store([(Run(i, f"k{i}", {"plan": "p"}, {"seed": i}), Result(None, "no", 1.0)) for i in range(5)])
+        made.store([(Run(f"k{i}", {"plan": "p"}, {"seed": i}), Result(None, "no", 1.0)) for i in range(5)])
     return [SCRATCH.read_bytes()]
 
 

@@ -41,7 +41,7 @@ import numpy as np
 from measured import add_option, head, line, recorded
 
 from eadp.core import compiled
-from eadp.core.signals.harmonics import forecast_w, output_row, rotation_matrix
+from eadp.core.signals.harmonics import design_matrix, output_row, rotation_matrix
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 from eadp.models.battery import Battery
@@ -107,7 +107,8 @@ def any_state(rng: np.random.Generator) -> np.ndarray:
 
 def min_soc(state_w: np.ndarray, steps: int) -> float:
     """The state of charge that the lowest computations need over a horizon."""
-    motion = forecast_w(state_w, PERIOD_S, np.arange(1, steps * SAMPLES + 1) / SAMPLES).reshape(steps, SAMPLES)
+    ahead_s = np.arange(1, steps * SAMPLES + 1) / SAMPLES
+    motion = (design_matrix(ahead_s, 1 / PERIOD_S, ORDER) @ state_w).reshape(steps, SAMPLES)
     drops = SOC_PER_A * np.cumsum([current_a(power) for power in motion.mean(axis=1) + LOW_W])
     return float(np.max((motion.max(axis=1) + LOW_W) / BATTERY.power_per_soc_w + drops))
 

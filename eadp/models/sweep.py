@@ -172,9 +172,8 @@ def shard(count: int, part: int, parts: int) -> Sequence[int]:
 
 @dataclass(frozen=True)
 class Run:
-    """One flight to make: files by kind, overrides of the scenario's keys, and a hash of all that it depends on."""
+    """One flight to make: a hash of all that it depends on, files by kind, and overrides of the scenario's keys."""
 
-    index: int
     key: str
     files: Mapping[str, str]
     overrides: Mapping[str, Any]

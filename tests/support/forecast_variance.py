@@ -20,6 +20,15 @@ _SHORT = 0.05
 """λ times a duration below which a difference of nearly equal numbers is replaced by its series."""
 
 
+def forecast_w(state_w: ArrayLike, period_s: float, ahead_s: ArrayLike) -> FloatArray:
+    """Power [W] that a state leads to, C e^{A t} q, at times ahead [s]. Source: letter, Eq. 4 with u = 0."""
+    state = np.asarray(state_w, dtype=float)
+    harmonic = np.arange(1, (len(state) + 1) // 2)
+    angle = 2 * np.pi / period_s * harmonic * np.asarray(ahead_s, dtype=float)[..., np.newaxis]
+    # the first row of each block: [cos ωjt, sin ωjt]
+    return state[0] + np.cos(angle) @ state[1::2] + np.sin(angle) @ state[2::2]
+
+
 def forecast_with_variance(estimator: ExactEstimator, ahead_s: ArrayLike) -> tuple[FloatArray, FloatArray]:
     """Motion power [W] and its variance [W²], `ahead_s` [s] after the last reading; the sensor's noise is apart.
 

@@ -109,7 +109,7 @@ class Sweep:
                 overrides[full_key(name)] = value
         overrides["seed"] = self.seed(point)
         files = self._files(point)
-        return Run(index, self._key(files, overrides), files, overrides)
+        return Run(self._key(files, overrides), files, overrides)
 
     def flights(self, indices: Iterable[int], rows: Iterable[Mapping[str, Any]]) -> list[SweepFlight]:
         """The runs of some indices with the figures of their rows in the results."""

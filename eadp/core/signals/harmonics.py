@@ -118,33 +118,6 @@ def design_matrix(times_s: FloatArray, frequency_hz: float, order: int) -> Float
     return columns.T
 
 
-def forecast_w(state_w: ArrayLike, period_s: float, ahead_s: ArrayLike) -> FloatArray:
-    """Power that a state leads to, C e^{A t} q, at many times ahead at once.
-
-    Parameters
-    ----------
-    state_w : array, shape (2r + 1,)
-        q now [W].
-    period_s : float
-        T [s], above 0.
-    ahead_s : array, any shape
-        Times from now [s].
-
-    Returns
-    -------
-    array, shape of `ahead_s`
-        Power [W].
-
-    Source: letter, Eq. 4 with u = 0.
-    """
-    state = np.asarray(state_w, dtype=float)
-    harmonic = np.arange(1, (len(state) + 1) // 2)
-    angle = 2 * np.pi / period_s * harmonic * np.asarray(ahead_s, dtype=float)[..., np.newaxis]
-    # the first row of each block: [cos ωjt, sin ωjt]
-    power: FloatArray = state[0] + np.cos(angle) @ state[1::2] + np.sin(angle) @ state[2::2]
-    return power
-
-
 def signal_w(times_s: ArrayLike, a: ArrayLike, b: ArrayLike, period_s: float) -> FloatArray:
     """The papers' Fourier series at many times at once.
 

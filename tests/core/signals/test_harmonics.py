@@ -6,13 +6,13 @@ import math
 
 import numpy as np
 import pytest
+from forecast_variance import forecast_w
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from eadp.core.signals.harmonics import (
     coefficients_of_state,
-    forecast_w,
     output_row,
     phases_of_state,
     rotated,

@@ -117,7 +117,7 @@ def many(tmp_path):
     """A results file of 300 runs that were not flown, with names that are no names."""
     path = tmp_path / "many.db"
     runs = [
-        Run(i, f"{i * 7919 % 300:04}", {"plan": "<b>p</b>"}, {"seed": i, "wind.speed_mps": i / 7, "faults": [i % 40]})
+        Run(f"{i * 7919 % 300:04}", {"plan": "<b>p</b>"}, {"seed": i, "wind.speed_mps": i / 7, "faults": [i % 40]})
         for i in range(300)
     ]
     end = {"completed": True, "reason": "</script>", "duration_s": 1 / 3, "soc_final": 0.5, "quality": None}
@@ -125,7 +125,7 @@ def many(tmp_path):
     with closing(Results(str(path))) as results:
         results.expect(run.key for run in runs)
         results.claim(runs)
-        results.store([(run, Result(None, "<i>") if run.index % 10 == 3 else Result(end)) for run in runs])
+        results.store([(run, Result(None, "<i>") if i % 10 == 3 else Result(end)) for i, run in enumerate(runs)])
     return path
 
 

@@ -19,7 +19,7 @@ from eadp.io.sweep import results as results_file
 from eadp.io.sweep.results import COLUMNS, Results
 from eadp.models.sweep import Result, Run
 
-RUNS = [Run(i, f"key{i}", {"plan": "p"}, {"seed": i, "wind.speed_mps": 1}) for i in range(6)]
+RUNS = [Run(f"key{i}", {"plan": "p"}, {"seed": i, "wind.speed_mps": 1}) for i in range(6)]
 SUMMARY = {"completed": True, "reason": "r", "duration_s": 2.5, "soc_final": 0.25, "quality": None, "more": [1]}
 SUMMARY |= {"reserve_kept": True, "energy_wh": 6.5, "distance_m": 1200.0, "batteries": 1}
 
@@ -42,7 +42,7 @@ OTHER = """
 import sys
 from eadp.io.sweep.results import Results
 from eadp.models.sweep import Result, Run
-runs = [Run(i, f"key{i}", {}, {"seed": i}) for i in range(3)]
+runs = [Run(f"key{i}", {}, {"seed": i}) for i in range(3)]
 results = Results(sys.argv[1])
 mine, theirs = results.claim(runs)
 print(len(mine), len(theirs), flush=True)
@@ -229,7 +229,7 @@ def test_a_full_disk_is_an_error_and_leaves_a_file_that_can_be_continued(path):
     with closing(Results(path)) as results:
         (pages,) = results._connection.execute("PRAGMA page_count").fetchone()
         results._connection.execute(f"PRAGMA max_page_count = {pages + 3}")
-        runs = [Run(i, f"k{i}", {}, {"seed": 0}) for i in range(20)]
+        runs = [Run(f"k{i}", {}, {"seed": 0}) for i in range(20)]
 
         def store_all():
             for run in runs:

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from forecast_variance import energy_forecast, forecast_with_variance
+from forecast_variance import energy_forecast, forecast_w, forecast_with_variance
 from scipy.integrate import trapezoid
 from scipy.linalg import block_diag, expm
 from scipy.stats import chi2
 
 from eadp.core.signals.disturbance import process_noise as disturbance_noise
 from eadp.core.signals.disturbance import transition
-from eadp.core.signals.harmonics import forecast_w, output_row
+from eadp.core.signals.harmonics import output_row
 from eadp.planning.estimation import estimator as module
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator, PublishedEstimator
 from eadp.planning.estimation.power_filter import STEPPING

@@ -150,7 +150,7 @@ class Ledger:
             self.made |= self._theirs_made
 
 
-RUNS = [Run(i, str(i), {}, {"seed": 0}) for i in range(10)]
+RUNS = [Run(str(i), {}, {"seed": 0}) for i in range(10)]
 
 
 @pytest.mark.parametrize("room", [1, 3, 100])
