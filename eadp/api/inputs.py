@@ -276,7 +276,8 @@ def _plan(
         message = f"the plan was made for {made.aircraft}, and is flown at {vehicle.airspeed_mps:g} m/s"
         expected = "its aircraft, as --scenario or --set vehicle=FILE"
         warnings.append(Fault(text.name, 1, 1, message, expected, severity="note"))
-    if isinstance(vehicle, PaperVehicle) and _commands(plan):
+    commanded = any(stage.altitude_m is not None or stage.airspeed_mps is not None for stage in plan.stages)
+    if isinstance(vehicle, PaperVehicle) and commanded:
         message = f"altitudes and airspeeds of stages are not flown: the airframe {vehicle.model} holds its own"
         warnings.append(Fault(text.name, plan.stages[0].line, 1, message, severity="note"))
         level = [replace(stage, altitude_m=None, airspeed_mps=None) for stage in plan.stages]
@@ -424,11 +425,6 @@ def _nominal_s(
         return float(route.times_s(airspeed_mps, wind_mps)[0].sum()), []
     times_s, overshoots = nominal.times_s(route, wind_mps)
     return float(times_s.sum()), overshoots
-
-
-def _commands(plan: Plan) -> bool:
-    """Whether stages command altitudes or airspeeds."""
-    return any(stage.altitude_m is not None or stage.airspeed_mps is not None for stage in plan.stages)
 
 
 def _altitude_m(plan: Plan, scenario: Scenario, vehicle: Airframe) -> float:

@@ -12,7 +12,7 @@ from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.route import MARGIN_M, PlannedLegs, Route, RoutePredictor
 from eadp.planning.base import Ending, Mission, PlannerSettings
 from eadp.planning.forecast.evaluate import Evaluation, Evaluator, Objective
-from eadp.planning.forecast.home import Reach, TurnBack, latest_turn_back, reach
+from eadp.planning.forecast.home import Reach, latest_turn_back, reach
 from eadp.planning.forecast.knapsack import Filling
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.known import Known
@@ -45,7 +45,7 @@ class Preflight:
         Time [s] and energy [Wh] of each stage, over all its laps.
     computing_wh : float
         Energy of the computations, of that of the forecast [Wh].
-    turn_back : TurnBack or None
+    turn_back : Reach or None
         The latest one, where there is a home.
     reach : Reach or None
         How far one pack carries it with the reserve kept, where that is not to the end.
@@ -60,7 +60,7 @@ class Preflight:
     quality: float | None
     stages: dict[int, tuple[float, float]]
     computing_wh: float
-    turn_back: TurnBack | None = None
+    turn_back: Reach | None = None
     reach: Reach | None = None
     entering: dict[str, float] = field(default_factory=dict)
 

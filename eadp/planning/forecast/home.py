@@ -102,14 +102,16 @@ def _seconds_home(way_home: WayHome, known: Known) -> float:
     return float((lengths_m / ground_mps).sum()) + 2 * math.pi * HOME_RADII * way_home.turn_radius_m / speed
 
 
-class TurnBack(NamedTuple):
-    """The last place of a planned route from which home can be reached: the time [s], and the position [m]."""
+class Reach(NamedTuple):
+    """A place on a planned route: time [s], position [m], and the shares of the way and of the energy up to it."""
 
     time_s: float
     position_m: Point
+    share: float
+    energy_share: float
 
 
-def latest_turn_back(evaluation: Evaluation, place: int, filling: Filling) -> TurnBack | None:
+def latest_turn_back(evaluation: Evaluation, place: int, filling: Filling) -> Reach | None:
     """The latest turn back that keeps the reserve with its probability; None without a home, or if there is none.
 
     Parameters
@@ -121,17 +123,7 @@ def latest_turn_back(evaluation: Evaluation, place: int, filling: Filling) -> Tu
     """
     if evaluation.evaluator.mission.way_home is None:
         return None
-    last = _last_point(evaluation, place, filling, lambda there, *flown: home_spare(there, place, *flown) or 0.0)
-    return None if last is None else TurnBack(last.time_s, last.position_m)
-
-
-class Reach(NamedTuple):
-    """How far one pack carries a flight: time [s], position [m], and the shares of the way and of the energy."""
-
-    time_s: float
-    position_m: Point
-    share: float
-    energy_share: float
+    return _last_point(evaluation, place, filling, lambda there, *flown: home_spare(there, place, *flown) or 0.0)
 
 
 def reach(evaluation: Evaluation, place: int, filling: Filling) -> Reach | None:
