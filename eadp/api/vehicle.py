@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
 
 from eadp.api.given import File, Warn, python_warnings
 from eadp.io.text.schema_faults import keys_document
@@ -49,3 +51,8 @@ def vehicle(
     return found, performance(
         found.airframe, found.battery, winds_mps, computing_w=computing_w, reserve_soc=reserve_soc
     )
+
+
+def performance_document(aircraft: VehicleFile, found: Performance) -> dict[str, Any]:
+    """An aircraft's performance as the JSON-ready values of `eadp.performance/1`."""
+    return {"schema": "eadp.performance/1", "name": aircraft.name, "model": aircraft.airframe.model, **asdict(found)}

@@ -47,7 +47,6 @@ def command(
     input.
     """
     from eadp.api import vehicle as use_case
-    from eadp.io.vehicle.report import document
 
     computing, reserve = options.computing_w, options.reserve
     if not 0 <= computing <= 1e6:
@@ -61,7 +60,7 @@ def command(
 
         write_vehicle_figure(options.plot, vehicle.name, vehicle.airframe, found, computing)
     if options.format == "json":
-        emit_json(document(vehicle, found))
+        emit_json(use_case.performance_document(vehicle, found))
     else:
         emit("\n".join([*([vehicle.name] if vehicle.name else []), *_lines(found), "", *_table(found)]))
     return 1 if found.faults else 0

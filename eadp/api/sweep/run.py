@@ -17,12 +17,13 @@ from eadp.api.flight import fly_flight, repeatable
 from eadp.api.given import File, Overrides, Warn, python_warnings
 from eadp.api.inputs import Files, FlightInputs
 from eadp.api.sorties import SORTIES
-from eadp.api.sweep.flights import SweepFlights
 from eadp.api.sweep.sweep_file import Sweep, read_sweep
 from eadp.core.compiled import enable, enabled
 from eadp.errors import EadpError, Fault, InputError, printable
 from eadp.io.scenario.scenario_file import override_texts, read_overrides
-from eadp.io.sweep.results import Results
+from eadp.io.sweep.results import COLUMNS, Results
+from eadp.io.sweep.statistics import SweepFlight, totals
+from eadp.io.text.frames import AnyTable, frame, html_table
 from eadp.io.text.streams import read_text
 from eadp.models.sweep import Result, Run, interleaved, make_runs
 from eadp.simulation.loop import Outcome, fly
@@ -132,6 +133,28 @@ def _message(error: Exception) -> str:
 def _fault(fault: Fault) -> str:
     head = str(replace(fault, source=""))
     return head.partition(": error: ")[2] if fault.file.startswith("--set") else head
+
+
+class SweepFlights(list[SweepFlight]):
+    """The flights of a sweep, in the order of its runs."""
+
+    def table(self) -> AnyTable:
+        """A row for each run: the varied keys, the figures of its flight, seed and error; see `frames.frame`."""
+        keys = list(dict.fromkeys(key for flight in self for key in flight.values))
+        columns = {key: [flight.values.get(key) for flight in self] for key in keys}
+        return frame(
+            columns | {name: [getattr(flight, name) for flight in self] for name in (*COLUMNS, "seed", "error")}
+        )
+
+    def __repr__(self) -> str:
+        """Counts, not the flights."""
+        whole = totals(self)
+        return f"<{whole.runs} flights: {whole.completed} completed, {whole.failed} not made>"
+
+    def _repr_html_(self) -> str:
+        whole = totals(self)
+        rows = [("runs", str(whole.runs)), ("completed", str(whole.completed)), ("not made", str(whole.failed))]
+        return html_table(rows)
 
 
 def sweep(

@@ -1,6 +1,14 @@
-"""Kalman filter, one step at a time, for a scalar measurement.
+"""Kalman filter for a scalar measurement: one step at a time, and its covariance over many readings as one map.
 
-Source: letter, Alg. 2 l. 28-29; draft 002 l. 9-16, with the sign of its covariance update corrected.
+A prediction and a reading, and any sequence of them, take a covariance P to
+
+    H + A P (I + G P)⁻¹ Aᵀ
+
+whatever the readings' values, and two such maps in a row are one more. So n equal steps take log₂ n compositions once,
+and one solve each time. A map is an array of shape (3, m, m): A, G and H.
+
+Source: letter, Alg. 2 l. 28-29; draft 002 l. 9-16, with the sign of its covariance update corrected. Of maps: Anderson
+and Moore 1979, Sec. 6.7 (doubling); Särkkä and García-Fernández 2021, Lemma 8 (composition).
 """
 
 from __future__ import annotations
@@ -55,3 +63,49 @@ def update(
     left = np.eye(len(state)) - np.outer(gain, output)
     covariance = left @ covariance @ left.T + noise_variance * np.outer(gain, gain)
     return state, covariance
+
+
+def applied(step: FloatArray, covariance: FloatArray) -> FloatArray:
+    """The covariance after the steps of a map, shape (m, m), symmetric to the last bit."""
+    transition, information, added = step
+    # P (I + G P)⁻¹ = (I + P G)⁻¹ P
+    left = np.linalg.solve(np.eye(len(covariance)) + covariance @ information, covariance)
+    result: FloatArray = transition @ left @ transition.T + added
+    return 0.5 * (result + result.T)
+
+
+def composed(step: FloatArray, then: FloatArray) -> FloatArray:
+    """One map, then another, as a map: shape (3, m, m)."""
+    transition, information, added = step
+    identity = np.eye(len(added))
+    # A₂ (I + H₁ G₂)⁻¹
+    through = np.linalg.solve((identity + added @ then[1]).T, then[0].T).T
+    grown = then[2] + through @ added @ then[0].T
+    # G = G₁ + A₁ᵀ (I + G₂ H₁)⁻¹ G₂ A₁
+    seen = np.linalg.solve(identity + then[1] @ added, then[1] @ transition)
+    known = information + transition.T @ seen
+    return np.array([through @ transition, 0.5 * (known + known.T), 0.5 * (grown + grown.T)])
+
+
+def step_map(
+    transition: FloatArray, process_noise: FloatArray, output: FloatArray, noise_variance: float
+) -> FloatArray:
+    """One step ahead, then one scalar reading: `predict` and `update`.
+
+    Parameters
+    ----------
+    transition, process_noise : array, shape (m, m)
+        F and the Q of the step.
+    output : array, shape (m,)
+        C.
+    noise_variance : float
+        R of the reading, above 0.
+
+    Returns
+    -------
+    array, shape (3, m, m)
+    """
+    nothing, identity = np.zeros_like(transition), np.eye(len(output))
+    predicted = np.array([transition, nothing, process_noise])
+    read = np.array([identity, np.outer(output, output) / noise_variance, nothing])
+    return composed(predicted, read)

@@ -1,7 +1,7 @@
 """The Kalman filter behind the exact estimator: a Fourier state and a disturbance, moved by the exact step.
 
 The covariance does not depend on the values of the readings. Once the gain has converged (`SETTLED`), it is held for a
-block of evenly spaced readings, and the covariance passes the block in one map (`eadp.core.signals.riccati`), which is
+block of evenly spaced readings, and the covariance passes the block in one map (`eadp.core.signals.kalman`), which is
 exact except that the gain is up to a block old. A drop-out, a gated reading, an irregular step or a new model is
 processed step by step.
 """
@@ -14,8 +14,7 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.core.signals import forecasting
-from eadp.core.signals.kalman import predict, update
-from eadp.core.signals.riccati import applied, composed, step_map
+from eadp.core.signals.kalman import applied, composed, predict, step_map, update
 
 BLOCK_DOUBLINGS = 4
 BLOCK = 2**BLOCK_DOUBLINGS

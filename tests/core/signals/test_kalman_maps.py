@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm, solve_discrete_are
 
-from eadp.core.signals.kalman import predict, update
-from eadp.core.signals.riccati import applied, composed, step_map
+from eadp.core.signals.kalman import applied, composed, predict, step_map, update
 
 SIZE = 4
 SAME = 1e-8
