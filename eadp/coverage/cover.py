@@ -26,7 +26,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose, centre_m, ordered, polyline_m
-from eadp.core.geometry.polygons import FreeSpace, strip_extents
+from eadp.core.geometry.polygons import FreeSpace, hull, strip_extents
 from eadp.coverage.airspace import FreeTurns, LineCosts, free_lines, free_order
 from eadp.coverage.line_order import best_order, quick_order
 from eadp.coverage.swaths import (
@@ -329,11 +329,8 @@ def _tried_headings(request: CoverageRequest) -> list[float]:
 
 def _headings(field: Field) -> Iterator[float]:
     """Headings in [0, π) to try: those of the hull's edges, longest first, and a grid from the longest."""
-    from scipy.spatial import ConvexHull
-
-    outline = np.concatenate([np.array(part[0]) for part in field.parts])
-    hull = outline[ConvexHull(outline).vertices]
-    edges = np.roll(hull, -1, axis=0) - hull
+    corners = np.array(hull(np.concatenate([np.array(part[0]) for part in field.parts])))
+    edges = np.roll(corners, -1, axis=0) - corners
     found: list[float] = []
     by_length = edges[np.argsort(-np.round(np.hypot(edges[:, 0], edges[:, 1]), TIE_DIGITS), kind="stable")]
     of_edges = [math.atan2(dy, dx) for dx, dy in by_length.tolist()]

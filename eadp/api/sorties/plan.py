@@ -7,7 +7,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from statistics import NormalDist
 from typing import Annotated, Any
 
@@ -20,6 +20,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import place_text
+from eadp.core.geometry.polygons import hull
 from eadp.coverage.airspace import free_lines
 from eadp.coverage.cover import (
     AUTO,
@@ -56,6 +57,9 @@ between two sorties [s]."""
 
 PART_M = 200.0
 """Length of the parts of lines for which the way there is counted [m]."""
+
+LEAST_SHARE = 0.02
+"""Share of a flight for which a pack lasts, where it lasts for less, or for none."""
 
 DRAFT_SHARE = 0.02
 """Share of the charge that lines in a draft's order take at most beyond what they need: 0.011 measured."""
@@ -122,7 +126,9 @@ class PlannedSortie:
     @property
     def used(self) -> float:
         """Charge that the whole flight takes, as a share of a pack."""
-        return self.inputs.world.battery.soc - (self.forecast.forecast.soc_end or 0.0)
+        charge, soc_end = self.inputs.world.battery.soc, self.forecast.forecast.soc_end
+        # of a pack that is empty before the end, what the flight would take
+        return charge - soc_end if soc_end else charge - self.inputs.scenario.keys.reserve_soc - self.spare
 
     @property
     def short_text(self) -> str:
@@ -274,6 +280,7 @@ class SortiePlanner:
         """Sorties over a ground by a request's pattern: side by side, or along a tour of its lines if that is less."""
         motion, laps, grid = self.task.motion, request.pattern == ZAMBONI, self.grid(request)
 
+        @cache
         def planned(part: Field, *, draft: bool) -> PlannedSortie:
             covered = _without_bays(part) if laps else part  # laps cover bays and holes as if they were field
             part_of = replace(request, field=covered, grid=None if laps else grid)
@@ -326,9 +333,13 @@ class SortiePlanner:
         found = inputs.preflight(whole=False)
         if found is None or found.forecast.soc_end is None or found.forecast.soc_end_std is None:
             raise Infeasible("a sortie has no forecast: the battery's charge is prescribed, or the wind is too strong")
-        spare = found.forecast.soc_end - _DEVIATIONS * found.forecast.soc_end_std - inputs.scenario.keys.reserve_soc
+        reserve_soc = inputs.scenario.keys.reserve_soc
+        spare = found.forecast.soc_end - _DEVIATIONS * found.forecast.soc_end_std - reserve_soc
         if not found.feasible:
             spare = min(spare, -1e-6)  # cannot be flown
+        if not found.forecast.soc_end:  # the pack is empty before the end: it lasts for a share of the flight
+            share = max(0.0 if found.reach is None else found.reach.share, LEAST_SHARE)
+            spare = (inputs.world.battery.soc - reserve_soc) * (1 - 1 / share)
         return PlannedSortie(solution, planned, inputs, found, spare)
 
     def _least(self, sample: FlightInputs, grid: LineGrid, ground: Field) -> LeastSorties:
@@ -377,11 +388,8 @@ class SortiePlanner:
 
 def _without_bays(part: Field) -> Field:
     """The convex hull of a field's parts."""
-    from scipy.spatial import ConvexHull
-
-    points = np.concatenate([np.array(rings[0]) for rings in part.parts])
-    hull = tuple((float(x), float(y)) for x, y in points[ConvexHull(points).vertices])
-    return replace(part, outline=hull, holes=(), others=())
+    outline = hull(np.concatenate([np.array(rings[0]) for rings in part.parts]))
+    return replace(part, outline=outline, holes=(), others=())
 
 
 def _at_lowest(plan: Plan) -> Plan:
