@@ -401,7 +401,8 @@ class CoveragePlan:
         if not last.command(LAND):
             return []
         length_m = math.dist(before.trigger_at(()), last.trigger_at(()))
-        return [f"landing    final approach of {length_m:.0f} m from {before.altitude_m:g} m"]
+        ends = f" to {last.altitude_m:.0f} m" if last.altitude_m else ""
+        return [f"landing    final approach of {length_m:.0f} m from {before.altitude_m:g} m{ends}"]
 
     def _overlap_text(self) -> list[str]:
         """The overlap of neighbouring lines, and where it is always less."""
@@ -511,9 +512,6 @@ class CoverageTask:
     def terrain(self) -> TerrainTask | None:
         """The ground to follow, if one is given. Raises InputError of its files and options."""
         options = self.options
-        if options.terrain and options.landing is not None:
-            expected = "one of the two; without --landing the way home keeps above the ground"
-            raise _fault("--landing", str(options.landing), "no final approach over a terrain is planned", expected)
         ends = _point("--start", options.start, self.field), self.home_m
         return TerrainTask.read(options, options.altitude_m, options.clearance_m, self.field, ends)
 
@@ -549,8 +547,18 @@ class CoverageTask:
 
     @cached_property
     def approach(self) -> CoverageLeg | None:
-        """The final approach, down from the plan's altitude; None without a landing."""
-        return self.landing and approach(self.landing, self._altitude_m, self.airframe, self._air)
+        """The final approach, down from the plan's altitude; None without a landing. Raises Infeasible."""
+        if self.landing is None:
+            return None
+        *place, course = self.landing
+
+        def towards(course: float) -> CoverageLeg:
+            return approach((place[0], place[1], course), self._altitude_m, self.airframe, self._air)
+
+        if self.terrain is not None:
+            ground = self.terrain.ground(self.field, self.motion, self.motion.swath_m, (place[0], place[1]))
+            self.terrain.check_approach(towards, course, ground)
+        return towards(course)
 
     @property
     def _air(self) -> Air:
@@ -604,7 +612,9 @@ class CoverageTask:
         options = self.options
         ends = _point("--start", options.start, self.field) or self.home_m, self.home_m
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
-        pattern = options.pattern if self.terrain is None else self.terrain.pattern(options.pattern, self.field)
+        pattern, lands = options.pattern, self.landing is not None
+        if self.terrain is not None:
+            pattern = self.terrain.pattern(pattern, self.field, lands=lands)
         return CoverageRequest(
             self.field,
             self.motion,
@@ -642,8 +652,6 @@ class CoverageTask:
             # a height of 0 is that of the plan
             up_m = 0.0 if self.climb_out is None else min(CLIMB_OUT_M, self._altitude_m)
             takeoff, ending = _command(TAKEOFF, up_m), _command(RETURN)
-        if self.approach is not None:
-            ending = _command(LAND)
         name = printable(" ".join(field.name.split()), NAME_LIMIT)
         covered = Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:]))
         flown, heights, sited = solution, None, field
@@ -652,9 +660,12 @@ class CoverageTask:
             if options.turns_off and not solution.blocks:
                 split = (part for leg in solution.path(0.0).legs for part in leg.split())
                 flown = replace(solution, sections=tuple(split))
-            apart_m, ends = self.request.order_spacing_m or motion.swath_m, (self.home_m, self.airframe)
-            flown, heights = self.terrain.flown(flown, field, motion, apart_m, *ends, from_ground=self.from_ground)
-            altitude_m, sited = heights.profile.commanded_m[-1], heights.on_ground(field)
+            given = field, motion, self.request.order_spacing_m or motion.swath_m, self.home_m, self.airframe
+            lands = self.landing is not None
+            flown, heights = self.terrain.flown(flown, *given, from_ground=self.from_ground, lands=lands)
+            altitude_m, sited = heights.profile.commanded_m[0], heights.on_ground(field)
+        if self.landing is not None:
+            ending = _command(LAND, 0.0 if heights is None else heights.profile.commanded_m[-1])
         plan = build_plan(
             flown,
             name=self.file,

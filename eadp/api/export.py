@@ -315,6 +315,8 @@ def _landed(given: File | Plan, options: ExportOptions) -> Plan:
         raise _fault(
             "--landing", str(raw), "the plan has a landing, or is a mission with an end of its own", "no --landing"
         )
+    if plan.site.ground_m is not None:
+        raise _fault("--landing", str(raw), "the plan follows the ground", "eadp cover --landing, which plans for it")
     place, _ = _places(plan, name, options)
     made = plan.site.made_for or MadeFor("", FixedWing.airspeed_mps, 0.0, 0.0)
     airframe: Airframe = FixedWing(airspeed_mps=made.airspeed_mps)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, NamedTuple
 
@@ -13,10 +14,10 @@ from eadp.core.arrays import FloatArray
 from eadp.core.flight.following import RATE_SHARE, Climbing
 from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import Point
-from eadp.coverage.cover import AUTO, DUBINS, CoverageSolution
-from eadp.coverage.heights import Ground, HeightLimits, HeightProfile, over_terrain
-from eadp.coverage.swaths import MotionLimits
-from eadp.errors import InputError
+from eadp.coverage.cover import AUTO, DUBINS, ZAMBONI, CoverageSolution
+from eadp.coverage.heights import Ground, HeightLimits, HeightProfile, low_approach, over_terrain
+from eadp.coverage.swaths import CoverageLeg, MotionLimits
+from eadp.errors import Infeasible, InputError
 from eadp.io.terrain.reader import read_terrain
 from eadp.io.text.options import Flag, check_range
 from eadp.models.field import Field
@@ -34,6 +35,9 @@ RELIEF_POINTS, HOME_POINTS = 50, 25
 
 WAYS_HOME = 200
 """Ways home that are tried, at least."""
+
+TURNS_DEG = [side * turn for turn in range(10, 181, 10) for side in (1, -1)]
+"""Turns from a heading of landing that are tried, the least first [°]."""
 
 
 @dataclass(frozen=True)
@@ -89,13 +93,39 @@ class TerrainTask(NamedTuple):
         terrain = read_terrain(files, np.array(points), field.origin_deg)
         return cls(terrain, HeightLimits(altitude_m, tolerance_m, clearance_m))
 
-    def pattern(self, pattern: str, field: Field) -> str:
-        """Lines in an order instead of either pattern, where laps would be too high above the lower ground."""
-        if pattern != AUTO:
-            return pattern
+    def pattern(self, pattern: str, field: Field, *, lands: bool) -> str:
+        """Lines in an order instead of either pattern, where laps would be too high above the lower ground, or to land.
+
+        Raises Infeasible where laps are asked for, and a landing.
+        """
+        if pattern == ZAMBONI and lands:
+            raise Infeasible("laps have one altitude, and over terrain the final approach another", "--pattern dubins")
+        if pattern != AUTO or lands:
+            return DUBINS if pattern == AUTO else pattern
         corners = np.array([vertex for part in field.parts for vertex in part[0]])
         heights_m, _ = self.terrain.grid(corners, RELIEF_POINTS)
         return DUBINS if np.nanmax(heights_m) - np.nanmin(heights_m) > self.limits.tolerance_m else AUTO
+
+    def ground(self, field: Field, motion: MotionLimits, apart_m: float, zero: Point) -> Ground:
+        """The ground of a flight whose altitudes are 0 at a place [m]. Raises Infeasible where it is not known."""
+        zero_m = round(float(self.terrain.known_m(np.array([zero]))[0]), 2)  # as a plan has it
+        return Ground(self.terrain, zero_m, self.limits, motion, apart_m, field.airspace)
+
+    def check_approach(self, approach: Callable[[float], CoverageLeg], course: float, ground: Ground) -> None:
+        """Raise Infeasible where a final approach on a course [rad] comes too near to the ground."""
+        if (low := low_approach(approach(course), ground)) is None:
+            return
+        (latitude, longitude), above_m, min_m = low
+        advice = "another place, or less altitude"
+        for turn_deg in TURNS_DEG:
+            other = course + math.radians(turn_deg)
+            with suppress(Infeasible):  # of ground that is not known
+                if low_approach(approach(other), ground) is None:
+                    advice = f"a heading of {compass_deg(other) % 360:.0f}°, or {advice}"
+                    break
+        comes = f"comes as near as {above_m:.1f} m to the ground" if above_m > 0 else "leads into the ground"
+        message = f"the final approach towards {compass_deg(course) % 360:.0f}° {comes}"
+        raise Infeasible(f"{message} at {latitude:.5f},{longitude:.5f}, and keeps {min_m:.1f} m there", advice)
 
     def flown(
         self,
@@ -107,6 +137,7 @@ class TerrainTask(NamedTuple):
         airframe: Airframe,
         *,
         from_ground: bool,
+        lands: bool,
     ) -> tuple[CoverageSolution, Heights]:
         """A path with its altitudes, see `over_terrain`, which are 0 at home, or at the start; and its heights.
 
@@ -120,10 +151,9 @@ class TerrainTask(NamedTuple):
         if isinstance(airframe, PaperVehicle):
             raise _fault("--terrain", f"the airframe {airframe.model} holds its own altitude", "another --vehicle")
         home_m = home_m or solution.path(0.0).legs[0].start[:2]
-        zero_m = round(float(self.terrain.known_m(np.array([home_m]))[0]), 2)  # as a plan has it
-        ground = Ground(self.terrain, zero_m, self.limits, motion, apart_m, field.airspace)
+        ground = self.ground(field, motion, apart_m, home_m)
         climbing = Climbing(*airframe.climb_rates_mps(motion.airspeed_mps), airframe.altitude_gain_per_s)
-        flown, profile = over_terrain(solution, ground, climbing, 0.0 if from_ground else None)
+        flown, profile = over_terrain(solution, ground, climbing, 0.0 if from_ground else None, lands=lands)
         return flown, Heights(profile, home_m, climbing)
 
 

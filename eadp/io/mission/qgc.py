@@ -304,7 +304,7 @@ def qgc_text(
     ]
     written: list[dict[str, Any]] = []
     lands = [item.command for item in items[-3:]] == [LAND_START, WAYPOINT, LAND]
-    pattern = lands and firmware == ARDUPILOT
+    pattern = lands and firmware == ARDUPILOT and items[-1].frame == RELATIVE  # a pattern has no heights above ground
     for number, (command, frame, parameters, _) in enumerate(items[:-3] if pattern else items, 1):
         item: dict[str, Any] = {"autoContinue": True, "command": command, "doJumpId": number, "frame": frame}
         item |= {"params": _rounded(parameters), "type": "SimpleItem"}
