@@ -193,10 +193,12 @@ def load_flight(
     inside: File | None = None,
     overrides: Mapping[str, Any] | None = None,
     files: Files | None = None,
+    terrain: Sequence[str] = (),
 ) -> FlightInputs:
     """Read and check what a flight is of, paths or objects; those in `files` are not read again.
 
-    `avoid` and `inside` are files of obstacles and of a boundary, besides those of the plan.
+    `avoid` and `inside` are files of obstacles and of a boundary, besides those of the plan; `terrain` are those of the
+    ground, for a mission whose altitudes are above it.
 
     Raises
     ------
@@ -207,7 +209,7 @@ def load_flight(
     setting = files.scenario(scenario, overrides)
     given = zip(FENCES, (avoid, inside), strict=True)
     fences = {kind: files.text(str(path), read_field_text) for kind, path in given if path is not None}
-    plan_source, flown, warnings = _plan(files, plan, setting, fences)
+    plan_source, flown, warnings = _plan(files, plan, setting, fences, terrain)
     sources: dict[str, Source] = {"plan": plan_source, **fences}
     if isinstance(scenario, Mapping):
         sources["scenario"] = Given(setting.document.value, "given-keys.yaml", value_text)
@@ -251,7 +253,7 @@ def load_flight(
 
 
 def _plan(
-    files: Files, given: File | Plan, scenario: Scenario, fences: Mapping[str, Text]
+    files: Files, given: File | Plan, scenario: Scenario, fences: Mapping[str, Text], terrain: Sequence[str]
 ) -> tuple[Source, Plan, list[Fault]]:
     """Where a plan or a mission comes from, the plan as it is flown, beside fences by kind, and warnings."""
     keys, vehicle = scenario.keys, scenario.keys.vehicle.airframe
@@ -262,7 +264,9 @@ def _plan(
         text, plan = Given(given, "given.plan", plan_text), given
     else:
         reader = PlanReader.of(vehicle, keys.battery, keys.laps) if foreign else PlanReader()
-        text, (plan, findings) = files.read(str(given), reader)
+        text, (plan, findings) = files.read(str(given), replace(reader, terrain=tuple(terrain)))
+        if foreign and terrain:
+            text = Given(plan, text.name, plan_text)  # with a flight's results is the plan, which needs no terrain
     plan, notes = fenced(plan, **fences)
     if keys.obstacles == IGNORE:
         plan = replace(plan, site=plan.site._replace(airspace=EVERYWHERE))

@@ -15,6 +15,8 @@ from scipy.ndimage import gaussian_filter
 
 import eadp
 from eadp.api.inputs import load_flight
+from eadp.api.plan import read_plan
+from eadp.api.simulate import forecast
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.core.geometry.polygons import holding
 from eadp.io.terrain.reader import read_terrain
@@ -293,6 +295,52 @@ def test_a_landing_above_ground_is_items_of_heights_above_ground(eadp, landing, 
     begins = found.plan.stages[-2]
     ground_m = 0.05 * (begins.trigger_at(())[0] - HOME[0])
     assert approach["Altitude"] == pytest.approx(begins.altitude_m - ground_m, abs=SLOPE_M)
+
+
+@pytest.mark.parametrize(("to", "known"), [("qgc", False), ("ardupilot", True), ("ardupilot", False)])
+def test_altitudes_above_ground_are_read_back_above_home(eadp, landing, slope, tmp_path, to, known):
+    """Of QGroundControl with heights above the sea, too, as its `SimpleMissionItem::save` writes them."""
+    plan, terrain, above, again = landing[0], slope[1], tmp_path / "above", tmp_path / "again"
+    eadp("export", plan, "--to", to, "--altitudes", "terrain", "--terrain", terrain, "-o", above)
+    given = ("--terrain", terrain) if known else ()
+    answer = eadp("plan", above, "--format", "plan", *given)
+    again.write_text(answer.out)
+    relative = tmp_path / "relative"
+    eadp("export", plan, "--to", to, "-o", relative)
+    there, here = (read_plan(file, warn=lambda _: None) for file in (relative, again))
+    altitudes = [[stage.altitude_m for stage in each.stages] for each in (there, here)]
+    if to == "ardupilot" and not known:
+        assert "item 3: an altitude above ground, taken as above home; --terrain has the ground" in answer.err
+        assert altitudes[1] != pytest.approx(altitudes[0], abs=1)
+        return
+    assert "above ground" not in answer.err
+    assert altitudes[1] == altitudes[0]
+    assert here.site.ground_m == pytest.approx(float(plan.read_text().split("%: ground ")[1].split()[0]), abs=0.05)
+    # forecast, flight and export read it as well
+    wing = {"vehicle": WING[1]}
+    files = [terrain] if known else []
+    forecasts = [
+        forecast(relative, overrides=wing, warn=lambda _: None),
+        forecast(above, overrides=wing, terrain=files),
+    ]
+    assert forecasts[1]["energy_wh"] == pytest.approx(forecasts[0]["energy_wh"], rel=1e-3)
+    out = eadp("export", above, "--to", "ardupilot", *given).out
+    rows = [
+        [line.split("\t")[10] for line in text.splitlines()[2:]]
+        for text in (out, eadp("export", relative, "--to", "ardupilot").out)
+    ]
+    assert rows[0] == rows[1]
+
+
+def test_a_flight_above_ground_is_kept_as_the_plan_that_it_is(eadp, landing, slope, tmp_path):
+    above, flown = tmp_path / "above.waypoints", tmp_path / "flown"
+    terrain = ("--terrain", slope[1])
+    eadp("export", landing[0], "--to", "ardupilot", "--altitudes", "terrain", *terrain, "-o", above)
+    answer = eadp("simulate", above, *terrain, "--set", f"vehicle={WING[1]}", "-o", flown)
+    assert answer.code == 0, answer.err
+    kept = read_plan(flown / "inputs" / "above.waypoints")
+    assert kept.stages[-1].altitude_m == pytest.approx(landing[1].plan.stages[-1].altitude_m, abs=0.05)
+    assert eadp("report", flown, "-o", tmp_path / "page.html").code == 0
 
 
 @pytest.mark.parametrize(("west_m", "works"), [(700, True), (200, False)])
