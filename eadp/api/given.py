@@ -49,7 +49,7 @@ class FlightOptions:
     """Polygons that the flight stays inside of, as --avoid."""
 
     terrain: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
-    """Heights of the ground, as of eadp cover, for a mission whose altitudes are above it."""
+    """Heights of the ground, as of eadp cover, for a mission whose altitudes are above it, and for the page."""
 
     @property
     def overrides(self) -> list[str]:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from common import ROOT, few
 from common.answers import refused
+from common.pages import Page
 from common.terrains import from_corner, write_degrees, write_geotiff, write_hgt
 from scipy.ndimage import gaussian_filter
 
@@ -377,6 +378,22 @@ def test_what_cannot_be_exported_above_ground(eadp, slope, tmp_path):
     assert {(item["frame"], item["Altitude"]) for item in items if "Altitude" in item} == {(10, 80)}
 
 
+def test_results_and_page_have_the_ground_below_the_flight(eadp, landing, slope, tmp_path):
+    flown = tmp_path / "flown"
+    words = ("--terrain", slope[1], "--set", f"vehicle={WING[1]}", "-o", flown)
+    assert eadp("simulate", landing[0], *words).code == 0
+    header, *rows = (line.split(",") for line in (flown / "flight.csv").read_text().splitlines())
+    x, ground_m = (np.array([float(row[header.index(name)]) for row in rows]) for name in ("x_m", "ground_m"))
+    assert ground_m == pytest.approx(0.05 * (x - HOME[0]), abs=SLOPE_M)
+    assert eadp("report", flown, "-o", tmp_path / "page.html").code == 0
+    for page in (flown / "report.html", tmp_path / "page.html"):
+        shown = Page(page.read_text(encoding="utf-8")).data["altitude"]
+        assert len(shown["ground_m"]) == len(shown["m"]) == len(shown["t"])
+        assert (min(shown["ground_m"]), max(shown["ground_m"])) == pytest.approx(
+            (ground_m.min(), ground_m.max()), abs=0.5
+        )
+
+
 @pytest.mark.slow
 def test_sorties_over_terrain_land_on_the_ground(eadp, slope, tmp_path):
     field, terrain = slope
@@ -387,7 +404,9 @@ def test_sorties_over_terrain_land_on_the_ground(eadp, slope, tmp_path):
     for name in ("sortie-01", "sortie-02"):
         last = load_flight(str(tmp_path / "sorties" / f"{name}.plan")).world.plan.stages[-1]
         assert last.altitude_m == pytest.approx(0.05 * (LANDING[0] - HOME[0]), abs=SLOPE_M)
-    assert eadp("simulate", tmp_path / "sorties").code == 0
+    assert (tmp_path / "sorties/sorties.svg").read_text().count("sortie after sortie") == 1
+    assert eadp("simulate", tmp_path / "sorties", "-o", tmp_path / "flown").code == 0
+    assert (tmp_path / "flown/sortie-02/flight.csv").read_text().partition("\n")[0].endswith(",ground_m")
 
 
 def test_sorties_follow_the_ground_from_home(eadp, slope, tmp_path):
