@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.landing import Air, approach, climb_out, course_rad, landing_pose
 from eadp.api.profile import profile_of_scenario, read_profile
-from eadp.api.terrain import FLAT_M, Heights, TerrainOptions, TerrainTask
+from eadp.api.terrain import FLAT_M, HeightReport, Heights, TerrainOptions, TerrainTask
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, velocity_mps
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
@@ -363,12 +363,12 @@ class CoveragePlan:
     def document(self) -> dict[str, Any]:
         """The values of `eadp.cover/1`."""
         own = {"side_overlap": self._side_overlaps, "batteries": self._batteries}
-        ground = None if self.heights is None else self.heights.document(*self._on_ground)
+        ground = None if self.heights is None else HeightReport([self.heights], *self.on_ground).document()
         shown = self.report.document(self.repairs, self.text)
         return shown | own | pictures_document(self.pictures) | {"terrain": ground}
 
     @property
-    def _on_ground(self) -> tuple[float, float | None, float | None]:
+    def on_ground(self) -> tuple[float, float | None, float | None]:
         """Width of a picture or of a line's ground [m], distance of the lines [m], and size of a pixel [cm]."""
         shot, apart_m = self.pictures, self.report.least.spacing_m
         return (self.report.motion.swath_m, apart_m, None) if shot is None else (shot.width_m, apart_m, shot.gsd_cm)
@@ -379,7 +379,7 @@ class CoveragePlan:
         return [self._overlap(end.spacing_m) for end in (self.report.full, self.report.least)]
 
     def _overlap(self, apart_m: float | None) -> float | None:
-        return None if apart_m is None else 1 - apart_m / self._on_ground[0]
+        return None if apart_m is None else 1 - apart_m / self.on_ground[0]
 
     @property
     def _batteries(self) -> list[float] | None:
@@ -391,7 +391,7 @@ class CoveragePlan:
     def lines(self) -> list[str]:
         """A summary for people, line by line."""
         camera = [] if self.pictures is None else self.pictures.lines()
-        ground = [] if self.heights is None else self.heights.text(*self._on_ground)
+        ground = [] if self.heights is None else HeightReport([self.heights], *self.on_ground).text()
         flight = [*self.report.text(), *self._landing_text()]
         return [*flight, *camera, *self._overlap_text(), *ground, *self._batteries_text()]
 
