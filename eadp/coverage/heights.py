@@ -16,7 +16,7 @@ from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.polygons import holding
 from eadp.coverage.cover import CoverageSolution
 from eadp.coverage.swaths import CoverageLeg, MotionLimits
-from eadp.errors import Infeasible
+from eadp.errors import Infeasible, Unreachable
 from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace
 from eadp.models.terrain import ElevationModel
 
@@ -235,7 +235,11 @@ def over_terrain(
         ends = np.append(samples.legs[1:] != samples.legs[:-1], True)
         to = last + 1
         band = Band(samples.places_m[:to], seconds[:last], floor_m[:to], ceiling_m[:to], (straight | ends)[:to])
-        found = commanded(banded(band, climbing, ground.limits.tolerance_m / 2), climbing, hard_m[:to], start_m)
+        try:
+            found = commanded(banded(band, climbing, ground.limits.tolerance_m / 2), climbing, hard_m[:to], start_m)
+        except Unreachable as error:
+            latitude, longitude = ground.terrain.place_deg(samples.points_m[error.target])
+            raise Infeasible(f"{error}, at {latitude:.5f},{longitude:.5f}") from None
     flown_m = [np.array(found[0][1] if start_m is None else start_m)]
     for altitude_m, step_s in zip(_repeated(found), seconds.tolist(), strict=False):
         flown_m.append(climbing.followed_m(flown_m[-1], altitude_m, step_s))
