@@ -259,7 +259,7 @@ def over_terrain(
 def low_approach(approach: CoverageLeg, ground: Ground) -> tuple[tuple[float, float], float, float] | None:
     """Where a final approach comes too near to the ground, from the height of lines above the ground of its end.
 
-    Half of its height above that, up to the clearance, is above all that is below.
+    Half of its height above that, up to the clearance, is above all that is below, as far as it is more than a flare's.
 
     Returns
     -------
@@ -273,7 +273,7 @@ def low_approach(approach: CoverageLeg, ground: Ground) -> tuple[tuple[float, fl
     heights_m = limits.line_m * (1 - samples.places_m / samples.places_m[-1])
     min_m = np.minimum(limits.clearance_m, heights_m / 2)
     above_m = heights_m - tops_m
-    k = int(np.argmin(np.where(heights_m < FLARE_M, np.inf, above_m - min_m)))
+    k = int(np.argmin(np.where(min_m < FLARE_M, np.inf, above_m - min_m)))
     if above_m[k] >= min_m[k]:
         return None
     return ground.terrain.place_deg(samples.points_m[k]), float(above_m[k]), float(min_m[k])

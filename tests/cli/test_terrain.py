@@ -363,6 +363,17 @@ def test_an_approach_that_meets_the_ground_names_a_heading_that_does_not(eadp, t
     assert "laps have one altitude, and over terrain the final approach another" in laps.err
 
 
+def test_maps_have_altitudes_above_the_sea(eadp, landing):
+    plan, found = landing
+    zero_m = found.plan.site.ground_m
+    points = json.loads(eadp("export", plan, "--to", "geojson").out)["features"][0]["geometry"]["coordinates"]
+    assert points[-1][2] == pytest.approx(zero_m + found.plan.stages[-1].altitude_m)
+    assert f"<ele>{points[-1][2]:g}</ele>" in eadp("export", plan, "--to", "gpx").out
+    kml = eadp("export", plan, "--to", "kml").out
+    assert "<altitudeMode>absolute</altitudeMode>" in kml
+    assert f",{points[-1][2]:g}<" in kml
+
+
 def test_what_cannot_be_exported_above_ground(eadp, slope, tmp_path):
     field, terrain = slope
     plan = tmp_path / "slope.plan"
