@@ -15,7 +15,7 @@ import numpy as np
 
 from eadp.api.cover import CoveragePlan, CoverageTask
 from eadp.api.inputs import Files, FlightInputs, load_flight
-from eadp.api.terrain import Heights, height_range_m, height_text
+from eadp.api.terrain import HeightReport
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
@@ -516,9 +516,16 @@ class SortiePlan:
         return nearest([track.later(k * self.stagger_s) for k, track in enumerate(self._tracks)])
 
     @property
-    def _heights(self) -> list[Heights]:
-        """The heights of each sortie over terrain."""
-        return [each.plan.heights for each in self.sorties if each.plan.heights is not None]
+    def _heights(self) -> HeightReport | None:
+        """The heights of all sorties; None without a terrain."""
+        heights = [each.plan.heights for each in self.sorties if each.plan.heights is not None]
+        if not heights:
+            return None
+        width_m, apart_m, gsd_cm = self.sorties[0].plan.on_ground
+        if not self.sorties[0].solution.blocks:  # lines beside each other are those of several sorties
+            middles_m = self.planner.grid().middles_m
+            apart_m = float(np.diff(middles_m)[0]) if len(middles_m) > 1 else None
+        return HeightReport(heights, width_m, apart_m, gsd_cm)
 
     @cached_property
     def _path(self) -> CoveragePath:
@@ -604,7 +611,7 @@ class SortiePlan:
             "nearest_m": None if near is None else near.distance_m,
             "overlap_m": options.overlap_m,
             **pictures_document(self.pictures),
-            "height_m": height_range_m(self._heights),
+            "terrain": self._heights and self._heights.document(),
             "options": {key: value for key, value in asdict(task.options).items() if value is not None},
             "sorties": rows,
             "parts": task.field.parts,
@@ -659,8 +666,7 @@ class SortiePlan:
             later = f"with {document['stagger_s']:g} s from one take-off to the next"
             lines.append(f"apart      {near.distance_m:.0f} m or more, {later}")
         lines += [] if self.pictures is None else self.pictures.lines()
-        if (heights_m := document["height_m"]) is not None:
-            lines.append(f"height     {height_text(heights_m)}")
+        lines += [] if self._heights is None else self._heights.text()
         return lines + left_text(self.left, 1 - self.coverage, task.field.origin_deg)
 
     def scenario_text(self, profile: str | None) -> str:
@@ -671,8 +677,8 @@ class SortiePlan:
         value["planner"] = {**(value.get("planner") or {}), "name": self.sorties[0].inputs.scenario.keys.planner.name}
         if profile is not None:
             value["profile"] = profile
-        if heights := self._heights:
-            value["home"] = {"altitude_m": max(each.home_altitude_m for each in heights)}
+        if self._heights is not None:
+            value["home"] = {"altitude_m": self._heights.document()["home_altitude_m"]}
         value.setdefault("on_infeasible", "home")  # what a sortie leaves is flown by another
         value = {"schema": "eadp.scenario/1", **value}
         head = "# One sortie: eadp simulate sortie-01.plan --scenario scenario.yaml. All: eadp simulate of the folder."
