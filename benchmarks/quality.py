@@ -69,7 +69,7 @@ from eadp.simulation.metrics import ParameterLog
 enable()
 ROOT = Path(__file__).resolve().parents[1]
 PROFILE = str(ROOT / "profiles/pednet-jetson-nano.yaml")
-STEP_S = 0.05
+STEP_S, LONGEST_S = 0.05, 20_000.0
 GRID = 21
 """Places of c1 that hindsight looks at, with every level of c2, and that the lap budget chooses from."""
 RESERVE = 0.05
@@ -112,8 +112,8 @@ def load(plan: str, keys: Mapping[str, Any], **more: Any) -> FlightInputs:
     """A flight of a plan."""
     overrides = {
         "step_s": STEP_S,
-        "log_every_s": STEP_S,
-        "time_limit_s": 20_000,
+        "log_every_s": LONGEST_S,  # no rows: only the outcome counts
+        "time_limit_s": LONGEST_S,
         **keys,
         **more,
     }
@@ -188,7 +188,13 @@ def hindsight(plan: str, case: Case) -> dict[str, Any]:
 
     Neither path nor motion power depend on the computations, so that the charge of every c2 follows from one flight.
     """
-    base = {**case.keys, "planner.name": "static", "faults": [], "battery.capacity_ah": 1000.0}
+    base = {
+        **case.keys,
+        "planner.name": "static",
+        "faults": [],
+        "battery.capacity_ah": 1000.0,
+        "log_every_s": STEP_S,
+    }
     inputs = load(plan, base)
     box, levels_box = inputs.mission.plan.hull(0), inputs.mission.plan.hull(1)
     levels = inputs.mission.computing.levels(0, levels_box)
@@ -337,7 +343,13 @@ class ScheduleSearch:
 
     def __init__(self, plan: str, case: Case, laps: int) -> None:
         self._plan, self._laps, self._start = plan, laps, case.keys["parameters"]["c1"]
-        self._base = {**case.keys, "planner.name": "static", "faults": [], "battery.capacity_ah": 1000.0}
+        self._base = {
+            **case.keys,
+            "planner.name": "static",
+            "faults": [],
+            "battery.capacity_ah": 1000.0,
+            "log_every_s": STEP_S,
+        }
         probe = load(plan, self._base)
         self._box, self._levels_box = probe.mission.plan.hull(0), probe.mission.plan.hull(1)
         levels = probe.mission.computing.levels(0, self._levels_box)

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.landing import Air, approach, climb_out, course_rad, landing_pose
 from eadp.api.profile import profile_of_scenario, read_profile
-from eadp.api.terrain import FLAT_M, Heights, TerrainOptions, TerrainTask
+from eadp.api.terrain import FLAT_M, HeightReport, Heights, TerrainOptions, TerrainTask
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, velocity_mps
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
@@ -363,12 +363,12 @@ class CoveragePlan:
     def document(self) -> dict[str, Any]:
         """The values of `eadp.cover/1`."""
         own = {"side_overlap": self._side_overlaps, "batteries": self._batteries}
-        ground = None if self.heights is None else self.heights.document(*self._on_ground)
+        ground = None if self.heights is None else HeightReport([self.heights], *self.on_ground).document()
         shown = self.report.document(self.repairs, self.text)
         return shown | own | pictures_document(self.pictures) | {"terrain": ground}
 
     @property
-    def _on_ground(self) -> tuple[float, float | None, float | None]:
+    def on_ground(self) -> tuple[float, float | None, float | None]:
         """Width of a picture or of a line's ground [m], distance of the lines [m], and size of a pixel [cm]."""
         shot, apart_m = self.pictures, self.report.least.spacing_m
         return (self.report.motion.swath_m, apart_m, None) if shot is None else (shot.width_m, apart_m, shot.gsd_cm)
@@ -379,7 +379,7 @@ class CoveragePlan:
         return [self._overlap(end.spacing_m) for end in (self.report.full, self.report.least)]
 
     def _overlap(self, apart_m: float | None) -> float | None:
-        return None if apart_m is None else 1 - apart_m / self._on_ground[0]
+        return None if apart_m is None else 1 - apart_m / self.on_ground[0]
 
     @property
     def _batteries(self) -> list[float] | None:
@@ -391,7 +391,7 @@ class CoveragePlan:
     def lines(self) -> list[str]:
         """A summary for people, line by line."""
         camera = [] if self.pictures is None else self.pictures.lines()
-        ground = [] if self.heights is None else self.heights.text(*self._on_ground)
+        ground = [] if self.heights is None else HeightReport([self.heights], *self.on_ground).text()
         flight = [*self.report.text(), *self._landing_text()]
         return [*flight, *camera, *self._overlap_text(), *ground, *self._batteries_text()]
 
@@ -401,7 +401,8 @@ class CoveragePlan:
         if not last.command(LAND):
             return []
         length_m = math.dist(before.trigger_at(()), last.trigger_at(()))
-        return [f"landing    final approach of {length_m:.0f} m from {before.altitude_m:g} m"]
+        ends = f" to {last.altitude_m:.0f} m" if last.altitude_m else ""
+        return [f"landing    final approach of {length_m:.0f} m from {before.altitude_m:g} m{ends}"]
 
     def _overlap_text(self) -> list[str]:
         """The overlap of neighbouring lines, and where it is always less."""
@@ -511,9 +512,6 @@ class CoverageTask:
     def terrain(self) -> TerrainTask | None:
         """The ground to follow, if one is given. Raises InputError of its files and options."""
         options = self.options
-        if options.terrain and options.landing is not None:
-            expected = "one of the two; without --landing the way home keeps above the ground"
-            raise _fault("--landing", str(options.landing), "no final approach over a terrain is planned", expected)
         ends = _point("--start", options.start, self.field), self.home_m
         return TerrainTask.read(options, options.altitude_m, options.clearance_m, self.field, ends)
 
@@ -549,8 +547,18 @@ class CoverageTask:
 
     @cached_property
     def approach(self) -> CoverageLeg | None:
-        """The final approach, down from the plan's altitude; None without a landing."""
-        return self.landing and approach(self.landing, self._altitude_m, self.airframe, self._air)
+        """The final approach, down from the plan's altitude; None without a landing. Raises Infeasible."""
+        if self.landing is None:
+            return None
+        *place, course = self.landing
+
+        def towards(course: float) -> CoverageLeg:
+            return approach((place[0], place[1], course), self._altitude_m, self.airframe, self._air)
+
+        if self.terrain is not None:
+            ground = self.terrain.ground(self.field, self.motion, self.motion.swath_m, (place[0], place[1]))
+            self.terrain.check_approach(towards, course, ground)
+        return towards(course)
 
     @property
     def _air(self) -> Air:
@@ -604,7 +612,9 @@ class CoverageTask:
         options = self.options
         ends = _point("--start", options.start, self.field) or self.home_m, self.home_m
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
-        pattern = options.pattern if self.terrain is None else self.terrain.pattern(options.pattern, self.field)
+        pattern, lands = options.pattern, self.landing is not None
+        if self.terrain is not None:
+            pattern = self.terrain.pattern(pattern, self.field, lands=lands)
         return CoverageRequest(
             self.field,
             self.motion,
@@ -642,8 +652,6 @@ class CoverageTask:
             # a height of 0 is that of the plan
             up_m = 0.0 if self.climb_out is None else min(CLIMB_OUT_M, self._altitude_m)
             takeoff, ending = _command(TAKEOFF, up_m), _command(RETURN)
-        if self.approach is not None:
-            ending = _command(LAND)
         name = printable(" ".join(field.name.split()), NAME_LIMIT)
         covered = Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:]))
         flown, heights, sited = solution, None, field
@@ -652,9 +660,12 @@ class CoverageTask:
             if options.turns_off and not solution.blocks:
                 split = (part for leg in solution.path(0.0).legs for part in leg.split())
                 flown = replace(solution, sections=tuple(split))
-            apart_m, ends = self.request.order_spacing_m or motion.swath_m, (self.home_m, self.airframe)
-            flown, heights = self.terrain.flown(flown, field, motion, apart_m, *ends, from_ground=self.from_ground)
-            altitude_m, sited = heights.profile.commanded_m[-1], heights.on_ground(field)
+            given = field, motion, self.request.order_spacing_m or motion.swath_m, self.home_m, self.airframe
+            lands = self.landing is not None
+            flown, heights = self.terrain.flown(flown, *given, from_ground=self.from_ground, lands=lands)
+            altitude_m, sited = heights.profile.commanded_m[0], heights.on_ground(field)
+        if self.landing is not None:
+            ending = _command(LAND, 0.0 if heights is None else heights.profile.commanded_m[-1])
         plan = build_plan(
             flown,
             name=self.file,

@@ -89,7 +89,8 @@ class PlaceOptions:
     """Above home, or above the ground below, as qgc and ardupilot can."""
 
     terrain: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
-    """Heights of the ground, as of eadp cover: for --altitudes terrain of a plan that follows it."""
+    """Heights of the ground, as of eadp cover: for --altitudes terrain of a plan that follows it, and for a mission
+    whose altitudes are above it."""
 
     home_deg: Annotated[Position | None, Flag(metavar="POINT")] = None
     """Where to take off and return to: LAT,LON [°]; by default the plan's home, if it has one."""
@@ -224,7 +225,7 @@ class _Chosen(NamedTuple):
 
 def _stated(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
     """A plan at the parameters that are stated."""
-    plan, name = plan_of(given, options.min_radius_m, options.laps, warn)
+    plan, name = plan_of(given, options.min_radius_m, options.laps, warn, options.terrain)
     plan, notes = fenced_by(plan, options.avoid, options.inside)
     warn(notes)
     made = plan.site.made_for
@@ -236,13 +237,18 @@ def _forecast(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen
     """A plan at the parameters that its forecast in a scenario chooses, or the rest of it by telemetry."""
     overrides = read_overrides(override_texts(options.overrides, laps=options.laps))
     inputs = load_flight(
-        given, scenario=options.scenario, avoid=options.avoid, inside=options.inside, overrides=overrides
+        given,
+        scenario=options.scenario,
+        avoid=options.avoid,
+        inside=options.inside,
+        overrides=overrides,
+        terrain=options.terrain,
     )
     warn(inputs.warnings)
     plan, airframe = inputs.world.plan, inputs.world.vehicle
     name = inputs.sources["plan"].name if options.landing is None else plan.name
     if isinstance(airframe, PaperVehicle) and options.altitude_m is None:
-        stated, _ = plan_of(given, options.min_radius_m, options.laps, lambda _: None)
+        stated, _ = plan_of(given, options.min_radius_m, options.laps, lambda _: None, options.terrain)
         if any(stage.altitude_m is not None for stage in stated.stages):
             message = f"the plan commands altitudes, and the airframe {airframe.model} holds its own"
             raise _fault("--scenario", str(options.scenario), message, "another airframe, or --altitude")
@@ -295,7 +301,8 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
         airspace=_fenced(plan.site.airspace, planned.legs),
         stated_mps=airframe.airspeed_mps if known or plan.site.made_for is not None else None,
         climb_deg=_climb_deg(airframe) if known else 0.0,
-        ground=_ground(plan, name, to, options, sections),
+        ground=_ground(plan, name, to, options, sections, home_deg),
+        zero_m=plan.site.ground_m,
         rally=rally,
         surveyed=_surveyed(plan, to, warn, name) if options.survey else (),
     )
@@ -309,12 +316,14 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
 
 def _landed(given: File | Plan, options: ExportOptions) -> Plan:
     """A plan that lands where `--landing` says, from where it ends."""
-    plan, name = plan_of(given, options.min_radius_m, options.laps, lambda _: None)
+    plan, name = plan_of(given, options.min_radius_m, options.laps, lambda _: None, options.terrain)
     raw = options.landing or ""
     if plan.stages[-1].item or plan.stages[-1].command(LAND):
         raise _fault(
             "--landing", str(raw), "the plan has a landing, or is a mission with an end of its own", "no --landing"
         )
+    if plan.site.ground_m is not None:
+        raise _fault("--landing", str(raw), "the plan follows the ground", "eadp cover --landing, which plans for it")
     place, _ = _places(plan, name, options)
     made = plan.site.made_for or MadeFor("", FixedWing.airspeed_mps, 0.0, 0.0)
     airframe: Airframe = FixedWing(airspeed_mps=made.airspeed_mps)
@@ -368,7 +377,7 @@ def _ends_text(path: PlannedPath, items: Sequence[MissionItem]) -> str:
 
 
 def _ground(
-    plan: Plan, name: str, to: str, options: ExportOptions, sections: Sequence[Section]
+    plan: Plan, name: str, to: str, options: ExportOptions, sections: Sequence[Section], home_deg: Point | None
 ) -> Callable[[FloatArray], FloatArray] | None:
     """The ground above which altitudes are written, above the altitude 0; None where they are above home."""
     zero_m, origin_deg = plan.site.ground_m, plan.site.origin_deg
@@ -381,6 +390,7 @@ def _ground(
     if not options.terrain:
         raise _fault("--altitudes", options.altitudes, f"{name} follows a ground that is not known", "--terrain FILE")
     ends = [point for section in sections for point in (section.start_m, section.end_m)]
+    ends += [] if home_deg is None else [to_local_m(*home_deg, origin_deg)]
     terrain = read_terrain(options.terrain, np.array(ends), origin_deg)
     return lambda points_m: terrain.known_m(points_m) - zero_m
 

@@ -279,12 +279,22 @@ class Flight:
 
     @cached_property
     def _rows(self) -> list[list[float]]:
-        return [*map(self._row, self.steps)]
+        rows = [*map(self._row, self.steps)]
+        return rows if self._ground_m is None else [[*row, m] for row, m in zip(rows, self._ground_m, strict=True)]
+
+    @cached_property
+    def _ground_m(self) -> list[float] | None:
+        """Heights of the ground below above the altitude 0 [m]; None where one is not known."""
+        if self.inputs.ground is None or not self.steps:
+            return None
+        heights_m = self.inputs.ground(np.array([(step.x_m, step.y_m) for step in self.steps]))
+        return None if np.isnan(heights_m).any() else np.round(heights_m, 2).tolist()
 
     @property
     def _names(self) -> list[str]:
         world = self.inputs.world
-        earth = () if world.plan.site.origin_deg is None else ("lat_deg", "lon_deg")
+        earth = [] if world.plan.site.origin_deg is None else ["lat_deg", "lon_deg"]
+        earth += [] if self._ground_m is None else ["ground_m"]
         return [*Step._fields[:-1], *world.plan.names, *(f"{name}_actual" for name in world.rates), *earth]
 
     def _row(self, step: Step) -> list[float]:

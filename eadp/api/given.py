@@ -48,6 +48,9 @@ class FlightOptions:
     inside: Annotated[str | None, Flag(metavar="FILE")] = None
     """Polygons that the flight stays inside of, as --avoid."""
 
+    terrain: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
+    """Heights of the ground, as of eadp cover, for a mission whose altitudes are above it, and for the page."""
+
     @property
     def overrides(self) -> list[str]:
         """Keys of the scenario that are set, those of a load of `at` too; raises InputError."""

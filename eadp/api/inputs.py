@@ -11,10 +11,13 @@ from functools import lru_cache
 from os import PathLike
 from typing import Any, TypeVar
 
+import numpy as np
+
 from eadp import __version__
 from eadp.api.fences import FENCES, fenced
 from eadp.api.given import File
 from eadp.api.turns import overshoot_findings
+from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined, refuse
 from eadp.io.energy.model_file import energy_yaml, parse_energy
@@ -23,6 +26,7 @@ from eadp.io.mission.reader import PlanReader, is_mission
 from eadp.io.plan.writer import plan_text
 from eadp.io.profile.model_file import parse_profile, profile_yaml
 from eadp.io.scenario.scenario_file import SCHEMA, Scenario, plain, scenario_document, scenario_of, value_text
+from eadp.io.terrain.reader import read_terrain
 from eadp.io.text.named import parse_named
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
@@ -37,7 +41,7 @@ from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.route import MARGIN_M
 from eadp.models.plan.stage import COMPUTATION, LAND, TAKEOFF, Stage
-from eadp.models.plan.trace import KEPT_ROUTES, default_start, whole_route
+from eadp.models.plan.trace import KEPT_ROUTES, default_start, nominal_legs, whole_route
 from eadp.models.profile import configuration_text
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.sweep import Run
@@ -153,6 +157,8 @@ class FlightInputs:
     sources: Mapping[str, Source]
     never_past: str = ""
     """The item or stage with a turn that the aircraft never gets past; the plan has no forecast then."""
+    ground: Callable[[FloatArray], FloatArray] | None = None
+    """Height of the ground at points, shape (n, 2), above the altitude 0 [m], where it is known."""
 
     def flight(self) -> PlannedFlight:
         """A new flight with its planner."""
@@ -193,10 +199,12 @@ def load_flight(
     inside: File | None = None,
     overrides: Mapping[str, Any] | None = None,
     files: Files | None = None,
+    terrain: Sequence[str] = (),
 ) -> FlightInputs:
     """Read and check what a flight is of, paths or objects; those in `files` are not read again.
 
-    `avoid` and `inside` are files of obstacles and of a boundary, besides those of the plan.
+    `avoid` and `inside` are files of obstacles and of a boundary, besides those of the plan; `terrain` are those of the
+    ground, for a mission whose altitudes are above it, and for the results.
 
     Raises
     ------
@@ -207,7 +215,7 @@ def load_flight(
     setting = files.scenario(scenario, overrides)
     given = zip(FENCES, (avoid, inside), strict=True)
     fences = {kind: files.text(str(path), read_field_text) for kind, path in given if path is not None}
-    plan_source, flown, warnings = _plan(files, plan, setting, fences)
+    plan_source, flown, warnings = _plan(files, plan, setting, fences, terrain)
     sources: dict[str, Source] = {"plan": plan_source, **fences}
     if isinstance(scenario, Mapping):
         sources["scenario"] = Given(setting.document.value, "given-keys.yaml", value_text)
@@ -247,11 +255,12 @@ def load_flight(
     _check_planner(setting, mission)
     warnings += _doubts(setting, world)
     never_past = next((one.first.label for one in overshoots if math.isinf(one.excess_s)), "")
-    return FlightInputs(world, mission, setting, tuple(warnings), sources, never_past)
+    ground = _ground(flown, parameters, start[0], terrain)
+    return FlightInputs(world, mission, setting, tuple(warnings), sources, never_past, ground)
 
 
 def _plan(
-    files: Files, given: File | Plan, scenario: Scenario, fences: Mapping[str, Text]
+    files: Files, given: File | Plan, scenario: Scenario, fences: Mapping[str, Text], terrain: Sequence[str]
 ) -> tuple[Source, Plan, list[Fault]]:
     """Where a plan or a mission comes from, the plan as it is flown, beside fences by kind, and warnings."""
     keys, vehicle = scenario.keys, scenario.keys.vehicle.airframe
@@ -262,7 +271,9 @@ def _plan(
         text, plan = Given(given, "given.plan", plan_text), given
     else:
         reader = PlanReader.of(vehicle, keys.battery, keys.laps) if foreign else PlanReader()
-        text, (plan, findings) = files.read(str(given), reader)
+        text, (plan, findings) = files.read(str(given), replace(reader, terrain=tuple(terrain)))
+        if foreign and terrain:
+            text = Given(plan, text.name, plan_text)  # with a flight's results is the plan, which needs no terrain
     plan, notes = fenced(plan, **fences)
     if keys.obstacles == IGNORE:
         plan = replace(plan, site=plan.site._replace(airspace=EVERYWHERE))
@@ -283,6 +294,19 @@ def _plan(
         level = [replace(stage, altitude_m=None, airspeed_mps=None) for stage in plan.stages]
         plan = replace(plan, stages=tuple(level))
     return text, plan, warnings
+
+
+def _ground(
+    plan: Plan, parameters: Vector, start_m: Point, terrain: Sequence[str]
+) -> Callable[[FloatArray], FloatArray] | None:
+    """The ground of a plan by files, above that at home or at the start; None without files, or of a plan in metres."""
+    if not terrain or plan.site.origin_deg is None:
+        return None
+    ends = [start_m, *(leg.end_m for leg in nominal_legs(plan, parameters, start_m))]
+    model, zero_m = read_terrain(terrain, np.array(ends), plan.site.origin_deg), plan.site.ground_m
+    if zero_m is None:
+        zero_m = float(model.heights_m(np.array([plan.site.home_m or start_m]))[0])
+    return lambda points_m: model.heights_m(points_m) - zero_m
 
 
 def _named(plan: Plan, text: Source, profile: AnyProfile | None, scenario: Scenario) -> tuple[Plan, Scenario]:

@@ -39,13 +39,14 @@ def check_plan(
     laps: int | None = None,
     avoid: File | None = None,
     inside: File | None = None,
+    terrain: Sequence[str] = (),
     geometry: bool = True,
 ) -> CheckedPlan:
     """Read a plan, or a mission, and check it over the whole range of every path parameter, by value and by proof.
 
     Parameters
     ----------
-    file, min_radius_m, laps
+    file, min_radius_m, laps, terrain
         As for `read_plan`; turns that are tighter than the radius are found, too.
     avoid, inside : path, optional
         Files of polygons or fences that the path stays out of, and inside of, besides those of the plan.
@@ -58,7 +59,7 @@ def check_plan(
         With every fault of the file.
     """
     text = read_text(str(file))
-    plan, findings = _read(text, min_radius_m or None, laps)
+    plan, findings = _read(text, min_radius_m or None, laps, terrain)
     plan, notes = fenced_by(plan, avoid, inside)
     if not geometry:
         return CheckedPlan(plan, text.name, findings, notes=notes)
@@ -72,7 +73,12 @@ def check_plan(
 
 
 def read_plan(
-    file: File, *, min_radius_m: float | None = None, laps: int | None = None, warn: Warn = python_warnings
+    file: File,
+    *,
+    min_radius_m: float | None = None,
+    laps: int | None = None,
+    terrain: Sequence[str] = (),
+    warn: Warn = python_warnings,
 ) -> Plan:
     """Read a plan, or a mission of other software.
 
@@ -84,6 +90,8 @@ def read_plan(
         Radius of a mission's turns [m]; by default the default aircraft's.
     laps : int, optional
         How many times a mission that repeats for ever is flown.
+    terrain : sequence of str, optional
+        Files of the ground, for a mission whose altitudes are above it.
     warn : function, optional
 
     Raises
@@ -91,11 +99,16 @@ def read_plan(
     InputError
         With every fault of the file.
     """
-    return plan_of(file, min_radius_m, laps, warn)[0]
+    return plan_of(file, min_radius_m, laps, warn, terrain)[0]
 
 
 def read_mission(
-    file: File, *, min_radius_m: float | None = None, laps: int | None = None, warn: Warn = python_warnings
+    file: File,
+    *,
+    min_radius_m: float | None = None,
+    laps: int | None = None,
+    terrain: Sequence[str] = (),
+    warn: Warn = python_warnings,
 ) -> Plan:
     """Read a mission of other software as a plan: as `read_plan`, which also reads plans.
 
@@ -107,26 +120,30 @@ def read_mission(
     text = read_text(str(file))
     if not is_mission(text):
         raise InputError.at(text.name, 1, 1, "is no mission", "a QGroundControl plan or a WPL file")
-    return _of_text(text, min_radius_m, laps, warn)
+    return _of_text(text, min_radius_m, laps, warn, terrain)
 
 
-def plan_of(given: File | Plan, min_radius_m: float | None, laps: int | None, warn: Warn) -> tuple[Plan, str]:
+def plan_of(
+    given: File | Plan, min_radius_m: float | None, laps: int | None, warn: Warn, terrain: Sequence[str] = ()
+) -> tuple[Plan, str]:
     """A plan that is given, and its name in messages."""
     if isinstance(given, Plan):
         return given, given.name
     text = read_text(str(given))
-    return _of_text(text, min_radius_m, laps, warn), text.name
+    return _of_text(text, min_radius_m, laps, warn, terrain), text.name
 
 
-def _of_text(text: Text, min_radius_m: float | None, laps: int | None, warn: Warn) -> Plan:
-    plan, findings = _read(text, min_radius_m, laps)
+def _of_text(text: Text, min_radius_m: float | None, laps: int | None, warn: Warn, terrain: Sequence[str]) -> Plan:
+    plan, findings = _read(text, min_radius_m, laps, terrain)
     warn([finding.fault(text.name) for finding in findings])
     return plan
 
 
-def _read(text: Text, min_radius_m: float | None, laps: int | None) -> tuple[Plan, list[Finding]]:
+def _read(
+    text: Text, min_radius_m: float | None, laps: int | None, terrain: Sequence[str]
+) -> tuple[Plan, list[Finding]]:
     """A plan or a mission, and what was found in it: of a mission, also what is flown where it turns too tightly."""
-    reader = PlanReader(laps=laps).turning(min_radius_m)
+    reader = PlanReader(laps=laps, terrain=tuple(terrain)).turning(min_radius_m)
     plan, findings = reader(text)
     if is_mission(text) and is_tight(plan, reader.turn_radius_m):
         findings = [*findings, *calm_findings(plan, reader.turn_radius_m)]

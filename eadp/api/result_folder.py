@@ -114,7 +114,7 @@ def _inputs(folder: Path) -> FlightInputs:
         named = vehicle_path(document, overrides)
         if named is not None:
             files.texts[named] = files.text(paths["vehicle"])
-    chosen = {kind: paths.get(kind) for kind in ("scenario", "profile", "energy", *FENCES)}
+    chosen: dict[str, Any] = {kind: paths.get(kind) for kind in ("scenario", "profile", "energy", *FENCES)}
     return load_flight(paths["plan"], **chosen, overrides=overrides, files=files)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from eadp.api.flight import Flight, fly_flight, forecast_values
@@ -27,6 +27,7 @@ def simulate(
     laps: int | None = None,
     avoid: File | None = None,
     inside: File | None = None,
+    terrain: Sequence[str] = (),
     on_step: Callable[[Step], None] = lambda _step: None,
     warn: Warn = python_warnings,
 ) -> Flight:
@@ -51,6 +52,8 @@ def simulate(
         How many times a mission that repeats for ever is flown, by default the scenario's.
     avoid, inside : path, optional
         Files of polygons or fences that the flight stays out of, and inside of, besides those of the plan.
+    terrain : sequence of str, optional
+        Files of the ground, for a mission whose altitudes are above it.
     on_step : function, optional
         Called with each logged step, such as for a progress bar.
     warn : function, optional
@@ -68,7 +71,14 @@ def simulate(
     texts = override_texts(overrides, planner, seed, laps)
     keys = read_overrides(texts)
     inputs = load_flight(
-        plan, scenario=scenario, profile=profile, energy=energy, avoid=avoid, inside=inside, overrides=keys
+        plan,
+        scenario=scenario,
+        profile=profile,
+        energy=energy,
+        avoid=avoid,
+        inside=inside,
+        overrides=keys,
+        terrain=terrain,
     )
     warn(inputs.warnings)
     return fly_flight(inputs, inputs.preflight(), on_step, texts)
@@ -85,13 +95,14 @@ def forecast(
     laps: int | None = None,
     avoid: File | None = None,
     inside: File | None = None,
+    terrain: Sequence[str] = (),
     warn: Warn = python_warnings,
 ) -> dict[str, Any] | None:
     """Forecast a flight before take-off, without flying it.
 
     Parameters
     ----------
-    plan, scenario, profile, energy, overrides, planner, laps, avoid, inside, warn
+    plan, scenario, profile, energy, overrides, planner, laps, avoid, inside, terrain, warn
         As `simulate`.
 
     Returns
@@ -107,7 +118,14 @@ def forecast(
     """
     keys = read_overrides(override_texts(overrides, planner, None, laps))
     inputs = load_flight(
-        plan, scenario=scenario, profile=profile, energy=energy, avoid=avoid, inside=inside, overrides=keys
+        plan,
+        scenario=scenario,
+        profile=profile,
+        energy=energy,
+        avoid=avoid,
+        inside=inside,
+        overrides=keys,
+        terrain=terrain,
     )
     warn(inputs.warnings)
     found = inputs.preflight()

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, NamedTuple
 
@@ -13,10 +14,10 @@ from eadp.core.arrays import FloatArray
 from eadp.core.flight.following import RATE_SHARE, Climbing
 from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import Point
-from eadp.coverage.cover import AUTO, DUBINS, CoverageSolution
-from eadp.coverage.heights import Ground, HeightLimits, HeightProfile, over_terrain
-from eadp.coverage.swaths import MotionLimits
-from eadp.errors import InputError
+from eadp.coverage.cover import AUTO, DUBINS, ZAMBONI, CoverageSolution
+from eadp.coverage.heights import Ground, HeightLimits, HeightProfile, low_approach, over_terrain
+from eadp.coverage.swaths import CoverageLeg, MotionLimits
+from eadp.errors import Infeasible, InputError
 from eadp.io.terrain.reader import read_terrain
 from eadp.io.text.options import Flag, check_range
 from eadp.models.field import Field
@@ -34,6 +35,9 @@ RELIEF_POINTS, HOME_POINTS = 50, 25
 
 WAYS_HOME = 200
 """Ways home that are tried, at least."""
+
+TURNS_DEG = [side * turn for turn in range(10, 181, 10) for side in (1, -1)]
+"""Turns from a heading of landing that are tried, the least first [°]."""
 
 
 @dataclass(frozen=True)
@@ -89,13 +93,39 @@ class TerrainTask(NamedTuple):
         terrain = read_terrain(files, np.array(points), field.origin_deg)
         return cls(terrain, HeightLimits(altitude_m, tolerance_m, clearance_m))
 
-    def pattern(self, pattern: str, field: Field) -> str:
-        """Lines in an order instead of either pattern, where laps would be too high above the lower ground."""
-        if pattern != AUTO:
-            return pattern
+    def pattern(self, pattern: str, field: Field, *, lands: bool) -> str:
+        """Lines in an order instead of either pattern, where laps would be too high above the lower ground, or to land.
+
+        Raises Infeasible where laps are asked for, and a landing.
+        """
+        if pattern == ZAMBONI and lands:
+            raise Infeasible("laps have one altitude, and over terrain the final approach another", "--pattern dubins")
+        if pattern != AUTO or lands:
+            return DUBINS if pattern == AUTO else pattern
         corners = np.array([vertex for part in field.parts for vertex in part[0]])
         heights_m, _ = self.terrain.grid(corners, RELIEF_POINTS)
         return DUBINS if np.nanmax(heights_m) - np.nanmin(heights_m) > self.limits.tolerance_m else AUTO
+
+    def ground(self, field: Field, motion: MotionLimits, apart_m: float, zero: Point) -> Ground:
+        """The ground of a flight whose altitudes are 0 at a place [m]. Raises Infeasible where it is not known."""
+        zero_m = round(float(self.terrain.known_m(np.array([zero]))[0]), 2)  # as a plan has it
+        return Ground(self.terrain, zero_m, self.limits, motion, apart_m, field.airspace)
+
+    def check_approach(self, approach: Callable[[float], CoverageLeg], course: float, ground: Ground) -> None:
+        """Raise Infeasible where a final approach on a course [rad] comes too near to the ground."""
+        if (low := low_approach(approach(course), ground)) is None:
+            return
+        (latitude, longitude), above_m, min_m = low
+        advice = "another place, or less altitude"
+        for turn_deg in TURNS_DEG:
+            other = course + math.radians(turn_deg)
+            with suppress(Infeasible):  # of ground that is not known
+                if low_approach(approach(other), ground) is None:
+                    advice = f"a heading of {compass_deg(other) % 360:.0f}°, or {advice}"
+                    break
+        comes = f"comes as near as {above_m:.1f} m to the ground" if above_m > 0 else "leads into the ground"
+        message = f"the final approach towards {compass_deg(course) % 360:.0f}° {comes}"
+        raise Infeasible(f"{message} at {latitude:.5f},{longitude:.5f}, and keeps {min_m:.1f} m there", advice)
 
     def flown(
         self,
@@ -107,6 +137,7 @@ class TerrainTask(NamedTuple):
         airframe: Airframe,
         *,
         from_ground: bool,
+        lands: bool,
     ) -> tuple[CoverageSolution, Heights]:
         """A path with its altitudes, see `over_terrain`, which are 0 at home, or at the start; and its heights.
 
@@ -120,10 +151,9 @@ class TerrainTask(NamedTuple):
         if isinstance(airframe, PaperVehicle):
             raise _fault("--terrain", f"the airframe {airframe.model} holds its own altitude", "another --vehicle")
         home_m = home_m or solution.path(0.0).legs[0].start[:2]
-        zero_m = round(float(self.terrain.known_m(np.array([home_m]))[0]), 2)  # as a plan has it
-        ground = Ground(self.terrain, zero_m, self.limits, motion, apart_m, field.airspace)
+        ground = self.ground(field, motion, apart_m, home_m)
         climbing = Climbing(*airframe.climb_rates_mps(motion.airspeed_mps), airframe.altitude_gain_per_s)
-        flown, profile = over_terrain(solution, ground, climbing, 0.0 if from_ground else None)
+        flown, profile = over_terrain(solution, ground, climbing, 0.0 if from_ground else None, lands=lands)
         return flown, Heights(profile, home_m, climbing)
 
 
@@ -139,20 +169,6 @@ class Heights(NamedTuple):
         return replace(field, airspace=self.profile.ground.airspace)
 
     @property
-    def contours_deg(self) -> float | None:
-        """Compass bearing, from 0 to 180, along which the ground under the lines changes least [°].
-
-        None where it has no direction: where slopes along it are more than half of those across it.
-        """
-        profile = self.profile
-        lines_m = profile.samples.points_m[profile.samples.on_line]
-        heights_m, (step_x, step_y) = profile.ground.terrain.grid(lines_m, RELIEF_POINTS)
-        rises = np.array([each.ravel() for each in np.gradient(heights_m, step_y, step_x)[::-1]])
-        # least Σ (∇h · t)²: of the structure tensor, the eigenvector of the smaller eigenvalue
-        (along, across), vectors = np.linalg.eigh(np.nan_to_num(rises) @ np.nan_to_num(rises).T)
-        return None if along > across / 4 else compass_deg(math.atan2(vectors[1, 0], vectors[0, 0])) % 180
-
-    @property
     def home_altitude_m(self) -> int:
         """Altitude at which every straight way home is clear of the ground [m]."""
         ground, points_m = self.profile.ground, self.profile.samples.points_m
@@ -160,50 +176,91 @@ class Heights(NamedTuple):
         ways_m = np.array(self.home_m) + np.linspace(0, 1, HOME_POINTS)[:, None, None] * ends_m
         return math.ceil(float(ground.heights_m(ways_m.reshape(-1, 2)).max()) + ground.limits.clearance_m)
 
-    def document(self, width_m: float, apart_m: float | None, gsd_cm: float | None) -> dict[str, Any]:
-        """Its values in `eadp.cover/1`, by the width of a picture, the lines' distance and the size of a pixel."""
-        profile, line_m = self.profile, self.profile.ground.limits.line_m
+
+class HeightReport(NamedTuple):
+    """The heights of one flight, or of sorties together.
+
+    `width_m` is that of a picture on lines at their height, `apart_m` the distance of the lines [m], and `gsd_cm` the
+    size of a pixel [cm].
+    """
+
+    flights: Sequence[Heights]
+    width_m: float
+    apart_m: float | None
+    gsd_cm: float | None
+
+    def _joined(self, name: str) -> FloatArray:
+        """An array of all profiles."""
+        return np.concatenate([getattr(each.profile, name) for each in self.flights])
+
+    def _share(self, name: str) -> float:
+        """A share of the lines of all flights."""
+        counts = [len(each.profile.above_m) for each in self.flights]
+        return float(np.average([getattr(each.profile, name) for each in self.flights], weights=counts))
+
+    @property
+    def _contours_deg(self) -> float | None:
+        """Compass bearing, from 0 to 180, along which the ground under the lines changes least [°].
+
+        None where it has no direction: where slopes along it are more than half of those across it.
+        """
+        profiles = [each.profile for each in self.flights]
+        lines_m = np.concatenate([each.samples.points_m[each.samples.on_line] for each in profiles])
+        heights_m, (step_x, step_y) = profiles[0].ground.terrain.grid(lines_m, RELIEF_POINTS)
+        rises = np.array([each.ravel() for each in np.gradient(heights_m, step_y, step_x)[::-1]])
+        # least Σ (∇h · t)²: of the structure tensor, the eigenvector of the smaller eigenvalue
+        (along, across), vectors = np.linalg.eigh(np.nan_to_num(rises) @ np.nan_to_num(rises).T)
+        return None if along > across / 4 else compass_deg(math.atan2(vectors[1, 0], vectors[0, 0])) % 180
+
+    def document(self) -> dict[str, Any]:
+        """Its values in `eadp.cover/1` and `eadp.sorties/1`."""
+        ground, above_m, ground_m = self.flights[0].profile.ground, self._joined("above_m"), self._joined("ground_m")
+        line_m, elsewhere_m = ground.limits.line_m, [each.profile.elsewhere_m for each in self.flights]
         # pictures are as wide as their height above the ground
-        shares = None if apart_m is None else 1 - apart_m / (width_m * profile.overlapping_m / line_m)
+        widths_m = self.width_m * self._joined("overlapping_m") / line_m
         return {
-            "zero_m": profile.ground.zero_m,
-            "ground_m": [float(profile.ground_m.min()), float(profile.ground_m.max())],
-            "height_m": _range(profile.above_m),
-            "height_elsewhere_m": profile.elsewhere_m,
-            "lower_share": profile.low_share,
-            "higher_share": profile.high_share,
-            "altitudes": len(profile.commanded_m),
-            "home_altitude_m": self.home_altitude_m,
-            "gsd_cm": None if gsd_cm is None else _range(gsd_cm * profile.above_m / line_m),
-            "side_overlap": None if shares is None else _range(shares),
+            "zero_m": ground.zero_m,
+            "ground_m": [float(ground_m.min()), float(ground_m.max())],
+            "height_m": _range(above_m),
+            "height_elsewhere_m": min((up_m for up_m in elsewhere_m if up_m is not None), default=None),
+            "lower_share": self._share("low_share"),
+            "higher_share": self._share("high_share"),
+            "altitudes": sum(len(each.profile.commanded_m) for each in self.flights),
+            "home_altitude_m": max(each.home_altitude_m for each in self.flights),
+            "gsd_cm": None if self.gsd_cm is None else _range(self.gsd_cm * above_m / line_m),
+            "side_overlap": None if self.apart_m is None else _range(1 - self.apart_m / widths_m),
         }
 
-    def text(self, width_m: float, apart_m: float | None, gsd_cm: float | None) -> list[str]:
+    def text(self) -> list[str]:
         """For people, of the same."""
-        profile, values = self.profile, self.document(width_m, apart_m, gsd_cm)
+        values, (highest, _, climbing) = self.document(), max(self.flights, key=lambda each: each.profile.above_m.max())
+        limits, motion = highest.ground.limits, highest.ground.motion
         (low, high), elsewhere_m = values["ground_m"], values["height_elsewhere_m"]
+        (least, mean, most), single = values["height_m"], values["altitudes"] == len(self.flights)
         elsewhere = "" if elsewhere_m is None else f", {elsewhere_m:.0f} m or more elsewhere"
         lines = [
             f"ground     {round(low)} to {round(high)} m above home, {values['zero_m']:.0f} m above the sea; "
             f"{values['altitudes']} altitude{'s' * (values['altitudes'] > 1)}",
-            f"height     {height_text(values['height_m'])}{elsewhere}",
+            f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m{elsewhere}",
         ]
-        if profile.low_share:
-            share, line_m = 100 * profile.low_share, profile.ground.limits.line_m
-            lines.append(
-                f"           {share:.1f} % of the lines lower than {line_m:g} m: the climb from home takes longer"
-            )
-        if profile.high_share and values["altitudes"] == 1:
+        if share := 100 * values["lower_share"]:
+            low = f"           {share:.1f} % of the lines lower than {limits.line_m:g} m"
+            lines.append(f"{low}: the climb from home takes longer")
+        if (share := 100 * values["higher_share"]) and single:
             lines[1] += "; laps have one altitude, lines of --pattern dubins follow the ground"
-        elif profile.high_share:
-            limits, motion = profile.ground.limits, profile.ground.motion
-            up, down = (100 * RATE_SHARE * rate / motion.ground_limit_mps for rate in self.climbing[:2])
-            latitude, longitude = profile.max_place_deg
+        elif share:
+            up, down = (100 * RATE_SHARE * rate / motion.ground_limit_mps for rate in climbing[:2])
+            latitude, longitude = highest.max_place_deg
+            steepest = max(each.profile.steepest for each in self.flights)
             lines.append(
-                f"           {100 * profile.high_share:.0f} % of the lines higher than "
+                f"           {share:.0f} % of the lines higher than "
                 f"{limits.line_m + limits.tolerance_m:g} m, most at {latitude:.5f},{longitude:.5f}: slopes are up to "
-                f"{100 * profile.steepest:.0f} %, the aircraft follows {up:.0f} % up and {down:.0f} % down"
-                + ("" if (bearing := self.contours_deg) is None else f"; --heading {bearing:.0f} is along the contours")
+                f"{100 * steepest:.0f} %, the aircraft follows {up:.0f} % up and {down:.0f} % down"
+                + (
+                    ""
+                    if (bearing := self._contours_deg) is None
+                    else f"; --heading {bearing:.0f} is along the contours"
+                )
             )
         said = []
         if (pixels := values["gsd_cm"]) is not None:
@@ -213,17 +270,6 @@ class Heights(NamedTuple):
             said.append(f"overlap {least:.0f} to {most:.0f} %, mean {mean:.0f} %")
         lines += [f"on ground  {'; '.join(said)}"] if said else []
         return [*lines, f"way home   above the ground at {values['home_altitude_m']} m (home.altitude_m, RTL_ALTITUDE)"]
-
-
-def height_range_m(heights: Sequence[Heights]) -> list[float] | None:
-    """Least, mean and greatest height above ground on the lines of some flights [m]; None without one."""
-    return _range(np.concatenate([each.profile.above_m for each in heights])) if heights else None
-
-
-def height_text(heights_m: Sequence[float]) -> str:
-    """Least, mean and greatest height on lines [m], for people."""
-    least, mean, most = heights_m
-    return f"{least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m"
 
 
 def _range(values: FloatArray) -> list[float]:

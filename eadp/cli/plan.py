@@ -66,6 +66,9 @@ class PlanOptions:
     inside: Annotated[str | None, Flag(metavar="FILE")] = None
     """Polygons that the path stays inside of, as --avoid."""
 
+    terrain: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
+    """Heights of the ground, as of eadp cover, for a mission whose altitudes are above it."""
+
 
 def command(
     file: Annotated[
@@ -105,6 +108,7 @@ def command(
         laps=options.laps,
         avoid=options.avoid,
         inside=options.inside,
+        terrain=options.terrain,
         geometry=options.check,
     )
     plan, report, lines = read.plan, read.report, read.faults

@@ -85,7 +85,8 @@ def command(
     if output.out is not None:
         check_new_folder(output.out, force=output.force)
     if is_sorties(plan):
-        alone = {name: getattr(options, name) for name in ("scenario", "profile", "energy", "laps", *FENCES)}
+        names = ("scenario", "profile", "energy", "laps", "terrain", *FENCES)
+        alone = {name: getattr(options, name) or None for name in names}
         for name, value in {**alone, "figure": output.figure, "junit": output.junit}.items():
             if value is not None:
                 raise usage_fault(f"--{name}", str(value), "beside a folder of sorties", "its scenario, or --set")
@@ -113,6 +114,7 @@ def command(
         laps=options.laps,
         avoid=options.avoid,
         inside=options.inside,
+        terrain=options.terrain,
         on_step=show,
         warn=warn,
     )

@@ -26,7 +26,8 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose, centre_m, ordered, polyline_m
-from eadp.core.geometry.polygons import FreeSpace, strip_extents
+from eadp.core.geometry.geodesy import to_geodetic_deg
+from eadp.core.geometry.polygons import FreeSpace, hull, strip_extents
 from eadp.coverage.airspace import FreeTurns, LineCosts, free_lines, free_order
 from eadp.coverage.line_order import best_order, quick_order
 from eadp.coverage.swaths import (
@@ -72,6 +73,9 @@ LOST_RATIO = 20.0
 
 FREE_CHAINS = 24
 """Most chains of blocks that are tried within obstacles and a boundary, the quickest first."""
+
+ACCESS_TRIED = 12
+"""Lines whose ways from the start and to the end are tried before the search, the nearest first."""
 
 MAX_LINES = 400
 """Largest number of lines that are ordered."""
@@ -179,8 +183,27 @@ class CoverageRequest:
         for leg, name in ((self.climb_out, "climb-out"), (self.approach, "final approach")):
             if leg is not None and self.space is not None and not self.space.has_hull(polyline_m([leg.piece])):
                 way = f"{leg.piece.length_m:.0f} m towards {compass_deg(leg.start[2]):.0f}°"
-                message = f"the {name} of {way} comes too near to an obstacle or the boundary"
+                # the ways along it that are free: where the first one ends, or where it starts
+                (low_m, high_m), *_ = (*self.space.intervals_m(leg.start[:2], leg.end[:2]), (1.0, 0.0))
+                place = self.place_text(leg.piece.pose_at(0.0 if low_m > 0 else high_m))
+                message = f"the {name} of {way} does not stay {self.limits_text} at {place}"
                 raise Infeasible(message, "another heading, another place, or less altitude")
+
+    def place_text(self, pose: Point | Pose) -> str:
+        """A place in a message: latitude and longitude [°], or x and y [m] of a field in metres."""
+        x, y, origin_deg = pose[0], pose[1], self.field.origin_deg
+        return (
+            f"({x:.0f}, {y:.0f}) m"
+            if origin_deg is None
+            else "{:.5f},{:.5f}".format(*to_geodetic_deg(x, y, origin_deg))
+        )
+
+    @property
+    def limits_text(self) -> str:
+        """What is in the way, in a message."""
+        airspace = self.airspace or self.field.airspace
+        limits = ["out of the obstacles"] * bool(airspace.obstacles) + ["inside the boundary"] * bool(airspace.boundary)
+        return " and ".join(limits)
 
     @cached_property
     def space(self) -> FreeSpace | None:
@@ -246,6 +269,7 @@ def cover(request: CoverageRequest, *, draft: bool = False) -> CoverageSolution:
     if request.crosshatch:
         return _crossed(request)
     headings = _tried_headings(request) if request.heading_rad is None else [request.heading_rad]
+    _check_access(request, headings[0])
     if request.pattern == DUBINS:
         return _best_in_order(request, headings, draft)
     if request.pattern not in PATTERNS:
@@ -329,11 +353,8 @@ def _tried_headings(request: CoverageRequest) -> list[float]:
 
 def _headings(field: Field) -> Iterator[float]:
     """Headings in [0, π) to try: those of the hull's edges, longest first, and a grid from the longest."""
-    from scipy.spatial import ConvexHull
-
-    outline = np.concatenate([np.array(part[0]) for part in field.parts])
-    hull = outline[ConvexHull(outline).vertices]
-    edges = np.roll(hull, -1, axis=0) - hull
+    corners = np.array(hull(np.concatenate([np.array(part[0]) for part in field.parts])))
+    edges = np.roll(corners, -1, axis=0) - corners
     found: list[float] = []
     by_length = edges[np.argsort(-np.round(np.hypot(edges[:, 0], edges[:, 1]), TIE_DIGITS), kind="stable")]
     of_edges = [math.atan2(dy, dx) for dx, dy in by_length.tolist()]
@@ -673,7 +694,8 @@ def _turn(request: CoverageRequest, end: Pose, start: Pose, turns: FreeTurns | N
     if turns is not None:
         found = turns.turn(end, start)
         if found is None:
-            raise Infeasible("the way to or from the lines crosses an obstacle or the boundary")
+            places = f"from {request.place_text(end)} to {request.place_text(start)}"
+            raise Infeasible(f"no way {places} is found that stays {request.limits_text}")
         return [CoverageLeg(piece) for piece in found.pieces]
     path = min(ordered(end, start, motion.min_radius_m), key=lambda path: motion.time_s(path.pieces))
     return [CoverageLeg(piece) for piece in path.pieces]
@@ -722,6 +744,37 @@ def _exit(request: CoverageRequest, end: Pose, turns: FreeTurns | None) -> list[
         backward = _tangents(point, (x, y, heading + math.pi), motion.min_radius_m)
         poses += [(*point, opposite + math.pi) for opposite in backward]
     return _turn(request, end, poses[int(motion.turns_s([end], poses)[0].argmin())], turns)
+
+
+def _check_access(request: CoverageRequest, heading: float) -> None:
+    """Raise Infeasible where no line at a heading has a free way from the start, or to the end.
+
+    Only the nearest lines are tried: it comes before the search, which takes long.
+    """
+    if request.space is None:
+        return
+    turns = free_turns(request.space, request.motion)
+    whole = next(_lines_at(request, heading))[::2]
+    lines = [leg.led(request.motion) for leg in free_lines(whole, request.space, request.motion)]
+    ways: tuple[tuple[Point | Pose | None, FloatArray, Callable[[CoverageLeg], object]], ...] = (
+        (
+            request.way_out,
+            from_start_s(request, [leg.start for leg in lines]),
+            lambda leg: _entry(request, leg.start, turns),
+        ),
+        (request.way_back, to_home_s(request, [leg.end for leg in lines]), lambda leg: _exit(request, leg.end, turns)),
+    )
+    for end, times_s, way in ways if lines else ():
+        for k in np.argsort(times_s)[:ACCESS_TRIED]:
+            with suppress(Infeasible):
+                way(lines[k])
+                break
+        else:
+            assert end is not None  # else any way is free
+            message = (
+                f"no way between the lines and {request.place_text(end)} is found that stays {request.limits_text}"
+            )
+            raise Infeasible(message, "another place or heading of it, or more room")
 
 
 def _tangents(point: Point, pose: Pose, radius_m: float) -> list[float]:

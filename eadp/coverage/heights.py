@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray, IntArray
-from eadp.core.flight.following import RATE_SHARE, Band, Climbing, banded, commanded
+from eadp.core.flight.following import LEVEL_M, RATE_SHARE, Band, Climbing, banded, commanded
 from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.polygons import holding
 from eadp.coverage.cover import CoverageSolution
 from eadp.coverage.swaths import CoverageLeg, MotionLimits
-from eadp.errors import Infeasible
+from eadp.errors import Infeasible, Unreachable
 from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace
 from eadp.models.terrain import ElevationModel
 
@@ -28,6 +28,9 @@ ASIDE_M = 2.0
 
 LAPS_TRIED = 5
 """Values of c1 at which the ground under laps is taken."""
+
+FLARE_M = 3.0
+"""Height from which on an aircraft flares, by the ground as it is [m]: LAND_FLARE_ALT of ArduPilot by default."""
 
 ROUNDING_M = 1e-6
 
@@ -136,10 +139,11 @@ class HeightProfile:
 
     @property
     def elsewhere_m(self) -> float | None:
-        """Least height above ground beside the lines [m], after a climb from the ground; None without such a way."""
+        """Least height above ground beside the lines [m], between climb-out and landing; None without such a way."""
         above_m = self.flown_m - self.ground_m
-        climbed = np.maximum.accumulate(above_m) >= self.ground.limits.clearance_m - ROUNDING_M
-        elsewhere_m = above_m[climbed & ~self.samples.on_line]
+        high = above_m >= self.ground.limits.clearance_m - ROUNDING_M
+        between = np.maximum.accumulate(high) & np.maximum.accumulate(high[::-1])[::-1]
+        elsewhere_m = above_m[between & ~self.samples.on_line]
         return float(elsewhere_m.min()) if len(elsewhere_m) else None
 
     @property
@@ -167,7 +171,12 @@ class HeightProfile:
 
 
 def over_terrain(
-    solution: CoverageSolution, ground: Ground, climbing: Climbing, start_m: float | None = None
+    solution: CoverageSolution,
+    ground: Ground,
+    climbing: Climbing,
+    start_m: float | None = None,
+    *,
+    lands: bool = False,
 ) -> tuple[CoverageSolution, HeightProfile]:
     """A path whose legs have the altitudes that keep it above the ground; laps have one altitude.
 
@@ -178,21 +187,24 @@ def over_terrain(
     climbing : Climbing
     start_m : float, optional
         Altitude at the start [m], for a flight from the ground; by default that of the first leg.
+    lands : bool, optional
+        Whether the last leg is a final approach, from the height of lines above the ground of its end; not after laps.
 
     Returns
     -------
     CoverageSolution
         Straight legs are cut where another altitude is commanded.
     HeightProfile
-        Of laps, at their finest spacing.
+        Of laps, at their finest spacing; a final approach is one slope, as an autopilot flies it.
 
     Raises
     ------
     Infeasible
-        Where the height of the ground is not known, or the aircraft cannot climb over it.
+        Where the height of the ground is not known, or the aircraft cannot climb over it, or descend to the approach.
     """
     legs = _legs(solution, 0.0)
     samples, motion = Samples.of(legs), ground.motion
+    last = int(np.searchsorted(samples.legs, len(legs) - 1)) - 1 if lands else len(samples.legs) - 1
     below_m, sides_m, hard_m, ceiling_m = _band(samples, ground)
     floor_m = _spread(hard_m)
     courses = samples.headings_rad[1:]
@@ -208,6 +220,12 @@ def over_terrain(
             message = f"the ground at {latitude:.5f},{longitude:.5f} {rise}, and {able}"
             raise Infeasible(message, "another --home, or --takeoff another way")
         hard_m, floor_m = np.minimum(hard_m, climbed_m), np.minimum(floor_m, climbed_m)
+    begins_m = math.inf
+    if lands:
+        land_m = round(float(ground.heights_m(samples.points_m[-1:])[0]), 2)
+        begins_m = LEVEL_M * math.ceil((land_m + ground.limits.line_m) / LEVEL_M)
+        # the approach begins where it is commanded; the flight is near that
+        floor_m[last], hard_m[last], ceiling_m[last] = begins_m - LEVEL_M, begins_m, begins_m
     if solution.blocks:
         tried = np.linspace(0.0, solution.min_c1, LAPS_TRIED).tolist()
         floors_m = [_band(Samples.of(_legs(solution, c1)), ground)[2].max() for c1 in tried]
@@ -215,15 +233,56 @@ def over_terrain(
     else:
         straight = np.array([leg.piece.turn == 0 for leg in legs])[samples.legs]
         ends = np.append(samples.legs[1:] != samples.legs[:-1], True)
-        band = Band(samples.places_m, seconds, floor_m, ceiling_m, straight | ends)
-        found = commanded(banded(band, climbing, ground.limits.tolerance_m / 2), climbing, hard_m, start_m)
-    lasts, levels_m = zip(*found, strict=True)
-    altitudes_m = np.repeat(levels_m, np.diff([0, *lasts]))
-    flown_m = [np.array(levels_m[0] if start_m is None else start_m)]
-    for altitude_m, step_s in zip(altitudes_m, seconds.tolist(), strict=True):
+        to = last + 1
+        band = Band(samples.places_m[:to], seconds[:last], floor_m[:to], ceiling_m[:to], (straight | ends)[:to])
+        try:
+            found = commanded(banded(band, climbing, ground.limits.tolerance_m / 2), climbing, hard_m[:to], start_m)
+        except Unreachable as error:
+            latitude, longitude = ground.terrain.place_deg(samples.points_m[error.target])
+            raise Infeasible(f"{error}, at {latitude:.5f},{longitude:.5f}") from None
+    flown_m = [np.array(found[0][1] if start_m is None else start_m)]
+    for altitude_m, step_s in zip(_repeated(found), seconds.tolist(), strict=False):
         flown_m.append(climbing.followed_m(flown_m[-1], altitude_m, step_s))
+    if lands:
+        if (high_m := float(flown_m[-1]) - begins_m) > ground.limits.tolerance_m:
+            latitude, longitude = ground.terrain.place_deg(samples.points_m[last])
+            message = f"the flight is {high_m:.0f} m too high at {latitude:.5f},{longitude:.5f} for the final approach"
+            raise Infeasible(message, "a --landing farther away, or from another direction")
+        found.append((len(below_m) - 1, land_m))
+        ways_m = samples.places_m[last + 1 :]
+        flown_m += [*np.interp(ways_m, samples.places_m[[last, -1]], [float(flown_m[-1]), land_m])]
+    altitudes_m, levels_m = _repeated(found), tuple(level_m for _, level_m in found)
     profile = HeightProfile(samples, ground, below_m, sides_m, np.array(flown_m), levels_m)
     return solution if solution.blocks else replace(solution, sections=_cut(legs, samples, altitudes_m)), profile
+
+
+def low_approach(approach: CoverageLeg, ground: Ground) -> tuple[tuple[float, float], float, float] | None:
+    """Where a final approach comes too near to the ground, from the height of lines above the ground of its end.
+
+    Half of its height above that, up to the clearance, is above all that is below, as far as it is more than a flare's.
+
+    Returns
+    -------
+    (float, float)
+        Latitude and longitude [°].
+    float, float
+        Heights above the ground there, as they are and as they have to be [m]. None where all are enough.
+    """
+    samples, limits = Samples.of([approach]), ground.limits
+    tops_m = _band(samples, ground)[2] - limits.clearance_m - ground.heights_m(samples.points_m[-1:])
+    heights_m = limits.line_m * (1 - samples.places_m / samples.places_m[-1])
+    min_m = np.minimum(limits.clearance_m, heights_m / 2)
+    above_m = heights_m - tops_m
+    k = int(np.argmin(np.where(min_m < FLARE_M, np.inf, above_m - min_m)))
+    if above_m[k] >= min_m[k]:
+        return None
+    return ground.terrain.place_deg(samples.points_m[k]), float(above_m[k]), float(min_m[k])
+
+
+def _repeated(found: Sequence[tuple[int, float]]) -> FloatArray:
+    """The altitude commanded on each way between samples [m]."""
+    lasts, levels_m = zip(*found, strict=True)
+    return np.repeat(levels_m, np.diff([0, *lasts]))
 
 
 def _legs(solution: CoverageSolution, c1: float) -> list[CoverageLeg]:

@@ -2,7 +2,8 @@
 
 The lines of the field stand one after the other, as one length. A sortie has an interval of it: whole lines where that
 costs nothing, and part of one at either end where it saves a sortie. What a sortie leaves of its pack is the caller's
-forecast. Sorties are filled one after the other; then their ends are moved until all leave the same.
+forecast. The ends of as few sorties as a bound allows are moved until all leave the same. Where that is too little,
+sorties are filled one after the other.
 
 Source: Prins 2004 (Computers & Operations Research 31) for a tour that is divided; the ends are found by secants.
 """
@@ -27,8 +28,9 @@ from eadp.models.field import Field
 ROUNDS = 12
 """Most forecasts for the end of a sortie."""
 
-ALIKE_ROUNDS = 2
-"""Most times that the ends of all sorties are moved until all are alike."""
+ALIKE_ROUNDS, BOUND_ROUNDS = 2, 4
+"""Most times that the ends of all sorties are moved until all are alike; of as many as are needed at least, as no other
+division has fewer."""
 
 EVEN = 0.02
 """A sortie is full where it leaves no more than this share of a pack."""
@@ -173,9 +175,28 @@ class Divided(NamedTuple, Generic[AnySortie]):
 
     @property
     def may_save_one(self) -> bool:
-        """Whether what all leave together would be enough for the lines of one of them."""
+        """Whether what the others leave together would be enough for the lines of one of them."""
         spare = sum(max(sortie.spare, 0.0) for sortie in self.sorties)
-        return len(self.sorties) > 1 and spare >= min(sortie.used_on_lines for sortie in self.sorties)
+        return any(spare - sortie.spare >= sortie.used_on_lines for sortie in self.sorties)
+
+    @property
+    def lengths_m(self) -> FloatArray:
+        """Lengths of the intervals [m]."""
+        return np.array([end - start for start, end in self.intervals])
+
+    @property
+    def spares(self) -> FloatArray:
+        """Charge that each leaves above what has to be left, as a share of a pack."""
+        return np.array([sortie.spare for sortie in self.sorties])
+
+    @property
+    def used_per_m(self) -> float:
+        """Charge that a metre of the lines takes, as a share of a pack."""
+        return max(sum(sortie.used_on_lines for sortie in self.sorties) / float(self.lengths_m.sum()), 1e-12)
+
+    def expected(self, lengths_m: FloatArray) -> FloatArray:
+        """What each is expected to leave with another length of lines."""
+        return self.spares + self.used_per_m * (self.lengths_m - lengths_m)
 
     @property
     def shortest(self) -> AnySortie:
@@ -213,24 +234,23 @@ class Divider(Generic[AnySortie]):
     def fewest(self, min_count: int) -> Divided[AnySortie]:
         """The division into the fewest sorties found that can all be flown, `min_count` or more.
 
-        Each is filled as far as its pack allows, one after the other; then the same number is tried with all alike.
-
         Raises
         ------
         Infeasible
             If even a short part of a line is too far, or whole lines cannot be divided so where lines are not cut.
         """
-        found = self._fullest(min_count) if self.cuts else None  # of laps, a part has to be wide enough
-        # up to a multiple of `step`
-        count = -(-max(min_count, 0 if found is None else len(found.sorties)) // self.step) * self.step
-        for more in range(0, MAX_SORTIES, self.step):
-            alike = self._alike(count + more)
-            if alike is not None:
-                return alike
-            if found is not None and count + more == len(found.sorties):
+        count = -(-min_count // self.step) * self.step
+        found = self._alike(count, BOUND_ROUNDS)
+        if found.shortest.spare >= 0:
+            return found
+        fullest = self._fullest(count) if self.cuts else None  # of laps, a part has to be wide enough
+        least = count + self.step if fullest is None else len(fullest.sorties)
+        for more in range(-(-least // self.step) * self.step, MAX_SORTIES + 1, self.step):
+            found = self._alike(more, ALIKE_ROUNDS)
+            if found.shortest.spare >= 0:
                 return found
-        if not self.cuts:
-            raise Infeasible(f"{self.division.lines} whole lines have no division into {count} sorties or more")
+            if fullest is not None and more == len(fullest.sorties):
+                return fullest
         raise Infeasible(f"{MAX_SORTIES} sorties are too few")
 
     def of_count(self, count: int) -> Divided[AnySortie]:
@@ -297,30 +317,32 @@ class Divider(Generic[AnySortie]):
             end_m = min(end_m + (sortie.spare - EVEN / 2) / used_per_m, total_m)
         return low_m
 
-    def _alike(self, count: int) -> Divided[AnySortie] | None:
+    def _alike(self, count: int, rounds: int) -> Divided[AnySortie]:
         """The division into so many sorties of about the same spare charge, with whole lines where that is enough.
 
-        None where no division is found in which all can be flown.
+        Where all together have too little charge, the first one tried. Raises Infeasible where whole lines are too few,
+        and are not cut.
         """
-        total_m = self.division.total_m
-        places = np.linspace(0.0, total_m, count + 1)
-        for _ in range(ALIKE_ROUNDS):
-            found = None
+        places, found = np.linspace(0.0, self.division.total_m, count + 1), None
+        for _ in range(rounds):
             whole = np.array([*map(self.division.between_lines, places)])
-            for tried in (whole, places) if self.cuts else (whole,):
-                if len(set(tried.tolist())) == count + 1 and (found := self._at(tried)).shortest.spare >= 0:
-                    return found
-            if found is None:  # whole lines are too few, or too unlike
-                return None
-            spares = np.array([sortie.spare for sortie in found.sorties])
-            if spares.mean() < 0:
-                return None
+            apart = len(set(whole.tolist())) == count + 1
+            if not (apart or self.cuts):
+                break
+            # whole lines, at first and where they are expected to be enough
+            if not self.cuts or (apart and (found is None or found.expected(np.diff(whole)).min() >= 0)):
+                places = whole
+            found = self._at(places)
+            spares = found.spares
+            if spares.min() >= 0 or spares.mean() < 0:
+                break
             # a sortie with more to spare than the mean takes on so much more of the lines
-            lengths = np.diff(places)
-            used_per_m = max(sum(sortie.used_on_lines for sortie in found.sorties) / total_m, 1e-12)
-            lengths = np.maximum(lengths + (spares - spares.mean()) / used_per_m, 0.02 * lengths)
-            places = np.concatenate([[0.0], np.cumsum(lengths)]) * (total_m / float(lengths.sum()))
-        return None
+            moved = found.lengths_m + (spares - spares.mean()) / found.used_per_m
+            moved = np.maximum(moved, 0.02 * found.lengths_m)
+            places = np.concatenate([[0.0], np.cumsum(moved)]) * (self.division.total_m / float(moved.sum()))
+        if found is None:
+            raise Infeasible(f"{self.division.lines} whole lines have no division into {count} sorties or more")
+        return found
 
     def _at(self, places: FloatArray) -> Divided[AnySortie]:
         """The sorties between some places."""

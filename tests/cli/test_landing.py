@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 
 import pytest
 from common import ROOT
@@ -230,7 +231,10 @@ def test_an_approach_that_leaves_the_boundary_is_none_and_one_over_a_low_wall_is
              "--altitude", "60", "--pattern", "dubins", "--heading", "90")  # fmt: skip
     answer = eadp(*words, "--landing", "0,-100,270", "--inside", tmp_path / "inside.csv", "--altitude", "120")
     assert answer.code == 1
-    assert "the final approach of" in answer.err
+    # it begins beyond the boundary's east, at x = 900
+    assert re.search(
+        r"the final approach of \d+ m .* does not stay inside the boundary at \(9\d\d, -100\) m", answer.err
+    )
     plan = tmp_path / "p.plan"
     # 500 m before the place, the approach is half way down; the wall is 10 m high
     answer = eadp(
@@ -241,6 +245,22 @@ def test_an_approach_that_leaves_the_boundary_is_none_and_one_over_a_low_wall_is
     assert eadp("plan", plan, "--check").code == 0
     answer = eadp("simulate", plan, "--set", f"vehicle={ROOT / 'vehicles/foam-wing.yaml'}")
     assert answer.code == 0, answer.out
+
+
+def test_a_place_that_no_way_leads_to_is_named_before_the_search(eadp, tmp_path):
+    # the approach to the east begins 20 m from the boundary, nearer than an aircraft turns
+    (tmp_path / "field.csv").write_text(FIELD)
+    words = ("cover", tmp_path / "field.csv", "--metres", "--swath", "80", "--vehicle", "vehicles/foam-wing.yaml",
+             "--altitude", "60", "--landing", "300,-100,90", "--home", "-50,100", "--heading", "90")  # fmt: skip
+    answer = eadp(*words, "--format", "text")
+    begins_m = 300 - float(re.search(r"final approach of (\d+) m", answer.out)[1])
+    west_m = begins_m - 20
+    (tmp_path / "inside.csv").write_text(f"x_m,y_m\n{west_m},-300\n900,-300\n900,600\n{west_m},600\n")
+    answer = eadp(*words, "--inside", tmp_path / "inside.csv")
+    assert answer.code == 1
+    assert (
+        f"no way between the lines and ({begins_m:.0f}, -100) m is found that stays inside the boundary" in answer.err
+    )
 
 
 @pytest.mark.parametrize(

@@ -10,10 +10,14 @@ import numpy as np
 import pytest
 from common import ROOT, few
 from common.answers import refused
+from common.pages import Page
 from common.terrains import from_corner, write_degrees, write_geotiff, write_hgt
 from scipy.ndimage import gaussian_filter
 
 import eadp
+from eadp.api.inputs import load_flight
+from eadp.api.plan import read_plan
+from eadp.api.simulate import forecast
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.core.geometry.polygons import holding
 from eadp.io.terrain.reader import read_terrain
@@ -221,6 +225,155 @@ def test_an_export_is_above_home_or_above_the_ground(eadp, slope, tmp_path):
     assert commanded == {line.split()[2] for line in plan.read_text().splitlines() if "%: altitude" in line}
 
 
+LANDING = (-450.0, 100.0, 90.0)
+"""Where flights over the slope land, and how [m, °]: 35 m below home."""
+HOME = (250.0, -280.0)
+SLOPE_M = 0.2
+"""Error of the slope's heights by the origin's distance: a degree of longitude is 0.2 % longer on the ellipsoid [m]."""
+
+
+@pytest.fixture(scope="module")
+def landing(slope):
+    """A flight over the slope that takes off, and lands elsewhere: its plan."""
+    field, terrain = slope
+    place, home = (",".join(map(repr, to_geodetic_deg(*each[:2], ORIGIN))) for each in (LANDING, HOME))
+    ends = {"home": home, "takeoff_deg": 45.0, "landing": f"{place},{LANDING[2]}", "wind": "0,0"}
+    options = eadp.CoverageOptions(swath_m=60.0, altitude_m=80.0, terrain=[terrain], **ends)
+    found = eadp.cover(field, options, vehicle=WING[1], warn=lambda _: None)
+    plan = Path(field).parent / "landing.plan"
+    plan.write_text(found.text)
+    return plan, found
+
+
+def test_a_flight_over_terrain_lands_on_the_ground_as_planned_and_forecast(landing):
+    plan, found = landing
+    *_, before, last = found.plan.stages
+    down_m = 0.05 * (LANDING[0] - HOME[0])
+    assert last.altitude_m == pytest.approx(down_m, abs=SLOPE_M)
+    # from the height of lines above the ground where it lands; commands are quarters of a metre
+    assert before.altitude_m == pytest.approx(down_m + 80, abs=SLOPE_M + 0.25)
+    overrides = {"vehicle": WING[1], "battery.capacity_ah": 30.0}
+    flight = eadp.simulate(str(plan), overrides=overrides, warn=lambda _: None)
+    assert flight.summary["completed"]
+    assert flight.summary["energy_forecast"]["energy_wh"] == pytest.approx(flight.summary["energy_wh"], rel=0.015)
+    columns = flight.columns
+    up_m, above_m = columns["altitude_m"], columns["altitude_m"] - 0.05 * (columns["x_m"] - HOME[0])
+    assert up_m[0] < 1
+    # of an altitude commanded a model is so far behind at its greatest rate
+    climbing = found.heights.climbing
+    assert up_m[-1] == pytest.approx(down_m, abs=climbing.down_mps / climbing.gain_per_s)
+    stages = columns["stage"].astype(int)
+    approach = stages == len(found.plan.stages)
+    climbed = np.maximum.accumulate(above_m >= 20)
+    assert above_m[climbed & ~approach].min() >= 20
+    assert above_m[climbed & ~approach].min() == pytest.approx(found.heights.profile.elsewhere_m, abs=2 * FOLLOWED_M)
+    # the ground rises towards the approach by 5 %, which descends more
+    height_m = up_m[approach] - down_m
+    assert (above_m[approach] >= np.minimum(20, height_m / 2) - FOLLOWED_M).all()
+
+
+@pytest.mark.parametrize("to", ["qgc", "px4", "ardupilot"])
+def test_a_landing_over_terrain_is_exported_and_read_back(eadp, landing, tmp_path, to):
+    plan, found = landing
+    out = tmp_path / ("mission.waypoints" if to == "ardupilot" else "mission.plan")
+    assert eadp("export", plan, "--to", to, "-o", out).code == 0
+    overrides = {"vehicle": WING[1]}
+    there, here = (load_flight(str(file), overrides=overrides) for file in (plan, out))
+    assert here.world.plan.stages[-1].altitude_m == pytest.approx(found.plan.stages[-1].altitude_m, abs=0.01)
+    assert here.world.plan.stages[-2].altitude_m == found.plan.stages[-2].altitude_m
+    forecasts = [each.preflight().forecast for each in (there, here)]
+    assert forecasts[1].energy_wh == pytest.approx(forecasts[0].energy_wh, rel=0.01)
+    assert forecasts[1].remaining_s == pytest.approx(forecasts[0].remaining_s, rel=0.01)
+
+
+def test_a_landing_above_ground_is_items_of_heights_above_ground(eadp, landing, slope):
+    plan, found = landing
+    answer = eadp("export", plan, "--to", "qgc", "--altitudes", "terrain", "--terrain", slope[1])
+    *_, start, approach, land = json.loads(answer.out)["mission"]["items"]
+    assert [item["command"] for item in (start, approach, land)] == [189, 16, 21]
+    assert [(item["frame"], item["AltitudeMode"]) for item in (approach, land)] == [(10, 4)] * 2
+    assert land["Altitude"] == pytest.approx(0, abs=0.05)
+    begins = found.plan.stages[-2]
+    ground_m = 0.05 * (begins.trigger_at(())[0] - HOME[0])
+    assert approach["Altitude"] == pytest.approx(begins.altitude_m - ground_m, abs=SLOPE_M)
+
+
+@pytest.mark.parametrize(("to", "known"), [("qgc", False), ("ardupilot", True), ("ardupilot", False)])
+def test_altitudes_above_ground_are_read_back_above_home(eadp, landing, slope, tmp_path, to, known):
+    """Of QGroundControl with heights above the sea, too, as its `SimpleMissionItem::save` writes them."""
+    plan, terrain, above, again = landing[0], slope[1], tmp_path / "above", tmp_path / "again"
+    eadp("export", plan, "--to", to, "--altitudes", "terrain", "--terrain", terrain, "-o", above)
+    given = ("--terrain", terrain) if known else ()
+    answer = eadp("plan", above, "--format", "plan", *given)
+    again.write_text(answer.out)
+    relative = tmp_path / "relative"
+    eadp("export", plan, "--to", to, "-o", relative)
+    there, here = (read_plan(file, warn=lambda _: None) for file in (relative, again))
+    altitudes = [[stage.altitude_m for stage in each.stages] for each in (there, here)]
+    if to == "ardupilot" and not known:
+        assert "item 3: an altitude above ground, taken as above home; --terrain has the ground" in answer.err
+        assert altitudes[1] != pytest.approx(altitudes[0], abs=1)
+        return
+    assert "above ground" not in answer.err
+    assert altitudes[1] == altitudes[0]
+    assert here.site.ground_m == pytest.approx(float(plan.read_text().split("%: ground ")[1].split()[0]), abs=0.05)
+    # forecast, flight and export read it as well
+    wing = {"vehicle": WING[1]}
+    files = [terrain] if known else []
+    forecasts = [
+        forecast(relative, overrides=wing, warn=lambda _: None),
+        forecast(above, overrides=wing, terrain=files),
+    ]
+    assert forecasts[1]["energy_wh"] == pytest.approx(forecasts[0]["energy_wh"], rel=1e-3)
+    out = eadp("export", above, "--to", "ardupilot", *given).out
+    rows = [
+        [line.split("\t")[10] for line in text.splitlines()[2:]]
+        for text in (out, eadp("export", relative, "--to", "ardupilot").out)
+    ]
+    assert rows[0] == rows[1]
+
+
+def test_a_flight_above_ground_is_kept_as_the_plan_that_it_is(eadp, landing, slope, tmp_path):
+    above, flown = tmp_path / "above.waypoints", tmp_path / "flown"
+    terrain = ("--terrain", slope[1])
+    eadp("export", landing[0], "--to", "ardupilot", "--altitudes", "terrain", *terrain, "-o", above)
+    answer = eadp("simulate", above, *terrain, "--set", f"vehicle={WING[1]}", "-o", flown)
+    assert answer.code == 0, answer.err
+    kept = read_plan(flown / "inputs" / "above.waypoints")
+    assert kept.stages[-1].altitude_m == pytest.approx(landing[1].plan.stages[-1].altitude_m, abs=0.05)
+    assert eadp("report", flown, "-o", tmp_path / "page.html").code == 0
+
+
+@pytest.mark.parametrize(("west_m", "works"), [(700, True), (200, False)])
+def test_an_approach_that_meets_the_ground_names_a_heading_that_does_not(eadp, tmp_path, west_m, works):
+    # a ridge across the final approach to the east, which begins about 950 m before its end
+    terrain = ground(tmp_path / "ridge.tif", lambda x, y: 45 * np.exp(-(((x + 410 + west_m) / 80) ** 2)) + 0 * y)
+    field = write_field(tmp_path / "field.geojson", ORIGIN, 600, 400)
+    given = ("cover", field, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain)
+    place = ",".join(map(repr, to_geodetic_deg(-410.0, 0.0, ORIGIN)))
+    answer = eadp(*given, "--landing", f"{place},90")
+    if works:
+        assert answer.code == 0
+        return
+    assert answer.code == 1
+    assert "the final approach towards 90° leads into the ground at 55.5" in answer.err
+    heading = answer.err.split("a heading of ")[1].split("°")[0]
+    assert eadp(*given, "--landing", f"{place},{heading}").code == 0
+    laps = eadp(*given, "--landing", f"{place},{heading}", "--pattern", "zamboni")
+    assert "laps have one altitude, and over terrain the final approach another" in laps.err
+
+
+def test_maps_have_altitudes_above_the_sea(eadp, landing):
+    plan, found = landing
+    zero_m = found.plan.site.ground_m
+    points = json.loads(eadp("export", plan, "--to", "geojson").out)["features"][0]["geometry"]["coordinates"]
+    assert points[-1][2] == pytest.approx(zero_m + found.plan.stages[-1].altitude_m)
+    assert f"<ele>{points[-1][2]:g}</ele>" in eadp("export", plan, "--to", "gpx").out
+    kml = eadp("export", plan, "--to", "kml").out
+    assert "<altitudeMode>absolute</altitudeMode>" in kml
+    assert f",{points[-1][2]:g}<" in kml
+
+
 def test_what_cannot_be_exported_above_ground(eadp, slope, tmp_path):
     field, terrain = slope
     plan = tmp_path / "slope.plan"
@@ -236,6 +389,68 @@ def test_what_cannot_be_exported_above_ground(eadp, slope, tmp_path):
     assert {(item["frame"], item["Altitude"]) for item in items if "Altitude" in item} == {(10, 80)}
 
 
+def test_results_and_page_have_the_ground_below_the_flight(eadp, landing, slope, tmp_path):
+    flown = tmp_path / "flown"
+    words = ("--terrain", slope[1], "--set", f"vehicle={WING[1]}", "-o", flown)
+    assert eadp("simulate", landing[0], *words).code == 0
+    header, *rows = (line.split(",") for line in (flown / "flight.csv").read_text().splitlines())
+    x, ground_m = (np.array([float(row[header.index(name)]) for row in rows]) for name in ("x_m", "ground_m"))
+    assert ground_m == pytest.approx(0.05 * (x - HOME[0]), abs=SLOPE_M)
+    assert eadp("report", flown, "-o", tmp_path / "page.html").code == 0
+    for page in (flown / "report.html", tmp_path / "page.html"):
+        shown = Page(page.read_text(encoding="utf-8")).data["altitude"]
+        assert len(shown["ground_m"]) == len(shown["m"]) == len(shown["t"])
+        assert (min(shown["ground_m"]), max(shown["ground_m"])) == pytest.approx(
+            (ground_m.min(), ground_m.max()), abs=0.5
+        )
+
+
+@pytest.mark.slow
+def test_sorties_over_terrain_land_on_the_ground(eadp, slope, tmp_path):
+    field, terrain = slope
+    place, home = (",".join(map(repr, to_geodetic_deg(*each[:2], ORIGIN))) for each in (LANDING, HOME))
+    given = ("--swath", "60", "--altitude", "80", "--terrain", terrain, "--home", home, "--sorties", "2")
+    answer = eadp("cover", field, *WING, *given, "--landing", f"{place},{LANDING[2]}", "-o", tmp_path / "sorties")
+    assert answer.code == 0
+    for name in ("sortie-01", "sortie-02"):
+        last = load_flight(str(tmp_path / "sorties" / f"{name}.plan")).world.plan.stages[-1]
+        assert last.altitude_m == pytest.approx(0.05 * (LANDING[0] - HOME[0]), abs=SLOPE_M)
+    assert (tmp_path / "sorties/sorties.svg").read_text().count("sortie after sortie") == 1
+    assert eadp("simulate", tmp_path / "sorties", "-o", tmp_path / "flown").code == 0
+    assert (tmp_path / "flown/sortie-02/flight.csv").read_text().partition("\n")[0].endswith(",ground_m")
+
+
+def test_sorties_say_of_the_ground_what_one_flight_says(eadp, slope, tmp_path):
+    field, terrain = slope
+    given = (
+        field,
+        *WING,
+        *CAMERA,
+        "--altitude",
+        "80",
+        "--terrain",
+        terrain,
+        "--home",
+        "55.4975,10.494",
+        "--heading",
+        "0",
+    )
+    alone, divided = (
+        json.loads(eadp("cover", *given, *more, "--format", "json").out)["terrain"] for more in ((), ("--sorties", "2"))
+    )
+    assert divided.keys() == alone.keys()
+    assert divided["zero_m"] == alone["zero_m"]
+    # the same lines over the same ground, but for the climbs from home
+    for key, tolerance in (("height_m", 2), ("gsd_cm", 0.1), ("side_overlap", 0.02)):
+        assert divided[key][1:] == pytest.approx(alone[key][1:], abs=tolerance)
+    assert divided["lower_share"] > 0
+    assert alone["higher_share"] == divided["higher_share"] == 0
+    text = eadp("cover", *given, "--sorties", "2", "--format", "text").out
+    least, mean, most = (100 * share for share in divided["side_overlap"])
+    assert f"overlap {least:.0f} to {most:.0f} %, mean {mean:.0f} %" in text
+    assert f"way home   above the ground at {divided['home_altitude_m']} m" in text
+
+
 def test_sorties_follow_the_ground_from_home(eadp, slope, tmp_path):
     field, terrain = slope
     folder = tmp_path / "sorties"
@@ -243,10 +458,10 @@ def test_sorties_follow_the_ground_from_home(eadp, slope, tmp_path):
     answer = eadp("cover", field, *WING, *given, "-o", folder)
     assert answer.code == 0
     assert " m above ground on lines, mean " in answer.out
-    document = json.loads((folder / "sorties.json").read_text())
-    assert 80 - ROUNDING_M <= document["height_m"][0] <= document["height_m"][2] <= 88 + ROUNDING_M
-    scenario = (folder / "scenario.yaml").read_text()
-    assert 'home: {"altitude_m": ' in scenario
+    heights = json.loads((folder / "sorties.json").read_text())["terrain"]
+    assert 80 - ROUNDING_M <= heights["height_m"][0] <= heights["height_m"][2] <= 88 + ROUNDING_M
+    assert heights["higher_share"] == 0
+    assert f'home: {{"altitude_m": {heights["home_altitude_m"]}}}' in (folder / "scenario.yaml").read_text()
     assert eadp("simulate", folder).code == 0
 
 

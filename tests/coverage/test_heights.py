@@ -11,7 +11,7 @@ from eadp.core.flight.following import Climbing
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.coverage.cover import CoverageRequest, cover
 from eadp.coverage.heights import Ground, HeightLimits, over_terrain
-from eadp.coverage.swaths import MotionLimits
+from eadp.coverage.swaths import CoverageLeg, MotionLimits, straight
 from eadp.errors import Infeasible
 from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.field import Field
@@ -40,9 +40,9 @@ def ground(height, obstacles=()):
     )
 
 
-def flown(height, pattern="dubins", heading_rad=0.0, start_m=None, obstacles=(), **given):
+def flown(height, pattern="dubins", heading_rad=0.0, start_m=None, obstacles=(), lands=False, **given):
     solution = cover(CoverageRequest(FIELD, MOTION, pattern, heading_rad, **given))
-    return solution, *over_terrain(solution, ground(height, obstacles), WING, start_m)
+    return solution, *over_terrain(solution, ground(height, obstacles), WING, start_m, lands=lands)
 
 
 def test_level_ground_has_one_altitude():
@@ -162,3 +162,24 @@ def test_ground_that_rises_faster_than_the_climb_is_named():
 def test_a_path_beyond_the_terrain_is_named():
     with pytest.raises(Infeasible, match=r"no height at 55\.\d+,10\.\d+, where the flight leads"):
         flown(lambda x, y: np.where(x > 620, np.nan, 0))
+
+
+def test_an_approach_is_one_slope_from_above_the_ground_where_it_lands():
+    # a plane that rises to the east; the approach of 600 m comes from the west to 40 m below the field's middle
+    down = CoverageLeg(straight((-900.0, 150.0), (-300.0, 150.0)))
+    _, path, profile = flown(lambda x, y: 0.05 * x, lands=True, home_m=(0.0, 0.0), approach=down)
+    *_, before, last = path.sections
+    assert (last.piece, last.altitude_m) == (down.piece, pytest.approx(-15.0))
+    assert before.altitude_m == pytest.approx(65.0, abs=8 / 2)
+    assert profile.flown_m[-1] == pytest.approx(-15.0)
+    on_approach = profile.samples.places_m >= profile.samples.places_m[-1] - 600
+    slopes = np.diff(profile.flown_m[on_approach]) / np.diff(profile.samples.places_m[on_approach])
+    assert slopes == pytest.approx(-80 / 600, rel=8 / 2 / 80)
+    assert np.ptp(slopes) < ROUNDING_M
+
+
+def test_a_flight_too_high_for_its_approach_is_none():
+    # the approach begins beside the last line, 100 m below it
+    down = CoverageLeg(straight((-100.0, 150.0), (-700.0, 150.0)))
+    with pytest.raises(Infeasible, match=r"m too high at .* for the final approach"):
+        flown(lambda x, y: np.where(x < -50, -100.0, 0.0), lands=True, home_m=(0.0, 0.0), approach=down)

@@ -106,7 +106,7 @@ def replan(
     options.check(link, {"plan": plan, **given})
     home = ["on_infeasible=home"] if link.return_home else []
     overrides = read_overrides(override_texts([*flight.overrides, *home], flight.planner, laps=flight.laps))
-    inputs = load_flight(plan, **given, overrides=overrides)
+    inputs = load_flight(plan, **given, overrides=overrides, terrain=flight.terrain)
     if link.items is not None:
         inputs = _of_items(inputs, link.items)
     warn(inputs.warnings)

@@ -67,7 +67,12 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
         (target / SORTIES).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         (target / TABLE).write_text(_csv(rows), encoding="utf-8")
         drawn = [
-            DrawnSortie(row["sortie"].removeprefix("sortie-"), row["aircraft"], sortie.path())
+            DrawnSortie(
+                row["sortie"].removeprefix("sortie-"),
+                row["aircraft"],
+                sortie.path(),
+                sortie.plan.heights and sortie.plan.heights.profile,
+            )
             for row, sortie in zip(rows, plan.sorties, strict=True)
         ]
         task = plan.planner.task

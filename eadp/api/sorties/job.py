@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -175,7 +176,9 @@ class _Job:
     def load(self, plan: str | Plan, scenario: str) -> FlightInputs:
         """The inputs of the next flight, with a seed of its own; a warning is given once."""
         overrides = {**self.overrides, "seed": self.seed + len(self.flights)}
-        inputs = load_flight(plan, scenario=scenario, overrides=overrides, files=self.planner.files)
+        terrain = self.planner.task.options.terrain
+        terrain = terrain if all(map(os.path.isfile, terrain)) else ()
+        inputs = load_flight(plan, scenario=scenario, overrides=overrides, files=self.planner.files, terrain=terrain)
         new = [fault for fault in inputs.warnings if fault.message not in self.warned]
         self.warned |= {fault.message for fault in new}
         self.warn(new)

@@ -7,7 +7,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from statistics import NormalDist
 from typing import Annotated, Any
 
@@ -15,11 +15,12 @@ import numpy as np
 
 from eadp.api.cover import CoveragePlan, CoverageTask
 from eadp.api.inputs import Files, FlightInputs, load_flight
-from eadp.api.terrain import Heights, height_range_m, height_text
+from eadp.api.terrain import HeightReport
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import place_text
+from eadp.core.geometry.polygons import hull
 from eadp.coverage.airspace import free_lines
 from eadp.coverage.cover import (
     AUTO,
@@ -56,6 +57,9 @@ between two sorties [s]."""
 
 PART_M = 200.0
 """Length of the parts of lines for which the way there is counted [m]."""
+
+LEAST_SHARE = 0.02
+"""Share of a flight for which a pack lasts, where it lasts for less, or for none."""
 
 DRAFT_SHARE = 0.02
 """Share of the charge that lines in a draft's order take at most beyond what they need: 0.011 measured."""
@@ -122,7 +126,9 @@ class PlannedSortie:
     @property
     def used(self) -> float:
         """Charge that the whole flight takes, as a share of a pack."""
-        return self.inputs.world.battery.soc - (self.forecast.forecast.soc_end or 0.0)
+        charge, soc_end = self.inputs.world.battery.soc, self.forecast.forecast.soc_end
+        # of a pack that is empty before the end, what the flight would take
+        return charge - soc_end if soc_end else charge - self.inputs.scenario.keys.reserve_soc - self.spare
 
     @property
     def short_text(self) -> str:
@@ -274,6 +280,7 @@ class SortiePlanner:
         """Sorties over a ground by a request's pattern: side by side, or along a tour of its lines if that is less."""
         motion, laps, grid = self.task.motion, request.pattern == ZAMBONI, self.grid(request)
 
+        @cache
         def planned(part: Field, *, draft: bool) -> PlannedSortie:
             covered = _without_bays(part) if laps else part  # laps cover bays and holes as if they were field
             part_of = replace(request, field=covered, grid=None if laps else grid)
@@ -326,9 +333,13 @@ class SortiePlanner:
         found = inputs.preflight(whole=False)
         if found is None or found.forecast.soc_end is None or found.forecast.soc_end_std is None:
             raise Infeasible("a sortie has no forecast: the battery's charge is prescribed, or the wind is too strong")
-        spare = found.forecast.soc_end - _DEVIATIONS * found.forecast.soc_end_std - inputs.scenario.keys.reserve_soc
+        reserve_soc = inputs.scenario.keys.reserve_soc
+        spare = found.forecast.soc_end - _DEVIATIONS * found.forecast.soc_end_std - reserve_soc
         if not found.feasible:
             spare = min(spare, -1e-6)  # cannot be flown
+        if not found.forecast.soc_end:  # the pack is empty before the end: it lasts for a share of the flight
+            share = max(0.0 if found.reach is None else found.reach.share, LEAST_SHARE)
+            spare = (inputs.world.battery.soc - reserve_soc) * (1 - 1 / share)
         return PlannedSortie(solution, planned, inputs, found, spare)
 
     def _least(self, sample: FlightInputs, grid: LineGrid, ground: Field) -> LeastSorties:
@@ -377,11 +388,8 @@ class SortiePlanner:
 
 def _without_bays(part: Field) -> Field:
     """The convex hull of a field's parts."""
-    from scipy.spatial import ConvexHull
-
-    points = np.concatenate([np.array(rings[0]) for rings in part.parts])
-    hull = tuple((float(x), float(y)) for x, y in points[ConvexHull(points).vertices])
-    return replace(part, outline=hull, holes=(), others=())
+    outline = hull(np.concatenate([np.array(rings[0]) for rings in part.parts]))
+    return replace(part, outline=outline, holes=(), others=())
 
 
 def _at_lowest(plan: Plan) -> Plan:
@@ -508,9 +516,16 @@ class SortiePlan:
         return nearest([track.later(k * self.stagger_s) for k, track in enumerate(self._tracks)])
 
     @property
-    def _heights(self) -> list[Heights]:
-        """The heights of each sortie over terrain."""
-        return [each.plan.heights for each in self.sorties if each.plan.heights is not None]
+    def _heights(self) -> HeightReport | None:
+        """The heights of all sorties; None without a terrain."""
+        heights = [each.plan.heights for each in self.sorties if each.plan.heights is not None]
+        if not heights:
+            return None
+        width_m, apart_m, gsd_cm = self.sorties[0].plan.on_ground
+        if not self.sorties[0].solution.blocks:  # lines beside each other are those of several sorties
+            middles_m = self.planner.grid().middles_m
+            apart_m = float(np.diff(middles_m)[0]) if len(middles_m) > 1 else None
+        return HeightReport(heights, width_m, apart_m, gsd_cm)
 
     @cached_property
     def _path(self) -> CoveragePath:
@@ -596,7 +611,7 @@ class SortiePlan:
             "nearest_m": None if near is None else near.distance_m,
             "overlap_m": options.overlap_m,
             **pictures_document(self.pictures),
-            "height_m": height_range_m(self._heights),
+            "terrain": self._heights and self._heights.document(),
             "options": {key: value for key, value in asdict(task.options).items() if value is not None},
             "sorties": rows,
             "parts": task.field.parts,
@@ -651,8 +666,7 @@ class SortiePlan:
             later = f"with {document['stagger_s']:g} s from one take-off to the next"
             lines.append(f"apart      {near.distance_m:.0f} m or more, {later}")
         lines += [] if self.pictures is None else self.pictures.lines()
-        if (heights_m := document["height_m"]) is not None:
-            lines.append(f"height     {height_text(heights_m)}")
+        lines += [] if self._heights is None else self._heights.text()
         return lines + left_text(self.left, 1 - self.coverage, task.field.origin_deg)
 
     def scenario_text(self, profile: str | None) -> str:
@@ -663,8 +677,8 @@ class SortiePlan:
         value["planner"] = {**(value.get("planner") or {}), "name": self.sorties[0].inputs.scenario.keys.planner.name}
         if profile is not None:
             value["profile"] = profile
-        if heights := self._heights:
-            value["home"] = {"altitude_m": max(each.home_altitude_m for each in heights)}
+        if self._heights is not None:
+            value["home"] = {"altitude_m": self._heights.document()["home_altitude_m"]}
         value.setdefault("on_infeasible", "home")  # what a sortie leaves is flown by another
         value = {"schema": "eadp.scenario/1", **value}
         head = "# One sortie: eadp simulate sortie-01.plan --scenario scenario.yaml. All: eadp simulate of the folder."

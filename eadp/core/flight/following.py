@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray
-from eadp.errors import Infeasible
+from eadp.errors import Unreachable
 
 LEVEL_M = 0.25
 """Commanded altitudes are multiples of this [m]: errors of barometers and maps are larger."""
@@ -105,8 +105,8 @@ def commanded(
 
     Raises
     ------
-    Infeasible
-        If the floor rises faster than the aircraft.
+    Unreachable
+        Of the sample from which on the floor rises faster than the aircraft.
     """
     last, found = len(band.places_m) - 1, list[tuple[int, float]]()
     top_m = float(np.max(band.ceiling_m, initial=float(band.floor_m.max()), where=np.isfinite(band.ceiling_m)))
@@ -121,7 +121,7 @@ def commanded(
         given = band, climbing, hard_floor_m, levels_m, i, here_m, before_m
         best = _farthest(*given) or _farthest(*given, above=True)
         if best is None:
-            raise Infeasible(f"no climb from {band.places_m[i]:.0f} m of the way on stays above the ground")
+            raise Unreachable(i, f"no climb from {band.places_m[i]:.0f} m of the way on stays above the ground")
         i, before_m, here_m = best
         found.append((i, before_m))
     return found

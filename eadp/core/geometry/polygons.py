@@ -393,6 +393,11 @@ def clipped(parts: Sequence[Sequence[Sequence[Point]]], windows: Sequence[Sequen
     return _rings(shapely.intersection(_union(parts), shapely.union_all([shapely.Polygon(ring) for ring in windows])))
 
 
+def hull(points_m: ArrayLike) -> Ring:
+    """The convex hull of points, shape (n, 2) [m], counter-clockwise."""
+    return _rings(shapely.MultiPoint(np.asarray(points_m)).convex_hull)[0][0]
+
+
 def _ground(lines: Sequence[Sequence[Point]], swath_m: float) -> shapely.Geometry:
     """The ground within half a swath of lines, square to their ends."""
     drawn = [shapely.LineString(line).simplify(0.01) for line in lines if len(set(line)) > 1]

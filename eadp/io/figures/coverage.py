@@ -54,7 +54,7 @@ def write_coverage_figure(
         grid = rows[0].subgridspec(1, len(ways))
         all_axes = grid.subplots(sharex=True, sharey=True, squeeze=False)[0]
         if profile is not None:
-            _draw_profile(figure.add_subplot(rows[1]), profile)
+            draw_profile(figure.add_subplot(rows[1]), profile)
         for axes, (title, way) in zip(all_axes, ways.items(), strict=True):
             draw_ground(axes, field, field.airspace)
             draw_left(axes, left)
@@ -65,9 +65,9 @@ def write_coverage_figure(
         fit_legend(figure, 6, loc="outside lower center", fontsize=9)
 
 
-def _draw_profile(axes: Axes, profile: HeightProfile) -> None:
-    """The ground and the flight over the distance flown; on lines the heights that are allowed, too."""
-    km, on_line, limits = profile.samples.places_m / 1000, profile.samples.on_line, profile.ground.limits
+def draw_profile(axes: Axes, profile: HeightProfile, from_km: float = 0.0) -> float:
+    """The ground and the flight over the distance flown, and where it ends [km]; on lines the heights allowed, too."""
+    km, on_line, limits = from_km + profile.samples.places_m / 1000, profile.samples.on_line, profile.ground.limits
     axes.fill_between(km, profile.ground_m, profile.ground_m.min(), color="#b7a98f", linewidth=0, label="ground")
     low_m = profile.ground_m + limits.line_m
     band = (low_m, low_m + limits.tolerance_m)
@@ -78,6 +78,7 @@ def _draw_profile(axes: Axes, profile: HeightProfile) -> None:
     axes.set_xlabel("distance flown [km]")
     axes.set_ylabel("altitude [m]")
     axes.margins(x=0)
+    return float(km[-1])
 
 
 def draw_left(axes: Axes, left: Sequence[LeftGround]) -> None:

@@ -8,19 +8,21 @@ from pathlib import Path
 from typing import NamedTuple
 
 from eadp.core.geometry.curves import Point
+from eadp.coverage.heights import HeightProfile
 from eadp.coverage.left import LeftGround
 from eadp.coverage.swaths import CoveragePath
-from eadp.io.figures.canvas import COLOURS, START, draw_ground, figure_pair, fit_legend, label_map
-from eadp.io.figures.coverage import draw_left, ground_of, line_of
+from eadp.io.figures.canvas import COLOURS, START, Axes, draw_ground, figure_pair, fit_legend, label_map
+from eadp.io.figures.coverage import draw_left, draw_profile, ground_of, line_of
 from eadp.models.field import Field
 
 
 class DrawnSortie(NamedTuple):
-    """A flight: its number, its aircraft from 1 on, and its path."""
+    """A flight: its number, its aircraft from 1 on, its path, and over terrain its heights."""
 
     number: str
     aircraft: int
     path: CoveragePath
+    profile: HeightProfile | None = None
 
 
 def write_sorties_figure(
@@ -31,9 +33,12 @@ def write_sorties_figure(
     home_m: Point | None,
     left: Sequence[LeftGround] = (),
 ) -> None:
-    """Draw sorties. Written to `path` with the endings .svg and .png."""
-    with figure_pair(path, 8.5, 8.0) as figure:
-        axes = figure.subplots()
+    """Draw sorties, over terrain with ground and flights below. Written to `path` with the endings .svg and .png."""
+    flown = [(sortie.number, sortie.profile) for sortie in sorties if sortie.profile is not None]
+    with figure_pair(path, 8.5, 8.0 + 2.2 * bool(flown)) as figure:
+        axes, *below = figure.subplots(1 + bool(flown), 1, height_ratios=[3, 1][: 1 + bool(flown)], squeeze=False)[:, 0]
+        for panel in below:
+            _draw_profiles(panel, flown)
         draw_ground(axes, field, field.airspace)
         draw_left(axes, left)
         for i, sortie in enumerate(sorties):
@@ -57,3 +62,15 @@ def write_sorties_figure(
             axes.plot(*home_m, **{**START, "label": "home"})
         label_map(axes, "Sorties")
         fit_legend(figure, 5, loc="outside lower center", fontsize=8)
+
+
+def _draw_profiles(axes: Axes, flown: Sequence[tuple[str, HeightProfile]]) -> None:
+    """The heights of flights, one after the other, with their numbers."""
+    from_km = 0.0
+    for number, profile in flown:
+        to_km = draw_profile(axes, profile, from_km)
+        axes.axvline(to_km, color="#00000060", linewidth=0.8)
+        at = ((from_km + to_km) / 2, 0.02)
+        axes.text(*at, number.lstrip("0"), transform=axes.get_xaxis_transform(), ha="center", va="bottom", fontsize=9)
+        from_km = to_km
+    axes.set_xlabel("distance flown, sortie after sortie [km]")

@@ -47,7 +47,7 @@ class DraftItem:
     """An item of a mission: MAVLink's command, frame and seven parameters, NaN where there is none.
 
     `number` is what a jump calls it, `label` what messages call it; `locations` are those of the command, the frame and
-    the parameters.
+    the parameters. `above_sea_m` is the altitude of one above ground, where its file has that, too [m].
     """
 
     label: str
@@ -56,6 +56,7 @@ class DraftItem:
     frame: int
     parameters: tuple[float, ...]
     locations: tuple[Location, ...]
+    above_sea_m: float | None = None
 
 
 Place = tuple[float, float, float]
@@ -108,6 +109,8 @@ class MissionMotion:
         Distance after which a mission that repeats for ever goes on, if no number of laps is given [m].
     laps : int or None
         How many times it is flown.
+    terrain : tuple of str
+        Files of the ground, above which altitudes may be.
     """
 
     turn_radius_m: float = FixedWing().turn_radius_m
@@ -115,3 +118,4 @@ class MissionMotion:
     climb_rate_mps: float = FixedWing.max_climb_rate_mps
     repeated_m: float = 100_000.0
     laps: int | None = None
+    terrain: tuple[str, ...] = ()

@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 from eadp.core.geometry.curves import Point
+from eadp.core.geometry.geodesy import to_local_m
 from eadp.core.geometry.waypoints import ARC_RAD, TURNS_TOLERANCE
 from eadp.coverage.swaths import CLIMB_OUT_M
 from eadp.io.mission import EXPORT_NAMES, FENCE_ENDING, RALLY_ENDING
@@ -191,7 +192,7 @@ class _ItemBuilder:
         legs = first if self._skipped is None else self._skipped, last
         frame, altitude_m = d.RELATIVE, self._altitude_m
         if point is not None and self.path.ground is not None:
-            frame, altitude_m = d.TERRAIN, round(altitude_m - float(self.path.ground(np.array([point]))[0]), 2)
+            frame, altitude_m = d.TERRAIN, round(altitude_m - float(self.path.ground(np.array([point]))[0]), 3)
         self.items.append(MissionItem(command, frame, (*parameters, *place, altitude_m), legs))
         self._skipped = None
 
@@ -228,11 +229,16 @@ def _rally(path: PlannedPath) -> list[Place]:
 
 def _qgc(path: PlannedPath, firmware: int) -> str:
     """The plan of QGroundControl, its lines as one item where the path is surveyed."""
-    items, survey = mission_items(path, px4=firmware == PX4), None
+    items, survey, ground = mission_items(path, px4=firmware == PX4), None, None
+    if (above_zero := path.ground) is not None and (zero_m := path.zero_m) is not None:
+
+        def ground(latitude: float, longitude: float) -> float:
+            return zero_m + float(above_zero(np.array([to_local_m(latitude, longitude, path.origin_deg)]))[0])
+
     if path.surveyed:
         lines = survey_lines(path, path.surveyed)
         survey = (*survey_span(items, lines), partial(survey_item, path, path.surveyed, lines))
-    return qgc_text(items, path.home, path.airspeed_mps, _fences(path), firmware, _rally(path), survey)
+    return qgc_text(items, path.home, path.airspeed_mps, _fences(path), firmware, _rally(path), survey, ground)
 
 
 FENCED = ("qgc", "ardupilot", "px4")

@@ -11,14 +11,14 @@ _DIGITS = 9
 
 
 def kml_text(path: PlannedPath) -> str:
-    """KML: the path as a line above the ground."""
+    """KML: the path as a line above the ground, taken as level, or of a plan over terrain above the sea."""
     root = ET.Element("kml", xmlns="http://www.opengis.net/kml/2.2")
     document = ET.SubElement(root, "Document")
     ET.SubElement(document, "name").text = path.name
     placemark = ET.SubElement(document, "Placemark")
     ET.SubElement(placemark, "name").text = path.name
     line = ET.SubElement(placemark, "LineString")
-    ET.SubElement(line, "altitudeMode").text = "relativeToGround"
+    ET.SubElement(line, "altitudeMode").text = "relativeToGround" if path.zero_m is None else "absolute"
     ET.SubElement(line, "coordinates").text = " ".join(
         f"{longitude:.{_DIGITS}f},{latitude:.{_DIGITS}f},{altitude:g}" for latitude, longitude, altitude in path.drawn()
     )
@@ -37,7 +37,7 @@ def geojson_text(path: PlannedPath) -> str:
 
 
 def gpx_text(path: PlannedPath) -> str:
-    """GPX: the path as a track; its elevations are above home."""
+    """GPX: the path as a track; its elevations are above home, or of a plan over terrain above the sea."""
     root = ET.Element("gpx", xmlns="http://www.topografix.com/GPX/1/1", version="1.1", creator="eadp")
     track = ET.SubElement(root, "trk")
     ET.SubElement(track, "name").text = path.name

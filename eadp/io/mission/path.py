@@ -95,7 +95,8 @@ class PlannedPath:
 
     `altitude_m` holds where a stage has none, and `stated_mps` as its airspeed, None without one; `home_deg` is where
     the aircraft takes off and returns to, None without; `climb_deg` is the pitch of the take-off [°]. `ground` has the
-    height of the ground at points, shape (n, 2), above the altitude 0 [m], where altitudes are written above it.
+    height of the ground at points, shape (n, 2), above the altitude 0 [m], where altitudes are written above it, and
+    `zero_m` is that altitude above the sea [m], where it is known: of a plan over terrain.
     `rally` are places to rally, with their altitudes above home [m]; `surveyed` is the field whose lines are one item.
     """
 
@@ -111,6 +112,7 @@ class PlannedPath:
     stated_mps: float | None = None
     climb_deg: float = 0.0
     ground: Callable[[FloatArray], FloatArray] | None = None
+    zero_m: float | None = None
     rally: tuple[tuple[float, float, float], ...] = ()
     surveyed: tuple[Point, ...] = ()
 
@@ -132,12 +134,12 @@ class PlannedPath:
         return self.home_deg or self.geodetic_deg(self.sections[0].start_m)
 
     def drawn(self) -> Iterator[tuple[float, float, float]]:
-        """Latitude, longitude [°] and altitude [m] of points along the path."""
-        first = self.sections[0]
-        yield (*self.geodetic_deg(first.start_m), self.altitude_of(first))
+        """Latitude, longitude [°] and altitude [m] of points along the path: above the sea where `zero_m` is known."""
+        first, zero_m = self.sections[0], self.zero_m or 0.0
+        yield (*self.geodetic_deg(first.start_m), zero_m + self.altitude_of(first))
         for section in self.sections:
             for point in section.drawn(self.tolerance_m):
-                yield (*self.geodetic_deg(point), self.altitude_of(section))
+                yield (*self.geodetic_deg(point), zero_m + self.altitude_of(section))
 
 
 def planned_sections(legs: Iterable[Leg]) -> tuple[Section, ...]:

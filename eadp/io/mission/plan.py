@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
+
+import numpy as np
 
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import Expression, constant
@@ -18,10 +21,12 @@ from eadp.io.mission import draft as d
 from eadp.io.mission.commands import MOTIONLESS, command_text
 from eadp.io.mission.draft import DraftItem, MissionDraft, MissionMotion
 from eadp.io.plan.reader import LIMIT_STAGES
+from eadp.io.terrain.reader import read_terrain
 from eadp.io.text.source import Location, SourceText
 from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.plan.plan import Finding, Plan, Site
 from eadp.models.plan.stage import Stage
+from eadp.models.terrain import ElevationModel
 
 LOW_M = 50.0
 """Height below home beyond which an altitude above the sea may be one above home [m]."""
@@ -270,8 +275,8 @@ class MissionPlan:
                     message = f"{item.label}: a ground speed, taken as an airspeed"
                     self._find(item.locations[2], "ground-speed", message)
             elif item.command in _MOVING:
-                before, altitude = altitude, self._altitude_m(item, altitude)
                 here = (0.0, 0.0) if item.command == d.RETURN else self.points.get(index) or here
+                before, altitude = altitude, self._altitude_m(item, here, altitude)
                 climb_m = 0.0 if altitude is None else altitude - (before or 0.0)
                 target = self._target(index, item, here, airspeed, climb_m)
                 if item.command == d.TAKEOFF and not visits:
@@ -285,14 +290,32 @@ class MissionPlan:
             visits[-1] = visits[-1]._replace(commands=(*visits[-1].commands, *commands))
         return visits
 
-    def _altitude_m(self, item: DraftItem, before: float | None) -> float | None:
+    @cached_property
+    def _terrain(self) -> ElevationModel | None:
+        """The ground around the items and home."""
+        points = [(0.0, 0.0), *filter(None, self.points.values())]
+        return read_terrain(self.motion.terrain, np.array(points), self._origin_deg) if self.motion.terrain else None
+
+    @cached_property
+    def _zero_m(self) -> float | None:
+        """Height of home above the sea [m], where altitudes are above a ground that is known."""
+        if self._terrain is not None:
+            return round(float(self._terrain.known_m(np.zeros((1, 2)))[0]), 2)
+        return None if all(item.above_sea_m is None for item in self.draft.items) else self.draft.home[2]
+
+    def _altitude_m(self, item: DraftItem, place: Point, before: float | None) -> float | None:
         """The altitude above home at an item [m]: a landing's is that of the ground, a return's the one before."""
         altitude = item.parameters[6]
         if item.command == d.RETURN or math.isnan(altitude):
             return before
         frame = d.FRAMES[item.frame]
+        if frame == d.TERRAIN and self._zero_m is not None:
+            if self._terrain is not None:
+                return round(altitude + float(self._terrain.known_m(np.array([place]))[0]) - self._zero_m, 2)
+            if item.above_sea_m is not None:
+                return round(item.above_sea_m - self._zero_m, 2)
         if frame == d.TERRAIN and not any(finding.code == "terrain" for finding in self.findings):
-            message = f"{item.label}: an altitude above ground, taken as above home"
+            message = f"{item.label}: an altitude above ground, taken as above home; --terrain has the ground"
             self._find(item.locations[1], "terrain", message)
         if frame != d.ABSOLUTE:
             return altitude
@@ -384,7 +407,14 @@ class MissionPlan:
             path_count=0,
             trigger_radius_m=min(TRIGGER_RADIUS_M, float(f"{0.9 * shortest_m:.2g}")),
             min_radius_m=radius_m,
-            site=Site(self._origin_deg, (0.0, 0.0), home_m=(0.0, 0.0), airspace=self._airspace(), rally=self._rally()),
+            site=Site(
+                self._origin_deg,
+                (0.0, 0.0),
+                home_m=(0.0, 0.0),
+                airspace=self._airspace(),
+                rally=self._rally(),
+                ground_m=self._zero_m,
+            ),
         )
 
     @property

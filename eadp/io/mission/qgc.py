@@ -250,7 +250,9 @@ def _read_simple(item: _Value, draft: MissionDraft) -> None:
         # above ground whose altitude is added when the mission is sent
         values = (*values[:6], float(height.is_(float).value))
         frame = TERRAIN if item.member("AltitudeMode").value in (CALCULATED, ABOVE_TERRAIN) else frame
-    draft.items.append(DraftItem(item.path, number, command, frame, values, tuple(places)))
+    sea = item.member("AMSLAltAboveTerrain")
+    sea_m = None if sea.value is None or frame != TERRAIN else float(sea.is_(float).value)
+    draft.items.append(DraftItem(item.path, number, command, frame, values, tuple(places), sea_m))
 
 
 def _read_landing(item: _Value, draft: MissionDraft, landing: int) -> None:
@@ -287,10 +289,12 @@ def qgc_text(
     firmware: int = ARDUPILOT,
     rally: Sequence[Place] = (),
     survey: tuple[int, int, Callable[[list[dict[str, Any]]], dict[str, Any]]] | None = None,
+    ground: Callable[[float, float], float] | None = None,
 ) -> str:
     """The file of a mission of a fixed wing; of ArduPilot, with a landing as the pattern that can be edited.
 
-    `survey` is the span of the items that a complex item has, and what makes it of them.
+    `survey` is the span of the items that a complex item has, and what makes it of them; `ground` has heights above the
+    sea at latitudes and longitudes [m], where items are above it.
 
     MAVSDK, which sends plans to PX4, refuses a pattern. There it is the same items, which QGroundControl makes one of.
     """
@@ -304,12 +308,13 @@ def qgc_text(
     ]
     written: list[dict[str, Any]] = []
     lands = [item.command for item in items[-3:]] == [LAND_START, WAYPOINT, LAND]
-    pattern = lands and firmware == ARDUPILOT
+    pattern = lands and firmware == ARDUPILOT and items[-1].frame == RELATIVE  # a pattern has no heights above ground
     for number, (command, frame, parameters, _) in enumerate(items[:-3] if pattern else items, 1):
         item: dict[str, Any] = {"autoContinue": True, "command": command, "doJumpId": number, "frame": frame}
         item |= {"params": _rounded(parameters), "type": "SimpleItem"}
         if frame in MODES:
-            item |= {"AMSLAltAboveTerrain": None, "Altitude": parameters[6], "AltitudeMode": MODES[frame]}
+            above_sea_m = parameters[6] + ground(*parameters[4:6]) if ground and frame == TERRAIN else None
+            item |= {"AMSLAltAboveTerrain": above_sea_m, "Altitude": parameters[6], "AltitudeMode": MODES[frame]}
         written.append(item)
     if survey is not None:
         start, end, joined = survey
@@ -329,7 +334,7 @@ def qgc_text(
         "globalPlanAltitudeMode": MODES[TERRAIN if any(item.frame == TERRAIN for item in items) else RELATIVE],
         "hoverSpeed": airspeed_mps,
         "items": written,
-        "plannedHomePosition": [*_rounded(home_deg), 0.0],
+        "plannedHomePosition": [*_rounded(home_deg), ground(*home_deg) if ground else 0.0],
         "vehicleType": FIXED_WING,
         "version": 2,
     }

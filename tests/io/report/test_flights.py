@@ -31,6 +31,15 @@ def folders(tmp_path_factory):
     return found
 
 
+def test_the_page_opens_without_a_fault(eadp, browser, folders, tmp_path):
+    page = tmp_path / "page.html"
+    assert eadp("report", *folders, "-o", page).code == 0
+    browser.faults.clear()
+    browser.open(page)
+    assert browser.faults == []
+    assert browser.run("document.querySelectorAll('#differences tbody tr').length") > 5
+
+
 def test_the_page_has_the_table_and_the_figure(eadp, folders, tmp_path):
     page = tmp_path / "page.html"
     answer = eadp("report", *folders, "-o", page)

@@ -86,4 +86,4 @@ function fitted(canvas, width, height) {
 
 document.title = data.title;
 $("title").textContent = data.title;
-data.words.forEach((words, i) => $("words").append(el("p", i === 0 && (data.completed === true || data.completed === false) ? { class: data.completed ? "yes" : "no" } : {}, words)));
+(data.words || []).forEach((words, i) => $("words").append(el("p", i === 0 && (data.completed === true || data.completed === false) ? { class: data.completed ? "yes" : "no" } : {}, words)));

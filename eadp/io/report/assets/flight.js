@@ -53,7 +53,7 @@ function drawChart(title, unit, x, lines, options = {}) {
     axes: [axis(options.last ? "time [s]" : "", { size: options.last ? 28 : 26 }), axis(unit, { size: 46 })],
     cursor: { y: false, points: { show: false }, drag: { x: false, y: false }, sync: { key: "time" } },
     legend: { show: false },
-    series: [{}, ...lines.map((line) => ({ label: line.label, stroke: () => palette[line.colour], width: line.width || 1.5, dash: line.dash, paths: line.steps ? uPlot.paths.stepped({ align: 1 }) : undefined, points: { show: false } }))],
+    series: [{}, ...lines.map((line) => ({ label: line.label, stroke: () => palette[line.colour], width: line.width || 1.5, dash: line.dash, fill: line.fill ? () => `${palette[line.colour]}55` : undefined, fillTo: (u, i, low) => low, paths: line.steps ? uPlot.paths.stepped({ align: 1 }) : undefined, points: { show: false } }))],
     hooks: { draw: options.draw ? [options.draw] : [] },
   }, [x, ...lines.map((line) => line.y)], box);
   const known = lines[0].y.filter((value) => value !== null);
@@ -170,7 +170,12 @@ function buildCharts() {
     if (data.wind) for (const [name, colour, k] of [["east", "blue", 0], ["north", "orange", 1]]) lines.push({ label: `true mean, ${name}`, colour, dash: [6, 4], width: 1, y: decisionTimes.map((t) => blowing(t)[k]) });
     if (winds.some((wind) => wind)) chart("Wind", "m/s", decisionTimes, lines, { height: 150, value: () => { const wind = decided("wind_mps", state.decision); return wind ? windText(wind) : ""; } });
   }
-  if (data.altitude) chart("Altitude", "m", data.altitude.t, [{ label: "altitude", colour: "brown", y: data.altitude.m }], { value: (t) => `${number(at(data.altitude, "m", t))} m` });
+  if (data.altitude) {
+    const up = (name, t) => at(data.altitude, name, t), heights = [{ label: "altitude", colour: "blue", y: data.altitude.m, width: 2 }];
+    if (data.altitude.ground_m) heights.push({ label: "ground", colour: "brown", y: data.altitude.ground_m, fill: true });
+    const above = (t) => (data.altitude.ground_m ? `, ${number(up("m", t) - up("ground_m", t))} m above ground` : "");
+    chart("Altitude", "m", data.altitude.t, heights, { value: (t) => `${number(up("m", t))} m${above(t)}` });
+  }
   waiting[waiting.length - 1][4].last = true;
   for (const parts of waiting) drawChart(...parts);
 }

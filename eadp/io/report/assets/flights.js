@@ -9,3 +9,4 @@ $("differences").append(
   el("tbody", {}, ...rows.map(([name, ...cells]) => el("tr", {}, el("th", { scope: "row" }, name), ...cells.map((cell) => el("td", {}, cell))))),
 );
 $("picture").src = `data:image/svg+xml;base64,${data.figure}`;
+document.documentElement.setAttribute("data-ready", performance.now().toFixed(0));
