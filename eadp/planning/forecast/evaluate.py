@@ -47,9 +47,8 @@ OVERSHOOT_SHARE = 0.35
 ROUNDING = 1e-9
 """Charge that counts as rounding."""
 
-LAST_CHANGE_S = 65.0
-"""Time before the end after which what is learned changes nothing more: an interval of re-planning before the last 35 s
-[s]."""
+LAST_CHANGE_S = 30.0
+"""Time before the end after which what is learned changes nothing more: an interval of re-planning [s]."""
 
 
 @dataclass(frozen=True)
@@ -207,11 +206,6 @@ class Evaluation:
             expected -= probability * unflown * times_s
         return expected
 
-    def earliest_s(self, place: int, leg: int = 0) -> float:
-        """Time from the start of a leg of a place to the flight's end, if that is a standard deviation early [s]."""
-        std_s = math.sqrt(float(self.totals.time_var_s2[place]))
-        return float(self.expected_s(place)[leg:].sum()) - std_s
-
     def final_charge(self, place: int, filling: Filling) -> FinalCharge:
         """State of charge at the end at a place with computations as filled: a distribution."""
         ends, soc_per_j = self.ends[place], float(self.totals.soc_per_j[place])
@@ -224,10 +218,10 @@ class Evaluation:
         std = self.evaluator.charge_std(self.known, self.totals, mean_soc)[place]
         return FinalCharge(float(std), ends.all_probabilities, means)
 
-    def forecast(self, place: int, filling: Filling, *, held: bool = False) -> Ending:
+    def forecast(self, place: int, filling: Filling) -> Ending:
         """Forecast at a place with computations as filled: means and deviations over all ends that it may have.
 
-        Probabilities are those with minimum power from now on, or as filled where the computations are `held`.
+        Probabilities are those with minimum power from now on.
         """
         ends, totals, charge = self.ends[place], self.totals, self.final_charge(place, filling)
         times_s, energies_j = self.load.times_s[self.legs.place == place], self._energies_j(place, filling)
@@ -237,7 +231,7 @@ class Evaluation:
         # means and variances of what earlier ends leave of it
         early_s, early_var_s2 = moments(ends.all_probabilities, ends.unspent(times_s))
         unspent_j, unspent_var_j2 = moments(ends.all_probabilities, ends.unspent(energies_j))
-        safest = charge if held else self.final_charge(place, self.knapsack.filling(np.zeros_like(filling.shares)))
+        safest = self.final_charge(place, self.knapsack.filling(np.zeros_like(filling.shares)))
         empty_soc = max(float(self.limits.delivered_soc[place]), 0.0)  # the cut-off voltage is reached
         return Ending(
             remaining_s=seconds - early_s,

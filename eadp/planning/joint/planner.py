@@ -73,14 +73,11 @@ class Candidate(NamedTuple):
         Of this place alone.
     solution : Solution
         Its computations.
-    held : bool
-        Whether these stay as they are to the end.
     """
 
     shares: Shares
     evaluation: Evaluation
     solution: Solution
-    held: bool = False
 
     @property
     def over(self) -> float:
@@ -135,7 +132,7 @@ class JointPlanner(Planner):
         places.enter(known)
         plan = planner._plan(known, places.shares)
         if places.open:
-            plan = planner._search_plan(known, plan, TIME)
+            plan = planner._search_plan(known, plan)
         if plan is None:
             return None
         solution = planner._program.solve(plan.evaluation.adaptive)
@@ -183,36 +180,21 @@ class JointPlanner(Planner):
         self._next_s, self._searched = WARM_UP_S + self._own.start_after_s, None
 
     def _replan(self, o: Observation, known: Known, cause: str) -> None:
-        """Forecast the plan in force, search the path where it is to be searched, and decide.
-
-        Near the end no plan is sought, and but for forecasts that are shown nothing is done at all.
-        """
+        """Forecast the plan in force, search the path where it is to be searched, and decide."""
         report, calls, started = self.report, self.report.calls, time.perf_counter()
         self._places.enter(known)
         plan = self._plan(known, self._places.shares)
-        closes = plan is not None and self._closes(cause, plan.evaluation.earliest_s(0))
-        if closes and not self._often:
-            return
-        search = not closes and bool(self._places.open) and self._must_search(o, plan, cause)
-        found = self._search_plan(known, plan, cause) if search else plan
+        search = bool(self._places.open) and self._must_search(o, plan, cause)
+        found = self._search_plan(known, plan) if search else plan
         if found is None:
             report.infeasible += 1
             why = "infeasible: the rest of the plan cannot be flown in this wind"
             self._decision = self._decision._replace(reason=why)
         else:
-            solution = self._program.solve(found.evaluation.adaptive)
-            found = found._replace(solution=solution)
-            chosen = self._decision.parameters if closes else self._choose(o, found)
-            # where nothing changes from the next re-planning on, computations are held: they are forecast as they are
-            if self._is_free(o) and self._closes(cause, found.evaluation.earliest_s(0) - (self._next_s - o.time_s)):
-                found = self._with_held_computations(found, chosen)
-            self._decide(o, known, cause, found, chosen, calls, searched=search)
+            found = found._replace(solution=self._program.solve(found.evaluation.adaptive))
+            self._decide(o, known, cause, found, self._choose(o, found), calls, searched=search)
         report.solve_ms.append(1e3 * (time.perf_counter() - started))
         report.replans += report.calls > calls
-
-    def _closes(self, cause: str, remaining_s: float) -> bool:
-        """Whether the end is so near that nothing changes; the first decision always may."""
-        return self._decision.record is not None and self._policy.closes(cause, remaining_s)
 
     def _plan(self, known: Known, shares: Shares) -> Candidate | None:
         """The plan at a place, computations in closed form; None where it cannot be flown."""
@@ -221,11 +203,10 @@ class JointPlanner(Planner):
             return None
         return Candidate(shares, evaluation, Solution(evaluation.filled(), ""))
 
-    def _search_plan(self, known: Known, kept: Candidate | None, cause: str) -> Candidate | None:
+    def _search_plan(self, known: Known, kept: Candidate | None) -> Candidate | None:
         """Search the path; return the plan with the best one, and note its value and charge.
 
-        It is the plan in force, `kept`, where the gain is small, or the change would come too late. None where neither
-        can be flown.
+        It is the plan in force, `kept`, where the gain is small. None where neither can be flown.
         """
         places = self._places
         # the value to exceed, if the plan in force is feasible
@@ -242,8 +223,6 @@ class JointPlanner(Planner):
             found = kept
         else:
             found = self._plan(known, best.shares) or kept
-        if found is not None and kept is not None and self._closes(cause, self._after_change_s(found)):
-            found = kept
         if found is not None:
             self._searched = found.solution.value, found.over
         return found
@@ -293,9 +272,7 @@ class JointPlanner(Planner):
         """The computations of a plan to fly with now; asking changes nothing."""
         before, evaluator = self._decision.parameters, plan.evaluation.evaluator
         now_w = self._power_w(plan.evaluation, before)
-        computations, lasts_s = self._policy.computations(
-            o.time_s, now_w, plan.evaluation, plan.solution, lost=self._losses > 0
-        )
+        computations, lasts_s = self._policy.computations(o.time_s, now_w, plan.evaluation, plan.solution)
         after_w = self._power_w(plan.evaluation, (*before[: self._mission.plan.path_count], *computations))
         # it is no fall where the stage, by its trade-offs, allows no more than that
         max_w = evaluator.envelopes[int(plan.evaluation.kinds[0])].powers_w[-1]
@@ -328,22 +305,6 @@ class JointPlanner(Planner):
         record = record._replace(battery_limit=limit, calls=self.report.calls - calls)
         self._places.decide(plan.shares, chosen)
         self._decision = Decision(chosen, reason, record, returns_home)
-
-    def _with_held_computations(self, plan: Candidate, chosen: Vector) -> Candidate:
-        """A plan with the computations of now to the end: on each leg the increments up to their power are taken."""
-        evaluation = plan.evaluation
-        powers_w = evaluation.evaluator.envelopes.table.powers_w[evaluation.kinds, 1:]
-        flown = np.where(powers_w <= self._power_w(evaluation, chosen) + 1e-9, 1.0, 0.0)
-        filling = evaluation.knapsack.filling(flown)
-        return plan._replace(solution=plan.solution._replace(filling=filling), held=True)
-
-    def _after_change_s(self, plan: Candidate) -> float:
-        """Least time that is left when the path parameters of a plan take effect [s]; all of it where they never do."""
-        route, rho = plan.evaluation.routes[0], self._mission.plan.path_count
-        # the first leg that is flown with other path parameters than this one
-        start = route.parameters[0][:rho]
-        changed = [i for i, parameters in enumerate(route.parameters) if parameters[:rho] != start]
-        return plan.evaluation.earliest_s(0, changed[0] if changed else 0)
 
     def _power_w(self, evaluation: Evaluation, parameters: Vector) -> float:
         """Power of the computations of parameters, clipped to the sets of the stage being flown [W]."""
@@ -420,7 +381,7 @@ class JointPlanner(Planner):
     ) -> DecisionRecord:
         """The record of a re-planning, but for the battery's limit and the runs of OSQP."""
         b, solution = self._mission.battery, plan.solution
-        forecast = plan.evaluation.forecast(0, solution.filling, held=plan.held)
+        forecast = plan.evaluation.forecast(0, solution.filling)
         total = self._places.evaluator.objective.total
         floor = max(self._settings.reserve_soc, float(plan.evaluation.limits.min_soc[0]))
         available_wh = max(known.soc - floor, 0.0) * b.capacity_ah * b.voltage_at((known.soc + floor) / 2)

@@ -1,7 +1,7 @@
 """When to change what: the hysteresis between a plan that is optimal now and the parameters that are flown.
 
 A pilot changes little. Path parameters change for a least gain, which grows with each change. Computations fall when
-the plan needs it, stay down for a while, and rise when they can stay up. Near the end nothing changes.
+the plan needs it, stay down for a while, and rise when they can stay up.
 """
 
 from __future__ import annotations
@@ -11,18 +11,17 @@ import math
 import numpy as np
 
 from eadp.models.plan.cursor import Vector
-from eadp.planning.base import JUMPED
 from eadp.planning.forecast.evaluate import Evaluation
 from eadp.planning.joint.program import Solution
 
-SETTLED_S, HELD_S = 60.0, 5.0
+SETTLED_S = 60.0
 """Computations do not rise again for this long after a fall. Of the two configurations around the sustained power, the
-upper one is flown first, and the lower one for the rest: it rises to the upper one if that can be flown for as long,
-and stays while it can be for more than the second time [s]."""
+upper one is flown first, and the lower one for the rest: it rises to the upper one if that can be flown for as long
+[s]."""
 
-EARLY_S, LAST_S = 30.0, 35.0
-"""Time from the start in which computations do not fall for the margin alone: the deviation of the forecast halves in
-it; and time before the end in which nothing changes. A loss of charge is answered in both [s]."""
+
+NO_TIME_S = 1e-3
+"""A time that is rounding [s]."""
 
 
 class Policy:
@@ -38,10 +37,6 @@ class Policy:
         """Least gain of the objective for which a path parameter changes: half of `min_gain` more for each before."""
         return self._min_gain * (1 + self._path_changes / 2)
 
-    def closes(self, cause: str, remaining_s: float) -> bool:
-        """Whether the flight is so near its end that nothing changes."""
-        return remaining_s < LAST_S and cause != JUMPED
-
     def count_path_change(self) -> None:
         """Count a change of a path parameter."""
         self._path_changes += 1
@@ -51,12 +46,12 @@ class Policy:
         self._fell_s = time_s
 
     def computations(
-        self, time_s: float, now_w: float, evaluation: Evaluation, solution: Solution, *, lost: bool
+        self, time_s: float, now_w: float, evaluation: Evaluation, solution: Solution
     ) -> tuple[Vector, float]:
         """The computations to fly with now, and for how long [s]; asking changes nothing.
 
         One of the two configurations around the power that can be sustained to the end, or the one in force, if it is
-        to rise or to fall later; see `SETTLED_S` and `EARLY_S`.
+        to rise later; see `SETTLED_S`.
 
         Parameters
         ----------
@@ -67,8 +62,6 @@ class Policy:
         evaluation : Evaluation
             Of one place.
         solution : Solution
-        lost : bool
-            Whether charge was lost in this flight.
         """
         kind = int(evaluation.kinds[0])
         envelope = evaluation.evaluator.envelopes[kind]
@@ -79,12 +72,11 @@ class Policy:
         if solution.feasible:
             below, share = _vertex(powers_w, sustained_w(evaluation, kind, solution))
             # the upper one can be flown for its share of the time left, then the lower one
-            if share < 1:  # it falls before the end is so near that nothing changes
-                remaining_s = float(evaluation.totals.seconds[0])
-                lasts_s = min(share * remaining_s, evaluation.earliest_s(0) - LAST_S - HELD_S)
+            if share < 1:
+                lasts_s = share * float(evaluation.totals.seconds[0])
             # the highest vertex to rise to, and the highest to stay at
             rises_to = below + 1 if lasts_s > SETTLED_S else below
-            stays_to = below + 1 if lasts_s > HELD_S else below
+            stays_to = below + 1 if lasts_s > NO_TIME_S else below
             chosen = below
             if rises_to > held:
                 waits = time_s - self._fell_s < SETTLED_S
@@ -93,11 +85,6 @@ class Policy:
                 chosen = held
             # the lower one lasts to the end
             lasts_s = lasts_s if chosen > below else math.inf
-        # early in the flight none falls for the margin alone, while the mean keeps the reserve
-        if chosen < held and time_s < EARLY_S and not lost:
-            expected_soc = evaluation.final_charge(0, solution.filling).mean
-            if expected_soc >= evaluation.evaluator.objective.reserve_soc:
-                chosen, lasts_s = held, EARLY_S - time_s
         return tuple(envelope.configurations[chosen].tolist()), lasts_s
 
 

@@ -286,22 +286,22 @@ def test_losses_are_expected_as_a_poisson_process_takes_them():
 
 
 def test_computations_that_can_fall_keep_the_margin_of_what_is_never_learned():
-    """All but the gauge's gain is learned until the last change, 65 s before the end; none where the plan is short."""
+    """All but the gauge's gain is learned until the last change, 30 s before the end; none where the plan is short."""
     cases = [survey_inputs(**CALM, **{"battery.capacity_ah": ah}) for ah in (0.31, 0.2)]
     long, short = (Forecasting(inputs, objective=Objective(0.05, 0.95)).at(0.1) for inputs in cases)
     gain, seconds = long.known.charge.gain_std * (long.known.charge.gain_from - 0.05), float(long.totals.seconds[0])
-    assert seconds > 65
-    expected = math.sqrt(gain**2 + (65 / seconds) ** 2 * (float(long.std[0]) ** 2 - gain**2))
+    assert seconds > 30
+    expected = math.sqrt(gain**2 + (30 / seconds) ** 2 * (float(long.std[0]) ** 2 - gain**2))
     assert long.final_std[0] == pytest.approx(expected)
     assert gain < expected < long.std[0]
     more = long.adaptive.available[0] - long.knapsack.available[0]
     assert more == pytest.approx(Z95 * (float(long.std[0]) - expected))
     assert not short.filled().feasible[0]
     assert short.adaptive.available[0] == short.knapsack.available[0]
-    # stated is the probability of the least computations, unless they stay
+    # stated is the probability of the least computations
     filling = long.filled()
-    least, held = (long.forecast(0, filling, held=held).reserve_probability for held in (False, True))
-    assert least > held == pytest.approx(0.95, abs=1e-3)
+    assert long.final_charge(0, filling).probability_above(0.05) == pytest.approx(0.95, abs=1e-3)
+    assert long.forecast(0, filling).reserve_probability > 0.951
 
 
 def test_the_margin_is_z_standard_deviations():
@@ -317,7 +317,7 @@ def test_the_margin_is_z_standard_deviations():
     filling = short.filled()
     assert filling.feasible[0]
     assert filling.use[0] == pytest.approx(short.knapsack.available[0], abs=1e-8)
-    assert short.forecast(0, filling, held=True).reserve_probability == pytest.approx(0.95, abs=1e-3)
+    assert short.final_charge(0, filling).probability_above(0.05) == pytest.approx(0.95, abs=1e-3)
 
 
 # --- ends -------------------------------------------------------------------------------------------------------------

@@ -24,7 +24,7 @@ from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
 from eadp.planning.base import Mission, PlannerSettings
 from eadp.planning.joint.planner import GAUGE_DISBELIEVED, JUMPED, NEW_STAGE, TIME, WARM_UP_S, JointPlanner
-from eadp.planning.joint.policy import HELD_S, LAST_S, SETTLED_S
+from eadp.planning.joint.policy import SETTLED_S
 from eadp.planning.joint.settings import JointSettings
 from eadp.simulation.loop import Outcome, fly
 
@@ -178,8 +178,7 @@ def test_the_objective_total_adds_up_computations(tight):
     def added(flight):
         return flight.mean(1) * flight.outcome.duration_s
 
-    # near the end nothing changes: what has to fall falls before
-    assert added(total) >= added(tight) - 5 * 10 - (LAST_S + HELD_S) * 8
+    assert added(total) >= added(tight) - 5 * 10
     assert all(record.ending.quality_forecast is None for record in total.records)
 
 
@@ -237,9 +236,8 @@ def test_between_two_configurations_both_are_flown_and_the_charge_is_used(capaci
     assert set(flown_with) == {2.0, 10.0}, "what lasts lies between"
     assert sum(a != b for a, b in itertools.pairwise(flown_with)) <= 6
     assert left >= RESERVE
-    # what has to fall falls before LAST_S, and nothing rises for less than SETTLED_S: from there on all that is left
-    # over stays so
-    unused = (SETTLED_S + LAST_S + HELD_S) * 5.0 / (3600 * capacity_ah * 14.8)
+    # nothing rises for less than SETTLED_S: from there on all that is left over stays so
+    unused = SETTLED_S * 5.0 / (3600 * capacity_ah * 14.8)
     assert left < RESERVE + 0.01 + unused or decisions[-1].parameters == (10.0,)
 
 
@@ -249,9 +247,8 @@ def test_what_was_saved_at_first_is_spent_after_all(capacity_ah):
     battery = Battery(14.8, 0.05, capacity_ah, letter_crate_per_h=1e3)
     decisions, left = north(planner_of(LINE, battery), battery, 300)
     assert left >= RESERVE
-    # what has to fall falls before LAST_S, and nothing rises for less than SETTLED_S: from there on all that is left
-    # over stays so
-    unused = (SETTLED_S + LAST_S + HELD_S) * 5.0 / (3600 * capacity_ah * 14.8)
+    # nothing rises for less than SETTLED_S: from there on all that is left over stays so
+    unused = SETTLED_S * 5.0 / (3600 * capacity_ah * 14.8)
     assert left < RESERVE + 0.01 + unused or decisions[-1].parameters == (10.0,)
 
 

@@ -1,4 +1,4 @@
-"""The hysteresis: when computations fall and rise, when nothing changes, and what a change of the path has to gain."""
+"""The hysteresis: when computations fall and rise, and what a change of the path has to gain."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ import pytest
 from common import few
 from common.forecasts import CALM, Forecasting, survey_inputs
 
-from eadp.planning.base import JUMPED, NEW_STAGE, TIME
-from eadp.planning.forecast.evaluate import Evaluator, Objective
+from eadp.planning.forecast.evaluate import Objective
 from eadp.planning.forecast.knapsack import fill_greedy
-from eadp.planning.joint.policy import EARLY_S, LAST_S, SETTLED_S, Policy, sustained_w
+from eadp.planning.joint.policy import SETTLED_S, Policy, sustained_w
 from eadp.planning.joint.program import Solution
 
 MIN_GAIN = 0.01
@@ -38,14 +37,14 @@ def envelope_of(evaluation):
     return evaluation.evaluator.envelopes[int(evaluation.kinds[0])]
 
 
-def flown(policy, evaluation, share, time_s, now, *, lost=False):
+def flown(policy, evaluation, share, time_s, now):
     """Computations decided with a share of the charge, from those in force."""
     envelope = envelope_of(evaluation)
     rows = [tuple(row) for row in envelope.configurations.tolist()]
     now_w = float(envelope.powers_w[rows.index(now)])
     found, solution = with_share(evaluation, share)
-    chosen, lasts_s = policy.computations(time_s, now_w, found, solution, lost=lost)
-    again = policy.computations(time_s, now_w, found, solution, lost=lost)
+    chosen, lasts_s = policy.computations(time_s, now_w, found, solution)
+    again = policy.computations(time_s, now_w, found, solution)
     assert (chosen, lasts_s) == again, "asking changes nothing"
     if rows.index(chosen) < rows.index(now):
         policy.note_fall(time_s)
@@ -92,17 +91,6 @@ def test_charge_that_is_left_over_counts(evaluation):
     assert sustained_w(found, kind, solution) == pytest.approx(powers_w[-1] + left / per_w)
 
 
-def test_computations_do_not_fall_at_once_unless_charge_was_lost(evaluation):
-    lowest, *_, highest = rows_of(evaluation)
-    found = replace(evaluation, evaluator=Evaluator.__new__(Evaluator))
-    vars(found.evaluator).update(vars(evaluation.evaluator), objective=Objective(-10.0, 0.5))  # short of a margin alone
-    assert flown(Policy(MIN_GAIN), found, 0.0, EARLY_S - 1, highest) == highest
-    assert flown(Policy(MIN_GAIN), found, 0.0, EARLY_S - 1, highest, lost=True) == lowest
-    assert flown(Policy(MIN_GAIN), evaluation, 0.0, EARLY_S - 1, highest, lost=True) == lowest
-    assert flown(Policy(MIN_GAIN), evaluation, 0.0, EARLY_S + 1, highest) == lowest
-    assert flown(Policy(MIN_GAIN), evaluation, 1.5, EARLY_S - 1, lowest) == highest, "they may rise"
-
-
 def test_computations_rise_to_what_can_be_flown_for_a_while(evaluation):
     lowest, above, *_ = rows_of(evaluation)
     first = float(np.diff(envelope_of(evaluation).powers_w)[0] / np.ptp(envelope_of(evaluation).powers_w))
@@ -147,15 +135,6 @@ def test_where_charge_sinks_slowly_they_fall_seldom(evaluation):
         assert rows.index(then) <= rows.index(now), "it never rises where the charge sinks"
         changes, now = changes + (then != now), then
     assert changes <= 2
-
-
-@pytest.mark.parametrize("cause", [TIME, NEW_STAGE])
-def test_nothing_changes_in_the_last_seconds_without_a_loss(cause):
-    policy = Policy(MIN_GAIN)
-    assert policy.closes(cause, LAST_S - 1)
-    assert not policy.closes(cause, LAST_S + 1)
-    assert not policy.closes(JUMPED, LAST_S - 1)
-    assert not policy.closes(JUMPED, 1.0)
 
 
 def test_the_gain_for_which_a_path_changes_grows_with_changes():
