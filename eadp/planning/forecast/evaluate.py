@@ -48,7 +48,7 @@ ROUNDING = 1e-9
 """Charge that counts as rounding."""
 
 LAST_CHANGE_S = 30.0
-"""Time before the end after which what is learned changes nothing more: an interval of re-planning [s]."""
+"""Time before the end after which what is learned changes the path no more: an interval of re-planning [s]."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ from eadp.planning.base import (
     next_multiple,
     with_limit,
 )
-from eadp.planning.forecast.evaluate import ROUNDING, Evaluation, Evaluator, Objective
+from eadp.planning.forecast.evaluate import LAST_CHANGE_S, ROUNDING, Evaluation, Evaluator, Objective
 from eadp.planning.forecast.held import Preflight, before_take_off
 from eadp.planning.forecast.home import home_spare
 from eadp.planning.joint.places import Places
@@ -235,11 +235,13 @@ class JointPlanner(Planner):
     def _must_search(self, o: Observation, kept: Candidate | None, cause: str) -> bool:
         """Whether to search the path: at first, when charge was lost, when short, or where it can change and has to.
 
-        Before computations fall, too: a wider path, from the next stage that takes it, may give more. Not while the
-        power may have changed for good: its next windows decide.
+        Before computations fall, too: a wider path, from the next stage that takes it, may give more. Not near the end,
+        and not while the power may have changed for good: its next windows decide.
         """
         if kept is None or self._searched is None or cause == JUMPED:
             return True
+        if kept.evaluation.totals.seconds[0] < LAST_CHANGE_S:
+            return False
         if not kept.solution.feasible:
             return self._infeasible_since_s is None or o.cursor.accepts_changes()
         if self._is_free(o) and self._computations(o, kept).falls:
