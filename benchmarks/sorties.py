@@ -1,6 +1,6 @@
 """Fields divided among sorties: how near the fewest, and whether they fly, on 40 fields.
 
-    python benchmarks/sorties.py [FIELDS.geojson] [--plant] [--seed 0] [--seconds 10] [--jobs 2] [--write]
+    python benchmarks/sorties.py [FIELDS.geojson] [--plant | --large] [--seed 0] [--seconds 10] [--jobs 2] [--write]
 
 FIELDS has outlines in metres. Each is taken at three sizes, and an L of our own at one: with an aircraft of 2 kg, a
 pack of 0.6 to 2 Ah, a wind of 0 to 6 m/s from anywhere, gusts of 0.5 m/s, and a home beside the field.
@@ -10,7 +10,7 @@ pack of 0.6 to 2 Ah, a wind of 0 to 6 m/s from anywhere, gusts of 0.5 m/s, and a
 - All sorties are flown, each with a fresh pack; what is left is planned again.
 - Every second job is stopped at random, in the air, and resumed: ground covered twice, and missed.
 - --plant flies three jobs on the aeroplane of plant.py instead, with a pack of what its owner knows.
-- The time of planning a field of 1,000 ha and its half, quarter and eighth.
+- --large times fields of up to 1,000 ha with obstacles instead.
 """
 
 from __future__ import annotations
@@ -19,7 +19,10 @@ import argparse
 import json
 import math
 import multiprocessing
+import os
 import statistics
+import subprocess
+import sys
 import tempfile
 import time
 from dataclasses import replace
@@ -42,6 +45,9 @@ SCALES = (1.0, 2.0, 3.0)
 OWN = [[0, 0], [900, 0], [900, 350], [400, 350], [400, 800], [0, 800]]
 ESTATE, OWNER = ROOT / "plans/estate.geojson", ROOT / "benchmarks/twin/owner.yaml"
 VEHICLE = ROOT / "vehicles/foam-wing.yaml"
+LARGE = (166, 3, 1), (500, 10, 2), (1000, 20, 3)
+"""Fields: area [ha], obstacles, seed."""
+PACK = {"capacity_ah": 10, "resistance_ohm": 0.02}
 
 
 def jobs(path: Path, seed: int) -> list[dict[str, Any]]:
@@ -194,18 +200,52 @@ def interrupted(
     return {"missed": missed, "twice": first + alone - both}
 
 
-def scaling() -> list[tuple[float, int, float]]:
-    """Area [ha], lines and time of planning [s], of squares up to 1,000 ha at 30 m."""
-    found = []
-    for share in (0.125, 0.25, 0.5, 1.0):
-        width, height = 3162 * share, 3162
-        job = {"ring": [[0, 0], [width, 0], [width, height], [0, height]], "capacity_ah": 5, "wind": [4, 240]}
+def on_large() -> None:
+    """Times of the command on large fields with obstacles and a boundary: user and system time of its process."""
+    print(head("area [ha]", "obstacles", "sorties", "bound", "covered", "processor time [s]", "time [s]"))
+    for hectares, obstacles, seed in LARGE:
         with tempfile.TemporaryDirectory() as name:
-            start = time.perf_counter()
-            plan = planned(job | {"home": [width / 2, -40], "swath_m": 30}, Path(name))
-            took_s = time.perf_counter() - start
-        found.append((width * height / 1e4, sum(each.path().lines for each in plan.sorties), took_s))
-    return found
+            folder = Path(name)
+            files = large_field(folder, hectares, obstacles, np.random.default_rng(seed))
+            options = ["--gsd", "2", "--camera", "sony-a6000-20mm", "--side-overlap", "70", "--forward-overlap", "75"]
+            options += ["--metres", "--vehicle", str(VEHICLE), "--scenario", str(folder / "pack.yaml")]
+            (folder / "pack.yaml").write_text(json.dumps({"schema": "eadp.scenario/1", "battery": PACK}))
+            command = [sys.executable, "-m", "eadp", "cover", *files, *options]
+            started, before = time.perf_counter(), os.times()
+            subprocess.run(
+                [*command, "--sorties", "auto", "-o", str(folder / "job")], check=True, stdout=subprocess.DEVNULL
+            )
+            after, took_s = os.times(), time.perf_counter() - started
+            cpu_s = after.children_user + after.children_system - before.children_user - before.children_system
+            found = json.loads((folder / "job" / "sorties.json").read_text())
+        cells = found["count"], found["min_count"], f"{found['coverage']:.4f}", f"{cpu_s:.1f}", f"{took_s:.1f}"
+        print(line(hectares, obstacles, *cells))
+
+
+def large_field(folder: Path, hectares: float, obstacles: int, rng: np.random.Generator) -> list[str]:
+    """Files of an irregular field, its masts and buildings 150 m apart, and a boundary 120 m around; as options."""
+    import shapely
+
+    turns = (np.arange(14) + rng.uniform(-0.3, 0.3, 14)) * 2 * np.pi / 14
+    radii = 1 + rng.uniform(-0.25, 0.25, 14)
+    ring = np.column_stack([1.4 * radii * np.cos(turns), radii * np.sin(turns)])
+    ring *= math.sqrt(hectares * 1e4 / shapely.Polygon(ring).area)
+    outline, made = shapely.Polygon(ring), list[shapely.Polygon]()
+    while len(made) < obstacles:
+        corners = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(4, 8))))
+        at, size_m = rng.uniform(ring.min(axis=0), ring.max(axis=0)), rng.uniform(15, 70)
+        one = shapely.Polygon(at + size_m * np.column_stack([np.cos(corners), np.sin(corners)]))
+        if one.area > 300 and outline.contains(one) and all(one.distance(other) > 150 for other in made):
+            made.append(one)
+    names = {"field": [outline], "avoid": made, "inside": [outline.buffer(120).simplify(20)]}
+    for name, shapes in names.items():
+        features = [
+            {"type": "Feature", "properties": {}, "geometry": shapely.geometry.mapping(each)} for each in shapes
+        ]
+        (folder / f"{name}.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    x, y = ring[ring[:, 1].argmin()]
+    fences = [option for name in ("avoid", "inside") for option in (f"--{name}", str(folder / f"{name}.geojson"))]
+    return [str(folder / "field.geojson"), *fences, "--home", f"{x:.1f},{y - 40:.1f}"]
 
 
 def on_plant() -> None:
@@ -251,11 +291,12 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--only", type=int, nargs="*")
     parser.add_argument("--plant", action="store_true", help="fly three jobs on the independent plant, and no more")
+    parser.add_argument("--large", action="store_true", help="time large fields, and no more")
     add_option(parser, "sorties")
     options = parser.parse_args()
-    if options.plant:
-        with recorded("sorties_plant", write=options.write):
-            on_plant()
+    if options.plant or options.large:
+        with recorded("sorties_plant" if options.plant else "sorties_large", write=options.write):
+            on_plant() if options.plant else on_large()
         return
     with recorded("sorties", write=options.write):
         given = jobs(options.fields, options.seed)
@@ -337,10 +378,6 @@ def main() -> None:
             print(line("missed, largest", f"{100 * max(row['missed'] for row in cut):.2f} %"))
             twice = [100 * row["twice"] for row in cut]
             print(line("covered twice, median and largest", f"{statistics.median(twice):.2f} %, {max(twice):.2f} %"))
-        print()
-        print(head("area [ha]", "lines", "planned in [s]"))
-        for area, lines, took_s in scaling():
-            print(line(f"{area:.0f}", lines, f"{took_s:.1f}"))
 
 
 def sign(value: float) -> int:
