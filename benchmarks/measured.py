@@ -54,6 +54,7 @@ MEASURES: dict[str, tuple[str, ...]] = {
     "sorties_plant": ("coverage", "api/sorties"),
     "sweep": ("simulation/sweep", "simulation/inner_loop.py"),
     "twin": PLANNED,
+    "twin_1": PLANNED,
 }
 """The modules and packages of eadp that decide the figures of a page: what its benchmark is about, not all that runs.
 Other pages measure all of eadp, its tests, or the plant that they are flown on."""

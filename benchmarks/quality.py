@@ -70,6 +70,8 @@ enable()
 ROOT = Path(__file__).resolve().parents[1]
 PROFILE = str(ROOT / "profiles/pednet-jetson-nano.yaml")
 STEP_S, LONGEST_S = 0.05, 20_000.0
+SAMPLE_S = 0.5
+"""Of the power of a flight whose battery is drained afterwards."""
 GRID = 21
 """Places of c1 that hindsight looks at, with every level of c2, and that the lap budget chooses from."""
 RESERVE = 0.05
@@ -193,7 +195,7 @@ def hindsight(plan: str, case: Case) -> dict[str, Any]:
         "planner.name": "static",
         "faults": [],
         "battery.capacity_ah": 1000.0,
-        "log_every_s": STEP_S,
+        "log_every_s": SAMPLE_S,
     }
     inputs = load(plan, base)
     box, levels_box = inputs.mission.plan.hull(0), inputs.mission.plan.hull(1)
@@ -262,9 +264,9 @@ def ground_rates(log: ParameterLog, steps: int) -> Any:
                 runs.append((time_s, 0.0, (cursor.segment, cursor.lap), cursor))
             start_s, length_m, lap, _ = runs[-1]
             runs[-1] = start_s, length_m + predictor.leg(cursor, joined_m).first.length_m, lap, cursor
-    rates, ends = np.zeros(steps), [*(round(run[0] / STEP_S) for run in runs[1:]), steps]
+    rates, ends = np.zeros(steps), [*(round(run[0] / SAMPLE_S) for run in runs[1:]), steps]
     for (start_s, length_m, _, cursor), end in zip(runs, ends, strict=True):
-        start = round(start_s / STEP_S)
+        start = round(start_s / SAMPLE_S)
         rates[start:end] = lap_scale(cursor) * length_m / max(end - start, 1)
     return rates
 
@@ -274,9 +276,9 @@ def _free(stages: Any) -> Any:
 
 
 def _charged(battery: Any, power: Any, faults: Any) -> tuple[float, float]:
-    """State of charge at the end and its lowest on the way, of a power sampled at every step."""
-    soc = battery.soc - np.cumsum(battery.drain_per_s(power, battery.voltage_v)) * STEP_S
-    times = np.arange(1, len(power) + 1) * STEP_S
+    """State of charge at the end and its lowest on the way, of a power sampled at every row."""
+    soc = battery.soc - np.cumsum(battery.drain_per_s(power, battery.voltage_v)) * SAMPLE_S
+    times = np.arange(1, len(power) + 1) * SAMPLE_S
     for fault in faults:
         soc = soc - fault["soc_drop"] * (times >= fault["at_s"] - 1e-9)
     return float(soc[-1]), float(soc.min())
@@ -348,7 +350,7 @@ class ScheduleSearch:
             "planner.name": "static",
             "faults": [],
             "battery.capacity_ah": 1000.0,
-            "log_every_s": STEP_S,
+            "log_every_s": SAMPLE_S,
         }
         probe = load(plan, self._base)
         self._box, self._levels_box = probe.mission.plan.hull(0), probe.mission.plan.hull(1)
@@ -387,7 +389,7 @@ class ScheduleSearch:
             return NONE, 0
         chosen, start = np.full(len(flight.power_w), -1), 0
         for end_s, level in before:
-            end = min(round(end_s / STEP_S), len(chosen))
+            end = min(round(end_s / SAMPLE_S), len(chosen))
             chosen[start:end], start = level, end
         ahead = np.arange(len(chosen)) >= start
         best, found = NONE, 0
