@@ -209,7 +209,7 @@ class Evaluation:
     def final_charge(self, place: int, filling: Filling) -> FinalCharge:
         """State of charge at the end at a place with computations as filled: a distribution."""
         ends, soc_per_j = self.ends[place], float(self.totals.soc_per_j[place])
-        expected_loss = float(self.evaluator.losses(self.totals.seconds[place])) * LOSS
+        expected_loss = float(self.evaluator.losses(self.known, self.totals.seconds[place])) * LOSS
         last_soc = self.known.soc - float(filling.use[place]) - expected_loss  # at the route's end
         # at an earlier end, the charge of the energy that is not spent is left, too
         unspent_j = ends.unspent(self._energies_j(place, filling))
@@ -284,9 +284,12 @@ class Evaluator:
         self._scale_s = 0.0  # of the objective `total`; 0 until the first evaluation
         self.path_weight = 0.0 if objective.total else float(self._path_weights.sum(axis=1).max(initial=0.0))
 
-    def losses(self, seconds: float | FloatArray) -> FloatArray:
-        """Mean number of sudden losses of charge in a time [s]."""
-        expected: FloatArray = self.objective.losses_per_s * np.asarray(seconds)
+    def losses(self, known: Known, seconds: float | FloatArray) -> FloatArray:
+        """Mean number of sudden losses of charge in a time [s]: a loss that was seen is evidence of their rate.
+
+        With an exponential prior of mean λ, in a flight that is short beside 1/λ, the rate is λ (1 + losses seen).
+        """
+        expected: FloatArray = self.objective.losses_per_s * (1 + known.charge.losses) * np.asarray(seconds)
         return expected
 
     def charge_std(self, known: Known, totals: Totals, soc: float | FloatArray) -> FloatArray:
@@ -294,7 +297,7 @@ class Evaluator:
         # the energy of the motion, and that of a time that is off
         energy_var = totals.energy_var_j2 + totals.mean_w**2 * totals.time_var_s2
         gain = self._gain_std(known, soc)
-        loss_var = self.losses(totals.seconds) * LOSS_SQUARE  # of a compound Poisson process: λ t E x²
+        loss_var = self.losses(known, totals.seconds) * LOSS_SQUARE  # of a compound Poisson process: λ t E x²
         charge_var = totals.charge_var + known.charge.lost_std**2
         std: FloatArray = np.sqrt(totals.soc_per_j**2 * energy_var + charge_var + gain**2 + loss_var)
         return std
@@ -543,7 +546,7 @@ class Evaluator:
         `base_use` is what minimum power uses of it.
         """
         # the charge, losses taken off, that is there with the probability if nothing is used
-        soc = known.soc - self.losses(totals.seconds) * LOSS
+        soc = known.soc - self.losses(known, totals.seconds) * LOSS
         level = soc - self.quantile * std
         for place, of_place in enumerate(ends):
             if of_place.probabilities:

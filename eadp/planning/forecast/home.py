@@ -73,7 +73,7 @@ def _spare(
     # from here on with what was flown to here: the deviations are those of both
     energy_j, seconds = flown_j + power_w * seconds, flown_s + seconds
     mean_w = energy_j / seconds if seconds > 0 else power_w
-    motion, losses = known.motion, float(evaluator.losses(seconds))
+    motion, losses = known.motion, float(evaluator.losses(known, seconds))
     totals = evaluation.totals._replace(
         seconds=np.array(seconds),
         time_var_s2=np.array(seconds**2 * known.time.variance + known.time.noise_s * seconds),

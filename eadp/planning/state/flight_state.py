@@ -409,6 +409,7 @@ class FlightState:
                 gain_from=gain_from,
                 believed=self._charge.believed,
                 lost_std=self._voltage.lost_std,
+                losses=self._charge.losses,
             ),
             # an autopilot's mission ends where it is laid out to
             reach_std_m=0.0 if place.flies_mission else place.reach_std_m,

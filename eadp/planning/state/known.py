@@ -72,6 +72,8 @@ class ChargeKnown(NamedTuple):
         Whether the gauge is.
     lost_std : float
         Standard deviation of the charge that the voltage shows to be lost.
+    losses : int
+        Sudden losses of charge so far.
     """
 
     filtered: Charge
@@ -79,6 +81,7 @@ class ChargeKnown(NamedTuple):
     gain_from: float
     believed: bool
     lost_std: float
+    losses: int
 
 
 class Known(NamedTuple):

@@ -281,7 +281,7 @@ def test_losses_are_expected_as_a_poisson_process_takes_them():
     assert ends[0].soc_end - ends[1].soc_end == pytest.approx(lost.mean(), rel=0.02)
     # the gauge's gain at a lower end is a trace more
     assert ends[1].soc_end_std ** 2 - ends[0].soc_end_std ** 2 == pytest.approx(lost.var(), rel=0.04)
-    assert losing.evaluator.losses(100.0) == pytest.approx(rate * 100)
+    assert losing.evaluator.losses(losing.known, 100.0) == pytest.approx(rate * 100)
     assert LOSS_SQUARE > LOSS**2
 
 
