@@ -28,7 +28,7 @@ class JointSettings:
     """Rows R c − r ≥ 0 that the computations keep to."""
 
     loss_rate_per_h: NotNegative = 0.5
-    """Sudden losses of charge to expect, of 2 to 12 % of the full charge each [1/h]."""
+    """Sudden losses of charge to expect before any is seen, of 2 to 12 % of the full charge each [1/h]."""
 
     max_interval_s: NotNegative = 30.0
     """Longest time between re-plannings [s]; the shortest is `planner.every_s`, which a flight with a home and

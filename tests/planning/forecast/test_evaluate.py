@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from statistics import NormalDist
 
 import numpy as np
@@ -283,6 +284,21 @@ def test_losses_are_expected_as_a_poisson_process_takes_them():
     assert ends[1].soc_end_std ** 2 - ends[0].soc_end_std ** 2 == pytest.approx(lost.var(), rel=0.04)
     assert losing.evaluator.losses(losing.known, 100.0) == pytest.approx(rate * 100)
     assert LOSS_SQUARE > LOSS**2
+
+
+def test_a_loss_that_was_seen_raises_the_rate_as_bayes_has_it():
+    """Against flights whose rates are drawn from the prior: their mean rate, of those with as many losses so far."""
+    rate, seconds = 0.5 / 3600, 60.0
+    found = Forecasting(survey_inputs(**CALM), objective=Objective(0.05, 0.95, rate)).at(0.0)
+    rng = np.random.default_rng(1)
+    rates = rng.exponential(rate, 10_000_000)
+    counts = rng.poisson(rates * seconds)
+    for seen in (0, 1):
+        known = found.known._replace(charge=found.known.charge._replace(losses=seen))
+        assert found.evaluator.losses(known, 1.0) == pytest.approx(rates[counts == seen].mean(), rel=0.02)
+    later = replace(found, known=found.known._replace(charge=found.known.charge._replace(losses=1)))
+    filling = found.filled()
+    assert later.forecast(0, filling).soc_end < found.forecast(0, filling).soc_end
 
 
 def test_computations_that_can_fall_keep_the_margin_of_what_is_never_learned():
