@@ -51,6 +51,7 @@ MEASURES: dict[str, tuple[str, ...]] = {
     "reserve": PLANNED,
     "schedules": PLANNED,
     "sorties": ("coverage", "api/sorties"),
+    "sorties_large": ("coverage", "api/sorties"),
     "sorties_plant": ("coverage", "api/sorties"),
     "sweep": ("simulation/sweep", "simulation/inner_loop.py"),
     "twin": PLANNED,

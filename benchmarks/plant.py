@@ -283,6 +283,9 @@ class PlanFlight:
     ) -> None:
         self.executor = PlanExecutor(plan, parameters, start_m, Rules())
         self.plane = Aeroplane(start_m, self._course(*start_m)[0], wind_mps, gusts)
+        commanded = [stage.altitude_m for stage in plan.stages if stage.altitude_m is not None]
+        # it starts at the first altitude that the plan commands
+        self.home_m = ALTITUDE_M - (commanded[0] if commanded else ALTITUDE_M)
 
     def decide(self, parameters: Sequence[float]) -> None:
         """Take other parameters: the plan's rules put them in force."""
@@ -293,6 +296,8 @@ class PlanFlight:
         plane, executor = self.plane, self.executor
         while not executor.complete and plane.time_s < limit_s:
             shaft_w, count = 0.0, round(SAMPLE_S / CONTROL_S)
+            if executor.stage.altitude_m is not None:
+                plane.altitude_target_m = self.home_m + executor.stage.altitude_m
             for _ in range(count):
                 plane.control(self._bank())
                 shaft_w += plane.shaft_w / count

@@ -9,7 +9,7 @@ pack of 0.6 to 2 Ah, a wind of 0 to 6 m/s from anywhere, gusts of 0.5 m/s, and a
   a pack of the same time): fewer sorties first, then less time.
 - All sorties are flown, each with a fresh pack; what is left is planned again.
 - Every second job is stopped at random, in the air, and resumed: ground covered twice, and missed.
-- --plant flies three jobs on the aeroplane of plant.py instead, with a pack of what its owner knows.
+- --plant flies jobs on the aeroplane of plant.py instead, with a pack of what its owner knows, two over a slope.
 - --large times fields of up to 1,000 ha with obstacles instead.
 """
 
@@ -35,16 +35,20 @@ from measured import add_option, head, line, recorded
 import eadp
 from eadp.api.sorties.folder import write_sorties
 from eadp.api.sorties.plan import SortieOptions, SortiePlan
-from eadp.core.geometry.polygons import covered_shares
+from eadp.core.geometry.polygons import covered_shares, holding
 from eadp.coverage.cover import LineGrid, cover, line_costs
 from eadp.errors import EadpError, Infeasible
 from eadp.io.flight.coverage import flown_lines, flown_of_plan
+from eadp.io.terrain.reader import read_terrain
 
 ROOT = Path(__file__).resolve().parents[1]
 SCALES = (1.0, 2.0, 3.0)
 OWN = [[0, 0], [900, 0], [900, 350], [400, 350], [400, 800], [0, 800]]
 ESTATE, OWNER = ROOT / "plans/estate.geojson", ROOT / "benchmarks/twin/owner.yaml"
 VEHICLE = ROOT / "vehicles/foam-wing.yaml"
+ON_PLANT = (0.0, 0.0, 0.0), (4.0, 240.0, 0.0), (6.0, 120.0, 0.0), (0.0, 0.0, 0.05), (4.0, 240.0, 0.1)
+"""Jobs on the plant: wind [m/s], where it is from [°], and how steep the ground rises to the east."""
+
 LARGE = (166, 3, 1), (500, 10, 2), (1000, 20, 3)
 """Fields: area [ha], obstacles, seed."""
 PACK = {"capacity_ah": 10, "resistance_ohm": 0.02}
@@ -249,37 +253,68 @@ def large_field(folder: Path, hectares: float, obstacles: int, rng: np.random.Ge
 
 
 def on_plant() -> None:
-    """Three jobs flown on the plant of plant.py, which shares the plan alone; it starts at its altitude."""
+    """Jobs flown on the plant of plant.py, which shares the plan alone; it starts at its altitude."""
+    titles = (
+        "energy over its forecast",
+        "least charge at a landing",
+        "covered",
+        "lines: least above ground, for 100 m [m]",
+    )
+    print(head("wind [m/s]", "slope", "sorties", *titles))
+    for seed, (speed_mps, from_deg, slope) in enumerate(ON_PLANT):
+        with tempfile.TemporaryDirectory() as name:
+            cells = on_plant_over(seed, speed_mps, from_deg, slope, Path(name))
+        print(line(f"{speed_mps:g}", f"{100 * slope:.0f} %", *cells))
+
+
+def sloping(folder: Path, slope: float) -> str:
+    """A tile of SRTM whose ground rises to the east."""
+    east_m = np.linspace(0, 111_320 * math.cos(math.radians(55.5)), 1201)
+    heights = np.tile(np.round(slope * (east_m - east_m[420])) + 2000, (1201, 1))
+    (folder / "N55E010.hgt").write_bytes(heights.astype(">i2").tobytes())
+    return str(folder / "N55E010.hgt")
+
+
+def on_plant_over(seed: int, speed_mps: float, from_deg: float, slope: float, folder: Path) -> list[str]:
+    """The figures of one job, flown on the plant."""
     from plant import Dryden, Lipo, PlanFlight, battery_w
 
-    print(head("wind [m/s]", "sorties", "energy over its forecast", "least charge at a landing", "covered"))
-    for seed, (speed_mps, from_deg) in enumerate(((0.0, 0.0), (4.0, 240.0), (6.0, 120.0))):
-        options = eadp.CoverageOptions(
-            swath_m=24.0, home="55.516,10.351", pattern="dubins", altitude_m=100.0, wind=(speed_mps, from_deg)
-        )
-        plan = eadp.cover_in_sorties(ESTATE, options, vehicle=OWNER, warn=lambda _: None)
-        wind_mps, lines, ratios, left = plan.planner.task.motion.wind_mps, [], [], []
-        for k, sortie in enumerate(plan.sorties):
-            world = sortie.inputs.world
-            gusts = Dryden(speed_mps, 10 * seed + k, 7200.0)
-            flight = PlanFlight(sortie.plan.plan, world.parameters, world.start.position_m, wind_mps, gusts)
-            pack = Lipo(world.battery.capacity_ah, 0.06 / world.battery.capacity_ah)
-            joules, columns = 0.0, {"stage": [], "x_m": [], "y_m": []}
-            before_s = 0.0
-            for sample in flight.samples():
-                power_w, took_s = battery_w(sample.shaft_w), sample.time_s - before_s
-                before_s = sample.time_s
-                pack.step(power_w, took_s)
-                joules += power_w * took_s
-                for key, value in zip(columns, (sample.stage, sample.x_m, sample.y_m), strict=True):
-                    columns[key].append(value)
-            lines += flown_lines(sortie.plan.plan, columns)
-            ratios.append(joules / 3600 / sortie.energy_wh)
-            left.append(float(pack.soc))
-        task = plan.planner.task
-        covered = covered_shares(task.field.parts, [lines], task.motion.swath_m)[-1]
-        span = f"{min(ratios):.3f} to {max(ratios):.3f}"
-        print(line(f"{speed_mps:g}", len(ratios), span, f"{min(left):.3f}", f"{covered:.4f}"))
+    terrain = [sloping(folder, slope)] if slope else []
+    wind = speed_mps, from_deg
+    options = eadp.CoverageOptions(
+        swath_m=24.0, home="55.516,10.351", pattern="dubins", altitude_m=100.0, wind=wind, terrain=terrain
+    )
+    plan = eadp.cover_in_sorties(ESTATE, options, vehicle=OWNER, warn=lambda _: None)
+    wind_mps, lines, ratios, left, above_m = plan.planner.task.motion.wind_mps, [], [], [], []
+    for k, sortie in enumerate(plan.sorties):
+        world, flown = sortie.inputs.world, sortie.plan.plan
+        gusts = Dryden(speed_mps, 10 * seed + k, 7200.0)
+        flight = PlanFlight(flown, world.parameters, world.start.position_m, wind_mps, gusts)
+        pack = Lipo(world.battery.capacity_ah, 0.06 / world.battery.capacity_ah)
+        joules, columns = 0.0, {"stage": [], "x_m": [], "y_m": [], "z_m": []}
+        before_s = 0.0
+        for sample in flight.samples():
+            power_w, took_s = battery_w(sample.shaft_w), sample.time_s - before_s
+            before_s = sample.time_s
+            pack.step(power_w, took_s)
+            joules += power_w * took_s
+            values = sample.stage, sample.x_m, sample.y_m, sample.altitude_m - flight.home_m
+            for key, value in zip(columns, values, strict=True):
+                columns[key].append(value)
+        lines += flown_lines(flown, columns)
+        ratios.append(joules / 3600 / sortie.energy_wh)
+        left.append(float(pack.soc))
+        if terrain:
+            points_m = np.column_stack([columns["x_m"], columns["y_m"]])
+            ground = read_terrain(terrain, points_m, flown.site.origin_deg).heights_m(points_m)
+            # along the lines: neither turns nor the way home
+            straight = np.array([stage.kind == "line" for stage in flown.stages[:-1]] + [False])
+            on_line = straight[np.array(columns["stage"]) - 1] & holding([plan.planner.task.field.outline], points_m)[0]
+            above_m.append((np.array(columns["z_m"]) + flown.site.ground_m - ground)[on_line].min())
+    task = plan.planner.task
+    covered = covered_shares(task.field.parts, [lines], task.motion.swath_m)[-1]
+    span = f"{min(ratios):.3f} to {max(ratios):.3f}"
+    return [str(len(ratios)), span, f"{min(left):.3f}", f"{covered:.4f}", f"{min(above_m):.1f}" if above_m else ""]
 
 
 def main() -> None:
@@ -290,7 +325,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=int, default=10, help="of OR-tools for each field; 0 leaves it out")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--only", type=int, nargs="*")
-    parser.add_argument("--plant", action="store_true", help="fly three jobs on the independent plant, and no more")
+    parser.add_argument("--plant", action="store_true", help="fly jobs on the independent plant, and no more")
     parser.add_argument("--large", action="store_true", help="time large fields, and no more")
     add_option(parser, "sorties")
     options = parser.parse_args()

@@ -833,7 +833,9 @@ def main() -> None:
     parser.add_argument("--cache", metavar="DIR")
     parser.add_argument("--picture", metavar="FILE")
     parser.add_argument("--check", action="store_true")
-    parser.add_argument("--write", action="store_true", help="write docs/measured/twin.md, of another seed twin_SEED.md")
+    parser.add_argument(
+        "--write", action="store_true", help="write docs/measured/twin.md, of another seed twin_SEED.md"
+    )
     options = parser.parse_args()
     page = "twin_check" if options.check else f"twin_{options.seed}" if options.seed else "twin"
     with recorded(page, write=options.write):
