@@ -102,6 +102,7 @@ VARIANTS: Mapping[str, Variant] = {
     "no halvings (`ROUNDS` = 0)": Variant(((search, "ROUNDS", 0),)),
     "no search along each parameter after the grid": Variant(((Search, "_along", _only_the_grid),)),
     "closed form instead of OSQP": Variant(((ComputationProgram, "solve", _closed_form),)),
+    "computations fall from the start (`EARLY_S` = 0)": Variant(((policy, "EARLY_S", 0.0),)),
     "the margin of today for the computations, too": Variant(
         ((evaluate.Evaluation, "adaptive", property(lambda own: own.knapsack)),)
     ),

@@ -274,7 +274,9 @@ class JointPlanner(Planner):
         """The computations of a plan to fly with now; asking changes nothing."""
         before, evaluator = self._decision.parameters, plan.evaluation.evaluator
         now_w = self._power_w(plan.evaluation, before)
-        computations, lasts_s = self._policy.computations(o.time_s, now_w, plan.evaluation, plan.solution)
+        computations, lasts_s = self._policy.computations(
+            o.time_s, now_w, plan.evaluation, plan.solution, lost=self._losses > 0
+        )
         after_w = self._power_w(plan.evaluation, (*before[: self._mission.plan.path_count], *computations))
         # it is no fall where the stage, by its trade-offs, allows no more than that
         max_w = evaluator.envelopes[int(plan.evaluation.kinds[0])].powers_w[-1]

@@ -19,9 +19,9 @@ SETTLED_S = 60.0
 upper one is flown first, and the lower one for the rest: it rises to the upper one if that can be flown for as long
 [s]."""
 
-
-NO_TIME_S = 1e-3
-"""A time that is rounding [s]."""
+EARLY_S, NO_TIME_S = 30.0, 1e-3
+"""Time from the start in which computations do not fall for the margin alone, unless charge was lost: the deviation of
+the forecast halves in it; and a time that is rounding [s]."""
 
 
 class Policy:
@@ -46,12 +46,12 @@ class Policy:
         self._fell_s = time_s
 
     def computations(
-        self, time_s: float, now_w: float, evaluation: Evaluation, solution: Solution
+        self, time_s: float, now_w: float, evaluation: Evaluation, solution: Solution, *, lost: bool
     ) -> tuple[Vector, float]:
         """The computations to fly with now, and for how long [s]; asking changes nothing.
 
         One of the two configurations around the power that can be sustained to the end, or the one in force, if it is
-        to rise later; see `SETTLED_S`.
+        to rise or to fall later; see `SETTLED_S` and `EARLY_S`.
 
         Parameters
         ----------
@@ -62,6 +62,8 @@ class Policy:
         evaluation : Evaluation
             Of one place.
         solution : Solution
+        lost : bool
+            Whether charge was lost in this flight.
         """
         kind = int(evaluation.kinds[0])
         envelope = evaluation.evaluator.envelopes[kind]
@@ -85,6 +87,11 @@ class Policy:
                 chosen = held
             # the lower one lasts to the end
             lasts_s = lasts_s if chosen > below else math.inf
+        # early in the flight none falls for the margin alone, while the mean keeps the reserve
+        if chosen < held and time_s < EARLY_S and not lost:
+            expected_soc = evaluation.final_charge(0, solution.filling).mean
+            if expected_soc >= evaluation.evaluator.objective.reserve_soc:
+                chosen, lasts_s = held, EARLY_S - time_s
         return tuple(envelope.configurations[chosen].tolist()), lasts_s
 
 
