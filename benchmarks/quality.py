@@ -630,7 +630,7 @@ def verdict(results: list[dict[str, Any]]) -> Iterator[str]:
 
     lost = [r["index"] for r in results if not r["joint"]["completed"] and r.get("could")]
     yield f"not completed though it could have been: {len(lost)} {lost or ''}"
-    done, kept = ([r for r in results if r["hindsight"][key]] for key in ("completed", "kept"))
+    done = [r for r in results if r["hindsight"]["completed"]]
     could_be = [r for r in done if r["joint"]["completed"] or r.get("could")]
     for rows, which in ((done, "all"), (could_be, "that could be completed at every loss of charge")):
         ratio = [u(r, "joint") / u(r, "hindsight") if u(r, "hindsight") else 1.0 for r in rows]
@@ -644,18 +644,25 @@ def verdict(results: list[dict[str, Any]]) -> Iterator[str]:
     lost = [index for index in shortfall if index not in {r["index"] for r in could_be}]
     yield f"below 0.93 of hindsight and by more than 0.03: {len(shortfall)} {shortfall or ''}"
     yield f"of these, not to be completed once a loss was known: {lost or '-'}"
-    before, ours = (
-        statistics.mean(r[name]["u"] * r[name]["kept"] for r in kept) for name in ("before take-off", "joint")
-    )
-    bound = statistics.mean(r["hindsight"]["clairvoyant"] for r in kept)
-    yield f"U where hindsight keeps the reserve, 0 without it: before take-off {before:.3f}, joint {ours:.3f}, " + (
-        f"a clairvoyant {bound:.3f}; of what re-planning can gain, {(ours - before) / (bound - before):.0%} is gained"
-    )
     for name in ("lap budget", "paper"):
         worse = [r["index"] for r in results if u(r, "joint") < u(r, name) - 1e-9]
         mean = statistics.mean(u(r, name) for r in results)
         ours = statistics.mean(u(r, "joint") for r in results)
         yield f"U, not completed as 0: joint {ours:.3f}, {name} {mean:.3f}; worse in {len(worse)} {worse[:20] or '-'}"
+
+
+def gained(results: list[dict[str, Any]]) -> Iterator[str]:
+    """What re-planning gains of what it can, where hindsight keeps the reserve: U, 0 without the reserve."""
+    kept = [r for r in results if r["hindsight"]["kept"]]
+    before, ours = (
+        statistics.mean(r[name]["u"] * r[name]["kept"] for r in kept) for name in ("before take-off", "joint")
+    )
+    bound = statistics.mean(r["hindsight"]["clairvoyant"] for r in kept)
+    yield head(
+        f"{len(kept)} missions whose reserve hindsight keeps", "before take-off", "joint", "clairvoyant", "share gained"
+    )
+    figures = f"{before:.3f}", f"{ours:.3f}", f"{bound:.3f}", f"{(ours - before) / (bound - before):.2f}"
+    yield line("U, 0 without the reserve", *figures)
 
 
 def _windy(rng: np.random.Generator) -> dict[str, Any]:
@@ -972,6 +979,7 @@ def report(seed: int, results: list[dict[str, Any]]) -> None:
     print(f"seed {seed}, {len(results)} missions")
     print("\n".join(table("all", results)))
     print("\n".join(verdict(results)))
+    print("\n".join(gained(results)))
     for group in sorted({(r["place"], r["vehicle"]) for r in results}):
         rows = [r for r in results if (r["place"], r["vehicle"]) == group]
         print("\n".join(table(f"{group[0]}, {group[1]}: {len(rows)} missions", rows)))
