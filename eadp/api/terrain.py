@@ -115,7 +115,7 @@ class TerrainTask(NamedTuple):
         """Raise Infeasible where a final approach on a course [rad] comes too near to the ground."""
         if (low := low_approach(approach(course), ground)) is None:
             return
-        (latitude, longitude), above_m, min_m = low
+        place, above_m, min_m = low
         advice = "another place, or less altitude"
         for turn_deg in TURNS_DEG:
             other = course + math.radians(turn_deg)
@@ -125,7 +125,7 @@ class TerrainTask(NamedTuple):
                     break
         comes = f"comes as near as {above_m:.1f} m to the ground" if above_m > 0 else "leads into the ground"
         message = f"the final approach towards {compass_deg(course) % 360:.0f}° {comes}"
-        raise Infeasible(f"{message} at {latitude:.5f},{longitude:.5f}, and keeps {min_m:.1f} m there", advice)
+        raise Infeasible(f"{message} at {place}, and keeps {min_m:.1f} m there", advice)
 
     def flown(
         self,
@@ -212,6 +212,11 @@ class HeightReport(NamedTuple):
         (along, across), vectors = np.linalg.eigh(np.nan_to_num(rises) @ np.nan_to_num(rises).T)
         return None if along > across / 4 else compass_deg(math.atan2(vectors[1, 0], vectors[0, 0])) % 180
 
+    @property
+    def home_altitude_m(self) -> int:
+        """Altitude at which every straight way home is clear of the ground [m]."""
+        return max(each.home_altitude_m for each in self.flights)
+
     def document(self) -> dict[str, Any]:
         """Its values in `eadp.cover/1` and `eadp.sorties/1`."""
         ground, above_m, ground_m = self.flights[0].profile.ground, self._joined("above_m"), self._joined("ground_m")
@@ -226,7 +231,7 @@ class HeightReport(NamedTuple):
             "lower_share": self._share("low_share"),
             "higher_share": self._share("high_share"),
             "altitudes": sum(len(each.profile.commanded_m) for each in self.flights),
-            "home_altitude_m": max(each.home_altitude_m for each in self.flights),
+            "home_altitude_m": self.home_altitude_m,
             "gsd_cm": None if self.gsd_cm is None else _range(self.gsd_cm * above_m / line_m),
             "side_overlap": None if self.apart_m is None else _range(1 - self.apart_m / widths_m),
         }
@@ -244,17 +249,16 @@ class HeightReport(NamedTuple):
             f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m{elsewhere}",
         ]
         if share := 100 * values["lower_share"]:
-            low = f"           {share:.1f} % of the lines lower than {limits.line_m:g} m"
-            lines.append(f"{low}: the climb from home takes longer")
+            lower = f"           {share:.1f} % of the lines lower than {limits.line_m:g} m"
+            lines.append(f"{lower}: the climb from home takes longer")
         if (share := 100 * values["higher_share"]) and single:
             lines[1] += "; laps have one altitude, lines of --pattern dubins follow the ground"
         elif share:
             up, down = (100 * RATE_SHARE * rate / motion.ground_limit_mps for rate in climbing[:2])
-            latitude, longitude = highest.max_place_deg
             steepest = max(each.profile.steepest for each in self.flights)
             lines.append(
                 f"           {share:.0f} % of the lines higher than "
-                f"{limits.line_m + limits.tolerance_m:g} m, most at {latitude:.5f},{longitude:.5f}: slopes are up to "
+                f"{limits.line_m + limits.tolerance_m:g} m, most at {highest.max_place_text}: slopes are up to "
                 f"{100 * steepest:.0f} %, the aircraft follows {up:.0f} % up and {down:.0f} % down"
                 + (
                     ""

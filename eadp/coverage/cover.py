@@ -26,7 +26,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose, centre_m, ordered, polyline_m
-from eadp.core.geometry.geodesy import to_geodetic_deg
+from eadp.core.geometry.geodesy import point_text
 from eadp.core.geometry.polygons import FreeSpace, hull, strip_extents
 from eadp.coverage.airspace import FreeTurns, LineCosts, free_lines, free_order
 from eadp.coverage.line_order import best_order, quick_order
@@ -190,13 +190,8 @@ class CoverageRequest:
                 raise Infeasible(message, "another heading, another place, or less altitude")
 
     def place_text(self, pose: Point | Pose) -> str:
-        """A place in a message: latitude and longitude [°], or x and y [m] of a field in metres."""
-        x, y, origin_deg = pose[0], pose[1], self.field.origin_deg
-        return (
-            f"({x:.0f}, {y:.0f}) m"
-            if origin_deg is None
-            else "{:.5f},{:.5f}".format(*to_geodetic_deg(x, y, origin_deg))
-        )
+        """A place, for people."""
+        return point_text(pose[:2], self.field.origin_deg)
 
     @property
     def limits_text(self) -> str:

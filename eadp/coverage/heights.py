@@ -158,9 +158,9 @@ class HeightProfile:
         return float(np.mean(self.above_m > limits.line_m + limits.tolerance_m + ROUNDING_M))
 
     @property
-    def max_place_deg(self) -> tuple[float, float]:
-        """Latitude and longitude [°] where a line is highest above ground."""
-        return self.ground.terrain.place_deg(self.samples.points_m[self.samples.on_line][int(np.argmax(self.above_m))])
+    def max_place_text(self) -> str:
+        """Where a line is highest above ground, for people."""
+        return self.ground.terrain.place_text(self.samples.points_m[self.samples.on_line][int(np.argmax(self.above_m))])
 
     @property
     def steepest(self) -> float:
@@ -214,10 +214,9 @@ def over_terrain(
         climbed_m = start_m + RATE_SHARE * climbing.up_mps * np.concatenate([[0.0], np.cumsum(seconds)])
         k = 1 + int(np.argmax((below_m - climbed_m)[1:]))
         if climbed_m[k] < below_m[k]:
-            latitude, longitude = ground.terrain.place_deg(samples.points_m[k])
             rise = f"rises {below_m[k] - start_m:.0f} m in {samples.places_m[k]:.0f} m of the way from home"
             able = f"the aircraft climbs {climbed_m[k] - start_m:.0f} m"
-            message = f"the ground at {latitude:.5f},{longitude:.5f} {rise}, and {able}"
+            message = f"the ground at {ground.terrain.place_text(samples.points_m[k])} {rise}, and {able}"
             raise Infeasible(message, "another --home, or --takeoff another way")
         hard_m, floor_m = np.minimum(hard_m, climbed_m), np.minimum(floor_m, climbed_m)
     begins_m = math.inf
@@ -238,15 +237,14 @@ def over_terrain(
         try:
             found = commanded(banded(band, climbing, ground.limits.tolerance_m / 2), climbing, hard_m[:to], start_m)
         except Unreachable as error:
-            latitude, longitude = ground.terrain.place_deg(samples.points_m[error.target])
-            raise Infeasible(f"{error}, at {latitude:.5f},{longitude:.5f}") from None
+            raise Infeasible(f"{error}, at {ground.terrain.place_text(samples.points_m[error.target])}") from None
     flown_m = [np.array(found[0][1] if start_m is None else start_m)]
     for altitude_m, step_s in zip(_repeated(found), seconds.tolist(), strict=False):
         flown_m.append(climbing.followed_m(flown_m[-1], altitude_m, step_s))
     if lands:
         if (high_m := float(flown_m[-1]) - begins_m) > ground.limits.tolerance_m:
-            latitude, longitude = ground.terrain.place_deg(samples.points_m[last])
-            message = f"the flight is {high_m:.0f} m too high at {latitude:.5f},{longitude:.5f} for the final approach"
+            place = ground.terrain.place_text(samples.points_m[last])
+            message = f"the flight is {high_m:.0f} m too high at {place} for the final approach"
             raise Infeasible(message, "a --landing farther away, or from another direction")
         found.append((len(below_m) - 1, land_m))
         ways_m = samples.places_m[last + 1 :]
@@ -256,15 +254,15 @@ def over_terrain(
     return solution if solution.blocks else replace(solution, sections=_cut(legs, samples, altitudes_m)), profile
 
 
-def low_approach(approach: CoverageLeg, ground: Ground) -> tuple[tuple[float, float], float, float] | None:
+def low_approach(approach: CoverageLeg, ground: Ground) -> tuple[str, float, float] | None:
     """Where a final approach comes too near to the ground, from the height of lines above the ground of its end.
 
     Half of its height above that, up to the clearance, is above all that is below, as far as it is more than a flare's.
 
     Returns
     -------
-    (float, float)
-        Latitude and longitude [°].
+    str
+        The place, for people.
     float, float
         Heights above the ground there, as they are and as they have to be [m]. None where all are enough.
     """
@@ -276,7 +274,7 @@ def low_approach(approach: CoverageLeg, ground: Ground) -> tuple[tuple[float, fl
     k = int(np.argmin(np.where(min_m < FLARE_M, np.inf, above_m - min_m)))
     if above_m[k] >= min_m[k]:
         return None
-    return ground.terrain.place_deg(samples.points_m[k]), float(above_m[k]), float(min_m[k])
+    return ground.terrain.place_text(samples.points_m[k]), float(above_m[k]), float(min_m[k])
 
 
 def _repeated(found: Sequence[tuple[int, float]]) -> FloatArray:

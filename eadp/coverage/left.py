@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.geodesy import to_geodetic_deg
+from eadp.core.geometry.geodesy import point_text, to_geodetic_deg
 from eadp.core.geometry.polygons import Ring, apart_m, clipped, ground_m2, inner_point, uncovered
 from eadp.coverage.swaths import MotionLimits
 from eadp.models.airspace import BOUNDARY, CLEARANCE_SHARE
@@ -106,11 +106,3 @@ def left_text(left: Sequence[LeftGround], share: float, origin_deg: Point | None
 def area_text(area_m2: float) -> str:
     """An area, for people."""
     return f"{area_m2 / 1e4:.2f} ha" if area_m2 >= 1000 else f"{area_m2:.0f} m²"
-
-
-def point_text(place_m: Point, origin_deg: Point | None) -> str:
-    """A place, for people: latitude and longitude, or metres."""
-    if origin_deg is None:
-        return f"({place_m[0]:.0f}, {place_m[1]:.0f}) m"
-    lat, lon = to_geodetic_deg(*place_m, origin_deg)
-    return f"{lat:.5f},{lon:.5f}"

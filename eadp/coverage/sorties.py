@@ -320,8 +320,8 @@ class Divider(Generic[AnySortie]):
     def _alike(self, count: int, rounds: int) -> Divided[AnySortie]:
         """The division into so many sorties of about the same spare charge, with whole lines where that is enough.
 
-        Where all together have too little charge, the first one tried. Raises Infeasible where whole lines are too few,
-        and are not cut.
+        Else the last one tried, in which not all can be flown. Raises Infeasible where whole lines are too few, and are
+        not cut.
         """
         places, found = np.linspace(0.0, self.division.total_m, count + 1), None
         for _ in range(rounds):

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.geometry.geodesy import to_geodetic_deg
+from eadp.core.geometry.geodesy import point_text, to_geodetic_deg
 from eadp.errors import Infeasible
 
 
@@ -54,9 +54,9 @@ class ElevationModel:
             found[left] = bilinear(tile.heights_m, *tile.cells(*places[left].T))
         return found
 
-    def place_deg(self, point_m: FloatArray) -> tuple[float, float]:
-        """Latitude and longitude of a point, shape (2,) [°]."""
-        return to_geodetic_deg(float(point_m[0]), float(point_m[1]), self.origin_deg)
+    def place_text(self, point_m: FloatArray) -> str:
+        """A point, shape (2,) [m], for people."""
+        return point_text((float(point_m[0]), float(point_m[1])), self.origin_deg)
 
     def grid(self, points_m: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
         """Heights over the box of points, shape (count, count) from south-west, and the steps to x and y [m]."""
@@ -75,8 +75,8 @@ class ElevationModel:
         """
         heights_m = self.heights_m(points_m)
         if len(missing := np.flatnonzero(np.isnan(heights_m))):
-            latitude, longitude = self.place_deg(points_m[missing[0]])
-            raise Infeasible(f"the terrain has no height at {latitude:.5f},{longitude:.5f}, where the flight leads")
+            place = self.place_text(points_m[missing[0]])
+            raise Infeasible(f"the terrain has no height at {place}, where the flight leads")
         return heights_m
 
 

@@ -515,7 +515,7 @@ class SortiePlan:
         """The least distance of two aircraft as planned; None with one."""
         return nearest([track.later(k * self.stagger_s) for k, track in enumerate(self._tracks)])
 
-    @property
+    @cached_property
     def _heights(self) -> HeightReport | None:
         """The heights of all sorties; None without a terrain."""
         heights = [each.plan.heights for each in self.sorties if each.plan.heights is not None]
@@ -678,7 +678,7 @@ class SortiePlan:
         if profile is not None:
             value["profile"] = profile
         if self._heights is not None:
-            value["home"] = {"altitude_m": self._heights.document()["home_altitude_m"]}
+            value["home"] = {"altitude_m": self._heights.home_altitude_m}
         value.setdefault("on_infeasible", "home")  # what a sortie leaves is flown by another
         value = {"schema": "eadp.scenario/1", **value}
         head = "# One sortie: eadp simulate sortie-01.plan --scenario scenario.yaml. All: eadp simulate of the folder."

@@ -67,6 +67,14 @@ def place_text(position_deg: tuple[float, float]) -> str:
     return f"{abs(lat):.2f}° {'N' if lat >= 0 else 'S'}, {abs(lon):.2f}° {'E' if lon >= 0 else 'W'}"
 
 
+def point_text(place_m: tuple[float, float], origin_deg: tuple[float, float] | None) -> str:
+    """A place of a local frame, for people: latitude and longitude, to a metre, or metres without an origin."""
+    if origin_deg is None:
+        return f"({place_m[0]:.0f}, {place_m[1]:.0f}) m"
+    lat, lon = to_geodetic_deg(*place_m, origin_deg)
+    return f"{lat:.5f},{lon:.5f}"
+
+
 def _earth_centred_m(latitude_deg: float, longitude_deg: float) -> tuple[float, float, float]:
     """x, y and z of a point of the ellipsoid [m]."""
     # N = a/√(1 − e² sin² φ), p = N cos φ, z = N (1 − e²) sin φ

@@ -62,13 +62,12 @@ def read_terrain(files: Sequence[str], points_m: FloatArray, origin_deg: tuple[f
     terrain = ElevationModel(tuple(tile for tile, _ in read if tile is not None), origin_deg)
     missing = points_m[np.isnan(terrain.heights_m(points_m))]
     if len(missing):
-        places = np.array([terrain.place_deg(point) for point in points_m])
+        places = np.array([to_geodetic_deg(x, y, origin_deg) for x, y in points_m.tolist()])
         field = (*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
         has = "; ".join(
             f"{printable(file)} {_bounds_text(bounds)}" for file, (_, bounds) in zip(files, read, strict=True)
         )
-        latitude, longitude = terrain.place_deg(missing[0])
-        message = f"no height at {latitude:.5f},{longitude:.5f}: the field is in {_bounds_text(field)}, {has}"
+        message = f"no height at {terrain.place_text(missing[0])}: the field is in {_bounds_text(field)}, {has}"
         raise InputError.at(files[0], 1, 1, message, "a terrain without voids that holds the field; several are joined")
     return terrain
 
