@@ -11,7 +11,7 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from eadp.api.fences import fenced_by
+from eadp.api.fences import Around, fenced_by
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
 from eadp.api.landing import Air, approach, landing_pose
@@ -236,14 +236,8 @@ def _stated(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
 def _forecast(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
     """A plan at the parameters that its forecast in a scenario chooses, or the rest of it by telemetry."""
     overrides = read_overrides(override_texts(options.overrides, laps=options.laps))
-    inputs = load_flight(
-        given,
-        scenario=options.scenario,
-        avoid=options.avoid,
-        inside=options.inside,
-        overrides=overrides,
-        terrain=options.terrain,
-    )
+    around = Around(options.avoid, options.inside, options.terrain)
+    inputs = load_flight(given, scenario=options.scenario, around=around, overrides=overrides)
     warn(inputs.warnings)
     plan, airframe = inputs.world.plan, inputs.world.vehicle
     name = inputs.sources["plan"].name if options.landing is None else plan.name

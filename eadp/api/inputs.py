@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from eadp import __version__
-from eadp.api.fences import FENCES, fenced
+from eadp.api.fences import FENCES, Around, fenced
 from eadp.api.given import File
 from eadp.api.turns import overshoot_findings
 from eadp.core.arrays import FloatArray
@@ -138,7 +138,8 @@ class Files:
 
     def load(self, run: Run) -> FlightInputs:
         """The flight of a run, ready to be flown."""
-        return load_flight(**run.files, overrides=run.overrides, files=self)
+        given: dict[str, Any] = {**run.files}  # plan, scenario, profile and energy, as far as there are any
+        return load_flight(**given, overrides=run.overrides, files=self)
 
 
 def profile_of(text: Text) -> tuple[AnyProfile, list[Fault]]:
@@ -195,27 +196,22 @@ def load_flight(
     scenario: File | Mapping[str, Any] | None = None,
     profile: File | AnyProfile | None = None,
     energy: File | EnergyModel | None = None,
-    avoid: File | None = None,
-    inside: File | None = None,
+    around: Around | None = None,
     overrides: Mapping[str, Any] | None = None,
     files: Files | None = None,
-    terrain: Sequence[str] = (),
 ) -> FlightInputs:
     """Read and check what a flight is of, paths or objects; those in `files` are not read again.
-
-    `avoid` and `inside` are files of obstacles and of a boundary, besides those of the plan; `terrain` are those of the
-    ground, for a mission whose altitudes are above it, and for the results.
 
     Raises
     ------
     InputError
         With every fault found in the first file that has any.
     """
-    files = files or Files()
+    files, around = files or Files(), around or Around()
     setting = files.scenario(scenario, overrides)
-    given = zip(FENCES, (avoid, inside), strict=True)
-    fences = {kind: files.text(str(path), read_field_text) for kind, path in given if path is not None}
-    plan_source, flown, warnings = _plan(files, plan, setting, fences, terrain)
+    given = {kind: getattr(around, kind) for kind in FENCES}
+    fences = {kind: files.text(str(path), read_field_text) for kind, path in given.items() if path is not None}
+    plan_source, flown, warnings = _plan(files, plan, setting, fences, around.terrain)
     sources: dict[str, Source] = {"plan": plan_source, **fences}
     if isinstance(scenario, Mapping):
         sources["scenario"] = Given(setting.document.value, "given-keys.yaml", value_text)
@@ -255,7 +251,7 @@ def load_flight(
     _check_planner(setting, mission)
     warnings += _doubts(setting, world)
     never_past = next((one.first.label for one in overshoots if math.isinf(one.excess_s)), "")
-    ground = _ground(flown, parameters, start[0], terrain)
+    ground = _ground(flown, parameters, start[0], around.terrain)
     return FlightInputs(world, mission, setting, tuple(warnings), sources, never_past, ground)
 
 

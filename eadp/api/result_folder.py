@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from eadp.api.fences import FENCES
+from eadp.api.fences import FENCES, Around
 from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.errors import InputError
 from eadp.io.figures.flights import DrawnFlight
@@ -114,8 +114,9 @@ def _inputs(folder: Path) -> FlightInputs:
         named = vehicle_path(document, overrides)
         if named is not None:
             files.texts[named] = files.text(paths["vehicle"])
-    chosen: dict[str, Any] = {kind: paths.get(kind) for kind in ("scenario", "profile", "energy", *FENCES)}
-    return load_flight(paths["plan"], **chosen, overrides=overrides, files=files)
+    chosen: dict[str, Any] = {kind: paths.get(kind) for kind in ("scenario", "profile", "energy")}
+    around = Around(paths.get("avoid"), paths.get("inside"))
+    return load_flight(paths["plan"], **chosen, around=around, overrides=overrides, files=files)
 
 
 def _paths(folder: Path) -> dict[str, str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from eadp.api.fences import Around
 from eadp.api.flight import Flight, fly_flight, forecast_values
 from eadp.api.given import File, Overrides, Warn, python_warnings
 from eadp.api.inputs import load_flight
@@ -70,16 +71,8 @@ def simulate(
     """
     texts = override_texts(overrides, planner, seed, laps)
     keys = read_overrides(texts)
-    inputs = load_flight(
-        plan,
-        scenario=scenario,
-        profile=profile,
-        energy=energy,
-        avoid=avoid,
-        inside=inside,
-        overrides=keys,
-        terrain=terrain,
-    )
+    around = Around(avoid, inside, terrain)
+    inputs = load_flight(plan, scenario=scenario, profile=profile, energy=energy, around=around, overrides=keys)
     warn(inputs.warnings)
     return fly_flight(inputs, inputs.preflight(), on_step, texts)
 
@@ -117,16 +110,8 @@ def forecast(
         As `simulate`.
     """
     keys = read_overrides(override_texts(overrides, planner, None, laps))
-    inputs = load_flight(
-        plan,
-        scenario=scenario,
-        profile=profile,
-        energy=energy,
-        avoid=avoid,
-        inside=inside,
-        overrides=keys,
-        terrain=terrain,
-    )
+    around = Around(avoid, inside, terrain)
+    inputs = load_flight(plan, scenario=scenario, profile=profile, energy=energy, around=around, overrides=keys)
     warn(inputs.warnings)
     found = inputs.preflight()
     return None if found is None else forecast_values(found)

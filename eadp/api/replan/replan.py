@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
-from eadp.api.fences import FENCES
+from eadp.api.fences import Around
 from eadp.api.given import File, FlightOptions, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
 from eadp.api.replan.apply import Hook, ValuesFile
@@ -102,11 +102,12 @@ def replan(
         With the faults of the files, or of an option under its name on the command line.
     """
     flight, link = flight or FlightOptions(), link or LinkOptions()
-    given = {name: getattr(flight, name) for name in ("scenario", "profile", "energy", *FENCES)}
-    options.check(link, {"plan": plan, **given})
+    given = {name: getattr(flight, name) for name in ("scenario", "profile", "energy")}
+    around = Around(flight.avoid, flight.inside, flight.terrain)
+    options.check(link, {"plan": plan, **given, "avoid": flight.avoid, "inside": flight.inside})
     home = ["on_infeasible=home"] if link.return_home else []
     overrides = read_overrides(override_texts([*flight.overrides, *home], flight.planner, laps=flight.laps))
-    inputs = load_flight(plan, **given, overrides=overrides, terrain=flight.terrain)
+    inputs = load_flight(plan, **given, around=around, overrides=overrides)
     if link.items is not None:
         inputs = _of_items(inputs, link.items)
     warn(inputs.warnings)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from eadp.api.fences import Around
 from eadp.api.flight import Flight, fly_flight
 from eadp.api.given import File, Overrides, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
@@ -177,8 +178,8 @@ class _Job:
         """The inputs of the next flight, with a seed of its own; a warning is given once."""
         overrides = {**self.overrides, "seed": self.seed + len(self.flights)}
         terrain = self.planner.task.options.terrain
-        terrain = terrain if all(map(os.path.isfile, terrain)) else ()
-        inputs = load_flight(plan, scenario=scenario, overrides=overrides, files=self.planner.files, terrain=terrain)
+        around = Around(terrain=terrain if all(map(os.path.isfile, terrain)) else ())
+        inputs = load_flight(plan, scenario=scenario, overrides=overrides, files=self.planner.files, around=around)
         new = [fault for fault in inputs.warnings if fault.message not in self.warned]
         self.warned |= {fault.message for fault in new}
         self.warn(new)

@@ -48,7 +48,8 @@ ROUNDING = 1e-9
 """Charge that counts as rounding."""
 
 LAST_CHANGE_S = 30.0
-"""Time before the end after which what is learned changes the path no more: an interval of re-planning [s]."""
+"""Before the end, an interval of re-planning [s]: the path is not searched in it, and the margin of computations is
+that of today."""
 
 
 @dataclass(frozen=True)
