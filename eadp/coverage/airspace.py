@@ -62,10 +62,11 @@ class FreeTurn(NamedTuple):
 
 def free_lines(lines: Sequence[CoverageLeg], space: FreeSpace, motion: MotionLimits) -> list[CoverageLeg]:
     """Lines cut to the free space, with room for a turn at either end; each in both directions."""
+    intervals = space.intervals_m([line.start[:2] for line in lines], [line.end[:2] for line in lines])
     inside = [
         straight(line.piece.pose_at(low)[:2], line.piece.pose_at(high)[:2])
-        for line in lines
-        for low, high in space.intervals_m(line.start[:2], line.end[:2])
+        for line, own in zip(lines, intervals, strict=True)
+        for low, high in own
     ]
     # shortened at its end until there is room for a half circle; then reversed, and at its start
     for _ in range(2):

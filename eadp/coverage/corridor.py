@@ -62,7 +62,7 @@ def cover_corridor(request: CoverageRequest, line: Sequence[Point], width_m: flo
     Infeasible
         If the lines are too many, leave the free space, or have no order whose turns are free.
     """
-    request.check_ends()
+    request.check()
     motion = request.motion
     count = math.ceil(width_m / (request.order_spacing_m or motion.swath_m) - 1e-9)
     apart_m = width_m / count

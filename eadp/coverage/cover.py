@@ -71,6 +71,9 @@ MIN_LEFT = 0.05
 LOST_RATIO = 20.0
 """Time that a metre of a line left out counts, over the time that it takes."""
 
+SETS_ORDERED = 8
+"""Sets of lines that are ordered to choose a heading for sorties, those of the least bounds of their time."""
+
 FREE_CHAINS = 24
 """Most chains of blocks that are tried within obstacles and a boundary, the quickest first."""
 
@@ -178,13 +181,18 @@ class CoverageRequest:
         """Where the way from the last line ends: with a heading before an approach."""
         return self.home_m if self.approach is None else self.approach.start
 
-    def check_ends(self) -> None:
-        """Raise Infeasible if climb-out or final approach is not free."""
+    def check(self) -> None:
+        """Raise Infeasible if climb-out or final approach is not free, or the wind is too strong."""
+        wind_mps = math.hypot(*self.motion.wind_mps)
+        if wind_mps >= self.motion.airspeed_mps:
+            raise Infeasible(
+                f"a wind of {wind_mps:g} m/s is not slower than the aircraft's {self.motion.airspeed_mps:g}"
+            )
         for leg, name in ((self.climb_out, "climb-out"), (self.approach, "final approach")):
             if leg is not None and self.space is not None and not self.space.has_hull(polyline_m([leg.piece])):
                 way = f"{leg.piece.length_m:.0f} m towards {compass_deg(leg.start[2]):.0f}°"
                 # the ways along it that are free: where the first one ends, or where it starts
-                (low_m, high_m), *_ = (*self.space.intervals_m(leg.start[:2], leg.end[:2]), (1.0, 0.0))
+                (low_m, high_m), *_ = (*self.space.intervals_m([leg.start[:2]], [leg.end[:2]])[0], (1.0, 0.0))
                 place = self.place_text(leg.piece.pose_at(0.0 if low_m > 0 else high_m))
                 message = f"the {name} of {way} does not stay {self.limits_text} at {place}"
                 raise Infeasible(message, "another heading, another place, or less altitude")
@@ -256,11 +264,8 @@ def cover(request: CoverageRequest, *, draft: bool = False) -> CoverageSolution:
     Infeasible
         If the wind is too strong, the field is too narrow for the requested pattern, or needs too many lines.
     """
-    request.check_ends()  # before the search, which takes long
+    request.check()  # before the search, which takes long
     motion = request.motion
-    wind_mps = math.hypot(*motion.wind_mps)
-    if wind_mps >= motion.airspeed_mps:
-        raise Infeasible(f"a wind of {wind_mps:g} m/s is not slower than the aircraft's {motion.airspeed_mps:g}")
     if request.crosshatch:
         return _crossed(request)
     headings = _tried_headings(request) if request.heading_rad is None else [request.heading_rad]
@@ -294,6 +299,26 @@ def cover(request: CoverageRequest, *, draft: bool = False) -> CoverageSolution:
     if laps_s <= MAX_TIME_RATIO * lines_s:
         return replace(zamboni, other_share=lines_s / laps_s)
     return replace(order, other_share=laps_s / lines_s, laps=zamboni)
+
+
+def pattern_and_heading(request: CoverageRequest) -> tuple[str, float]:
+    """The pattern of `cover`, and the heading [rad]: of lines in an order, by turns that need not be free.
+
+    Raises
+    ------
+    Infeasible
+        As `cover`.
+    """
+    request.check()
+    headings = _tried_headings(request) if request.heading_rad is None else [request.heading_rad]
+    laps = request.pattern == ZAMBONI
+    if request.pattern == AUTO and not request.field.others:
+        laps = _best_zamboni(request, headings) is not None
+    for each, _ in () if laps else _quickest_sets(request, headings, SETS_ORDERED):
+        if request.space is None or not np.ptp(request.space.rooms([leg.start[:2] for leg in each.directed])):
+            return DUBINS, each.heading_rad
+    whole = cover(request)
+    return whole.pattern, whole.heading_rad
 
 
 def _crossed(request: CoverageRequest) -> CoverageSolution:
@@ -574,10 +599,13 @@ def _best_in_order(request: CoverageRequest, headings: Sequence[float], draft: b
     return connected(request, DUBINS, best.heading_rad, [best.directed[i].with_leads(request.motion) for i in order])
 
 
-def _quickest_sets(request: CoverageRequest, headings: Sequence[float]) -> Iterator[tuple[_LineSet, LineCosts]]:
+def _quickest_sets(
+    request: CoverageRequest, headings: Sequence[float], most: float = math.inf
+) -> Iterator[tuple[_LineSet, LineCosts]]:
     """Lines at some headings with their costs, by the time of a quick order, the quickest first.
 
-    A set is cut to the free space, and ordered, where no other is quicker by the bound that is known of it.
+    A set is cut to the free space, and ordered, where no other is quicker by the bound that is known of it; `most` sets
+    are ordered at most.
     """
     motion, space = request.motion, request.space
     half_turn_s = math.pi * motion.min_radius_m / motion.ground_limit_mps
@@ -607,6 +635,8 @@ def _quickest_sets(request: CoverageRequest, headings: Sequence[float]) -> Itera
                 time_s = bound_s(directed, each.places) + lost_s[each.number]
                 heapq.heappush(queue, each._replace(time_s=time_s, directed=directed, cut=True))
         else:
+            if (most := most - 1) < 0:
+                continue
             costs = line_costs(request, each.directed)
             time_s = quick_order(*costs)[1] + lost_s.get(each.number, 0.0)
             heapq.heappush(queue, each._replace(time_s=time_s, costs=costs))

@@ -199,6 +199,13 @@ class Divided(NamedTuple, Generic[AnySortie]):
         return self.spares + self.used_per_m * (self.lengths_m - lengths_m)
 
     @property
+    def needed(self) -> int:
+        """The number of sorties whose packs together last for the lines, by what one of these has for them."""
+        on_lines = [sortie.used_on_lines for sortie in self.sorties]
+        has = sum(on_lines) + float(self.spares.sum())
+        return math.ceil(len(on_lines) * sum(on_lines) / has - 1e-9) if has > 0 else MAX_SORTIES + 1
+
+    @property
     def shortest(self) -> AnySortie:
         """The sortie with the least charge above what has to be left."""
         return min(self.sorties, key=lambda sortie: sortie.spare)
@@ -241,15 +248,22 @@ class Divider(Generic[AnySortie]):
         """
         count = -(-min_count // self.step) * self.step
         found = self._alike(count, BOUND_ROUNDS)
-        if found.shortest.spare >= 0:
+        while found.shortest.spare < 0:
+            needed = found.needed if self.cuts else count + 1
+            if not count < needed <= MAX_SORTIES:
+                break
+            count = -(-needed // self.step) * self.step
+            found = self._alike(count)
+        else:
             return found
-        fullest = self._fullest(count) if self.cuts else None  # of laps, a part has to be wide enough
-        least = count + self.step if fullest is None else len(fullest.sorties)
-        for more in range(-(-least // self.step) * self.step, MAX_SORTIES + 1, self.step):
-            found = self._alike(more, ALIKE_ROUNDS)
+        if not self.cuts:
+            raise Infeasible(f"{MAX_SORTIES} sorties are too few")
+        fullest = self._fullest(count)
+        for more in range(-(-len(fullest.sorties) // self.step) * self.step, MAX_SORTIES + 1, self.step):
+            found = self._alike(more)
             if found.shortest.spare >= 0:
                 return found
-            if fullest is not None and more == len(fullest.sorties):
+            if more == len(fullest.sorties):
                 return fullest
         raise Infeasible(f"{MAX_SORTIES} sorties are too few")
 
@@ -317,7 +331,7 @@ class Divider(Generic[AnySortie]):
             end_m = min(end_m + (sortie.spare - EVEN / 2) / used_per_m, total_m)
         return low_m
 
-    def _alike(self, count: int, rounds: int) -> Divided[AnySortie]:
+    def _alike(self, count: int, rounds: int = ALIKE_ROUNDS) -> Divided[AnySortie]:
         """The division into so many sorties of about the same spare charge, with whole lines where that is enough.
 
         Else the last one tried, in which not all can be flown. Raises Infeasible where whole lines are too few, and are

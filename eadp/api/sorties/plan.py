@@ -32,6 +32,7 @@ from eadp.coverage.cover import (
     LineGrid,
     cover,
     line_costs,
+    pattern_and_heading,
 )
 from eadp.coverage.left import LeftGround, left_ground, left_text
 from eadp.coverage.report import FULL, covered_by_lines, rounded_deg
@@ -210,8 +211,8 @@ class SortiePlanner:
             request = replace(request, heading_rad=heading_rad(self.lines[0]), pattern=self.lines[1])
         if request.heading_rad is None or request.pattern == AUTO:
             alone = replace(request, start_m=None, home_m=None, climb_out=None, approach=None)
-            whole = cover(alone, draft=True)
-            request = replace(request, pattern=whole.pattern, heading_rad=whole.heading_rad)
+            pattern, heading = pattern_and_heading(alone)
+            request = replace(request, pattern=pattern, heading_rad=heading)
         return replace(request, start_m=request.home_m)
 
     @property

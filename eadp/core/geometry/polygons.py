@@ -498,14 +498,24 @@ class FreeSpace:
         found: IntArray = shapely.distance(shapely.points(points_m)[:, np.newaxis], parts).argmin(axis=1)
         return found
 
-    def intervals_m(self, start: Point, end: Point) -> list[tuple[float, float]]:
-        """The parts of a straight line that lie in it, as intervals along the line [m]."""
-        line = shapely.difference(shapely.LineString([start, end]), self._inner)
+    def intervals_m(self, starts_m: ArrayLike, ends_m: ArrayLike) -> list[list[tuple[float, float]]]:
+        """The parts of straight lines that lie in it, from points to points, each of shape (n, 2).
+
+        Of each line intervals along it [m], in their order.
+        """
+        starts_m, ends_m = (np.asarray(points_m, dtype=float).reshape(-1, 2) for points_m in (starts_m, ends_m))
+        lines = shapely.difference(shapely.linestrings(np.stack((starts_m, ends_m), axis=1)), self._inner)
         if self._outer is not None:
-            line = shapely.intersection(line, self._outer)
-        parts = [part for part in shapely.get_parts(line) if part.length > EDGE_M and part.geom_type == "LineString"]
-        ends = [[math.dist(start, point) for point in (part.coords[0], part.coords[-1])] for part in parts]
-        return sorted((min(pair), max(pair)) for pair in ends)
+            lines = shapely.intersection(lines, self._outer)
+        parts, of_line = shapely.get_parts(lines, return_index=True)
+        own = (shapely.length(parts) > EDGE_M) & (shapely.get_type_id(parts) == shapely.GeometryType.LINESTRING)
+        parts, of_line = parts[own], of_line[own]
+        points_m = [shapely.get_coordinates(shapely.get_point(parts, i)) for i in (0, -1)]
+        along_m = np.sort([np.linalg.norm(point_m - starts_m[of_line], axis=1) for point_m in points_m], axis=0)
+        found: list[list[tuple[float, float]]] = [[] for _ in starts_m]
+        for i, low_m, high_m in zip(of_line.tolist(), *along_m.tolist(), strict=True):
+            found[i].append((low_m, high_m))
+        return [sorted(intervals) for intervals in found]
 
     def corners_m(self, distance_m: float) -> list[Ring]:
         """Rings at a distance around what is avoided, and at a distance within what is to be inside."""

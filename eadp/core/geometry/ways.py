@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from functools import cached_property
 
 import numpy as np
 
+from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Piece, Pose, polyline_m, ways_to_point
 from eadp.core.geometry.polygons import FreeSpace
@@ -35,31 +37,37 @@ class WaysTo:
     """
 
     def __init__(self, end_m: Point, space: FreeSpace, near: FreeSpace, radius_m: float) -> None:
+        self._end_m, self._spaces, self._radius_m = end_m, (space, near), radius_m
+
+    @cached_property
+    def _graph(self) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Nodes, shape (n, 2), the length from each to the end [m], and the next node on the way; of the first way."""
         from scipy.sparse.csgraph import dijkstra  # slow to import, and few plans have obstacles
 
-        self._spaces, self._radius_m = (space, near), radius_m
-        corners = [corner for ring in space.corners_m(CORNER_RADII * radius_m) for corner in ring]
-        nearest = sorted(corners, key=lambda corner: math.dist(corner, end_m))[:MAX_CORNERS]
-        self._nodes_m = nodes_m = np.array([end_m, *nearest])
+        space, near = self._spaces
+        corners = [corner for ring in space.corners_m(CORNER_RADII * self._radius_m) for corner in ring]
+        nearest = sorted(corners, key=lambda corner: math.dist(corner, self._end_m))[:MAX_CORNERS]
+        nodes_m = np.array([self._end_m, *nearest])
         i, j = np.triu_indices(len(nodes_m), 1)
         seen = space.sees(nodes_m[i], nodes_m[j]) | ((i == 0) & near.sees(nodes_m[i], nodes_m[j]))
         graph = np.zeros((len(nodes_m), len(nodes_m)))
         graph[i[seen], j[seen]] = np.linalg.norm(nodes_m[i[seen]] - nodes_m[j[seen]], axis=1)
-        self._left_m, self._next = dijkstra(graph, directed=False, indices=0, return_predecessors=True)
+        return nodes_m, *dijkstra(graph, directed=False, indices=0, return_predecessors=True)
 
     def lines(self, start_m: Point) -> Iterator[tuple[Point, ...]]:
         """Ways from a point [m], the shortest first: the points at which their lines end. None where none is free."""
-        starts = np.broadcast_to(start_m, self._nodes_m.shape)
-        lengths_m = np.linalg.norm(self._nodes_m - starts, axis=1) + self._left_m
+        nodes_m, left_m, following = self._graph
+        starts = np.broadcast_to(start_m, nodes_m.shape)
+        lengths_m = np.linalg.norm(nodes_m - starts, axis=1) + left_m
         seen = np.zeros(len(lengths_m), dtype=bool)
         for space in self._spaces:
             if not seen.any():  # the nearer space, where none is free in the other
-                seen = space.sees(starts, self._nodes_m) & np.isfinite(lengths_m)
+                seen = space.sees(starts, nodes_m) & np.isfinite(lengths_m)
         for node in sorted(np.flatnonzero(seen).tolist(), key=lengths_m.__getitem__):
             nodes = [node]
             while nodes[-1] != 0:
-                nodes.append(int(self._next[nodes[-1]]))
-            yield tuple((float(x), float(y)) for x, y in self._nodes_m[nodes])
+                nodes.append(int(following[nodes[-1]]))
+            yield tuple((float(x), float(y)) for x, y in nodes_m[nodes])
 
     def pieces(self, start: Pose) -> tuple[Piece, ...]:
         """The first of its ways whose turns are free too, from a pose; a turn and a straight line where none is."""
@@ -70,4 +78,4 @@ class WaysTo:
                         pieces += ways_to_point(pieces[-1].end if pieces else start, point, self._radius_m)[0]
                     if not pieces or space.has(polyline_m(pieces)):
                         return pieces
-        return ways_to_point(start, (float(self._nodes_m[0, 0]), float(self._nodes_m[0, 1])), self._radius_m)[0]
+        return ways_to_point(start, self._end_m, self._radius_m)[0]
