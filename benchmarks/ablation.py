@@ -4,6 +4,11 @@
     python benchmarks/quality.py --losses --missions 200 --jobs 2 --write
 
 A variant replaces constants and functions of the planner while it flies. `joint` itself has no option for any of them.
+
+    python benchmarks/ablation.py VARIANT replan PLAN …
+
+is the program `eadp` with a variant.
+
 `--losses` flies each mission without losses of charge, and where it has some with them, at several
 `planner.joint.loss_rate_per_h`.
 """
@@ -13,7 +18,8 @@ from __future__ import annotations
 import contextlib
 import math
 import statistics
-from collections.abc import Callable, Iterator, Mapping
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +28,7 @@ from unittest import mock
 import numpy as np
 from measured import head, line
 
+from eadp.__main__ import run
 from eadp.planning.base import NEW_STAGE, SOLVED
 from eadp.planning.forecast import evaluate
 from eadp.planning.forecast.evaluate import CERTAIN, Evaluator
@@ -193,12 +200,11 @@ TITLES = (
 )
 
 
-def ablation_table(missions: list[dict[str, dict[str, Any]]]) -> Iterator[str]:
-    """All variants beside the planner as it is; U counts 0 where a mission is not completed."""
-    beside = [mission[AS_IT_IS] for mission in missions]
-    yield head("planner `joint`", *TITLES)
-    for name in VARIANTS:
-        yield row(name, [mission[name] for mission in missions], beside)
+def table_of(title: str, names: Iterable[str], beside: str, missions: list[dict[str, dict[str, Any]]]) -> Iterator[str]:
+    """Flights of the same missions, each kind beside one of them; U counts 0 where a mission is not completed."""
+    yield head(title, *TITLES)
+    for name in names:
+        yield row(name, [mission[name] for mission in missions], [mission[beside] for mission in missions])
 
 
 def losses_table(missions: list[dict[str, dict[str, Any]]]) -> Iterator[str]:
@@ -206,7 +212,10 @@ def losses_table(missions: list[dict[str, dict[str, Any]]]) -> Iterator[str]:
     for kind in ("without losses", "with losses"):
         flown = [mission for mission in missions if f"0, {kind}" in mission]
         if flown:
-            beside = [mission[f"0, {kind}"] for mission in flown]
-            yield head(f"losses expected an hour; {len(flown)} missions {kind}", *TITLES)
-            for rate in LOSS_RATES_PER_H:
-                yield row(f"{rate:g}", [mission[f"{rate:g}, {kind}"] for mission in flown], beside)
+            names = [f"{rate:g}, {kind}" for rate in LOSS_RATES_PER_H]
+            yield from table_of(f"losses expected an hour; {len(flown)} missions", names, names[0], flown)
+
+
+if __name__ == "__main__":
+    with VARIANTS[sys.argv.pop(1)].flying():
+        run()

@@ -45,7 +45,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ablation import ablated, ablation_table, losses, losses_table, plans_of_several, value
+from ablation import AS_IT_IS, VARIANTS, ablated, losses, losses_table, plans_of_several, table_of, value
 from measured import head, line, recorded
 
 from eadp.api.inputs import FlightInputs, load_flight
@@ -930,7 +930,8 @@ def variants(given: argparse.Namespace, found: dict[str, str]) -> None:
 def print_variants(given: argparse.Namespace, results: list[Any]) -> None:
     """Print how variants compare."""
     print(f"seed {given.seed}, {len(results)} missions; U is 0 where a mission is not completed")
-    print("\n".join((ablation_table if given.ablate else losses_table)(results)))
+    ablation = table_of("planner `joint`", VARIANTS, AS_IT_IS, results)
+    print("\n".join(ablation if given.ablate else losses_table(results)))
 
 
 def _flown_by_all(given: argparse.Namespace, work: Any, tasks: list[Any]) -> list[Any]:

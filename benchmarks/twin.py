@@ -23,6 +23,7 @@ one can know of the gauge.
 - `--picture FILE` draws U and the forecasts of charge.
 - An interrupt ends the flights; the table is of those that are complete.
 - `--check` prints what the plant does open loop beside what physics expects.
+- `--ablate` flies `joint` with one concept left out, and with other rates of expected losses, in place of all this.
 
 Needs jsbsim: pip install 'eadp[bench]'.
 """
@@ -36,12 +37,13 @@ import hashlib
 import json
 import math
 import multiprocessing
+import resource
 import select
 import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
@@ -52,6 +54,7 @@ import yaml
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "benchmarks"))
 
+import ablation  # noqa: E402
 from measured import head, line, recorded  # noqa: E402
 from plant import (  # noqa: E402
     ALTITUDE_M,
@@ -370,18 +373,23 @@ def owner(mission: Mission, capacity_ah: float) -> tuple[dict[str, Any], float]:
     return scenario, round(efficiency, 4)
 
 
+EADP = ("-m", "eadp")
+Keys = Mapping[str, str]
+
+
 class Replan:
     """`eadp replan` as a process, asked line by line."""
 
-    def __init__(self, mission: Mission, capacity_ah: float, folder: Path) -> None:
+    def __init__(self, mission: Mission, capacity_ah: float, folder: Path, keys: Keys, eadp: Sequence[str]) -> None:
         scenario, efficiency = owner(mission, capacity_ah)
         name = f"mission-{mission.index}"
         (folder / f"{name}.yaml").write_text(json.dumps(scenario))
         log, self.messages = folder / f"{name}.jsonl", folder / f"{name}.txt"
         log.unlink(missing_ok=True)
-        command = [sys.executable, "-m", "eadp", "replan", mission.plan_file, "--log", str(log)]
+        command = [sys.executable, *eadp, "replan", mission.plan_file, "--log", str(log)]
         command += ["--scenario", str(folder / f"{name}.yaml")]
-        command += ["--set", f"vehicle.airframe.propulsive_efficiency={efficiency}"]
+        for key, value in {"vehicle.airframe.propulsive_efficiency": efficiency, **keys}.items():
+            command += ["--set", f"{key}={value}"]
         self._errors = self.messages.open("wb")
         pipe = subprocess.PIPE
         self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._errors, bufsize=0)
@@ -436,11 +444,14 @@ class Flown:
         return self.completed and self.soc >= RESERVE, self.completed, self.u
 
 
-def fly_joint(constants: Constants, folder: Path, log: TextIO) -> Flown:
-    """A mission with `eadp replan` on board."""
+def fly_joint(
+    constants: Constants, folder: Path, log: TextIO, keys: Keys | None = None, eadp: Sequence[str] = EADP
+) -> Flown:
+    """A mission with `eadp replan` on board, with more keys of its scenario, or with another program for `eadp`."""
     mission, plan = constants.mission, constants.plan
     highest = (ends(plan, 0)[1], ends(plan, 1)[1])
-    flight, replan = plan_flight(mission, plan, highest), Replan(mission, constants.capacity_ah, folder)
+    flight = plan_flight(mission, plan, highest)
+    replan = Replan(mission, constants.capacity_ah, folder, keys or {}, eadp)
     pack, telemetry = mission.lipo(constants.capacity_ah), Telemetry(mission, plan.names)
     noise = mission.noise(round(7200 / SAMPLE_S))
     samples, result, seen = [], Flown(), Seen(plan, flight.executor)
@@ -576,6 +587,17 @@ def write_identification(file: Path) -> None:
 
 # --- one mission
 
+DEFAULT_RATE = "0.5"
+LEFT_OUT = (
+    ablation.AS_IT_IS,
+    "computations fall from the start (`EARLY_S` = 0)",
+    "no wait after a fall (`SETTLED_S` = 0)",
+    "the same gain for each change of path",
+    "the path searched at each new stage",
+    "every end certain",
+)
+RATES = ("0", DEFAULT_RATE, "1", "2")
+
 
 def run(task: tuple[Mission, str, str | None]) -> dict[str, Any]:
     """A mission with constant parameters and with `joint`."""
@@ -596,6 +618,26 @@ def run(task: tuple[Mission, str, str | None]) -> dict[str, Any]:
         "clairvoyant": constants.clairvoyant,
         "joint": joint,
     }
+
+
+def ablated(task: tuple[Mission, str, str | None]) -> dict[str, dict[str, Any]]:
+    """A mission by variants of `joint`: how each flight ended, and the CPU seconds of `eadp replan`."""
+    mission, folder, cache = task
+    constants, flights = Constants(mission, cache), {}
+    programs = {name: ({}, (ablation.__file__, name)) for name in LEFT_OUT}
+    programs |= {rate: ({"planner.joint.loss_rate_per_h": rate}, EADP) for rate in RATES if rate != DEFAULT_RATE}
+    for name, (keys, eadp) in programs.items():
+        before_s = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+        with (Path(folder) / f"mission-{mission.index}.csv").open("w", newline="") as stream:
+            joint = fly_joint(constants, Path(folder), stream, keys, eadp)
+        flights[name] = {
+            "completed": joint.completed,
+            "kept": joint.completed and joint.soc >= RESERVE,
+            "u": joint.u,
+            "changes": sum(joint.changes),
+            "cpu_s": resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before_s,
+        }
+    return flights | {DEFAULT_RATE: flights[ablation.AS_IT_IS]}
 
 
 def forecasts(joint: Flown) -> Iterator[dict[str, float]]:
@@ -701,6 +743,17 @@ def report(results: list[dict[str, Any]]) -> None:
     for since, title in enumerate(titles):
         flights = [[e for e in forecasts(r["joint"]) if e["known"] >= since] for r in done]
         report_forecasts(title, [errors for errors in flights if errors])
+
+
+def report_ablated(lossy: list[bool], results: list[dict[str, dict[str, Any]]]) -> None:
+    """Variants beside `joint` as it is, and rates of expected losses beside the default."""
+    print(f"{len(results)} missions; U is 0 where a mission is not completed")
+    print("\n".join(ablation.table_of("planner `joint`", LEFT_OUT, ablation.AS_IT_IS, results)))
+    for losses in (False, True):
+        flown = [result for result, own in zip(results, lossy, strict=False) if own == losses]
+        if flown:
+            title = f"losses expected an hour; {len(flown)} missions with{'' if losses else 'out'} losses"
+            print("\n".join(ablation.table_of(title, RATES, DEFAULT_RATE, flown)))
 
 
 def report_forecasts(title: str, flights: list[list[dict[str, float]]]) -> None:
@@ -836,8 +889,10 @@ def main() -> None:
     parser.add_argument(
         "--write", action="store_true", help="write docs/measured/twin.md, of another seed twin_SEED.md"
     )
+    parser.add_argument("--ablate", action="store_true")
     options = parser.parse_args()
-    page = "twin_check" if options.check else f"twin_{options.seed}" if options.seed else "twin"
+    page = "twin_check" if options.check else "ablation_twin" if options.ablate else "twin"
+    page += f"_{options.seed}" if options.seed else ""
     with recorded(page, write=options.write):
         check() if options.check else fly_all(options)
 
@@ -852,14 +907,22 @@ def fly_all(options: argparse.Namespace) -> None:
         folder = options.log or passing
         made = missions(options.missions, options.seed, plans(Path(folder)), options.trouble)
         tasks = [(m, folder, options.cache) for m in made if not options.only or m.index in options.only]
-        print(f"seed {options.seed}{', trouble ' + options.trouble if options.trouble else ''}\n{HEADER}")
+        print(f"seed {options.seed}{', trouble ' + options.trouble if options.trouble else ''}")
+        if not options.ablate:
+            print(HEADER)
         results = []
         with multiprocessing.Pool(options.jobs) as pool:
             each: Callable[..., Any] = pool.imap if options.jobs > 1 else map
             with contextlib.suppress(KeyboardInterrupt):  # the table of those that are flown
-                for result in each(run, tasks):
+                for result in each(ablated if options.ablate else run, tasks):
                     results.append(result)
-                    print(row(result), flush=True)
+                    if options.ablate:
+                        print([f"{flight['u']:.3f}" for flight in result.values()], file=sys.stderr, flush=True)
+                    else:
+                        print(row(result), flush=True)
+    if options.ablate:
+        report_ablated([bool(task[0].losses) for task in tasks], results)
+        return
     report(results)
     if options.picture:
         picture(results, options.picture)
