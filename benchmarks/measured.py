@@ -30,6 +30,8 @@ FOLDER = Path(__file__).resolve().parents[1] / "docs/measured"
 PLANNED = "planning/joint", "planning/forecast", "planning/state"
 MEASURES: dict[str, tuple[str, ...]] = {
     "ablation": PLANNED,
+    "ablation_twin": PLANNED,
+    "ablation_twin_1": PLANNED,
     "autopilot": ("planning/state", "planning/track", "api/replan"),
     "batteries": PLANNED,
     "drained": ("planning/joint", "planning/forecast", "planning/paper"),
@@ -44,6 +46,7 @@ MEASURES: dict[str, tuple[str, ...]] = {
     "policy": PLANNED,
     "programs": ("planning/joint", "planning/qp.py"),
     "quality": PLANNED,
+    "quality_2311": PLANNED,
     "real": ("io/mission", "io/log", "io/field", "simulation/nominal.py"),
     "reliability": PLANNED,
     "replan": ("planning/paper/horizon.py", "planning/qp.py"),

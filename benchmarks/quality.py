@@ -876,7 +876,8 @@ def _page(given: argparse.Namespace) -> str:
     """The page in docs/measured that the options fill."""
     kinds = {"programs": "programs", "forecasts": "forecasts", "reserve": "reserve", "schedules": "schedules"}
     kinds |= {"batteries": "batteries", "ablate": "ablation", "losses": "losses"}
-    return next((name for option, name in kinds.items() if getattr(given, option)), "quality")
+    page = next((name for option, name in kinds.items() if getattr(given, option)), "quality")
+    return page if given.seed == 1 else f"{page}_{given.seed}"
 
 
 def _print(given: argparse.Namespace) -> None:
