@@ -20,8 +20,12 @@ from eadp.errors import Infeasible, Unreachable
 from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace
 from eadp.models.terrain import ElevationModel
 
-STEP_M = 10.0
-"""Distance of the samples of a path [m]. A floor is that of the neighbours, too: a flight is up to 9 m off along it."""
+OFF_M = 10.0
+"""Distance of the samples of a path [m], or half a cell of the terrain. A floor is that of all as near: a flight is up
+to 9 m off along its path."""
+
+MIN_STEP_M = 1.0
+"""Least distance of the samples [m]."""
 
 ASIDE_M = 2.0
 """Distance of a flight from its line [m]: 0.8 m after turns in steady wind, 1.5 m in gusts of 1.5 m/s."""
@@ -70,6 +74,10 @@ class Ground(NamedTuple):
         """Heights above the altitude 0 [m], shape (n,). Raises Infeasible where one is not known."""
         return self.terrain.known_m(points_m) - self.zero_m
 
+    def samples(self, legs: Sequence[CoverageLeg]) -> Samples:
+        """Samples of legs, near enough for its terrain."""
+        return Samples.of(legs, min(max(self.terrain.cell_m / 2, MIN_STEP_M), OFF_M))
+
     @property
     def airspace(self) -> Airspace:
         """Obstacles whose heights are above the altitude 0: from the highest ground of their outlines."""
@@ -96,18 +104,17 @@ class Samples(NamedTuple):
     on_line: BoolArray
 
     @classmethod
-    def of(cls, legs: Sequence[CoverageLeg]) -> Samples:
-        """Samples of legs, at most `STEP_M` apart, with the ends of all."""
+    def of(cls, legs: Sequence[CoverageLeg], step_m: float) -> Samples:
+        """Samples of legs, at most a step [m] apart, with the ends of all."""
         poses, places, owner, on_line = [legs[0].start], [0.0], [0], [legs[0].sensing]
         for k, leg in enumerate(legs):
             on_line[-1] |= leg.sensing
-            steps_m = np.linspace(0, leg.piece.length_m, max(1, math.ceil(leg.piece.length_m / STEP_M)) + 1)[
-                1:
-            ].tolist()
-            poses += [leg.piece.pose_at(step_m) for step_m in steps_m]
-            places += [places[-1] + step_m for step_m in steps_m]
-            owner += [k] * len(steps_m)
-            on_line += [leg.sensing] * len(steps_m)
+            steps = max(1, math.ceil(leg.piece.length_m / step_m))
+            along_m = np.linspace(0, leg.piece.length_m, steps + 1)[1:].tolist()
+            poses += [leg.piece.pose_at(place_m) for place_m in along_m]
+            places += [places[-1] + place_m for place_m in along_m]
+            owner += [k] * steps
+            on_line += [leg.sensing] * steps
         x, y, headings = np.array(poses).T
         return cls(np.array(places), np.column_stack([x, y]), headings, np.array(owner), np.array(on_line))
 
@@ -203,10 +210,10 @@ def over_terrain(
         Where the height of the ground is not known, or the aircraft cannot climb over it, or descend to the approach.
     """
     legs = _legs(solution, 0.0)
-    samples, motion = Samples.of(legs), ground.motion
+    samples, motion = ground.samples(legs), ground.motion
     last = int(np.searchsorted(samples.legs, len(legs) - 1)) - 1 if lands else len(samples.legs) - 1
     below_m, sides_m, hard_m, ceiling_m = _band(samples, ground)
-    floor_m = _spread(hard_m)
+    floor_m = _spread(hard_m, samples)
     courses = samples.headings_rad[1:]
     speeds_mps, _ = ground_speeds_mps(np.cos(courses), np.sin(courses), motion.airspeed_mps, motion.wind_mps)
     seconds = np.diff(samples.places_m) / speeds_mps
@@ -227,7 +234,7 @@ def over_terrain(
         floor_m[last], hard_m[last], ceiling_m[last] = begins_m - LEVEL_M, begins_m, begins_m
     if solution.blocks:
         tried = np.linspace(0.0, solution.min_c1, LAPS_TRIED).tolist()
-        floors_m = [_band(Samples.of(_legs(solution, c1)), ground)[2].max() for c1 in tried]
+        floors_m = [_band(ground.samples(_legs(solution, c1)), ground)[2].max() for c1 in tried]
         found = [(len(below_m) - 1, float(math.ceil(max(floors_m))))]
     else:
         straight = np.array([leg.piece.turn == 0 for leg in legs])[samples.legs]
@@ -266,7 +273,7 @@ def low_approach(approach: CoverageLeg, ground: Ground) -> tuple[str, float, flo
     float, float
         Heights above the ground there, as they are and as they have to be [m]. None where all are enough.
     """
-    samples, limits = Samples.of([approach]), ground.limits
+    samples, limits = ground.samples([approach]), ground.limits
     tops_m = _band(samples, ground)[2] - limits.clearance_m - ground.heights_m(samples.points_m[-1:])
     heights_m = limits.line_m * (1 - samples.places_m / samples.places_m[-1])
     min_m = np.minimum(limits.clearance_m, heights_m / 2)
@@ -303,13 +310,15 @@ def _band(samples: Samples, ground: Ground) -> tuple[FloatArray, FloatArray, Flo
             over = np.any([holding([each.outline], points)[0] for points in places_m], axis=0)
             floor_m = np.where(over, np.maximum(floor_m, each.height_m + limits.clearance_m), floor_m)
     high_m = below_m - rises_m + limits.line_m + limits.tolerance_m
-    return below_m, sides_m, floor_m, np.where(on_line, -_spread(-high_m), np.inf)
+    return below_m, sides_m, floor_m, np.where(on_line, -_spread(-high_m, samples), np.inf)
 
 
-def _spread(values: FloatArray) -> FloatArray:
-    """The greatest of each sample and its neighbours."""
-    padded = np.pad(values, 1, mode="edge")
-    return np.maximum(np.maximum(padded[:-2], padded[2:]), values)
+def _spread(values: FloatArray, samples: Samples) -> FloatArray:
+    """The greatest of the samples up to `OFF_M` before and after each, and of its neighbours."""
+    from scipy.ndimage import maximum_filter1d
+
+    apart_m = float(np.diff(samples.places_m).max())
+    return np.asarray(maximum_filter1d(values, 2 * math.ceil(OFF_M / apart_m - 1e-9) + 1, mode="nearest"))
 
 
 def _cut(legs: Sequence[CoverageLeg], samples: Samples, altitudes_m: FloatArray) -> tuple[CoverageLeg, ...]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -53,6 +55,15 @@ class ElevationModel:
             left = np.flatnonzero(np.isnan(found))
             found[left] = bilinear(tile.heights_m, *tile.cells(*places[left].T))
         return found
+
+    @cached_property
+    def cell_m(self) -> float:
+        """The least distance between the centres of cells at the origin [m]."""
+        latitudes, longitudes = np.array(
+            [to_geodetic_deg(*at_m, self.origin_deg) for at_m in ((0, 0), (1, 0), (0, 1))]
+        ).T
+        along = [place for tile in self.tiles for place in tile.cells(latitudes, longitudes)]
+        return 1 / max((math.hypot(*(place[1:] - place[0])) for place in along), default=1.0)
 
     def place_text(self, point_m: FloatArray) -> str:
         """A point, shape (2,) [m], for people."""

@@ -139,6 +139,18 @@ def test_real_ground_is_flown_over_as_planned(tmp_path, centre):
     assert any("of the lines higher than 99 m" in line for line in found.lines)
 
 
+def test_a_narrow_ridge_of_a_fine_terrain_is_flown_over_as_planned(tmp_path):
+    from rasterio.warp import transform
+
+    heights_m = np.full((600, 900), 100.0)
+    for wall in range(4, 900, 37):  # 4 m wide, of cells of 2 m: most of them lie between two places 10 m apart
+        heights_m[:, wall : wall + 2] += 12
+    terrain = write_geotiff(tmp_path / "fine.tif", heights_m, from_corner(500000, 6150000, 2.0), "EPSG:32632")
+    (longitude,), (latitude,) = transform("EPSG:32632", "EPSG:4326", [500900], [6149400])
+    field = write_field(tmp_path / "field.geojson", (latitude, longitude), 500, 350)
+    flown_as_planned(field, terrain, "4,240", folder=tmp_path)
+
+
 @pytest.fixture(scope="module")
 def slope(tmp_path_factory):
     """A field on a slope of 5 %, by a GeoTIFF and by an .hgt."""
