@@ -20,7 +20,7 @@ from eadp.core.geometry.geodesy import place_text, to_local_m
 from eadp.coverage.corridor import cover_corridor
 from eadp.coverage.cover import AUTO, DUBINS, PATTERNS, CoverageRequest, CoverageSolution, has_pattern
 from eadp.coverage.cover import cover as cover_field
-from eadp.coverage.plan_builder import FieldComputations, build_plan
+from eadp.coverage.plan_builder import FieldComputations, PlanCommands, build_plan
 from eadp.coverage.report import CoverageReport, PowerDraw
 from eadp.coverage.swaths import CLIMB_OUT_M, RADIUS_SHARE, SPACING_SHARE, CoverageLeg, MotionLimits
 from eadp.errors import EadpError, Fault, InputError, one_of, printable, refuse
@@ -666,6 +666,7 @@ class CoverageTask:
             altitude_m, sited = heights.profile.commanded_m[0], heights.on_ground(field)
         if self.landing is not None:
             ending = _command(LAND, 0.0 if heights is None else heights.profile.commanded_m[-1])
+        on_and_off = None if distance_m is None else (_pictures(distance_m), _pictures(0.0))
         plan = build_plan(
             flown,
             name=self.file,
@@ -676,9 +677,7 @@ class CoverageTask:
                 ground_m=None if heights is None else heights.profile.ground.zero_m,
             ),
             altitude_m=altitude_m,
-            commands=None if distance_m is None else (_pictures(distance_m), _pictures(0.0)),
-            takeoff=takeoff,
-            ending=ending,
+            commands=PlanCommands(on_and_off, takeoff, ending),
         )
         known = self.profile is not None or self.pack_wh is not None
         power = _power(plan, self.profile, self.airframe.cruise_power_w, computations) if known else None

@@ -58,6 +58,24 @@ class FieldComputations:
         return self.sets if sensing or not self.off_on_turns else tuple(Box(0.0, 0.0) for _ in self.sets)
 
 
+class PlanCommands(NamedTuple):
+    """What an autopilot does in a plan, as the commands of a `Stage`.
+
+    Attributes
+    ----------
+    pictures : (tuple, tuple), optional
+        As it starts on the field, and as it starts on a turn.
+    takeoff : tuple, optional
+        Of a take-off: the path starts on the ground.
+    ending : tuple, optional
+        Of the last stage: a landing, whose altitude the stage has, or the return.
+    """
+
+    pictures: tuple[Command, Command] | None = None
+    takeoff: Command | None = None
+    ending: Command | None = None
+
+
 def build_plan(
     solution: CoverageSolution,
     *,
@@ -66,9 +84,7 @@ def build_plan(
     min_radius_m: float | None = None,
     site: Site | None = None,
     altitude_m: float | None = None,
-    commands: tuple[Command, Command] | None = None,
-    takeoff: Command | None = None,
-    ending: Command | None = None,
+    commands: PlanCommands | None = None,
 ) -> Plan:
     """The plan of a coverage path.
 
@@ -85,13 +101,9 @@ def build_plan(
         Where the field is.
     altitude_m : float, optional
         Altitude of the stages whose legs have none [m].
-    commands : (tuple, tuple), optional
-        What an autopilot does as it starts on the field, and as it starts on a turn, see `Stage`.
-    takeoff : tuple, optional
-        The command of a take-off: the path starts on the ground.
-    ending : tuple, optional
-        The command of the last stage: a landing, whose altitude the stage has, or the return.
+    commands : PlanCommands, optional
     """
+    pictures, takeoff, ending = commands or PlanCommands()
     builder = _PlanBuilder(solution, computations or FieldComputations(), from_start=takeoff is not None)
     site = site or Site()
     if takeoff is not None:
@@ -99,7 +111,7 @@ def build_plan(
     elif builder.start_m is not None:
         site = site._replace(start_m=builder.start_m)
     repeats = len(builder.segments) > 1
-    stages = builder.stages if commands is None else builder.commanded(commands)
+    stages = builder.stages if pictures is None else builder.commanded(pictures)
     stages = [
         replace(stage, altitude_m=altitude_m if stage.altitude_m is None else stage.altitude_m) for stage in stages
     ]
