@@ -112,19 +112,21 @@ def _runs(line: Sequence[Point], motion: MotionLimits) -> list[Run]:
         while sum(taken_m[k] for k in (i, i + 1) if flown[k]) > length_m:
             sharper = max((i, i + 1), key=lambda k: taken_m[k] if flown[k] else 0.0)
             flown[sharper] = False
+    # by how much a straight is shorter at a bend: its arc's share, or less than nothing, as far as its strip goes on
+    shorter_m = [
+        took_m if is_flown else -_beyond_m(bend, swath_m)
+        for took_m, is_flown, bend in zip(taken_m, flown, bends, strict=True)
+    ]
     runs: list[Run] = [[]]
     for i, (heading, length_m) in enumerate(zip(headings, lengths_m, strict=True)):
         cos, sin = math.cos(heading), math.sin(heading)
-        # where the straight starts and ends along its segment; at a bend that is not flown, as far as its strip needs
-        low_m, high_m = (
-            sign * (taken_m[k] if flown[k] else -_beyond_m(bends[k], swath_m)) for k, sign in ((i, 1), (i + 1, -1))
-        )
-        (x, y), far_m = line[i], length_m + high_m
-        piece = straight((x + low_m * cos, y + low_m * sin), (x + far_m * cos, y + far_m * sin))
+        # where the straight starts and ends along its segment
+        (x, y), start_m, end_m = line[i], shorter_m[i], length_m - shorter_m[i + 1]
+        piece = straight((x + start_m * cos, y + start_m * sin), (x + end_m * cos, y + end_m * sin))
         if runs[-1] and flown[i]:
-            runs[-1].append(CoverageLeg(_arc(runs[-1][-1].end, piece.start, bends[i], radius_m), True))
-        if far_m - low_m > 1e-6:
-            runs[-1].append(CoverageLeg(piece, True))
+            runs[-1].append(CoverageLeg(_arc(runs[-1][-1].end, piece.start, bends[i], radius_m), sensing=True))
+        if end_m - start_m > 1e-6:
+            runs[-1].append(CoverageLeg(piece, sensing=True))
         if not flown[i + 1]:
             runs.append([])
     return [run for run in runs if run]

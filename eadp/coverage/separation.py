@@ -97,7 +97,7 @@ def stagger_s(tracks: Sequence[TimedTrack], distance_m: float) -> float:
     """The least delay of take-off from one aircraft to the next that keeps a distance; the best one where none does."""
 
     def min_distance_m(delay_s: float) -> float:
-        """The least distance of any two, also where every other aircraft is late or early."""
+        """The least distance of any two, also where every second aircraft is late or early."""
         found = [
             nearest([track.later(k * delay_s + late_s * (k % 2)) for k, track in enumerate(tracks)])
             for late_s in np.linspace(-LATE_S, LATE_S, 5).tolist()

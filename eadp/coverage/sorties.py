@@ -269,7 +269,7 @@ class Divider(Generic[AnySortie]):
 
     def of_count(self, count: int) -> Divided[AnySortie]:
         """So many sorties of equal length of lines, whether they can be flown or not."""
-        return self._at(np.linspace(0.0, self.division.total_m, count + 1))
+        return self._divided_at(np.linspace(0.0, self.division.total_m, count + 1))
 
     def _fullest(self, min_count: int) -> Divided[AnySortie]:
         """Sorties that are filled one after the other: of whole lines, or cut ones where these may save a sortie."""
@@ -301,7 +301,7 @@ class Divider(Generic[AnySortie]):
             ends.append(place_m)
             if len(ends) > MAX_SORTIES:
                 raise Infeasible(f"{MAX_SORTIES} sorties are too few")
-        return self._at(np.array(ends))
+        return self._divided_at(np.array(ends))
 
     def _farthest_m(self, start_m: float, guess_m: float, *, whole: bool) -> float:
         """The farthest end found of a sortie that starts at a place [m]; the place itself where there is none.
@@ -346,7 +346,7 @@ class Divider(Generic[AnySortie]):
             # whole lines, at first and where they are expected to be enough
             if not self.cuts or (apart and (found is None or found.expected(np.diff(whole)).min() >= 0)):
                 places = whole
-            found = self._at(places)
+            found = self._divided_at(places)
             spares = found.spares
             if spares.min() >= 0 or spares.mean() < 0:
                 break
@@ -358,9 +358,9 @@ class Divider(Generic[AnySortie]):
             raise Infeasible(f"{self.division.lines} whole lines have no division into {count} sorties or more")
         return found
 
-    def _at(self, places: FloatArray) -> Divided[AnySortie]:
-        """The sorties between some places."""
-        rounded = [round(place, 3) for place in places.tolist()]  # a place that is known is found again
+    def _divided_at(self, ends_m: FloatArray) -> Divided[AnySortie]:
+        """The sorties that end and start at some places along all lines [m]; empty ones are left out."""
+        rounded = [round(end_m, 3) for end_m in ends_m.tolist()]  # to the millimetre, by which `_sortie` knows them
         intervals = [pair for pair in itertools.pairwise(rounded) if pair[1] > pair[0]]
         return Divided(intervals, [self._sortie(interval) for interval in intervals])
 

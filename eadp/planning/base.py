@@ -85,6 +85,11 @@ class Sample(NamedTuple):
     voltage_v: float | None = None
 
     @property
+    def reading(self) -> tuple[float | None, ...]:
+        """What is read in flight, by which one is known again: its time, position, power and charge."""
+        return self.time_s, self.x_m, self.y_m, self.power_w, self.soc
+
+    @property
     def position_m(self) -> Point | None:
         """Its position [m]."""
         return None if self.x_m is None or self.y_m is None else (self.x_m, self.y_m)

@@ -206,9 +206,10 @@ class _Flight:
         if decision.returns_home:
             self._outcome.turned_back_s = self._k * self._world.clock.step_s
             self._outcome.turned_back_m = self._pose()[:2]
-            self._executor, self._returning = _turned_back(self._world, self._executor, self._pose()), True
+            self._executor = _turned_back(self._world, self._executor, self._pose())
+            self._returning = True
             return True
-        if decision.parameters is self._decided:
+        if decision.parameters is self._decided:  # the same object: nothing was decided since
             return False
         self._decided = decision.parameters
         return self._executor.decide(self._decided, self._pose()[:2])

@@ -430,9 +430,9 @@ def test_coverage_times_without_being_told_are_those_of_the_nominal_flight():
     pilot = planner(replace(OWN, longest_s=None, shortest_s=None))
     lengths = [sum(leg.distance_m for leg in nominal_legs(PLAN, (c1, 10.0), (-100.0, 220.0))) for c1 in (-1000.0, 0.0)]
     coverage = pilot._coverage
-    assert (coverage.shortest_s, coverage.longest_s) == pytest.approx([length / 15 for length in lengths])
+    assert (coverage.at_lowest_s, coverage.at_highest_s) == pytest.approx([length / 15 for length in lengths])
     # flown, triggers fire 20 m early and cut the corners: 717 s at the highest, 5 % less
-    assert coverage.longest_s == pytest.approx(717.35 * 1.06, rel=0.02)
+    assert coverage.at_highest_s == pytest.approx(717.35 * 1.06, rel=0.02)
 
 
 def test_a_fit_is_what_the_estimator_starts_from():

@@ -118,7 +118,7 @@ class Replanner:
             self._warn(warning)
         if sample is None:
             return
-        if self._logged and sample[:5] in self._logged:
+        if self._logged and sample.reading in self._logged:
             if not self._skipped:  # a recorded flight, again from its start
                 self._skipped = True
                 message = f"lines up to {self._logged_to_s:.15g} s are in the log already, and are skipped"
@@ -155,12 +155,13 @@ class Replanner:
         """Replay the log, if there is one; emit the last decision if it is missing."""
         if self._log is None:
             return
-        pending: Advice | None = None  # without a decision in the log yet
+        # without a decision in the log: only that of the last sample, where the process was ended between the two
+        pending: Advice | None = None
         for sample in self._log.entries(self._mission):
             if sample is None:  # the entry of a decision
                 pending = None
                 continue
-            self._logged.add(sample[:5])
+            self._logged.add(sample.reading)
             self._logged_to_s = sample.time_s
             pending, _ = self._update(sample)
         self._warn_of_log()

@@ -201,11 +201,11 @@ class _Job:
         return left and flown_again(self.planner, left, self.lines, self.planned, self.min_share)
 
     def left(self, done: bool) -> list[LeftGround]:
-        """The places that were planned and are not covered."""
+        """The places that were planned and are not covered; `done`: the rest is too small to be flown."""
         task = self.planner.task
-        planned = task.field.with_parts(strips(task.field.parts, self.planned, task.motion.swath_m))
+        planned_ground = task.field.with_parts(strips(task.field.parts, self.planned, task.motion.swath_m))
         why = f"below {100 * self.min_share:g} % of the field, not flown again" if done else "not flown"
-        return left_ground(planned, self.lines, task.motion, width_share=SLIVER_SHARE, why=why)
+        return left_ground(planned_ground, self.lines, task.motion, width_share=SLIVER_SHARE, why=why)
 
     def coverage(self) -> float:
         """Share of the field that is covered."""

@@ -214,7 +214,7 @@ def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurve
     if len(rows) < 2:
         raise InputError.at(source, 1, 1, "has no positions", "telemetry with x_m and y_m, or lat_deg and lon_deg")
     photographed = np.ones(len(rows), dtype=bool)
-    return _of_positions(source, rows, photographed, planner)
+    return _survey_of_track(source, rows, photographed, planner)
 
 
 def _of_log(source: str, form: str, planner: SortiePlanner) -> FlownSurvey:
@@ -240,32 +240,36 @@ def _of_log(source: str, form: str, planner: SortiePlanner) -> FlownSurvey:
     if not pictures:
         # on throughout where the log does not say; else off until it is switched on
         on = np.array([CAMERA not in known if each is None else each for each in camera])
-        return _of_positions(source, rows, on, planner)
+        return _survey_of_track(source, rows, on, planner)
     way_m = np.cumsum([0.0, *np.linalg.norm(np.diff(np.array(rows)[:, 1:], axis=0), axis=1)])
     # a picture's length on the ground; where the camera is not stated, that of a square one
     length_m = options.picture_length_m or planner.task.motion.swath_m
     taken_m = np.unique(way_m[pictures])
     after = np.searchsorted(taken_m, way_m)
     beside = np.stack([taken_m[np.clip(after + k, 0, len(taken_m) - 1)] for k in (-1, 0)])
-    return _of_positions(source, rows, np.abs(beside - way_m).min(axis=0) <= length_m / 2, planner)
+    return _survey_of_track(source, rows, np.abs(beside - way_m).min(axis=0) <= length_m / 2, planner)
 
 
-def _of_positions(
+def _survey_of_track(
     source: str, rows: Sequence[tuple[float, float, float]], photographed: BoolArray, planner: SortiePlanner
 ) -> FlownSurvey:
-    """A flight of times and positions, some of them photographed: on a line where it flies along those of the plan."""
+    """A flight's survey: its lines are the runs of photographed steps along the plan's lines, either way.
+
+    `rows` are times [s], x and y [m]; `photographed`, shape (rows,), is whether the camera was on there.
+    """
     table = np.array(rows)
     times_s, points = table[:, 0], table[:, 1:]
     steps = np.diff(points, axis=0)
     courses = np.arctan2(steps[:, 1], steps[:, 0])
     # of each step: whether it goes along the lines, either way, with the camera, and without a gap
-    along = np.abs((courses - planner.heading_rad + math.pi / 2) % math.pi - math.pi / 2) < ALONG_RAD
+    off_rad = (courses - planner.heading_rad + math.pi / 2) % math.pi - math.pi / 2  # in ±π/2: either way is along
+    along = np.abs(off_rad) < ALONG_RAD
     along &= photographed[1:] & photographed[:-1]
     along &= (np.diff(times_s) > 0) & (np.diff(times_s) <= MAX_GAP_S)
     # runs of such steps: the indices of their first step and of the first after them
     ends = np.flatnonzero(np.diff(along, prepend=False, append=False)).reshape(-1, 2)
     lines = [tuple((x, y) for x, y in points[start : end + 1].tolist()) for start, end in ends.tolist()]
-    return FlownSurvey(source, times_s, points, [line for line in lines if len(line) > 2])
+    return FlownSurvey(source, times_s, points, [line for line in lines if len(line) > 2])  # two steps or more
 
 
 def _of_one_flight(one: FlownSurvey, other: FlownSurvey) -> bool:

@@ -50,13 +50,11 @@ class MissionClient:
 
     def __init__(self) -> None:
         self.messages: list[Outgoing] = []
-        # the message that an answer is waited for, when it is repeated [s], and how often it was sent
-        self._request = Outgoing("", {})
-        self._due_s, self._tries = 0.0, 0
-        # what is being read: the items that have come, and how many there are; what is being written, by number
-        self._received: list[MissionItem] | None = None
-        self._count: int | None = None
-        self._sent: dict[int, MissionItem] | None = None
+        self._request = Outgoing("", {})  # waits for an answer
+        self._due_s, self._tries = 0.0, 0  # when it is repeated [s], and how often it was sent
+        self._received: list[MissionItem] | None = None  # while reading: the items that have come
+        self._count: int | None = None  # and how many there are
+        self._sent: dict[int, MissionItem] | None = None  # while writing: the items by number
 
     @property
     def busy(self) -> bool:
@@ -107,9 +105,10 @@ class MissionClient:
     def _receive(
         self, received: list[MissionItem], kind: str, fields: Mapping[str, Any], now_s: float
     ) -> Received | Sent | None:
-        """Take a message of a reading: the number of items, or the next item; ask for the one after it, up to the last.
+        """Take a message of a reading: the number of items, or the next item; ask for the one after it.
 
-        Others, and items out of order, are passed over: what is not answered is repeated.
+        Returns what was read once the last has come, or the reading has failed; else None. Others, and items out
+        of order, are passed over: what is not answered is repeated.
         """
         if kind == "MISSION_COUNT" and self._count is None:
             self._count = min(fields["count"], ITEMS_LIMIT)
@@ -143,7 +142,7 @@ class MissionClient:
 
 
 def _fields(number: int, item: MissionItem) -> dict[str, Any]:
-    """The fields of the message of an item."""
+    """The fields of the message of an item: degrees as whole numbers, see `SCALE`."""
     factor = SCALE if item.frame in FRAMES else 1.0
     *numbers, x, y, z = item.parameters
     return {

@@ -28,11 +28,11 @@ class RestLayout:
 
     def altitude_fault(self, held: Sequence[MissionItem]) -> str | None:
         """Why the altitudes of items cannot be kept: new items are above home, at the altitude of the others."""
-        placed = [item for item in held if item.frame in d.FRAMES and any(item.parameters[4:6])]
+        placed = [item for item in held if item.placed]
         if any(d.FRAMES[item.frame] != d.RELATIVE for item in placed):
             return "altitudes of the mission are not above home"
         at_one_altitude = all(stage.altitude_m is None for stage in self._plan.stages)
-        if at_one_altitude and len({round(item.parameters[6], 1) for item in placed}) > 1:
+        if at_one_altitude and len({round(item.altitude_m, 1) for item in placed}) > 1:
             return "altitudes of the mission are not those of the plan"
         return None
 
@@ -44,7 +44,7 @@ class RestLayout:
         Parameters
         ----------
         held, mapped : sequence
-            The items that are held, home aside, and their map.
+            The items that are held, home aside, and the stages of each, counted over the whole flight; in order.
         planned : PlannedLegs
             What is left to fly.
         px4 : bool
@@ -61,19 +61,17 @@ class RestLayout:
         left = planned.after(last_stage - planned.started + 1)
         if not any(leg.distance_m > 0 for leg in left.legs):
             return kept, []
-        altitudes_m = [
-            item.parameters[6] for item in held[:kept] if item.frame in d.FRAMES and any(item.parameters[4:6])
-        ]
+        altitudes_m = [item.altitude_m for item in held[:kept] if item.placed]
         site = self._plan.site
         assert site.origin_deg is not None
         path = PlannedPath(
-            "the rest",
-            planned_sections(left.legs),
-            site.origin_deg,
-            altitudes_m[-1] if altitudes_m else held[0].parameters[6],
-            self._airspeed_mps,
-            site.origin_deg if held[-1].command == d.RETURN else None,  # where it returns to
-            self._trigger_distance_m(held),
+            name="the rest",
+            sections=planned_sections(left.legs),
+            origin_deg=site.origin_deg,
+            altitude_m=altitudes_m[-1] if altitudes_m else held[0].altitude_m,
+            airspeed_mps=self._airspeed_mps,
+            home_deg=site.origin_deg if held[-1].command == d.RETURN else None,
+            trigger_distance_m=self._trigger_distance_m(held),
             airspace=site.airspace,
         )
         return kept, mapped_items(mission_items(path, flying=True, px4=px4), left, self._plan.path_count)

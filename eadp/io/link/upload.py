@@ -382,7 +382,7 @@ def _is_same(held: MissionItem, written: MissionItem) -> bool:
     if written.frame in d.FRAMES:
         if d.FRAMES.get(held.frame) != d.FRAMES[written.frame]:
             return False
-        numbers.append((held.parameters[6], written.parameters[6]))
+        numbers.append((held.altitude_m, written.altitude_m))
     return all(
         math.isclose(x, y, rel_tol=SINGLE, abs_tol=SINGLE) or (math.isnan(x) and math.isnan(y)) for x, y in numbers
     )

@@ -41,6 +41,16 @@ class MissionItem(NamedTuple):
     parameters: tuple[float, ...]
     legs: tuple[int, int] = (0, 0)
 
+    @property
+    def placed(self) -> bool:
+        """Whether it has a position; one at 0, 0 is where the aircraft is."""
+        return self.frame in FRAMES and any(self.parameters[4:6])
+
+    @property
+    def altitude_m(self) -> float:
+        """Its altitude, as its frame has it [m]."""
+        return self.parameters[6]
+
 
 @dataclass(frozen=True, slots=True)
 class DraftItem:

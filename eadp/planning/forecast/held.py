@@ -158,7 +158,7 @@ class HeldForecast:
 def before_take_off(
     settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_std_mps: float
 ) -> tuple[FlightState, Known]:
-    """The state of a flight before take-off, in the wind of the weather forecast [m/s] and its gusts."""
+    """The state of a flight before take-off, in a forecast wind [m/s] and its gusts; and what it knows at the start."""
     state = FlightState(mission, settings.weights)
     state.assume(wind_mps, gust_std_mps)
     return state, state.known(0.0, mission.start_m or (0.0, 0.0))

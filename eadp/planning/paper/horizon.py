@@ -443,10 +443,11 @@ class Horizon:
         return bound if bound - value <= OPTIMAL * abs(bound) else None
 
     def _rounded(self, power_w: FloatArray, table: _Table, soc: float) -> IntArray:
-        """The best choice of each step within the QP's power, verified.
+        """The best choice of each step within the QP's power, verified; shape (M,).
 
-        Steps that exceed a constraint are lowered; charge that rounding has left over goes to the steps that the QP
-        mixed.
+        `power_w`, shape (M,), is the QP's power [W]. A choice is an index to `powers_w`, which rise, and to the columns
+        of the table. Steps that exceed a constraint are lowered; charge that rounding has left over goes to the steps
+        that the QP mixed.
         """
         # a power just below a level counts as that level, unless this violates a constraint
         for slack in (FLOOR_SLACK * self._span_w, 0.0):
@@ -456,7 +457,8 @@ class Horizon:
             if violated is None:
                 break
         while violated is not None:
-            step = int(np.flatnonzero(made[: violated + 1])[-1])  # minimum power everywhere is feasible
+            # the last step up to the violation that is not at minimum power yet, which is feasible everywhere
+            step = int(np.flatnonzero(made[: violated + 1])[-1])
             made[step] = table.value[step, : made[step]].argmax()
             violated = self._violated(made, table, soc)
         mixed = power_w > self.powers_w[made] + FLOOR_SLACK * self._span_w

@@ -358,7 +358,7 @@ class PaperPlanner(Planner):
         """
         own, boxes = self._own, coverage.boxes
         # direction in which the path parameters shorten the coverage
-        down = -1 if coverage.longest_s >= coverage.shortest_s else 1
+        down = -1 if coverage.at_highest_s >= coverage.at_lowest_s else 1
         found_s: dict[float, float] = {}
 
         def lasts_s(path: Vector) -> float:
@@ -405,7 +405,7 @@ class PaperPlanner(Planner):
 
     def _largest_share(self, time_s: float, last_s: float, coverage: _Coverage) -> float:
         """The largest share of their sets, in 0..1, at which all path parameters have t_r ≤ t_b."""
-        shortest, longest = coverage.shortest_s, coverage.longest_s
+        shortest, longest = coverage.at_lowest_s, coverage.at_highest_s
         # t_r ≤ t_b solved for t_s, the time of the whole coverage, which is linear in the share
         limit_s = last_s + time_s
         if self._own.remaining_time == "published":
@@ -477,21 +477,21 @@ def _crossing_s(sums: FloatArray, value: float, step_s: float) -> float:
 class _Coverage(NamedTuple):
     """The whole coverage: its times at the minimum and at the maximum path parameters, t̲ and t̄ [s], and their sets."""
 
-    shortest_s: float
-    longest_s: float
+    at_lowest_s: float
+    at_highest_s: float
     boxes: list[Box]
 
     @property
     def whole_s(self) -> float:
         """The longer one of its times [s]."""
-        return max(self.shortest_s, self.longest_s)
+        return max(self.at_lowest_s, self.at_highest_s)
 
-    def controls_s(self, path: Vector) -> list[float]:
+    def controls_s(self, parameters: Vector) -> list[float]:
         """û = ν c + τ of each path parameter [s], with an equal share of the time. Source: letter, Eq. 10."""
         rho = len(self.boxes)
-        ends_s = self.shortest_s / rho, self.longest_s / rho
+        ends_s = self.at_lowest_s / rho, self.at_highest_s / rho
         scalings = [scaling_factors(box.lo, box.hi, *ends_s) for box in self.boxes]
-        return [nu * value + tau for (nu, tau), value in zip(scalings, path, strict=False)]
+        return [nu * value + tau for (nu, tau), value in zip(scalings, parameters[:rho], strict=True)]
 
 
 def _coverage(settings: PaperSettings, mission: Mission) -> _Coverage | None:

@@ -191,10 +191,10 @@ def _follow(hypothesis: Hypothesis, last: tuple[float, Point], to: Sample, in_fo
             if to.stage is not None:
                 executor.stay(x, y)
             elif executor.advance(x, y):
-                hypothesis.since_s = to.time_s
+                hypothesis.stage_started_s = to.time_s
         if to.stage not in (None, executor.stage.index):
             executor.skip(to.position_m)
-            hypothesis.since_s = to.time_s
+            hypothesis.stage_started_s = to.time_s
         if to.stage not in (None, executor.stage.index) or executor.complete:
             hypothesis.log_likelihood = -math.inf
         _put_in_force(hypothesis, to, in_force)

@@ -140,7 +140,8 @@ class LiveFlight:
         executor, (time_s, position) = self._tracker.executor, self._tracker.located
         cursor = executor.cursor.decide(self._flight.decision.parameters)
         rest = RoutePredictor().route(cursor, executor.joined_m).planned()
-        flown_m = self._mission.cruise_mps * (time_s - self._tracker.locator.hypotheses[0].since_s)
+        # about what is flown of the first leg, at the airspeed: `rest_of` corrects it by the position
+        flown_m = self._mission.cruise_mps * (time_s - self._tracker.locator.hypotheses[0].stage_started_s)
         first, *others = rest.legs
         return PlannedLegs((rest_of(first, position, flown_m), *others), rest.parameters, executor.stages_started)
 

@@ -68,7 +68,7 @@ class Hypothesis:
     """A flight through the plan, the time at which its stage started [s], and the logarithm of its likelihood."""
 
     executor: PlanExecutor
-    since_s: float = 0.0
+    stage_started_s: float = 0.0
     log_likelihood: float = 0.0
 
     @property
@@ -128,7 +128,7 @@ class Locator:
         self._speed = cruise_mps
         self._predictor = RoutePredictor()
         self._time_s, self._position = time_s, position_m or executor.joined_m
-        self._before: list[Hypothesis] = []
+        self._before_gap: list[Hypothesis] = []
         """Hypotheses at the last position before a gap, until the flight is found again."""
 
     @property
@@ -139,12 +139,12 @@ class Locator:
     @property
     def uncertain(self) -> bool:
         """Whether more than one hypothesis is left, or the flight has not been found again."""
-        return len(self.hypotheses) > 1 or bool(self._before)
+        return len(self.hypotheses) > 1 or bool(self._before_gap)
 
     @property
     def lost(self) -> bool:
         """Whether the flight has not been found again."""
-        return bool(self._before)
+        return bool(self._before_gap)
 
     # --- parameters
 
@@ -165,7 +165,7 @@ class Locator:
             If the likeliest cannot.
         """
         change(self.executor)
-        for hypothesis in [*self.hypotheses[1:], *self._before]:
+        for hypothesis in [*self.hypotheses[1:], *self._before_gap]:
             try:
                 change(hypothesis.executor)
             except EadpError:
@@ -205,7 +205,7 @@ class Locator:
             elif executor.advance(x, y):
                 self._start(likeliest, last_s + share * step_s)
                 if k < len(line):
-                    started(likeliest.since_s, (x, y), share)
+                    started(likeliest.stage_started_s, (x, y), share)
             if executor.complete:
                 break
         to_skip = skips or 0
@@ -217,7 +217,7 @@ class Locator:
             self.through_gap |= to_skip != 1
             # the last stage starts at `to`, which the caller observes itself
             if k < to_skip and not executor.complete:
-                started(likeliest.since_s, to.position_m, 1.0)
+                started(likeliest.stage_started_s, to.position_m, 1.0)
         if len(self.hypotheses) > 1:
             self._weigh(to, step_s)
 
@@ -227,7 +227,7 @@ class Locator:
             try:
                 for x, y in line:
                     if hypothesis.executor.advance(x, y):
-                        hypothesis.since_s = time_s
+                        hypothesis.stage_started_s = time_s
             except EadpError:
                 hypothesis.log_likelihood = -math.inf
 
@@ -252,7 +252,7 @@ class Locator:
 
     def _start(self, hypothesis: Hypothesis, time_s: float) -> None:
         """Note that the stage of a hypothesis starts at a time [s]; its start is uncertain where there are others."""
-        hypothesis.since_s, self.through_gap = time_s, len(self.hypotheses) > 1
+        hypothesis.stage_started_s, self.through_gap = time_s, len(self.hypotheses) > 1
 
     def _weigh(self, to: Sample, step_s: float) -> None:
         """Update the likelihoods with a position, `step_s` after the last; drop hypotheses that are no longer likely.
@@ -293,19 +293,19 @@ class Locator:
         (float, float) or None
             Where the flight is [m]; None where the rest of the plan cannot be laid out.
         """
-        if not self._before:
-            self._before = self.hypotheses
+        if not self._before_gap:
+            self._before_gap = self.hypotheses
         # by position, reports and time; else by reports and time; else by time alone
-        unknown = seen._replace(x_m=None, y_m=None, velocity_mps=None)
+        unplaced = seen._replace(x_m=None, y_m=None, velocity_mps=None)
         stated = seen.stage is not None or seen.stages_started is not None
         located = list(self._candidates(seen, wind_mps)) if seen.position_m is not None else []
-        candidates = located or list(self._candidates(unknown, wind_mps))
+        candidates = located or list(self._candidates(unplaced, wind_mps))
         if not candidates and stated:
-            candidates = list(self._candidates(unknown._replace(stage=None, stages_started=None), wind_mps))
+            candidates = list(self._candidates(unplaced._replace(stage=None, stages_started=None), wind_mps))
             stated = False
         self.through_gap = True
         if not candidates:  # the rest of the plan cannot be laid out: straight on
-            self._before = []
+            self._before_gap = []
             return None
         best = max(candidates, key=lambda one: one.log_likelihood)
         lowest = best.log_likelihood - ALIKE
@@ -315,15 +315,15 @@ class Locator:
         position = seen.position_m or best.match.position_m
         # found again: later samples are followed from here, not sought from before the gap
         if located or (stated and seen.position_m is not None):
-            self._before = []
+            self._before_gap = []
             self._time_s, self._position = seen.time_s, position
         return position
 
     def _candidates(self, seen: Sample, wind_mps: Point) -> Iterator[_Candidate]:
-        """The best match on each leg that the time since the last position, and the reports, allow."""
+        """The best match on each leg after `_before_gap` that the time since then, and the reports, allow."""
         elapsed_s = seen.time_s - self._time_s
         std_s = TIME_STD_S + TIME_STD_SHARE * elapsed_s
-        for before in self._before:
+        for before in self._before_gap:
             for leg in self._legs_ahead(before, wind_mps):
                 if leg.start_s > elapsed_s + max_time_stds(seen) * std_s:
                     break
@@ -347,7 +347,7 @@ class Locator:
             flown_s = 0.0
             if route.legs and 0 < times_s[0] < math.inf and route.legs[0].distance_m > 0:
                 leg = route.legs[0]
-                share = min(1.0, (self._time_s - hypothesis.since_s) / times_s[0])
+                share = min(1.0, (self._time_s - hypothesis.stage_started_s) / times_s[0])
                 radius_m = executor.cursor.table.plan.max_radius_m
                 left = left_m(leg, self._position, share * leg.distance_m, radius_m)
                 flown_s = (1 - left / leg.distance_m) * times_s[0]

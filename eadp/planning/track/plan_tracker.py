@@ -164,7 +164,7 @@ class PlanTracker:
         """Find the flight again after a gap, see `Locator.seek`; where that is on a later stage, observe its start."""
         before = self.executor.stages_started
         position = self.locator.seek(to, wind_mps)
-        since_s = self.locator.hypotheses[0].since_s
+        since_s = self.locator.hypotheses[0].stage_started_s
         if position is not None and self.executor.stages_started != before and last_s < since_s < to.time_s:
             started(since_s, self.executor.joined_m, 1.0)
         return position

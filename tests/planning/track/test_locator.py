@@ -60,7 +60,7 @@ def test_the_stage_is_found_again_after_any_gap(time_s, wrong_share):
     if near_end_s > 1.0:  # two stages meet at a trigger
         assert stages(found)[0] == true
         assert found.executor.stages_started == number + 1
-        assert found.hypotheses[0].since_s == pytest.approx(time_s * wrong_share - (time_s - before_s), abs=1.0)
+        assert found.hypotheses[0].stage_started_s == pytest.approx(time_s * wrong_share - (time_s - before_s), abs=1.0)
     assert found.through_gap
 
 
@@ -118,7 +118,7 @@ def test_stages_that_are_reported_to_be_over_are_skipped_and_spread_over_the_ste
     found.follow(seen_at(6.0, (-100.0, 240.0)), skips, lambda *start: starts.append(start))
     assert found.executor.stages_started == 1 + skips
     assert starts == [(6.0 * k / skips, (-100.0, 240.0), 1.0) for k in range(1, skips)]
-    assert found.hypotheses[0].since_s == (6.0 if skips else 0.0)
+    assert found.hypotheses[0].stage_started_s == (6.0 if skips else 0.0)
 
 
 def test_a_sighting_allows_the_stage_that_it_reports_and_the_one_before():
