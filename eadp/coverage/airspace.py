@@ -34,14 +34,18 @@ CORNER_RATIO = 1.05
 """Distance of the corners that a turn goes around, over the turning radius."""
 
 MAX_CORNERS = 48
-MAX_ORDERS = 60
-"""Most poses at corners, and most orders that are tried."""
+MAX_BLOCKED = 60
+"""Most poses at corners, and most orders with a turn that has no free way: others become fewer as turns are checked."""
 
 AT_ONCE = 6
 """Turns from a corner that are checked at once, the most likely ones."""
 
 MIN_GAIN = 1e-6
 """Least share of the time that another order saves: less is rounding."""
+
+
+class NotFree(Infeasible):
+    """No order of lines, or no way between two, stays out of obstacles and inside a boundary."""
 
 
 class LineCosts(NamedTuple):
@@ -224,10 +228,10 @@ def free_order(
 
     Raises
     ------
-    Infeasible
+    NotFree
         If no such order is found.
     """
-    failure = Infeasible("no order of the lines has turns that stay out of the obstacles and inside the boundary")
+    failure = NotFree("no order of the lines has turns that stay out of the obstacles and inside the boundary")
     if np.ptp(turns.space.rooms([leg.start[:2] for leg in directed])):
         raise failure
     between_s, own_s, first_s, last_s = costs
@@ -248,7 +252,9 @@ def free_order(
     check([(ends[end], starts[start]) for end, start in turns.found if end in ends and start in starts])
     best: tuple[list[int], float] = [], blocked_s  # of the orders whose turns are all checked
     order, time_s = quick_order(between_s, own_s, first_s, last_s)
-    for _ in range(MAX_ORDERS):
+    blocked = 0
+    while blocked < MAX_BLOCKED:
+        blocked += time_s >= blocked_s
         unchecked = set(itertools.pairwise(order)) - checked
         if unchecked:
             turns.find_direct((directed[a].end, directed[b].start) for a, b in unchecked)

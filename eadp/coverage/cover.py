@@ -28,7 +28,7 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose, centre_m, ordered, polyline_m
 from eadp.core.geometry.geodesy import point_text
 from eadp.core.geometry.polygons import FreeSpace, hull, strip_extents
-from eadp.coverage.airspace import FreeTurns, LineCosts, free_lines, free_order
+from eadp.coverage.airspace import FreeTurns, LineCosts, NotFree, free_lines, free_order
 from eadp.coverage.line_order import best_order, quick_order
 from eadp.coverage.swaths import (
     MIN_LINE_M,
@@ -647,7 +647,9 @@ def _free_in_order(
 ) -> CoverageSolution:
     """The first of some sets of lines, the quickest first, with an order whose turns are all free."""
     motion = request.motion
-    failure = Infeasible("no line of the field has room for a turn out of the obstacles and inside the boundary")
+    failure: Infeasible = NotFree(
+        "no line of the field has room for a turn out of the obstacles and inside the boundary"
+    )
     for each, costs in itertools.islice(sets, FREE_HEADINGS_TRIED):
         try:
             led = [leg.led(motion) for leg in each.directed]
@@ -720,7 +722,7 @@ def _turn(request: CoverageRequest, end: Pose, start: Pose, turns: FreeTurns | N
         found = turns.turn(end, start)
         if found is None:
             places = f"from {request.place_text(end)} to {request.place_text(start)}"
-            raise Infeasible(f"no way {places} is found that stays {request.limits_text}")
+            raise NotFree(f"no way {places} is found that stays {request.limits_text}")
         return [CoverageLeg(piece) for piece in found.pieces]
     path = min(ordered(end, start, motion.min_radius_m), key=lambda path: motion.time_s(path.pieces))
     return [CoverageLeg(piece) for piece in path.pieces]

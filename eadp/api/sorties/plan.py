@@ -21,7 +21,7 @@ from eadp.core.geometry.bearings import compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import place_text
 from eadp.core.geometry.polygons import hull
-from eadp.coverage.airspace import free_lines
+from eadp.coverage.airspace import NotFree, free_lines
 from eadp.coverage.cover import (
     AUTO,
     DUBINS,
@@ -210,8 +210,7 @@ class SortiePlanner:
         if self.lines is not None:
             request = replace(request, heading_rad=heading_rad(self.lines[0]), pattern=self.lines[1])
         if request.heading_rad is None or request.pattern == AUTO:
-            alone = replace(request, start_m=None, home_m=None, climb_out=None, approach=None)
-            pattern, heading = pattern_and_heading(alone)
+            pattern, heading = pattern_and_heading(_alone(request))
             request = replace(request, pattern=pattern, heading_rad=heading)
         return replace(request, start_m=request.home_m)
 
@@ -254,6 +253,19 @@ class SortiePlanner:
         ground = ground or self.task.field
         if self.task.options.crosshatch:
             return self._crossed(ground)
+        try:
+            return self._in_pattern(ground)
+        except NotFree:
+            if self.lines is not None or self.task.request.heading_rad is not None:
+                raise
+            # the heading was chosen by turns that need not be free
+            whole = cover(_alone(self.task.request), draft=True)
+            if whole.heading_rad == self.heading_rad:
+                raise
+            return replace(self, lines=(compass_deg(whole.heading_rad), whole.pattern)).plan(ground)
+
+    def _in_pattern(self, ground: Field) -> SortiePlan:
+        """Sorties in laps, or along lines where no laps fit."""
         if self._request.pattern == ZAMBONI:
             try:
                 return self._planned(ground, self._request)
@@ -267,15 +279,15 @@ class SortiePlanner:
         if self.options.count is not None:
             expected = "auto: each of the two directions takes its own"
             raise InputError.at("--sorties", 1, 1, "beside --crosshatch", expected, f"{self.options.count}")
-        along = replace(self, task=replace(self.task, options=replace(self.task.options, crosshatch=False)))
-        first_deg = compass_deg(along.heading_rad)
-        one, other = (
-            replace(along, lines=(bearing_deg % 360, DUBINS)).plan(ground)
-            for bearing_deg in (first_deg, first_deg + 90)
-        )
+        options = replace(self.task.options, crosshatch=False, pattern=DUBINS)
+        along = replace(self, task=replace(self.task, options=options))
+        one = along.plan(ground)
+        bearing_deg = compass_deg(one.planner.heading_rad)
+        other = replace(along, lines=((bearing_deg + 90) % 360, DUBINS)).plan(ground)
         intervals = one.divided.intervals + other.divided.intervals
         both = Divided(intervals, one.divided.sorties + other.divided.sorties)
-        return SortiePlan(self, ground, both, one.least.followed_by(other.least))
+        crossed = replace(self, lines=(bearing_deg, DUBINS))
+        return SortiePlan(crossed, ground, both, one.least.followed_by(other.least))
 
     def _planned(self, ground: Field, request: CoverageRequest) -> SortiePlan:
         """Sorties over a ground by a request's pattern: side by side, or along a tour of its lines if that is less."""
@@ -385,6 +397,11 @@ class SortiePlanner:
         to_line_s = np.where(own, np.inf, between_s).min(axis=0).reshape(lines, 2).min(axis=1)
         turns_s = np.where(np.isfinite(to_line_s), to_line_s, 0.0)
         return LeastSorties(lines_s, access_s, turns_s, power_w, pack_s)
+
+
+def _alone(request: CoverageRequest) -> CoverageRequest:
+    """A request without the ways from and to home."""
+    return replace(request, start_m=None, home_m=None, climb_out=None, approach=None)
 
 
 def _without_bays(part: Field) -> Field:

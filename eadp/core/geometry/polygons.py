@@ -315,7 +315,8 @@ def strip_extents(
 
 def _union(parts: Sequence[Sequence[ArrayLike]]) -> shapely.Geometry:
     """Parts of a field, each an outline and its holes, as one geometry."""
-    polygons = [shapely.Polygon(outline, holes) for outline, *holes in parts]
+    # corners that are rounded may cross by as much
+    polygons = shapely.make_valid([shapely.Polygon(outline, holes) for outline, *holes in parts])
     return polygons[0] if len(polygons) == 1 else shapely.union_all(polygons)
 
 

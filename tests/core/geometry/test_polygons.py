@@ -255,6 +255,20 @@ def test_parts_that_overlap_in_a_strip_are_one():
     ]
 
 
+def test_parts_whose_rounded_corners_cross_are_one_ground():
+    # strips of a field, with corners at whole millimetres: a corner of the second lies beyond its own edge
+    strips = [
+        [(323.745, 243.624), (-285.123, -623.52), (-238.278, -629.541), (568.734, 519.796), (526.707, 532.68)],
+        [(-394.242, -269.761), (-360.034, -293.78), (-561.786, -581.113), (274.546, 609.982), (232.52, 622.865)],
+        [(91.278, 639.924), (-747.499, -554.653), (-747.749, -564.053), (-706.729, -569.326), (144.786, 643.392)],
+    ]
+    assert not shapely.Polygon(strips[1]).is_valid
+    area_m2 = sum(shapely.Polygon(strip).area for strip in strips)
+    lines = [((-261.7, -626.5), (547.7, 526.2))]
+    share = covered_share([(strip,) for strip in strips], lines, 1.0)
+    assert share == pytest.approx(shapely.LineString(lines[0]).length / area_m2, rel=0.02)
+
+
 def test_the_share_that_lines_cover():
     field, hole = square(0, 0, 10), square(6, 6, 2)
     # strips 2 m wide: the whole length, then one that overlaps half of it, ends at 5 m
