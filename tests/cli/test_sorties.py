@@ -148,7 +148,7 @@ def test_a_job_is_done_where_it_covers_what_was_planned(folder, flown):
     left = job.left_to_cover()
     assert left.area_m2 > 0.2 * planner.task.field.area_m2
     named = sum(each.area_m2 for each in job.left(done=False)) / planner.task.field.area_m2
-    assert named == pytest.approx(document["coverage"] - job.coverage(), abs=0.01)
+    assert named == pytest.approx(document["coverage"] - job.coverage(job.lines), abs=0.01)
     job.min_share = 0.9
     assert job.left_to_cover() is None, "less than is asked for is left"
     assert {each.reason for each in job.left(done=True)} == {"below 90 % of the field, not flown again"}
@@ -268,6 +268,10 @@ def test_a_job_goes_on_where_it_stopped(eadp, scenario, flown, document, tmp_pat
     missed = whole.difference(seen).difference(ground.buffer(0.5))
     assert missed.area <= 0.002 * whole.area
     assert ground.intersection(seen).area <= 0.05 * whole.area
+    # as shares of the whole field, what is planned and what is flown of it
+    summary = library.simulate_sorties(out, warn=lambda _: None).summary
+    assert summary["planned_coverage"] == pytest.approx(ground.area / whole.area, abs=0.02)
+    assert summary["coverage"] == pytest.approx(summary["planned_coverage"], abs=0.01)
 
 
 @pytest.mark.slow

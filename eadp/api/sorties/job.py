@@ -146,12 +146,12 @@ def simulate_sorties(
         except Infeasible as error:
             job.reason = str(error)
             break
-        before = job.coverage()
+        before = job.coverage(job.lines)
         for k, sortie in enumerate(again.sorties):
             name = f"sortie-{len(job.flights) + 1:02d}"
             job.fly(name, job.load(sortie.plan.plan, scenario))
             tours[k * len(tours) // len(again.sorties)].append(name)  # as many to each aircraft, in order
-        if job.coverage() <= before:
+        if job.coverage(job.lines) <= before:
             break
     return job.result(tours)
 
@@ -207,10 +207,10 @@ class _Job:
         why = f"below {100 * self.min_share:g} % of the field, not flown again" if done else "not flown"
         return left_ground(planned_ground, self.lines, task.motion, width_share=SLIVER_SHARE, why=why)
 
-    def coverage(self) -> float:
-        """Share of the field that is covered."""
+    def coverage(self, lines: Sequence[tuple[Point, ...]]) -> float:
+        """Share of the whole field that lines cover."""
         task = self.planner.task
-        return covered_shares(task.field.parts, [self.lines], task.motion.swath_m)[-1]
+        return covered_shares(task.field.parts, [lines], task.motion.swath_m)[-1]
 
     def result(self, tours: Sequence[Sequence[str]]) -> JobFlight:
         """The job as it was flown by the tours of the aircraft; warns of aircraft that came too near."""
@@ -236,8 +236,8 @@ class _Job:
             "reason": "all that was planned is covered" if done else self.reason,
             "planned": len(self.document["sorties"]),
             "batteries": len(rows),
-            "coverage": self.coverage(),
-            "planned_coverage": self.document["coverage"],
+            "coverage": self.coverage(self.lines),
+            "planned_coverage": self.coverage(self.planned),
             "left": [each.document(field.origin_deg) | {"share": each.area_m2 / field.area_m2} for each in left],
             "duration_s": max(row["take_off_s"] + row["duration_s"] for row in rows),
             "distance_m": sum(row["distance_m"] for row in rows),
