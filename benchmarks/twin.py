@@ -23,7 +23,8 @@ one can know of the gauge.
 - `--picture FILE` draws U and the forecasts of charge.
 - An interrupt ends the flights; the table is of those that are complete.
 - `--check` prints what the plant does open loop beside what physics expects.
-- `--ablate` flies `joint` with one concept left out, and with other rates of expected losses, in place of all this.
+- `--ablate FILE` flies `joint` with one concept left out, and with other rates of expected losses, in place of all
+  this; the file of JSON lines gets each mission. `--table FILE` prints the tables of such a file.
 
 Needs jsbsim: pip install 'eadp[bench]'.
 """
@@ -593,7 +594,6 @@ LEFT_OUT = (
     "computations fall from the start (`EARLY_S` = 0)",
     "no wait after a fall (`SETTLED_S` = 0)",
     "the same gain for each change of path",
-    "the path searched at each new stage",
     "every end certain",
 )
 RATES = ("0", DEFAULT_RATE, "1", "2")
@@ -620,7 +620,7 @@ def run(task: tuple[Mission, str, str | None]) -> dict[str, Any]:
     }
 
 
-def ablated(task: tuple[Mission, str, str | None]) -> dict[str, dict[str, Any]]:
+def ablated(task: tuple[Mission, str, str | None]) -> dict[str, Any]:
     """A mission by variants of `joint`: how each flight ended, and the CPU seconds of `eadp replan`."""
     mission, folder, cache = task
     constants, flights = Constants(mission, cache), {}
@@ -637,7 +637,8 @@ def ablated(task: tuple[Mission, str, str | None]) -> dict[str, dict[str, Any]]:
             "changes": sum(joint.changes),
             "cpu_s": resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before_s,
         }
-    return flights | {DEFAULT_RATE: flights[ablation.AS_IT_IS]}
+    flights[DEFAULT_RATE] = flights[ablation.AS_IT_IS]
+    return {"losses": bool(mission.losses), "flights": flights}
 
 
 def forecasts(joint: Flown) -> Iterator[dict[str, float]]:
@@ -745,15 +746,18 @@ def report(results: list[dict[str, Any]]) -> None:
         report_forecasts(title, [errors for errors in flights if errors])
 
 
-def report_ablated(lossy: list[bool], results: list[dict[str, dict[str, Any]]]) -> None:
+def report_ablated(results: list[dict[str, Any]]) -> None:
     """Variants beside `joint` as it is, and rates of expected losses beside the default."""
     print(f"{len(results)} missions; U is 0 where a mission is not completed")
-    print("\n".join(ablation.table_of("planner `joint`", LEFT_OUT, ablation.AS_IT_IS, results)))
+    names = [name for name in results[0]["flights"] if not name[0].isdigit()]
+    flights = [result["flights"] for result in results]
+    print("\n".join(ablation.table_of("planner `joint`", names, ablation.AS_IT_IS, flights)))
+    rates = sorted({*flights[0]} - {*names}, key=float)
     for losses in (False, True):
-        flown = [result for result, own in zip(results, lossy, strict=False) if own == losses]
+        flown = [result["flights"] for result in results if result["losses"] == losses]
         if flown:
             title = f"losses expected an hour; {len(flown)} missions with{'' if losses else 'out'} losses"
-            print("\n".join(ablation.table_of(title, RATES, DEFAULT_RATE, flown)))
+            print("\n".join(ablation.table_of(title, rates, DEFAULT_RATE, flown)))
 
 
 def report_forecasts(title: str, flights: list[list[dict[str, float]]]) -> None:
@@ -889,12 +893,16 @@ def main() -> None:
     parser.add_argument(
         "--write", action="store_true", help="write docs/measured/twin.md, of another seed twin_SEED.md"
     )
-    parser.add_argument("--ablate", action="store_true")
+    parser.add_argument("--ablate", metavar="FILE")
+    parser.add_argument("--table", metavar="FILE")
     options = parser.parse_args()
-    page = "twin_check" if options.check else "ablation_twin" if options.ablate else "twin"
+    page = "twin_check" if options.check else "ablation_twin" if options.ablate or options.table else "twin"
     page += f"_{options.seed}" if options.seed else ""
     with recorded(page, write=options.write):
-        check() if options.check else fly_all(options)
+        if options.table:
+            report_ablated([json.loads(line) for line in Path(options.table).read_text().splitlines()])
+        else:
+            check() if options.check else fly_all(options)
 
 
 def fly_all(options: argparse.Namespace) -> None:
@@ -917,11 +925,12 @@ def fly_all(options: argparse.Namespace) -> None:
                 for result in each(ablated if options.ablate else run, tasks):
                     results.append(result)
                     if options.ablate:
-                        print([f"{flight['u']:.3f}" for flight in result.values()], file=sys.stderr, flush=True)
+                        with Path(options.ablate).open("a") as file:
+                            file.write(json.dumps(result) + "\n")
                     else:
                         print(row(result), flush=True)
     if options.ablate:
-        report_ablated([bool(task[0].losses) for task in tasks], results)
+        report_ablated(results)
         return
     report(results)
     if options.picture:

@@ -340,7 +340,12 @@ def _surveyed(plan: Plan, to: str, warn: Warn, name: str) -> tuple[Point, ...]:
     if to not in ("qgc", "px4"):
         raise _fault("--survey", "", f"the format {to} has no surveys", "--to qgc, or px4")
     if plan.site.ground_m is not None and len({stage.altitude_m for stage in plan.stages}) > 1:
-        raise _fault("--survey", "", "a survey has one altitude, and the plan follows the ground", "no --survey")
+        raise _fault(
+            "--survey",
+            "",
+            "a survey has one altitude, and the plan follows the ground",
+            "no --survey, or a plan without --terrain",
+        )
     try:
         check_survey(plan)
     except Infeasible as error:

@@ -671,6 +671,8 @@ class SortiePlan:
         why = (
             f"as asked for, {few} at least" if asked else "no fewer are enough" if count == few else "the fewest found"
         )
+        if task.options.crosshatch:
+            why = "each direction in its own"
         least = f"{count}, {why}"
         place = f" at {place_text(task.field.origin_deg)}" if task.field.origin_deg else ""
         lines = [
