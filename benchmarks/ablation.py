@@ -29,11 +29,12 @@ import numpy as np
 from measured import head, line
 
 from eadp.__main__ import run
-from eadp.planning.base import SOLVED
+from eadp.planning.base import NEW_STAGE, SOLVED
 from eadp.planning.forecast import evaluate
 from eadp.planning.forecast.evaluate import CERTAIN, Evaluator
 from eadp.planning.forecast.knapsack import fill_greedy
 from eadp.planning.joint import places, planner, policy, search
+from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.joint.policy import Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
 from eadp.planning.joint.search import Place, Search, Shares
@@ -69,7 +70,7 @@ trig:
 
 LOSS_RATES_PER_H = (0.0, 0.5, 1.0, 2.0, 4.0)
 AS_IT_IS = "as it is"
-along = Search._along
+must_search, along = JointPlanner._must_search, Search._along
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,10 @@ class Variant:
             for owner, name, value in self.replaced:
                 patches.enter_context(mock.patch.object(owner, name, value))
             yield
+
+
+def _each_stage(self: JointPlanner, o: Any, kept: Any, cause: str) -> bool:
+    return must_search(self, o, kept, cause) or (cause == NEW_STAGE and o.cursor.accepts_changes())
 
 
 def _only_the_grid(self: Search, base: Shares, axis: int) -> list[Place]:
@@ -108,6 +113,7 @@ VARIANTS: Mapping[str, Variant] = {
     "the margin of today for the computations, too": Variant(
         ((evaluate.Evaluation, "adaptive", property(lambda own: own.knapsack)),)
     ),
+    "the path searched at each new stage": Variant(((JointPlanner, "_must_search", _each_stage),)),
     "the same gain for each change of path": Variant(((Policy, "path_gain", property(lambda own: own._min_gain)),)),
     "no wait after a fall (`SETTLED_S` = 0)": Variant(((policy, "SETTLED_S", 0.0),)),
     "paths searched to the end (`LAST_CHANGE_S` = 0)": Variant(((planner, "LAST_CHANGE_S", 0.0),)),

@@ -594,6 +594,7 @@ LEFT_OUT = (
     "computations fall from the start (`EARLY_S` = 0)",
     "no wait after a fall (`SETTLED_S` = 0)",
     "the same gain for each change of path",
+    "the path searched at each new stage",
     "every end certain",
 )
 RATES = ("0", DEFAULT_RATE, "1", "2")

@@ -79,6 +79,11 @@ class Candidate(NamedTuple):
     evaluation: Evaluation
     solution: Solution
 
+    @property
+    def over(self) -> float:
+        """State of charge that it leaves over with today's margin; negative where it is short."""
+        return float(self.evaluation.knapsack.available[0] - self.solution.filling.use[0])
+
 
 class ComputationChoice(NamedTuple):
     """Computations to fly with now, for how long [s], and whether they fall."""
@@ -104,7 +109,8 @@ class JointPlanner(Planner):
         self._program = ComputationProgram(self.report)
         self._policy = Policy(own.min_gain)
         self._next_s = WARM_UP_S + own.start_after_s
-        self._searched = False  # whether the path was, at these levels
+        # value and charge left over of the plan that was searched last
+        self._searched: tuple[float, float] | None = None
         self._infeasible_since_s: float | None = None
         # as of the last re-planning, and update: losses of charge, stages started; and the reading that decides on a
         # charge that may have jumped [s]
@@ -171,7 +177,7 @@ class JointPlanner(Planner):
         evaluator = _evaluator(settings, self._mission, self._own)
         self._places = Places(evaluator, chosen, [i for i in held if i < rho])
         self._decision = self._decision._replace(parameters=chosen)
-        self._next_s, self._searched = WARM_UP_S + self._own.start_after_s, False
+        self._next_s, self._searched = WARM_UP_S + self._own.start_after_s, None
 
     def _replan(self, o: Observation, known: Known, cause: str) -> None:
         """Forecast the plan in force, search the path where it is to be searched, and decide."""
@@ -198,7 +204,7 @@ class JointPlanner(Planner):
         return Candidate(shares, evaluation, Solution(evaluation.filled(), ""))
 
     def _search_plan(self, known: Known, kept: Candidate | None) -> Candidate | None:
-        """Search the path; return the plan with the best one.
+        """Search the path; return the plan with the best one, and note its value and charge.
 
         It is the plan in force, `kept`, where the gain is small. None where neither can be flown.
         """
@@ -217,7 +223,8 @@ class JointPlanner(Planner):
             found = kept
         else:
             found = self._plan(known, best.shares) or kept
-        self._searched |= found is not None
+        if found is not None:
+            self._searched = found.solution.value, found.over
         return found
 
     def _less_short(self, kept: Candidate, shortfall: float) -> bool:
@@ -226,12 +233,12 @@ class JointPlanner(Planner):
         return shortfall <= kept.evaluation.shortfall(0) - BETTER * std
 
     def _must_search(self, o: Observation, kept: Candidate | None, cause: str) -> bool:
-        """Whether to search the path: at first, when charge was lost, when short, and at a new stage that takes it.
+        """Whether to search the path: at first, when charge was lost, when short, or where it can change and has to.
 
         Before computations fall, too: a wider path, from the next stage that takes it, may give more. Not near the end,
         and not while the power may have changed for good: its next windows decide.
         """
-        if kept is None or not self._searched or cause == JUMPED:
+        if kept is None or self._searched is None or cause == JUMPED:
             return True
         if kept.evaluation.totals.seconds[0] < LAST_CHANGE_S:
             return False
@@ -239,7 +246,10 @@ class JointPlanner(Planner):
             return self._infeasible_since_s is None or o.cursor.accepts_changes()
         if self._is_free(o) and self._computations(o, kept).falls:
             return True
-        return cause == NEW_STAGE and o.cursor.accepts_changes() and not kept.evaluation.known.motion.in_doubt
+        if not o.cursor.accepts_changes() or kept.evaluation.known.motion.in_doubt:
+            return False
+        value, over = self._searched
+        return max(abs(kept.solution.value - value), abs(kept.over - over)) > self._policy.path_gain
 
     # --- decisions
 
