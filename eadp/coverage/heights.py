@@ -21,11 +21,8 @@ from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace
 from eadp.models.terrain import ElevationModel
 
 OFF_M = 10.0
-"""Distance of the samples of a path [m], or half a cell of the terrain. A floor is that of all as near: a flight is up
-to 9 m off along its path."""
-
-MIN_STEP_M = 1.0
-"""Least distance of the samples [m]."""
+"""Distance of the samples of a path [m], or half a cell of the terrain, down to `ASIDE_M`. A floor is that of all as near:
+a flight is up to 9 m off along its path."""
 
 ASIDE_M = 2.0
 """Distance of a flight from its line [m]: 0.8 m after turns in steady wind, 1.5 m in gusts of 1.5 m/s."""
@@ -76,7 +73,7 @@ class Ground(NamedTuple):
 
     def samples(self, legs: Sequence[CoverageLeg]) -> Samples:
         """Samples of legs, near enough for its terrain."""
-        return Samples.of(legs, min(max(self.terrain.cell_m / 2, MIN_STEP_M), OFF_M))
+        return Samples.of(legs, min(max(self.terrain.cell_m / 2, ASIDE_M), OFF_M))
 
     @property
     def airspace(self) -> Airspace:
