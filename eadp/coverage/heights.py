@@ -21,8 +21,8 @@ from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace
 from eadp.models.terrain import ElevationModel
 
 OFF_M = 10.0
-"""Distance of the samples of a path [m], or half a cell of the terrain, down to `ASIDE_M`. A floor is that of all as near:
-a flight is up to 9 m off along its path."""
+"""Distance of the samples of a path [m], or half a cell of the terrain, down to `ASIDE_M`. A floor is that of all as
+near: a flight is up to 9 m off along its path."""
 
 ASIDE_M = 2.0
 """Distance of a flight from its line [m]: 0.8 m after turns in steady wind, 1.5 m in gusts of 1.5 m/s."""
