@@ -20,9 +20,12 @@ from eadp.errors import Infeasible, Unreachable
 from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace
 from eadp.models.terrain import ElevationModel
 
-OFF_M = 10.0
-"""Distance of the samples of a path [m], or half a cell of the terrain, down to `ASIDE_M`. A floor is that of all as
-near: a flight is up to 9 m off along its path."""
+STEP_M = 10.0
+"""Distance of the samples of a path [m]; of a terrain with smaller cells half a cell, down to `ASIDE_M`."""
+
+OFF_M = 12.5
+"""How far a flight is off along its path, at most [m]: 11 m after turns in wind. A floor is that of all samples as
+near, and of the neighbours."""
 
 ASIDE_M = 2.0
 """Distance of a flight from its line [m]: 0.8 m after turns in steady wind, 1.5 m in gusts of 1.5 m/s."""
@@ -73,7 +76,7 @@ class Ground(NamedTuple):
 
     def samples(self, legs: Sequence[CoverageLeg]) -> Samples:
         """Samples of legs, near enough for its terrain."""
-        return Samples.of(legs, min(max(self.terrain.cell_m / 2, ASIDE_M), OFF_M))
+        return Samples.of(legs, min(max(self.terrain.cell_m / 2, ASIDE_M), STEP_M))
 
     @property
     def airspace(self) -> Airspace:
@@ -299,14 +302,14 @@ def _band(samples: Samples, ground: Ground) -> tuple[FloatArray, FloatArray, Flo
     places_m = [samples.points_m + side * aside_m * normals for side in (0, 1, -1)]
     below_m, left_m, right_m = map(ground.heights_m, places_m)
     sides_m = (left_m + right_m) / 2
-    rises_m = np.abs(left_m - right_m) / ground.apart_m * ASIDE_M
-    on_lines_m = np.maximum(below_m + rises_m, sides_m) + limits.line_m
+    near_m = [below_m, *(ground.heights_m(samples.points_m + aside * normals) for aside in (ASIDE_M, -ASIDE_M))]
+    on_lines_m = np.maximum(np.max(near_m, axis=0), sides_m) + limits.line_m
     floor_m = np.where(on_line, on_lines_m, np.max([below_m, left_m, right_m], axis=0) + limits.clearance_m)
     for each in ground.airspace.obstacles:
         if each.height_m is not None:
             over = np.any([holding([each.outline], points)[0] for points in places_m], axis=0)
             floor_m = np.where(over, np.maximum(floor_m, each.height_m + limits.clearance_m), floor_m)
-    high_m = below_m - rises_m + limits.line_m + limits.tolerance_m
+    high_m = np.min(near_m, axis=0) + limits.line_m + limits.tolerance_m
     return below_m, sides_m, floor_m, np.where(on_line, -_spread(-high_m, samples), np.inf)
 
 
@@ -314,8 +317,8 @@ def _spread(values: FloatArray, samples: Samples) -> FloatArray:
     """The greatest of the samples up to `OFF_M` before and after each, and of its neighbours."""
     from scipy.ndimage import maximum_filter1d
 
-    apart_m = float(np.diff(samples.places_m).max())
-    return np.asarray(maximum_filter1d(values, 2 * math.ceil(OFF_M / apart_m - 1e-9) + 1, mode="nearest"))
+    count = max(1, int(OFF_M / float(np.diff(samples.places_m).max())))
+    return np.asarray(maximum_filter1d(values, 2 * count + 1, mode="nearest"))
 
 
 def _cut(legs: Sequence[CoverageLeg], samples: Samples, altitudes_m: FloatArray) -> tuple[CoverageLeg, ...]:
