@@ -210,10 +210,18 @@ def table_of(title: str, names: Iterable[str], beside: str, missions: list[dict[
 def losses_table(missions: list[dict[str, dict[str, Any]]]) -> Iterator[str]:
     """All rates, of missions with and without losses, beside a rate of 0."""
     for kind in ("without losses", "with losses"):
-        flown = [mission for mission in missions if f"0, {kind}" in mission]
-        if flown:
-            names = [f"{rate:g}, {kind}" for rate in LOSS_RATES_PER_H]
-            yield from table_of(f"losses expected an hour; {len(flown)} missions", names, names[0], flown)
+        flown = [
+            {f"{rate:g}": mission[f"{rate:g}, {kind}"] for rate in LOSS_RATES_PER_H}
+            for mission in missions
+            if f"0, {kind}" in mission
+        ]
+        yield from rates_table(kind, "0", flown)
+
+
+def rates_table(kind: str, beside: str, missions: list[dict[str, dict[str, Any]]]) -> Iterator[str]:
+    """Missions of a kind, by the rates at which they were flown, beside one of these; nothing without missions."""
+    if missions:
+        yield from table_of(f"losses expected an hour; {len(missions)} missions {kind}", missions[0], beside, missions)
 
 
 if __name__ == "__main__":

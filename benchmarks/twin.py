@@ -82,6 +82,7 @@ from eadp.models.plan.cursor import Rules  # noqa: E402
 from eadp.models.plan.executor import PlanExecutor  # noqa: E402
 from eadp.models.plan.plan import Plan  # noqa: E402
 from eadp.models.plan.trace import default_start  # noqa: E402
+from eadp.planning.joint.settings import JointSettings  # noqa: E402
 from eadp.simulation.metrics import ParameterLog  # noqa: E402
 
 PROFILE = ROOT / "profiles/pednet-jetson-nano.yaml"
@@ -588,7 +589,7 @@ def write_identification(file: Path) -> None:
 
 # --- one mission
 
-DEFAULT_RATE = "0.5"
+DEFAULT_RATE = f"{JointSettings().loss_rate_per_h:g}"
 LEFT_OUT = (
     ablation.AS_IT_IS,
     "computations fall from the start (`EARLY_S` = 0)",
@@ -750,15 +751,16 @@ def report(results: list[dict[str, Any]]) -> None:
 def report_ablated(results: list[dict[str, Any]]) -> None:
     """Variants beside `joint` as it is, and rates of expected losses beside the default."""
     print(f"{len(results)} missions; U is 0 where a mission is not completed")
-    names = [name for name in results[0]["flights"] if not name[0].isdigit()]
     flights = [result["flights"] for result in results]
+    names = [name for name in LEFT_OUT if name in flights[0]]
     print("\n".join(ablation.table_of("planner `joint`", names, ablation.AS_IT_IS, flights)))
-    rates = sorted({*flights[0]} - {*names}, key=float)
-    for losses in (False, True):
-        flown = [result["flights"] for result in results if result["losses"] == losses]
-        if flown:
-            title = f"losses expected an hour; {len(flown)} missions with{'' if losses else 'out'} losses"
-            print("\n".join(ablation.table_of(title, rates, DEFAULT_RATE, flown)))
+    for losses, kind in ((False, "without losses"), (True, "with losses")):
+        flown = [
+            {rate: result["flights"][rate] for rate in RATES if rate in result["flights"]}
+            for result in results
+            if result["losses"] == losses
+        ]
+        print("\n".join(ablation.rates_table(kind, DEFAULT_RATE, flown)))
 
 
 def report_forecasts(title: str, flights: list[list[dict[str, float]]]) -> None:

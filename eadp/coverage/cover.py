@@ -286,6 +286,13 @@ def cover(request: CoverageRequest, *, draft: bool = False) -> CoverageSolution:
             needs = f"across its lines it needs about {4 * motion.min_radius_m + 2 * motion.swath_m:.0f} m"
             raise Infeasible(f"the field is too narrow for the Zamboni-like motion: {needs}")
         return zamboni
+    return _laps_or_lines(request, headings, zamboni, draft)
+
+
+def _laps_or_lines(
+    request: CoverageRequest, headings: Sequence[float], zamboni: CoverageSolution | None, draft: bool = False
+) -> CoverageSolution:
+    """Laps, or lines in an order at some headings where these are quicker."""
     try:
         order = _best_in_order(request, headings, draft and zamboni is None)
     except Infeasible:
@@ -311,13 +318,16 @@ def pattern_and_heading(request: CoverageRequest) -> tuple[str, float]:
     """
     request.check()
     headings = _tried_headings(request) if request.heading_rad is None else [request.heading_rad]
-    laps = request.pattern == ZAMBONI
-    if request.pattern == AUTO and not request.field.others:
-        laps = _best_zamboni(request, headings) is not None
-    for each, _ in () if laps else _quickest_sets(request, headings, SETS_ORDERED):
-        if request.space is None or not np.ptp(request.space.rooms([leg.start[:2] for leg in each.directed])):
-            return DUBINS, each.heading_rad
-    whole = cover(request)
+    zamboni = _best_zamboni(request, headings) if request.pattern == AUTO and not request.field.others else None
+    if request.pattern == ZAMBONI:
+        whole = cover(request)
+    elif zamboni is not None:
+        whole = _laps_or_lines(request, headings, zamboni)
+    else:
+        for each, _ in _quickest_sets(request, headings, SETS_ORDERED):
+            if request.space is None or not np.ptp(request.space.rooms([leg.start[:2] for leg in each.directed])):
+                return DUBINS, each.heading_rad
+        whole = _best_in_order(request, headings, draft=True)  # raises what is in the way
     return whole.pattern, whole.heading_rad
 
 
@@ -634,9 +644,8 @@ def _quickest_sets(
                 lost_s[each.number] = LOST_RATIO * (flown_m - left_m) / motion.airspeed_mps
                 time_s = bound_s(directed, each.places) + lost_s[each.number]
                 heapq.heappush(queue, each._replace(time_s=time_s, directed=directed, cut=True))
-        else:
-            if (most := most - 1) < 0:
-                continue
+        elif most > 0:
+            most -= 1
             costs = line_costs(request, each.directed)
             time_s = quick_order(*costs)[1] + lost_s.get(each.number, 0.0)
             heapq.heappush(queue, each._replace(time_s=time_s, costs=costs))

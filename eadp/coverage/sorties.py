@@ -251,14 +251,19 @@ class Divider(Generic[AnySortie]):
         while found.shortest.spare < 0:
             needed = found.needed if self.cuts else count + 1
             if not count < needed <= MAX_SORTIES:
-                break
+                return self._unlike(count)
             count = -(-needed // self.step) * self.step
             found = self._alike(count)
-        else:
-            return found
+        return found
+
+    def _unlike(self, min_count: int) -> Divided[AnySortie]:
+        """Sorties whose packs together last for the lines, but not each of them where all are alike: filled ones.
+
+        Alike again where one more is needed. Raises Infeasible as `fewest`, and where lines are not cut.
+        """
         if not self.cuts:
             raise Infeasible(f"{MAX_SORTIES} sorties are too few")
-        fullest = self._fullest(count)
+        fullest = self._fullest(min_count)
         for more in range(-(-len(fullest.sorties) // self.step) * self.step, MAX_SORTIES + 1, self.step):
             found = self._alike(more)
             if found.shortest.spare >= 0:

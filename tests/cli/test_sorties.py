@@ -21,9 +21,10 @@ import eadp as library
 from eadp.api.cover import CoverageOptions
 from eadp.api.sorties.folder import read_sorties
 from eadp.api.sorties.job import _Job
-from eadp.api.sorties.plan import SortieOptions
+from eadp.api.sorties.plan import SortieOptions, SortiePlanner
 from eadp.api.sorties.resume import _heading_of_lines_rad
 from eadp.cli.main import main
+from eadp.coverage.airspace import NotFree
 from eadp.io.flight.coverage import planned_lines
 
 MEADOW, WING = "plans/meadow.geojson", "vehicles/foam-wing.yaml"
@@ -154,6 +155,30 @@ def test_a_job_is_done_where_it_covers_what_was_planned(folder, flown):
     assert {each.reason for each in job.left(done=True)} == {"below 90 % of the field, not flown again"}
     job.planned = job.lines
     assert job.left_to_cover() is None, "what was not planned is not left"
+
+
+def test_a_heading_of_which_no_order_is_free_gives_way_to_one_that_is(tmp_path, monkeypatch):
+    (tmp_path / "field.csv").write_text("x,y\n0,0\n600,0\n600,200\n0,200\n")
+    options = CoverageOptions(swath_m=60, min_radius_m=30, metres=True, home=(-30, 0), pattern="dubins")
+
+    def planned(**given):
+        chosen = replace(options, **given)
+        return library.cover_in_sorties(str(tmp_path / "field.csv"), chosen, SortieOptions(), warn=lambda _: None)
+
+    free_rad, in_pattern = planned().planner.heading_rad, SortiePlanner._in_pattern
+
+    def blocked_elsewhere(planner, ground):
+        if math.cos(planner.heading_rad - free_rad) < 0.99:
+            raise NotFree("no order of the lines")
+        return in_pattern(planner, ground)
+
+    monkeypatch.setattr(SortiePlanner, "_in_pattern", blocked_elsewhere)
+    monkeypatch.setattr("eadp.api.sorties.plan.pattern_and_heading", lambda _: ("dubins", free_rad + 0.5))
+    again = planned()
+    assert again.planner.heading_rad == pytest.approx(free_rad)
+    assert all(each.solution.heading_rad == pytest.approx(free_rad) for each in again.sorties)
+    with pytest.raises(NotFree):
+        planned(heading_deg=45.0)  # one that is asked for stays
 
 
 def test_a_rest_is_planned_whatever_the_rates_of_take_off(tmp_path):

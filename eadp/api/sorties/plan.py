@@ -253,6 +253,7 @@ class SortiePlanner:
         ground = ground or self.task.field
         if self.task.options.crosshatch:
             return self._crossed(ground)
+        tried_rad = self.heading_rad
         try:
             return self._in_pattern(ground)
         except NotFree:
@@ -260,7 +261,7 @@ class SortiePlanner:
                 raise
             # the heading was chosen by turns that need not be free
             whole = cover(_alone(self.task.request), draft=True)
-            if whole.heading_rad == self.heading_rad:
+            if whole.heading_rad == tried_rad:
                 raise
             return replace(self, lines=(compass_deg(whole.heading_rad), whole.pattern)).plan(ground)
 

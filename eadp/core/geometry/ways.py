@@ -41,7 +41,7 @@ class WaysTo:
 
     @cached_property
     def _graph(self) -> tuple[FloatArray, FloatArray, IntArray]:
-        """Nodes, shape (n, 2), the length from each to the end [m], and the next node on the way; of the first way."""
+        """Nodes, shape (n, 2) [m], the length of the shortest way from each to the end [m], and the next node on it."""
         from scipy.sparse.csgraph import dijkstra  # slow to import, and few plans have obstacles
 
         space, near = self._spaces

@@ -38,8 +38,9 @@ def covering_stages(plan: Plan) -> list[bool]:
 
 def planned_lines(plan: Plan, parameters: Sequence[float]) -> list[Line]:
     """The lines of a plan that cover ground. Raises PathUndefined."""
-    covers = [each and stage.kind == LINE for each, stage in zip(covering_stages(plan), plan.stages, strict=True)]
-    return [(leg.start_m, leg.end_m) for leg in nominal_legs(plan, parameters) if covers[leg.stage.index - 1]]
+    covers = covering_stages(plan)
+    legs = (leg for leg in nominal_legs(plan, parameters) if leg.stage.kind == LINE)
+    return [(leg.start_m, leg.end_m) for leg in legs if covers[leg.stage.index - 1]]
 
 
 def flown_lines(plan: Plan, columns: Mapping[str, Sequence[float]]) -> list[Line]:
