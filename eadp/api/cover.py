@@ -327,7 +327,8 @@ class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, LineOptions, 
         check_range("--spacing", apart, 0.0, swath)
         if math.hypot(*wind_mps) >= speed:
             message = f"a wind of {math.hypot(*wind_mps):g} m/s, no slower than the aircraft"
-            raise _fault("--wind", _raw(self.wind or ""), message, f"less than its {speed:g} m/s")
+            per_hour = f"{math.hypot(*wind_mps):g} km/h are {math.hypot(*wind_mps) / 3.6:.3g} m/s"
+            raise _fault("--wind", _raw(self.wind or ""), message, f"less than its {speed:g} m/s; {per_hour}")
         check_range("--overshoot", self.overshoot_m, 0.0, MAX_LENGTH_M, closed=True)
         lead_in = self.lead_in_m
         if lead_in is None:

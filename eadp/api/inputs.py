@@ -16,7 +16,7 @@ import numpy as np
 from eadp import __version__
 from eadp.api.fences import FENCES, Around, fenced
 from eadp.api.given import File
-from eadp.api.turns import overshoot_findings
+from eadp.api.turns import MOST, overshoot_findings
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined, refuse
@@ -246,7 +246,7 @@ def load_flight(
     _check_rates(world, setting)
     _check_names(flown, setting)
     warnings += _unused(flown, setting)
-    warnings += [finding.fault(plan_source.name) for finding in overshoot_findings(overshoots)]
+    warnings += [finding.fault(plan_source.name) for finding in overshoot_findings(overshoots, MOST)]
     mission = _mission(world, model, nominal)
     _check_planner(setting, mission)
     warnings += _doubts(setting, world)

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 NAMED_M = 10.0
 """Distance from the path beyond which a turn is named [m]: how near to a waypoint PX4 has to be, by default."""
+MOST = 3
+"""How many turns of a plan are named where a flight in wind leaves all of them: what mends one mends the others."""
 NEAR = 0.95
 """Turns of so much of the least radius stay within `NAMED_M` of their paths without wind."""
 
@@ -39,8 +41,9 @@ def calm_findings(plan: Plan, turn_radius_m: float) -> list[Finding]:
     return overshoot_findings(NominalFlight(airframe, Guidance()).times_s(route, (0.0, 0.0))[1])
 
 
-def overshoot_findings(overshoots: Sequence[Overshoot]) -> list[Finding]:
-    """Warnings of the turns that are flown far off their paths, each item once."""
+def overshoot_findings(overshoots: Sequence[Overshoot], most: int | None = None) -> list[Finding]:
+    """Warnings of the turns that are flown far off their paths, each item once; of more than `most`, the worst are
+    named, and the others counted."""
     found: dict[str, Finding] = {}
     worst_first = sorted(overshoots, key=lambda one: -one.excess_s)
     for first, last, excess_s, off_m in worst_first:
@@ -53,4 +56,8 @@ def overshoot_findings(overshoots: Sequence[Overshoot]) -> list[Finding]:
             continue
         message = f"{first.label}: a turn tighter than the aircraft's: {flown}"
         found.setdefault(first.label, Finding("warning", first.index, first.line, "overshoot", message))
-    return sorted(found.values(), key=lambda one: one.line)
+    named, rest = list(found.values()), []
+    if most is not None and len(named) > most + 1:
+        message = f"{len(named) - most} more turns tighter than the aircraft's, each with less delay"
+        named, rest = named[:most], [replace(named[most], message=message)]
+    return sorted(named, key=lambda one: one.line) + rest

@@ -173,7 +173,7 @@ def surveyed(**changed):
         (
             surveyed(wind="20,240"),
             2,
-            "a wind of 20 m/s, no slower than the aircraft; expected less than its 15 m/s",
+            "a wind of 20 m/s, no slower than the aircraft; expected less than its 15 m/s; 20 km/h are 5.56 m/s",
         ),  # km/h
         (surveyed(wind="4,2400"), 2, "a bearing of 2400°; expected 0 to 360"),
         ((*SHORT, "battery.capacity_ah=5000"), 2, "5000; expected less than or equal to 1000: 5000 mAh are 5 Ah"),

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import eadp
 from eadp.api.flight import fly_flight
 from eadp.api.inputs import load_flight
+from eadp.api.turns import overshoot_findings
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.models.plan.trace import whole_route
 from eadp.planning.base import FlownLegs
 from eadp.simulation.loop import TIME_LIMIT
-from eadp.simulation.nominal import NominalFlight
+from eadp.simulation.nominal import NominalFlight, Overshoot
 
 HOME = (47.0, 8.0)
 SHARP = [
@@ -94,6 +97,21 @@ def test_turns_are_named_by_their_items_with_what_is_flown(tmp_path):
     shown = []
     eadp.read_mission(path, warn=shown.extend)
     assert named == [fault.message for fault in shown if "tighter than the aircraft's" in fault.message]
+
+
+def test_of_many_turns_the_worst_are_named_and_the_others_counted():
+    legs = [SimpleNamespace(label=f"item {i}", index=i, line=i) for i in range(9)]
+    excess_s = [2.0, 7.0, 1.0, 5.0, 3.0, 6.0, 4.0, 0.5]
+    overshoots = [Overshoot(legs[i], legs[i], excess_s[i], 20.0) for i in range(8)]
+    assert len(overshoot_findings(overshoots)) == 8
+    lines = [(found.line, found.message.split(":")[0]) for found in overshoot_findings(overshoots, 3)]
+    assert lines == [
+        (1, "item 1"),
+        (3, "item 3"),
+        (5, "item 5"),
+        (6, "5 more turns tighter than the aircraft's, each with less delay"),
+    ]
+    assert len(overshoot_findings(overshoots[:4], 3)) == 4  # one is named in its own line as well as counted
 
 
 def test_turns_that_are_never_got_past_are_named_and_have_no_forecast(tmp_path):
