@@ -88,7 +88,7 @@ def planned(job: dict[str, Any], folder: Path, warn: Any = lambda _: None, resum
     keys = {"schema": "eadp.scenario/1", "vehicle": str(VEHICLE), "wind": wind}
     scenario.write_text(json.dumps(keys | {"battery": {"capacity_ah": job["capacity_ah"]}}))
     options = eadp.CoverageOptions(swath_m=job["swath_m"], metres=True, home=tuple(job["home"]), pattern="dubins")
-    return eadp.cover_in_sorties(field, options, SortieOptions(), scenario=scenario, resume=resume, warn=warn)
+    return eadp.cover_in_sorties(field, options, SortieOptions(resume=resume), scenario=scenario, warn=warn)
 
 
 def by_routing(plan: SortiePlan, seconds: int) -> tuple[int, float] | None:

@@ -11,8 +11,8 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from eadp.api.fences import Around, fenced_by
-from eadp.api.given import File, Warn, python_warnings
+from eadp.api.fences import fenced_by
+from eadp.api.given import Around, File, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
 from eadp.api.landing import Air, approach, landing_pose
 from eadp.api.plan import plan_of
@@ -236,7 +236,7 @@ def _stated(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
 def _forecast(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
     """A plan at the parameters that its forecast in a scenario chooses, or the rest of it by telemetry."""
     overrides = read_overrides(override_texts(options.overrides, laps=options.laps))
-    around = Around(options.avoid, options.inside, options.terrain)
+    around = Around(avoid=options.avoid, inside=options.inside, terrain=options.terrain)
     inputs = load_flight(given, scenario=options.scenario, around=around, overrides=overrides)
     warn(inputs.warnings)
     plan, airframe = inputs.world.plan, inputs.world.vehicle

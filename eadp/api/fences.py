@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 from eadp.api.given import File
 from eadp.errors import Fault, InputError
@@ -16,18 +14,6 @@ from eadp.models.plan.plan import Plan
 
 FENCES = ("avoid", "inside")
 """Kinds of files of fences."""
-
-
-class Around(NamedTuple):
-    """Files of what lies around a flight, besides what its plan has.
-
-    `avoid` and `inside` are of obstacles and of a boundary; `terrain` are those of the ground, for a mission whose
-    altitudes are above it, and for the results.
-    """
-
-    avoid: File | None = None
-    inside: File | None = None
-    terrain: Sequence[str] = ()
 
 
 def fenced(plan: Plan, avoid: Text | None = None, inside: Text | None = None) -> tuple[Plan, list[Fault]]:

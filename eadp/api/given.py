@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
-from typing import Annotated, Any
+from typing import Annotated, Any, TypedDict
 
 from eadp.errors import Fault, InputError
 from eadp.io.text.options import Flag
@@ -15,6 +15,21 @@ File = str | PathLike[str]
 Overrides = Mapping[str, Any] | Iterable[str]
 Warn = Callable[[Sequence[Fault]], None]
 """Takes warnings."""
+
+
+class Around(TypedDict, total=False):
+    """Files of what lies around a flight, besides what its plan has: of fences, and of the ground."""
+
+    avoid: File | None
+    inside: File | None
+    terrain: Sequence[str]
+
+
+class FlightKeywords(Around, total=False):
+    """The `FlightOptions` that are keywords of the functions that fly a plan, or forecast it."""
+
+    planner: str | None
+    laps: int | None
 
 
 @dataclass(frozen=True)

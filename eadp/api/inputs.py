@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from eadp import __version__
-from eadp.api.fences import FENCES, Around, fenced
-from eadp.api.given import File
+from eadp.api.fences import fenced
+from eadp.api.given import Around, File
 from eadp.api.turns import MOST, overshoot_findings
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
@@ -209,9 +209,10 @@ def load_flight(
     """
     files, around = files or Files(), around or Around()
     setting = files.scenario(scenario, overrides)
-    given = {kind: getattr(around, kind) for kind in FENCES}
+    given = {"avoid": around.get("avoid"), "inside": around.get("inside")}
     fences = {kind: files.text(str(path), read_field_text) for kind, path in given.items() if path is not None}
-    plan_source, flown, warnings = _plan(files, plan, setting, fences, around.terrain)
+    terrain = around.get("terrain", ())
+    plan_source, flown, warnings = _plan(files, plan, setting, fences, terrain)
     sources: dict[str, Source] = {"plan": plan_source, **fences}
     if isinstance(scenario, Mapping):
         sources["scenario"] = Given(setting.document.value, "given-keys.yaml", value_text)
@@ -251,7 +252,7 @@ def load_flight(
     _check_planner(setting, mission)
     warnings += _doubts(setting, world)
     never_past = next((one.first.label for one in overshoots if math.isinf(one.excess_s)), "")
-    ground = _ground(flown, parameters, start[0], around.terrain)
+    ground = _ground(flown, parameters, start[0], terrain)
     return FlightInputs(world, mission, setting, tuple(warnings), sources, never_past, ground)
 
 

@@ -26,11 +26,11 @@ _WORDS |= dict.fromkeys((Iterable, Sequence), "a sequence")
 
 def public(function: Callable[P, R]) -> Callable[P, R]:
     """A function that checks the types of its arguments, and whose errors name them."""
+    signature, hints = _signature(function)
 
     @wraps(function)
     def call(*args: P.args, **kwargs: P.kwargs) -> R:
-        given = inspect.signature(function).bind(*args, **kwargs).arguments
-        hints = get_type_hints(function, include_extras=True)
+        given = signature.bind(*args, **kwargs).arguments
         refuse([fault for name, value in given.items() for fault in _faults(name, value, hints[name])])
         try:
             return function(*args, **kwargs)
@@ -43,7 +43,19 @@ def public(function: Callable[P, R]) -> Callable[P, R]:
             raise
 
     call.__module__ = "eadp"  # pickle finds it there
+    call.__signature__ = signature  # type: ignore[attr-defined]
     return call
+
+
+def _signature(function: Callable[..., Any]) -> tuple[inspect.Signature, dict[str, Any]]:
+    """The arguments of a function and their types; the keywords of a `TypedDict` are arguments like others."""
+    signature, hints = inspect.signature(function), get_type_hints(function, include_extras=True)
+    *own, last = signature.parameters.values()
+    if last.kind is not last.VAR_KEYWORD:
+        return signature, hints
+    keywords = get_type_hints(get_args(hints.pop(last.name))[0])
+    own += [inspect.Parameter(key, last.KEYWORD_ONLY, default=None, annotation=kind) for key, kind in keywords.items()]
+    return signature.replace(parameters=own), hints | keywords
 
 
 def _faults(name: str, value: Any, hint: Any) -> Iterator[Fault]:

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from eadp.api.fences import FENCES, Around
+from eadp.api.fences import FENCES
+from eadp.api.given import Around
 from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.errors import InputError
 from eadp.io.figures.flights import DrawnFlight
@@ -115,7 +116,7 @@ def _inputs(folder: Path) -> FlightInputs:
         if named is not None:
             files.texts[named] = files.text(paths["vehicle"])
     chosen: dict[str, Any] = {kind: paths.get(kind) for kind in ("scenario", "profile", "energy")}
-    around = Around(paths.get("avoid"), paths.get("inside"))
+    around = Around(avoid=paths.get("avoid"), inside=paths.get("inside"))
     return load_flight(paths["plan"], **chosen, around=around, overrides=overrides, files=files)
 
 

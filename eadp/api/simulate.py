@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import Any, Unpack
 
-from eadp.api.fences import Around
 from eadp.api.flight import Flight, fly_flight, forecast_values
-from eadp.api.given import File, Overrides, Warn, python_warnings
+from eadp.api.given import File, FlightKeywords, Overrides, Warn, python_warnings
 from eadp.api.inputs import load_flight
 from eadp.io.scenario.scenario_file import override_texts, read_overrides
 from eadp.models.energy import EnergyModel
@@ -22,15 +21,11 @@ def simulate(
     profile: File | AnyProfile | None = None,
     energy: File | EnergyModel | None = None,
     overrides: Overrides = (),
-    planner: str | None = None,
-    seed: int | None = None,
     *,
-    laps: int | None = None,
-    avoid: File | None = None,
-    inside: File | None = None,
-    terrain: Sequence[str] = (),
+    seed: int | None = None,
     on_step: Callable[[Step], None] = lambda _step: None,
     warn: Warn = python_warnings,
+    **given: Unpack[FlightKeywords],
 ) -> Flight:
     """Fly a plan in simulation, re-planning on the way.
 
@@ -45,19 +40,13 @@ def simulate(
     energy : path or EnergyModel, optional
     overrides : mapping, or iterable of str, optional
         Values by the scenario's dotted keys, as in {"wind.speed_mps": 8}, or texts, as in "wind.speed_mps=8".
-    planner : str, optional
-        Name of the planner, by default the scenario's.
     seed : int, optional
         Seed of gusts and noise, by default the scenario's.
-    laps : int, optional
-        How many times a mission that repeats for ever is flown, by default the scenario's.
-    avoid, inside : path, optional
-        Files of polygons or fences that the flight stays out of, and inside of, besides those of the plan.
-    terrain : sequence of str, optional
-        Files of the ground, for a mission whose altitudes are above it.
     on_step : function, optional
         Called with each logged step, such as for a progress bar.
     warn : function, optional
+    planner, laps, avoid, inside, terrain
+        As of `FlightOptions`.
 
     Returns
     -------
@@ -69,10 +58,9 @@ def simulate(
     InputError
         With every fault of the first file that has any.
     """
-    texts = override_texts(overrides, planner, seed, laps)
+    texts = override_texts(overrides, given.get("planner"), seed, given.get("laps"))
     keys = read_overrides(texts)
-    around = Around(avoid, inside, terrain)
-    inputs = load_flight(plan, scenario=scenario, profile=profile, energy=energy, around=around, overrides=keys)
+    inputs = load_flight(plan, scenario=scenario, profile=profile, energy=energy, around=given, overrides=keys)
     warn(inputs.warnings)
     return fly_flight(inputs, inputs.preflight(), on_step, texts)
 
@@ -83,19 +71,15 @@ def forecast(
     profile: File | AnyProfile | None = None,
     energy: File | EnergyModel | None = None,
     overrides: Overrides = (),
-    planner: str | None = None,
     *,
-    laps: int | None = None,
-    avoid: File | None = None,
-    inside: File | None = None,
-    terrain: Sequence[str] = (),
     warn: Warn = python_warnings,
+    **given: Unpack[FlightKeywords],
 ) -> dict[str, Any] | None:
     """Forecast a flight before take-off, without flying it.
 
     Parameters
     ----------
-    plan, scenario, profile, energy, overrides, planner, laps, avoid, inside, terrain, warn
+    plan, scenario, profile, energy, overrides, warn, planner, laps, avoid, inside, terrain
         As `simulate`.
 
     Returns
@@ -109,9 +93,8 @@ def forecast(
     InputError
         As `simulate`.
     """
-    keys = read_overrides(override_texts(overrides, planner, None, laps))
-    around = Around(avoid, inside, terrain)
-    inputs = load_flight(plan, scenario=scenario, profile=profile, energy=energy, around=around, overrides=keys)
+    keys = read_overrides(override_texts(overrides, given.get("planner"), laps=given.get("laps")))
+    inputs = load_flight(plan, scenario=scenario, profile=profile, energy=energy, around=given, overrides=keys)
     warn(inputs.warnings)
     found = inputs.preflight()
     return None if found is None else forecast_values(found)

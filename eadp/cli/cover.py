@@ -34,9 +34,6 @@ class CoverInputs:
     vehicle: Annotated[str | None, Flag(metavar="FILE")] = None
     """Aircraft, instead of the scenario's."""
 
-    resume: Annotated[Sequence[str], Flag(metavar="FLOWN")] = ()
-    """Flights flown, as result folders, telemetry, .bin, .ulg or .tlog: what they covered is left out."""
-
 
 @dataclass(frozen=True)
 class CoverOutputs:
@@ -77,7 +74,7 @@ def command(
     wanted = output.format or ("plan" if out in (None, "-") else "text")
     if out == "-" and wanted != "plan":
         raise usage_fault("--out", out, f"standard output is taken by --format {wanted}", "a file")
-    divided = division != SortieOptions() or bool(given.resume)
+    divided = division != SortieOptions()
     if divided:
         from eadp.io.text.streams import check_new_folder
 
@@ -96,9 +93,7 @@ def command(
 
         progress = Progress("cover", math.inf)  # on a terminal alone
         try:
-            plan = cover_in_sorties(
-                file, options, division, **files, resume=given.resume, on_part=progress.show, warn=warn
-            )
+            plan = cover_in_sorties(file, options, division, **files, on_part=progress.show, warn=warn)
             progress.close()
             warn([Fault(name, 1, 1, note, severity="note") for note in plan.planner.task.flown_over])
             return _sorties(plan, output, wanted)

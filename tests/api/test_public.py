@@ -72,6 +72,8 @@ WRONG = [
     (lambda: library.simulate(PLAN, profile=5), "profile:1:1: error: cannot be 5; expected a path or Profile"),
     (lambda: library.simulate(PLAN, overrides=5), "overrides:1:1: error: cannot be 5; expected a mapping or a seq"),
     (lambda: library.simulate(PLAN, seed="1"), "seed:1:1: error: cannot be '1'; expected a whole number"),
+    (lambda: library.simulate(PLAN, laps="1"), "laps:1:1: error: cannot be '1'; expected a whole number"),
+    (lambda: library.forecast(PLAN, avoid=5), "avoid:1:1: error: cannot be 5; expected a path"),
     (lambda: library.simulate(PLAN, overrides={"wind.x": 1}), "overrides wind.x:1:1: error: unknown key wind.x"),
     (lambda: library.fit_power("a", "b"), "times_s, power_w:1:1: error: could not convert"),
     (lambda: library.fit_power(range(50), range(40)), "times_s, power_w:1:1: error: of shapes (50,) and (40,)"),
@@ -95,6 +97,12 @@ def test_what_is_wrong_is_an_error_that_names_the_argument(call, message):
         call()
     assert message in str(caught.value)
     assert "--" not in str(caught.value)
+
+
+def test_a_keyword_that_does_not_exist_is_refused():
+    for function in (library.simulate, library.forecast):
+        with pytest.raises(TypeError, match="unexpected keyword argument 'lap'"):
+            function(PLAN, lap=1)
 
 
 def test_the_import_alone_imports_nothing_slow():

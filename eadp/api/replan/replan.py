@@ -7,8 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
-from eadp.api.fences import Around
-from eadp.api.given import File, FlightOptions, Warn, python_warnings
+from eadp.api.given import Around, File, FlightOptions, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
 from eadp.api.replan.apply import Hook, ValuesFile
 from eadp.api.replan.link import LinkOptions, fly, replay_flight
@@ -103,7 +102,7 @@ def replan(
     """
     flight, link = flight or FlightOptions(), link or LinkOptions()
     given = {name: getattr(flight, name) for name in ("scenario", "profile", "energy")}
-    around = Around(flight.avoid, flight.inside, flight.terrain)
+    around = Around(avoid=flight.avoid, inside=flight.inside, terrain=flight.terrain)
     options.check(link, {"plan": plan, **given, "avoid": flight.avoid, "inside": flight.inside})
     home = ["on_infeasible=home"] if link.return_home else []
     overrides = read_overrides(override_texts([*flight.overrides, *home], flight.planner, laps=flight.laps))

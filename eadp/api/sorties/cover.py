@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from eadp.api.cover import CoverageOptions, coverage_task, picture_warnings
@@ -22,7 +22,6 @@ def cover_in_sorties(
     scenario: File | None = None,
     *,
     vehicle: File | None = None,
-    resume: Sequence[File] = (),
     on_part: Callable[[str], None] = lambda _: None,
     warn: Warn = python_warnings,
 ) -> SortiePlan:
@@ -33,10 +32,8 @@ def cover_in_sorties(
     field, options, scenario, vehicle, warn
         As for `cover`; the options have a home.
     sorties : SortieOptions, optional
-        How the field is divided, and among how many aircraft.
+        How the field is divided, among how many aircraft, and what is flown already.
     profile : path, optional
-    resume : sequence of paths, optional
-        Flown result folders or telemetry: the ground that they covered is left out.
     on_part : function, optional
         Called with the progress, as text.
 
@@ -59,7 +56,7 @@ def cover_in_sorties(
     scenario_path = None if scenario is None else str(scenario)
     division, files = sorties or SortieOptions(), Files()
     planner = SortiePlanner(task, division, files, scenario_path, profile_path, overrides, on_part=on_part)
-    planner, ground = resumed(planner, [*map(str, resume)], warn) if resume else (planner, None)
+    planner, ground = resumed(planner, division.resume, warn) if division.resume else (planner, None)
     plan = planner.plan(ground)
     warn(picture_warnings(plan.pictures))
     return plan

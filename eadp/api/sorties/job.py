@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from eadp.api.fences import Around
 from eadp.api.flight import Flight, fly_flight
-from eadp.api.given import File, Overrides, Warn, python_warnings
+from eadp.api.given import Around, File, Overrides, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
 from eadp.api.sorties import SORTIES, SORTIES_SCENARIO
 from eadp.api.sorties.folder import read_sorties

@@ -88,6 +88,9 @@ class SortieOptions:
     swap_s: Annotated[float, Flag("--swap-time")] = SWAP_S
     """Time on the ground between two sorties of an aircraft [s]."""
 
+    resume: Annotated[Sequence[str], Flag(metavar="FLOWN")] = ()
+    """Flights flown, as result folders, telemetry, .bin, .ulg or .tlog: what they covered is left out."""
+
     @property
     def count(self) -> int | None:
         """The number of sorties; None for the fewest."""
