@@ -48,6 +48,7 @@ from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.profile import Profile
+from eadp.models.vehicle import PaperVehicle
 from eadp.planning.base import Mission, Observation, PlannerSettings, Sample
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator
 from eadp.planning.paper import horizon
@@ -127,7 +128,7 @@ class Ours:
     def __init__(self, steps: int) -> None:
         plan, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
         profile = Profile(("fps",), ("",), np.array([[LOW], [HIGH]]), np.array([LOW_W, HIGH_W]))
-        mission = Mission(plan, join_profile(plan, profile), BATTERY, 15.0, (0.0, HIGH), (-100.0, 220.0))
+        mission = Mission(plan, join_profile(plan, profile), BATTERY, PaperVehicle(), (0.0, HIGH), (-100.0, 220.0))
         settings = PaperSettings(horizon_s=float(steps), constraint_at="end")
         self._planner = PaperPlanner(PlannerSettings(), mission, settings)
         self._planner._state = FlightState(mission, horizon_s=settings.horizon_s)

@@ -374,23 +374,18 @@ def _way_home(plan: Plan, scenario: Scenario, start_m: Point) -> WayHome | None:
 
 def _mission(world: World, energy: EnergyModel | None, nominal: NominalFlight | None) -> Mission:
     """What the planner knows of a world before take-off."""
-    vehicle = world.vehicle
     return Mission(
         plan=world.plan,
         computing=world.computing,
         battery=world.battery,
-        cruise_mps=vehicle.airspeed_mps,
+        vehicle=world.vehicle,
         parameters=world.parameters,
         start_m=world.start.position_m,
         energy=energy,
-        motion_w=vehicle.cruise_power_w,
         way_home=world.way_home,
         rules=world.rules,
-        max_motion_w=vehicle.max_motion_w,
         gust_time_s=world.wind.gust_time_s,
-        airframe=None if isinstance(vehicle, PaperVehicle) else vehicle,
         altitude_m=world.start.altitude_m,
-        cruise_altitude_m=vehicle.cruise_altitude_m,
         nominal=nominal,
     )
 

@@ -26,7 +26,7 @@ from eadp.models.plan.cursor import PlanCursor, Rules, Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import Route
 from eadp.models.plan.stage import Box
-from eadp.models.vehicle import Aeroplane
+from eadp.models.vehicle import Airframe
 
 SOC_JUMP = 0.01
 Levels = Annotated[tuple[NotNegative, ...], Len(1, 1000)]
@@ -410,30 +410,29 @@ class Nominal(Protocol):
 class Mission:
     """The mission as known before take-off.
 
-    `motion_w` is the power of straight level flight [W], if known, and `max_motion_w` the motor's greatest;
-    `gust_time_s` is the time constant of gusts [s]. `airframe` gives the power of climbs and of the stages' airspeeds,
-    None that of level flight alone; `altitude_m` is that of take-off [m], `cruise_altitude_m` that of stages which
-    command none. `nominal` flies what the aircraft cannot follow. `live` is whether forecasts are shown as they are
-    made: none is older than a re-planning then.
+    `vehicle` is the aircraft as stated, which may be another. `gust_time_s` is the time constant of gusts [s], and
+    `altitude_m` that of take-off [m]. `nominal` flies what the aircraft cannot follow. `live` is whether forecasts are
+    shown as they are made: none is older than a re-planning then.
     """
 
     plan: Plan
     computing: Computing
     battery: Battery
-    cruise_mps: float
+    vehicle: Airframe
     parameters: Vector
     start_m: Point | None = None
     energy: EnergyModel | None = None
-    motion_w: float | None = None
     way_home: WayHome | None = None
     rules: Rules = field(default_factory=Rules)
-    max_motion_w: float = math.inf
     gust_time_s: float = GUST_TIME_S
-    airframe: Aeroplane | None = None
     altitude_m: float = 0.0
-    cruise_altitude_m: float = 0.0
     live: bool = False
     nominal: Nominal | None = None
+
+    @property
+    def cruise_mps(self) -> float:
+        """Airspeed where a stage commands none [m/s]."""
+        return self.vehicle.airspeed_mps
 
 
 def allowed_levels(

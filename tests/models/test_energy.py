@@ -59,7 +59,6 @@ def test_without_a_period_there_is_the_mean() -> None:
 
 def spectrum(periodic: bool) -> Spectrum:
     return Spectrum(
-        periodic=periodic,
         period_s=46.0,
         period_std_s=0.1,
         mean_w=36.0,

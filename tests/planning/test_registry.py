@@ -21,6 +21,7 @@ from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.energy import Disturbance, EnergyModel, Harmonic
 from eadp.models.profile import Profile
+from eadp.models.vehicle import FixedWing, PowerCurve
 from eadp.planning.base import Mission, PlannerSettings, Readings, TradeOff
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.flight import make_flight
@@ -34,13 +35,14 @@ from eadp.planning.state.power import _nominal_lap_s
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.75376, 9.75462]))
+VEHICLE, SLOW = PowerCurve(cruise_altitude_m=0.0), FixedWing(airspeed_mps=10.0)
 BATTERY = Battery(14.8, 0.0012, 3.2, 0.00183, 1.0, 10.0)
 SETTINGS = PlannerSettings(name="paper", reserve_soc=0.0)
 OWN = PaperSettings(min_periods=0, longest_s=705.96, shortest_s=270.15, delta={"c1": 500})
 
 
 def mission(plan=PLAN, profile=PROFILE, battery=BATTERY, parameters=(0.0, 10.0)):
-    return Mission(plan, join_profile(plan, profile), battery, 15.0, parameters, (-100.0, 220.0))
+    return Mission(plan, join_profile(plan, profile), battery, VEHICLE, parameters, (-100.0, 220.0))
 
 
 def planner(own=OWN, settings=SETTINGS, **changes):
@@ -453,7 +455,7 @@ def test_the_first_period_of_a_single_lap_is_the_lap():
     """A square of 400 m, flown once: no lap before the last one is whole."""
     text = "0.1; 90; x - 100\n100, 100\n0.1; 270; -y + 100\n0, 100\n"
     plan = read_plan(Text("once", text))[0]
-    mission = Mission(plan, join_profile(plan, None), BATTERY, 10.0, (), (100.0, 0.0))
+    mission = Mission(plan, join_profile(plan, None), BATTERY, SLOW, (), (100.0, 0.0))
     assert _nominal_lap_s(mission) == pytest.approx(20.0)
 
 
@@ -461,6 +463,6 @@ def test_without_a_free_path_parameter_there_are_no_times_of_coverage():
     """The rule has nothing to choose from: the path parameter has one value in every stage."""
     text = "0.1; 90; x - 100 + c1\n100 - c1, 100\n[5, 5]\n"
     plan = read_plan(Text("fixed", text))[0]
-    mission = Mission(plan, join_profile(plan, None), BATTERY, 10.0, (5.0,), (95.0, 0.0))
+    mission = Mission(plan, join_profile(plan, None), BATTERY, SLOW, (5.0,), (95.0, 0.0))
     assert plan.path_count == 1
     assert _coverage(PaperSettings(), mission) is None

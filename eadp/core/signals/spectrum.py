@@ -91,7 +91,6 @@ class Spectrum:
 
     Attributes
     ----------
-    periodic : bool
     period_s, period_std_s : float
         The best period and its standard deviation [s], also where the signal does not count as periodic; NaN where
         there is no candidate (a constant signal). Of a period that drifts, the standard deviation is over the log.
@@ -122,7 +121,6 @@ class Spectrum:
         range.
     """
 
-    periodic: bool
     period_s: float
     period_std_s: float
     mean_w: float
@@ -138,6 +136,11 @@ class Spectrum:
     range_s: tuple[float, float]
     drift_s: tuple[float, float] | None = None
     multiple: int = 1
+
+    @property
+    def periodic(self) -> bool:
+        """Whether the signal counts as periodic: it has harmonics."""
+        return len(self.amplitude_w) > 0
 
 
 def analyse(
@@ -760,7 +763,6 @@ def _periodic(samples: _Samples, found: _Found, order: int, mean_w: float, range
     offset_w, amplitude, phase = phases_of_state(fitted)
     mean_std_w, amplitude_std_w = _coefficient_std_w(samples, found, fitted)
     return Spectrum(
-        periodic=True,
         period_s=1 / found.frequency_hz,
         period_std_s=found.std_s,
         mean_w=mean_w + offset_w,
@@ -807,7 +809,6 @@ def _aperiodic(
     chance: float = 1.0,
 ) -> Spectrum:
     return Spectrum(
-        periodic=False,
         period_s=1 / frequency_hz,
         period_std_s=math.nan,
         mean_w=mean_w,

@@ -125,11 +125,10 @@ class Site(NamedTuple):
 class Plan:
     """A plan: the stages in order, or the n primitive ones of a plan that repeats.
 
-    `shift` is the letter's d, which moves the stages from one lap to the next. A plan that repeats is flown lap by lap
-    until it is beyond the final point, or where `ends_at_trigger` until the last trigger of a lap that reaches it.
-    `primitive_stages` and `shift` may also be what explicit stages were found to have. `header_shift` is what the
-    file's first line says, with its own sign. `titles` are what people call the path parameters. A plan of `segments`
-    flies them one after the other; the last once, so that its last trigger is the final point.
+    `shift` is the letter's d, which moves the stages from one lap to the next. `primitive_stages` and `shift` may also
+    be what explicit stages were found to have. `header_shift` is what the file's first line says, with its own sign.
+    `titles` are what people call the path parameters. A plan of `segments` flies them one after the other; the last
+    once, so that its last trigger is the final point.
     """
 
     name: str
@@ -146,7 +145,6 @@ class Plan:
     site: Site = field(default_factory=Site)
     header_shift: PointExpression | None = None
     short_form: ShortForm | None = None
-    ends_at_trigger: bool = False
     segments: tuple[Segment, ...] = ()
 
     def __hash__(self) -> int:
@@ -244,6 +242,14 @@ class Plan:
         ]
 
     @property
+    def ends_at_trigger(self) -> bool:
+        """Whether the laps end at the last trigger of one that reaches the final point, as explicit stages do.
+
+        Those of a short form end wherever the aircraft is beyond that point.
+        """
+        return self.repeats and self.short_form is None
+
+    @property
     def final_point(self) -> PointExpression:
         """The final point: as stated, or the last stage's trigger."""
         return self.final or self.stages[-1].trigger
@@ -288,7 +294,7 @@ class Plan:
             return self
         final = self.stages[-1].trigger
         first = self.stages[: self.primitive_stages]
-        return replace(self, stages=first, repeats=True, final=final, ends_at_trigger=True)
+        return replace(self, stages=first, repeats=True, final=final)
 
     def hull(self, index: int) -> Box:
         """The smallest box that holds a parameter's sets of all stages; stages that inhibit it are left out.

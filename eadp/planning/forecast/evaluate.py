@@ -353,7 +353,7 @@ class Evaluator:
         # y = a + b tan²φ, between 0 and what the motor can
         slopes = turning_s / np.where(whole_s > 0.0, whole_s, 1.0)
         motion_w = np.maximum(known.motion.level_w + known.motion.slope_w * slopes, 0.0)
-        motion_w = np.minimum(motion_w, np.maximum(known.motion.level_w, self.mission.max_motion_w))
+        motion_w = np.minimum(motion_w, np.maximum(known.motion.level_w, self.mission.vehicle.max_motion_w))
         bank_s = legs.sums(turning_s * part) * known.time.ratio
         peak_w = motion_w
         if known.climb is not None:

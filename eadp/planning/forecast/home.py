@@ -49,7 +49,7 @@ def home_spare(evaluation: Evaluation, place: int, flown_s: float = 0.0, flown_j
         return -math.inf
     # energy of the climb to the altitude of the way home
     known, mission = evaluation.known, evaluation.evaluator.mission
-    here_m = mission.cruise_altitude_m if known.climb is None else known.climb.altitude_m
+    here_m = mission.vehicle.cruise_altitude_m if known.climb is None else known.climb.altitude_m
     to_m = here_m if way_home.altitude_m is None else way_home.altitude_m
     return _spare(evaluation, place, seconds, flown_s, flown_j, max(to_m - here_m, 0.0) * known.motion.climb_j_per_m)
 

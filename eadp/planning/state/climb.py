@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from eadp.models.plan.stage import Stage
-from eadp.models.vehicle import Aeroplane
+from eadp.models.vehicle import Aeroplane, PaperVehicle
 from eadp.planning.base import Mission
 
 
@@ -80,9 +80,10 @@ class ClimbFollower:
     def of(cls, mission: Mission) -> ClimbFollower | None:
         """A follower of a mission's climbs; None where it flies at one altitude and airspeed from its start on."""
         commanded = any(s.altitude_m is not None or s.airspeed_mps is not None for s in mission.plan.stages)
-        if mission.airframe is None or not (commanded or mission.altitude_m != mission.cruise_altitude_m):
+        vehicle = mission.vehicle
+        if isinstance(vehicle, PaperVehicle) or not (commanded or mission.altitude_m != vehicle.cruise_altitude_m):
             return None
-        return cls(Climb(mission.airframe, mission.altitude_m))
+        return cls(Climb(vehicle, mission.altitude_m))
 
     def follow(self, stage: Stage, step_s: float) -> None:
         """Update the altitude, and what climbing does to power and speed, by a step [s] along a stage."""

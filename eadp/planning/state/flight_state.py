@@ -18,6 +18,7 @@ from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.ground import GroundLog
 from eadp.models.plan.route import Route, RoutePredictor
+from eadp.models.vehicle import PaperVehicle
 from eadp.planning.base import Mission, Observation, Readings, Sample
 from eadp.planning.estimation.estimator import Estimator, EstimatorSettings, PowerEstimate
 from eadp.planning.state.charge import MAX_STEP_S, ChargeFilter, DrainModel
@@ -78,14 +79,15 @@ class FlightState:
         self._wind = FlightWind(mission.gust_time_s)
         self._times = TimeRatio()
         # the motion's power before it is learned: of a model fitted to a log, else as stated
-        level_w = mission.energy.mean_w if mission.energy is not None else mission.motion_w
-        climb_j_per_m = 0.0 if mission.airframe is None else mission.airframe.climb_j_per_m
+        vehicle = mission.vehicle
+        level_w = mission.energy.mean_w if mission.energy is not None else vehicle.cruise_power_w
+        climb_j_per_m = 0.0 if isinstance(vehicle, PaperVehicle) else vehicle.climb_j_per_m
         self._motion = MotionPower(level_w, climb_j_per_m=climb_j_per_m)
         battery = mission.battery
         full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)
         # no reading of the power exceeds this
-        limit_w = min(float(battery.max_power_w(battery.voltage_v)), MAX_OF_MOTOR * mission.max_motion_w)
-        self._gate = PowerGate(mission.motion_w, limit_w)
+        limit_w = min(float(battery.max_power_w(battery.voltage_v)), MAX_OF_MOTOR * vehicle.max_motion_w)
+        self._gate = PowerGate(vehicle.cruise_power_w, limit_w)
         self._power = PowerTracker(settings, mission, horizon_s, limit_w)
         self._queue = ReadingQueue(self._power, settings.every_s)
         drain_model = DrainModel(
@@ -402,7 +404,7 @@ class FlightState:
             airspeed_mps=self._mission.cruise_mps,
             wind=self._wind.known,
             time=TimeKnown(times.ratio, times.variance, times.noise_s),
-            motion=self._motion.known(min(self._gate.max_motion_w, self._mission.max_motion_w)),
+            motion=self._motion.known(min(self._gate.max_motion_w, self._mission.vehicle.max_motion_w)),
             charge=ChargeKnown(
                 filtered=self._charge.ahead,
                 gain_std=gain_std,

@@ -387,7 +387,7 @@ class LiveFlight:
 
 def _altitude_m(mission: Mission, stage: Stage) -> float:
     """The altitude that holds on a stage [m]."""
-    return mission.cruise_altitude_m if stage.altitude_m is None else stage.altitude_m
+    return mission.vehicle.cruise_altitude_m if stage.altitude_m is None else stage.altitude_m
 
 
 class _GroundVelocity:

@@ -17,6 +17,7 @@ from eadp.io.telemetry.reader import LINE_LIMIT_BYTES, TelemetryLine, TelemetryR
 from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
+from eadp.models.vehicle import FixedWing
 from eadp.planning.base import Mission
 
 GOOD = {"time_s": 1.0, "x_m": 2.0, "y_m": 3, "power_w": 36.5, "soc": 0.5}
@@ -67,7 +68,7 @@ def test_latitude_longitude_and_the_charge_drawn_stand_for_position_and_charge()
     origin, place = (55.37, 10.43), to_geodetic_deg(120.0, -40.0, (55.37, 10.43))
     plan = PlanReader()(Text("p", f"%: origin {origin[0]} {origin[1]}\n0.1; 90; x\n0, 300\n"))[0]
     battery = Battery(capacity_ah=4.0, soc=0.9)
-    reader = TelemetryReader("log.jsonl", Mission(plan, join_profile(plan, None), battery, 15.0, ()))
+    reader = TelemetryReader("log.jsonl", Mission(plan, join_profile(plan, None), battery, FixedWing(), ()))
     line = {"time_s": 1.0, "lat_deg": place[0], "lon_deg": place[1], "power_w": 36.5, "current_consumed_ah": 1.0}
     sample, _, warnings, _ = reader.read(1, json.dumps({**line, "airspeed_mps": 16}).encode())
     assert warnings == []
@@ -99,13 +100,14 @@ def test_latitude_longitude_and_the_charge_drawn_stand_for_position_and_charge()
 )
 def test_what_the_aircraft_cannot_have_counts_as_null(key, value, message):
     plan = PlanReader()(Text("p", "0.1; 90; x\n0, 300\n"))[0]
-    reader = TelemetryReader("log", Mission(plan, join_profile(plan, None), Battery(capacity_ah=4.0), 15.0, ()))
+    reader = TelemetryReader("log", Mission(plan, join_profile(plan, None), Battery(capacity_ah=4.0), FixedWing(), ()))
     line = {"time_s": 1.0, "x_m": 2.0, "y_m": 3.0, "power_w": 36.5}
     sample, _, (warning,), _ = reader.read(1, json.dumps({**line, key: value}).encode())
     assert f"warning: {message}" in str(warning)
     assert (sample.velocity_mps, sample.wind_mps, sample.soc) == (None, None, None)
     faster = replace(plan, stages=tuple(replace(stage, airspeed_mps=25.0) for stage in plan.stages))
-    fast = TelemetryReader("log", Mission(faster, join_profile(plan, None), Battery(capacity_ah=400.0), 15.0, ()))
+    battery = Battery(capacity_ah=400.0)
+    fast = TelemetryReader("log", Mission(faster, join_profile(plan, None), battery, FixedWing(), ()))
     assert fast.read(1, json.dumps({**line, "soc": 1, key: value}).encode())[2] == []
 
 

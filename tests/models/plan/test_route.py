@@ -600,7 +600,7 @@ def test_a_simulated_flight_takes_the_times_told(wind):
         FLOWN,
         Timing(0.02),
     )
-    mission = Mission(plan, computing, battery, plane.airspeed_mps, parameters, start)
+    mission = Mission(plan, computing, battery, plane, parameters, start, altitude_m=plane.cruise_altitude_m)
     outcome = Outcome()
     for _ in fly(world, Piloted(Planner(PlannerSettings(), mission)), outcome):
         pass
@@ -770,7 +770,7 @@ def flown_survey(c1):
         FLOWN,
         Timing(0.05),
     )
-    mission = Mission(plan, computing, battery, plane.airspeed_mps, parameters, start)
+    mission = Mission(plan, computing, battery, plane, parameters, start, altitude_m=plane.cruise_altitude_m)
     outcome = Outcome()
     for _ in fly(world, Piloted(Planner(PlannerSettings(), mission)), outcome):
         pass

@@ -18,6 +18,7 @@ from eadp.models.computing import join_profile
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.route import RoutePredictor
 from eadp.models.profile import Profile
+from eadp.models.vehicle import FixedWing
 from eadp.planning.base import Mission, PlannerSettings, TradeOff
 from eadp.planning.forecast.envelopes import Envelopes, concave_envelope
 
@@ -149,7 +150,7 @@ class Case:
         self.computing = join_profile(self.plan, profile or fps())
         first = tuple(self.plan.hull(i).hi for i in range(len(self.plan.parameters)))
         own = tuple(0.3 * box.lo + 0.7 * box.hi for box in map(self.plan.hull, range(len(first))))
-        mission = Mission(self.plan, self.computing, Battery(14.8, 0.05, 1.0), 15.0, first)
+        mission = Mission(self.plan, self.computing, Battery(14.8, 0.05, 1.0), FixedWing(), first)
         settings = PlannerSettings(weights=self.weights, levels=self.levels)
         self.envelopes = Envelopes(mission, settings, trade_offs, total=total)
         self.route = RoutePredictor().route(PlanCursor.start(self.plan, own), (0.0, -50.0))

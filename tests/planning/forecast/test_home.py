@@ -38,7 +38,7 @@ def test_the_way_home_takes_a_turn_and_a_line_at_least_power(home, wind_mps):
     ground_mps = along + math.sqrt(mission.cruise_mps**2 - across**2)
     turn_m = 2 * math.pi * HOME_RADII * mission.way_home.turn_radius_m
     seconds = math.dist(home, start) / ground_mps + turn_m / mission.cruise_mps
-    least_w = mission.motion_w + mission.computing.power_w((-1000.0, 2.0), mission.plan.stages[0].sets)
+    least_w = mission.vehicle.cruise_power_w + mission.computing.power_w((-1000.0, 2.0), mission.plan.stages[0].sets)
     battery = mission.battery
     current = min(np.roots([battery.resistance_ohm, -battery.voltage_v, least_w]).real)
     takes = current * seconds / 3600 / battery.capacity_ah
@@ -53,7 +53,7 @@ def test_a_higher_way_home_takes_a_climb():
     )
     assert low == level
     mission = forecasting_of().mission
-    climb_ah = 100 * mission.airframe.climb_j_per_m / mission.battery.voltage_v / 3600
+    climb_ah = 100 * mission.vehicle.climb_j_per_m / mission.battery.voltage_v / 3600
     # the current of it, and what the resistance takes
     assert level - high == pytest.approx(climb_ah / mission.battery.capacity_ah, rel=0.05)
 

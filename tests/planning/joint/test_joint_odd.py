@@ -15,12 +15,14 @@ from eadp.models.plan.cursor import Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.route import RoutePredictor
 from eadp.models.profile import Profile
+from eadp.models.vehicle import PowerCurve
 from eadp.planning.base import Mission, Observation, PlannerSettings, Sample
 from eadp.planning.forecast.held import margin_m
 from eadp.planning.joint.planner import JointPlanner
 
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.8, 9.8]))
 SPEED_MPS, MOTION_W = 15.0, 36.0
+VEHICLE = PowerCurve(((SPEED_MPS, MOTION_W),), airspeed_mps=SPEED_MPS, cruise_altitude_m=0.0)
 FULL_AH, PLENTY = Battery(14.8, 0.05, 3.2, letter_crate_per_h=10.0), 0.9
 LINE = "0.1; 90; x\n0, 900\n[2, 10]\n0.1; 90; x\n0, 1800\n[2, 10]\n"
 
@@ -31,7 +33,7 @@ def plan_of(text):
 
 def planner_for(plan, parameters, profile=PROFILE, battery=FULL_AH, start=(0.0, 0.0), **settings):
     computing = join_profile(plan, profile)
-    mission = Mission(plan, computing, battery, SPEED_MPS, parameters, start, motion_w=MOTION_W)
+    mission = Mission(plan, computing, battery, VEHICLE, parameters, start)
     return Piloted(JointPlanner(PlannerSettings(name="joint", **settings), mission))
 
 

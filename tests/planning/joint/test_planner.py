@@ -22,6 +22,7 @@ from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
+from eadp.models.vehicle import PowerCurve
 from eadp.planning.base import Mission, PlannerSettings
 from eadp.planning.joint.planner import GAUGE_DISBELIEVED, JUMPED, NEW_STAGE, TIME, WARM_UP_S, JointPlanner
 from eadp.planning.joint.policy import SETTLED_S
@@ -198,6 +199,7 @@ def test_levels_and_trade_offs_are_kept():
 # --- observations alone -----------------------------------------------------------------------------------------------
 
 SPEED_MPS, MOTION_W = 15.0, 36.0
+VEHICLE = PowerCurve(((SPEED_MPS, MOTION_W),), airspeed_mps=SPEED_MPS, cruise_altitude_m=0.0)
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.8, 9.8]))
 LINE = "0.1; 90; x\n0, 4500\n[2, 10]\n"
 OFF_AND_ON = "0.1; 90; x\n0, 2250\n[0, 0]\n0.1; 90; x\n0, 4500\n[2, 10]\n"
@@ -206,7 +208,7 @@ OFF_AND_ON = "0.1; 90; x\n0, 2250\n[0, 0]\n0.1; 90; x\n0, 4500\n[2, 10]\n"
 def planner_of(text, battery, **settings):
     plan = read_plan(Text("p", text))[0]
     first = (10.0,)
-    mission = Mission(plan, join_profile(plan, PROFILE), battery, SPEED_MPS, first, (0.0, 0.0), motion_w=MOTION_W)
+    mission = Mission(plan, join_profile(plan, PROFILE), battery, VEHICLE, first, (0.0, 0.0))
     own = JointSettings(loss_rate_per_h=0.0)
     return Piloted(JointPlanner(PlannerSettings(name="joint", **settings), mission, own))
 
@@ -343,7 +345,7 @@ def test_two_computations_in_gusts_change_seldom_at_measured_levels_and_use_the_
     profile = Profile(("fps", "size"), ("", ""), rows, 3 + rows @ [0.35, 0.7] + 0.06 * rows.prod(axis=1))
     plan = read_plan(Text("p", "0.1; 90; x\n0, 13500\n[2, 10]\n[1, 4]\n"))[0]
     battery, parameters = Battery(14.8, 0.05, capacity_ah), (10.0, 4.0)
-    mission = Mission(plan, join_profile(plan, profile), battery, SPEED_MPS, parameters, (0.0, 0.0), motion_w=MOTION_W)
+    mission = Mission(plan, join_profile(plan, profile), battery, VEHICLE, parameters, (0.0, 0.0))
     own = JointSettings(loss_rate_per_h=0.0)
     pilot = Piloted(JointPlanner(PlannerSettings(name="joint"), mission, own))
     rng = np.random.default_rng(2)

@@ -141,7 +141,7 @@ def test_a_plan_without_parameters_has_a_forecast(tmp_path):
     assert (expected.parameters, expected.quality) == ({}, None)
     # from 100 m before the trigger to it at 15 m/s
     assert expected.forecast.remaining_s == pytest.approx(100 / 15)
-    power_w = inputs.mission.motion_w
+    power_w = inputs.mission.vehicle.cruise_power_w
     assert expected.forecast.energy_wh == pytest.approx(power_w * 100 / 15 / 3600, rel=1e-6)
 
 

@@ -14,6 +14,7 @@ from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
+from eadp.models.vehicle import PowerCurve
 from eadp.planning.base import Mission, PlannerSettings, TradeOff
 from eadp.planning.estimation.estimator import EstimatorSettings
 from eadp.planning.paper.planner import PaperPlanner, PaperSettings, _crossing_s, _lasting_s, _matrix_fault
@@ -21,7 +22,8 @@ from eadp.planning.state.flight_state import FlightState
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.0, 12.0]))
-MISSION = Mission(PLAN, join_profile(PLAN, PROFILE), Battery(), 15.0, (0.0, 10.0), (-100.0, 220.0))
+VEHICLE = PowerCurve(cruise_altitude_m=0.0)
+MISSION = Mission(PLAN, join_profile(PLAN, PROFILE), Battery(), VEHICLE, (0.0, 10.0), (-100.0, 220.0))
 
 
 def settings(**own):
@@ -134,7 +136,7 @@ def test_stages_with_other_fixed_computations_have_powers_of_their_own():
     profile = Profile(("a", "b"), ("", ""), grid, np.array([4.0, 12.0, 14.0, 22.0]))
     for fixed, lowest_w in ((1, 4.0), (5, 14.0)):
         plan, _ = read_plan(Text("two", text.format(fixed, fixed)))
-        mission = Mission(plan, join_profile(plan, profile), Battery(), 15.0, (10.0, float(fixed)), (100.0, 0.0))
+        mission = Mission(plan, join_profile(plan, profile), Battery(), VEHICLE, (10.0, float(fixed)), (100.0, 0.0))
         pilot = PaperPlanner(PlannerSettings(), mission)
         pilot._state = FlightState(mission)
         stages = [SimpleNamespace(stage=k, parameters=mission.parameters, soc=0.8) for k in (1, 2)]

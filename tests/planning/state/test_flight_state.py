@@ -252,7 +252,7 @@ def test_without_any_power_the_airframes_stays():
         for each in taken
     ]
     known = known_at_end(state_of(inputs, blind), blind)
-    assert known.motion.level_w == pytest.approx(inputs.mission.motion_w, rel=1e-6)
+    assert known.motion.level_w == pytest.approx(inputs.mission.vehicle.cruise_power_w, rel=1e-6)
     assert np.isfinite(numbers(known)).all()
 
 
@@ -373,5 +373,5 @@ def test_altitudes_are_followed_and_their_power_is_not_that_of_level_flight(tmp_
     assert np.abs(errors).max() < 4.0
     known = known_at_end(state, taken)
     assert known.climb.altitude_m == pytest.approx(150, abs=1)
-    assert known.motion.level_w == pytest.approx(inputs.mission.motion_w, rel=0.03)
+    assert known.motion.level_w == pytest.approx(inputs.mission.vehicle.cruise_power_w, rel=0.03)
     assert known_at_end(state_of(inputs, taken, every=1), taken) == known

@@ -12,6 +12,7 @@ from eadp.io.text.streams import read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
+from eadp.models.vehicle import FixedWing
 from eadp.planning.base import Mission, Readings
 from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator
 from eadp.planning.state import queue as module
@@ -22,7 +23,7 @@ ROUNDING = 1e-9
 LAP_S, EVERY_S = 11.3, 0.1
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.75376, 9.75462]))
-MISSION = Mission(PLAN, join_profile(PLAN, PROFILE), Battery(), 15.0, (0.0, 10.0), (-100.0, 220.0))
+MISSION = Mission(PLAN, join_profile(PLAN, PROFILE), Battery(), FixedWing(), (0.0, 10.0), (-100.0, 220.0))
 KINDS = [EstimatorSettings(), EstimatorSettings(kind="published")]
 
 
