@@ -53,8 +53,8 @@ class MotionPower:
 
     Parameters
     ----------
-    level_w : float or None
-        Prior power of level flight [W].
+    level_w : float
+        Prior power of level flight [W]; 0 where it is not known.
     level_share : float
         Its standard deviation, as a share of it.
     climb_j_per_m : float
@@ -63,18 +63,17 @@ class MotionPower:
     Source: induced drag grows with the square of the load factor (Anderson 1999); Bayesian linear regression.
     """
 
-    def __init__(self, level_w: float | None, level_share: float = LEVEL_SHARE, climb_j_per_m: float = 0.0) -> None:
-        level = level_w or 0.0
-        level_std, slope_std = (level_share * level, TURN_SHARE * level) if level_w else UNKNOWN_W
+    def __init__(self, level_w: float, level_share: float = LEVEL_SHARE, climb_j_per_m: float = 0.0) -> None:
+        level_std, slope_std = (level_share * level_w, TURN_SHARE * level_w) if level_w else UNKNOWN_W
         climb_std = CLIMB_SHARE * climb_j_per_m or UNKNOWN_W[1]
         prior = Prior(
-            a=level,
-            b=TURN_SHARE * level,
+            a=level_w,
+            b=TURN_SHARE * level_w,
             c=climb_j_per_m,
             information_a=1 / level_std**2,
             information_b=1 / slope_std**2,
             information_c=1 / climb_std**2,
-            noise=WINDOW_S * max(POWER_SHARE * level, MIN_POWER_STD_W) ** 2,
+            noise=WINDOW_S * max(POWER_SHARE * level_w, MIN_POWER_STD_W) ** 2,
         )
         self._state = MotionState(MotionWindow(0.0, 0.0, 0.0), started(prior))
 

@@ -22,7 +22,7 @@ MEAN_S = 60.0
 
 
 class PowerBounds(NamedTuple):
-    """Power before the first reading, 0 where it is not known, and power that cannot be exceeded [W]."""
+    """Power before the first reading, and power that cannot be exceeded [W]."""
 
     usual_w: float
     limit_w: float
@@ -34,7 +34,7 @@ class GateState(NamedTuple):
     Attributes
     ----------
     mean_w : float
-        Mean [W]; NaN before the first reading.
+        Mean [W].
     read_s, motion_w : float
         Time [s] and motion power [W] of the last reading that has passed.
     max_motion_w : float
@@ -58,15 +58,15 @@ class PowerGate:
 
     Parameters
     ----------
-    mean_w : float or None
-        Power before the first reading [W]; None where it is not known: the first reading passes then.
+    mean_w : float
+        Power before the first reading [W].
     limit_w : float
         Power that the battery and the motor cannot exceed [W]; may be infinite.
     """
 
-    def __init__(self, mean_w: float | None, limit_w: float) -> None:
-        self._bounds = PowerBounds(mean_w or 0.0, limit_w)
-        self._state = GateState(math.nan if mean_w is None else mean_w, 0.0, 0.0, 0.0, math.nan, False)
+    def __init__(self, mean_w: float, limit_w: float) -> None:
+        self._bounds = PowerBounds(mean_w, limit_w)
+        self._state = GateState(mean_w, 0.0, 0.0, 0.0, math.nan, False)
 
     @property
     def max_motion_w(self) -> float:
@@ -144,8 +144,6 @@ def _with_reading(
     mean_w, read_s, last_w, max_motion_w, since_s, _ = state
     if not 0.0 <= power_w <= bounds.limit_w:  # NaN included
         return GateState(mean_w, read_s, last_w, max_motion_w, since_s, rejects=True)
-    if math.isnan(mean_w):
-        mean_w = power_w
     if power_w > MAX_RATIO * max(mean_w, bounds.usual_w):  # false, until it has persisted: the mean is another then
         if math.isnan(since_s):
             since_s = time_s

@@ -62,9 +62,8 @@ def test_power_before_anything_is_flown():
     assert energy_variance_j2(motion, 100.0, 0.0) == pytest.approx(level_j2 + motion.known().noise * 100)
 
 
-@pytest.mark.parametrize("told_w", [None, 0.0])
-def test_power_that_nothing_is_known_of_is_what_is_flown(told_w):
-    motion = MotionPower(told_w)
+def test_power_that_nothing_is_known_of_is_what_is_flown():
+    motion = MotionPower(0.0)
     spells(motion, [42.0] * 3, [0.0] * 3)
     assert motion.known().level_w == pytest.approx(42, rel=1e-4)
 

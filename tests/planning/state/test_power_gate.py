@@ -25,8 +25,8 @@ def passed_of(gate, time_s, power_w):
     return None if math.isnan(found) else found
 
 
-def passed(powers_w, step_s=0.1, mean_w=MEAN_W):
-    gate = PowerGate(mean_w, LIMIT_W)
+def passed(powers_w, step_s=0.1):
+    gate = PowerGate(MEAN_W, LIMIT_W)
     return gate, [passed_of(gate, k * step_s, power_w) for k, power_w in enumerate(powers_w)]
 
 
@@ -44,7 +44,6 @@ def test_false_readings_do_not_pass_and_others_do(false_w, count):
 
 def test_the_first_reading_may_be_false():
     assert passed([6000.0 / 10, 42.0])[1] == [None, 42.0]
-    assert passed([600.0, 42.0], mean_w=None)[1] == [600.0, 42.0]
 
 
 @pytest.mark.parametrize("step_s", [0.1, 1.0])
