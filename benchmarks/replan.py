@@ -133,7 +133,7 @@ class Ours:
         self._planner = PaperPlanner(PlannerSettings(), mission, settings)
         self._planner._state = FlightState(mission, horizon_s=settings.horizon_s)
         cursor = PlanCursor.start(plan, mission.parameters)
-        self._observation = Observation(Sample(0.0, 0.0, 0.0, None, 1.0), 1.0, cursor, (-100.0, 220.0), 1)
+        self._observation = Observation(Sample(0.0, (0.0, 0.0), None, 1.0), 1.0, cursor, (-100.0, 220.0), 1)
         self._horizon = self._planner._horizon(self._observation, (0.0,))
         horizon.OPTIMAL = -np.inf  # nothing is kept
         self._steps = steps

@@ -39,7 +39,7 @@ class Sample(NamedTuple):
     ----------
     time_s : float
         Time of any clock that rises [s].
-    x_m, y_m : float or None
+    position_m : (float, float) or None
         Position in the local frame [m].
     power_w : float or None
         Measured power of motion and computations [W].
@@ -68,8 +68,7 @@ class Sample(NamedTuple):
     """
 
     time_s: float
-    x_m: float | None
-    y_m: float | None
+    position_m: Point | None
     power_w: float | None
     soc: float | None
     stage: int | None = None
@@ -85,14 +84,9 @@ class Sample(NamedTuple):
     voltage_v: float | None = None
 
     @property
-    def reading(self) -> tuple[float | None, ...]:
+    def reading(self) -> tuple[object, ...]:
         """What is read in flight, by which one is known again: its time, position, power and charge."""
-        return self.time_s, self.x_m, self.y_m, self.power_w, self.soc
-
-    @property
-    def position_m(self) -> Point | None:
-        """Its position [m]."""
-        return None if self.x_m is None or self.y_m is None else (self.x_m, self.y_m)
+        return self.time_s, self.position_m, self.power_w, self.soc
 
     @property
     def course_rad(self) -> float | None:

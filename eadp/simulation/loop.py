@@ -301,10 +301,11 @@ class _SensorBridge:
         """Update the planner with an observation after step `k`."""
         self.ingest(k - 1)
         x, y, true_w, soc, vx, vy, heading = self._inner_loop.measured(k)
+        position_m = x, y
         power_w: float | None = true_w
         if not self._ideal:
-            (x, y), power_w, soc = self._suite.measured(k, x, y, true_w, soc)
-        sample = Sample(k * self._step_s, x, y, power_w, soc, velocity_mps=(vx, vy), heading_rad=heading)
+            position_m, power_w, soc = self._suite.measured(k, x, y, true_w, soc)
+        sample = Sample(k * self._step_s, position_m, power_w, soc, velocity_mps=(vx, vy), heading_rad=heading)
         observation = Observation(sample, soc, executor.cursor, executor.joined_m, executor.stages_started)
         before, decision = self._flight.decision, self._flight.take(observation)
         if decision.record is not None and decision.record is not before.record:

@@ -98,7 +98,7 @@ class Replanner:
         self._gate, self.reader = OutlierGate(inputs.mission.cruise_mps), TelemetryReader(name, inputs.mission)
         self._log, self._emit, self._warn = log, emit, warn
         # samples of the log that is resumed from, by their first fields, and the time of the last [s]
-        self._logged: set[tuple[float | None, ...]] = set()
+        self._logged: set[tuple[object, ...]] = set()
         self._logged_to_s = 0.0
         self._skipped = self.used = self.planned = False  # whether there was a warning that lines are skipped
 

@@ -209,8 +209,8 @@ def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurve
         for number, raw in numbered_lines(stream, source):
             sample, _, found, _ = reader.read(number, raw)
             warn([each for each in found if "missing" not in each.message])
-            if sample is not None and sample.x_m is not None and sample.y_m is not None:
-                rows.append((sample.time_s, sample.x_m, sample.y_m))
+            if sample is not None and sample.position_m is not None:
+                rows.append((sample.time_s, *sample.position_m))
     if len(rows) < 2:
         raise InputError.at(source, 1, 1, "has no positions", "telemetry with x_m and y_m, or lat_deg and lon_deg")
     photographed = np.ones(len(rows), dtype=bool)

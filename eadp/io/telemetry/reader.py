@@ -262,18 +262,16 @@ class TelemetryReader:
 
     def _sample(self, number: int, line: TelemetryLine, document: JsonObject) -> tuple[Sample, list[Fault]]:
         """The sample of a line, and a warning where its latitude and longitude are no position."""
-        values = line.model_dump(exclude={"heading_deg", "parameters", *INSTEAD.values()})
-        faults = []
+        values = line.model_dump(exclude={"x_m", "y_m", "heading_deg", "parameters", *INSTEAD.values()})
+        position, faults = None if line.x_m is None or line.y_m is None else (line.x_m, line.y_m), []
         if line.x_m is None and line.y_m is None and line.lat_deg is not None and line.lon_deg is not None:
-            point = to_near_local_m(line.lat_deg, line.lon_deg, self._origin_deg) if self._origin_deg else None
-            if point is not None:
-                values["x_m"], values["y_m"] = point
-            elif self._placed:
+            position = to_near_local_m(line.lat_deg, line.lon_deg, self._origin_deg) if self._origin_deg else None
+            if position is None and self._placed:
                 what, expected = "is too far from the plan's origin", "a position near it"
                 if not self._origin_deg:
                     what, expected = "has no place: the plan has no origin", "x_m and y_m, or %: origin in the plan"
                 faults = [self.fault(number, document, "lat_deg", f"lat_deg {what}; ignored", expected)]
-            self._placed = point is not None
+            self._placed = position is not None
         if line.soc is None and line.current_consumed_ah is not None:
             # b = b0 − ∫ k_b I / Q_c dt
             drawn = self._battery.drain_per_as * 3600 * line.current_consumed_ah
@@ -281,7 +279,7 @@ class TelemetryReader:
         heading = None if line.heading_deg is None else heading_rad(line.heading_deg)
         values["flies_mission"] = bool(line.flies_mission)
         parameters = {name: math.nan if value is None else value for name, value in (line.parameters or {}).items()}
-        return Sample(**values, heading_rad=heading, parameters=parameters), faults
+        return Sample(**values, position_m=position, heading_rad=heading, parameters=parameters), faults
 
     def _fault_of(self, number: int, document: JsonObject, key: str) -> Fault:
         """A warning about an invalid value."""

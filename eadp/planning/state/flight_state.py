@@ -494,10 +494,11 @@ def _with_reading(before: Readings | None, sample: Sample) -> Readings:
     """Readings with a sample as one more; as they are where the sample is no later than the last of them."""
     # a measured wind is not estimated from the velocity, too
     vx, vy = (None, None) if sample.velocity_mps is None or sample.wind_mps is not None else sample.velocity_mps
+    x, y = sample.position_m or (None, None)
     one = Readings(
         times_s=_numbers([sample.time_s]),
-        x_m=_numbers([sample.x_m]),
-        y_m=_numbers([sample.y_m]),
+        x_m=_numbers([x]),
+        y_m=_numbers([y]),
         powers_w=[sample.power_w],  # None, no power, is not the same as a power that is not a number
         charges=_numbers([sample.soc]),
         vx_mps=_numbers([vx]),

@@ -89,7 +89,7 @@ class OutlierGate:
             self._first = sample.time_s, sample.soc
         wrong = self._take_position(sample)
         if wrong is not None or self._frozen:
-            return sample._replace(x_m=None, y_m=None), wrong or notice
+            return sample._replace(position_m=None), wrong or notice
         return sample, notice
 
     # --- the clock

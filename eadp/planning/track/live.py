@@ -279,7 +279,7 @@ class LiveFlight:
         def started(time_s: float, position: Point, part: float) -> None:
             """Have the planner observe a start of a stage; `part` is of the way from the last sample to this one."""
             # a charge between two readings of a gauge is no reading: the sample has none
-            at_start = Sample(max(time_s, last_s), *position, power_w=None, soc=None)
+            at_start = Sample(max(time_s, last_s), position, power_w=None, soc=None)
             observation = self._tracker.observation(at_start, position, last_soc + part * (soc - last_soc))
             self._update_planner(flight, observation._replace(on_plan=self._climbs.on_plan))
 

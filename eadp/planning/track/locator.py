@@ -296,7 +296,7 @@ class Locator:
         if not self._before_gap:
             self._before_gap = self.hypotheses
         # by position, reports and time; else by reports and time; else by time alone
-        unplaced = seen._replace(x_m=None, y_m=None, velocity_mps=None)
+        unplaced = seen._replace(position_m=None, velocity_mps=None)
         stated = seen.stage is not None or seen.stages_started is not None
         located = list(self._candidates(seen, wind_mps)) if seen.position_m is not None else []
         candidates = located or list(self._candidates(unplaced, wind_mps))

@@ -106,9 +106,8 @@ class PlanTracker:
 
         At a position [m] and a state of charge, which the sample may not have measured.
         """
-        executor, (x_m, y_m) = self.executor, position
-        at = sample._replace(x_m=x_m, y_m=y_m, flies_mission=self.flies_mission)
-        gap = self.locator.through_gap
+        executor, gap = self.executor, self.locator.through_gap
+        at = sample._replace(position_m=position, flies_mission=self.flies_mission)
         return Observation(at, soc, executor.cursor, executor.joined_m, executor.stages_started, gap)
 
     # --- stage and lap

@@ -133,7 +133,7 @@ def test_a_decision_that_comes_too_late_for_its_stage_does_not_stay_in_the_route
 
     def seen(time_s, x_m, y_m, soc):
         joined_m, started = executor.joined_m, executor.stages_started
-        return Observation(Sample(time_s, x_m, y_m, 46.0, soc), soc, executor.cursor, joined_m, started)
+        return Observation(Sample(time_s, (x_m, y_m), 46.0, soc), soc, executor.cursor, joined_m, started)
 
     for k in range(1, 31):
         if k in (10, 20):

@@ -80,7 +80,7 @@ def test_the_planner_answers_the_loss():
     for second in range(300):
         volts = mission.battery.voltage_at(1 - second / 2000) - (2.0 if second >= 200 else 0.0)
         soc = 1 - second / 2000
-        sample = Sample(float(second), -100.0, 220.0, 40.0, soc, voltage_v=volts)
+        sample = Sample(float(second), (-100.0, 220.0), 40.0, soc, voltage_v=volts)
         flight.take(Observation(sample, soc, cursor, (-100.0, 220.0), 1))
         if second == 199:
             assert flight.state.warnings == ()

@@ -14,9 +14,9 @@ def accepted(*pairs):
     """Whether samples of (time, x) are used, and what is odd about them."""
     gate, answers = OutlierGate(15.0), []
     for time_s, x in pairs:
-        sample = Sample(time_s, x, 0.0, None, 0.5)
+        sample = Sample(time_s, (x, 0.0), None, 0.5)
         usable, notice = gate.accept(sample)
-        answers.append((usable is not None and usable.x_m is not None, notice.message if notice else None))
+        answers.append((usable is not None and usable.position_m is not None, notice.message if notice else None))
     return answers
 
 
@@ -49,7 +49,7 @@ def flown(times, positions=None, socs=None, **known):
     positions = positions or [SPEED * k for k in range(len(times))]
     socs = socs or [0.9] * len(times)
     samples = [
-        Sample(time_s, x, 0.0, 36.0, soc)._replace(**known)
+        Sample(time_s, (x, 0.0), 36.0, soc)._replace(**known)
         for time_s, x, soc in zip(times, positions, socs, strict=True)
     ]
     return [gate.accept(sample)[0] for sample in samples]

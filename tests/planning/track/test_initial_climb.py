@@ -11,7 +11,7 @@ from eadp.planning.track.initial_climb import MAX_S, STAYS_S, InitialClimb
 def reached_s(flight, altitude_m=60.0):
     """When it is: `flight` gives airspeed [m/s] and altitude [m] at a time [s]."""
     samples = [
-        Sample(float(k), 0.0, 0.0, 40.0, 1.0, airspeed_mps=airspeed, altitude_m=height)
+        Sample(float(k), (0.0, 0.0), 40.0, 1.0, airspeed_mps=airspeed, altitude_m=height)
         for k, (airspeed, height) in enumerate(map(flight, range(200)))
     ]
     climb = InitialClimb(samples[0], 15.0, altitude_m)

@@ -63,7 +63,7 @@ def samples(seen, every, shift_s=0.0, keys=()):
     """Every so many observations and the last one, as telemetry with some of its optional keys."""
     for k, o in enumerate(seen, 1):
         if k % every == 0 or k == len(seen):
-            sample = Sample(o.time_s + shift_s, *o.position_m, o.sample.power_w, o.soc)
+            sample = Sample(o.time_s + shift_s, o.position_m, o.sample.power_w, o.soc)
             # an autopilot's stage is the one being flown; a sample of the simulation has none
             yield sample._replace(**{key: getattr(o if key == "stage" else o.sample, key) for key in keys})
 
@@ -162,7 +162,7 @@ def test_the_ground_velocity_is_estimated_from_positions():
     ground, found = _GroundVelocity(15.0), []
     for k in range(6):
         angle = 15.0 * k / 60
-        velocity = ground.update(Sample(float(k), 60 * math.cos(angle), 60 * math.sin(angle), None, None))
+        velocity = ground.update(Sample(float(k), (60 * math.cos(angle), 60 * math.sin(angle)), None, None))
         found.append(velocity and (math.hypot(*velocity), math.atan2(velocity[1], velocity[0]) - angle - math.pi / 2))
     assert found[0] is None
     assert found[1] == pytest.approx((15, -15 / 120), rel=0.01)
@@ -170,7 +170,7 @@ def test_the_ground_velocity_is_estimated_from_positions():
         assert speed_mps == pytest.approx(15, rel=0.1)
         assert abs(behind) < 0.06
     # long after the last position they begin anew
-    assert ground.update(Sample(1000.0, 0.0, 0.0, None, None)) is None
+    assert ground.update(Sample(1000.0, (0.0, 0.0), None, None)) is None
 
 
 def test_the_ground_velocity_is_that_of_the_last_seconds():
@@ -180,7 +180,7 @@ def test_the_ground_velocity_is_that_of_the_last_seconds():
     for k in range(40):
         speed = 10.0 if k <= 20 else 20.0
         x += speed * 0.5 * (k > 0)
-        velocity = ground.update(Sample(0.5 * k, x, 0.0, None, None))
+        velocity = ground.update(Sample(0.5 * k, (x, 0.0), None, None))
         found[k] = velocity and velocity[0]
     assert found[20] == pytest.approx(10)
     # the window holds the samples 20 to 25, all after the change
@@ -228,8 +228,7 @@ def test_planners_without_a_forecast_have_one_of_held_parameters(planner):
 
 
 def start(inputs, time_s=0.0, **changes):
-    x, y = inputs.mission.start_m
-    return Sample(time_s, x, y, 36.0, 0.9)._replace(**changes)
+    return Sample(time_s, inputs.mission.start_m, 36.0, 0.9)._replace(**changes)
 
 
 def test_an_empty_battery_is_a_no_until_it_is_measured_not_to_be(recorded):
@@ -248,7 +247,7 @@ def test_the_first_fix_may_be_anywhere(recorded, place):
     inputs = recorded[0]
     flight = live(inputs)
     for k in range(30):
-        sample = Sample(100.0 + k, place[0] + 12.0 * k, place[1], 36.0, 0.9 - 0.0002 * k)
+        sample = Sample(100.0 + k, (place[0] + 12.0 * k, place[1]), 36.0, 0.9 - 0.0002 * k)
         advice, notices = flight.update(sample)
         assert not any("failed" in notice.message for notice in notices)
         assert advice is not None
@@ -313,7 +312,7 @@ def test_a_parameter_that_is_on_its_way_is_held_no_longer(recorded):
 
     def warnings_after(seconds, c1):
         for o in itertools.islice(seen, seconds):
-            sample = Sample(o.time_s, *o.position_m, o.sample.power_w, o.soc, parameters={"c1": c1})
+            sample = Sample(o.time_s, o.position_m, o.sample.power_w, o.soc, parameters={"c1": c1})
             advice, _ = flight.update(sample)
         return advice.warnings
 
@@ -366,7 +365,7 @@ def test_an_aircraft_that_starts_a_stage_a_second_before_positions_show_it(recor
     ahead = 0
     for o, later in itertools.pairwise(recorder.seen[99::100]):
         reported = dict(zip(inputs.mission.plan.names, later.parameters, strict=True))
-        advice, _ = flight.update(Sample(o.time_s, *o.position_m, o.sample.power_w, o.soc, parameters=reported))
+        advice, _ = flight.update(Sample(o.time_s, o.position_m, o.sample.power_w, o.soc, parameters=reported))
         ahead += o.parameters[0] != later.parameters[0]
         assert advice.stage == o.stage
         assert advice.in_force["c1"] == o.parameters[0]
@@ -428,7 +427,7 @@ def test_no_fixes_crash_it_and_advice_is_finite(planner, steps, near):
     for step_s, dx, dy, sample in steps:
         time_s, x, y = time_s + step_s, x + dx, y + dy
         sample = sample._replace(time_s=time_s)
-        advice, notices = flight.update(sample._replace(x_m=x, y_m=y) if near else sample)
+        advice, notices = flight.update(sample._replace(position_m=(x, y)) if near else sample)
         assert not any("failed" in notice.message for notice in notices), notices
         if advice is None:
             continue
@@ -448,6 +447,6 @@ def test_the_same_fixes_give_the_same_advice(recorded):
 def test_a_mission_without_a_start_starts_at_the_first_sample(recorded):
     inputs = recorded[0]
     flight = live(replace(inputs, mission=replace(inputs.mission, start_m=None)))
-    advice, notices = flight.update(Sample(3.0, -100.0, 220.0, 36.0, 0.9))
+    advice, notices = flight.update(Sample(3.0, (-100.0, 220.0), 36.0, 0.9))
     assert notices == ()
     assert advice.stage == 1

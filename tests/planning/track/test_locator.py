@@ -73,7 +73,7 @@ def test_a_lap_that_the_time_does_not_allow_is_none():
 
 
 def test_without_a_position_it_is_where_the_time_puts_it():
-    number, found = sighted(100.0, x_m=None, y_m=None, velocity_mps=None)
+    number, found = sighted(100.0, position_m=None, velocity_mps=None)
     assert found.uncertain
     assert stages(found) == [(LEGS[number].lap, LEGS[number].stage.index)]
     _, position, _ = nominal(100.0)
@@ -134,7 +134,7 @@ def test_a_course_decides_between_two_lines():
     """Two lines of opposite directions, side by side."""
     number = next(i for i, leg in enumerate(LEGS) if leg.lap == 2 and leg.stage.kind == "line")
     time_s = (ENDS_S[number - 1] + ENDS_S[number]) / 2
-    _, found = sighted(time_s, x_m=None, y_m=None, velocity_mps=None)
+    _, found = sighted(time_s, position_m=None, velocity_mps=None)
     _, position, course = nominal(time_s)
     found.seek(seen_at(time_s, position, course), (0.0, 0.0))
     assert not found.lost

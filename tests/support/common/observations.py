@@ -15,7 +15,7 @@ def observation(plan, parameters, time_s, x_m, y_m, *, started=1, power_w=46.0, 
     cursor, joined_m = PlanCursor.start(plan, parameters), (x_m, y_m)
     for _ in range(started - 1):
         cursor, joined_m = cursor.next(), cursor.trigger_m()
-    return Observation(Sample(time_s, x_m, y_m, power_w, soc, **more), soc, cursor, joined_m, started, through_gap)
+    return Observation(Sample(time_s, (x_m, y_m), power_w, soc, **more), soc, cursor, joined_m, started, through_gap)
 
 
 def measured(o, **changes):
@@ -26,9 +26,8 @@ def measured(o, **changes):
 
 def seen_at(time_s, position_m, course_rad=None, stage=None, stages_started=None):
     """A sample of where an aircraft is and where it flies to, at 1 m/s, with what it reports of its stage."""
-    x_m, y_m = position_m or (None, None)
     velocity = None if course_rad is None else (math.cos(course_rad), math.sin(course_rad))
-    return Sample(time_s, x_m, y_m, None, None, stage, velocity_mps=velocity, stages_started=stages_started)
+    return Sample(time_s, position_m, None, None, stage, velocity_mps=velocity, stages_started=stages_started)
 
 
 class Piloted(PlannedFlight):
