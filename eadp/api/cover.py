@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.landing import Air, approach, climb_out, course_rad, landing_pose
 from eadp.api.profile import profile_of_scenario, read_profile
-from eadp.api.terrain import FLAT_M, HeightReport, Heights, TerrainOptions, TerrainTask
+from eadp.api.terrain import FLAT_M, HeightReport, Heights, TerrainOptions, TerrainTask, with_heights
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, velocity_mps
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
@@ -661,9 +661,11 @@ class CoverageTask:
             if options.turns_off and not solution.blocks:
                 split = (part for leg in solution.path(0.0).legs for part in leg.split())
                 flown = replace(solution, sections=tuple(split))
-            given = field, motion, self.request.order_spacing_m or motion.swath_m, self.home_m, self.airframe
-            lands = self.landing is not None
-            flown, heights = self.terrain.flown(flown, *given, from_ground=self.from_ground, lands=lands)
+            home_m, lands = self.home_m or flown.path(0.0).legs[0].start[:2], self.landing is not None
+            ground = self.terrain.ground(field, motion, self.request.order_spacing_m or motion.swath_m, home_m)
+            flown, heights = with_heights(
+                flown, ground, home_m, self.airframe, from_ground=self.from_ground, lands=lands
+            )
             altitude_m, sited = heights.profile.commanded_m[0], heights.on_ground(field)
         if self.landing is not None:
             ending = _command(LAND, 0.0 if heights is None else heights.profile.commanded_m[-1])

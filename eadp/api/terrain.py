@@ -127,35 +127,6 @@ class TerrainTask(NamedTuple):
         message = f"the final approach towards {compass_deg(course) % 360:.0f}° {comes}"
         raise Infeasible(f"{message} at {place}, and keeps {min_m:.1f} m there", advice)
 
-    def flown(
-        self,
-        solution: CoverageSolution,
-        field: Field,
-        motion: MotionLimits,
-        apart_m: float,
-        home_m: Point | None,
-        airframe: Airframe,
-        *,
-        from_ground: bool,
-        lands: bool,
-    ) -> tuple[CoverageSolution, Heights]:
-        """A path with its altitudes, see `over_terrain`, which are 0 at home, or at the start; and its heights.
-
-        Raises
-        ------
-        Infeasible
-            As `over_terrain`.
-        InputError
-            Of an aircraft that holds its own altitude.
-        """
-        if isinstance(airframe, PaperVehicle):
-            raise _fault("--terrain", f"the airframe {airframe.model} holds its own altitude", "another --vehicle")
-        home_m = home_m or solution.path(0.0).legs[0].start[:2]
-        ground = self.ground(field, motion, apart_m, home_m)
-        climbing = Climbing(*airframe.climb_rates_mps(motion.airspeed_mps), airframe.altitude_gain_per_s)
-        flown, profile = over_terrain(solution, ground, climbing, 0.0 if from_ground else None, lands=lands)
-        return flown, Heights(profile, home_m, climbing)
-
 
 class Heights(NamedTuple):
     """The heights of a flight over its ground: its profile, home [m], and how the aircraft climbs."""
@@ -175,6 +146,25 @@ class Heights(NamedTuple):
         ends_m = points_m[:: max(1, len(points_m) // WAYS_HOME)] - np.array(self.home_m)
         ways_m = np.array(self.home_m) + np.linspace(0, 1, HOME_POINTS)[:, None, None] * ends_m
         return math.ceil(float(ground.heights_m(ways_m.reshape(-1, 2)).max()) + ground.limits.clearance_m)
+
+
+def with_heights(
+    solution: CoverageSolution, ground: Ground, home_m: Point, airframe: Airframe, *, from_ground: bool, lands: bool
+) -> tuple[CoverageSolution, Heights]:
+    """A path with its altitudes over a ground, see `over_terrain`, and its heights.
+
+    Raises
+    ------
+    Infeasible
+        As `over_terrain`.
+    InputError
+        Of an aircraft that holds its own altitude.
+    """
+    if isinstance(airframe, PaperVehicle):
+        raise _fault("--terrain", f"the airframe {airframe.model} holds its own altitude", "another --vehicle")
+    climbing = Climbing(*airframe.climb_rates_mps(ground.motion.airspeed_mps), airframe.altitude_gain_per_s)
+    flown, profile = over_terrain(solution, ground, climbing, 0.0 if from_ground else None, lands=lands)
+    return flown, Heights(profile, home_m, climbing)
 
 
 class HeightReport(NamedTuple):
