@@ -9,31 +9,28 @@ from dataclasses import dataclass, fields
 from typing import Annotated
 
 from eadp.api.given import File, Warn, python_warnings
-from eadp.errors import Fault, InputError, printable
+from eadp.errors import Fault, printable
 from eadp.io.profile import measuring, model_file
 from eadp.io.profile.configurations import configurations_to_measure
 from eadp.io.profile.measuring import MeasurementSettings, check_command, mean_text, measure, measurements_csv
 from eadp.io.profile.power_sensor import choose_sensor
 from eadp.io.scenario.scenario_file import Scenario
 from eadp.io.text.named import parse_named
-from eadp.io.text.options import Flag, option_name
+from eadp.io.text.options import Flag, check_range, option_name
 from eadp.io.text.streams import read_text
 from eadp.models.profile_sum import AnyProfile
 
-SHORTEST_INTERVAL_S = 0.01
-"""Shortest time between two samples [s]: sensors do not change faster."""
+SHORTEST_INTERVAL_S, MAX_TIME_S = 0.01, 86_400.0
+"""Shortest time between two samples [s]: sensors do not change faster; and the longest time at a configuration."""
 
 
 @dataclass(frozen=True)
-class MeasureOptions:
+class MeasureOptions(MeasurementSettings):
     """How the power of a command is measured."""
 
     config: Annotated[Sequence[str], Flag(metavar="NAME=VALUE,…")] = ()
     """Configuration of a trace, one option for each trace; with --measure, configurations to measure, all combinations:
     fps=2,4,keysize=32,448."""
-
-    sweep: Annotated[Sequence[str], Flag(metavar="NAME=FROM:TO:STEP")] = ()
-    """Values to measure at, both ends included."""
 
     sensor: Annotated[str, Flag(metavar="KIND:NAME")] = ""
     """The sensor to read, or its path."""
@@ -41,41 +38,17 @@ class MeasureOptions:
     sysfs: Annotated[str, Flag(metavar="DIR")] = "/sys"
     """Root of the sensors."""
 
-    warmup_s: float = MeasurementSettings.warm_up_s
-    """Time before the first sample."""
-
-    interval_s: float = MeasurementSettings.interval_s
-    """Time from one sample to the next."""
-
-    accuracy: Annotated[str, Flag(metavar="W")] = f"{MeasurementSettings.accuracy}"
-    """Standard error to measure to [W], or as in 1%."""
-
-    longest_s: float = MeasurementSettings.max_time_s
-    """Longest time at a configuration."""
-
-    idle_s: float = MeasurementSettings.idle_s
-    """First measure for this time without the command."""
-
     def given(self) -> list[str]:
         """Those given, as options; without `--config`, which is not for measuring alone."""
         changed = [each.name for each in fields(self) if getattr(self, each.name) != each.default]
         return [option_name(name) for name in changed if name != "config"]
 
-    @property
-    def settings(self) -> MeasurementSettings:
-        """The settings; raises InputError."""
-        for option, value, least in (
-            ("--warmup", self.warmup_s, 0.0),
-            ("--interval", self.interval_s, SHORTEST_INTERVAL_S),
-            ("--longest", self.longest_s, SHORTEST_INTERVAL_S),
-            ("--idle", self.idle_s, 0.0),
-        ):
-            if not least <= value < math.inf:
-                expected = f"a number of seconds, {least:g} or more"
-                raise InputError.at(option, 1, 1, f"{value:g} s", expected, f"{value:g}")
-        return MeasurementSettings(
-            self.warmup_s, self.interval_s, *_accuracy(self.accuracy), self.longest_s, self.idle_s
-        )
+    def check(self) -> None:
+        """Refuse values out of range; raises InputError."""
+        check_range("--warmup", self.warmup_s, 0.0, MAX_TIME_S, closed=True)
+        check_range("--interval", self.interval_s, SHORTEST_INTERVAL_S, MAX_TIME_S, closed=True)
+        check_range("--accuracy", self.accuracy_w, 0.0, math.inf)
+        check_range("--longest", self.longest_s, SHORTEST_INTERVAL_S, MAX_TIME_S, closed=True)
 
 
 def measure_profile(
@@ -105,38 +78,23 @@ def measure_profile(
     InputError
         Of the options, the sensor or the command.
     """
-    configurations = configurations_to_measure(options.config, options.sweep)
+    configurations = configurations_to_measure(options.config)
     check_command(command, configurations[0].names)
-    settings = options.settings
+    options.check()
     sensor = choose_sensor(options.sysfs, options.sensor)
     chosen(_note("--sensor", f"{printable(sensor.label)} at {printable(str(sensor.path))}"))
-    results, idle = measure(command, configurations, sensor, settings, time, measuring.launched, report)
-    notes = [_note("--idle", f"{mean_text(idle)} without the command; not subtracted")] if idle else []
+    results, notes = measure(command, configurations, sensor, options, time, measuring.launched, report), []
     for each in results:
         notes.append(_note("--measure", f"{each.configuration}: {mean_text(each.average)}"))
         if not each.accurate:
             what = "not as accurate as asked" if each.average.std else "the sensor showed one value only"
-            message = f"{each.configuration}: {what} within {settings.max_time_s:g} s"
+            message = f"{each.configuration}: {what} within {options.longest_s:g} s"
             notes.append(_note("--longest", message, "warning"))
-    return measurements_csv(results, idle, command, sensor, settings), notes
+    return measurements_csv(results, command, sensor, options), notes
 
 
 def _note(option: str, message: str, severity: str = "note") -> Fault:
     return Fault(option, 1, 1, message, severity=severity)
-
-
-def _accuracy(raw: str) -> tuple[float, bool]:
-    """Read `0.05`, in watts, or `1%` of the mean; and whether it is the latter."""
-    text = raw.strip()
-    relative = text.endswith("%")
-    try:
-        value = float(text.removesuffix("%"))
-    except ValueError:
-        value = math.nan
-    if not 0 < value < math.inf:
-        expected = "watts above 0, as in 0.05, or a share, as in 1%"
-        raise InputError.at("--accuracy", 1, 1, "no accuracy", expected, raw)
-    return (value / 100, True) if relative else (value, False)
 
 
 def profile_of_scenario(setting: Scenario) -> tuple[AnyProfile | None, list[Fault]]:

@@ -293,7 +293,7 @@ def test_warnings_are_on_stderr(run: Run, measured: PowerMeasurement) -> None:
         (["--add", PEDNET], "--add:1:1: error: two of the profiles that are added have a parameter fps"),
         (["--config", "fps=2"], "--config:1:1: error: 1 configurations for 0 files without"),
         (["--config", "fps=2,4"], "--config:1:1: error: 2 values of fps; expected one for a trace"),
-        (["--idle", "3"], "--idle:1:1: error: has no effect here; expected it with --measure"),
+        (["--longest", "3"], "--longest:1:1: error: has no effect here; expected it with --measure"),
     ],
 )
 def test_usage_that_is_refused(run: Run, options: list[str], start: str) -> None:

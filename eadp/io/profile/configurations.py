@@ -21,7 +21,6 @@ STARS_LIMIT = 2
 
 _PLACEHOLDER = re.compile(r"\{([^{}]*)\}")
 _A_CONFIGURATION = "NAME=VALUE, as in fps=0.5"
-_A_SWEEP = "NAME=FROM:TO:STEP, as in fps=2:10:2"
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class _Axis:
 
     name: str
     unit: str
-    values: tuple[float, ...]
+    values: list[float]
 
 
 def parse_configuration(raw: str) -> Configuration:
@@ -84,44 +83,34 @@ def configuration_in_name(path: str, pattern: str) -> Configuration:
     return Configuration(tuple(names), ("",) * len(names), tuple(map(float, found.groups())))
 
 
-def configurations_to_measure(stated: Sequence[str], sweeps: Sequence[str]) -> list[Configuration]:
+def configurations_to_measure(stated: Sequence[str]) -> list[Configuration]:
     """The configurations to measure, in order, each once.
 
-    `fps=2,4,keysize=32,448` are all four combinations; another option of the same parameters adds to them, and one of
-    other parameters is combined with them.
+    `fps=2,4,keysize=32,448` are all four combinations; another option of the same parameters adds to them.
 
     Parameters
     ----------
     stated : sequence of str
         Values of `--config`, as in `fps=2,4,6`.
-    sweeps : sequence of str
-        Values of `--sweep`, as in `fps=2:10:2`, both ends included.
 
     Raises
     ------
     InputError
-        Where they cannot be read, share some parameters but not all, or are more than `CONFIGURATIONS_LIMIT`.
+        Where they cannot be read, are of other parameters, or are more than `CONFIGURATIONS_LIMIT`.
     """
-    groups: dict[frozenset[str], list[list[_Axis]]] = {}
-    for option, raw in [*(("--config", raw) for raw in stated), *(("--sweep", raw) for raw in sweeps)]:
-        axes = _axes(raw) if option == "--config" else [_sweep(raw)]
-        names = frozenset(axis.name for axis in axes)
-        clash = [other for other in groups if other != names and other & names]
-        if clash:
-            shared = ", ".join(sorted(clash[0] & names))
-            expected = "options with the same parameters, or with none in common"
-            raise InputError.at(option, 1, 1, f"{shared} stands beside other parameters before", expected, raw)
-        groups.setdefault(names, []).append(axes)
-    if not groups:
+    if not stated:
         raise InputError.at("--config", 1, 1, "nothing to measure", "configurations, as in --config fps=2,4,6")
-    count = math.prod(sum(math.prod(len(axis.values) for axis in axes) for axes in group) for group in groups.values())
+    group = [_axes(raw) for raw in stated]
+    first, *others = (sorted(axis.name for axis in axes) for axes in group)
+    for names, raw in zip(others, stated[1:], strict=True):
+        if names != first:
+            raise InputError.at("--config", 1, 1, "other parameters than before", f"values of {', '.join(first)}", raw)
+    if len(first) > PARAMETERS_LIMIT:
+        raise InputError.at("--config", 1, 1, f"{len(first)} parameters", f"at most {PARAMETERS_LIMIT}")
+    count = sum(math.prod(len(axis.values) for axis in axes) for axes in group)
     if count > CONFIGURATIONS_LIMIT:
         raise InputError.at("--config", 1, 1, f"{count} configurations", f"at most {CONFIGURATIONS_LIMIT}")
-    unions = [list(dict.fromkeys(_product(group))) for group in groups.values()]
-    joined = [_joined(parts) for parts in itertools.product(*unions)]
-    if len(joined[0].names) > PARAMETERS_LIMIT:
-        raise InputError.at("--config", 1, 1, f"{len(joined[0].names)} parameters", f"at most {PARAMETERS_LIMIT}")
-    return joined
+    return list(dict.fromkeys(_product(group)))
 
 
 def _product(group: Iterable[Sequence[_Axis]]) -> Iterable[Configuration]:
@@ -135,61 +124,26 @@ def _product(group: Iterable[Sequence[_Axis]]) -> Iterable[Configuration]:
             yield Configuration(names, units, values)
 
 
-def _joined(parts: Sequence[Configuration]) -> Configuration:
-    return Configuration(
-        tuple(name for part in parts for name in part.names),
-        tuple(unit for part in parts for unit in part.units),
-        tuple(value for part in parts for value in part.values),
-    )
-
-
 def _axes(raw: str) -> list[_Axis]:
     """Read `fps=2,4,keysize=32`: a piece without a name is another value of the parameter before it."""
     axes: list[_Axis] = []
     column = 1
     for piece in raw.split(","):
         title, equals, text = piece.rpartition("=")
+        problem, expected = "", _A_CONFIGURATION
         if equals:
-            name, unit = _named("--config", title, raw, column)
-            if name in [axis.name for axis in axes]:
-                raise InputError.at("--config", 1, column, f"{name} stands twice", "each once", raw)
-            axes.append(_Axis(name, unit, ()))
+            heading = read_heading(title.strip())
+            axes.append(_Axis(heading.name, heading.unit, []))
+            problem, expected = heading.problem or ("a power is no parameter" if heading.per_watt else ""), A_NAME
+            if heading.name in [axis.name for axis in axes[:-1]]:
+                problem, expected = f"{heading.name} stands twice", "each once"
         elif not axes:
-            shown = printable(piece.strip(), 80) or "an empty text"
-            raise InputError.at("--config", 1, column, f"{shown} is no name=value", _A_CONFIGURATION, raw)
-        last = axes[-1]
-        values = (*last.values, _number("--config", text, last.name, _A_CONFIGURATION, raw, column))
-        axes[-1] = _Axis(last.name, last.unit, values)
+            problem = f"{printable(piece.strip(), 80) or 'an empty text'} is no name=value"
+        if not problem and not (NUMBER.match(text.strip()) and abs(float(text)) <= LARGEST):
+            shown = printable(text.strip(), 80) or "empty"
+            problem, expected = f"{axes[-1].name} is {shown}, not a finite number", _A_CONFIGURATION
+        if problem:
+            raise InputError.at("--config", 1, column, problem, expected, raw)
+        axes[-1].values.append(float(text))
         column += len(piece) + 1
     return axes
-
-
-def _sweep(raw: str) -> _Axis:
-    """Read `fps=2:10:2`: from, to (included where a step reaches it) and step."""
-    title, equals, text = raw.rpartition("=")
-    if not equals or text.count(":") != 2:
-        raise InputError.at("--sweep", 1, 1, f"{printable(raw, 80) or 'an empty text'} is no sweep", _A_SWEEP, raw)
-    name, unit = _named("--sweep", title, raw, 1)
-    first, last, step = (_number("--sweep", part, name, _A_SWEEP, raw, 1) for part in text.split(":"))
-    # a hair above the whole, so that 0.1 to 0.3 by 0.1 ends at 0.3
-    count = math.floor((last - first) / step * (1 + 1e-12) + 1e-9) + 1 if step else 0
-    if not 0 < count <= CONFIGURATIONS_LIMIT:
-        message = f"a sweep of {count} values" if count > 0 else "a sweep whose step does not lead from first to last"
-        raise InputError.at("--sweep", 1, 1, message, f"1 to {CONFIGURATIONS_LIMIT} values", raw)
-    # the digits that were typed, not 0.30000000000000004
-    return _Axis(name, unit, tuple(float(f"{first + k * step:.12g}") for k in range(count)))
-
-
-def _named(option: str, title: str, raw: str, column: int) -> tuple[str, str]:
-    """A parameter's name and unit, as in `fps` or `fps [1/s]`."""
-    heading = read_heading(title.strip())
-    if problem := heading.problem or ("a power is no parameter" if heading.per_watt else ""):
-        raise InputError.at(option, 1, column, problem, A_NAME, raw)
-    return heading.name, heading.unit
-
-
-def _number(option: str, text: str, name: str, expected: str, raw: str, column: int) -> float:
-    if NUMBER.match(text.strip()) and abs(float(text)) <= LARGEST:
-        return float(text)
-    message = f"{name} is {printable(text.strip(), 80) or 'empty'}, not a finite number"
-    raise InputError.at(option, 1, column, message, expected, raw)

@@ -59,34 +59,23 @@ Launch = Callable[[Sequence[str], Clock], AbstractContextManager[RunningCommand]
 
 @dataclass(frozen=True)
 class MeasurementSettings:
-    """Accuracy and duration of a measurement.
+    """Accuracy and duration of a measurement."""
 
-    Attributes
-    ----------
-    warm_up_s : float
-        Time before the first sample [s].
-    interval_s : float
-        Time from one sample to the next [s].
-    accuracy : float
-        Standard error at which a configuration is done: [W], or relative to its mean.
-    relative : bool
-        Whether `accuracy` is relative.
-    max_time_s : float
-        Longest time after the warm-up [s].
-    idle_s : float
-        Time to measure without the command before the first configuration [s]; 0 for none.
-    """
+    warmup_s: float = 5.0
+    """Time before the first sample."""
 
-    warm_up_s: float = 5.0
     interval_s: float = 0.2
-    accuracy: float = 0.05
-    relative: bool = False
-    max_time_s: float = 120.0
-    idle_s: float = 0.0
+    """Time from one sample to the next."""
+
+    accuracy_w: float = 0.05
+    """Standard error to measure to [W]."""
+
+    longest_s: float = 120.0
+    """Longest time at a configuration."""
 
     def reached(self, found: SampleMean) -> bool:
         """Whether a mean is accurate enough; never where all samples are equal, as of a slow sensor."""
-        return found.std > 0 and found.standard_error <= self.accuracy * (found.mean if self.relative else 1.0)
+        return found.std > 0 and found.standard_error <= self.accuracy_w
 
 
 @dataclass(frozen=True)
@@ -107,7 +96,7 @@ def measure(
     clock: Clock,
     launch: Launch,
     report: Callable[[str], None] = lambda _: None,
-) -> tuple[list[PowerMeasurement], SampleMean | None]:
+) -> list[PowerMeasurement]:
     """Run a command at each configuration in turn and sample a power sensor.
 
     Parameters
@@ -127,8 +116,6 @@ def measure(
     -------
     list of PowerMeasurement
         One for each configuration.
-    SampleMean or None
-        The power without the command [W], if `settings.idle_s` is above 0. It is not subtracted.
 
     Raises
     ------
@@ -136,16 +123,12 @@ def measure(
         If the command does not start or ends by itself, with its configuration; if the sensor fails.
     """
     meter = Meter(sensor, clock.monotonic)
-    idle = None
-    if settings.idle_s:
-        report("idle")
-        idle = average([list(_samples(meter, settings.interval_s, settings.idle_s, clock))])
     results = []
     for i, configuration in enumerate(configurations, start=1):
         label = f"{configuration} ({i} of {len(configurations)})"
         with _errors_of(configuration), launch(fill_placeholders(command, configuration), clock) as running:
             results.append(_measure_one(running, configuration, meter, settings, clock, report, label))
-    return results, idle
+    return results
 
 
 def fill_placeholders(command: Sequence[str], configuration: Configuration) -> list[str]:
@@ -193,13 +176,13 @@ def _measure_one(
 ) -> PowerMeasurement:
     """Sample until the accuracy or the longest time is reached."""
     report(f"{label}: warming up")
-    until_s = clock.monotonic() + settings.warm_up_s
+    until_s = clock.monotonic() + settings.warmup_s
     while (left_s := until_s - clock.monotonic()) > 0:
         _check_running(running)
         clock.sleep(min(settings.interval_s, left_s))
     powers_w: list[float] = []
     check_at = MIN_SAMPLES
-    for power_w in _samples(meter, settings.interval_s, settings.max_time_s, clock):
+    for power_w in _samples(meter, settings.interval_s, settings.longest_s, clock):
         _check_running(running)
         powers_w.append(power_w)
         if len(powers_w) >= check_at:
@@ -320,11 +303,7 @@ def _signal_group(group: int, number: int) -> bool:
 
 
 def measurements_csv(
-    measured: Sequence[PowerMeasurement],
-    idle: SampleMean | None,
-    command: Sequence[str],
-    sensor: Sensor,
-    settings: MeasurementSettings,
+    measured: Sequence[PowerMeasurement], command: Sequence[str], sensor: Sensor, settings: MeasurementSettings
 ) -> str:
     """Samples as a table that `eadp profile` reads: a row for each, those of a configuration in their order.
 
@@ -332,8 +311,6 @@ def measurements_csv(
     ----------
     measured : sequence of PowerMeasurement
         Of the same parameters, at least one.
-    idle : SampleMean or None
-        Power without the command [W]; written as a comment, not subtracted.
     command, sensor, settings
         Of the measurement, for the comments.
 
@@ -343,10 +320,8 @@ def measurements_csv(
         CSV with a header that names the parameters, with their units, and `power_w`.
     """
     first = measured[0].configuration
-    source = f"measured with {sensor.label}, a sample every {settings.interval_s:g} s after {settings.warm_up_s:g} s"
+    source = f"measured with {sensor.label}, a sample every {settings.interval_s:g} s after {settings.warmup_s:g} s"
     lines = [f"# source: {printable(source)}", f"# command: {printable(' '.join(command), 1000)}"]
-    if idle:
-        lines.append(f"# idle: {mean_text(idle)}, not subtracted")
     lines.append(",".join([*titles(first.names, first.units), "power_w"]))
     for each in measured:
         at = "".join(f"{shortest(value)}," for value in each.configuration.values)

@@ -16,8 +16,8 @@ from eadp.io.profile.measurements import Configuration
 number = st.integers(-10_000, 10_000).map(lambda k: k / 16)
 
 
-def values(stated: list[str], sweeps: list[str] | None = None) -> list[tuple[float, ...]]:
-    return [each.values for each in configurations_to_measure(stated, sweeps or [])]
+def values(*stated: str) -> list[tuple[float, ...]]:
+    return [each.values for each in configurations_to_measure(stated)]
 
 
 def fault_of(call: object, *arguments: object) -> str:
@@ -43,13 +43,10 @@ def test_the_ending_counts_only_where_the_pattern_has_it() -> None:
     assert configuration_in_name("landing_trace_10fps.csv", "*_{fps}fps").names == ("fps",)
 
 
-def test_combinations_unions_and_products() -> None:
-    assert values(["fps=2,4,6"]) == [(2,), (4,), (6,)]
-    assert values(["fps=2,4,keysize=32,448"]) == [(2, 32), (2, 448), (4, 32), (4, 448)]
-    assert values(["fps=2,4", "keysize=32"]) == [(2, 32), (4, 32)]
-    assert values(["fps=2,keysize=32", "keysize=448,fps=4", "fps=2,keysize=32"]) == [(2, 32), (4, 448)]
-    assert values(["keysize=32"], ["fps=2:4:1"]) == [(32, 2), (32, 3), (32, 4)]
-    assert values(["fps=10"], ["fps=2:6:2"]) == [(10,), (2,), (4,), (6,)]
+def test_combinations_and_unions() -> None:
+    assert values("fps=2,4,6") == [(2,), (4,), (6,)]
+    assert values("fps=2,4,keysize=32,448") == [(2, 32), (2, 448), (4, 32), (4, 448)]
+    assert values("fps=2,keysize=32", "keysize=448,fps=4", "fps=2,keysize=32") == [(2, 32), (4, 448)]
 
 
 @given(
@@ -58,17 +55,7 @@ def test_combinations_unions_and_products() -> None:
 )
 def test_combinations_are_the_product(first: list[float], second: list[float]) -> None:
     lists = [",".join(map(repr, each)) for each in (first, second)]
-    expected = list(itertools.product(first, second))
-    assert values([f"a={lists[0]},b={lists[1]}"]) == expected
-    assert values([f"a={lists[0]}", f"b={lists[1]}"]) == expected
-
-
-def test_sweeps_have_both_ends_and_the_digits_that_were_typed() -> None:
-    assert values([], ["fps=2:10:2"]) == [(2,), (4,), (6,), (8,), (10,)]
-    assert values([], ["scale=0.1:0.3:0.1"]) == [(0.1,), (0.2,), (0.3,)]
-    assert values([], ["fps=5:1:-2"]) == [(5,), (3,), (1,)]
-    assert values([], ["fps=2:3.9:1"]) == [(2,), (3,)]
-    assert values([], ["fps=2:2:1"]) == [(2,)]
+    assert values(f"a={lists[0]},b={lists[1]}") == list(itertools.product(first, second))
 
 
 @pytest.mark.parametrize(
@@ -90,22 +77,19 @@ def test_stated_wrongly(raw: str, start: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("stated", "sweeps", "start"),
+    ("stated", "start"),
     [
-        ([], [], "--config:1:1: error: nothing to measure"),
-        (["fps=2,keysize=32", "fps=4"], [], "--config:1:1: error: fps stands beside other parameters before"),
-        ([], ["fps=2:10"], "--sweep:1:1: error: fps=2:10 is no sweep; expected NAME=FROM:TO:STEP"),
-        ([], ["2:10:2"], "--sweep:1:1: error: 2:10:2 is no sweep"),
-        ([], ["fps=2:10:0"], "--sweep:1:1: error: a sweep whose step does not lead from first to last"),
-        ([], ["fps=2:10:-1"], "--sweep:1:1: error: a sweep whose step does not lead from first to last"),
-        ([], ["fps=0:1e30:1"], "--sweep:1:1: error: a sweep of 1"),
-        ([], ["fps=a:1:1"], "--sweep:1:1: error: fps is a, not a finite number"),
-        ([], ["a=1:99:1", "b=1:99:1"], "--config:1:1: error: 9801 configurations; expected at most 1000"),
-        ([f"p{i}=1" for i in range(9)], [], "--config:1:1: error: 9 parameters; expected at most 8"),
+        ([], "--config:1:1: error: nothing to measure"),
+        (["fps=2,keysize=32", "fps=4"], "--config:1:1: error: other parameters than before; expected values of fps, k"),
+        (
+            ["a=" + "1," * 98 + "1,b=" + "1," * 98 + "1"],
+            "--config:1:1: error: 9801 configurations; expected at most 10",
+        ),
+        ([",".join(f"p{i}=1" for i in range(9))], "--config:1:1: error: 9 parameters; expected at most 8"),
     ],
 )
-def test_what_cannot_be_measured(stated: list[str], sweeps: list[str], start: str) -> None:
-    assert fault_of(configurations_to_measure, stated, sweeps).startswith(start)
+def test_what_cannot_be_measured(stated: list[str], start: str) -> None:
+    assert fault_of(configurations_to_measure, stated).startswith(start)
 
 
 @pytest.mark.parametrize(
@@ -130,8 +114,7 @@ def test_names_that_do_not_tell(path: str, pattern: str, start: str) -> None:
 def test_any_text_is_read_or_refused(raw: str) -> None:
     for call in (
         parse_configuration,
-        lambda text: configurations_to_measure([text], []),
-        lambda text: configurations_to_measure([], [text]),
+        lambda text: configurations_to_measure([text]),
         lambda text: configuration_in_name("x_2fps.csv", text),
     ):
         with suppress(InputError):
