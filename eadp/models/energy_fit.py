@@ -54,7 +54,6 @@ def fit_energy(
     *,
     order: int | None = None,
     period_prior_s: float | None = None,
-    keep_spikes: bool = False,
 ) -> EnergyFit:
     """Fit an energy model to samples.
 
@@ -64,8 +63,6 @@ def fit_energy(
         Strictly increasing times [s] and power [W].
     order, period_prior_s
         As `eadp.core.signals.spectrum.analyse`.
-    keep_spikes : bool
-        Keep samples that the spike filter would remove.
 
     Raises
     ------
@@ -73,7 +70,7 @@ def fit_energy(
         As `eadp.core.signals.spectrum.analyse`.
     """
     times, power = np.asarray(times_s, dtype=float), np.asarray(power_w, dtype=float)
-    out = np.zeros(len(power), dtype=np.bool_) if keep_spikes else spikes(power)
+    out = spikes(power)
     times, power = times[~out], power[~out]
     times = times - times[0] if len(times) else times
     spectrum = analyse(times, power, order=order, period_prior_s=period_prior_s)

@@ -286,13 +286,10 @@ def test_what_is_left_out_is_said(run: Run, tmp_path: Path) -> None:
     code, out, err = run("fit", str(log))
     assert code == 0
     assert "left out 1 not finite, 1 spike\ngaps     1, the longest 20.5 s\n" in out
-    assert "1 spike left out, the first at 24.5 s (--keep-spikes fits them, too)" in err
+    assert "1 spike left out, the first at 24.5 s" in err
     code, out, _ = run("fit", str(log), "--format", "json")
     counts = {"rows": 461, "not_finite": 1, "gaps": 1, "longest_gap_s": 20.5, "spikes": 1}
     assert (code, json.loads(out)["log"]) == (0, counts)
-    code, out, err = run("fit", str(log), "--keep-spikes", "--format", "json")
-    assert "spikes" not in json.loads(out)["log"]
-    assert "spike" not in err
 
 
 @pytest.mark.slow

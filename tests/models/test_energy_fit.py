@@ -101,9 +101,6 @@ def test_spikes_are_left_out_unless_they_are_to_be_kept() -> None:
     assert fitted.model.mean_w == pytest.approx(36, abs=0.05)
     assert fitted.model.period_s == pytest.approx(PERIOD_S, rel=0.005)
     assert fitted.times_s[0] == 0, "times from the first sample kept"
-    kept = fit_energy(TIMES, power, keep_spikes=True)
-    assert kept.model.samples == len(TIMES)
-    assert len(kept.spikes) == 0
 
 
 def test_a_constant_log() -> None:

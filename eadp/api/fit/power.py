@@ -53,9 +53,6 @@ class FitOptions:
     end_s: Annotated[float | None, Flag("--to")] = None
     """Leave out later readings, in seconds of the log."""
 
-    keep_spikes: bool = False
-    """Fit single samples far from their neighbours too."""
-
     profile: Annotated[str, Flag(metavar="FILE")] = ""
     """Subtract the computations' power first: configurations are in the log, under the profile's names."""
 
@@ -153,7 +150,7 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
         counts["spikes"] = len(fitted.spikes)
         first_s = float(log.times_s[fitted.spikes[0]])
         many = f"{len(fitted.spikes)} spikes" if len(fitted.spikes) > 1 else "1 spike"
-        message = f"{many} left out, the first at {first_s:.6g} s (--keep-spikes fits them, too)"
+        message = f"{many} left out, the first at {first_s:.6g} s"
         warnings.append(Fault(log.name, 1, 1, message, severity="warning"))
     warnings += _doubts(log.name, fitted.spectrum)
     part_s = None if fitted.model.periodic else _part_s(fitted)
@@ -165,13 +162,11 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
 
 def _fit(log: PowerLog, power_w: FloatArray, options: FitOptions, prior_s: float | None, source: str) -> EnergyFit:
     try:
-        return fit_energy(
-            log.times_s, power_w, order=options.order, period_prior_s=prior_s, keep_spikes=options.keep_spikes
-        )
+        return fit_energy(log.times_s, power_w, order=options.order, period_prior_s=prior_s)
     except Infeasible:
         if source != "position":  # a prior that was not asked for must not prevent a fit
             raise
-        return fit_energy(log.times_s, power_w, order=options.order, keep_spikes=options.keep_spikes)
+        return fit_energy(log.times_s, power_w, order=options.order)
 
 
 def _doubts(name: str, spectrum: Spectrum) -> list[Fault]:
@@ -272,7 +267,6 @@ def fit_power(
     period_prior_s: float | None = None,
     *,
     order: int | None = None,
-    keep_spikes: bool = False,
 ) -> EnergyFit:
     """Fit the energy model of a power log: its period, mean, harmonics and noise.
 
@@ -284,8 +278,6 @@ def fit_power(
         The period is searched within a factor of 1.3 of this one [s].
     order : int, optional
         Number of harmonics, by default found by cross-validation.
-    keep_spikes : bool, optional
-        Whether single samples far from their neighbours are fitted, too.
 
     Returns
     -------
@@ -308,4 +300,4 @@ def fit_power(
         raise InputError.at("times_s, power_w", 1, 1, f"of shapes {times.shape} and {power.shape}", expected)
     if not np.isfinite([times, power]).all() or (np.diff(times) <= 0).any():
         raise InputError.at("times_s, power_w", 1, 1, "not finite, or not in order", expected)
-    return fit_energy(times_s, power_w, order=order, period_prior_s=period_prior_s, keep_spikes=keep_spikes)
+    return fit_energy(times_s, power_w, order=order, period_prior_s=period_prior_s)

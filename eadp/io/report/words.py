@@ -95,14 +95,14 @@ def _charge(summary: Mapping[str, Any], faults: Sequence[BatteryFault]) -> list[
 def _forecast(summary: Mapping[str, Any]) -> list[str]:
     expected = summary["energy_forecast"]
     if expected is None:
-        stuck = summary.get("never_past")  # of a folder from before there was one
+        stuck = summary["never_past"]
         return [f"There was no forecast before take-off: {stuck} has a turn that is never got past."] if stuck else []
     came = ""
     if summary["completed"]:
         took_s, used_wh = summary["duration_s"] - expected["time_s"], summary["energy_wh"] - expected["energy_wh"]
         came = f"; the flight differed by {_difference(used_wh, 2)} Wh and {_difference(took_s, 0)} s"
     home = []
-    if expected.get("turn_back_s") is not None:  # of a folder from before there was one
+    if expected["turn_back_s"] is not None:
         x, y = expected["turn_back_m"]
         until = f"{expected['turn_back_s']:.0f} s, at ({x:.0f}, {y:.0f}) m"
         home = [f"By it, home was within reach with the reserve until {until}."]
@@ -111,7 +111,7 @@ def _forecast(summary: Mapping[str, Any]) -> list[str]:
         f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s, and to complete with a probability of "
         f"{_percent(expected['completes_probability'])}{came}.",
         *home,
-        *(f"By it, the flight {risk_text(*each.values())}." for each in expected.get("obstacles", ())),
+        *(f"By it, the flight {risk_text(*each.values())}." for each in expected["obstacles"]),
     ]
 
 
@@ -172,7 +172,7 @@ def _quality(summary: Mapping[str, Any]) -> list[str]:
 
 
 def _coverage(summary: Mapping[str, Any]) -> list[str]:
-    share = summary.get("coverage")  # of a folder from before there was one
+    share = summary["coverage"]
     return [] if share is None else [f"Its lines covered {_percent(share)} of the field."]
 
 
@@ -192,8 +192,9 @@ def flight_facts(summary: Mapping[str, Any]) -> list[list[str]]:
         facts.append(("laps", f"{len(laps)} after the first, {min(laps):.2f} to {max(laps):.2f} s"))
     if summary["period_s"] is not None:
         facts.append(("period of the power", f"{summary['period_s']:.3f} s"))
-    runs = "" if "decisions" not in summary else f"{summary['decisions']}; "  # a folder from before there was one
-    runs += f"{solver['calls']} runs of OSQP, {solver['failed']} failed; {solver['skipped']} kept, "
+    runs = (
+        f"{summary['decisions']}; {solver['calls']} runs of OSQP, {solver['failed']} failed; {solver['skipped']} kept, "
+    )
     runs += f"{solver['infeasible']} infeasible"
     facts += [("re-plannings", runs), ("seed", str(summary["seed"]))]
     return [list(fact) for fact in facts]

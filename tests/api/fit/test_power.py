@@ -105,11 +105,7 @@ def test_a_spike_is_a_warning_at_its_time_in_the_log(tmp_path: Path) -> None:
     path.write_text("\n".join([*rows, ""]))
     fit = read_fit(str(path), Columns(), FitOptions(start_s=10.0))
     assert fit.counts["spikes"] == 1
-    assert [fault.message for fault in fit.warnings] == [
-        "1 spike left out, the first at 50 s (--keep-spikes fits them, too)"
-    ]
-    kept = read_fit(str(path), Columns(), FitOptions(start_s=10.0, keep_spikes=True))
-    assert ("spikes" in kept.counts, kept.warnings) == (False, [])
+    assert [fault.message for fault in fit.warnings] == ["1 spike left out, the first at 50 s"]
 
 
 def test_a_lap_of_a_plan_takes_as_long_as_its_lines_and_arcs(tmp_path: Path) -> None:
