@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import ast
 import contextlib
-import functools
 import inspect
 import os
-import sys
 import types
 from collections.abc import Callable, Sequence
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
@@ -16,6 +13,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 from typer import Option
 
+from eadp.io.text.docstrings import attribute_docstrings
 from eadp.io.text.options import UNITS, Flag, option_name
 
 
@@ -70,8 +68,9 @@ def _fields(kind: Any) -> tuple[Field[Any], ...]:
 
 
 def _options(kind: Any, *, texts: bool) -> list[inspect.Parameter]:
-    hints, found = get_type_hints(kind, include_extras=True), _docstrings(kind) if texts else {}
-    return [_option(field, hints[field.name], found.get(field.name, "")) for field in _fields(kind)]
+    hints, found = get_type_hints(kind, include_extras=True), attribute_docstrings(kind) if texts else {}
+    helps = {name: text.replace("\n", " ").replace("`", "") for name, text in found.items()}
+    return [_option(field, hints[field.name], helps.get(field.name, "")) for field in _fields(kind)]
 
 
 def _option(field: Field[Any], hint: Any, text: str) -> inspect.Parameter:
@@ -103,26 +102,3 @@ def _plain(name: str, kind: Any) -> Any:
     if get_origin(kind) is not None and issubclass(get_origin(kind), Sequence) and get_origin(kind) is not tuple:
         return list[str]
     return kind
-
-
-def _docstrings(kind: type) -> dict[str, str]:
-    """The texts under a dataclass's fields, without marks, by field."""
-    texts: dict[str, str] = {}
-    for base in reversed(kind.__mro__):
-        if is_dataclass(base):
-            texts |= _module_docstrings(base.__module__)[base.__name__]
-    return texts
-
-
-@functools.cache
-def _module_docstrings(module: str) -> dict[str, dict[str, str]]:
-    """The texts under the fields of a module's classes."""
-    found: dict[str, dict[str, str]] = {}
-    for node in ast.walk(ast.parse(inspect.getsource(sys.modules[module]))):
-        if isinstance(node, ast.ClassDef):
-            texts = found.setdefault(node.name, {})
-            for one, after in zip(node.body, node.body[1:], strict=False):
-                if isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name) and isinstance(after, ast.Expr):
-                    text = inspect.cleandoc(ast.literal_eval(after.value))
-                    texts[one.target.id] = text.replace("\n", " ").replace("`", "")
-    return found

@@ -118,16 +118,46 @@ class PaperVehicle:
         return []
 
 
+@dataclass(frozen=True)
 class _Aeroplane:
-    """What follows alike from the keys of an aeroplane, whatever its power is computed from."""
+    """The keys that every aeroplane has, and what follows from them, whatever its power is computed from."""
 
-    mass_kg: float
-    airspeed_mps: float
-    propulsive_efficiency: float
-    max_power_w: float
-    avionics_w: float
-    max_bank_deg: float
-    max_climb_rate_mps: float
+    model: str = ""
+    """Name of this airframe model."""
+
+    mass_kg: Mass = 1.2
+    """Mass [kg]."""
+
+    propulsive_efficiency: Efficiency = 0.55
+    """Efficiency of the propulsion: thrust power over the motor's electrical power; so in a climb, too."""
+
+    avionics_w: Watts = 2.0
+    """Power of the avionics at any throttle [W]."""
+
+    max_power_w: Annotated[float, Gt(0), Le(1e6)] = 200.0
+    """The motor's greatest electrical power [W]."""
+
+    airspeed_mps: Airspeed = 15.0
+    """Airspeed that the throttle holds [m/s]."""
+
+    cruise_altitude_m: Altitude = 25.0
+    """Altitude held [m]."""
+
+    max_bank_deg: Bank = 45.0
+    """Greatest bank [°]."""
+
+    roll_time_constant_s: RollTime = 0.3
+    """Time constant of the roll to a bank [s]."""
+
+    max_climb_rate_mps: ClimbRate = 3.0
+    """Greatest rate of climb and descent [m/s]."""
+
+    speed_gain_per_s: Rate = 1.0
+    """Rate at which the throttle corrects an error of airspeed [1/s]."""
+
+    altitude_gain_per_s: Rate = 0.5
+    """Rate at which climbing corrects an error of altitude [1/s]."""
+
     published_triggers: ClassVar[bool] = False
 
     def drag_n(self, airspeed_mps: float, bank_rad: float = 0.0) -> float:
@@ -187,10 +217,6 @@ class FixedWing(_Aeroplane):
     """
 
     model: Literal["fixed-wing"] = "fixed-wing"
-    """Name of this airframe model."""
-
-    mass_kg: Mass = 1.2
-    """Mass [kg]."""
 
     wing_area_m2: WingArea = 0.32
     """Wing area [m²]."""
@@ -209,36 +235,6 @@ class FixedWing(_Aeroplane):
 
     air_density_kgpm3: AirDensity = 1.225
     """Air density [kg/m³]."""
-
-    propulsive_efficiency: Efficiency = 0.55
-    """Efficiency of the propulsion: thrust power over the motor's electrical power."""
-
-    avionics_w: Watts = 2.0
-    """Power of the avionics at any throttle [W]."""
-
-    max_power_w: Annotated[float, Gt(0), Le(1e6)] = 200.0
-    """The motor's greatest electrical power [W]."""
-
-    airspeed_mps: Airspeed = 15.0
-    """Airspeed that the throttle holds [m/s]."""
-
-    cruise_altitude_m: Altitude = 25.0
-    """Altitude held [m]."""
-
-    max_bank_deg: Bank = 45.0
-    """Greatest bank [°]."""
-
-    roll_time_constant_s: RollTime = 0.3
-    """Time constant of the roll to a bank [s]."""
-
-    max_climb_rate_mps: ClimbRate = 3.0
-    """Greatest rate of climb and descent [m/s]."""
-
-    speed_gain_per_s: Rate = 1.0
-    """Rate at which the throttle corrects an error of airspeed [1/s]."""
-
-    altitude_gain_per_s: Rate = 0.5
-    """Rate at which climbing corrects an error of altitude [1/s]."""
 
     @cached_property
     def induced_drag(self) -> float:
@@ -312,46 +308,12 @@ class PowerCurve(_Aeroplane):
     """
 
     model: Literal["power-curve"] = "power-curve"
-    """Name of this airframe model."""
 
     points: Annotated[tuple[tuple[Airspeed, Watts], ...], MinLen(1), MaxLen(100)] = ((15.0, 36.0),)
     """Airspeeds, rising, and power of straight level flight, avionics among it [[m/s, W], …]."""
 
     bank_w: Watts = 0.0
     """Power that a bank of 45° adds at `airspeed_mps` [W]: proportional to tan² of the bank, over the airspeed."""
-
-    mass_kg: Mass = 1.2
-    """Mass [kg]."""
-
-    propulsive_efficiency: Efficiency = 0.55
-    """Efficiency of the propulsion in a climb: energy of the height over the electrical energy that it takes."""
-
-    avionics_w: Watts = 2.0
-    """Power of the avionics at any throttle [W]."""
-
-    max_power_w: Annotated[float, Gt(0), Le(1e6)] = 200.0
-    """The motor's greatest electrical power [W]."""
-
-    airspeed_mps: Airspeed = 15.0
-    """Airspeed that the throttle holds [m/s]."""
-
-    cruise_altitude_m: Altitude = 25.0
-    """Altitude held [m]."""
-
-    max_bank_deg: Bank = 45.0
-    """Greatest bank [°]."""
-
-    roll_time_constant_s: RollTime = 0.3
-    """Time constant of the roll to a bank [s]."""
-
-    max_climb_rate_mps: ClimbRate = 3.0
-    """Greatest rate of climb and descent [m/s]."""
-
-    speed_gain_per_s: Rate = 1.0
-    """Rate at which the throttle corrects an error of airspeed [1/s]."""
-
-    altitude_gain_per_s: Rate = 0.5
-    """Rate at which climbing corrects an error of altitude [1/s]."""
 
     @cached_property
     def drags_n(self) -> tuple[float, ...]:

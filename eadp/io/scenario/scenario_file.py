@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from annotated_types import Ge, Le, Lt
-from pydantic import Field, TypeAdapter
+from pydantic import Field
 
 from eadp.core.bounds import Altitude, Coordinate, Degrees, Duration, Latitude, Longitude, Reserve
 from eadp.core.geometry.bearings import heading_rad
@@ -69,15 +69,12 @@ UNWRITTEN = {"reserve_soc": "reserve_soc", "plug_in": "a section of the planner'
 """Keys of the planner's settings that no file has, and what stands for them."""
 
 
-def _shared_keys(_cls: Any, core: Any, handler: Any) -> dict[str, Any]:
-    """Complete the planner's schema: the reserve is a key of the scenario, and the shared keys have descriptions."""
+def _without_unwritten(_cls: Any, core: Any, handler: Any) -> dict[str, Any]:
+    """Complete the planner's schema: the reserve is a key of the scenario."""
     reference: dict[str, Any] = handler(core)
-    schema = handler.resolve_ref_schema(reference)
+    properties = handler.resolve_ref_schema(reference)["properties"]
     for key in UNWRITTEN:
-        del schema["properties"][key]
-    shared = TypeAdapter(list[PlannerSettings], config=STRICT).json_schema()["$defs"]["PlannerSettings"]["properties"]
-    for name, node in schema["properties"].items():
-        node.setdefault("description", shared.get(name, {}).get("description"))
+        del properties[key]
     return reference
 
 
@@ -95,7 +92,7 @@ def _planner_section() -> type[PlannerSettings]:
         if own is not None:
             described: Any = Annotated[own, Field(description=f"Settings of planner {planner} alone.")]
             keys.append((planner, described, field(default_factory=own)))
-    own_schema = {"__pydantic_config__": STRICT, "__get_pydantic_json_schema__": classmethod(_shared_keys)}
+    own_schema = {"__pydantic_config__": STRICT, "__get_pydantic_json_schema__": classmethod(_without_unwritten)}
     named = {"__module__": __name__, "__doc__": _planner_section.__doc__}  # pickle finds a class by its module
     return make_dataclass("PlannerSection", keys, bases=(PlannerSettings,), frozen=True, namespace=own_schema | named)
 
@@ -110,16 +107,17 @@ else:
 class Home:
     """Where the aircraft can return to, for the point of no return and flights that turn back."""
 
-    # described so, and not by docstrings, for `Start` too
-    position_m: Annotated[Pair | None, Field(description="Position [east, north] in the plan's frame [m].")] = None
-    lat_deg: Annotated[
-        Latitude | None, Field(description="Latitude [°], instead of `position_m`, where the plan has an origin.")
-    ] = None
-    lon_deg: Annotated[Longitude | None, Field(description="Longitude [°], with `lat_deg`.")] = None
-    altitude_m: Annotated[
-        Altitude | None,
-        Field(description="Altitude of the way there [m], as `RTL_ALTITUDE`; by default that of the stage."),
-    ] = None
+    position_m: Pair | None = None
+    """Position [east, north] in the plan's frame [m]."""
+
+    lat_deg: Latitude | None = None
+    """Latitude [°], instead of `position_m`, where the plan has an origin."""
+
+    lon_deg: Longitude | None = None
+    """Longitude [°], with `lat_deg`."""
+
+    altitude_m: Altitude | None = None
+    """Altitude of the way there [m], as `RTL_ALTITUDE`; by default that of the stage."""
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,11 @@ from functools import cache
 from typing import Any, TypeVar, get_origin
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic.json_schema import GenerateJsonSchema
 
 from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.text.csv import DECIMAL_COMMA
+from eadp.io.text.docstrings import attribute_docstrings
 from eadp.io.text.kinds import refuse_others
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, Path, read_yaml
@@ -49,17 +51,23 @@ def _adapter(model: Any) -> TypeAdapter[Any]:
     return TypeAdapter(model, config=STRICT if get_origin(model) is dict else None)
 
 
+class _Described(GenerateJsonSchema):
+    """JSON Schema with the docstrings of a dataclass's attributes as descriptions."""
+
+    def dataclass_schema(self, schema: Any) -> dict[str, Any]:
+        """The schema of a dataclass."""
+        found = super().dataclass_schema(schema)
+        texts = attribute_docstrings(schema["cls"])
+        for name, node in found["properties"].items():
+            if name in texts:
+                node.setdefault("description", texts[name])
+        return found
+
+
 @cache
 def schema_of(model: Any) -> dict[str, Any]:
-    """JSON Schema of a dataclass or model, the docstrings of a dataclass's attributes as descriptions.
-
-    Validation does without: to read them in the sources takes longer than all the rest of its start.
-    """
-    STRICT["use_attribute_docstrings"] = True
-    try:
-        return TypeAdapter(model, config=STRICT if get_origin(model) is dict else None).json_schema(by_alias=True)
-    finally:
-        del STRICT["use_attribute_docstrings"]
+    """JSON Schema of a dataclass or model."""
+    return _adapter(model).json_schema(by_alias=True, schema_generator=_Described)
 
 
 def are_given(*keys: str) -> dict[str, Any]:
