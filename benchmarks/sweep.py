@@ -55,14 +55,14 @@ import numpy as np
 from measured import add_option, head, line, recorded
 
 from eadp.api.inputs import Files, FlightInputs, load_flight
-from eadp.api.sweep.run import FlyRun
+from eadp.api.sweep.run import FlyRun, make_runs
 from eadp.api.sweep.sweep_file import Sweep, read_sweep
 from eadp.core import compiled
 from eadp.io.sweep.results import Results
 from eadp.io.text.streams import read_text
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.triggers import ENDS, FIRES_IN, PASS_Q, RADIUS_SQUARED
-from eadp.models.sweep import Result, Run, make_runs
+from eadp.models.sweep import Result, Run
 from eadp.models.world import World
 from eadp.planning.estimation.estimator import ExactEstimator
 from eadp.planning.flight import PlannedFlight

@@ -1,13 +1,9 @@
-"""The design of a sweep: its runs, their order, and the loop that passes them to an engine.
-
-The loop depends on an engine, which makes runs, and on a ledger, which keeps their results.
-"""
+"""The design of a sweep: its runs, their order, and what makes them."""
 
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice
@@ -21,7 +17,6 @@ RUNS_LIMIT = 1_000_000
 Count = Annotated[int, Ge(1), Le(RUNS_LIMIT)]
 Two = Annotated[Sequence[float], Len(2, 2)]
 _STANDARD = NormalDist()
-DIED = "the process that made it died, alone and twice (out of memory?)"
 
 
 # --- runs
@@ -211,52 +206,3 @@ class Engine(Protocol):
 
     def close(self) -> None:
         """End the work at once."""
-
-
-class Ledger(Protocol):
-    """Keeps results, and which runs are made and by whom."""
-
-    def claim(self, runs: Sequence[Run]) -> tuple[Sequence[Run], Sequence[Run]]:
-        """Claim runs: those that are now ours, and those that another process is making; made ones are in neither."""
-
-    def store(self, results: Sequence[tuple[Run, Result]]) -> None:
-        """Store results."""
-
-    def wait(self) -> None:
-        """Wait a moment for other processes."""
-
-
-def make_runs(runs: Iterable[Run], engine: Engine, ledger: Ledger) -> Iterator[tuple[Run, Result]]:
-    """Make every run that is not made yet; each result is stored before it is yielded.
-
-    Ends when every run is made, here or by another process with the same ledger: runs that it has claimed are waited
-    for, and made here if it dies.
-    """
-    pending = iter(runs)
-    others: deque[Run] = deque()
-    while True:
-        others.extend(_fill(engine, ledger, pending))
-        if engine.busy:
-            made = [(run, result or Result(None, DIED)) for run, result in engine.finished()]
-            if made:
-                ledger.store(made)
-                yield from made
-        elif others:
-            ledger.wait()
-            pending, others = iter(tuple(others)), deque()
-        else:
-            return
-
-
-def _fill(engine: Engine, ledger: Ledger, pending: Iterator[Run]) -> list[Run]:
-    """Give an engine the runs it has room for; return those that another process is making."""
-    others: list[Run] = []
-    while (room := engine.room) > 0:
-        batch = [run for _, run in zip(range(room), pending, strict=False)]
-        if not batch:
-            break
-        mine, theirs = ledger.claim(batch)
-        others += theirs
-        for run in mine:
-            engine.submit(run)
-    return others

@@ -1,4 +1,4 @@
-"""One run of a sweep: loaded from texts that are read once, flown without a log, and summarised."""
+"""The runs of a sweep: each loaded from texts that are read once, flown without a log, and summarised."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import json
 import math
 import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -25,11 +26,12 @@ from eadp.io.sweep.results import COLUMNS, Results
 from eadp.io.sweep.statistics import SweepFlight, totals
 from eadp.io.text.frames import AnyTable, frame, html_table
 from eadp.io.text.streams import read_text
-from eadp.models.sweep import Result, Run, interleaved, make_runs
+from eadp.models.sweep import Engine, Result, Run, interleaved
 from eadp.simulation.loop import Outcome, fly
 from eadp.simulation.sweep.engines.base import EngineOptions
 from eadp.simulation.sweep.engines.registry import open_engine
 
+DIED = "the process that made it died, alone and twice (out of memory?)"
 COLLECTED_AFTER = 100_000
 """New objects after which Python looks for cycles during a flight: its 700 cost a fifteenth of the time."""
 
@@ -119,6 +121,42 @@ def missing_runs(
         yield len(missing), engine.workers, make_runs(runs, engine, results)
     finally:
         engine.close()
+
+
+def make_runs(runs: Iterable[Run], engine: Engine, results: Results) -> Iterator[tuple[Run, Result]]:
+    """Make every run that is not made yet; each result is stored before it is yielded.
+
+    Ends when every run is made, here or by another process with the same results: runs that it has claimed are waited
+    for, and made here if it dies.
+    """
+    pending = iter(runs)
+    others: deque[Run] = deque()
+    while True:
+        others.extend(_fill(engine, results, pending))
+        if engine.busy:
+            made = [(run, result or Result(None, DIED)) for run, result in engine.finished()]
+            if made:
+                results.store(made)
+                yield from made
+        elif others:
+            results.wait()
+            pending, others = iter(tuple(others)), deque()
+        else:
+            return
+
+
+def _fill(engine: Engine, results: Results, pending: Iterator[Run]) -> list[Run]:
+    """Give an engine the runs it has room for; return those that another process is making."""
+    others: list[Run] = []
+    while (room := engine.room) > 0:
+        batch = [run for _, run in zip(range(room), pending, strict=False)]
+        if not batch:
+            break
+        mine, theirs = results.claim(batch)
+        others += theirs
+        for run in mine:
+            engine.submit(run)
+    return others
 
 
 def _message(error: Exception) -> str:

@@ -43,14 +43,22 @@ class Clock(Protocol):
         """Return after a duration [s]."""
 
 
-class RunningCommand(Protocol):
-    """A command that was started."""
+@dataclass
+class RunningCommand:
+    """A command in a process group of its own, its output in a file."""
+
+    popen: subprocess.Popen[bytes]
+    output: IO[bytes]
 
     def exit_code(self) -> int | None:
         """The exit code once it has ended, negative for a signal; None while it runs."""
+        return self.popen.poll()
 
     def output_tail(self) -> str:
         """The end of what it printed."""
+        size = os.fstat(self.output.fileno()).st_size
+        kept = min(size, TAIL_BYTES)
+        return os.pread(self.output.fileno(), kept, size - kept).decode("utf-8", errors="replace")
 
 
 Launch = Callable[[Sequence[str], Clock], AbstractContextManager[RunningCommand]]
@@ -227,22 +235,6 @@ def _signal_name(number: int) -> str:
 # ── the process ──
 
 
-@dataclass
-class _Process:
-    """A command in a process group of its own, its output in a file."""
-
-    popen: subprocess.Popen[bytes]
-    output: IO[bytes]
-
-    def exit_code(self) -> int | None:
-        return self.popen.poll()
-
-    def output_tail(self) -> str:
-        size = os.fstat(self.output.fileno()).st_size
-        kept = min(size, TAIL_BYTES)
-        return os.pread(self.output.fileno(), kept, size - kept).decode("utf-8", errors="replace")
-
-
 @contextmanager
 def launched(arguments: Sequence[str], clock: Clock, grace_s: float = GRACE_S) -> Iterator[RunningCommand]:
     """Run a command in a session of its own; the end of the block, or an exception, ends its process group.
@@ -263,7 +255,7 @@ def launched(arguments: Sequence[str], clock: Clock, grace_s: float = GRACE_S) -
             reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
             raise CommandError(f"{printable(arguments[0])} cannot be started: {reason}") from None
         try:
-            yield _Process(popen, output)
+            yield RunningCommand(popen, output)
         finally:
             _end_group(popen, clock, grace_s)
 

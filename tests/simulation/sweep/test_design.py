@@ -10,15 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from eadp.api.sweep.run import DIED, make_runs
 from eadp.models.sweep import (
-    DIED,
     Design,
     Law,
     Result,
     Run,
     SampleDesign,
     interleaved,
-    make_runs,
     shard,
 )
 
