@@ -153,12 +153,7 @@ def read_corridor(
     rings, notes = [draft.rings[0].vertices], list(draft.notes)
     if len({vertex[:2] for vertex in rings[0]}) < 2:
         raise source.error(draft.rings[0].location, "a line of one place", "two vertices or more that differ")
-    origin_deg: tuple[float, float] | None = None
-    if draft.degrees:
-        rings, origin_deg = _localised(rings, draft, source, notes)
-    else:
-        _check_metres(rings, draft, source)
-    _check_extent(rings, draft, source)
+    rings, origin_deg = _in_metres(rings, draft, source, notes)
     line = tuple((vertex.x, vertex.y) for vertex in rings[0])
     (outline, *holes), *_ = corridor(line, width_m)
     return Field(outline, tuple(holes), printable(draft.name), origin_deg), line, notes
@@ -358,13 +353,7 @@ def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
     notes = list(draft.notes)
     draft = _without_small(draft, notes)
     _check_counts(draft, source)
-    origin_deg: tuple[float, float] | None = None
-    rings = [ring.vertices for ring in draft.rings]
-    if draft.degrees:
-        rings, origin_deg = _localised(rings, draft, source, notes)
-    else:
-        _check_metres(rings, draft, source)
-    _check_extent(rings, draft, source)
+    rings, origin_deg = _in_metres([ring.vertices for ring in draft.rings], draft, source, notes)
     rings = _simplified(rings, source, notes)
     rings = _repaired(rings, draft, source, notes)
     counts: Counter[str] = Counter()
@@ -490,6 +479,19 @@ def _check_counts(draft: FieldDraft, source: SourceText) -> None:
 
 def _title(ring: int) -> str:
     return f"hole {ring}" if ring else "the outline"
+
+
+def _in_metres(
+    rings: list[list[Vertex]], draft: FieldDraft, source: SourceText, notes: list[str]
+) -> tuple[list[list[Vertex]], tuple[float, float] | None]:
+    """The rings of a draft in metres, checked; of one in degrees also the place of its origin [°]."""
+    origin_deg: tuple[float, float] | None = None
+    if draft.degrees:
+        rings, origin_deg = _localised(rings, draft, source, notes)
+    else:
+        _check_metres(rings, draft, source)
+    _check_extent(rings, draft, source)
+    return rings, origin_deg
 
 
 def _localised(
