@@ -167,6 +167,9 @@ def main(arguments: list[str]) -> int:
         return BUG
 
 
+_NO_NUMBER = "Input should be a valid number, unable to parse string as a number"
+
+
 def _interrupted() -> int:
     print("eadp: interrupted", file=sys.stderr)  # noqa: T201
     return INTERRUPTED
@@ -198,15 +201,32 @@ def _drop_output() -> None:
 def _usage(error: Exception) -> int:
     """A command line that cannot be read, or no command at all, which is answered with the help."""
     message = getattr(error, "format_message", lambda: str(error))().replace("Value error, ", "")
+    message = message.replace(_NO_NUMBER, "is no number; expected one with a decimal point, as in 6.3")
     if type(error).__name__ == "NoArgsIsHelpError":
         print(message)  # noqa: T201
         return YES
     if type(error).__name__ == "MissingParameter":  # the first line of each command's help is an example
         example = (error.ctx.command.help or "").partition("\n")[0]  # type: ignore[attr-defined]
         message = f"{message} {example}"
+    if type(error).__name__ == "NoSuchOption":
+        message += _key_of_scenario(error)
     plain = f"eadp: error: {message}\n"
     sys.stderr.write(faults_text([Fault("eadp", 1, 1, message)]) if faults_as_json.get() else plain)
     return BAD_INPUT
+
+
+def _key_of_scenario(error: Any) -> str:
+    """How to set what the command has no option for, where that is a key of its scenario."""
+    from dataclasses import fields
+
+    from eadp.io.scenario.scenario_file import ScenarioFile  # slow to import
+
+    key = error.option_name.lstrip("-").replace("-", "_")
+    sets = any("--set" in option.opts for option in error.ctx.command.params)
+    known = {field.name for field in fields(ScenarioFile)}
+    return (
+        f"; {key} is a key of the scenario: --set {key}…, as in --set wind.speed_mps=8" if sets and key in known else ""
+    )
 
 
 def _debug() -> None:
