@@ -10,6 +10,7 @@ from os import PathLike
 from typing import Annotated, Any, Literal, Self
 
 from eadp.api.given import File, Warn, python_warnings
+from eadp.api.inputs import load_flight
 from eadp.api.landing import Air, approach, climb_out, course_rad, landing_pose
 from eadp.api.profile import profile_of_scenario, read_profile
 from eadp.api.terrain import FLAT_M, HeightReport, Heights, TerrainOptions, TerrainTask, with_heights
@@ -21,9 +22,9 @@ from eadp.coverage.corridor import cover_corridor
 from eadp.coverage.cover import AUTO, DUBINS, PATTERNS, CoverageRequest, CoverageSolution, has_pattern
 from eadp.coverage.cover import cover as cover_field
 from eadp.coverage.plan_builder import FieldComputations, PlanCommands, build_plan
-from eadp.coverage.report import CoverageReport, PowerDraw
+from eadp.coverage.report import CoverageReport
 from eadp.coverage.swaths import CLIMB_OUT_M, RADIUS_SHARE, SPACING_SHARE, CoverageLeg, MotionLimits
-from eadp.errors import EadpError, Fault, InputError, one_of, printable, refuse
+from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.field.draft import NAME_LIMIT
 from eadp.io.field.files import read_field_text
 from eadp.io.field.reader import read_airspace, read_corridor, read_field
@@ -36,7 +37,6 @@ from eadp.io.vehicle.camera_file import read_camera
 from eadp.io.vehicle.vehicle_file import read_vehicle
 from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.camera import MAX_LENGTH_MM, MAX_PIXELS, MIN_LENGTH_MM, Camera, Pictures, ground_m, pictures_document
-from eadp.models.computing import Computing, join_profile
 from eadp.models.doubts import NEAR_DEG, Doubt, Shots, angle_doubts, interval_doubts, shot_doubts
 from eadp.models.field import Field
 from eadp.models.performance import PATH_MARGIN, ground_radius_m, roll_out_m, too_tight
@@ -682,11 +682,7 @@ class CoverageTask:
             altitude_m=altitude_m,
             commands=PlanCommands(on_and_off, takeoff, ending),
         )
-        known = self.profile is not None or self.pack_wh is not None
-        power = _power(plan, self.profile, self.airframe.cruise_power_w, computations) if known else None
-        if power is not None and self.from_ground and not isinstance(self.airframe, PaperVehicle):
-            power = replace(power, climb_j=self.airframe.climb_j_per_m * self._altitude_m)
-        report = CoverageReport.of(replace(field, airspace=self.airspace), motion, solution, power)
+        report = CoverageReport.of(replace(field, airspace=self.airspace), motion, solution)
         comments = "".join(f"% {line}\n" for line in report.comments(printable(self.file, 100)))
         notes = [*self.repairs, *self.flown_over]
         return CoveragePlan(plan, comments + plan_text(plan), report, notes, pictures, self.pack_wh, heights)
@@ -805,16 +801,27 @@ def _computations(profile: AnyProfile | None, off_on_turns: bool) -> FieldComput
     return FieldComputations(tuple(zip(profile.names, profile.units, strict=True)), tuple(sets), off_on_turns)
 
 
-def _power(plan: Plan, profile: AnyProfile | None, cruise_power_w: float, computations: FieldComputations) -> PowerDraw:
-    """The power drawn with every computation at its maximum."""
-    try:
-        computing: Computing = join_profile(plan, profile)
-        maxima = [plan.hull(i).hi for i in range(len(plan.parameters))]
-        path = plan.stages[0].sets[: plan.path_count]
-        drawn = [computing.power_w(maxima, [*path, *computations.sets_for(sensing)]) for sensing in (True, False)]
-    except EadpError as error:
-        raise InputError.at("--profile", 1, 1, str(error), "a profile that measures whole settings") from None
-    return PowerDraw(cruise_power_w, *drawn)
+def flight_keys(task: CoverageTask, vehicle: File | None) -> dict[str, Any]:
+    """Keys of a scenario with which what a task plans is flown: its aircraft, its airspeed and its wind."""
+    keys: dict[str, Any] = {} if vehicle is None else {"vehicle": str(vehicle)}
+    if task.options.airspeed_mps is not None:
+        keys["vehicle.airframe.airspeed_mps"] = task.options.airspeed_mps
+    if task.options.wind is not None:
+        east, north = task.motion.wind_mps
+        from_deg = compass_deg(math.atan2(-north, -east))
+        keys |= {"wind.speed_mps": math.hypot(east, north), "wind.from_deg": round(from_deg, 6)}
+    return keys
+
+
+def held_at(plan: Plan, path: Literal["lo", "hi"], computations: Literal["lo", "hi"]) -> Plan:
+    """A plan whose parameters are fixed at ends of their sets: those of the path, and those of the computations."""
+    ends = [path if i < plan.path_count else computations for i in range(len(plan.parameters))]
+    fixed = [[getattr(box, end) for box, end in zip(stage.sets, ends, strict=True)] for stage in plan.stages]
+    stages = [
+        replace(stage, sets=tuple(Box(value, value) for value in values))
+        for stage, values in zip(plan.stages, fixed, strict=True)
+    ]
+    return replace(plan, stages=tuple(stages))
 
 
 def cover(
@@ -851,6 +858,16 @@ def cover(
     """
     task = coverage_task(str(field), options, profile, scenario, vehicle, warn)
     found = task.planned(task.solution())
+    if task.profile is not None or task.pack_wh is not None:
+        keys, given = flight_keys(task, vehicle) | {"parameters": None}, None if scenario is None else str(scenario)
+
+        def energy_wh(c1: float) -> float | None:
+            """As forecast, with every computation at its highest."""
+            plan = held_at(found.plan, "lo" if c1 < 0 else "hi", "hi")
+            forecast = load_flight(plan, scenario=given, profile=profile, overrides=keys).preflight(whole=False)
+            return None if forecast is None else forecast.forecast.energy_wh
+
+        found = replace(found, report=found.report.with_energy(energy_wh))
     warn(picture_warnings(found.pictures))
     return found
 

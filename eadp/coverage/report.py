@@ -5,8 +5,8 @@ from __future__ import annotations
 import itertools
 import math
 import statistics
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -25,23 +25,10 @@ FULL = 0.9999
 
 
 @dataclass(frozen=True)
-class PowerDraw:
-    """Power drawn over the field and on turns [W]: of the motion in level flight, and of the computations.
-
-    And the energy of the climb from the ground [J], 0 where the flight starts at its altitude.
-    """
-
-    motion_w: float
-    computing_w: float
-    computing_on_turns_w: float
-    climb_j: float = 0.0
-
-
-@dataclass(frozen=True)
 class PathReport:
     """A coverage path at one value of c1.
 
-    `spacing_m` is the distance of its lines, None for a single one; `energy_wh` is None if the power is unknown.
+    `spacing_m` is the distance of its lines, None for a single one; `energy_wh` is its forecast, None without one.
     """
 
     c1: float
@@ -51,13 +38,11 @@ class PathReport:
     time_s: float
     lines: int
     min_radius_m: float
-    energy_wh: float | None
+    energy_wh: float | None = None
 
 
-def path_report(
-    solution: CoverageSolution, field: Field, motion: MotionLimits, c1: float, power: PowerDraw | None = None
-) -> PathReport:
-    """Ground covered, length, time and energy at a fixed c1.
+def path_report(solution: CoverageSolution, field: Field, motion: MotionLimits, c1: float) -> PathReport:
+    """Ground covered, length and time at a fixed c1.
 
     Parameters
     ----------
@@ -68,24 +53,16 @@ def path_report(
         Swath, airspeed and wind.
     c1 : float
         The path parameter.
-    power : PowerDraw, optional
-        For the energy.
     """
     path = solution.path(c1)
     time_s = motion.time_s(path.pieces)
-    energy = None
-    if power is not None:
-        # E = P_motion t + P_computing t_lines + P_turns (t − t_lines) + m g h/η
-        lines_s = motion.time_s([leg.piece for leg in path.legs if leg.sensing])
-        joules = power.motion_w * time_s + power.computing_w * lines_s + power.computing_on_turns_w * (time_s - lines_s)
-        energy = (joules + power.climb_j) / 3600  # [Wh]
     coverage = covered_by_lines(path, field, motion.swath_m)
     spacing_m = solution.blocks[0].spacing_at(max(c1, solution.blocks[0].min_c1)) if solution.blocks else None
     if solution.pattern == CORRIDOR:
         spacing_m = solution.spacing_m
     else:
         spacing_m = spacing_m or _line_distance_m(path, solution.heading_rad)
-    return PathReport(c1, spacing_m, coverage, path.length_m, time_s, path.lines, path.min_radius_m, energy)
+    return PathReport(c1, spacing_m, coverage, path.length_m, time_s, path.lines, path.min_radius_m)
 
 
 def _line_distance_m(path: CoveragePath, heading_rad: float) -> float | None:
@@ -118,13 +95,16 @@ class CoverageReport:
     least: PathReport
 
     @classmethod
-    def of(
-        cls, field: Field, motion: MotionLimits, solution: CoverageSolution, power: PowerDraw | None
-    ) -> CoverageReport:
+    def of(cls, field: Field, motion: MotionLimits, solution: CoverageSolution) -> CoverageReport:
         """The report of a solution."""
-        full = path_report(solution, field, motion, 0.0, power)
-        least = path_report(solution, field, motion, solution.min_c1, power) if solution.min_c1 < 0 else full
+        full = path_report(solution, field, motion, 0.0)
+        least = path_report(solution, field, motion, solution.min_c1) if solution.min_c1 < 0 else full
         return cls(field, motion, solution, full, least)
+
+    def with_energy(self, energy_wh: Callable[[float], float | None]) -> CoverageReport:
+        """The report with the energy of each end by its c1 [Wh]."""
+        full, *rest = (replace(end, energy_wh=energy_wh(end.c1)) for end in self.ends)
+        return replace(self, full=full, least=rest[0] if rest else full)
 
     @property
     def ends(self) -> Sequence[PathReport]:

@@ -11,6 +11,7 @@ from common import few_rows
 from common.answers import refused
 
 from eadp.api.cover import wind_vector_mps
+from eadp.api.inputs import load_flight
 from eadp.core.geometry.geodesy import to_local_m
 
 FLAGS = ("--min-radius", "30", "--swath", "30")
@@ -219,6 +220,34 @@ def test_without_a_file_the_plan_is_on_standard_output(eadp, tmp_path, box):
     path.write_text(answer.out)
     assert eadp("plan", path, "--check").code == 0
     assert "error" not in answer.err
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--pattern", "zamboni", "--profile", "profiles/pednet-letter.yaml"),
+        ("--home", "55.4665,10.325", "--altitude", "80"),
+        ("--landing", "55.4665,10.325,60", "--wind", "4,200"),
+    ],
+)
+def test_its_energy_is_that_of_the_forecast(eadp, tmp_path, options):
+    """At both ends of the spacing, with a vehicle beside the shell's folder and not the scenario's."""
+    plan, scenario = tmp_path / "meadow.plan", "scenarios/rising-wind.yaml"
+    words = ("cover", "plans/meadow.geojson", "--swath", 30, "--scenario", scenario, "--airspeed", 19, *options)
+    answer = eadp(*words, "--vehicle", "vehicles/mapper.yaml", "-o", plan, "--format", "json")
+    assert answer.code == 0, answer.err
+    document = json.loads(answer.out)
+    stated = [document["energy_wh"], document["at_lowest_c1"]["energy_wh"]]
+    keys = {"vehicle": "vehicles/mapper.yaml", "vehicle.airframe.airspeed_mps": 19, "planner.name": "static"}
+    if "--wind" in options:
+        keys |= {"wind.speed_mps": 4, "wind.from_deg": 200}
+    profile = options[3] if "--profile" in options else None
+    whole = load_flight(plan, scenario=scenario, profile=profile, overrides=keys).world.plan
+    lowest = {"parameters.c1": whole.hull(0).lo} if "zamboni" in options else {}
+    for energy_wh, own in zip(stated, ({}, lowest), strict=True):
+        flight = load_flight(plan, scenario=scenario, profile=profile, overrides=keys | own)
+        assert energy_wh == pytest.approx(flight.preflight().forecast.energy_wh, rel=1e-6)
+    assert (stated[0] > stated[1]) == ("zamboni" in options)
 
 
 def test_a_profile_brings_computations_that_stop_on_turns(eadp, tmp_path, box):

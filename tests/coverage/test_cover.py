@@ -19,7 +19,7 @@ from eadp.api.inputs import load_flight
 from eadp.core.geometry.curves import wrap_angle_rad
 from eadp.coverage.cover import AUTO, DUBINS, PATTERNS, ZAMBONI, CoverageRequest, cover
 from eadp.coverage.plan_builder import FieldComputations, build_plan
-from eadp.coverage.report import PowerDraw, covered_by_lines, path_report, rounded_deg
+from eadp.coverage.report import covered_by_lines, rounded_deg
 from eadp.coverage.swaths import CoverageLeg, MotionLimits, straight
 from eadp.errors import Infeasible
 from eadp.io.field.reader import read_field
@@ -226,14 +226,6 @@ def test_a_compass_bearing_by_hand():
     assert rounded_deg(solution.heading_rad, 6) in (0.0, 180.0)
     assert [rounded_deg(angle, 1) for angle in (0.0, math.pi / 2, math.pi, -math.pi / 2)] == [90, 0, 270, 180]
     assert rounded_deg(math.radians(90 + 1e-12), 9) == 0  # not 360
-
-
-def test_energy_is_power_times_time():
-    solution = cover(CoverageRequest(FIELDS["L"], MOTION, DUBINS))
-    power = PowerDraw(26.0, 10.0, 0.0)
-    end = path_report(solution, FIELDS["L"], MOTION, 0.0, power)
-    over_m = sum(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing)
-    assert end.energy_wh == pytest.approx((26.0 * end.length_m + 10.0 * over_m) / 15.0 / 3600)
 
 
 def flown_share(field, solution, path, wind_deg, c1):

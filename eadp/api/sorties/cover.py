@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from typing import Any
 
-from eadp.api.cover import CoverageOptions, coverage_task, picture_warnings
+from eadp.api.cover import CoverageOptions, coverage_task, flight_keys, picture_warnings
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import Files
 from eadp.api.sorties.plan import SortieOptions, SortiePlan, SortiePlanner
 from eadp.api.sorties.resume import resumed
-from eadp.core.geometry.bearings import compass_deg
 
 
 def cover_in_sorties(
@@ -45,13 +42,7 @@ def cover_in_sorties(
         With the faults of the files, or of an option under its name on the command line.
     """
     task = coverage_task(str(field), options, profile, scenario, vehicle, warn, cruises=True)
-    overrides: dict[str, Any] = {"start": {"altitude_m": 0.0}}
-    if vehicle is not None:
-        overrides["vehicle"] = str(vehicle)
-    if options.wind is not None:
-        east, north = task.motion.wind_mps
-        from_deg = compass_deg(math.atan2(-north, -east))
-        overrides |= {"wind.speed_mps": math.hypot(east, north), "wind.from_deg": round(from_deg, 6)}
+    overrides = {"start": {"altitude_m": 0.0}} | flight_keys(task, vehicle)
     profile_path = None if profile is None else str(profile)
     scenario_path = None if scenario is None else str(scenario)
     division, files = sorties or SortieOptions(), Files()

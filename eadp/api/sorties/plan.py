@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from eadp.api.cover import CoveragePlan, CoverageTask
+from eadp.api.cover import CoveragePlan, CoverageTask, held_at
 from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.api.terrain import HeightReport
 from eadp.core.arrays import FloatArray
@@ -45,8 +45,6 @@ from eadp.io.text.options import Flag, check_range
 from eadp.io.text.tables import aligned
 from eadp.models.camera import Pictures, pictures_document
 from eadp.models.field import Field
-from eadp.models.plan.plan import Plan
-from eadp.models.plan.stage import Box
 from eadp.planning.forecast.evaluate import Objective
 from eadp.planning.forecast.held import Preflight
 
@@ -342,7 +340,7 @@ class SortiePlanner:
     def sortie(self, solution: CoverageSolution, part: Field, *, held: bool = True) -> PlannedSortie:
         """A sortie along a path over a part, forecast by its planner; with `held`, at the lowest parameters."""
         planned = self.task.planned(solution, part)
-        plan = _at_lowest(planned.plan) if held else planned.plan
+        plan = held_at(planned.plan, "lo", "lo") if held else planned.plan
         given = self.overrides
         if held:  # the plan has its parameters, whatever the scenario sets at take-off
             given = {key: value for key, value in given.items() if key.partition(".")[0] != "parameters"}
@@ -412,12 +410,6 @@ def _without_bays(part: Field) -> Field:
     """The convex hull of a field's parts."""
     outline = hull(np.concatenate([np.array(rings[0]) for rings in part.parts]))
     return replace(part, outline=outline, holes=(), others=())
-
-
-def _at_lowest(plan: Plan) -> Plan:
-    """A plan whose parameters are fixed at their lowest values: the widest lines and the slowest computations."""
-    stages = [replace(stage, sets=tuple(Box(box.lo, box.lo) for box in stage.sets)) for stage in plan.stages]
-    return replace(plan, stages=tuple(stages))
 
 
 @dataclass(frozen=True)

@@ -411,9 +411,14 @@ def scenario_document(text: Text) -> Document:
 
 
 def vehicle_path(document: Document, overrides: Mapping[str, Any]) -> str | None:
-    """Path of the vehicle file that a scenario names, relative to the working directory; None if it names none."""
+    """Path of the vehicle file that a scenario names, relative to the working directory; None if it names none.
+
+    That of an override may be given so, too: it is typed in a shell.
+    """
     path = overrides.get("vehicle", document.value.get("vehicle"))
-    return beside(document.name, path) if isinstance(path, str) else None
+    if not isinstance(path, str):
+        return None
+    return path if "vehicle" in overrides and Path(path).exists() else beside(document.name, path)
 
 
 def scenario_of(
