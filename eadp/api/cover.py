@@ -385,8 +385,8 @@ class CoveragePlan:
     @property
     def _batteries(self) -> list[float] | None:
         """Full packs, down to their reserve, for the path at the finest spacing and at the coarsest."""
-        ends = (self.report.full, self.report.least)
-        return None if self.pack_wh is None else [(end.energy_wh or 0.0) / self.pack_wh for end in ends]
+        energies_wh = [end.energy_wh for end in (self.report.full, self.report.least) if end.energy_wh is not None]
+        return [energy_wh / self.pack_wh for energy_wh in energies_wh] or None if self.pack_wh else None
 
     @property
     def lines(self) -> list[str]:
@@ -636,13 +636,7 @@ class CoverageTask:
         return cover_corridor(self.request, self.line, self.options.corridor_m)
 
     def planned(self, solution: CoverageSolution, field: Field | None = None) -> CoveragePlan:
-        """The plan of a path over the field, or over a part of it.
-
-        Raises
-        ------
-        InputError
-            If the profile does not measure whole settings.
-        """
+        """The plan of a path over the field, or over a part of it."""
         field, options, motion = field or self.field, self.options, self.motion
         distance_m, computations = options.picture_distance_m, _computations(self.profile, options.turns_off)
         sensed_m = sum(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing)
@@ -867,7 +861,13 @@ def cover(
             forecast = load_flight(plan, scenario=given, profile=profile, overrides=keys).preflight(whole=False)
             return None if forecast is None else forecast.forecast.energy_wh
 
-        found = replace(found, report=found.report.with_energy(energy_wh))
+        try:
+            found = replace(found, report=found.report.with_energy(energy_wh))
+        except (
+            InputError
+        ) as error:  # a scenario of another plan, say: the path needs it for the vehicle and the wind alone
+            one = error.faults[0]
+            warn([replace(one, message=f"no energy is stated: {one.message}", severity="note")])
     warn(picture_warnings(found.pictures))
     return found
 

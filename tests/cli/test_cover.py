@@ -250,6 +250,15 @@ def test_its_energy_is_that_of_the_forecast(eadp, tmp_path, options):
     assert (stated[0] > stated[1]) == ("zamboni" in options)
 
 
+def test_a_scenario_of_another_plan_serves_for_the_vehicle_and_leaves_the_energy_out(eadp):
+    answer = eadp(
+        "cover", "plans/meadow.geojson", *FLAGS, "--scenario", "scenarios/paper-drained.yaml", "--format", "json"
+    )
+    assert answer.code == 0
+    assert "note: no energy is stated: the plan has no parameter c2" in answer.err
+    assert "energy_wh" not in json.loads(answer.out)
+
+
 def test_a_profile_brings_computations_that_stop_on_turns(eadp, tmp_path, box):
     plan = tmp_path / "p.plan"
     profile = ("--profile", "profiles/pednet-jetson-nano.yaml")
