@@ -218,9 +218,11 @@ class LiveFlight:
         self._origin_s = 0.0 if 0 <= sample.time_s <= CLOCK_START_S else sample.time_s
         position, start = sample.position_m, mission.start_m
         elapsed_s = sample.time_s - self._origin_s
+        away = False
         if position is not None:
             reach_m = SPEED_FACTOR * mission.cruise_mps * elapsed_s + SLACK_M
-            start = start if start is not None and math.dist(position, start) <= reach_m else position
+            away = start is not None and math.dist(position, start) > reach_m
+            start = position if start is None or away else start
         assert start is not None
         self._climbs = InitialClimb(sample, mission.cruise_mps, _altitude_m(mission, mission.plan.stages[0]))
         if self._climbs.from_ground:
@@ -230,7 +232,6 @@ class LiveFlight:
         self._last = (time_s, mission.battery.soc if sample.soc is None else sample.soc)
         self._started = True
         # in the middle of the flight, by its position or by its reports
-        away = position is not None and start is position and mission.start_m is not None
         if away or sample.stage not in (None, 1) or (sample.stages_started or 1) > 1:
             self._tracker.acquire_from(mission.start_m or start)
         else:

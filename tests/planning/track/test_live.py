@@ -402,8 +402,7 @@ PAIR = st.none() | st.tuples(st.floats(-1000, 1000), st.floats(-1000, 1000))
 ANY_FIX = st.builds(
     Sample,
     st.floats(-1e11, 1e11),
-    FINITE,
-    FINITE,
+    st.tuples(FINITE, FINITE),
     st.none() | st.floats(-1e6, 1e6),
     st.floats(0, 1),
     st.none() | st.integers(1, 6),
