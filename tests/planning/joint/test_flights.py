@@ -23,7 +23,7 @@ CAPACITIES_AH = (0.34, 0.42, 0.5)
 
 
 def flown(make=None, **overrides):
-    inputs = survey_inputs("joint", **overrides)
+    inputs = survey_inputs("joint", **{"log_every_s": 1.0, **overrides})
     outcome = Outcome()
     flight = make(inputs) if make else inputs.flight()
     rows = list(fly(inputs.world, flight, outcome))
