@@ -15,6 +15,7 @@ from eadp.models.weather import Wind
 
 SURVEY, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
 RISING = str(ROOT / "scenarios/rising-wind.yaml")
+COARSE = {"step_s": 0.05, "log_every_s": 1.0}
 
 
 def flown(profile, **more):
@@ -73,11 +74,11 @@ def test_compiled_flights_are_the_same():
 
 
 def test_joint_answers_a_rising_wind_and_static_does_not():
-    joint = eadp.simulate(SURVEY, scenario=RISING, overrides={"step_s": 0.05})
+    joint = eadp.simulate(SURVEY, scenario=RISING, overrides=COARSE)
     assert joint.summary["energy_forecast"]["completes"]
     assert joint.summary["completed"]
     assert joint.summary["reserve_kept"]
-    static = eadp.simulate(SURVEY, scenario=RISING, overrides={"planner.name": "static", "step_s": 0.05})
+    static = eadp.simulate(SURVEY, scenario=RISING, overrides={**COARSE, "planner.name": "static"})
     assert static.summary["energy_forecast"]["completes"]
     assert not static.summary["completed"]
 
