@@ -118,7 +118,9 @@ def test_a_sweep_varies_it(eadp, tmp_path):
     sweep = tmp_path / "sweep.yaml"
     winds = "[[[0, 2, 180]], [[0, 2, 180], [60, 8, 180]]]"
     sweep.write_text(f"schema: eadp.sweep/1\nplan: {SURVEY}\nscenario: {SCENARIO}\ngrid: {{wind.profile: {winds}}}\n")
-    rows = eadp("sweep", sweep, "--jobs", "1", "--set", "planner.name=static", "--set", "step_s=0.05", "--format", "csv").out.splitlines()
+    rows = eadp(
+        "sweep", sweep, "--jobs", "1", "--set", "planner.name=static", "--set", "step_s=0.05", "--format", "csv"
+    ).out.splitlines()
     assert len(rows) == 3
 
 

@@ -399,20 +399,26 @@ def smooth(rng: np.random.Generator, n: int) -> FloatArray:
     return np.asarray(lfilter([1], [1, -1.8, 0.81], rng.normal(size=n + 500))[-n:])
 
 
+NOISES = {
+    "white": (white, 60),
+    "random walk": (walk, 60),
+    "smooth": (smooth, 60),
+    "long first order, 0.95": (first_order(0.95), 300),
+    "first order, 0.7": (first_order(0.7), 60),
+    "first order, 0.95": (first_order(0.95), 60),
+    "long random walk": (walk, 300),
+}
+
+
 @pytest.mark.parametrize(
-    ("noise", "n"),
+    ("kind", "share"),
     [
-        pytest.param(white, 60, id="white"),
-        pytest.param(walk, 60, id="random walk"),
-        pytest.param(smooth, 60, id="smooth"),
-        pytest.param(first_order(0.95), 300, id="long first order, 0.95"),
-        pytest.param(first_order(0.7), 60, id="first order, 0.7", marks=pytest.mark.slow),
-        pytest.param(first_order(0.95), 60, id="first order, 0.95", marks=pytest.mark.slow),
-        pytest.param(walk, 300, id="long random walk", marks=pytest.mark.slow),
+        *((kind, 0.25) for kind in list(NOISES)[:4]),
+        *(pytest.param(kind, 1.0, marks=pytest.mark.slow) for kind in NOISES),
     ],
 )
-@pytest.mark.parametrize("share", [0.25, pytest.param(1.0, marks=pytest.mark.slow)])
-def test_noise_has_no_period(noise: NoiseModel, n: int, share: float) -> None:
+def test_noise_has_no_period(kind: str, share: float) -> None:
+    noise, n = NOISES[kind]
     trials = round(share * (20 if n == 60 else 8))
     times = 0.5 * np.arange(n)
     found = [analyse(times, 30 + noise(np.random.default_rng(seed), n)).periodic for seed in range(trials)]
@@ -507,8 +513,10 @@ def test_a_prior_of_which_only_a_sliver_fits_into_the_log() -> None:
 
 
 # at 95 %, fewer inside come with a chance of 0.1 %: of 40 less than 33, of 8 less than 5
-@pytest.mark.parametrize(("trials", "least"), [(8, 5), pytest.param(40, 33, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("time_s", few([15.0, 5.0, 0.0], 1))
+@pytest.mark.parametrize(
+    ("time_s", "trials", "least"),
+    [(15.0, 8, 5), *(pytest.param(time_s, 40, 33, marks=pytest.mark.slow) for time_s in (15.0, 0.0))],
+)
 def test_the_mean_of_noise_is_known_as_well_as_is_said(time_s: float, trials: int, least: int) -> None:
     n, memory = 400, math.exp(-0.5 / time_s) if time_s else 0.0
     inside = []

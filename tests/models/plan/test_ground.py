@@ -238,7 +238,9 @@ def from_rows(rows):
 
 @pytest.mark.parametrize(
     ("wind", "capacity_ah"),
-    few_rows(itertools.product([{"wind.speed_mps": 0.0}, {"wind.speed_mps": 6.0, "wind.gust_std_mps": 1.0}], [0.36, 0.45]), 2),
+    few_rows(
+        itertools.product([{"wind.speed_mps": 0.0}, {"wind.speed_mps": 6.0, "wind.gust_std_mps": 1.0}], [0.36, 0.45]), 2
+    ),
 )
 def test_quality_of_a_flight_against_its_rows(wind, capacity_ah):
     outcome, rows = flown(survey_inputs("joint", **wind, **{"battery.capacity_ah": capacity_ah}))

@@ -196,9 +196,7 @@ def test_advice_comes_once_a_second_and_when_parameters_change(recorded):
     inputs, recorder = recorded
     flight = live(inputs)
     times = [
-        sample.time_s
-        for sample in samples(recorder.seen[:600], 4, 0, MEASURED)
-        if flight.update(sample)[0] is not None
+        sample.time_s for sample in samples(recorder.seen[:600], 4, 0, MEASURED) if flight.update(sample)[0] is not None
     ]
     assert times[0] == 0.2
     gaps = [later - now for now, later in itertools.pairwise(times)]
