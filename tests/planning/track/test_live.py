@@ -34,7 +34,7 @@ def inputs_of(planner="joint", **overrides):
     return load_flight(
         str(ROOT / "plans/survey.plan"),
         scenario=str(ROOT / "scenarios/survey.yaml"),
-        overrides={"planner.name": planner, "step_s": STEP_S, **overrides},
+        overrides={"planner.name": planner, "step_s": STEP_S, "log_every_s": 1e9, **overrides},
     )
 
 
