@@ -136,8 +136,8 @@ def searched(mission, start=None, **more):
     [
         (1, range(4)),
         (2, range(100, 102)),
-        pytest.param(1, range(40), marks=pytest.mark.slow),
-        pytest.param(2, range(100, 112), marks=pytest.mark.slow),
+        pytest.param(1, range(4, 24), marks=pytest.mark.slow),
+        pytest.param(2, range(102, 108), marks=pytest.mark.slow),
     ],
 )
 def test_made_up_missions_against_brute_force(dimensions, seeds):
