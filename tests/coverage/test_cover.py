@@ -138,7 +138,7 @@ def unmoved(name, pattern):
     st.tuples(st.floats(-500, 500), st.floats(-500, 500)),
     st.booleans(),
 )
-@settings(max_examples=draws(0.4))
+@settings(max_examples=draws(0.3))
 def test_the_path_over_a_field_moved_is_the_path_moved(name, pattern, angle, shift, mirror):
     field, a = unmoved(name, pattern)
     other, place = moved(field, angle, shift, mirror)

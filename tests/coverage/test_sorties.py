@@ -121,6 +121,7 @@ def test_a_way_that_takes_the_pack_is_refused():
         divider.fewest(1)
 
 
+@settings(max_examples=draws(0.5))
 @given(
     st.lists(st.tuples(st.floats(1, 50), st.floats(1, 60)), min_size=1, max_size=5),
     st.floats(61, 300),
@@ -138,6 +139,7 @@ def test_the_bound_is_below_every_division(parts, pack_s):
     assert bound <= least * (1 + 1e-9)
 
 
+@settings(max_examples=draws(0.5))
 @given(st.lists(st.tuples(st.floats(1, 40), st.floats(1, 30)), min_size=1, max_size=5), st.floats(75, 300))
 def test_the_bound_of_the_number_is_below_every_order(parts, pack_s):
     """Lines with a turn to each, in every grouping: a sortie leaves out the turn to its first line."""

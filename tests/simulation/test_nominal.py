@@ -115,7 +115,7 @@ def test_of_many_turns_the_worst_are_named_and_the_others_counted():
 
 
 def test_turns_that_are_never_got_past_are_named_and_have_no_forecast(tmp_path):
-    inputs = load_flight(mission(tmp_path, CIRCLED), overrides={"time_limit_s": 1000})
+    inputs = load_flight(mission(tmp_path, CIRCLED), overrides={"time_limit_s": 1000, "step_s": 0.05})
     assert inputs.preflight() is None
     (stuck,) = [fault.message for fault in inputs.warnings if "circles, and never gets past it" in fault.message]
     assert stuck.startswith(f"{inputs.never_past}: ")

@@ -112,7 +112,7 @@ def _drained(items):
     inputs = load_flight(
         str(ROOT / "plans/survey.plan"),
         scenario=str(ROOT / "scenarios/paper-drained.yaml"),
-        overrides={key: ast.literal_eval(value) for key, value in items},
+        overrides={"log_every_s": 1e9} | {key: ast.literal_eval(value) for key, value in items},
     )
     outcome = Outcome()
     for _ in fly(inputs.world, inputs.flight(), outcome):
@@ -123,7 +123,7 @@ def _drained(items):
 
 @pytest.mark.parametrize(
     ("case", "published", "corrected"),
-    few_rows([("towards 90", 0.468, 0.534), ("no wind", 0.636, 0.636), ("towards 0", 0.472, 0.538)], 1),
+    few_rows([("towards 0", 0.472, 0.538), ("no wind", 0.636, 0.636), ("towards 90", 0.468, 0.534)], 1),
 )
 def test_drained_flights_reach_the_known_quality(case, published, corrected):
     for rules, quality in (((), published), (tuple(CORRECTED.items()), corrected)):

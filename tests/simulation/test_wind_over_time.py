@@ -15,10 +15,11 @@ from eadp.models.weather import Wind
 
 SURVEY, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
 RISING = str(ROOT / "scenarios/rising-wind.yaml")
+COARSE = {"step_s": 0.05, "log_every_s": 1.0}
 
 
 def flown(profile, **more):
-    overrides = {"planner.name": "static", "battery.capacity_ah": 3, "faults": [], **more}
+    overrides = {"planner.name": "static", "battery.capacity_ah": 3, "faults": [], "step_s": 0.05, **more}
     wind = {"wind.profile": profile} if profile else {}
     return eadp.simulate(SURVEY, scenario=SCENARIO, overrides=overrides | wind)
 
@@ -37,8 +38,8 @@ def test_components_are_linear_between_rows():
 
 
 def test_a_profile_of_one_row_is_a_steady_wind():
-    still = flown(None, **{"wind.speed_mps": 5, "wind.from_deg": 180})
-    assert flown([[0, 5, 180]]).steps == still.steps
+    still = flown(None, **{"wind.speed_mps": 5, "wind.from_deg": 180, "time_limit_s": 150})
+    assert flown([[0, 5, 180]], time_limit_s=150).steps == still.steps
 
 
 def test_until_it_changes_the_flight_is_the_same():
@@ -73,11 +74,11 @@ def test_compiled_flights_are_the_same():
 
 
 def test_joint_answers_a_rising_wind_and_static_does_not():
-    joint = eadp.simulate(SURVEY, scenario=RISING)
+    joint = eadp.simulate(SURVEY, scenario=RISING, overrides=COARSE)
     assert joint.summary["energy_forecast"]["completes"]
     assert joint.summary["completed"]
     assert joint.summary["reserve_kept"]
-    static = eadp.simulate(SURVEY, scenario=RISING, overrides={"planner.name": "static"})
+    static = eadp.simulate(SURVEY, scenario=RISING, overrides={**COARSE, "planner.name": "static"})
     assert static.summary["energy_forecast"]["completes"]
     assert not static.summary["completed"]
 
@@ -117,7 +118,9 @@ def test_a_sweep_varies_it(eadp, tmp_path):
     sweep = tmp_path / "sweep.yaml"
     winds = "[[[0, 2, 180]], [[0, 2, 180], [60, 8, 180]]]"
     sweep.write_text(f"schema: eadp.sweep/1\nplan: {SURVEY}\nscenario: {SCENARIO}\ngrid: {{wind.profile: {winds}}}\n")
-    rows = eadp("sweep", sweep, "--jobs", "1", "--set", "planner.name=static", "--format", "csv").out.splitlines()
+    rows = eadp(
+        "sweep", sweep, "--jobs", "1", "--set", "planner.name=static", "--set", "step_s=0.05", "--format", "csv"
+    ).out.splitlines()
     assert len(rows) == 3
 
 

@@ -191,8 +191,7 @@ class TimeBins:
             for part in _SCANNED_PARTS if number else (0.0, *_SCANNED_PARTS):
                 variances = part * eigenbasis.eigenvalues + (1 - part)
                 root = 1 / np.sqrt(variances)[:, np.newaxis]
-                white = (columns * root).reshape(n, f, m).transpose(1, 0, 2)
-                error, volume = _errors(white, target * root)
+                error, volume = _errors((columns * root).reshape(n, f, m), target * root)
                 penalty = 0.5 * float(np.log(variances).sum())
                 alone = np.maximum(alone, -0.5 * n * np.log(error[0, 0]) - penalty)
                 likelihood = -0.5 * n * np.log(error[:, 1:]) - penalty
@@ -255,14 +254,17 @@ def tail(statistic: float, drawn: FloatArray) -> float:
 def _errors(white: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Squared errors of orders 0, 1, …, shape (f, orders, s), and ln |XᵀX| of each, shape (f, orders).
 
+    `white`, the columns, has the shape (n, f, 2 orders − 1): the products with all targets are one of matrices.
+
     The Cholesky factor of all columns has that of the first of them in its corner: one serves every order.
     """
-    gram = white.transpose(0, 2, 1) @ white
-    m = gram.shape[1]
+    n, f, m = white.shape
+    gram = white.transpose(1, 2, 0) @ white.transpose(1, 0, 2)
+    moment = (white.reshape(n, -1).T @ target).reshape(f, m, -1)
     # a ridge of the size of rounding: bins may leave a column undetermined
     gram[:, np.arange(m), np.arange(m)] += 1e-9 * np.trace(gram, axis1=1, axis2=2)[:, np.newaxis]
     factor = np.linalg.cholesky(gram)
-    fitted = np.linalg.solve(factor, white.transpose(0, 2, 1) @ target)
+    fitted = np.linalg.solve(factor, moment)
     total = np.sum(target**2, axis=0)
     explained = np.cumsum(fitted**2, axis=1)[:, 0::2]
     volume = 2 * np.cumsum(np.log(np.diagonal(factor, axis1=1, axis2=2)), axis=1)[:, 0::2]

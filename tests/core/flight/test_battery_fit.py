@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from common import few
 
 from eadp.core.flight.battery_fit import fit_battery
 from eadp.errors import Infeasible
@@ -35,15 +36,15 @@ def test_a_battery_without_noise_is_found_exactly():
     assert fit.rms_v < 1e-6
 
 
-def test_intervals_hold_where_noise_is_alike_from_reading_to_reading():
+@pytest.mark.parametrize("runs", few([140, 200], 1))
+def test_intervals_hold_where_noise_is_alike_from_reading_to_reading(runs):
     inside = {"full": 0, "empty": 0, "ohm": 0}
-    runs = 200
     for seed in range(runs):
         fit = fit_battery(*log(seed, seconds=600.0), CAPACITY_AH)
         inside["full"] += abs(fit.voltage_full_v - 16.8) < 1.96 * fit.voltage_full_std_v
         inside["empty"] += abs(fit.voltage_empty_v - 13.0) < 1.96 * fit.voltage_empty_std_v
         inside["ohm"] += abs(fit.resistance_ohm - 0.08) < 1.96 * fit.resistance_std_ohm
-    # 95 % of 200, less what 600 s of such noise cannot tell about itself; white-noise errors would hold half of them
+    # 95 %, less what 600 s of such noise cannot tell about itself; white-noise errors would hold half of them
     assert all(0.85 <= count / runs <= 1.0 for count in inside.values()), inside
 
 

@@ -56,7 +56,7 @@ def test_noise_is_the_likeliest_of_all_mixtures() -> None:
 def test_errors_of_every_order_are_those_of_its_own_least_squares() -> None:
     table = bins()
     designs = np.stack([design_matrix(table.times_s, f, 3) for f in (0.02, 0.0333)])
-    error, volume = _errors(designs, table.power_w[:, np.newaxis])
+    error, volume = _errors(designs.transpose(1, 0, 2), table.power_w[:, np.newaxis])
     for i in range(2):
         for order in range(4):
             columns = designs[i][:, : 2 * order + 1]

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 import pytest
-from common import ROOT
+from common import ROOT, few_rows
 from common.forecasts import survey_inputs
 from common.plans import TWO_BLOCKS
 
@@ -151,15 +151,14 @@ def test_uniform_spacing_beats_half_fine_half_coarse_at_equal_charge():
     def halves(first, then, half_s):
         return lambda time_s, _: parameters_of(plan, first if time_s < half_s else then)
 
-    for fine, coarse in ((0.9, 0.2),):
-        start = start_of(plan)
-        fine_s, coarse_s = (on_paper(plan, start, lambda *_, s=s: parameters_of(plan, s))[1] for s in (fine, coarse))
-        for first, then, half_s in ((fine, coarse, fine_s / 2), (coarse, fine, coarse_s / 2)):
-            log, mixed_s = on_paper(plan, start, halves(first, then, half_s))
-            mixed = log.quality({"c2": 0.0})
-            uniform = [on_paper(plan, start, lambda *_, s=s: parameters_of(plan, s)) for s in np.linspace(0, 1, 41)]
-            best = max(log.quality({"c2": 0.0}) for log, seconds in uniform if seconds <= mixed_s)
-            assert best > mixed + 0.01
+    start, fine, coarse = start_of(plan), 0.9, 0.2
+    fine_s, coarse_s = (on_paper(plan, start, lambda *_, s=s: parameters_of(plan, s))[1] for s in (fine, coarse))
+    uniform = [on_paper(plan, start, lambda *_, s=s: parameters_of(plan, s)) for s in np.linspace(0, 1, 41)]
+    for first, then, half_s in ((fine, coarse, fine_s / 2), (coarse, fine, coarse_s / 2)):
+        log, mixed_s = on_paper(plan, start, halves(first, then, half_s))
+        mixed = log.quality({"c2": 0.0})
+        best = max(log.quality({"c2": 0.0}) for log, seconds in uniform if seconds <= mixed_s)
+        assert best > mixed + 0.01
 
 
 @pytest.mark.parametrize("stage", [3, 4])
@@ -237,8 +236,12 @@ def from_rows(rows):
     return ground, value, (0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("wind", [{"wind.speed_mps": 0.0}, {"wind.speed_mps": 6.0, "wind.gust_std_mps": 1.0}])
-@pytest.mark.parametrize("capacity_ah", [0.36, 0.45])
+@pytest.mark.parametrize(
+    ("wind", "capacity_ah"),
+    few_rows(
+        itertools.product([{"wind.speed_mps": 0.0}, {"wind.speed_mps": 6.0, "wind.gust_std_mps": 1.0}], [0.36, 0.45]), 2
+    ),
+)
 def test_quality_of_a_flight_against_its_rows(wind, capacity_ah):
     outcome, rows = flown(survey_inputs("joint", **wind, **{"battery.capacity_ah": capacity_ah}))
     assert outcome.completed

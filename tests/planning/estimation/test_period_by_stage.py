@@ -12,6 +12,7 @@ import eadp
 @pytest.mark.parametrize(("gusts", "seed"), [(0.0, 0), (1.0, 1)])
 def test_the_period_is_one_whatever_the_stage_it_is_measured_at(gusts, seed):
     keys = {"planner.name": "static", "battery.capacity_ah": 3, "faults": [], "wind.gust_std_mps": gusts, "seed": seed}
+    keys["step_s"] = 0.05
     flight = eadp.simulate(ROOT / "plans/survey.plan", scenario=ROOT / "scenarios/survey.yaml", overrides=keys)
     starts_s = {stage: [] for stage in range(1, 5)}
     for before, step in itertools.pairwise(flight.steps):

@@ -34,13 +34,15 @@ class Evaluated(NamedTuple):
 class Following(Planner):
     """Keeps its parameters, and has the rest forecast at some moments."""
 
-    next_update_s = 0.0
-
     def __init__(self, inputs, moments_s):
         scenario = inputs.scenario
         super().__init__(scenario.planner, inputs.mission)
         self.held = HeldForecast(scenario.planner, inputs.mission)
         self.evaluated, self._moments_s = [], list(moments_s)
+
+    @property
+    def next_update_s(self):
+        return next(iter(self._moments_s), math.inf)
 
     def update(self, state):
         o, decision = state.now, super().update(state)

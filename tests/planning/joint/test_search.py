@@ -19,7 +19,7 @@ from eadp.planning.joint import search as module
 from eadp.planning.joint.places import Places
 from eadp.planning.joint.search import Search
 
-PLACES, EACH = 2001, 41
+PLACES, EACH = 1001, 31
 """Places of brute force along one parameter, along each of two, and along each of two blocks."""
 MEDIAN_GAP, WORST_GAP, SCAN_GAP = 1e-3, 1e-2, 5e-2
 """The last where a step is wider than a cell of the first grid: within one the search looks at its ends alone."""
@@ -136,8 +136,8 @@ def searched(mission, start=None, **more):
     [
         (1, range(4)),
         (2, range(100, 102)),
-        pytest.param(1, range(40), marks=pytest.mark.slow),
-        pytest.param(2, range(100, 112), marks=pytest.mark.slow),
+        pytest.param(1, range(4, 24), marks=pytest.mark.slow),
+        pytest.param(2, range(102, 108), marks=pytest.mark.slow),
     ],
 )
 def test_made_up_missions_against_brute_force(dimensions, seeds):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from common import ROOT
+from common import ROOT, few_rows
 from common.observations import observation
 
 from eadp.io.plan.reader import read_plan
@@ -59,7 +59,9 @@ def story(seed=0):
 
 
 @pytest.mark.parametrize("settings", KINDS, ids=lambda settings: settings.kind)
-@pytest.mark.parametrize(("asked_every", "most_waiting"), [(1, 40), (1, 10_000), (7, 10_000), (250, 10_000)])
+@pytest.mark.parametrize(
+    ("asked_every", "most_waiting"), few_rows([(1, 40), (1, 10_000), (7, 10_000), (250, 10_000)], 2)
+)
 def test_it_answers_as_one_that_does_not_wait(settings, asked_every, most_waiting, monkeypatch):
     monkeypatch.setattr(module, "MAX_WAITING", most_waiting)
     eager, waiting = _estimator(settings, MISSION), FlightState(MISSION, {}, settings, 20.0)
