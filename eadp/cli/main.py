@@ -131,10 +131,11 @@ def main(arguments: list[str]) -> int:
     words = " ".join(arguments).replace("--faults=", "--faults ")
     faults_as_json.set("--faults json" in words)  # an option that cannot be read is a fault, too
     try:
-        named = tuple(name for name in arguments[:1] if name in COMMANDS)
-        completed = tuple(COMMANDS) if "_EADP_COMPLETE" in os.environ else ()
-        texts = bool(completed) or not {"-h", "--help"}.isdisjoint(arguments)
-        result = _app(named or completed, texts=texts)(args=arguments, prog_name="eadp", standalone_mode=False)
+        # those that a shell completes: bash's words, and what typer's scripts for other shells hand over
+        shown = os.environ.get("COMP_WORDS", os.environ.get("_TYPER_COMPLETE_ARGS", "")).split()[1:]
+        named = tuple(name for name in (*arguments[:1], *shown[:1]) if name in COMMANDS)
+        texts = "_EADP_COMPLETE" in os.environ or not {"-h", "--help"}.isdisjoint(arguments)
+        result = _app(named, texts=texts)(args=arguments, prog_name="eadp", standalone_mode=False)
         sys.stdout.flush()
         if result == INTERRUPTED:  # typer's own answer, outside of a command
             return _interrupted()

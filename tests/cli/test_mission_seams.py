@@ -24,7 +24,8 @@ LIMITS = {
     "inside": "x_m,y_m\n-90,-90\n690,-90\n690,490\n-90,490\n",
 }
 PROFILE = ("--profile", "profiles/pednet-jetson-nano.yaml")
-FLIGHT = (*PROFILE, "--planner", "static", "--set", "step_s=0.05")
+COARSE = ("--set", "step_s=0.05")
+FLIGHT = (*PROFILE, "--planner", "static", *COARSE)
 HEADERS = ("home", "avoid", "inside", "min-radius", "made-for", "swath", "field")
 
 
@@ -66,7 +67,7 @@ def test_cover_writes_the_mission_and_plan_keeps_it(eadp, covered):
 
 
 def test_a_flight_keeps_out_and_says_so(eadp, covered):
-    answer = eadp("simulate", covered, *PROFILE, "--set", "step_s=0.05", "--set", "wind.speed_mps=3", "--format", "json")
+    answer = eadp("simulate", covered, *PROFILE, *COARSE, "--set", "wind.speed_mps=3", "--format", "json")
     summary = json.loads(answer.out)
     assert answer.code == 0
     assert summary["completed"]
@@ -308,9 +309,9 @@ def test_a_mission_flies_beside_a_fence_of_its_own_file(eadp, leg, tmp_path, for
     assert eadp("plan", *wide, "--check").code == 0
     narrow = (*wide, "--avoid", fence)
     assert "enters obstacle 1" in eadp("plan", *narrow, "--check").out
-    told = json.loads(eadp("simulate", *wide, "--set", "step_s=0.05", "--format", "json").out)
+    told = json.loads(eadp("simulate", *wide, *COARSE, "--format", "json").out)
     assert (told["completed"], told["obstacles"], told["energy_forecast"]["obstacles"]) == (True, [], [])
-    flown = json.loads(eadp("simulate", *narrow, "--set", "step_s=0.05", "--format", "json", "-o", tmp_path / "flown").out)
+    flown = json.loads(eadp("simulate", *narrow, *COARSE, "--format", "json", "-o", tmp_path / "flown").out)
     assert [each["name"] for each in flown["obstacles"]] == ["obstacle 1"]
     assert flown["energy_forecast"]["obstacles"] == [{"name": "obstacle 1", "probability": 1.0}]
     # the folder has them, too
