@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from common import ROOT
+from common import ROOT, without_figures
 from common.browser import ABSENT, CHROMIUM, Browser
 from hypothesis import HealthCheck, settings
 
@@ -47,6 +47,13 @@ def eadp(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
         return Solution(code, captured.out, captured.err)
 
     return run
+
+
+@pytest.fixture
+def undrawn():
+    """For tests of result folders whose subject is no figure."""
+    with without_figures():
+        yield
 
 
 @pytest.fixture(autouse=True)

@@ -32,11 +32,13 @@ def test_a_take_off_is_not_what_the_plan_draws(autopilot, folder):
     assert float(lines.measured.split()[0]) < 19
 
 
+@pytest.mark.slow
 def test_a_draw_that_rises_for_good_is_followed(autopilot, folder):
     rows = list(autopilot.rises(folder))
     assert all(row.met for row in rows), rows
 
 
+@pytest.mark.slow
 def test_a_lost_cell_is_found_and_no_other(autopilot, folder):
     pytest.importorskip("pymavlink")
     rows = list(autopilot.cells(folder))

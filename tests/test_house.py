@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from collections import defaultdict
 from graphlib import TopologicalSorter
@@ -90,6 +91,7 @@ def test_an_import_inside_a_function_spares_a_slow_library():
 
     at_once = {name: set(imported(tree.body)) for name, tree in modules.items()}
 
+    @functools.cache
     def reached(name):
         found, waiting = set(), [name]
         while waiting:

@@ -75,12 +75,12 @@ def test_without_standard_error_nothing_else_is_printed():
 
 def test_a_closed_stream_is_no_place_for_a_file(tmp_path):
     out = tmp_path / "model.yaml"
-    assert shell(f"fit scenarios/example-power-log.csv -o {out} <&- >&- 2>&-").returncode == 2
+    assert shell(f"fit scenarios/example-power-log.csv --to 110 -o {out} <&- >&- 2>&-").returncode == 2
     assert out.read_text().startswith("schema: eadp.energy/1")
 
 
 def test_what_a_terminal_cannot_show_is_escaped(tmp_path):
-    done = shell("fit scenarios/example-power-log.csv", PYTHONIOENCODING="ascii")
+    done = shell("fit scenarios/example-power-log.csv --to 110", PYTHONIOENCODING="ascii")
     assert done.returncode == 0
     assert r"R\xb2" in done.stdout
     done = shell(f"plan '{tmp_path}/nö.plan'", PYTHONIOENCODING="ascii")
@@ -91,5 +91,8 @@ def test_what_a_terminal_cannot_show_is_escaped(tmp_path):
         "grid: {vehicle.name: [ä]}\n",
         encoding="utf-8",
     )
-    done = shell(f"sweep {sweep} --set time_limit_s=0.01 --jobs 1 --format jsonl", PYTHONIOENCODING="ascii")
+    done = shell(
+        f"sweep {sweep} --set time_limit_s=0.01 --set planner.name=static --jobs 1 --format jsonl",
+        PYTHONIOENCODING="ascii",
+    )
     assert "ä" in str(json.loads(done.stdout))

@@ -34,7 +34,7 @@ def test_a_block_of_the_readme_shows_what_its_commands_print(block, tmp_path, mo
     assert Console(tmp_path).fresh(block) == block
 
 
-@pytest.mark.parametrize("page", few(IN_ORDER, 2), ids=lambda page: page.name)
+@pytest.mark.parametrize("page", few(IN_ORDER[::-1], 1), ids=lambda page: page.name)
 def test_the_blocks_show_what_their_commands_print_in_this_order(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     console = Console(tmp_path)

@@ -7,7 +7,7 @@ import io
 import os
 import sys
 import traceback
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from importlib import import_module
 from typing import Annotated, Any
 
@@ -97,8 +97,9 @@ def _options(
     pass
 
 
-def _app(names: Collection[str], *, texts: bool = True) -> typer.Typer:
-    """The command line; of other commands than these it knows the names: to import all takes long.
+@functools.cache
+def _app(names: tuple[str, ...], *, texts: bool = True) -> Any:
+    """The command line, made once; of other commands than these it knows the names: to import all takes long.
 
     `texts`: whether options have their texts, which are read in the sources.
     """
@@ -116,7 +117,7 @@ def _app(names: Collection[str], *, texts: bool = True) -> typer.Typer:
     for name, text in COMMANDS.items():
         command = grouped(import_module(f"eadp.cli.{name}").command, texts=texts) if name in names else _unknown
         app.command(name, short_help=text)(_shielded(command))
-    return app
+    return typer.main.get_command(app)
 
 
 # typer brings a click of its own in some versions, and uses the installed one in others: errors are found by ancestry
@@ -130,10 +131,11 @@ def main(arguments: list[str]) -> int:
     words = " ".join(arguments).replace("--faults=", "--faults ")
     faults_as_json.set("--faults json" in words)  # an option that cannot be read is a fault, too
     try:
-        named = [name for name in arguments[:1] if name in COMMANDS]
-        completed = COMMANDS if "_EADP_COMPLETE" in os.environ else ()
-        texts = bool(completed) or not {"-h", "--help"}.isdisjoint(arguments)
-        result = _app(named or completed, texts=texts)(args=arguments, prog_name="eadp", standalone_mode=False)
+        # those that a shell completes: bash's words, and what typer's scripts for other shells hand over
+        shown = os.environ.get("COMP_WORDS", os.environ.get("_TYPER_COMPLETE_ARGS", "")).split()[1:]
+        named = tuple(name for name in (*arguments[:1], *shown[:1]) if name in COMMANDS)
+        texts = "_EADP_COMPLETE" in os.environ or not {"-h", "--help"}.isdisjoint(arguments)
+        result = _app(named, texts=texts)(args=arguments, prog_name="eadp", standalone_mode=False)
         sys.stdout.flush()
         if result == INTERRUPTED:  # typer's own answer, outside of a command
             return _interrupted()

@@ -58,9 +58,10 @@ def test_the_plan_is_checked_traced_and_flown(eadp, tmp_path, pattern):
         assert place == pytest.approx((point["x"], point["y"]), abs=1e-3)
     trace = eadp("plan", plan, "--trace", "5").out.splitlines()
     assert trace[0] == "stage,kind,x_m,y_m,heading_rad,lat_deg,lon_deg"
-    assert eadp("simulate", plan, "--planner", "static").code == 0
+    assert eadp("simulate", plan, "--planner", "static", "--set", "step_s=0.05").code == 0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_fields_name_and_area_go_with_the_plan(eadp, tmp_path):
     plan, folder = tmp_path / "meadow.plan", tmp_path / "flight"
     answer = eadp("cover", "plans/meadow.geojson", *FLAGS, "--pattern", "dubins", "--format", "json", "-o", plan)
@@ -271,7 +272,7 @@ def test_a_profile_brings_computations_that_stop_on_turns(eadp, tmp_path, box):
         assert computation["kind"] == "computation"
         assert stage["kind"] == "line" or computation["max"] == 0  # a straight between blocks is a turn, too
     assert {(stage["kind"], stage["sets"][-1]["max"]) for stage in stages} >= {("line", 10), ("circle", 0)}
-    assert eadp("simulate", plan, *profile, "--planner", "static").code == 0
+    assert eadp("simulate", plan, *profile, "--planner", "static", "--set", "step_s=0.05").code == 0
 
 
 def test_turns_off_without_computations_is_noted(eadp, box):
@@ -494,7 +495,7 @@ def test_obstacles_and_a_boundary(eadp, limits, tmp_path):
 
 @pytest.mark.parametrize(
     ("altitude", "home", "avoided"),
-    [(102, "-50,-50", False), (55, "-50,-50", False), (54, "-50,-50", True), (102, "220,210", True)],
+    few_rows([(55, "-50,-50", False), (102, "-50,-50", False), (54, "-50,-50", True), (102, "220,210", True)], 3),
 )
 def test_an_obstacle_that_is_low_enough_is_flown_over(eadp, limits, tmp_path, altitude, home, avoided):
     """By its height and the clearance of 20 m; a climb from a home beside it does not reach that."""

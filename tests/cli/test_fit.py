@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from common import ROOT
+from common import ROOT, few_rows
 
 from eadp.core.arrays import FloatArray
 from eadp.io.energy.model_file import parse_energy
@@ -19,6 +19,7 @@ from eadp.io.text.streams import read_text
 
 Run = Callable[..., tuple[int, str, str]]
 
+COLUMNS = ("--columns", "time_s,power_w")
 EXAMPLE = str(ROOT / "scenarios" / "example-power-log.csv")
 KEYS = [
     "schema",
@@ -113,22 +114,23 @@ def test_a_log_without_a_period_in_words(run: Run, noise: str, tmp_path: Path) -
 
 def test_model_written_is_the_document_printed(run: Run, tmp_path: Path) -> None:
     model = tmp_path / "model.yaml"
-    code, out, err = run("fit", EXAMPLE, "--format", "json", "-o", str(model))
+    short = ("fit", EXAMPLE, "--to", "110")
+    code, out, err = run(*short, "--format", "json", "-o", str(model))
     assert (code, err) == (0, "")
     written = parse_energy(read_text(str(model)))
     assert written.period_s == json.loads(out)["period_s"]
     assert [vars_of.amplitude_w for vars_of in written.harmonics] == [
         harmonic["amplitude_w"] for harmonic in json.loads(out)["harmonics"]
     ]
-    code, out, _ = run("fit", EXAMPLE, "-o", "-")
+    code, out, _ = run(*short, "-o", "-")
     assert (code, out) == (0, model.read_text()), "the model alone on standard output"
 
 
 def test_log_from_standard_input(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     body = Path(EXAMPLE).read_bytes()
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(body)))
-    code, out, _ = run("fit", "-", "--format", "json")
-    assert (code, json.loads(out)["samples"]) == (0, 2303)
+    code, out, _ = run("fit", "-", "--to", "110", "--format", "json")
+    assert (code, json.loads(out)["log"]["rows"]) == (0, 2303)
 
 
 def test_log_without_a_header(run: Run, tmp_path: Path) -> None:
@@ -172,7 +174,10 @@ def test_columns_units_order_and_prior_by_option(run: Run, tmp_path: Path) -> No
         ),
         ([EXAMPLE, "--period-prior", "nan"], "--period-prior:1:1: error: no period"),
         ([EXAMPLE, "--period-prior", "900"], f"{EXAMPLE}:1:1: error: no period near 900 s can be found"),
-        ([EXAMPLE, "-o", "/no/such/folder/m.yaml"], "/no/such/folder/m.yaml:1:1: error: cannot be written"),
+        (
+            [EXAMPLE, "--to", "60", "-o", "/no/such/folder/m.yaml"],
+            "/no/such/folder/m.yaml:1:1: error: cannot be written",
+        ),
         ([EXAMPLE, "-o", "-", "--format", "json"], "--output:1:1: error: standard output is taken by --format json"),
         ([], "eadp: error: Missing argument"),
     ],
@@ -323,18 +328,24 @@ def test_correlated_noise_goes_into_the_model(run: Run, tmp_path: Path) -> None:
     assert disturbance.std_w == pytest.approx(0.3 / np.sqrt(1 - 0.81), rel=0.4)
 
 
-def test_published_logs(run: Run) -> None:
+@pytest.mark.parametrize(
+    ("name", "columns", "period_s"),
+    few_rows(
+        [
+            ("flights/static-I_energy.csv", COLUMNS, pytest.approx(46.05, abs=0.3)),  # its laps take 45.8 to 46.3 s
+            ("logs/opterra_power.csv", COLUMNS, pytest.approx(50, abs=1.5)),
+            ("logs/px4_battery_first900s.csv", (), None),  # a real flight without a usable period
+        ],
+        1,
+    ),
+)
+def test_published_logs(run: Run, name: str, columns: tuple[str, ...], period_s: object) -> None:
     reference = ROOT.parent / "shared" / "reference"
     if not reference.is_dir():
         pytest.skip("the published reference data are not on this machine")
-    code, out, _ = run("fit", str(reference / "logs" / "px4_battery_first900s.csv"), "--format", "json")
-    assert (code, json.loads(out)["periodic"]) == (1, False), "a real flight without a usable period"
-    flight = str(reference / "flights" / "static-I_energy.csv")
-    code, out, _ = run("fit", flight, "--columns", "time_s,power_w", "--format", "json")
-    assert (code, json.loads(out)["period_s"]) == (0, pytest.approx(46.05, abs=0.3)), "its laps take 45.8 to 46.3 s"
-    survey = str(reference / "logs" / "opterra_power.csv")
-    code, out, _ = run("fit", survey, "--columns", "time_s,power_w", "--format", "json")
-    assert (code, json.loads(out)["period_s"]) == (0, pytest.approx(50, abs=1.5))
+    code, out, _ = run("fit", str(reference / name), *columns, "--format", "json")
+    found = json.loads(out)
+    assert (code, found["period_s"] if found["periodic"] else None) == (period_s is None, period_s)
 
 
 def test_what_a_period_may_hide_is_stated(run: Run, tmp_path: Path) -> None:

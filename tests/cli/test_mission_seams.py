@@ -24,6 +24,8 @@ LIMITS = {
     "inside": "x_m,y_m\n-90,-90\n690,-90\n690,490\n-90,490\n",
 }
 PROFILE = ("--profile", "profiles/pednet-jetson-nano.yaml")
+COARSE = ("--set", "step_s=0.05")
+FLIGHT = (*PROFILE, "--planner", "static", *COARSE)
 HEADERS = ("home", "avoid", "inside", "min-radius", "made-for", "swath", "field")
 
 
@@ -65,17 +67,18 @@ def test_cover_writes_the_mission_and_plan_keeps_it(eadp, covered):
 
 
 def test_a_flight_keeps_out_and_says_so(eadp, covered):
-    answer = eadp("simulate", covered, *PROFILE, "--set", "wind.speed_mps=3", "--format", "json")
+    answer = eadp("simulate", covered, *PROFILE, *COARSE, "--set", "wind.speed_mps=3", "--format", "json")
     summary = json.loads(answer.out)
     assert answer.code == 0
     assert summary["completed"]
     assert summary["obstacles"] == []
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_flight_into_an_obstacle_is_not_completed(eadp, covered, tmp_path):
     plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500")
     folder = tmp_path / "out"
-    answer = eadp("simulate", plan, *PROFILE, "-o", folder)
+    answer = eadp("simulate", plan, *FLIGHT, "-o", folder)
     assert answer.code == 1
     assert "NOT completed: entered house at " in answer.out
     summary = json.loads((folder / "summary.json").read_text())
@@ -86,7 +89,7 @@ def test_a_flight_into_an_obstacle_is_not_completed(eadp, covered, tmp_path):
     page = (folder / "report.html").read_text()
     assert "house" in page
     assert "entered house" in page
-    ignored = eadp("simulate", plan, *PROFILE, "--set", "obstacles=ignore")
+    ignored = eadp("simulate", plan, *FLIGHT, "--set", "obstacles=ignore")
     assert ignored.code == 0
 
 
@@ -113,7 +116,7 @@ def test_a_flight_beyond_the_boundary_is_not_completed(eadp, covered, tmp_path):
     text = covered.read_text()
     plan = tmp_path / "small.plan"
     plan.write_text(text.replace(headers(text)["inside"], "%: inside -90,-90 500,-90 500,490 -90,490"))
-    answer = eadp("simulate", plan, *PROFILE)
+    answer = eadp("simulate", plan, *FLIGHT)
     assert answer.code == 1
     assert "NOT completed: left the boundary at " in answer.out
 
@@ -123,7 +126,7 @@ def test_a_sweep_judges_its_flights_alike(eadp, covered, tmp_path):
     sweep = tmp_path / "sweep.yaml"
     lines = ["schema: eadp.sweep/1", f"plan: {plan}", "profile: profiles/pednet-jetson-nano.yaml"]
     sweep.write_text("\n".join([*lines, "grid: {wind.speed_mps: [0, 3]}"]).replace("profiles/", f"{ROOT}/profiles/"))
-    rows = eadp("sweep", sweep, "--jobs", "1", "--format", "csv").out.splitlines()
+    rows = eadp("sweep", sweep, "--jobs", "1", "--format", "csv", "--set", "step_s=0.05").out.splitlines()
     assert len(rows) == 3
     assert all("entered house" in row for row in rows[1:])
 
@@ -292,6 +295,7 @@ def leg(tmp_path):
     return path
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("form", ["rows", "plan"])
 def test_a_mission_flies_beside_a_fence_of_its_own_file(eadp, leg, tmp_path, form):
     texts = {
@@ -305,9 +309,9 @@ def test_a_mission_flies_beside_a_fence_of_its_own_file(eadp, leg, tmp_path, for
     assert eadp("plan", *wide, "--check").code == 0
     narrow = (*wide, "--avoid", fence)
     assert "enters obstacle 1" in eadp("plan", *narrow, "--check").out
-    told = json.loads(eadp("simulate", *wide, "--format", "json").out)
+    told = json.loads(eadp("simulate", *wide, *COARSE, "--format", "json").out)
     assert (told["completed"], told["obstacles"], told["energy_forecast"]["obstacles"]) == (True, [], [])
-    flown = json.loads(eadp("simulate", *narrow, "--format", "json", "-o", tmp_path / "flown").out)
+    flown = json.loads(eadp("simulate", *narrow, *COARSE, "--format", "json", "-o", tmp_path / "flown").out)
     assert [each["name"] for each in flown["obstacles"]] == ["obstacle 1"]
     assert flown["energy_forecast"]["obstacles"] == [{"name": "obstacle 1", "probability": 1.0}]
     # the folder has them, too
@@ -377,7 +381,7 @@ def test_a_start_or_a_home_in_an_obstacle_is_refused(eadp, tmp_path, key, place)
         assert eadp("simulate", plan, *setting, *away, *(word for s in free for word in ("--set", s))).code == 0
 
 
-@pytest.mark.parametrize("seconds", few([217, 60, 400], 1))
+@pytest.mark.parametrize("seconds", few([130, 60, 400], 1))
 def test_the_rest_of_a_flight_is_exported_from_where_its_telemetry_ends(eadp, tmp_path, seconds):
     plan, scenario = "plans/survey.plan", "scenarios/survey.yaml"
     lines = (ROOT / "scenarios/example-telemetry.jsonl").read_text().splitlines()[:seconds]
@@ -405,4 +409,5 @@ def test_telemetry_that_leaves_nothing_or_has_no_planner_is_refused(eadp, tmp_pa
     telemetry = ("--telemetry", "scenarios/example-telemetry.jsonl")
     place = ("export", "plans/survey.plan", "--to", "qgc", "--origin", "55.37,10.43", *telemetry)
     assert refused(eadp(*place), "needs a planner")
-    assert refused(eadp(*place, "--scenario", "scenarios/survey.yaml"), "leaves nothing to fly")
+    static = ("--scenario", "scenarios/survey.yaml", "--set", "planner.name=static")
+    assert refused(eadp(*place, *static), "leaves nothing to fly")

@@ -109,6 +109,7 @@ def test_the_mean_of_what_is_shown_is_over_the_time_of_the_flight(eadp):
     assert shown["last"] > shown["mean"] > shown["first"]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_settings_name_parameters_as_people_do(eadp, tmp_path):
     """A scenario with titles flies as one with c-numbers, to the last bit, and says what it decided in titles."""
     text = (ROOT / SCENARIO).read_text().replace("../profiles", str(ROOT / "profiles"))
@@ -120,7 +121,7 @@ def test_settings_name_parameters_as_people_do(eadp, tmp_path):
             f"  joint: {{trade_offs: [{{coefficients: {{{fps}: 1}}, at_least: 3}}]}}\n"
             f"computations: {{{fps}: {{max_rate: 8}}}}\n"
         )
-        answer = eadp("simulate", PLAN, "--scenario", scenario, "--set", "step_s=0.05", "-o", tmp_path / fps)
+        answer = eadp("simulate", PLAN, "--scenario", scenario, "--set", "step_s=0.1", "-o", tmp_path / fps)
         assert answer.code in (0, 1), answer.err
         outs.append([(tmp_path / fps / name).read_text() for name in ("flight.csv", "decisions.jsonl")])
     assert outs[0] == outs[1]

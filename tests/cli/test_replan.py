@@ -107,10 +107,12 @@ def test_the_recorded_flight(whole):
     assert {line["in_force"]["c1"] for line in advice} >= {line["parameters"]["c1"] for line in LINES_OF[-20:]}
 
 
-def test_the_telemetry_may_be_a_file(eadp, whole):
-    answer = eadp(*ARGUMENTS, "--telemetry", EXAMPLE)
+def test_the_telemetry_may_be_a_file(eadp, whole, tmp_path):
+    telemetry = tmp_path / "flight.jsonl"
+    telemetry.write_bytes(b"".join(LINES[:60]))
+    answer = eadp(*ARGUMENTS, "--telemetry", telemetry)
     assert answer.code == 0
-    assert [json.loads(line) for line in answer.out.splitlines()] == whole
+    assert [json.loads(line) for line in answer.out.splitlines()] == whole[:60]
 
 
 def test_a_flight_that_is_not_forecast_to_complete_is_a_no(replan):
@@ -178,13 +180,15 @@ def test_a_value_that_is_invalid_costs_that_value_alone(replan, whole, old, new,
     assert all(line.startswith("<stdin>:3:") for line in err.splitlines())
 
 
-def test_a_gap_gives_a_warning_and_is_flown_through(replan):
-    code, advice, err = replan(b"".join(LINES[:40] + LINES[52:]))
+def test_a_gap_gives_a_warning_and_is_flown_through(replan, whole):
+    code, advice, err = replan(b"".join(LINES[:40] + LINES[52:150]))
     assert code == 0
     assert err.splitlines()[0] == "<stdin>:41:12: warning: a gap of 13 s; expected lines more often"
     # the recorded aircraft does not fly what is decided after the gap
     assert all("is not applied" in line for line in err.splitlines()[1:])
-    assert advice[-1]["reason"] == "final point reached"
+    assert [(line["stage"], line["lap"]) for line in advice[-40:]] == [
+        (line["stage"], line["lap"]) for line in whole[110:150]
+    ]
 
 
 @pytest.mark.parametrize(
@@ -234,12 +238,12 @@ def test_schemas(eadp):
 
 def test_a_flight_goes_on_from_its_log(replan, whole, tmp_path):
     log = tmp_path / "flight.jsonl"
-    first = replan(b"".join(LINES[:300]), "--log", log)
-    then = replan(b"".join(LINES[300:]), "--log", log)
+    first = replan(b"".join(LINES[:90]), "--log", log)
+    then = replan(b"".join(LINES[90:180]), "--log", log)  # a cell drops at 93 s
     assert (then[0], then[2]) == (0, "")
-    assert first[1] + then[1] == whole
+    assert first[1] + then[1] == whole[:180]
     kinds = [json.loads(line)["kind"] for line in log.read_text().splitlines()]
-    assert kinds == ["start"] + ["telemetry", "decision"] * len(LINES)
+    assert kinds == ["start"] + ["telemetry", "decision"] * 180
 
 
 def test_a_recorded_flight_may_be_given_again_from_its_start(replan, whole, tmp_path):
@@ -312,7 +316,7 @@ def test_a_log_with_a_line_that_is_none_is_refused(replan, tmp_path, line):
 def test_a_process_that_is_killed_goes_on_where_it_was(tmp_path, whole):
     log = tmp_path / "flight.jsonl"
     emitted = []
-    for start, end in ((0, 30), (30, 80), (80, 120)):
+    for start, end in ((0, 30), (30, 60)):
         process = started("--log", log)
         with process:
             for line in LINES[start:end]:
@@ -323,7 +327,7 @@ def test_a_process_that_is_killed_goes_on_where_it_was(tmp_path, whole):
                     emitted.append(json.loads(process.stdout.readline()))
             process.send_signal(signal.SIGKILL)
         assert process.returncode == -signal.SIGKILL
-    assert emitted == whole[:120]
+    assert emitted == whole[:60]
 
 
 def test_two_processes_cannot_share_a_log(tmp_path, replan):
@@ -371,7 +375,7 @@ CHANGED = st.builds(
 )
 
 
-@settings(max_examples=draws(0.6), suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=draws(0.3), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.binary(max_size=60) | CHANGED | st.sampled_from(LINES[:40]), max_size=12))
 def test_no_line_crashes_it(replan, lines):
     code, advice, err = replan(b"\n".join(line.replace(b"\n", b"") for line in lines))

@@ -108,10 +108,11 @@ def test_the_papers_figure_stands_in_the_folder(eadp, tmp_path, line_plan):
     assert not (tmp_path / "other").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_same_inputs_same_bytes(eadp, tmp_path):
     gusts = ("--set", "wind.gust_std_mps=1", "--seed", "7")
     for name in ("a", "b"):
-        eadp("simulate", PLAN, "--scenario", SCENARIO, "-o", tmp_path / name, *gusts, "--set", "time_limit_s=120")
+        eadp("simulate", PLAN, "--scenario", SCENARIO, "-o", tmp_path / name, *gusts, "--set", "time_limit_s=40")
     eadp("simulate", PLAN, "--scenario", SCENARIO, "-o", tmp_path / "c", *gusts[:2], "--seed", "8", *SHORT)
     a, b = ((tmp_path / name / "flight.csv").read_bytes() for name in "ab")
     assert a == b
@@ -124,6 +125,7 @@ def test_same_inputs_same_bytes(eadp, tmp_path):
     assert summaries[0] == summaries[1]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_existing_folder_is_refused_unless_forced(eadp, tmp_path, line_plan):
     folder = tmp_path / "taken"
     folder.mkdir()
@@ -141,6 +143,7 @@ def test_without_a_folder_nothing_is_written(eadp, line_plan, tmp_path):
     assert sorted(tmp_path.iterdir()) == before
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_to_be_expected_is_told_first_and_decisions_are_kept(eadp, tmp_path):
     folder = tmp_path / "joint"
     often = ("--set", "planner.joint.max_interval_s=0")
@@ -173,7 +176,7 @@ def test_require_reserve_makes_a_flight_below_it_a_no(eadp, line_plan):
 @pytest.mark.parametrize("format_", few(["text", "json"], 1))
 def test_failed_runs_of_the_solver_are_seen(eadp, format_):
     """The fallback of planner joint completes the flight, too."""
-    flight = ("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--format", format_)
+    flight = ("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--format", format_, "--set", "step_s=0.05")
     sound = eadp(*flight, "--strict-solver")
     assert (sound.code, sound.err) == (0, "")
     assert "FAILED" not in sound.out
@@ -224,6 +227,7 @@ def columns_of(folder):
     return {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_power_and_quality_follow_the_rate_at_which_computations_run(eadp, tmp_path):
     eadp(*STATIC, "-o", tmp_path / "commanded")
     eadp(*STATIC, "--set", "computations={c2: {rate_ratio: 1.5, max_rate: 7}}", "-o", tmp_path / "actual")
@@ -260,6 +264,7 @@ def test_a_planner_sees_the_power_and_the_commanded_rate():
     assert all(o.parameters[1] == 10 and o.sample.power_w == rows[o.time_s] for o in shared)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_computation_that_runs_as_commanded_changes_no_byte(eadp, tmp_path):
     eadp(*STATIC, "-o", tmp_path / "default")
     eadp(*STATIC, "--set", "computations={c2: {rate_ratio: 1, max_rate: null}}", "-o", tmp_path / "identity")
@@ -584,7 +589,7 @@ def test_settings_that_are_not_used_are_named(eadp, line_plan):
 
 def test_a_flight_that_returns_home_has_one_account_in_text_page_picture_and_json(eadp, tmp_path):
     folder = tmp_path / "home"
-    keys = ("battery.capacity_ah=0.25", "home.position_m=[0, -1000]", "on_infeasible=home")
+    keys = ("battery.capacity_ah=0.25", "home.position_m=[0, -1000]", "on_infeasible=home", "step_s=0.05")
     answer = eadp(
         "simulate", PLAN, "--scenario", "scenarios/survey.yaml", "-o", folder,
         *(part for key in keys for part in ("--set", key)),

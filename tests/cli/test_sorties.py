@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from common import ROOT
+from common import ROOT, without_figures
 from common.answers import refused
 
 import eadp as library
@@ -69,7 +69,8 @@ def document(folder):
 def flown(folder, tmp_path_factory):
     """The job, flown."""
     target = tmp_path_factory.mktemp("flown") / "flown"
-    assert run("simulate", folder, "-o", target) == 0
+    with without_figures():
+        assert run("simulate", folder, "-o", target) == 0
     return target
 
 

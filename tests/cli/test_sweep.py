@@ -45,9 +45,9 @@ QUICK = """schema: eadp.sweep/1
 plan: line.plan
 scenario: calm.yaml
 grid: {time_limit_s: [0.05, 0.1]}
-seeds: 500
+seeds: 300
 """
-QUICK_RUNS = 1000
+QUICK_RUNS = 600
 
 
 @pytest.fixture
@@ -372,14 +372,14 @@ def test_an_existing_file_goes_on(eadp, folder):
 def test_killed_and_started_again_it_makes_what_is_missing(folder, eadp):
     results = folder / "results.db"
     arguments = ("sweep", folder / "quick.yaml", "--jobs", 2, "-o", results, "--format", "csv")
-    for count in (1, 300):
+    for count in (1, 100):
         process = started(*arguments)
         until_stored(process, results, count)
         process.kill()
         process.communicate()
         assert process.returncode == -signal.SIGKILL
     kept = stored(results)
-    assert 300 <= kept < QUICK_RUNS
+    assert 100 <= kept < QUICK_RUNS
     answer = eadp(*arguments[:2], "--jobs", 1, *arguments[4:])
     assert answer.code == 0
     assert len(table_of(answer.out)) == QUICK_RUNS

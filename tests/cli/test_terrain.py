@@ -345,11 +345,13 @@ def test_altitudes_above_ground_are_read_back_above_home(eadp, landing, slope, t
     assert rows[0] == rows[1]
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_flight_above_ground_is_kept_as_the_plan_that_it_is(eadp, landing, slope, tmp_path):
     above, flown = tmp_path / "above.waypoints", tmp_path / "flown"
     terrain = ("--terrain", slope[1])
     eadp("export", landing[0], "--to", "ardupilot", "--altitudes", "terrain", *terrain, "-o", above)
-    answer = eadp("simulate", above, *terrain, "--set", f"vehicle={WING[1]}", "-o", flown)
+    given = ("--set", f"vehicle={WING[1]}", "--set", "step_s=0.05")
+    answer = eadp("simulate", above, *terrain, *given, "-o", flown)
     assert answer.code == 0, answer.err
     kept = read_plan(flown / "inputs" / "above.waypoints")
     assert kept.stages[-1].altitude_m == pytest.approx(landing[1].plan.stages[-1].altitude_m, abs=0.05)
@@ -401,9 +403,10 @@ def test_what_cannot_be_exported_above_ground(eadp, slope, tmp_path):
     assert {(item["frame"], item["Altitude"]) for item in items if "Altitude" in item} == {(10, 80)}
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_results_and_page_have_the_ground_below_the_flight(eadp, landing, slope, tmp_path):
     flown = tmp_path / "flown"
-    words = ("--terrain", slope[1], "--set", f"vehicle={WING[1]}", "-o", flown)
+    words = ("--terrain", slope[1], "--set", f"vehicle={WING[1]}", "--set", "step_s=0.05", "-o", flown)
     assert eadp("simulate", landing[0], *words).code == 0
     header, *rows = (line.split(",") for line in (flown / "flight.csv").read_text().splitlines())
     x, ground_m = (np.array([float(row[header.index(name)]) for row in rows]) for name in ("x_m", "ground_m"))
@@ -474,7 +477,7 @@ def test_sorties_follow_the_ground_from_home(eadp, slope, tmp_path):
     assert 80 - ROUNDING_M <= heights["height_m"][0] <= heights["height_m"][2] <= 88 + ROUNDING_M
     assert heights["higher_share"] == 0
     assert f'home: {{"altitude_m": {heights["home_altitude_m"]}}}' in (folder / "scenario.yaml").read_text()
-    assert eadp("simulate", folder).code == 0
+    assert eadp("simulate", folder, "--set", "step_s=0.05").code == 0
 
 
 def test_a_mast_whose_top_is_below_home_is_in_a_plan_that_can_be_read(eadp, tmp_path):
@@ -539,7 +542,7 @@ def test_computations_stop_on_turns_at_any_altitude(eadp, slope):
     assert over["terrain"]["altitudes"] > 1
 
 
-@pytest.mark.parametrize("bearing", [20, 110])
+@pytest.mark.parametrize("bearing", few([20, 110], 1))
 def test_the_heading_along_the_contours_is_said_and_needs_less(eadp, tmp_path, bearing):
     # 25 % up across a bearing
     towards = math.radians(bearing + 90)

@@ -9,16 +9,26 @@ import sys
 from pathlib import Path
 
 import pytest
+from common import ROOT
 
 from eadp.api.inputs import load_flight
 from eadp.api.replan.apply import ValuesFile
 
 PLAN, SCENARIO, EXAMPLE = "plans/survey.plan", "scenarios/survey.yaml", "scenarios/example-telemetry.jsonl"
+LINES = 60
 RECORD = "import pathlib, sys; p = pathlib.Path(sys.argv[1]); p.open('a').write(' '.join(sys.argv[2:]) + chr(10))"
 
 
 def applied(log: Path) -> list[dict]:
     return [line for line in map(json.loads, log.read_text().splitlines()) if line["kind"] == "applied"]
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory):
+    """The beginning of the example's telemetry: the rate of the computations is the same to its end."""
+    path = tmp_path_factory.mktemp("begun") / "telemetry.jsonl"
+    path.write_text("".join((ROOT / EXAMPLE).read_text().splitlines(keepends=True)[:LINES]))
+    return path
 
 
 @pytest.fixture
@@ -28,9 +38,9 @@ def command(tmp_path):
     return f'{sys.executable} "{script}" {tmp_path / "applied.txt"}', tmp_path / "applied.txt"
 
 
-def test_it_runs_with_the_values_decided_and_only_where_they_change(eadp, tmp_path, command):
+def test_it_runs_with_the_values_decided_and_only_where_they_change(eadp, tmp_path, begun, command):
     text, out = command
-    log, given = tmp_path / "flight.jsonl", ("replan", PLAN, "--scenario", SCENARIO, "--telemetry", EXAMPLE)
+    log, given = tmp_path / "flight.jsonl", ("replan", PLAN, "--scenario", SCENARIO, "--telemetry", begun)
     answer = eadp(*given, "--log", log, "--apply", text)
     decided = [json.loads(line)["parameters"]["c2"] for line in answer.out.splitlines()]
     values = [float(line.removeprefix("fps=")) for line in out.read_text().splitlines()]
@@ -72,9 +82,9 @@ def test_no_command_is_refused(eadp, command):
 # --- a file with the values
 
 
-def test_the_file_holds_the_values_last_decided(eadp, tmp_path):
+def test_the_file_holds_the_values_last_decided(eadp, begun, tmp_path):
     file = tmp_path / "rates.json"
-    answer = eadp("replan", PLAN, "--scenario", SCENARIO, "--telemetry", EXAMPLE, "--publish", file)
+    answer = eadp("replan", PLAN, "--scenario", SCENARIO, "--telemetry", begun, "--publish", file)
     lines = [json.loads(line) for line in answer.out.splitlines()]
     changed = [one for other, one in itertools.pairwise([{}, *lines]) if one["parameters"]["c2"] != _fps(other)]
     found = json.loads(file.read_text())

@@ -106,7 +106,13 @@ class Flying:
 
 @pytest.fixture(scope="module")
 def lines():
-    return recorded()[:40]
+    return recorded()[:24]
+
+
+@pytest.fixture(scope="module")
+def replaced(inputs, mission, lines):
+    """The flight in which the rest is replaced."""
+    return Flying(inputs, mission).fly(lines)
 
 
 def test_a_mission_that_is_held_is_read_again_each_minute(inputs, mission, monkeypatch):
@@ -119,8 +125,8 @@ def test_a_mission_that_is_held_is_read_again_each_minute(inputs, mission, monke
     assert read_s[-1] >= 100 + lines[-1]["time_s"] - RECHECK_S - 2
 
 
-def test_the_rest_is_replaced_and_verified(inputs, mission, lines):
-    flown = Flying(inputs, mission).fly(lines)
+def test_the_rest_is_replaced_and_verified(inputs, mission, replaced):
+    flown = replaced
     assert any("holds the mission of --items" in text for text in flown.said)
     assert any("uploaded and verified" in text for text in flown.said)
     decided = flown.decisions[-1]["parameters"]["c1"]
@@ -296,9 +302,9 @@ def test_what_is_uploaded_is_what_was_laid_out(inputs, mission, lines, monkeypat
     assert sum("uploaded and verified" in said for said in flown.said) > 1
 
 
-def test_items_ahead_with_other_parameters_are_replaced(inputs, mission, lines, tmp_path):
+def test_items_ahead_with_other_parameters_are_replaced(inputs, mission, lines, replaced, tmp_path):
     """The last item has what is decided, and those before it have not."""
-    decided = Flying(inputs, mission).fly(lines[:12]).decisions[-1]["parameters"]["c1"]
+    decided = replaced.decisions[11]["parameters"]["c1"]
     path, items = mission
     map_of = json.loads(Path(f"{path}.items.json").read_text())
     ends = [number for number, row in enumerate(map_of["items"]) if row[3] > map_of["items"][-1][3] - 10]
@@ -311,9 +317,9 @@ def test_items_ahead_with_other_parameters_are_replaced(inputs, mission, lines, 
     assert any("uploaded and verified" in text for text in flown.said)
 
 
-def test_items_flown_past_with_other_parameters_are_left_alone(inputs, mission, lines, tmp_path):
+def test_items_flown_past_with_other_parameters_are_left_alone(inputs, mission, lines, replaced, tmp_path):
     """As `eadp export --scenario` writes them: the parameters of take-off at first."""
-    decided = Flying(inputs, mission).fly(lines[:12]).decisions[-1]["parameters"]["c1"]
+    decided = replaced.decisions[11]["parameters"]["c1"]
     path, items = mission
     map_of = json.loads(Path(f"{path}.items.json").read_text())
     for row in map_of["items"]:
@@ -525,8 +531,8 @@ def test_it_needs_the_map(inputs):
         LinkFlight(inputs, "link", LinkOptions(upload=True), None, print, print)
 
 
-def test_waypoints_that_are_written_lie_on_the_new_lines(inputs, mission, lines):
-    flown = Flying(inputs, mission).fly(lines)
+def test_waypoints_that_are_written_lie_on_the_new_lines(inputs, replaced):
+    flown = replaced
     c1 = flown.decisions[-1]["parameters"]["c1"]
     points = [leg.end_m for leg in nominal_legs(inputs.mission.plan, (c1, 2.0)) if leg.stage.kind == "line"]
     written = [to_local_m(*p[4:6], ORIGIN) for c, _, p in flown.holder.items[1:] if c == 16]

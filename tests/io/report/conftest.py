@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from common import ROOT
+from common import ROOT, without_figures
 
 import eadp
 
@@ -14,5 +14,6 @@ PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.y
 def folder(tmp_path_factory):
     """The result folder of the survey with the planner joint: it completes, and c1 changes."""
     target = tmp_path_factory.mktemp("pages") / "survey"
-    eadp.simulate(PLAN, SCENARIO, overrides={"step_s": 0.05}).write(target)
+    with without_figures():
+        eadp.simulate(PLAN, SCENARIO, overrides={"step_s": 0.05}).write(target)
     return target

@@ -6,7 +6,7 @@ import re
 import shutil
 
 import pytest
-from common import ROOT
+from common import ROOT, without_figures
 from common.answers import refused
 
 from eadp import simulate
@@ -26,7 +26,8 @@ def folders(tmp_path_factory):
         ("fallen", {"planner.name": "static", "battery.capacity_ah": 0.05}),
     ):
         flight = simulate(PLAN, scenario=SCENARIO, overrides={"step_s": 0.05, **keys}, warn=lambda _: None)
-        flight.write(place / name)
+        with without_figures():
+            flight.write(place / name)
         found.append(str(place / name))
     return found
 

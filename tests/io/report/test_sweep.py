@@ -6,6 +6,7 @@ import json
 from contextlib import closing
 
 import pytest
+from common import without_figures
 from common.answers import refused
 from common.pages import Page
 
@@ -34,7 +35,8 @@ def swept(tmp_path_factory):
     (folder / "line.plan").write_text(LINE)
     (folder / "sweep.yaml").write_text(SWEEP)
     command = ["sweep", str(folder / "sweep.yaml"), "-o", str(folder / "results.db"), "--jobs", "1"]
-    assert main([*command, "--keep", str(folder / "kept"), "--set", "step_s=0.05"]) == 0
+    with without_figures():
+        assert main([*command, "--keep", str(folder / "kept"), "--set", "step_s=0.05"]) == 0
     return folder
 
 

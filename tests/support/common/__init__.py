@@ -1,6 +1,7 @@
 """What several tests need: plans, a planner that is watched."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
@@ -38,6 +39,14 @@ def pairwise(*factors: Iterable[Any]) -> list[Any]:
         kept.add(best)
         missing -= pairs[best]
     return _slow_but(kept, cases)
+
+
+@contextmanager
+def without_figures() -> Iterator[None]:
+    """Result folders without their figures, which take longer than a short flight."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("eadp.io.figures.flight.write_flight_figure", lambda *_: None)
+        yield
 
 
 def draws(share: float) -> int:
