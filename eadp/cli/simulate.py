@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import sys
 import time
 from dataclasses import dataclass
@@ -25,6 +26,12 @@ if TYPE_CHECKING:
     from eadp.models.world import Step
 
 
+class FigureName(enum.StrEnum):
+    """Figures of `--figure`."""
+
+    paper = enum.auto()
+
+
 @dataclass(frozen=True)
 class SimulateOutputs:
     """What is written and printed, and what the exit code says."""
@@ -35,7 +42,7 @@ class SimulateOutputs:
     force: bool = False
     """Replace the folder if it exists."""
 
-    figure: Literal["paper"] | None = None
+    figure: FigureName | None = None
     """Draw one more figure into the folder: the letter's Figs. 6b and 1."""
 
     require_reserve: bool = False
@@ -114,7 +121,7 @@ def command(
     progress.close()
     summary = flight.summary
     if output.out is not None:
-        flight.write(output.out, force=output.force, paper_figure=output.figure == "paper")
+        flight.write(output.out, force=output.force, paper_figure=output.figure == FigureName.paper)
     if output.format == "json":
         emit_json(summary)
     else:
