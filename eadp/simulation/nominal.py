@@ -323,7 +323,7 @@ def _off(loop: InnerLoop, leg: Leg) -> tuple[float, float]:
 
 
 def _share_left(loop: InnerLoop, leg: Leg, flown_s: float, leg_s: float) -> float:
-    """Share of a leg's length that is left where the aircraft is, `flown_s` after its start; all of it takes `leg_s`."""
+    """Share of a leg's length that is left where the aircraft is, `flown_s` after its start; all takes `leg_s`."""
     if leg.distance_m <= 0:
         return 0.0
     position = loop.variable(X), loop.variable(Y)
