@@ -50,6 +50,7 @@ def constants_of(airframe: Airframe, guidance: Guidance, wind: Wind, step_s: flo
     """
     c = [0.0] * AIRCRAFT_CONSTANTS
     kept = math.exp(-step_s / wind.gust_time_s)
+    # slices of constants are set in the order of their indices
     c[STEP_S : GUST_NEW + 1] = [
         step_s,
         guidance.k_d,
@@ -149,7 +150,7 @@ def fly_step(s: State, c: Constants, jet: Jet, gain: float, sense: float, wind_x
     jet
         Value, gradient and second derivatives of the path function at the position.
     gain, sense
-        k_e of the stage, and its direction of travel: +1 for rotation 90, −1 for rotation 270.
+        Gain k_e of the guidance on the stage, and its direction of travel: +1 for rotation 90, −1 for rotation 270.
     wind_x, wind_y
         Wind over the step [m/s].
 

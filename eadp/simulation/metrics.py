@@ -168,7 +168,7 @@ class ParameterLog:
 
         Source: `eadp.models.plan.ground`.
         """
-        # the ground flown: the events of the flight are replayed
+        # the ground flown, by the events once more; `joined` and `since_s`: where and when the last stage was joined
         ground, predictor = GroundLog(self._plan, weights), RoutePredictor()
         for time_s, cursor, joined_m, parameters in self._events:
             if joined_m is not None:  # never None for the first
@@ -178,7 +178,7 @@ class ParameterLog:
         ended_s = self._since_s if self._ended_s is None else self._ended_s
         flown = ground.until(ended_s)
         # the ground left, of the legs from the last stage on, by the times left on them: 0 where the plan is completed
-        route = predictor.route(cursor, joined)
+        route = predictor.route(self._events[-1].cursor, joined)
         legs = RouteArrays.of([route])
         times_s = np.zeros(len(route.order))
         if self._short_of is not None:

@@ -75,6 +75,7 @@ class HeardAutopilot:
         beats = is_autopilot(message.kind, message.fields)
         if message.kind == "HEARTBEAT" and not beats:
             return False
+        # a heartbeat of the autopilot, or of the first one that is heard
         if self.system in (None, message.system) and beats and self.component in (0, message.component):
             if not self.component:
                 self._pilot.note(f"autopilot of system {message.system}, component {message.component}")

@@ -318,10 +318,10 @@ def fly(
     """
     require_pymavlink("--mavlink", address)
     key = None if options.signing_key is None else read_key(options.signing_key)
-    opened: list[Link] = []  # none yet: a fault of the flight's files is found before the link is opened
+    opened: list[Link] = []  # the link, once it is open: a fault of the flight's files is found before
 
     def send(*message: Any) -> None:
-        """Send on the link, once it is open."""
+        """Send a message on the link; nothing before it is open."""
         for link in opened:
             link.send(*message)
 

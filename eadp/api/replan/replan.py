@@ -110,10 +110,10 @@ def replan(
     if link.items is not None:
         inputs = _of_items(inputs, link.items)
     warn(inputs.warnings)
-    takers: list[Hook | ValuesFile] = []
+    takers: list[Hook | ValuesFile] = []  # of --publish and --apply: they come below
 
     def emit(line: dict[str, Any]) -> None:
-        """Hand a decision to the caller, and to --publish and --apply."""
+        """Hand a decision to the caller, and to the takers."""
         decided(line)
         for taker in takers:
             taker.decided(line)

@@ -93,26 +93,17 @@ class LineMaker:
         return readings
 
     def _due(self, values: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """Keep what a message says; return the lines that are due with it.
+        """Keep what a message says, see `_keep`; return the lines that are due with it.
 
         A message with a time makes a line, unless it comes too soon after the last line, or on the ground. The first
         line in the air comes after the last one on the ground, at which the flight starts.
         """
-        if "home_is_item" in values:
-            self._home_is_item = values["home_is_item"]
-        if "named" in values and values["named"] is not None:
-            self._report(*values["named"])
-        if "reached" in values:
-            values = self._after(values["reached"])
-        for key, value in values.items():
-            if key not in PASSING:
-                self._known[key] = self._now_s, value
-        if velocity := values.get("velocity_mps"):
-            self._speed_mps = math.hypot(*velocity)
+        values = self._keep(values)
         time_s = values.get("time_s")
         if time_s is None:
             return []
-        # an autopilot that starts again counts from 0; messages that overtake one another are no new start
+        # an autopilot that starts again counts from 0; messages that overtake one another are no new start. The first
+        # time counts as a start, too
         restarted = self._now_s == -math.inf or time_s < self._now_s - STALE_S
         if restarted:
             self.restarts += self._now_s > -math.inf
@@ -133,6 +124,21 @@ class LineMaker:
         if ground is not None and 0 < time_s - ground["time_s"] <= STALE_S:
             return [ground, line]
         return [line]
+
+    def _keep(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Keep what a message says for the lines to come; return it, for an item that is reached see `_after`."""
+        if "home_is_item" in values:
+            self._home_is_item = values["home_is_item"]
+        if values.get("named") is not None:
+            self._report(*values["named"])
+        if "reached" in values:
+            values = self._after(values["reached"])
+        for key, value in values.items():
+            if key not in PASSING:
+                self._known[key] = self._now_s, value
+        if velocity := values.get("velocity_mps"):
+            self._speed_mps = math.hypot(*velocity)
+        return values
 
     @property
     def landed(self) -> bool:
