@@ -34,6 +34,5 @@ class Sensors:
 
     @property
     def ideal(self) -> bool:
-        """Whether the readings are exact."""
-        noise = self.power_noise_w or self.position_noise_m or self.soc_noise
-        return not (noise or self.delay_s or self.drop_out_share)
+        """Whether the readings are exact: every field as by default, the length of drop-outs aside."""
+        return self == Sensors(drop_out_s=self.drop_out_s)

@@ -27,7 +27,7 @@ X, Y, ALTITUDE, HEADING, CLIMB, VX, VY, AIR_X, AIR_Y = range(9)
 BANK, AIRSPEED, WIND_X, WIND_Y, GUST_X, GUST_Y, NOISE_LEFT = range(9, 16)
 AIRCRAFT_STATE = 16
 """Position [m], heading and bank [rad], climb, ground velocity, air velocity, airspeed, wind and gust [m/s]; how many
-random numbers are left."""
+random numbers are left. Climb is the vertical speed, velocities are along x and y."""
 
 MODEL, STEP_S, K_D, CORRECTED, NORMALISED, GAIN_PER_M, STEADY_X, STEADY_Y, GUSTS, GUST_KEPT, GUST_NEW = range(11)
 MASS, WEIGHT, CRUISE_M, HEIGHT_GAIN, SPEED_HELD = range(11, 16)
@@ -35,14 +35,14 @@ LIFT, PER_THROTTLE, NOMINAL, CLIMB_GAIN, IDLE_W, THROTTLE_W, WIND_LIFTS = range(
 PARASITIC, INDUCED, MIN_SPEED, MAX_BANK, ROLLED, MAX_CLIMB, SPEED_GAIN, EFFICIENCY, AVIONICS_W, MAX_W = range(16, 26)
 POINTS = 26
 AIRCRAFT_CONSTANTS = 27
-"""Of every vehicle, then of the papers' or of an aeroplane, from 16 on. After all constants of a flight come a power
-curve's `POINTS` airspeeds [m/s] and as many drags [N]."""
+"""Constants of every vehicle, and from 16 on those of the papers' aircraft, or in their place those of an aeroplane.
+After all constants of a flight come the `POINTS` airspeeds of a power curve [m/s], and the drag at each [N]."""
 
 PAPER_MODEL, AEROPLANE_MODEL = 0.0, 1.0
 
 
 def constants_of(airframe: Airframe, guidance: Guidance, wind: Wind, step_s: float) -> list[float]:
-    """The constants of a flight, at the indices above; the airspeeds and drags of a power curve follow.
+    """The constants of the aircraft, at the indices above; the airspeeds and drags of a power curve follow.
 
     Gusts are first-order coloured wind on each axis, exact for any step: w⁺ = a w + σ√(1 − a²) n, a = exp(−Δt/τ).
 
@@ -50,6 +50,7 @@ def constants_of(airframe: Airframe, guidance: Guidance, wind: Wind, step_s: flo
     """
     c = [0.0] * AIRCRAFT_CONSTANTS
     kept = math.exp(-step_s / wind.gust_time_s)
+    # slices of constants are set in the order of their indices
     c[STEP_S : GUST_NEW + 1] = [
         step_s,
         guidance.k_d,
@@ -102,7 +103,7 @@ def _set_power_curve_constants(c: list[float], airframe: PowerCurve, step_s: flo
 def _set_aeroplane_constants(
     c: State, airframe: FixedWing | PowerCurve, step_s: float, parasitic: float, induced: float, min_mps: float
 ) -> None:
-    """Set the constants of every aeroplane: two coefficients of drag, the least airspeed [m/s], and its limits."""
+    """Set the constants of every aeroplane: two coefficients of its drag, its least airspeed [m/s], and its limits."""
     c[MODEL], c[HEIGHT_GAIN] = AEROPLANE_MODEL, airframe.altitude_gain_per_s
     c[PARASITIC : MAX_W + 1] = [
         parasitic,
@@ -147,9 +148,9 @@ def fly_step(s: State, c: Constants, jet: Jet, gain: float, sense: float, wind_x
     s, c
         The flight's state, which is changed, and its constants.
     jet
-        The path function's at the position.
+        Value, gradient and second derivatives of the path function at the position.
     gain, sense
-        k_e of the stage, and its direction of travel: +1 for rotation 90, −1 for rotation 270.
+        Gain k_e of the guidance on the stage, and its direction of travel: +1 for rotation 90, −1 for rotation 270.
     wind_x, wind_y
         Wind over the step [m/s].
 
@@ -289,7 +290,7 @@ def _wrapped(heading: float) -> float:
 
 
 def advance_gust(s: State, c: Constants, noise: Sequence[float]) -> None:
-    """Change the gust to that of the next step: with two of the normal random numbers, taken from their end."""
+    """Change the gust to that of the next step, with the last two normal random numbers that are left."""
     # w⁺ = a w + σ√(1 − a²) n
     left = int(s[NOISE_LEFT])
     s[GUST_X] = c[GUST_KEPT] * s[GUST_X] + c[GUST_NEW] * noise[left - 1]

@@ -17,8 +17,8 @@ def home_plan(cursor: PlanCursor, pose: Pose, way_home: WayHome) -> Plan:
     Parameters
     ----------
     cursor : PlanCursor
-        Where the flight was in its plan: its stage's airspeed stays, its altitude without another, and the path
-        parameters.
+        Where the flight was in its plan: path parameters and the stage's airspeed stay as they are, and its altitude,
+        unless the way home has one.
     pose : (float, float, float)
         Where the aircraft is [m] and its heading [rad].
     way_home : WayHome

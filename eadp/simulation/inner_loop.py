@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eadp.core import compiled
-from eadp.core.arrays import FloatArray
 from eadp.core.expressions.derivatives import Jet, PathFunction
 from eadp.core.flight.battery import level, replayed_soc
 from eadp.core.geometry.curves import Point
@@ -51,8 +50,9 @@ from eadp.simulation.aircraft import (
 SOC, POWER, ENERGY, DISTANCE, MIN_POWER, MAX_POWER = range(AIRCRAFT_STATE, AIRCRAFT_STATE + 6)
 RECORD_AT, READ_AT, READINGS, LOG_AT, ROWS = range(AIRCRAFT_STATE + 6, AIRCRAFT_STATE + 11)
 STATE = AIRCRAFT_STATE + 11
-"""State of charge, power [W]; sums of power and ground speed over the steps, minimum and maximum power [W]; the step of
-the next reading or row of the log, that of the next reading, number of readings, and the same for rows of the log."""
+"""State of charge, power [W]; sums of power and ground speed over the steps, minimum and maximum power [W]. Of the
+records: the step of the next one of either kind; of readings, the step of the next and how many there are; of rows of
+the log, the same."""
 
 BATTERY_CONSTANTS = AIRCRAFT_CONSTANTS + 11
 EMPTY_V, RISE_V, FOUR_R, MAX_A, CUTOFF_V, DRAIN, FAULT_AT, DROP, READ_EVERY, LATE, LOG_EVERY = range(
@@ -69,7 +69,7 @@ LOST, EMPTY, SAGS = 4, 8, 16
 cannot deliver the power."""
 
 SNAPSHOT = 7
-"""Number of measured variables, which a sensor may delay: x, y, power, charge, ground velocity, heading."""
+"""Number of measured variables, which a sensor may delay, see `Measured`."""
 
 READING, MAX_READINGS = 1 + SNAPSHOT, 5000
 """Length of a reading, its step and the measured variables; maximum number of readings in one run."""
@@ -81,6 +81,21 @@ NOISE = 2000
 """Random numbers of gusts per draw."""
 
 _NOTHING: Jet = (math.nan, math.nan, math.nan, math.nan, math.nan, math.nan)
+
+
+class Measured(NamedTuple):
+    """The `SNAPSHOT` variables that sensors measure, without noise: of one step, or of each a column of several steps.
+
+    They are in the order of `_copy_measured`.
+    """
+
+    x_m: Any
+    y_m: Any
+    power_w: Any
+    soc: Any
+    vx_mps: Any
+    vy_mps: Any
+    heading_rad: Any
 
 
 class StepTables(NamedTuple):
@@ -163,8 +178,8 @@ def run_steps(
 
 def drain(s: State, c: Constants, power_w: float, k: int, tables: StepTables) -> int:
     """Drain the battery over step `k`, faults included; return `EMPTY`, `SAGS` or 0."""
-    # I = 2y / (V + √(V² − 4 R y)), ḃ = −k_b I / Q_c; at the terminals (V + √(V² − 4 R y)) / 2 = y / I
-    # measured: with `battery.drain_per_s` a plain flight takes 1.4 times as long, a compiled one the same
+    # at a power y: I = 2y / (V + √(V² − 4 R y)), ḃ = −k_b I / Q_c; at the terminals (V + √(V² − 4 R y)) / 2 = y / I
+    # `battery.drain_per_s` is written out here: calling it, plain code flies 1.4 times as long, compiled code as long
     soc = s[SOC] if len(tables.curve) == 0 else level(s[SOC], tables.curve)
     volts = c[EMPTY_V] + c[RISE_V] * soc
     discriminant = volts * volts - c[FOUR_R] * power_w
@@ -245,7 +260,7 @@ class InnerLoop:
         self._tables = StepTables(self._numbers([]), curve, replay)
         self._rng = rng
         first = rng.standard_normal(2)
-        # those of the aircraft, then of battery, records and stage; the points of a power curve stay the last ones
+        # the aircraft's constants, then room for battery, records and stage; the points of a power curve stay the last
         aircraft, points = constants[:AIRCRAFT_CONSTANTS], constants[AIRCRAFT_CONSTANTS:]
         c: Any = [*aircraft, *[0.0] * (CONSTANTS - AIRCRAFT_CONSTANTS), *points]
         s: Any = [*state, *[0.0] * (STATE - AIRCRAFT_STATE)]
@@ -265,11 +280,11 @@ class InnerLoop:
         return np.array(values) if self._compiled else values
 
     def _zeros(self, count: int) -> Any:
-        """So many zeros as the function takes them."""
+        """A number of zeros, as the function takes numbers."""
         return np.zeros(count) if self._compiled else [0.0] * count
 
     def set_records(self, every: int, late: int, log_every: int) -> None:
-        """Set the steps between readings, from the first on, their delay, and the steps between rows of the log."""
+        """Set the steps between readings, from step 1 on, by which they are late, and between rows of the log."""
         self._s[READ_AT], self._s[LOG_AT] = 1, log_every
         self._c[READ_EVERY], self._c[LATE], self._c[LOG_EVERY] = every, late, log_every
         self._records = self._records._replace(late=self._zeros(SNAPSHOT * (late + 1)))
@@ -291,7 +306,7 @@ class InnerLoop:
             c[CRUISE_M] = altitude_m if stage.altitude_m is None else stage.altitude_m
             c[SPEED_HELD] = airspeed_mps if stage.airspeed_mps is None else stage.airspeed_mps
         if executor.form is not None:
-            q, x, y, a, b, e = executor.form
+            q, x, y, a, b, e = executor.form  # of the path function about (x, y), see `run_steps`
             c[Q], c[X0], c[Y0], c[A], c[B], c[E] = q, x + ox, y + oy, a, b, e  # moved by the offset
         path = None if executor.form is not None else _guarded(executor.path)
         watch = executor.watch  # the trigger's variables, which the steps change, and progress along a general curve
@@ -302,7 +317,8 @@ class InnerLoop:
     def run(self, k: int, end: int) -> tuple[int, int]:
         """Run from step `k` to step `end` or the next event, see `run_steps`; return the last step, and the events.
 
-        It stops before `end` where random numbers or the room for records end. At least one step, unless it is `full`.
+        It stops before `end` where random numbers or the room for records end. It flies a step at least, unless it is
+        `full`.
         """
         if self._c[GUSTS]:
             if self._s[NOISE_LEFT] < 2:
@@ -326,24 +342,27 @@ class InnerLoop:
         self._s[:], self._watch[:] = state, watch
         return k, events
 
-    def measured(self, k: int) -> tuple[float, ...]:
-        """The `SNAPSHOT` measured variables after step `k`, with the sensors' delay."""
+    def measured(self, k: int) -> Measured:
+        """The measured variables after step `k`, with the sensors' delay."""
         places = int(self._c[LATE]) + 1  # of the ring buffer, see `_record`
         if places == 1:
             s = self._s
-            return tuple(map(float, (s[X], s[Y], s[POWER], s[SOC], s[VX], s[VY], s[HEADING])))
+            return Measured._make(map(float, (s[X], s[Y], s[POWER], s[SOC], s[VX], s[VY], s[HEADING])))
         at = max(k - places, 0) % places * SNAPSHOT
-        return tuple(map(float, self._records.late[at : at + SNAPSHOT]))
+        return Measured._make(map(float, self._records.late[at : at + SNAPSHOT]))
 
-    def take_readings(self) -> list[list[float]] | FloatArray:
-        """Take the readings since the last call out of the loop: their steps, and the values of each variable."""
-        count = int(self._s[READINGS])
+    def take_readings(self, end: int) -> tuple[Any, Measured]:
+        """Take the readings since the last call out of the loop: their steps, and columns of what was measured.
+
+        A reading of a step after `end` is dropped. Columns are arrays where the function is compiled, else lists.
+        """
+        count, flat = int(self._s[READINGS]), self._records.readings
         self._s[READINGS] = 0
-        flat = self._records.readings[: READING * count]
-        if self._compiled:
-            columns: FloatArray = flat.reshape(-1, READING).T.copy()
-            return columns
-        return [flat[i::READING] for i in range(READING)]
+        if count and flat[READING * (count - 1)] > end:
+            count -= 1
+        flat = flat[: READING * count]
+        columns = flat.reshape(-1, READING).T.copy() if self._compiled else [flat[i::READING] for i in range(READING)]
+        return columns[0], Measured(*columns[1:])
 
     def take_rows(self) -> list[list[float]]:
         """Take the rows of the log since the last call out of the loop; to be called after each run."""

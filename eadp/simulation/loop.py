@@ -92,18 +92,18 @@ class _Flight:
         )
         self._flight = flight
         self._bridge = _SensorBridge(world, flight, self._inner_loop, outcome)
-        # stacks: the next one is last, and below all a step that no flight reaches, so that none is ever empty
-        self._losses = _losses(world)  # of charge: steps and amounts
-        # steps at which a loss is measured: the planner is due
+        # two stacks, with the next loss of charge last; neither gets empty, as no flight reaches the step of the first
+        self._losses = _losses(world)
+        # steps at which a loss is measured, and the planner is due
         self._alarms = [step + self._bridge.late for step, _ in self._losses]
         computing_w = world.computing_w(executor.parameters, executor.stage)
         self._log = ParameterLog(world.plan, executor.cursor, executor.joined_m, world.actual, computing_w)
         outcome.parameters = self._log
         self._inner_loop.start_stage(executor, computing_w)
-        # in force; the plan's stage, which stays the last one on the way home; the last decision put in force
-        self._parameters = executor.parameters
+        self._parameters = executor.parameters  # in force
+        # the number of the plan's stage, which on the way home stays the last one flown
         self._plan_stage, self._stages_started = executor.stage.index, executor.stages_started
-        self._decided = flight.decision.parameters
+        self._decided = flight.decision.parameters  # of the last decision put in force
         self._returning = False
         self._track: list[Step] = []  # what is checked for obstacles
         self._k, self._next_update = 0, 1  # the last step flown, and the step at which the planner is due
@@ -257,6 +257,7 @@ class _Flight:
         totals.energy_j = variable(ENERGY) * self._world.clock.step_s
         totals.distance_m = variable(DISTANCE) * self._world.clock.step_s
         totals.power_min_w, totals.power_max_w = variable(MIN_POWER), variable(MAX_POWER)
+        # where, and how fast, the rest of the plan would have been flown
         short_of = (variable(X), variable(Y)), self._world.vehicle.airspeed_mps
         self._log.close(time_s, None if outcome.completed else short_of)
         outcome.reason, outcome.duration_s, outcome.soc_final = reason, time_s, variable(SOC)
@@ -281,7 +282,7 @@ def _turned_back(world: World, executor: PlanExecutor, pose: Pose) -> PlanExecut
 
 
 class _SensorBridge:
-    """Measurements from the inner loop to the flight as it is planned, and rows of the log with what that estimates."""
+    """Passes measurements from the inner loop to the planned flight, and makes rows of the log with its estimates."""
 
     def __init__(self, world: World, flight: PlannedFlight, inner_loop: InnerLoop, outcome: Outcome) -> None:
         self._step_s, self._flight = world.clock.step_s, flight
@@ -298,14 +299,14 @@ class _SensorBridge:
         """The last step logged."""
 
     def update(self, k: int, executor: PlanExecutor) -> None:
-        """Update the planner with an observation after step `k`."""
+        """Update the planner with an observation after step `k`; the readings before it are passed on first."""
         self.ingest(k - 1)
-        x, y, true_w, soc, vx, vy, heading = self._inner_loop.measured(k)
-        position_m = x, y
-        power_w: float | None = true_w
-        if not self._ideal:
-            position_m, power_w, soc = self._suite.measured(k, x, y, true_w, soc)
-        sample = Sample(k * self._step_s, position_m, power_w, soc, velocity_mps=(vx, vy), heading_rad=heading)
+        true = self._inner_loop.measured(k)
+        position_m, power_w, soc = self._suite.measured(k, true.x_m, true.y_m, true.power_w, true.soc)
+        velocity_mps = true.vx_mps, true.vy_mps
+        sample = Sample(
+            k * self._step_s, position_m, power_w, soc, velocity_mps=velocity_mps, heading_rad=true.heading_rad
+        )
         observation = Observation(sample, soc, executor.cursor, executor.joined_m, executor.stages_started)
         before, decision = self._flight.decision, self._flight.take(observation)
         if decision.record is not None and decision.record is not before.record:
@@ -330,24 +331,21 @@ class _SensorBridge:
 
     def ingest(self, k: int) -> None:
         """Pass the new readings up to step `k` to the flight; a later one is part of its next observation."""
-        # steps and measured variables: arrays where compiled, else lists
-        columns: Any = self._inner_loop.take_readings()
-        count = len(columns[0])
-        if count and columns[0][-1] > k:
-            count -= 1
-            columns = [numbers[:count] for numbers in columns]
-        if not count:
+        steps, columns = self._inner_loop.take_readings(k)
+        if not len(steps):
             return
-        if isinstance(columns[0], np.ndarray) and not self._ideal:
-            columns = [numbers.tolist() for numbers in columns]  # a power may be None then
-        steps, x, y, powers_w, charges, vx, vy, headings = columns
         if not self._ideal:
+            if isinstance(steps, np.ndarray):  # to lists, in which a power may be None
+                steps, columns = steps.tolist(), columns._make(column.tolist() for column in columns)
+            x, y, powers_w, charges, *_ = columns
             for i, n in enumerate(map(int, steps)):
                 (x[i], y[i]), powers_w[i], charges[i] = self._suite.measured(n, x[i], y[i], powers_w[i], charges[i])
         step_s = self._step_s
         times_s: Any = steps * step_s if isinstance(steps, np.ndarray) else [n * step_s for n in steps]
         airspeeds_mps = [math.nan] * len(times_s)  # not measured
-        self._flight.take(Readings(times_s, x, y, powers_w, charges, vx, vy, headings, airspeeds_mps))
+        self._flight.take(
+            Readings(times_s, *columns, airspeeds_mps=airspeeds_mps)
+        )  # columns in the order of `Measured`
 
 
 def step_at(time_s: float, step_s: float, max_step: int) -> int:

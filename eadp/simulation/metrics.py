@@ -89,18 +89,16 @@ class ParameterLog:
     ) -> None:
         self._plan, self._actual = plan, actual
         self.computing_j = 0.0
-        # in force since the time up to which integrals are [s]: power, parameters, and their sets
+        self._since_s = 0.0  # the time up to which integrals are [s]; from there on these are in force:
         self._computing_w = computing_w
-        self._since_s = 0.0
         self._values, self._sets = cursor.parameters, plan.quality_sets[cursor.stage.index - 1]
         self.records = [ParameterRecord(value, value) for value in self._values]
-        # of each parameter: time integral of c̃, and the time in which it had a choice [s]
+        # of each parameter: time integral of c̃, its share of its set, and the time in which it had a choice [s]
         self._share_integral = [0.0] * len(self._values)
         self._share_time_s = [0.0] * len(self._values)
-        # what U is computed of; when the plan was left [s], and where, if short of its end, see `close`
-        self._events = [_Event(0.0, cursor, joined_m, actual(cursor.parameters))]
-        self._ended_s: float | None = None
-        self._short_of: tuple[Point, float] | None = None
+        self._events = [_Event(0.0, cursor, joined_m, actual(cursor.parameters))]  # of which U is computed
+        self._ended_s: float | None = None  # when the plan was completed or given up
+        self._short_of: tuple[Point, float] | None = None  # as given to `close`
 
     def change(
         self, time_s: float, cursor: PlanCursor, joined_m: Point | None = None, computing_w: float = 0.0
@@ -115,7 +113,7 @@ class ParameterLog:
         self._ended_s = time_s if self._ended_s is None else self._ended_s
 
     def close(self, time_s: float, short_of: tuple[Point, float] | None = None) -> None:
-        """End the flight; short of the plan's end where it is at a position [m], at an airspeed [m/s]."""
+        """End the flight. `short_of`: where it ends before its plan does, its position [m] and airspeed [m/s]."""
         self._advance(time_s)
         self._ended_s = time_s if self._ended_s is None else self._ended_s
         self._short_of = short_of
@@ -144,7 +142,7 @@ class ParameterLog:
                 self._share_time_s[i] += duration
 
     def mean_shown(self, index: int, shown: Callable[[float], float]) -> float:
-        """Time average of a parameter as people read it: `shown` gives that of a value."""
+        """Time average of a parameter as people read it, to which `shown` converts a value."""
         record, end_s = self.records[index], self._since_s
         times_s, values = zip((0.0, record.first), *record.history, strict=True)
         spans_s = np.diff([*times_s, end_s])
@@ -161,16 +159,16 @@ class ParameterLog:
         return record.actual_integral / self._since_s if self._since_s > 0 else self._actual(self._values)[index]
 
     def mean_share(self, index: int) -> float | None:
-        """Time average of c̃; None if its box never had more than one value."""
+        """Time average of c̃, the share of its set that a parameter has; None if that never had more than one value."""
         time_s = self._share_time_s[index]
         return self._share_integral[index] / time_s if time_s > 0 else None
 
     def quality(self, weights: Mapping[str, float]) -> float | None:
-        """U of the mission by its ground, flown and left to fly; None where no parameter has a choice.
+        """Quality U of the mission, 0 to 1, by its ground, flown and left to fly; None where no parameter has a choice.
 
         Source: `eadp.models.plan.ground`.
         """
-        # the ground flown: the stages and the parameters in force, once more
+        # the ground flown, by the events once more; `joined` and `since_s`: where and when the last stage was joined
         ground, predictor = GroundLog(self._plan, weights), RoutePredictor()
         for time_s, cursor, joined_m, parameters in self._events:
             if joined_m is not None:  # never None for the first
@@ -179,8 +177,8 @@ class ParameterLog:
             ground.hold(time_s, cursor, parameters)
         ended_s = self._since_s if self._ended_s is None else self._ended_s
         flown = ground.until(ended_s)
-        # the ground of the legs from the last stage on, by the times left on them: 0 where the plan is completed
-        route = predictor.route(cursor, joined)
+        # the ground left, of the legs from the last stage on, by the times left on them: 0 where the plan is completed
+        route = predictor.route(self._events[-1].cursor, joined)
         legs = RouteArrays.of([route])
         times_s = np.zeros(len(route.order))
         if self._short_of is not None:

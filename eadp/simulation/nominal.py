@@ -7,9 +7,9 @@ without gusts and noise, from the tight turn until it is back on its path.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from itertools import islice
+from itertools import chain
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -39,13 +39,15 @@ CHECK_S = 1.0
 BACK_M, BACK_RAD = 1.0, 0.1
 """Back on its path: how far from it [m], and from its direction, at most."""
 STUCK_S, STUCK_TIMES = 300.0, 10.0
-"""A leg that takes longer than so many times its length's time, and this [s], has no end."""
+"""A leg has no end that takes longer than `STUCK_TIMES` the time that its length takes, and `STUCK_S` more [s]."""
 SAME_WIND_MPS = 0.5
 """Winds that differ by less share a flight [m/s]."""
 MAX_KEPT = 5000
+"""Starts of sections of one plan whose flights are kept at most."""
 MAX_STEPS = 1 << 40
-"""Most sections kept of one plan; a step that no flight reaches."""
+"""A step that no flight reaches."""
 LASTING = Battery(capacity_ah=1e9, resistance_ohm=0.0)
+"""A battery that no flight empties: only power and time are of interest."""
 
 
 class FlownPart(NamedTuple):
@@ -54,7 +56,7 @@ class FlownPart(NamedTuple):
     Attributes
     ----------
     rows : tuple of int
-        Its legs, as rows of the table of legs; of legs alike, the first one's row.
+        Its legs, see `_rows_alike`.
     wind_mps : (float, float)
         The wind that it was flown in [m/s].
     times_s, turning_s : array, shape (legs,)
@@ -70,7 +72,7 @@ class FlownPart(NamedTuple):
     off_m: FloatArray
 
     def tail(self, row: int) -> FlownPart:
-        """The part of it from the leg of a row on."""
+        """The end of the section, from the leg of a row on, which is one of `rows`."""
         k = self.rows.index(row)
         return FlownPart(self.rows[k:], self.wind_mps, self.times_s[k:], self.turning_s[k:], self.off_m[k:])
 
@@ -92,12 +94,17 @@ class NominalFlight:
     ----------
     airframe : FixedWing or PowerCurve
     guidance : Guidance
+
+    Attributes
+    ----------
+    max_slope : float
+        tan² of the airframe's largest bank.
     """
 
     def __init__(self, airframe: FixedWing | PowerCurve, guidance: Guidance) -> None:
         self._airframe, self._guidance = airframe, guidance
         self.max_slope = math.tan(math.radians(airframe.max_bank_deg)) ** 2
-        self._kept: WeakKeyDictionary[LegTable, dict[tuple[int, int], list[FlownPart]]] = WeakKeyDictionary()
+        self._kept: WeakKeyDictionary[LegTable, _KeptSections] = WeakKeyDictionary()
 
     def __reduce__(self) -> tuple[type[NominalFlight], tuple[FixedWing | PowerCurve, Guidance]]:
         """What is kept is flown again in another process."""
@@ -131,7 +138,7 @@ class NominalFlight:
             sections = self._sections(route, part, wind_mps, alone)
             if not sections:
                 continue
-            # the legs of all sections in a row: where each section starts in it, and the number of each in the route
+            # the legs of all sections in one array: where each section starts in it, and each leg's number in the route
             counts = np.array([len(section.rows) for _, section in sections])
             starts = counts.cumsum() - counts
             numbers = np.repeat([start for start, _ in sections] - starts, counts) + np.arange(counts.sum())
@@ -151,41 +158,32 @@ class NominalFlight:
     ) -> list[tuple[int, FlownPart]]:
         """The sections of a route that the aircraft cannot follow, as flown, each with the number of its first leg.
 
-        One that was flown before, on legs alike and in much the same wind, is not flown again.
+        A section that was flown before, on legs alike and in much the same wind, is not flown again.
         """
         starts = np.flatnonzero(tight.bends | tight.corners).tolist()
         if not starts or route.cursor is None:
             return []
+        rows, kept = _rows_alike(route), self._kept.setdefault(route.table, _KeptSections())
+        numbered = enumerate(cursors(route.cursor))  # walked along once: sections are flown in order
         sections = list[tuple[int, FlownPart]]()
-        # the first leg behind the last section; the cursors of the legs, and how many are taken of them
-        beyond, passed, walk = 0, 0, cursors(route.cursor)
-        # laps alike share what is flown, but for the last leg, on which the plan ends
-        rows = [*route.table.alike[route.order[:-1]].tolist(), -int(route.order[-1]) - 2]
-        # sections flown before, by the rows of the leg before them and of their first one
-        kept = self._kept.setdefault(route.table, {})
-        for i in starts:
-            if i < beyond or not math.isfinite(followed.times_s[i]):
+        beyond = 0  # the first leg after the last section
+        for first in starts:
+            if first < beyond or not math.isfinite(followed.times_s[first]):
                 continue
-            known = kept.setdefault((rows[i - 1] if i else -1, rows[i]), [])
-            section = next((one for one in known if _holds(one, rows, i, wind_mps)), None)
-            if section is None and i == 0:  # the aircraft is on its way: what was flown of it from an earlier leg on
-                tails = (one.tail(rows[0]) for parts in kept.values() for one in parts if rows[0] in one.rows)
-                section = next((one for one in tails if _holds(one, rows, 0, wind_mps)), None)
+            section = kept.find(rows, first, wind_mps)
             if section is None:
-                if len(kept) > MAX_KEPT:
-                    kept.clear()
-                cursor = next(islice(walk, i - passed, None))
-                section, passed = self._fly(route, cursor, rows, i, tight, wind_mps, followed), i + 1
-                known.append(section)
-            sections.append((i, section))
-            beyond = i + len(section.rows)
+                cursor = next(cursor for number, cursor in numbered if number == first)
+                section = self._fly(route, cursor, rows, first, tight, wind_mps, followed)
+                kept.add(rows, first, section)
+            sections.append((first, section))
+            beyond = first + len(section.rows)
         return sections
 
     def _fly(
         self,
         route: Route,
         cursor: PlanCursor,
-        alike: Sequence[int],
+        rows: Sequence[int],
         first: int,
         tight: TightLegs,
         wind_mps: Point,
@@ -193,35 +191,28 @@ class NominalFlight:
     ) -> FlownPart:
         """Fly a section, from the start of the leg `first` until the aircraft is back on its path, or the plan ends.
 
-        `cursor` is that of the first leg, and `alike` has the rows of all legs, for those of the section.
+        `cursor` is at the stage of that leg; `rows` are those of all legs of the route, see `_rows_alike`.
         """
         leg = route.legs[first]
-        # the course with which the leg before ends; of the first leg, its own at its start
-        course = route.table.rows.courses_rad[route.order[max(first - 1, 0)], 1 if first else 0]
+        # the course at the end of the leg before; of the route's first leg, the course at its start
+        courses_rad = route.table.rows.courses_rad
+        course = courses_rad[route.order[first - 1], 1] if first else courses_rad[route.order[0], 0]
         executor = PlanExecutor.at(cursor, leg.start_m)
         loop = self._loop(leg, float(course), wind_mps)
-        k, check = 0, round(CHECK_S / STEP_S)
+        k = 0  # the last step flown
         of_legs: list[tuple[float, float, float]] = []  # time, turning and distance off, see `FlownPart`
         for i in range(first, len(route.legs)):
             leg, leg_s = route.legs[i], float(followed.times_s[i])
             loop.start_stage(executor, 0.0)
-            began, began_j, off_m = k, loop.variable(ENERGY), 0.0
+            began, began_j = k, loop.variable(ENERGY)
             limit = k + math.ceil((STUCK_TIMES * leg_s + STUCK_S) / STEP_S)
-            events = 0
-            # to the end of the leg, or until back on it
-            while not events and k < limit:
-                k, events = loop.run(k, min(k + check, limit))
-                away_m, turned = _off(loop, leg)
-                off_m = max(off_m, away_m)
-                if not events and not tight.bends[i] and away_m < BACK_M and turned < BACK_RAD:
-                    break
-            else:
-                if events & LOST or not events:  # it never gets to the end
-                    of_legs.append((math.inf, 0.0, off_m))
-                    break
+            k, events, back, off_m = _to_end_or_back(loop, leg, k, limit, bends=bool(tight.bends[i]))
+            if events & LOST or not (events or back):  # it never gets to the end
+                of_legs.append((math.inf, 0.0, off_m))
+                break
             flown_s = (k - began) * STEP_S
             turning_s = self._turning_s(leg, flown_s, (loop.variable(ENERGY) - began_j) * STEP_S)
-            if not events:  # back on the leg: the rest of it as its path has it
+            if back:  # the rest of the leg as its path has it
                 left = _share_left(loop, leg, flown_s, leg_s)
                 of_legs.append((flown_s + left * leg_s, turning_s + left * float(followed.turning_s[i]), off_m))
                 break
@@ -229,7 +220,7 @@ class NominalFlight:
             executor.handle(events, loop.variable(X), loop.variable(Y))
             if executor.complete:
                 break
-        return FlownPart(tuple(alike[first : first + len(of_legs)]), wind_mps, *np.array(of_legs).T)
+        return FlownPart(tuple(rows[first : first + len(of_legs)]), wind_mps, *np.array(of_legs).T)
 
     def _loop(self, leg: Leg, course: float, wind_mps: Point) -> InnerLoop:
         """A simulated aircraft at the start of a leg, on a course [rad], in level flight and a steady wind [m/s]."""
@@ -247,7 +238,7 @@ class NominalFlight:
         return loop
 
     def _turning_s(self, leg: Leg, flown_s: float, energy_j: float) -> float:
-        """∫ tan² φ dt of a bank that takes as much energy as was flown on a leg with, in its time [s]."""
+        """∫ tan² φ dt of a bank φ that takes, in the time of a leg as flown, the energy that the leg took [s]."""
         # E = P(0) t + (P(45°) − P(0)) ∫ tan² φ dt
         airframe, speed = self._airframe, leg.stage.airspeed_mps or self._airframe.airspeed_mps
         level_w = airframe.level_power_w(speed)
@@ -255,15 +246,72 @@ class NominalFlight:
         return max(energy_j - level_w * flown_s, 0.0) / bank_w if bank_w > 0 else 0.0
 
 
-def _holds(part: FlownPart, rows: Sequence[int], first: int, wind_mps: Point) -> bool:
-    """Whether a part was flown on the same legs as those from the leg `first` on, in much the same wind."""
-    return math.dist(part.wind_mps, wind_mps) <= SAME_WIND_MPS and part.rows == tuple(
-        rows[first : first + len(part.rows)]
-    )
+class _KeptSections:
+    """The sections of one plan that were flown, found again on legs alike and in much the same wind.
+
+    They are kept by their start: the leg before them, at whose end their flight begins, None at the start of a route,
+    and their first leg, each as of `_rows_alike`.
+    """
+
+    def __init__(self) -> None:
+        self._of_start: dict[tuple[int | None, int], list[FlownPart]] = {}
+
+    def find(self, rows: Sequence[int], first: int, wind_mps: Point) -> FlownPart | None:
+        """The section from the leg `first` of a route of `rows` on, None where it was not flown.
+
+        A route that starts in the middle of a section, as the aircraft is on its way, has the tail of that: it was
+        flown from an earlier leg on.
+        """
+        known: Iterable[FlownPart] = self._of_start.get(_start(rows, first), ())
+        if first == 0:
+            every = chain.from_iterable(self._of_start.values())
+            known = chain(known, (section.tail(rows[0]) for section in every if rows[0] in section.rows))
+        for section in known:
+            same_wind = math.dist(section.wind_mps, wind_mps) <= SAME_WIND_MPS
+            if same_wind and section.rows == tuple(rows[first : first + len(section.rows)]):
+                return section
+        return None
+
+    def add(self, rows: Sequence[int], first: int, section: FlownPart) -> None:
+        """Keep a section that was flown from the leg `first` on; all others are dropped where they are too many."""
+        if len(self._of_start) > MAX_KEPT:
+            self._of_start.clear()
+        self._of_start.setdefault(_start(rows, first), []).append(section)
+
+
+def _start(rows: Sequence[int], first: int) -> tuple[int | None, int]:
+    """The leg before `first`, None where there is none, and `first`, by their rows."""
+    return rows[first - 1] if first else None, rows[first]
+
+
+def _rows_alike(route: Route) -> list[int]:
+    """For each leg of a route the row of the first leg of its table that is flown the same, as of an earlier lap.
+
+    The last leg is −1 − its own row, which no other leg is: the plan ends on it, and with the plan what is flown.
+    """
+    return [*route.table.alike[route.order[:-1]].tolist(), -1 - int(route.order[-1])]
+
+
+def _to_end_or_back(loop: InnerLoop, leg: Leg, k: int, limit: int, *, bends: bool) -> tuple[int, int, bool, float]:
+    """Fly on from step `k` to the end of a leg, until back on its path, or to the step `limit`.
+
+    A leg that `bends` too tight is flown to its end. Returns the last step; the events that ended the leg, 0 for none;
+    whether the aircraft is back; and how far off the path it was at most [m].
+    """
+    check, events, back, off_m = round(CHECK_S / STEP_S), 0, False, 0.0
+    while not events and not back and k < limit:
+        k, events = loop.run(k, min(k + check, limit))
+        away_m, turned = _off(loop, leg)
+        off_m = max(off_m, away_m)
+        back = not events and not bends and away_m < BACK_M and turned < BACK_RAD
+    return k, events, back, off_m
 
 
 def _off(loop: InnerLoop, leg: Leg) -> tuple[float, float]:
-    """How far the aircraft is from a leg's path [m], and its course from the path's direction [rad]."""
+    """How far the aircraft is from a leg's path [m], and the angle between its course and the path's direction [rad].
+
+    Where the path has no direction, 0 and π: neither far off nor back.
+    """
     here = loop.variable(X) - leg.offset_m[0], loop.variable(Y) - leg.offset_m[1]
     try:
         off_m = math.dist(here, leg.track.nearest(here))
@@ -275,8 +323,9 @@ def _off(loop: InnerLoop, leg: Leg) -> tuple[float, float]:
 
 
 def _share_left(loop: InnerLoop, leg: Leg, flown_s: float, leg_s: float) -> float:
-    """Share of a leg that is left where the aircraft is, `flown_s` after its start; `leg_s` is its whole time [s]."""
+    """Share of a leg's length that is left where the aircraft is, `flown_s` after its start; all takes `leg_s`."""
     if leg.distance_m <= 0:
         return 0.0
     position = loop.variable(X), loop.variable(Y)
-    return left_m(leg, position, min(flown_s / max(leg_s, 1e-9), 1.0) * leg.distance_m) / leg.distance_m
+    along_m = min(flown_s / max(leg_s, 1e-9), 1.0) * leg.distance_m  # by the time: roughly where on the leg
+    return left_m(leg, position, along_m) / leg.distance_m

@@ -7,10 +7,12 @@ import numpy as np
 from eadp.models.sensors import Sensors
 
 BATCH = 2000
-CHANNELS = 4
-"""Channels of noise, in this order: power, x, y and charge."""
+"""Steps for which noise is drawn at once."""
+OF_POWER, OF_X, OF_Y, OF_SOC = CHANNELS = range(4)
+"""Channels of noise."""
 
 NEVER_STEPS = 1 << 62
+"""A duration that no flight reaches, in steps."""
 
 
 class SensorSuite:
@@ -31,7 +33,7 @@ class SensorSuite:
         self._noise: list[list[float]] = []
         self._noise_ends = 0
         share = sensors.drop_out_share
-        # chances of a step that a drop-out ends, and that one starts
+        # the chance that a drop-out ends at a step, and, of `_fail`, that one starts
         self._recover = min(1.0, step_s / sensors.drop_out_s) if share < 1 else 0.0
         # in balance: share · recover = (1 − share) · fail
         self._fail = min(1.0, self._recover * share / (1 - share)) if share < 1 else 1.0
@@ -47,20 +49,20 @@ class SensorSuite:
                 self._state_ends += self._duration()
             if self._out:
                 return None
-        return power_w + sensors.power_noise_w * self._row(step)[0] if sensors.power_noise_w else power_w
+        return power_w + sensors.power_noise_w * self._row(step)[OF_POWER] if sensors.power_noise_w else power_w
 
     def soc(self, step: int, soc: float) -> float:
         """A measured state of charge."""
         noise = self._sensors.soc_noise
-        return min(1.0, max(0.0, soc + noise * self._row(step)[3])) if noise else soc
+        return min(1.0, max(0.0, soc + noise * self._row(step)[OF_SOC])) if noise else soc
 
     def position_m(self, step: int, x_m: float, y_m: float) -> tuple[float, float]:
         """A measured position [m]."""
         std_m = self._sensors.position_noise_m
         if not std_m:
             return x_m, y_m
-        _, of_x, of_y, _ = self._row(step)
-        return x_m + std_m * of_x, y_m + std_m * of_y
+        row = self._row(step)
+        return x_m + std_m * row[OF_X], y_m + std_m * row[OF_Y]
 
     def measured(
         self, step: int, x_m: float, y_m: float, power_w: float, soc: float
@@ -71,9 +73,9 @@ class SensorSuite:
     def _row(self, step: int) -> list[float]:
         """Standard normal numbers of a step, one for each channel."""
         while step > self._noise_ends:
-            self._noise = self._rng.standard_normal((BATCH, CHANNELS)).tolist()
+            self._noise = self._rng.standard_normal((BATCH, len(CHANNELS))).tolist()
             self._noise_ends += BATCH
-        return self._noise[step - self._noise_ends - 1]
+        return self._noise[step - self._noise_ends - 1]  # from the end: the last row is that of step `_noise_ends`
 
     def _duration(self) -> int:
         """Draw the duration of the present state, in steps."""

@@ -87,6 +87,20 @@ def test_laps_alike_are_flown_once(tmp_path, monkeypatch):
     assert found[12][0] == pytest.approx(4 * found[3][0], rel=0.1)
 
 
+def test_a_section_that_is_flown_where_no_more_are_kept_is_found_again(tmp_path, monkeypatch):
+    world = load_flight(mission(tmp_path, [(400.0, 0.0), (0.0, 50.0)])).world
+    route = whole_route(world.plan, (), world.rules, world.start.position_m)
+    flown = []
+    monkeypatch.setattr(
+        NominalFlight, "_fly", lambda *args, own=NominalFlight._fly: flown.append(args[4]) or own(*args)
+    )
+    monkeypatch.setattr("eadp.simulation.nominal.MAX_KEPT", 0)
+    nominal = NominalFlight(world.vehicle, world.guidance)
+    first, again = nominal.times_s(route, (0.0, 0.0)), nominal.times_s(route, (0.1, 0.0))
+    assert len(flown) == len(first[1]) == 1
+    assert first[0][flown[0]] == again[0][flown[0]]
+
+
 def test_turns_are_named_by_their_items_with_what_is_flown(tmp_path):
     path = mission(tmp_path, SHARP)
     messages = [fault.message for fault in load_flight(path).warnings]

@@ -55,18 +55,18 @@ class Hook:
         self._parameters, self._log, self._warn = parameters, log, warn
         self._process: subprocess.Popen[bytes] | None = None
         self._started_s = 0.0
-        # time and values: as last decided, and as of the last run, none where that failed
+        # as of `_values`: the values last decided, and those of the last run, empty where that run failed
         self._wanted: dict[str, Any] = {}
         self._run: dict[str, Any] = {}
 
     def decided(self, decision: Mapping[str, Any]) -> None:
-        """Take a decision: start the command if values have changed and it does not run."""
+        """Take a decision: start the command if values have changed, unless a run goes on."""
         self._wanted = _values(decision, self._parameters)
         self._poll()
         self._start()
 
     def close(self) -> None:
-        """Wait for the run that goes on, and for one more where other values were decided meanwhile."""
+        """Wait for the run that goes on, and for one more run where other values were decided meanwhile."""
         for _ in range(2):
             if self._process is not None:
                 with contextlib.suppress(subprocess.TimeoutExpired):
@@ -76,7 +76,7 @@ class Hook:
                     self._start()
 
     def _start(self) -> None:
-        """Start the command with the last values, unless it runs, or has run with them."""
+        """Start the command with the values last decided, unless a run goes on, or the last run had these values."""
         if self._process is not None or self._wanted.get("parameters") == self._run.get("parameters"):
             return
         self._run, self._started_s = self._wanted, time.monotonic()
@@ -87,7 +87,7 @@ class Hook:
             self._ended(None, getattr(error, "strerror", None) or str(error))
 
     def _poll(self, *, last: bool = False) -> bool:
-        """See whether the command has ended, and end it after `LIMIT_S`, or now if `last`; return whether it failed."""
+        """See whether the run has ended, and end it after `LIMIT_S`, or at once if `last`; return whether it failed."""
         process = self._process
         code = None if process is None else process.poll()
         if process is None or (code is None and not last and time.monotonic() - self._started_s <= LIMIT_S):
@@ -100,8 +100,8 @@ class Hook:
         return code != 0
 
     def _ended(self, code: int | None, what: str) -> None:
-        """Log the end of a run, and warn of one that failed: by its exit code, None without one, and in words."""
-        run = self._run
+        """Log the end of a run by its exit code, None without one; warn if it failed, for the reason `what`."""
+        run = self._run  # the time of the decision [s], and its values
         if self._log is not None:
             self._log.applied({**run, "exit_code": code, "took_s": round(time.monotonic() - self._started_s, 3)})
         if code != 0:

@@ -31,7 +31,7 @@ INTERVALS = {
     "SYSTEM_TIME": (2, 1_000_000),
     "MISSION_CURRENT": (42, 1_000_000),
 }
-"""The messages that are asked for: their numbers and intervals [µs]."""
+"""The messages that are asked for: the number of each, and its interval [µs]."""
 
 
 class HeardAutopilot:
@@ -43,6 +43,8 @@ class HeardAutopilot:
         Its MAVLink system; None for the first one heard.
     give : function
         Sends a message by name and fields.
+    pilot : Pilot
+        Reads what is noted of it.
 
     Attributes
     ----------
@@ -53,7 +55,7 @@ class HeardAutopilot:
     armed, ardupilot : bool
         By its last heartbeat.
     missing : set of str
-        Messages that were asked for, and of which none has come.
+        Names of messages that were asked for, and have not come yet.
     """
 
     def __init__(self, system: int | None, give: Callable[[str, Mapping[str, Any]], None], pilot: Pilot) -> None:
@@ -67,12 +69,13 @@ class HeardAutopilot:
     def hear(self, message: Message, now_s: float) -> bool:
         """Note who sends, and whether heartbeats are back; return whether the message is to be taken.
 
-        Those of the autopilot are, the first one heard; and of other computers of its aircraft, what they report to run
-        (`NAMED_VALUE_FLOAT`).
+        Taken are all messages of the autopilot, which is the first one heard, and `NAMED_VALUE_FLOAT` of other
+        computers of its aircraft: values that they report to run with.
         """
         beats = is_autopilot(message.kind, message.fields)
         if message.kind == "HEARTBEAT" and not beats:
             return False
+        # a heartbeat of the autopilot, or of the first one that is heard
         if self.system in (None, message.system) and beats and self.component in (0, message.component):
             if not self.component:
                 self._pilot.note(f"autopilot of system {message.system}, component {message.component}")
@@ -91,7 +94,7 @@ class HeardAutopilot:
         return message.component == self.component
 
     def beat(self, now_s: float) -> bool:
-        """Note whether its heartbeats are lost, and send one of ours where that is due; return whether it was."""
+        """Note whether its heartbeats are lost, and send our heartbeat where it is due; return whether it was due."""
         if self._heard_s is not None and not self.lost and now_s - self._heard_s > LOST_S:
             self.lost = True
             self._pilot.note("the autopilot's heartbeats are lost")
@@ -101,8 +104,8 @@ class HeardAutopilot:
         return due
 
     def ask(self) -> None:
-        """Ask for the messages that are read, at the rates that are needed."""
-        # ArduPilot has a message of its own for the wind, and shows each request of the other one to the pilot
+        """Ask for the messages of `INTERVALS`, of the two of the wind for the autopilot's own."""
+        # ArduPilot sends WIND, and shows the pilot each request for WIND_COV
         self.missing, self._asked = set(INTERVALS) - {"WIND_COV" if self.ardupilot else "WIND"}, 0
         self.ask_again()
 
@@ -118,7 +121,7 @@ class HeardAutopilot:
         return self._returns > 0
 
     def command_return(self) -> bool:
-        """Command it to return home, once more; True where it was `MAX_COMMANDS` times, and did not: no more then."""
+        """Command it to return home, once more; True where it is to be given up, after `MAX_COMMANDS` commands."""
         self._returns += 1
         if self._returns > MAX_COMMANDS:
             self._pilot.tell(f"return not accepted by the autopilot, commanded {MAX_COMMANDS} times")
@@ -127,7 +130,7 @@ class HeardAutopilot:
         return False
 
     def command(self, command: int, numbers: Sequence[float], repeated: int = 0) -> None:
-        """Give a command with its first numbers; `repeated` is how often it was given before."""
+        """Give a command with the first of its seven parameters; `repeated` is how often it was given before."""
         values = {f"param{k}": float(value) for k, value in enumerate((*numbers, *(0.0,) * 7)[:7], 1)}
         self.give("COMMAND_LONG", {"command": command, "confirmation": repeated, **values})
 

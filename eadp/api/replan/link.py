@@ -33,9 +33,11 @@ from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import RETURN
 
 NEAR_M, NEAR_SIZES = 5000.0, 3.0
-"""How far from its plan a flight may be that is replayed [m], or in sizes of the plan."""
-WAIT_S, ACCEPTED = 0.2, 0
-"""How long to wait for messages [s]; and the answer that a command is accepted."""
+"""How far from its plan a flight that is replayed may be: a distance [m], or as many times the plan's extent."""
+WAIT_S = 0.2
+"""How long to wait for messages [s]."""
+ACCEPTED = 0
+"""The answer to a command that the autopilot accepts."""
 
 OTHER_MISSION = "another mission than that of --items is flown: the stage is found by the position"
 
@@ -99,11 +101,11 @@ class LinkFlight:
                 text, 1, 1, "the plan has no place on the earth, and an autopilot's positions have", "%: origin"
             )
         self._inputs, self._emit, self._send, self._log = inputs, emit, send, log
-        # the map of the mission's items, as exported
+        # the map of the mission's items, as exported; None without --items
         exported = self._exported = None if options.items is None else read_items(options.items, self._path_names)
         if options.upload and exported is None:
             raise InputError.at("--upload", 1, 1, "the mission is unknown", "--items, as eadp export writes them")
-        # path parameters that the mission is to have; None before the first plan, and on the way home
+        # path parameters that the mission shall have; None before the first plan, and once only home can be reached
         self._decided_path: tuple[float, ...] | None = None
         # whether a return may be commanded yet; whether only home can be reached
         self._may_return, self._returns = options.return_home, False
@@ -112,14 +114,14 @@ class LinkFlight:
         self._replanner = Replanner(inputs, name, log, self._decided, self._pilot.once)
         self._lines = LineMaker(self._replanner.reader, inputs.mission, exported, self._pilot.say)
         self._replanner.restore()
-        # a log that is resumed from has the map of the mission uploaded last
+        # after a restart the log has the map of the mission that was uploaded last
         if exported is not None and log is not None and log.items is not None:
             self._lines.items = parse_items(log.items, self._path_names)
         self._mission: HeldMission | None = None
         if exported is not None and send is not None:
             self._mission = HeldMission(plan, inputs.mission.cruise_mps, exported, self._lines.items)
         self._uploads = options.upload
-        self._check: ParameterCheck | None = None
+        self._check: ParameterCheck | None = None  # from the first heartbeat on
 
     @property
     def _path_names(self) -> tuple[str, ...]:
@@ -145,8 +147,8 @@ class LinkFlight:
     def take(self, message: Message, now_s: float = 0.0) -> None:
         """Take a message that has come at a time of any clock [s].
 
-        In this order: what it changes at the autopilot and its mission, the lines that it makes, and what their
-        decisions change in the mission.
+        In this order: note what it says of the autopilot and its mission, re-plan with the lines that it makes, and
+        replace the mission where another path is decided.
         """
         autopilot, pilot, mission = self._autopilot, self._pilot, self._mission
         first, lost = not autopilot.component, autopilot.lost
@@ -160,8 +162,7 @@ class LinkFlight:
         except (ArithmeticError, LookupError, TypeError, ValueError):
             pilot.say(f"{message.kind} that makes no sense; ignored")
             return
-        # the autopilot is heard, or armed, anew: what is known of it is asked for again
-        begins = False
+        begins = False  # whether the autopilot is heard, or armed, anew: then it is asked for all again
         if message.kind == "HEARTBEAT":
             begins = first or lost or (values["armed"] and not autopilot.armed)
             self._take_heartbeat(values, first=first)
@@ -184,14 +185,14 @@ class LinkFlight:
             self._do(mission.decide(now_s, self._decided_path, self._replanner.rest))
 
     def _take_transfer(self, message: Message, now_s: float) -> None:
-        """Take a message of the mission protocol, if it is for this computer and of the mission."""
+        """Take a message of the mission protocol if it is for this computer, and of a mission (`mission_type` 0)."""
         fields, here = message.fields, (self._autopilot.system, COMPONENT, 0)
         to = fields["target_system"], fields["target_component"], fields.get("mission_type", 0)
         if self._mission is not None and to == here:
             self._do(self._mission.take(message.kind, fields, now_s))
 
     def _take_heartbeat(self, values: Mapping[str, Any], *, first: bool) -> None:
-        """Note what the autopilot is; with the first heartbeat, which of its parameters are to be compared."""
+        """Note what a heartbeat says of the autopilot; by the first one choose the parameters to compare."""
         autopilot = self._autopilot
         autopilot.armed, autopilot.ardupilot = values["armed"], values["home_is_item"]
         if first and self._send is not None:
@@ -202,7 +203,11 @@ class LinkFlight:
             self._mission.ardupilot = autopilot.ardupilot
 
     def _count_items(self, count: int | None, now_s: float) -> None:
-        """See by the number of its items whether the autopilot has another mission; say so, where it is not read."""
+        """Take the number of items that the autopilot holds: where it has changed, the mission is read again.
+
+        Without a link to read it by, another number than the map's is another mission: that is said, and the map given
+        up.
+        """
         if self._mission is not None:
             self._do(self._mission.count(count, now_s))
         elif self._lines.items is not None and count not in (None, len(self._lines.items)):
@@ -210,7 +215,7 @@ class LinkFlight:
             self._lines.items = None
 
     def lost(self, damaged: int, refused: int, left_out: int) -> None:
-        """Say that so many frames were no messages, so many not signed, and so many positions too many."""
+        """Warn of lost messages, by their numbers: damaged frames, frames not signed, positions that came too fast."""
         if damaged:
             self._pilot.say("damaged frames are ignored")
         if refused:
@@ -227,9 +232,9 @@ class LinkFlight:
             self._replanner.take(reading)
 
     def tick(self, now_s: float) -> None:
-        """Do what is due by the time alone: a heartbeat, and with it what is asked or commanded again, and the mission.
+        """Do what is due by the time alone: a heartbeat, what is asked or commanded again with it, and the mission's.
 
-        Says where the autopilot's heartbeats are lost.
+        Notes where the autopilot's heartbeats are lost.
         """
         autopilot = self._autopilot
         if autopilot.beat(now_s):
@@ -243,7 +248,7 @@ class LinkFlight:
     # --- the autopilot
 
     def _check_parameters(self) -> None:
-        """Ask for the autopilot's parameters, and say once which the forecast does not hold for."""
+        """Ask for the autopilot's parameters, and warn once of those that the forecast does not hold for."""
         if self._check is None or self._autopilot.lost:
             return
         for name in self._check.names():
@@ -252,7 +257,7 @@ class LinkFlight:
             self._pilot.tell(f"the forecast does not hold: {differences}")
 
     def _is_held(self, items: list[MissionItem]) -> None:
-        """Take the mission that a log has from here on: stages are found by its items, if they are those of the map."""
+        """Take the items of the mission that a log has from here on: if the map is of them, stages are found by it."""
         if self._exported is not None:
             same = same_items([each.item for each in self._exported], items)
             self._lines.items = self._exported if same else None
@@ -273,7 +278,7 @@ class LinkFlight:
                     self._map(items)
 
     def _map(self, items: list[MappedItem] | None) -> None:
-        """Find stages by another map from now on, by the position without one; log a new map."""
+        """Find stages by another map from now on, or, where it is None, by the position; log a new map."""
         if items is not None and items != self._lines.items and self._log is not None:
             self._log.mission(items_text(items, self._path_names))
         self._lines.items = items
@@ -281,7 +286,7 @@ class LinkFlight:
     # --- what goes out
 
     def _decided(self, line: dict[str, Any]) -> None:
-        """Take a line of decisions: print it, show it to the pilot, note the path that the mission is to have."""
+        """Take a line of decisions: emit it, note the path that the mission shall have, show it to the pilot."""
         self._emit(line)
         if self._replanner.planned and not self._returns:  # before the first plan the parameters are those of take-off
             self._decided_path = tuple([line["parameters"][name] for name in self._path_names])
@@ -313,10 +318,10 @@ def fly(
     """
     require_pymavlink("--mavlink", address)
     key = None if options.signing_key is None else read_key(options.signing_key)
-    opened: list[Link] = []  # none yet: a fault of the flight's files is found before the link is opened
+    opened: list[Link] = []  # the link, once it is open: a fault of the flight's files is found before
 
     def send(*message: Any) -> None:
-        """Send on the link, once it is open."""
+        """Send a message on the link; nothing before it is open."""
         for link in opened:
             link.send(*message)
 
@@ -340,7 +345,7 @@ def fly(
 def replay_flight(
     path: str, inputs: FlightInputs, options: LinkOptions, log: ReplanLog | None, emit: Emit, warn: Warn, hashed: str
 ) -> bool:
-    """Re-plan a flight again, of a log of `eadp replan`, a telemetry log, or an autopilot's own; as `fly`.
+    """Re-plan a recorded flight: a log of `eadp replan`, a telemetry log, or an autopilot's own log. Returns as `fly`.
 
     `hashed` is the hash of the inputs, which a log of other inputs does not have.
 
@@ -392,10 +397,11 @@ def _replay_messages(flight: LinkFlight, path: str, plan: Plan, head: bytes, str
 
 
 def _check_place(path: str, plan: Plan, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Refuse a flight that is nowhere near its plan: none of its positions is."""
+    """Refuse a flight with positions of which none is near the plan's ends of stages."""
     positions = [(row["lat_deg"], row["lon_deg"]) for row in rows if row.get("lat_deg") is not None]
     if plan.site.origin_deg is None or not positions:
         return
+    # where the stages end, in the first lap and with the path parameters at their highest
     ends = [stage.trigger_at([plan.hull(i).hi for i in range(plan.path_count)]) for stage in plan.stages]
     reach_m = max(NEAR_M, NEAR_SIZES * max(math.dist(end, ends[0]) for end in ends))
     points = [to_near_local_m(*position, plan.site.origin_deg) for position in positions]
@@ -405,7 +411,7 @@ def _check_place(path: str, plan: Plan, rows: Sequence[Mapping[str, Any]]) -> No
 
 
 def _kind(raw: bytes) -> str | None:
-    """The kind of a line of a log; None where it is none."""
+    """The `kind` of a line of a log of `eadp replan`; None where it is no JSON object."""
     try:
         line = json.loads(raw)
     except (ValueError, RecursionError):

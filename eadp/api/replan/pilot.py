@@ -13,10 +13,12 @@ from eadp.planning.state.flight_state import CELL_LOST
 from eadp.planning.track.live import KEPT, TAKE_OFF
 
 NOTICE, WARNING, CRITICAL = 5, 4, 2
+"""MAVLink's severities of texts."""
 TEXT_CHARACTERS, NAME_CHARACTERS, MAX_TEXT = 50, 10, 200
 """Characters of a piece of a text, of a name, and of a text at most."""
 
 _NUMBERS = re.compile(r"[-+.\d]+")
+"""Numbers in a text: texts that differ in them alone say the same thing."""
 
 
 class Pilot:
@@ -47,8 +49,9 @@ class Pilot:
     ) -> None:
         self._name, self._plan, self._warn, self._give, self._line = name, plan, warn, give, line
         self._warned: set[str] = set()
-        # what the last text was about; the path parameters last decided; the number of the last text in pieces
-        self._about, self._path, self._texts = "", tuple(parameters[: plan.path_count]), 0
+        self._about = ""  # the parameters, and the reason without its numbers, of the last text of a decision
+        self._path = tuple(parameters[: plan.path_count])  # last decided
+        self._texts = 0  # the number of the last text that was sent in pieces
 
     # --- warnings
 
@@ -77,7 +80,7 @@ class Pilot:
     # --- at the ground station
 
     def decision(self, line: Mapping[str, Any], *, completes: bool) -> None:
-        """Send the numbers of a decision to the ground station, and its text where it is another one than the last."""
+        """Send a decision's numbers to the ground station, and its reason as a text, if that says something new."""
         boot_ms = max(0, round(line["time_s"] * 1000)) % 2**32
         shown = {p.label: p.shown(line["parameters"][p.name]) for p in self._plan.parameters}
         shown |= {"soc_end": line["soc_end_forecast"], "p_done": line["completes_probability"]}
@@ -85,13 +88,14 @@ class Pilot:
             if value is not None:
                 fields = {"time_boot_ms": boot_ms, "name": _ascii(name)[:NAME_CHARACTERS].encode(), "value": value}
                 self._give("NAMED_VALUE_FLOAT", fields)
-        # a reason whose numbers alone change is said once; another path always, before a reason that does not name it
+        # a reason of which only numbers change is sent once; new path parameters are always sent, before the reason
+        # where it does not start with their name
         about = repr(line["parameters"]) + _NUMBERS.sub("", line["reason"])
         path = self._new_path(line)
         if (line["reason"] != KEPT or path) and about != self._about:
             self._about = about
-            named = not path or line["reason"].startswith(path.partition(" ")[0])
-            text = line["reason"] if named else f"{path}: {line['reason']}"
+            has_path = not path or line["reason"].startswith(path.partition(" ")[0])
+            text = line["reason"] if has_path else f"{path}: {line['reason']}"
             self.show(text, NOTICE if completes or line["reason"] == TAKE_OFF else WARNING)
         if CELL_LOST in line["warnings"]:
             self.tell("the voltage fell for good: a cell, or its charge, is lost")
@@ -103,13 +107,13 @@ class Pilot:
             self._give("STATUSTEXT", {"severity": severity, "text": text})
             return
         self._texts = self._texts % 65_535 + 1
-        # the last piece is shorter than the others, if need be empty
+        # the last piece is shorter than `TEXT_CHARACTERS`, if need be empty: that marks the end of the text
         for number, start in enumerate(range(0, len(text) + 1, TEXT_CHARACTERS)):
             piece = {"text": text[start : start + TEXT_CHARACTERS], "id": self._texts, "chunk_seq": number}
             self._give("STATUSTEXT", {"severity": severity, **piece})
 
     def _new_path(self, line: Mapping[str, Any]) -> str:
-        """Take the path parameters of a decision; return those that are others than before, for people."""
+        """Take the path parameters of a decision; return those that have changed, as a text, empty where none has."""
         parameters = self._plan.parameters[: self._plan.path_count]
         before, self._path = self._path, tuple([line["parameters"][each.name] for each in parameters])
         new = zip(parameters, before, self._path, strict=True)
@@ -117,5 +121,5 @@ class Pilot:
 
 
 def _ascii(text: str) -> str:
-    """A text as MAVLink may have it."""
+    """A text in ASCII, as MAVLink's texts are."""
     return text.replace("→", "->").replace("−", "-").encode("ascii", "replace").decode()

@@ -49,7 +49,7 @@ class ReplanOptions:
         return self.mavlink is not None or self.replay is not None
 
     def check(self, link: LinkOptions, files: Mapping[str, Any]) -> None:
-        """Refuse options that do not go together; `files` are the other files of the flight."""
+        """Refuse options that do not go together; `files` are the flight's other files, - for standard input."""
         telemetry = None if self.telemetry == "-" else self.telemetry
         sources = {"--mavlink": self.mavlink, "--replay": self.replay, "--telemetry": telemetry}
         given = {name: value for name, value in sources.items() if value is not None}
@@ -110,10 +110,10 @@ def replan(
     if link.items is not None:
         inputs = _of_items(inputs, link.items)
     warn(inputs.warnings)
-    takers: list[Hook | ValuesFile] = []
+    takers: list[Hook | ValuesFile] = []  # of --publish and --apply: they come below
 
     def emit(line: dict[str, Any]) -> None:
-        """Hand a decision to the caller, and its computations to who runs them."""
+        """Hand a decision to the caller, and to the takers."""
         decided(line)
         for taker in takers:
             taker.decided(line)
@@ -149,7 +149,7 @@ def replan(
 
 
 def _of_items(inputs: FlightInputs, items: str) -> FlightInputs:
-    """The flight that starts with the path parameters of the mission's first item."""
+    """The flight with the path parameters of the first item of a map, a file of --items, at its start."""
     mission = inputs.mission
     names = mission.plan.names[: mission.plan.path_count]
     mapped = read_items(items, names)

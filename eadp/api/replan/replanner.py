@@ -79,11 +79,11 @@ class Replanner:
     Attributes
     ----------
     reader : TelemetryReader
-        Makes them.
+        Makes the readings, of lines.
     used : bool
         Whether any line could be used.
     planned : bool
-        Whether there was a plan after that of take-off.
+        Whether the planner has made a plan since take-off.
     """
 
     def __init__(self, inputs: FlightInputs, name: str, log: ReplanLog | None, emit: Emit, warn: Warn) -> None:
@@ -97,10 +97,10 @@ class Replanner:
         )
         self._gate, self.reader = OutlierGate(inputs.mission.cruise_mps), TelemetryReader(name, inputs.mission)
         self._log, self._emit, self._warn = log, emit, warn
-        # samples of the log that is resumed from, by their first fields, and the time of the last [s]
+        # samples of the log that is resumed from, by `Sample.reading`; emptied at the first reading that is new
         self._logged: set[tuple[object, ...]] = set()
-        self._logged_to_s = 0.0
-        self._skipped = self.used = self.planned = False  # whether there was a warning that lines are skipped
+        self._logged_to_s = 0.0  # the time of the last of them [s]
+        self._skipped = self.used = self.planned = False  # `_skipped`: whether it was warned that lines are skipped
 
     @property
     def completes(self) -> bool:
@@ -112,7 +112,10 @@ class Replanner:
         return self._flight.rest()
 
     def take(self, reading: Reading) -> None:
-        """Take a reading: warn of what is wrong, log it, and emit the decision if one is due."""
+        """Take a reading: warn of what is wrong, log it, and emit the decision if one is due.
+
+        Readings that the resumed log has already are skipped, up to the first new one.
+        """
         sample, document, warnings, number = reading
         for warning in warnings:
             self._warn(warning)
@@ -139,7 +142,7 @@ class Replanner:
         """Update the gate and the flight with a sample; return advice, at the sample's own time, and notices."""
         accepted, notice = self._gate.accept(sample)
         advice, notices = self._flight.update(accepted) if accepted is not None else (None, ())
-        if advice is not None:  # the gate may have put the sample on another clock
+        if advice is not None:  # the gate may have moved the sample to another clock
             advice = advice._replace(time_s=sample.time_s)
         self.planned |= advice is not None and advice.reason not in (TAKE_OFF, KEPT)
         return advice, notices if notice is None else (notice, *notices)
@@ -152,10 +155,10 @@ class Replanner:
             self._log.decision(line)
 
     def restore(self) -> None:
-        """Replay the log, if there is one; emit the last decision if it is missing."""
+        """Replay the log, if there is one, without output; emit and log its last decision where it is missing."""
         if self._log is None:
             return
-        # without a decision in the log: only that of the last sample, where the process was ended between the two
+        # advice with no decision logged after it: of the last sample alone, where a kill came between the two
         pending: Advice | None = None
         for sample in self._log.entries(self._mission):
             if sample is None:  # the entry of a decision

@@ -1,6 +1,6 @@
 """Readings of telemetry from what an autopilot's messages say: one for each position, five a second at most.
 
-They depend on the messages and the autopilot's clock alone, so that a recording gives the same lines.
+Readings depend on the messages and the autopilot's clock alone, so that a recording gives the same lines.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ BLIND_S = 1.0
 """Time after which a line is made without a position [s]."""
 
 STALE_S = 5.0
-"""Age from which a value is unknown [s]: the gap from which positions are."""
+"""Age from which a value is unknown [s]: as positions are after a gap of that length."""
 
 PASSING = frozenset(
     (
@@ -28,14 +28,14 @@ PASSING = frozenset(
         *("lat_deg", "lon_deg", "velocity_mps", "heading_deg", "altitude_m"),
     )
 )
-"""What a message says of its own time alone; the rest is known until it is old."""
+"""Keys of values that hold at the time of their message alone; others are known until they are old."""
 
 STILL_MPS = 5.0
 """Ground speed below which a disarmed aircraft has landed [m/s]: an autopilot that restarts in the air is disarmed."""
 
 CURVE_SHARE, RESISTANCE_SHARE = 0.2, 0.5
-"""By how much a voltage may be off: as a share of that from empty to full, by which usual cells differ from the
-straight line; and of the drop at the inner resistance, which is roughly known."""
+"""By how much a voltage may differ from the battery's: a share of the rise from empty to full, by which the curves of
+usual cells differ from a straight line; and a share of the drop at the inner resistance, which is known roughly."""
 
 
 class LineMaker:
@@ -54,15 +54,16 @@ class LineMaker:
     Attributes
     ----------
     items : list of MappedItem or None
-        As given; another list takes its place where the mission is another.
+        As given; who holds the LineMaker replaces it where the autopilot has another mission.
     decided : tuple of float or None
-        Path parameters decided that the mission has, or gets: items of others, before them, are no refusal.
+        The path parameters decided, where the mission has them or is about to get them: an item that has others is not
+        taken as a pilot's refusal of them. Else None.
     flown : bool
         Whether the aircraft has been in the air.
     restarts : int
         How often the autopilot's time started again.
     count : int
-        Of the lines made.
+        The number of lines made.
     """
 
     def __init__(
@@ -71,17 +72,17 @@ class LineMaker:
         self._reader, self.items, self._warn = reader, items, warn
         self._plan, self._battery = mission.plan, mission.battery
         self.count = 0
-        # the last values of messages, and of the computations' processes, by name: each when it came [s], and the value
+        # by name, when a value came [s] and the value: the last of messages, and of the computations' parameters
         self._known: dict[str, tuple[float, Any]] = {}
         self._parameters: dict[str, tuple[float, float]] = {}
-        self._now_s = self._line_s = -math.inf  # the autopilot's time, and that of the last line [s]
+        self._now_s = self._line_s = -math.inf  # the autopilot's time, and the time of the last line [s]
         self._ground: dict[str, Any] | None = None  # the last line on the ground
-        self._home_is_item = False
-        self._gauged = self.flown = False  # whether the charge drawn is measured; whether it has flown
+        self._home_is_item = False  # whether the autopilot's item 0 is home
+        self._gauged = self.flown = False  # `_gauged`: whether the charge drawn was ever reported
         self.restarts = 0
         self.decided: tuple[float, ...] | None = None
-        self._reached = -1
-        self._speed_mps = 0.0
+        self._reached = -1  # the number of the item reached last
+        self._speed_mps = 0.0  # the last ground speed
 
     def update(self, values: Mapping[str, Any]) -> list[Reading]:
         """Take what a message says; return the lines that are due: one, or two where the aircraft takes off."""
@@ -92,26 +93,17 @@ class LineMaker:
         return readings
 
     def _due(self, values: Mapping[str, Any]) -> list[dict[str, Any]]:
-        """Keep what a message says; return the lines that are due with it.
+        """Keep what a message says, see `_keep`; return the lines that are due with it.
 
-        A message with a time makes one, unless it comes too soon after the last, or on the ground. The first one in the
-        air comes with the last one on the ground, at which the flight starts.
+        A message with a time makes a line, unless it comes too soon after the last line, or on the ground. The first
+        line in the air comes after the last one on the ground, at which the flight starts.
         """
-        if "home_is_item" in values:
-            self._home_is_item = values["home_is_item"]
-        if "named" in values and values["named"] is not None:
-            self._report(*values["named"])
-        if "reached" in values:
-            values = self._after(values["reached"])
-        for key, value in values.items():
-            if key not in PASSING:
-                self._known[key] = self._now_s, value
-        if velocity := values.get("velocity_mps"):
-            self._speed_mps = math.hypot(*velocity)
+        values = self._keep(values)
         time_s = values.get("time_s")
         if time_s is None:
             return []
-        # an autopilot that starts again counts from 0; messages that overtake one another are no new start
+        # an autopilot that starts again counts from 0; messages that overtake one another are no new start. The first
+        # time counts as a start, too
         restarted = self._now_s == -math.inf or time_s < self._now_s - STALE_S
         if restarted:
             self.restarts += self._now_s > -math.inf
@@ -119,7 +111,7 @@ class LineMaker:
         elif time_s < self._now_s:
             return []
         self._now_s = time_s
-        placed = "lat_deg" in values
+        placed = "lat_deg" in values  # a line without a position is made where none has come for `BLIND_S`
         if not restarted and time_s - self._line_s < (LINE_S - 1e-6 if placed else BLIND_S):
             return []
         line = self._line(values)
@@ -132,6 +124,21 @@ class LineMaker:
         if ground is not None and 0 < time_s - ground["time_s"] <= STALE_S:
             return [ground, line]
         return [line]
+
+    def _keep(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Keep what a message says for the lines to come; return it, for an item that is reached see `_after`."""
+        if "home_is_item" in values:
+            self._home_is_item = values["home_is_item"]
+        if values.get("named") is not None:
+            self._report(*values["named"])
+        if "reached" in values:
+            values = self._after(values["reached"])
+        for key, value in values.items():
+            if key not in PASSING:
+                self._known[key] = self._now_s, value
+        if velocity := values.get("velocity_mps"):
+            self._speed_mps = math.hypot(*velocity)
+        return values
 
     @property
     def landed(self) -> bool:
@@ -152,7 +159,7 @@ class LineMaker:
     # --- one line
 
     def _line(self, values: Mapping[str, Any]) -> dict[str, Any]:
-        """The line of telemetry at a message's time: what that says, and what is known of before and not old."""
+        """The line of telemetry at a message's time: what the message says, and earlier values that are not old."""
         volts = self._value("voltage_v", "status_voltage_v")
         amps = self._value("current_a", "status_current_a")
         line: dict[str, Any] = {"time_s": self._now_s}
@@ -167,7 +174,7 @@ class LineMaker:
         for key in ("airspeed_mps", "wind_mps"):
             if (value := self._value(key)) is not None:
                 line[key] = value
-        # parameters in force: as processes report them, and as the item that is flown to has them
+        # parameters in force: computations' as their processes report them, the path's as the item flown to has them
         item = self._item()
         parameters: dict[str, float | None] = {
             name: value for name, (at_s, value) in self._parameters.items() if self._is_fresh(at_s)
@@ -177,7 +184,7 @@ class LineMaker:
         if item is not None:
             if item.first == item.last:
                 line["stages_started"] = item.first
-            # None: a value is on its way to the aircraft, since its mission gets another one
+            # None where the mission is about to get other values: a value is on its way to the aircraft
             on_its_way = self.decided not in (None, item.parameters)
             path = (None if on_its_way else value for value in item.parameters)
             parameters |= dict(zip(self._plan.names, path, strict=False))
@@ -186,7 +193,7 @@ class LineMaker:
         return line
 
     def _charge(self) -> dict[str, Any]:
-        """The charge of a line: that drawn, which has finer steps, if it has ever come, else the share that remains."""
+        """The charge of a line: the charge drawn, in finer steps, if it was ever reported; else the share left."""
         consumed = self._value("consumed_ah")
         self._gauged |= consumed is not None
         return (
@@ -194,7 +201,7 @@ class LineMaker:
         )
 
     def _check_voltage(self, volts: float | None, amps: float | None, line: Mapping[str, Any]) -> None:
-        """Warn where the voltage is not that of the charge: another battery, or one that was not full."""
+        """Warn where the voltage does not fit the charge: another battery, or one that was not full."""
         battery, soc = self._battery, line.get("soc")
         if (drawn := line.get("current_consumed_ah")) is not None:
             soc = max(battery.soc - battery.drain_per_as * 3600 * drawn, 0.0)
@@ -209,7 +216,7 @@ class LineMaker:
             self._warn(f"the voltage is far {said} that of the charge: another battery, or one that was not full")
 
     def _after(self, reached: int) -> dict[str, Any]:
-        """What an item that is reached says: that the one after it is flown to; nothing where it was said before."""
+        """What an item that is reached says: that the item after it is flown to; nothing where it was said before."""
         again, self._reached = reached == self._reached, reached
         if again or reached < (self.item or 0):
             return {}
@@ -217,7 +224,7 @@ class LineMaker:
         return {"item": reached + 1 if last is None else min(reached + 1, last)}
 
     def _item(self) -> MappedItem | None:
-        """The item that is flown to, of the map; None where it has none, with a warning in the air."""
+        """The item of the map that is flown to; None where that is unknown, or, with a warning, not in the map."""
         number = self.item
         if self.items is None or number is None:
             return None
@@ -229,9 +236,9 @@ class LineMaker:
         return self.items[index]
 
     def _report(self, name: str, value: float) -> None:
-        """A computation's parameter that its process reports to be in force."""
+        """Note the value of a computation's parameter that its process reports to be in force."""
         for parameter in self._plan.parameters[self._plan.path_count :]:
-            if name in (parameter.name, parameter.label[:10]):
+            if name in (parameter.name, parameter.label[:10]):  # NAMED_VALUE_FLOAT has 10 characters for a name
                 self._parameters[parameter.name] = self._now_s, value
 
     def _flies(self) -> bool:
@@ -242,7 +249,7 @@ class LineMaker:
         return bool(self._value("armed", ages=False)) and bool(self._value("active", ages=False))
 
     def _value(self, *keys: str, ages: bool = True) -> Any:
-        """The first of some values that is known, and not old; with `ages=False` however old it is."""
+        """The value of the first key that has one that is not old, with `ages=False` of any age; None without."""
         for key in keys:
             at_s, value = self._known.get(key, (0.0, None))
             if value is not None and (not ages or self._is_fresh(at_s)):
@@ -250,5 +257,5 @@ class LineMaker:
         return None
 
     def _is_fresh(self, at_s: float) -> bool:
-        """Whether a value of a time [s] is not old."""
+        """Whether a value that came at a time [s] is not old."""
         return self._now_s - at_s <= STALE_S

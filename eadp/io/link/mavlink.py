@@ -29,19 +29,21 @@ CLIENT_S = 10.0
 """Time after which a sender that says no more is written to no more [s]."""
 
 MARKS = {0xFD: (12, 10), 0xFE: (8, 6)}
-"""First bytes of frames: the length beside the payload, and of the header."""
+"""First bytes of frames of MAVLink 2 and 1: the bytes of a frame beside its payload, and of these the header's."""
 MARK = re.compile(b"[%b]" % bytes(MARKS))
 SIGNED_BYTES = 13
+"""Bytes of a signature, at the end of a frame."""
 SIGNING_EPOCH_S, SIGNING_HZ = 1_420_070_400, 100_000
 """Signatures count in units of 10 µs from the start of 2015."""
 CHUNK_BYTES = 2048
 """Most of a datagram that is read: a frame has 280 bytes at most, and a datagram as many as fit the link."""
 READING_SHARE, BATCH_S = 0.02, 1e-3
-"""Most of a core's time that reading takes, however much is sent, and about how much of it at a time [s]."""
+"""Share of a core that reading takes at most, however much is sent, and about how long it works in one go [s]."""
 SHARE, SAVED_S = 0.05, 1.0
-"""Share of a core that all may take, if a flight as fast as the clock does not take more, and what is saved up [s]."""
+"""Share of a core that reading and planning may take, unless a flight as fast as the clock takes more; and the most of
+a core's time that is saved up [s], see `Throttle`."""
 MAX_SENDERS = 8
-"""Most addresses that are written to: whoever sends to a port that listens is one."""
+"""Most addresses that are written to: each that sends to a port that listens is one."""
 TLOG_HEAD = 8
 """Bytes of the time before each frame of a telemetry log."""
 
@@ -95,19 +97,20 @@ class Codec:
     def decoded(self, data: bytes) -> Iterator[Message]:
         """The messages wanted among bytes that have come.
 
-        Bytes between frames are passed over. On a stream, a frame that has not come whole is kept for the next call.
+        Bytes between frames are passed over. The start of a frame is kept for the next call on a stream, and passed
+        over where each part is a datagram.
         """
         data, start = self._rest + data, 0
         self._rest = b""
         while (found := MARK.search(data, start)) is not None:
             start = found.start()
             size, number = _frame(data, start)
-            if start + size > len(data) and not self._stream:
+            if start + size > len(data):
+                if self._stream:
+                    self._rest = data[start:]
+                    return
                 start += 1
                 continue
-            if start + size > len(data):
-                self._rest = data[start:]
-                return
             if number is None or number in self._wanted:
                 message = self._message(data[start : start + size])
                 if message is None:  # what looked like the start of a frame was none
@@ -117,7 +120,7 @@ class Codec:
             start += size
 
     def _message(self, frame: bytes) -> Message | None:
-        """The message of a frame; None where it is damaged or refused, which is counted."""
+        """The message of a frame; None where the frame is damaged or refused, which is counted."""
         refused_before, times = self.refused, dict(self._signing.stream_timestamps)
         try:
             decoded = self._mav.decode(bytearray(frame))
@@ -139,13 +142,14 @@ class Codec:
 
 
 def _frame(data: bytes, start: int) -> tuple[int, int | None]:
-    """Length of the frame that starts there, 0 where none does; and its message's number.
+    """Length in bytes of the frame that starts at `start`, and its message's number; 0 and None where none starts.
 
-    The number is None where the header has not come whole: the length is that of the header then.
+    Where the header has not come whole, the header's length and None.
     """
     if data[start] not in MARKS:
         return 0, None
     beside, header = MARKS[data[start]]
+    # the second byte is the length of the payload; the third, of MAVLink 2, has a flag for a signature
     if start + header > len(data):
         return header, None
     size = data[start + 1] + beside
@@ -162,7 +166,7 @@ def require_pymavlink(option: str, value: str) -> None:
 
 
 class Throttle:
-    """Lets work through at some rate always, and at any rate as long as this thread takes a share of a core at most.
+    """Lets pieces of work through: at any rate while this thread takes `SHARE` of a core at most, else one an interval.
 
     Parameters
     ----------
@@ -176,7 +180,7 @@ class Throttle:
 
     def passes(self) -> bool:
         """Whether a piece of work is let through now."""
-        # time of the core that is saved up: it grows by SHARE of the time that passes, less what this thread has worked
+        # the core's time that is saved up grows by SHARE of the time that passes, and falls by what this thread works
         now_s, worked_s = time.monotonic(), time.thread_time()
         self._left_s = min(self._left_s + SHARE * (now_s - self._looked_s), SAVED_S) - (worked_s - self._worked_s)
         self._looked_s, self._worked_s = now_s, worked_s
@@ -231,9 +235,9 @@ class Link:
         return self._codec.refused
 
     def receive(self, timeout_s: float) -> list[Message]:
-        """Messages that have come, waiting for the first for a time [s]; for `BATCH_S` of work at most.
+        """The messages that come within a time [s], from the first on as many as `BATCH_S` of work reads.
 
-        It pauses before the next call, so that reading takes `READING_SHARE` of a core at most.
+        The next call starts with a pause, so that reading takes `READING_SHARE` of a core at most.
         """
         time.sleep(max(0.0, self._pause_to_s - time.monotonic()))
         messages: list[Message] = []
@@ -250,9 +254,9 @@ class Link:
         return messages
 
     def _limit_senders(self) -> None:
-        """Write to `MAX_SENDERS` addresses at most: where more have sent, to those known before.
+        """Write to `MAX_SENDERS` addresses at most: where more have sent, to the addresses known before.
 
-        pymavlink writes to all in `clients`.
+        pymavlink writes to all of its set `clients`, which is changed here.
         """
         senders: set[Any] = getattr(self._port, "clients", set())
         if len(senders) > MAX_SENDERS:
@@ -271,9 +275,9 @@ class Link:
 
 
 def _checked(address: str) -> dict[str, Any]:
-    """An address as pymavlink's arguments, refused unless it is of a known kind.
+    """An address as pymavlink's arguments, refused unless it is of a kind in `ALLOWED` or a serial device.
 
-    Given others, pymavlink would run some files, and take others for logs.
+    Of other names pymavlink would run some files, and take others for logs.
     """
     if address.startswith(ALLOWED):
         if not re.fullmatch(r"[a-z]+:[^:]+:[0-9]{1,5}", address):
@@ -310,7 +314,10 @@ def read_key(path: str) -> bytes:
 
 
 def tlog_messages(data: bytes, wanted: frozenset[str]) -> Iterator[Message]:
-    """The messages wanted of a telemetry log: frames, each after its time; what is neither is passed over."""
+    """The messages wanted of a telemetry log: frames, each after its time; other bytes are passed over.
+
+    A frame counts that another one, or the end of the file, follows.
+    """
     codec, start = Codec(wanted), 0
     while start + TLOG_HEAD < len(data):
         size, _ = _frame(data, start + TLOG_HEAD)

@@ -25,10 +25,10 @@ PICTURES = ("CAMERA_FEEDBACK", "CAMERA_TRIGGER", "CAMERA_IMAGE_CAPTURED")
 """Messages of a picture that was taken; recordings have them."""
 ARDUPILOT, PX4 = 3, 12
 NO_AUTOPILOT, NOT_AIRCRAFT = 8, (5, 6, 18, 26, 27, 30)
-"""The autopilot of what is none, and types that are none: antenna tracker, ground station, computer, gimbal, ADS-B,
-camera."""
+"""A heartbeat's `autopilot` of senders that are no autopilot, and its `type` of what is no aircraft: antenna tracker,
+ground station, computer, gimbal, ADS-B receiver, camera."""
 COPTERS, COPTER_MISSION, PLANE_MISSION, PX4_MISSION = (2, 3, 4, 13, 14, 15, 29, 35), 3, 10, (4, 4)
-"""ArduPilot's types of copters, its modes AUTO, and PX4's main and sub-mode AUTO, MISSION."""
+"""ArduPilot's types of copters, its modes AUTO of copters and of planes, and PX4's main mode AUTO, sub-mode MISSION."""
 
 
 # what each message says, see `READERS`
@@ -61,7 +61,7 @@ def _battery(fields: Fields) -> Values:
 
 
 def _status(fields: Fields) -> Values:
-    """Voltage, current and share that remains, by which those of `_battery` are replaced where they do not come."""
+    """Voltage, current and share that remains, which stand in for those of `_battery` where these do not come."""
     volts, amps, share = fields["voltage_battery"], fields["current_battery"], fields["battery_remaining"]
     return {
         "status_voltage_v": None if volts in (0, UNKNOWN_16) else volts / 1e3,
@@ -79,13 +79,13 @@ def _wind(fields: Fields) -> Values:
 
 
 def _item(fields: Fields) -> Values:
-    """The item that is flown to, and how many there are; 0, of older autopilots, is unknown."""
+    """The number of the item that is flown to, and how many items there are; 0, of older autopilots, is unknown."""
     count = fields.get("total", 0)
     return {"item": fields["seq"], "item_count": None if count == 0 else count}
 
 
 def _heartbeat(fields: Fields) -> Values:
-    """Whether motors are armed, the mission is flown, the system is active; and whether item 0 is home."""
+    """Whether motors are armed, the autopilot flies its mission, the system is active, and whether item 0 is home."""
     return {
         "armed": bool(fields["base_mode"] & ARMED),
         "automatic": _flies_mission(fields),
@@ -115,22 +115,22 @@ def _landed(fields: Fields) -> Values:
 
 
 def _named(fields: Fields) -> Values:
-    """A named value: what a process on board runs with."""
+    """A named value, that of a parameter that a process on board runs with: its name, and the value."""
     return {"named": (_text(fields["name"]), fields["value"])}
 
 
 def _parameter(fields: Fields) -> Values:
-    """A parameter of the autopilot."""
+    """A parameter of the autopilot: its name and value."""
     return {"parameter": (_text(fields["param_id"]), fields["param_value"])}
 
 
 def _text(name: str | bytes) -> str:
-    """A name as text: it is filled up with zeros."""
+    """A name as text, without the zeros that fill it up."""
     return (name if isinstance(name, str) else bytes(name).decode("ascii", "replace")).rstrip("\0")
 
 
 def _answer(fields: Fields) -> Values:
-    """The answer to a command: that, and its result."""
+    """The answer to a command: the command's number, and the result, 0 where it is accepted."""
     return {"answer": (fields["command"], fields["result"])}
 
 
@@ -153,7 +153,7 @@ READERS: dict[str, Callable[[Fields], Values]] = {
 """The messages that are read, and what each says."""
 
 TIMED = ("GLOBAL_POSITION_INT", "SYSTEM_TIME")
-"""The messages that have a time, and so make lines."""
+"""The messages that have the autopilot's time, and so make lines."""
 
 WANTED = frozenset(READERS) | PROTOCOL
 
@@ -164,7 +164,7 @@ def values_of(kind: str, fields: Fields) -> Values:
 
 
 def finite(value: Any) -> Any:
-    """A value, None where a number of it is not finite."""
+    """A value of a message; None where it is, or has, a number that is not finite; a tuple is a name and a value."""
     if isinstance(value, float):
         return value if is_number(value) else None
     if isinstance(value, list):

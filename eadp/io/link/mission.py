@@ -11,10 +11,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from eadp.io.link.mavlink import is_number
-from eadp.io.mission.draft import FRAMES, ITEMS_LIMIT, MissionItem
+from eadp.io.mission.draft import GLOBAL_FRAMES, ITEMS_LIMIT, MissionItem
 
 RETRY_S, ITEM_RETRY_S, MAX_TRIES = 1.5, 0.25, 6
-ACCEPTED, INVALID_SEQUENCE = 0, 13
+"""Time after which a request, and one of an item, is repeated [s]; how often it is sent at most."""
+ACCEPTED, NO_SPACE, INVALID_SEQUENCE = 0, 4, 13
+"""How a transfer ended, or what is wrong with it: `type` of MISSION_ACK."""
 SCALE = 1e7
 """Positions are sent in units of 1e-7 degrees."""
 
@@ -51,10 +53,10 @@ class MissionClient:
     def __init__(self) -> None:
         self.messages: list[Outgoing] = []
         self._request = Outgoing("", {})  # waits for an answer
-        self._due_s, self._tries = 0.0, 0  # when it is repeated [s], and how often it was sent
-        self._received: list[MissionItem] | None = None  # while reading: the items that have come
-        self._count: int | None = None  # and how many there are
-        self._sent: dict[int, MissionItem] | None = None  # while writing: the items by number
+        self._due_s, self._tries = 0.0, 0  # when the request is repeated [s], and how often it was sent
+        self._received: list[MissionItem] | None = None  # while reading, else None: the items that have come
+        self._count: int | None = None  # while reading: how many items there are; None before the autopilot says it
+        self._sent: dict[int, MissionItem] | None = None  # while writing, else None: the items by number
 
     @property
     def busy(self) -> bool:
@@ -91,7 +93,7 @@ class MissionClient:
         return None
 
     def tick(self, now_s: float) -> Received | Sent | None:
-        """Repeat what is not answered; give up after `MAX_TRIES`, and return that as the end of the transfer."""
+        """Repeat a request that is not answered in time; after `MAX_TRIES` give up, and return the transfer's end."""
         if not self.busy or now_s < self._due_s:
             return None
         if self._tries < MAX_TRIES:
@@ -105,13 +107,17 @@ class MissionClient:
     def _receive(
         self, received: list[MissionItem], kind: str, fields: Mapping[str, Any], now_s: float
     ) -> Received | Sent | None:
-        """Take a message of a reading: the number of items, or the next item; ask for the one after it.
+        """Take a message of a reading: the number of items, or the next item; ask for the item after it.
 
-        Returns what was read once the last has come, or the reading has failed; else None. Others, and items out
-        of order, are passed over: what is not answered is repeated.
+        Returns what was read once the last item has come, or the reading has failed, as it does where there are more
+        items than `ITEMS_LIMIT` and home; else None. Other messages, and items out of order, are passed over: a request
+        that is not answered is repeated.
         """
         if kind == "MISSION_COUNT" and self._count is None:
-            self._count = min(fields["count"], ITEMS_LIMIT)
+            if fields["count"] > ITEMS_LIMIT + 1:
+                self.messages.append(Outgoing("MISSION_ACK", {"type": NO_SPACE}))
+                return self._end()
+            self._count = fields["count"]
         elif kind == "MISSION_ITEM_INT" and self._count is not None and fields["seq"] == len(received):
             received.append(_item(fields))
         elif kind == "MISSION_ACK" and fields["type"] != ACCEPTED:
@@ -142,8 +148,8 @@ class MissionClient:
 
 
 def _fields(number: int, item: MissionItem) -> dict[str, Any]:
-    """The fields of the message of an item: degrees as whole numbers, see `SCALE`."""
-    factor = SCALE if item.frame in FRAMES else 1.0
+    """The fields of MISSION_ITEM_INT for an item, numbered from 0: degrees as whole numbers, see `SCALE`."""
+    factor = SCALE if item.frame in GLOBAL_FRAMES else 1.0
     *numbers, x, y, z = item.parameters
     return {
         "seq": number,
@@ -159,7 +165,7 @@ def _fields(number: int, item: MissionItem) -> dict[str, Any]:
 
 
 def _item(fields: Mapping[str, Any]) -> MissionItem:
-    """The mission item that a message MISSION_ITEM_INT holds, its place in degrees where its frame is a global one."""
-    factor = SCALE if fields["frame"] in FRAMES else 1.0
+    """The mission item of a message MISSION_ITEM_INT, its position in degrees where its frame is a global one."""
+    factor = SCALE if fields["frame"] in GLOBAL_FRAMES else 1.0
     values = (*(fields[f"param{k}"] for k in range(1, 5)), fields["x"] / factor, fields["y"] / factor, fields["z"])
     return MissionItem(fields["command"], fields["frame"], tuple(v if is_number(v) else math.nan for v in values))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from eadp.io.mission.autopilot import AutopilotParameter
 
 ASKED = 3
-"""How often a name is asked for; then that of older versions is."""
+"""How often a name is asked for; then its name in older versions is, as often."""
 
 
 class ParameterCheck:
@@ -19,8 +19,9 @@ class ParameterCheck:
     """
 
     def __init__(self, wanted: Sequence[AutopilotParameter]) -> None:
-        # those that have not come; what of the others disagrees; how often names were asked for
-        self._left, self._differences, self._rounds = list(wanted), list[str](), 0
+        self._left = list(wanted)  # parameters that have not come
+        self._differences = list[str]()  # of each that has come, how it disagrees, empty where it does not
+        self._rounds = 0  # how often names were asked for
 
     def take(self, name: str, value: float) -> None:
         """Compare a parameter that has come, if it is one of those wanted."""
@@ -29,14 +30,14 @@ class ParameterCheck:
             self._differences.append(each.difference(name, value))
 
     def names(self) -> list[str]:
-        """The names to ask for now: `ASKED` times each name that has not come, then as often its older one, if any."""
+        """The names to ask for now: of parameters that have not come, `ASKED` times the name, then the older name."""
         self._rounds += 1
         if self._rounds <= ASKED:
             return [each.name for each in self._left]
         return [each.older for each in self._left if each.older] if self._rounds <= 2 * ASKED else []
 
     def result(self) -> str:
-        """What disagrees, once all has come that comes; empty before, and after it was given."""
+        """What disagrees, once all parameters have come or no more are asked for; empty before, and at later calls."""
         if self._left and self._rounds <= 2 * ASKED:
             return ""
         text, self._differences = "; ".join(filter(None, self._differences)), []

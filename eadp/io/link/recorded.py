@@ -39,9 +39,9 @@ _TRIGGER_CONTROL = 2003
 
 
 def _battery(row: Row, volts: str, amps: str, consumed_mah: str, remaining: str, full: float) -> Values:
-    """What a row says of the battery, by the labels of its columns; `full` is what remains of a full one.
+    """What a row says of the battery, by the labels of its columns; `full` is what remains of a full battery.
 
-    What the log says it does not know is None. A column that it does not have is NaN, which `finite` leaves out.
+    None is what the autopilot did not know. NaN is a column that the log does not have; `finite` makes it None.
     """
     volts_v, current_a, mah, share = (row.get(label, _UNKNOWN) for label in (volts, amps, consumed_mah, remaining))
     return {
@@ -68,13 +68,13 @@ def _position(latitude: str, longitude: str) -> Callable[[Row], Values]:
 
 
 def _item(row: Row) -> Values:
-    """What a command that starts says: of the camera, and if it moves the aircraft, that its item is flown to."""
+    """What the row of a command that starts says: whether pictures are taken, and the item flown to if it is one."""
     switched = _switched(row["CId"], row.get("Prm1", _UNKNOWN))
     return switched | ({"item": int(row["CNum"])} if row["CId"] <= _NAV_LAST else {})
 
 
 def _switched(command: float, value: float) -> Values:
-    """What a command says of the camera: a distance between pictures, or its trigger, above 0 where it is on."""
+    """Whether pictures are taken from a command on: its value, a distance or a switch, is above 0. Empty for others."""
     return {CAMERA: value > 0} if command in (TRIGGER_DISTANCE, _TRIGGER_CONTROL) else {}
 
 
@@ -91,7 +91,7 @@ class _Mission:
         self._items: list[MissionItem] = []
 
     def read(self, row: Row) -> Values:
-        """Take the row of an item; with the last one of a mission, say which the autopilot holds, home aside."""
+        """Take the row of an item; with the last item of a mission, return all of them, home aside, else nothing."""
         number = int(row["CNum"])
         if number == 0:  # another mission
             self._items = []
@@ -132,14 +132,15 @@ _DATAFLASH: dict[str, Callable[[Row], Values]] = {
     "XKF2": lambda row: {"wind_mps": [row["VWE"], row["VWN"]]},
     "POS": _position("Lat", "Lng"),
 }
-"""What a row of a topic says. At equal times, in this order: positions, which make lines, are last."""
+"""What a row of each topic says. Rows of one time are taken in this order: positions, which make lines, are last."""
 _POSITIONS = ("vehicle_global_position", "POS")
 
 _MOTION = {
     "ulog": (("vehicle_local_position", "vy", "vx", "heading", np.degrees(1.0)),),
     "dataflash": (("NKF1", "VE", "VN", "Yaw", 1.0), ("XKF1", "VE", "VN", "Yaw", 1.0)),
 }
-"""Topics of the velocity: east, north, the heading, and its unit [°]. The last that a log has is taken."""
+"""Topics of the velocity: the labels of east, north and the heading, and the heading's unit [°]. The last topic that a
+log has is taken."""
 
 
 def log_values(path: str, form: str) -> Iterator[Values]:
@@ -187,7 +188,7 @@ def log_values(path: str, form: str) -> Iterator[Values]:
 
 
 def _tlog_values(path: str) -> Iterator[Values]:
-    """What the first autopilot of a telemetry log says, and the pictures of its aircraft."""
+    """What the messages of the first autopilot in a telemetry log say, and the pictures of its aircraft."""
     check_readable(path, path, "pymavlink", "a telemetry log")
     source: tuple[int, int] | None = None
     for kind, system, component, fields in tlog_messages(Path(path).read_bytes(), frozenset((*READERS, *PICTURES))):
@@ -203,7 +204,7 @@ def _tlog_values(path: str) -> Iterator[Values]:
 
 
 def _first_instance(table: Table) -> Table:
-    """A topic with its times [s], of its first instance alone; empty where it has none."""
+    """The rows of a topic that are of its first instance, with a column `time_s`; empty where it has no times."""
     times = next((table[label] for label in ("timestamp", "TimeUS") if label in table), None)
     if times is None:
         return {}
@@ -213,7 +214,7 @@ def _first_instance(table: Table) -> Table:
 
 
 def _moving(positions: Table, tables: dict[str, Table], form: str) -> Table:
-    """Positions with the velocity, the heading and the altitude at their times."""
+    """A table of positions, to which the velocity, heading and altitude at their times are added, by `_MOTION`."""
     for topic, east, north, heading, unit_deg in _MOTION[form]:
         motion = tables.get(topic, {})
         if positions and {east, north, heading} <= motion.keys() and len(motion["time_s"]):

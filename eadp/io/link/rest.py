@@ -27,9 +27,12 @@ class RestLayout:
         self._plan, self._airspeed_mps = plan, airspeed_mps
 
     def altitude_fault(self, held: Sequence[MissionItem]) -> str | None:
-        """Why the altitudes of items cannot be kept: new items are above home, at the altitude of the others."""
+        """Why new items cannot have the altitudes of the items held, None where they can.
+
+        New items are above home, all at one altitude, but where the plan's stages have altitudes of their own.
+        """
         placed = [item for item in held if item.placed]
-        if any(d.FRAMES[item.frame] != d.RELATIVE for item in placed):
+        if any(d.GLOBAL_FRAMES[item.frame] != d.RELATIVE for item in placed):
             return "altitudes of the mission are not above home"
         at_one_altitude = all(stage.altitude_m is None for stage in self._plan.stages)
         if at_one_altitude and len({round(item.altitude_m, 1) for item in placed}) > 1:
@@ -39,14 +42,14 @@ class RestLayout:
     def after(
         self, held: Sequence[MissionItem], mapped: Sequence[MappedItem], planned: PlannedLegs, *, px4: bool
     ) -> tuple[int, list[MappedItem]]:
-        """How many of the items held stay, and those that follow.
+        """The number of items held that stay, the first ones, and the new items that follow them.
 
         Parameters
         ----------
         held, mapped : sequence
-            The items that are held, home aside, and the stages of each, counted over the whole flight; in order.
+            The items that are held, home aside, and the stages of each; in order.
         planned : PlannedLegs
-            What is left to fly.
+            What is left to fly, from the stage being flown on.
         px4 : bool
             Whether turns are waypoints, see `mission_items`.
 
@@ -55,8 +58,9 @@ class RestLayout:
         PathUndefined
             If it cannot be laid out.
         """
-        # items up to the stage being flown stay; new ones follow the last stage that those are of
+        # stages count from 1; `started` is the one being flown; `mapped` is in order, so that the count is a prefix
         kept = sum(each.first <= planned.started for each in mapped)
+        # new items follow the last stage that an item that stays leads along: `left` is without its leg, too
         last_stage = max([planned.started, *(each.last for each in mapped[:kept])])
         left = planned.after(last_stage - planned.started + 1)
         if not any(leg.distance_m > 0 for leg in left.legs):
@@ -77,7 +81,8 @@ class RestLayout:
         return kept, mapped_items(mission_items(path, flying=True, px4=px4), left, self._plan.path_count)
 
     def _trigger_distance_m(self, held: Sequence[MissionItem]) -> float | None:
-        """Distance between pictures of a mission that takes them all the way; None where the stages say it [m]."""
+        """Distance between pictures, for a mission that takes them all the way [m]; None without, or where stages have
+        commands for it."""
         if any(command[0] == d.TRIGGER_DISTANCE for stage in self._plan.stages for command in stage.commands):
             return None
         distances = (item.parameters[0] for item in held if item.command == d.TRIGGER_DISTANCE)

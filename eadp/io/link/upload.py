@@ -25,7 +25,8 @@ from eadp.models.plan.route import PlannedLegs
 SETTLED_S = 5.0
 """Time in which an autopilot goes back to the item that it flew to, after an upload [s]."""
 AGAIN_S, RECHECK_S = 10.0, 60.0
-"""Time after which what failed is tried again, and a mission that is not known is read again; and one that is [s]."""
+"""Time after which what failed is tried again, as is the reading of an unknown mission; and after which a known mission
+is read again [s]."""
 SINGLE = 1e-6
 """Relative error of numbers that were sent in single precision."""
 WHOLE_M = 10.0
@@ -96,22 +97,26 @@ class _Upload(NamedTuple):
 
 
 class _ItemFlown:
-    """The item that the aircraft flies to, which some autopilots start again from the first of after an upload."""
+    """The item that the aircraft flies to, as the autopilot numbers it.
+
+    After an upload some autopilots start again from the first item: they are sent back to the item of before.
+    """
 
     def __init__(self) -> None:
         self.item: int | None = None
+        """The item flown to, None where it is unknown."""
         self._beyond: int | None = None
-        """The last one flown to beyond the first item of the mission."""
+        """The last item flown to other than the first of the mission."""
         self._resume: tuple[int, float] | None = None
-        """After an upload: the one to fly to, and until when an autopilot may be sent back to it [s]."""
+        """After an upload: the item to fly to, and until when an autopilot may be sent back to it [s]."""
 
     def uploaded(self, now_s: float) -> None:
-        """Note the end of an upload: the item flown to before it is to be flown to on."""
+        """Note the end of an upload: the item flown to before it is still the one to fly to."""
         if self._beyond is not None:
             self._resume = self._beyond, now_s + SETTLED_S
 
     def take(self, item: int | None, first: int, now_s: float) -> int | None:
-        """Take the item that is flown to; return the one to go back to, None but where the autopilot started again.
+        """Take the item that is flown to; return the item to go back to where the autopilot started again, else None.
 
         `first` is the number of the first item of the mission.
         """
@@ -124,15 +129,15 @@ class _ItemFlown:
         if now_s > until_s:
             self._resume = None
             return None
-        # started again: at the first item; to any other one a pilot may have gone back
+        # an autopilot that started again is at the first item; to any other item a pilot may have gone back
         return number if item is not None and item <= first < number else None
 
 
 class HeldMission:
     """What the autopilot holds, as a state machine (`State`): each event returns what is to be done.
 
-    UNKNOWN → READING → HELD; where the path decided is another → CHECKING → CHECKED → UPLOADING → VERIFYING → HELD, or
-    REFUSED or TORN, from which it is tried again.
+    UNKNOWN → READING → HELD. Where another path is decided: HELD → CHECKING → CHECKED → UPLOADING → VERIFYING → HELD,
+    or REFUSED or TORN, from which the upload is tried again.
 
     Parameters
     ----------
@@ -142,7 +147,7 @@ class HeldMission:
     items : sequence of MappedItem
         The map of the mission that was exported.
     latest : sequence of MappedItem, optional
-        That of the last mission that was uploaded, if one was.
+        The map of the last mission that was uploaded, if one was.
 
     Attributes
     ----------
@@ -159,11 +164,12 @@ class HeldMission:
         # maps: of the mission exported, and of the one that the autopilot holds, or held last
         self._exported, self._items = list(items), list(items if latest is None else latest)
         self._held: list[MissionItem] | None = None
-        """As read from the autopilot, home included where it has one; None where it is not one of these."""
+        """The items as read, home included where the autopilot has one; None where the mission is of neither map."""
         self._upload: _Upload | None = None
         self._takes_parts = True  # until the autopilot has refused a partial upload
         self._uploaded: tuple[float, ...] | None = None  # path parameters of the mission held, where it was uploaded
-        self._count: int | None = None
+        self._count: int | None = None  # the number of items that the autopilot said last
+        # when something is tried again in this state, and the time of the present event [s]
         self._again_s, self._now_s = math.inf, 0.0
         self._flown = _ItemFlown()
         self._outputs: list[Output] = []
@@ -171,14 +177,14 @@ class HeldMission:
     # --- events
 
     def read(self, now_s: float) -> list[Output]:
-        """Have the autopilot's mission read, and then judged: whether it is that of the map."""
+        """Have the autopilot's mission read; once it has come it is judged, see `_judge`."""
         if not self._client.busy:
             self._go(State.READING if self._upload is None else State.VERIFYING)
             self._client.download(now_s)
         return self._done()
 
     def count(self, items: int | None, now_s: float) -> list[Output]:
-        """Take the number of items that the autopilot says it holds; have them read again where it is another one."""
+        """Take the number of items that the autopilot says it holds; have the mission read again where that changes."""
         if items == self._count or self._client.busy:
             return []
         before, self._count = self._count, items
@@ -191,7 +197,7 @@ class HeldMission:
         return self._done()
 
     def tick(self, now_s: float, item: int | None) -> list[Output]:
-        """Repeat what is not answered, or is to be tried again; `item` is the one that is flown to."""
+        """Repeat a request that is not answered, and what is due to be tried again; `item` is the item flown to."""
         self._now_s = now_s
         self._ended(self._client.tick(now_s))
         if self._state in (State.UNKNOWN, State.HELD) and now_s >= self._again_s:
@@ -201,15 +207,16 @@ class HeldMission:
         return self._done()
 
     def decide(self, now_s: float, decided: tuple[float, ...], rest: Rest) -> list[Output]:
-        """Take the path parameters decided: have the rest of the mission replaced where it has others.
+        """Take the path parameters decided: have the rest of the mission replaced where its parameters are others.
 
-        The mission is read first (CHECKING); once that is done, the next decision lays the rest out and sends it.
+        The mission is read first (CHECKING); when it has come (CHECKED), the next decision lays the rest out and sends
+        it.
         """
         self._now_s = now_s
         waits = self._state is State.REFUSED and now_s < self._again_s
         if self._state in (State.HELD, State.REFUSED, State.CHECKED, State.TORN) and not waits:
             if self._has(decided):
-                if self._state is not State.HELD:  # else it stays to be read again when that is due
+                if self._state is not State.HELD:  # HELD already: the time of its next reading stays
                     self._go(State.HELD, RECHECK_S)
             elif self._state is State.CHECKED:
                 self._send(decided, rest)
@@ -221,7 +228,7 @@ class HeldMission:
         return self._done()
 
     def gets(self, decided: tuple[float, ...] | None) -> bool:
-        """Whether the mission has the path parameters decided, or they are on their way."""
+        """Whether the mission has the path parameters decided, or an upload with them is under way or due."""
         replacing = self._state in REPLACING or self._upload is not None
         return self._held is not None and (replacing or self._has(decided))
 
@@ -239,11 +246,11 @@ class HeldMission:
         return outputs
 
     def _go(self, state: State, again_s: float = math.inf) -> None:
-        """Enter a state, in which something is tried again after a time [s]."""
+        """Enter a state, and set after what time its next try, or reading, is due [s]."""
         self._state, self._again_s = state, self._now_s + again_s
 
     def _ended(self, transfer: Received | Sent | None) -> None:
-        """Go on after the end of a transfer, if one has ended: what was sent is read back, what was read is judged."""
+        """Go on after a transfer, if one has ended: what was sent is read back, what was read is judged."""
         if isinstance(transfer, Sent):
             self._flown.uploaded(self._now_s)
             self._go(State.VERIFYING)
@@ -256,7 +263,10 @@ class HeldMission:
                 self._judge(held)
 
     def _judge(self, held: list[MissionItem] | None) -> None:
-        """See which mission the autopilot holds: the one uploaded, the one before, parts of both, or another."""
+        """See which mission an autopilot holds by the items read, None where they could not be; enter the state for it.
+
+        After an upload see `_judge_upload`. Else it is the mission of one of the two maps, or another one.
+        """
         if held is None:
             self._go(State.UNKNOWN, AGAIN_S)
             self._outputs.append(Warned("mission cannot be read: read again each 10 s, and taken as that of before"))
@@ -274,8 +284,9 @@ class HeldMission:
         self._lose("another mission than that of --items is held: the stage is found by the position")
 
     def _judge_upload(self, upload: _Upload, held: list[MissionItem], before: list[MissionItem]) -> None:
-        """See what an upload has left: the new mission, the one before, the first items of the new one, or another."""
-        new = self._shared(held, upload.items)
+        """See what an upload has left: the new mission, the one before, the start of the new one before the rest of the
+        old one, or another."""
+        new = self._shared(held, upload.items)  # how many items, from the first on, are those of the new mission
         if new == len(held) == len(upload.items):
             self._count = None
             self._hold(held, upload.mission, upload.decided)
@@ -284,7 +295,7 @@ class HeldMission:
             self._takes_parts = self._takes_parts and not upload.partial
             self._refuse("new mission refused; the old one is kept")
         elif self._equal(held[new:], before[new : len(held)], home=False):
-            # torn; it is flown meanwhile, as it is: by the map of both
+            # torn: until it is sent again it is flown as it is, by the start of the new map and the rest of the old one
             mixed = [*upload.mission[: new - self._home], *self._items[new - self._home :]]
             self._count = None
             self._hold(held, mixed[: len(held) - self._home], None, State.TORN)
@@ -299,27 +310,27 @@ class HeldMission:
         uploaded: tuple[float, ...] | None,
         state: State = State.HELD,
     ) -> None:
-        """Note the mission that is held, with its map, and the path parameters that it was uploaded with, if it was."""
+        """Note the mission that is held, its map, and the path parameters that it was uploaded with, if it was."""
         self._held, self._items, self._uploaded = held, items, uploaded
         self._go(state, RECHECK_S)
         self._outputs.append(Mapped(items))
 
     def _lose(self, what: str) -> None:
-        """Note that another mission is held, with a warning: no map holds."""
+        """Note, with a warning, that a mission is held that no map is of."""
         self._held = None
         self._go(State.UNKNOWN, AGAIN_S)
         self._outputs += [Warned(what), Mapped(None)]
 
     def _refuse(self, why: str) -> None:
-        """Note that the rest could not be replaced, with a warning."""
+        """Note, with a warning, that the rest of the mission is not replaced."""
         self._go(State.REFUSED, AGAIN_S)
         self._outputs.append(Warned(why))
 
     def _has(self, decided: tuple[float, ...] | None) -> bool:
         """Whether the mission that is held has these path parameters.
 
-        It has if it was uploaded with them, or else if the items of the stages ahead have them: of those after the
-        stage being flown, or where it is not known, the last item.
+        A mission that was uploaded has the parameters that it was uploaded with. Another one has them if all items
+        after the stage being flown have; where that stage is not known, if the last item has.
         """
         if self._state is State.TORN:
             return False
@@ -348,7 +359,8 @@ class HeldMission:
         items = [*self._held[:first], *(each.item for each in new)]
         # ArduPilot takes a part of a mission, if the number of items stays
         partial = self._takes_parts and self.ardupilot and len(items) == len(self._held) and bool(new)
-        laid_out = planned.parameters[-1][: len(decided)]  # a parameter that was held may be asked for anew meanwhile
+        # the parameters laid out may be others than those decided: one that was held may be asked for anew meanwhile
+        laid_out = planned.parameters[-1][: len(decided)]
         self._upload = _Upload(items, [*self._items[:kept], *new], laid_out, partial)
         self._go(State.UPLOADING)
         self._client.upload(self._now_s, items, first, partial=partial)
@@ -366,21 +378,23 @@ class HeldMission:
 
 
 def _equal(held: Sequence[MissionItem], written: Sequence[MissionItem]) -> bool:
-    """Whether items held are those written, in all numbers, and as many."""
+    """Whether the items held are the items written: the same number of items, and the same numbers in each."""
     return same_items(written, held) and all(map(_is_same, held, written))
 
 
 def _is_same(held: MissionItem, written: MissionItem) -> bool:
-    """Whether an item is the one written, as an autopilot keeps it: one without a position has any frame."""
+    """Whether an item held is the one written, as far as an autopilot keeps it.
+
+    The frame and the altitude count for an item with a position alone.
+    """
     numbers = list(zip(held.parameters[:4], written.parameters[:4], strict=True))
-    # the radius of a loiter is rounded, see `WHOLE_M`
+    # the radius of a loiter, the third number, is rounded, see `WHOLE_M`
     if written.command == d.LOITER_TURNS:
         held_m, written_m = numbers.pop(2)
         if not abs(held_m - written_m) < (WHOLE_M if abs(written_m) > 255 else 1.0):
             return False
-    # with a position: the frame, and the altitude beside the first four numbers
-    if written.frame in d.FRAMES:
-        if d.FRAMES.get(held.frame) != d.FRAMES[written.frame]:
+    if written.frame in d.GLOBAL_FRAMES:
+        if d.GLOBAL_FRAMES.get(held.frame) != d.GLOBAL_FRAMES[written.frame]:
             return False
         numbers.append((held.altitude_m, written.altitude_m))
     return all(

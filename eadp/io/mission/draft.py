@@ -26,8 +26,8 @@ CIRCLE_CORNERS, MAX_FENCE_M = 32, 1e6
 """Corners of a round fence, and its largest radius [m]."""
 
 ABSOLUTE, RELATIVE, TERRAIN, NO_POSITION = 0, 3, 10, 2
-FRAMES = {0: ABSOLUTE, 5: ABSOLUTE, 3: RELATIVE, 6: RELATIVE, 10: TERRAIN, 11: TERRAIN}
-"""Frames of positions: the altitude is above the sea, above home, or above ground."""
+GLOBAL_FRAMES = {0: ABSOLUTE, 5: ABSOLUTE, 3: RELATIVE, 6: RELATIVE, 10: TERRAIN, 11: TERRAIN}
+"""Frames whose positions are in degrees, and what their altitude is above: the sea, home, or the ground."""
 
 
 class MissionItem(NamedTuple):
@@ -44,7 +44,7 @@ class MissionItem(NamedTuple):
     @property
     def placed(self) -> bool:
         """Whether it has a position; one at 0, 0 is where the aircraft is."""
-        return self.frame in FRAMES and any(self.parameters[4:6])
+        return self.frame in GLOBAL_FRAMES and any(self.parameters[4:6])
 
     @property
     def altitude_m(self) -> float:

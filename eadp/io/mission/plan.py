@@ -114,7 +114,7 @@ class MissionPlan:
         elif latitude == longitude == 0:
             first = next((item for item in self.draft.items if _is_placed(item)), None)
             above_sea = [
-                item for item in self.draft.items if _is_placed(item) and d.FRAMES.get(item.frame) == d.ABSOLUTE
+                item for item in self.draft.items if _is_placed(item) and d.GLOBAL_FRAMES.get(item.frame) == d.ABSOLUTE
             ]
             if first is not None and not above_sea:
                 self.draft.home = (*first.parameters[4:6], 0.0)
@@ -154,8 +154,8 @@ class MissionPlan:
     def _check_position(self, index: int, item: DraftItem) -> None:
         (latitude, longitude, altitude), at = item.parameters[4:], item.locations
         self.points[index] = None
-        if item.frame not in d.FRAMES:
-            self._fault(at[1], item, f"the frame {item.frame}", f"one of {', '.join(map(str, d.FRAMES))}")
+        if item.frame not in d.GLOBAL_FRAMES:
+            self._fault(at[1], item, f"the frame {item.frame}", f"one of {', '.join(map(str, d.GLOBAL_FRAMES))}")
         if math.isnan(latitude) or math.isnan(longitude):
             if item.command not in _HERE_IF_NULL:
                 self._fault(at[6], item, "no coordinates", "a latitude and a longitude")
@@ -308,7 +308,7 @@ class MissionPlan:
         altitude = item.parameters[6]
         if item.command == d.RETURN or math.isnan(altitude):
             return before
-        frame = d.FRAMES[item.frame]
+        frame = d.GLOBAL_FRAMES[item.frame]
         if frame == d.TERRAIN and self._zero_m is not None:
             if self._terrain is not None:
                 return round(altitude + float(self._terrain.known_m(np.array([place]))[0]) - self._zero_m, 2)

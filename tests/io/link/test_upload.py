@@ -23,11 +23,11 @@ from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import InputError
 from eadp.io.link.mavlink import Codec
 from eadp.io.link.messages import WANTED
-from eadp.io.link.mission import MissionClient
+from eadp.io.link.mission import MissionClient, Outgoing, Received
 from eadp.io.link.rest import RestLayout
 from eadp.io.link.upload import RECHECK_S, _equal
 from eadp.io.mission.autopilot import wanted_parameters
-from eadp.io.mission.draft import MissionItem
+from eadp.io.mission.draft import ITEMS_LIMIT, MissionItem
 from eadp.io.mission.export import mission_items
 from eadp.io.mission.items import MappedItem, mapped_items, read_items
 from eadp.io.mission.path import PlannedPath, planned_sections
@@ -272,6 +272,18 @@ def test_a_mission_that_cannot_be_read_is_read_again(inputs, mission, lines):
     flown.fly(lines)
     assert any("read again each 10 s" in text for text in flown.said)
     assert any("uploaded and verified" in text for text in flown.said)
+
+
+def test_a_mission_of_too_many_items_is_refused_and_not_cut():
+    client = MissionClient()
+    for count, ended, answer in (
+        (ITEMS_LIMIT + 1, None, Outgoing("MISSION_REQUEST_INT", {"seq": 0})),  # home is one more
+        (ITEMS_LIMIT + 2, Received(None), Outgoing("MISSION_ACK", {"type": 4})),  # MAV_MISSION_NO_SPACE
+    ):
+        client.download(0.0)
+        assert client.take("MISSION_COUNT", {"count": count}, 0.1) == ended
+        assert client.messages[-1] == answer
+        assert client.busy is (ended is None)
 
 
 def test_a_lost_answer_does_not_lose_the_item(inputs, mission, lines):

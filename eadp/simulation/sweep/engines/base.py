@@ -28,7 +28,7 @@ GATHER_S, LOOK_S = 0.03, 0.002
 two looks [s]."""
 
 TASK_S = 0.5
-"""Time that the runs of a task shall take [s]."""
+"""Time that the runs of a task shall take together [s]."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class QueueEngine:
     """Most runs of a task."""
 
     def __init__(self) -> None:
-        self._size = 1  # runs of a task to come
+        self._size = 1  # the number of runs in a task to come
         self._next_task: list[Run] = []  # the runs taken for it so far
         self._under_way: dict[Any, list[Run]] = {}  # the runs of each future
         self._suspects: deque[Run] = deque()  # runs whose worker died, to be made one by one
@@ -63,7 +63,7 @@ class QueueEngine:
 
     @property
     def room(self) -> int:
-        """The number of runs that it takes now."""
+        """The number of runs that it takes now: for `QUEUED` tasks of each worker, none while there are suspects."""
         tasks = QUEUED * self.workers - len(self._under_way)
         return 0 if self._suspects else tasks * self._size - len(self._next_task)
 
@@ -88,12 +88,12 @@ class QueueEngine:
     def finished(self) -> list[tuple[Run, Result | None]]:
         """Wait for runs, and give them back with their results; an empty list if all that ended lost their worker.
 
-        Those become suspects. Once nothing else is under way, one suspect is made alone: if its worker dies again, it
-        is given back with None.
+        Runs that lost their worker become suspects. Once nothing else is under way, one suspect is made alone: if its
+        worker dies again, it is given back with None.
         """
         if self._next_task:  # the last runs
             self._start_task()
-        alone = not self._under_way
+        alone = not self._under_way  # only suspects are left
         if alone:
             self._recover()
             self._size = 1
@@ -112,9 +112,9 @@ class QueueEngine:
         return [(run, result) for run, result in results if result is not None]
 
     def _ended(self) -> list[tuple[Run, Result | None]]:
-        """Wait for a task; return its runs and results, None where its worker died.
+        """Wait for a task; return its runs, each with its result, None where the worker died.
 
-        The time that it took sets the size of the tasks to come.
+        The time that the task took sets the size of the tasks to come.
         """
         future = self._done.get()
         runs, done = self._under_way.pop(future), self._result(future)

@@ -101,5 +101,5 @@ class DaskEngine(QueueEngine):
 
 
 def _same(make: Make) -> Make:
-    """The function itself: the task whose result it is, on each worker."""
+    """The function itself: as a task, whose result the workers then have."""
     return make

@@ -30,8 +30,8 @@ def cores() -> int:
 class PoolEngine(QueueEngine):
     """A pool of processes. They end with this one, however it ends.
 
-    A task is one run: a process may end at any moment, and of a result longer than a pipe takes at once it would leave
-    a part, on whose rest the reader would wait for ever.
+    A task is one run, whose result is short: of a result longer than a pipe takes at once, a process that is killed
+    would leave a part in the pipe, and the reader would wait for the rest for ever.
     """
 
     def __init__(self, make: Make, jobs: int) -> None:
@@ -47,7 +47,7 @@ class PoolEngine(QueueEngine):
         return cls(make, processes) if processes > 1 else None
 
     def _start(self) -> None:
-        """Open a pool of processes, and the line whose closing ends them."""
+        """Open a pool of processes, and the pipe whose closing ends them, see `_end_with`."""
         context = multiprocessing.get_context("spawn")
         self._worker_end, self._line = context.Pipe(duplex=False)
         self._broken = False
