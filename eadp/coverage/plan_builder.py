@@ -219,10 +219,10 @@ class _PlanBuilder:
         frame = block.frame
         # rotations [°]: the gradient of a line points along u, that of a circle outward; turns are towards u
         up, down, turn = (90, 270, 270) if frame.hand == 1 else (270, 90, 90)
-        u1, u2 = block.first_m, block.first_m + 2 * block.circle_m
-        gains = GAIN_PER_M / (2 * block.circle_m), GAIN_PER_M / (2 * block.radius_m)
+        u1, u2 = block.first_m, block.first_m + 2 * block.first_radius_m
+        gains = GAIN_PER_M / (2 * block.first_radius_m), GAIN_PER_M / (2 * block.radius_m)
         circles = (
-            _circle(_point(frame, u1 + block.circle_m, "s", "top"), _number(block.circle_m)),
+            _circle(_point(frame, u1 + block.first_radius_m, "s", "top"), _number(block.first_radius_m)),
             _circle(_point(frame, u2, "s - r2", "low"), "r2"),
         )
         for path, trigger, sensing in (
@@ -254,7 +254,7 @@ def _loop_variables(block: Block) -> Iterator[LoopVariable]:
     yield LoopVariable("top", _expression(_piecewise_linear(block.top, "s")))
     second, first = _piecewise_linear(block.low_second, "s"), _piecewise_linear(block.low_first, "next")
     yield LoopVariable("low", _expression(second if second == first else f"min({second}, {first})"))
-    yield LoopVariable("r2", _expression(f"{_number(block.circle_m)} - (next - s)/2"))
+    yield LoopVariable("r2", _expression(f"{_number(block.first_radius_m)} - (next - s)/2"))
 
 
 # --- expressions as text ----------------------------------------------------------------------------------------------
