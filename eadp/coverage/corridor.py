@@ -30,7 +30,7 @@ from eadp.coverage.cover import (
     to_home_s,
 )
 from eadp.coverage.line_order import best_order
-from eadp.coverage.swaths import CoverageLeg, MotionLimits
+from eadp.coverage.swaths import CoverageLeg, MotionLimits, straight
 from eadp.errors import Infeasible
 
 CORRIDOR = "corridor"
@@ -119,26 +119,28 @@ def _runs(line: Sequence[Point], motion: MotionLimits) -> list[Run]:
     for i, ((x, y), heading, length_m) in enumerate(zip(line[:-1], headings, lengths_m, strict=True)):
         # where the straight starts and ends along its segment
         start_m, end_m = shorter_m[i], length_m - shorter_m[i + 1]
-        start, end = ((x + m * math.cos(heading), y + m * math.sin(heading), heading) for m in (start_m, end_m))
-        straights.append(Piece(0, start, end, end_m - start_m, None))
+        start, end = ((x + m * math.cos(heading), y + m * math.sin(heading)) for m in (start_m, end_m))
+        no_length = Piece(0, (*start, heading), (*start, heading), 0.0, None)
+        straights.append(straight(start, end) if end_m - start_m > MIN_STRAIGHT_M else no_length)
     return _assembled(straights, bends, as_arc, motion.min_radius_m)
 
 
 def _assembled(
     straights: Sequence[Piece], bends_rad: Sequence[float], as_arc: Sequence[bool], radius_m: float
 ) -> list[Run]:
-    """Straights joined by the arcs of bends, in a new run after each bend that is no arc."""
+    """Straights joined by the arcs of bends, in a new run after each bend that is no arc.
+
+    Bend i is at the start of straight i. A straight of no length is left out, but arcs start and end at it.
+    """
     runs: list[Run] = []
-    here = straights[0].start  # where the run has come to
-    for piece, bend, is_arc in zip(straights, bends_rad[:-1], as_arc[:-1], strict=True):
-        if not is_arc:
-            runs.append([])
+    for i, piece in enumerate(straights):
+        if as_arc[i]:
+            arc = _arc(straights[i - 1].end, piece.start, bends_rad[i], radius_m)
+            runs[-1].append(CoverageLeg(arc, sensing=True))
         else:
-            runs[-1].append(CoverageLeg(_arc(here, piece.start, bend, radius_m), sensing=True))
-        here = piece.start
-        if piece.length_m > MIN_STRAIGHT_M:
+            runs.append([])
+        if piece.length_m > 0:
             runs[-1].append(CoverageLeg(piece, sensing=True))
-            here = piece.end
     return [run for run in runs if run]
 
 
@@ -196,5 +198,8 @@ def _backward(run: Run) -> Run:
 
 def _led(run: Run, motion: MotionLimits) -> Run:
     """A run with the straight ways before and after it, also where it starts or ends with an arc."""
-    start, end = (CoverageLeg(Piece(0, pose, pose, 0.0, None)) for pose in (run[0].start, run[-1].end))
-    return [*start.leads(motion)[0], *run, *end.leads(motion)[1]]
+    first, last = (  # straight legs, which alone have leads
+        leg if leg.piece.turn == 0 else CoverageLeg(Piece(0, pose, pose, 0.0, None))
+        for leg, pose in ((run[0], run[0].start), (run[-1], run[-1].end))
+    )
+    return [*first.leads(motion)[0], *run, *last.leads(motion)[1]]
