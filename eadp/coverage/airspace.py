@@ -34,8 +34,10 @@ CORNER_RATIO = 1.05
 """Distance of the corners that a turn goes around, over the turning radius."""
 
 MAX_CORNERS = 48
+"""Most poses at corners that turns go around."""
+
 MAX_BLOCKED = 60
-"""Most poses at corners, and most orders with a turn that has no free way: others become fewer as turns are checked."""
+"""Most orders tried that have a turn without a free way. Other orders run out: each turn is checked once."""
 
 AT_ONCE = 6
 """Turns from a corner that are checked at once, the most likely ones."""
@@ -80,39 +82,40 @@ def free_lines(lines: Sequence[CoverageLeg], space: FreeSpace, motion: MotionLim
 
 
 def _with_room(lines: Sequence[Piece], space: FreeSpace, motion: MotionLimits) -> list[Piece]:
-    """Lines shortened until there is room at their ends for what is flown beyond, and for a half circle to either side.
+    """Lines shortened at their ends until there is room for what is flown beyond and a half circle to one side.
 
-    Those that are too short are left out.
+    Lines that become too short are left out.
     """
     if not lines:
         return []
-    places = np.array([line.length_m for line in lines])
+    ends_m = np.array([line.length_m for line in lines])  # along each line
     beyond = [straight((0.0, 0.0), (motion.beyond_m, 0.0))] if motion.beyond_m else []
+    # points of the way on from the origin along the x axis: with a half circle to the left, and with one to the right
     halves = [
         polyline_m([*beyond, half_circle((motion.beyond_m, 0.0, 0.0), motion.min_radius_m, side)]) for side in (1, -1)
     ]
-    todo = np.arange(len(lines))
-    while len(todo):
-        x, y, headings = np.array([lines[i].pose_at(places[i]) for i in todo.tolist()]).T
-        turned = np.array([[np.cos(headings), np.sin(headings)], [-np.sin(headings), np.cos(headings)]])
-        # shape (lines, points, 2): each way on as one from the origin, turned and moved
+    left = np.arange(len(lines))  # indices of lines without room so far
+    while len(left):
+        x, y, headings = np.array([lines[i].pose_at(ends_m[i]) for i in left.tolist()]).T
+        rotations = np.array([[np.cos(headings), np.sin(headings)], [-np.sin(headings), np.cos(headings)]])
+        # each way out, turned and moved to the line's end: shape (lines, points, 2)
         rooms = [
-            space.has_each([*(np.einsum("pi,ijn->npj", half, turned) + np.stack([x, y], axis=1)[:, None])])
+            space.has_each([*(np.einsum("pi,ijn->npj", half, rotations) + np.stack([x, y], axis=1)[:, None])])
             for half in halves
         ]
-        todo = todo[~(rooms[0] | rooms[1])]
-        places[todo] -= TRIM_SHARE * motion.min_radius_m
-        todo = todo[places[todo] >= MIN_LINE_M]
-    kept = zip(lines, places.tolist(), strict=True)
-    return [straight(line.start[:2], line.pose_at(place)[:2]) for line, place in kept if place >= MIN_LINE_M]
+        left = left[~(rooms[0] | rooms[1])]
+        ends_m[left] -= TRIM_SHARE * motion.min_radius_m
+        left = left[ends_m[left] >= MIN_LINE_M]
+    kept = zip(lines, ends_m.tolist(), strict=True)
+    return [straight(line.start[:2], line.pose_at(end_m)[:2]) for line, end_m in kept if end_m >= MIN_LINE_M]
 
 
 @dataclass
 class FreeTurns:
     """The quickest free turns between poses: direct, or around the corners of the free space.
 
-    A corner stands twice in `_corners`: a pose along its ring, then the one in the other direction. `_between` keeps
-    what `direct` has found, `found` what `turn` has.
+    A corner stands twice in `_corners`: as a pose along its ring, then as the pose in the other direction. `_between`
+    keeps what `direct` has found for a start and an end, `found` what `turn` has found; None where no turn is free.
     """
 
     space: FreeSpace
@@ -137,22 +140,22 @@ class FreeTurns:
         return self._between[start, end]
 
     def find_direct(self, pairs: Iterable[tuple[Pose, Pose]]) -> None:
-        """Find the turns of `direct` for pairs of poses, all at once."""
+        """Find the direct turns between pairs of poses, all at once, and keep them in `_between`."""
         if not (new := [pair for pair in pairs if pair not in self._between]):
             return
         starts, ends = zip(*new, strict=True)
-        left: dict[tuple[Pose, Pose], Iterator[FreeTurn]] = {}
+        left: dict[tuple[Pose, Pose], Iterator[FreeTurn]] = {}  # of each pair without a free turn: turns not yet tried
         for pair, paths in zip(new, ordered_each(starts, ends, self.motion.min_radius_m), strict=True):
             turns = (FreeTurn(self.motion.time_s(path.pieces), path.pieces) for path in paths)
             # in wind by their times, of equally quick ones the shorter first
             left[pair] = turns if self.motion.windless else iter(sorted(turns, key=lambda turn: turn.time_s))
-        while left:  # the quickest of each, then the next of those whose own is not free
+        while left:  # the quickest turn of each pair, then the next one of each pair whose turn was not free
             tried = {pair: next(turns, None) for pair, turns in left.items()}
             flown = {pair: polyline_m(turn.pieces) for pair, turn in tried.items() if turn and turn.pieces}
             for pair, free in zip(flown, self.space.has_each([*flown.values()]), strict=True):
                 if not free:
                     del tried[pair]
-            self._between |= tried
+            self._between |= tried  # now those that are free, and None for a pair whose turns are all tried
             left = {pair: turns for pair, turns in left.items() if pair not in tried}
 
     def turn(self, start: Pose, end: Pose) -> FreeTurn | None:
@@ -163,28 +166,31 @@ class FreeTurns:
         return self.found[key]
 
     def _around(self, start: Pose, end: Pose) -> FreeTurn | None:
-        """The quickest free path found around corners; None where none is."""
+        """The quickest free path found around corners; None where none is.
+
+        By A* over stops: the corners, poses after a half circle from the start and before one to the end, the end.
+        """
         if np.ptp(self.space.rooms([start[:2], end[:2]])):
             return None
-        # a line has room for a half circle at either end: one leaves it, and one leads to it
+        # a line has room for a half circle at either end: one leads away from it, and one leads to it
         back = (*end[:2], end[2] + math.pi)
         turned = [half_circle(pose, self.motion.min_radius_m, side).end for pose in (start, back) for side in (1, -1)]
         stops = [*self._corners, *turned[:2], *((x, y, heading + math.pi) for x, y, heading in turned[2:]), end]
-        # A* over the corners: no way takes less than the turns do where nothing is in the way. A turn is checked where
-        # it comes up; of equal times the one found first, as poses have no order
+        # min_s[a][b]: a lower bound of the time from stop a to stop b, that of the turn where nothing is in the way
         own = stops[len(self._corners) :]
         to_corners = np.vstack([self._apart_s, self.motion.turns_s([*own, start], self._corners)])
         min_s = np.hstack([to_corners, self.motion.turns_s([*stops, start], own)]).tolist()
-        left_s = [row[-1] for row in min_s]
+        left_s = [row[-1] for row in min_s]  # a lower bound of the time from each stop to the end
         done: set[int] = set()
         count, last = itertools.count(), len(stops) - 1
         stops.append(start)
-        # least time of the whole way [s], number; time to a stop [s], the stop, the way there; the stop to go on to
+        # an entry: lower bound of the whole way [s]; number, by which equal bounds are told apart; time to a stop [s],
+        # the stop, the pieces of the way there; and None, or the stop to go on to by a turn that is not yet checked
         queue: list[tuple[float, int, float, int, tuple[Piece, ...], int | None]]
         queue = [(0.0, next(count), 0.0, last + 1, (), None)]
         while queue:
             _, _, time_s, here, pieces, there = heapq.heappop(queue)
-            if there is not None:
+            if there is not None:  # the turn is checked only now that it comes first
                 if there not in done and (leg := self.direct(stops[here], stops[there])) is not None:
                     then_s = time_s + leg.time_s
                     way = (*pieces, *leg.pieces)
@@ -193,6 +199,7 @@ class FreeTurns:
                 return FreeTurn(time_s, pieces)
             elif here not in done:
                 done.add(here)
+                # the most likely turns from here, checked together, which is quicker
                 bounds_s = np.add(min_s[here], left_s[:-1])
                 self.find_direct((stops[here], stops[to]) for to in np.argsort(bounds_s)[:AT_ONCE] if to not in done)
                 for to, to_s in enumerate(min_s[here]):
@@ -236,12 +243,12 @@ def free_order(
         raise failure
     between_s, own_s, first_s, last_s = costs
     between_s = between_s.copy()  # raised below where the turn is not free
-    # where no free turn is found: above any sum of times, so that an order of this time has a turn that is blocked
+    # the time of a turn without a free way: above any sum of times, so that only an order with such a turn reaches it
     blocked_s = 1e3 * (float(between_s.max()) + float(own_s.sum()) + 1)
     checked: set[tuple[int, int]] = set()
 
-    def check(pairs: Iterable[tuple[int, int]]) -> None:
-        """Take the times of free turns where they are longer."""
+    def take_free_times(pairs: Iterable[tuple[int, int]]) -> None:
+        """Raise these turns in `between_s` to their free times, or to `blocked_s`, and mark them `checked`."""
         for a, b in pairs:
             found = turns.turn(directed[a].end, directed[b].start)
             between_s[a, b] = blocked_s if found is None else max(found.time_s, between_s[a, b])
@@ -249,17 +256,18 @@ def free_order(
 
     ends = {leg.end: i for i, leg in enumerate(directed)}
     starts = {leg.start: i for i, leg in enumerate(directed)}
-    check([(ends[end], starts[start]) for end, start in turns.found if end in ends and start in starts])
+    # turns that are known from other calls
+    take_free_times([(ends[end], starts[start]) for end, start in turns.found if end in ends and start in starts])
     best: tuple[list[int], float] = [], blocked_s  # of the orders whose turns are all checked
     order, time_s = quick_order(between_s, own_s, first_s, last_s)
-    blocked = 0
+    blocked = 0  # orders so far with a turn without a free way
     while blocked < MAX_BLOCKED:
         blocked += time_s >= blocked_s
         unchecked = set(itertools.pairwise(order)) - checked
         if unchecked:
             turns.find_direct((directed[a].end, directed[b].start) for a, b in unchecked)
-            check(unchecked)
-            # improved where it has become slower; searched in full where that leaves nothing to check
+            take_free_times(unchecked)
+            # the same order improved by the new times; one searched in full below, where it has nothing to check
             order, time_s = quick_order(between_s, own_s, first_s, last_s, order)
             continue
         best = min(best, (order, time_s), key=lambda one: one[1])

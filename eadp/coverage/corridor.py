@@ -36,13 +36,17 @@ from eadp.errors import Infeasible
 CORRIDOR = "corridor"
 
 OFF_SHARE = 0.02
-"""Distance over the swath that a line may keep from the line that it follows: simplified, or in a bend."""
+"""How far a line may be off the line that it follows, over the swath: where that is simplified, and in a bend."""
 
 MAX_BEYOND = 2.0
-"""Longest way beyond a bend at which a line ends, over the swath: of sharper bends, the strip's corner is beyond."""
+"""Longest way that a line goes on beyond a bend at which it ends, over the swath. The outer corner of the strip of a
+sharper bend is farther away."""
+
+MIN_STRAIGHT_M = 1e-6
+"""Length below which the arcs at both ends of a segment take all of it: it has no straight."""
 
 Run = list[CoverageLeg]
-"""Part of a line that is flown at once: straights, and the arcs of bends."""
+"""Part of a line that is flown without a turn between: straights, and the arcs of bends."""
 
 
 def cover_corridor(request: CoverageRequest, line: Sequence[Point], width_m: float) -> CoverageSolution:
@@ -51,7 +55,7 @@ def cover_corridor(request: CoverageRequest, line: Sequence[Point], width_m: flo
     Parameters
     ----------
     request : CoverageRequest
-        Its field is the corridor's ground; heading and pattern are not used.
+        Its field is the corridor's ground; its heading and its pattern are not used.
     line : sequence of (float, float)
         The middle of the corridor [m].
     width_m : float
@@ -70,9 +74,10 @@ def cover_corridor(request: CoverageRequest, line: Sequence[Point], width_m: flo
     ends = 0
     for number in range(count):
         offset_m = (number + 0.5) * apart_m - width_m / 2
-        own = [run for part in beside(line, offset_m, OFF_SHARE * motion.swath_m) for run in _runs(part, motion)]
-        runs += own
-        ends = max(ends, len(own) - 1)
+        # the line beside the corridor's middle, in several parts where the offset parts it
+        line_runs = [run for part in beside(line, offset_m, OFF_SHARE * motion.swath_m) for run in _runs(part, motion)]
+        runs += line_runs
+        ends = max(ends, len(line_runs) - 1)
     if len(runs) > MAX_LINES:
         raise Infeasible(f"the corridor needs {len(runs)} lines, more than {MAX_LINES}")
     directed = [way for run in runs for way in (run, _backward(run))]
@@ -83,7 +88,7 @@ def cover_corridor(request: CoverageRequest, line: Sequence[Point], width_m: flo
 
 
 def _order(request: CoverageRequest, led: Sequence[Run]) -> list[int]:
-    """The quickest order found of runs, each followed by the same one the other way."""
+    """The quickest order found: indices of `led`, in which each run is followed by the same run the other way."""
     motion, space = request.motion, request.space
     starts, ends = [run[0].start for run in led], [run[-1].end for run in led]
     own_s = np.array([motion.time_s([leg.piece for leg in run]) for run in led])
@@ -93,43 +98,73 @@ def _order(request: CoverageRequest, led: Sequence[Run]) -> list[int]:
         return best_order(*rounded)[0]
     if not all(space.has(polyline_m([leg.piece for leg in run])) for run in led):
         raise Infeasible("lines of the corridor leave the boundary or cross an obstacle")
-    whole = [CoverageLeg(Piece(0, start, end, 0.0, None)) for start, end in zip(starts, ends, strict=True)]
-    return free_order(whole, rounded, free_turns(space, motion))[0]
+    # the order is found by the ends of each run alone
+    by_ends = [CoverageLeg(Piece(0, start, end, 0.0, None)) for start, end in zip(starts, ends, strict=True)]
+    return free_order(by_ends, rounded, free_turns(space, motion))[0]
 
 
 def _runs(line: Sequence[Point], motion: MotionLimits) -> list[Run]:
     """A line as straights and arcs of the smallest radius, in several runs where it bends too much for these."""
-    radius_m, swath_m = motion.min_radius_m, motion.swath_m
     headings = [math.atan2(b[1] - a[1], b[0] - a[0]) for a, b in itertools.pairwise(line)]
+    # a bend at each point of the line, 0 at both of its ends: segment i lies between bends i and i + 1
     bends = [0.0, *(math.remainder(b - a, 2 * math.pi) for a, b in itertools.pairwise(headings)), 0.0]
     lengths_m = [math.dist(a, b) for a, b in itertools.pairwise(line)]
-    # an arc of radius r in a bend of θ: it takes r tan(θ/2) of either side, and passes the corner at r (1/cos(θ/2) − 1)
-    taken_m = [radius_m * math.tan(abs(bend) / 2) for bend in bends]
-    flown = [radius_m * (1 / math.cos(bend / 2) - 1) <= OFF_SHARE * swath_m for bend in bends]
-    flown[0] = flown[-1] = False
-    for i, length_m in enumerate(lengths_m):
-        # the ends of both arcs lie on the straight between them
-        while sum(taken_m[k] for k in (i, i + 1) if flown[k]) > length_m:
-            sharper = max((i, i + 1), key=lambda k: taken_m[k] if flown[k] else 0.0)
-            flown[sharper] = False
-    # by how much a straight is shorter at a bend: its arc's share, or less than nothing, as far as its strip goes on
+    as_arc = _arc_bends(bends, lengths_m, motion)
+    # how much of a segment its straight leaves to an arc at a bend; negative where the straight goes on beyond the bend
     shorter_m = [
-        took_m if is_flown else -_beyond_m(bend, swath_m)
-        for took_m, is_flown, bend in zip(taken_m, flown, bends, strict=True)
+        _taken_m(bend, motion.min_radius_m) if is_arc else -_beyond_m(bend, motion.swath_m)
+        for bend, is_arc in zip(bends, as_arc, strict=True)
     ]
-    runs: list[Run] = [[]]
-    for i, (heading, length_m) in enumerate(zip(headings, lengths_m, strict=True)):
-        cos, sin = math.cos(heading), math.sin(heading)
+    straights = []
+    for i, ((x, y), heading, length_m) in enumerate(zip(line[:-1], headings, lengths_m, strict=True)):
         # where the straight starts and ends along its segment
-        (x, y), start_m, end_m = line[i], shorter_m[i], length_m - shorter_m[i + 1]
-        piece = straight((x + start_m * cos, y + start_m * sin), (x + end_m * cos, y + end_m * sin))
-        if runs[-1] and flown[i]:
-            runs[-1].append(CoverageLeg(_arc(runs[-1][-1].end, piece.start, bends[i], radius_m), sensing=True))
-        if end_m - start_m > 1e-6:
-            runs[-1].append(CoverageLeg(piece, sensing=True))
-        if not flown[i + 1]:
+        start_m, end_m = shorter_m[i], length_m - shorter_m[i + 1]
+        start, end = ((x + m * math.cos(heading), y + m * math.sin(heading)) for m in (start_m, end_m))
+        no_length = Piece(0, (*start, heading), (*start, heading), 0.0, None)
+        straights.append(straight(start, end) if end_m - start_m > MIN_STRAIGHT_M else no_length)
+    return _assembled(straights, bends, as_arc, motion.min_radius_m)
+
+
+def _assembled(
+    straights: Sequence[Piece], bends_rad: Sequence[float], as_arc: Sequence[bool], radius_m: float
+) -> list[Run]:
+    """Straights joined by the arcs of bends, in a new run after each bend that is no arc.
+
+    Bend i is at the start of straight i. A straight of no length is left out, but arcs start and end at it.
+    """
+    runs: list[Run] = []
+    for i, piece in enumerate(straights):
+        if as_arc[i]:
+            arc = _arc(straights[i - 1].end, piece.start, bends_rad[i], radius_m)
+            runs[-1].append(CoverageLeg(arc, sensing=True))
+        else:
             runs.append([])
+        if piece.length_m > 0:
+            runs[-1].append(CoverageLeg(piece, sensing=True))
     return [run for run in runs if run]
+
+
+def _arc_bends(bends_rad: Sequence[float], lengths_m: Sequence[float], motion: MotionLimits) -> list[bool]:
+    """Whether each bend of a line is flown as an arc, which stays near its corner and fits in the segments beside it.
+
+    The first and the last bend are the ends of the line, and no arcs.
+    """
+    radius_m = motion.min_radius_m
+    # an arc of radius r in a bend of θ passes the corner at r (1/cos(θ/2) − 1)
+    as_arc = [radius_m * (1 / math.cos(bend / 2) - 1) <= OFF_SHARE * motion.swath_m for bend in bends_rad]
+    as_arc[0] = as_arc[-1] = False
+    taken_m = [_taken_m(bend, radius_m) for bend in bends_rad]
+    for i, length_m in enumerate(lengths_m):
+        # while the arcs at both ends of a segment take more than all of it, the sharper bend is none
+        while sum(taken_m[k] for k in (i, i + 1) if as_arc[k]) > length_m:
+            as_arc[max((i, i + 1), key=lambda k: taken_m[k] if as_arc[k] else 0.0)] = False
+    return as_arc
+
+
+def _taken_m(bend_rad: float, radius_m: float) -> float:
+    """Length that the arc of a bend takes from either segment beside it [m]."""
+    # r tan(θ/2)
+    return radius_m * math.tan(abs(bend_rad) / 2)
 
 
 def _beyond_m(bend_rad: float, swath_m: float) -> float:
@@ -138,8 +173,8 @@ def _beyond_m(bend_rad: float, swath_m: float) -> float:
     return min(swath_m / 2 * math.tan(abs(bend_rad) / 2), MAX_BEYOND * swath_m)
 
 
-def _arc(start: Pose, end: Point | Pose, bend_rad: float, radius_m: float) -> Piece:
-    """The arc of a bend between two straights."""
+def _arc(start: Pose, end: Pose, bend_rad: float, radius_m: float) -> Piece:
+    """The arc of a bend, from the end of one straight to the start of the next."""
     turn = 1 if bend_rad > 0 else -1
     x, y, heading = start
     centre = x - turn * radius_m * math.sin(heading), y + turn * radius_m * math.cos(heading)
@@ -162,5 +197,9 @@ def _backward(run: Run) -> Run:
 
 
 def _led(run: Run, motion: MotionLimits) -> Run:
-    """A run with the straight ways before and after it."""
-    return [*run[0].leads(motion)[0], *run, *run[-1].leads(motion)[1]]
+    """A run with the straight ways before and after it, also where it starts or ends with an arc."""
+    first, last = (  # straight legs, which alone have leads
+        leg if leg.piece.turn == 0 else CoverageLeg(Piece(0, pose, pose, 0.0, None))
+        for leg, pose in ((run[0], run[0].start), (run[-1], run[-1].end))
+    )
+    return [*first.leads(motion)[0], *run, *last.leads(motion)[1]]

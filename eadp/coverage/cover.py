@@ -99,7 +99,7 @@ Pattern = Callable[["CoverageRequest", float], Sequence[CoverageLeg]]
 
 @dataclass(frozen=True)
 class LineGrid:
-    """Places of lines beside each other: in a frame, the middles of n lines and the n + 1 edges of their ground [m]."""
+    """Lines beside each other, by their u in a frame: middles of n lines, and the n + 1 edges of their ground [m]."""
 
     frame: StripFrame
     middles_m: FloatArray
@@ -126,23 +126,23 @@ class LineGrid:
         return cls(frame, middles, np.array([left, *((middles[:-1] + middles[1:]) / 2), left + width]))
 
     def whole_lines(self, field: Field) -> list[CoverageLeg]:
-        """The lines over a field's ground, and over its gaps: each as a leg, followed by the same one the other way."""
+        """The lines over a field and its gaps: each as a leg, followed by the same line the other way."""
         spans = zip(self.middles_m.tolist(), self.extents(field), strict=True)
         return _directed_lines(self.frame, [(u, parts) for u, parts in spans if parts])
 
     def order_of(self, solution: CoverageSolution) -> list[int]:
-        """The lines in the order in which a path of single legs flies them first."""
+        """Indices of the lines, in the order in which a solution without laps first flies a part of each."""
         flown = [leg.start[:2] for leg in solution.path(0.0).legs if leg.sensing]
         across = self.frame.into(np.array(flown))[:, 0]
         return list(dict.fromkeys(np.abs(across[:, None] - self.middles_m).argmin(axis=1).tolist()))
 
     def extents(self, field: Field) -> list[list[tuple[float, float]]]:
-        """For each line the extents of a field's parts along it [m], upward."""
+        """For each line the intervals of v in which its strip holds ground of a field [m], upward."""
         rings, *others = ([self.frame.into(np.array(ring)) for ring in part] for part in field.parts)
         return strip_extents(rings, self.edges_m, others)
 
     def window(self, first: int, last: int, low_m: float, high_m: float) -> list[Point]:
-        """The rectangle of lines `first` to `last`, between two places along them, in the plane [m]."""
+        """Corners in the plane of the ground of lines `first` to `last`, between two values of v [m]."""
         left, right = float(self.edges_m[first]) - SEAM_M, float(self.edges_m[last + 1]) + SEAM_M
         corners = ((left, low_m), (right, low_m), (right, high_m), (left, high_m))
         return [self.frame.out(*corner) for corner in corners]
@@ -191,7 +191,7 @@ class CoverageRequest:
         for leg, name in ((self.climb_out, "climb-out"), (self.approach, "final approach")):
             if leg is not None and self.space is not None and not self.space.has_hull(polyline_m([leg.piece])):
                 way = f"{leg.piece.length_m:.0f} m towards {compass_deg(leg.start[2]):.0f}°"
-                # the ways along it that are free: where the first one ends, or where it starts
+                # where the leg stops being free: its start, or else the end of its first free interval
                 (low_m, high_m), *_ = (*self.space.intervals_m([leg.start[:2]], [leg.end[:2]])[0], (1.0, 0.0))
                 place = self.place_text(leg.piece.pose_at(0.0 if low_m > 0 else high_m))
                 message = f"the {name} of {way} does not stay {self.limits_text} at {place}"
@@ -292,7 +292,7 @@ def cover(request: CoverageRequest, *, draft: bool = False) -> CoverageSolution:
 def _laps_or_lines(
     request: CoverageRequest, headings: Sequence[float], zamboni: CoverageSolution | None, draft: bool = False
 ) -> CoverageSolution:
-    """Laps, or lines in an order at some headings where these are quicker."""
+    """Laps, or lines in an order at some headings: laps unless they take more than `MAX_TIME_RATIO` times as long."""
     try:
         order = _best_in_order(request, headings, draft and zamboni is None)
     except Infeasible:
@@ -309,7 +309,7 @@ def _laps_or_lines(
 
 
 def pattern_and_heading(request: CoverageRequest) -> tuple[str, float]:
-    """The pattern of `cover`, and the heading [rad]: of lines in an order, by turns that need not be free.
+    """The pattern and the heading [rad] that `cover` would choose, sooner: turns of lines in an order need not be free.
 
     Raises
     ------
@@ -324,6 +324,7 @@ def pattern_and_heading(request: CoverageRequest) -> tuple[str, float]:
     elif zamboni is not None:
         whole = _laps_or_lines(request, headings, zamboni)
     else:
+        # the quickest set whose lines lie in one room of the free space
         for each, _ in _quickest_sets(request, headings, SETS_ORDERED):
             if request.space is None or not np.ptp(request.space.rooms([leg.start[:2] for leg in each.directed])):
                 return DUBINS, each.heading_rad
@@ -368,7 +369,7 @@ def _best_of_pattern(request: CoverageRequest, pattern: Pattern, headings: Seque
 
 
 def _tried_headings(request: CoverageRequest) -> list[float]:
-    """The headings to compare. Where lines are many, only those headings that need the fewest lines.
+    """The headings to compare [rad]: where lines are many, only those that need the fewest lines.
 
     The time to order n lines grows as n², so that the number of headings is limited by `MAX_SQUARES` / n².
     """
@@ -382,7 +383,7 @@ def _tried_headings(request: CoverageRequest) -> list[float]:
 
 
 def _headings(field: Field) -> Iterator[float]:
-    """Headings in [0, π) to try: those of the hull's edges, longest first, and a grid from the longest."""
+    """Headings in [0, π) to try: those of the hull's edges, the longest first; then steps from the longest edge's."""
     corners = np.array(hull(np.concatenate([np.array(part[0]) for part in field.parts])))
     edges = np.roll(corners, -1, axis=0) - corners
     found: list[float] = []
@@ -438,9 +439,9 @@ def _timed(
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A block flown from one of its four corners, the `index`-th in the direction of its frame's u.
+    """A block flown from one of its four corners, number `index` from 0 in the direction of its frame's u.
 
-    `time_s` is that of the block alone, at its lowest c1.
+    `time_s` is the time of the block alone at its lowest c1, without ways to it and from it.
     """
 
     frame: StripFrame
@@ -469,7 +470,7 @@ class _Chain(NamedTuple):
 def _best_zamboni(request: CoverageRequest, headings: Sequence[float]) -> CoverageSolution | None:
     """The quickest Zamboni-like path at some headings; None where the field is too narrow, or no path is free."""
     if request.space is not None and request.space.blocks(request.field.parts, request.motion.swath_m / 2):
-        return None  # no place of the field is farther from the hull of the laps of its block
+        return None  # the hull of the laps, which has to be free, comes within half a swath of all ground
     found = [chain for heading in headings for chain in _zamboni_at(request, heading)]
     if not found:
         return None
@@ -487,14 +488,14 @@ def _best_zamboni(request: CoverageRequest, headings: Sequence[float]) -> Covera
     return None
 
 
-def _zamboni_at(request: CoverageRequest, heading: float) -> Iterator[_Chain]:
+def _zamboni_at(request: CoverageRequest, heading_rad: float) -> Iterator[_Chain]:
     """Chains of blocks at a heading: for each layout from either side, every block from its best corner."""
     motion = request.motion
-    points = frame_of(heading).into(np.array(request.field.outline))
+    points = frame_of(heading_rad).into(np.array(request.field.outline))
     left, width = float(points[:, 0].min()), float(np.ptp(points[:, 0]))
     bounds = BlockBounds(points, motion.beyond_m)
     # one frame for each corner: u to the right or left of the heading, v a quarter turn from it to either side
-    corners = [(towards, hand, frame_of(heading, towards, hand)) for towards in (1, -1) for hand in (1, -1)]
+    corners = [(towards, hand, frame_of(heading_rad, towards, hand)) for towards in (1, -1) for hand in (1, -1)]
     unit_times_s = [_unit_times_s(frame, motion) for _, _, frame in corners]
     for layout in layouts(width, motion):
         # of each line, in the frame of the heading: its position, and both ends of its strip of the field [m]
@@ -506,34 +507,34 @@ def _zamboni_at(request: CoverageRequest, heading: float) -> Iterator[_Chain]:
             own = slice(index * layout.lines, (index + 1) * layout.lines)
             rows.append([])
             for (towards, hand, frame), unit_s in zip(corners, unit_times_s, strict=True):
-                # v runs along the heading where u points to its right, and in a mirror of the other: towards · hand = 1
+                # v points along the heading where towards · hand = 1, else against it: lows and tops change places
                 lows, tops = (low[own], top[own]) if towards * hand == 1 else (-top[own], -low[own])
                 u = np.asarray(towards * lines[own], dtype=np.float64)
                 # [::towards]: in the order of growing u
                 lengths, start, end = summarise_block(layout, frame, u[::towards], lows[::towards], tops[::towards])
                 time_s = sum(length * unit for length, unit in zip(lengths, unit_s, strict=True))
-                position = index if towards == 1 else layout.blocks - 1 - index
-                rows[-1].append(_Candidate(frame, layout, position, start, end, time_s))
+                along_u = index if towards == 1 else layout.blocks - 1 - index
+                rows[-1].append(_Candidate(frame, layout, along_u, start, end, time_s))
         for order in (rows, rows[::-1])[: min(layout.blocks, 2)]:
-            yield _Chain(*_quickest_chain(request, order), heading)
+            yield _Chain(*_quickest_chain(request, order), heading_rad)
 
 
 def _unit_times_s(frame: StripFrame, motion: MotionLimits) -> list[float]:
-    """Times of a metre up and down the lines of a frame, and of half circles of radius 1 m after either [s]."""
+    """Times of a metre up a frame's line, a metre down, and half circles of radius 1 m after up and after down [s]."""
     metres = [straight((0.0, 0.0), frame.out(0.0, v)) for v in (1.0, -1.0)]
     turns = [half_circle(frame.pose_out(0.0, 0.0, angle), 1.0, -frame.hand) for angle in (math.pi / 2, -math.pi / 2)]
     return [motion.time_s([piece]) for piece in (*metres, *turns)]
 
 
 def _quickest_chain(request: CoverageRequest, rows: Sequence[Sequence[_Candidate]]) -> tuple[float, list[_Candidate]]:
-    """The least time [s] from start to home by one candidate of each row, in the order of the rows; and these.
+    """The least time from start to home by one candidate of each row, in the rows' order [s]; and those candidates.
 
     By dynamic programming.
     """
     starts = [[candidate.start for candidate in row] for row in rows]
     ends = [[candidate.end for candidate in row] for row in rows]
     own_s = [np.array([candidate.time_s for candidate in row]) for row in rows]
-    # T_i(b) = min_a (T_i−1(a) + turn(a, b)) + own_i(b), and a as the predecessor of b
+    # least time up to candidate b of row i: T_i(b) = min_a (T_i−1(a) + turn(a, b)) + own_i(b), with a its predecessor
     total_s = own_s[0] + from_start_s(request, starts[0])
     predecessors: list[FloatArray] = []
     for i in range(1, len(rows)):
@@ -577,10 +578,11 @@ def line_costs(request: CoverageRequest, directed: Sequence[CoverageLeg]) -> Lin
 
 
 class _LineSet(NamedTuple):
-    """Lines at a heading, each in both directions.
+    """Lines at a heading, each in both directions, in one of three states: as they are, `cut`, and with `costs`.
 
-    `time_s` is a lower bound, or with `costs` that of a quick order, where lines left out count; `number` is that of
-    the set as tried, `places` how many there are across.
+    `time_s` is a lower bound of an order's time, or with `costs` the time of a quick order; both count lines that were
+    lost to obstacles. `number` is the set's place among all that are tried, from 0, and decides between equal times.
+    `places` is the number of lines beside each other, and `cut` whether the lines are cut to the free space.
     """
 
     time_s: float
@@ -605,30 +607,31 @@ def _best_in_order(request: CoverageRequest, headings: Sequence[float], draft: b
         return _free_in_order(request, request.space, sets, draft)
     solved = [(each, *best_order(*costs)) for each, costs in itertools.islice(sets, FULL_SEARCHES)]
     # of equal times, up to rounding, the heading that was tried first
-    best, order, _ = min(solved, key=lambda one: (round(one[2], 9), one[0].number))
+    best, order, _ = min(solved, key=lambda found: (round(found[2], 9), found[0].number))
     return connected(request, DUBINS, best.heading_rad, [best.directed[i].with_leads(request.motion) for i in order])
 
 
 def _quickest_sets(
     request: CoverageRequest, headings: Sequence[float], most: float = math.inf
 ) -> Iterator[tuple[_LineSet, LineCosts]]:
-    """Lines at some headings with their costs, by the time of a quick order, the quickest first.
+    """Sets of lines at some headings with their costs, by the time of a quick order, the quickest first.
 
-    A set is cut to the free space, and ordered, where no other is quicker by the bound that is known of it; `most` sets
-    are ordered at most.
+    The queue holds all sets by their bounds. The one with the least bound is cut to the free space, then ordered, and
+    goes back with what is known of it; it comes out once it is ordered and still the first. `most` sets are ordered at
+    most.
     """
     motion, space = request.motion, request.space
     half_turn_s = math.pi * motion.min_radius_m / motion.ground_limit_mps
 
     def bound_s(directed: Sequence[CoverageLeg], places: int) -> float:
-        """Less than an order takes where lines lie beside each other: every line, and half circles between them [s]."""
+        """A lower bound of an order's time: of every line, and of half circles between lines beside each other [s]."""
         lines_s = sum(leg.piece.length_m for leg in directed[::2]) / motion.ground_limit_mps
         return lines_s + (places - 1) * half_turn_s
 
     queue: list[_LineSet] = []
     for heading in headings:
         sets = [*_lines_at(request, heading)]
-        places = len(sets[0]) // 2  # of the lines across bays and holes: parts of a line may be flown as one
+        places = len(sets[0]) // 2  # of whole lines: the parts of one line need no turn between them
         queue += [_LineSet(bound_s(each, places), len(queue) + i, heading, each, places) for i, each in enumerate(sets)]
     heapq.heapify(queue)
     lost_s: dict[int, float] = {}
@@ -654,7 +657,7 @@ def _quickest_sets(
 def _free_in_order(
     request: CoverageRequest, space: FreeSpace, sets: Iterable[tuple[_LineSet, LineCosts]], draft: bool
 ) -> CoverageSolution:
-    """The first of some sets of lines, the quickest first, with an order whose turns are all free."""
+    """The path of the first of some sets, given the quickest first, that has an order whose turns are all free."""
     motion = request.motion
     failure: Infeasible = NotFree(
         "no line of the field has room for a turn out of the obstacles and inside the boundary"
@@ -675,34 +678,34 @@ def free_turns(space: FreeSpace, motion: MotionLimits) -> FreeTurns:
     return FreeTurns(space, motion)
 
 
-def _lines_at(request: CoverageRequest, heading: float) -> Iterator[list[CoverageLeg]]:
-    """Lines over a field in both directions, as one or two sets: across bays and holes; and parted by them, if any."""
+def _lines_at(request: CoverageRequest, heading_rad: float) -> Iterator[list[CoverageLeg]]:
+    """Lines over a field in both directions: one set across bays and holes, and one cut by them, if there are any."""
     swath_m = request.motion.swath_m
-    grid = request.grid or LineGrid.over(request.field, heading, swath_m, request.order_spacing_m or swath_m)
+    grid = request.grid or LineGrid.over(request.field, heading_rad, swath_m, request.order_spacing_m or swath_m)
     extents = grid.extents(request.field)
     whole = [(u, parts) for u, parts in zip(grid.middles_m.tolist(), extents, strict=True) if parts]
     yield _directed_lines(grid.frame, whole)
-    parted = [(u, [part]) for u, parts in whole for part in parts]
-    if len(parted) > len(whole):
-        yield _directed_lines(grid.frame, parted)
+    cut = [(u, [part]) for u, parts in whole for part in parts]
+    if len(cut) > len(whole):
+        yield _directed_lines(grid.frame, cut)
 
 
-def _canonical_frame(field: Field, heading: float) -> StripFrame:
-    """The frame of a heading whose axes point to the larger part of the field: from its middle to its centroid.
+def _canonical_frame(field: Field, heading_rad: float) -> StripFrame:
+    """The frame of a heading whose two axes point to the larger part of the field: from its middle to its centroid.
 
     So a field that is moved or mirrored has the same lines: its frame moves with it.
     """
-    points = frame_of(heading).into(np.array(field.outline))
-    u, v = points.T
+    u, v = frame_of(heading_rad).into(np.array(field.outline)).T
     # centroid of a polygon: Σ (u_i + u_i+1) k_i / (3 Σ k_i), k_i = u_i v_i+1 − u_i+1 v_i
     cross = u * np.roll(v, -1) - np.roll(u, -1) * v
-    signs = []
+    signs = []  # by which u and v of that frame are multiplied
     for axis in (u, v):
         middle = float((axis.max() + axis.min()) / 2)
         centroid = float(((axis + np.roll(axis, -1)) * cross).sum() / (3 * cross.sum()))
         signs.append(1 if centroid >= middle - 1e-6 else -1)
     of_u, of_v = signs
-    return frame_of(heading, of_u, of_u * of_v)  # v has the sign towards · hand along the heading
+    # u is flipped by `towards`, v by towards · hand: so hand = of_u of_v
+    return frame_of(heading_rad, towards=of_u, hand=of_u * of_v)
 
 
 def _directed_lines(frame: StripFrame, spans: Sequence[tuple[float, list[tuple[float, float]]]]) -> list[CoverageLeg]:
@@ -738,7 +741,7 @@ def _turn(request: CoverageRequest, end: Pose, start: Pose, turns: FreeTurns | N
 
 
 def _poses(end: Point | Pose) -> list[Pose]:
-    """An end of the path as poses: at a point, with headings all round."""
+    """The poses that an end of the path may have: a pose itself, or a point with headings all round."""
     if len(end) == 3:
         return [end]
     return [(*end, math.remainder(2 * math.pi * k / FREE_HEADINGS, 2 * math.pi)) for k in range(FREE_HEADINGS)]
@@ -782,30 +785,28 @@ def _exit(request: CoverageRequest, end: Pose, turns: FreeTurns | None) -> list[
     return _turn(request, end, poses[int(motion.turns_s([end], poses)[0].argmin())], turns)
 
 
-def _check_access(request: CoverageRequest, heading: float) -> None:
-    """Raise Infeasible where no line at a heading has a free way from the start, or to the end.
+def _check_access(request: CoverageRequest, heading_rad: float) -> None:
+    """Raise Infeasible where no line at a heading has a free way from the start, or none has one to the end.
 
-    Only the nearest lines are tried: it comes before the search, which takes long.
+    Only the nearest lines are tried: the check comes before the search, which takes long.
     """
     if request.space is None:
         return
     turns = free_turns(request.space, request.motion)
-    whole = next(_lines_at(request, heading))[::2]
+    whole = next(_lines_at(request, heading_rad))[::2]
     lines = [leg.led(request.motion) for leg in free_lines(whole, request.space, request.motion)]
-    ways: tuple[tuple[Point | Pose | None, FloatArray, Callable[[CoverageLeg], object]], ...] = (
-        (
-            request.way_out,
-            from_start_s(request, [leg.start for leg in lines]),
-            lambda leg: _entry(request, leg.start, turns),
-        ),
-        (request.way_back, to_home_s(request, [leg.end for leg in lines]), lambda leg: _exit(request, leg.end, turns)),
+    starts, ends = [leg.start for leg in lines], [leg.end for leg in lines]
+    # for the start and the end: its place, the times between it and each line, and what finds a free way to one
+    ways: tuple[tuple[Point | Pose | None, FloatArray, Callable[[int], object]], ...] = (
+        (request.way_out, from_start_s(request, starts), lambda k: _entry(request, starts[k], turns)),
+        (request.way_back, to_home_s(request, ends), lambda k: _exit(request, ends[k], turns)),
     )
-    for end, times_s, way in ways if lines else ():
-        for k in np.argsort(times_s)[:ACCESS_TRIED]:
+    for end, times_s, find_way in ways if lines else ():
+        for k in np.argsort(times_s)[:ACCESS_TRIED].tolist():
             with suppress(Infeasible):
-                way(lines[k])
+                find_way(k)
                 break
-        else:
+        else:  # none of the nearest lines has a free way
             assert end is not None  # else any way is free
             message = (
                 f"no way between the lines and {request.place_text(end)} is found that stays {request.limits_text}"
@@ -814,13 +815,13 @@ def _check_access(request: CoverageRequest, heading: float) -> None:
 
 
 def _tangents(point: Point, pose: Pose, radius_m: float) -> list[float]:
-    """Headings of the tangents from a point to the two turning circles of a pose, in their direction of travel."""
+    """Headings at a point from which a straight leads onto either turning circle of a pose, in its sense of turning."""
     found = []
     for turn in (1, -1):
         cx, cy = centre_m(pose, turn, radius_m)
         dx, dy = cx - point[0], cy - point[1]
         distance = math.hypot(dx, dy)
         if distance > radius_m:
-            # a tangent is asin(r/d) from the direction of the centre
+            # the tangent is asin(r/d) off the direction of the centre, to the right of it for a left turn
             found.append(math.atan2(dy, dx) - turn * math.asin(radius_m / distance))
     return found

@@ -85,7 +85,7 @@ class Ground(NamedTuple):
         for each in self.given.obstacles:
             if each.height_m is not None:
                 known_m = self.terrain.heights_m(np.array(each.outline))
-                # of one beyond the terrain the height is not known; one below home is as if it reached to home
+                # an obstacle beyond the terrain has no known height; one whose top is below home counts as high as home
                 top_m = (
                     None if np.isnan(known_m).any() else max(float(known_m.max()) - self.zero_m + each.height_m, 0.0)
                 )
@@ -95,7 +95,8 @@ class Ground(NamedTuple):
 
 
 class Samples(NamedTuple):
-    """Samples of legs: places along the path, points, headings, legs before each, and whether it is on a line."""
+    """Samples of legs, shape (n,): places along the path, points, headings, index of the leg that each ends or is in,
+    and whether it is on a line."""
 
     places_m: FloatArray
     points_m: FloatArray
@@ -211,36 +212,33 @@ def over_terrain(
     """
     legs = _legs(solution, 0.0)
     samples, motion = ground.samples(legs), ground.motion
+    # the last sample before the final approach, or of all
     last = int(np.searchsorted(samples.legs, len(legs) - 1)) - 1 if lands else len(samples.legs) - 1
     below_m, sides_m, hard_m, ceiling_m = _band(samples, ground)
-    floor_m = _spread(hard_m, samples)
+    floor_m = _spread(hard_m, samples)  # the hard floor of all places where the flight may be by then
     courses = samples.headings_rad[1:]
     speeds_mps, _ = ground_speeds_mps(np.cos(courses), np.sin(courses), motion.airspeed_mps, motion.wind_mps)
     seconds = np.diff(samples.places_m) / speeds_mps
     if start_m is not None:
-        climbed_m = start_m + RATE_SHARE * climbing.up_mps * np.concatenate([[0.0], np.cumsum(seconds)])
-        k = 1 + int(np.argmax((below_m - climbed_m)[1:]))
-        if climbed_m[k] < below_m[k]:
-            rise = f"rises {below_m[k] - start_m:.0f} m in {samples.places_m[k]:.0f} m of the way from home"
-            able = f"the aircraft climbs {climbed_m[k] - start_m:.0f} m"
-            message = f"the ground at {ground.terrain.place_text(samples.points_m[k])} {rise}, and {able}"
-            raise Infeasible(message, "another --home, or --takeoff another way")
+        climbed_m = _climbed_m(start_m, samples, seconds, below_m, ground, climbing)
         hard_m, floor_m = np.minimum(hard_m, climbed_m), np.minimum(floor_m, climbed_m)
-    begins_m = math.inf
+    approach_m = math.inf  # altitude at which a final approach begins
     if lands:
         land_m = round(float(ground.heights_m(samples.points_m[-1:])[0]), 2)
-        begins_m = LEVEL_M * math.ceil((land_m + ground.limits.line_m) / LEVEL_M)
-        # the approach begins where it is commanded; the flight is near that
-        floor_m[last], hard_m[last], ceiling_m[last] = begins_m - LEVEL_M, begins_m, begins_m
+        approach_m = LEVEL_M * math.ceil((land_m + ground.limits.line_m) / LEVEL_M)
+        # the altitude commanded there is that of the approach; the flight may be a step lower
+        floor_m[last], hard_m[last], ceiling_m[last] = approach_m - LEVEL_M, approach_m, approach_m
+    # altitudes commanded, each with the number of the last sample up to which it holds
     if solution.blocks:
-        tried = np.linspace(0.0, solution.min_c1, LAPS_TRIED).tolist()
+        tried = np.linspace(0.0, solution.min_c1, LAPS_TRIED).tolist()  # laps have one altitude, for every c1
         floors_m = [_band(ground.samples(_legs(solution, c1)), ground)[2].max() for c1 in tried]
         found = [(len(below_m) - 1, float(math.ceil(max(floors_m))))]
     else:
-        straight = np.array([leg.piece.turn == 0 for leg in legs])[samples.legs]
-        ends = np.append(samples.legs[1:] != samples.legs[:-1], True)
+        on_straight = np.array([leg.piece.turn == 0 for leg in legs])[samples.legs]
+        at_leg_end = np.append(samples.legs[1:] != samples.legs[:-1], True)
         to = last + 1
-        band = Band(samples.places_m[:to], seconds[:last], floor_m[:to], ceiling_m[:to], (straight | ends)[:to])
+        may_change = (on_straight | at_leg_end)[:to]  # where another altitude may be commanded
+        band = Band(samples.places_m[:to], seconds[:last], floor_m[:to], ceiling_m[:to], may_change)
         try:
             found = commanded(banded(band, climbing, ground.limits.tolerance_m / 2), climbing, hard_m[:to], start_m)
         except Unreachable as error:
@@ -249,9 +247,9 @@ def over_terrain(
     for altitude_m, step_s in zip(_repeated(found), seconds.tolist(), strict=False):
         flown_m.append(climbing.followed_m(flown_m[-1], altitude_m, step_s))
     if lands:
-        if (high_m := float(flown_m[-1]) - begins_m) > ground.limits.tolerance_m:
+        if (above_m := float(flown_m[-1]) - approach_m) > ground.limits.tolerance_m:
             place = ground.terrain.place_text(samples.points_m[last])
-            message = f"the flight is {high_m:.0f} m too high at {place} for the final approach"
+            message = f"the flight is {above_m:.0f} m too high at {place} for the final approach"
             raise Infeasible(message, "a --landing farther away, or from another direction")
         found.append((len(below_m) - 1, land_m))
         ways_m = samples.places_m[last + 1 :]
@@ -261,10 +259,34 @@ def over_terrain(
     return solution if solution.blocks else replace(solution, sections=_cut(legs, samples, altitudes_m)), profile
 
 
-def low_approach(approach: CoverageLeg, ground: Ground) -> tuple[str, float, float] | None:
-    """Where a final approach comes too near to the ground, from the height of lines above the ground of its end.
+def _climbed_m(
+    start_m: float,
+    samples: Samples,
+    seconds: FloatArray,
+    below_m: FloatArray,
+    ground: Ground,
+    climbing: Climbing,
+) -> FloatArray:
+    """The highest altitudes that a climb from the start reaches, shape (n,) [m]; Infeasible below the ground `below_m`.
 
-    Half of its height above that, up to the clearance, is above all that is below, as far as it is more than a flare's.
+    `seconds`, shape (n − 1,), are the times of the steps between samples.
+    """
+    climbed_m = start_m + RATE_SHARE * climbing.up_mps * np.concatenate([[0.0], np.cumsum(seconds)])
+    k = 1 + int(np.argmax((below_m - climbed_m)[1:]))
+    if climbed_m[k] < below_m[k]:
+        rise = f"rises {below_m[k] - start_m:.0f} m in {samples.places_m[k]:.0f} m of the way from home"
+        able = f"the aircraft climbs {climbed_m[k] - start_m:.0f} m"
+        message = f"the ground at {ground.terrain.place_text(samples.points_m[k])} {rise}, and {able}"
+        raise Infeasible(message, "another --home, or --takeoff another way")
+    return climbed_m
+
+
+def low_approach(approach: CoverageLeg, ground: Ground) -> tuple[str, float, float] | None:
+    """Where a final approach comes nearest to the ground, if it is too near.
+
+    The approach comes down from the height of lines above the ground of its end. It has to stay above all that is below
+    it, by half of its height over its end's ground, or by the clearance if that is less. Where this is less than
+    `FLARE_M`, nothing is asked.
 
     Returns
     -------
@@ -274,6 +296,7 @@ def low_approach(approach: CoverageLeg, ground: Ground) -> tuple[str, float, flo
         Heights above the ground there, as they are and as they have to be [m]. None where all are enough.
     """
     samples, limits = ground.samples([approach]), ground.limits
+    # the highest of the ground and obstacles near each sample, above the ground of the approach's end
     tops_m = _band(samples, ground)[2] - limits.clearance_m - ground.heights_m(samples.points_m[-1:])
     heights_m = limits.line_m * (1 - samples.places_m / samples.places_m[-1])
     min_m = np.minimum(limits.clearance_m, heights_m / 2)
@@ -285,7 +308,7 @@ def low_approach(approach: CoverageLeg, ground: Ground) -> tuple[str, float, flo
 
 
 def _repeated(found: Sequence[tuple[int, float]]) -> FloatArray:
-    """The altitude commanded on each way between samples [m]."""
+    """The altitude commanded on each step from a sample to the next [m], from the last sample of each altitude."""
     lasts, levels_m = zip(*found, strict=True)
     return np.repeat(levels_m, np.diff([0, *lasts]))
 
@@ -295,13 +318,17 @@ def _legs(solution: CoverageSolution, c1: float) -> list[CoverageLeg]:
 
 
 def _band(samples: Samples, ground: Ground) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Heights of the ground below samples and on the mean beside them, and floor and ceiling of the flight [m]."""
+    """Of each sample: height of the ground below, mean height on both sides, floor and ceiling of the flight [m].
+
+    On lines both sides are half the lines' distance away, and a ceiling holds; elsewhere the clearance of turns is.
+    """
     limits, on_line = ground.limits, samples.on_line
     aside_m = np.where(on_line, ground.apart_m / 2, CLEARANCE_SHARE * ground.motion.min_radius_m)[:, None]
     normals = np.column_stack([-np.sin(samples.headings_rad), np.cos(samples.headings_rad)])
     places_m = [samples.points_m + side * aside_m * normals for side in (0, 1, -1)]
     below_m, left_m, right_m = map(ground.heights_m, places_m)
     sides_m = (left_m + right_m) / 2
+    # the ground below, and where the flight may be beside its line
     near_m = [below_m, *(ground.heights_m(samples.points_m + aside * normals) for aside in (ASIDE_M, -ASIDE_M))]
     on_lines_m = np.maximum(np.max(near_m, axis=0), sides_m) + limits.line_m
     floor_m = np.where(on_line, on_lines_m, np.max([below_m, left_m, right_m], axis=0) + limits.clearance_m)
@@ -314,7 +341,7 @@ def _band(samples: Samples, ground: Ground) -> tuple[FloatArray, FloatArray, Flo
 
 
 def _spread(values: FloatArray, samples: Samples) -> FloatArray:
-    """The greatest of the samples up to `OFF_M` before and after each, and of its neighbours."""
+    """For each sample the greatest value of all samples within `OFF_M` before and after it, its neighbours at least."""
     from scipy.ndimage import maximum_filter1d
 
     count = max(1, int(OFF_M / float(np.diff(samples.places_m).max())))
@@ -322,10 +349,10 @@ def _spread(values: FloatArray, samples: Samples) -> FloatArray:
 
 
 def _cut(legs: Sequence[CoverageLeg], samples: Samples, altitudes_m: FloatArray) -> tuple[CoverageLeg, ...]:
-    """The legs, cut where the altitude of the ways between samples changes."""
+    """The legs, cut where the altitude commanded changes; `altitudes_m` is that of each step between samples."""
     parts: list[CoverageLeg] = []
     for k, leg in enumerate(legs):
-        own = np.flatnonzero(samples.legs[1:] == k).tolist()
+        own = np.flatnonzero(samples.legs[1:] == k).tolist()  # the leg's steps: step i starts at sample i
         changes = [j for i, j in itertools.pairwise(own) if altitudes_m[i] != altitudes_m[j]]
         pieces = leg.cut(*(samples.places_m[changes] - samples.places_m[own[0]]).tolist()) if changes else [leg]
         starts = [own[0], *changes]

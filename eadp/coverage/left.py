@@ -13,7 +13,7 @@ from eadp.models.airspace import BOUNDARY, CLEARANCE_SHARE
 from eadp.models.field import Field
 
 MIN_SHARE = 1e-4
-"""Share of the field from which on a place is listed."""
+"""A place is listed from this share of the field on."""
 
 WIDTH_SHARE = 0.01
 """Width over the swath below which ground between strips is rounding."""
@@ -81,7 +81,8 @@ def _reason(rings: Sequence[Ring], area_m2: float, field: Field, motion: MotionL
     for each in obstacles:
         if share(each.outline) > 0.5:
             return f"{each.name}, and no room for a turn beside it"
-    # a line ends where there is room for what is flown beyond and half a circle, in steps of a part of its radius
+    # how far from an obstacle a line may have to end: the diameter of half a circle with clearance, what is flown beyond
+    # the line, and half a swath
     reach_m = (2 + 2 * CLEARANCE_SHARE) * motion.min_radius_m + motion.beyond_m + motion.swath_m / 2
     edges = [(each.name, each.outline) for each in obstacles] + [(BOUNDARY, ring) for ring in boundary]
     near = zip(apart_m([outline for _, outline in edges], rings), (name for name, _ in edges), strict=True)

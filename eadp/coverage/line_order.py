@@ -168,11 +168,11 @@ def _held_karp(problem: _Problem) -> list[int]:
     for size in range(1, n):
         of_size = sets[sizes == size]
         for line in range(n):
-            without = of_size[(of_size >> line) & 1 == 0]
+            without = of_size[(of_size >> line) & 1 == 0]  # sets of this size without the line
             costs_before = least[:, without]
             for end in (2 * line, 2 * line + 1):
                 least[end, without | 1 << line] = (costs_before + costs[:, end, np.newaxis]).min(axis=0) + own[end]
-    # back from the best last line: the predecessor is the one that gives the minimum over the lines left
+    # backwards from the best last line: its predecessor is the last line with which flying the others costs least
     order = [int(np.argmin(least[:, -1] + problem.last))]
     left = (1 << n) - 1
     while len(order) < n:
@@ -185,9 +185,9 @@ def _held_karp(problem: _Problem) -> list[int]:
 
 
 def _sequences(lines: int) -> IntArray:
-    """Orders of lines 0..n−1 without directions, shape (k, n): each also from the other side and backwards."""
+    """Orders of lines 0..n−1 without directions, shape (k, n): each also from the field's other side, and backwards."""
     half = (lines + 1) // 2
-    found: dict[tuple[int, ...], None] = {tuple(range(lines)): None}  # each once, in order
+    found: dict[tuple[int, ...], None] = {tuple(range(lines)): None}  # a set that keeps its order
     for skip in range(2, min(lines - 1, MAX_SKIP) + 1):
         for sequence in (_passes(lines, skip, False), _passes(lines, skip, True), _blocks(lines, 2 * skip)):
             found[tuple(sequence)] = None
@@ -195,15 +195,15 @@ def _sequences(lines: int) -> IntArray:
     for count in range(1, 1 + -(-lines // (2 * MAX_SKIP))):
         found[tuple(_blocks(lines, -(-lines // count)))] = None
         found[tuple(_passes(lines, -(-half // count), False))] = None
-    there = np.array(list(found), dtype=np.intp)
-    both = np.concatenate([there, lines - 1 - there])
-    return np.concatenate([both, both[:, ::-1]])
+    one_side = np.array(list(found), dtype=np.intp)
+    both_sides = np.concatenate([one_side, lines - 1 - one_side])
+    return np.concatenate([both_sides, both_sides[:, ::-1]])
 
 
 def _passes(lines: int, skip: int, back: bool) -> list[int]:
-    """Every `skip`-th line, then those beside them: always from the same side, or back and forth."""
+    """Every `skip`-th line from line 0, then from line 1, and so on; with `back`, every second pass is backwards."""
     passes = [range(start, lines, skip) for start in range(skip)]
-    return [line for i, row in enumerate(passes) for line in (reversed(row) if back and i % 2 else row)]
+    return [line for i, one in enumerate(passes) for line in (reversed(one) if back and i % 2 else one)]
 
 
 def _blocks(lines: int, size: int) -> list[int]:
@@ -218,32 +218,34 @@ def _blocks(lines: int, size: int) -> list[int]:
 
 
 def _nearest_neighbours(problem: _Problem) -> IntArray:
-    """Sequences that continue with the cheapest line left, from each line in each direction, shape (2n, n)."""
+    """Sequences that go on to the cheapest line left, one from each directed line; lines without direction, (2n, n)."""
     n = problem.lines
-    at = np.arange(2 * n)  # where each sequence is: a directed line
+    at = np.arange(2 * n)  # the last directed line of each sequence so far
     visited = np.zeros((2 * n, n), dtype=bool)
     sequences = np.empty((2 * n, n), dtype=np.intp)
     either_way = problem.costs.reshape(2 * n, n, 2)
-    # of each line as the next one: its cheaper direction, and the cost of that
+    # of each line after a directed one, shape (2n, n): its cheaper direction, 0 or 1, and the cost in that direction
     cheaper, least = either_way.argmin(axis=2), either_way.min(axis=2)
-    starts = np.arange(2 * n)
+    rows = np.arange(2 * n)
     for i in range(n):
         if i:
             line = np.where(visited, np.inf, least[at]).argmin(axis=1)
             at = 2 * line + cheaper[at, line]
         sequences[:, i] = at // 2
-        visited[starts, at // 2] = True
+        visited[rows, at // 2] = True
     return sequences
 
 
 def _best_directions(problem: _Problem, sequences: IntArray) -> tuple[FloatArray, IntArray]:
     """The best directions for sequences of lines, shape (k, n), by dynamic programming.
 
-    Totals, shape (k,), and directions, 0 forward and 1 backward, shape (k, n).
+    Returns the total cost of each sequence, shape (k,), and the direction of each of its lines, 0 forward and 1
+    backward, shape (k, n).
     """
     count, n = sequences.shape
     directed = 2 * sequences[:, :, np.newaxis] + np.arange(2)
-    # of the i-th line of each sequence in each direction: the best direction of the line before, and the least cost
+    # of the i-th line of each sequence in each direction: the best direction of the line before it, and the least cost
+    # up to its end
     come_from = np.zeros((count, n, 2), dtype=np.intp)
     least = problem.first[directed[:, 0]] + problem.own[directed[:, 0]]
     rows = np.arange(count)
@@ -261,7 +263,7 @@ def _best_directions(problem: _Problem, sequences: IntArray) -> tuple[FloatArray
 
 
 def _initial_orders(problem: _Problem) -> list[list[int]]:
-    """The sequences in use and the nearest neighbour's with their best directions, the cheapest first, each once."""
+    """Directed orders to start from, the cheapest first: `_sequences` and nearest neighbours, in best directions."""
     sequences = np.concatenate([_sequences(problem.lines), _nearest_neighbours(problem)])
     totals, directions = _best_directions(problem, sequences)
     orders = 2 * sequences + directions
@@ -273,22 +275,24 @@ def _initial_orders(problem: _Problem) -> list[list[int]]:
 
 
 class _Search:
-    """Local search over directed orders: runs of lines are reversed, and short runs moved, in either direction.
+    """Local search over directed orders: runs of lines are reversed, and short runs moved, reversed or not.
 
-    The order is held in a tour of positions 1..n with the depot, directed line 2n, at both ends: departure at 0,
-    arrival at n + 1. A reversed run flies its lines and the turns between them in the other direction. The cost of that
-    is a difference of `reversal_sums`, the running sum of `reversal_costs` over positions.
+    `tour` is the order at positions 1..n, with the depot, directed line 2n, at both ends: departure at position 0,
+    arrival at n + 1. A reversed run flies its lines and the turns between them in the other direction. What that costs
+    more is a difference of `reversal_sums`, the running sum of `reversal_costs` over positions.
 
-    For a directed line c, c >> 1 is its line and c ^ 1 its other direction; `position` and `queued` count lines, with n
-    for the depot. `after` and `before` list, by cost, the directed lines that may follow or precede each one. `visits`
-    counts the lines taken from `queue`: the effort.
+    For a directed line c, c >> 1 is its line and c ^ 1 its other direction. `table[a][b]` is the cost of going from a
+    to b, `total` the tour's sum of it. `position` and `queued` have an entry for each line, at n for the depot: where
+    it is in the tour, and whether it is in `queue`, the lines whose neighbourhood is to be improved. `after` and
+    `before` list, the cheapest first, the directed lines that may follow or precede each one. `visits` counts the lines
+    taken from `queue`: the effort.
     """
 
     def __init__(self, problem: _Problem) -> None:
         self.problem = problem
         n = problem.lines
         self.depot = depot = 2 * n
-        # half of a line's own cost goes to the turn before it, half to the one after: a reversal without wind is free
+        # what a line costs more than in its cheaper direction: half goes to the turn before it, half to the turn after
         extra = problem.own - np.minimum(problem.own[0::2], problem.own[1::2]).repeat(2)
         table = np.zeros((2 * n + 1, 2 * n + 1))
         table[:depot, :depot] = problem.costs + (extra[:, np.newaxis] + extra) / 2
@@ -301,7 +305,7 @@ class _Search:
         self.reversal_costs: list[list[float]] = (square[np.ix_(backward, backward)].T - square).tolist()
         scale = float(np.abs(square).max(initial=0.0))
         self.symmetric = bool(np.abs(np.array(self.reversal_costs)).max(initial=0.0) <= 1e-11 * scale)
-        # a line is no neighbour of its own
+        # a line, in either direction, does not follow itself
         of_others = square + np.where(np.kron(np.eye(n), np.ones((2, 2))) > 0, np.inf, 0.0)
         count = min(NEIGHBOURS, 2 * n - 2)
         self.after: list[list[int]] = np.argsort(of_others, axis=1, kind="stable")[:, :count].tolist()
@@ -331,7 +335,7 @@ class _Search:
         return min(found)[1]
 
     def _redirect(self) -> bool:
-        """Give the lines of the tour the best directions for their sequence; return whether the total has fallen."""
+        """Give the lines of the tour the best directions for their sequence, if that pays; return whether it did."""
         order, cost = self.problem.with_cost(self.tour[1:-1])
         sequence = np.array([order], dtype=np.intp) // 2
         totals, directions = _best_directions(self.problem, sequence)
@@ -343,7 +347,8 @@ class _Search:
     def perturbed(self, order: Sequence[int]) -> list[int]:
         """The best order found by iterated local search from perturbations of the best so far: never worse than it.
 
-        A perturbation swaps two runs that follow one another, each reversed or not: where, how long and how is drawn.
+        A perturbation swaps two runs that follow one another, each reversed or not. Their place, their lengths and
+        whether they are reversed are drawn.
         """
         n = self.problem.lines
         self._reset(order)
@@ -358,7 +363,7 @@ class _Search:
             left, right = 1 + int(one * longest), 1 + int(two * longest)
             start = 1 + int(where * (n + 1 - left - right))
             self._swap(start, start + left, start + left + right, reverse_one < 0.5, reverse_two < 0.5)
-            if self.total > total + self.min_gain:  # an equal one is kept, to cross plateaus
+            if self.total > total + self.min_gain:  # taken back; an equal order is kept, to cross plateaus
                 self.total, self.tour, self.position, self.reversal_sums = before
         return self.tour[1:-1]
 
@@ -373,7 +378,7 @@ class _Search:
         self._settle(1, n)
 
     def _settle(self, start: int, end: int) -> None:
-        """Update the index of positions and the running sums after positions start..end have changed."""
+        """Update `position` and `reversal_sums` after the tour has changed at positions start..end."""
         tour, position = self.tour, self.position
         for i in range(start, end + 1):
             position[tour[i] >> 1] = i
@@ -419,10 +424,12 @@ class _Search:
                 self.queued[line] = True
                 self.queue.append(line)
 
-    # In the two functions below, a stands at position i and c is its new neighbour. The line of c stands at position j,
-    # as d: where d is c, a run from or to c moves as it is; where d is c ^ 1, a run is reversed. Neighbours in the tour
-    # are a b or z a, y d or d f, and y e or e f. `gain` is what the turns changed so far save, `saved` what the whole
-    # move saves. Candidates are sorted by cost: the first whose turn alone saves nothing ends the search.
+    # In the two functions below, the directed line a stands at position i, and c is a candidate for its new neighbour.
+    # The line of c stands at position j, in a direction d. Where d is c, a short run from d to e is moved beside a as it
+    # is. Where d is c ^ 1, the other direction, a run is reversed so that c comes beside a: that of all lines between,
+    # or a short one from d to e that is also moved. In the tour z stands before a and b after it, y before the run and
+    # f after it. `gain` is what the turns changed so far save, `saved` what the whole move saves. Candidates are sorted
+    # by cost: the first one whose turn alone saves nothing ends the search.
 
     def _improve_successor(self, i: int) -> bool:
         """Replace the successor of position i by a cheaper one, if that pays; return whether it did."""
@@ -492,11 +499,11 @@ class _Search:
         return False
 
     def _reverse(self, start: int, end: int, saved: float) -> bool:
-        """Reverse positions start..end; always True."""
+        """Reverse the run at positions start..end, for a total less by `saved`; always True."""
         return self._replace(start, _reversed(self.tour[start : end + 1]), (start, end + 1), saved)
 
     def _move(self, start: int, end: int, after: int, backward: bool, saved: float) -> bool:
-        """Move positions start..end to between `after` and the next, backward or not; always True."""
+        """Move the run at positions start..end to after position `after`, reversed if `backward`; always True."""
         tour, run = self.tour, self.tour[start : end + 1]
         if backward:
             run = _reversed(run)
@@ -506,7 +513,10 @@ class _Search:
         return self._replace(start, tour[end + 1 : after + 1] + run, cuts, saved)
 
     def _replace(self, start: int, run: list[int], cuts: Sequence[int], saved: float) -> bool:
-        """Replace lines from a position on, for a total less by `saved`; queue those beside the cuts; always True."""
+        """Write lines to the tour from position `start` on, for a total less by `saved`; always True.
+
+        The lines on both sides of each position in `cuts` are queued.
+        """
         touched = [self.tour[i] >> 1 for cut in cuts for i in (cut - 1, cut)]
         self.tour[start : start + len(run)] = run
         self._settle(start, start + len(run) - 1)

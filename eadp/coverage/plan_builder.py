@@ -137,7 +137,7 @@ def build_plan(
 
 
 class _PlanBuilder:
-    """Stages and segments of a plan, and the length of its shortest stage; `_sensing`, whether each stage is a line."""
+    """Stages and segments of a plan, and the length of its shortest stage; `_sensing`: whether each stage is a line."""
 
     def __init__(self, solution: CoverageSolution, computations: FieldComputations, *, from_start: bool) -> None:
         self.computations, self._from_start = computations, from_start
@@ -145,10 +145,10 @@ class _PlanBuilder:
         self.segments: list[Segment] = []
         self.shortest_m = math.inf
         self.start_m: Point | None = None
-        """Where a plan starts whose first stage is shorter than the way before its trigger that is flown by default."""
+        """The plan's start [m], where that is not the default one: its first stage is shorter than the default way."""
         self._sensing: list[bool] = []
         self._min_c1 = solution.min_c1
-        legs: list[CoverageLeg] = []
+        legs: list[CoverageLeg] = []  # not yet added: they become one segment, flown once
         for section in solution.sections:
             if not isinstance(section, Block):
                 legs.append(section)
@@ -181,27 +181,27 @@ class _PlanBuilder:
         self.stages.append(Stage(number, 0, gain, path.rotation_deg, function, (x, y), sets, altitude_m=altitude_m))
 
     def commanded(self, commands: tuple[Command, Command]) -> list[Stage]:
-        """The stages with a command where the field starts, and one where it ends."""
+        """The stages with the first command where a line starts, and the second where a turn starts after a line."""
         stages = []
-        for i, (stage, over) in enumerate(zip(self.stages, self._sensing, strict=True)):
-            # whether the stages flown before it are lines: the one above, and for the first of a lap, the lap's last
+        for i, (stage, is_line) in enumerate(zip(self.stages, self._sensing, strict=True)):
+            # whether the stages flown before it are lines: the stage above, and before a lap's first the lap's last
             before = {self._sensing[i - 1] if i else False}
             laps = [part for part in self.segments if part.repeats and part.first == i]
             before |= {self._sensing[part.first + part.count - 1] for part in laps}
-            stages.append(stage if before == {over} else replace(stage, commands=(commands[0 if over else 1],)))
+            stages.append(stage if before == {is_line} else replace(stage, commands=(commands[0 if is_line else 1],)))
         return stages
 
     def _add_once(self, legs: Sequence[CoverageLeg]) -> None:
-        """Append a segment of stages flown once."""
+        """Append a segment of stages flown once; of the first one `start_m` is set, or its first leg cut."""
         first = len(self.stages)
         if self.computations.off_on_turns:
             legs = [part for leg in legs for part in leg.split()]
         if first == 0:
-            # the first stage ends where the default start is its start: 100 m on a line, a quarter of a circle
+            # a plan starts by default so far before its first trigger: 100 m on a line, a quarter of a circle
             piece = legs[0].piece
-            share = START_M if piece.turn == 0 else piece.radius_m * math.pi / 2
-            if share < piece.length_m and not self._from_start:
-                legs = [*legs[0].cut(share), *legs[1:]]
+            before_m = START_M if piece.turn == 0 else piece.radius_m * math.pi / 2
+            if before_m < piece.length_m and not self._from_start:
+                legs = [*legs[0].cut(before_m), *legs[1:]]  # the first trigger there, so that the start is the leg's
             else:
                 self.start_m = (round(piece.start[0], _DIGITS), round(piece.start[1], _DIGITS))
         for leg in legs:
@@ -214,15 +214,18 @@ class _PlanBuilder:
         self.segments.append(Segment(first, len(self.stages) - first))
 
     def _add_laps(self, block: Block) -> None:
-        """Append a segment of the four primitive stages of a block, with the loop variables that move them."""
+        """Append a segment of the four primitive stages of a block, with the loop variables that move them.
+
+        They are a first line up, the turn to the second line, that line down, and the turn to the next lap.
+        """
         first = len(self.stages)
         frame = block.frame
         # rotations [°]: the gradient of a line points along u, that of a circle outward; turns are towards u
         up, down, turn = (90, 270, 270) if frame.hand == 1 else (270, 90, 90)
-        u1, u2 = block.first_m, block.first_m + 2 * block.circle_m
-        gains = GAIN_PER_M / (2 * block.circle_m), GAIN_PER_M / (2 * block.radius_m)
+        u1, u2 = block.first_m, block.first_m + 2 * block.first_radius_m  # of both lines of the first lap
+        gains = GAIN_PER_M / (2 * block.first_radius_m), GAIN_PER_M / (2 * block.radius_m)
         circles = (
-            _circle(_point(frame, u1 + block.circle_m, "s", "top"), _number(block.circle_m)),
+            _circle(_point(frame, u1 + block.first_radius_m, "s", "top"), _number(block.first_radius_m)),
             _circle(_point(frame, u2, "s - r2", "low"), "r2"),
         )
         for path, trigger, sensing in (
@@ -248,13 +251,13 @@ def _spacing(block: Block) -> str:
 
 
 def _loop_variables(block: Block) -> Iterator[LoopVariable]:
-    """Of each lap: its place, the next one's, the levels of its upper and lower turn, the lower one's radius [m]."""
+    """The variables of a lap [m]: its position s, the next lap's, the levels of its turns, radius r2 of the second."""
     yield LoopVariable("s", _expression("0"), _expression("next - s"))
     yield LoopVariable("next", _expression(f"min(s + {_spacing(block)}, {_number(block.travel_m)})"))
     yield LoopVariable("top", _expression(_piecewise_linear(block.top, "s")))
     second, first = _piecewise_linear(block.low_second, "s"), _piecewise_linear(block.low_first, "next")
     yield LoopVariable("low", _expression(second if second == first else f"min({second}, {first})"))
-    yield LoopVariable("r2", _expression(f"{_number(block.circle_m)} - (next - s)/2"))
+    yield LoopVariable("r2", _expression(f"{_number(block.first_radius_m)} - (next - s)/2"))
 
 
 # --- expressions as text ----------------------------------------------------------------------------------------------
@@ -363,7 +366,7 @@ def with_landing(plan: Plan, approach: CoverageLeg, radius_m: float, land: Comma
     Raises
     ------
     Infeasible
-        If laps decide where the plan ends, or path parameters do.
+        If where the plan ends depends on its laps or its path parameters.
     """
     last = plan.stages[-1]
     laps = plan.repeats or (last.segment and last.segment.repeats)
@@ -378,7 +381,7 @@ def with_landing(plan: Plan, approach: CoverageLeg, radius_m: float, land: Comma
     kept = replace(last, commands=tuple(each for each in last.commands if each[0] != RETURN))
     segments = plan.segments and (*plan.segments, Segment(len(plan.stages), len(pieces)))
     stages = (*plan.stages[:-1], kept, *way, landing)
-    # the laps that explicit stages had are none any more
+    # a plan whose stages were explicit laps has none any more
     return replace(plan, stages=stages, segments=segments, primitive_stages=None, shift=None, final=None)
 
 

@@ -17,7 +17,7 @@ STEP_S = 1.0
 """Time between the points of a track at which distances are taken [s]."""
 
 LATE_S = 10.0
-"""Take-offs are late by up to so much: a pilot's seconds [s]."""
+"""A pilot's take-off is late by up to this [s]."""
 
 STAGGERS_S = range(0, 601, 5)
 """Delays of take-off from one aircraft to the next that are tried [s]."""
@@ -34,7 +34,7 @@ class TimedTrack(NamedTuple):
         return self._replace(times_s=self.times_s + delay_s)
 
     def then(self, other: TimedTrack, pause_s: float) -> TimedTrack:
-        """The track, and another after a pause on the ground."""
+        """This track, followed by another one after a pause on the ground, where it has no position: NaN."""
         start_s = self.times_s[-1] + pause_s - other.times_s[0]
         # interpolation between two points of NaN, just after the one and just before the other, is NaN
         gap = np.array([self.times_s[-1] + 1e-3, self.times_s[-1] + pause_s - 1e-3])
@@ -68,9 +68,9 @@ def track_of(path: CoveragePath, motion: MotionLimits) -> TimedTrack:
 
 
 def nearest(tracks: Sequence[TimedTrack]) -> Nearest | None:
-    """The least distance of any two aircraft while both are in the air, at steps of `STEP_S`; None where no two are.
+    """The least distance of any two aircraft while both are in the air, at steps of `STEP_S`; None if no two ever are.
 
-    Between two steps either flies some 20 m, so that a distance is known to within that.
+    Either aircraft flies some 20 m in a step: a distance between two steps may be less by as much.
     """
     if len(tracks) < 2:
         return None
@@ -94,10 +94,13 @@ def nearest(tracks: Sequence[TimedTrack]) -> Nearest | None:
 
 
 def stagger_s(tracks: Sequence[TimedTrack], distance_m: float) -> float:
-    """The least delay of take-off from one aircraft to the next that keeps a distance; the best one where none does."""
+    """The least delay of take-off from one aircraft to the next that keeps a distance [s].
+
+    Where none of `STAGGERS_S` does, the one with the greatest distance.
+    """
 
     def min_distance_m(delay_s: float) -> float:
-        """The least distance of any two, also where every second aircraft is late or early."""
+        """The least distance of any two aircraft [m], also where every second one takes off up to `LATE_S` off time."""
         found = [
             nearest([track.later(k * delay_s + late_s * (k % 2)) for k, track in enumerate(tracks)])
             for late_s in np.linspace(-LATE_S, LATE_S, 5).tolist()

@@ -29,11 +29,14 @@ ROUNDS = 12
 """Most forecasts for the end of a sortie."""
 
 ALIKE_ROUNDS, BOUND_ROUNDS = 2, 4
-"""Most times that the ends of all sorties are moved until all are alike; of as many as are needed at least, as no other
-division has fewer."""
+"""Most times that the ends of all sorties are moved until all leave about the same; and more times for the least number
+of sorties, which no other division can beat."""
 
-EVEN = 0.02
+FULL_SPARE = 0.02
 """A sortie is full where it leaves no more than this share of a pack."""
+
+MIN_ON_LINES = 0.02
+"""Share of a pack that a sortie is taken to use on its lines at least, by which a step is divided."""
 
 MAX_SORTIES = 200
 SAME_M = 1e-2
@@ -41,7 +44,7 @@ SAME_M = 1e-2
 
 
 def whole_lines(ground: Field, field: Field, grid: LineGrid, gap_m: float, min_share: float) -> Field | None:
-    """What is left of a field, as lines: those that have only scraps of it left are left out.
+    """What is left of a field, as ground of lines to fly again: lines with only scraps of it are left out.
 
     Parameters
     ----------
@@ -61,7 +64,7 @@ def whole_lines(ground: Field, field: Field, grid: LineGrid, gap_m: float, min_s
     """
     windows = []
     for i, spans in enumerate(grid.extents(ground)):
-        joined: list[tuple[float, float]] = []
+        joined: list[tuple[float, float]] = []  # the spans, with short gaps between them filled
         for low, high in spans:
             if joined and low - joined[-1][1] < gap_m:
                 joined[-1] = joined[-1][0], high
@@ -69,16 +72,16 @@ def whole_lines(ground: Field, field: Field, grid: LineGrid, gap_m: float, min_s
                 joined.append((low, high))
         for low, high in joined:
             window = grid.window(i, i, low, high)
-            left_m2, own_m2 = (
+            left_m2, whole_m2 = (
                 sum(ground_m2(*part) for part in clipped(each.parts, [window])) for each in (ground, field)
             )
-            if left_m2 >= min_share * own_m2:
+            if left_m2 >= min_share * whole_m2:
                 windows.append(window)
     return field.with_parts(clipped(field.parts, windows)) if windows else None
 
 
 class Division:
-    """The lines of a field one after the other, and the ground of an interval of them.
+    """The lines of a field one after the other, as one length on which a place is counted from the first line's start.
 
     Parameters
     ----------
@@ -86,7 +89,7 @@ class Division:
     grid : LineGrid
         Its lines.
     overlap_m : float
-        What both parts of a line that is cut have in common [m].
+        Length that both parts of a line that is cut cover [m].
     order : sequence of int, optional
         The lines of the grid in the order in which they stand; by default side by side.
     """
@@ -124,8 +127,8 @@ class Division:
         return float(self._ends[np.abs(self._ends - place_m).argmin()])
 
     def part(self, start_m: float, end_m: float) -> Field:
-        """The ground of the lines of an interval [m]."""
-        windows, whole = [], set[int]()  # of lines that are cut; numbers of lines that are not
+        """The ground of the lines between two places [m]; of a line cut at `start_m`, with the overlap before it."""
+        windows, whole = [], set[int]()  # windows of lines that are cut; numbers of lines that are not
         for k, line in enumerate(self._order):
             own_start, own_end = float(self._ends[k]), float(self._ends[k + 1])
             if own_end <= start_m + SAME_M or own_start >= end_m - SAME_M:
@@ -142,12 +145,12 @@ class Division:
         return self._field.with_parts(clipped(self._field.parts, windows))
 
     def _along(self, k: int, place_m: float) -> float:
-        """The place along the k-th line, in the frame, at which so much of the length of all lines is flown."""
-        left = place_m - float(self._ends[k])
+        """The v in the grid's frame of a place on line k of the order, counted from 0 [m]; gaps have no length."""
+        rest_m = place_m - float(self._ends[k])
         for low, high in self._extents[k]:
-            if left <= high - low:
-                return low + left
-            left -= high - low
+            if rest_m <= high - low:
+                return low + rest_m
+            rest_m -= high - low
         return self._extents[k][-1][1]
 
 
@@ -175,9 +178,9 @@ class Divided(NamedTuple, Generic[AnySortie]):
 
     @property
     def may_save_one(self) -> bool:
-        """Whether what the others leave together would be enough for the lines of one of them."""
-        spare = sum(max(sortie.spare, 0.0) for sortie in self.sorties)
-        return any(spare - sortie.spare >= sortie.used_on_lines for sortie in self.sorties)
+        """Whether the lines of some sortie take no more charge than all other sorties leave together."""
+        total_spare = sum(max(sortie.spare, 0.0) for sortie in self.sorties)
+        return any(total_spare - sortie.spare >= sortie.used_on_lines for sortie in self.sorties)
 
     @property
     def lengths_m(self) -> FloatArray:
@@ -195,15 +198,15 @@ class Divided(NamedTuple, Generic[AnySortie]):
         return max(sum(sortie.used_on_lines for sortie in self.sorties) / float(self.lengths_m.sum()), 1e-12)
 
     def expected(self, lengths_m: FloatArray) -> FloatArray:
-        """What each is expected to leave with another length of lines."""
+        """The spare charge that each is expected to have with other lengths of lines, as a share of a pack."""
         return self.spares + self.used_per_m * (self.lengths_m - lengths_m)
 
     @property
     def needed(self) -> int:
-        """The number of sorties whose packs together last for the lines, by what one of these has for them."""
-        on_lines = [sortie.used_on_lines for sortie in self.sorties]
-        has = sum(on_lines) + float(self.spares.sum())
-        return math.ceil(len(on_lines) * sum(on_lines) / has - 1e-9) if has > 0 else MAX_SORTIES + 1
+        """The number of sorties that all lines take, by the mean charge that these have for lines: used and spare."""
+        used = sum(sortie.used_on_lines for sortie in self.sorties)
+        available = used + float(self.spares.sum())
+        return math.ceil(len(self.sorties) * used / available - 1e-9) if available > 0 else MAX_SORTIES + 1
 
     @property
     def shortest(self) -> AnySortie:
@@ -257,9 +260,10 @@ class Divider(Generic[AnySortie]):
         return found
 
     def _unlike(self, min_count: int) -> Divided[AnySortie]:
-        """Sorties whose packs together last for the lines, but not each of them where all are alike: filled ones.
+        """As many sorties as filling one after the other takes: all alike where they can be flown so, else as filled.
 
-        Alike again where one more is needed. Raises Infeasible as `fewest`, and where lines are not cut.
+        Where that number is no multiple of `step`, the next one of which all alike can be flown. Raises Infeasible as
+        `fewest`, and where lines are not cut.
         """
         if not self.cuts:
             raise Infeasible(f"{MAX_SORTIES} sorties are too few")
@@ -309,10 +313,11 @@ class Divider(Generic[AnySortie]):
         return self._divided_at(np.array(ends))
 
     def _farthest_m(self, start_m: float, guess_m: float, *, whole: bool) -> float:
-        """The farthest end found of a sortie that starts at a place [m]; the place itself where there is none.
+        """The farthest end found of a sortie that can be flown from a place [m]; the place itself where there is none.
 
-        `guess_m` is the length that is tried first. Steps aim at a spare charge of EVEN / 2, by the charge that a metre
-        of the lines takes in the sortie tried last; where they leave the bracket they are those of a bisection.
+        `guess_m` is the length that is tried first; with `whole`, sorties end only between lines. A step aims at a
+        spare charge of half `FULL_SPARE`, by the charge that a metre of the lines takes in the sortie tried last. Where
+        it leaves the bracket, the bracket's middle is tried instead.
         """
         total_m = self.division.total_m
         # the bracket: a sortie to low_m can be flown, one to high_m cannot
@@ -321,26 +326,26 @@ class Divider(Generic[AnySortie]):
             if whole:
                 end_m = self.division.between_lines(end_m)
             if not low_m + SAME_M < end_m < high_m - SAME_M:
-                # out of the bracket: its middle instead, or the end of the next line
+                # out of the bracket: its middle instead, or the end of the line after low_m
                 end_m = self.division.next_line(low_m) if whole else (low_m + min(high_m, total_m)) / 2
                 if not low_m + SAME_M < end_m < high_m - SAME_M:
                     break  # nothing between the two is left to try
             sortie = self._sortie((round(start_m, 3), round(end_m, 3)))
             if sortie.spare >= 0:
                 low_m = end_m
-                if end_m >= total_m - SAME_M or (not whole and sortie.spare <= EVEN):
+                if end_m >= total_m - SAME_M or (not whole and sortie.spare <= FULL_SPARE):
                     break
             else:
                 high_m = end_m
-            used_per_m = max(sortie.used_on_lines, EVEN) / (end_m - start_m)
-            end_m = min(end_m + (sortie.spare - EVEN / 2) / used_per_m, total_m)
+            used_per_m = max(sortie.used_on_lines, MIN_ON_LINES) / (end_m - start_m)
+            end_m = min(end_m + (sortie.spare - FULL_SPARE / 2) / used_per_m, total_m)
         return low_m
 
     def _alike(self, count: int, rounds: int = ALIKE_ROUNDS) -> Divided[AnySortie]:
-        """The division into so many sorties of about the same spare charge, with whole lines where that is enough.
+        """The division into `count` sorties of about the same spare charge, with whole lines where that is enough.
 
-        Else the last one tried, in which not all can be flown. Raises Infeasible where whole lines are too few, and are
-        not cut.
+        Where none is found that can be flown: the last one tried. Raises Infeasible where whole lines are too few, and
+        lines are not cut.
         """
         places, found = np.linspace(0.0, self.division.total_m, count + 1), None
         for _ in range(rounds):
@@ -348,24 +353,24 @@ class Divider(Generic[AnySortie]):
             apart = len(set(whole.tolist())) == count + 1
             if not (apart or self.cuts):
                 break
-            # whole lines, at first and where they are expected to be enough
+            # ends between lines: in the first round, and where all sorties are then expected to be flown
             if not self.cuts or (apart and (found is None or found.expected(np.diff(whole)).min() >= 0)):
                 places = whole
             found = self._divided_at(places)
             spares = found.spares
             if spares.min() >= 0 or spares.mean() < 0:
                 break
-            # a sortie with more to spare than the mean takes on so much more of the lines
-            moved = found.lengths_m + (spares - spares.mean()) / found.used_per_m
-            moved = np.maximum(moved, 0.02 * found.lengths_m)
-            places = np.concatenate([[0.0], np.cumsum(moved)]) * (self.division.total_m / float(moved.sum()))
+            # a sortie with more spare charge than the mean takes on as much more of the lines as uses it up
+            lengths_m = found.lengths_m + (spares - spares.mean()) / found.used_per_m
+            lengths_m = np.maximum(lengths_m, 0.02 * found.lengths_m)
+            places = np.concatenate([[0.0], np.cumsum(lengths_m)]) * (self.division.total_m / float(lengths_m.sum()))
         if found is None:
             raise Infeasible(f"{self.division.lines} whole lines have no division into {count} sorties or more")
         return found
 
     def _divided_at(self, ends_m: FloatArray) -> Divided[AnySortie]:
-        """The sorties that end and start at some places along all lines [m]; empty ones are left out."""
-        rounded = [round(end_m, 3) for end_m in ends_m.tolist()]  # to the millimetre, by which `_sortie` knows them
+        """The sorties between some places along all lines, in their order [m]; empty ones are left out."""
+        rounded = [round(end_m, 3) for end_m in ends_m.tolist()]  # `_known` has intervals to the millimetre
         intervals = [pair for pair in itertools.pairwise(rounded) if pair[1] > pair[0]]
         return Divided(intervals, [self._sortie(interval) for interval in intervals])
 
@@ -381,8 +386,9 @@ class Divider(Generic[AnySortie]):
 def min_time_s(lines_s: FloatArray, access_s: FloatArray, pack_s: float) -> float:
     """A lower bound of the time that all sorties take together, without the turns between lines [s].
 
-    The way a of a sortie, there and back, is no shorter than that to any of its parts, rᵢ, and its lines take no longer
-    than P − a. Shared among its parts by their times, a is tᵢ rᵢ / (P − rᵢ) or more for each; with tᵢ, tᵢ P / (P − rᵢ).
+    The way there and back of a sortie takes a. It is no shorter than the way rᵢ to any of its parts, and the sortie's
+    lines take no longer than P − a. Shared among the parts by their times tᵢ, a is at least tᵢ rᵢ / (P − rᵢ) for part
+    i; with its line, part i takes at least tᵢ + tᵢ rᵢ / (P − rᵢ) = tᵢ P / (P − rᵢ).
 
     Parameters
     ----------
@@ -401,8 +407,8 @@ def min_time_s(lines_s: FloatArray, access_s: FloatArray, pack_s: float) -> floa
 def min_sorties(time_s: float, turns_s: FloatArray, pack_s: float) -> int:
     """A lower bound of the number of sorties.
 
-    Each line is flown after another one, by a turn, or is the first of its sortie. So K sorties take `time_s` and all
-    turns but K, the longest ones at most, and no more than K packs.
+    A line is flown after a turn from another line, or is the first of its sortie. So K sorties take at least `time_s`
+    and all turns but K of them, at best but the K longest; and they take K packs at most.
 
     Parameters
     ----------
@@ -418,6 +424,6 @@ def min_sorties(time_s: float, turns_s: FloatArray, pack_s: float) -> int:
 
 
 def tours(count: int, aircraft: int) -> list[Sequence[int]]:
-    """The sorties of each aircraft, side by side: `count` is a multiple of `aircraft`."""
+    """For each aircraft its sorties, counted from 0, which follow one another; `count` is a multiple of `aircraft`."""
     each = count // aircraft
     return [range(k * each, (k + 1) * each) for k in range(aircraft)]

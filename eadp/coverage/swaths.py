@@ -77,7 +77,7 @@ class MotionLimits:
         return self.airspeed_mps + math.hypot(*self.wind_mps)
 
     def max_line_speed_mps(self, heading_rad: float) -> float:
-        """Ground speed of the faster ones of lines that are flown both ways [m/s]."""
+        """Ground speed along lines of a heading, in the faster of both directions [m/s]."""
         ways = np.array([heading_rad, heading_rad + math.pi])
         return float(ground_speeds_mps(np.cos(ways), np.sin(ways), self.airspeed_mps, self.wind_mps)[0].max())
 
@@ -94,7 +94,7 @@ class MotionLimits:
         return flight_time_s(pieces, self.airspeed_mps, self.wind_mps)
 
     def turns_s(self, ends: Sequence[Pose], starts: Sequence[Pose]) -> FloatArray:
-        """Times of the quickest turns from each of some poses to each of others, with nothing in the way [s]."""
+        """Times of the quickest turns from each end to each start with nothing in the way, shape (ends, starts) [s]."""
         if self.windless:
             return lengths_m(ends, starts, self.min_radius_m) / self.airspeed_mps
         return times_s(ends, starts, self.min_radius_m, self.airspeed_mps, self.wind_mps)
@@ -182,7 +182,7 @@ class CoverageLeg:
         return CoverageLeg(straight(start, end), self.sensing, gaps)
 
     def leads(self, motion: MotionLimits) -> tuple[list[CoverageLeg], list[CoverageLeg]]:
-        """The lead-in before the straight leg, and the overshoot after it, which cover no ground; [] of no length."""
+        """The lead-in before the straight leg, and the overshoot after it, which cover no ground; [] for no length."""
         whole = self.led(motion)
         before = [CoverageLeg(straight(whole.start[:2], self.start[:2]))] if motion.lead_in_m else []
         return before, [CoverageLeg(straight(self.end[:2], whole.end[:2]))] if motion.overshoot_m else []
@@ -209,7 +209,7 @@ class CoverageLeg:
 
     def split(self) -> list[CoverageLeg]:
         """The leg cut at its gaps, over which nothing is sensed."""
-        # ground, gap, ground, …
+        # cut at both ends of each gap, the parts are ground, gap, ground, …
         parts = self.cut(*(end for gap in self.gaps_m for end in gap))
         return [replace(part, sensing=self.sensing and i % 2 == 0) for i, part in enumerate(parts)]
 

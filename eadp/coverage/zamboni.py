@@ -43,10 +43,11 @@ UP = math.pi / 2
 
 @dataclass(frozen=True)
 class BlockLayout:
-    """The division of a width into `blocks` of equal width, each of at least `lines` lines, `pitch_m` apart.
+    """The division of a width into `blocks` of equal width, each of `lines` lines or more, `pitch_m` apart.
 
-    The first line of a block lies half a pitch inside it. Of the lines the first `firsts` belong to the laps' first
-    lines, the others to their second lines; with an odd number of lines the last lap has no second line.
+    The first line of a block lies half a pitch inside it. Each lap flies a first line and a second one. The first
+    `firsts` lines across a block are the laps' first lines, the others their second lines; with an odd number of lines
+    the last lap has no second line.
     """
 
     blocks: int
@@ -59,14 +60,14 @@ class BlockLayout:
         return (self.lines + 1) // 2
 
     @property
-    def circle_m(self) -> float:
-        """r1: the first circle's radius [m], half the distance of a lap's two lines."""
+    def first_radius_m(self) -> float:
+        """r1: radius of the turn from a lap's first line to its second [m], half the distance of the two."""
         return self.firsts * self.pitch_m / 2
 
     @property
     def second_radius_m(self) -> float:
-        """The second circle's radius at the lowest c1 [m]."""
-        return self.circle_m - self.pitch_m / 2
+        """r2: radius of the turn from a lap to the next at the lowest c1 [m]."""
+        return self.first_radius_m - self.pitch_m / 2
 
     @property
     def travel_m(self) -> float:
@@ -79,23 +80,24 @@ class BlockLayout:
         return self.travel_m / math.ceil(self.travel_m / wanted - 1e-9)
 
     def max_spacing_m(self, motion: MotionLimits) -> float:
-        """The largest shift from lap to lap [m]: it leaves no gap, and r2 is no less than allowed.
+        """The largest shift from lap to lap [m] that leaves no gap, and r2 no less than `min_radius_m`.
 
-        A pitch or more, so that a lap is saved before the lowest c1 is reached. With an odd number of lines the last
-        second line may lie one shift before the end, so that half of its swath must reach the block's edge.
+        It is a pitch or more, so that a lap is saved before the lowest c1 is reached. With an odd number of lines the
+        last second line may lie one shift before the end, so that half of its swath must reach the block's edge.
         """
         by_swath = motion.swath_m if self.lines % 2 == 0 else (motion.swath_m + self.pitch_m) / 2
-        return max(self.pitch_m, min(by_swath, 2 * (self.circle_m - motion.min_radius_m)))
+        return max(self.pitch_m, min(by_swath, 2 * (self.first_radius_m - motion.min_radius_m)))
 
 
 @dataclass(frozen=True)
 class Block:
     """A part of a field that one series of laps covers, in a frame in which it is flown from u = `first_m` up.
 
-    Lap by lap the first line moves from `first_m` to `first_m + travel_m`, and the second beside it, twice the first
-    circle's radius farther. `top` is the level of the first turn; the level of the second turn is the lower of
-    `low_second` at the lap's position and `low_first` at the next lap's. `last_top_m` is the end of the last first line
-    where it has no second.
+    Lap by lap the first line moves from `first_m` to `first_m + travel_m`; the second line lies twice the first
+    circle's radius farther. A level is the v at which lines end and a turn begins [m], over the lap's position from 0
+    to `travel_m`: `top` is that of the first turn; that of the second turn is the lower one of `low_second` at the
+    lap's position and `low_first` at the next lap's. Where the last lap has no second line, its first one ends at
+    `last_top_m`.
     """
 
     frame: StripFrame
@@ -109,14 +111,14 @@ class Block:
     last_top_m: float
 
     @property
-    def circle_m(self) -> float:
+    def first_radius_m(self) -> float:
         """r1: the first circle's radius [m]."""
-        return self.layout.circle_m
+        return self.layout.first_radius_m
 
     @property
     def radius_m(self) -> float:
         """r: the second circle's radius at c1 = 0 [m]. Source: letter, Sec. IV-A: r1 = r + x_d/2."""
-        return self.circle_m - self.spacing_m / 2
+        return self.first_radius_m - self.spacing_m / 2
 
     @property
     def travel_m(self) -> float:
@@ -132,16 +134,16 @@ class Block:
     def min_c1(self) -> float:
         """The lowest c1, at which the shift from lap to lap is largest."""
         # √(r² + c1) ≥ r1 − d/2
-        lowest = (self.circle_m - self.max_spacing_m / 2) ** 2 - self.radius_m**2
+        lowest = (self.first_radius_m - self.max_spacing_m / 2) ** 2 - self.radius_m**2
         return min(0.0, round(math.ceil(lowest / C1_STEP - 1e-9) * C1_STEP, 6))
 
     def steps(self) -> list[float]:
-        """For each lap that can be saved, the c1 at and below which it is; highest first."""
+        """For each lap that can be saved, the c1 at and below which it is saved; the highest first."""
         max_laps = round(self.travel_m / self.spacing_m)
         found = []
         for laps in range(max_laps - 1, 0, -1):
             # d = travel/laps
-            c1 = (self.circle_m - self.travel_m / laps / 2) ** 2 - self.radius_m**2
+            c1 = (self.first_radius_m - self.travel_m / laps / 2) ** 2 - self.radius_m**2
             if c1 < self.min_c1:
                 break
             found.append(round(math.floor(c1 / C1_STEP) * C1_STEP, 6))
@@ -170,50 +172,52 @@ class Block:
         """The pose at the end of the last line."""
         u = self.first_m + self.travel_m
         if self.ends_on_second:
-            return self.frame.pose_out(u + 2 * self.circle_m, float(self.low_second.at(self.travel_m)), -UP)
+            return self.frame.pose_out(u + 2 * self.first_radius_m, float(self.low_second.at(self.travel_m)), -UP)
         return self.frame.pose_out(u, self.last_top_m, UP)
 
     def legs(self, c1: Sequence[float] | float) -> list[CoverageLeg]:
-        """The legs at a fixed parameter, or at one for each lap, the last of which holds for the rest."""
+        """The legs at a fixed c1, or at one c1 for each lap, the last of which holds for the rest."""
         values = [c1] if isinstance(c1, float | int) else list(c1)
-        # of the present lap: its place, its number and the level at which its first line starts
         legs: list[CoverageLeg] = []
-        here, lap, low = 0.0, 0, float(self.low_first.at(0.0))
-        while here < self.travel_m - END_TOLERANCE_M:
-            next_ = self.next_m(here, self.spacing_at(values[min(lap, len(values) - 1)]))
-            end = self.low(here, next_)
-            legs += self._lap(here, low, end)
-            radius = self.circle_m - (next_ - here) / 2
-            legs.append(CoverageLeg(half_circle(legs[-1].end, radius, -self.frame.hand)))
-            here, lap, low = next_, lap + 1, end
-        return legs + self.last_lap(low)
+        # of the present lap: its position, its number from 0, and the level at which its first line starts
+        here_m, lap, start_m = 0.0, 0, float(self.low_first.at(0.0))
+        while here_m < self.travel_m - END_TOLERANCE_M:
+            next_m = self.next_m(here_m, self.spacing_at(values[min(lap, len(values) - 1)]))
+            end_m = self.low(here_m, next_m)
+            legs += self._lap(here_m, start_m, end_m)
+            second_radius_m = self.first_radius_m - (next_m - here_m) / 2
+            legs.append(CoverageLeg(half_circle(legs[-1].end, second_radius_m, -self.frame.hand)))
+            here_m, lap, start_m = next_m, lap + 1, end_m
+        return legs + self.last_lap(start_m)
 
     def last_lap(self, low_m: float | None = None) -> list[CoverageLeg]:
-        """The last lap, its first line from the level of the turn before, or else from where it is needed."""
-        here = self.travel_m
-        low = float(self.low_first.at(here)) if low_m is None else low_m
+        """The last lap: line, turn and line, or a first line alone.
+
+        It starts at the level of the turn before, `low_m` [m], by default at the level that its first line needs.
+        """
+        low = float(self.low_first.at(self.travel_m)) if low_m is None else low_m
         if self.ends_on_second:
-            return self._lap(here, low, float(self.low_second.at(here)))
-        u = self.first_m + here
+            return self._lap(self.travel_m, low, float(self.low_second.at(self.travel_m)))
+        u = self.first_m + self.travel_m
         return [CoverageLeg(straight(self.frame.out(u, low), self.frame.out(u, self.last_top_m)), True)]
 
-    def _lap(self, here_m: float, low_m: float, end_m: float) -> list[CoverageLeg]:
-        """Line, circle and line of a lap that starts at one level and ends at another [m]."""
+    def _lap(self, here_m: float, start_m: float, end_m: float) -> list[CoverageLeg]:
+        """Line, half circle and line of the lap at a position, from a level to another [m]."""
         u, top = self.first_m + here_m, float(self.top.at(here_m))
-        first = straight(self.frame.out(u, low_m), self.frame.out(u, top))
-        turn = half_circle(self.frame.pose_out(u, top, UP), self.circle_m, -self.frame.hand)
-        across = u + 2 * self.circle_m
+        first = straight(self.frame.out(u, start_m), self.frame.out(u, top))
+        turn = half_circle(self.frame.pose_out(u, top, UP), self.first_radius_m, -self.frame.hand)
+        across = u + 2 * self.first_radius_m
         second = straight(self.frame.out(across, top), self.frame.out(across, end_m))
         return [CoverageLeg(first, True), CoverageLeg(turn), CoverageLeg(second, True)]
 
 
 def layouts(width_m: float, motion: MotionLimits) -> list[BlockLayout]:
-    """Divisions of a width into blocks of equal width; empty where it is too small.
+    """Divisions of a width into blocks of equal width; none of a width below about 4 r_min + 2 d.
 
     The number of blocks is the one that keeps the second circle's radius at or below the ideal one, or one fewer; the
-    number of lines is the smallest possible, or one more. A width below 4 r_min + 2 d has none.
+    number of lines is the smallest possible, or one more. Raises Infeasible where lines are more than `MAX_LINES`.
     """
-    # a block is 4 r1 wide, r1 = r + x_d/2
+    # a block is 4 r1 wide, r1 = r + x_d/2, with the ideal radius r and the spacing x_d at c1 = 0
     max_blocks = max(1, math.ceil(width_m / (4 * motion.radius_m + 2 * motion.spacing_m) - 1e-9))
     found = []
     for blocks in range(max_blocks, max(0, max_blocks - 2), -1):
@@ -230,9 +234,9 @@ def layouts(width_m: float, motion: MotionLimits) -> list[BlockLayout]:
 
 
 class BlockBounds:
-    """The upper boundary of a polygon whose vertices are given in a block's frame, and the lower one, upside down.
+    """A polygon's upper boundary `above` and its lower one `below`, in a block's frame; `below` is upside down, −v.
 
-    Both lie `beyond_m` out: laps turn at the same level on both lines.
+    Both lie `beyond_m` outside the polygon: a turn begins so far beyond the ground.
     """
 
     def __init__(self, points_m: FloatArray, beyond_m: float = 0.0) -> None:
@@ -244,7 +248,7 @@ class BlockBounds:
 def summarise_block(
     layout: BlockLayout, frame: StripFrame, u_m: FloatArray, low_m: FloatArray, top_m: FloatArray
 ) -> tuple[tuple[float, ...], Pose, Pose]:
-    """A block at its lowest c1, from its lines alone.
+    """Lengths and ends of a block at its lowest c1, from its lines alone: much less work than its legs.
 
     Parameters
     ----------
@@ -253,28 +257,28 @@ def summarise_block(
         The block's frame.
     u_m, low_m, top_m : array, shape (lines,)
         Position of each line in the frame, in the order of growing u, and the lower and upper end of its strip of the
-        field [m].
+        field [m]. The first `layout.firsts` lines are the laps' first lines, the others their second lines.
 
     Returns
     -------
     lengths : tuple of 4 floats
-        Metres flown up and down the lines, and the radii of the first and of the second turns added up [m].
+        Metres flown up the lines and down the lines, the sum of the radii of all first turns, and that of all second
+        turns [m]: times the time of a metre or of a half circle of 1 m they give the time of flight.
     start, end : (float, float, float)
         The poses at both ends.
     """
-    # the first half of the lines are the laps' first lines, the others their second lines
     laps = layout.firsts
     first_low, second_low = low_m[:laps], low_m[laps:]
     seconds = len(second_low)
     tops = top_m[:laps].copy()  # the level of the turn from each first line to its second
     tops[:seconds] = np.maximum(tops[:seconds], top_m[laps:])
-    turns = np.minimum(second_low[: laps - 1], first_low[1:])  # the level of the turn from each lap to the next
-    up = (tops - np.append(first_low[:1], turns)).sum()
+    lows = np.minimum(second_low[: laps - 1], first_low[1:])  # the level of the turn from each lap to the next
+    up = (tops - np.append(first_low[:1], lows)).sum()
     if seconds == laps:
-        down, end = (tops - np.append(turns, second_low[-1:])).sum(), (u_m[-1], second_low[-1], -UP)
-    else:
-        down, end = (tops[:-1] - turns).sum(), (u_m[laps - 1], tops[-1], UP)
-    lengths = float(up), float(down), seconds * layout.circle_m, (laps - 1) * layout.second_radius_m
+        down, end = (tops - np.append(lows, second_low[-1:])).sum(), (u_m[-1], second_low[-1], -UP)
+    else:  # the last lap has no second line
+        down, end = (tops[:-1] - lows).sum(), (u_m[laps - 1], tops[-1], UP)
+    lengths = float(up), float(down), seconds * layout.first_radius_m, (laps - 1) * layout.second_radius_m
     first, last = (frame.pose_out(float(u), float(v), heading) for u, v, heading in ((u_m[0], first_low[0], UP), end))
     return lengths, first, last
 
@@ -283,8 +287,9 @@ def build_block(
     frame: StripFrame, bounds: BlockBounds, first_m: float, layout: BlockLayout, motion: MotionLimits
 ) -> Block:
     """The block whose first line is at u = `first_m` of a frame, between a polygon's two boundaries."""
+    # each level holds for the whole strip under a line, `strip_m` wide at most, while the line moves over `travel`
     travel = layout.travel_m
-    second = first_m + 2 * layout.circle_m
+    second = first_m + 2 * layout.first_radius_m
     strip_m = layout.max_spacing_m(motion)
     top = levels_above([(bounds.above, first_m), (bounds.above, second)], travel, strip_m)
     low_first = _negated(levels_above([(bounds.below, first_m)], travel, strip_m))
@@ -299,5 +304,5 @@ def build_block(
 
 
 def _negated(levels: PiecewiseLinear) -> PiecewiseLinear:
-    """Levels of a lower boundary, from those of it upside down."""
+    """Levels of a lower boundary, from the levels of that boundary upside down."""
     return PiecewiseLinear(levels.places_m, tuple(-level for level in levels.levels_m))

@@ -99,6 +99,19 @@ def test_a_gentle_bend_is_flown_on_one_line_and_a_sharp_one_ends_it():
     assert solution.ends == 1
 
 
+@pytest.mark.parametrize("line", [[(0, 0), (30, 0), (30, 100)], [(0, 100), (0, 0), (30, 0)]], ids=["first", "last"])
+def test_an_arc_that_takes_all_of_a_segment_is_flown(line):
+    motion = MotionLimits(700.0, 30.0, 45.0, 300.0, lead_in_m=20.0, overshoot_m=10.0)
+    path = planned(line, 30.0, motion)[1].path(0.0)
+    (run,) = path.runs
+    assert sorted(leg.piece.length_m for leg in run) == pytest.approx([30 * math.pi / 2, 70])
+    ends = sorted([run[0].start[:2], run[-1].end[:2]])
+    assert ends == [pytest.approx(end, abs=1e-9) for end in sorted([line[0], line[-1]])]
+    for one, other in itertools.pairwise(path.pieces):  # the straight ways before and after it, too
+        assert one.end[:2] == pytest.approx(other.start[:2])
+        assert math.remainder(one.end[2] - other.start[2], 2 * math.pi) == pytest.approx(0)
+
+
 def test_a_line_that_turns_back_goes_on_for_two_swaths_at_most():
     _, solution = planned([(0.0, 0.0), (500.0, 0.0), (0.0, 1.0)], 30.0)
     assert max(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing) <= 501 + MAX_BEYOND * SWATH_M

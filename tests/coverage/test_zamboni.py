@@ -63,7 +63,7 @@ def test_lines_lie_as_far_apart_as_the_letter_says(blocks, lines, pitch, share):
     c1 = share * block.min_c1
     # two lines and two half circles: over by 2 r1, back by 2 r2(c1); r1 = r + x_d/2
     r2 = math.sqrt(block.radius_m**2 + c1)
-    assert block.spacing_at(c1) == pytest.approx(2 * block.circle_m - 2 * r2, abs=rounding)
+    assert block.spacing_at(c1) == pytest.approx(2 * block.first_radius_m - 2 * r2, abs=rounding)
     assert block.spacing_at(0.0) == pytest.approx(block.spacing_m, abs=rounding)
     # at the lowest they move as far as they may, a pitch or more
     assert block.spacing_at(block.min_c1) == pytest.approx(block.max_spacing_m, abs=rounding)
@@ -78,7 +78,7 @@ def test_layouts_fill_the_width_and_keep_the_radius(width):
         assert layout.pitch_m <= MOTION.swath_m + rounding
         assert layout.second_radius_m >= MOTION.min_radius_m - rounding
         assert layout.max_spacing_m(MOTION) <= MOTION.swath_m + rounding
-        assert layout.circle_m - layout.max_spacing_m(MOTION) / 2 >= MOTION.min_radius_m - rounding
+        assert layout.first_radius_m - layout.max_spacing_m(MOTION) / 2 >= MOTION.min_radius_m - rounding
 
 
 def test_a_width_that_needs_tighter_turns_has_no_layout():

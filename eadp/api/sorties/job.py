@@ -72,12 +72,12 @@ class JobFlight:
     def text(self) -> list[str]:
         """A summary for people, line by line."""
         summary = self.summary
-        done = "done" if summary["completed"] else f"NOT done: {summary['reason']}"
+        outcome = "done" if summary["completed"] else f"NOT done: {summary['reason']}"
         more = summary["batteries"] - summary["planned"]
         again = f"; {more} more than planned, for what was left" if more else ""
         covered = f"{100 * summary['coverage']:.2f} % of the field, {100 * summary['planned_coverage']:.2f} % planned"
         lines = [
-            f"{done}: {covered}, with {summary['batteries']} batteries{again}",
+            f"{outcome}: {covered}, with {summary['batteries']} batteries{again}",
             *left_text(self.left, sum(each["share"] for each in summary["left"]), summary["origin_deg"]),
             f"time       {summary['duration_s'] / 60:.0f} min, {summary['distance_m'] / 1000:.1f} km",
             f"energy     {summary['energy_wh']:.1f} Wh; least charge at a landing {summary['soc_final']:.3f}, "
@@ -137,7 +137,7 @@ def simulate_sorties(
         job.fly(row["sortie"], inputs)
         tours[row["aircraft"] - 1].append(row["sortie"])
     for _ in range(MAX_ROUNDS):
-        left = job.left_to_cover()
+        left = job.left_to_fly()
         if left is None:
             break
         try:
@@ -157,7 +157,10 @@ def simulate_sorties(
 
 @dataclass
 class _Job:
-    """Flights so far: `lines` are those flown, `planned` those of the sorties; `warned` are messages given already."""
+    """Flights so far: the lines flown, the lines `planned` of the folder's sorties, and the messages `warned` of.
+
+    `reason` is why the job stops where ground is left.
+    """
 
     planner: SortiePlanner
     document: Mapping[str, Any]
@@ -174,7 +177,7 @@ class _Job:
     reason: str = "ground is left"
 
     def load(self, plan: str | Plan, scenario: str) -> FlightInputs:
-        """The inputs of the next flight, with a seed of its own; a warning is given once."""
+        """The inputs of the next flight, with a seed of its own; a warning is given in the first flight that has it."""
         overrides = {**self.overrides, "seed": self.seed + len(self.flights)}
         terrain = self.planner.task.options.terrain
         around = Around(terrain=terrain if all(map(os.path.isfile, terrain)) else ())
@@ -185,7 +188,7 @@ class _Job:
         return inputs
 
     def fly(self, name: str, inputs: FlightInputs) -> None:
-        """Fly, and add the flight under its name, and the lines that it has flown."""
+        """Fly, and add the flight under its name to `flights`, and its lines to `lines`."""
         self.on_flight(name)
         flight = fly_flight(
             inputs, inputs.preflight(), overrides=[*self.texts, f"seed={self.seed + len(self.flights)}"]
@@ -194,16 +197,16 @@ class _Job:
         columns = flown_of_plan(flight.lists, flight.summary["turned_back_s"])
         self.lines += flown_lines(inputs.world.plan, columns)
 
-    def left_to_cover(self) -> Field | None:
-        """What is left of the ground that the sorties were to cover."""
+    def left_to_fly(self) -> Field | None:
+        """Ground left of what the sorties were to cover, in parts large enough to be flown; None without any."""
         left = left_of(self.planner, self.lines)
         return left and flown_again(self.planner, left, self.lines, self.planned, self.min_share)
 
-    def left(self, done: bool) -> list[LeftGround]:
-        """The places that were planned and are not covered; `done`: the rest is too small to be flown."""
+    def uncovered_places(self, *, only_slivers: bool) -> list[LeftGround]:
+        """The places that were planned and are not covered; `only_slivers`: each is too small to be flown again."""
         task = self.planner.task
         planned_ground = task.field.with_parts(strips(task.field.parts, self.planned, task.motion.swath_m))
-        why = f"below {100 * self.min_share:g} % of the field, not flown again" if done else "not flown"
+        why = f"below {100 * self.min_share:g} % of the field, not flown again" if only_slivers else "not flown"
         return left_ground(planned_ground, self.lines, task.motion, width_share=SLIVER_SHARE, why=why)
 
     def coverage(self, lines: Sequence[tuple[Point, ...]]) -> float:
@@ -218,8 +221,8 @@ class _Job:
         near = nearest(tracks)
         if near is not None and near.distance_m < self.document["separation_m"]:
             self._warn_near(near)
-        done, field = self.left_to_cover() is None, self.planner.task.field
-        left = self.left(done)
+        completed, field = self.left_to_fly() is None, self.planner.task.field
+        left = self.uncovered_places(only_slivers=completed)
         rows = [
             {
                 "sortie": name,
@@ -231,8 +234,8 @@ class _Job:
         qualities = [row["quality"] for row in rows if row["quality"] is not None]
         summary = {
             "schema": SCHEMA,
-            "completed": done,
-            "reason": "all that was planned is covered" if done else self.reason,
+            "completed": completed,
+            "reason": "all that was planned is covered" if completed else self.reason,
             "planned": len(self.document["sorties"]),
             "batteries": len(rows),
             "coverage": self.coverage(self.lines),
@@ -254,13 +257,13 @@ class _Job:
         return JobFlight(summary, {name: self.flights[name] for name in flights}, left)
 
     def _starts_s(self, tours: Sequence[Sequence[str]]) -> tuple[dict[str, float], list[TimedTrack]]:
-        """Take-off of each flight [s], late by what is drawn, and the track of each aircraft."""
-        starts, tracks, late = {}, [], np.random.default_rng(self.seed)
+        """Take-off of each flight [s], late by a drawn time, and the track of each aircraft through its flights."""
+        starts, tracks, draws = {}, [], np.random.default_rng(self.seed)
         for k, tour in enumerate(tours):
             at_s = k * self.document["stagger_s"]
             track: TimedTrack | None = None
             for name in tour:
-                at_s += float(late.uniform(0.0, LATE_S))
+                at_s += float(draws.uniform(0.0, LATE_S))
                 starts[name] = at_s
                 columns = self.flights[name].columns
                 points = np.stack([columns["x_m"], columns["y_m"]], axis=1)

@@ -35,16 +35,16 @@ SWATH_SHARE = 0.01
 """Share by which the swath may be another than that of a flight resumed: less than cameras' data are known to."""
 
 SLIVER_SHARE = 0.3
-"""Width of ground between flown lines that is not flown again, over the swath: errors of flights leave so much."""
+"""Width over the swath up to which ground between flown lines is not flown again: errors of flights leave as much."""
 
 ALONG_RAD = math.radians(20.0)
-"""A log is on a line where its course is so near to that of the lines."""
+"""A log is on a line where its course differs from that of the lines by less than this."""
 
 MAX_GAP_S = 5.0
 """Longest gap of a log within a line [s]."""
 
 SAME_M, SAME_S = 1.0, 10.0
-"""Two logs are of one flight where they are so near to each other for so long."""
+"""Two logs are of one flight where they are this near to each other for this long."""
 
 Line = tuple[Point, ...]
 
@@ -65,19 +65,19 @@ class FlownSurvey:
 
 
 def resumed(planner: SortiePlanner, sources: Sequence[str], warn: Warn) -> tuple[SortiePlanner, Field]:
-    """What plans the rest of a field on the lines that were flown, and the ground that is left.
+    """A planner for the rest of a field, with the lines' heading of flights flown, and the ground that is left.
 
     Parameters
     ----------
     planner : SortiePlanner
     sources : sequence of str
-        Result folders of flights, folders of such, telemetry, or logs of an autopilot or a ground station.
+        Result folders of flights, folders of such folders, telemetry, or logs of an autopilot or a ground station.
     warn : function
 
     Raises
     ------
     InputError
-        If one cannot be read, is of another field, stands twice, or if nothing is left.
+        If a source cannot be read, is of another field or stands twice, or if nothing is left.
     """
     field, swath_m = planner.task.field, planner.task.motion.swath_m
     tracks: list[FlownSurvey] = []
@@ -101,21 +101,22 @@ def resumed(planner: SortiePlanner, sources: Sequence[str], warn: Warn) -> tuple
     again = left and flown_again(planner, left, lines)
     if left is None or again is None:
         raise InputError.at("--resume", 1, 1, "nothing is left to cover", "flights that leave some of the field")
-    if (rest_m2 := left.area_m2 - again.area_m2) >= 1:
-        message = f"{rest_m2 / 1e4:.2g} ha are left, in parts of which lines with turns cover less than "
+    if (not_again_m2 := left.area_m2 - again.area_m2) >= 1:
+        message = f"{not_again_m2 / 1e4:.2g} ha are left, in parts of which lines with turns cover less than "
         message += f"{100 * MIN_PART_SHARE:g} % of the field"
         warn([Fault("--resume", 1, 1, message, severity="note")])
     return planner, again
 
 
 def left_of(planner: SortiePlanner, flown: Sequence[Line]) -> Field | None:
-    """The ground that lines flown have left of a field, of lines in an order as whole lines; None where none is."""
+    """The ground that flown lines have left of a field; as ground of whole lines, but for laps; None without any."""
     field, motion = planner.task.field, planner.task.motion
     parts = uncovered(field.parts, flown, motion.swath_m, SLIVER_SHARE * motion.swath_m)
     left = field.with_parts(parts) if parts else None
     if left is None or planner.laps:
         return left
-    # to leave a line and to join it again takes a turn each; of a wider sliver some line has half or more
+    # a gap shorter than two half circles is flown over: leaving the line takes as long; a sliver may lie half on one
+    # line and half on the next
     return whole_lines(left, field, planner.grid(), 2 * math.pi * motion.min_radius_m, SLIVER_SHARE / 2)
 
 
@@ -126,15 +127,16 @@ def flown_again(
     planned: Sequence[Line] | None = None,
     min_share: float = MIN_PART_SHARE,
 ) -> Field | None:
-    """The parts left of a field in which planned lines cover so much of it that no flown one does; None without one.
+    """The parts left of a field worth flying: planned lines cover a share of the field there that flown ones do not.
 
-    Planned are, by default, the lines over what is left that have room for their turns; `min_share` is of the field.
+    The planned lines are, by default, those over what is left that have room for their turns. `min_share` is the least
+    such share of the field. None where no part is worth flying.
     """
     field, swath_m = planner.task.field, planner.task.motion.swath_m
     lines = planner.free_lines(left) if planned is None else planned
 
     def bare_m2(part: Sequence[Sequence[Point]]) -> float:
-        """Ground of a part that is planned, and not covered: what has no room for a turn was never planned [m²]."""
+        """Ground of a part that planned lines cover and flown ones do not [m²]; lines None plan all of it."""
         bare = uncovered([part], flown, swath_m, SLIVER_SHARE * swath_m)
         share = 1.0 if lines is None or not bare else covered_shares(bare, [lines], swath_m)[-1]
         return share * sum(ground_m2(*each) for each in bare)
@@ -144,10 +146,10 @@ def flown_again(
 
 
 def _read(source: str, planner: SortiePlanner, warn: Warn) -> list[FlownSurvey]:
-    """The flights of a result folder, of a folder of such, of telemetry, or of a log."""
+    """The flights of a source: a result folder, a folder of result folders, telemetry, or a log."""
     path = Path(source)
     if not path.is_dir():
-        form = None
+        form = None  # of a log; None for telemetry
         if path.is_file() and os.access(path, os.R_OK):
             with path.open("rb") as stream:
                 head = stream.read(16)
@@ -182,9 +184,9 @@ def _of_folder(folder: Path, planner: SortiePlanner, warn: Warn) -> FlownSurvey:
 
 
 def _heading_of_lines_rad(plan: Plan, parameters: Sequence[float]) -> float | None:
-    """The heading of the longest line of a plan's field, the ways to it and home apart.
+    """The heading of the longest line over a plan's field; ways to the field and home do not count.
 
-    None where it has neither, or a path has no value.
+    None where the plan has no field or no such line, or a path has no value.
     """
     if plan.site.field is None:
         return None
@@ -218,13 +220,13 @@ def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurve
 
 
 def _of_log(source: str, form: str, planner: SortiePlanner) -> FlownSurvey:
-    """A flight of a log: photographed where a picture was taken within half its length, or else the camera was on."""
+    """A flight of a log: photographed within half a picture's length of each; without any, where the camera was on."""
     origin_deg, options = planner.task.field.origin_deg, planner.task.options
     if origin_deg is None:
         raise InputError.at(source, 1, 1, "has positions on the earth, and the field has none", "a field in degrees")
     rows: list[tuple[float, float, float]] = []
-    camera, pictures = list[bool | None](), list[int]()  # at each position; numbers of those where one was taken
-    known: dict[str, Any] = {}
+    camera, pictures = list[bool | None](), list[int]()  # whether it is on at each row; rows at which it took a picture
+    known: dict[str, Any] = {}  # the last value of each key
     for values in log_values(source, form):
         known |= {key: value for key, value in values.items() if value is not None}
         if PICTURE in values:
@@ -241,13 +243,14 @@ def _of_log(source: str, form: str, planner: SortiePlanner) -> FlownSurvey:
         # on throughout where the log does not say; else off until it is switched on
         on = np.array([CAMERA not in known if each is None else each for each in camera])
         return _survey_of_track(source, rows, on, planner)
+    # of each row: the way flown up to it; and the pictures before and after it
     way_m = np.cumsum([0.0, *np.linalg.norm(np.diff(np.array(rows)[:, 1:], axis=0), axis=1)])
     # a picture's length on the ground; where the camera is not stated, that of a square one
     length_m = options.picture_length_m or planner.task.motion.swath_m
     taken_m = np.unique(way_m[pictures])
     after = np.searchsorted(taken_m, way_m)
-    beside = np.stack([taken_m[np.clip(after + k, 0, len(taken_m) - 1)] for k in (-1, 0)])
-    return _survey_of_track(source, rows, np.abs(beside - way_m).min(axis=0) <= length_m / 2, planner)
+    nearest_m = np.stack([taken_m[np.clip(after + k, 0, len(taken_m) - 1)] for k in (-1, 0)])
+    return _survey_of_track(source, rows, np.abs(nearest_m - way_m).min(axis=0) <= length_m / 2, planner)
 
 
 def _survey_of_track(
@@ -261,19 +264,19 @@ def _survey_of_track(
     times_s, points = table[:, 0], table[:, 1:]
     steps = np.diff(points, axis=0)
     courses = np.arctan2(steps[:, 1], steps[:, 0])
-    # of each step: whether it goes along the lines, either way, with the camera, and without a gap
-    off_rad = (courses - planner.heading_rad + math.pi / 2) % math.pi - math.pi / 2  # in ±π/2: either way is along
+    # of each step: whether it goes along the lines, in either direction, with the camera on, and without a gap
+    off_rad = (courses - planner.heading_rad + math.pi / 2) % math.pi - math.pi / 2  # in ±π/2: 0 in both directions
     along = np.abs(off_rad) < ALONG_RAD
     along &= photographed[1:] & photographed[:-1]
     along &= (np.diff(times_s) > 0) & (np.diff(times_s) <= MAX_GAP_S)
-    # runs of such steps: the indices of their first step and of the first after them
+    # runs of such steps: the index of the first step of each, and of the first step after it
     ends = np.flatnonzero(np.diff(along, prepend=False, append=False)).reshape(-1, 2)
     lines = [tuple((x, y) for x, y in points[start : end + 1].tolist()) for start, end in ends.tolist()]
     return FlownSurvey(source, times_s, points, [line for line in lines if len(line) > 2])  # two steps or more
 
 
 def _of_one_flight(one: FlownSurvey, other: FlownSurvey) -> bool:
-    """Whether two logs have minutes of one flight in common: most of the time that both span they are together."""
+    """Whether two logs are of one flight: they are together for most of the time that both span."""
     start, end = max(one.times_s[0], other.times_s[0]), min(one.times_s[-1], other.times_s[-1])
     if end - start < SAME_S:
         return False
