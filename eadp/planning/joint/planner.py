@@ -215,13 +215,9 @@ class JointPlanner(Planner):
         best = search.best(places.shares)
         if best is None:
             return kept
-        found: Candidate | None
-        if feasible and best.value <= threshold:
-            found = kept
-        elif kept is not None and not best.feasible and not self._less_short(kept, best.shortfall):
-            found = kept
-        else:
-            found = self._plan(known, best.shares) or kept
+        gains_little = feasible and best.value <= threshold
+        as_short = kept is not None and not best.feasible and not self._less_short(kept, best.shortfall)
+        found = kept if gains_little or as_short else self._plan(known, best.shares) or kept
         if found is not None:
             self._searched = found.solution.value, found.left_over
         return found
@@ -232,7 +228,7 @@ class JointPlanner(Planner):
         return shortfall <= kept.evaluation.shortfall(0) - BETTER * std
 
     def _must_search(self, o: Observation, kept: Candidate | None, cause: str) -> bool:
-        """Whether to search the path: at first, when charge was lost, when short of it, or when the plan's value changed.
+        """Whether to search the path: at first, when charge was lost, when short of it, or when its value changed.
 
         Before computations fall, too, since another path may cost less. Not near the end, and not while the power of
         the motion may have changed for good: its next windows decide on that. `kept` is the plan in force.

@@ -68,8 +68,8 @@ class Policy:
         kind = int(evaluation.kinds[0])
         envelope = evaluation.evaluator.envelopes[kind]
         powers_w = envelope.powers_w
-        # numbers of the envelope's vertices, from 0: `held` is in force; the sustained power lies between `below` and the
-        # next one
+        # numbers of the envelope's vertices, from 0: `held` is in force; the sustained power lies between `below` and
+        # the next one
         held = int(np.clip(np.searchsorted(powers_w, now_w + 1e-9, side="right") - 1, 0, len(powers_w) - 1))
         chosen, lasts_s = 0, math.inf  # of an infeasible plan: minimum power
         if solution.feasible:

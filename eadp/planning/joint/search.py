@@ -25,7 +25,7 @@ POINTS = {1: 9, 2: 11, 3: 5}
 """Points per side of the grid, by the number of path parameters; more are searched one after the other."""
 
 HALVED, ROUNDS, MIN_STEP = 4, 6, 1e-3
-"""Most cells halved in a round; most rounds; and the narrowest cell halved, which is also the least gain to look for."""
+"""Most cells halved in a round; most rounds; and the narrowest cell halved, also the least gain to look for."""
 
 
 class Place(NamedTuple):
