@@ -24,7 +24,19 @@ from eadp.planning.estimation.estimator import PowerEstimate
 from eadp.planning.flight import PlannedFlight
 from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, state_of
 from eadp.simulation.homing import home_plan
-from eadp.simulation.inner_loop import DISTANCE, EMPTY, ENERGY, LOST, MAX_POWER, MIN_POWER, POWER, SAGS, SOC, InnerLoop
+from eadp.simulation.inner_loop import (
+    DISTANCE,
+    EMPTY,
+    ENERGY,
+    LOST,
+    MAX_POWER,
+    MIN_POWER,
+    POWER,
+    SAGS,
+    SOC,
+    InnerLoop,
+    Measured,
+)
 from eadp.simulation.metrics import FlightTotals, ParameterLog
 from eadp.simulation.sensors import SensorSuite
 
@@ -336,7 +348,7 @@ class _SensorBridge:
             return
         if not self._ideal:
             if isinstance(steps, np.ndarray):  # to lists, in which a power may be None
-                steps, columns = steps.tolist(), columns._make(column.tolist() for column in columns)
+                steps, columns = steps.tolist(), Measured(*(column.tolist() for column in columns))
             x, y, powers_w, charges, *_ = columns
             for i, n in enumerate(map(int, steps)):
                 (x[i], y[i]), powers_w[i], charges[i] = self._suite.measured(n, x[i], y[i], powers_w[i], charges[i])

@@ -317,7 +317,7 @@ class ExactEstimator:
             del numbers[:-READINGS_KEPT]
         unit_s = self.period_s or LEARN_FIRST_S
         self._learn_at_s = time_s + min(max(1.5 * (time_s - self._learn_from_s), unit_s), LEARN_MAX_PERIODS * unit_s)
-        # readings of the window, a subset of them
+        # a subset of the window's readings
         window_s = LEARN_PERIODS * self.period_s if self.period_s else LEARN_APERIODIC_S
         first = bisect.bisect_right(self._readings[0], time_s - window_s)
         times, power = (np.array(numbers[first:]) for numbers in self._readings)
@@ -345,7 +345,10 @@ class ExactEstimator:
 
 
 def _lap_turns(marks_s: list[float], times_s: FloatArray, period_s: float) -> FloatArray:
-    """Laps flown at given times, as a number with a fraction: from mark to mark one each, beyond them one a period."""
+    """Number of laps flown at given times, with its fraction, shape (n,), 0 at the first mark.
+
+    Each mark is the start of the next lap; before the first mark and after the last, a lap takes a period.
+    """
     marks = marks_s or [float(times_s[0])]
     far = 1e6  # laps before the first mark and after the last: beyond any flight's
     known_s = [marks[0] - far * period_s, *marks, marks[-1] + far * period_s]

@@ -128,12 +128,13 @@ def flown_track(name: str, times_s: FloatArray, position_m: FloatArray | None, l
 
 
 def _distances_along(path_m: FloatArray, position_m: FloatArray) -> FloatArray:
-    """Distance of each position from a path that is flown along [m]: lines of other laps may lie nearer.
+    """Distance of each position of a track from the path that it is flown along [m]; other laps may lie nearer.
 
-    From every lap on whose path the track may begin, each position has the nearest point a little ahead of that of the
-    one before; the lap with the least squares counts.
+    The track may begin on any lap that passes its first position. From each of them, the track's positions are matched
+    to the path in their order: each to the nearest point around the match before, or ahead of it. The lap with the
+    least sum of squared distances counts.
     """
-    # points of the path per step of the track
+    # number of the path's points that each step of the track passes
     moved = np.linalg.norm(np.diff(position_m, axis=0, prepend=position_m[:1]), axis=1) / PATH_STEP_M
     first_m = np.linalg.norm(path_m - position_m[0], axis=1)
     # local minima of the distance from the first position: one for each lap that passes by it

@@ -152,8 +152,8 @@ class EnergyFilter:
         self._maps, self._held = tuple(maps), 0
 
     def _catch_up(self) -> None:
-        """Update the covariance for the readings that the state has taken since it was held."""
-        # by the binary digits of their number: map k is that of 2ᵏ steps
+        """Update the covariance for the readings that the state has taken since the covariance was updated last."""
+        # map k is of 2ᵏ steps: those of the number's binary digits are applied
         for k, covariance_map in enumerate(self._maps):
             if self._held > 0 and self._held >> k & 1:
                 self._covariance = applied(covariance_map, self._covariance)

@@ -92,7 +92,7 @@ def power_limits(
     voltage_varies = b.voltage_at(1.0) > b.voltage_at(0.0)
     limits = b.resistance_ohm, b.max_current_a, b.cutoff_voltage_v or 0.0
     per_as = (b.drain_per_as * use_ratio)[legs.place]
-    # power that has to be delivered, and mean power that drains the most
+    # least power that has to be delivered at the peak; and the mean power of the highest computations
     base_w, greatest_w = load.peak_w + load.min_w, load.motion_w + load.max_w
     # the lowest charge at the end of each route; and the charge at which each leg's minimum power can be delivered
     floor: FloatArray = np.full(len(legs.first), min(reserve_soc, soc))
@@ -115,7 +115,7 @@ def power_limits(
     if b.power_per_soc_w < math.inf:
         allowed_w = np.minimum(deliverable_w, np.maximum(charge_end, 0.0) * b.power_per_soc_w)
     beyond_w = base_w - float(max_power_w(b.voltage_at(soc), *limits))
-    # what minimum power uses after each leg: a charge required at its end, less this, is one at the end of the route
+    # what minimum power uses after each leg: a charge required at a leg, less this, is required at the route's end
     base_use = times_s * drain_per_s(load.motion_w + load.min_w, volts, b.resistance_ohm, 1.0) * per_as
     later_use = legs.sums(base_use)[legs.place] - legs.running(base_use)
     room_w = allowed_w - load.peak_w

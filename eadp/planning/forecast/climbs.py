@@ -46,7 +46,7 @@ def with_climbs(
         rate_mps = up_mps if altitude_m > here_m else -down_mps
         if altitude_m == here_m or rate_mps == 0 or times[i] <= 0:
             continue
-        # a climb, or descent, at the greatest rate from the start of the leg, to the next leg if it takes longer
+        # climb or descend at the greatest rate from the start of the leg; what is not reached in it is left to the next
         climb_s = (altitude_m - here_m) / rate_mps
         # the climb takes V (1 − cos γ) of the ground speed
         slower_mps = airspeed_mps - math.sqrt(max(airspeed_mps**2 - rate_mps**2, 0.0))

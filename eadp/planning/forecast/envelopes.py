@@ -99,9 +99,9 @@ class Envelopes:
         self.shares = QualityShares(mission.plan, settings.weights)
         self._groups: list[_Group] = []
         self._numbers: dict[object, int] = {}
-        """Of a group, by what determines it."""
+        """Number of each group, by what determines it."""
         self._kinds: dict[tuple[int, int], int] = {}
-        """Number of an envelope, by its group and by how many of its configurations count."""
+        """Number of each envelope, by its group and by how many of its configurations count."""
         self._envelopes: list[ConcaveEnvelope] = []
         self._table = EnvelopeTable(np.zeros((0, 1)), np.zeros((0, 1)))
         # a leg table, and the group of each of its rows
@@ -129,7 +129,7 @@ class Envelopes:
         A table only grows: the groups of rows that were looked up before are kept.
         """
         of_table, of_rows = self._of_rows
-        # rows that are new get a group; all, where the table is another one
+        # new rows get a group; all of them where the table is another one
         if of_table is not table:
             of_rows = of_rows[:0]
         if len(of_rows) < len(table.stages):

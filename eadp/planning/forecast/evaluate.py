@@ -112,7 +112,10 @@ class UncertainEnds(NamedTuple):
     unflown: tuple[FloatArray, ...]
 
     def unspent(self, values: FloatArray) -> list[float]:
-        """What is not spent of times or energies of the legs, shape (legs,), at the route's end, and at each before."""
+        """What is not spent of the legs' `values`, times or energies, where the flight ends: 0 at the route's end.
+
+        The route's end is first, then each earlier end.
+        """
         return [0.0, *(float(values @ unflown) for unflown in self.unflown)]
 
     @property
@@ -171,17 +174,17 @@ class Evaluation:
 
     @property
     def adaptive(self) -> Knapsack:
-        """The knapsack of computations that can fall at any time: more is available, as their margin is smaller.
+        """The knapsack with a smaller margin, for computations that can still fall later in the flight.
 
-        It is of what will not be known when they change last. Where minimum power from now on does not keep the
-        reserve with its probability, the knapsack as it is.
+        The margin covers only what will not be known yet when they change last, `final_std`. Where minimum power from
+        now on does not keep the reserve with its probability, the knapsack as it is.
         """
         learned = self.evaluator.quantile * (self.std - self.final_std)  # z (σ − σ₊)
         knapsack = self.knapsack
         return knapsack._replace(available=knapsack.available + np.where(knapsack.spare >= 0, learned, 0.0))
 
     def left_over(self, filling: Filling) -> float:
-        """State of charge that `adaptive` has beyond what computations use, of an evaluation of one place."""
+        """State of charge available in `adaptive` beyond the use of a filling; for an evaluation of one place."""
         return float(self.adaptive.available[0] - filling.use[0])
 
     def filled(self) -> Filling:
@@ -194,7 +197,7 @@ class Evaluation:
 
     def computing_w(self, shares: FloatArray) -> FloatArray:
         """Mean power of the computations on each leg with shares of the increments [W], shape (legs,)."""
-        # minimum power, and of each increment from vertex to vertex of the envelope its share
+        # minimum power, and the share taken of each increment, from one vertex of the envelope to the next
         powers_w = self.evaluator.envelopes.table.powers_w[self.kinds]
         mean_w: FloatArray = powers_w[:, 0] + (np.diff(powers_w, axis=1) * shares).sum(axis=1)
         return mean_w
@@ -226,10 +229,10 @@ class Evaluation:
         """
         ends, totals, charge = self.ends[place], self.totals, self.final_charge(place, filling)
         times_s, energies_j = self.load.times_s[self.legs.place == place], self._energies_j(place, filling)
-        # to the route's end: the variance of the energy is that of the motion, and of a time that is off
+        # to the route's end: the energy varies with the motion's power, and with the time
         energy_j, seconds, time_var = float(energies_j.sum()), float(totals.seconds[place]), totals.time_var_s2[place]
         energy_var = float(totals.energy_var_j2[place]) + (energy_j / seconds) ** 2 * float(time_var)
-        # means and variances of what earlier ends leave of it
+        # means and variances of the time and energy that are not spent where the flight ends earlier
         early_s, early_var_s2 = moments(ends.all_probabilities, ends.unspent(times_s))
         unspent_j, unspent_var_j2 = moments(ends.all_probabilities, ends.unspent(energies_j))
         safest = self.final_charge(place, self.knapsack.filling(np.zeros_like(filling.shares)))
@@ -295,7 +298,7 @@ class Evaluator:
 
     def charge_std(self, known: Known, totals: Totals, soc: float | FloatArray) -> FloatArray:
         """Standard deviation of the final state of charge, where its mean is `soc`, shape (routes,)."""
-        # the energy of the motion, and that of a time that is off
+        # the energy varies with the motion's power, and with the time
         energy_var = totals.energy_var_j2 + totals.mean_w**2 * totals.time_var_s2
         gain = self._gain_std(known, soc)
         loss_var = self.losses(known, totals.seconds) * LOSS_SQUARE  # of a compound Poisson process: λ t E x²
@@ -323,10 +326,10 @@ class Evaluator:
             If none of them can be flown in this wind.
         """
         legs = RouteArrays.of(routes)
-        # times of whole legs, shape (winds, legs): the first row in the estimated wind, the others in those about it
+        # times of whole legs, shape (winds, legs): the first row in the estimated wind, the others in winds around it
         winds_mps = _sigma_points(known.wind, known.airspeed_mps)
         in_winds_s, turning_s = leg_times_s(legs.rows, legs.order, known.airspeed_mps, winds_mps)
-        # a leg that cannot be followed takes as much longer, in each wind, as the aircraft takes for it in the first
+        # a leg that the aircraft cannot follow takes longer than its path: by as much in each wind as in the estimated
         followed = FlownLegs(in_winds_s[0], turning_s[0])
         nominal = self.mission.nominal
         flown = followed if nominal is None else nominal.flown(routes, known.wind.mps, followed)
@@ -341,7 +344,7 @@ class Evaluator:
                 raise PathUndefined("the rest of the plan cannot be flown in this wind")
             rest = self.evaluate(known, [routes[i] for i in index.tolist()])
             return replace(rest, index=index[rest.index])
-        # mean times over the wind's distribution, and how much of them is left: all but of the first leg of a route
+        # mean times over the wind's distribution; of the first leg of each route only a part is left
         factor, wind_var = _wind_effect(legs.sums(in_winds_s.T))
         if flown is not followed:
             wind_var += (OVERSHOOT_SHARE * flown.excess_s / legs.sums(in_winds_s[0])) ** 2
@@ -350,7 +353,7 @@ class Evaluator:
         part = np.ones(len(whole_s))
         part[legs.first] = left
         times_s = whole_s * part * known.time.ratio
-        # y = a + b tan²φ, between 0 and what the motor can
+        # y = a + b tan²φ, between 0 and the motor's maximum
         slopes = turning_s / np.where(whole_s > 0.0, whole_s, 1.0)
         motion_w = np.maximum(known.motion.level_w + known.motion.slope_w * slopes, 0.0)
         motion_w = np.minimum(motion_w, np.maximum(known.motion.level_w, self.mission.vehicle.max_motion_w))
@@ -360,7 +363,7 @@ class Evaluator:
             times_s, motion_w, peak_w = self._climbed(
                 known, routes, followed.times_s * factor[legs.place], times_s, motion_w
             )
-        # above the mean of a window by twice its standard deviation
+        # the peak is above the mean of a window by twice its standard deviation
         peak_w = np.maximum(peak_w, known.motion.max_w) + 2 * math.sqrt(known.motion.noise / WINDOW_S)
         groups = self.envelopes.groups(routes[0].table, legs.order)
         extremes_w = self.envelopes.extremes_w()[groups]
@@ -405,7 +408,8 @@ class Evaluator:
             base_value=base + legs.sums(weight * values[:, 0]),
             available=self._available(known, legs, load, limits, totals, ends, std, base_use),
         )
-        # σ₊² = g² + (τ/T)² (σ² − g²): all but the gauge's gain g falls with the time T that is left
+        # σ₊² = g² + (τ/T)² (σ² − g²): of the deviation at the last change, τ before the end, the part g of the gauge's
+        # gain stays, and the rest falls with the time T that is left
         gain, still = self._gain_std(known, max(reserve_soc, 0.0)), np.minimum(LAST_CHANGE_S / totals.seconds, 1.0)
         final_std = np.hypot(gain, still * np.sqrt(np.maximum(std**2 - gain**2, 0.0)))
         index = np.arange(len(routes))
@@ -431,7 +435,7 @@ class Evaluator:
         if leg.distance_m <= 0:
             return 0.0
         try:
-            # the stage before ended within its trigger's radius of the leg's start: up to so much more than the leg
+            # the leg may be joined before its start, by up to the radius of the trigger of the stage before
             early_m = self.mission.plan.max_radius_m if known.stages_started > 1 else 0.0
             return left_m(leg, known.position_m, flown * leg.distance_m, early_m) / leg.distance_m
         except PathUndefined:
@@ -500,9 +504,9 @@ class Evaluator:
         return use
 
     def _weights(self, known: Known, legs: RouteArrays, load: RouteLoad) -> tuple[FloatArray, FloatArray]:
-        """What a value of 1 on each leg adds to the objective, shape (legs,); and what is sure of it, shape (routes,).
+        """What a value of 1 on each leg adds to the objective, shape (legs,); and the sure part of it, shape (routes,).
 
-        Sure is what the part flown has added, and what the path parameters add on the legs left.
+        The sure part is what was flown so far, and what the path parameters add on the legs left.
 
         Source: `eadp.models.plan.ground` for U.
         """
@@ -513,7 +517,7 @@ class Evaluator:
         # ground of the whole mission: flown, being flown, and left
         whole_m = known.flown.ground + per_s * run.free_s + legs.sums(ground_m * (self._counted[stage] > 0))
         whole_m = np.where(whole_m > 0, whole_m, math.inf)
-        # Σ ω c̃ of the path parameters on each leg, and the ground times the value that it was, or will be, seen with
+        # Σ ω c̃ of the path parameters on each leg; and the ground, seen so far or by the path to come, times its value
         rho = self._path_weights.shape[1]
         path = (self._path_weights[stage] * legs.rows.shares[legs.order, :rho]).sum(axis=1)
         seen_m = known.flown.value + per_s * run.area_s + legs.sums(ground_m * path)
@@ -546,20 +550,20 @@ class Evaluator:
 
         `base_use` is what minimum power uses of it.
         """
-        # the charge, losses taken off, that is there with the probability if nothing is used
+        # the charge less the expected losses; and the level that it exceeds with the probability if nothing is used
         soc = known.soc - self.losses(known, totals.seconds) * LOSS
         level = soc - self.quantile * std
         for place, of_place in enumerate(ends):
             if of_place.probabilities:
                 mine = legs.place == place
-                # an earlier end leaves the energy of the legs behind it: at minimum power, the least that it is sure of
+                # at an earlier end the energy of the legs after it is left: at least that of minimum power
                 unspent = of_place.unspent(((load.motion_w + load.min_w) * load.times_s)[mine])
                 means = tuple([float(soc[place]) + float(totals.soc_per_j[place]) * energy_j for energy_j in unspent])
                 charge = FinalCharge(float(std[place]), of_place.all_probabilities, means)
                 level[place] = charge.level(self.objective.probability)
         available = level - np.maximum(self.objective.reserve_soc, limits.min_soc)
-        # power that cannot be delivered counts as charge that is short, so that the least excess ranks first: no more
-        # is available than minimum power uses, less the excess
+        # power that cannot be delivered counts as missing charge, so that the least excess ranks first: at most what
+        # minimum power uses is available, less the excess
         excess = limits.beyond_w * totals.seconds * totals.soc_per_j
         short: FloatArray = np.minimum(available, base_use) - excess
         return np.where(limits.beyond_w > 0, short, available)
@@ -580,7 +584,7 @@ def _wind_effect(times_s: FloatArray) -> tuple[FloatArray, FloatArray]:
     flyable = (np.isfinite(times_s) & (times_s > 0)).all(axis=1, keepdims=True)
     # a route that cannot be flown in one of the winds counts as in the estimate: a ratio of 1
     ratios = np.where(flyable, times_s, 1.0) / np.where(flyable, times_s[:, :1], 1.0)
-    # of each pair, the first and the second difference of log t along one column of the root, of √2 its length
+    # of each pair: first and second difference of log t along one column of the root, which is scaled by √2
     above, below = np.log(ratios[:, 1::2]), np.log(ratios[:, 2::2])
     first, second = (above - below) / 2, (above + below) / 2
     # with gradient g and Hessian H of log t: E = ½ tr H P, var = gᵀ P g + ½ tr (H P)²
@@ -615,8 +619,8 @@ def _ends(known: Known, route: Route, left: float) -> UncertainEnds:
     if not route.ends:
         return CERTAIN
     cross_track_error = NormalDist(0.0, known.reach_std_m)
-    # ends in the order in which they are reached, each with a greater clearance: the flight ends at the first whose
-    # clearance exceeds the error, at this one with Φ(clearance/σ) − Φ(clearance of the one before/σ)
+    # ends are in the order in which they are reached, each with a greater clearance. The flight ends at the first whose
+    # clearance exceeds the error: with probability Φ(clearance/σ) − Φ(clearance of the end before/σ) at each
     reached_before, probabilities, unflown_of_ends = 0.0, [], []
     for end in route.ends:
         ahead_m = end.length_m * (left if end.leg == 0 else 1.0)

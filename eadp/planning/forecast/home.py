@@ -57,9 +57,9 @@ def home_spare(evaluation: Evaluation, place: int, flown_s: float = 0.0, flown_j
 def _spare(
     evaluation: Evaluation, place: int, seconds: float, flown_s: float, flown_j: float, climb_j: float = 0.0
 ) -> float:
-    """Charge above the reserve, with the reserve's probability, after so many seconds from here at the least power.
+    """Charge above the reserve, with the reserve's probability, after `seconds` from here at the least power.
 
-    The deviation is that of a flight of this time, and of what was flown to here (`flown_s`, `flown_j`) before it.
+    The standard deviation is that of the whole flight: `flown_s` and `flown_j` are time and energy up to here.
     """
     evaluator, known = evaluation.evaluator, evaluation.known
     objective, battery = evaluator.objective, evaluator.mission.battery
@@ -70,7 +70,7 @@ def _spare(
     volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
     drain = float(drain_per_s(power_w, volts, battery.resistance_ohm, battery.drain_per_as)) * seconds
     then = after_drain(known.charge.filtered, drain)
-    # from here on with what was flown to here: the deviations are those of both
+    # from here on of the whole flight, the part up to here included: time, energy and their variances
     energy_j, seconds = flown_j + power_w * seconds, flown_s + seconds
     mean_w = energy_j / seconds if seconds > 0 else power_w
     motion, losses = known.motion, float(evaluator.losses(known, seconds))
@@ -144,8 +144,8 @@ def _last_point(
 ) -> Reach | None:
     """The last point of a route at which `spare` is 0 or more; None if it is nowhere.
 
-    The route is flown from point to point as forecast: the charge is drained by its mean power. `spare` gives a charge
-    by the evaluation with what is known at a point, and by the time [s] and the energy [J] flown to it.
+    The route is flown from point to point as forecast: the charge is drained by the mean power of each leg. `spare` is
+    a function of the evaluation with what is known at a point, and of the time [s] and the energy [J] flown to it.
     """
     known, battery = evaluation.known, evaluation.evaluator.mission.battery
     last = Reach(known.time_s, known.position_m, 0.0, 0.0) if spare(evaluation, 0.0, 0.0) >= 0 else None

@@ -82,12 +82,12 @@ def fill_greedy(knapsack: Knapsack) -> Filling:
     use, place = knapsack.use.ravel(), np.repeat(knapsack.place, knapsack.use.shape[1])
     order = np.lexsort((-knapsack.efficiency.ravel(), place))
     use, place = use[order], place[order]
-    # use of all that stand before each one in the row, and of those that stand before its place
+    # use of all increments before each one in the row; and, of each place, use of all increments before its first
     before = use.cumsum() - use
     first = np.searchsorted(place, np.arange(len(knapsack.base_use)))
     start = before[np.minimum(first, len(before) - 1)] if len(before) else before
-    # charge left for each one, once those before it at its place are whole: it is taken whole if that suffices, else in
-    # part, or not at all; below 0 where not even minimum power is possible, so that nothing is taken
+    # charge left for each increment once those before it at its place are taken whole: it is taken whole if that
+    # suffices, else in part or not at all. Below 0 where minimum power is not possible, so that nothing is taken
     spare = np.where(knapsack.spare >= -FULL, np.maximum(knapsack.spare, 0.0), -1.0)
     left = (spare + FULL)[place] - (before - start[place]) if len(before) else before
     share = np.clip(left / np.where(use > 0, use, 1.0), 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""Path parameters as shares of their sets, and the routes that are left at them."""
+"""Places: path parameters as shares of their sets; and the route that is left at each."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SAME_SHARE = 1e-5
 
 
 class Places:
-    """The places of one mission.
+    """The places of one mission: a place is a choice of its free path parameters, as shares of their sets, 0 to 1.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Places:
 
     def __init__(self, evaluator: Evaluator, decided: Vector, held: Collection[int] = ()) -> None:
         self.evaluator, plan = evaluator, evaluator.mission.plan
-        # of each path parameter: from the lowest to the highest value of its sets
+        # of each path parameter, from the lowest to the highest value of its sets
         self._boxes = [plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []
         self.open = [i for i, box in enumerate(self._boxes) if not box.fixed and i not in held]
         self.decided = decided
@@ -47,7 +47,7 @@ class Places:
         self._predictor = RoutePredictor()
         self._routes: dict[Shares, Route | None] = {}
         self._stage: tuple[object, ...] = ()
-        """What `_routes` start from: the stage, its path parameters, and whether the end of the plan is uncertain."""
+        """What `_routes` depend on: the stage, its path parameters, and whether the end of the plan is uncertain."""
 
     def enter(self, known: Known) -> None:
         """Begin a re-planning: forget the routes kept unless they start from the stage and parameters of now."""
@@ -59,14 +59,14 @@ class Places:
             self._routes.clear()
 
     def parameters(self, shares: Shares) -> Vector:
-        """Parameters with the path's at shares of their sets, and the computations as decided."""
-        if shares == self.shares:  # exact, not rounded
+        """The parameters at a place: the free path parameters at shares of their sets, and all others as decided."""
+        if shares == self.shares:  # as decided to the last digit
             return self.decided
         values = list(self.decided)
         for i, share in zip(self.open, shares, strict=True):
             box = self._boxes[i]
             value = box.lo + share * (box.hi - box.lo)
-            if abs(value - values[i]) > SAME_SHARE * (box.hi - box.lo):  # else as decided: a rounding is no change
+            if abs(value - values[i]) > SAME_SHARE * (box.hi - box.lo):  # else a rounding, which is no change
                 values[i] = value
         return tuple(values)
 
@@ -82,7 +82,10 @@ class Places:
         return self._routes[shares]
 
     def evaluate(self, known: Known, places: list[Shares]) -> tuple[list[Shares], Evaluation | None]:
-        """Evaluate places together; returns those that can be flown, and their evaluation, None if there are none."""
+        """Evaluate places together; return those that can be flown, and their evaluation in this order.
+
+        An empty list and None where none can be flown.
+        """
         routes = [(shares, route) for shares in places if (route := self.route(known, shares)) is not None]
         if not routes:
             return [], None

@@ -1,9 +1,9 @@
 """The joint planner: path and computations together, to the end of the mission.
 
 The planner re-plans at each stage from which the path can change, when charge was lost, and every `max_interval_s`: it
-forecasts the plan in force; it searches the path where that is short, or its value has changed; OSQP decides the
-computations at the path found; the policy decides what of it to fly. See `search`, `program` and `policy`, and
-`eadp.planning.forecast` for the data.
+forecasts the plan in force; it searches the path where that plan is short of charge, or its value has changed; OSQP
+decides the computations at the path found; the policy decides what of them to fly. See `search`, `program` and
+`policy`, and `eadp.planning.forecast` for the data.
 
 The charge to spend excludes the reserve and a margin of z standard deviations of the forecast, so that the reserve is
 kept with a given probability.
@@ -63,12 +63,12 @@ FULL_SHARE = 1 - 1e-6
 
 
 class Candidate(NamedTuple):
-    """A plan that may be flown.
+    """A plan that may be flown: path and computations to the end of the mission.
 
     Attributes
     ----------
     shares : tuple of float
-        Its place.
+        Its path: the place.
     evaluation : Evaluation
         Of this place alone.
     solution : Solution
@@ -80,13 +80,13 @@ class Candidate(NamedTuple):
     solution: Solution
 
     @property
-    def over(self) -> float:
-        """State of charge that it leaves over with today's margin; negative where it is short."""
+    def left_over(self) -> float:
+        """State of charge that it leaves beyond the reserve and today's margin; negative where it is short."""
         return float(self.evaluation.knapsack.available[0] - self.solution.filling.use[0])
 
 
 class ComputationChoice(NamedTuple):
-    """Computations to fly with now, for how long [s], and whether they fall."""
+    """Computations to fly with now, for how long [s], and whether their power falls."""
 
     computations: Vector
     lasts_s: float
@@ -109,14 +109,13 @@ class JointPlanner(Planner):
         self._program = ComputationProgram(self.report)
         self._policy = Policy(own.min_gain)
         self._next_s = WARM_UP_S + own.start_after_s
-        # value and charge left over of the plan that was searched last
+        # value, and charge left over, of the plan that the last search has found
         self._searched: tuple[float, float] | None = None
         self._infeasible_since_s: float | None = None
-        # as of the last re-planning, and update: losses of charge, stages started; and the reading that decides on a
-        # charge that may have jumped [s]
-        self._losses = 0
-        self._stages_started, self._next_reading_s = 1, math.inf
-        # charge to spare for the way home, None without one; and when it sufficed last [s]
+        self._losses = 0  # of charge, as of the last re-planning
+        self._stages_started = 1  # as of the last update
+        self._next_reading_s = math.inf  # of the reading that decides whether the charge has jumped [s]
+        # charge to spare for the way home, None without a home; and when it sufficed last [s]
         self._home: tuple[float | None, float] = (None, 0.0)
         self._by_stage = any(row.stages for row in own.trade_offs)
         # re-planned every `planner.every_s`: where forecasts are shown live, and where a turn home depends on them
@@ -144,17 +143,17 @@ class JointPlanner(Planner):
         return min(self._next_s, self._next_reading_s)
 
     def update(self, state: FlightState) -> Decision:
-        """Re-plan when due, at a new stage, and at once when charge was lost; the last decision else."""
+        """Re-plan when due, at a new stage, and at once when charge was lost; else repeat the last decision."""
         o = state.now
         if self._decision.returns_home:
             return self._decision
         entered, self._stages_started = o.stages_started != self._stages_started, o.stages_started
         due = o.time_s >= self._next_s - 1e-9
-        # a new stage counts where the path can change with it, or trade-offs do, and where forecasts are shown
+        # a new stage counts where the path can change at it, where trade-offs differ by stage, and in a live flight
         entered &= self._mission.live or self._by_stage or (bool(self._places.open) and o.cursor.accepts_changes())
         jumped = state.losses > self._losses
         self._next_reading_s = state.next_reading_s if state.is_ambiguous(o.soc) else math.inf
-        # a loss is answered before `start_after_s`, too
+        # a loss of charge is answered before `start_after_s`, too
         starts_s = max(state.reached_s + WARM_UP_S, WARM_UP_S + (0.0 if jumped else self._own.start_after_s))
         if o.time_s < starts_s - 1e-9:
             self._next_s = starts_s
@@ -197,46 +196,42 @@ class JointPlanner(Planner):
         report.replans += report.calls > calls
 
     def _plan(self, known: Known, shares: Shares) -> Candidate | None:
-        """The plan at a place, computations in closed form; None where it cannot be flown."""
+        """The plan at a place, with the computations in closed form; None where it cannot be flown."""
         _, evaluation = self._places.evaluate(known, [shares])
         if evaluation is None:
             return None
         return Candidate(shares, evaluation, Solution(evaluation.filled(), ""))
 
     def _search_plan(self, known: Known, kept: Candidate | None) -> Candidate | None:
-        """Search the path; return the plan with the best one, and note its value and charge.
+        """Search the path; return the plan with the best path, and set `_searched` to its value and charge.
 
-        It is the plan in force, `kept`, where the gain is small. None where neither can be flown.
+        The plan in force, `kept`, is returned where another gains little. None where neither can be flown.
         """
         places = self._places
         # the value to exceed, if the plan in force is feasible
-        flown = kept if kept is not None and kept.solution.feasible else None
-        threshold = -math.inf if flown is None else flown.solution.value + self._policy.path_gain
+        feasible = kept is not None and kept.solution.feasible
+        threshold = -math.inf if kept is None or not feasible else kept.solution.value + self._policy.path_gain
         search = Search(partial(places.evaluate, known), places.evaluator.path_weight, threshold)
         best = search.best(places.shares)
         if best is None:
             return kept
-        found: Candidate | None
-        if flown is not None and best.value <= threshold:
-            found = flown
-        elif kept is not None and not best.feasible and not self._less_short(kept, best.shortfall):
-            found = kept
-        else:
-            found = self._plan(known, best.shares) or kept
+        gains_little = feasible and best.value <= threshold
+        as_short = kept is not None and not best.feasible and not self._less_short(kept, best.shortfall)
+        found = kept if gains_little or as_short else self._plan(known, best.shares) or kept
         if found is not None:
-            self._searched = found.solution.value, found.over
+            self._searched = found.solution.value, found.left_over
         return found
 
     def _less_short(self, kept: Candidate, shortfall: float) -> bool:
-        """Whether a shortfall of charge is clearly less than that of the plan in force."""
+        """Whether a shortfall of charge is less than the shortfall of the plan in force, by more than rounding."""
         std = float(kept.evaluation.std[0])
         return shortfall <= kept.evaluation.shortfall(0) - BETTER * std
 
     def _must_search(self, o: Observation, kept: Candidate | None, cause: str) -> bool:
-        """Whether to search the path: at first, when charge was lost, when short, or where it can change and has to.
+        """Whether to search the path: at first, when charge was lost, when short of it, or when its value changed.
 
-        Before computations fall, too: a wider path, from the next stage that takes it, may give more. Not near the end,
-        and not while the power may have changed for good: its next windows decide.
+        Before computations fall, too, since another path may cost less. Not near the end, and not while the power of
+        the motion may have changed for good: its next windows decide on that. `kept` is the plan in force.
         """
         if kept is None or self._searched is None or cause == JUMPED:
             return True
@@ -248,15 +243,15 @@ class JointPlanner(Planner):
             return True
         if not o.cursor.accepts_changes() or kept.evaluation.known.motion.in_doubt:
             return False
-        value, over = self._searched
-        return max(abs(kept.solution.value - value), abs(kept.over - over)) > self._policy.path_gain
+        value, left_over = self._searched
+        return max(abs(kept.solution.value - value), abs(kept.left_over - left_over)) > self._policy.path_gain
 
     # --- decisions
 
     def _choose(self, o: Observation, plan: Candidate) -> Vector:
-        """Choose the parameters of a plan to fly with now; the policy counts what they change.
+        """Choose the parameters to fly with now by a plan; the policy is told of a new path and of a fall.
 
-        The next update is no later than the computations last.
+        The next update is at the latest when these computations are to change.
         """
         rho, before = self._mission.plan.path_count, self._decision.parameters
         chosen = self._places.parameters(plan.shares)
@@ -271,14 +266,14 @@ class JointPlanner(Planner):
         return chosen
 
     def _computations(self, o: Observation, plan: Candidate) -> ComputationChoice:
-        """The computations of a plan to fly with now; asking changes nothing."""
+        """The computations to fly with now by a plan; asking changes nothing."""
         before, evaluator = self._decision.parameters, plan.evaluation.evaluator
         now_w = self._power_w(plan.evaluation, before)
         computations, lasts_s = self._policy.computations(
             o.time_s, now_w, plan.evaluation, plan.solution, lost=self._losses > 0
         )
         after_w = self._power_w(plan.evaluation, (*before[: self._mission.plan.path_count], *computations))
-        # it is no fall where the stage, by its trade-offs, allows no more than that
+        # no fall where the stage, by its trade-offs, allows no more power
         max_w = evaluator.envelopes[int(plan.evaluation.kinds[0])].powers_w[-1]
         return ComputationChoice(computations, lasts_s, after_w < min(now_w, max_w) - 1e-9)
 
@@ -289,9 +284,9 @@ class JointPlanner(Planner):
     def _decide(
         self, o: Observation, known: Known, cause: str, plan: Candidate, chosen: Vector, calls: int, *, searched: bool
     ) -> None:
-        """Make the decision: a plan, the parameters of it to fly with now, `chosen`, and the record with its reason.
+        """Set the decision to `chosen`, the parameters of a plan to fly with now, with its reason and record.
 
-        `calls` are the runs of OSQP before this re-planning, and `searched` is whether the path was.
+        `calls` is the count of OSQP's runs before this re-planning, and `searched` whether the path was searched.
         """
         solution, limit = plan.solution, self._battery_limit(known, plan)
         self.report.infeasible += not solution.feasible
@@ -311,7 +306,7 @@ class JointPlanner(Planner):
         self._decision = Decision(chosen, reason, record, returns_home)
 
     def _power_w(self, evaluation: Evaluation, parameters: Vector) -> float:
-        """Power of the computations of parameters, clipped to the sets of the stage being flown [W]."""
+        """Power of the computations among `parameters`, clipped to the sets of the stage being flown [W]."""
         route = evaluation.routes[0]
         boxes, rho = route.of_legs[0].sets, self._mission.plan.path_count
         own = (*route.parameters[0][:rho], *parameters[rho:])
@@ -319,16 +314,17 @@ class JointPlanner(Planner):
         return self._mission.computing.power_w(clipped, boxes)
 
     def _update_home(self, time_s: float, plan: Candidate) -> bool:
-        """Update the charge to spare for the way home; return whether to turn back.
+        """Update the charge to spare for the way home; return whether to turn back now.
 
-        That is where the plan is infeasible, and home is short by less, and out of reach by the next re-planning.
+        It is time where the plan is infeasible, the way home is short of less charge than the plan, if of any, and home
+        may be out of reach by the next re-planning.
         """
         (before, reached_s), spare = self._home, home_spare(plan.evaluation, 0)
         self._home = spare, time_s if spare is not None and spare >= 0 else reached_s
         way_home = self._mission.way_home
         if spare is None or way_home is None or not way_home.turns_back or plan.solution.feasible:
             return False
-        # by as much as since the last re-planning it falls until the next one
+        # until the next re-planning the charge to spare falls as it did since the last one
         falls = max(0.0, before - spare) if before is not None and math.isfinite(before) else 0.0
         less_short = spare > -plan.evaluation.shortfall(0)
         return less_short and spare < falls
@@ -336,7 +332,7 @@ class JointPlanner(Planner):
     # --- records
 
     def _reason(self, known: Known, plan: Candidate, chosen: Vector, *, searched: bool) -> str:
-        """The decision and its reason, in words: what is short, else what changes, else that nothing does."""
+        """The decision and its reason, in words: what an infeasible plan lacks, else what changes, else "kept"."""
         evaluation, battery = plan.evaluation, self._mission.battery
         if not plan.solution.feasible:
             since = f"infeasible since {self._infeasible_since_s:.1f} s: "
@@ -358,12 +354,12 @@ class JointPlanner(Planner):
         return "kept: no change gains enough" if searched else "kept"
 
     def _battery_limit(self, known: Known, plan: Candidate) -> str | None:
-        """The limit of the battery's power without which there would be more computations, or a feasible plan."""
+        """The battery's limit of power that costs computations, or makes the plan infeasible; None where none does."""
         b, limits, std = self._mission.battery, plan.evaluation.limits, float(plan.evaluation.std[0])
-        # minimum power exceeds what can be delivered
+        # 1. minimum power exceeds what can be delivered
         if limits.beyond_w[0] > 0:
             return b.limit_at(b.voltage_at(known.soc))
-        # all charge is used, but for what a limit requires above the reserve
+        # 2. all charge is used but for what a limit requires above the reserve
         if (
             plan.evaluation.left_over(plan.solution.filling) <= BETTER * std
             and limits.min_soc[0] > self._settings.reserve_soc + ROUNDING
@@ -372,7 +368,7 @@ class JointPlanner(Planner):
             return LETTER if by_letter else b.limit_at(b.voltage_at(float(limits.delivered_soc[0])))
         if not plan.solution.feasible:
             return None
-        # a leg where a limit excludes configurations, and every one below these is flown
+        # 3. on some leg a limit excludes configurations, and all increments that it leaves are taken
         taken = (plan.solution.filling.shares >= FULL_SHARE) | (plan.evaluation.knapsack.use <= 0)
         limited = np.flatnonzero(limits.truncated & taken.all(axis=1))
         if not len(limited):
@@ -383,7 +379,7 @@ class JointPlanner(Planner):
     def _record(
         self, o: Observation, known: Known, cause: str, chosen: Vector, plan: Candidate, reason: str
     ) -> DecisionRecord:
-        """The record of a re-planning, but for the battery's limit and the runs of OSQP."""
+        """The record of a re-planning, without the battery's limit and the runs of OSQP."""
         b, solution = self._mission.battery, plan.solution
         forecast = plan.evaluation.forecast(0, solution.filling)
         total = self._places.evaluator.objective.total

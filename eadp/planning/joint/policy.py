@@ -34,7 +34,7 @@ class Policy:
 
     @property
     def path_gain(self) -> float:
-        """Least gain of the objective for which a path parameter changes: half of `min_gain` more for each before."""
+        """Least gain of the objective for which a path parameter changes; each change before adds half of it."""
         return self._min_gain * (1 + self._path_changes / 2)
 
     def count_path_change(self) -> None:
@@ -48,10 +48,10 @@ class Policy:
     def computations(
         self, time_s: float, now_w: float, evaluation: Evaluation, solution: Solution, *, lost: bool
     ) -> tuple[Vector, float]:
-        """The computations to fly with now, and for how long [s]; asking changes nothing.
+        """The computations to fly with now, and for how long [s], infinite for to the end; asking changes nothing.
 
-        One of the two configurations around the power that can be sustained to the end, or the one in force, if it is
-        to rise or to fall later; see `SETTLED_S` and `EARLY_S`.
+        One of the two configurations around the power that can be sustained to the end, or the configuration in force
+        where a rise or a fall has to wait; see `SETTLED_S` and `EARLY_S`.
 
         Parameters
         ----------
@@ -68,15 +68,16 @@ class Policy:
         kind = int(evaluation.kinds[0])
         envelope = evaluation.evaluator.envelopes[kind]
         powers_w = envelope.powers_w
-        # vertices of the envelope by number: `held`, the one in force; `below` and the next, around the sustained power
+        # numbers of the envelope's vertices, from 0: `held` is in force; the sustained power lies between `below` and
+        # the next one
         held = int(np.clip(np.searchsorted(powers_w, now_w + 1e-9, side="right") - 1, 0, len(powers_w) - 1))
         chosen, lasts_s = 0, math.inf  # of an infeasible plan: minimum power
         if solution.feasible:
             below, share = _vertex(powers_w, sustained_w(evaluation, kind, solution))
-            # the upper one can be flown for its share of the time left, then the lower one
+            # the upper one can be flown for this share of the time left, then the lower one
             if share < 1:
                 lasts_s = share * float(evaluation.totals.seconds[0])
-            # the highest vertex to rise to, and the highest to stay at
+            # the highest vertex to rise to, and the highest to stay at: none is flown for a moment only
             rises_to = below + 1 if lasts_s > SETTLED_S else below
             stays_to = below + 1 if lasts_s > NO_TIME_S else below
             chosen = below
@@ -87,7 +88,7 @@ class Policy:
                 chosen = held
             # the lower one lasts to the end
             lasts_s = lasts_s if chosen > below else math.inf
-        # early in the flight none falls for the margin alone, while the mean keeps the reserve
+        # early in the flight no fall for the margin alone: the expected final charge keeps the reserve
         if chosen < held and time_s < EARLY_S and not lost:
             expected_soc = evaluation.final_charge(0, solution.filling).mean
             if expected_soc >= evaluation.evaluator.objective.reserve_soc:
@@ -96,9 +97,9 @@ class Policy:
 
 
 def _vertex(powers_w: np.ndarray, target_w: float) -> tuple[int, float]:
-    """Number of the vertex at or below a power [W], and the power's share of the way to the next one.
+    """Number of the vertex at or below a power [W], from 0, and the power's share of the way to the next vertex.
 
-    The last but one where the power is at the last or above: a share of 1 or more.
+    Where the power is at the last vertex or above, the last vertex but one, with a share of 1 or more.
     """
     below = int(np.clip(np.searchsorted(powers_w, target_w + 1e-9, side="right") - 1, 0, max(len(powers_w) - 2, 0)))
     if len(powers_w) == 1:
@@ -107,14 +108,14 @@ def _vertex(powers_w: np.ndarray, target_w: float) -> tuple[int, float]:
 
 
 def sustained_w(evaluation: Evaluation, kind: int, solution: Solution) -> float:
-    """Mean power of the computations over the legs of a kind, as allocated [W].
+    """Mean power of the computations over the legs of a kind, as the solution allocates it [W].
 
-    Held constant, it uses as much charge as the optimal mix over time. Charge that is left over counts.
+    Held constant, it uses as much charge as the solution's mix over time, and the charge that is left over.
     """
     envelope = evaluation.evaluator.envelopes[kind]
     mine, steps = evaluation.kinds == kind, len(envelope.powers_w) - 1
     use, shares = evaluation.knapsack.use[mine, :steps], solution.filling.shares[mine, :steps]
-    # of each increment, by charge: the share that is taken over all legs
+    # of each increment, summed over the legs: the share of its charge that is taken
     whole = use.sum(axis=0)
     taken = (use * shares).sum(axis=0)
     mix = np.divide(taken, whole, out=np.zeros(steps), where=whole > 0)

@@ -33,10 +33,10 @@ TIE = 1e-3
 """Relative difference of gain per charge to the multiplier within which a QP's shares are kept."""
 
 SIZES = 16
-"""Problems have a multiple of so many variables, so that OSQP is set up seldom; those too many are 0."""
+"""Problems have a multiple of so many variables, so that OSQP is set up seldom; those beyond the real ones are 0."""
 
 RECENTRED = 2
-"""Most QPs with a proximal term around the last one's solution, where the gap is larger."""
+"""Most further QPs, each with its proximal term around the last one's solution, where the gap exceeds `OUTDONE`."""
 
 
 class Solution(NamedTuple):
@@ -51,7 +51,7 @@ class Solution(NamedTuple):
     iterations : int
         Iterations of OSQP.
     gap : float or None
-        How much better the closed form is.
+        How much greater the closed form's value is.
     """
 
     filling: Filling
@@ -101,13 +101,14 @@ class ComputationProgram:
         closed = fill_greedy(knapsack)
         if not closed.feasible[0]:
             return Solution(closed, INFEASIBLE)
-        # variables of the program: increments that cost something and gain something; the others are as in closed form
+        # flat indices of the program's variables: increments that cost and gain something; the others are as in closed
+        # form
         variable = np.flatnonzero((knapsack.use > 0) & (knapsack.gain > 0))
         if not len(variable):
             return Solution(closed, NOTHING_TO_CHOOSE)
         use, gain = knapsack.use.ravel()[variable], knapsack.gain.ravel()[variable]
         spare = max(float(knapsack.spare[0]), 0.0)
-        # QPs, each with its proximal term around the last one's solution, until one is as good as the closed form
+        # repeated around the last solution until it is as good as the closed form
         x, iterations = np.full(len(variable), 0.5), 0
         try:
             for _ in range(1 + RECENTRED):
@@ -161,12 +162,12 @@ class ComputationProgram:
 
 
 def _exact(gain: FloatArray, use: FloatArray, spare: float, x: FloatArray, multiplier: float) -> FloatArray:
-    """A QP's shares without its tolerance, within the charge.
+    """The shares of the program's exact solution near a QP's `x`, by the QP's multiplier of the charge.
 
-    Charge that this leaves goes to the increments at the multiplier, the most efficient first; charge that it lacks is
-    taken from all, the least efficient first.
+    Increments that gain more than the multiplier for their charge are taken in full, and those that gain less not at
+    all; ties stay as the QP has them. Charge left by this goes to the ties, the most efficient first; charge that it
+    lacks is taken from all, the least efficient first.
     """
-    # above the multiplier in full, below it not at all, at it as the QP has them
     net = gain - multiplier * use
     ties = np.abs(net) <= TIE * multiplier * use
     x = np.where(ties, np.clip(x, 0.0, 1.0), net > 0)

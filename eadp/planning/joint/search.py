@@ -1,4 +1,4 @@
-"""Search for the best path parameters over places: shares of their sets, evaluated many at a time.
+"""Search for the best path parameters over places, which are shares of their sets, many evaluated at a time.
 
 At a place the best computations follow in closed form. The charge that a place needs is a step function, one step per
 whole lap, and rises on each step; U is concave but for these steps. So a grid finds the best neighbourhood, and rounds
@@ -25,11 +25,11 @@ POINTS = {1: 9, 2: 11, 3: 5}
 """Points per side of the grid, by the number of path parameters; more are searched one after the other."""
 
 HALVED, ROUNDS, MIN_STEP = 4, 6, 1e-3
-"""Most cells that are halved in a round, most rounds, and the smallest step, and gain of U, that matters."""
+"""Most cells halved in a round; most rounds; and the narrowest cell halved, also the least gain to look for."""
 
 
 class Place(NamedTuple):
-    """A place in the space of the path parameters, evaluated: its value, and the charge it is short of.
+    """A place, evaluated: its value, and the charge that it is short of.
 
     Attributes
     ----------
@@ -122,7 +122,7 @@ class Search:
         return _best(found)
 
     def _along(self, base: Shares, axis: int) -> list[Place]:
-        """Places along an axis through a place: a grid over the whole set, and rounds of halvings of its cells."""
+        """The places found along an axis through `base`: a grid over the whole set, and halvings of its best cells."""
 
         def at(share: float) -> Shares:
             """The place with this share on the axis."""
@@ -136,15 +136,15 @@ class Search:
             if best is None:
                 break
             wide = [(low, high) for low, high in cells if high - low > MIN_STEP]
-            if best.feasible:  # the cells that may reach most, if that is better than the best place by enough
+            if best.feasible:  # those whose bound is the highest, if it is above the best place by enough
                 bounds = sorted(((self._bound(at(low), at(high)), low, high) for low, high in wide), reverse=True)
                 limit = max(best.value + MIN_STEP, self.threshold)
                 chosen = [(low, high) for bound, low, high in bounds if bound > limit][:HALVED]
-            else:  # those beside the place that is the least short of charge
+            else:  # those on both sides of the best place, which is the least short of charge
                 chosen = [(low, high) for low, high in wide if best.shares in (at(low), at(high))]
             if not chosen:
                 break
-            # each in two
+            # halve each of them
             middles = [(low + high) / 2 for low, high in chosen]
             found += self.places_at(map(at, middles))
             cells = [cell for cell in cells if cell not in chosen]
@@ -156,13 +156,14 @@ class Search:
         return found
 
     def _bound(self, low: Shares, high: Shares) -> float:
-        """What the value may reach between two known places on one axis; −inf where no step ends between them.
+        """What the value may reach between two known places on one axis.
 
-        The best place of a step is at its edge, just before a whole lap more is too much.
+        −inf where both are on one step: its best place is at its edge, just before a whole lap more is too much. −inf,
+        too, where neither is feasible.
         """
         a, b = self.known[low], self.known[high]
         same_step = a is not None and b is not None and a.steps == b.steps and a.feasible == b.feasible
-        # from a feasible end the value rises by at most `slope` a share
+        # from a feasible place the value rises by at most `slope` for a share of 1
         values = [place.value for place in (a, b) if place is not None and place.feasible]
         if not values or same_step:
             return -math.inf

@@ -166,9 +166,9 @@ class HorizonSolution(NamedTuple):
 
 
 class _Table(NamedTuple):
-    """Every choice at every step: value, and as states of charge what it takes and what its power requires.
+    """Of each step and choice, shape (M, J): its value, the charge `drop` that it takes, and the charge `limit`.
 
-    All of shape (M, J).
+    Charges are states of charge. A choice is feasible where at least `limit` is left after it.
     """
 
     value: FloatArray
@@ -199,11 +199,11 @@ class _Mixture:
         pairs = [(m, low, high) for m, own in enumerate(vertices) for low, high in itertools.pairwise(own)]
         variables: IntArray = np.array(pairs, dtype=np.intp).reshape(-1, 3).T
         self.step, low, high = variables
-        # places in the table
+        # flat indices of both vertices in arrays of shape (M, J)
         self.below, self.above = self.step * len(powers_w) + low, self.step * len(powers_w) + high
         self.rises_w = powers_w[high] - powers_w[low]
         self.steps, self.size = len(vertices), len(pairs)
-        # 1 where a variable's step is that of a row or an earlier one: its charge is missing there
+        # shape (M, variables): 1 where a variable's step is not after the row's, so that its charge is missing there
         self.until = (self.step <= np.arange(self.steps)[:, None]).astype(float)
         filled = np.vstack([np.eye(self.size), self.until]) > 0
         self.program = QuadraticProgram(filled, PROXIMAL, report) if pairs else None
@@ -219,23 +219,23 @@ class _Mixture:
         return gain, rows
 
     def shifted(self, last: _Relaxed) -> _Relaxed | None:
-        """A solution a step later, its last step repeated; None where the steps mix other levels."""
+        """A solution moved by a step, with its last step repeated; None where steps have different vertices."""
         z, each = last.z, self.size // self.steps
         if not self.shifts:
             return None
         return _Relaxed(np.concatenate([z[each:], z[-each:]]), np.concatenate([last.multipliers[1:], [0.0]]), 0)
 
     def solved(self, gain: FloatArray, rows: FloatArray, spare: FloatArray, last: _Relaxed | None) -> _Relaxed:
-        """The solution of the QP, near the last: each variable is scaled by its reach, each row by its largest.
+        """The solution of the QP near the last one: max gain·z subject to rows z ≤ spare, 0 ≤ z ≤ 1.
 
-        The reach is how far a variable could rise if it alone used the slack of the rows. With little charge it is
-        small; without this scaling OSQP stalls.
+        Each variable is scaled by its reach: how far it could rise if it alone used the slack of the rows, `spare`.
+        With little charge this is small; without this scaling OSQP stalls.
         """
         if self.program is None:
             return _Relaxed(np.zeros(0), np.zeros(self.steps), 0)
         shares = np.divide(spare[:, None], rows, out=np.ones_like(rows), where=rows > 0)
         reach = np.clip(shares.min(axis=0), MIN_REACH, 1.0)
-        # z = reach · x; rows in units of their largest entry, the gradient in units of its own
+        # z = reach · x; each row in units of its largest entry, the gain in units of its largest
         rows, gain = rows * reach, gain * reach
         units, largest = rows.max(axis=1) + 1e-300, float(gain.max())
         matrix = np.vstack([np.eye(self.size), rows / units[:, None]])
@@ -288,7 +288,7 @@ class Horizon:
         else:
             values = (u * u).sum(axis=1)
         self._control_values = np.repeat(values[None], steps, axis=0)
-        # places of the steps' rows in the table
+        # flat indices of each step's first choice in arrays of shape (M, J)
         self._at = np.arange(steps) * len(self.choices)
         self._vertices = (self._envelope(values),) * steps
         self._mixtures: dict[tuple[tuple[int, ...], ...], _Mixture] = {}
@@ -308,7 +308,9 @@ class Horizon:
         return choices[order], powers[order]
 
     def _controls(self) -> FloatArray:
-        """û = ν c + τ of each computation at each choice [W], shape (J, σ): their minimum power is shared evenly.
+        """The power that each computation stands for, û = ν c + τ [W], at each choice: shape (J, σ).
+
+        From its share of the minimum power, an even one, at its lowest level, to that and what it adds at its highest.
 
         Source: letter, Eq. 11.
         """
@@ -326,7 +328,7 @@ class Horizon:
     # --- the model
 
     def table(self, forecast: HorizonForecast) -> _Table:
-        """Value, use of charge and limit of every choice at every step."""
+        """Value, use of charge and limit of every choice at every step; see `_Table`."""
         b, p = self._battery, self.powers_w
         power = forecast.mean_motion_w[:, None] + p
         drop = b.drain_per_s(power, b.voltage_v) * forecast.step_s
@@ -335,7 +337,7 @@ class Horizon:
         return _Table(self._values(forecast), drop, limit)
 
     def _values(self, forecast: HorizonForecast) -> FloatArray:
-        """l of each choice at each step, with l_f at the last."""
+        """The objective l of each choice at each step, shape (M, J), with the terminal cost l_f at the last."""
         cost, p = self._cost, self.powers_w
         if cost.kind == CONTROL and not cost.terminal_weight:
             return self._control_values
@@ -353,8 +355,11 @@ class Horizon:
         return values
 
     def _violated(self, made: IntArray, table: _Table, soc: float) -> int | None:
-        """The first step whose choice, of one for each, requires more charge than is left; None if all are feasible."""
-        # limit ≤ charge after the drops up to this step; NaN is a violation, too
+        """The first step whose choice requires more charge than is left; None if all are feasible.
+
+        `made`, shape (M,), is the choice of each step, an index to `choices`.
+        """
+        # feasible: limit ≤ charge after the drops up to this step; NaN is a violation, too
         at = self._at + made
         short = ~(table.limit.take(at) <= soc - table.drop.take(at).cumsum())
         step = int(short.argmax())
@@ -363,7 +368,7 @@ class Horizon:
     # --- solution
 
     def solve(self, forecast: HorizonForecast) -> HorizonSolution:
-        """The levels of each step.
+        """Choose the levels of each step: by the QP, then rounded to levels.
 
         Raises
         ------
@@ -400,12 +405,15 @@ class Horizon:
         return HorizonSolution(chosen, chosen_w, objective, bound, found.iterations, kept, limit)
 
     def battery_limit(self, forecast: HorizonForecast) -> str | None:
-        """Limit of the battery's power that the levels of minimum power exceed."""
+        """The battery's limit of power that the levels of minimum power exceed at some step; None if they do not."""
         lowest = np.zeros(self._steps, dtype=np.intp)
         return self._battery_limit(lowest, lowest, self.table(forecast), forecast.soc)
 
     def _battery_limit(self, above: IntArray, made: IntArray, table: _Table, soc: float) -> str | None:
-        """Limit that choices exceed at some step, each alone in place of those made."""
+        """The battery's limit that a choice of `above` exceeds, put at its step in place of the one made; None without.
+
+        `above` and `made`, shape (M,), are choices of each step; only one step is changed at a time.
+        """
         at = self._at + above
         drop = table.drop.take(at)
         if (drop >= UNDELIVERABLE).any():
@@ -418,12 +426,12 @@ class Horizon:
         return LETTER if short.any() else None
 
     def _envelope(self, values: FloatArray) -> tuple[int, ...]:
-        """Choices on the concave envelope of value over power, of the first choices, as many as there are values."""
+        """Choices on the concave envelope of value over power; `values` are those of the first choices, or of all."""
         tolerance = 1e-12 * abs(float(values[0])) if len(values) else 0.0
         return tuple(upper_envelope(self.powers_w[: len(values)], values, tolerance))
 
     def _mixture(self, table: _Table) -> _Mixture:
-        """The mixtures of the choices on the concave envelope at each step; of those that can be delivered."""
+        """The variables of the QP: mixtures of the deliverable choices on the concave envelope at each step."""
         vertices, delivered = self._vertices, table.drop < UNDELIVERABLE
         if table.value is not self._control_values or not delivered.all():
             counts = delivered.sum(axis=1).tolist()
@@ -435,7 +443,10 @@ class Horizon:
     def _proof(
         self, last: _Relaxed, gain: FloatArray, rows: FloatArray, spare: FloatArray, table: _Table, soc: float
     ) -> float | None:
-        """The bound that proves that a solution is optimal still; None if it does not, or violates a constraint."""
+        """The bound on the objective if it proves the last solution to be optimal still; None if it does not.
+
+        None, too, where the last solution violates a constraint now.
+        """
         if (rows @ last.z > spare).any():
             return None
         value = float(table.value[:, 0].sum()) + float(gain @ last.z)
@@ -446,8 +457,8 @@ class Horizon:
         """The best choice of each step within the QP's power, verified; shape (M,).
 
         `power_w`, shape (M,), is the QP's power [W]. A choice is an index to `powers_w`, which rise, and to the columns
-        of the table. Steps that exceed a constraint are lowered; charge that rounding has left over goes to the steps
-        that the QP mixed.
+        of the table. Steps that exceed a constraint are lowered; charge that is left over goes to the steps left below
+        the QP's power.
         """
         # a power just below a level counts as that level, unless this violates a constraint
         for slack in (FLOOR_SLACK * self._span_w, 0.0):
@@ -461,24 +472,25 @@ class Horizon:
             step = int(np.flatnonzero(made[: violated + 1])[-1])
             made[step] = table.value[step, : made[step]].argmax()
             violated = self._violated(made, table, soc)
-        mixed = power_w > self.powers_w[made] + FLOOR_SLACK * self._span_w
-        while mixed.any() and (raised := self._raised(made, mixed, table, soc)) is not None:
+        below_qp = power_w > self.powers_w[made] + FLOOR_SLACK * self._span_w
+        while below_qp.any() and (raised := self._raised(made, below_qp, table, soc)) is not None:
             made = raised
         return made
 
-    def _raised(self, made: IntArray, mixed: np.ndarray, table: _Table, soc: float) -> IntArray | None:
-        """The choices with one mixed step raised to its next better choice; None where none is better or feasible.
+    def _raised(self, made: IntArray, below_qp: np.ndarray, table: _Table, soc: float) -> IntArray | None:
+        """The choices with one step raised to its next better choice; None where no raise is better and feasible.
 
-        `made`, shape (M,), is the choice of each step, and `mixed`, shape (M,), whether the QP mixed two there. Raises
-        are tried by gain, the greatest first. Where the charge does not suffice, an earlier step is lowered that frees
-        what is missing and loses less than is gained. Charges are states of charge.
+        `made`, shape (M,), is the choice of each step. Only steps left below the QP's power are raised: `below_qp`,
+        shape (M,). Raises are tried by gain, the greatest first. Where the charge does not suffice, an earlier step
+        that frees what is missing, and loses less than is gained, is lowered. Charges are states of charge.
         """
         at = self._at + made
         used, value = table.drop.take(at), table.value.take(at)
         # charge before each step; and the raises: (−gain, step, choice, charge missing)
         before, raises = soc - used.cumsum() + used, []
-        freed = np.maximum.accumulate(used - table.drop.min(axis=1))  # at most, by lowering one step up to here
-        for step in np.flatnonzero(mixed).tolist():
+        # the most that lowering a single step, this one or an earlier one, frees
+        freed = np.maximum.accumulate(used - table.drop.min(axis=1))
+        for step in np.flatnonzero(below_qp).tolist():
             better = np.flatnonzero(table.value[step, made[step] + 1 :] > value[step])
             if len(better):
                 above = made[step] + 1 + better[0]
@@ -486,13 +498,13 @@ class Horizon:
                 if missing <= freed[step]:
                     raises.append((value[step] - table.value[step, above], step, above, missing))
         for minus_gain, step, above, missing in sorted(raises):
-            # every choice at every earlier step: what it loses, and whether it frees enough
+            # of every choice at every earlier step: the value lost by it, and whether it frees enough; shape (step, J)
             losses = value[:step, None] - table.value[:step]
             enough = used[:step, None] - table.drop[:step] >= max(missing, 1e-15)
             places = np.flatnonzero(enough & (losses < -minus_gain))
             by_loss = places[losses.take(places).argsort(kind="stable")].tolist()
-            others = [divmod(place, len(self.choices)) for place in by_loss]
-            # (step, above) stands for no other step changed
+            others = [divmod(place, len(self.choices)) for place in by_loss]  # (earlier step, its choice)
+            # without a lack, the raise alone is tried first: (step, above) changes no other step
             for other, choice in [(step, above), *others] if missing <= 0 else others:
                 trial = made.copy()
                 trial[other] = choice
@@ -552,14 +564,14 @@ def _bound(multipliers: FloatArray, table: _Table, soc: float) -> float:
 
 
 def _square(weights: FloatArray | float, size: int) -> FloatArray:
-    """A weight matrix; a number multiplies the identity."""
+    """A weight matrix of a size; a number multiplies the identity."""
     return weights if isinstance(weights, np.ndarray) else weights * np.eye(size)
 
 
 def _state_values(states_w: FloatArray, powers_w: FloatArray, weights: FloatArray) -> FloatArray:
-    """½ xᵀ Q x [W²], shape (n, J), at x = q with the power of each of the J choices added to its α0.
+    """½ xᵀ Q x [W²], shape (n, J): x is an energy state q with the power of each of J choices added to its α0.
 
-    States q have shape (n, 2r + 1), `weights` Q is symmetric.
+    `states_w`, shape (n, 2r + 1), are the states q; `weights` is Q, symmetric.
     """
     # x = q + p e₀: ½ (qᵀ Q q + 2 p (Q q)₀ + Q₀₀ p²)
     weighted = states_w @ weights

@@ -227,7 +227,7 @@ class PaperPlanner(Planner):
     def _plan_computations(self, o: Observation, decided: Vector) -> tuple[Vector, DecisionRecord]:
         """Plan the computations, and set their power over the horizon, `_computing_plan_w`.
 
-        Returns the parameters decided with those of now, and how they were found.
+        Returns `decided` with the computations to fly with now, and the record of how they were found.
         """
         sets, free = self._mission.plan.stages[o.stage - 1].sets, self._free(o)
         # status, calls, iterations, gap and reason
@@ -281,7 +281,10 @@ class PaperPlanner(Planner):
         return min(max(1, round(self._state.horizon_s / self._settings.every_s)), MAX_STEPS)
 
     def _horizon(self, o: Observation, path: Vector) -> Horizon:
-        """The problem for the sets of a stage, built once; trade-offs hold with the path now and the decided one."""
+        """The optimal control problem on the stage being flown, built once for each key.
+
+        Trade-offs have to hold with the path in force and with the one decided, `path`.
+        """
         plan, own, steps = self._mission.plan, self._own, self._steps()
         sets = plan.stages[o.stage - 1].sets
         trade_offs = [row for row in own.trade_offs if row.holds_in(o.stage)]
@@ -293,6 +296,7 @@ class PaperPlanner(Planner):
             base = [*o.parameters[: self._rho], *(box.lo for box in sets[self._rho :])]
 
             def power(values: Sequence[float]) -> float:
+                """Power of the computations with these values of the free ones [W]."""
                 for i, value in zip(free, values, strict=True):
                     base[i] = value
                 return self._mission.computing.power_w(base, sets)
@@ -312,7 +316,7 @@ class PaperPlanner(Planner):
         return self._horizons[key]
 
     def _cost(self, free: list[int], parameters: Vector) -> HorizonCost:
-        """The cost over the free computations; û of the path is constant over the horizon."""
+        """The cost over the free computations; the path's parameters, constant over the horizon, become its offsets."""
         own = self._own
         q, r = (np.array(weight) if isinstance(weight, tuple) else weight for weight in own.cost_weights)
         offsets: FloatArray | float = 0.0
@@ -323,7 +327,7 @@ class PaperPlanner(Planner):
         return HorizonCost(own.cost, q, r, offsets, own.terminal_weight)
 
     def _horizon_forecast(self, o: Observation) -> HorizonForecast:
-        """The estimator's forecast of the motion's power, sampled within each step, and the charge."""
+        """The charge, and the forecast of the motion's power over the horizon, by samples within each step."""
         steps, every_s = self._steps(), self._settings.every_s
         instants_s = np.arange(1.0, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
         worst = self._own.constraint_at == "worst"
@@ -335,14 +339,18 @@ class PaperPlanner(Planner):
     # --- path
 
     def _path(self, o: Observation, parameters: Vector) -> Vector:
-        """Path parameters from the remaining time and the time to an empty battery. Source: letter, Alg. 2 l. 17-27."""
+        """The parameters with the path chosen by the remaining time and the time to the reserve.
+
+        With trade-offs the path goes only as far towards the rule's, in tenths, as some computations satisfy them.
+
+        Source: letter, Alg. 2 l. 17-27.
+        """
         coverage = self._coverage
         if coverage is None:
             return parameters
         path = parameters[: self._rho]
         chosen = self._path_by_rule(o, path, coverage)
         if self._own.trade_offs and chosen != path:
-            # as far towards the rule's path as some computations satisfy the rows, with the path in force, too
             ways = (
                 tuple(old + tenths / 10 * (new - old) for old, new in zip(path, chosen, strict=True))
                 for tenths in range(10, 0, -1)
@@ -351,17 +359,19 @@ class PaperPlanner(Planner):
         return (*chosen, *parameters[self._rho :])
 
     def _path_by_rule(self, o: Observation, path: Vector, coverage: _Coverage) -> Vector:
-        """The path parameters to fly, by the rule of the settings: with a time left t_r ≤ t_b, the time to the reserve.
+        """The path parameters to fly, by the rule of the settings.
 
-        "largest": the same share of every set, the largest that suffices. "subroutine": lowered by δ until it suffices.
-        "delta": one δ down where it does not suffice; one up, if that is allowed and still does.
+        A path suffices if the time left at it, t_r, is at most the time to the reserve, t_b. "largest": the same share
+        of every set, the largest that suffices. "subroutine": lowered by δ until it suffices. "delta": one δ down where
+        the path in force does not suffice; one up, if rises are allowed and that still suffices.
         """
         own, boxes = self._own, coverage.boxes
-        # direction in which the path parameters shorten the coverage
+        # "down" is the direction in which the path parameters shorten the coverage
         down = -1 if coverage.at_highest_s >= coverage.at_lowest_s else 1
         found_s: dict[float, float] = {}
 
         def lasts_s(path: Vector) -> float:
+            """The time t_b at a path [s], computed once for each power that it adds."""
             gained_w = self._gained_w(path)
             if gained_w not in found_s:
                 found_s[gained_w] = self._time_to_reserve_s(o, gained_w)
@@ -391,20 +401,23 @@ class PaperPlanner(Planner):
         return raised if own.raise_path and raised != path and suffices(raised) else path
 
     def _moved(self, path: Vector, direction: int, coverage: _Coverage) -> Vector:
-        """Path parameters moved by their δ, up (1) or down (−1), within their sets."""
+        """Path parameters moved by one δ each, to greater (1) or smaller (−1) values, within their sets."""
         boxes = enumerate(zip(path, coverage.boxes, strict=True))
         return tuple(box.clip(value + direction * self._deltas[i]) for i, (value, box) in boxes)
 
     def _remaining_s(self, path: Vector, time_s: float, coverage: _Coverage) -> float:
-        """t_r at given path parameters. Source: letter, Alg. 2 l. 25, as printed or corrected."""
-        # t_s = Σ(ν c + τ): l. 24
+        """The time t_r that the coverage takes from now on at given path parameters [s].
+
+        Source: letter, Alg. 2 l. 25, as printed or corrected.
+        """
+        # t_s = Σ(ν c + τ), the time of the whole coverage: l. 24
         total_s = sum(coverage.controls_s(path))
         if self._own.remaining_time == "published":
             return total_s / coverage.whole_s * (coverage.whole_s - time_s)
         return total_s - time_s
 
     def _largest_share(self, time_s: float, last_s: float, coverage: _Coverage) -> float:
-        """The largest share of their sets, in 0..1, at which all path parameters have t_r ≤ t_b."""
+        """The largest share of their sets, 0 to 1, at which the path parameters have t_r ≤ t_b; `last_s` is t_b."""
         shortest, longest = coverage.at_lowest_s, coverage.at_highest_s
         # t_r ≤ t_b solved for t_s, the time of the whole coverage, which is linear in the share
         limit_s = last_s + time_s
@@ -416,16 +429,17 @@ class PaperPlanner(Planner):
         return min(1.0, max(0.0, (limit_s - shortest) / (longest - shortest)))
 
     def _time_to_reserve_s(self, o: Observation, gained_w: float) -> float:
-        """t_b: time until the predicted battery reaches the reserve with so much more power of the motion [s].
+        """The time t_b until the predicted battery reaches the reserve [s], with `gained_w` more power of the motion.
 
-        The horizon's computations, then its last one held. The motion is periodic: whole periods are divided out, and
-        one period is predicted. A voltage that falls with the charge is taken half way.
+        The computations are those of the horizon, and after it those of its last step. The motion is periodic, so that
+        one period is predicted. A voltage that falls with the charge is taken halfway to the reserve.
         """
         spare = o.soc - self._settings.reserve_soc
         if spare <= 0:
             return 0.0
         every_s, step_s, computing_w = self._settings.every_s, LOOK_AHEAD_STEP_S, self._computing_plan_w
-        # steps of the horizon, then those of one period; and of each, the horizon's step that its computations are of
+        # `head` steps of the horizon, then the steps of one period; `of_step` is the horizon's step that gives each one
+        # its computations
         head = max(1, round(len(computing_w) * every_s / step_s))
         count = head + max(1, round((self._state.period_s or step_s) / step_s))
         at_s = np.arange(count, dtype=np.float64) * step_s
@@ -437,7 +451,7 @@ class PaperPlanner(Planner):
 
 
 def _matrix_fault(rows: Matrix, size: int) -> str:
-    """What is wrong with a weight matrix; empty if nothing is."""
+    """What is wrong with a weight matrix that is to have a size, in words; empty if nothing is."""
     if len(rows) != size or any(len(row) != size for row in rows):
         return f"is no {size} × {size} matrix"
     matrix = np.array(rows)
@@ -451,16 +465,18 @@ def _matrix_fault(rows: Matrix, size: int) -> str:
 
 
 def _lasting_s(power_w: FloatArray, head: int, step_s: float, spare: float, battery: Battery) -> float:
-    """Time that a charge lasts [s] under a power at each step [W]; 0 beyond the power that the battery delivers.
+    """Time that a state of charge, `spare`, lasts [s] under a power at each step [W], shape (n,).
 
-    The first `head` steps are flown once, and those after them, which are a period, again and again.
+    The first `head` steps are flown once, and the steps after them, which are one period, again and again. 0 where a
+    power is more than the battery delivers; infinite where a period takes no charge.
 
     Source: letter, Eq. 22 and Lem. III.3.
     """
     if (power_w > battery.max_power_w(battery.voltage_v)).any():
         return 0.0
     drops = (battery.drain_per_s(power_w, battery.voltage_v) * step_s).cumsum()
-    # charge taken by the first steps, and by a period; whole periods fit in between, the rest is within the steps
+    # charge taken by the first steps, and by one period; whole periods are divided out, so that the rest of the charge
+    # runs out within the steps
     first, one_period = float(drops[head - 1]), float(drops[-1] - drops[head - 1])
     if spare > drops[-1] and one_period <= 0:
         return math.inf
@@ -469,13 +485,13 @@ def _lasting_s(power_w: FloatArray, head: int, step_s: float, spare: float, batt
 
 
 def _crossing_s(sums: FloatArray, value: float, step_s: float) -> float:
-    """Time at which a growing sum, that at the end of each step, reaches a value: linear within the step [s]."""
+    """Time at which a growing sum reaches a value [s]; `sums` are at the ends of the steps, and linear in between."""
     ends_s = np.arange(len(sums) + 1) * step_s
     return float(np.interp(value, np.concatenate([[0.0], sums]), ends_s))
 
 
 class _Coverage(NamedTuple):
-    """The whole coverage: its times at the minimum and at the maximum path parameters, t̲ and t̄ [s], and their sets."""
+    """The whole coverage: its times t̲ and t̄ at the lowest and the highest path parameters [s], and their sets."""
 
     at_lowest_s: float
     at_highest_s: float
@@ -487,7 +503,12 @@ class _Coverage(NamedTuple):
         return max(self.at_lowest_s, self.at_highest_s)
 
     def controls_s(self, parameters: Vector) -> list[float]:
-        """û = ν c + τ of each path parameter [s], with an equal share of the time. Source: letter, Eq. 10."""
+        """The coverage time that each path parameter stands for, û = ν c + τ [s]: their sum is that of the coverage.
+
+        Linear from t̲/ρ at the parameter's lowest value to t̄/ρ at its highest, with ρ path parameters.
+
+        Source: letter, Eq. 10.
+        """
         rho = len(self.boxes)
         ends_s = self.at_lowest_s / rho, self.at_highest_s / rho
         scalings = [scaling_factors(box.lo, box.hi, *ends_s) for box in self.boxes]
@@ -495,10 +516,9 @@ class _Coverage(NamedTuple):
 
 
 def _coverage(settings: PaperSettings, mission: Mission) -> _Coverage | None:
-    """The coverage of a mission.
+    """The whole coverage of a mission: its times by the settings, else nominal at cruise speed without wind.
 
-    From the settings, else nominal at cruise speed without wind. None if no path parameter is free, or the nominal path
-    is undefined.
+    None if no path parameter is free, or the nominal path is undefined or without end.
     """
     boxes = [mission.plan.hull(i) for i in range(mission.plan.path_count)]
     if all(box.fixed for box in boxes):
@@ -506,12 +526,12 @@ def _coverage(settings: PaperSettings, mission: Mission) -> _Coverage | None:
     times_s = []
     for time_s, end in ((settings.shortest_s, "lo"), (settings.longest_s, "hi")):
         if time_s is None:
-            corner = (*(getattr(box, end) for box in boxes), *mission.parameters[len(boxes) :])
+            parameters = (*(getattr(box, end) for box in boxes), *mission.parameters[len(boxes) :])
             try:
-                length = sum(leg.distance_m for leg in nominal_legs(mission.plan, corner, mission.start_m))
+                length_m = sum(leg.distance_m for leg in nominal_legs(mission.plan, parameters, mission.start_m))
             except PathUndefined:
                 return None
-            time_s = length / mission.cruise_mps
+            time_s = length_m / mission.cruise_mps
         if not math.isfinite(time_s):
             return None
         times_s.append(time_s)

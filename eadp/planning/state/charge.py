@@ -154,7 +154,7 @@ class Gauge(NamedTuple):
 
 
 class Belief(NamedTuple):
-    """Whether the gauge is believed, and whether it rose when it was disbelieved; charge lost in all, and how often."""
+    """Whether the gauge is believed, and whether it rose when disbelieved last; charge lost in all, and how often."""
 
     believed: bool
     rises: bool
@@ -393,7 +393,7 @@ def _with_soc(charge: Charge, soc: float, var_soc: float) -> Charge:
 
 
 def _with_new_soc(charge: Charge, soc: float, var_soc: float) -> Charge:
-    """The state with a b that owes nothing to the state before: it covaries with nothing."""
+    """The state with a new b, independent of the state before: it covaries with nothing."""
     c = charge
     # fmt: off
     return Charge(
@@ -405,7 +405,7 @@ def _with_new_soc(charge: Charge, soc: float, var_soc: float) -> Charge:
 
 
 def _with_new_offset(charge: Charge, offset: float, var_soc: float, cov_soc_offset: float, var_offset: float) -> Charge:
-    """The state with an o that owes nothing to the state before: it covaries with b alone."""
+    """The state with a new o, independent of the state before: it covaries with b alone."""
     c = charge
     # fmt: off
     return Charge(
@@ -419,12 +419,12 @@ def _with_new_offset(charge: Charge, offset: float, var_soc: float, cov_soc_offs
 def _ingested(
     state: ChargeState, model: DrainModel, charges: Column, powers_w: Column, steps_s: Column, measured: bool
 ) -> ChargeState:
-    """The state after readings, see `ChargeFilter.ingest`: each adds to the drain, and one of the gauge corrects."""
+    """The state after readings, see `ChargeFilter.ingest`: powers add to the drain, gauge readings correct."""
     for i in range(len(charges)):
         drain = state.drain
         known = not math.isnan(powers_w[i])
         power_w = powers_w[i] if known else drain.power_w
-        # what the reading's power has drained since the one before; nothing before a charge is known
+        # what this reading's power has drained since the reading before; 0 as long as no charge is known
         drained = 0.0
         if not math.isnan(state.charge.soc):
             soc = after_drain(state.charge, drain.since).soc
@@ -439,7 +439,7 @@ def _ingested(
 
 
 def _with_reading(state: ChargeState, reading: float, drained: float) -> ChargeState:
-    """The state after a reading of the gauge; `drained` is the drain predicted since the one before, included."""
+    """The state after a reading of the gauge; `drained` is the drain since the reading before, already in the state."""
     readings = state.readings
     if math.isnan(readings.last):
         return _with_first_reading(state, reading)
@@ -467,22 +467,22 @@ def _with_first_reading(state: ChargeState, reading: float) -> ChargeState:
 
 
 def _none_since(drain: Drain) -> Drain:
-    """The drain once the state of charge includes it: nothing since."""
+    """The drain with its parts since the last correction reset to 0."""
     return Drain(since=0.0, unmeasured=0.0, total=drain.total, power_w=drain.power_w)
 
 
 def _with_change(state: ChargeState, fell: float, drained: float) -> ChargeState:
-    """The state after a reading that says something: an outlier, or one that corrects the state.
+    """The state after a reading that is not only a repetition: it is an outlier, or corrects the state.
 
-    The reading is `state.readings.last`; `fell` is by how much it is below the one before, `drained` the drain
-    predicted between the two. `readings.changes` is 2 or more from here on: divisors `changes - 1` are not 0.
+    The reading is `state.readings.last`; `fell` is by how much it is below the reading before, `drained` the drain
+    predicted between the two. `readings.changes` becomes 2 or more, so that divisors `changes - 1` are not 0.
     """
     drain, belief, known = state.drain, state.belief, state.readings
     readings = GaugeReadings(known.first, known.last, known.taken, known.changes + 1, known.outliers)
     charge, gauge = state.charge, state.gauge
     if fell != 0.0:
         charge, gauge = _with_step(charge, gauge, fell, drained)
-    # the prior of this reading
+    # the state predicted at this reading
     now = after_drain(charge, drain.since)
     var_soc = now.var_soc + (UNMEASURED * drain.unmeasured) ** 2
     if readings.changes <= FIRST_READINGS and not gauge.from_full:  # not below that of the mean of the first readings
@@ -498,43 +498,44 @@ def _with_change(state: ChargeState, fell: float, drained: float) -> ChargeState
     readings = GaugeReadings(readings.first, readings.last, readings.taken, readings.changes, outliers=0)
     if not belief.believed:
         return ChargeState(charge, drain, readings, gauge, belief, state.checkpoint)
-    # a small loss is one of charge, not of capacity: its size beyond what is usual is added to var b alone, so that the
-    # correction is not of κ. A coarse gauge looks exact before it has changed a few times
+    # a small loss is a loss of charge, not of capacity: by how much e² exceeds the usual is added to var b alone, so
+    # that b is corrected and not κ. A coarse gauge looks exact until it has changed a few times
     if gauge.noise_variance >= EXACT_GAUGE or readings.changes <= FIRST_CHANGES:
         var_soc += max(0.0, error * error - SMALL_JUMP_STDS**2 * (variance + gauge.noise_variance))
     # a drain without a measured power says nothing of the gauge's noise
     unexplained = now.use_ratio * drain.since - fell
     noise = gauge.noise_variance if drain.unmeasured > 0.0 else _noise(gauge, readings, unexplained)
-    # the greatest fall between two readings may be one step
+    # the greatest fall between two readings may be one step of the gauge
     gauge = Gauge(noise, min(max(gauge.quantum, fell), MAX_QUANTUM), gauge.step, gauge.from_full)
     charge = corrected(_with_soc(now, now.soc, var_soc), error, noise)
     return ChargeState(charge, _none_since(drain), readings, gauge, belief, state.checkpoint)
 
 
 def _noise(gauge: Gauge, readings: GaugeReadings, change: float) -> float:
-    """The gauge's variance R by one more difference of readings δ, less its drain: R ← R + g (δ²/2 − R).
+    """The gauge's variance R after one more `change`, δ: a difference of readings less the drain. R ← R + g (δ²/2 − R).
 
-    The difference of two readings has twice the noise of one.
+    The difference of two readings has twice the variance of one.
     """
     noise = gauge.noise_variance
-    # g: the mean of all differences at first, then of the last ones
+    # the gain g makes R the mean over all differences at first, and over the last ones later
     return noise + max(NOISE_SHARE, 1 / (readings.changes - 1)) * (change * change / 2 - noise)
 
 
 def _is_outlier(size: float, variance: float, noise: float, taken: int, drain: float) -> bool:
-    """Whether an innovation of a size is that of an outlier, after a drain; the first readings are none.
+    """Whether a reading is an outlier by the size of its innovation; the first readings are none.
 
-    `variance` is that of the prediction, `noise` that of the gauge.
+    `variance` is that of the predicted reading, `noise` that of the gauge; `taken` counts the readings so far.
     """
-    if noise < EXACT_GAUGE and taken > 2:  # an exact gauge is off by the error of the drain alone, below ten times it
+    # an exact gauge differs from the prediction by the error of the drain alone, less than ten times the drain
+    if noise < EXACT_GAUGE and taken > 2:
         return size > MIN_JUMP + 10 * drain
     return taken > 4 and size > JUMP and size > JUMP_STDS * math.sqrt(variance + noise)
 
 
 def _with_outlier(state: ChargeState, now: Charge, error: float) -> ChargeState:
-    """The state after an outlier: it goes on without the reading, unless that is a loss, or the end of a false one.
+    """The state after an outlier: it is not corrected, unless the reading is a loss, or the end of a false loss.
 
-    `now` is the charge predicted at the reading, and `error` by how much that is above it.
+    `now` is the state predicted at the reading, and `error` by how much the reading is above it.
     """
     readings, belief = state.readings, state.belief
     # the second in a row confirms; an exact gauge needs none
@@ -548,7 +549,7 @@ def _with_outlier(state: ChargeState, now: Charge, error: float) -> ChargeState:
 
 
 def _with_loss(state: ChargeState, now: Charge, error: float) -> ChargeState:
-    """The state after a loss of charge, or the end of a false one: the reading holds, and covaries with nothing."""
+    """The state after a loss of charge, or the end of a false one: b is the reading; the counts start again."""
     readings, gauge, belief = state.readings, state.gauge, state.belief
     charge = _with_new_soc(now, readings.last, gauge.noise_variance)
     return ChargeState(
@@ -562,10 +563,11 @@ def _with_loss(state: ChargeState, now: Charge, error: float) -> ChargeState:
 
 
 def _with_step(charge: Charge, gauge: Gauge, fell: float, drained: float) -> tuple[Charge, Gauge]:
-    """State and gauge after a change of its reading, which shows whether the gauge has steps, of size q.
+    """State and gauge after the reading has changed: it `fell`; this shows whether the gauge has steps, of a size q.
 
-    It has if its first change is more than the drain since the reading before, `drained`; it has none once another
-    change is no multiple of q. With steps, o is uniform in 0 to q: of mean q/2 and variance q²/12. Without, it is 0.
+    It has steps if its first change is more than the drain since the reading before, `drained`, and none any more once
+    another change is no multiple of q. With steps, o is uniform in 0 to q: of mean q/2 and variance q²/12; else o is
+    0.
     """
     step, size = gauge.step, abs(fell)
     if math.isnan(step):  # the first change
@@ -583,10 +585,10 @@ def _with_step(charge: Charge, gauge: Gauge, fell: float, drained: float) -> tup
 
 
 def _checked(state: ChargeState) -> ChargeState:
-    """The state after comparing what the gauge has fallen by with the drain, each time that enough has been drained.
+    """The state after comparing the gauge's fall with the drain since the checkpoint, if enough has been drained.
 
-    Sets whether the gauge is believed: not, where it falls by much less than the drain; again, where it falls with the
-    drain and is not far above the integral of the power.
+    The gauge is disbelieved where it falls by much less than the drain, and the charge is the integral of the power
+    then; it is believed again where it falls with the drain and is not far above that integral.
     """
     charge, drain, gauge, belief, checkpoint = state.charge, state.drain, state.gauge, state.belief, state.checkpoint
     reading, drained = state.readings.last, drain.total - checkpoint.total_drain

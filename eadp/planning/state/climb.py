@@ -95,7 +95,7 @@ class ClimbFollower:
         climb_m = min(max(closed * (altitude_m - here_m), -down_mps * step_s), up_mps * step_s)
         self.climb = Climb(airframe, here_m + climb_m)
         rate_mps = climb_m / step_s if step_s > 0 else 0.0
-        # V cos γ with sin γ = ḣ/V, and the time by which a flight at it is late
+        # the horizontal part V cos γ, with sin γ = ḣ/V; and the delay by flying at it and not at V
         self.level_mps = math.sqrt(max(airspeed_mps**2 - rate_mps**2, 0.0))
         self.slowed_s += step_s * (1 - self.level_mps / airspeed_mps)
         self.power_w = airframe.climb_j_per_m * rate_mps + self.climb.faster_w(airspeed_mps)

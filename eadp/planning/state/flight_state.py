@@ -133,9 +133,9 @@ class FlightState:
         self._queue.step_level(by_w)
 
     def _make_room(self) -> None:
-        """Before something joins a full queue: have the estimator process what waits in it already.
+        """Before something joins a full queue, have the estimator process what waits in it.
 
-        Not what comes, too: `estimates` may be asked for instants within that next.
+        What joins is not processed: `estimates` may be asked for instants within it.
         """
         if self._queue.full:
             self._queue.estimate()
@@ -148,8 +148,8 @@ class FlightState:
     def _process(self) -> None:
         """Pass what waits through the filters, in its order; called before any of them is asked.
 
-        Readings are held back by one: the reading of an observation that follows joins them. Its place in the plan is
-        taken after them, as they were made on the stage before.
+        A batch of readings is held back until what follows it is known: an observation's reading joins the batch. The
+        place in the plan of this observation counts after them, as they were made on the stage before.
         """
         readings: Readings | None = None
         for each in self._queue.take_unfiltered():
@@ -168,13 +168,13 @@ class FlightState:
             self._read(readings)
 
     def _locate(self, seen: Seen) -> None:
-        """Update where the flight is in its plan, and the parameters in force, by an observation; and a measured wind.
+        """Update the place in the plan, the parameters in force and a measured wind by an observation.
 
-        Readings before it are processed already, with the parameters that were in force.
+        Readings before it are processed already, with the parameters that were in force then.
         """
         o, place = seen.observation, self._place
         place.through_gap |= o.through_gap
-        # without a route: at take-off, or where it could not be laid out, tried again
+        # a new stage; or no route yet: at take-off, or where it could not be laid out, which is tried again
         if o.stages_started != seen.stages_before or place.route is None:
             self._start_stage(o, seen.stages_before)
         elif (o.cursor.parameters, o.cursor.decided) != (place.cursor.parameters, place.cursor.decided):
@@ -185,10 +185,10 @@ class FlightState:
             self._wind.measure(o.sample.wind_mps, o.time_s)
 
     def _start_stage(self, o: Observation, stages_before: int) -> None:
-        """A stage has started: learn from the leg that ended, and lay out the one that starts.
+        """Learn from the leg that has ended, and lay out the leg of the stage that starts with an observation.
 
-        The time of the leg that ended, beside its forecast, shows how long legs take, if it was flown whole and as
-        planned; the first of a flight is joined anywhere.
+        The time flown on the ended leg, beside its forecast, shows how long legs take, if the leg was flown whole and
+        as planned. The first leg of a flight may be joined anywhere, so that it shows nothing.
         """
         place, speed, gust_time_s = self._place, self._mission.cruise_mps, self._mission.gust_time_s
         slowed_s = 0.0  # by climbing, on the leg that ended
@@ -196,7 +196,7 @@ class FlightState:
             slowed_s, self._climb.slowed_s = self._climb.slowed_s, 0.0
         if place.route is not None:
             rho = self._mission.plan.path_count
-            # an autopilot that gets another line in a turn leaves the turn elsewhere, up to a turn later
+            # an autopilot whose line is changed during a turn leaves the turn elsewhere, up to a whole turn later
             diverted = place.flies_mission and o.cursor.waiting[:rho] != place.cursor.waiting[:rho]
             if stages_before > 1 and not place.through_gap and place.follows and not diverted:
                 times_s, _ = place.route.times_s(speed, self.wind_mps)
@@ -212,7 +212,7 @@ class FlightState:
             # mean tan² φ = ∫tan² φ dt / t
             slope = float(turning_s[0] / times_s[0]) if 0 < times_s[0] < math.inf else 0.0
             max_slope = math.inf if self._mission.nominal is None else self._mission.nominal.max_slope
-            # a turn that is overshot shows nothing of the time that its path takes, nor does the leg after it
+            # a turn tighter than the aircraft can fly is overshot: neither its time nor that of the leg after it counts
             turns = slope <= max_slope
             place.slope, place.follows, place.turns = min(slope, max_slope), place.turns and turns, turns
         self._ground.hold(o.time_s, o.cursor, o.parameters)
@@ -220,10 +220,10 @@ class FlightState:
     def _read(self, readings: Readings, o: Observation | None = None) -> None:
         """Update the filters with readings, columns of shape (n,), all on the stage of `_place`.
 
-        `o` is the observation that the last of them is of, if it is of one. In the order in which one filter needs the
-        other: navigation, power gate, climb, heading gate, wind, motion power, charge. The first reading of a flight
-        has no step. Readings at the time of the last one are left out. In a take-off the power updates the charge
-        alone.
+        `o` is the observation whose reading is the last one, or None. Each filter comes after those that it needs:
+        navigation, power gate, climb, heading gate, wind, motion power, charge. The first reading of a flight has a
+        step of 0 s. Readings at the time of the last one taken are left out. In a take-off the power updates only the
+        charge.
         """
         on_plan = o is None or o.on_plan
         times_s = np.asarray(readings.times_s, dtype=float)
@@ -239,7 +239,7 @@ class FlightState:
         powers_w = np.asarray(self._gate.ingest(times_s, readings.powers_w, self._place.computing_w, on_plan=on_plan))
         climb_w, level_mps = self._follow_climb(steps_s)
         climb_mps = self._take_altitude(o, float(steps_s.sum()))
-        # measured airspeeds, and those commanded where none is measured or one cannot be
+        # measured airspeeds; the commanded airspeed where none is measured, or the one measured cannot be true
         airspeeds_mps = _numbers(readings.airspeeds_mps)
         ratios = airspeeds_mps / self._mission.cruise_mps
         possible = (ratios > 1 / MAX_AIRSPEEDS) & (ratios < MAX_AIRSPEEDS)
@@ -247,21 +247,21 @@ class FlightState:
         vx, vy, headings = (_numbers(column) for column in (readings.vx_mps, readings.vy_mps, readings.headings_rad))
         self._wind.ingest((vx, vy), headings, steps_s, airspeeds_mps, self._last_s)
         if on_plan:
-            # a climb that is measured is a term of the regression; one that is commanded is taken off
+            # the power of a measured climb is a term of the regression; that of a commanded one is subtracted before
             beside_w = self._place.computing_w + (climb_w if climb_mps is None else self._airspeed_w())
             # a reading after a long gap stands for MAX_STEP_S of it
             steps = np.minimum(steps_s, MAX_STEP_S)
-            # 0 * steps: one value for each reading
+            # + 0 * steps: as an array, one value for each reading
             self._motion.ingest(powers_w, beside_w + 0 * steps, steps, self._place.slope, climb_mps or 0.0)
         # over a long gap the charge is drained by the power before it
         drain_powers_w = np.where(steps_s > MAX_STEP_S, math.nan, powers_w)
         self._charge.ingest(_numbers(readings.charges), drain_powers_w, steps_s, measured=on_plan)
 
     def _follow_climb(self, steps_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Follow the commanded climb over steps [s]; return what it adds to the power, and the airspeed over ground.
+        """Follow the commanded climb over steps [s], and return two arrays of shape (n,), one value for each step.
 
-        The power that the climb and the stage's airspeed add over each step [W], and the horizontal part of the
-        airspeed [m/s], both of shape (n,).
+        The power that the climb and the stage's airspeed add to the motion's [W], and the horizontal part of the
+        airspeed [m/s].
         """
         if self._climb is None:
             return np.zeros(len(steps_s)), np.full(len(steps_s), self._mission.cruise_mps)
@@ -273,9 +273,9 @@ class FlightState:
         return added_w, level_mps
 
     def _take_altitude(self, o: Observation | None, seconds: float) -> float | None:
-        """Take a measured altitude; return the rate of climb [m/s], None where no two altitudes in a row are known.
+        """Note an observation's altitude; return the rate of climb [m/s], None without the altitude before it.
 
-        `seconds` is the time since the altitude before [s]. In a take-off the dead reckoning follows the altitude.
+        `seconds` is the time since the altitude before [s]. In a take-off the dead reckoning is set to the altitude.
         """
         altitude_m = None if o is None else o.sample.altitude_m
         before_m, self._altitude_m = self._altitude_m, altitude_m
@@ -333,7 +333,7 @@ class FlightState:
     @property
     def period_s(self) -> float | None:
         """Period of the power [s]; None if there is none."""
-        # that of the last lap does not wait
+        # the time of the last lap is known at once, while readings wait
         return self._power.lap_time_s if self._power.estimator.follows_laps else self.estimator.period_s
 
     @property
@@ -481,7 +481,7 @@ class _Place:
             phi, gx, gy, *_ = leg.path(position[0] - leg.offset_m[0], position[1] - leg.offset_m[1])
         except (ArithmeticError, ValueError):
             return
-        # |φ| / |∇φ|, the distance to the path, is above the median m: φ² > |∇φ|² m²
+        # whether the distance to the path, |φ| / |∇φ|, is above the median m: φ² > |∇φ|² m²
         square = gx * gx + gy * gy
         if square > 0 and math.isfinite(phi):
             above = phi * phi > square * (MEDIAN_PER_STD * self.reach_std_m) ** 2

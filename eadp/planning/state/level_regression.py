@@ -100,7 +100,7 @@ class Evidence(NamedTuple):
 
 
 class Regression(NamedTuple):
-    """State of the regression; `steps` have been recognised, the last of size `step` at its last window."""
+    """State of the regression; so many `steps` of the level were recognised, the last of a size `step`."""
 
     prior: Prior
     sums: Sums
@@ -178,7 +178,7 @@ def _added(sums: Sums, seconds: float, mean: float, x: float, z: float) -> Sums:
 def _compared(state: Regression, seconds: float, mean: float, x: float, z: float, min_step: float) -> Evidence:
     """The evidence of a step of the level after one more window."""
     was = state.evidence
-    # while there may have been a step, windows are compared with the fit without those since
+    # while there may have been a step, windows are compared with the fit before it
     before = was.before if max(was.up, was.down) > DOUBT else state.fit
     # e = y − a − b x − c z, of variance v/t + (1, x, z) P (1, x, z)ᵀ
     error = mean - before.a - before.b * x - before.c * z
@@ -207,7 +207,10 @@ def _mean_error(sums: Sums, fit: Fit) -> float:
 
 
 def _log_likelihood_ratio(error: float, step: float, variance: float, freedom: float) -> float:
-    """Logarithm of the likelihood of an error with a step over that without: Student's t, as the noise is estimated."""
+    """Logarithm of the likelihood ratio of an error: with a step of the level to without one.
+
+    The error has Student's t distribution, as the noise is estimated.
+    """
     # (ν + 1)/2 · [log(1 + e²/(ν σ²)) − log(1 + (e − d)²/(ν σ²))]
     scale = freedom * variance
     with_step = error - step
@@ -215,8 +218,8 @@ def _log_likelihood_ratio(error: float, step: float, variance: float, freedom: f
 
 
 def _fitted(sums: Sums, prior: Prior, before: Fit) -> Fit:
-    """Posterior of a, b, c and of the noise by the sums over windows; `before` has the noise to start from."""
-    # the residuals' noise depends on the fit, and the fit on the noise: in turns
+    """Posterior of a, b, c and the noise by the sums over windows; the noise of `before` starts the iteration."""
+    # the noise depends on the fit's residuals, and the fit on the noise: they are computed in turns
     fit = before
     for _ in range(2):
         fit = _posterior(sums, prior, fit.noise)

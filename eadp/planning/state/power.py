@@ -102,9 +102,9 @@ class PowerTracker:
         return self._count_lap(o) if entered else NO_LAP
 
     def _count_lap(self, o: Observation) -> int:
-        """Count a lap if the stage that has started is the first of the next one; return what happens, as `locate`.
+        """Count the lap that ends where the stage of an observation starts, if one does; return as `locate` does.
 
-        A lap is counted if it was flown whole within a segment; with a gap, or in another segment, one only starts.
+        A lap counts if it was flown whole within one segment; after a gap, or in a new segment, a lap only starts.
         """
         before, self._segment = self._segment, o.cursor.segment
         segment = o.cursor.table.segments[self._segment]
@@ -125,7 +125,7 @@ class PowerTracker:
         return LAP_ENDS if whole else LAP_STARTS
 
     def begin(self, powers: Powers) -> Powers:
-        """Before readings are observed: pass the lap that starts or ends with them on; return them, as arrays."""
+        """Tell the estimator of the lap that starts or ends before some readings; return the readings as arrays."""
         if powers.lap:
             (self.estimator.end_lap if powers.lap == LAP_ENDS else self.estimator.start_lap)(powers.lap_s)
         times_s, powers_w = np.asarray(powers.times_s, dtype=float), np.array(powers.powers_w, dtype=float)

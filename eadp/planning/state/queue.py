@@ -111,13 +111,13 @@ class ReadingQueue:
         self._waiting.append(LevelStep(by_w))
 
     def take_unfiltered(self) -> Iterator[Batch | Seen]:
-        """What the filters have not taken yet, in order; it counts as taken by them."""
+        """Return what the filters have not taken yet, in order, and count it as taken by them."""
         new, self._filtered = self._waiting[self._filtered :], len(self._waiting)
         self._drop_taken()
         return (each for each in new if not isinstance(each, LevelStep))
 
     def estimate(self, until_s: float = math.inf) -> None:
-        """Pass what waits to the estimator of the power, in order, up to a time [s]: a batch in part, if need be."""
+        """Pass what waits to the estimator of the power, in order, up to a time [s], be it within a batch."""
         while self._estimated < len(self._waiting):
             each = self._waiting[self._estimated]
             if isinstance(each, LevelStep):
@@ -133,7 +133,7 @@ class ReadingQueue:
         self._drop_taken()
 
     def _drop_taken(self) -> None:
-        """Drop what both have taken."""
+        """Drop what the filters and the estimator have both taken."""
         taken = min(self._filtered, self._estimated)
         if taken:
             del self._waiting[:taken]

@@ -65,64 +65,65 @@ class Acquisition:
         self._start, self._start_m = start, start_m
         self.hypotheses = [Hypothesis(start)]
         self.settled = self.stage_found = self.is_start = False
-        # time [s] and place of the last position; when the first came, and the time between the last two [s]
+        # time [s] and place of the last position used; when the first came, and the time between the last two [s]
         self._last: tuple[float, Point] | None = None
         self._first_s: float | None = None
-        self._usual_s = 0.0
-        # when hypotheses of other stages, and of other laps, were left last [s]
-        self._stage_s = self._lap_s = math.inf
+        self._step_s = 0.0
+        # when the hypotheses left last differed in their stages, and in their laps [s]
+        self._stages_differed_s = self._laps_differed_s = math.inf
 
     def update(self, to: Sample, in_force: dict[int, float]) -> None:
         """Update the hypotheses with a position, and the parameters reported to be in force, by index.
 
-        The first position, and one after a gap, makes them anew; the first waits for a course. Others move them along
-        and weigh them. `stage_found` and `settled` follow once they have agreed for long enough.
+        The first position, and one after a gap, makes the hypotheses anew; the first waits for a course or a report of
+        the stage, up to `COURSE_S`. Other positions advance them. Each weighs them. `stage_found` and `settled` are set
+        once all that are left have agreed for `SETTLE_S`.
         """
         if to.position_m is None:
             return
         if self._first_s is None:
             self._first_s = to.time_s
-        no_course = to.course_rad is None and to.stage is None and to.stages_started is None
-        if no_course and self._last is None and to.time_s - self._first_s < COURSE_S:
+        position_alone = to.course_rad is None and to.stage is None and to.stages_started is None
+        if position_alone and self._last is None and to.time_s - self._first_s < COURSE_S:
             return
         last, self._last = self._last, (to.time_s, to.position_m)
         step_s = to.time_s - last[0] if last is not None else 0.0
-        usual_s, self._usual_s = self._usual_s, step_s
-        if last is None or step_s > max(GAP_S, GAP_STEPS * usual_s):
+        step_before_s, self._step_s = self._step_s, step_s
+        if last is None or step_s > max(GAP_S, GAP_STEPS * step_before_s):
             candidates = list(self._candidates(to, in_force))
             if last is None and not candidates:
                 self.is_start = True
                 return
-            # a flight that starts only now, unless a later stage is reported
+            # or the flight starts only now, unless a later stage is reported
             if not candidates or (to.stage in (None, 1) and to.stages_started in (None, 1)):
                 candidates.append(self._anew(to))
             self.hypotheses = candidates
-            self._stage_s = self._lap_s = to.time_s
+            self._stages_differed_s = self._laps_differed_s = to.time_s
         else:
             for hypothesis in self.hypotheses:
                 _follow(hypothesis, last, to, in_force)
         weight = 1.0 if last is None else min(1.0, step_s / INDEPENDENT_S)
-        for one in self.hypotheses:
-            one.weigh(to, weight, OUTLIER, TRACK_STD_M)
+        for hypothesis in self.hypotheses:
+            hypothesis.weigh(to, weight, OUTLIER, TRACK_STD_M)
         self.hypotheses = likely(self.hypotheses)
         # when stages, and laps, disagreed last
         best = self.hypotheses[0]
         cursors_left = [one.executor.cursor for one in self.hypotheses]
         if len({(cursor.segment, cursor.stage.index) for cursor in cursors_left}) > 1:
-            self._stage_s = to.time_s
+            self._stages_differed_s = to.time_s
         if not all(_alike(one, best) for one in self.hypotheses):
-            self._lap_s = to.time_s
-        self.stage_found = self.stage_found or to.time_s - self._stage_s >= SETTLE_S
-        self.settled = to.time_s - self._lap_s >= SETTLE_S
+            self._laps_differed_s = to.time_s
+        self.stage_found = self.stage_found or to.time_s - self._stages_differed_s >= SETTLE_S
+        self.settled = to.time_s - self._laps_differed_s >= SETTLE_S
 
     def _anew(self, to: Sample) -> Hypothesis:
-        """The hypothesis that the flight has just started, at a position away from the mission's start."""
+        """The hypothesis that the flight starts now, at the sample's position, away from the mission's start."""
         cursor = self._start.cursor
         assert to.position_m is not None
         return Hypothesis(self._start.placed(cursor, to.position_m, 1, to.position_m, 0.0), to.time_s, START_LOG_PRIOR)
 
     def _candidates(self, to: Sample, in_force: dict[int, float]) -> Iterator[Hypothesis]:
-        """A hypothesis of each leg that a position fits, of the nominal flights at each choice of parameters."""
+        """A hypothesis of each leg that a sample fits, of the nominal flights at each choice of parameters."""
         plan, rules = self._start.cursor.table.plan, self._start.cursor.table.rules
         for values in self._choices():
             try:
@@ -141,7 +142,10 @@ class Acquisition:
                     yield hypothesis
 
     def _choices(self) -> list[Vector]:
-        """Parameters of take-off, and path parameters from the lower to the upper ends of their sets."""
+        """Choices of parameters: those of take-off, and path parameters from the lower to the upper ends of their sets.
+
+        All path parameters are at the same share of their sets; the computations are as at take-off.
+        """
         cursor = self._start.cursor
         plan, taken_off = cursor.table.plan, cursor.decided
         choices = [taken_off]
@@ -154,10 +158,10 @@ class Acquisition:
 
 
 def _matched(executor: PlanExecutor, cursor: PlanCursor, leg: Leg, legs_before: int, to: Sample) -> Hypothesis | None:
-    """The hypothesis that a flight is on a leg, at a position; None where position or course do not fit.
+    """The hypothesis that the flight is on a leg, where a sample fits it best; None where it does not fit.
 
-    `executor` is at the start of the plan. The likelihood is left at 1: `update` weighs the position next, as it does
-    for every hypothesis.
+    `executor` is at the start of the plan, `legs_before` the leg, whose stage `cursor` is at. The log likelihood is
+    left at 0: `update` weighs the position next, as it does for every hypothesis.
     """
     assert to.position_m is not None
     x, y = to.position_m[0] - leg.offset_m[0], to.position_m[1] - leg.offset_m[1]
@@ -165,7 +169,7 @@ def _matched(executor: PlanExecutor, cursor: PlanCursor, leg: Leg, legs_before: 
         phi, gx, gy, *_ = leg.path(x, y)
     except (EadpError, ArithmeticError, ValueError):
         return None
-    # |φ|/|∇φ|, the distance from the path, is too large: cheaper to see than by the points of the leg
+    # the distance from the path, |φ|/|∇φ|, is too large: this is cheaper than `best_match`, which lays out points
     if phi * phi > (MAX_STDS * TRACK_STD_M) ** 2 * (gx * gx + gy * gy):
         return None
     match = best_match(leg, to)
@@ -215,7 +219,7 @@ def _put_in_force(hypothesis: Hypothesis, to: Sample, in_force: dict[int, float]
 
 
 def _history_log_prior(cursor: PlanCursor, values: Sequence[float], in_force: dict[int, float]) -> float:
-    """Logarithm of the prior likelihood of path parameters flown before, by those now in force."""
+    """Logarithm of the prior likelihood of path parameters flown so far, given those now reported, by index."""
     plan, total = cursor.table.plan, 0.0
     for i, value in in_force.items():
         if i < plan.path_count and plan.has_sets and not plan.hull(i).fixed:

@@ -42,14 +42,14 @@ class AppliedParameters:
         self._tolerances = [SAME_SHARE * (box.hi - box.lo) for box in boxes] or [0.0] * len(parameters)
         self._reported: dict[int, float] = {}
         self._before: dict[int, float] = {}
-        """Reported when another value was decided."""
+        """The value that was reported of a parameter when another value of it was decided."""
         self._refused_s: dict[int, float] = {}
-        """Since when one that should have changed is reported as it was [s]."""
+        """Since when a parameter that should have changed is reported as it was [s]."""
         self._ahead_s: dict[int, float] = {}
-        """Since when one is reported as decided before it is in force by the plan's rules [s]."""
+        """Since when a parameter is reported as decided, though by the plan's rules it is not in force yet [s]."""
         self._expected = parameters
         self._left: dict[int, tuple[float, float]] = {}
-        """Values in force before the last change, and the time of that [s]."""
+        """Of each parameter: the value in force before its last change by the plan's rules, and that time [s]."""
 
     @property
     def effective(self) -> Vector:
@@ -57,7 +57,7 @@ class AppliedParameters:
         return tuple([self.held.get(i, value) for i, value in enumerate(self.asked)])
 
     def decide(self, parameters: Vector) -> None:
-        """Take the parameters decided: those not held are to be flown with, and to change from what is reported."""
+        """Set `asked` to the parameters decided, but for those that are held; keep what is reported of each changed."""
         asked = list(self.asked)
         for i, value in enumerate(parameters):
             if i not in self.held and value != asked[i]:
@@ -67,14 +67,14 @@ class AppliedParameters:
         self.asked = tuple(asked)
 
     def release(self, i: int) -> bool:
-        """A value of a parameter is on its way to the aircraft: it is not held any more; return whether it was."""
+        """Hold a parameter no longer, since a value of it is on its way to the aircraft; return whether it was held."""
         self._refused_s.pop(i, None)
         return self.held.pop(i, None) is not None
 
     def update(self, time_s: float, reported: Mapping[int, float], expected: Vector) -> bool:
-        """Take parameters reported, by index; return whether those that are held have changed.
+        """Update `held` with the parameters reported, by index; return whether it has changed.
 
-        `expected` are those in force by the plan's rules.
+        `expected` are the parameters in force by the plan's rules.
         """
         self._reported |= reported
         held_before = dict(self.held)
@@ -95,20 +95,20 @@ class AppliedParameters:
         return held_before != self.held
 
     def update_apart(self, time_s: float, reported: Mapping[int, float], expected: Vector) -> list[int]:
-        """Indices of parameters reported that the aircraft has of the stage before, or of the next one, for a moment.
+        """Indices of reported parameters that differ from `expected`, but have done so for less than `APART_S`.
 
-        `expected` are those in force by the plan's rules: the aircraft starts its stage a little later, or sooner, by
-        less than `APART_S`. Such a report is no refusal.
+        `expected` are the parameters in force by the plan's rules. The aircraft may start a stage a little sooner, and
+        report what is decided; or later, and report what was in force before. Such a report is no refusal.
         """
         for i, value in enumerate(expected):
             if value != self._expected[i]:
                 self._left[i] = self._expected[i], time_s
         self._expected = expected
-        others = {i: value for i, value in reported.items() if not self._same(i, value, expected[i])}
-        # sooner: as decided already, since when; later: as in force before the last change, since that
-        ahead = [i for i, value in others.items() if self._same(i, value, self.asked[i])]
+        differ = {i: value for i, value in reported.items() if not self._same(i, value, expected[i])}
+        # sooner: reported as decided, since the first such report; later: as before the last change, since that change
+        ahead = [i for i, value in differ.items() if self._same(i, value, self.asked[i])]
         self._ahead_s = {i: self._ahead_s.get(i, time_s) for i in ahead}
-        behind_s = {i: since_s for i, (value, since_s) in self._left.items() if i in others and others[i] == value}
+        behind_s = {i: since_s for i, (value, since_s) in self._left.items() if i in differ and differ[i] == value}
         return [i for i, since_s in (self._ahead_s | behind_s).items() if time_s - since_s < APART_S]
 
     def _same(self, i: int, one: float, other: float) -> bool:

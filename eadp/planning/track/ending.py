@@ -32,11 +32,12 @@ def is_certain(executor: PlanExecutor, position: Point, course_rad: float | None
     end = executor.cursor.end()
     if end is None or end.at_trigger:
         return True
-    # the position soon
+    # where the aircraft is soon, straight on
     ahead_m = 0.0 if course_rad is None else AHEAD_M
     course_rad = course_rad or 0.0
     straight_on = position[0] + ahead_m * math.cos(course_rad), position[1] + ahead_m * math.sin(course_rad)
-    # on each axis: the end is passed along the plan's shift d, or met where that is 0
+    # on each axis: by how much the end is passed in the direction of the plan's shift d, now or soon; without a shift
+    # on this axis, by how much the position is inside the final point's radius
     for x, later_x, final, d in zip(position, straight_on, end.final_m, end.shift_m, strict=True):
         if abs(d) < 1e-9:
             beyond_m = executor.cursor.table.plan.final_radius_m - abs(x - final)
@@ -50,8 +51,8 @@ def is_certain(executor: PlanExecutor, position: Point, course_rad: float | None
 class Continuation:
     """Whether a flight goes on along its plan after an end of it, by the positions that follow.
 
-    Two hypotheses compete: the aircraft follows the plan, or flies anywhere. The first is taken on the next leg only,
-    since a loiter at the end may lie on the leg that ends.
+    Two hypotheses compete: the aircraft follows the plan, or flies anywhere. Positions count for the first only from
+    the next leg on, since a loiter at the end may lie on the leg that ends.
 
     Parameters
     ----------

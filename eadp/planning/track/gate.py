@@ -50,17 +50,17 @@ class OutlierGate:
     def __init__(self, cruise_mps: float) -> None:
         self._cruise_mps, self._max_mps = cruise_mps, SPEED_FACTOR * cruise_mps
         self._last: Sample | None = None
-        # the step between the last two samples, and what is added to the samples' clock [s]
-        self._step_s = self._clock_s = 0.0
-        # the last position that was accepted, with its time, and the velocity to it
-        self._position: tuple[float, Point] | None = None
+        # the step between the last two accepted samples, and what is added to the time of each sample [s]
+        self._step_s = self._clock_offset_s = 0.0
+        # time [s] and position [m] of the last position accepted, and the velocity to it from the one before [m/s]
+        self._located: tuple[float, Point] | None = None
         self._velocity: Point | None = None
-        # time [s] and charge of the first sample that has one
-        self._first: tuple[float, float] | None = None
-        # the last sample on another time, and how many in a row agree with it
-        self._odd: Sample | None = None
-        self._odd_count = 0
-        # the last position, with its time, that is too far off, and how many in a row agree with it
+        # time [s] and state of charge of the first sample with a charge
+        self._first_charge: tuple[float, float] | None = None
+        # the last sample that may be on a clock that jumped, and how many consecutive ones agree on that clock
+        self._off_clock: Sample | None = None
+        self._off_clock_count = 0
+        # time [s] and position [m] of the last position too far off, and how many consecutive ones agree with it
         self._far: tuple[float, Point] | None = None
         self._far_count = 0
         self._frozen = False
@@ -68,9 +68,10 @@ class OutlierGate:
     def accept(self, sample: Sample) -> tuple[Sample | None, Notice | None]:
         """Judge a sample; return it on a clock without jumps, and a notice of what is wrong with it, if anything is.
 
-        Its position is None where it cannot be. The sample is None where its time cannot be, or is yet to be confirmed.
+        Its position is None where that cannot be. None instead of the sample where its time cannot be, or is yet to be
+        confirmed by the samples that follow.
         """
-        sample, notice = sample._replace(time_s=sample.time_s + self._clock_s), None
+        sample, notice = sample._replace(time_s=sample.time_s + self._clock_offset_s), None
         last = self._last
         if last is not None:
             step_s = sample.time_s - last.time_s
@@ -84,9 +85,9 @@ class OutlierGate:
             elif gap:
                 notice = Notice("time_s", f"a gap of {step_s:.6g} s", "lines more often")
             self._step_s = sample.time_s - last.time_s
-        self._last, self._odd, self._odd_count = sample, None, 0
-        if self._first is None and sample.soc is not None:
-            self._first = sample.time_s, sample.soc
+        self._last, self._off_clock, self._off_clock_count = sample, None, 0
+        if self._first_charge is None and sample.soc is not None:
+            self._first_charge = sample.time_s, sample.soc
         wrong = self._take_position(sample)
         if wrong is not None or self._frozen:
             return sample._replace(position_m=None), wrong or notice
@@ -95,15 +96,16 @@ class OutlierGate:
     # --- the clock
 
     def _jump(self, last: Sample, sample: Sample) -> Notice | None:
-        """A notice where a time may be that of a clock that jumped, and has to be confirmed; None where it may pass.
+        """A notice where the clock may have jumped, so that the time has to be confirmed; None where it has not.
 
-        Back in time always; forwards where it is far, or position and charge go on as if less time had passed.
+        A time before the last sample's has to be confirmed, and a later one if it is far ahead, or if position and
+        charge go on as if less time had passed.
         """
         step_s = sample.time_s - last.time_s
         if step_s <= 0:
             what = f"late: {sample.time_s:.15g} s is not after {last.time_s:.15g} s"
             return Notice("time_s", what, "a time after the last line's")
-        goes_on = self._goes_on(sample, (self._odd_count + 1) * self._step_s)
+        goes_on = self._goes_on(sample, (self._off_clock_count + 1) * self._step_s)
         if step_s > MAX_GAP_S or (goes_on and not self._drained(last, sample)):
             expected = f"{MAX_GAP_S:g} s or less, or {MIN_AGREEING} lines in a row that agree"
             if step_s <= MAX_GAP_S:
@@ -112,50 +114,51 @@ class OutlierGate:
         return None
 
     def _drained(self, last: Sample, sample: Sample) -> bool:
-        """Whether the charge has fallen as if the time had passed."""
-        if self._first is None or last.soc is None or sample.soc is None or last.time_s <= self._first[0]:
+        """Whether the charge has fallen by what the time between two samples, if true, has used at the mean rate."""
+        if self._first_charge is None or last.soc is None or sample.soc is None or last.time_s <= self._first_charge[0]:
             return False
         # at the mean rate since the first sample
-        (first_s, first_soc), step_s = self._first, sample.time_s - last.time_s
+        (first_s, first_soc), step_s = self._first_charge, sample.time_s - last.time_s
         expected = (first_soc - last.soc) / (last.time_s - first_s) * step_s
         return last.soc - sample.soc > DRAINED_SHARE * expected > 0
 
     def _goes_on(self, sample: Sample, step_s: float) -> bool:
-        """Whether the position is near that of a straight flight on for `step_s` [s], and the aircraft moves."""
+        """Whether the aircraft moves, and is near where a straight flight gets from the last position in `step_s`."""
         position, velocity = sample.position_m, self._velocity
-        if self._position is None or position is None or velocity is None or not self._moving(sample):
+        if self._located is None or position is None or velocity is None or not self._moving(sample):
             return False
-        (x, y), (vx, vy) = self._position[1], velocity
+        (x, y), (vx, vy) = self._located[1], velocity
         distance_m = math.dist(position, (x + step_s * vx, y + step_s * vy))
         return distance_m <= ON_SHARE * self._cruise_mps * step_s + ON_M
 
     def _confirm(self, sample: Sample, step_s: float) -> bool:
-        """Count a sample on another time; return whether enough in a row agree, so that the clock has jumped.
+        """Count a sample that may be on a clock that jumped; return whether enough in a row agree that it has.
 
         `step_s` is its time after the last sample accepted, negative for one before it [s].
         """
-        before, self._odd = self._odd, sample
+        before, self._off_clock = self._off_clock, sample
         agrees = before is not None and 0 < sample.time_s - before.time_s <= max(GAP_S, GAP_STEPS * self._step_s)
-        self._odd_count = self._odd_count + 1 if agrees else 1
+        self._off_clock_count = self._off_clock_count + 1 if agrees else 1
         if step_s > 0:
-            return self._odd_count >= MIN_AGREEING
+            return self._off_clock_count >= MIN_AGREEING
         if -step_s <= GAP_S:  # a sample that was delayed
             return False
         # far back: sooner where the position goes on, as if usual steps had passed
-        goes_on = self._goes_on(sample, self._odd_count * self._step_s)
-        return self._odd_count >= (MIN_AGREEING if goes_on else MIN_BACK)
+        goes_on = self._goes_on(sample, self._off_clock_count * self._step_s)
+        return self._off_clock_count >= (MIN_AGREEING if goes_on else MIN_BACK)
 
     def _reset_clock(self, last: Sample, sample: Sample, step_s: float) -> tuple[Sample, Notice]:
-        """Correct the clock after a jump, so that time goes on: by usual steps, or by the time that the distance takes.
+        """Set the clock's offset after a jump of `step_s`; return the sample on the corrected clock, and a notice.
 
-        Returns the sample on the corrected clock, and a notice.
+        The time that has passed is that of as many usual steps as there were samples, or of the distance at cruise
+        speed, if that is longer and the position does not go on straight.
         """
-        usual_s = self._odd_count * max(self._step_s, 1e-3)
+        usual_s = self._off_clock_count * max(self._step_s, 1e-3)
         way_s = 0.0
-        if self._position is not None and sample.position_m is not None and not self._goes_on(sample, usual_s):
-            way_s = math.dist(self._position[1], sample.position_m) / self._cruise_mps
+        if self._located is not None and sample.position_m is not None and not self._goes_on(sample, usual_s):
+            way_s = math.dist(self._located[1], sample.position_m) / self._cruise_mps
         passed_s = max(usual_s, way_s)
-        self._clock_s += passed_s - step_s
+        self._clock_offset_s += passed_s - step_s
         what = f"the clock has jumped by {step_s - passed_s:.6g} s"
         sample = sample._replace(time_s=last.time_s + passed_s, warnings=(*sample.warnings, CLOCK))
         return sample, Notice("time_s", what, "a clock that rises steadily")
@@ -163,17 +166,17 @@ class OutlierGate:
     # --- the position
 
     def _take_position(self, sample: Sample) -> Notice | None:
-        """Take a position as the reference of the next; return a notice if it cannot be, or is frozen from now on.
+        """Take a position as the reference of the next ones; return a notice if it cannot be, or is frozen from now on.
 
-        A frozen one sets `_frozen`: it is not used, without another notice, until it moves.
+        While `_frozen` is set, which this updates, positions are not used, and there is no other notice.
         """
         position, time_s = sample.position_m, sample.time_s
         if position is None:
             return None
-        if self._position is None:
-            self._position = time_s, position
+        if self._located is None:
+            self._located = time_s, position
             return None
-        since_s, (x, y) = self._position
+        since_s, (x, y) = self._located
         # the same as before, though the aircraft moves: frozen, once that has lasted
         if position == (x, y) and (self._frozen or self._moving(sample)):
             if time_s - since_s <= FROZEN_S or self._frozen:
@@ -182,12 +185,12 @@ class OutlierGate:
             return Notice("x_m", f"the position has not changed for {time_s - since_s:.6g} s", "a position that moves")
         self._frozen = False
         # too far off, unless enough in a row agree that the aircraft is there
-        outlier = self._outlier(self._position, (time_s, position))
+        outlier = self._outlier(self._located, (time_s, position))
         if outlier is not None and not self._confirm_position((time_s, position)):
             return outlier
         if time_s > since_s:
             self._velocity = (position[0] - x) / (time_s - since_s), (position[1] - y) / (time_s - since_s)
-        self._position, self._far, self._far_count = (time_s, position), None, 0
+        self._located, self._far, self._far_count = (time_s, position), None, 0
         return None
 
     def _moving(self, sample: Sample) -> bool:
@@ -196,7 +199,7 @@ class OutlierGate:
         return velocity is not None and math.hypot(*velocity) > MOVING_SHARE * self._cruise_mps
 
     def _confirm_position(self, now: tuple[float, Point]) -> bool:
-        """Count a position, with its time, that is too far off; return whether enough consecutive ones agree."""
+        """Count a position too far off, with its time; return whether enough consecutive ones agree on where it is."""
         before, self._far = self._far, now
         agrees = before is not None and self._outlier(before, now) is None
         self._far_count = self._far_count + 1 if agrees else 1

@@ -39,7 +39,7 @@ class InitialClimb:
         self._cruise_mps, self._start_s = cruise_mps, first.time_s
         airspeed_mps = cruise_mps if first.airspeed_mps is None else first.airspeed_mps
         self.from_ground = airspeed_mps < ON_GROUND * cruise_mps
-        # an altitude, and since when it is held [s]; since when the flight is near its plan [s]
+        # the altitude of level flight [m], and since when it is held [s]; since when the flight is near its plan [s]
         self._level_m, self._level_s = first.altitude_m or 0.0, first.time_s
         self._near_s: float | None = None
         self.on_plan = not self.from_ground and self._update_near(first, altitude_m)
@@ -56,9 +56,10 @@ class InitialClimb:
         self.on_plan = stays or sample.time_s - self._start_s > MAX_S
 
     def _update_near(self, sample: Sample, altitude_m: float) -> bool:
-        """Take an altitude; return whether the flight is as on its plan: at cruise airspeed, and at its altitude.
+        """Note the altitude of a sample; return whether the flight is near its plan, as far as this is measured.
 
-        The plan's altitude [m], or another one that is held. Without an altitude, once the slowest climb has got there.
+        That is at cruise airspeed, and at the plan's altitude [m] or at another one that it holds. Where no altitude is
+        measured, it is at the plan's once the slowest climb has got there.
         """
         near = sample.airspeed_mps is None or abs(sample.airspeed_mps / self._cruise_mps - 1) <= NEAR_SHARE
         if sample.altitude_m is None:

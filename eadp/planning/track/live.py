@@ -140,7 +140,7 @@ class LiveFlight:
         executor, (time_s, position) = self._tracker.executor, self._tracker.located
         cursor = executor.cursor.decide(self._flight.decision.parameters)
         rest = RoutePredictor().route(cursor, executor.joined_m).planned()
-        # about what is flown of the first leg, at the airspeed: `rest_of` corrects it by the position
+        # roughly how much of the first leg is flown, by time and airspeed: `rest_of` corrects it by the position
         flown_m = self._mission.cruise_mps * (time_s - self._tracker.locator.hypotheses[0].stage_started_s)
         first, *others = rest.legs
         return PlannedLegs((rest_of(first, position, flown_m), *others), rest.parameters, executor.stages_started)
@@ -170,7 +170,7 @@ class LiveFlight:
         """
         tracker, before, time_s = self._tracker, self._decision, to.time_s
         tracker.flies_mission = sample.flies_mission
-        # what is reported: the charge, else the one known; parameters, not a number where a value is on its way
+        # the charge measured, else the one known; and the parameters reported: NaN is one on its way to the aircraft
         known_soc = self._flight.state.soc if self._flight is not None else self._last[1]
         soc = known_soc if sample.soc is None else sample.soc
         reported = self._mission.plan.by_name(sample.parameters)
@@ -186,7 +186,7 @@ class LiveFlight:
         else:
             position = self._track(flight, to, soc)
             tracker.put_in_force(reported, time_s, position, flight.planner.hold)
-        # whether it has ended
+        # whether the plan has ended; `ends` is None where that has not changed
         step_s, self._last = time_s - self._last[0], (time_s, soc)
         was_complete, ends = tracker.complete, tracker.update_end(to, position, step_s)
         if ends is not None:
@@ -194,7 +194,7 @@ class LiveFlight:
         if tracker.complete:
             ending = Ending(remaining_s=0.0, soc_end=soc, soc_end_std=0.0, completes_probability=1.0)
             return None if was_complete else self._advice(sample, COMPLETED, sample.wind_mps, ending)
-        # the decision, and advice where that is new, or due
+        # the planner's decision; advice where that is new, or advice is due
         observation = tracker.observation(to, position, soc)._replace(on_plan=self._climbs.on_plan)
         self._update_planner(flight, observation)
         now = flight.decision
@@ -231,7 +231,7 @@ class LiveFlight:
         self._tracker = PlanTracker(mission, start, time_s, self._messages)
         self._last = (time_s, mission.battery.soc if sample.soc is None else sample.soc)
         self._started = True
-        # in the middle of the flight, by its position or by its reports
+        # the flight is in the middle of its plan, by its position or by the stage that it reports
         if away or sample.stage not in (None, 1) or (sample.stages_started or 1) > 1:
             self._tracker.acquire_from(mission.start_m or start)
         else:
@@ -248,9 +248,10 @@ class LiveFlight:
         self._flight, self._held = self._make(mission), self._make_forecast(mission)
 
     def _acquire(self, acquisition: Acquisition, to: Sample, parameters: Mapping[str, float]) -> bool:
-        """Take a step of finding stage and lap in the middle of a flight; return False where it has just started.
+        """Update the acquisition of stage and lap with a sample; return False where the flight has only just started.
 
-        Planning starts once the stage is found. Path parameters are held until the lap is found, too.
+        `parameters` are those reported, by name. Planning starts once the stage is found; path parameters are held
+        until the lap is found, too.
         """
         plan, tracker = self._mission.plan, self._tracker
         acquisition.update(to, {plan.names.index(name): v for name, v in parameters.items() if name in plan.names})
@@ -278,7 +279,7 @@ class LiveFlight:
         last_s, last_soc = self._last
 
         def started(time_s: float, position: Point, part: float) -> None:
-            """Have the planner observe a start of a stage; `part` is of the way from the last sample to this one."""
+            """Have the planner observe a start of a stage; `part` is how much of the way from the last sample it is."""
             # a charge between two readings of a gauge is no reading: the sample has none
             at_start = Sample(max(time_s, last_s), position, power_w=None, soc=None)
             observation = self._tracker.observation(at_start, position, last_soc + part * (soc - last_soc))
@@ -311,20 +312,21 @@ class LiveFlight:
             return
         if now.parameters != before.parameters:
             self._messages.reasons.append(now.reason)
+        # also where a new decision has the same values
         if now.parameters is not before.parameters:
             self._tracker.decide(now.parameters, observation.position_m)
 
     # --- advice
 
     def _advise(self, flight: PlannedFlight, sample: Sample, observation: Observation) -> Advice:
-        """Advice by the last decision: with its own forecast, or with one at the parameters in force.
+        """Advice by the last decision: with its own forecast, or if that is too old, with one at the parameters flown.
 
         Adds the decision's reason to those of this sample.
         """
         decision, record, reasons = flight.decision, flight.decision.record, self._messages.reasons
         if record is not None and observation.time_s - record.time_s > max(RECENT_S, 3 * self._every_s):
-            record = None  # too old to be a forecast of now
-        # that nothing changes is no reason beside another one
+            record = None
+        # "kept" is no reason beside another one
         if decision.reason not in reasons and not (reasons and decision.reason.startswith(KEPT)):
             reasons.append(decision.reason)
         reason = "; ".join(reason for reason in reasons if reason) or KEPT

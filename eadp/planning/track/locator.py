@@ -86,11 +86,14 @@ class Hypothesis:
         mismatch = path_mismatch(self.executor, to, distance_std_m or DISTANCE_STD_M)
         self.log_likelihood -= min(mismatch, max_mismatch) / 2 * share
 
-    def on_leg(self, cursor: PlanCursor, leg: Leg, number: int, position: Point, share: float) -> PlanExecutor:
-        """This flight `number` legs on: at a position [m], a share along that leg, `leg`, of a cursor."""
+    def on_leg(self, cursor: PlanCursor, leg: Leg, legs_on: int, position: Point, share: float) -> PlanExecutor:
+        """This flight `legs_on` legs later: on `leg`, whose stage `cursor` is at, at a position [m].
+
+        `share` is how much of the leg is flown there. With 0 legs on, the leg is the one being flown.
+        """
         executor = self.executor
-        joined = leg.start_m if number else executor.joined_m
-        return executor.placed(cursor, joined, executor.stages_started + number, position, share)
+        joined = leg.start_m if legs_on else executor.joined_m
+        return executor.placed(cursor, joined, executor.stages_started + legs_on, position, share)
 
 
 def likely(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
@@ -115,6 +118,8 @@ class Locator:
     ----------
     hypotheses : list of Hypothesis
         The likeliest one first.
+    lost : bool
+        Whether the flight is sought after a gap, and not found again yet.
     through_gap : bool
         Whether the start of the stage, or the end of the one before, may have been in a gap.
     """
@@ -124,12 +129,13 @@ class Locator:
     ) -> None:
         """`position_m` is where the flight is; by default where its stage was joined."""
         self.hypotheses = [Hypothesis(executor, time_s)]
-        self.through_gap = False
-        self._speed = cruise_mps
+        self.lost = self.through_gap = False
+        self._cruise_mps = cruise_mps
         self._predictor = RoutePredictor()
+        # of the last position from which the plan was followed: while the flight is lost, the last before the gap
         self._time_s, self._position = time_s, position_m or executor.joined_m
         self._before_gap: list[Hypothesis] = []
-        """Hypotheses at the last position before a gap, until the flight is found again."""
+        """The hypotheses at that position while the flight is lost; none else."""
 
     @property
     def executor(self) -> PlanExecutor:
@@ -139,12 +145,7 @@ class Locator:
     @property
     def uncertain(self) -> bool:
         """Whether more than one hypothesis is left, or the flight has not been found again."""
-        return len(self.hypotheses) > 1 or bool(self._before_gap)
-
-    @property
-    def lost(self) -> bool:
-        """Whether the flight has not been found again."""
-        return bool(self._before_gap)
+        return len(self.hypotheses) > 1 or self.lost
 
     # --- parameters
 
@@ -157,12 +158,12 @@ class Locator:
         self._each(lambda executor: executor.take_in_force(parameters, position))
 
     def _each(self, change: Callable[[PlanExecutor], object]) -> None:
-        """Change every hypothesis's flight; one other than the likeliest is excluded where it cannot be changed so.
+        """Change the flight of every hypothesis; where `change` raises for one, it is excluded (log likelihood −∞).
 
         Raises
         ------
         EadpError
-            If the likeliest cannot.
+            If it raises for the likeliest.
         """
         change(self.executor)
         for hypothesis in [*self.hypotheses[1:], *self._before_gap]:
@@ -174,16 +175,16 @@ class Locator:
     # --- ordinary flight
 
     def follow(self, to: Sample, skips: int | None, started: Callable[[float, Point, float], None]) -> None:
-        """Advance along the straight line from the last position.
+        """Advance every hypothesis along the straight line from the last position to that of a sample.
 
         Parameters
         ----------
         to : Sample
             With a position.
         skips : int or None
-            Number of stages to skip there, as reported; None where positions decide.
-        started : function of a time, a position and a share
-            Called at each start of a stage of the likeliest hypothesis before `to`: [s], [m], and of the way to `to`.
+            Number of stages that the likeliest hypothesis skips there, as reported; None where its triggers decide.
+        started : function of a time [s], a position [m] and a share of the line
+            Called at each start of a stage of the likeliest hypothesis before `to`.
 
         Raises
         ------
@@ -196,7 +197,7 @@ class Locator:
         step_s = to.time_s - last_s
         line = line_between(position, to.position_m)
         self._advance_others(line, to.time_s)
-        # the likeliest one by its triggers along the line, unless stages are skipped at its end
+        # the likeliest hypothesis: by its triggers along the line, or without them, and stages skipped at its end
         likeliest, executor = self.hypotheses[0], self.executor
         for k, (x, y) in enumerate(line, 1):
             share = k / len(line)
@@ -222,7 +223,7 @@ class Locator:
             self._weigh(to, step_s)
 
     def _advance_others(self, line: list[Point], time_s: float) -> None:
-        """Advance the hypotheses other than the likeliest along a line, at whose end it is `time_s`."""
+        """Advance the hypotheses other than the likeliest along a line, by their triggers; its end is at `time_s`."""
         for hypothesis in self.hypotheses[1:]:
             try:
                 for x, y in line:
@@ -232,7 +233,7 @@ class Locator:
                 hypothesis.log_likelihood = -math.inf
 
     def leads(self, stages: int) -> bool:
-        """Whether the plan has so many stages after this one; a negative number is behind."""
+        """Whether the flight may be that many stages ahead: the plan has them. A negative number is behind: False."""
         if stages < 2:  # behind; or this stage, or the one after it, which need no route
             return stages >= 0
         try:
@@ -241,7 +242,7 @@ class Locator:
             return False
 
     def go_on(self) -> bool:
-        """Follow the plan past an end of it, of which the flight is uncertain; return whether there is more of it."""
+        """Put the likeliest hypothesis past the end of the plan that it has reached; return whether there is more."""
         try:
             following = self.executor.past_end()
         except PathUndefined:  # the next lap has no path
@@ -257,14 +258,14 @@ class Locator:
     def _weigh(self, to: Sample, step_s: float) -> None:
         """Update the likelihoods with a position, `step_s` after the last; drop hypotheses that are no longer likely.
 
-        An end of the plan is taken from the likeliest alone, and only if it is likely enough.
+        The likeliest hypothesis has ended the flight only if it is likely enough; others that have ended are dropped.
         """
         for hypothesis in self.hypotheses:
             hypothesis.weigh(to, min(1.0, step_s / INDEPENDENT_S), 2 * MAX_STDS**2)
         reported = [one for one in self.hypotheses if allows(to, one.executor)]
         self._keep(reported or self.hypotheses)
         if self.executor.complete and len(self.hypotheses) > 1:
-            # p₀ = 1 / Σ exp(l − l₀): an end that is less likely than `ENDS_ABOVE` is not the flight's
+            # its probability p₀ = 1 / Σ exp(l − l₀), from log likelihoods: below `ENDS_ABOVE` it is dropped
             highest = self.hypotheses[0].log_likelihood
             if 1 / sum(math.exp(one.log_likelihood - highest) for one in self.hypotheses) < ENDS_ABOVE:
                 self._keep(self.hypotheses[1:])
@@ -272,67 +273,73 @@ class Locator:
         self.hypotheses[1:] = [] if self.executor.complete else flying
 
     def _keep(self, hypotheses: list[Hypothesis]) -> None:
-        """Keep the likely hypotheses, the likeliest first, and one of each stage and lap."""
-        kept = {one.stage: one for one in reversed(likely(hypotheses))}
+        """Keep the likely hypotheses, the likeliest first, and of each stage and lap only its likeliest."""
+        kept = {one.stage: one for one in reversed(likely(hypotheses))}  # likelier ones overwrite
         self.hypotheses = sorted(kept.values(), key=lambda one: -one.log_likelihood)
 
     # --- after a gap
 
     def seek(self, seen: Sample, wind_mps: Point) -> Point | None:
-        """Find the flight again after a gap, or forecast where it is.
+        """Find the flight again after a gap, or forecast where it is; `hypotheses` are those that this leaves.
+
+        By the sample's position, by the stage that it reports, and by time. Where no leg fits the position, or there is
+        none, the place in the plan is by the reported stage and time; where no leg fits these, by time alone.
 
         Parameters
         ----------
         seen : Sample
-            Without a position, or where none fits, the flight is where the time puts it.
         wind_mps : (float, float)
             Wind [m/s].
 
         Returns
         -------
         (float, float) or None
-            Where the flight is [m]; None where the rest of the plan cannot be laid out.
+            Where the flight is [m]: the sample's position, wherever its place in the plan is, else the forecast. None
+            where the rest of the plan cannot be laid out: the flight is sought no longer.
         """
-        if not self._before_gap:
-            self._before_gap = self.hypotheses
-        # by position, reports and time; else by reports and time; else by time alone
+        if not self.lost:
+            self.lost, self._before_gap = True, self.hypotheses
         unplaced = seen._replace(position_m=None, velocity_mps=None)
-        stated = seen.stage is not None or seen.stages_started is not None
+        by_report = seen.stage is not None or seen.stages_started is not None
         located = list(self._candidates(seen, wind_mps)) if seen.position_m is not None else []
         candidates = located or list(self._candidates(unplaced, wind_mps))
-        if not candidates and stated:
+        if not candidates and by_report:
             candidates = list(self._candidates(unplaced._replace(stage=None, stages_started=None), wind_mps))
-            stated = False
+            by_report = False
         self.through_gap = True
-        if not candidates:  # the rest of the plan cannot be laid out: straight on
-            self._before_gap = []
+        if not candidates:
+            self._end_search()
             return None
         best = max(candidates, key=lambda one: one.log_likelihood)
         lowest = best.log_likelihood - ALIKE
-        # without a position, a forecast of where the flight is: the best alone
+        # a forecast, without a position that fits, is the best candidate alone
         likely_ones = [one for one in candidates if one.log_likelihood >= lowest] if located else [best]
         self._keep([one.placed(seen.position_m) for one in likely_ones])
         position = seen.position_m or best.match.position_m
-        # found again: later samples are followed from here, not sought from before the gap
-        if located or (stated and seen.position_m is not None):
-            self._before_gap = []
+        # found: at its position, or on the stage that it reports; later samples are followed from here
+        if located or (by_report and seen.position_m is not None):
+            self._end_search()
             self._time_s, self._position = seen.time_s, position
         return position
 
+    def _end_search(self) -> None:
+        """Seek the flight no longer: it is found again, or its plan cannot be laid out."""
+        self.lost, self._before_gap = False, []
+
     def _candidates(self, seen: Sample, wind_mps: Point) -> Iterator[_Candidate]:
-        """The best match on each leg after `_before_gap` that the time since then, and the reports, allow."""
+        """The best match on each leg after the gap's start that the time since then, and the reported stage, allow."""
         elapsed_s = seen.time_s - self._time_s
         std_s = TIME_STD_S + TIME_STD_SHARE * elapsed_s
         for before in self._before_gap:
-            for leg in self._legs_ahead(before, wind_mps):
-                if leg.start_s > elapsed_s + max_time_stds(seen) * std_s:
+            for ahead in self._legs_ahead(before, wind_mps):
+                if ahead.start_s > elapsed_s + max_time_stds(seen) * std_s:
                     break
-                count = before.executor.stages_started + leg.number
-                if seen.stage not in (None, leg.leg.stage.index) or seen.stages_started not in (None, count):
+                count = before.executor.stages_started + ahead.legs_on
+                if seen.stage not in (None, ahead.leg.stage.index) or seen.stages_started not in (None, count):
                     continue
-                match = leg.match(seen, elapsed_s, std_s)
+                match = ahead.match(seen, elapsed_s, std_s)
                 if match is not None:
-                    yield _Candidate(before, leg, seen.time_s, match)
+                    yield _Candidate(before, ahead, seen.time_s, match)
 
     def _legs_ahead(self, hypothesis: Hypothesis, wind_mps: Point) -> Iterator[_LegAhead]:
         """The legs left to fly from a hypothesis at the last position, and when they are flown.
@@ -342,8 +349,8 @@ class Locator:
         executor = hypothesis.executor
         try:
             route = self._predictor.route(executor.cursor, executor.joined_m)
-            times_s = route.times_s(self._speed, wind_mps)[0].tolist()
-            # how much of the first leg was flown at the last position: by that, and by the time for turns of a circle
+            times_s = route.times_s(self._cruise_mps, wind_mps)[0].tolist()
+            # time of the first leg flown at the last position: by where that is, and on a circle by the time on it
             flown_s = 0.0
             if route.legs and 0 < times_s[0] < math.inf and route.legs[0].distance_m > 0:
                 leg = route.legs[0]
@@ -352,12 +359,12 @@ class Locator:
                 left = left_m(leg, self._position, share * leg.distance_m, radius_m)
                 flown_s = (1 - left / leg.distance_m) * times_s[0]
             start_s = -flown_s
-            for number, (leg, time_s, cursor) in enumerate(
+            for legs_on, (leg, time_s, cursor) in enumerate(
                 zip(route.legs, times_s, cursors(executor.cursor), strict=False)
             ):
                 if not math.isfinite(time_s):
                     return
-                yield _LegAhead(number, cursor, leg, start_s, time_s)
+                yield _LegAhead(legs_on, cursor, leg, start_s, time_s)
                 start_s += time_s
         except PathUndefined:
             return
@@ -372,20 +379,22 @@ class Match(NamedTuple):
 
 
 class _LegAhead(NamedTuple):
-    """A leg, its number from that of the last position on, and its start after that and duration [s]."""
+    """A leg from the last position on: `legs_on` legs later, from 0; its start after that position, and duration [s].
 
-    number: int
+    `cursor` is at its stage.
+    """
+
+    legs_on: int
     cursor: PlanCursor
     leg: Leg
     start_s: float
     duration_s: float
 
     def match(self, seen: Sample, elapsed_s: float, std_s: float) -> Match | None:
-        """The best match at a time after the last position, of a standard deviation [s]; None where none fits."""
-        leg = self.leg
+        """The best match with a sample, `elapsed_s` after the last position, ± `std_s` [s]; None where none fits."""
         if self.start_s + self.duration_s < elapsed_s - max_time_stds(seen) * std_s:
             return None
-        return best_match(leg, seen, LegTimes(self.start_s, self.duration_s, elapsed_s, std_s))
+        return best_match(self.leg, seen, LegTimes(self.start_s, self.duration_s, elapsed_s, std_s))
 
 
 class _Candidate(NamedTuple):
@@ -398,20 +407,21 @@ class _Candidate(NamedTuple):
 
     @property
     def log_likelihood(self) -> float:
-        """Log likelihood, that of the hypothesis before the gap included."""
+        """Log likelihood of the match and of the hypothesis before the gap together."""
         return self.before.log_likelihood + self.match.log_likelihood
 
     def placed(self, position: Point | None) -> Hypothesis:
-        """The candidate as a hypothesis: the flight there, at its position if that is known [m]."""
+        """The candidate as a hypothesis: the flight on that leg, at a known position [m], else at the match's."""
         ahead, share = self.ahead, self.match.share
-        placed = self.before.on_leg(ahead.cursor, ahead.leg, ahead.number, position or self.match.position_m, share)
+        placed = self.before.on_leg(ahead.cursor, ahead.leg, ahead.legs_on, position or self.match.position_m, share)
         return Hypothesis(placed, self.time_s - share * ahead.duration_s, self.log_likelihood)
 
 
 def path_mismatch(executor: PlanExecutor, to: Sample, distance_std_m: float = DISTANCE_STD_M) -> float:
     """Square of the mismatch of position and course with the path of a flight's stage, in standard deviations.
 
-    That of the distance is `distance_std_m` [m]. A path without a value here does not speak against it: 0.
+    `distance_std_m` is the standard deviation of the distance [m]. 0 where the path function has no value here: that
+    does not speak against the stage.
     """
     assert to.position_m is not None
     ox, oy = executor.cursor.offset_m
@@ -439,9 +449,9 @@ class LegTimes(NamedTuple):
 
 
 def best_match(leg: Leg, seen: Sample, times: LegTimes | None = None) -> Match | None:
-    """The point of a leg that a sample fits best; None where none fits.
+    """The point of a leg that a sample fits best, by position, course and time; None where none fits.
 
-    `times` is None where any time will do.
+    What the sample has not measured is left out, and so is the time where `times` is None.
     """
     points = list(leg_points(leg, max(POINT_M, leg.distance_m / MAX_POINTS)))
     shares = np.linspace(0.0, 1.0, len(points))

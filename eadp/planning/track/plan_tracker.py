@@ -33,11 +33,11 @@ class Messages:
     """What there has been a notice about, over the flight."""
 
     def clear(self) -> None:
-        """Begin another sample, without a reason or notice of its own; what there has been a notice of stays."""
+        """Begin another sample, without reasons and notices; `noticed` stays."""
         self.reasons, self.notices = [], []
 
     def once(self, key: str, message: str, expected: str, about: str = "") -> None:
-        """Add a notice, once in a flight of each thing that it is `about`: by default, of each message."""
+        """Add a notice, unless there has been one about the same thing, `about`; by default, the same message."""
         if (about or message) not in self.noticed and len(self.noticed) < MAX_NOTICES:
             self.noticed.add(about or message)
             self.notices.append(Notice(key, message, expected))
@@ -92,7 +92,7 @@ class PlanTracker:
 
     @property
     def end_uncertain(self) -> bool:
-        """Whether the flight may go on after an end of the plan, or not."""
+        """Whether an end of the plan is reached, and it is not known yet whether the flight goes on after it."""
         return self._continuation is not None
 
     @property
@@ -102,9 +102,9 @@ class PlanTracker:
         return self.lost or self.locator.uncertain or undecided
 
     def observation(self, sample: Sample, position: Point, soc: float) -> Observation:
-        """The observation of a sample where the flight is in its plan.
+        """A sample, and where the flight is in its plan, as an observation.
 
-        At a position [m] and a state of charge, which the sample may not have measured.
+        `position` [m] and `soc` stand for those of the sample, which may not have measured them.
         """
         executor, gap = self.executor, self.locator.through_gap
         at = sample._replace(position_m=position, flies_mission=self.flies_mission)
@@ -131,7 +131,7 @@ class PlanTracker:
     def track(
         self, to: Sample, last_s: float, wind_mps: Point, started: Callable[[float, Point, float], None]
     ) -> Point:
-        """Find the position in the plan; return that of the aircraft, or its forecast [m].
+        """Find the flight's place in the plan; return the aircraft's position, as measured or as forecast [m].
 
         In ordinary flight the plan is advanced along the straight line from the last sample, at `last_s` [s], and a
         reported stage has precedence. `started` is called at each start of a stage before this sample, see
@@ -149,6 +149,7 @@ class PlanTracker:
                 sought = self._seek(to, last_s, wind_mps, started)
                 if sought is not None or position is None:
                     return sought or last
+                # the plan cannot be laid out after the gap: it is followed straight across the gap, as below
             elif position is None:
                 return last
             self.locator.follow(to, self._take_report(to), started)
@@ -160,7 +161,7 @@ class PlanTracker:
     def _seek(
         self, to: Sample, last_s: float, wind_mps: Point, started: Callable[[float, Point, float], None]
     ) -> Point | None:
-        """Find the flight again after a gap, see `Locator.seek`; where that is on a later stage, observe its start."""
+        """Find the flight again after a gap, see `Locator.seek`; `started` is called if it is on a later stage."""
         before = self.executor.stages_started
         position = self.locator.seek(to, wind_mps)
         since_s = self.locator.hypotheses[0].stage_started_s
@@ -169,9 +170,10 @@ class PlanTracker:
         return position
 
     def _take_report(self, to: Sample) -> int | None:
-        """How many stages the flight is to be advanced by, as a sample reports its stage; None where positions decide.
+        """Number of stages to skip by what a sample reports; None where its position decides.
 
-        A count of stages goes before the stage's index. A report that cannot be gives a notice, and positions decide.
+        A reported count of stages has precedence over the stage's index. A report that cannot be true gives a notice,
+        and is ignored.
         """
         if to.stages_started is not None:
             flown = self.executor.stages_started
@@ -182,13 +184,16 @@ class PlanTracker:
         return None if to.stage is None else self._ahead_to(to.stage)
 
     def _ahead_to(self, reported: int) -> int | None:
-        """How many stages ahead the reported index is, 0 on it; None, with a notice, where it cannot be."""
+        """Number of stages from the one flown to the next with the reported index, from 1; 0 if it is the one flown.
+
+        None where the position decides: with a notice where the index cannot be true, and in a plan of one stage.
+        """
         executor = self.executor
         now, count = executor.stage.index, len(self._mission.plan.stages)
         if reported > count:
             self._messages.once("stage", f"there is no stage {reported}; ignored", f"one of 1 to {count}")
             return None
-        # stages to the next one of that index: through the next lap where it is behind
+        # to the next start of that stage: in the next lap where it is the one flown, or one before it
         skips = executor.stages_to(reported)
         if reported == now:
             self._past_stage = None
@@ -209,8 +214,8 @@ class PlanTracker:
     def update_end(self, to: Sample, position: Point, step_s: float) -> bool | None:
         """Update `complete` and `end_uncertain` with a sample, `step_s` [s] after the last one.
 
-        Where the plan has more after the end reached, it is followed past that end, and later positions decide whether
-        the aircraft flies on; `complete` may be taken back then.
+        Where the plan has more stages after the end reached, it is followed past that end, and later positions decide
+        whether the aircraft flies on: then `complete` is False again.
 
         Returns
         -------
@@ -258,9 +263,10 @@ class PlanTracker:
         position: Point,
         hold: Callable[[Mapping[int, float]], None],
     ) -> None:
-        """Put the parameters that the aircraft reports in force; `hold` is called with those that it does not change.
+        """Put the parameters that the aircraft reports in force, at a position [m].
 
-        A parameter that is not a number is on its way to the aircraft.
+        `hold` is called with those that the aircraft does not change, by index, where these are others than before. A
+        parameter that is not a number is on its way to the aircraft.
         """
         if not parameters or self.lost:
             return
@@ -298,7 +304,10 @@ class PlanTracker:
         return reported
 
     def _hold(self, position: Point, hold: Callable[[Mapping[int, float]], None]) -> None:
-        """Have the planner hold what the aircraft does not change, and the plan follow what will be in force."""
+        """Have the planner hold the parameters that the aircraft does not change, with a notice of each.
+
+        The plan is followed with the parameters that will be in force.
+        """
         held = self.applied.held
         hold(held)
         self.locator.decide(self.applied.effective, position)
@@ -308,6 +317,6 @@ class PlanTracker:
             self._messages.once("parameters", what, "the parameters decided", f"{name} held at {value:g}")
 
     def _lose(self, error: EadpError) -> None:
-        """Stop tracking the plan: stage and parameters stay."""
+        """Stop tracking the plan for good, with a notice: stage and parameters stay."""
         self.lost = True
         self._messages.notices.append(Notice("x_m", f"the plan cannot be followed on from here: {error}"))
