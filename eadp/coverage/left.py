@@ -81,8 +81,8 @@ def _reason(rings: Sequence[Ring], area_m2: float, field: Field, motion: MotionL
     for each in obstacles:
         if share(each.outline) > 0.5:
             return f"{each.name}, and no room for a turn beside it"
-    # how far from an obstacle a line may have to end: the diameter of half a circle with clearance, what is flown beyond
-    # the line, and half a swath
+    # how far from an obstacle a line may have to end: the diameter of half a circle with clearance, what is flown
+    # beyond the line, and half a swath
     reach_m = (2 + 2 * CLEARANCE_SHARE) * motion.min_radius_m + motion.beyond_m + motion.swath_m / 2
     edges = [(each.name, each.outline) for each in obstacles] + [(BOUNDARY, ring) for ring in boundary]
     near = zip(apart_m([outline for _, outline in edges], rings), (name for name, _ in edges), strict=True)
