@@ -184,7 +184,7 @@ class FreeTurns:
         done: set[int] = set()
         count, last = itertools.count(), len(stops) - 1
         stops.append(start)
-        # an entry: lower bound of the whole way [s]; number, by which equal bounds are told apart; time to a stop [s],
+        # an entry: lower bound of the whole way [s]; number, as poses have no order; time to a stop [s],
         # the stop, the pieces of the way there; and None, or the stop to go on to by a turn that is not yet checked
         queue: list[tuple[float, int, float, int, tuple[Piece, ...], int | None]]
         queue = [(0.0, next(count), 0.0, last + 1, (), None)]

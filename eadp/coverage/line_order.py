@@ -425,11 +425,11 @@ class _Search:
                 self.queue.append(line)
 
     # In the two functions below, the directed line a stands at position i, and c is a candidate for its new neighbour.
-    # The line of c stands at position j, in a direction d. Where d is c, a short run from d to e is moved beside a as
-    # it is. Where d is c ^ 1, the other direction, a run is reversed so that c comes beside a: the run of all lines
-    # between, or a short one from d to e that is also moved. In the tour z stands before a and b after it, y before
-    # the run and f after it. `gain` is what the turns changed so far save, `saved` what the whole move saves.
-    # Candidates are sorted by cost: the first one whose turn alone saves nothing ends the search.
+    # The line of c stands at position j, in a direction d. Where d is c, a short run from d to e is moved beside a, not
+    # reversed. Where d is c ^ 1, the other direction, a run is reversed so that c comes beside a: that of all lines
+    # between, or a short one from d to e that is also moved. In the tour z stands before a and b after it, y before the
+    # run and f after it. `gain` is what the turns changed so far save, `saved` what the whole move saves. Candidates
+    # are sorted by cost: the first one whose turn alone saves nothing ends the search.
 
     def _improve_successor(self, i: int) -> bool:
         """Replace the successor of position i by a cheaper one, if that pays; return whether it did."""
