@@ -153,7 +153,7 @@ class QuadraticProgram:
         self, filled: NDArray[np.bool_], proximal: float, report: SolverReport, tolerance: float = 1e-6
     ) -> None:
         self._rows, self._columns = filled.shape
-        # OSQP wants A by columns (`_indptr`, `_indices`); `_places` are these entries in a matrix stored by rows
+        # OSQP wants A by columns (`_indptr`, `_indices`); `_places` are the flat indices of these entries in A by rows
         columns, self._indices = np.nonzero(filled.T)
         self._places = self._indices * self._columns + columns
         self._indptr = np.concatenate([[0], np.cumsum(filled.sum(axis=0))])
@@ -247,7 +247,7 @@ def _is_optimal(data: QpData, proximal: float, solution: QpSolution) -> bool:
     """Whether a solution and its multipliers satisfy the Karush-Kuhn-Tucker conditions; False with NaN."""
     gradient, matrix, lower, upper, centre = data
     x, y = solution.x, solution.multipliers
-    # A z, and its distances from u and from l, which are 0 or more
+    # A z, its distance below u and above l: both are 0 or more
     values = matrix @ x
     below, above = upper - values, values - lower
     # g + ε (z − z₀) + Aᵀ y = 0

@@ -88,10 +88,10 @@ def _flights(
     wind_mps: Point,
     gusts: tuple[float, float],
 ) -> Iterator[tuple[int, FloatArray]]:
-    """Fly along a path `FLIGHTS` times at once; yield each point flown `through`, by number, and how far they are off.
+    """Fly along a path `FLIGHTS` times at once; yield each point flown `through`, by number, and the errors.
 
-    How far each is beside the point [m], left positive, shape (FLIGHTS,). `courses` are the path's [rad], `steps_m` the
-    distances from the points before [m], all of shape (n,); the rest is as of `entering`.
+    The errors, shape (FLIGHTS,), are how far each flight is to the left of the point [m]. `courses` are the path's
+    [rad], `steps_m` the distances from the points before [m], both of shape (n,); the rest is as in `entering`.
     """
     # ground speed, and the greatest turn rate of the course [rad/s]
     speed = airframe.airspeed_mps
@@ -110,7 +110,7 @@ def _flights(
         # by how much the path has turned since the point before: in a curve along a leg, or in a corner between two
         turned = course - courses[i - 1] if i and before is not None else 0.0
         along_leg = leg is before
-        if i == 0 or not through[i - 1]:  # starts anew, on the path
+        if i == 0 or not through[i - 1]:  # a new stretch: all flights start on the path
             off_m[:], off_rad[:] = 0.0, 0.0
             turned, along_leg = 0.0, True
         before = leg
@@ -130,13 +130,13 @@ def _flights(
 
 
 def _flown_through(steps_m: FloatArray, near: BoolArray) -> BoolArray:
-    """Which points of a path are flown through: those from which one that is `near` is at most `LEAD_M` ahead.
+    """Which points of a path are flown through: those with a point that is `near` at most `LEAD_M` ahead, shape (n,).
 
-    `steps_m` are the distances from the points before [m]; all of shape (n,).
+    `steps_m` are the distances from the points before [m], shape (n,).
     """
     flown_m = np.cumsum(steps_m)
     ahead_m = flown_m[np.minimum(np.searchsorted(flown_m, flown_m + LEAD_M), len(flown_m) - 1)]
-    # near points before each, and up to LEAD_M ahead of each: more where one lies between
+    # numbers of near points before each point, and up to LEAD_M ahead of it: they differ where one lies between
     counts = np.concatenate(([0], np.cumsum(near)))
     through: BoolArray = counts[np.searchsorted(flown_m, ahead_m, side="right")] > counts[: len(near)]
     return through

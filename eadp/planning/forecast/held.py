@@ -66,12 +66,12 @@ class Preflight:
 
     @classmethod
     def of(cls, evaluation: Evaluation, filling: Filling, parameters: Vector) -> Preflight:
-        """The forecast of an evaluation of one place, with parameters as decided and computations as filled."""
+        """The forecast by an evaluation of one place: with the path of `parameters`, and computations as filled."""
         place, route, evaluator = 0, evaluation.routes[0], evaluation.evaluator
         plan = evaluator.mission.plan
         means = _mean_computations(evaluation, filling, route, plan.path_count)
         names = dict(zip(plan.names, (*parameters[: plan.path_count], *means), strict=True))
-        # U is of parameters with a choice; without one on any stage there is none
+        # U counts parameters with a choice: there is no U where no stage has any
         counted = any(evaluator.envelopes.shares.scaled(stage).any() for stage in route.stages.tolist())
         quality = float(filling.value[place]) if counted else None
         forecast, feasible = evaluation.forecast(place, filling), bool(filling.feasible[place])
@@ -101,8 +101,8 @@ class Preflight:
 def _mean_computations(evaluation: Evaluation, filling: Filling, route: Route, rho: int) -> list[float]:
     """Mean of each computation, as filled, over the time of the stages in which it is not inhibited."""
     envelopes = [evaluation.evaluator.envelopes[kind].configurations for kind in evaluation.kinds.tolist()]
-    # mean configuration of each leg, shape (legs, computations): that of minimum power, and the shares taken of the
-    # increments from vertex to vertex of its envelope
+    # mean configuration of each leg, shape (legs, computations): the one of minimum power, plus the shares taken of the
+    # steps from vertex to vertex of its envelope
     configurations = np.array([envelope[0] for envelope in envelopes])
     for leg, (envelope, shares) in enumerate(zip(envelopes, filling.shares, strict=True)):
         configurations[leg] += shares[: len(envelope) - 1] @ np.diff(envelope, axis=0)
@@ -136,7 +136,7 @@ class HeldForecast:
         PathUndefined
             If the plan cannot be flown at them, or not in this wind.
         """
-        # computations that are held are an evaluator's with one level of each
+        # an evaluator with a single level of each computation holds them
         computing = parameters[self._mission.plan.path_count :]
         if computing not in self._evaluators:
             levels = {name: (value,) for name, value in zip(self._mission.plan.names, parameters, strict=True)}

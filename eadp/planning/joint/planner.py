@@ -249,7 +249,7 @@ class JointPlanner(Planner):
     # --- decisions
 
     def _choose(self, o: Observation, plan: Candidate) -> Vector:
-        """Choose the parameters to fly with now by a plan; the policy is told of a new path and of a fall.
+        """Choose the parameters to fly with now by a plan; the policy counts a new path and notes a fall.
 
         The next update is at the latest when these computations are to change.
         """

@@ -44,7 +44,7 @@ _Moments = tuple[FloatArray, FloatArray]
 
 
 class _Fit(NamedTuple):
-    """Two estimates of the wind by the moments, and how well each fits.
+    """Two estimates of the wind, with and without the headings, and how well each fits the readings.
 
     Attributes
     ----------
@@ -131,8 +131,8 @@ class HeadingGate:
         return np.full(len(theta), math.nan) if self.disbelieved else headings_rad
 
     def _add(self, v: np.ndarray, u: np.ndarray, steps: FloatArray, used: np.ndarray) -> float:
-        """Add ground velocities v and implied winds u to the moments, older ones faded; return the time in them [s]."""
-        # each counts for its time, times e^(−age/window) at the end of the batch
+        """Add ground velocities v and implied winds u to the moments; return the time that these cover, faded, [s]."""
+        # the weight of each is its step times e^(−age/window), with its age at the end of the batch
         age_s = np.sum(steps) - np.cumsum(steps)
         weights = (steps * np.exp(-age_s / WINDOW_S))[used]
         v, u = v[used], u[used]
@@ -180,8 +180,8 @@ def _fit(sums: _Moments) -> _Fit:
     radius_squared = max(velocity_var + float(np.sum((mean[1:3] - w) ** 2)), 1e-9)
     # var (|v|²/2 − w·v), what the line leaves
     line_var = max(covariance[3, 3] - float(w @ covariance[1:3, 3]), 0.0)
-    # ½(|v − w|² − s²) is s times the error of the airspeed, so line_var/s² is the variance of one component of the
-    # gusts, of two
+    # ½(|v − w|² − s²) is about s times a gust's component along v − w, so that line_var/s² is the variance of one of
+    # the two components of gusts
     residual = 2 * line_var / radius_squared
     return _Fit(
         scatter=squared - ux * ux - uy * uy,  # E |u|² − |E u|²

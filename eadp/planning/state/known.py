@@ -19,10 +19,7 @@ class WindKnown(NamedTuple):
 
 
 class TimeKnown(NamedTuple):
-    """Ratio of flown to forecast times of legs, and what is uncertain of a time t: its variance is
-
-    t² variance + noise_s t
-    """
+    """Ratio of flown to forecast times of legs; a time t has the variance t² · `variance` + `noise_s` · t."""
 
     ratio: float
     variance: float

@@ -50,7 +50,7 @@ class TimeRatio:
         self._legs.append((forecast_s, flown_s))
         self._forecast_s += forecast_s
         self._excess_s += flown_s - forecast_s
-        # β = Σ (flown − forecast) / (Σ forecast + σ²/σ_β²), σ² by the squares of the residuals at β with the σ² before
+        # β = Σ (flown − forecast) / (Σ forecast + σ²/σ_β²): first with the σ² so far, whose residuals give the new σ²
         prior_noise_s = _expected_noise_s(gust_std_mps, airspeed_mps, gust_time_s)
         beta = self._excess_s / (self._forecast_s + self.noise_s / RATIO_STD**2)
         squares = sum((flown - (1 + beta) * expected_s) ** 2 / expected_s for expected_s, flown in self._legs)
