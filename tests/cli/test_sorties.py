@@ -145,17 +145,18 @@ def test_a_job_is_done_where_it_covers_what_was_planned(folder, flown):
     plans = [library.read_plan(folder / row["plan"]) for row in document["sorties"]]
     lines = [line for plan in plans for line in planned_lines(plan, ())]
     job.planned = job.lines = lines
-    assert job.left_to_cover() is None
+    assert job.left_to_fly() is None
     job.lines = lines[: len(lines) // 2]
-    left = job.left_to_cover()
+    left = job.left_to_fly()
     assert left.area_m2 > 0.2 * planner.task.field.area_m2
-    named = sum(each.area_m2 for each in job.left(done=False)) / planner.task.field.area_m2
+    named = sum(each.area_m2 for each in job.uncovered_places(only_slivers=False)) / planner.task.field.area_m2
     assert named == pytest.approx(document["coverage"] - job.coverage(job.lines), abs=0.01)
     job.min_share = 0.9
-    assert job.left_to_cover() is None, "less than is asked for is left"
-    assert {each.reason for each in job.left(done=True)} == {"below 90 % of the field, not flown again"}
+    assert job.left_to_fly() is None, "less than is asked for is left"
+    reasons = {each.reason for each in job.uncovered_places(only_slivers=True)}
+    assert reasons == {"below 90 % of the field, not flown again"}
     job.planned = job.lines
-    assert job.left_to_cover() is None, "what was not planned is not left"
+    assert job.left_to_fly() is None, "what was not planned is not left"
 
 
 def test_a_heading_of_which_no_order_is_free_gives_way_to_one_that_is(tmp_path, monkeypatch):
