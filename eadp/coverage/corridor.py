@@ -130,7 +130,8 @@ def _assembled(
 ) -> list[Run]:
     """Straights joined by the arcs of bends, in a new run after each bend that is no arc.
 
-    Bend i is at the start of straight i. A straight of no length is left out, but arcs start and end at it.
+    Bend i is at the start of straight i. A straight of no length is left out, but arcs start and end at it. The
+    first bend is never an arc, as no straight is before it.
     """
     runs: list[Run] = []
     for i, piece in enumerate(straights):

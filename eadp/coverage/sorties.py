@@ -100,6 +100,7 @@ class Division:
         self._order = [i for i in (range(len(extents)) if order is None else order) if extents[i]]
         self._extents = [extents[i] for i in self._order]
         lengths = [sum(high - low for low, high in spans) for spans in self._extents]
+        # where line k starts, and line k − 1 ends, in the order [m]
         self._ends: FloatArray = np.concatenate([[0.0], np.cumsum(lengths)])
 
     @property
@@ -145,7 +146,7 @@ class Division:
         return self._field.with_parts(clipped(self._field.parts, windows))
 
     def _along(self, k: int, place_m: float) -> float:
-        """The v in the grid's frame of a place on line k of the order, counted from 0 [m]; gaps have no length."""
+        """The v in the grid's frame of a place on line k of the order, counted from 0 [m]; gaps in a line count 0."""
         rest_m = place_m - float(self._ends[k])
         for low, high in self._extents[k]:
             if rest_m <= high - low:

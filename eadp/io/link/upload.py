@@ -385,7 +385,7 @@ def _equal(held: Sequence[MissionItem], written: Sequence[MissionItem]) -> bool:
 def _is_same(held: MissionItem, written: MissionItem) -> bool:
     """Whether an item held is the one written, as far as an autopilot keeps it.
 
-    The frame and the altitude count for an item with a position alone.
+    Its numbers are compared; the frame and the altitude only of an item that has a position.
     """
     numbers = list(zip(held.parameters[:4], written.parameters[:4], strict=True))
     # the radius of a loiter, the third number, is rounded, see `WHOLE_M`

@@ -90,7 +90,7 @@ class RouteArrays(NamedTuple):
         ground : array, shape (legs,)
             [m]; see `eadp.models.plan.ground`.
         flown_per_s : array, shape (routes,)
-            [m/s].
+            Ground of a second with a choice, of the run that each route is in [m/s].
         """
         flying = np.zeros(len(self.scales))
         flying[self.first_run] = 1.0

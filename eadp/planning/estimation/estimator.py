@@ -230,8 +230,9 @@ class ExactEstimator:
         return expected
 
     def _start(self, motion_w: float) -> None:
-        """Initialise the level with the first reading."""
+        """Initialise the level with the first reading of the motion's power [W]."""
         self._started = True
+        # q: the level and two numbers of each harmonic; then the disturbance and its rate
         state = np.zeros(2 * self._order + 3)
         state[0] = motion_w
         self._filter = self._first_filter(state)
