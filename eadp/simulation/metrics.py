@@ -189,8 +189,8 @@ class ParameterLog:
             times_s[0] *= left_m(leg, position, along_m) / leg.distance_m if leg.distance_m > 0 else 0.0
         of_leg, flown_per_s = legs.ground(flown, times_s)
         counted = np.array([ground.shares.scaled(stage).any() for stage in legs.stages.tolist()])
-        # the run being flown is not in `flown` yet: its ground a second, times the time with a choice (free_s), and times
-        # the integral of the shares chosen (area_s); U = value over the ground seen / all ground
+        # the run being flown is not in `flown` yet: its ground a second, times the time with a choice (free_s), and
+        # times the integral of the shares chosen (area_s); U = value over the ground seen / all ground
         total = flown.ground + flown_per_s[0] * flown.run.free_s + float(of_leg[counted].sum())
         seen = flown.value + flown_per_s[0] * flown.run.area_s
         return float(seen / total) if total > 0 else None
