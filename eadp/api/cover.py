@@ -863,11 +863,12 @@ def cover(
 
         try:
             found = replace(found, report=found.report.with_energy(energy_wh))
-        except (
-            InputError
-        ) as error:  # a scenario of another plan, say: the path needs it for the vehicle and the wind alone
-            one = error.faults[0]
-            warn([replace(one, message=f"no energy is stated: {one.message}", severity="note")])
+        except InputError as error:
+            # the path takes vehicle and wind alone from a scenario, which may be of another plan
+            if any(fault.file not in (given, *(f"--set {key}" for key in keys)) for fault in error.faults):
+                raise
+            first = error.faults[0]
+            warn([replace(first, message=f"no energy is stated: {first.message}", severity="note")])
     warn(picture_warnings(found.pictures))
     return found
 

@@ -260,6 +260,14 @@ def test_a_scenario_of_another_plan_serves_for_the_vehicle_and_leaves_the_energy
     assert "energy_wh" not in json.loads(answer.out)
 
 
+def test_a_profile_that_does_not_measure_whole_settings_is_refused_and_nothing_written(eadp, tmp_path):
+    profile, plan = tmp_path / "p.csv", tmp_path / "p.plan"
+    profile.write_text("fps,qp,power_w\n2,1,1\n4,2,2\n6,5,4\n7,1,3\n")
+    answer = eadp("cover", "plans/meadow.geojson", *FLAGS, "--profile", profile, "-o", plan)
+    refused(answer, "outside the hull of the measured ones")
+    assert not plan.exists()
+
+
 def test_a_profile_brings_computations_that_stop_on_turns(eadp, tmp_path, box):
     plan = tmp_path / "p.plan"
     profile = ("--profile", "profiles/pednet-jetson-nano.yaml")

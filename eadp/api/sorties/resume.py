@@ -127,10 +127,9 @@ def flown_again(
     planned: Sequence[Line] | None = None,
     min_share: float = MIN_PART_SHARE,
 ) -> Field | None:
-    """The parts left of a field worth flying: planned lines cover a share of the field there that flown ones do not.
+    """The parts left of a field in which planned lines cover `min_share` of the field or more that flown ones do not.
 
-    The planned lines are, by default, those over what is left that have room for their turns. `min_share` is the least
-    such share of the field. None where no part is worth flying.
+    The planned lines are, by default, those over what is left that have room for their turns. None without such a part.
     """
     field, swath_m = planner.task.field, planner.task.motion.swath_m
     lines = planner.free_lines(left) if planned is None else planned
