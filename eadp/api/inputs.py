@@ -32,6 +32,7 @@ from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
 from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, HOME_RADII, WayHome
+from eadp.models.autopilot import Autopilot
 from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import ComputationRate, Computing, join_profile, load_configuration, may_compute
 from eadp.models.doubts import aircraft_doubts, angle_doubts, fault_doubts, position_doubts
@@ -248,7 +249,7 @@ def load_flight(
     _check_names(flown, setting)
     warnings += _unused(flown, setting)
     warnings += [finding.fault(plan_source.name) for finding in overshoot_findings(overshoots, MOST)]
-    mission = _mission(world, model, nominal)
+    mission = _mission(world, model, nominal, setting.keys.autopilot)
     _check_planner(setting, mission)
     warnings += _doubts(setting, world)
     never_past = next((one.first.label for one in overshoots if math.isinf(one.excess_s)), "")
@@ -372,7 +373,7 @@ def _way_home(plan: Plan, scenario: Scenario, start_m: Point) -> WayHome | None:
     return WayHome(home_m, turn_radius_m, turns_back, ways, scenario.keys.home.altitude_m)
 
 
-def _mission(world: World, energy: EnergyModel | None, nominal: NominalFlight | None) -> Mission:
+def _mission(world: World, energy: EnergyModel | None, nominal: NominalFlight | None, autopilot: Autopilot) -> Mission:
     """What the planner knows of a world before take-off."""
     return Mission(
         plan=world.plan,
@@ -387,6 +388,7 @@ def _mission(world: World, energy: EnergyModel | None, nominal: NominalFlight | 
         gust_time_s=world.wind.gust_time_s,
         altitude_m=world.start.altitude_m,
         nominal=nominal,
+        autopilot=autopilot,
     )
 
 

@@ -19,6 +19,7 @@ from eadp.core.bounds import NotNegative, Reserve
 from eadp.core.flight.wind import GUST_TIME_S
 from eadp.core.geometry.curves import Point
 from eadp.models.airspace import WayHome
+from eadp.models.autopilot import Autopilot
 from eadp.models.battery import LIMITS, Battery
 from eadp.models.computing import Computing
 from eadp.models.energy import EnergyModel
@@ -406,7 +407,7 @@ class Mission:
 
     `vehicle` is the aircraft as stated, which may be another. `gust_time_s` is the time constant of gusts [s], and
     `altitude_m` that of take-off [m]. `nominal` flies what the aircraft cannot follow. `live` is whether forecasts are
-    shown as they are made: none is older than a re-planning then.
+    shown as they are made: none is older than a re-planning then. `autopilot` is the one that flies, for its own rules.
     """
 
     plan: Plan
@@ -422,6 +423,7 @@ class Mission:
     altitude_m: float = 0.0
     live: bool = False
     nominal: Nominal | None = None
+    autopilot: Autopilot = field(default_factory=Autopilot)
 
     @property
     def cruise_mps(self) -> float:

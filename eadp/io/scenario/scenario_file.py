@@ -46,6 +46,7 @@ from eadp.io.vehicle.vehicle_file import (
     vehicle_of,
     without_plug_in,
 )
+from eadp.models.autopilot import Autopilot
 from eadp.models.battery import Battery, BatteryFault
 from eadp.models.computing import ComputationRate
 from eadp.models.plan.cursor import Rules
@@ -168,6 +169,9 @@ class ScenarioFile:
 
     home: Home = field(default_factory=Home)
     """Where the aircraft can return to."""
+
+    autopilot: Autopilot = field(default_factory=Autopilot)
+    """The autopilot that flies, for its own rules of returns and landings."""
 
     parameters: Mapping[ParameterName, float] = field(default_factory=dict)
     """Parameters at take-off, by name; by default each at its maximum."""
