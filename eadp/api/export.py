@@ -127,13 +127,17 @@ class ExportOptions(PlaceOptions, PartOptions):
     survey: bool = False
     """Write the lines over the field as one survey of QGroundControl, which can be edited there."""
 
-    def check(self) -> None:
-        """Refuse values out of range, and options that do not go together; raises InputError."""
+    def check(self, to: str) -> None:
+        """Refuse values out of range, and options that do not go together, for a format; raises InputError."""
         if self.telemetry is not None and (self.scenario is None or self.start is not None):
             raise _fault("--telemetry", self.telemetry, "needs a planner", "--scenario, and no --from")
         if self.parameters is not None:
             if Path(self.parameters).suffix not in PARAMETER_FILES:
                 raise _fault("--parameters", self.parameters, "is no file of parameters", "a name in .param or .params")
+            ending = ".params" if to == "px4" else ".param"
+            if to in WITH_ITEMS and Path(self.parameters).suffix != ending:
+                message = f"is no file of parameters for --to {to}"
+                raise _fault("--parameters", self.parameters, message, f"a name in {ending}")
             if self.scenario is None:
                 raise _fault("--parameters", self.parameters, "needs an aircraft and a battery", "--scenario")
         for option, value in (
@@ -194,7 +198,7 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     InputError
         With the faults of the files, or of an option.
     """
-    options.check()
+    options.check(to)
     writer = writer_of(to)
     if writer is None:
         raise _fault("--to", to, "is no format", one_of(EXPORTS, to))

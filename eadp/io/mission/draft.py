@@ -47,6 +47,11 @@ class MissionItem(NamedTuple):
         return self.frame in GLOBAL_FRAMES and any(self.parameters[4:6])
 
     @property
+    def position_deg(self) -> tuple[float, float]:
+        """Its latitude and longitude [°]."""
+        return self.parameters[4], self.parameters[5]
+
+    @property
     def altitude_m(self) -> float:
         """Its altitude, as its frame has it [m]."""
         return self.parameters[6]
