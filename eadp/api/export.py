@@ -37,6 +37,7 @@ from eadp.io.terrain.reader import read_terrain
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import read_text, write_text
 from eadp.models.airspace import Airspace, risk_text
+from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import MadeFor, Plan
 from eadp.models.plan.route import PlannedLegs
@@ -303,6 +304,8 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
         zero_m=plan.site.ground_m,
         rally=rally,
         surveyed=_surveyed(plan, to, warn, name) if options.survey else (),
+        calibrated=calibrated_over_true(plan.site, airframe),
+        height_m=plan.site.above_sea_m or 0.0,
     )
     if path.surveyed:
         try:
@@ -420,6 +423,8 @@ def _parameters(inputs: FlightInputs, path: str, name: str, warn: Warn) -> str:
     mission = inputs.mission
     found = wanted_parameters(mission.plan, inputs.world.vehicle, mission.battery, ardupilot=ardupilot)
     said = ", ".join(f"{each.name} {each.value:.6g}" for each in found)
+    calibrated = calibrated_over_true(mission.plan.site, mission.vehicle)
+    said += f"; airspeeds calibrated, {calibrated:.4f} of the true ones" if round(calibrated, 4) != 1 else ""
     warn([Fault(name, 1, 1, f"the forecast holds for {said}", severity="note")])
     return text(found)
 

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from eadp.models.battery import Battery
+from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import LAND
 from eadp.models.vehicle import Airframe, PaperVehicle
@@ -63,6 +64,7 @@ _WHOLE = frozenset(("MIS_TKO_LAND_REQ",))
 def wanted_parameters(plan: Plan, airframe: Airframe, battery: Battery, *, ardupilot: bool) -> list[AutopilotParameter]:
     """What an autopilot's parameters must be so that a plan is armed, and its forecast holds."""
     radius_m, speed = round(plan.min_radius_m or airframe.turn_radius_m), airframe.airspeed_mps
+    speed = round(speed * calibrated_over_true(plan.site, airframe), 3)
     bank_deg = math.nan if isinstance(airframe, PaperVehicle) else airframe.max_bank_deg
     slope_deg = landing_slope_deg(plan, airframe.cruise_altitude_m)
     # value, ArduPilot's name, PX4's name; a value that is no number, or a name that is empty, is of no parameter

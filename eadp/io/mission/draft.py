@@ -126,6 +126,8 @@ class MissionMotion:
         How many times it is flown.
     terrain : tuple of str
         Files of the ground, above which altitudes may be.
+    calibrated : float
+        Calibrated over true airspeed, where home has no height.
     """
 
     turn_radius_m: float = FixedWing().turn_radius_m
@@ -134,3 +136,4 @@ class MissionMotion:
     repeated_m: float = 100_000.0
     laps: int | None = None
     terrain: tuple[str, ...] = ()
+    calibrated: float = 1.0

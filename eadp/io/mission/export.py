@@ -233,7 +233,8 @@ class _ItemBuilder:
         airspeed_mps = self.path.airspeed_of(section)
         if airspeed_mps is not None and airspeed_mps != self._airspeed_mps:
             self._airspeed_mps = airspeed_mps
-            self._command((d.CHANGE_SPEED, 0.0, airspeed_mps, -1.0, 0.0, 0.0, 0.0, 0.0))
+            held_mps = round(airspeed_mps * self.path.calibrated, 6)
+            self._command((d.CHANGE_SPEED, 0.0, held_mps, -1.0, 0.0, 0.0, 0.0, 0.0))
 
     def _command(self, command: Sequence[float]) -> None:
         self.items.append(MissionItem(int(command[0]), d.NO_POSITION, tuple(command[1:]), self._legs))
@@ -274,7 +275,8 @@ def _qgc(path: PlannedPath, firmware: int) -> str:
     if path.surveyed:
         lines = survey_lines(path, path.surveyed)
         survey = (*survey_span(items, lines), partial(survey_item, path, path.surveyed, lines))
-    return qgc_text(items, path.home, path.airspeed_mps, _fences(path), firmware, _rally(path), survey, ground)
+    fences, rally = _fences(path), _rally(path)
+    return qgc_text(items, path.home, path.airspeed_mps, fences, firmware, rally, survey, ground, path.height_m)
 
 
 FENCED = ("qgc", "ardupilot", "px4")
@@ -289,7 +291,7 @@ def files_beside(path: PlannedPath) -> dict[str, str]:
 
 _WRITERS: tuple[Callable[[PlannedPath], str], ...] = (
     lambda path: _qgc(path, ARDUPILOT),
-    lambda path: wpl_text(mission_items(path), path.home),
+    lambda path: wpl_text(mission_items(path), path.home, path.height_m),
     lambda path: _qgc(path, PX4),
     paparazzi_text,
     kml_text,

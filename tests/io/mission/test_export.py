@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import re
 import threading
 import xml.etree.ElementTree as ET
 
@@ -322,7 +323,34 @@ def test_commands_and_speeds_are_written_back():
         for each in (plan, back):
             assert [command[0] for stage in each.stages for command in stage.commands] == [530, 206]
             assert (each.stages[0].altitude_m, each.stages[-1].altitude_m) == (60, 80)
-            assert (each.stages[0].airspeed_mps, each.stages[-1].airspeed_mps) == (None, 21)
+            # calibrated for true, 400 m above the sea: 0.9616 of the density
+            true_mps = pytest.approx(21 / math.sqrt(0.96217), rel=1e-4)
+            assert (each.stages[0].airspeed_mps, each.stages[-1].airspeed_mps) == (None, true_mps)
+
+
+@pytest.mark.parametrize(
+    ("ground", "density", "share"), [("", 1.225, 1.0), ("", 1.0065, 0.9064), ("%: ground 2000\n", 1.225, 0.9064)]
+)
+def test_an_autopilot_gets_calibrated_airspeeds(eadp, tmp_path, ground, density, share):
+    """At 2000 m the standard atmosphere has 1.0065 kg/m³, √(ρ/ρ0) is 0.9064; the forecast is of the true airspeed."""
+    plan = tmp_path / "p.plan"
+    plan.write_text(f"%: origin 47 8\n{ground}0.1; 90; x\n0, 300\n%: airspeed 18\n0.1; 90; x\n0, 600\n")
+    given = ["--scenario", ROOT / "scenarios/survey.yaml", "--set", f"vehicle.airframe.air_density_kgpm3={density}"]
+    given += ["--set", "energy=null"]
+    for to, ending, name in (("ardupilot", ".param", "AIRSPEED_CRUISE"), ("px4", ".params", "FW_AIRSPD_TRIM")):
+        out, parameters = tmp_path / f"m-{to}", tmp_path / f"p{ending}"
+        answer = eadp("export", plan, *given, "--to", to, "-o", out, "--parameters", parameters)
+        assert answer.code == 0, answer.err
+        written = read_text(str(parameters)).body
+        assert float(re.search(rf"{name}[,\t]([0-9.]+)", written)[1]) == pytest.approx(15 * share, abs=1e-3)
+        held = [float(row) for row in re.findall(r"\t178\t0\t([0-9.]+)\t", out.read_text())] or [
+            each["params"][1] for each in json.loads(out.read_text())["mission"]["items"] if each["command"] == 178
+        ]
+        assert held == pytest.approx([15 * share, 18 * share], abs=1e-3)
+        # read back for the same aircraft, it flies at the true airspeeds again
+        wing = FixedWing(air_density_kgpm3=density)
+        back, _ = PlanReader.of(wing, Battery())(read_text(str(out)))
+        assert [back.stages[i].airspeed_mps for i in (0, -1)] == pytest.approx([15, 18], abs=1e-4)
 
 
 @pytest.mark.parametrize("to", ["qgc", "ardupilot"])
