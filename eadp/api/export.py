@@ -36,7 +36,7 @@ from eadp.io.scenario.scenario_file import override_texts, read_overrides, read_
 from eadp.io.terrain.reader import read_terrain
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import read_text, write_text
-from eadp.models.airspace import Airspace, risk_text
+from eadp.models.airspace import BOUNDARY, Airspace, risk_text
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import MadeFor, Plan
@@ -45,6 +45,7 @@ from eadp.models.plan.stage import LAND, TAKEOFF
 from eadp.models.plan.trace import nominal_route
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.planning.forecast.held import Preflight
+from eadp.validation.check import entered
 
 NEAR_M = 1.0
 """Distance up to which the path starts or ends at home [m]."""
@@ -112,6 +113,10 @@ class PlaceOptions:
     """Polygons that the path stays inside of, as --avoid."""
 
 
+RISK = 0.05
+"""Probability to enter an obstacle, or to leave the boundary, above which a mission is not written."""
+
+
 @dataclass(frozen=True)
 class ExportOptions(PlaceOptions, PartOptions):
     """Options of an export. Faults name them as the command `eadp export` does."""
@@ -127,6 +132,9 @@ class ExportOptions(PlaceOptions, PartOptions):
 
     survey: bool = False
     """Write the lines over the field as one survey of QGroundControl, which can be edited there."""
+
+    force: bool = False
+    """Write a mission that is forecast to enter an obstacle or to leave its boundary."""
 
     def check(self, to: str) -> None:
         """Refuse values out of range, and options that do not go together, for a format; raises InputError."""
@@ -198,6 +206,8 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     ------
     InputError
         With the faults of the files, or of an option.
+    Infeasible
+        As `export`.
     """
     options.check(to)
     writer = writer_of(to)
@@ -235,7 +245,13 @@ def _stated(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
     warn(notes)
     made = plan.site.made_for
     airframe = FixedWing() if made is None else FixedWing(airspeed_mps=made.airspeed_mps)
-    return _Chosen(plan, name, _planned(plan, name, parameters_of(plan, options.overrides)), airframe)
+    planned = _planned(plan, name, parameters_of(plan, options.overrides))
+    low_m = airframe.cruise_altitude_m if options.altitude_m is None else options.altitude_m
+    for what in dict.fromkeys(what for _, what in entered(planned.legs, plan.site.airspace, low_m)):
+        does = "leads beyond" if what == BOUNDARY else "leads through"
+        message, expected = f"the path {does} {what}", "--scenario, for a forecast, or another path"
+        warn([Fault(name, 1, 1, message, expected, severity="warning")])
+    return _Chosen(plan, name, planned, airframe)
 
 
 def _forecast(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
@@ -260,6 +276,10 @@ def _forecast(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen
         raise _fault("--scenario", str(options.scenario), message, f"{expected}, or --set without --scenario")
     planned = forecast.planned(inputs.mission)
     warn([Fault(name, 1, 1, _forecast_text(forecast, plan, planned.legs), severity="note")])
+    if not options.force and any(share > RISK for share in forecast.entering.values()):
+        risks = "; ".join(risk_text(name, share) for name, share in forecast.entering.items() if share > RISK)
+        advice = "another path or altitude; --force writes it as it is"
+        raise Infeasible(f"the flight {risks}: not written", advice)
     return _Chosen(plan, name, planned, airframe, parameters)
 
 
@@ -551,6 +571,8 @@ def export(
     ------
     InputError
         With the faults of the files, or of an option under its name on the command line.
+    Infeasible
+        If the flight is forecast to enter an obstacle or to leave its boundary, with a probability above `RISK`.
     """
     mission = exported(plan, to, options or ExportOptions(), warn)
     if options is not None and options.parameters is not None:
