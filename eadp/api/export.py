@@ -291,6 +291,11 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
         warn([Fault(option, 1, 1, message, expected, severity=severity)])
 
     place, home_deg = _places(plan, name, options)
+    if options.altitude_m is not None and all(stage.altitude_m is not None for stage in plan.stages):
+        message = "the plan has altitudes of its own"
+        raise _fault(
+            "--altitude", f"{options.altitude_m:g}", message, "no --altitude, or a plan made for this altitude"
+        )
     altitude_m, known = options.altitude_m, options.scenario is not None
     if altitude_m is None:
         altitude_m = airframe.cruise_altitude_m

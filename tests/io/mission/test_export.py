@@ -559,6 +559,15 @@ def test_what_cannot_be_exported_writes_nothing(eadp, tmp_path, arguments, words
     assert not out.exists()
 
 
+def test_an_altitude_is_not_taken_beside_those_of_the_plan(eadp, tmp_path):
+    plan, out, given = tmp_path / "p.plan", tmp_path / "m", ("--to", "qgc", "--origin", "47,8", "--altitude", "80")
+    plan.write_text(f"%: altitude 60\n{LINES}")
+    assert refused(eadp("export", plan, *given, "-o", out), "--altitude:1:1: error: the plan has altitudes of its own")
+    assert not out.exists()
+    plan.write_text(LINES)
+    assert eadp("export", plan, *given, "-o", out).code == 0
+
+
 # --- software of others -----------------------------------------------------------------------------------------------
 
 
