@@ -51,8 +51,12 @@ class AutopilotParameter(NamedTuple):
         agrees = math.isclose(abs(value), abs(wanted), rel_tol=AGREES)
         if agrees or (self.bound == AT_LEAST and value > wanted) or (self.bound == AT_MOST and value < wanted):
             return ""
-        return f"{name} is {value:.6g}{self.bound or ', not '}{wanted:.6g}"
+        armed = ", so that the mission is not armed" if name in _ARMING else ""
+        return f"{name} is {value:.6g}{self.bound or ', not '}{wanted:.6g}{armed}"
 
+
+_ARMING = frozenset(("MIS_TKO_LAND_REQ", "FW_LND_ANG"))
+"""PX4's parameters by which it refuses a mission."""
 
 _OLDER = {"AIRSPEED_CRUISE": ("TRIM_ARSPD_CM", 100.0), "ROLL_LIMIT_DEG": ("LIM_ROLL_CD", 100.0)}
 """Of ArduPilot's parameters: their names in older versions, and how many times the value stands there."""

@@ -801,7 +801,7 @@ def test_the_pilot_is_told_of_a_cell_that_is_lost(plan):
 def test_whole_parameters_come_as_bytes_from_px4(as_bytes, kind):
     """2 as a whole number of 32 bits is 2.8e-45 as one in single precision."""
     wanted = [AutopilotParameter("MIS_TKO_LAND_REQ", 0.0, AT_MOST)]
-    for value, said in ((2, "MIS_TKO_LAND_REQ is 2, more than 0"), (0, "")):
+    for value, said in ((2, "MIS_TKO_LAND_REQ is 2, more than 0, so that the mission is not armed"), (0, "")):
         check = ParameterCheck(wanted, as_bytes=as_bytes)
         sent = struct.unpack("<f", struct.pack("<i", value))[0] if as_bytes else float(value)
         fields = {"param_id": b"MIS_TKO_LAND_REQ", "param_value": sent, "param_type": kind}

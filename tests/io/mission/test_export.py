@@ -286,7 +286,9 @@ def test_a_landing_needs_its_slope_and_no_leave_to_do_without(down_m, slope_deg)
     steepest = wanted["FW_LND_ANG"]
     assert steepest.value == pytest.approx(slope_deg)
     assert steepest.difference("FW_LND_ANG", slope_deg + 1) == ""
-    assert steepest.difference("FW_LND_ANG", 2.0) == f"FW_LND_ANG is 2, less than {slope_deg:g}"
+    assert steepest.difference("FW_LND_ANG", 2.0) == (
+        f"FW_LND_ANG is 2, less than {slope_deg:g}, so that the mission is not armed"
+    )
 
 
 @pytest.mark.parametrize(
