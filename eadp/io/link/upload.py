@@ -14,9 +14,9 @@ from enum import Enum
 from typing import Any, NamedTuple
 
 from eadp.errors import PathUndefined
+from eadp.io.link.kept import equal_items
 from eadp.io.link.mission import MissionClient, Outgoing, Received, Sent
 from eadp.io.link.rest import RestLayout
-from eadp.io.mission import draft as d
 from eadp.io.mission.draft import MissionItem
 from eadp.io.mission.items import MappedItem, same_items
 from eadp.models.plan.plan import Plan
@@ -27,10 +27,6 @@ SETTLED_S = 5.0
 AGAIN_S, RECHECK_S = 10.0, 60.0
 """Time after which what failed is tried again, as is the reading of an unknown mission; and after which a known mission
 is read again [s]."""
-SINGLE = 1e-6
-"""Relative error of numbers that were sent in single precision."""
-WHOLE_M = 10.0
-"""ArduPilot keeps the radius of a loiter in whole metres, above 255 m in tens [m]."""
 
 
 class Warned(NamedTuple):
@@ -368,35 +364,10 @@ class HeldMission:
     def _equal(self, held: Sequence[MissionItem], written: Sequence[MissionItem], *, home: bool = True) -> bool:
         """Whether items held are those written, in all numbers but those of home, which ArduPilot sets."""
         first = self._home if home else 0
-        return _equal(held[first:], written[first:])
+        return equal_items(held[first:], written[first:])
 
     def _shared(self, held: Sequence[MissionItem], written: Sequence[MissionItem]) -> int:
         """How many items held are those written, from the first on, home included."""
         pairs = zip(held[self._home :], written[self._home :], strict=False)
-        different = (k for k, (one, other) in enumerate(pairs) if not _equal([one], [other]))
+        different = (k for k, (one, other) in enumerate(pairs) if not equal_items([one], [other]))
         return self._home + next(different, min(len(held), len(written)) - self._home)
-
-
-def _equal(held: Sequence[MissionItem], written: Sequence[MissionItem]) -> bool:
-    """Whether the items held are the items written: the same number of items, and the same numbers in each."""
-    return same_items(written, held) and all(map(_is_same, held, written))
-
-
-def _is_same(held: MissionItem, written: MissionItem) -> bool:
-    """Whether an item held is the one written, as far as an autopilot keeps it.
-
-    Its numbers are compared; the frame and the altitude only of an item that has a position.
-    """
-    numbers = list(zip(held.parameters[:4], written.parameters[:4], strict=True))
-    # the radius of a loiter, the third number, is rounded, see `WHOLE_M`
-    if written.command == d.LOITER_TURNS:
-        held_m, written_m = numbers.pop(2)
-        if not abs(held_m - written_m) < (WHOLE_M if abs(written_m) > 255 else 1.0):
-            return False
-    if written.frame in d.GLOBAL_FRAMES:
-        if d.GLOBAL_FRAMES.get(held.frame) != d.GLOBAL_FRAMES[written.frame]:
-            return False
-        numbers.append((held.altitude_m, written.altitude_m))
-    return all(
-        math.isclose(x, y, rel_tol=SINGLE, abs_tol=SINGLE) or (math.isnan(x) and math.isnan(y)) for x, y in numbers
-    )

@@ -21,11 +21,12 @@ from eadp.api.replan.replanner import Replanner
 from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import InputError
+from eadp.io.link.kept import equal_items
 from eadp.io.link.mavlink import Codec
 from eadp.io.link.messages import WANTED
 from eadp.io.link.mission import MissionClient, Outgoing, Received
 from eadp.io.link.rest import RestLayout
-from eadp.io.link.upload import RECHECK_S, _equal
+from eadp.io.link.upload import RECHECK_S
 from eadp.io.mission.autopilot import wanted_parameters
 from eadp.io.mission.draft import ITEMS_LIMIT, MissionItem
 from eadp.io.mission.export import mission_items
@@ -371,8 +372,8 @@ def test_a_loiter_has_a_whole_radius(radius_m, kept_m, same):
         [MissionItem(16, 0, (0.0,) * 7), MissionItem(18, 3, (1.0, 0.0, radius, 1.0, 55.0, 10.0, 60.0))]
         for radius in (radius_m, kept_m)
     )
-    assert _equal(held, written) == same
-    assert not _equal(held[:1], written)
+    assert equal_items(held, written) == same
+    assert not equal_items(held[:1], written)
 
 
 def test_a_mission_that_the_pilot_changes_in_flight_is_left_alone(inputs, mission, lines):
