@@ -56,8 +56,10 @@ def write_new(texts: dict[str, str], *, force: bool) -> None:
     Raises
     ------
     InputError
-        If one exists and `force` is not set, and nothing is written; or if one cannot be written.
+        If one exists and `force` is not set, or is a link, and nothing is written; or if one cannot be written.
     """
+    links = [path for path in texts if force and os.path.islink(path)]
+    refuse([Fault(path, 1, 1, "is a link, and what it leads to is not replaced", "a file") for path in links])
     taken = [path for path in texts if os.path.lexists(path) and not force]
     refuse([Fault(path, 1, 1, "exists already", "a new file, or --force to replace it") for path in taken])
     for path, text in texts.items():

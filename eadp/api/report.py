@@ -12,7 +12,7 @@ from typing import Any
 from eadp.api.flight import REPORT
 from eadp.api.given import File
 from eadp.api.result_folder import SUMMARY, read_flights, read_folder
-from eadp.errors import EadpError, InputError, printable
+from eadp.errors import EadpError, Fault, InputError, printable, refuse
 from eadp.io.report.flight import flight_data
 from eadp.io.report.flights import comparison, draw_flights, flights_data, table_text
 from eadp.io.report.page import check_page, page_html
@@ -50,6 +50,9 @@ def write_comparison(folders: Sequence[str], out: str | None = None) -> tuple[st
     if out != "-":
         output_file(str(page))
         check_page(page)
+        beside = [page.with_suffix(suffix) for suffix in pictures]
+        taken = [] if page.exists() else [each for each in beside if os.path.lexists(each)]
+        refuse([Fault(str(each), 1, 1, "is no picture of this page", "another -o FILE") for each in taken])
         for suffix, picture in pictures.items():
             write_bytes(str(page.with_suffix(suffix)), picture)
     write_text(str(page) if out != "-" else "-", page_html("flights", data))
@@ -121,9 +124,9 @@ def report(result: File | Sequence[File], out: File | None = None, keep: File | 
     if not isinstance(result, str | PathLike):
         return write_comparison([*map(str, result)], None if out is None else str(out))[0]
     page = page_of(str(result))
-    if out is None:
-        check_page(page)
     target = str(page) if out is None else str(out)
+    if target != "-":
+        check_page(output_file(target))
     data = _data(Path(result), page if target == "-" else Path(target), None if keep is None else str(keep))
     write_text(target, page_html(*data))
     return target

@@ -43,7 +43,7 @@ class CoverOutputs:
     """Write each sortie in this format, too, as eadp export."""
 
     force: bool = False
-    """Replace the folder of sorties if it exists."""
+    """Replace the folder of sorties, if it holds these and nothing else."""
 
     out: Annotated[str | None, Flag("-o --out", metavar="PLAN")] = None
     """Write the plan here; of sorties, a folder."""

@@ -40,7 +40,7 @@ class SimulateOutputs:
     """Folder for the results."""
 
     force: bool = False
-    """Replace the folder if it exists."""
+    """Replace the folder, if it holds a result and nothing else."""
 
     figure: FigureName | None = None
     """Draw one more figure into the folder: the letter's Figs. 6b and 1."""

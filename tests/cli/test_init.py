@@ -56,6 +56,11 @@ def test_nothing_is_overwritten_unasked(eadp, tmp_path):
     assert (tmp_path / "scenario.yaml").read_text() == "mine"
     assert eadp("init", tmp_path, "--force").code == 0
     assert len(list(tmp_path.iterdir())) == 5
+    (tmp_path / "camera.yaml").rename(tmp_path / "mine")
+    (tmp_path / "camera.yaml").symlink_to(tmp_path / "mine")
+    (tmp_path / "mine").write_text("mine")
+    assert "camera.yaml:1:1: error: is a link" in eadp("init", tmp_path, "--force").err
+    assert (tmp_path / "mine").read_text() == "mine"
 
 
 def test_bad_input(eadp, tmp_path):

@@ -8,6 +8,7 @@ import math
 import re
 import sys
 import xml.etree.ElementTree as ET
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -76,6 +77,7 @@ def test_the_result_folder(eadp, tmp_path):
     assert answer.code == 1
     assert sorted(item.name for item in folder.iterdir()) == [
         "estimate.csv",
+        "files.json",
         "flight.csv",
         "flight.png",
         "flight.svg",
@@ -128,13 +130,50 @@ def test_same_inputs_same_bytes(eadp, tmp_path):
 @pytest.mark.usefixtures("undrawn")
 def test_an_existing_folder_is_refused_unless_forced(eadp, tmp_path, line_plan):
     folder = tmp_path / "taken"
-    folder.mkdir()
-    (folder / "mine.txt").write_text("mine")
+    assert eadp("simulate", line_plan, "-o", folder).code == 0
+    (folder / "flight.csv").write_text("old")
     assert refused(eadp("simulate", line_plan, "-o", folder), f"{folder}:1:1: error:", "--force")
-    assert (folder / "mine.txt").exists()
+    assert (folder / "flight.csv").read_text() == "old"
     assert eadp("simulate", line_plan, "-o", folder, "--force").code == 0
-    assert (folder / "summary.json").exists()
-    assert not (folder / "mine.txt").exists()
+    assert (folder / "flight.csv").read_text() != "old"
+
+
+def tree(folder):
+    """All that lies in a folder, with its content."""
+    return {path: path.read_bytes() if path.is_file() else None for path in sorted(folder.rglob("*"))}
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_folder_with_anything_else_is_not_replaced(eadp, tmp_path, line_plan, monkeypatch):
+    project = tmp_path / "home/project"
+    (project / "sub").mkdir(parents=True)
+    for name in ("thesis.tex", "sub/data.csv", "my.plan"):
+        (project / name).write_bytes(Path(line_plan).read_bytes())
+    (tmp_path / "link").symlink_to(project)
+    monkeypatch.chdir(project)
+    before = tree(tmp_path)
+    for place in (".", "..", tmp_path / "home", tmp_path / "link", project / "sub"):
+        assert refused(eadp("simulate", "my.plan", "-o", place, "--force"), f"{place}:1:1: error:", "is not replaced")
+        assert tree(tmp_path) == before
+    assert refused(eadp("simulate", line_plan, "-o", tmp_path / "home", "--force"), "is the working folder")
+    assert refused(eadp("simulate", line_plan, "-o", "sub", "--force"), "sub:1:1: error: holds data.csv, which is no file")
+
+
+@pytest.mark.usefixtures("undrawn")
+@pytest.mark.parametrize("stranger", ["notes.txt", "inputs/notes.txt", "sub/empty", "link"])
+def test_the_first_stranger_in_a_result_is_named(eadp, tmp_path, line_plan, stranger):
+    folder = tmp_path / "result"
+    eadp("simulate", line_plan, "-o", folder)
+    if stranger == "link":
+        (folder / "flight.csv").unlink()
+        (folder / "flight.csv").symlink_to(line_plan)
+    elif stranger == "sub/empty":
+        (folder / stranger).mkdir(parents=True)
+    else:
+        (folder / stranger).write_text("mine")
+    before, named = tree(folder), {"link": "flight.csv", "sub/empty": "sub"}.get(stranger, stranger)
+    assert refused(eadp("simulate", line_plan, "-o", folder, "--force"), f"{folder}:1:1: error: holds {named}, which is")
+    assert tree(folder) == before
 
 
 def test_without_a_folder_nothing_is_written(eadp, line_plan, tmp_path):

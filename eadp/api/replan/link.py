@@ -198,7 +198,7 @@ class LinkFlight:
         if first and self._send is not None:
             known, vehicle = self._inputs.mission, self._inputs.world.vehicle
             wanted = wanted_parameters(known.plan, vehicle, known.battery, ardupilot=autopilot.ardupilot)
-            self._check = ParameterCheck(wanted)
+            self._check = ParameterCheck(wanted, as_bytes=not autopilot.ardupilot)
         if self._mission is not None:
             self._mission.ardupilot = autopilot.ardupilot
 

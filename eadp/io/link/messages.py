@@ -120,8 +120,8 @@ def _named(fields: Fields) -> Values:
 
 
 def _parameter(fields: Fields) -> Values:
-    """A parameter of the autopilot: its name and value."""
-    return {"parameter": (_text(fields["param_id"]), fields["param_value"])}
+    """A parameter of the autopilot: its name, value and MAVLink's type."""
+    return {"parameter": (_text(fields["param_id"]), fields["param_value"], fields["param_type"])}
 
 
 def _text(name: str | bytes) -> str:

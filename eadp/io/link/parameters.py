@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
 
-from eadp.io.mission.autopilot import AutopilotParameter
+from eadp.io.mission.autopilot import INT32, AutopilotParameter
 
 ASKED = 3
 """How often a name is asked for; then its name in older versions is, as often."""
@@ -16,15 +17,21 @@ class ParameterCheck:
     Parameters
     ----------
     wanted : sequence of AutopilotParameter
+    as_bytes : bool
+        Whether a whole number comes as the bytes of a number in single precision, as PX4 sends it.
+        Source: mavlink.io, "Parameter Protocol", parameter encoding.
     """
 
-    def __init__(self, wanted: Sequence[AutopilotParameter]) -> None:
+    def __init__(self, wanted: Sequence[AutopilotParameter], *, as_bytes: bool = False) -> None:
+        self._as_bytes = as_bytes
         self._left = list(wanted)  # parameters that have not come
         self._differences = list[str]()  # of each that has come, how it disagrees, empty where it does not
         self._rounds = 0  # how often names were asked for
 
-    def take(self, name: str, value: float) -> None:
-        """Compare a parameter that has come, if it is one of those wanted."""
+    def take(self, name: str, value: float, kind: int) -> None:
+        """Compare a parameter that has come, of one of MAVLink's types, if it is one of those wanted."""
+        if self._as_bytes and kind == INT32:
+            (value,) = struct.unpack("<i", struct.pack("<f", value))
         for each in [each for each in self._left if name in (each.name, each.older)]:
             self._left.remove(each)
             self._differences.append(each.difference(name, value))

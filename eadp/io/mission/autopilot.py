@@ -11,16 +11,27 @@ from typing import NamedTuple
 
 from eadp.models.battery import Battery
 from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import LAND
 from eadp.models.vehicle import Airframe, PaperVehicle
 
-FLOAT = 9
-"""MAVLink's type of a number in single precision."""
+INT32, FLOAT = 6, 9
+"""MAVLink's types of whole numbers of 32 bits, and of numbers in single precision."""
 
 ACCEPTANCE_M = 2.0
 """Acceptance radius of a waypoint at the end of a line [m]."""
 
+SWITCHES = 0.1
+"""PX4's switching distance as a share of that of its guidance: 0.32 as delivered leaves lines 24 to 34 m early."""
+
+NO_LANDING = 0
+"""What PX4 requires of a mission: nothing; 2, as delivered for fixed wings, is a landing, without which none arms."""
+
 AGREES = 0.02
 """Share of a value by which an autopilot's may be off."""
+
+
+EXACTLY, AT_LEAST, AT_MOST = "", ", less than ", ", more than "
+"""How an autopilot's value may differ from the one that the forecast holds for: not, upwards, downwards."""
 
 
 class AutopilotParameter(NamedTuple):
@@ -28,6 +39,7 @@ class AutopilotParameter(NamedTuple):
 
     name: str
     value: float
+    bound: str = EXACTLY
     older: str = ""
     older_value: float = 0.0
 
@@ -36,31 +48,54 @@ class AutopilotParameter(NamedTuple):
         wanted = self.older_value if name == self.older else self.value
         # a radius below 0 is that of the other way round
         agrees = math.isclose(abs(value), abs(wanted), rel_tol=AGREES)
-        return "" if agrees else f"{name} is {value:.6g}, not {wanted:.6g}"
+        if agrees or (self.bound == AT_LEAST and value > wanted) or (self.bound == AT_MOST and value < wanted):
+            return ""
+        return f"{name} is {value:.6g}{self.bound or ', not '}{wanted:.6g}"
+
+
+_OLDER = {"AIRSPEED_CRUISE": ("TRIM_ARSPD_CM", 100.0), "ROLL_LIMIT_DEG": ("LIM_ROLL_CD", 100.0)}
+"""Of ArduPilot's parameters: their names in older versions, and how many times the value stands there."""
+
+_WHOLE = frozenset(("MIS_TKO_LAND_REQ",))
+"""PX4's parameters of type INT32."""
 
 
 def wanted_parameters(plan: Plan, airframe: Airframe, battery: Battery, *, ardupilot: bool) -> list[AutopilotParameter]:
-    """What an autopilot's parameters must be so that the forecast of a plan holds: airspeed, bank, radii, capacity."""
+    """What an autopilot's parameters must be so that a plan is armed, and its forecast holds."""
     radius_m, speed = round(plan.min_radius_m or airframe.turn_radius_m), airframe.airspeed_mps
     bank_deg = math.nan if isinstance(airframe, PaperVehicle) else airframe.max_bank_deg
-    mah = round(1000 * battery.capacity_ah)
-    if ardupilot:
-        found = [
-            AutopilotParameter("AIRSPEED_CRUISE", speed, "TRIM_ARSPD_CM", 100 * speed),
-            AutopilotParameter("ROLL_LIMIT_DEG", bank_deg, "LIM_ROLL_CD", 100 * bank_deg),
-            AutopilotParameter("WP_RADIUS", radius_m),
-            AutopilotParameter("WP_LOITER_RAD", radius_m),
-            AutopilotParameter("BATT_CAPACITY", mah),
-        ]
-    else:
-        found = [
-            AutopilotParameter("FW_AIRSPD_TRIM", speed),
-            AutopilotParameter("FW_R_LIM", bank_deg),
-            AutopilotParameter("NAV_ACC_RAD", ACCEPTANCE_M),
-            AutopilotParameter("NAV_LOITER_RAD", radius_m),
-            AutopilotParameter("BAT1_CAPACITY", mah),
-        ]
-    return [each for each in found if not math.isnan(each.value)]
+    slope_deg = landing_slope_deg(plan, airframe.cruise_altitude_m)
+    # value, ArduPilot's name, PX4's name; a value that is no number, or a name that is empty, is of no parameter
+    rows = [
+        (speed, "AIRSPEED_CRUISE", "FW_AIRSPD_TRIM", EXACTLY),
+        (bank_deg, "ROLL_LIMIT_DEG", "FW_R_LIM", EXACTLY),
+        (radius_m, "WP_RADIUS", "", EXACTLY),
+        (ACCEPTANCE_M, "", "NAV_ACC_RAD", EXACTLY),
+        (SWITCHES, "", "NPFG_SW_DST_MLT", AT_MOST),
+        (radius_m, "WP_LOITER_RAD", "NAV_LOITER_RAD", EXACTLY),
+        (round(1000 * battery.capacity_ah), "BATT_CAPACITY", "BAT1_CAPACITY", EXACTLY),
+        # else PX4 does not arm: it requires a landing, and none that is steeper
+        (math.nan if plan.stages[-1].command(LAND) else NO_LANDING, "", "MIS_TKO_LAND_REQ", AT_MOST),
+        (slope_deg, "", "FW_LND_ANG", AT_LEAST),
+    ]
+    found = []
+    for value, of_ardupilot, of_px4, bound in rows:
+        name = of_ardupilot if ardupilot else of_px4
+        if name and not math.isnan(value):
+            older, times = _OLDER.get(name, ("", 0.0))
+            found.append(AutopilotParameter(name, value, bound, older, times * value))
+    return found
+
+
+def landing_slope_deg(plan: Plan, cruise_altitude_m: float) -> float:
+    """Slope of a plan's final approach, up to a tenth [°]; no number where it does not land."""
+    if len(plan.stages) < 2 or not plan.stages[-1].command(LAND):
+        return math.nan
+    before, last = plan.stages[-2:]
+    highest = [plan.hull(i).hi for i in range(plan.path_count)]
+    from_m = cruise_altitude_m if before.altitude_m is None else before.altitude_m
+    length_m = math.dist(before.trigger_at(highest), last.trigger_at(highest))
+    return math.ceil(10 * math.degrees(math.atan2(from_m - (last.altitude_m or 0.0), length_m))) / 10
 
 
 def _ardupilot_text(parameters: Sequence[AutopilotParameter]) -> str:
@@ -72,7 +107,8 @@ def _ardupilot_text(parameters: Sequence[AutopilotParameter]) -> str:
 
 def _px4_text(parameters: Sequence[AutopilotParameter]) -> str:
     """As QGroundControl reads it: vehicle, component, name, value and type."""
-    rows = [f"1\t1\t{each.name}\t{each.value:.7g}\t{FLOAT}" for each in parameters]
+    typed = [(each, INT32 if each.name in _WHOLE else FLOAT) for each in parameters]
+    rows = [f"1\t1\t{each.name}\t{each.value:.7g}\t{kind}" for each, kind in typed]
     return "\n".join(["# Vehicle-Id Component-Id Name Value Type", *rows]) + "\n"
 
 

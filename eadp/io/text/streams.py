@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import errno
+import json
 import os
 import shutil
 import stat
@@ -14,7 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from eadp.errors import InputError
+from eadp.errors import InputError, printable
 
 LIMIT_BYTES = 20_000_000
 """Size limit of inputs by default: `EADP_LIMIT_BYTES` in the environment sets another."""
@@ -109,6 +110,9 @@ def output_file(path: str) -> Path:
     return Path(os.path.realpath(path))
 
 
+FILES = "files.json"
+"""In a folder that eadp wrote: the names of all its files, which are what is replaced."""
+
 _STREAMS = ("/dev", "/dev/fd", f"/proc/{os.getpid()}/fd", "/proc/self/fd")
 """Folders whose regular files are open streams."""
 _PREFIX = ".eadp."
@@ -159,12 +163,12 @@ def write_bytes(path: str, body: bytes) -> None:
 def new_folder(path: str, *, force: bool) -> Iterator[Path]:
     """A folder that appears under its name only when the block succeeds.
 
-    Yields a temporary sibling to fill; renames it at the end; removes it when the block raises.
+    Yields a temporary sibling to fill; lists its files, and renames it at the end; removes it when the block raises.
 
     Raises
     ------
     InputError
-        If the name is taken and `force` is not set, or the place cannot be written to.
+        As `check_new_folder`, or if the place cannot be written to.
     """
     check_new_folder(path, force=force)
     target = Path(os.path.realpath(path))
@@ -176,6 +180,9 @@ def new_folder(path: str, *, force: bool) -> Iterator[Path]:
         raise _unwritable(path, error) from None
     try:
         yield temporary
+        files = sorted(each.relative_to(temporary).as_posix() for each in temporary.rglob("*") if each.is_file())
+        (temporary / FILES).write_text(json.dumps([*files, FILES], indent=0) + "\n", encoding="utf-8")
+        check_new_folder(path, force=force)  # again: something may have come meanwhile
         if target.exists():
             _swap(temporary, target)
         else:
@@ -192,13 +199,42 @@ def check_new_folder(path: str, *, force: bool) -> None:
     Raises
     ------
     InputError
-        If something stands there and is not a folder, or is a folder and `force` is not set.
+        If something stands there and is not a folder, or is a folder and `force` is not set; with `force` if it has
+        anything that eadp did not write there, or the process is within it.
     """
     mode = _mode(path)
-    if mode is not None and not stat.S_ISDIR(mode):
+    if mode is None:
+        return
+    if not stat.S_ISDIR(mode):
         raise InputError.at(path, 1, 1, "is a file", "a folder")
-    if mode is not None and not force:
+    if not force:
         raise InputError.at(path, 1, 1, "exists already", "a new folder, or --force to replace it")
+    try:
+        if Path(os.path.realpath(path)) in (here := Path.cwd(), *here.parents):
+            raise InputError.at(path, 1, 1, "is the working folder, or holds it, and is not replaced", "another folder")
+        stranger = _stranger(Path(path))
+    except OSError as error:
+        raise _unwritable(path, error) from None
+    if stranger is not None:
+        message = f"holds {printable(stranger)}, which is no file of a result of eadp, and is not replaced"
+        raise InputError.at(path, 1, 1, message, f"a new folder, or one whose {FILES} lists all that it holds")
+
+
+def _stranger(folder: Path) -> str | None:
+    """The first name in a folder that its list of files does not have; no link is in it."""
+    try:
+        listed = json.loads(read_text(str(folder / FILES)).body)
+        files = {Path(name) for name in listed if isinstance(name, str)} if isinstance(listed, list) else set()
+    except (InputError, ValueError, RecursionError):
+        files = set()
+    folders = {parent for file in files for parent in file.parents}
+    for root, inner, names in os.walk(folder):
+        inner.sort()
+        for each in sorted(Path(root, name) for name in inner + names):
+            relative = each.relative_to(folder)
+            if each.is_symlink() or relative not in (folders if each.is_dir() else files):
+                return str(relative)
+    return None
 
 
 def _swap(new: Path, target: Path) -> None:

@@ -97,6 +97,10 @@ def test_what_is_refused(eadp, folders, tmp_path):
     assert refused(eadp("report", folders[0], folders[1], "--keep", "x", "-o", page), "no --keep beside several")
     page.write_text("mine")
     assert refused(eadp("report", *folders, "-o", page), "is no page of eadp")
+    assert refused(eadp("report", folders[0], "-o", page), "is no page of eadp")
+    page.rename(tmp_path / "thesis.svg")
+    assert refused(eadp("report", *folders, "-o", tmp_path / "thesis.html"), "is no picture of this page")
+    assert (tmp_path / "thesis.svg").read_text() == "mine"
     assert page.read_text() == "mine"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import os
 import sys
 
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from eadp.errors import InputError
 from eadp.io.text import streams
-from eadp.io.text.streams import LIMIT_BYTES, Text, check_new_folder, limit_bytes, new_folder, read_text, write_text
+from eadp.io.text.streams import FILES, LIMIT_BYTES, Text, check_new_folder, limit_bytes, new_folder, read_text, write_text
 
 unhurried = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -253,6 +254,7 @@ def test_a_folder_appears_when_the_block_has_ended(tmp_path):
         assert not target.exists()
         assert folder.parent == target.parent
     assert (target / "flight.csv").read_text() == "x"
+    assert json.loads((target / FILES).read_text()) == ["flight.csv", FILES]
     assert os.listdir(target.parent) == ["i"]
 
 
@@ -261,8 +263,8 @@ def test_a_folder_appears_when_the_block_has_ended(tmp_path):
 def test_a_block_that_raises_leaves_nothing(tmp_path, error, force):
     target = tmp_path / "i"
     if force:
-        target.mkdir()
-        (target / "old").write_text("old")
+        with new_folder(str(target), force=False) as folder:
+            (folder / "old").write_text("old")
 
     def block():
         with new_folder(str(target), force=force) as folder:
@@ -273,7 +275,7 @@ def test_a_block_that_raises_leaves_nothing(tmp_path, error, force):
         block()
     assert os.listdir(tmp_path) == (["i"] if force else [])
     if force:
-        assert os.listdir(target) == ["old"]
+        assert sorted(os.listdir(target)) == [FILES, "old"]
 
 
 def test_a_block_that_cannot_write_is_said(tmp_path):
@@ -289,15 +291,38 @@ def test_a_block_that_cannot_write_is_said(tmp_path):
 
 def test_a_taken_name_is_refused_or_replaced(tmp_path):
     target = tmp_path / "i"
-    target.mkdir()
-    (target / "old").write_text("old")
+    with new_folder(str(target), force=False) as folder:
+        (folder / "old").write_text("old")
     fault = fault_of(check_new_folder, str(target), force=False)
     assert (fault.message, fault.expected) == ("exists already", "a new folder, or --force to replace it")
     with new_folder(str(target), force=True) as folder:
         (folder / "new").write_text("new")
-        assert os.listdir(target) == ["old"], "until the block has ended"
-    assert os.listdir(target) == ["new"]
+        assert sorted(os.listdir(target)) == [FILES, "old"], "until the block has ended"
+    assert sorted(os.listdir(target)) == [FILES, "new"]
     assert os.listdir(tmp_path) == ["i"]
+
+
+@pytest.mark.parametrize("force", [False, True])
+def test_what_comes_while_a_folder_is_filled_is_not_replaced(tmp_path, force):
+    target = tmp_path / "i"
+
+    def block():
+        with new_folder(str(target), force=force) as folder:
+            (folder / "new").write_text("new")
+            target.mkdir()
+            (target / "mine").write_text("mine")
+
+    assert fault_of(block).message.startswith("holds mine, which is no file" if force else "exists already")
+    assert (os.listdir(tmp_path), os.listdir(target)) == (["i"], ["mine"])
+
+
+@pytest.mark.parametrize("text", ["[", "{}", "[1]", "[" * 10**5, '["sub/../../old"]', '["../old"]', "\0"])
+def test_a_damaged_list_of_files_protects_all(tmp_path, text):
+    (tmp_path / "old").write_text("old")
+    (tmp_path / "i").mkdir()
+    (tmp_path / "i" / FILES).write_text(text)
+    (tmp_path / "i/old").write_text("old")
+    assert fault_of(check_new_folder, str(tmp_path / "i"), force=True).message.startswith("holds ")
 
 
 def test_a_file_is_no_folder_even_by_force(tmp_path):
