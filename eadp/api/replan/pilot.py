@@ -9,13 +9,17 @@ from typing import Any
 from eadp.api.replan.replanner import Warn
 from eadp.errors import Fault
 from eadp.models.plan.plan import Plan
+from eadp.planning.base import INFEASIBLE
 from eadp.planning.state.flight_state import CELL_LOST
-from eadp.planning.track.live import KEPT, TAKE_OFF
+from eadp.planning.track.live import COMPLETED, KEPT, TAKE_OFF
 
 NOTICE, WARNING, CRITICAL = 5, 4, 2
 """MAVLink's severities of texts."""
 TEXT_CHARACTERS, NAME_CHARACTERS, MAX_TEXT = 50, 10, 200
 """Characters of a piece of a text, of a name, and of a text at most."""
+
+FEASIBLE_S = 10.0
+"""For how long a plan is feasible again before the pilot reads it [s]."""
 
 _NUMBERS = re.compile(r"[-+.\d]+")
 """Numbers in a text: texts that differ in them alone say the same thing."""
@@ -51,6 +55,7 @@ class Pilot:
         self._warned: set[str] = set()
         self._about = ""  # the parameters, and the reason without its numbers, of the last text of a decision
         self._path = tuple(parameters[: plan.path_count])  # last decided
+        self._infeasible_s: float | None = None  # when a plan was infeasible that is not known to be feasible again [s]
         self._texts = 0  # the number of the last text that was sent in pieces
 
     # --- warnings
@@ -79,10 +84,15 @@ class Pilot:
 
     # --- at the ground station
 
-    def decision(self, line: Mapping[str, Any], *, completes: bool) -> None:
-        """Send a decision's numbers to the ground station, and its reason as a text, if that says something new."""
+    def decision(self, line: Mapping[str, Any], *, completes: bool, flown: bool = True, returns: bool = False) -> None:
+        """Send a decision's numbers to the ground station, and its reason as a text, if that says something new.
+
+        While the mission is not `flown` its reasons are none of the flight. While the autopilot `returns`, the
+        parameters are not sent either. That a plan is feasible again is a text once it has been so for `FEASIBLE_S`.
+        """
         boot_ms = max(0, round(line["time_s"] * 1000)) % 2**32
-        shown = {p.label: p.shown(line["parameters"][p.name]) for p in self._plan.parameters}
+        parameters = () if returns else self._plan.parameters
+        shown = {p.label: p.shown(line["parameters"][p.name]) for p in parameters}
         shown |= {"soc_end": line["soc_end_forecast"], "p_done": line["completes_probability"]}
         for name, value in shown.items():
             if value is not None:
@@ -92,7 +102,13 @@ class Pilot:
         # where it does not start with their name
         about = repr(line["parameters"]) + _NUMBERS.sub("", line["reason"])
         path = self._new_path(line)
-        if (line["reason"] != KEPT or path) and about != self._about:
+        if INFEASIBLE in line["reason"]:
+            self._infeasible_s = line["time_s"]
+        elif self._infeasible_s is not None and flown and line["time_s"] - self._infeasible_s > FEASIBLE_S:
+            self._infeasible_s, self._about = None, ""
+            self.show("the plan is feasible again", NOTICE)
+        speaks = (flown and not returns) or line["reason"] == COMPLETED
+        if speaks and (line["reason"] != KEPT or path) and about != self._about:
             self._about = about
             has_path = not path or line["reason"].startswith(path.partition(" ")[0])
             text = line["reason"] if has_path else f"{path}: {line['reason']}"

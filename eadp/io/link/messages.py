@@ -16,6 +16,8 @@ Values = dict[str, Any]
 Fields = Mapping[str, Any]
 
 UNKNOWN_16, UNKNOWN = 65535, -1
+NO_MISSION = 1
+"""State of a mission that PX4 holds, and does not fly: it has refused it, or lacks its home position."""
 IN_AIR, ON_GROUND = (2, 3, 4), 1
 ARMED = 128
 """Flag of a heartbeat: motors are armed."""
@@ -29,6 +31,10 @@ NO_AUTOPILOT, NOT_AIRCRAFT = 8, (5, 6, 18, 26, 27, 30)
 ground station, computer, gimbal, ADS-B receiver, camera."""
 COPTERS, COPTER_MISSION, PLANE_MISSION, PX4_MISSION = (2, 3, 4, 13, 14, 15, 29, 35), 3, 10, (4, 4)
 """ArduPilot's types of copters, its modes AUTO of copters and of planes, and PX4's main mode AUTO, sub-mode MISSION."""
+COPTER_RETURNS, PLANE_RETURNS, PX4_RETURNS = (6, 21), (11, 21), (4, 5)
+"""The modes in which they fly home: RTL, SMART_RTL, QRTL; PX4's AUTO, RTL."""
+COPTER_GUIDED, PLANE_GUIDED, PX4_OFFBOARD = 4, 15, 6
+"""The modes in which a computer may fly the plan without a mission; PX4's is a main mode."""
 
 
 # what each message says, see `READERS`
@@ -79,16 +85,22 @@ def _wind(fields: Fields) -> Values:
 
 
 def _item(fields: Fields) -> Values:
-    """The number of the item that is flown to, and how many items there are; 0, of older autopilots, is unknown."""
-    count = fields.get("total", 0)
-    return {"item": fields["seq"], "item_count": None if count == 0 else count}
+    """The number of the item that is flown to, how many items there are, and whether the mission can be flown.
+
+    The number of items is None where an older autopilot does not say it, or none is held: ArduPilot's 0, PX4's 65535.
+    PX4 has no item for a moment after an upload: the one before it holds on.
+    """
+    count, state = fields.get("total", 0), fields.get("mission_state", 0)
+    found: Values = {"item_count": None if count in (0, UNKNOWN_16) else count}
+    found["valid"] = None if state == 0 or found["item_count"] is None else state != NO_MISSION
+    return found if fields["seq"] == UNKNOWN_16 else {"item": fields["seq"], **found}
 
 
 def _heartbeat(fields: Fields) -> Values:
-    """Whether motors are armed, the autopilot flies its mission, the system is active, and whether item 0 is home."""
+    """Whether motors are armed, what the autopilot flies, the system is active, and whether item 0 is home."""
     return {
         "armed": bool(fields["base_mode"] & ARMED),
-        "automatic": _flies_mission(fields),
+        **_mode(fields),
         "active": fields["system_status"] in ACTIVE,
         "home_is_item": fields["autopilot"] == ARDUPILOT,
     }
@@ -99,13 +111,19 @@ def is_autopilot(kind: str, fields: Fields) -> bool:
     return kind == "HEARTBEAT" and fields["autopilot"] != NO_AUTOPILOT and fields["type"] not in NOT_AIRCRAFT
 
 
-def _flies_mission(fields: Fields) -> bool:
-    """Whether the autopilot flies a mission by itself; False for an autopilot of unknown modes."""
-    mode = fields["custom_mode"]
+def _mode(fields: Fields) -> Values:
+    """Whether the autopilot flies a mission by itself, flies home, or obeys a computer; none for unknown modes."""
+    mode, copter = fields["custom_mode"], fields["type"] in COPTERS
     if fields["autopilot"] == PX4:
-        return (mode >> 16 & 255, mode >> 24 & 255) == PX4_MISSION
-    mission = COPTER_MISSION if fields["type"] in COPTERS else PLANE_MISSION
-    return bool(fields["autopilot"] == ARDUPILOT and mode == mission)
+        modes = mode >> 16 & 255, mode >> 24 & 255
+        return {"automatic": modes == PX4_MISSION, "returns": modes == PX4_RETURNS, "guided": modes[0] == PX4_OFFBOARD}
+    if fields["autopilot"] != ARDUPILOT:
+        return {"automatic": None}
+    return {
+        "automatic": mode == (COPTER_MISSION if copter else PLANE_MISSION),
+        "returns": mode in (COPTER_RETURNS if copter else PLANE_RETURNS),
+        "guided": mode == (COPTER_GUIDED if copter else PLANE_GUIDED),
+    }
 
 
 def _landed(fields: Fields) -> Values:
@@ -129,6 +147,11 @@ def _text(name: str | bytes) -> str:
     return (name if isinstance(name, str) else bytes(name).decode("ascii", "replace")).rstrip("\0")
 
 
+def _said(fields: Fields) -> Values:
+    """A text, or a piece of one: its number, 0 for a whole text, the number of the piece, and the text."""
+    return {"said": (fields.get("id", 0), fields.get("chunk_seq", 0), _text(fields["text"]))}
+
+
 def _answer(fields: Fields) -> Values:
     """The answer to a command: the command's number, and the result, 0 where it is accepted."""
     return {"answer": (fields["command"], fields["result"])}
@@ -149,6 +172,7 @@ READERS: dict[str, Callable[[Fields], Values]] = {
     "NAMED_VALUE_FLOAT": _named,
     "COMMAND_ACK": _answer,
     "PARAM_VALUE": _parameter,
+    "STATUSTEXT": _said,
 }
 """The messages that are read, and what each says."""
 
