@@ -95,7 +95,11 @@ class TelemetryLine(BaseModel):
     """the battery's voltage in volts"""
 
     flies_mission: bool | None = None
-    """true where an autopilot flies a mission laid out before, so that its end is certain"""
+    """true where an autopilot flies a mission laid out before, so that its end is certain; false where it holds,
+    returns, or a pilot flies"""
+
+    returns_home: bool | None = None
+    """true where the autopilot flies home"""
 
 
 KEYS = tuple(TelemetryLine.model_fields)
@@ -277,7 +281,7 @@ class TelemetryReader:
             drawn = self._battery.drain_per_as * 3600 * line.current_consumed_ah
             values["soc"] = max(self._battery.soc - drawn, 0.0)
         heading = None if line.heading_deg is None else heading_rad(line.heading_deg)
-        values["flies_mission"] = bool(line.flies_mission)
+        values["returns_home"] = bool(line.returns_home)
         parameters = {name: math.nan if value is None else value for name, value in (line.parameters or {}).items()}
         return Sample(**values, position_m=position, heading_rad=heading, parameters=parameters), faults
 

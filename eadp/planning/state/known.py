@@ -108,6 +108,10 @@ class Known(NamedTuple):
         Altitude and climbs, where the plan commands them.
     flown : FlownGround
         What has been seen.
+    returns_home : bool
+        Whether the aircraft flies home, and its plan no longer.
+    rejoins_at_start : bool or None
+        Where the plan that is taken up again is joined, see `Observation`.
     """
 
     time_s: float
@@ -124,6 +128,8 @@ class Known(NamedTuple):
     reach_std_m: float
     climb: Climb | None
     flown: FlownGround
+    returns_home: bool = False
+    rejoins_at_start: bool | None = None
 
     @property
     def soc(self) -> float:
