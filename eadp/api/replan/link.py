@@ -23,7 +23,7 @@ from eadp.io.link.mission import PROTOCOL, Outgoing
 from eadp.io.link.parameters import ParameterCheck
 from eadp.io.link.recorded import MISSION, TLOG, form_of, log_values
 from eadp.io.link.upload import HeldMission, Mapped, Noted, Output, Warned
-from eadp.io.mission.autopilot import wanted_parameters
+from eadp.io.mission.autopilot import read_parameters, wanted_parameters
 from eadp.io.mission.draft import MissionItem
 from eadp.io.mission.items import MappedItem, items_text, parse_items, read_items, same_items
 from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
@@ -169,7 +169,9 @@ class LinkFlight:
         if message.kind == "MISSION_CURRENT":
             self._count_items(values["item_count"], now_s)
         if self._check is not None and values.get("parameter") is not None:
-            self._check.take(*values["parameter"])
+            name, *number = values["parameter"]
+            if (value := self._check.take(name, *number)) is not None:
+                self._lines.autopilot[name] = value
         if values.get("answer") == (RETURN, ACCEPTED) and autopilot.was_commanded:
             self._may_return = False
             pilot.note("the autopilot returns")
@@ -197,8 +199,12 @@ class LinkFlight:
         autopilot.armed, autopilot.ardupilot = values["armed"], values["home_is_item"]
         if first and self._send is not None:
             known, vehicle = self._inputs.mission, self._inputs.world.vehicle
-            wanted = wanted_parameters(known.plan, vehicle, known.battery, ardupilot=autopilot.ardupilot)
-            self._check = ParameterCheck(wanted, as_bytes=not autopilot.ardupilot)
+            home_m = known.way_home and known.way_home.altitude_m
+            wanted = wanted_parameters(
+                known.plan, vehicle, known.battery, ardupilot=autopilot.ardupilot, home_altitude_m=home_m
+            )
+            read = read_parameters(wanted, ardupilot=autopilot.ardupilot)
+            self._check = ParameterCheck(read, as_bytes=not autopilot.ardupilot)
         if self._mission is not None:
             self._mission.ardupilot = autopilot.ardupilot
 
