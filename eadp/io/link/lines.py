@@ -183,8 +183,11 @@ class LineMaker:
         parameters: dict[str, float | None] = {
             name: value for name, (at_s, value) in self._parameters.items() if self._is_fresh(at_s)
         }
-        if self.items is not None:
-            line["flies_mission"] = True
+        automatic = self._value("automatic", ages=False)
+        if self.items is not None or (automatic is False and not self._value("guided", ages=False)):
+            line["flies_mission"] = automatic is not False
+        if self._value("returns", ages=False):
+            line["returns_home"] = True
         if item is not None:
             if item.first == item.last:
                 line["stages_started"] = item.first

@@ -32,6 +32,10 @@ NO_AUTOPILOT, NOT_AIRCRAFT = 8, (5, 6, 18, 26, 27, 30)
 ground station, computer, gimbal, ADS-B receiver, camera."""
 COPTERS, COPTER_MISSION, PLANE_MISSION, PX4_MISSION = (2, 3, 4, 13, 14, 15, 29, 35), 3, 10, (4, 4)
 """ArduPilot's types of copters, its modes AUTO of copters and of planes, and PX4's main mode AUTO, sub-mode MISSION."""
+COPTER_RETURNS, PLANE_RETURNS, PX4_RETURNS = (6, 21), (11, 21), (4, 5)
+"""The modes in which they fly home: RTL, SMART_RTL, QRTL; PX4's AUTO, RTL."""
+COPTER_GUIDED, PLANE_GUIDED, PX4_OFFBOARD = 4, 15, 6
+"""The modes in which a computer may fly the plan without a mission; PX4's is a main mode."""
 
 
 # what each message says, see `READERS`
@@ -88,10 +92,10 @@ def _item(fields: Fields) -> Values:
 
 
 def _heartbeat(fields: Fields) -> Values:
-    """Whether motors are armed, the autopilot flies its mission, the system is active, and whether item 0 is home."""
+    """Whether motors are armed, what the autopilot flies, the system is active, and whether item 0 is home."""
     return {
         "armed": bool(fields["base_mode"] & ARMED),
-        "automatic": _flies_mission(fields),
+        **_mode(fields),
         "active": fields["system_status"] in ACTIVE,
         "home_is_item": fields["autopilot"] == ARDUPILOT,
         "kind": KINDS.get(fields["autopilot"]),
@@ -103,13 +107,19 @@ def is_autopilot(kind: str, fields: Fields) -> bool:
     return kind == "HEARTBEAT" and fields["autopilot"] != NO_AUTOPILOT and fields["type"] not in NOT_AIRCRAFT
 
 
-def _flies_mission(fields: Fields) -> bool:
-    """Whether the autopilot flies a mission by itself; False for an autopilot of unknown modes."""
-    mode = fields["custom_mode"]
+def _mode(fields: Fields) -> Values:
+    """Whether the autopilot flies a mission by itself, flies home, or obeys a computer; none for unknown modes."""
+    mode, copter = fields["custom_mode"], fields["type"] in COPTERS
     if fields["autopilot"] == PX4:
-        return (mode >> 16 & 255, mode >> 24 & 255) == PX4_MISSION
-    mission = COPTER_MISSION if fields["type"] in COPTERS else PLANE_MISSION
-    return bool(fields["autopilot"] == ARDUPILOT and mode == mission)
+        modes = mode >> 16 & 255, mode >> 24 & 255
+        return {"automatic": modes == PX4_MISSION, "returns": modes == PX4_RETURNS, "guided": modes[0] == PX4_OFFBOARD}
+    if fields["autopilot"] != ARDUPILOT:
+        return {"automatic": None}
+    return {
+        "automatic": mode == (COPTER_MISSION if copter else PLANE_MISSION),
+        "returns": mode in (COPTER_RETURNS if copter else PLANE_RETURNS),
+        "guided": mode == (COPTER_GUIDED if copter else PLANE_GUIDED),
+    }
 
 
 def _landed(fields: Fields) -> Values:

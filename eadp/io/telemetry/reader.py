@@ -96,7 +96,11 @@ class TelemetryLine(BaseModel):
     """the battery's voltage in volts"""
 
     flies_mission: bool | None = None
-    """true where an autopilot flies a mission laid out before, so that its end is certain"""
+    """true where an autopilot flies a mission laid out before, so that its end is certain; false where it holds,
+    returns, or a pilot flies"""
+
+    returns_home: bool | None = None
+    """true where the autopilot flies home"""
 
     autopilot: dict[str, Finite | Literal["ardupilot", "px4"]] | None = None
     """the kind of the autopilot, ardupilot or px4, and its parameters by name, as in {"kind": "px4", "RTL_TYPE": 1}"""
@@ -281,7 +285,7 @@ class TelemetryReader:
             drawn = self._battery.drain_per_as * 3600 * line.current_consumed_ah
             values["soc"] = max(self._battery.soc - drawn, 0.0)
         heading = None if line.heading_deg is None else heading_rad(line.heading_deg)
-        values["flies_mission"] = bool(line.flies_mission)
+        values["returns_home"] = bool(line.returns_home)
         parameters = {name: math.nan if value is None else value for name, value in (line.parameters or {}).items()}
         values["autopilot"] = None if line.autopilot is None else _autopilot(line.autopilot)
         return Sample(**values, position_m=position, heading_rad=heading, parameters=parameters), faults

@@ -478,6 +478,10 @@ class Evaluator:
         flown = min(1.0, (known.time_s - known.since_s) / max(leg_s, 1e-9))
         if leg.distance_m <= 0:
             return 0.0
+        if known.rejoins_at_start:  # straight to its start
+            return 1.0 + math.dist(known.position_m, leg.start_m) / leg.distance_m
+        if known.rejoins_at_start is False:
+            return math.dist(known.position_m, leg.end_m) / leg.distance_m
         try:
             # the leg may be joined before its start, by up to the radius of the trigger of the stage before
             early_m = self.mission.plan.max_radius_m if known.stages_started > 1 else 0.0

@@ -335,7 +335,7 @@ class JointPlanner(Planner):
         """The decision and its reason, in words: what an infeasible plan lacks, else what changes, else "kept"."""
         evaluation, battery = plan.evaluation, self._mission.battery
         if not plan.solution.feasible:
-            since = f"infeasible since {self._infeasible_since_s:.1f} s: "
+            since = f"infeasible since {self._mission.clock_s + (self._infeasible_since_s or 0.0):.1f} s: "
             beyond_w = float(evaluation.limits.beyond_w[0])
             min_w = evaluation.evaluator.envelopes[int(evaluation.kinds[0])].powers_w[0]
             flown = "lowest" if self._power_w(evaluation, chosen) <= min_w + 1e-9 else "the same"

@@ -111,6 +111,10 @@ class Known(NamedTuple):
         What has been seen.
     autopilot : Autopilot
         That flies, as far as its parameters are known.
+    returns_home : bool
+        Whether the aircraft flies home, and its plan no longer.
+    rejoins_at_start : bool or None
+        Where the plan that is taken up again is joined, see `Observation`.
     """
 
     time_s: float
@@ -128,6 +132,8 @@ class Known(NamedTuple):
     climb: Climb | None
     flown: FlownGround
     autopilot: Autopilot = Autopilot()
+    returns_home: bool = False
+    rejoins_at_start: bool | None = None
 
     @property
     def soc(self) -> float:
