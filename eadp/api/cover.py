@@ -13,7 +13,7 @@ from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import load_flight
 from eadp.api.landing import Air, approach, climb_out, course_rad, landing_pose
 from eadp.api.profile import profile_of_scenario, read_profile
-from eadp.api.terrain import FLAT_M, HeightReport, Heights, TerrainOptions, TerrainTask, with_heights
+from eadp.api.terrain import FLAT_M, HOME_TEXT, HeightReport, Heights, TerrainOptions, TerrainTask, with_heights
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, velocity_mps
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
@@ -21,6 +21,7 @@ from eadp.core.geometry.geodesy import place_text, to_local_m
 from eadp.coverage.corridor import cover_corridor
 from eadp.coverage.cover import AUTO, DUBINS, PATTERNS, CoverageRequest, CoverageSolution, has_pattern
 from eadp.coverage.cover import cover as cover_field
+from eadp.coverage.heights import STEP_M, Samples
 from eadp.coverage.plan_builder import FieldComputations, PlanCommands, build_plan
 from eadp.coverage.report import CoverageReport
 from eadp.coverage.swaths import CLIMB_OUT_M, RADIUS_SHARE, SPACING_SHARE, CoverageLeg, MotionLimits
@@ -392,7 +393,10 @@ class CoveragePlan:
     def lines(self) -> list[str]:
         """A summary for people, line by line."""
         camera = [] if self.pictures is None else self.pictures.lines()
-        ground = [] if self.heights is None else HeightReport([self.heights], *self.on_ground).text()
+        home_m = self.plan.site.home_altitude_m
+        ground = [] if home_m is None else [HOME_TEXT.format(home_m)]
+        if self.heights is not None:
+            ground = HeightReport([self.heights], *self.on_ground).text()
         flight = [*self.report.text(), *self._landing_text()]
         return [*flight, *camera, *self._overlap_text(), *ground, *self._batteries_text()]
 
@@ -629,6 +633,17 @@ class CoverageTask:
             crosshatch=options.crosshatch,
         )
 
+    def _home_altitude_m(self, solution: CoverageSolution, heights: Heights | None) -> float | None:
+        """Altitude at which every straight way home is clear of ground and obstacles; None where the plan's is [m]."""
+        altitude_m, home_m, airspace = self.options.altitude_m, self.home_m, self.field.airspace
+        if home_m is None or altitude_m is None:
+            return None
+        if heights is not None:
+            return heights.home_altitude_m
+        points_m = Samples.of(solution.path(0.0).legs, STEP_M).points_m
+        clear_m = airspace.top_on_ways_m(points_m, home_m, STEP_M) + self.options.clearance_m
+        return math.ceil(clear_m) if clear_m > altitude_m else None
+
     def solution(self) -> CoverageSolution:
         """The quickest path found. Raises Infeasible."""
         if self.options.corridor_m is None:
@@ -672,6 +687,7 @@ class CoverageTask:
             site=_site(sited, covered, motion, self.home_m, self.vehicle)._replace(
                 camera=_survey_camera(pictures),
                 ground_m=None if heights is None else heights.profile.ground.zero_m,
+                home_altitude_m=self._home_altitude_m(flown, heights),
             ),
             altitude_m=altitude_m,
             commands=PlanCommands(on_and_off, takeoff, ending),

@@ -446,7 +446,10 @@ def _parameters(inputs: FlightInputs, path: str, name: str, warn: Warn) -> str:
     """The file of the autopilot's parameters, which are said, too."""
     ardupilot, text = PARAMETER_FILES[Path(path).suffix]
     mission = inputs.mission
-    found = wanted_parameters(mission.plan, inputs.world.vehicle, mission.battery, ardupilot=ardupilot)
+    home_m = mission.way_home and mission.way_home.altitude_m
+    found = wanted_parameters(
+        mission.plan, inputs.world.vehicle, mission.battery, ardupilot=ardupilot, home_altitude_m=home_m
+    )
     said = ", ".join(f"{each.name} {each.value:.6g}" for each in found)
     calibrated = calibrated_over_true(mission.plan.site, mission.vehicle)
     said += f"; airspeeds calibrated, {calibrated:.4f} of the true ones" if round(calibrated, 4) != 1 else ""

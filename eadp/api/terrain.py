@@ -15,7 +15,7 @@ from eadp.core.flight.following import RATE_SHARE, Climbing
 from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import Point
 from eadp.coverage.cover import AUTO, DUBINS, ZAMBONI, CoverageSolution
-from eadp.coverage.heights import Ground, HeightLimits, HeightProfile, low_approach, over_terrain
+from eadp.coverage.heights import STEP_M, Ground, HeightLimits, HeightProfile, low_approach, over_terrain
 from eadp.coverage.swaths import CoverageLeg, MotionLimits
 from eadp.errors import Infeasible, InputError
 from eadp.io.terrain.reader import read_terrain
@@ -32,6 +32,9 @@ FLAT_M = 1000.0
 
 RELIEF_POINTS, HOME_POINTS = 50, 25
 """Points in a row over a field whose relief is taken, and on a way home."""
+
+HOME_TEXT = "way home   clear of ground and obstacles at {:g} m (home.altitude_m, RTL_ALTITUDE)"
+"""What is said of the altitude of the way home."""
 
 WAYS_HOME = 200
 """Ways home that are tried, at least."""
@@ -141,11 +144,13 @@ class Heights(NamedTuple):
 
     @property
     def home_altitude_m(self) -> int:
-        """Altitude at which every straight way home is clear of the ground [m]."""
+        """Altitude at which every straight way home is clear of ground and obstacles [m]."""
         ground, points_m = self.profile.ground, self.profile.samples.points_m
+        top_m = ground.airspace.top_on_ways_m(points_m, self.home_m, STEP_M)
         ends_m = points_m[:: max(1, len(points_m) // WAYS_HOME)] - np.array(self.home_m)
         ways_m = np.array(self.home_m) + np.linspace(0, 1, HOME_POINTS)[:, None, None] * ends_m
-        return math.ceil(float(ground.heights_m(ways_m.reshape(-1, 2)).max()) + ground.limits.clearance_m)
+        highest_m = max(float(ground.heights_m(ways_m.reshape(-1, 2)).max()), top_m)
+        return math.ceil(highest_m + ground.limits.clearance_m)
 
 
 def with_heights(
@@ -204,7 +209,7 @@ class HeightReport(NamedTuple):
 
     @property
     def home_altitude_m(self) -> int:
-        """Altitude at which every straight way home is clear of the ground [m]."""
+        """Altitude at which every straight way home is clear of ground and obstacles [m]."""
         return max(each.home_altitude_m for each in self.flights)
 
     def document(self) -> dict[str, Any]:
@@ -263,7 +268,7 @@ class HeightReport(NamedTuple):
             least, mean, most = (100 * share for share in shares)
             said.append(f"overlap {least:.0f} to {most:.0f} %, mean {mean:.0f} %")
         lines += [f"on ground  {'; '.join(said)}"] if said else []
-        return [*lines, f"way home   above the ground at {values['home_altitude_m']} m (home.altitude_m, RTL_ALTITUDE)"]
+        return [*lines, HOME_TEXT.format(values["home_altitude_m"])]
 
 
 def _range(values: FloatArray) -> list[float]:

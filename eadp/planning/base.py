@@ -69,6 +69,8 @@ class Sample(NamedTuple):
         Altitude above the place of take-off [m].
     voltage_v : float or None
         The battery's voltage [V].
+    autopilot : Autopilot or None
+        The autopilot and its parameters, where they are read anew.
     """
 
     time_s: float
@@ -87,6 +89,7 @@ class Sample(NamedTuple):
     returns_home: bool = False
     altitude_m: float | None = None
     voltage_v: float | None = None
+    autopilot: Autopilot | None = None
 
     @property
     def reading(self) -> tuple[object, ...]:

@@ -56,6 +56,8 @@ class LineMaker:
     ----------
     items : list of MappedItem or None
         As given; who holds the LineMaker replaces it where the autopilot has another mission.
+    autopilot : dict
+        Values of the autopilot's parameters that are read, by name.
     decided : tuple of float or None
         The path parameters decided, where the mission has them or is about to get them: an item that has others is not
         taken as a pilot's refusal of them. Else None.
@@ -82,6 +84,8 @@ class LineMaker:
         self._home_is_item = False  # whether the autopilot's item 0 is home
         self._gauged = self.flown = False  # `_gauged`: whether the charge drawn was ever reported
         self.restarts = 0
+        self.autopilot: dict[str, float] = {}
+        self._said: dict[str, Any] = {}  # of the autopilot, in the last line that has it
         self.decided: tuple[float, ...] | None = None
         self._reached = -1  # the number of the item reached last
         self._speed_mps = 0.0  # the last ground speed
@@ -214,6 +218,9 @@ class LineMaker:
             parameters |= dict(zip(self._plan.names, path, strict=False))
         if parameters:
             line["parameters"] = parameters
+        kind = self._value("kind", ages=False)
+        if kind is not None and (own := {"kind": kind, **self.autopilot}) != self._said:
+            line["autopilot"] = self._said = own
         return line
 
     def _charge(self) -> dict[str, Any]:

@@ -50,6 +50,7 @@ _HEADERS = (
     "hole",
     "swath",
     "home",
+    "home-altitude",
     "rally",
     "avoid",
     "inside",
@@ -457,6 +458,7 @@ class _Reader:
             made_for=self._of("made-for", _made_for),
             camera=self._of("camera", _camera),
             ground_m=self._of("ground", lambda text: _numbers(text, 1, "metres above the sea, like 120")[0]),
+            home_altitude_m=self._of("home-altitude", lambda text: _numbers(text, 1, "metres, like 120")[0]),
             rally=self._of("rally", _rally) or (),
         )
 

@@ -105,6 +105,8 @@ class Site(NamedTuple):
     camera : SurveyCamera or None
     ground_m : float or None
         Height of the ground above the sea where altitudes are 0 [m], of a plan that follows the ground.
+    home_altitude_m : float or None
+        Altitude at which a straight way home is clear of ground and obstacles, from anywhere on the plan [m].
     rally : tuple of (float, float, float)
         Where an autopilot may return to instead of home, and the altitude above home there [m].
     height_m : float or None
@@ -120,6 +122,7 @@ class Site(NamedTuple):
     made_for: MadeFor | None = None
     camera: SurveyCamera | None = None
     ground_m: float | None = None
+    home_altitude_m: float | None = None
     rally: tuple[tuple[float, float, float], ...] = ()
     height_m: float | None = None
 

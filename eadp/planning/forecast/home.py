@@ -1,4 +1,4 @@
-"""The way home: a turn and a straight line, with the computations of minimum power."""
+"""The way home: a turn, straight lines and what ends it, with the computations of minimum power."""
 
 from __future__ import annotations
 
@@ -10,18 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.flight.battery import drain_per_s
-from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.curves import Point
-from eadp.models.airspace import HOME_RADII, WayHome
 from eadp.models.plan.legs import leg_points
 from eadp.planning.forecast.evaluate import Evaluation
 from eadp.planning.forecast.final_charge import LOSS, FinalCharge
+from eadp.planning.forecast.homeward import Homeward, after_leg
 from eadp.planning.forecast.knapsack import Filling
 from eadp.planning.state.charge import after_drain
-from eadp.planning.state.known import Known
-
-AT_HOME_M = 1.0
-"""Distance at which the aircraft is at home [m]."""
 
 MIN_STEP_M, STEPS = 20.0, 500
 """Points of a route at which the way home is forecast: their least distance [m], and about how many at most."""
@@ -29,9 +24,6 @@ MIN_STEP_M, STEPS = 20.0, 500
 
 def home_spare(evaluation: Evaluation, place: int, flown_s: float = 0.0, flown_j: float = 0.0) -> float | None:
     """Charge above the reserve after a flight home from here, with the reserve's probability; None without a home.
-
-    The way is a whole turn and straight lines, with the least power of the motion and of the computations, and the
-    energy of a climb to its altitude.
 
     Parameters
     ----------
@@ -41,32 +33,34 @@ def home_spare(evaluation: Evaluation, place: int, flown_s: float = 0.0, flown_j
     flown_s, flown_j : float
         Time [s] and energy [J] that are forecast to the position and charge known, for their deviations.
     """
-    way_home = evaluation.evaluator.mission.way_home
-    if way_home is None:
+    way = _way(evaluation, place)
+    if way is None:
         return None
-    seconds = _seconds_home(way_home, evaluation.known)
-    if not math.isfinite(seconds):
-        return -math.inf
-    # energy of the climb to the altitude of the way home
-    known, mission = evaluation.known, evaluation.evaluator.mission
-    here_m = mission.vehicle.cruise_altitude_m if known.climb is None else known.climb.altitude_m
-    to_m = here_m if way_home.altitude_m is None else way_home.altitude_m
-    return _spare(evaluation, place, seconds, flown_s, flown_j, max(to_m - here_m, 0.0) * known.motion.climb_j_per_m)
+    return _spare(evaluation, place, way, flown_s, flown_j) if math.isfinite(way.seconds) else -math.inf
 
 
-def _spare(
-    evaluation: Evaluation, place: int, seconds: float, flown_s: float, flown_j: float, climb_j: float = 0.0
-) -> float:
-    """Charge above the reserve, with the reserve's probability, after `seconds` from here at the least power.
+def _way(evaluation: Evaluation, place: int) -> Homeward | None:
+    """The way home from where an evaluation starts; None without a home."""
+    least_w = float(evaluation.load.min_w[evaluation.legs.place == place].min())
+    return evaluation.evaluator.homeward(evaluation.known, least_w)
+
+
+def _spare(evaluation: Evaluation, place: int, way: Homeward, flown_s: float, flown_j: float) -> float:
+    """Charge above the reserve, with the reserve's probability, after a way from here.
 
     The standard deviation is that of the whole flight: `flown_s` and `flown_j` are time and energy up to here.
     """
-    evaluator, known = evaluation.evaluator, evaluation.known
-    objective, battery = evaluator.objective, evaluator.mission.battery
-    # the charge after it
-    mine = evaluation.legs.place == place
-    power_w = float(evaluation.load.motion_w[mine].min()) + float(evaluation.load.min_w[mine].min())
-    power_w += climb_j / seconds if seconds > 0 else 0.0
+    final = _final_charge(evaluation, place, way, flown_s, flown_j)
+    objective = evaluation.evaluator.objective
+    return float(final.level(objective.probability) - objective.reserve_soc)
+
+
+def _final_charge(
+    evaluation: Evaluation, place: int, way: Homeward, flown_s: float = 0.0, flown_j: float = 0.0
+) -> FinalCharge:
+    """State of charge after a way from here, see `_spare`."""
+    evaluator, known, (seconds, power_w) = evaluation.evaluator, evaluation.known, way
+    battery = evaluator.mission.battery
     volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
     drain = float(drain_per_s(power_w, volts, battery.resistance_ohm, battery.drain_per_as)) * seconds
     then = after_drain(known.charge.filtered, drain)
@@ -83,23 +77,7 @@ def _spare(
         soc_per_j=evaluation.totals.soc_per_j[place],
     )
     soc = then.soc - losses * LOSS
-    std = float(evaluator.charge_std(known, totals, soc))
-    return float(FinalCharge(std, means=(soc,)).level(objective.probability) - objective.reserve_soc)
-
-
-def _seconds_home(way_home: WayHome, known: Known) -> float:
-    """Time of a whole turn and the straight lines home [s]; 0 at home, infinite against too strong a wind."""
-    corners = np.array([known.position_m, *way_home.line(known.position_m)])
-    lines = np.diff(corners, axis=0)
-    lengths_m = np.linalg.norm(lines, axis=1)
-    lines, lengths_m = lines[lengths_m >= AT_HOME_M], lengths_m[lengths_m >= AT_HOME_M]
-    if not len(lengths_m):
-        return 0.0
-    speed, (course_x, course_y) = known.airspeed_mps, (lines / lengths_m[:, None]).T
-    ground_mps, _ = ground_speeds_mps(course_x, course_y, speed, known.wind.mps)
-    if (ground_mps <= 0).any():
-        return math.inf
-    return float((lengths_m / ground_mps).sum()) + 2 * math.pi * HOME_RADII * way_home.turn_radius_m / speed
+    return FinalCharge(float(evaluator.charge_std(known, totals, soc)), means=(soc,))
 
 
 class Reach(NamedTuple):
@@ -136,7 +114,8 @@ def reach(evaluation: Evaluation, place: int, filling: Filling) -> Reach | None:
     filling : Filling
         Computations planned.
     """
-    return _last_point(evaluation, place, filling, lambda there, *flown: _spare(there, place, 0.0, *flown))
+    here = Homeward(0.0, 0.0)
+    return _last_point(evaluation, place, filling, lambda there, *flown: _spare(there, place, here, *flown))
 
 
 def _last_point(
@@ -168,7 +147,7 @@ def _last_point(
             if filtered.soc <= 0:
                 return last
             position = point.x_m, point.y_m
-            there = known._replace(position_m=position, charge=known.charge._replace(filtered=filtered))
+            there = after_leg(known, leg)._replace(position_m=position, charge=known.charge._replace(filtered=filtered))
             if spare(replace(evaluation, known=there), flown_s, flown_j) >= 0:
                 last = Reach(known.time_s + flown_s, position, flown_m / total_m, flown_j / total_j)
     return last

@@ -64,6 +64,8 @@ class FlightState:
     ----------
     reached_s : float
         When the flight has reached its plan, after a take-off [s].
+    autopilot : Autopilot
+        That flies; whoever reads its parameters in flight replaces it.
     """
 
     def __init__(
@@ -101,7 +103,7 @@ class FlightState:
         self._voltage = VoltageWatch(battery)
         self._climb = ClimbFollower.of(mission)
         self._last_s: float | None = None  # of the last reading that the filters have taken
-        self.reached_s = 0.0
+        self.reached_s, self.autopilot = 0.0, mission.autopilot
         self._altitude_m: float | None = None  # as measured at the last observation
 
     # --- readings in
@@ -421,6 +423,7 @@ class FlightState:
             reach_std_m=0.0 if place.flies_mission else place.reach_std_m,
             climb=None if self._climb is None else self._climb.climb,
             flown=self._ground.until(time_s),
+            autopilot=self.autopilot,
             returns_home=place.returns_home,
             rejoins_at_start=place.rejoins_at_start,
         )

@@ -17,6 +17,7 @@ import numpy as np
 
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, printable
+from eadp.models.autopilot import Autopilot
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.legs import rest_of
 from eadp.models.plan.route import PlannedLegs, RoutePredictor
@@ -133,6 +134,15 @@ class LiveFlight:
         self._next_s = -math.inf
         self._empty = False  # whether there has been advice that the battery is empty
         self.forecast_completes = False
+
+    def know(self, autopilot: Autopilot) -> None:
+        """Take what is read of the autopilot; what the mission states of one of its kind stays where nothing is."""
+        stated = self._mission.autopilot
+        if stated.kind == autopilot.kind:
+            autopilot = replace(autopilot, parameters={**stated.parameters, **autopilot.parameters})
+        self._mission = replace(self._mission, autopilot=autopilot)
+        if self._flight is not None:
+            self._flight.state.autopilot = autopilot
 
     def rest(self) -> PlannedLegs | None:
         """The legs that are left at the parameters decided, from the last known position on; None where it is unknown.
