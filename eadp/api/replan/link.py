@@ -24,7 +24,6 @@ from eadp.io.link.parameters import ParameterCheck
 from eadp.io.link.recorded import MISSION, TLOG, form_of, log_values
 from eadp.io.link.upload import HeldMission, Holds, Mapped, Noted, Output, Warned
 from eadp.io.mission.autopilot import read_parameters, speed_limits, wanted_parameters
-from eadp.io.mission.draft import MissionItem
 from eadp.io.mission.items import MappedItem, items_text, parse_items, read_items, same_items
 from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
 from eadp.io.telemetry.reader import numbered_lines, open_telemetry
