@@ -9,6 +9,7 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeVar
@@ -16,7 +17,9 @@ from typing import TypeVar
 from eadp.core.expressions.reader import read_expression, read_expressions
 from eadp.core.expressions.tree import FUNCTIONS, Expression, constant, difference, number_text, substituted, total
 from eadp.core.geometry.curves import Point
+from eadp.core.geometry.geodesy import FARTHEST_M
 from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, printable, refuse
+from eadp.io.plan.parameters import parameters_of
 from eadp.io.plan.writer import point_text
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
@@ -178,7 +181,22 @@ class _Reader:
         refuse(self._faults)
         plan = self._assembled()
         refuse(self._faults)
+        self._check_place(plan)
+        refuse(self._faults)
         return plan, self._findings
+
+    def _check_place(self, plan: Plan) -> None:
+        """Refuse a plan that is far from where its header says, as with coordinates of a grid."""
+        if plan.site.origin_deg is None:
+            return
+        places = [place for place in (plan.site.home_m, plan.site.start_m) if place is not None]
+        with suppress(PathUndefined):  # which is found where it is flown
+            places += [stage.trigger_at(parameters_of(plan, ())) for stage in plan.stages]
+        far = next((place for place in places if math.hypot(*place) > FARTHEST_M), None)
+        if far is not None:
+            message = f"the plan reaches {math.hypot(*far) / 1000:.0f} km from there, as at ({far[0]:g}, {far[1]:g}) m"
+            expected = f"metres from it, at most {FARTHEST_M / 1000:g} km"
+            self._fault(self._headers["origin"], 0, message, expected)
 
     def _unnumbered(self, number: int, raw: str) -> _Line | None:
         """The line without its printed number; comments become headers or nothing."""

@@ -503,9 +503,15 @@ words = st.from_regex(r"[A-Za-z][A-Za-z0-9_]{0,8}", fullmatch=True)
 units = st.one_of(st.just(""), st.from_regex(r"[a-z/%0-9]{1,4}", fullmatch=True))
 
 
+near = st.floats(-7e4, 7e4)
+"""Coordinates of a plan with an origin [m]."""
+
+
 @st.composite
 def plans(draw):
     count = draw(st.integers(1, 4))
+    origin = draw(st.one_of(st.none(), st.tuples(st.floats(-90, 90), st.floats(-180, 180))))
+    metres = numbers if origin is None else near
     per_stage = draw(st.integers(0, 4))
     texts = [draw(paths) for _ in range(count)]
     path_count = max(read_expression(text).max_parameter for text in texts)
@@ -523,7 +529,7 @@ def plans(draw):
             abs(draw(numbers)),
             draw(st.sampled_from([90, 270])),
             read_expression(text),
-            (constant(draw(numbers)), constant(draw(numbers))),
+            (constant(draw(metres)), constant(draw(metres))),
             tuple(draw(boxes) for _ in range(per_stage)),
             radius_m=draw(st.one_of(st.none(), st.floats(1e-3, 1e6))),
         )
@@ -537,7 +543,7 @@ def plans(draw):
         computations,
         trigger_radius_m=draw(st.one_of(st.just(20.0), st.floats(1e-3, 1e6))),
         min_radius_m=draw(st.one_of(st.none(), st.floats(1e-3, 1e6))),
-        site=Site(draw(st.one_of(st.none(), st.tuples(st.floats(-90, 90), st.floats(-180, 180))))),
+        site=Site(origin),
         header_shift=shift and (constant(shift[0]), constant(shift[1])),
     )
 
