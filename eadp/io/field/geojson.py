@@ -37,7 +37,7 @@ _OUTLINES = "outlines"
 
 _A_POLYGON = "a Polygon, or a Feature or FeatureCollection with one"
 
-_ASSIGNED = re.compile(r"\s*(?:var|let|const|export default)?\s*[\w.$]{1,80}\s*=\s*(?=\{)")
+_ASSIGNED = re.compile(r"\s*+(?:var|let|const|export default)?\s*+[\w.$]{1,80}\s*+=\s*+(?=\{)")
 _POSITION = "longitude, latitude and perhaps altitude, or x and y in metres"
 
 

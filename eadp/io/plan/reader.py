@@ -65,7 +65,7 @@ _RING_HEADERS, _LIMIT_HEADERS = ("field", "hole"), ("avoid", "inside")
 more than once."""
 _CORNER = re.compile(r"{0},{0}\Z".format(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"))
 _HEIGHT = re.compile(r"(?:^|\s)height\s+(\S+)\Z")
-_MADE_FOR = re.compile(r"(.*?)\s*airspeed\s+(\S+)\s+wind\s+(\S+?),?\s+(\S+)\Z")
+_MADE_FOR = re.compile(r"(.*?) ?airspeed (\S+) wind (\S+?),? (\S+)\Z")
 _CAMERA = re.compile(r"(.*?) ?\baltitude (\S+)(?: gsd (\S+))?\Z")
 _STAGE_HEADERS = ("altitude", "airspeed", "command")
 """Headers of the stages after them, which may stand more than once."""
@@ -250,7 +250,8 @@ class _Reader:
         """Whether the segment whose sections start on a line ends on a condition: its `trig:` holds a >=."""
         section = ""
         for raw in self._source.lines[number:]:
-            text = _NUMBERED.sub("", raw, count=1)
+            numbered = _NUMBERED.match(raw)
+            text = raw[numbered.end() :] if numbered else raw
             if match := _SECTION.match(text):
                 if match[1] == "init":
                     return False
@@ -898,7 +899,7 @@ def _rally(text: str) -> tuple[tuple[float, float, float], ...]:
 
 
 def _made_for(text: str) -> MadeFor:
-    found = _MADE_FOR.match(text.strip())
+    found = _MADE_FOR.match(" ".join(text.split()))  # of runs of blanks each would be tried from everywhere
     try:
         numbers = [float(word) for word in found.groups()[1:]] if found else []
     except ValueError:
@@ -909,7 +910,7 @@ def _made_for(text: str) -> MadeFor:
 
 
 def _camera(text: str) -> SurveyCamera:
-    found = _CAMERA.match(" ".join(text.split()))  # of runs of blanks each would be tried from everywhere
+    found = _CAMERA.match(" ".join(text.split()))
     try:
         altitude_m, gsd_cm = (None if word is None else float(word) for word in found.groups()[1:]) if found else (0, 0)
     except ValueError:

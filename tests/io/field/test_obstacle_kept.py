@@ -230,7 +230,7 @@ def test_a_hole_without_an_area_is_an_obstacle(hole):
     assert (mast.name, mast.height_m, field.holes) == ("hole", None, ())
     assert notes == ["1 obstacle without an area kept, with what lies within 10 m"]
     small = json.dumps({"type": "Polygon", "coordinates": [[(10, 20), (10.01, 20), (10, 20.01)]]})
-    with pytest.raises(InputError, match="an obstacle of 0.01 m by 0.01 m, if these are metres and not degrees"):
+    with pytest.raises(InputError, match=r"an obstacle of 0.01 m by 0.01 m, if these are metres and not degrees"):
         read_zones(Text("z", small), None, metres=True)
     assert all(Polygon(mast.outline).contains(Point(place).buffer(0.999 * THIN_M)) for place in hole)
 

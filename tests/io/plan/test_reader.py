@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import replace
 
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import constant
 from eadp.errors import InputError
+from eadp.io.mission.reader import PlanReader
 from eadp.io.plan.reader import LIMIT_CHARACTERS, LIMIT_STAGES, read_plan
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text, read_text
@@ -561,6 +563,21 @@ def test_canonical_text_of_the_longest_path_can_be_read():
 
 
 # --- every fault at once ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\n" * 200_000 + TWO,
+        "init:\nn = 1\n" + " " * 200_000 + "\n",
+        "%: made-for a" + " " * 200_000 + "b\n" + TWO,
+    ],
+    ids=["blank lines", "a blank line", "made-for"],
+)
+def test_blanks_take_time_with_their_number(text):
+    """Each would take a minute or more where time grew with the square of the number."""
+    with contextlib.suppress(InputError):
+        PlanReader()(Text("p", text))
 
 
 def test_all_the_faults_of_a_file_first_by_line():
