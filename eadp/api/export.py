@@ -31,7 +31,6 @@ from eadp.io.mission.items import items_text, mapped_items
 from eadp.io.mission.path import PlannedPath, Section, planned_sections
 from eadp.io.mission.reader import read_rally
 from eadp.io.mission.rules import ENDS_REQUIRED, check_landing, lacking_ends
-from eadp.io.mission.survey import check_survey, survey_lines
 from eadp.io.plan.parameters import parameters_of
 from eadp.io.scenario.scenario_file import override_texts, read_overrides, read_scenario
 from eadp.io.terrain.reader import read_terrain
@@ -131,9 +130,6 @@ class ExportOptions(PlaceOptions, PartOptions):
 
     min_radius_m: float | None = None
     """Turning radius of a mission's turns [m]."""
-
-    survey: bool = False
-    """Write the lines over the field as one survey of QGroundControl, which can be edited there."""
 
     force: bool = False
     """Write a mission that is forecast to enter an obstacle or to leave its boundary."""
@@ -329,7 +325,7 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
         where = (name, "") if options.origin_deg is None else ("--origin", str(options.origin_deg))
         message = f"the path reaches {far_m / 1000:.0f} km from the origin, {place_text(place)}"
         raise _fault(*where, message, f"metres from the origin, at most {FARTHEST_M / 1000:g} km")
-    path = PlannedPath(
+    return PlannedPath(
         name=(plan.site.field.name if plan.site.field else "") or printable(name.rpartition("/")[2]),
         sections=sections,
         origin_deg=place,
@@ -344,16 +340,9 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
         ground=_ground(plan, name, to, options, sections, home_deg),
         zero_m=plan.site.ground_m,
         rally=rally,
-        surveyed=_surveyed(plan, to, warn, name) if options.survey else (),
         calibrated=calibrated_over_true(plan.site, airframe),
         height_m=plan.site.above_sea_m or 0.0,
     )
-    if path.surveyed:
-        try:
-            survey_lines(path, path.surveyed)
-        except Infeasible as error:
-            raise _fault("--survey", "", str(error), "the plan of a field") from None
-    return path
 
 
 def _autopilot(to: str, options: ExportOptions) -> Autopilot:
@@ -393,27 +382,6 @@ def _landed(given: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
         return with_landing(plan, final, plan.min_radius_m or airframe.turn_radius_m, (LAND, *(0.0,) * 7))
     except Infeasible as error:
         raise _fault("--landing", str(raw), str(error), "eadp cover --landing, which plans for it") from None
-
-
-def _surveyed(plan: Plan, to: str, warn: Warn, name: str) -> tuple[Point, ...]:
-    """The outline of the field that is exported as a survey; what that costs is said."""
-    if to not in ("qgc", "px4"):
-        raise _fault("--survey", "", f"the format {to} has no surveys", "--to qgc, or px4")
-    if plan.site.ground_m is not None and len({stage.altitude_m for stage in plan.stages}) > 1:
-        raise _fault(
-            "--survey",
-            "",
-            "a survey has one altitude, and the plan follows the ground",
-            "no --survey, or a plan without --terrain",
-        )
-    try:
-        check_survey(plan)
-    except Infeasible as error:
-        raise _fault("--survey", "", str(error), "lines in an order over one polygon") from None
-    message = "once the survey is edited, QGroundControl lays its lines anew, evenly and in turn: forecast that mission"
-    warn([Fault(name, 1, 1, message, severity="note")])
-    assert plan.site.field is not None
-    return plan.site.field.outline
 
 
 def _ends_text(path: PlannedPath, items: Sequence[MissionItem]) -> str:

@@ -394,7 +394,6 @@ def test_what_cannot_be_exported_above_ground(eadp, slope, tmp_path):
     eadp("cover", field, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain, "-o", plan)
     refused(eadp("export", plan, "--to", "qgc", "--altitudes", "terrain"), "follows a ground that is not known")
     refused(eadp("export", plan, "--to", "px4", "--altitudes", "terrain"), "px4 has no altitudes above ground")
-    refused(eadp("export", plan, "--to", "qgc", "--survey"), "a survey has one altitude")
     answer = eadp("export", plan, "--to", "qgc", "--home", "55.501,10.501")
     assert "the ground at the plan's home or start" in answer.err
     # over flat ground an altitude above home is one above ground

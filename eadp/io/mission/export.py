@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -25,7 +24,6 @@ from eadp.io.mission.maps import geojson_text, gpx_text, kml_text
 from eadp.io.mission.paparazzi import paparazzi_text
 from eadp.io.mission.path import PlannedPath, Section
 from eadp.io.mission.qgc import ARDUPILOT, PX4, qgc_text
-from eadp.io.mission.survey import survey_item, survey_lines, survey_span
 from eadp.io.mission.wpl import fence_text, rally_text, wpl_text
 from eadp.plug_ins import plug_in
 
@@ -276,18 +274,15 @@ def _rally(path: PlannedPath) -> list[Place]:
 
 
 def _qgc(path: PlannedPath, firmware: int) -> str:
-    """The plan of QGroundControl, its lines as one item where the path is surveyed."""
-    items, survey, ground = mission_items(path, px4=firmware == PX4), None, None
+    """The plan of QGroundControl."""
+    items, ground = mission_items(path, px4=firmware == PX4), None
     if (above_zero := path.ground) is not None and (zero_m := path.zero_m) is not None:
 
         def ground(latitude: float, longitude: float) -> float:
             return zero_m + float(above_zero(np.array([to_local_m(latitude, longitude, path.origin_deg)]))[0])
 
-    if path.surveyed:
-        lines = survey_lines(path, path.surveyed)
-        survey = (*survey_span(items, lines), partial(survey_item, path, path.surveyed, lines))
     fences, rally = _fences(path), _rally(path)
-    return qgc_text(items, path.home, path.airspeed_mps, fences, firmware, rally, survey, ground, path.height_m)
+    return qgc_text(items, path.home, path.airspeed_mps, fences, firmware, rally, ground, path.height_m)
 
 
 FENCED = ("qgc", "ardupilot", "px4")

@@ -97,7 +97,7 @@ class PlannedPath:
     the aircraft takes off and returns to, None without; `climb_deg` is the pitch of the take-off [°]. `ground` has the
     height of the ground at points, shape (n, 2), above the altitude 0 [m], where altitudes are written above it, and
     `zero_m` is that altitude above the sea [m], where it is known: of a plan over terrain.
-    `rally` are places to rally, with their altitudes above home [m]; `surveyed` is the field whose lines are one item.
+    `rally` are places to rally, with their altitudes above home [m].
     Airspeeds are true; `calibrated` is what an autopilot holds over them. `height_m` is home's above the sea, or 0.
     """
 
@@ -115,7 +115,6 @@ class PlannedPath:
     ground: Callable[[FloatArray], FloatArray] | None = None
     zero_m: float | None = None
     rally: tuple[tuple[float, float, float], ...] = ()
-    surveyed: tuple[Point, ...] = ()
     calibrated: float = 1.0
     height_m: float = 0.0
 

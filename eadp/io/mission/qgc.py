@@ -288,14 +288,13 @@ def qgc_text(
     fences: Sequence[Fence] = (),
     firmware: int = ARDUPILOT,
     rally: Sequence[Place] = (),
-    survey: tuple[int, int, Callable[[list[dict[str, Any]]], dict[str, Any]]] | None = None,
     ground: Callable[[float, float], float] | None = None,
     home_m: float = 0.0,
 ) -> str:
     """The file of a mission of a fixed wing; of ArduPilot, with a landing as the pattern that can be edited.
 
-    `survey` is the span of the items that a complex item has, and what makes it of them; `ground` has heights above the
-    sea at latitudes and longitudes [m], where items are above it, and `home_m` is that of home, 0 if not known.
+    `ground` has heights above the sea at latitudes and longitudes [m], where items are above it, and `home_m` is that of
+    home, 0 if not known.
 
     MAVSDK, which sends plans to PX4, refuses a pattern. There it is the same items, which QGroundControl makes one of.
     """
@@ -318,9 +317,6 @@ def qgc_text(
             above_sea_m = parameters[6] + ground(*parameters[4:6]) if ground and frame == TERRAIN else None
             item |= {"AMSLAltAboveTerrain": above_sea_m, "Altitude": parameters[6], "AltitudeMode": MODES[frame]}
         written.append(item)
-    if survey is not None:
-        start, end, joined = survey
-        written[start:end] = [joined(written[start:end])]
     if lands and not pattern and items[-2].command == WAYPOINT:
         written[-2]["params"][3] = None
     if pattern:
