@@ -293,8 +293,8 @@ def qgc_text(
 ) -> str:
     """The file of a mission of a fixed wing; of ArduPilot, with a landing as the pattern that can be edited.
 
-    `ground` has heights above the sea at latitudes and longitudes [m], where items are above it, and `home_m` is that of
-    home, 0 if not known.
+    `ground` has heights above the sea at latitudes and longitudes [m], where items are above it, and `home_m` is that
+    of home, 0 if not known.
 
     MAVSDK, which sends plans to PX4, refuses a pattern. There it is the same items, which QGroundControl makes one of.
     """
