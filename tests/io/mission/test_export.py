@@ -231,7 +231,7 @@ def test_px4_ends_pictures_beyond_the_line(radius_m, to, last):
     else:
         assert len(off_at) == (1 if 2 * radius_m < 47 else 2), "pictures go on to a line that is near"
         assert min(off_at) > 2.24 * (14 + 7)
-        assert max(off_at) < 2.24 * (14 + 7) + max(0.8 * radius_m, 30) or last
+        assert max(off_at) < 2.24 * (14 + 7) + max(0.8 * radius_m, 30)
 
 
 def test_a_waypoint_beyond_the_path_is_within_the_boundary():
