@@ -97,21 +97,31 @@ class _ItemBuilder:
         """Move the end of pictures behind the first waypoint out of reach of that where a line ends, for PX4.
 
         PX4 does what follows a waypoint once it turns to the next one, its switching distance before. Pictures that
-        begin again nearer than that go on. Where no waypoint follows the path goes straight on to one more.
+        begin again nearer than that go on. A long way on has one more waypoint for it, as where none follows.
         """
         path, off = self.path, self.items.pop(i)
-        reach_m = SWITCH_S * path.airspeed_mps
+        reach_m = SWITCH_S * max(path.airspeed_of(each) or path.airspeed_mps for each in self._sections)
         ends_deg = (item.position_deg for item in reversed(self.items[:i]) if item.placed)
-        end_deg = next(ends_deg, path.home)
+        end_deg = before_deg = next(ends_deg, path.home)
+        apart_m = 0.0  # from the end to the waypoint before
         for j, item in enumerate(self.items[i:], i):
             if item.command == d.TRIGGER_DISTANCE:
                 return
-            if item.command == d.LAND_START:  # a landing is three items that follow one another
+            if item.command in (d.LAND_START, d.LAND):  # a landing is three items that follow one another
                 self.items.insert(j, off._replace(legs=item.legs))
                 return
-            if item.placed and math.hypot(*to_local_m(*item.position_deg, end_deg)) > reach_m:
+            if not item.placed:
+                continue
+            away_m = math.hypot(*to_local_m(*item.position_deg, end_deg))
+            if away_m > reach_m:
+                if away_m > 4 * reach_m:
+                    share = (apart_m + 1.1 * reach_m) / math.hypot(*to_local_m(*item.position_deg, before_deg))
+                    on_deg = [a + share * (b - a) for a, b in zip(before_deg, item.position_deg, strict=True)]
+                    item = item._replace(command=d.WAYPOINT, parameters=(*(0.0,) * 4, *on_deg, item.altitude_m))
+                    self.items.insert(j, item)
                 self.items.insert(j + 1, off._replace(legs=item.legs))
                 return
+            before_deg, apart_m = item.position_deg, away_m
         (x, y), course = self._sections[-1].end_m, self._sections[-1].courses_rad[1]
         beyond = x + 1.1 * reach_m * math.cos(course), y + 1.1 * reach_m * math.sin(course)
         if not path.airspace.entries((0.0, 0.0), ((x, y), beyond), (-math.inf, -math.inf)):

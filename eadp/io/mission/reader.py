@@ -58,7 +58,7 @@ class PlanReader(MissionMotion):
         endurance_s = battery.endurance_s(airframe.cruise_power_w)
         repeated_m = min(1.25 * endurance_s * airframe.airspeed_mps, 1e6)
         calibrated = calibrated_over_true(Site(), airframe)
-        return cls(airframe.turn_radius_m, airframe.airspeed_mps, *rates_mps, repeated_m, laps, (), calibrated)
+        return cls(airframe.turn_radius_m, airframe.airspeed_mps, *rates_mps, repeated_m, laps, calibrated=calibrated)
 
     def turning(self, radius_m: float | None) -> PlanReader:
         """The reader for turns of a radius [m]; the same for None."""

@@ -110,8 +110,8 @@ def output_file(path: str) -> Path:
     return Path(os.path.realpath(path))
 
 
-FILES = "files.json"
-"""In a folder that eadp wrote: the names of all its files, which are what is replaced."""
+FILES, FILES_SCHEMA = "files.json", "eadp.files/1"
+"""In a folder that eadp wrote: the names of all its files, which are what is replaced; and the schema of that."""
 
 _STREAMS = ("/dev", "/dev/fd", f"/proc/{os.getpid()}/fd", "/proc/self/fd")
 """Folders whose regular files are open streams."""
@@ -181,7 +181,8 @@ def new_folder(path: str, *, force: bool) -> Iterator[Path]:
     try:
         yield temporary
         files = sorted(each.relative_to(temporary).as_posix() for each in temporary.rglob("*") if each.is_file())
-        (temporary / FILES).write_text(json.dumps([*files, FILES], indent=0) + "\n", encoding="utf-8")
+        listed = json.dumps({"schema": FILES_SCHEMA, "files": [*files, FILES]}, indent=1)
+        (temporary / FILES).write_text(f"{listed}\n", encoding="utf-8")
         check_new_folder(path, force=force)  # again: something may have come meanwhile
         if target.exists():
             _swap(temporary, target)
@@ -223,9 +224,9 @@ def check_new_folder(path: str, *, force: bool) -> None:
 def _stranger(folder: Path) -> str | None:
     """The first name in a folder that its list of files does not have; no link is in it."""
     try:
-        listed = json.loads(read_text(str(folder / FILES)).body)
-        files = {Path(name) for name in listed if isinstance(name, str)} if isinstance(listed, list) else set()
-    except (InputError, ValueError, RecursionError):
+        document = json.loads(read_text(str(folder / FILES)).body)
+        files = {Path(name) for name in document["files"] if document["schema"] == FILES_SCHEMA}
+    except (InputError, LookupError, RecursionError, TypeError, ValueError):
         files = set()
     folders = {parent for file in files for parent in file.parents}
     for root, inner, names in os.walk(folder):

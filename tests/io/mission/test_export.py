@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import itertools
 import json
 import math
@@ -20,7 +21,7 @@ from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import InputError
 from eadp.io.mission import WITH_ITEMS
 from eadp.io.mission.autopilot import wanted_parameters
-from eadp.io.mission.export import EXPORTS, held_radius_m, mission_items
+from eadp.io.mission.export import EXPORTS, SWITCH_S, held_radius_m, mission_items
 from eadp.io.mission.paparazzi import NUMBER_LIMIT
 from eadp.io.mission.path import PlannedPath, planned_sections
 from eadp.io.mission.reader import PlanReader
@@ -231,7 +232,52 @@ def test_px4_ends_pictures_beyond_the_line(radius_m, to, last):
     else:
         assert len(off_at) == (1 if 2 * radius_m < 47 else 2), "pictures go on to a line that is near"
         assert min(off_at) > 2.24 * (14 + 7)
-        assert max(off_at) < 2.24 * (14 + 7) + max(0.8 * radius_m, 30) or last
+        assert max(off_at) < 2.24 * (14 + 7) + max(0.8 * radius_m, 30)
+
+
+FLOWN = ROOT.parent / "shared/reference/autopilot/px4"
+
+
+def last_pictures_m(flight, lines):
+    """How far beyond the ends of lines the last pictures of a flight were taken [m]."""
+    with (FLOWN / f"lines-and-pictures/{flight}-pictures.csv").open(newline="") as stream:
+        rows = [[float(row[key]) for key in ("time_s", "lat_deg", "lon_deg")] for row in csv.DictReader(stream)]
+    found, after_s = [], 0.0
+    for start, end in lines:
+        length_m, on_line = math.dist(start, end), []
+        for time_s, *place in rows:
+            x, y = to_local_m(*place, HOME)
+            along = ((x - start[0]) * (end[0] - start[0]) + (y - start[1]) * (end[1] - start[1])) / length_m
+            aside_m = math.dist((x, y), start) ** 2 - along**2
+            if time_s > after_s and aside_m < 12**2 and 0 < along < length_m + 60:
+                if on_line and time_s - on_line[-1][0] > 4:
+                    break
+                on_line.append((time_s, along - length_m))
+        after_s = on_line[-1][0]
+        found.append(on_line[-1][1])
+    return found
+
+
+@pytest.mark.skipif(not FLOWN.exists(), reason="no recordings")
+def test_pictures_end_beyond_the_line_as_flown():
+    """Flown by PX4 at 14 m/s, once as the waypoint at the end of the line is reached, once at 30 to 33 m beyond it."""
+    items = json.loads((FLOWN / "plan/field-mission.plan").read_text())["mission"]["items"]
+    on = [i for i, item in enumerate(items) if item["command"] == 206 and item["params"][0] > 0]
+    lines = [[to_local_m(*items[j]["params"][4:6], HOME) for j in (i - 1, i + 1)] for i in on]
+    early, late = last_pictures_m("A", lines), last_pictures_m("H", lines[:4])  # with the same switching distance
+    assert all(-34 < each < -30 for each in early)
+    assert all(-3 < each < 1 for each in late)
+    assert SWITCH_S * 14 > 44 > -min(early)
+    plan, _ = read_plan(read_text(str(FLOWN / "plan/field.plan")))
+    at, here = [], (math.inf, math.inf)
+    exported = mission_items(path_of(plan, (0.0,), airspeed_mps=14.0), px4=True)
+    for before, item in itertools.pairwise(exported):
+        if item.command == 206 and item.parameters[0] == 0:
+            at.append(math.dist(here, to_local_m(*before.position_deg, HOME)))
+        if before.command == 206 and before.parameters[0] > 0:
+            here = to_local_m(*item.position_deg, HOME)
+    assert len(at) > 10
+    assert all(44 < each < 75 for each in at)
 
 
 def test_a_waypoint_beyond_the_path_is_within_the_boundary():

@@ -263,7 +263,7 @@ def test_a_folder_appears_when_the_block_has_ended(tmp_path):
         assert not target.exists()
         assert folder.parent == target.parent
     assert (target / "flight.csv").read_text() == "x"
-    assert json.loads((target / FILES).read_text()) == ["flight.csv", FILES]
+    assert json.loads((target / FILES).read_text()) == {"schema": "eadp.files/1", "files": ["flight.csv", FILES]}
     assert os.listdir(target.parent) == ["i"]
 
 
@@ -325,7 +325,19 @@ def test_what_comes_while_a_folder_is_filled_is_not_replaced(tmp_path, force):
     assert (os.listdir(tmp_path), os.listdir(target)) == (["i"], ["mine"])
 
 
-@pytest.mark.parametrize("text", ["[", "{}", "[1]", "[" * 10**5, '["sub/../../old"]', '["../old"]', "\0"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[",
+        "{}",
+        '["old", "files.json"]',
+        '{"files": ["old", "files.json"]}',
+        '{"schema": "eadp.files/1", "files": 1}',
+        '{"schema": "eadp.files/1", "files": [1, "../i/old", "../old"]}',
+        "[" * 10**5,
+        "\0",
+    ],
+)
 def test_a_damaged_list_of_files_protects_all(tmp_path, text):
     (tmp_path / "old").write_text("old")
     (tmp_path / "i").mkdir()
