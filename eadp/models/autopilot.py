@@ -57,7 +57,7 @@ LANDS = (1.0, 2.0, 4.0)
 
 
 class TimeRule(NamedTuple):
-    """PX4 turns back once its time left, by the current drawn, is below `factor` times the time home and `margin_s` [s].
+    """PX4 turns back once its time left, by its current, is below `factor` times the time home and `margin_s` [s].
 
     It counts the climb to the altitude of the way, at `climb_mps` [m/s], beside the way itself.
     """

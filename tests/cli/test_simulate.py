@@ -156,7 +156,9 @@ def test_a_folder_with_anything_else_is_not_replaced(eadp, tmp_path, line_plan, 
         assert refused(eadp("simulate", "my.plan", "-o", place, "--force"), f"{place}:1:1: error:", "is not replaced")
         assert tree(tmp_path) == before
     assert refused(eadp("simulate", line_plan, "-o", tmp_path / "home", "--force"), "is the working folder")
-    assert refused(eadp("simulate", line_plan, "-o", "sub", "--force"), "sub:1:1: error: holds data.csv, which is no file")
+    assert refused(
+        eadp("simulate", line_plan, "-o", "sub", "--force"), "sub:1:1: error: holds data.csv, which is no file"
+    )
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -172,7 +174,9 @@ def test_the_first_stranger_in_a_result_is_named(eadp, tmp_path, line_plan, stra
     else:
         (folder / stranger).write_text("mine")
     before, named = tree(folder), {"link": "flight.csv", "sub/empty": "sub"}.get(stranger, stranger)
-    assert refused(eadp("simulate", line_plan, "-o", folder, "--force"), f"{folder}:1:1: error: holds {named}, which is")
+    assert refused(
+        eadp("simulate", line_plan, "-o", folder, "--force"), f"{folder}:1:1: error: holds {named}, which is"
+    )
     assert tree(folder) == before
 
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, BinaryIO
 
 from eadp.api.inputs import FlightInputs
 from eadp.api.replan.autopilot import HeardAutopilot
-from eadp.api.replan.pilot import CRITICAL, Pilot
+from eadp.api.replan.pilot import CRITICAL, NOTICE, Pilot
 from eadp.api.replan.replanner import Emit, Replanner, Warn
 from eadp.core.geometry.geodesy import to_near_local_m
 from eadp.errors import Fault, InputError
@@ -22,9 +22,8 @@ from eadp.io.link.messages import TIMED, WANTED, values_of
 from eadp.io.link.mission import PROTOCOL, Outgoing
 from eadp.io.link.parameters import ParameterCheck
 from eadp.io.link.recorded import MISSION, TLOG, form_of, log_values
-from eadp.io.link.upload import HeldMission, Mapped, Noted, Output, Warned
-from eadp.io.mission.autopilot import read_parameters, wanted_parameters
-from eadp.io.mission.draft import MissionItem
+from eadp.io.link.upload import HeldMission, Holds, Mapped, Noted, Output, Warned
+from eadp.io.mission.autopilot import read_parameters, speed_limits, wanted_parameters
 from eadp.io.mission.items import MappedItem, items_text, parse_items, read_items, same_items
 from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
 from eadp.io.telemetry.reader import numbered_lines, open_telemetry
@@ -109,6 +108,9 @@ class LinkFlight:
         self._decided_path: tuple[float, ...] | None = None
         # whether a return may be commanded yet; whether only home can be reached
         self._may_return, self._returns = options.return_home, False
+        self._accepted = False  # whether the autopilot has accepted a return
+        # whether the mission is flown, and whether the autopilot flies home, as the pilot has read last
+        self._mode: tuple[bool | None, bool] = (True, False)
         self._pilot = Pilot(name, plan, inputs.mission.parameters, warn, self._give, lambda: self._lines.count)
         self._autopilot = HeardAutopilot(options.system, self._give, self._pilot)
         self._replanner = Replanner(inputs, name, log, self._decided, self._pilot.once)
@@ -121,6 +123,7 @@ class LinkFlight:
         if exported is not None and send is not None:
             self._mission = HeldMission(plan, inputs.mission.cruise_mps, exported, self._lines.items)
         self._uploads = options.upload
+        self._mission_id: float | None = None  # of the mission of the map, in a ULog
         self._check: ParameterCheck | None = None  # from the first heartbeat on
 
     @property
@@ -167,23 +170,28 @@ class LinkFlight:
             begins = first or lost or (values["armed"] and not autopilot.armed)
             self._take_heartbeat(values, first=first)
         if message.kind == "MISSION_CURRENT":
+            autopilot.judge(values["valid"], now_s)
             self._count_items(values["item_count"], now_s)
+        if values.get("said") is not None:
+            autopilot.read_text(values["said"], now_s)
         if self._check is not None and values.get("parameter") is not None:
             name, *number = values["parameter"]
             if (value := self._check.take(name, *number)) is not None:
                 self._lines.autopilot[name] = value
         if values.get("answer") == (RETURN, ACCEPTED) and autopilot.was_commanded:
-            self._may_return = False
+            self._may_return, self._accepted = False, True
             pilot.note("the autopilot returns")
         if mission is not None and self._uploads:
             self._lines.decided = self._decided_path if mission.gets(self._decided_path) else None
         restarts = self._lines.restarts
         self.update(values)
+        self._watch_mode()
         if begins or self._lines.restarts > restarts:
             autopilot.ask()
             if mission is not None:
                 self._do(mission.read(now_s))
-        if mission is not None and self._uploads and self._decided_path is not None:
+        uploads = mission is not None and self._uploads and self._lines.flies_mission is not False
+        if mission is not None and uploads and self._decided_path is not None:
             self._do(mission.decide(now_s, self._decided_path, self._replanner.rest))
 
     def _take_transfer(self, message: Message, now_s: float) -> None:
@@ -203,6 +211,7 @@ class LinkFlight:
             wanted = wanted_parameters(
                 known.plan, vehicle, known.battery, ardupilot=autopilot.ardupilot, home_altitude_m=home_m
             )
+            wanted += speed_limits(known.plan, vehicle, ardupilot=autopilot.ardupilot)
             read = read_parameters(wanted, ardupilot=autopilot.ardupilot)
             self._check = ParameterCheck(read, as_bytes=not autopilot.ardupilot)
         if self._mission is not None:
@@ -211,14 +220,14 @@ class LinkFlight:
     def _count_items(self, count: int | None, now_s: float) -> None:
         """Take the number of items that the autopilot holds: where it has changed, the mission is read again.
 
-        Without a link to read it by, another number than the map's is another mission: that is said, and the map given
-        up.
+        Without a link to read it by, another number than the map's is another mission.
         """
         if self._mission is not None:
             self._do(self._mission.count(count, now_s))
-        elif self._lines.items is not None and count not in (None, len(self._lines.items)):
-            self._pilot.say(OTHER_MISSION)
-            self._lines.items = None
+        elif self._exported is not None and count is not None:
+            same = count == len(self._exported)
+            if not (same and self._lines.flown):  # in flight as many items may be those of another mission
+                self._follow_map(same=same)
 
     def lost(self, damaged: int, refused: int, left_out: int) -> None:
         """Warn of lost messages, by their numbers: damaged frames, frames not signed, positions that came too fast."""
@@ -232,8 +241,11 @@ class LinkFlight:
     def update(self, values: Mapping[str, Any]) -> None:
         """Take what a message, or a row of a log, says, and re-plan with the lines that are due."""
         if MISSION in values:
-            self._is_held(values[MISSION])
+            if self._exported is not None:
+                self._follow_map(same=same_items([each.item for each in self._exported], values[MISSION]))
             return
+        if values.get("mission_id") is not None and self._exported is not None:
+            self._take_mission_id(values["mission_id"], values["item_count"])
         for reading in self._lines.update(values):
             self._replanner.take(reading)
 
@@ -253,6 +265,19 @@ class LinkFlight:
 
     # --- the autopilot
 
+    def _watch_mode(self) -> None:
+        """Have the pilot read, once at each change in flight, that the mission is not flown, or flown again."""
+        mode = self._lines.flies_mission, self._lines.returns
+        if mode == self._mode or not self._lines.flown or mode[0] is None:
+            return
+        self._mode = mode
+        if mode[1]:
+            text = "the autopilot flies home: nothing of the survey is sent"
+        else:
+            text = "the mission is flown again" if mode[0] else "the mission is not flown: nothing is uploaded"
+        self._pilot.note(text)
+        self._pilot.show(text, NOTICE)
+
     def _check_parameters(self) -> None:
         """Ask for the autopilot's parameters, and warn once of those that the forecast does not hold for."""
         if self._check is None or self._autopilot.lost:
@@ -262,13 +287,18 @@ class LinkFlight:
         if differences := self._check.result():
             self._pilot.tell(f"the forecast does not hold: {differences}")
 
-    def _is_held(self, items: list[MissionItem]) -> None:
-        """Take the items of the mission that a log has from here on: if the map is of them, stages are found by it."""
-        if self._exported is not None:
-            same = same_items([each.item for each in self._exported], items)
-            self._lines.items = self._exported if same else None
-            if not same:
-                self._pilot.say(OTHER_MISSION)
+    def _take_mission_id(self, mission_id: float, count: int | None) -> None:
+        """Take the number that the mission of a ULog has alone: the first one with as many items as the map is ours."""
+        if self._mission_id is None and self._exported is not None and count == len(self._exported):
+            self._mission_id = mission_id
+        if count is not None:
+            self._follow_map(same=mission_id == self._mission_id)
+
+    def _follow_map(self, *, same: bool) -> None:
+        """Find stages by the map from here on if the mission of a log is the `same`, else, with a warning, not."""
+        self._lines.items = self._exported if same else None
+        if not same:
+            self._pilot.say(OTHER_MISSION)
 
     def _do(self, outputs: Iterable[Output]) -> None:
         """Do what an event of the mission asks for."""
@@ -280,8 +310,14 @@ class LinkFlight:
                     self._pilot.tell(text)
                 case Noted(text):
                     self._pilot.note(text)
-                case Mapped(items):
-                    self._map(items)
+                case Holds(items):
+                    holds = f"the autopilot holds the mission of --items: {items} items"
+                    if refusal := self._autopilot.refusal:
+                        self._pilot.tell(f"{holds}, and refuses it: {refusal}")
+                    else:
+                        self._pilot.note(holds)
+                case Mapped(mapped):
+                    self._map(mapped)
 
     def _map(self, items: list[MappedItem] | None) -> None:
         """Find stages by another map from now on, or, where it is None, by the position; log a new map."""
@@ -296,10 +332,12 @@ class LinkFlight:
         self._emit(line)
         if self._replanner.planned and not self._returns:  # before the first plan the parameters are those of take-off
             self._decided_path = tuple([line["parameters"][name] for name in self._path_names])
-        if line["returns_home"] and not self._returns:
+        if line["returns_home"] and not (self._returns or self._lines.returns):
             self._returns, self._decided_path = True, None
             self._pilot.show("only home can be reached: fly home", CRITICAL)
-        self._pilot.decision(line, completes=self._replanner.completes)
+        flown = self._lines.flies_mission is not False
+        returns = self._accepted or self._lines.returns
+        self._pilot.decision(line, completes=self._replanner.completes, flown=flown, returns=returns)
 
     def _give(self, kind: str, values: Mapping[str, Any]) -> None:
         """Send a message, where there is a link to send on: a flight that is replayed has none."""

@@ -11,8 +11,9 @@ from typing import Any
 from eadp.api.replan.replanner import Warn
 from eadp.errors import Fault
 from eadp.models.plan.plan import Plan
+from eadp.planning.base import INFEASIBLE
 from eadp.planning.state.flight_state import CELL_LOST
-from eadp.planning.track.live import KEPT, TAKE_OFF
+from eadp.planning.track.live import COMPLETED, KEPT, TAKE_OFF
 
 NOTICE, WARNING, CRITICAL = 5, 4, 2
 """MAVLink's severities of texts."""
@@ -22,6 +23,8 @@ TEXT_CHARACTERS, NAME_CHARACTERS, MAX_TEXT = 50, 10, 200
 MARKS_MIN = (60, 45, 30, 20, 15, 10, 5, 3, 2, 1)
 """Minutes left for the way home at which the pilot reads how many there are; at `FEW_MIN` and fewer as a warning."""
 FEW_MIN = 5
+FEASIBLE_S = 10.0
+"""For how long a plan is feasible again before the pilot reads it [s]."""
 
 _NUMBERS = re.compile(r"[-+.\d]+")
 """Numbers in a text: texts that differ in them alone say the same thing."""
@@ -62,6 +65,7 @@ class Pilot:
         self._about = ""  # the parameters, and the reason without its numbers, of the last text of a decision
         self._path = tuple(parameters[: plan.path_count])  # last decided
         self._passed: int | None = None  # how many of `MARKS_MIN` there are above the minutes left; None before any
+        self._infeasible_s: float | None = None  # when a plan was infeasible that is not known to be feasible again [s]
         self._texts = 0  # the number of the last text that was sent in pieces
 
     # --- warnings
@@ -90,10 +94,14 @@ class Pilot:
 
     # --- at the ground station
 
-    def decision(self, line: Mapping[str, Any], *, completes: bool) -> None:
-        """Send a decision's numbers to the ground station, and its reason as a text, if that says something new."""
+    def decision(self, line: Mapping[str, Any], *, completes: bool, flown: bool = True, returns: bool = False) -> None:
+        """Send a decision's numbers to the ground station, and its reason as a text, if that says something new.
+
+        While the mission is not `flown` its reasons are none of the flight. While the autopilot `returns`, the
+        parameters are not sent either. That a plan is feasible again is a text once it has been so for `FEASIBLE_S`.
+        """
         boot_ms = max(0, round(line["time_s"] * 1000)) % 2**32
-        parameters, left_min = self._plan.parameters, _left_min(line)
+        parameters, left_min = () if returns else self._plan.parameters, _left_min(line)
         shown: dict[str, float | None] = {p.label: p.shown(line["parameters"][p.name]) for p in parameters}
         shown |= {"soc_end": line["soc_end_forecast"], "p_done": line["completes_probability"], "min_left": left_min}
         for name, value in shown.items():
@@ -104,7 +112,13 @@ class Pilot:
         # where it does not start with their name
         about = repr(line["parameters"]) + _NUMBERS.sub("", line["reason"])
         path = self._new_path(line)
-        if (line["reason"] != KEPT or path) and about != self._about:
+        if INFEASIBLE in line["reason"]:
+            self._infeasible_s = line["time_s"]
+        elif self._infeasible_s is not None and flown and line["time_s"] - self._infeasible_s > FEASIBLE_S:
+            self._infeasible_s, self._about = None, ""
+            self.show("the plan is feasible again", NOTICE)
+        speaks = (flown and not returns) or line["reason"] == COMPLETED
+        if speaks and (line["reason"] != KEPT or path) and about != self._about:
             self._about = about
             has_path = not path or line["reason"].startswith(path.partition(" ")[0])
             text = line["reason"] if has_path else f"{path}: {line['reason']}"
@@ -116,9 +130,12 @@ class Pilot:
 
     def _minutes(self, left_min: float, line: Mapping[str, Any]) -> None:
         """Say how many minutes are left for the way home: at first, and where they fall below a mark."""
-        passed = sum(left_min < mark for mark in MARKS_MIN)
-        before, self._passed = self._passed, passed
-        if before is not None and passed <= before:
+        passed, before = sum(left_min < mark for mark in MARKS_MIN), self._passed
+        # minutes that waver about a mark are said once
+        if before is not None and passed in (before - 1, before):
+            return
+        self._passed = passed
+        if before is not None and passed < before:
             return
         by_s = line["home_by_s"]
         if by_s is None:

@@ -24,7 +24,7 @@ STALE_S = 5.0
 
 PASSING = frozenset(
     (
-        *("time_s", "home_is_item", "named", "answer", "parameter", "reached"),
+        *("time_s", "home_is_item", "named", "answer", "parameter", "reached", "said", "valid", "mission_id"),
         *("lat_deg", "lon_deg", "velocity_mps", "heading_deg", "altitude_m"),
     )
 )
@@ -153,6 +153,23 @@ class LineMaker:
     def flies_by_itself(self) -> bool:
         """Whether the autopilot flies its mission, and not the pilot."""
         return bool(self._value("automatic", ages=False))
+
+    @property
+    def flies_mission(self) -> bool | None:
+        """Whether the mission is flown: False where a pilot flies, or the autopilot holds or returns.
+
+        None where that is unknown: without a map an autopilot of unknown modes, or one that a computer guides, may fly
+        any way.
+        """
+        automatic = self._value("automatic", ages=False)
+        if self.items is not None or not (automatic is None or self._value("guided", ages=False)):
+            return automatic is not False
+        return None
+
+    @property
+    def returns(self) -> bool:
+        """Whether the autopilot flies home, by its mode."""
+        return bool(self._value("returns", ages=False))
 
     @property
     def item(self) -> int | None:

@@ -38,7 +38,9 @@ class Received(NamedTuple):
 
 
 class Sent(NamedTuple):
-    """The end of a writing, however it went."""
+    """The end of a writing, and whether the autopilot has accepted what was sent."""
+
+    accepted: bool
 
 
 class MissionClient:
@@ -89,7 +91,8 @@ class MissionClient:
             if fields["seq"] in self._sent:
                 self._ask(now_s, "MISSION_ITEM_INT", _fields(fields["seq"], self._sent[fields["seq"]]))
         elif kind == "MISSION_ACK" and fields["type"] != INVALID_SEQUENCE:
-            return self._end()
+            last = self._request.fields.get("seq") == max(self._sent)
+            return self._end(accepted=last and fields["type"] == ACCEPTED)
         return None
 
     def tick(self, now_s: float) -> Received | Sent | None:
@@ -140,9 +143,9 @@ class MissionClient:
         self._due_s = now_s + (ITEM_RETRY_S if self._request.kind == "MISSION_REQUEST_INT" else RETRY_S)
         self.messages.append(self._request)
 
-    def _end(self, items: list[MissionItem] | None = None) -> Received | Sent:
+    def _end(self, items: list[MissionItem] | None = None, *, accepted: bool = False) -> Received | Sent:
         """End the transfer; `items` are those read, None where they could not be."""
-        ended = Sent() if self._received is None else Received(items)
+        ended = Sent(accepted) if self._received is None else Received(items)
         self._received = self._sent = None
         return ended
 

@@ -105,10 +105,16 @@ class _Mission:
         return {MISSION: held[1:]}
 
 
+def _flown(row: Row) -> Values:
+    """The item that PX4 flies to, the number of items, and the number of the mission: another one after an upload."""
+    count, mission_id = row.get("seq_total", 0), row.get("mission_id", row.get("instance_count", _UNKNOWN))
+    return {"item": int(row["seq_current"]), "item_count": int(count) or None, "mission_id": mission_id}
+
+
 _ULOG: dict[str, Callable[[Row], Values]] = {
     "vehicle_status": lambda row: {"armed": row["arming_state"] == _ARMED},
     "vehicle_land_detected": lambda row: {"in_air": not row["landed"]},
-    "mission_result": lambda row: {"item": int(row["seq_current"])},
+    "mission_result": _flown,
     "vehicle_command": lambda row: _switched(row["command"], row["param1"]),
     "camera_trigger": lambda row: {PICTURE: True},
     "camera_capture": lambda row: {PICTURE: True},

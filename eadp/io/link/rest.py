@@ -29,13 +29,13 @@ class RestLayout:
     def altitude_fault(self, held: Sequence[MissionItem]) -> str | None:
         """Why new items cannot have the altitudes of the items held, None where they can.
 
-        New items are above home, all at one altitude, but where the plan's stages have altitudes of their own.
+        New items are above home, all at one altitude, but where the plan's stages have altitudes of their own. That up
+        to which a take-off climbs is none of the plan.
         """
-        placed = [item for item in held if item.placed]
-        if any(d.GLOBAL_FRAMES[item.frame] != d.RELATIVE for item in placed):
+        if any(item.placed and d.GLOBAL_FRAMES[item.frame] != d.RELATIVE for item in held):
             return "altitudes of the mission are not above home"
         at_one_altitude = all(stage.altitude_m is None for stage in self._plan.stages)
-        if at_one_altitude and len({round(item.altitude_m, 1) for item in placed}) > 1:
+        if at_one_altitude and len({round(altitude_m, 1) for altitude_m in _altitudes_m(held)}) > 1:
             return "altitudes of the mission are not those of the plan"
         return None
 
@@ -65,14 +65,13 @@ class RestLayout:
         left = planned.after(last_stage - planned.started + 1)
         if not any(leg.distance_m > 0 for leg in left.legs):
             return kept, []
-        altitudes_m = [item.altitude_m for item in held[:kept] if item.placed]
         site = self._plan.site
         assert site.origin_deg is not None
         path = PlannedPath(
             name="the rest",
             sections=planned_sections(left.legs),
             origin_deg=site.origin_deg,
-            altitude_m=altitudes_m[-1] if altitudes_m else held[0].altitude_m,
+            altitude_m=(_altitudes_m(held[:kept]) or _altitudes_m(held)[::-1] or [held[0].altitude_m])[-1],
             airspeed_mps=self._airspeed_mps,
             home_deg=site.origin_deg if held[-1].command == d.RETURN else None,
             trigger_distance_m=self._trigger_distance_m(held),
@@ -87,3 +86,8 @@ class RestLayout:
             return None
         distances = (item.parameters[0] for item in held if item.command == d.TRIGGER_DISTANCE)
         return next((distance_m for distance_m in distances if distance_m > 0), None)
+
+
+def _altitudes_m(items: Sequence[MissionItem]) -> list[float]:
+    """Altitudes of the items with a position [m], without the take-off's."""
+    return [item.altitude_m for item in items if item.placed and item.command != d.TAKEOFF]

@@ -2,8 +2,9 @@
 
 Items up to the stage being flown stay as they are, so that the autopilot's item stays the same one: a new path
 parameter waits for a later stage. The mission is read before each upload, and one that somebody has changed is left
-alone. A mission counts as uploaded once the autopilot has given it back; one that is torn, the first items of the new
-mission before the rest of the old one, is sent again.
+alone. A new mission is flown from its acknowledgement on, and its map holds from then on; it counts as uploaded once
+the autopilot has given it back. If that gives the old one, its map holds again. One that is torn, the first items of
+the new mission before the rest of the old one, is sent again.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ from enum import Enum
 from typing import Any, NamedTuple
 
 from eadp.errors import PathUndefined
+from eadp.io.link.kept import equal_items
 from eadp.io.link.mission import MissionClient, Outgoing, Received, Sent
 from eadp.io.link.rest import RestLayout
-from eadp.io.mission import draft as d
 from eadp.io.mission.draft import MissionItem
 from eadp.io.mission.items import MappedItem, same_items
 from eadp.models.plan.plan import Plan
@@ -27,10 +28,6 @@ SETTLED_S = 5.0
 AGAIN_S, RECHECK_S = 10.0, 60.0
 """Time after which what failed is tried again, as is the reading of an unknown mission; and after which a known mission
 is read again [s]."""
-SINGLE = 1e-6
-"""Relative error of numbers that were sent in single precision."""
-WHOLE_M = 10.0
-"""ArduPilot keeps the radius of a loiter in whole metres, above 255 m in tens [m]."""
 
 
 class Warned(NamedTuple):
@@ -45,13 +42,19 @@ class Noted(NamedTuple):
     text: str
 
 
+class Holds(NamedTuple):
+    """The autopilot holds the mission of a map, of so many items."""
+
+    items: int
+
+
 class Mapped(NamedTuple):
     """The map that holds from now on; None where the mission is another."""
 
     items: list[MappedItem] | None
 
 
-Output = Outgoing | Warned | Noted | Mapped
+Output = Outgoing | Warned | Noted | Holds | Mapped
 
 Rest = Callable[[], PlannedLegs | None]
 """Gives what is left to fly."""
@@ -65,7 +68,7 @@ class State(Enum):
     HELD = "ours: read again after `RECHECK_S`"
     REFUSED = "ours, but the rest could not be replaced: tried again after `AGAIN_S`"
     CHECKING = "being read, so that nothing that somebody else has sent is replaced"
-    CHECKED = "as it was: the rest is laid out and sent at the next decision"
+    CHECKED = "as it was: the rest is laid out and sent at the next decision within `AGAIN_S`"
     UPLOADING = "the rest is being sent"
     VERIFYING = "being read back"
     TORN = "the first items of the new one, then the rest of the old one: replaced at the next decision"
@@ -184,11 +187,20 @@ class HeldMission:
         return self._done()
 
     def count(self, items: int | None, now_s: float) -> list[Output]:
-        """Take the number of items that the autopilot says it holds; have the mission read again where that changes."""
+        """Take the number of items that the autopilot says it holds; have the mission read again where that changes.
+
+        Of a mission that was sent it says that it is flown, too, as the acknowledgement may be lost. ArduPilot cuts the
+        old mission first where the new one is shorter.
+        """
+        upload, before_upload = self._upload, len(self._items)
+        cut = upload is not None and self.ardupilot and len(upload.mission) < before_upload
+        if upload is not None and not cut and before_upload != items == len(upload.mission):
+            self._outputs.append(Mapped(upload.mission))
+            return self._done()
         if items == self._count or self._client.busy:
             return []
         before, self._count = self._count, items
-        return [] if before is None else self.read(now_s)
+        return [] if before is None and self._state is not State.UNKNOWN else self.read(now_s)
 
     def take(self, kind: str, fields: Mapping[str, Any], now_s: float) -> list[Output]:
         """Pass a message of the mission protocol to the transfer, and go on where that ends."""
@@ -218,7 +230,7 @@ class HeldMission:
             if self._has(decided):
                 if self._state is not State.HELD:  # HELD already: the time of its next reading stays
                     self._go(State.HELD, RECHECK_S)
-            elif self._state is State.CHECKED:
+            elif self._state is State.CHECKED and now_s < self._again_s:
                 self._send(decided, rest)
             elif (why := self._layout.altitude_fault((self._held or [])[self._home :])) is not None:
                 self._refuse(f"{why}; no upload")
@@ -252,13 +264,15 @@ class HeldMission:
     def _ended(self, transfer: Received | Sent | None) -> None:
         """Go on after a transfer, if one has ended: what was sent is read back, what was read is judged."""
         if isinstance(transfer, Sent):
+            if transfer.accepted and self._upload is not None:
+                self._outputs.append(Mapped(self._upload.mission))
             self._flown.uploaded(self._now_s)
             self._go(State.VERIFYING)
             self._client.download(self._now_s)
         elif isinstance(transfer, Received):
             held = transfer.items
             if self._state is State.CHECKING and held is not None and self._equal(held, self._held or []):
-                self._go(State.CHECKED)
+                self._go(State.CHECKED, AGAIN_S)
             else:
                 self._judge(held)
 
@@ -278,10 +292,13 @@ class HeldMission:
         for mapped in (self._items, self._exported):
             if same_items([each.item for each in mapped], held[self._home :]):
                 if self._held is None:
-                    self._outputs.append(Noted(f"the autopilot holds the mission of --items: {len(mapped)} items"))
+                    self._outputs.append(Holds(len(mapped)))
                 self._hold(held, mapped, self._uploaded if mapped is self._items else None)
                 return
-        self._lose("another mission than that of --items is held: the stage is found by the position")
+        if len(held) <= self._home and self._held is None:  # none has been sent yet
+            self._go(State.UNKNOWN, AGAIN_S)
+        else:
+            self._lose("another mission than that of --items is held: the stage is found by the position")
 
     def _judge_upload(self, upload: _Upload, held: list[MissionItem], before: list[MissionItem]) -> None:
         """See what an upload has left: the new mission, the one before, the start of the new one before the rest of the
@@ -293,6 +310,7 @@ class HeldMission:
             self._outputs.append(Noted(f"the rest of the mission is uploaded and verified: {new} items"))
         elif self._equal(held, before):
             self._takes_parts = self._takes_parts and not upload.partial
+            self._outputs.append(Mapped(self._items))
             self._refuse("new mission refused; the old one is kept")
         elif self._equal(held[new:], before[new : len(held)], home=False):
             # torn: until it is sent again it is flown as it is, by the start of the new map and the rest of the old one
@@ -368,35 +386,10 @@ class HeldMission:
     def _equal(self, held: Sequence[MissionItem], written: Sequence[MissionItem], *, home: bool = True) -> bool:
         """Whether items held are those written, in all numbers but those of home, which ArduPilot sets."""
         first = self._home if home else 0
-        return _equal(held[first:], written[first:])
+        return equal_items(held[first:], written[first:])
 
     def _shared(self, held: Sequence[MissionItem], written: Sequence[MissionItem]) -> int:
         """How many items held are those written, from the first on, home included."""
         pairs = zip(held[self._home :], written[self._home :], strict=False)
-        different = (k for k, (one, other) in enumerate(pairs) if not _equal([one], [other]))
+        different = (k for k, (one, other) in enumerate(pairs) if not equal_items([one], [other]))
         return self._home + next(different, min(len(held), len(written)) - self._home)
-
-
-def _equal(held: Sequence[MissionItem], written: Sequence[MissionItem]) -> bool:
-    """Whether the items held are the items written: the same number of items, and the same numbers in each."""
-    return same_items(written, held) and all(map(_is_same, held, written))
-
-
-def _is_same(held: MissionItem, written: MissionItem) -> bool:
-    """Whether an item held is the one written, as far as an autopilot keeps it.
-
-    Its numbers are compared; the frame and the altitude only of an item that has a position.
-    """
-    numbers = list(zip(held.parameters[:4], written.parameters[:4], strict=True))
-    # the radius of a loiter, the third number, is rounded, see `WHOLE_M`
-    if written.command == d.LOITER_TURNS:
-        held_m, written_m = numbers.pop(2)
-        if not abs(held_m - written_m) < (WHOLE_M if abs(written_m) > 255 else 1.0):
-            return False
-    if written.frame in d.GLOBAL_FRAMES:
-        if d.GLOBAL_FRAMES.get(held.frame) != d.GLOBAL_FRAMES[written.frame]:
-            return False
-        numbers.append((held.altitude_m, written.altitude_m))
-    return all(
-        math.isclose(x, y, rel_tol=SINGLE, abs_tol=SINGLE) or (math.isnan(x) and math.isnan(y)) for x, y in numbers
-    )

@@ -115,6 +115,22 @@ def read_parameters(wanted: Sequence[AutopilotParameter], *, ardupilot: bool) ->
     return [*wanted, *(AutopilotParameter(name, math.nan, EXACTLY, *_OLDER.get(name, ("", 0.0))) for name in rest)]
 
 
+def speed_limits(plan: Plan, airframe: Airframe, *, ardupilot: bool) -> list[AutopilotParameter]:
+    """What an autopilot's limits of the airspeed must allow: below its least one ArduPilot refuses a change of speed,
+    and PX4 accepts it and flies that one."""
+    speeds_mps = [stage.airspeed_mps or airframe.airspeed_mps for stage in plan.stages]
+    slowest, fastest = min(speeds_mps), max(speeds_mps)
+    if ardupilot:
+        return [
+            AutopilotParameter("AIRSPEED_MIN", slowest, AT_MOST, "ARSPD_FBW_MIN", slowest),
+            AutopilotParameter("AIRSPEED_MAX", fastest, AT_LEAST, "ARSPD_FBW_MAX", fastest),
+        ]
+    return [
+        AutopilotParameter("FW_AIRSPD_MIN", slowest, AT_MOST),
+        AutopilotParameter("FW_AIRSPD_MAX", fastest, AT_LEAST),
+    ]
+
+
 def landing_slope_deg(plan: Plan, cruise_altitude_m: float) -> float:
     """Slope of a plan's final approach, up to a tenth [°]; no number where it does not land."""
     if len(plan.stages) < 2 or not plan.stages[-1].command(LAND):

@@ -140,7 +140,7 @@ class _ItemBuilder:
             self._add(d.LOITER_TURNS, (*loiter, 1.0), arc.centre_m)
         else:
             for point, begins_m in section.corners(self.path.tolerance_m if self._px4 or beside else math.inf):
-                self._fly_to(point, 0.0 if beside else max(begins_m - taken_m, 0.0))
+                self._fly_to(point, 0.0 if beside else self._held_m(max(begins_m - taken_m, 0.0)))
         end, acceptance_m = section.end_m, 0.0
         if following is None and section.stage.command(d.LAND):
             before = self.items[-1] if self.items else None
@@ -160,6 +160,10 @@ class _ItemBuilder:
                 return
             end = self._flown[k].end_m
         self._fly_to(end, acceptance_m)
+
+    def _held_m(self, acceptance_m: float) -> float:
+        """An acceptance radius as the autopilot holds it: ArduPilot's is in whole metres, and 0 is its own [m]."""
+        return acceptance_m if self._px4 or acceptance_m == 0 else float(max(math.floor(acceptance_m), 1))
 
     def _loiter(self, section: Section) -> tuple[float, float, float] | None:
         """The loiter that an arc is, up to where the next item lies ahead: turns, 0 and radius; None for corners."""

@@ -62,7 +62,7 @@ def _final_charge(
     evaluation: Evaluation, place: int, way: Homeward, flown_s: float = 0.0, flown_j: float = 0.0
 ) -> FinalCharge:
     """State of charge after a way from here, see `_spare`."""
-    evaluator, known, (seconds, power_w) = evaluation.evaluator, evaluation.known, way
+    evaluator, known, (seconds, power_w, _) = evaluation.evaluator, evaluation.known, way
     battery = evaluator.mission.battery
     volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
     drain = float(drain_per_s(power_w, volts, battery.resistance_ohm, battery.drain_per_as)) * seconds

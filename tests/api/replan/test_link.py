@@ -436,12 +436,12 @@ def test_a_return_waits_for_a_link_that_is_lost(inputs, flown):
 
 def test_a_pilot_who_flies_is_not_overruled(inputs, flown):
     other, autopilot = Flown(inputs, return_home=True), Autopilot()
-    autopilot.piloted = True
+    autopilot.mode = "pilot"
     other.take(autopilot.heartbeat(armed=True, active=True))
     other.flight._decided(decision_home(flown))
     other.beat(autopilot, range(20))
     assert commands(other) == []
-    autopilot.piloted = False
+    autopilot.mode = "mission"
     other.beat(autopilot, [20])
     assert commands(other) == [20]
 

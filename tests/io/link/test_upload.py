@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("pymavlink")
 
 from common.plans import ORIGIN, STADIUM, placed_survey
+from linked_flight import Finely, Flying, wpl_items
 from mavlink_vehicle import Autopilot, MissionHolder, frames, recorded
 
 from eadp.api.inputs import load_flight
@@ -21,12 +22,14 @@ from eadp.api.replan.replanner import Replanner
 from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import InputError
+from eadp.io.link.kept import equal_items
 from eadp.io.link.mavlink import Codec
 from eadp.io.link.messages import WANTED
 from eadp.io.link.mission import MissionClient, Outgoing, Received
+from eadp.io.link.parameters import ASKED
 from eadp.io.link.rest import RestLayout
-from eadp.io.link.upload import RECHECK_S, _equal
-from eadp.io.mission.autopilot import wanted_parameters
+from eadp.io.link.upload import RECHECK_S
+from eadp.io.mission.autopilot import speed_limits, wanted_parameters
 from eadp.io.mission.draft import ITEMS_LIMIT, MissionItem
 from eadp.io.mission.export import mission_items
 from eadp.io.mission.items import MappedItem, mapped_items, read_items
@@ -55,53 +58,7 @@ def mission(plan, tmp_path_factory):
     """The mission of c1 = 0, and its items as an autopilot holds them."""
     path = tmp_path_factory.mktemp("mission") / "survey.waypoints"
     assert main(["export", str(plan), "--to", "ardupilot", "--altitude", "60", "-o", str(path)]) == 0
-    rows = [line.split("\t") for line in path.read_text().splitlines()[2:]]
-    return path, [(int(row[3]), int(row[2]), tuple(map(float, row[4:11]))) for row in rows]
-
-
-class Flying:
-    """A recorded flight with an autopilot that holds a mission; time goes on by the messages."""
-
-    def __init__(self, inputs, mission, log=None, upload=True, **given):
-        self.path, items = mission
-        self.holder, self.decisions, self.faults, self.now_s = MissionHolder(list(items), **given), [], [], 0.0
-        self._codec, self._queue, self.sent = Codec(frozenset()), [], []
-        self.autopilot = Autopilot()
-        options = LinkOptions(f"{self.path}.items.json", upload=upload)
-        self.flight = LinkFlight(inputs, "link", options, log, self.decisions.append, self.faults.append, self._send)
-
-    def _send(self, *message):
-        self._queue.append(self._codec.encoded(*message))
-        self.sent += Codec(frozenset({"STATUSTEXT"})).decoded(self._queue[-1])
-
-    def _give(self, frame):
-        for message in Codec(WANTED).decoded(frame):
-            self.flight.take(message, self.now_s)
-        while self._queue:
-            for answer in self.holder.answer(self._queue.pop(0)):
-                for message in Codec(WANTED).decoded(answer):
-                    self.flight.take(message, self.now_s)
-
-    def fly(self, lines, current=False):
-        for now_s, parts in frames(lines, self.autopilot):
-            self.now_s = now_s
-            for frame in parts[:-1]:
-                self._give(frame)
-            if current:
-                self._give(self.holder.autopilot.frame("mission_current", self.holder.current, self.total))
-            self._give(parts[-1])
-            self.flight.tick(self.now_s)
-            self._give(b"")
-        return self
-
-    @property
-    def total(self):
-        """The number of items, as the autopilot reports it."""
-        return len(self.holder.items) - 1
-
-    @property
-    def said(self):
-        return [fault.message for fault in self.faults]
+    return path, wpl_items(path)
 
 
 @pytest.fixture(scope="module")
@@ -154,8 +111,7 @@ def test_nothing_is_uploaded_before_the_first_plan(eadp, inputs, plan, lines, tm
     """The mission is that of the forecast, and the parameters of take-off are others."""
     path = tmp_path / "survey.waypoints"
     eadp("export", plan, "--to", "ardupilot", "--altitude", "60", "--set", "spacing=20", "-o", path)
-    rows = [line.split("\t") for line in path.read_text().splitlines()[2:]]
-    items = [(int(row[3]), int(row[2]), tuple(map(float, row[4:11]))) for row in rows]
+    items = wpl_items(path)
     flown = Flying(inputs, (path, items)).fly(lines[:3])
     assert flown.decisions[0]["parameters"]["c1"] == 0 == flown.decisions[-1]["parameters"]["c1"]
     assert not flown.decisions[-1]["reason"].startswith("spacing")
@@ -216,22 +172,6 @@ def test_a_request_that_is_lost_does_not_end_an_upload(inputs, mission, lines):
     flown.fly(lines)
     assert not flown.holder.left
     assert any("uploaded and verified" in text for text in flown.said)
-
-
-class Finely(Flying):
-    """The link is looked after ten times a second."""
-
-    def fly(self, lines, current=True):
-        for now_s, parts in frames(lines, self.autopilot):
-            for tenth in range(9, -1, -1):
-                self.now_s = now_s - tenth / 10
-                self.flight.tick(self.now_s)
-                self._give(b"")
-            for frame in parts[:-1]:
-                self._give(frame)
-            self._give(self.holder.autopilot.frame("mission_current", self.holder.current, self.total))
-            self._give(parts[-1])
-        return self
 
 
 def test_a_silence_while_an_upload_is_read_back_does_not_lose_it(inputs, mission, lines):
@@ -355,8 +295,7 @@ def test_commands_come_back_as_ardupilot_keeps_them(eadp, inputs, plan, lines, t
     """A return, pictures and loiters: without a frame, and with whole radii."""
     path = tmp_path / "m.waypoints"
     eadp("export", plan, "--to", "ardupilot", "--home", "55.37,10.43", "--trigger-distance", "20", "-o", path)
-    rows = [line.split("\t") for line in path.read_text().splitlines()[2:]]
-    items = [(int(row[3]), int(row[2]), tuple(map(float, row[4:11]))) for row in rows]
+    items = wpl_items(path)
     assert {20, 206} < {command for command, _, _ in items}
     flown = Flying(inputs, (path, items)).fly(lines)
     assert any("uploaded and verified" in text for text in flown.said)
@@ -371,8 +310,8 @@ def test_a_loiter_has_a_whole_radius(radius_m, kept_m, same):
         [MissionItem(16, 0, (0.0,) * 7), MissionItem(18, 3, (1.0, 0.0, radius, 1.0, 55.0, 10.0, 60.0))]
         for radius in (radius_m, kept_m)
     )
-    assert _equal(held, written) == same
-    assert not _equal(held[:1], written)
+    assert equal_items(held, written) == same
+    assert not equal_items(held[:1], written)
 
 
 def test_a_mission_that_the_pilot_changes_in_flight_is_left_alone(inputs, mission, lines):
@@ -478,7 +417,7 @@ def test_a_mission_that_is_stored_wrong_does_not_count(inputs, mission, lines):
     flown = Flying(inputs, mission, spoils=20).fly(lines)
     assert not any("verified" in text for text in flown.said)
     assert any("mission unknown" in text for text in flown.said)
-    shown = [message.fields["text"] for message in flown.sent if message.kind == "STATUSTEXT"]
+    shown = flown.texts
     assert "eadp: mission unknown after an upload: see to it" in [text[:48] for text in shown]  # the pilot knows, too
 
 
@@ -609,7 +548,7 @@ def test_an_upload_that_is_interrupted_is_sent_again(inputs, mission, after):
     flown.fly(recorded()[:60])
     new, old = flown.holder.items, [flown.holder.items[0], *mission[1]]
     assert flown.holder.torn[after:] == old[after : len(flown.holder.torn)] != new[after:]
-    told = [message.fields["text"] for message in flown.sent if message.kind == "STATUSTEXT"]
+    told = flown.texts
     assert any("upload interrupted" in text for text in told)
     assert flown.said.index("upload interrupted: it is sent again") < max(
         k for k, text in enumerate(flown.said) if "uploaded and verified" in text
@@ -695,14 +634,15 @@ def test_parameters_that_disagree_are_said_once(inputs, mission, lines, older):
     )
     assert said == f"the forecast does not hold: {wanted}"
     asked = flown.holder.kinds.count("PARAM_REQUEST_READ")
-    assert asked < 20
+    assert asked <= 2 * ASKED * 7
     assert sum("forecast does not hold" in m.fields["text"] for m in flown.sent if m.kind == "STATUSTEXT") == 1
 
 
 def test_parameters_that_agree_are_not_said(inputs, mission, lines):
     flown = Flying(inputs, mission)
     aircraft = inputs.mission.plan, inputs.world.vehicle, inputs.mission.battery
-    flown.holder.parameters = {each.name: each.value for each in wanted_parameters(*aircraft, ardupilot=True)}
+    wanted = [*wanted_parameters(*aircraft, ardupilot=True), *speed_limits(*aircraft[:2], ardupilot=True)]
+    flown.holder.parameters = {each.name: each.value for each in wanted}
     flown.fly(lines)
     assert flown.holder.kinds.count("PARAM_REQUEST_READ") == len(flown.holder.parameters)
     assert not any("forecast does not hold" in text for text in flown.said)

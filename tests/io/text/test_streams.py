@@ -13,7 +13,16 @@ from hypothesis import strategies as st
 
 from eadp.errors import InputError
 from eadp.io.text import streams
-from eadp.io.text.streams import FILES, LIMIT_BYTES, Text, check_new_folder, limit_bytes, new_folder, read_text, write_text
+from eadp.io.text.streams import (
+    FILES,
+    LIMIT_BYTES,
+    Text,
+    check_new_folder,
+    limit_bytes,
+    new_folder,
+    read_text,
+    write_text,
+)
 
 unhurried = settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 
