@@ -14,7 +14,7 @@ import numpy as np
 from eadp.api.fences import fenced_by
 from eadp.api.given import Around, File, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
-from eadp.api.landing import Air, approach, landing_pose
+from eadp.api.landing import Air, approach, approach_slopes, behind_warning, landing_pose
 from eadp.api.plan import plan_of
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, velocity_mps
@@ -30,6 +30,7 @@ from eadp.io.mission.export import ABOVE_GROUND, EXPORTS, FENCED, files_beside, 
 from eadp.io.mission.items import items_text, mapped_items
 from eadp.io.mission.path import PlannedPath, Section, planned_sections
 from eadp.io.mission.reader import read_rally
+from eadp.io.mission.rules import ENDS_REQUIRED, check_landing, lacking_ends
 from eadp.io.mission.survey import check_survey, survey_lines
 from eadp.io.plan.parameters import parameters_of
 from eadp.io.scenario.scenario_file import override_texts, read_overrides, read_scenario
@@ -37,6 +38,7 @@ from eadp.io.terrain.reader import read_terrain
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import read_text, write_text
 from eadp.models.airspace import Airspace, risk_text
+from eadp.models.autopilot import PX4, Autopilot
 from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import MadeFor, Plan
 from eadp.models.plan.route import PlannedLegs
@@ -193,13 +195,15 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     ------
     InputError
         With the faults of the files, or of an option.
+    Infeasible
+        If PX4 would not arm the mission.
     """
     options.check()
     writer = writer_of(to)
     if writer is None:
         raise _fault("--to", to, "is no format", one_of(EXPORTS, to))
     if options.landing is not None:
-        plan = _landed(plan, options)
+        plan = _landed(plan, to, options, warn)
     chosen = _stated(plan, options, warn) if options.scenario is None else _forecast(plan, options, warn)
     planned = chosen.planned if options.start is None else _rest(chosen.planned, options.start)
     path = _path(chosen._replace(planned=planned), to, options, warn)
@@ -208,6 +212,14 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     items = mission_items(path, px4=to == "px4")
     if note := _ends_text(path, items):
         warn([Fault(chosen.name, 1, 1, note, severity="note")])
+    if to == PX4:
+        autopilot = _autopilot(to, options)
+        check_landing(items, autopilot)
+        if end := lacking_ends(items, autopilot):
+            value = f"{autopilot.value(ENDS_REQUIRED):g}"
+            message = f"PX4 does not arm a mission without {end} while {ENDS_REQUIRED} is {value}"
+            way = "eadp cover --landing LAT,LON,HEADING, or " if end == "a landing" else "--home LAT,LON, or "
+            warn([Fault(chosen.name, 1, 1, message, f"{way}{ENDS_REQUIRED} 0 in the autopilot", severity="warning")])
     rho = chosen.plan.path_count
     beside = {ITEMS_ENDING: items_text(mapped_items(items, planned, rho), chosen.plan.names[:rho])}
     return Exported(writer(path), chosen.parameters, beside | (files_beside(path) if to == "ardupilot" else {}))
@@ -308,7 +320,17 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
     return path
 
 
-def _landed(given: File | Plan, options: ExportOptions) -> Plan:
+def _autopilot(to: str, options: ExportOptions) -> Autopilot:
+    """The autopilot of a format: with the scenario's parameters, where that has no other one."""
+    stated = Autopilot()
+    if options.scenario is not None:
+        stated = read_scenario(options.scenario, read_overrides(override_texts(options.overrides))).keys.autopilot
+    if to != PX4 or stated.kind == PX4:
+        return stated
+    return Autopilot("px4", {} if stated.kind else stated.parameters)
+
+
+def _landed(given: File | Plan, to: str, options: ExportOptions, warn: Warn) -> Plan:
     """A plan that lands where `--landing` says, from where it ends."""
     plan, name = plan_of(given, options.min_radius_m, options.laps, lambda _: None, options.terrain)
     raw = options.landing or ""
@@ -325,10 +347,12 @@ def _landed(given: File | Plan, options: ExportOptions) -> Plan:
     if options.scenario is not None:
         keys = read_scenario(options.scenario, read_overrides(override_texts(options.overrides))).keys
         airframe, wind_mps = keys.vehicle.airframe, keys.wind.steady_mps
-    to = landing_pose(raw, lambda text: _near("--landing", text, place))
+    pose = landing_pose(raw, lambda text: _near("--landing", text, place))
     height_m = plan.stages[-1].altitude_m
     height_m = (options.altitude_m or airframe.cruise_altitude_m) if height_m is None else height_m
-    final = approach(to, height_m, airframe, Air(airframe.airspeed_mps, wind_mps))
+    slope = approach_slopes(_autopilot(to, options))[0]
+    final = approach(pose, height_m, airframe, Air(airframe.airspeed_mps, wind_mps), slope)
+    warn(behind_warning(pose[2], wind_mps))
     try:
         return with_landing(plan, final, plan.min_radius_m or airframe.turn_radius_m, (LAND, *(0.0,) * 7))
     except Infeasible as error:
@@ -546,6 +570,8 @@ def export(
     ------
     InputError
         With the faults of the files, or of an option under its name on the command line.
+    Infeasible
+        If PX4 would not arm the mission.
     """
     mission = exported(plan, to, options or ExportOptions(), warn)
     if options is not None and options.parameters is not None:

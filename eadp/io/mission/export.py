@@ -72,7 +72,7 @@ class _ItemBuilder:
             self._change_speed(section)
             for command in stage.commands:
                 own = command[0] == d.TRIGGER_DISTANCE and path.trigger_distance_m is not None
-                if not own and command[0] not in (d.TAKEOFF, d.LAND, d.RETURN):
+                if not own and command[0] not in (d.TAKEOFF, d.LAND, d.RETURN, d.LOITER_TO_ALTITUDE):
                     self._command(command)
             if self._gap_m(k) > JOINED_M:
                 self._fly_to(section.start_m)
@@ -136,7 +136,13 @@ class _ItemBuilder:
         taken_m = arc.radius_m * math.tan(max(kinks.values(), default=0.0) / 2) if arc else 0.0
         if arc and kinks.get(k, 0.0) > ARC_RAD:  # what its acceptance radius takes, too
             taken_m = max(taken_m, self.items[-1].parameters[1])
-        if arc and loiter is not None:
+        lands = following is not None and bool(following.stage.command(d.LAND))
+        if arc and section.stage.command(d.LOITER_TO_ALTITUDE):
+            # left along the tangent, at its altitude and where the next item lies ahead
+            self._add(d.LOITER_TO_ALTITUDE, (1.0, -arc.turn * held_radius_m(arc.radius_m), 0.0, 1.0), arc.centre_m)
+            if lands:
+                return
+        elif arc and loiter is not None:
             self._add(d.LOITER_TURNS, (*loiter, 1.0), arc.centre_m)
         else:
             for point, begins_m in section.corners(self.path.tolerance_m if self._px4 or beside else math.inf):
@@ -144,8 +150,9 @@ class _ItemBuilder:
         end, acceptance_m = section.end_m, 0.0
         if following is None and section.stage.command(d.LAND):
             before = self.items[-1] if self.items else None
-            if before and before.command == d.WAYPOINT and all(item.command != d.LAND_START for item in self.items):
-                # before the waypoint at the start of the approach, from where on a landing is flown
+            begins = before is not None and before.command in (d.WAYPOINT, d.LOITER_TO_ALTITUDE)
+            if before and begins and all(item.command != d.LAND_START for item in self.items):
+                # before the waypoint or the circle at the start of the approach, from where on a landing is flown
                 self.items.insert(-1, MissionItem(d.LAND_START, d.NO_POSITION, (0.0,) * 7, before.legs))
             self._add(d.LAND, section.stage.command(d.LAND)[1:5], end)
             return

@@ -12,7 +12,7 @@ from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.models.airspace import EVERYWHERE, Airspace
 from eadp.models.plan.legs import Leg, leg_points
-from eadp.models.plan.stage import Stage
+from eadp.models.plan.stage import LOITER_TO_ALTITUDE, Stage
 
 TOLERANCE_M = 1.0
 """Distance of an exported path from the plan's, by default [m]."""
@@ -150,7 +150,10 @@ def planned_sections(legs: Iterable[Leg]) -> tuple[Section, ...]:
         before = sections[-1] if sections else None
         if before is not None and before.arc and section.arc and _one_circle(before.arc, section.arc):
             arc = before.arc._replace(sweep_rad=before.arc.sweep_rad + section.arc.sweep_rad)
-            sections[-1] = replace(before, end_m=section.end_m, arc=arc, last=index)
+            stage = before.stage
+            if section.stage.command(LOITER_TO_ALTITUDE):  # to the altitude of the last circle
+                stage = replace(section.stage, commands=(*stage.commands, *section.stage.commands))
+            sections[-1] = replace(before, stage=stage, end_m=section.end_m, arc=arc, last=index)
         elif leg.distance_m > 1e-6:
             sections.append(section)
     return tuple(sections)

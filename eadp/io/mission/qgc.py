@@ -307,7 +307,8 @@ def qgc_text(
         for inclusion, corners, _ in fences
     ]
     written: list[dict[str, Any]] = []
-    lands = [item.command for item in items[-3:]] == [LAND_START, WAYPOINT, LAND]
+    ending = [item.command for item in items[-3:]]
+    lands = ending in ([LAND_START, WAYPOINT, LAND], [LAND_START, LOITER_TO_ALTITUDE, LAND])
     pattern = lands and firmware == ARDUPILOT and items[-1].frame == RELATIVE  # a pattern has no heights above ground
     for number, (command, frame, parameters, _) in enumerate(items[:-3] if pattern else items, 1):
         item: dict[str, Any] = {"autoContinue": True, "command": command, "doJumpId": number, "frame": frame}
@@ -319,14 +320,16 @@ def qgc_text(
     if survey is not None:
         start, end, joined = survey
         written[start:end] = [joined(written[start:end])]
-    if lands and not pattern:
+    if lands and not pattern and items[-2].command == WAYPOINT:
         written[-2]["params"][3] = None
     if pattern:
         approach, land = (_rounded(item.parameters[4:]) for item in items[-2:])
+        circle, radius_m = items[-2].command == LOITER_TO_ALTITUDE, items[-2].parameters[1]
         written.append(
             {"type": "ComplexItem", "complexItemType": "fwLandingPattern", "version": 2, "altitudesAreRelative": True}
-            | {"landingApproachCoordinate": approach, "landCoordinate": land, "useLoiterToAlt": False}
-            | {"loiterRadius": 0.0, "loiterClockwise": True, "stopTakingPhotos": False, "stopVideoPhotos": False}
+            | {"landingApproachCoordinate": approach, "landCoordinate": land, "useLoiterToAlt": circle}
+            | {"loiterRadius": abs(radius_m) * circle, "loiterClockwise": not circle or radius_m > 0}
+            | {"stopTakingPhotos": False, "stopVideoPhotos": False}
         )
     mission = {
         "cruiseSpeed": airspeed_mps,

@@ -21,7 +21,7 @@ from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
 from eadp.models.plan.plan import Finding, Plan
-from eadp.models.vehicle import Airframe, FixedWing
+from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.plug_ins import plug_ins
 
 
@@ -52,10 +52,11 @@ class PlanReader(MissionMotion):
     @classmethod
     def of(cls, airframe: Airframe, battery: Battery, laps: int | None = None) -> PlanReader:
         """The reader for an aircraft: what repeats for ever is longer than the battery lasts."""
-        climb_rate = getattr(airframe, "max_climb_rate_mps", FixedWing.max_climb_rate_mps)
+        wing = FixedWing() if isinstance(airframe, PaperVehicle) else airframe
+        rates_mps = wing.climb_rates_mps(wing.airspeed_mps)
         endurance_s = battery.endurance_s(airframe.cruise_power_w)
         repeated_m = min(1.25 * endurance_s * airframe.airspeed_mps, 1e6)
-        return cls(airframe.turn_radius_m, airframe.airspeed_mps, climb_rate, repeated_m, laps)
+        return cls(airframe.turn_radius_m, airframe.airspeed_mps, *rates_mps, repeated_m, laps)
 
     def turning(self, radius_m: float | None) -> PlanReader:
         """The reader for turns of a radius [m]; the same for None."""

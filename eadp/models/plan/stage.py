@@ -117,8 +117,8 @@ class Stage:
     `radius_m` is the radius of its trigger where it has its own (the letter's ε_i); `Plan.radius_m` is the one that
     holds. `segment` is the one that it belongs to, where path and trigger may name its loop variables. `altitude_m` is
     above the origin. `commands` are what an autopilot does as the stage starts, as MAVLink's numbers: a command and its
-    parameters; they do not move it, but for `TAKEOFF`, `LAND` and `RETURN`. `item` is what messages call the item of a
-    mission that it leads to.
+    parameters; they do not move it, but for `TAKEOFF`, `LAND`, `RETURN` and `LOITER_TO_ALTITUDE`. `item` is what
+    messages call the item of a mission that it leads to.
     """
 
     index: int
