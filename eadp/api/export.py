@@ -37,8 +37,9 @@ from eadp.io.scenario.scenario_file import override_texts, read_overrides, read_
 from eadp.io.terrain.reader import read_terrain
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import read_text, write_text
-from eadp.models.airspace import Airspace, risk_text
+from eadp.models.airspace import BOUNDARY, Airspace, risk_text
 from eadp.models.autopilot import PX4, Autopilot
+from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import MadeFor, Plan
 from eadp.models.plan.route import PlannedLegs
@@ -46,6 +47,7 @@ from eadp.models.plan.stage import LAND, TAKEOFF
 from eadp.models.plan.trace import nominal_route
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.planning.forecast.held import Preflight
+from eadp.validation.check import entered
 
 NEAR_M = 1.0
 """Distance up to which the path starts or ends at home [m]."""
@@ -113,6 +115,10 @@ class PlaceOptions:
     """Polygons that the path stays inside of, as --avoid."""
 
 
+RISK = 0.05
+"""Probability to enter an obstacle, or to leave the boundary, above which a mission is not written."""
+
+
 @dataclass(frozen=True)
 class ExportOptions(PlaceOptions, PartOptions):
     """Options of an export. Faults name them as the command `eadp export` does."""
@@ -129,13 +135,20 @@ class ExportOptions(PlaceOptions, PartOptions):
     survey: bool = False
     """Write the lines over the field as one survey of QGroundControl, which can be edited there."""
 
-    def check(self) -> None:
-        """Refuse values out of range, and options that do not go together; raises InputError."""
+    force: bool = False
+    """Write a mission that is forecast to enter an obstacle or to leave its boundary."""
+
+    def check(self, to: str) -> None:
+        """Refuse values out of range, and options that do not go together, for a format; raises InputError."""
         if self.telemetry is not None and (self.scenario is None or self.start is not None):
             raise _fault("--telemetry", self.telemetry, "needs a planner", "--scenario, and no --from")
         if self.parameters is not None:
             if Path(self.parameters).suffix not in PARAMETER_FILES:
                 raise _fault("--parameters", self.parameters, "is no file of parameters", "a name in .param or .params")
+            ending = ".params" if to == "px4" else ".param"
+            if to in WITH_ITEMS and Path(self.parameters).suffix != ending:
+                message = f"is no file of parameters for --to {to}"
+                raise _fault("--parameters", self.parameters, message, f"a name in {ending}")
             if self.scenario is None:
                 raise _fault("--parameters", self.parameters, "needs an aircraft and a battery", "--scenario")
         for option, value in (
@@ -196,9 +209,9 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     InputError
         With the faults of the files, or of an option.
     Infeasible
-        If PX4 would not arm the mission.
+        As `export`.
     """
-    options.check()
+    options.check(to)
     writer = writer_of(to)
     if writer is None:
         raise _fault("--to", to, "is no format", one_of(EXPORTS, to))
@@ -242,7 +255,13 @@ def _stated(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
     warn(notes)
     made = plan.site.made_for
     airframe = FixedWing() if made is None else FixedWing(airspeed_mps=made.airspeed_mps)
-    return _Chosen(plan, name, _planned(plan, name, parameters_of(plan, options.overrides)), airframe)
+    planned = _planned(plan, name, parameters_of(plan, options.overrides))
+    low_m = airframe.cruise_altitude_m if options.altitude_m is None else options.altitude_m
+    for what in dict.fromkeys(what for _, what in entered(planned.legs, plan.site.airspace, low_m)):
+        does = "leads beyond" if what == BOUNDARY else "leads through"
+        message, expected = f"the path {does} {what}", "--scenario, for a forecast, or another path"
+        warn([Fault(name, 1, 1, message, expected, severity="warning")])
+    return _Chosen(plan, name, planned, airframe)
 
 
 def _forecast(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
@@ -267,6 +286,10 @@ def _forecast(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen
         raise _fault("--scenario", str(options.scenario), message, f"{expected}, or --set without --scenario")
     planned = forecast.planned(inputs.mission)
     warn([Fault(name, 1, 1, _forecast_text(forecast, plan, planned.legs), severity="note")])
+    if not options.force and any(share > RISK for share in forecast.entering.values()):
+        risks = "; ".join(risk_text(name, share) for name, share in forecast.entering.items() if share > RISK)
+        advice = "another path or altitude; --force writes it as it is"
+        raise Infeasible(f"the flight {risks}: not written", advice)
     return _Chosen(plan, name, planned, airframe, parameters)
 
 
@@ -278,6 +301,11 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
         warn([Fault(option, 1, 1, message, expected, severity=severity)])
 
     place, home_deg = _places(plan, name, options)
+    if options.altitude_m is not None and all(stage.altitude_m is not None for stage in plan.stages):
+        message = "the plan has altitudes of its own"
+        raise _fault(
+            "--altitude", f"{options.altitude_m:g}", message, "no --altitude, or a plan made for this altitude"
+        )
     altitude_m, known = options.altitude_m, options.scenario is not None
     if altitude_m is None:
         altitude_m = airframe.cruise_altitude_m
@@ -311,6 +339,8 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
         zero_m=plan.site.ground_m,
         rally=rally,
         surveyed=_surveyed(plan, to, warn, name) if options.survey else (),
+        calibrated=calibrated_over_true(plan.site, airframe),
+        height_m=plan.site.above_sea_m or 0.0,
     )
     if path.surveyed:
         try:
@@ -443,6 +473,8 @@ def _parameters(inputs: FlightInputs, path: str, name: str, warn: Warn) -> str:
         mission.plan, inputs.world.vehicle, mission.battery, ardupilot=ardupilot, home_altitude_m=home_m
     )
     said = ", ".join(f"{each.name} {each.value:.6g}" for each in found)
+    calibrated = calibrated_over_true(mission.plan.site, mission.vehicle)
+    said += f"; airspeeds calibrated, {calibrated:.4f} of the true ones" if round(calibrated, 4) != 1 else ""
     warn([Fault(name, 1, 1, f"the forecast holds for {said}", severity="note")])
     return text(found)
 
@@ -571,7 +603,8 @@ def export(
     InputError
         With the faults of the files, or of an option under its name on the command line.
     Infeasible
-        If PX4 would not arm the mission.
+        If PX4 would not arm the mission; or if the flight is forecast to enter an obstacle or to leave its boundary,
+        with a probability above `RISK`.
     """
     mission = exported(plan, to, options or ExportOptions(), warn)
     if options is not None and options.parameters is not None:

@@ -53,6 +53,7 @@ from eadp.planning.base import Mission
 from eadp.planning.flight import PlannedFlight, make_flight
 from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import planner_class
+from eadp.planning.state.climb import ClimbFollower
 from eadp.simulation.nominal import NominalFlight, Overshoot
 
 LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
@@ -181,14 +182,14 @@ class FlightInputs:
         wind_mps = wind.steady_at_mps(0.0, statistics.median_high(altitudes_m))
         mission = self.mission if whole else replace(self.mission, way_home=None)
         found = planner.preflight(settings, mission, wind_mps, wind.gust_std_mps)
-        airspace = plan.site.airspace.in_the_way(min(altitudes_m))
+        airspace = plan.site.airspace
         if found is None or not whole or not any(airspace):
             return found
         from eadp.planning.forecast import clearance  # few plans have obstacles
 
         gusts, world = (wind.gust_std_mps, wind.gust_time_s), self.world
-        legs = found.planned(self.mission).legs
-        entered = clearance.entering(legs, airspace, world.vehicle, world.guidance, wind_mps, gusts)
+        legs, climb = found.planned(self.mission).legs, ClimbFollower.of(self.mission)
+        entered = clearance.entering(legs, airspace, world.vehicle, world.guidance, wind_mps, gusts, climb)
         return replace(found, entering=entered)
 
 

@@ -28,6 +28,7 @@ from eadp.io.mission.items import MappedItem, items_text, parse_items, read_item
 from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
 from eadp.io.telemetry.reader import numbered_lines, open_telemetry
 from eadp.io.text.options import Flag
+from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import RETURN
 
@@ -121,7 +122,8 @@ class LinkFlight:
             self._lines.items = parse_items(log.items, self._path_names)
         self._mission: HeldMission | None = None
         if exported is not None and send is not None:
-            self._mission = HeldMission(plan, inputs.mission.cruise_mps, exported, self._lines.items)
+            calibrated = calibrated_over_true(plan.site, inputs.mission.vehicle)
+            self._mission = HeldMission(plan, inputs.mission.cruise_mps, exported, self._lines.items, calibrated)
         self._uploads = options.upload
         self._mission_id: float | None = None  # of the mission of the map, in a ULog
         self._check: ParameterCheck | None = None  # from the first heartbeat on

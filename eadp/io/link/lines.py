@@ -11,6 +11,7 @@ from typing import Any
 
 from eadp.io.mission.items import MappedItem
 from eadp.io.telemetry.reader import Reading, TelemetryReader
+from eadp.models.performance import calibrated_over_true
 from eadp.planning.base import Mission
 
 LINE_S = 0.2
@@ -73,6 +74,7 @@ class LineMaker:
     ) -> None:
         self._reader, self.items, self._warn = reader, items, warn
         self._plan, self._battery = mission.plan, mission.battery
+        self._calibrated = calibrated_over_true(mission.plan.site, mission.vehicle)
         self.count = 0
         # by name, when a value came [s] and the value: the last of messages, and of the computations' parameters
         self._known: dict[str, tuple[float, Any]] = {}
@@ -192,9 +194,11 @@ class LineMaker:
         self._check_voltage(volts, amps, line)
         if (altitude_m := values.get("altitude_m")) is not None:
             line["altitude_m"] = altitude_m
-        for key in ("airspeed_mps", "wind_mps"):
-            if (value := self._value(key)) is not None:
-                line[key] = value
+        calibrated_mps, true_mps, wind_mps = map(self._value, ("airspeed_mps", "true_mps", "wind_mps"))
+        if true_mps is None and calibrated_mps is not None:
+            true_mps = round(calibrated_mps / self._calibrated, 4)
+        line |= {} if true_mps is None else {"airspeed_mps": true_mps}
+        line |= {} if wind_mps is None else {"wind_mps": wind_mps}
         # parameters in force: computations' as their processes report them, the path's as the item flown to has them
         item = self._item()
         parameters: dict[str, float | None] = {

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from eadp.models.autopilot import ARDUPILOT, FACTORY, OLDER, PX4
 from eadp.models.battery import Battery
+from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import LAND
 from eadp.models.vehicle import Airframe, PaperVehicle
@@ -59,8 +60,12 @@ class AutopilotParameter(NamedTuple):
         agrees = math.isclose(abs(value), abs(wanted), rel_tol=AGREES)
         if agrees or (self.bound == AT_LEAST and value > wanted) or (self.bound == AT_MOST and value < wanted):
             return ""
-        return f"{name} is {value:.6g}{self.bound or ', not '}{wanted:.6g}"
+        armed = ", so that the mission is not armed" if name in _ARMING else ""
+        return f"{name} is {value:.6g}{self.bound or ', not '}{wanted:.6g}{armed}"
 
+
+_ARMING = frozenset(("MIS_TKO_LAND_REQ", "FW_LND_ANG"))
+"""PX4's parameters by which it refuses a mission."""
 
 _OLDER = {**OLDER, "AIRSPEED_CRUISE": ("TRIM_ARSPD_CM", 100.0), "ROLL_LIMIT_DEG": ("LIM_ROLL_CD", 100.0)}
 """Of ArduPilot's parameters: their names in older versions, and how many times the value stands there."""
@@ -77,6 +82,7 @@ def wanted_parameters(
     `home_altitude_m` is that of the way home; by default the plan's highest.
     """
     radius_m, speed = round(plan.min_radius_m or airframe.turn_radius_m), airframe.airspeed_mps
+    speed = round(speed * calibrated_over_true(plan.site, airframe), 3)
     bank_deg = math.nan if isinstance(airframe, PaperVehicle) else airframe.max_bank_deg
     slope_deg = landing_slope_deg(plan, airframe.cruise_altitude_m)
     lands = bool(plan.stages[-1].command(LAND))

@@ -48,6 +48,11 @@ class MissionItem(NamedTuple):
         return self.frame in GLOBAL_FRAMES and any(self.parameters[4:6])
 
     @property
+    def position_deg(self) -> tuple[float, float]:
+        """Its latitude and longitude [°]."""
+        return self.parameters[4], self.parameters[5]
+
+    @property
     def altitude_m(self) -> float:
         """Its altitude, as its frame has it [m]."""
         return self.parameters[6]
@@ -122,6 +127,8 @@ class MissionMotion:
         How many times it is flown.
     terrain : tuple of str
         Files of the ground, above which altitudes may be.
+    calibrated : float
+        Calibrated over true airspeed, where home has no height.
     """
 
     turn_radius_m: float = FixedWing().turn_radius_m
@@ -131,3 +138,4 @@ class MissionMotion:
     repeated_m: float = 100_000.0
     laps: int | None = None
     terrain: tuple[str, ...] = ()
+    calibrated: float = 1.0

@@ -98,6 +98,7 @@ class PlannedPath:
     height of the ground at points, shape (n, 2), above the altitude 0 [m], where altitudes are written above it, and
     `zero_m` is that altitude above the sea [m], where it is known: of a plan over terrain.
     `rally` are places to rally, with their altitudes above home [m]; `surveyed` is the field whose lines are one item.
+    Airspeeds are true; `calibrated` is what an autopilot holds over them. `height_m` is home's above the sea, or 0.
     """
 
     name: str
@@ -115,6 +116,8 @@ class PlannedPath:
     zero_m: float | None = None
     rally: tuple[tuple[float, float, float], ...] = ()
     surveyed: tuple[Point, ...] = ()
+    calibrated: float = 1.0
+    height_m: float = 0.0
 
     def geodetic_deg(self, point: Point) -> Point:
         """Latitude and longitude of a point [m]."""

@@ -12,6 +12,7 @@ import numpy as np
 
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import Expression, constant
+from eadp.core.flight.aerodynamics import air_density_kgpm3, calibrated_share
 from eadp.core.flight.following import RATE_SHARE
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, to_local_m, to_near_local_m
@@ -276,7 +277,10 @@ class MissionPlan:
         for index in order:
             item = self.draft.items[index]
             if item.command == d.CHANGE_SPEED and item.parameters[0] in (0, 1):
-                airspeed = item.parameters[1] if item.parameters[1] > 0 else airspeed
+                if item.parameters[1] > 0:
+                    airspeed = item.parameters[1]
+                    if item.parameters[0] == 0:  # of the air: calibrated
+                        airspeed = round(airspeed / self._calibrated, 6)
                 if item.parameters[0] == 1:
                     message = f"{item.label}: a ground speed, taken as an airspeed"
                     self._find(item.locations[2], "ground-speed", message)
@@ -312,6 +316,17 @@ class MissionPlan:
         if self._terrain is not None:
             return round(float(self._terrain.known_m(np.zeros((1, 2)))[0]), 2)
         return None if all(item.above_sea_m is None for item in self.draft.items) else self.draft.home[2]
+
+    @property
+    def _height_m(self) -> float | None:
+        """Height of home above the sea [m]; one of 0 is not set."""
+        return self.draft.home[2] or None
+
+    @cached_property
+    def _calibrated(self) -> float:
+        """Calibrated over true airspeed at home."""
+        height_m = self._height_m if self._zero_m is None else self._zero_m
+        return self.motion.calibrated if height_m is None else float(calibrated_share(air_density_kgpm3(height_m)))
 
     def _altitude_m(self, item: DraftItem, place: Point, before: float | None) -> float | None:
         """The altitude above home at an item [m]: a landing's is that of the ground, a return's the one before."""
@@ -427,6 +442,7 @@ class MissionPlan:
                 airspace=self._airspace(),
                 rally=self._rally(),
                 ground_m=self._zero_m,
+                height_m=self._height_m,
             ),
         )
 

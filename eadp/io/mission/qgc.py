@@ -290,11 +290,12 @@ def qgc_text(
     rally: Sequence[Place] = (),
     survey: tuple[int, int, Callable[[list[dict[str, Any]]], dict[str, Any]]] | None = None,
     ground: Callable[[float, float], float] | None = None,
+    home_m: float = 0.0,
 ) -> str:
     """The file of a mission of a fixed wing; of ArduPilot, with a landing as the pattern that can be edited.
 
     `survey` is the span of the items that a complex item has, and what makes it of them; `ground` has heights above the
-    sea at latitudes and longitudes [m], where items are above it.
+    sea at latitudes and longitudes [m], where items are above it, and `home_m` is that of home, 0 if not known.
 
     MAVSDK, which sends plans to PX4, refuses a pattern. There it is the same items, which QGroundControl makes one of.
     """
@@ -337,7 +338,7 @@ def qgc_text(
         "globalPlanAltitudeMode": MODES[TERRAIN if any(item.frame == TERRAIN for item in items) else RELATIVE],
         "hoverSpeed": airspeed_mps,
         "items": written,
-        "plannedHomePosition": [*_rounded(home_deg), ground(*home_deg) if ground else 0.0],
+        "plannedHomePosition": [*_rounded(home_deg), ground(*home_deg) if ground else home_m],
         "vehicleType": FIXED_WING,
         "version": 2,
     }

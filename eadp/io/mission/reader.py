@@ -20,7 +20,8 @@ from eadp.io.text.kinds import refuse_others
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
-from eadp.models.plan.plan import Finding, Plan
+from eadp.models.performance import calibrated_over_true
+from eadp.models.plan.plan import Finding, Plan, Site
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.plug_ins import plug_ins
 
@@ -56,7 +57,8 @@ class PlanReader(MissionMotion):
         rates_mps = wing.climb_rates_mps(wing.airspeed_mps)
         endurance_s = battery.endurance_s(airframe.cruise_power_w)
         repeated_m = min(1.25 * endurance_s * airframe.airspeed_mps, 1e6)
-        return cls(airframe.turn_radius_m, airframe.airspeed_mps, *rates_mps, repeated_m, laps)
+        calibrated = calibrated_over_true(Site(), airframe)
+        return cls(airframe.turn_radius_m, airframe.airspeed_mps, *rates_mps, repeated_m, laps, (), calibrated)
 
     def turning(self, radius_m: float | None) -> PlanReader:
         """The reader for turns of a radius [m]; the same for None."""
