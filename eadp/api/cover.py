@@ -441,9 +441,10 @@ class CoveragePlan:
 
     def _landing_text(self) -> list[str]:
         """The final approach."""
-        *_, before, last = self.plan.stages
+        last = self.plan.stages[-1]
         if not last.command(LAND):
             return []
+        before = self.plan.stages[-2]  # which leads to its start
         length_m = math.dist(before.trigger_at(()), last.trigger_at(()))
         down_m = (before.altitude_m or 0.0) - (last.altitude_m or 0.0)
         ends = f" to {last.altitude_m:.0f} m" if last.altitude_m else ""
@@ -873,7 +874,7 @@ def _command(command: int, height_m: float = 0.0) -> tuple[float, ...]:
 def _limited(field: Field, options: CoverageOptions) -> tuple[Field, list[str]]:
     """The field with its obstacles and its boundary, and notes on what was left out of these."""
     avoid, inside = (None if path is None else read_field_text(path) for path in (options.avoid, options.inside))
-    given, notes = read_airspace(avoid, inside, field.origin_deg, metres=options.metres)
+    given, notes = read_airspace(avoid, inside, field.origin_deg, field.middle_m, metres=options.metres)
     holes = [hole for part in field.parts for hole in part[1:]] if options.holes == "avoid" else ()
     named = [Obstacle(hole, f"hole {i}") for i, hole in enumerate(holes, 1)]
     airspace = Airspace((*field.airspace.obstacles, *given.obstacles, *named), given.boundary)

@@ -20,7 +20,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, velocity_mps
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
-from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_local_m, to_near_local_m
+from eadp.core.geometry.geodesy import FARTHEST_M, place_text, to_geodetic_deg, to_local_m, to_near_local_m
 from eadp.coverage.plan_builder import with_landing
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined, one_of, printable
 from eadp.io.mission import FENCE_ENDING, ITEMS_ENDING, RALLY_ENDING, WITH_ITEMS
@@ -323,6 +323,12 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
         message = f"altitudes are above {plan.site.ground_m:g} m above the sea, the ground at the plan's home or start"
         note(message, "warning", "--home", "a home as high, or --altitudes terrain")
     sections = planned_sections(planned.legs)
+    ends_m = [point for section in sections for point in (section.start_m, section.end_m)]
+    far_m = max((math.hypot(*end_m) for end_m in ends_m), default=0.0)
+    if far_m > FARTHEST_M:
+        where = (name, "") if options.origin_deg is None else ("--origin", str(options.origin_deg))
+        message = f"the path reaches {far_m / 1000:.0f} km from the origin, {place_text(place)}"
+        raise _fault(*where, message, f"metres from the origin, at most {FARTHEST_M / 1000:g} km")
     path = PlannedPath(
         name=(plan.site.field.name if plan.site.field else "") or printable(name.rpartition("/")[2]),
         sections=sections,

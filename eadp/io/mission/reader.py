@@ -43,7 +43,7 @@ FORMATS = (
 
 HEAD = 200
 """Characters from the start of a text by which its format is recognised."""
-_STAGES = re.compile(r"^\s*path\s*:|^[^;\n]*;[^;\n]*;[^;\n]*[xy]", re.MULTILINE)
+_STAGES = re.compile(r"^[^\S\n]*path\s*:|^[^;\n]*;[^;\n]*;[^;\n]*[xy]", re.MULTILINE)
 """What a plan of eadp has: a section of stages, or a stage."""
 
 
