@@ -15,7 +15,7 @@ from eadp.models.plan.legs import Leg
 from eadp.planning.state.known import Known
 
 AT_HOME_M = 1.0
-"""Distance at which the aircraft is at home [m]."""
+"""Distance at which the aircraft is at home, where it does not circle [m]."""
 
 
 class Homeward(NamedTuple):
@@ -46,8 +46,10 @@ def homeward(known: Known, way_home: WayHome, cruise_altitude_m: float, computin
         _, airspeed_mps = climb.commanded(known.cursor.stage)
         faster_w = climb.faster_w(airspeed_mps)
     level_w, per_m, landing = known.motion.level_w + faster_w, known.motion.climb_j_per_m, way_home.landing
-    corners = np.array([known.position_m, *way_home.line(known.position_m)])
-    seconds = _seconds(np.diff(corners, axis=0), airspeed_mps, known.wind.mps)
+    seconds = 0.0
+    if math.dist(known.position_m, way_home.end_m) > way_home.circle_radius_m:
+        corners = np.array([known.position_m, *way_home.line(known.position_m)])
+        seconds = _seconds(np.diff(corners, axis=0), airspeed_mps, known.wind.mps)
     turn_s = 2 * math.pi * HOME_RADII * way_home.turn_radius_m / airspeed_mps
     seconds += turn_s if seconds > 0 else 0.0
     seconds += 2 * math.pi * way_home.circle_radius_m / airspeed_mps
