@@ -493,6 +493,7 @@ def _forecast_text(forecast: Preflight, plan: Plan, legs: Sequence[Leg]) -> str:
     end, length_m = forecast.forecast, sum(leg.distance_m for leg in legs)
     reserve = f"; keeps the reserve with {100 * (end.reserve_probability or 0.0):.1f} %"
     energy = "" if end.energy_wh is None else f", {end.energy_wh:.2f} Wh"
+    energy += f"; the autopilot {forecast.autopilot_text}" if forecast.autopilot_text else ""
     at = f"at {', '.join(chosen)}: " if chosen else ""
     risks = "".join(f"; {risk_text(name, share)}" for name, share in forecast.entering.items())
     return f"forecast {at}{length_m / 1000:.2f} km, {end.remaining_s:.0f} s{energy}{reserve}{risks}"
@@ -576,8 +577,8 @@ def export(
     InputError
         With the faults of the files, or of an option under its name on the command line.
     Infeasible
-        If the flight is forecast to enter an obstacle or to leave its boundary, with a probability above `RISK`, or PX4
-        would not arm the mission.
+        If PX4 would not arm the mission; or if the flight is forecast to enter an obstacle or to leave its boundary,
+        with a probability above `RISK`.
     """
     mission = exported(plan, to, options or ExportOptions(), warn)
     if options is not None and options.parameters is not None:

@@ -33,8 +33,8 @@ def command(
 
     Beside the mission of an autopilot it writes FILE.items.json, by which `eadp replan` knows the stage of an item.
 
-    Exit code 0 if it is written; 1 if the flight is forecast to enter an obstacle or to leave its boundary, or PX4
-    would not arm the mission; 2 on bad input.
+    Exit code 0 if it is written; 1 if PX4 would not arm it, or the flight is forecast to enter an obstacle or to leave
+    its boundary; 2 on bad input.
     """
     try:
         written = export(plan, to, options, out, warn=warn)

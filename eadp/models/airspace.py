@@ -218,7 +218,7 @@ class WayHome(NamedTuple):
         way = self._replace(altitude_m=autopilot.return_altitude_m(self.altitude_m))
         if self.landing is not None and autopilot.lands:
             return way
-        circle_m = autopilot.circle_radius_m(self.turn_radius_m)
+        circle_m = autopilot.circle_radius_m(HOME_RADII * self.turn_radius_m)
         return way._replace(landing=None, circle_radius_m=circle_m, ways=self.ways and self.ways.to(self.position_m))
 
     @property
@@ -234,6 +234,8 @@ class WayHome(NamedTuple):
     def pieces(self, start: Pose) -> tuple[Piece, ...]:
         """Turns and straight lines from a pose, up to the start of the landing, or the end of the circle."""
         radius_m = HOME_RADII * self.turn_radius_m
+        if math.dist(start[:2], self.end_m) <= self.circle_radius_m:
+            return _circle(start, self.circle_radius_m)
         if self.ways is None and self.landing is not None:
             return ordered(start, self.landing.start, radius_m)[0].pieces
         way = ways_to_point(start, self.end_m, radius_m)[0] if self.ways is None else self.ways.pieces(start)

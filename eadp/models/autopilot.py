@@ -36,6 +36,7 @@ FACTORY: Mapping[str, Mapping[str, float]] = {
         "COM_FLTT_LOW_ACT": 3.0,
         "RTL_TIME_FACTOR": 1.1,
         "RTL_TIME_MARGIN": 100.0,
+        "FW_T_CLMB_R_SP": 3.0,
         "COM_LOW_BAT_ACT": 0.0,
         "BAT_CRIT_THR": 0.07,
     },
@@ -56,10 +57,14 @@ LANDS = (1.0, 2.0, 4.0)
 
 
 class TimeRule(NamedTuple):
-    """PX4 turns back once its time left falls below `factor` times the time home, and `margin_s` [s]."""
+    """PX4 turns back once its time left, by its current, is below `factor` times the time home and `margin_s` [s].
+
+    It counts the climb to the altitude of the way, at `climb_mps` [m/s], beside the way itself.
+    """
 
     factor: float
     margin_s: float
+    climb_mps: float
 
 
 @dataclass(frozen=True)
@@ -108,7 +113,8 @@ class Autopilot:
         """By which time left it turns back; None where it does not."""
         if self.kind != PX4 or self.value("COM_FLTT_LOW_ACT") != RETURNS_HOME:
             return None
-        return TimeRule(self.value("RTL_TIME_FACTOR") or 0.0, self.value("RTL_TIME_MARGIN") or 0.0)
+        climb_mps = self.value("FW_T_CLMB_R_SP") or FACTORY[PX4]["FW_T_CLMB_R_SP"]
+        return TimeRule(self.value("RTL_TIME_FACTOR") or 0.0, self.value("RTL_TIME_MARGIN") or 0.0, climb_mps)
 
     def low_soc(self, battery: Battery, power_w: FloatArray) -> FloatArray:
         """State of charge below which it gives the mission up by its battery's limits, 0 where by none; as `power_w`.

@@ -256,7 +256,9 @@ class DecisionRecord(NamedTuple):
     home_reachable : bool or None
         Whether home can be reached from here with the reserve kept, with its probability; None without a home.
     point_of_no_return_s : float or None
-        Last time at which it could be reached [s], if it cannot.
+        Last time at which it could be reached [s], if it cannot; in a live flight, else, up to when it can as planned.
+    home_by_s : float or None
+        When home is reached at the latest, from there or at the plan's end [s]; of a live flight.
     """
 
     time_s: float
@@ -274,6 +276,7 @@ class DecisionRecord(NamedTuple):
     wind_mps: Point | None = None
     home_reachable: bool | None = None
     point_of_no_return_s: float | None = None
+    home_by_s: float | None = None
 
 
 TURNS_BACK = "home: "

@@ -114,6 +114,13 @@ def wanted_parameters(
     return found
 
 
+def read_parameters(wanted: Sequence[AutopilotParameter], *, ardupilot: bool) -> list[AutopilotParameter]:
+    """Those that are wanted, and those that a forecast counts at any value."""
+    names = [each.name for each in wanted]
+    rest = [name for name in FACTORY[ARDUPILOT if ardupilot else PX4] if name not in names]
+    return [*wanted, *(AutopilotParameter(name, math.nan, EXACTLY, *_OLDER.get(name, ("", 0.0))) for name in rest)]
+
+
 def speed_limits(plan: Plan, airframe: Airframe, *, ardupilot: bool) -> list[AutopilotParameter]:
     """What an autopilot's limits of the airspeed must allow: below its least one ArduPilot refuses a change of speed,
     and PX4 accepts it and flies that one."""
@@ -129,13 +136,6 @@ def speed_limits(plan: Plan, airframe: Airframe, *, ardupilot: bool) -> list[Aut
         AutopilotParameter("FW_AIRSPD_MIN", slowest, AT_MOST),
         AutopilotParameter("FW_AIRSPD_MAX", fastest, AT_LEAST),
     ]
-
-
-def read_parameters(wanted: Sequence[AutopilotParameter], *, ardupilot: bool) -> list[AutopilotParameter]:
-    """Those that are wanted, and those that a forecast counts at any value."""
-    names = [each.name for each in wanted]
-    rest = [name for name in FACTORY[ARDUPILOT if ardupilot else PX4] if name not in names]
-    return [*wanted, *(AutopilotParameter(name, math.nan, EXACTLY, *_OLDER.get(name, ("", 0.0))) for name in rest)]
 
 
 def landing_slope_deg(plan: Plan, cruise_altitude_m: float) -> float:

@@ -262,7 +262,8 @@ class Evaluation:
         early_s, early_var_s2 = moments(ends.all_probabilities, ends.unspent(times_s))
         unspent_j, unspent_var_j2 = moments(ends.all_probabilities, ends.unspent(energies_j))
         safest = self.final_charge(place, self.knapsack.filling(np.zeros_like(filling.shares)))
-        empty_soc = max(float(self.limits.delivered_soc[place]), 0.0)  # the cut-off voltage is reached
+        # the cut-off voltage is reached, or the autopilot turns back
+        empty_soc = max(float(self.limits.delivered_soc[place]), 0.0, float(self.own.turns_back_soc[place]))
         return Ending(
             remaining_s=seconds - early_s + float(self.own.seconds[place]),
             remaining_std_s=math.sqrt(float(time_var) + early_var_s2),
@@ -271,7 +272,7 @@ class Evaluation:
             soc_end=charge.mean,
             soc_end_std=math.sqrt(charge.variance),
             completes_probability=safest.probability_above(empty_soc),
-            reserve_probability=safest.probability_above(max(self.reserve_soc(place), empty_soc)),
+            reserve_probability=safest.probability_above(max(self.evaluator.objective.reserve_soc, empty_soc)),
         )
 
     def reserve_soc(self, place: int) -> float:
@@ -564,7 +565,8 @@ class Evaluator:
                 continue
             # b ≥ (f tₕ + m) ḃ wherever the autopilot may turn back; at the end, after what is left, it is less
             left_s = load.times_s[mine].sum() - np.cumsum(load.times_s[mine])[:until]
-            home_s = np.array([homeward(end, way, cruise_m, 0.0).seconds for end in ends])
+            ways = [homeward(end, way, cruise_m, 0.0) for end in ends]
+            home_s = np.array([each.seconds + each.climb_m / rule.climb_mps for each in ways])
             needed_s = rule.margin_s + float((rule.factor * home_s - left_s).max())
             lasting_soc = needed_s * float(totals.mean_w[place]) - own.joules[place]
             own.turns_back_soc[place] = max(own.turns_back_soc[place], lasting_soc * float(totals.soc_per_j[place]))

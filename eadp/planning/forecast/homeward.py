@@ -15,14 +15,15 @@ from eadp.models.plan.legs import Leg
 from eadp.planning.state.known import Known
 
 AT_HOME_M = 1.0
-"""Distance at which the aircraft is at home [m]."""
+"""Distance at which the aircraft is at home, where it does not circle [m]."""
 
 
 class Homeward(NamedTuple):
-    """A way home: its time [s], and its mean power with computations at their least [W]."""
+    """A way home: its time [s], its mean power with the computations [W], and the climb to its altitude [m]."""
 
     seconds: float
     power_w: float
+    climb_m: float = 0.0
 
 
 def homeward(known: Known, way_home: WayHome, cruise_altitude_m: float, computing_w: float) -> Homeward:
@@ -45,14 +46,17 @@ def homeward(known: Known, way_home: WayHome, cruise_altitude_m: float, computin
         _, airspeed_mps = climb.commanded(known.cursor.stage)
         faster_w = climb.faster_w(airspeed_mps)
     level_w, per_m, landing = known.motion.level_w + faster_w, known.motion.climb_j_per_m, way_home.landing
-    corners = np.array([known.position_m, *way_home.line(known.position_m)])
-    seconds = _seconds(np.diff(corners, axis=0), airspeed_mps, known.wind.mps)
+    seconds = 0.0
+    if math.dist(known.position_m, way_home.end_m) > way_home.circle_radius_m:
+        corners = np.array([known.position_m, *way_home.line(known.position_m)])
+        seconds = _seconds(np.diff(corners, axis=0), airspeed_mps, known.wind.mps)
     turn_s = 2 * math.pi * HOME_RADII * way_home.turn_radius_m / airspeed_mps
     seconds += turn_s if seconds > 0 else 0.0
     seconds += 2 * math.pi * way_home.circle_radius_m / airspeed_mps
     here_m = cruise_altitude_m if climb is None else climb.altitude_m
     tops_m = here_m, way_home.altitude_m, None if landing is None else landing.altitude_m
-    energy_j = level_w * seconds + per_m * (max(top_m for top_m in tops_m if top_m is not None) - here_m)
+    climb_m = max(top_m for top_m in tops_m if top_m is not None) - here_m
+    energy_j = level_w * seconds + per_m * climb_m
     if landing is not None:
         legs = landing.legs
         lines = np.array([np.subtract(leg.end_m, leg.start_m) for leg in legs if leg.stage.kind == LINE]).reshape(-1, 2)
@@ -61,7 +65,7 @@ def homeward(known: Known, way_home: WayHome, cruise_altitude_m: float, computin
         energy_j += level_w * turn_s + max(level_w * down_s - per_m * landing.descent_m, 0.0)
         seconds += turn_s + down_s
     power_w = energy_j / seconds if 0 < seconds < math.inf else level_w
-    return Homeward(seconds, power_w + computing_w)
+    return Homeward(seconds, power_w + computing_w, climb_m)
 
 
 def _seconds(lines_m: FloatArray, airspeed_mps: float, wind_mps: Point) -> float:

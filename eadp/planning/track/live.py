@@ -73,6 +73,10 @@ class Advice(NamedTuple):
         Codes of what is wrong with the telemetry.
     returns_home : bool
         Whether to give the plan up and fly home.
+    home_reachable : bool or None
+        Whether home can be reached with the reserve kept; None where that is unknown.
+    point_of_no_return_s, home_by_s : float or None
+        Up to when, and when home is reached then at the latest [s]; see `DecisionRecord`.
     """
 
     time_s: float
@@ -85,6 +89,9 @@ class Advice(NamedTuple):
     reason: str
     warnings: tuple[str, ...]
     returns_home: bool = False
+    home_reachable: bool | None = None
+    point_of_no_return_s: float | None = None
+    home_by_s: float | None = None
 
 
 class LiveFlight:
@@ -224,7 +231,9 @@ class LiveFlight:
             return None
         advice = self._advise(flight, sample, observation)
         self._next_s = next_multiple(time_s, self._every_s)
-        self.forecast_completes = tracker.end_uncertain or (advice.ending.soc_end or 0.0) > 0
+        self.forecast_completes = not observation.returns_home and (
+            tracker.end_uncertain or (advice.ending.soc_end or 0.0) > 0
+        )
         return advice
 
     # --- the plan
@@ -369,16 +378,27 @@ class LiveFlight:
             reason = RETURNS if sample.returns_home else NOT_FLOWN
             end = self._forecast(flight.state, self._tracker.applied.effective)
             return self._advice(sample, reason, sample.wind_mps, Ending() if end is None else end.finite)
-        if record is not None and observation.time_s - record.time_s > max(RECENT_S, 3 * self._every_s):
+        # once home is flown to, the forecast is of the way there
+        if record is not None and (observation.returns_home or self._is_old(record.time_s, observation.time_s)):
             record = None
         # "kept" is no reason beside another one
         if decision.reason not in reasons and not (reasons and decision.reason.startswith(KEPT)):
             reasons.append(decision.reason)
         reason = "; ".join(reason for reason in reasons if reason) or KEPT
         if record is not None and record.ending.soc_end is not None:
-            return self._advice(sample, reason, record.wind_mps, record.ending.finite)
+            no_return_s, by_s = (
+                None if at_s is None else at_s + self._origin_s
+                for at_s in (record.point_of_no_return_s, record.home_by_s)
+            )
+            return self._advice(sample, reason, record.wind_mps, record.ending.finite)._replace(
+                home_reachable=record.home_reachable, point_of_no_return_s=no_return_s, home_by_s=by_s
+            )
         end = None if self._tracker.lost else self._forecast(flight.state, self._tracker.applied.effective)
         return self._advice(sample, reason, sample.wind_mps, Ending() if end is None else end.finite)
+
+    def _is_old(self, time_s: float, now_s: float) -> bool:
+        """Whether a record of a time [s] is no forecast any more."""
+        return now_s - time_s > max(RECENT_S, 3 * self._every_s)
 
     def _forecast(self, state: FlightState, parameters: Vector) -> Ending | None:
         """The end of the plan at parameters that are held; None where it is unknown."""
