@@ -58,6 +58,21 @@ def test_a_page_names_what_there_is(page):
     assert missing == []
 
 
+@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_no_pattern_tries_blanks_from_each_of_them(path):
+    r"""A pattern that starts with `\s*` is matched at a place: searched, it takes the square of the blanks."""
+    text = path.read_text(encoding="utf-8")
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "compile":
+            source = ast.get_source_segment(text, node) or ""
+            name = re.match(r"\s*(\w+)", text.splitlines()[node.lineno - 1])
+            if re.search(r"MULTILINE", source):
+                assert r"^\s" not in source, source
+            if re.search(r"""r"\\s[*+]""", source) and name:
+                searched = re.search(rf"\b{name[1]}\.(search|sub|findall|finditer|split)\(", text)
+                assert not searched, f"{path.name}: {name[1]}"
+
+
 SLOW = {"matplotlib", "numba", "osqp", "scipy", "shapely", "sympy"}
 """Libraries that take 50 ms or more to import, which most commands do without."""
 

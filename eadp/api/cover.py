@@ -4,31 +4,63 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from dataclasses import field as dataclass_field
 from functools import cached_property
 from os import PathLike
 from typing import Annotated, Any, Literal, Self
 
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import load_flight
-from eadp.api.landing import Air, approach, climb_out, course_rad, landing_pose
+from eadp.api.landing import (
+    Air,
+    approach,
+    approach_slopes,
+    behind_mps,
+    behind_warning,
+    climb_out,
+    course_rad,
+    landing_pose,
+)
 from eadp.api.profile import profile_of_scenario, read_profile
-from eadp.api.terrain import FLAT_M, HeightReport, Heights, TerrainOptions, TerrainTask, with_heights
+from eadp.api.terrain import (
+    FLAT_M,
+    HOME_TEXT,
+    HeightReport,
+    Heights,
+    TerrainOptions,
+    TerrainTask,
+    climbing_over,
+    with_heights,
+)
+from eadp.core.flight.following import Climbing
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, velocity_mps
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import place_text, to_local_m
 from eadp.coverage.corridor import cover_corridor
-from eadp.coverage.cover import AUTO, DUBINS, PATTERNS, CoverageRequest, CoverageSolution, has_pattern
+from eadp.coverage.cover import AUTO, DUBINS, PATTERNS, CoverageRequest, CoverageSolution, check_access, has_pattern
 from eadp.coverage.cover import cover as cover_field
+from eadp.coverage.ends import (
+    FinalApproach,
+    Lack,
+    climbed_first,
+    free_circles,
+    held_up_m,
+    level_lack,
+    with_circles,
+)
+from eadp.coverage.heights import STEP_M, Ground, Samples, clear_circle, climb_lack
 from eadp.coverage.plan_builder import FieldComputations, PlanCommands, build_plan
 from eadp.coverage.report import CoverageReport
 from eadp.coverage.swaths import CLIMB_OUT_M, RADIUS_SHARE, SPACING_SHARE, CoverageLeg, MotionLimits
-from eadp.errors import Fault, InputError, one_of, printable, refuse
+from eadp.errors import Fault, Infeasible, InputError, one_of, printable, refuse
 from eadp.io.field.draft import NAME_LIMIT
 from eadp.io.field.files import read_field_text
 from eadp.io.field.reader import read_airspace, read_corridor, read_field
 from eadp.io.mission.draft import TRIGGER_DISTANCE
+from eadp.io.mission.rules import LANDING_ANGLE
 from eadp.io.plan.writer import plan_text
 from eadp.io.scenario.scenario_file import read_scenario
 from eadp.io.text.options import Flag, check_range, option_name
@@ -36,12 +68,13 @@ from eadp.io.text.streams import read_text
 from eadp.io.vehicle.camera_file import read_camera
 from eadp.io.vehicle.vehicle_file import read_vehicle
 from eadp.models.airspace import Airspace, Obstacle
+from eadp.models.autopilot import FACTORY, PX4, Autopilot
 from eadp.models.camera import MAX_LENGTH_MM, MAX_PIXELS, MIN_LENGTH_MM, Camera, Pictures, ground_m, pictures_document
 from eadp.models.doubts import NEAR_DEG, Doubt, Shots, angle_doubts, interval_doubts, shot_doubts
 from eadp.models.field import Field
 from eadp.models.performance import PATH_MARGIN, ground_radius_m, roll_out_m, too_tight
 from eadp.models.plan.plan import MadeFor, Plan, Site, SurveyCamera
-from eadp.models.plan.stage import LAND, RETURN, TAKEOFF, Box
+from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE, RETURN, TAKEOFF, Box
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe, PaperVehicle
 
@@ -54,6 +87,13 @@ MIN_GSD_CM, MAX_GSD_CM = 0.1, 1e3
 MAX_OVERLAP = 99.0
 MAX_DISTANCE_M = 50_000.0
 """Largest distance of the start and home points from the field [m]."""
+
+TURNS_DEG = [side * turn for turn in range(10, 181, 10) for side in (1, -1)]
+"""Turns from a heading of landing that are tried, the least first [°]."""
+
+LOWER_M, MIN_APPROACH_M = 10.0, 30.0
+"""Step of the heights from which a final approach is tried, and the least: lower, an autopilot has no time to line up
+[m]."""
 
 Pair = str | Point
 """Two numbers, or the text of two numbers."""
@@ -392,18 +432,27 @@ class CoveragePlan:
     def lines(self) -> list[str]:
         """A summary for people, line by line."""
         camera = [] if self.pictures is None else self.pictures.lines()
-        ground = [] if self.heights is None else HeightReport([self.heights], *self.on_ground).text()
+        home_m = self.plan.site.home_altitude_m
+        ground = [] if home_m is None else [HOME_TEXT.format(home_m)]
+        if self.heights is not None:
+            ground = HeightReport([self.heights], *self.on_ground).text()
         flight = [*self.report.text(), *self._landing_text()]
         return [*flight, *camera, *self._overlap_text(), *ground, *self._batteries_text()]
 
     def _landing_text(self) -> list[str]:
         """The final approach."""
-        *_, before, last = self.plan.stages
+        last = self.plan.stages[-1]
         if not last.command(LAND):
             return []
+        before = self.plan.stages[-2]  # which leads to its start
         length_m = math.dist(before.trigger_at(()), last.trigger_at(()))
+        down_m = (before.altitude_m or 0.0) - (last.altitude_m or 0.0)
         ends = f" to {last.altitude_m:.0f} m" if last.altitude_m else ""
-        return [f"landing    final approach of {length_m:.0f} m from {before.altitude_m:g} m{ends}"]
+        circle = ", after a circle down to it" if before.command(LOITER_TO_ALTITUDE) else ""
+        steep_deg = math.degrees(math.atan2(down_m, length_m))
+        px4 = f": PX4 needs {LANDING_ANGLE} {steep_deg:.1f}" if steep_deg > FACTORY[PX4][LANDING_ANGLE] + 0.05 else ""
+        how = f"final approach of {length_m:.0f} m from {before.altitude_m:g} m{ends}, {steep_deg:.1f}°"
+        return [f"landing    {how}{circle}{px4}"]
 
     def _overlap_text(self) -> list[str]:
         """The overlap of neighbouring lines, and where it is always less."""
@@ -445,6 +494,8 @@ class CoverageTask:
         What a full pack holds above the reserve [Wh].
     line : tuple of (float, float)
         Of a corridor, its middle [m].
+    autopilot : Autopilot
+        For the landings that it accepts.
     """
 
     file: str
@@ -457,6 +508,7 @@ class CoverageTask:
     profile: AnyProfile | None = None
     pack_wh: float | None = None
     line: tuple[Point, ...] = ()
+    autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
 
     @classmethod
     def read(
@@ -468,6 +520,7 @@ class CoverageTask:
         wind_mps: Point,
         profile: AnyProfile | None = None,
         pack_wh: float | None = None,
+        autopilot: Autopilot | None = None,
     ) -> CoverageTask:
         """Read a field's file, `-` for standard input; `wind_mps` (east, north) holds unless the options have one.
 
@@ -501,7 +554,8 @@ class CoverageTask:
             )
         field, notes = _limited(field, options)
         notes = [*repairs, *notes]
-        return cls(text.name, field, notes, options, motion, vehicle, airframe, profile, pack_wh, line)
+        flies = autopilot or Autopilot()
+        return cls(text.name, field, notes, options, motion, vehicle, airframe, profile, pack_wh, line, flies)
 
     @property
     def extent_m(self) -> float:
@@ -547,19 +601,64 @@ class CoverageTask:
         return climb_out(self.home_m, course, min(CLIMB_OUT_M, self._altitude_m), self.airframe, self._air)
 
     @cached_property
-    def approach(self) -> CoverageLeg | None:
-        """The final approach, down from the plan's altitude; None without a landing. Raises Infeasible."""
+    def final(self) -> FinalApproach | None:
+        """The final approach; None without a landing. Raises Infeasible, with a heading on which there is one."""
         if self.landing is None:
             return None
-        *place, course = self.landing
+        course = self.landing[2]
+        try:
+            return self._final_on(course)
+        except Infeasible as error:
+            works = "another place, or less altitude"
+            others = [course + math.radians(turn_deg) for turn_deg in TURNS_DEG]
+            # headings with the wind behind last
+            for other in sorted(others, key=lambda each: behind_mps(each, self.motion.wind_mps) > 0):
+                with suppress(Infeasible):
+                    self._final_on(other)
+                    works = f"a heading of {compass_deg(other) % 360:.0f}°, or {works}"
+                    break
+            raise Infeasible(str(error), works) from None
 
-        def towards(course: float) -> CoverageLeg:
-            return approach((place[0], place[1], course), self._altitude_m, self.airframe, self._air)
+    def _final_on(self, course: float) -> FinalApproach:
+        """The final approach on a course [rad]: from the plan's altitude, else from less by a circle before it.
 
+        Raises Infeasible, of the first one tried.
+        """
+        failures: list[Infeasible] = []
+        whole_m, straight_in = self._altitude_m, None
+        steps = range(math.ceil(whole_m / LOWER_M) - 1, math.ceil(MIN_APPROACH_M / LOWER_M) - 1, -1)
+        for slope in approach_slopes(self.autopilot):
+            for height_m in (whole_m, *(LOWER_M * step for step in steps)):
+                try:
+                    found = self._checked(course, slope, height_m)
+                except Infeasible as error:
+                    failures.append(error)
+                    continue
+                if found.circle is not None or (height_m == whole_m and self.terrain is None):
+                    return found
+                if height_m == whole_m:
+                    straight_in = straight_in or found
+            if straight_in is not None:
+                return straight_in
+        raise failures[0]
+
+    def _checked(self, course: float, slope: float, height_m: float) -> FinalApproach:
+        """A final approach that is free, reached and clear of the ground, with a circle if one is. Raises."""
+        assert self.landing is not None
+        x, y, _ = self.landing
+        final = FinalApproach(approach((x, y, course), height_m, self.airframe, self._air, slope), height_m)
+        request = self._request(final)
+        request.check()
+        if self.options.corridor_m is None:
+            check_access(request)
+        ground = None
         if self.terrain is not None:
-            ground = self.terrain.ground(self.field, self.motion, self.motion.swath_m, (place[0], place[1]))
-            self.terrain.check_approach(towards, course, ground)
-        return towards(course)
+            ground = self.terrain.ground(self.field, self.motion, self.motion.swath_m, (x, y))
+            self.terrain.check_approach(final, ground)
+        circles = free_circles(final.leg.start, held_up_m(self.motion.min_radius_m), request.space)
+        return final._replace(
+            circle=next((each for each in circles if ground is None or clear_circle(each, final, ground)), None)
+        )
 
     @property
     def _air(self) -> Air:
@@ -573,6 +672,10 @@ class CoverageTask:
     @cached_property
     def airspace(self) -> Airspace:
         """What is in the way: not obstacles lower than the plan's altitude, and a climb from home, by the clearance."""
+        return self._airspace(self.final)
+
+    def _airspace(self, final: FinalApproach | None) -> Airspace:
+        """As `airspace`, with a final approach."""
         given, altitude_m, airframe = self.field.airspace, self.options.altitude_m, self.airframe
         if altitude_m is None or isinstance(airframe, PaperVehicle):
             return given
@@ -581,8 +684,8 @@ class CoverageTask:
             # a climb from home with the wind behind, straight to the obstacle
             climb_mps = airframe.climb_rates_mps(self.motion.airspeed_mps)[0]
             slopes.append((self.home_m, climb_mps / self.motion.ground_limit_mps))
-        if self.approach is not None:
-            slopes.append((self.approach.end[:2], altitude_m / self.approach.piece.length_m))
+        if final is not None:
+            slopes.append((final.leg.end[:2], final.height_m / final.leg.piece.length_m))
         for point, slope in slopes if given.obstacles else ():
             from eadp.core.geometry.polygons import distances_m
 
@@ -607,9 +710,13 @@ class CoverageTask:
             f"{many} flown over at {self.options.altitude_m:g} m, the highest {highest.name} of {highest.height_m:g} m"
         ]
 
-    @property
+    @cached_property
     def request(self) -> CoverageRequest:
         """The coverage of the whole field."""
+        return self._request(self.final)
+
+    def _request(self, final: FinalApproach | None) -> CoverageRequest:
+        """As `request`, with a final approach."""
         options = self.options
         ends = _point("--start", options.start, self.field) or self.home_m, self.home_m
         apart = options.wanted_spacing_m if options.spacing_m is None else options.spacing_m
@@ -623,11 +730,56 @@ class CoverageTask:
             options.heading_rad,
             *ends,
             apart,
-            airspace=self.airspace,
+            airspace=self._airspace(final),
             climb_out=self.climb_out,
-            approach=self.approach,
+            approach=None if final is None else final.leg,
             crosshatch=options.crosshatch,
+            climb_s=self._climb_s,
         )
+
+    def _home_altitude_m(self, solution: CoverageSolution, heights: Heights | None) -> float | None:
+        """Altitude at which every straight way home is clear of ground and obstacles; None where the plan's is [m]."""
+        altitude_m, home_m, airspace = self.options.altitude_m, self.home_m, self.field.airspace
+        if home_m is None or altitude_m is None:
+            return None
+        if heights is not None:
+            return heights.home_altitude_m
+        points_m = Samples.of(solution.path(0.0).legs, STEP_M).points_m
+        clear_m = airspace.top_on_ways_m(points_m, home_m, STEP_M) + self.options.clearance_m
+        return math.ceil(clear_m) if clear_m > altitude_m else None
+
+    @cached_property
+    def _climbing(self) -> Climbing | None:
+        """How the aircraft climbs from the ground and descends to it; None where it holds its own altitude."""
+        if self.options.altitude_m is None or isinstance(self.airframe, PaperVehicle):
+            return None
+        return Climbing(*self.airframe.climb_rates_mps(self.motion.airspeed_mps), self.airframe.altitude_gain_per_s)
+
+    @property
+    def _climb_s(self) -> float:
+        """Time of the climb from home to the height of the lines above it [s]; 0 where none is known."""
+        if self._climbing is None or not self.from_ground or self._climbing.up_mps <= 0:
+            return 0.0
+        return self._climbing.reached_s(self._altitude_m)
+
+    def _with_circles(self, solution: CoverageSolution, ground: Ground | None) -> CoverageSolution:
+        """A path with the circles of its climb before the first line, and on level ground of its descent to land."""
+        motion, climbing, final = self.motion, self._climbing, self.final
+        if climbing is None:
+            return solution
+        if final is not None and final.circle is not None and ground is None:
+            count = final.circles(self._altitude_m - final.height_m, climbing, motion)
+            solution = with_circles(solution, len(solution.sections) - 1, final.circle, count, motion)
+        if not self._climb_s:
+            return solution
+
+        def lack(tried: CoverageSolution) -> Lack:
+            """What the climb of a path lacks."""
+            if ground is None:
+                return level_lack(tried, motion, self._climb_s)
+            return climb_lack(tried, ground, climbing, 0.0)
+
+        return climbed_first(solution, motion, self.request.space, lack)
 
     def solution(self) -> CoverageSolution:
         """The quickest path found. Raises Infeasible."""
@@ -636,8 +788,12 @@ class CoverageTask:
         return cover_corridor(self.request, self.line, self.options.corridor_m)
 
     def planned(self, solution: CoverageSolution, field: Field | None = None) -> CoveragePlan:
-        """The plan of a path over the field, or over a part of it."""
-        field, options, motion = field or self.field, self.options, self.motion
+        """The plan of a path over the field, or over a part of it, which circles up to its first line."""
+        field, options, motion, ground = field or self.field, self.options, self.motion, None
+        home_m = self.home_m or solution.path(0.0).legs[0].start[:2]
+        if self.terrain is not None:
+            ground = self.terrain.ground(field, motion, self.request.order_spacing_m or motion.swath_m, home_m)
+        solution = self._with_circles(solution, ground)
         distance_m, computations = options.picture_distance_m, _computations(self.profile, options.turns_off)
         sensed_m = sum(leg.piece.length_m for leg in solution.path(0.0).legs if leg.sensing)
         pictures = options.pictures(sensed_m, motion.max_line_speed_mps(solution.heading_rad))
@@ -651,14 +807,13 @@ class CoverageTask:
         covered = Field(parts[0][0], parts[0][1:], name, others=tuple(parts[1:]))
         flown, heights, sited = solution, None, field
         altitude_m = None if options.altitude_m is None else round(options.altitude_m, 3)
-        if self.terrain is not None:
+        if ground is not None:
             if options.turns_off and not solution.blocks:
                 split = (part for leg in solution.path(0.0).legs for part in leg.split())
                 flown = replace(solution, sections=tuple(split))
-            home_m, lands = self.home_m or flown.path(0.0).legs[0].start[:2], self.landing is not None
-            ground = self.terrain.ground(field, motion, self.request.order_spacing_m or motion.swath_m, home_m)
+            climbing = climbing_over(ground, self.airframe)
             flown, heights = with_heights(
-                flown, ground, home_m, self.airframe, from_ground=self.from_ground, lands=lands
+                flown, ground, home_m, climbing, from_ground=self.from_ground, lands=self.final
             )
             altitude_m, sited = heights.profile.commanded_m[0], heights.on_ground(field)
         if self.landing is not None:
@@ -672,6 +827,7 @@ class CoverageTask:
             site=_site(sited, covered, motion, self.home_m, self.vehicle)._replace(
                 camera=_survey_camera(pictures),
                 ground_m=None if heights is None else heights.profile.ground.zero_m,
+                home_altitude_m=self._home_altitude_m(flown, heights),
             ),
             altitude_m=altitude_m,
             commands=PlanCommands(on_and_off, takeoff, ending),
@@ -718,7 +874,7 @@ def _command(command: int, height_m: float = 0.0) -> tuple[float, ...]:
 def _limited(field: Field, options: CoverageOptions) -> tuple[Field, list[str]]:
     """The field with its obstacles and its boundary, and notes on what was left out of these."""
     avoid, inside = (None if path is None else read_field_text(path) for path in (options.avoid, options.inside))
-    given, notes = read_airspace(avoid, inside, field.origin_deg, metres=options.metres)
+    given, notes = read_airspace(avoid, inside, field.origin_deg, field.middle_m, metres=options.metres)
     holes = [hole for part in field.parts for hole in part[1:]] if options.holes == "avoid" else ()
     named = [Obstacle(hole, f"hole {i}") for i, hole in enumerate(holes, 1)]
     airspace = Airspace((*field.airspace.obstacles, *given.obstacles, *named), given.boundary)
@@ -915,7 +1071,8 @@ def coverage_task(
         faults = replace(flown.airframe, airspeed_mps=options.airspeed_mps or flown.airframe.airspeed_mps).faults()
         where = "--airspeed" if options.airspeed_mps else str(vehicle or scenario)
         refuse([Fault(where, 1, 1, fault, "an aeroplane that can fly so") for fault in faults])
-    task = CoverageTask.read(field, options, flown.name, flown.airframe, wind_mps, profile, pack_wh)
+    autopilot = setting.keys.autopilot
+    task = CoverageTask.read(field, options, flown.name, flown.airframe, wind_mps, profile, pack_wh, autopilot)
     if task.terrain is None and task.extent_m > FLAT_M:
         message = f"the ground is taken as flat over {task.extent_m / 1000:.1f} km; --terrain has its heights"
         warn([Fault(task.file, 1, 1, message, severity="note")])
@@ -923,6 +1080,8 @@ def coverage_task(
     if tight := too_tight(flown.airframe, task.motion.airspeed_mps, task.motion.min_radius_m, speed_mps):
         warn([Fault("--min-radius", 1, 1, tight, severity="warning")])
     warn(_warnings(_doubts(task)))
+    if task.landing is not None:
+        warn(behind_warning(task.landing[2], task.motion.wind_mps))
     return task
 
 

@@ -14,13 +14,13 @@ import numpy as np
 from eadp.api.fences import fenced_by
 from eadp.api.given import Around, File, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
-from eadp.api.landing import Air, approach, landing_pose
+from eadp.api.landing import Air, approach, approach_slopes, behind_warning, landing_pose
 from eadp.api.plan import plan_of
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, velocity_mps
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
-from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_local_m, to_near_local_m
+from eadp.core.geometry.geodesy import FARTHEST_M, place_text, to_geodetic_deg, to_local_m, to_near_local_m
 from eadp.coverage.plan_builder import with_landing
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined, one_of, printable
 from eadp.io.mission import FENCE_ENDING, ITEMS_ENDING, RALLY_ENDING, WITH_ITEMS
@@ -30,13 +30,16 @@ from eadp.io.mission.export import ABOVE_GROUND, EXPORTS, FENCED, files_beside, 
 from eadp.io.mission.items import items_text, mapped_items
 from eadp.io.mission.path import PlannedPath, Section, planned_sections
 from eadp.io.mission.reader import read_rally
+from eadp.io.mission.rules import ENDS_REQUIRED, check_landing, lacking_ends
 from eadp.io.mission.survey import check_survey, survey_lines
 from eadp.io.plan.parameters import parameters_of
 from eadp.io.scenario.scenario_file import override_texts, read_overrides, read_scenario
 from eadp.io.terrain.reader import read_terrain
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import read_text, write_text
-from eadp.models.airspace import Airspace, risk_text
+from eadp.models.airspace import BOUNDARY, Airspace, risk_text
+from eadp.models.autopilot import PX4, Autopilot
+from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import MadeFor, Plan
 from eadp.models.plan.route import PlannedLegs
@@ -44,6 +47,7 @@ from eadp.models.plan.stage import LAND, TAKEOFF
 from eadp.models.plan.trace import nominal_route
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.planning.forecast.held import Preflight
+from eadp.validation.check import entered
 
 NEAR_M = 1.0
 """Distance up to which the path starts or ends at home [m]."""
@@ -111,6 +115,10 @@ class PlaceOptions:
     """Polygons that the path stays inside of, as --avoid."""
 
 
+RISK = 0.05
+"""Probability to enter an obstacle, or to leave the boundary, above which a mission is not written."""
+
+
 @dataclass(frozen=True)
 class ExportOptions(PlaceOptions, PartOptions):
     """Options of an export. Faults name them as the command `eadp export` does."""
@@ -127,13 +135,20 @@ class ExportOptions(PlaceOptions, PartOptions):
     survey: bool = False
     """Write the lines over the field as one survey of QGroundControl, which can be edited there."""
 
-    def check(self) -> None:
-        """Refuse values out of range, and options that do not go together; raises InputError."""
+    force: bool = False
+    """Write a mission that is forecast to enter an obstacle or to leave its boundary."""
+
+    def check(self, to: str) -> None:
+        """Refuse values out of range, and options that do not go together, for a format; raises InputError."""
         if self.telemetry is not None and (self.scenario is None or self.start is not None):
             raise _fault("--telemetry", self.telemetry, "needs a planner", "--scenario, and no --from")
         if self.parameters is not None:
             if Path(self.parameters).suffix not in PARAMETER_FILES:
                 raise _fault("--parameters", self.parameters, "is no file of parameters", "a name in .param or .params")
+            ending = ".params" if to == "px4" else ".param"
+            if to in WITH_ITEMS and Path(self.parameters).suffix != ending:
+                message = f"is no file of parameters for --to {to}"
+                raise _fault("--parameters", self.parameters, message, f"a name in {ending}")
             if self.scenario is None:
                 raise _fault("--parameters", self.parameters, "needs an aircraft and a battery", "--scenario")
         for option, value in (
@@ -193,13 +208,15 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     ------
     InputError
         With the faults of the files, or of an option.
+    Infeasible
+        As `export`.
     """
-    options.check()
+    options.check(to)
     writer = writer_of(to)
     if writer is None:
         raise _fault("--to", to, "is no format", one_of(EXPORTS, to))
     if options.landing is not None:
-        plan = _landed(plan, options)
+        plan = _landed(plan, to, options, warn)
     chosen = _stated(plan, options, warn) if options.scenario is None else _forecast(plan, options, warn)
     planned = chosen.planned if options.start is None else _rest(chosen.planned, options.start)
     path = _path(chosen._replace(planned=planned), to, options, warn)
@@ -208,6 +225,14 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     items = mission_items(path, px4=to == "px4")
     if note := _ends_text(path, items):
         warn([Fault(chosen.name, 1, 1, note, severity="note")])
+    if to == PX4:
+        autopilot = _autopilot(to, options)
+        check_landing(items, autopilot)
+        if end := lacking_ends(items, autopilot):
+            value = f"{autopilot.value(ENDS_REQUIRED):g}"
+            message = f"PX4 does not arm a mission without {end} while {ENDS_REQUIRED} is {value}"
+            way = "eadp cover --landing LAT,LON,HEADING, or " if end == "a landing" else "--home LAT,LON, or "
+            warn([Fault(chosen.name, 1, 1, message, f"{way}{ENDS_REQUIRED} 0 in the autopilot", severity="warning")])
     rho = chosen.plan.path_count
     beside = {ITEMS_ENDING: items_text(mapped_items(items, planned, rho), chosen.plan.names[:rho])}
     return Exported(writer(path), chosen.parameters, beside | (files_beside(path) if to == "ardupilot" else {}))
@@ -230,7 +255,13 @@ def _stated(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
     warn(notes)
     made = plan.site.made_for
     airframe = FixedWing() if made is None else FixedWing(airspeed_mps=made.airspeed_mps)
-    return _Chosen(plan, name, _planned(plan, name, parameters_of(plan, options.overrides)), airframe)
+    planned = _planned(plan, name, parameters_of(plan, options.overrides))
+    low_m = airframe.cruise_altitude_m if options.altitude_m is None else options.altitude_m
+    for what in dict.fromkeys(what for _, what in entered(planned.legs, plan.site.airspace, low_m)):
+        does = "leads beyond" if what == BOUNDARY else "leads through"
+        message, expected = f"the path {does} {what}", "--scenario, for a forecast, or another path"
+        warn([Fault(name, 1, 1, message, expected, severity="warning")])
+    return _Chosen(plan, name, planned, airframe)
 
 
 def _forecast(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
@@ -255,6 +286,10 @@ def _forecast(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen
         raise _fault("--scenario", str(options.scenario), message, f"{expected}, or --set without --scenario")
     planned = forecast.planned(inputs.mission)
     warn([Fault(name, 1, 1, _forecast_text(forecast, plan, planned.legs), severity="note")])
+    if not options.force and any(share > RISK for share in forecast.entering.values()):
+        risks = "; ".join(risk_text(name, share) for name, share in forecast.entering.items() if share > RISK)
+        advice = "another path or altitude; --force writes it as it is"
+        raise Infeasible(f"the flight {risks}: not written", advice)
     return _Chosen(plan, name, planned, airframe, parameters)
 
 
@@ -266,6 +301,11 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
         warn([Fault(option, 1, 1, message, expected, severity=severity)])
 
     place, home_deg = _places(plan, name, options)
+    if options.altitude_m is not None and all(stage.altitude_m is not None for stage in plan.stages):
+        message = "the plan has altitudes of its own"
+        raise _fault(
+            "--altitude", f"{options.altitude_m:g}", message, "no --altitude, or a plan made for this altitude"
+        )
     altitude_m, known = options.altitude_m, options.scenario is not None
     if altitude_m is None:
         altitude_m = airframe.cruise_altitude_m
@@ -283,6 +323,12 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
         message = f"altitudes are above {plan.site.ground_m:g} m above the sea, the ground at the plan's home or start"
         note(message, "warning", "--home", "a home as high, or --altitudes terrain")
     sections = planned_sections(planned.legs)
+    ends_m = [point for section in sections for point in (section.start_m, section.end_m)]
+    far_m = max((math.hypot(*end_m) for end_m in ends_m), default=0.0)
+    if far_m > FARTHEST_M:
+        where = (name, "") if options.origin_deg is None else ("--origin", str(options.origin_deg))
+        message = f"the path reaches {far_m / 1000:.0f} km from the origin, {place_text(place)}"
+        raise _fault(*where, message, f"metres from the origin, at most {FARTHEST_M / 1000:g} km")
     path = PlannedPath(
         name=(plan.site.field.name if plan.site.field else "") or printable(name.rpartition("/")[2]),
         sections=sections,
@@ -299,6 +345,8 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
         zero_m=plan.site.ground_m,
         rally=rally,
         surveyed=_surveyed(plan, to, warn, name) if options.survey else (),
+        calibrated=calibrated_over_true(plan.site, airframe),
+        height_m=plan.site.above_sea_m or 0.0,
     )
     if path.surveyed:
         try:
@@ -308,7 +356,17 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
     return path
 
 
-def _landed(given: File | Plan, options: ExportOptions) -> Plan:
+def _autopilot(to: str, options: ExportOptions) -> Autopilot:
+    """The autopilot of a format: with the scenario's parameters, where that has no other one."""
+    stated = Autopilot()
+    if options.scenario is not None:
+        stated = read_scenario(options.scenario, read_overrides(override_texts(options.overrides))).keys.autopilot
+    if to != PX4 or stated.kind == PX4:
+        return stated
+    return Autopilot("px4", {} if stated.kind else stated.parameters)
+
+
+def _landed(given: File | Plan, to: str, options: ExportOptions, warn: Warn) -> Plan:
     """A plan that lands where `--landing` says, from where it ends."""
     plan, name = plan_of(given, options.min_radius_m, options.laps, lambda _: None, options.terrain)
     raw = options.landing or ""
@@ -325,10 +383,12 @@ def _landed(given: File | Plan, options: ExportOptions) -> Plan:
     if options.scenario is not None:
         keys = read_scenario(options.scenario, read_overrides(override_texts(options.overrides))).keys
         airframe, wind_mps = keys.vehicle.airframe, keys.wind.steady_mps
-    to = landing_pose(raw, lambda text: _near("--landing", text, place))
+    pose = landing_pose(raw, lambda text: _near("--landing", text, place))
     height_m = plan.stages[-1].altitude_m
     height_m = (options.altitude_m or airframe.cruise_altitude_m) if height_m is None else height_m
-    final = approach(to, height_m, airframe, Air(airframe.airspeed_mps, wind_mps))
+    slope = approach_slopes(_autopilot(to, options))[0]
+    final = approach(pose, height_m, airframe, Air(airframe.airspeed_mps, wind_mps), slope)
+    warn(behind_warning(pose[2], wind_mps))
     try:
         return with_landing(plan, final, plan.min_radius_m or airframe.turn_radius_m, (LAND, *(0.0,) * 7))
     except Infeasible as error:
@@ -414,8 +474,13 @@ def _parameters(inputs: FlightInputs, path: str, name: str, warn: Warn) -> str:
     """The file of the autopilot's parameters, which are said, too."""
     ardupilot, text = PARAMETER_FILES[Path(path).suffix]
     mission = inputs.mission
-    found = wanted_parameters(mission.plan, inputs.world.vehicle, mission.battery, ardupilot=ardupilot)
+    home_m = mission.way_home and mission.way_home.altitude_m
+    found = wanted_parameters(
+        mission.plan, inputs.world.vehicle, mission.battery, ardupilot=ardupilot, home_altitude_m=home_m
+    )
     said = ", ".join(f"{each.name} {each.value:.6g}" for each in found)
+    calibrated = calibrated_over_true(mission.plan.site, mission.vehicle)
+    said += f"; airspeeds calibrated, {calibrated:.4f} of the true ones" if round(calibrated, 4) != 1 else ""
     warn([Fault(name, 1, 1, f"the forecast holds for {said}", severity="note")])
     return text(found)
 
@@ -460,6 +525,7 @@ def _forecast_text(forecast: Preflight, plan: Plan, legs: Sequence[Leg]) -> str:
     end, length_m = forecast.forecast, sum(leg.distance_m for leg in legs)
     reserve = f"; keeps the reserve with {100 * (end.reserve_probability or 0.0):.1f} %"
     energy = "" if end.energy_wh is None else f", {end.energy_wh:.2f} Wh"
+    energy += f"; the autopilot {forecast.autopilot_text}" if forecast.autopilot_text else ""
     at = f"at {', '.join(chosen)}: " if chosen else ""
     risks = "".join(f"; {risk_text(name, share)}" for name, share in forecast.entering.items())
     return f"forecast {at}{length_m / 1000:.2f} km, {end.remaining_s:.0f} s{energy}{reserve}{risks}"
@@ -542,6 +608,9 @@ def export(
     ------
     InputError
         With the faults of the files, or of an option under its name on the command line.
+    Infeasible
+        If PX4 would not arm the mission; or if the flight is forecast to enter an obstacle or to leave its boundary,
+        with a probability above `RISK`.
     """
     mission = exported(plan, to, options or ExportOptions(), warn)
     if options is not None and options.parameters is not None:

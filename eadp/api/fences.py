@@ -8,6 +8,7 @@ from eadp.api.given import File
 from eadp.errors import Fault, InputError
 from eadp.io.field.files import read_field_text
 from eadp.io.field.reader import read_airspace
+from eadp.io.plan.parameters import parameters_of
 from eadp.io.text.streams import Text
 from eadp.models.airspace import Airspace
 from eadp.models.plan.plan import Plan
@@ -26,7 +27,8 @@ def fenced(plan: Plan, avoid: Text | None = None, inside: Text | None = None) ->
     """
     if avoid is None and inside is None:
         return plan, []
-    own, (given, notes) = plan.site.airspace, read_airspace(avoid, inside, plan.site.origin_deg)
+    starts_m = plan.stages[0].trigger_at(parameters_of(plan, ()))
+    own, (given, notes) = plan.site.airspace, read_airspace(avoid, inside, plan.site.origin_deg, starts_m)
     boundary = own.boundary or given.boundary
     if own.boundary and given.boundary:
         assert inside is not None

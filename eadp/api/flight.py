@@ -173,6 +173,8 @@ def forecast_values(expected: Preflight) -> dict[str, Any]:
         "reach_share": None if expected.reach is None else expected.reach.share,
         "reach_s": None if expected.reach is None else expected.reach.time_s,
         "reach_m": None if expected.reach is None else list(expected.reach.position_m),
+        "autopilot": expected.autopilot_text or None,
+        "autopilot_soc": expected.turns_back_soc or None,
         "obstacles": [{"name": name, "probability": share} for name, share in expected.entering.items()],
         "stages": [
             {"stage": stage, "time_s": seconds, "energy_wh": energy_wh}

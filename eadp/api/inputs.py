@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 import statistics
@@ -31,7 +32,7 @@ from eadp.io.text.named import parse_named
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
-from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, HOME_RADII, WayHome
+from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, HOME_RADII, Landing, WayHome
 from eadp.models.autopilot import Autopilot
 from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import ComputationRate, Computing, join_profile, load_configuration, may_compute
@@ -52,6 +53,7 @@ from eadp.planning.base import Mission
 from eadp.planning.flight import PlannedFlight, make_flight
 from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import planner_class
+from eadp.planning.state.climb import ClimbFollower
 from eadp.simulation.nominal import NominalFlight, Overshoot
 
 LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
@@ -180,14 +182,14 @@ class FlightInputs:
         wind_mps = wind.steady_at_mps(0.0, statistics.median_high(altitudes_m))
         mission = self.mission if whole else replace(self.mission, way_home=None)
         found = planner.preflight(settings, mission, wind_mps, wind.gust_std_mps)
-        airspace = plan.site.airspace.in_the_way(min(altitudes_m))
+        airspace = plan.site.airspace
         if found is None or not whole or not any(airspace):
             return found
         from eadp.planning.forecast import clearance  # few plans have obstacles
 
         gusts, world = (wind.gust_std_mps, wind.gust_time_s), self.world
-        legs = found.planned(self.mission).legs
-        entered = clearance.entering(legs, airspace, world.vehicle, world.guidance, wind_mps, gusts)
+        legs, climb = found.planned(self.mission).legs, ClimbFollower.of(self.mission)
+        entered = clearance.entering(legs, airspace, world.vehicle, world.guidance, wind_mps, gusts, climb)
         return replace(found, entering=entered)
 
 
@@ -250,6 +252,8 @@ def load_flight(
     warnings += _unused(flown, setting)
     warnings += [finding.fault(plan_source.name) for finding in overshoot_findings(overshoots, MOST)]
     mission = _mission(world, model, nominal, setting.keys.autopilot)
+    if world.way_home is not None:
+        world = replace(world, way_home=world.way_home.flown_by(mission.autopilot))
     _check_planner(setting, mission)
     warnings += _doubts(setting, world)
     never_past = next((one.first.label for one in overshoots if math.isinf(one.excess_s)), "")
@@ -342,7 +346,7 @@ def _world(
         seed=keys.seed,
         sensors=keys.sensors,
         rates={name: rates[name] for name in plan.names if rates.get(name, COMMANDED) != COMMANDED},
-        way_home=_way_home(plan, scenario, start_m),
+        way_home=_way_home(plan, scenario, parameters, start_m),
     )
 
 
@@ -352,8 +356,8 @@ def _altitudes_m(plan: Plan, vehicle: Airframe) -> list[float]:
     return [vehicle.cruise_altitude_m if stage.altitude_m is None else stage.altitude_m for stage in level]
 
 
-def _way_home(plan: Plan, scenario: Scenario, start_m: Point) -> WayHome | None:
-    """Home and the way to it, round what is in the way; None without a home."""
+def _way_home(plan: Plan, scenario: Scenario, parameters: Vector, start_m: Point) -> WayHome | None:
+    """Home and the way to it, round what is in the way, with the plan's landing; None without a home."""
     home_m = scenario.position_m("home", plan.site.origin_deg) or plan.site.home_m
     airspace = plan.site.airspace.in_the_way(min(_altitudes_m(plan, scenario.keys.vehicle.airframe)))
     for key, point in (("start", start_m), ("home", home_m)):
@@ -363,14 +367,19 @@ def _way_home(plan: Plan, scenario: Scenario, start_m: Point) -> WayHome | None:
     if home_m is None:
         return None
     turn_radius_m, turns_back = scenario.keys.vehicle.airframe.turn_radius_m, scenario.keys.on_infeasible == RETURN_HOME
-    ways = None
-    if any(airspace):
-        from eadp.core.geometry.ways import WaysTo
+    landing = None
+    with contextlib.suppress(PathUndefined):  # a plan that is never flown has no landing either
+        landing = Landing.of(nominal_legs(plan, parameters, start_m), scenario.keys.vehicle.airframe.cruise_altitude_m)
+    altitude_m = scenario.keys.home.altitude_m
+    altitude_m = plan.site.home_altitude_m if altitude_m is None else altitude_m
+    way_home = WayHome(home_m, turn_radius_m, turns_back, None, altitude_m, landing)
+    if not any(airspace):
+        return way_home
+    from eadp.core.geometry.ways import WaysTo
 
-        radius_m = HOME_RADII * turn_radius_m
-        clear, near = airspace.free_space(CLEARANCE_SHARE * radius_m), airspace.free_space(0.0)
-        ways = WaysTo(home_m, clear, near, radius_m)
-    return WayHome(home_m, turn_radius_m, turns_back, ways, scenario.keys.home.altitude_m)
+    radius_m = HOME_RADII * turn_radius_m
+    clear, near = airspace.free_space(CLEARANCE_SHARE * radius_m), airspace.free_space(0.0)
+    return way_home._replace(ways=WaysTo(way_home.end_m, clear, near, radius_m))
 
 
 def _mission(world: World, energy: EnergyModel | None, nominal: NominalFlight | None, autopilot: Autopilot) -> Mission:

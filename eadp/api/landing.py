@@ -6,12 +6,17 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from eadp.core.geometry.bearings import heading_rad
+from eadp.core.geometry.bearings import compass_deg, heading_rad
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose, flight_time_s
 from eadp.coverage.swaths import CoverageLeg, straight
-from eadp.errors import InputError
+from eadp.errors import Fault, InputError
+from eadp.io.mission.rules import LANDING_ANGLE
+from eadp.models.autopilot import FACTORY, PX4, Autopilot
 from eadp.models.vehicle import Airframe, PaperVehicle
+
+BEHIND_MPS = 0.5
+"""Wind from behind from which on it is said of a landing [m/s]."""
 
 
 class Air(NamedTuple):
@@ -42,10 +47,41 @@ def landing_pose(given: str | Pose, point: Callable[[str], Point]) -> Pose:
     return *point(",".join(place)), course
 
 
-def approach(to: Pose, height_m: float, airframe: Airframe, air: Air) -> CoverageLeg:
-    """The straight final approach that descends from a height to where a flight lands; raises InputError."""
+def approach_slopes(autopilot: Autopilot) -> list[float]:
+    """The steepest slopes of a final approach that an autopilot accepts: the one that is tried first, first.
+
+    PX4 arms no mission whose approach is steeper than FW_LND_ANG. Where no autopilot is stated, an approach is as flat
+    as PX4 asks where there is room, so that both can be armed, and else as steep as the aircraft glides.
+    """
+    limit_deg = autopilot.value(LANDING_ANGLE)
+    if limit_deg is not None:
+        return [math.tan(math.radians(limit_deg))]
+    flat = math.tan(math.radians(FACTORY[PX4][LANDING_ANGLE]))
+    return [flat, math.inf] if autopilot.kind is None else [math.inf]
+
+
+def behind_mps(course: float, wind_mps: Point) -> float:
+    """The wind from behind on a course [rad]; 0 where it comes from ahead, or is less than `BEHIND_MPS`."""
+    along_mps = wind_mps[0] * math.cos(course) + wind_mps[1] * math.sin(course)
+    return along_mps if along_mps >= BEHIND_MPS else 0.0
+
+
+def behind_warning(course: float, wind_mps: Point) -> list[Fault]:
+    """The warning of a landing with the wind behind."""
+    if not (behind := behind_mps(course, wind_mps)):
+        return []
+    into = compass_deg(math.atan2(-wind_mps[1], -wind_mps[0]))
+    message = f"lands with {behind:.1f} m/s of wind behind: the aircraft touches down faster, and farther on"
+    return [Fault("--landing", 1, 1, message, f"a heading near {into:.0f}°, into the wind", severity="warning")]
+
+
+def approach(to: Pose, height_m: float, airframe: Airframe, air: Air, slope: float) -> CoverageLeg:
+    """The straight final approach that descends from a height to where a flight lands; raises InputError.
+
+    It is as steep as the aircraft glides, and no steeper than a slope.
+    """
     x, y, course = to
-    length_m = _sloping_m("--landing", course, height_m, airframe, air, 1)
+    length_m = max(_sloping_m("--landing", course, height_m, airframe, air, 1), height_m / slope)
     return CoverageLeg(straight((x - length_m * math.cos(course), y - length_m * math.sin(course)), (x, y)))
 
 

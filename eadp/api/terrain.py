@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, NamedTuple
 
@@ -15,8 +14,9 @@ from eadp.core.flight.following import RATE_SHARE, Climbing
 from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import Point
 from eadp.coverage.cover import AUTO, DUBINS, ZAMBONI, CoverageSolution
-from eadp.coverage.heights import Ground, HeightLimits, HeightProfile, low_approach, over_terrain
-from eadp.coverage.swaths import CoverageLeg, MotionLimits
+from eadp.coverage.ends import FinalApproach
+from eadp.coverage.heights import STEP_M, Ground, HeightLimits, HeightProfile, low_approach, over_terrain
+from eadp.coverage.swaths import MotionLimits
 from eadp.errors import Infeasible, InputError
 from eadp.io.terrain.reader import read_terrain
 from eadp.io.text.options import Flag, check_range
@@ -33,11 +33,11 @@ FLAT_M = 1000.0
 RELIEF_POINTS, HOME_POINTS = 50, 25
 """Points in a row over a field whose relief is taken, and on a way home."""
 
+HOME_TEXT = "way home   clear of ground and obstacles at {:g} m (home.altitude_m, RTL_ALTITUDE)"
+"""What is said of the altitude of the way home."""
+
 WAYS_HOME = 200
 """Ways home that are tried, at least."""
-
-TURNS_DEG = [side * turn for turn in range(10, 181, 10) for side in (1, -1)]
-"""Turns from a heading of landing that are tried, the least first [°]."""
 
 
 @dataclass(frozen=True)
@@ -111,21 +111,17 @@ class TerrainTask(NamedTuple):
         zero_m = round(float(self.terrain.known_m(np.array([zero]))[0]), 2)  # as a plan has it
         return Ground(self.terrain, zero_m, self.limits, motion, apart_m, field.airspace)
 
-    def check_approach(self, approach: Callable[[float], CoverageLeg], course: float, ground: Ground) -> None:
-        """Raise Infeasible where a final approach on a course [rad] comes too near to the ground."""
-        if (low := low_approach(approach(course), ground)) is None:
+    def check_approach(self, final: FinalApproach, ground: Ground) -> None:
+        """Raise Infeasible where a final approach comes too near to the ground."""
+        if (low := low_approach(final, ground)) is None:
             return
         place, above_m, min_m = low
-        advice = "another place, or less altitude"
-        for turn_deg in TURNS_DEG:
-            other = course + math.radians(turn_deg)
-            with suppress(Infeasible):  # of ground that is not known
-                if low_approach(approach(other), ground) is None:
-                    advice = f"a heading of {compass_deg(other) % 360:.0f}°, or {advice}"
-                    break
-        comes = f"comes as near as {above_m:.1f} m to the ground" if above_m > 0 else "leads into the ground"
-        message = f"the final approach towards {compass_deg(course) % 360:.0f}° {comes}"
-        raise Infeasible(f"{message} at {place}, and keeps {min_m:.1f} m there", advice)
+        message = f"the final approach towards {compass_deg(final.leg.start[2]) % 360:.0f}° "
+        if above_m > 0:
+            message += f"is {above_m:.1f} m above the ground at {place}, {min_m - above_m:.2g} m less than it has to be"
+        else:
+            message += f"leads into the ground at {place}"
+        raise Infeasible(message)
 
 
 class Heights(NamedTuple):
@@ -141,15 +137,30 @@ class Heights(NamedTuple):
 
     @property
     def home_altitude_m(self) -> int:
-        """Altitude at which every straight way home is clear of the ground [m]."""
+        """Altitude at which every straight way home is clear of ground and obstacles [m]."""
         ground, points_m = self.profile.ground, self.profile.samples.points_m
+        top_m = ground.airspace.top_on_ways_m(points_m, self.home_m, STEP_M)
         ends_m = points_m[:: max(1, len(points_m) // WAYS_HOME)] - np.array(self.home_m)
         ways_m = np.array(self.home_m) + np.linspace(0, 1, HOME_POINTS)[:, None, None] * ends_m
-        return math.ceil(float(ground.heights_m(ways_m.reshape(-1, 2)).max()) + ground.limits.clearance_m)
+        highest_m = max(float(ground.heights_m(ways_m.reshape(-1, 2)).max()), top_m)
+        return math.ceil(highest_m + ground.limits.clearance_m)
+
+
+def climbing_over(ground: Ground, airframe: Airframe) -> Climbing:
+    """How an aircraft climbs over a ground. Raises InputError of one that holds its own altitude."""
+    if isinstance(airframe, PaperVehicle):
+        raise _fault("--terrain", f"the airframe {airframe.model} holds its own altitude", "another --vehicle")
+    return Climbing(*airframe.climb_rates_mps(ground.motion.airspeed_mps), airframe.altitude_gain_per_s)
 
 
 def with_heights(
-    solution: CoverageSolution, ground: Ground, home_m: Point, airframe: Airframe, *, from_ground: bool, lands: bool
+    solution: CoverageSolution,
+    ground: Ground,
+    home_m: Point,
+    climbing: Climbing,
+    *,
+    from_ground: bool,
+    lands: FinalApproach | None,
 ) -> tuple[CoverageSolution, Heights]:
     """A path with its altitudes over a ground, see `over_terrain`, and its heights.
 
@@ -157,12 +168,7 @@ def with_heights(
     ------
     Infeasible
         As `over_terrain`.
-    InputError
-        Of an aircraft that holds its own altitude.
     """
-    if isinstance(airframe, PaperVehicle):
-        raise _fault("--terrain", f"the airframe {airframe.model} holds its own altitude", "another --vehicle")
-    climbing = Climbing(*airframe.climb_rates_mps(ground.motion.airspeed_mps), airframe.altitude_gain_per_s)
     flown, profile = over_terrain(solution, ground, climbing, 0.0 if from_ground else None, lands=lands)
     return flown, Heights(profile, home_m, climbing)
 
@@ -204,7 +210,7 @@ class HeightReport(NamedTuple):
 
     @property
     def home_altitude_m(self) -> int:
-        """Altitude at which every straight way home is clear of the ground [m]."""
+        """Altitude at which every straight way home is clear of ground and obstacles [m]."""
         return max(each.home_altitude_m for each in self.flights)
 
     def document(self) -> dict[str, Any]:
@@ -263,7 +269,7 @@ class HeightReport(NamedTuple):
             least, mean, most = (100 * share for share in shares)
             said.append(f"overlap {least:.0f} to {most:.0f} %, mean {mean:.0f} %")
         lines += [f"on ground  {'; '.join(said)}"] if said else []
-        return [*lines, f"way home   above the ground at {values['home_altitude_m']} m (home.altitude_m, RTL_ALTITUDE)"]
+        return [*lines, HOME_TEXT.format(values["home_altitude_m"])]
 
 
 def _range(values: FloatArray) -> list[float]:

@@ -8,7 +8,7 @@ from typer import Argument, Option
 
 from eadp.api.export import ExportOptions, export
 from eadp.cli.output import emit, warn
-from eadp.errors import printable
+from eadp.errors import Fault, Infeasible, printable
 from eadp.io.mission import EXPORT_NAMES, ITEMS_ENDING, WITH_ITEMS
 
 
@@ -33,9 +33,14 @@ def command(
 
     Beside the mission of an autopilot it writes FILE.items.json, by which `eadp replan` knows the stage of an item.
 
-    Exit code 0 if it is written, 2 on bad input.
+    Exit code 0 if it is written; 1 if PX4 would not arm it, or the flight is forecast to enter an obstacle or to leave
+    its boundary; 2 on bad input.
     """
-    written = export(plan, to, options, out, warn=warn)
+    try:
+        written = export(plan, to, options, out, warn=warn)
+    except Infeasible as error:
+        warn([Fault("<stdin>" if plan == "-" else plan, 1, 1, str(error), error.advice)])
+        return 1
     if out is None or out == "-":
         emit(written)
     else:

@@ -27,10 +27,11 @@ def command(
     aircraft and planner; its simulated world is unused.
 
     A line in has time_s, x_m, y_m, power_w and soc; lat_deg and lon_deg in place of x_m and y_m, current_consumed_ah
-    in place of soc; stage, stages_started, flies_mission (the autopilot flies a list of items), wind_mps,
-    velocity_mps, airspeed_mps, altitude_m, voltage_v, heading_deg and parameters are optional. A line out has time_s,
-    stage, parameters, soc_end_forecast, completes_probability, reason, warnings and more. An invalid value gives a
-    warning and counts as null; an invalid line is skipped.
+    in place of soc; stage, stages_started, flies_mission (the autopilot flies a list of items; false: a
+    pilot flies, or it holds), returns_home (the autopilot flies home), wind_mps, velocity_mps, airspeed_mps,
+    altitude_m, voltage_v, heading_deg and parameters are optional. A line out has time_s, stage, parameters,
+    soc_end_forecast, completes_probability, reason, warnings and more. An invalid value gives a warning and counts as
+    null; an invalid line is skipped.
 
     With --mavlink the lines are made of an autopilot's messages while it flies, and decisions are sent to it, too, as
     NAMED_VALUE_FLOAT and STATUSTEXT. Nothing is commanded but, with --return-home, a return, and nothing written

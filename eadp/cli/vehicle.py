@@ -62,7 +62,7 @@ def command(
     if options.format == "json":
         emit_json(use_case.performance_document(vehicle, found))
     else:
-        emit("\n".join([*([vehicle.name] if vehicle.name else []), *_lines(found), "", *_table(found)]))
+        emit("\n".join([*([vehicle.name] if vehicle.name else []), *_lines(found, computing), "", *_table(found)]))
     return 1 if found.faults else 0
 
 
@@ -76,11 +76,15 @@ def _winds(raw: str) -> list[float]:
     return winds
 
 
-def _lines(found: Performance) -> list[str]:
+def _lines(found: Performance, computing_w: float) -> list[str]:
+    """All powers are those of motion and computations."""
+    level_w, bank_w = found.level_power_w + computing_w, found.bank_power_w + computing_w
     rows = [
-        f"flies          at {found.airspeed_mps:.4g} m/s: {found.level_power_w:.4g} W level, "
-        f"{found.bank_power_w:.4g} W at its greatest bank, turning radius {found.turn_radius_m:.3g} m"
+        f"flies          at {found.airspeed_mps:.4g} m/s: {level_w:.4g} W level, "
+        f"{bank_w:.4g} W at its greatest bank, turning radius {found.turn_radius_m:.3g} m"
     ]
+    if computing_w:
+        rows.insert(0, f"powers         count {computing_w:g} W of computations")
     if found.stall_mps is not None and found.stall_in_turn_mps is not None:
         rows.append(
             f"stalls         at {found.stall_mps:.3g} m/s, {found.stall_in_turn_mps:.3g} m/s at its greatest bank"

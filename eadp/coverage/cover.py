@@ -154,6 +154,7 @@ class CoverageRequest:
 
     `heading_rad` None leaves the heading of the lines free; `start_m` and `home_m` None leave both ends of the path
     free; a path may start at a pose. It may start with a straight `climb_out` and end with a straight final `approach`.
+    The first line begins `climb_s` after the start at the earliest, as the aircraft has to climb.
     Ordered lines lie at most `order_spacing_m` apart, by default a swath, or on a `grid`. `airspace` is what is in the
     way, by default all that the field has. With `crosshatch` lines at right angles follow.
     """
@@ -170,6 +171,7 @@ class CoverageRequest:
     climb_out: CoverageLeg | None = None
     approach: CoverageLeg | None = None
     crosshatch: bool = False
+    climb_s: float = 0.0
 
     @property
     def way_out(self) -> Point | Pose | None:
@@ -223,6 +225,7 @@ class CoverageSolution:
     `other_share` is the time of the other pattern divided by this one's, without access; None if only one was tried.
     `laps` is the Zamboni-like motion that was not chosen, `crossed` whether lines at right angles follow.
     Of a corridor `spacing_m` is the distance of lines, None for one, and `ends` the number of bends at which lines end.
+    `in_climb` are the parts of lines that are flown below their altitude, with the camera off.
     """
 
     pattern: str
@@ -235,6 +238,7 @@ class CoverageSolution:
     crossed: bool = False
     spacing_m: float | None = None
     ends: int = 0
+    in_climb: tuple[CoverageLeg, ...] = ()
 
     def path(self, c1: float) -> CoveragePath:
         """The whole path at a fixed parameter."""
@@ -268,8 +272,8 @@ def cover(request: CoverageRequest, *, draft: bool = False) -> CoverageSolution:
     motion = request.motion
     if request.crosshatch:
         return _crossed(request)
+    check_access(request)
     headings = _tried_headings(request) if request.heading_rad is None else [request.heading_rad]
-    _check_access(request, headings[0])
     if request.pattern == DUBINS:
         return _best_in_order(request, headings, draft)
     if request.pattern not in PATTERNS:
@@ -338,8 +342,8 @@ def _crossed(request: CoverageRequest) -> CoverageSolution:
     first = cover(replace(along, home_m=None, approach=None))
     across_rad = (first.heading_rad + math.pi / 2) % math.pi
     last = first.path(0.0).legs[-1].end
-    second = cover(replace(along, heading_rad=across_rad, start_m=last, climb_out=None))
-    return replace(_timed(request, DUBINS, first.heading_rad, [*first.sections, *second.sections]), crossed=True)
+    second = cover(replace(along, heading_rad=across_rad, start_m=last, climb_out=None, climb_s=0.0))
+    return timed(replace(first, sections=(*first.sections, *second.sections), crossed=True), request.motion)
 
 
 def has_pattern(name: str) -> bool:
@@ -419,18 +423,16 @@ def connected(
         sections += [*entry, *flown]
         previous = flown[-1].end
     assert previous is not None
-    return _timed(request, pattern, heading_rad, [*sections, *_exit(request, previous, turns), *approach])
+    flown = (*sections, *_exit(request, previous, turns), *approach)
+    return timed(CoverageSolution(pattern, heading_rad, flown), request.motion)
 
 
-def _timed(
-    request: CoverageRequest, pattern: str, heading_rad: float, sections: Sequence[CoverageLeg | Block]
-) -> CoverageSolution:
-    """The solution of some sections, with its times."""
-    solution = CoverageSolution(pattern, heading_rad, tuple(sections))
+def timed(solution: CoverageSolution, motion: MotionLimits) -> CoverageSolution:
+    """A solution with its times."""
     legs = solution.path(solution.min_c1).legs
     lines = [i for i, leg in enumerate(legs) if leg.sensing]
     access = (*legs[: lines[0]], *legs[lines[-1] + 1 :])
-    time_s, access_s = (request.motion.time_s([leg.piece for leg in flown]) for flown in (legs, access))
+    time_s, access_s = (motion.time_s([leg.piece for leg in flown]) for flown in (legs, access))
     return replace(solution, time_s=time_s, access_s=access_s)
 
 
@@ -748,10 +750,12 @@ def _poses(end: Point | Pose) -> list[Pose]:
 
 
 def from_start_s(request: CoverageRequest, starts: Sequence[Pose]) -> FloatArray:
-    """Least time from the start point to each pose [s]; 0 where the start is free."""
+    """Least time from the start point to each pose, at least that of the climb [s]; 0 where the start is free."""
     if request.way_out is None:
         return np.zeros(len(starts))
-    return np.asarray(request.motion.turns_s(_poses(request.way_out), starts).min(axis=0))
+    climbed_s = 0.0 if request.climb_out is None else request.motion.time_s([request.climb_out.piece])
+    ways_s = request.motion.turns_s(_poses(request.way_out), starts).min(axis=0)
+    return np.asarray(np.maximum(ways_s, request.climb_s - climbed_s))
 
 
 def to_home_s(request: CoverageRequest, ends: Sequence[Pose]) -> FloatArray:
@@ -785,13 +789,14 @@ def _exit(request: CoverageRequest, end: Pose, turns: FreeTurns | None) -> list[
     return _turn(request, end, poses[int(motion.turns_s([end], poses)[0].argmin())], turns)
 
 
-def _check_access(request: CoverageRequest, heading_rad: float) -> None:
-    """Raise Infeasible where no line at a heading has a free way from the start, or none has one to the end.
+def check_access(request: CoverageRequest) -> None:
+    """Raise Infeasible where no line has a free way from the start, or none has one to the end.
 
-    Only the nearest lines are tried: the check comes before the search, which takes long.
+    Only the nearest lines at one heading are tried: the check comes before the search, which takes long.
     """
     if request.space is None:
         return
+    heading_rad = _tried_headings(request)[0] if request.heading_rad is None else request.heading_rad
     turns = free_turns(request.space, request.motion)
     whole = next(_lines_at(request, heading_rad))[::2]
     lines = [leg.led(request.motion) for leg in free_lines(whole, request.space, request.motion)]

@@ -15,6 +15,7 @@ from eadp.core.flight.following import LEVEL_M, RATE_SHARE, Band, Climbing, band
 from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.polygons import holding
 from eadp.coverage.cover import CoverageSolution
+from eadp.coverage.ends import FinalApproach, Lack, with_circles
 from eadp.coverage.swaths import CoverageLeg, MotionLimits
 from eadp.errors import Infeasible, Unreachable
 from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace
@@ -35,6 +36,12 @@ LAPS_TRIED = 5
 
 FLARE_M = 3.0
 """Height from which on an aircraft flares, by the ground as it is [m]: LAND_FLARE_ALT of ArduPilot by default."""
+
+MAP_M = 0.1
+"""Height over the ground by which no final approach is refused [m]: maps are less exact."""
+
+CIRCLES = 50
+"""Most circles that lead down to a final approach."""
 
 ROUNDING_M = 1e-6
 
@@ -184,7 +191,7 @@ def over_terrain(
     climbing: Climbing,
     start_m: float | None = None,
     *,
-    lands: bool = False,
+    lands: FinalApproach | None = None,
 ) -> tuple[CoverageSolution, HeightProfile]:
     """A path whose legs have the altitudes that keep it above the ground; laps have one altitude.
 
@@ -195,8 +202,8 @@ def over_terrain(
     climbing : Climbing
     start_m : float, optional
         Altitude at the start [m], for a flight from the ground; by default that of the first leg.
-    lands : bool, optional
-        Whether the last leg is a final approach, from the height of lines above the ground of its end; not after laps.
+    lands : FinalApproach, optional
+        The last leg, of a flight that lands; not after laps. Circles are flown before it where the flight is too high.
 
     Returns
     -------
@@ -212,22 +219,25 @@ def over_terrain(
     """
     legs = _legs(solution, 0.0)
     samples, motion = ground.samples(legs), ground.motion
-    # the last sample before the final approach, or of all
-    last = int(np.searchsorted(samples.legs, len(legs) - 1)) - 1 if lands else len(samples.legs) - 1
+    circles = 0 if lands is None else sum(leg == lands.circle for leg in legs)
+    # the last samples before the circles and before the final approach, or of all
+    last = before = len(samples.legs) - 1
+    if lands is not None:
+        last, before = (int(np.searchsorted(samples.legs, len(legs) - 1 - n)) - 1 for n in (circles, 0))
     below_m, sides_m, hard_m, ceiling_m = _band(samples, ground)
     floor_m = _spread(hard_m, samples)  # the hard floor of all places where the flight may be by then
-    courses = samples.headings_rad[1:]
-    speeds_mps, _ = ground_speeds_mps(np.cos(courses), np.sin(courses), motion.airspeed_mps, motion.wind_mps)
-    seconds = np.diff(samples.places_m) / speeds_mps
+    seconds = _seconds(samples, motion)
     if start_m is not None:
         climbed_m = _climbed_m(start_m, samples, seconds, below_m, ground, climbing)
         hard_m, floor_m = np.minimum(hard_m, climbed_m), np.minimum(floor_m, climbed_m)
-    approach_m = math.inf  # altitude at which a final approach begins
-    if lands:
+    land_m, approach_m = 0.0, math.inf  # altitudes at which a final approach ends and begins
+    if lands is not None:
         land_m = round(float(ground.heights_m(samples.points_m[-1:])[0]), 2)
-        approach_m = LEVEL_M * math.ceil((land_m + ground.limits.line_m) / LEVEL_M)
-        # the altitude commanded there is that of the approach; the flight may be a step lower
-        floor_m[last], hard_m[last], ceiling_m[last] = approach_m - LEVEL_M, approach_m, approach_m
+        approach_m = LEVEL_M * math.ceil((land_m + lands.height_m) / LEVEL_M)
+        # the altitude commanded there is that of the approach; the flight may be a step lower, or as much higher as
+        # circles lead down
+        down_m = RATE_SHARE * climbing.down_mps * float(seconds[last:before].sum())
+        floor_m[last], hard_m[last], ceiling_m[last] = approach_m - LEVEL_M, approach_m, approach_m + down_m
     # altitudes commanded, each with the number of the last sample up to which it holds
     if solution.blocks:
         tried = np.linspace(0.0, solution.min_c1, LAPS_TRIED).tolist()  # laps have one altitude, for every c1
@@ -243,20 +253,53 @@ def over_terrain(
             found = commanded(banded(band, climbing, ground.limits.tolerance_m / 2), climbing, hard_m[:to], start_m)
         except Unreachable as error:
             raise Infeasible(f"{error}, at {ground.terrain.place_text(samples.points_m[error.target])}") from None
+    if circles:
+        found.append((before, approach_m))
     flown_m = [np.array(found[0][1] if start_m is None else start_m)]
     for altitude_m, step_s in zip(_repeated(found), seconds.tolist(), strict=False):
         flown_m.append(climbing.followed_m(flown_m[-1], altitude_m, step_s))
-    if lands:
+    if lands is not None:
         if (above_m := float(flown_m[-1]) - approach_m) > ground.limits.tolerance_m:
-            place = ground.terrain.place_text(samples.points_m[last])
-            message = f"the flight is {above_m:.0f} m too high at {place} for the final approach"
-            raise Infeasible(message, "a --landing farther away, or from another direction")
+            if lands.circle is None or circles >= CIRCLES:
+                place = ground.terrain.place_text(samples.points_m[before])
+                message = f"the flight is {above_m:.0f} m too high at {place} for the final approach"
+                message += ", and no circle beside it has room"
+                raise Infeasible(message, "a --landing farther away, or from another direction")
+            more = lands.circles(above_m, climbing, motion)
+            lower = with_circles(solution, len(solution.sections) - 1, lands.circle, more, motion)
+            return over_terrain(lower, ground, climbing, start_m, lands=lands)
         found.append((len(below_m) - 1, land_m))
-        ways_m = samples.places_m[last + 1 :]
-        flown_m += [*np.interp(ways_m, samples.places_m[[last, -1]], [float(flown_m[-1]), land_m])]
+        ways_m = samples.places_m[before + 1 :]
+        flown_m += [*np.interp(ways_m, samples.places_m[[before, -1]], [float(flown_m[-1]), land_m])]
     altitudes_m, levels_m = _repeated(found), tuple(level_m for _, level_m in found)
     profile = HeightProfile(samples, ground, below_m, sides_m, np.array(flown_m), levels_m)
     return solution if solution.blocks else replace(solution, sections=_cut(legs, samples, altitudes_m)), profile
+
+
+def climb_lack(solution: CoverageSolution, ground: Ground, climbing: Climbing, start_m: float) -> Lack:
+    """What a climb from an altitude at the start lacks: on lines their height, on ways the clearance once it has it.
+
+    Raises Infeasible where the height of the ground is not known.
+    """
+    legs = _legs(solution, 0.0)
+    samples = ground.samples(legs)
+    below_m, _, hard_m, _ = _band(samples, ground)
+    up_mps, seconds = RATE_SHARE * climbing.up_mps, _seconds(samples, ground.motion)
+    climbed_m = start_m + up_mps * np.concatenate([[0.0], np.cumsum(seconds)])
+    floor_m = np.where(samples.on_line, _spread(hard_m, samples), hard_m)
+    kept = samples.on_line | np.array([leg.whole_circle for leg in legs])[samples.legs]
+    kept |= np.maximum.accumulate(climbed_m - below_m >= ground.limits.clearance_m)
+    lacks_m = np.where(kept, floor_m - climbed_m, 0.0)
+    low = np.flatnonzero((lacks_m > ROUNDING_M) & samples.on_line)
+    until_m = float(samples.places_m[min(low[-1] + 1, len(lacks_m) - 1)]) if len(low) else 0.0
+    return Lack(max(float(lacks_m.max()), 0.0) / up_mps, until_m)
+
+
+def _seconds(samples: Samples, motion: MotionLimits) -> FloatArray:
+    """Times from each sample to the next, shape (n − 1,) [s]."""
+    courses = samples.headings_rad[1:]
+    speeds_mps, _ = ground_speeds_mps(np.cos(courses), np.sin(courses), motion.airspeed_mps, motion.wind_mps)
+    return np.asarray(np.diff(samples.places_m) / speeds_mps)
 
 
 def _climbed_m(
@@ -281,12 +324,11 @@ def _climbed_m(
     return climbed_m
 
 
-def low_approach(approach: CoverageLeg, ground: Ground) -> tuple[str, float, float] | None:
+def low_approach(final: FinalApproach, ground: Ground) -> tuple[str, float, float] | None:
     """Where a final approach comes nearest to the ground, if it is too near.
 
-    The approach comes down from the height of lines above the ground of its end. It has to stay above all that is below
-    it, by half of its height over its end's ground, or by the clearance if that is less. Where this is less than
-    `FLARE_M`, nothing is asked.
+    It has to stay above all that is below it, by half of its height over its end's ground, or by the clearance if that
+    is less. Where this is less than `FLARE_M`, nothing is asked.
 
     Returns
     -------
@@ -295,16 +337,22 @@ def low_approach(approach: CoverageLeg, ground: Ground) -> tuple[str, float, flo
     float, float
         Heights above the ground there, as they are and as they have to be [m]. None where all are enough.
     """
-    samples, limits = ground.samples([approach]), ground.limits
+    samples, limits = ground.samples([final.leg]), ground.limits
     # the highest of the ground and obstacles near each sample, above the ground of the approach's end
     tops_m = _band(samples, ground)[2] - limits.clearance_m - ground.heights_m(samples.points_m[-1:])
-    heights_m = limits.line_m * (1 - samples.places_m / samples.places_m[-1])
+    heights_m = final.height_m * (1 - samples.places_m / samples.places_m[-1])
     min_m = np.minimum(limits.clearance_m, heights_m / 2)
     above_m = heights_m - tops_m
     k = int(np.argmin(np.where(min_m < FLARE_M, np.inf, above_m - min_m)))
-    if above_m[k] >= min_m[k]:
+    if above_m[k] >= min_m[k] - MAP_M:
         return None
     return ground.terrain.place_text(samples.points_m[k]), float(above_m[k]), float(min_m[k])
+
+
+def clear_circle(circle: CoverageLeg, final: FinalApproach, ground: Ground) -> bool:
+    """Whether a circle at the height at which a final approach begins keeps the clearance."""
+    land_m = float(ground.heights_m(np.array([final.leg.end[:2]]))[0])
+    return bool(_band(ground.samples([circle]), ground)[2].max() <= land_m + final.height_m)
 
 
 def _repeated(found: Sequence[tuple[int, float]]) -> FloatArray:

@@ -18,7 +18,7 @@ from eadp.coverage.zamboni import END_TOLERANCE_M, Block
 from eadp.errors import Infeasible
 from eadp.models.plan.plan import Plan, Site
 from eadp.models.plan.segments import LoopVariable, Segment
-from eadp.models.plan.stage import LAND, RETURN, Box, Stage, Title
+from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE, RETURN, Box, Stage, Title
 
 GAIN_PER_M = 0.1
 """Gain of a stage for a path function whose gradient is 1: a circle's is this over its diameter, the gradient there."""
@@ -35,6 +35,9 @@ MIN_STAGE_M = 1e-5
 _DIGITS = 9
 
 Command = tuple[float, ...]
+
+LOITER: Command = (LOITER_TO_ALTITUDE, *(0.0,) * 7)
+"""The command of a whole circle, on which the aircraft climbs or descends to the altitude of the stage."""
 
 
 class PathText(NamedTuple):
@@ -170,6 +173,7 @@ class _PlanBuilder:
         sensing: bool,
         min_c1: float,
         altitude_m: float | None = None,
+        commands: tuple[Command, ...] = (),
     ) -> None:
         """Append a stage along a path to a trigger point, both as text."""
         self._sensing.append(sensing)
@@ -178,7 +182,8 @@ class _PlanBuilder:
         x, y = map(_expression, trigger)
         gain = float(f"{path.gain:.4g}")
         number, function = len(self.stages) + 1, _expression(path.function)
-        self.stages.append(Stage(number, 0, gain, path.rotation_deg, function, (x, y), sets, altitude_m=altitude_m))
+        stage = Stage(number, 0, gain, path.rotation_deg, function, (x, y), sets, altitude_m=altitude_m)
+        self.stages.append(replace(stage, commands=commands))
 
     def commanded(self, commands: tuple[Command, Command]) -> list[Stage]:
         """The stages with the first command where a line starts, and the second where a turn starts after a line."""
@@ -188,7 +193,8 @@ class _PlanBuilder:
             before = {self._sensing[i - 1] if i else False}
             laps = [part for part in self.segments if part.repeats and part.first == i]
             before |= {self._sensing[part.first + part.count - 1] for part in laps}
-            stages.append(stage if before == {is_line} else replace(stage, commands=(commands[0 if is_line else 1],)))
+            own = () if before == {is_line} else (commands[0 if is_line else 1],)
+            stages.append(replace(stage, commands=(*own, *stage.commands)))
         return stages
 
     def _add_once(self, legs: Sequence[CoverageLeg]) -> None:
@@ -208,9 +214,9 @@ class _PlanBuilder:
             if leg.piece.length_m >= MIN_STAGE_M:
                 self.shortest_m = min(self.shortest_m, leg.piece.length_m)
                 x, y, _ = leg.end
-                self._add_stage(
-                    piece_path(leg.piece), (_number(x), _number(y)), leg.sensing, self._min_c1, leg.altitude_m
-                )
+                path, end, climbs = piece_path(leg.piece), (_number(x), _number(y)), leg.whole_circle
+                commands = (LOITER,) * climbs
+                self._add_stage(path, end, leg.sensing, self._min_c1, leg.altitude_m, commands)
         self.segments.append(Segment(first, len(self.stages) - first))
 
     def _add_laps(self, block: Block) -> None:

@@ -166,6 +166,11 @@ class CoverageLeg:
         """The pose at its end."""
         return self.piece.end
 
+    @property
+    def whole_circle(self) -> bool:
+        """Whether it is a whole turn, on which a flight climbs or descends."""
+        return self.piece.turn != 0 and self.start == self.end
+
     def backward(self) -> CoverageLeg:
         """The same straight leg in the other direction."""
         piece = straight(self.end[:2], self.start[:2])

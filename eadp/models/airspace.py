@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Piece, Pose, ways_to_point
+from eadp.core.geometry.dubins import Piece, Pose, centre_m, ordered, ways_to_point
+from eadp.models.autopilot import Autopilot
+from eadp.models.plan.legs import Leg, leg_points
+from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE
 
 if TYPE_CHECKING:
     from eadp.core.geometry.polygons import FreeSpace, Ring
@@ -83,6 +88,19 @@ class Airspace(NamedTuple):
 
         return FreeSpace([obstacle.outline for obstacle in self.obstacles], self.boundary, clear_m)
 
+    def top_on_ways_m(self, points_m: FloatArray, to_m: Point, aside_m: float) -> float:
+        """Top of the highest obstacle near straight ways from points, shape (n, 2), to a point [m]; −∞ without.
+
+        `aside_m` is how near. Obstacles without a height have no top.
+        """
+        from eadp.core.geometry.polygons import FreeSpace
+
+        ends_m, tops_m = np.broadcast_to(to_m, points_m.shape), [-math.inf]
+        for each in self.obstacles:
+            if each.height_m is not None and not FreeSpace([each.outline], (), aside_m).sees(points_m, ends_m).all():
+                tops_m.append(each.height_m)
+        return max(tops_m)
+
     def admits(self, point: Point) -> bool:
         """Whether a point [m] is out of the obstacles and within the boundary."""
         if not any(self):
@@ -130,6 +148,40 @@ HOME_RADII = 1.5
 """Radius of the turn home, in least turning radii: gusts and wind widen a turn."""
 
 
+class Landing(NamedTuple):
+    """The landing that a plan ends with, from where its final approach starts.
+
+    Attributes
+    ----------
+    start : (float, float, float)
+        Where it starts [m], and the course there [rad].
+    descent_m : float
+        From its start to its end [m].
+    altitude_m : float
+        At its start [m].
+    legs : tuple of Leg
+    """
+
+    start: Pose
+    descent_m: float
+    altitude_m: float
+    legs: tuple[Leg, ...]
+
+    @classmethod
+    def of(cls, legs: Sequence[Leg], cruise_altitude_m: float) -> Landing | None:
+        """The landing of a plan's legs, with the circles before it; None where they do not land."""
+        if len(legs) < 2 or not legs[-1].stage.command(LAND):
+            return None
+        first = len(legs) - 1
+        while first > 1 and legs[first - 1].stage.command(LOITER_TO_ALTITUDE):
+            first -= 1
+        before, own = legs[first - 1].stage, tuple(legs[first:])
+        begins = next(leg_points(own[0], own[0].length_m))
+        altitude_m = cruise_altitude_m if before.altitude_m is None else before.altitude_m
+        descent_m = altitude_m - (own[-1].stage.altitude_m or 0.0)
+        return cls((begins.x_m, begins.y_m, begins.heading_rad), descent_m, altitude_m, own)
+
+
 class WayHome(NamedTuple):
     """Where to return to, and how.
 
@@ -145,6 +197,10 @@ class WayHome(NamedTuple):
         Round obstacles and within the boundary; None without either.
     altitude_m : float or None
         Altitude of the way [m]; None that of the stage.
+    landing : Landing or None
+        With which it ends.
+    circle_radius_m : float
+        Radius of the circle that an autopilot flies at home, once until a pilot takes over [m]; 0 for none.
     """
 
     position_m: Point
@@ -152,14 +208,46 @@ class WayHome(NamedTuple):
     turns_back: bool = False
     ways: WaysTo | None = None
     altitude_m: float | None = None
+    landing: Landing | None = None
+    circle_radius_m: float = 0.0
+
+    def flown_by(self, autopilot: Autopilot) -> WayHome:
+        """The way as an autopilot flies it, by its kind and parameters."""
+        if autopilot.kind is None:
+            return self
+        way = self._replace(altitude_m=autopilot.return_altitude_m(self.altitude_m))
+        if self.landing is not None and autopilot.lands:
+            return way
+        circle_m = autopilot.circle_radius_m(HOME_RADII * self.turn_radius_m)
+        return way._replace(landing=None, circle_radius_m=circle_m, ways=self.ways and self.ways.to(self.position_m))
+
+    @property
+    def end_m(self) -> Point:
+        """Where its straight lines end [m]: home, or the start of the landing."""
+        return self.position_m if self.landing is None else self.landing.start[:2]
 
     def line(self, start_m: Point) -> tuple[Point, ...]:
         """The shortest way from a point [m]: where its straight lines end."""
         found = self.ways and next(self.ways.lines(start_m), None)
-        return found or (self.position_m,)
+        return found or (self.end_m,)
 
     def pieces(self, start: Pose) -> tuple[Piece, ...]:
-        """Turns and straight lines from a pose."""
-        if self.ways is not None:
-            return self.ways.pieces(start)
-        return ways_to_point(start, self.position_m, HOME_RADII * self.turn_radius_m)[0]
+        """Turns and straight lines from a pose, up to the start of the landing, or the end of the circle."""
+        radius_m = HOME_RADII * self.turn_radius_m
+        if math.dist(start[:2], self.end_m) <= self.circle_radius_m:
+            return _circle(start, self.circle_radius_m)
+        if self.ways is None and self.landing is not None:
+            return ordered(start, self.landing.start, radius_m)[0].pieces
+        way = ways_to_point(start, self.end_m, radius_m)[0] if self.ways is None else self.ways.pieces(start)
+        pose = way[-1].end if way else start
+        if self.landing is not None:
+            return (*way, *ordered(pose, self.landing.start, radius_m)[0].pieces)
+        return (*way, *_circle(pose, self.circle_radius_m)) if self.circle_radius_m else way
+
+
+def _circle(start: Pose, radius_m: float) -> tuple[Piece, ...]:
+    """A whole turn to the left from a pose, in two halves."""
+    x, y = centre_m(start, 1, radius_m)
+    across = 2 * x - start[0], 2 * y - start[1], start[2] + np.pi
+    halves = ((start, across), (across, start))
+    return tuple(Piece(1, begins, ends, np.pi * radius_m, (x, y)) for begins, ends in halves)

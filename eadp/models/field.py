@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from eadp.core.geometry.curves import Point
 from eadp.models.airspace import EVERYWHERE, Airspace
 
 if TYPE_CHECKING:
@@ -50,6 +51,12 @@ class Field:
         """The same field with other parts, each an outline and its holes; at least one."""
         (outline, *holes), *others = parts
         return replace(self, outline=outline, holes=tuple(holes), others=tuple(map(tuple, others)))
+
+    @property
+    def middle_m(self) -> Point:
+        """The middle of the box around its own outline [m]."""
+        x, y = zip(*self.outline, strict=True)
+        return (min(x) + max(x)) / 2, (min(y) + max(y)) / 2
 
     @property
     def area_m2(self) -> float:

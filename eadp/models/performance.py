@@ -10,7 +10,9 @@ from functools import partial
 import numpy as np
 
 from eadp.core.arrays import FloatArray
+from eadp.core.flight.aerodynamics import air_density_kgpm3, calibrated_share
 from eadp.models.battery import Battery
+from eadp.models.plan.plan import Site
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 
 SPEEDS = 2001
@@ -29,6 +31,18 @@ With it flights stay within 6.5 m of paths among obstacles, in winds up to 0.6 o
 
 LEVEL_DEG = 2.0
 """Bank at which an aircraft is level: of a picture at 100 m the middle is 3.5 m aside [°]."""
+
+
+def calibrated_over_true(site: Site, airframe: Airframe) -> float:
+    """The calibrated airspeed that an autopilot holds, over the true one of plans and aircraft, at a plan's field.
+
+    By the standard atmosphere's density at the field's height, or where that is not known by the aircraft's.
+
+    Source: `calibrated_share`.
+    """
+    if site.above_sea_m is not None:
+        return float(calibrated_share(air_density_kgpm3(site.above_sea_m)))
+    return 1.0 if isinstance(airframe, PaperVehicle) else float(calibrated_share(airframe.air_density_kgpm3))
 
 
 def ground_radius_m(airframe: Airframe, airspeed_mps: float, wind_mps: float) -> float:

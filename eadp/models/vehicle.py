@@ -138,7 +138,7 @@ class _Aeroplane:
     """The motor's greatest electrical power [W]."""
 
     airspeed_mps: Airspeed = 15.0
-    """Airspeed that the throttle holds [m/s]."""
+    """True airspeed that the throttle holds [m/s]; autopilots are set to the calibrated one, which export converts."""
 
     cruise_altitude_m: Altitude = 25.0
     """Altitude held [m]."""
@@ -234,7 +234,7 @@ class FixedWing(_Aeroplane):
     """Lift coefficient at which the wing stalls."""
 
     air_density_kgpm3: AirDensity = 1.225
-    """Air density [kg/m³]."""
+    """Air density [kg/m³]; 1.225 at the sea, 1.161 at 550 m, 1.007 at 2000 m."""
 
     @cached_property
     def induced_drag(self) -> float:
@@ -311,6 +311,9 @@ class PowerCurve(_Aeroplane):
 
     points: Annotated[tuple[tuple[Airspeed, Watts], ...], MinLen(1), MaxLen(100)] = ((15.0, 36.0),)
     """Airspeeds, rising, and power of straight level flight, avionics among it [[m/s, W], …]."""
+
+    air_density_kgpm3: AirDensity = 1.225
+    """Air density [kg/m³] for which the points hold."""
 
     bank_w: Watts = 0.0
     """Power that a bank of 45° adds at `airspeed_mps` [W]: proportional to tan² of the bank, over the airspeed."""

@@ -60,12 +60,17 @@ class Sample(NamedTuple):
         Codes of what is wrong with it.
     airspeed_mps : float or None
         Airspeed [m/s].
-    flies_mission : bool
-        Whether an autopilot flies a mission laid out before, so that its end is certain.
+    flies_mission : bool or None
+        Whether an autopilot flies a mission laid out before, so that its end is certain; False where it holds, returns,
+        or a pilot flies, None where that is not known.
+    returns_home : bool
+        Whether it flies home, by its mode.
     altitude_m : float or None
         Altitude above the place of take-off [m].
     voltage_v : float or None
         The battery's voltage [V].
+    autopilot : Autopilot or None
+        The autopilot and its parameters, where they are read anew.
     """
 
     time_s: float
@@ -80,9 +85,11 @@ class Sample(NamedTuple):
     stages_started: int | None = None
     warnings: tuple[str, ...] = ()
     airspeed_mps: float | None = None
-    flies_mission: bool = False
+    flies_mission: bool | None = None
+    returns_home: bool = False
     altitude_m: float | None = None
     voltage_v: float | None = None
+    autopilot: Autopilot | None = None
 
     @property
     def reading(self) -> tuple[object, ...]:
@@ -113,7 +120,12 @@ class Observation(NamedTuple):
     through_gap : bool
         Whether the start of the stage, or the end of the one before, may be unknown: neither is to be learned from.
     on_plan : bool
-        Whether the aircraft flies the plan, and does not take off any more.
+        Whether the aircraft flies the plan: it does not take off any more, no pilot flies it, and it does not return.
+    returns_home : bool
+        Whether it flies home, and its plan no longer.
+    rejoins_at_start : bool or None
+        Whether a plan that is taken up again is joined at the start of the leg that was left, and not flown straight to
+        its end; None where the aircraft is on its path.
     """
 
     sample: Sample
@@ -123,6 +135,8 @@ class Observation(NamedTuple):
     stages_started: int
     through_gap: bool = False
     on_plan: bool = True
+    returns_home: bool = False
+    rejoins_at_start: bool | None = None
 
     @property
     def time_s(self) -> float:
@@ -242,7 +256,9 @@ class DecisionRecord(NamedTuple):
     home_reachable : bool or None
         Whether home can be reached from here with the reserve kept, with its probability; None without a home.
     point_of_no_return_s : float or None
-        Last time at which it could be reached [s], if it cannot.
+        Last time at which it could be reached [s], if it cannot; in a live flight, else, up to when it can as planned.
+    home_by_s : float or None
+        When home is reached at the latest, from there or at the plan's end [s]; of a live flight.
     """
 
     time_s: float
@@ -260,6 +276,7 @@ class DecisionRecord(NamedTuple):
     wind_mps: Point | None = None
     home_reachable: bool | None = None
     point_of_no_return_s: float | None = None
+    home_by_s: float | None = None
 
 
 TURNS_BACK = "home: "
@@ -408,6 +425,7 @@ class Mission:
     `vehicle` is the aircraft as stated, which may be another. `gust_time_s` is the time constant of gusts [s], and
     `altitude_m` that of take-off [m]. `nominal` flies what the aircraft cannot follow. `live` is whether forecasts are
     shown as they are made: none is older than a re-planning then. `autopilot` is the one that flies, for its own rules.
+    `clock_s` is what the telemetry's clock shows at time 0 [s].
     """
 
     plan: Plan
@@ -422,6 +440,7 @@ class Mission:
     gust_time_s: float = GUST_TIME_S
     altitude_m: float = 0.0
     live: bool = False
+    clock_s: float = 0.0
     nominal: Nominal | None = None
     autopilot: Autopilot = field(default_factory=Autopilot)
 

@@ -1,4 +1,4 @@
-"""The plan of a flight that gives its mission up: a turn and straight home, with the computations at their lowest."""
+"""The plan of a flight home: a turn and straight there, then a landing or a circle; computations at their lowest."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from eadp.models.plan.stage import Box
 
 
 def home_plan(cursor: PlanCursor, pose: Pose, way_home: WayHome) -> Plan:
-    """A plan of a turn and a straight line home, round what is in the way.
+    """A plan of a turn and a straight line home, round what is in the way, and of what ends it.
 
     Parameters
     ----------
@@ -32,4 +32,6 @@ def home_plan(cursor: PlanCursor, pose: Pose, way_home: WayHome) -> Plan:
     altitude_m = cursor.stage.altitude_m if way_home.altitude_m is None else way_home.altitude_m
     like = replace(cursor.stage, sets=sets, altitude_m=altitude_m)
     stages = piece_stages(way_home.pieces(pose), like, 1)
-    return Plan(plan.name, stages, rho, plan.computations, trigger_radius_m=plan.trigger_radius_m)
+    legs = () if way_home.landing is None else way_home.landing.legs
+    down = [replace(leg.stage, index=len(stages) + k, segment=None, sets=sets) for k, leg in enumerate(legs, 1)]
+    return Plan(plan.name, (*stages, *down), rho, plan.computations, trigger_radius_m=plan.trigger_radius_m)

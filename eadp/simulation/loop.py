@@ -188,12 +188,16 @@ class _Flight:
         Sets when the planner is updated next; `due` is whether it was at this step, and `end` the last step. Returns
         why the flight ends; None where it goes on.
         """
-        executor = self._executor
+        executor, way_home = self._executor, self._world.way_home
         try:
             changed = executor.handle(events, *self._pose()[:2]) if events else False
-            if executor.complete:
-                self._outcome.completed = not self._returning
-                return RETURNED if self._returning else COMPLETED
+            # at the end of a plan that does not land an autopilot returns, by the way home
+            if executor.complete and not self._returning and way_home is not None and way_home.circle_radius_m:
+                self._return()
+                changed = True
+            elif executor.complete:
+                self._outcome.completed = self._outcome.turned_back_s is None
+                return COMPLETED if self._outcome.completed else RETURNED
             if changed and not self._returning:
                 self._outcome.stage_times_s.append(self._k * self._world.clock.step_s)
             if not self._returning:
@@ -218,13 +222,17 @@ class _Flight:
         if decision.returns_home:
             self._outcome.turned_back_s = self._k * self._world.clock.step_s
             self._outcome.turned_back_m = self._pose()[:2]
-            self._executor = _turned_back(self._world, self._executor, self._pose())
-            self._returning = True
+            self._return()
             return True
         if decision.parameters is self._decided:  # the same object: nothing was decided since
             return False
         self._decided = decision.parameters
         return self._executor.decide(self._decided, self._pose()[:2])
+
+    def _return(self) -> None:
+        """Fly home from here on."""
+        self._executor = _turned_back(self._world, self._executor, self._pose())
+        self._returning = True
 
     def _start_flown(self) -> None:
         """Start what the executor flies now in the inner loop and in the log: another stage, or other parameters."""

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -24,9 +24,9 @@ from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import Point, tangent, wrap_angle_rad
 from eadp.errors import PathUndefined, printable
-from eadp.models.airspace import BOUNDARY
+from eadp.models.airspace import BOUNDARY, Airspace
 from eadp.models.plan.cursor import PlanCursor, Vector, shift_at
-from eadp.models.plan.legs import leg_points
+from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.stage import COMPUTATION, LAND, Box, Stage
 from eadp.models.plan.trace import nominal_legs
@@ -560,15 +560,31 @@ def _airspace_findings(plan: Plan) -> Iterator[Finding]:
     boxes = [plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []
     found: set[str] = set()
     for share in (1.0, 0.75, 0.5, 0.25, 0.0) if boxes else (1.0,):
-        values, level_m = tuple(box.lo + share * (box.hi - box.lo) for box in boxes), 0.0
-        for leg in _or_none(nominal_legs, plan.laps(), values) or ():
-            track = [(point.x_m, point.y_m) for point in leg_points(leg, TRACK_M)]
-            before_m, level_m = level_m, leg.stage.altitude_m or 0.0
-            start_m = before_m if leg.stage.command(LAND) else level_m
-            altitudes_m = np.linspace(start_m, level_m, len(track)).tolist()
-            for entry in plan.site.airspace.entries([0.0] * len(track), track, altitudes_m):
-                if entry.name not in found:
-                    found.add(entry.name)
-                    does = "leaves" if entry.name == BOUNDARY else "enters"
-                    message = f"the path {does} {entry.name}{_at(plan, values)}"
-                    yield Finding("error", leg.stage.index, leg.stage.line, "airspace", message)
+        values = tuple(box.lo + share * (box.hi - box.lo) for box in boxes)
+        for stage, name in entered(_or_none(nominal_legs, plan.laps(), values) or (), plan.site.airspace):
+            if name not in found:
+                found.add(name)
+                does = "leaves" if name == BOUNDARY else "enters"
+                yield Finding(
+                    "error", stage.index, stage.line, "airspace", f"the path {does} {name}{_at(plan, values)}"
+                )
+
+
+def entered(legs: Iterable[Leg], airspace: Airspace, low_m: float = 0.0) -> Iterator[tuple[Stage, str]]:
+    """The stages of a nominal path that enter an obstacle or leave the boundary, and its name.
+
+    Parameters
+    ----------
+    legs : iterable of Leg
+    airspace : Airspace
+    low_m : float, optional
+        The altitude of stages without one [m]; a landing descends evenly.
+    """
+    level_m = low_m
+    for leg in legs:
+        track = [(point.x_m, point.y_m) for point in leg_points(leg, TRACK_M)]
+        before_m, level_m = level_m, low_m if leg.stage.altitude_m is None else leg.stage.altitude_m
+        start_m = before_m if leg.stage.command(LAND) else level_m
+        altitudes_m = np.linspace(start_m, level_m, len(track)).tolist()
+        for entry in airspace.entries([0.0] * len(track), track, altitudes_m):
+            yield leg.stage, entry.name

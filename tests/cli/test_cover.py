@@ -558,7 +558,8 @@ def test_holes_that_are_not_flown_over(eadp, tmp_path):
 def test_bad_limits(eadp, limits, tmp_path):
     answer = eadp("cover", *limits, "--avoid", "plans/meadow.geojson")
     assert (answer.code, answer.out) == (2, "")
-    assert answer.err.startswith("plans/meadow.geojson:6:21: error: 1 polygon of less than 0.01 m²")
+    assert answer.err.startswith("plans/meadow.geojson:6:21: error: an obstacle of 0.0")
+    assert "if these are metres and not degrees" in answer.err
     (tmp_path / "bow.csv").write_text("x_m,y_m\n0,0\n100,100\n100,0\n0,100\n")
     answer = eadp("cover", *limits, "--inside", tmp_path / "bow.csv")
     assert answer.code == 2

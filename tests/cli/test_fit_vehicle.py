@@ -15,6 +15,9 @@ import yaml
 from common import ROOT
 
 from eadp import fit_vehicle
+from eadp.io.log.autopilot_motion import autopilot_motion
+from eadp.io.log.messages import Tables
+from eadp.io.log.power_log import AIRSPEED, DENSITY
 from eadp.io.text.streams import read_text
 from eadp.io.vehicle.vehicle_file import read_vehicle
 from eadp.models.vehicle import FixedWing, PowerCurve
@@ -268,6 +271,58 @@ def test_a_dataflash_log(eadp, tmp_path):
     path = tmp_path / "log.log"
     path.write_text("\n".join(lines) + "\n")
     assert_wing(json.loads(eadp("fit", path, "--vehicle", "--format", "json").out))
+
+
+def test_round_after_round_of_fit_and_export_flies_the_same(eadp, tmp_path):
+    """The log has the calibrated airspeed that the autopilot was set to, at 2000 m: 0.9064 of the true one."""
+    pytest.importorskip("pymavlink")
+    head = [
+        "FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns",
+        "FMT, 1, 30, BAT, Qff, TimeUS,Volt,Curr",
+        "FMT, 2, 30, ARSP, Qf, TimeUS,Airspeed",
+        "FMT, 5, 30, POS, Qf, TimeUS,Alt",
+    ]
+    plan, scenario, set_mps, found = tmp_path / "p.plan", tmp_path / "s.yaml", 15 * 0.9064, []
+    plan.write_text("%: origin 47 8\n0.1; 90; x\n0, 300\n")
+    scenario.write_text("schema: eadp.scenario/1\nvehicle: v.yaml\n")
+    for _ in range(3):
+        lines = []
+        for i in range(900):
+            us, true_mps = 200_000 * i + 1000, set_mps / 0.9064
+            watts = WING.level_power_w(true_mps) * (1 + 0.01 * math.sin(i / 7))
+            lines += [f"BAT, {us}, 16.0, {watts / 16:.6f}", f"ARSP, {us}, {set_mps:.5f}", f"POS, {us}, 2000"]
+        (tmp_path / "log.log").write_text("\n".join([*head, *lines]) + "\n")
+        assert eadp("fit", tmp_path / "log.log", "--vehicle", "-o", tmp_path / "v.yaml").code == 0
+        keys = yaml.safe_load((tmp_path / "v.yaml").read_text())["airframe"]
+        given = ("--scenario", scenario, "--parameters", tmp_path / "p.param", "-o", tmp_path / "m")
+        answer = eadp("export", plan, "--to", "ardupilot", *given)
+        assert answer.code == 0, answer.err
+        set_mps = float(re.search("AIRSPEED_CRUISE,([0-9.]+)", (tmp_path / "p.param").read_text())[1])
+        found.append((keys["airspeed_mps"], keys["points"][0][1], keys["air_density_kgpm3"], set_mps))
+    for each in found:
+        assert each == pytest.approx((15, WING.level_power_w(15), 1.0065, 13.596), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "tables",
+    [
+        {"airspeed_validated": {"true_airspeed_m_s": 15.0, "calibrated_airspeed_m_s": 13.596}},
+        {"airspeed_validated": {"calibrated_airspeed_m_s": 13.596}, "vehicle_global_position": {"alt": 2000.0}},
+        {"airspeed_validated": {"true_airspeed_m_s": 15.0}, "vehicle_global_position": {"alt": 2000.0}},
+        {"ARSP": {"Airspeed": 13.596}, "CTUN": {"E2T": 15 / 13.596}},
+        {"CTUN": {"As": 13.596}, "POS": {"Alt": 2000.0}},
+        {"VFR_HUD": {"airspeed": 13.596}, "POS": {"Alt": 2000.0}},
+    ],
+)
+def test_airspeeds_of_logs_become_true(tables):
+    times = np.arange(1e6, 5e6, 1e6)
+    columns = {
+        topic: {"timestamp": times} | {label: np.full(4, value) for label, value in row.items()}
+        for topic, row in tables.items()
+    }
+    found = autopilot_motion(Tables(columns), times)
+    assert found[AIRSPEED] == pytest.approx(np.full(4, 15.0), rel=1e-3)
+    assert found[DENSITY] == pytest.approx(np.full(4, 1.0065), rel=1e-3)
 
 
 def assert_wing(document):

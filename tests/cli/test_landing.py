@@ -24,6 +24,7 @@ COVER = (
     "--vehicle", "vehicles/foam-wing.yaml", "--wind", WIND,
 )  # fmt: skip
 SPEED_MPS, CLIMB_MPS = 15.0, 3.0
+FLAT_DEG = 5.0
 TAKE_OFF_M = 50.0
 ENDINGS = {"qgc": "plan", "px4": "plan", "ardupilot": "waypoints"}
 FIELD = "x_m,y_m\n0,0\n600,0\n600,300\n0,300\n"
@@ -71,19 +72,29 @@ def test_the_climb_out_goes_into_the_wind_and_the_approach_descends_in_a_glide_t
     assert length_m == pytest.approx(TAKE_OFF_M / CLIMB_MPS * SPEED_MPS, rel=0.002)
     azimuth, _, length_m = geod.inv(approach[9], approach[8], land[9], land[8])
     assert azimuth % 360 == pytest.approx(LAND[2], abs=0.1)
-    assert length_m == pytest.approx(60 / sink_mps() * SPEED_MPS, rel=0.01)
+    assert length_m == pytest.approx(60 / math.tan(math.radians(FLAT_DEG)), rel=1e-3), "as flat as PX4 asks"
     assert approach[10] == 60
 
 
-def test_an_approach_with_the_wind_behind_is_longer(eadp, tmp_path):
-    lengths = {}
-    for heading in (240, 60):
-        out = tmp_path / f"{heading}.plan"
-        assert eadp(*COVER, "--landing", f"55.4712,10.3295,{heading}", "-o", out).code == 0
+def test_an_approach_is_as_steep_as_the_autopilot_accepts_and_longer_with_the_wind_behind(eadp, tmp_path):
+    def length_m(heading, autopilot):
+        out, scenario = tmp_path / "p.plan", tmp_path / "s.yaml"
+        scenario.write_text(f"schema: eadp.scenario/1\nautopilot: {autopilot}\n")
+        answer = eadp(*COVER, "--scenario", scenario, "--landing", f"55.4712,10.3295,{heading}", "-o", out)
+        assert answer.code == 0, answer.err
+        assert ("m/s of wind behind" in answer.err) == (heading == 60)
         *_, before, last = read_plan(read_text(str(out)))[0].stages
-        lengths[heading] = math.dist(before.trigger_at(()), last.trigger_at(()))
-    # 15 m/s over ground is the least that is reckoned with; with 4 m/s behind it is 19
-    assert lengths[60] / lengths[240] == pytest.approx(19 / 15, rel=1e-3)
+        return math.dist(before.trigger_at(()), last.trigger_at(()))
+
+    # ArduPilot flies a glide; 15 m/s over ground is the least that is reckoned with; with 4 m/s behind it is 19
+    glide_m = length_m(240, "{kind: ardupilot}")
+    assert glide_m == pytest.approx(60 / sink_mps() * SPEED_MPS, rel=0.01)
+    assert length_m(60, "{kind: ardupilot}") / glide_m == pytest.approx(19 / 15, rel=1e-3)
+    for autopilot, limit_deg in (("{kind: px4}", 5), ("{kind: px4, parameters: {FW_LND_ANG: 6}}", 6), ("{}", 5)):
+        assert length_m(240, autopilot) == pytest.approx(60 / math.tan(math.radians(limit_deg)), rel=1e-6)
+    assert length_m(240, "{kind: px4, parameters: {FW_LND_ANG: 12}}") == pytest.approx(glide_m), (
+        "no steeper than a glide"
+    )
 
 
 @pytest.mark.parametrize("to", ENDINGS)
@@ -229,12 +240,20 @@ def test_an_approach_that_leaves_the_boundary_is_none_and_one_over_a_low_wall_is
     (tmp_path / "wall.geojson").write_text(json.dumps(wall))
     words = ("cover", tmp_path / "field.csv", "--metres", "--swath", "80", "--vehicle", "vehicles/foam-wing.yaml",
              "--altitude", "60", "--pattern", "dubins", "--heading", "90")  # fmt: skip
-    answer = eadp(*words, "--landing", "0,-100,270", "--inside", tmp_path / "inside.csv", "--altitude", "120")
+    given = ("--inside", tmp_path / "inside.csv", "--altitude", "120")
+    answer = eadp(*words, *given, "--landing", "870,-100,270")
     assert answer.code == 1
-    # it begins beyond the boundary's east, at x = 900
-    assert re.search(
-        r"the final approach of \d+ m .* does not stay inside the boundary at \(9\d\d, -100\) m", answer.err
-    )
+    # it begins beyond the boundary's east, at x = 900, from any height
+    where = r"the final approach of \d+ m .* does not stay inside the boundary at \((\d+), -100\) m"
+    assert float(re.search(where, answer.err)[1]) > 900
+    works = re.search(r"expected a heading of (\d+)°", answer.err)[1]
+    assert eadp(*words, *given, "--landing", f"870,-100,{works}").code == 0
+    # with more room it begins within, lower, after a circle down to it
+    answer = eadp(*words, *given, "--landing", "0,-100,270", "--format", "text")
+    assert answer.code == 0, answer.err
+    approach = re.search(r"final approach of (\d+) m from (\d+) m, 5.0°, after a circle down to it", answer.out)
+    assert float(approach[1]) < 900
+    assert 30 <= float(approach[2]) < 120
     plan = tmp_path / "p.plan"
     # 500 m before the place, the approach is half way down; the wall is 10 m high
     answer = eadp(
@@ -250,10 +269,11 @@ def test_an_approach_that_leaves_the_boundary_is_none_and_one_over_a_low_wall_is
 def test_a_place_that_no_way_leads_to_is_named_before_the_search(eadp, tmp_path):
     # the approach to the east begins 20 m from the boundary, nearer than an aircraft turns
     (tmp_path / "field.csv").write_text(FIELD)
+    (tmp_path / "s.yaml").write_text("schema: eadp.scenario/1\nautopilot: {kind: px4}\n")
+    begins_m = 300 - 30 / math.tan(math.radians(FLAT_DEG))
     words = ("cover", tmp_path / "field.csv", "--metres", "--swath", "80", "--vehicle", "vehicles/foam-wing.yaml",
-             "--altitude", "60", "--landing", "300,-100,90", "--home", "-50,100", "--heading", "90")  # fmt: skip
-    answer = eadp(*words, "--format", "text")
-    begins_m = 300 - float(re.search(r"final approach of (\d+) m", answer.out)[1])
+             "--altitude", "30", "--landing", "300,-100,90", "--home", "-50,100", "--heading", "90",
+             "--scenario", tmp_path / "s.yaml")  # fmt: skip
     west_m = begins_m - 20
     (tmp_path / "inside.csv").write_text(f"x_m,y_m\n{west_m},-300\n900,-300\n900,600\n{west_m},600\n")
     answer = eadp(*words, "--inside", tmp_path / "inside.csv")

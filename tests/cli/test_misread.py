@@ -9,6 +9,7 @@ import os
 import pytest
 from common.answers import refused
 
+from eadp.io.mission.export import EXPORTS
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 from eadp.models.plan.trace import nominal_legs
@@ -243,6 +244,26 @@ def test_latitude_and_longitude_swapped(eadp, tmp_path):
     for option in ("--avoid", "--inside"):
         answer = eadp("cover", *MEADOW, option, zone)
         assert refused(answer, "zone.csv:2:1: error: lies near the field or plan if longitude and latitude are swapped")
+
+
+def test_metres_of_a_grid(eadp, tmp_path):
+    """A plan in coordinates of a UTM zone: at home in its own metres, and nowhere near a place on the earth."""
+    plan, placed, pole = tmp_path / "utm.plan", tmp_path / "placed.plan", tmp_path / "pole.csv"
+    grid = [(492_000 + x, 5_393_700 + y) for x, y in ((0, 0), (300, 0), (300, 200), (0, 200))]
+    (tmp_path / "field.csv").write_text("".join(f"{x},{y}\n" for x, y in grid))
+    pole.write_text("x_m,y_m\n492140,5393790\n492160,5393790\n492150,5393810\n")
+    assert eadp("cover", tmp_path / "field.csv", *MEADOW[1:], "-o", plan).code == 0
+    # lines pass through a pole that was not known
+    flown = eadp("simulate", plan, "--avoid", pole, "--planner", "static")
+    assert (flown.code, "entered obstacle 1" in flown.out + flown.err) == (1, True)
+    for to in EXPORTS:
+        far = eadp("export", plan, "--to", to, "--origin", "48.7,8.9")
+        assert refused(far, "--origin:1:1: error: the path reaches 5416 km from the origin, 48.70° N, 8.90° E")
+    placed.write_text(f"%: origin 48.7 8.9\n{plan.read_text()}")
+    for command in (("plan", placed), ("simulate", placed), ("export", placed, "--to", "kml")):
+        assert refused(eadp(*command), f"{placed}:1:11: error: the plan reaches 5416 km from there")
+    home = eadp("cover", tmp_path / "field.csv", *MEADOW[1:], "--home", "0,0")
+    assert refused(home, "km from the field; expected 50 km or less")
 
 
 def test_degrees_for_metres(eadp, tmp_path):

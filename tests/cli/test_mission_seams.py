@@ -328,7 +328,16 @@ def test_a_mission_is_exported_with_a_fence_of_its_own_file(eadp, leg, tmp_path,
     fence.write_text(fence_rows((5001, AROUND), (5002, ACROSS)))
     scenario.write_text("schema: eadp.scenario/1\nbattery: {capacity_ah: 2.0}\n")
     more = ("--scenario", scenario) if forecast else ()
-    answer = eadp("export", leg, "--to", "qgc", "--inside", fence, "--avoid", fence, *more)
+    given = ("export", leg, "--to", "qgc", "--inside", fence, "--avoid", fence, *more)
+    if forecast:  # it flies through one
+        out = tmp_path / "m.plan"
+        no = eadp(*given, "-o", out, "--parameters", tmp_path / "p.param")
+        assert (no.code, no.out) == (1, "")
+        assert "error: the flight enters obstacle 1 with a probability of 100 %: not written; expected" in no.err
+        assert not {out, tmp_path / "p.param"} & {*tmp_path.iterdir()}
+    answer = eadp(*given, *(("--force",) if forecast else ()))
+    assert answer.code == 0
+    assert ("warning: the path leads through obstacle 1" in answer.err) != forecast
     found = json.loads(answer.out)["geoFence"]["polygons"]
     rings = {each["inclusion"]: sorted(map(tuple, each["polygon"])) for each in found}
     assert len(found) == 2

@@ -155,10 +155,11 @@ def test_a_folder_with_anything_else_is_not_replaced(eadp, tmp_path, line_plan, 
     for place in (".", "..", tmp_path / "home", tmp_path / "link", project / "sub"):
         assert refused(eadp("simulate", "my.plan", "-o", place, "--force"), f"{place}:1:1: error:", "is not replaced")
         assert tree(tmp_path) == before
-    assert refused(eadp("simulate", line_plan, "-o", tmp_path / "home", "--force"), "is the working folder")
-    assert refused(
-        eadp("simulate", line_plan, "-o", "sub", "--force"), "sub:1:1: error: holds data.csv, which is no file"
-    )
+    answer = eadp("simulate", line_plan, "-o", "sub", "--force")
+    assert refused(answer, "sub:1:1: error: holds data.csv, which is no file of a result")
+    (project / "result").mkdir()
+    monkeypatch.chdir(project / "result")
+    assert refused(eadp("simulate", line_plan, "-o", ".", "--force"), "is the working folder")
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -190,7 +190,7 @@ def test_json_text_and_picture_have_the_heights(eadp, slope, tmp_path):
     assert plot.stat().st_size > 10_000
     text = eadp("cover", *given, "--format", "text").out
     assert f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m" in text
-    assert f"way home   above the ground at {heights['home_altitude_m']} m" in text
+    assert f"way home   clear of ground and obstacles at {heights['home_altitude_m']} m" in text
 
 
 def test_laps_have_one_altitude_where_they_are_asked_for(eadp, slope):
@@ -463,7 +463,7 @@ def test_sorties_say_of_the_ground_what_one_flight_says(eadp, slope, tmp_path):
     text = eadp("cover", *given, "--sorties", "2", "--format", "text").out
     least, mean, most = (100 * share for share in divided["side_overlap"])
     assert f"overlap {least:.0f} to {most:.0f} %, mean {mean:.0f} %" in text
-    assert f"way home   above the ground at {divided['home_altitude_m']} m" in text
+    assert f"way home   clear of ground and obstacles at {divided['home_altitude_m']} m" in text
 
 
 def test_sorties_follow_the_ground_from_home(eadp, slope, tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 
@@ -42,6 +43,19 @@ def test_papers_aircraft(eadp, tmp_path):
     answer = eadp("vehicle", path, "-o", tmp_path / "p.svg")
     assert answer.code == 0
     assert "stalls" not in answer.out
+
+
+def test_all_powers_of_the_text_count_the_computations(eadp):
+    """The power level and that of the table's row as it flies are one, and 10 W more than without computations."""
+    watts = {}
+    for computing in ("0", "10"):
+        out = eadp("vehicle", WING, "--wind", "0", "--computing", computing).out
+        level, bank = map(float, re.search(r"m/s: ([0-9.]+) W level, ([0-9.]+) W at its greatest bank", out).groups())
+        row = float(re.search(r"as it flies +[0-9.]+ +([0-9.]+)", out)[1])
+        assert row == pytest.approx(level, abs=0.06)
+        assert ("count 10 W of computations" in out) == (computing == "10")
+        watts[computing] = level, bank
+    assert watts["10"] == pytest.approx([each + 10 for each in watts["0"]], abs=0.02)
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import pytest
 from eadp.core.flight.following import Climbing
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.coverage.cover import CoverageRequest, cover
+from eadp.coverage.ends import FinalApproach
 from eadp.coverage.heights import Ground, HeightLimits, over_terrain
 from eadp.coverage.swaths import CoverageLeg, MotionLimits, straight
 from eadp.errors import Infeasible
@@ -42,7 +43,8 @@ def ground(height, obstacles=()):
 
 def flown(height, pattern="dubins", heading_rad=0.0, start_m=None, obstacles=(), lands=False, **given):
     solution = cover(CoverageRequest(FIELD, MOTION, pattern, heading_rad, **given))
-    return solution, *over_terrain(solution, ground(height, obstacles), WING, start_m, lands=lands)
+    final = FinalApproach(given["approach"], LIMITS.line_m) if lands else None
+    return solution, *over_terrain(solution, ground(height, obstacles), WING, start_m, lands=final)
 
 
 def test_level_ground_has_one_altitude():

@@ -15,7 +15,7 @@ from eadp.core.flight.aerodynamics import GRAVITY_MPS2
 from eadp.core.flight.power_fit import MIN_AIRSPEED_MPS, PowerFit, fit_power
 from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.log.formats import read_power_log
-from eadp.io.log.power_log import AIRSPEED, ALTITUDE, BANK, CLIMB, Columns, PowerLog
+from eadp.io.log.power_log import AIRSPEED, ALTITUDE, BANK, CLIMB, DENSITY, Columns, PowerLog
 from eadp.io.text.streams import read_text
 from eadp.io.vehicle.vehicle_file import SCHEMA, read_vehicle
 from eadp.models.vehicle import FixedWing, PaperVehicle, PowerCurve
@@ -168,6 +168,9 @@ def fit_vehicle(
         message = f"a take-off, to {airborne_s:.0f} s of the log, left out; --from 0 fits it too"
         read.warnings.append(Fault(read.name, 1, 1, message, severity="warning"))
     motion = _motion(read)
+    density = _density_kgpm3(motion)
+    if wing is not None and density is not None:
+        wing = replace(wing, air_density_kgpm3=density)
     constant_w = None if wing is None else wing.avionics_w
     try:
         fit = fit_power(
@@ -176,6 +179,8 @@ def fit_vehicle(
     except Infeasible as error:
         raise InputError.at(read.name, 1, 1, str(error), "a log of a flight") from None
     airframe, stds, notes = _airframe(fit, wing, float(np.percentile(read.power_w, 99.9)))
+    if density is not None:
+        airframe["air_density_kgpm3"] = _rounded(density)
     name = known.name if known is not None and known.name else "aircraft of a log"
     warn(read.warnings)
     return VehicleLogFit(fit, name, airframe, stds, [*fit.notes, *notes], read.warnings)
@@ -196,6 +201,13 @@ def _airborne_s(log: PowerLog) -> float | None:
     pauses = np.flatnonzero(np.diff(log.times_s[climbing]) > TAKE_OFF_PAUSE_S)
     last = climbing[pauses[0]] if len(pauses) else climbing[-1]
     return float(log.times_s[last]) + TAKE_OFF_PAUSE_S
+
+
+def _density_kgpm3(motion: dict[str, Any]) -> float | None:
+    """Density of the air in flight [kg/m³], of a log that says it or the height; None without."""
+    flown = motion.get(DENSITY, np.array([]))[motion[AIRSPEED] >= MIN_AIRSPEED_MPS] if DENSITY in motion else []
+    known = np.asarray(flown)[np.isfinite(flown)]
+    return float(np.median(known)) if len(known) else None
 
 
 def _motion(log: PowerLog) -> dict[str, Any]:

@@ -24,7 +24,9 @@ class DecisionLine(BaseModel):
         description="state of charge at the end of the plan; negative by the shortfall of charge"
     )
     soc_end_std: float | None = Field(description="its standard deviation")
-    completes_probability: float | None = Field(description="probability that the battery is not empty before the end")
+    completes_probability: float | None = Field(
+        description="probability that the battery is not empty before the end, and the autopilot does not turn back"
+    )
     reserve_probability: float | None = Field(
         description="probability that the reserve is kept; both with the least computations, or those that stay"
     )
@@ -35,6 +37,11 @@ class DecisionLine(BaseModel):
     reason: str = Field(description="the decision and its reason")
     warnings: list[str] = Field(description="codes of what is wrong with the telemetry")
     returns_home: bool = Field(description="whether to give the plan up and fly home, where the scenario allows it")
+    home_reachable: bool | None = Field(description="whether home can be reached with the reserve kept")
+    point_of_no_return_s: float | None = Field(
+        description="up to when it can, as planned; or, if it cannot, when it could last: a time as time_s [s]"
+    )
+    home_by_s: float | None = Field(description="when home is reached at the latest: a time as time_s [s]")
 
 
 def decision_line(advice: Advice) -> dict[str, Any]:

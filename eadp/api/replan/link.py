@@ -23,11 +23,12 @@ from eadp.io.link.mission import PROTOCOL, Outgoing
 from eadp.io.link.parameters import ParameterCheck
 from eadp.io.link.recorded import MISSION, TLOG, form_of, log_values
 from eadp.io.link.upload import HeldMission, Holds, Mapped, Noted, Output, Warned
-from eadp.io.mission.autopilot import speed_limits, wanted_parameters
+from eadp.io.mission.autopilot import read_parameters, speed_limits, wanted_parameters
 from eadp.io.mission.items import MappedItem, items_text, parse_items, read_items, same_items
 from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
 from eadp.io.telemetry.reader import numbered_lines, open_telemetry
 from eadp.io.text.options import Flag
+from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import RETURN
 
@@ -121,7 +122,8 @@ class LinkFlight:
             self._lines.items = parse_items(log.items, self._path_names)
         self._mission: HeldMission | None = None
         if exported is not None and send is not None:
-            self._mission = HeldMission(plan, inputs.mission.cruise_mps, exported, self._lines.items)
+            calibrated = calibrated_over_true(plan.site, inputs.mission.vehicle)
+            self._mission = HeldMission(plan, inputs.mission.cruise_mps, exported, self._lines.items, calibrated)
         self._uploads = options.upload
         self._mission_id: float | None = None  # of the mission of the map, in a ULog
         self._check: ParameterCheck | None = None  # from the first heartbeat on
@@ -175,7 +177,9 @@ class LinkFlight:
         if values.get("said") is not None:
             autopilot.read_text(values["said"], now_s)
         if self._check is not None and values.get("parameter") is not None:
-            self._check.take(*values["parameter"])
+            name, *number = values["parameter"]
+            if (value := self._check.take(name, *number)) is not None:
+                self._lines.autopilot[name] = value
         if values.get("answer") == (RETURN, ACCEPTED) and autopilot.was_commanded:
             self._may_return, self._accepted = False, True
             pilot.note("the autopilot returns")
@@ -205,9 +209,13 @@ class LinkFlight:
         autopilot.armed, autopilot.ardupilot = values["armed"], values["home_is_item"]
         if first and self._send is not None:
             known, vehicle = self._inputs.mission, self._inputs.world.vehicle
-            wanted = wanted_parameters(known.plan, vehicle, known.battery, ardupilot=autopilot.ardupilot)
+            home_m = known.way_home and known.way_home.altitude_m
+            wanted = wanted_parameters(
+                known.plan, vehicle, known.battery, ardupilot=autopilot.ardupilot, home_altitude_m=home_m
+            )
             wanted += speed_limits(known.plan, vehicle, ardupilot=autopilot.ardupilot)
-            self._check = ParameterCheck(wanted, as_bytes=not autopilot.ardupilot)
+            read = read_parameters(wanted, ardupilot=autopilot.ardupilot)
+            self._check = ParameterCheck(read, as_bytes=not autopilot.ardupilot)
         if self._mission is not None:
             self._mission.ardupilot = autopilot.ardupilot
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -18,6 +20,9 @@ NOTICE, WARNING, CRITICAL = 5, 4, 2
 TEXT_CHARACTERS, NAME_CHARACTERS, MAX_TEXT = 50, 10, 200
 """Characters of a piece of a text, of a name, and of a text at most."""
 
+MARKS_MIN = (60, 45, 30, 20, 15, 10, 5, 3, 2, 1)
+"""Minutes left for the way home at which the pilot reads how many there are; at `FEW_MIN` and fewer as a warning."""
+FEW_MIN = 5
 FEASIBLE_S = 10.0
 """For how long a plan is feasible again before the pilot reads it [s]."""
 
@@ -40,6 +45,8 @@ class Pilot:
         Sends a message to all, by name and fields.
     line : function
         The number of the line that is being taken.
+    clock_s : function, optional
+        The time of day, in seconds since 1970.
     """
 
     def __init__(
@@ -50,11 +57,14 @@ class Pilot:
         warn: Warn,
         give: Callable[[str, Mapping[str, Any]], None],
         line: Callable[[], int],
+        clock_s: Callable[[], float] = time.time,
     ) -> None:
         self._name, self._plan, self._warn, self._give, self._line = name, plan, warn, give, line
+        self._clock_s = clock_s
         self._warned: set[str] = set()
         self._about = ""  # the parameters, and the reason without its numbers, of the last text of a decision
         self._path = tuple(parameters[: plan.path_count])  # last decided
+        self._passed: int | None = None  # how many of `MARKS_MIN` there are above the minutes left; None before any
         self._infeasible_s: float | None = None  # when a plan was infeasible that is not known to be feasible again [s]
         self._texts = 0  # the number of the last text that was sent in pieces
 
@@ -91,9 +101,9 @@ class Pilot:
         parameters are not sent either. That a plan is feasible again is a text once it has been so for `FEASIBLE_S`.
         """
         boot_ms = max(0, round(line["time_s"] * 1000)) % 2**32
-        parameters = () if returns else self._plan.parameters
-        shown = {p.label: p.shown(line["parameters"][p.name]) for p in parameters}
-        shown |= {"soc_end": line["soc_end_forecast"], "p_done": line["completes_probability"]}
+        parameters, left_min = () if returns else self._plan.parameters, _left_min(line)
+        shown: dict[str, float | None] = {p.label: p.shown(line["parameters"][p.name]) for p in parameters}
+        shown |= {"soc_end": line["soc_end_forecast"], "p_done": line["completes_probability"], "min_left": left_min}
         for name, value in shown.items():
             if value is not None:
                 fields = {"time_boot_ms": boot_ms, "name": _ascii(name)[:NAME_CHARACTERS].encode(), "value": value}
@@ -113,8 +123,27 @@ class Pilot:
             has_path = not path or line["reason"].startswith(path.partition(" ")[0])
             text = line["reason"] if has_path else f"{path}: {line['reason']}"
             self.show(text, NOTICE if completes or line["reason"] == TAKE_OFF else WARNING)
+        if left_min is not None:
+            self._minutes(left_min, line)
         if CELL_LOST in line["warnings"]:
             self.tell("the voltage fell for good: a cell, or its charge, is lost")
+
+    def _minutes(self, left_min: float, line: Mapping[str, Any]) -> None:
+        """Say how many minutes are left for the way home: at first, and where they fall below a mark."""
+        passed, before = sum(left_min < mark for mark in MARKS_MIN), self._passed
+        # minutes that waver about a mark are said once
+        if before is not None and passed in (before - 1, before):
+            return
+        self._passed = passed
+        if before is not None and passed < before:
+            return
+        by_s = line["home_by_s"]
+        if by_s is None:
+            self.show("home cannot be reached with the reserve any more", WARNING)
+            return
+        at = time.localtime(self._clock_s() + by_s - line["time_s"])
+        severity = WARNING if left_min < FEW_MIN else NOTICE
+        self.show(f"{math.floor(left_min)} min left, home by {time.strftime('%H:%M', at)}", severity)
 
     def show(self, what: str, severity: int) -> None:
         """Show a text, in pieces where it is long."""
@@ -134,6 +163,12 @@ class Pilot:
         before, self._path = self._path, tuple([line["parameters"][each.name] for each in parameters])
         new = zip(parameters, before, self._path, strict=True)
         return ", ".join(f"{each.label} now {each.text(now)}" for each, was, now in new if now != was)
+
+
+def _left_min(line: Mapping[str, Any]) -> float | None:
+    """Minutes for which the way home can wait, by a decision; None where that is unknown."""
+    until_s = line["point_of_no_return_s"]
+    return None if until_s is None else max(0.0, (until_s - line["time_s"]) / 60)
 
 
 def _ascii(text: str) -> str:

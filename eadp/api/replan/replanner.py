@@ -15,7 +15,7 @@ from eadp.planning.base import Sample
 from eadp.planning.flight import make_flight
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.track.gate import Notice, OutlierGate
-from eadp.planning.track.live import KEPT, TAKE_OFF, Advice, LiveFlight
+from eadp.planning.track.live import UNDECIDED, Advice, LiveFlight
 
 Emit = Callable[[dict[str, Any]], None]
 Warn = Callable[[Fault], None]
@@ -140,11 +140,13 @@ class Replanner:
 
     def _update(self, sample: Sample) -> tuple[Advice | None, tuple[Notice, ...]]:
         """Update the gate and the flight with a sample; return advice, at the sample's own time, and notices."""
+        if sample.autopilot is not None:
+            self._flight.know(sample.autopilot)
         accepted, notice = self._gate.accept(sample)
         advice, notices = self._flight.update(accepted) if accepted is not None else (None, ())
         if advice is not None:  # the gate may have moved the sample to another clock
             advice = advice._replace(time_s=sample.time_s)
-        self.planned |= advice is not None and advice.reason not in (TAKE_OFF, KEPT)
+        self.planned |= advice is not None and advice.reason not in UNDECIDED
         return advice, notices if notice is None else (notice, *notices)
 
     def _decide(self, advice: Advice) -> None:

@@ -118,7 +118,9 @@ def read_sorties(folder: str) -> tuple[SortiePlanner, dict[str, Any]]:
         options = CoverageOptions(**document["options"])
         motion = options.motion(keys.vehicle.airframe, keys.wind.steady_mps)
         name, airframe = keys.vehicle.name, keys.vehicle.airframe
-        task = CoverageTask(document["file"], _field(document), (), options, motion, name, airframe, profile)
+        task = CoverageTask(
+            document["file"], _field(document), (), options, motion, name, airframe, profile, autopilot=keys.autopilot
+        )
         division = {key: document[key] for key in ("aircraft", "overlap_m", "separation_m", "swap_s")}
         lines = document["heading_deg"], document["pattern"]
         profile_path = setting.profile_path

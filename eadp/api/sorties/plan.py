@@ -355,7 +355,7 @@ class SortiePlanner:
         if not found.forecast.soc_end:  # the pack is empty before the end: it lasts for a share of the flight
             share = max(0.0 if found.reach is None else found.reach.share, LEAST_SHARE)
             spare = (inputs.world.battery.soc - reserve_soc) * (1 - 1 / share)
-        return PlannedSortie(solution, planned, inputs, found, spare)
+        return PlannedSortie(planned.report.solution, planned, inputs, found, spare)
 
     def _least(self, sample: FlightInputs, grid: LineGrid, ground: Field) -> LeastSorties:
         """A lower bound: level flight along the lines, as often either way, and straight there and back.

@@ -24,7 +24,8 @@ from eadp.coverage.sorties import whole_lines
 from eadp.errors import Fault, InputError, PathUndefined
 from eadp.io.flight.coverage import flown_lines, flown_of_plan, planned_lines
 from eadp.io.link.recorded import CAMERA, PICTURE, form_of, log_values
-from eadp.io.telemetry.reader import TelemetryReader, numbered_lines, open_telemetry
+from eadp.io.telemetry.log import telemetry_lines
+from eadp.io.telemetry.reader import TelemetryReader, open_telemetry
 from eadp.models.field import Field
 from eadp.models.plan.plan import Plan
 
@@ -207,7 +208,7 @@ def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurve
     """A flight of telemetry, all of it taken as photographed, since it does not say when the camera was on."""
     reader, rows = TelemetryReader(source, origin_deg=planner.task.field.origin_deg), []
     with open_telemetry(source) as stream:
-        for number, raw in numbered_lines(stream, source):
+        for number, raw in telemetry_lines(stream, source):
             sample, _, found, _ = reader.read(number, raw)
             warn([each for each in found if "missing" not in each.message])
             if sample is not None and sample.position_m is not None:

@@ -7,7 +7,31 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+
 GRAVITY_MPS2 = 9.80665
+SEA_LEVEL_KGPM3 = 1.225
+"""Density of the standard atmosphere at the sea, for which calibrated airspeeds are true ones [kg/m³]."""
+
+
+def air_density_kgpm3(height_m: FloatArray | float) -> FloatArray:
+    """Density of the standard atmosphere at a height above the sea [m], any shape [kg/m³].
+
+    Source: ISO 2533, the troposphere.
+    """
+    # ρ = ρ0 (1 − L h/T0)^(g M/(R L) − 1), L/T0 = 0.0065 K/m / 288.15 K
+    return np.asarray(SEA_LEVEL_KGPM3 * np.maximum(1 - 2.25577e-5 * np.asarray(height_m), 0.1) ** 4.25588)
+
+
+def calibrated_share(density_kgpm3: FloatArray | float) -> FloatArray:
+    """Calibrated over true airspeed in air of a density [kg/m³], any shape: that of equal dynamic pressure.
+
+    Source: Anderson 1999, chapter 2; what pitot tubes measure, and autopilots hold, at small aircraft's speeds.
+    """
+    # ½ ρ0 V_c² = ½ ρ V²
+    return np.asarray(np.sqrt(np.asarray(density_kgpm3) / SEA_LEVEL_KGPM3))
 
 
 def dynamic_pressure_pa(airspeed_mps: float, density_kgpm3: float) -> float:

@@ -6,6 +6,7 @@ change over the part. Both keep to the floor.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,9 @@ ROUNDING_M = 1e-6
 RATE_SHARE = 0.8
 """Share of the greatest rates of climb and descent that the ground may ask for: turns and gusts take the rest."""
 
+REACHED_SHARE = 0.98
+"""Share of a height at which a climb to it is over: pixels there are 2 % smaller."""
+
 
 class Climbing(NamedTuple):
     """How an aircraft takes another altitude: greatest rates [m/s], and that for an error of altitude [1/s]."""
@@ -31,6 +35,13 @@ class Climbing(NamedTuple):
     up_mps: float
     down_mps: float
     gain_per_s: float
+
+    def reached_s(self, height_m: float) -> float:
+        """Time in which a climb by a height is over, with `RATE_SHARE` of the greatest rate [s]."""
+        up_mps, left_m = RATE_SHARE * self.up_mps, (1 - REACHED_SHARE) * height_m
+        # at the rate down to an error of ḣ/k, from where on the error falls as e^(−k t)
+        near_m = min(max(up_mps / self.gain_per_s, left_m), height_m)
+        return (height_m - near_m) / up_mps + math.log(near_m / left_m) / self.gain_per_s
 
     def followed_m(self, altitude_m: FloatArray, commanded_m: FloatArray, seconds: float) -> FloatArray:
         """Altitudes after a time with commanded ones [m]."""

@@ -12,8 +12,9 @@ SEMI_MAJOR_M = 6_378_137.0
 FLATTENING = 1 / 298.257223563
 _E2 = FLATTENING * (2 - FLATTENING)
 
-FARTHEST_M = 200_000.0
-"""Largest distance from the origin [m]: beyond it the tangent plane is distorted by more than 1 part in 5,000."""
+FARTHEST_M = 100_000.0
+"""Largest distance from the origin [m]: beyond it the tangent plane is distorted by more than 1 part in 8,000, and
+coordinates are those of another grid."""
 
 
 def to_geodetic_deg(east_m: float, north_m: float, origin_deg: tuple[float, float]) -> tuple[float, float]:

@@ -39,6 +39,10 @@ class WaysTo:
     def __init__(self, end_m: Point, space: FreeSpace, near: FreeSpace, radius_m: float) -> None:
         self._end_m, self._spaces, self._radius_m = end_m, (space, near), radius_m
 
+    def to(self, end_m: Point) -> WaysTo:
+        """Ways to another point [m]."""
+        return self if end_m == self._end_m else WaysTo(end_m, *self._spaces, self._radius_m)
+
     @cached_property
     def _graph(self) -> tuple[FloatArray, FloatArray, IntArray]:
         """Nodes, shape (n, 2) [m], the length of the shortest way from each to the end [m], and the next node on it."""

@@ -7,11 +7,12 @@ numbers as they stand in the file, each with its line and column. `reader` check
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 from eadp.errors import Fault, InputError, printable, refuse
+from eadp.io.field.systems import ToDegrees
 from eadp.io.text.source import Location, SourceText
 
 VERTICES_LIMIT = 20_000
@@ -25,6 +26,13 @@ ALL = "all"
 
 OBSTACLE = "avoid"
 """Start of the name of a feature that is not flown over."""
+MAX_HEIGHT_M = 10_000.0
+"""Largest height of an obstacle [m]."""
+A_HEIGHT = f"metres above the field, from 0 to {MAX_HEIGHT_M:g}"
+
+FIELDS, LINES, OBSTACLES, BOUNDARIES = "fields", "lines", "obstacles", "boundaries"
+"""What is looked for in a file. Obstacles may be points and lines, too; beside fields and lines, those named so are
+read."""
 
 NAMES_SHOWN = 10
 """Most names that a message lists."""
@@ -106,7 +114,8 @@ class FeatureCandidate:
     """A feature with polygons: its location, its names, and its polygons, each with its location.
 
     The type of a polygon is its reader's. `chain` are the objects of GeoJSON that enclose it, which may have the units;
-    `properties` are its other texts and numbers, by which it may be asked for.
+    `properties` are its other texts and numbers, by which it may be asked for. One that is `thin` is of points or
+    lines, and no field.
     """
 
     location: Location
@@ -115,18 +124,18 @@ class FeatureCandidate:
     chain: list[Any] = field(default_factory=list)
     height_m: float | None = None
     properties: dict[str, str] = field(default_factory=dict)
+    thin: bool = False
 
     @property
     def avoided(self) -> bool:
         """Whether it is an obstacle: its name is "avoid", or starts so."""
-        return any(name.lower().startswith(OBSTACLE) for name in self.names)
+        return is_avoided(self.names)
 
-    def outlines(self, rings: Callable[..., list[Ring]], source: SourceText) -> Iterator[Ring]:
-        """The outlines of its polygons as obstacles; `rings` reads a polygon."""
+    @property
+    def name(self) -> str:
+        """Its name, as that of an obstacle; '' without one."""
         name = "".join(self.names[:1])
-        name = name[len(OBSTACLE) :].strip(" :-_") if self.avoided else name
-        for polygon in self.polygons:
-            yield replace(rings(*polygon, source)[0], name=name, height_m=self.height_m)
+        return name[len(OBSTACLE) :].strip(" :-_") if self.avoided else name
 
     def label(self, key: str) -> str:
         """Its name in messages, or the value of a property that tells it from the others."""
@@ -135,22 +144,39 @@ class FeatureCandidate:
         return printable(f"{key}={self.properties[key]}", 60) if key in self.properties else "without a name"
 
 
+def is_avoided(names: Sequence[str]) -> bool:
+    """Whether a feature of these names is an obstacle."""
+    return any(name.lower().startswith(OBSTACLE) for name in names)
+
+
+def there_and_back(line: Sequence[Any]) -> list[Any]:
+    """The vertices of a line as those of a ring without an area."""
+    return [*line, *line[-2:0:-1]]
+
+
+class Units(NamedTuple):
+    """Whether coordinates are, or become by `to_degrees`, degrees; and the remedy where that is wrong."""
+
+    degrees: bool
+    remedy: str = ""
+    to_degrees: ToDegrees | None = None
+
+
 class FeatureFormat(NamedTuple):
     """A format of features with names: how they are found, how their vertices are read, and in which units these are.
 
     Attributes
     ----------
-    features : function of source, metres and lines
-        The features with polygons, one or more; or those with lines.
+    features : function of source, metres and what is looked for
+        The features, one or more, obstacles among them.
     rings : function of a polygon, its location and source
         Its outline and its holes.
     units : function of a feature's chain, metres and source
-        Whether it is in degrees, and the remedy where that is wrong.
     """
 
-    features: Callable[[SourceText, bool, bool], list[FeatureCandidate]]
+    features: Callable[[SourceText, bool, str], list[FeatureCandidate]]
     rings: Callable[[Any, Location, SourceText], list[Ring]]
-    units: Callable[[Sequence[Any], bool, SourceText], tuple[bool, str]]
+    units: Callable[[Sequence[Any], bool, SourceText], Units]
 
     def read(self, source: SourceText, metres: bool, feature: str | None, lines: bool) -> FieldDraft:
         """Read the polygons of a feature, and others as obstacles; or its line, as the only ring.
@@ -169,27 +195,70 @@ class FeatureFormat(NamedTuple):
         InputError
             If it is not of the format, or has no such feature; of the options, if they do not fit.
         """
-        candidates = self.features(source, metres, lines)
-        avoided = [] if lines else [each for each in candidates if each.avoided]
-        wanted = [each for each in candidates if each not in avoided] or candidates
+        candidates = self.features(source, metres, LINES if lines else FIELDS)
+        wanted = [each for each in candidates if not each.avoided] or [each for each in candidates if not each.thin]
         chosen = choose_feature(wanted, feature, source, "line" if lines else "polygon")
-        # before the vertices: their faults may come from the units
-        degrees, remedy = self.units(chosen.chain, metres, source)
-        rings, *others = (self.rings(*polygon, source) for polygon in chosen.polygons)
-        obstacles = [ring for each in avoided if each != chosen for ring in each.outlines(self.rings, source)]
-        return FieldDraft(rings, degrees, True, remedy, "".join(chosen.names[:1]), [], obstacles, others)
+        polygons, units = self._placed(chosen, metres, source)
+        rings, *others = [rings for of_feature in polygons for rings in of_feature]
+        avoided = [each for each in candidates if each.avoided and each not in chosen]
+        obstacles = self._outlines(avoided, metres, source, units)
+        name = "".join(chosen[0].names[:1]) if len(chosen) == 1 else ""
+        return FieldDraft(rings, units.degrees, True, units.remedy, name, [], obstacles, others)
 
     def zones(self, source: SourceText, metres: bool, inside: bool) -> tuple[list[Ring], bool]:
-        """The outlines of all polygons, and whether they are in degrees; raises InputError as `read`."""
-        candidates = self.features(source, metres, False)
-        rings = [ring for each in candidates for ring in each.outlines(self.rings, source)]
-        return rings, self.units(candidates[0].chain, metres, source)[0]
+        """The outlines of all features, and whether they are in degrees; raises InputError as `read`."""
+        candidates = self.features(source, metres, BOUNDARIES if inside else OBSTACLES)
+        units = self.units(candidates[0].chain, metres, source)
+        return self._outlines(candidates, metres, source, units), units.degrees
+
+    def _outlines(
+        self, candidates: Sequence[FeatureCandidate], metres: bool, source: SourceText, beside: Units
+    ) -> list[Ring]:
+        """The outlines of features in the same units as others, with their names and heights."""
+        polygons, _ = self._placed(candidates, metres, source, beside)
+        return [
+            replace(outline, name=each.name, height_m=each.height_m)
+            for each, of_feature in zip(candidates, polygons, strict=True)
+            for outline, *_ in of_feature
+        ]
+
+    def _placed(
+        self, candidates: Sequence[FeatureCandidate], metres: bool, source: SourceText, beside: Units | None = None
+    ) -> tuple[list[list[list[Ring]]], Units]:
+        """The polygons of each feature, in degrees or metres, and these units; all the same, and as those of others."""
+        result = []
+        for each in candidates:
+            # before the vertices: their faults may come from the units
+            units = self.units(each.chain, metres, source)
+            beside = beside or units
+            if units.degrees != beside.degrees:
+                ours, theirs = ("degrees", "metres") if units.degrees else ("metres", "degrees")
+                message = f"a feature in {ours} beside one in {theirs}"
+                raise source.error(each.location, message, "units, or a reference system, for all features")
+            polygons = [self.rings(*polygon, source) for polygon in each.polygons]
+            for ring in (ring for rings in polygons for ring in rings if units.to_degrees is not None):
+                ring.vertices = [_in_degrees(vertex, units, source) for vertex in ring.vertices]
+            result.append(polygons)
+        assert beside is not None
+        return result, beside
+
+
+def _in_degrees(vertex: Vertex, units: Units, source: SourceText) -> Vertex:
+    """A vertex in degrees. Raises InputError."""
+    assert units.to_degrees is not None
+    place = units.to_degrees(vertex.x, vertex.y)
+    if place is None:
+        message = f"a vertex at ({vertex.x:.10g}, {vertex.y:.10g}) lies outside the reference system"
+        raise source.error(vertex.location, message, "coordinates of that system")
+    return vertex._replace(x=place[0], y=place[1])
 
 
 def choose_feature(
     candidates: Sequence[FeatureCandidate], feature: str | None, source: SourceText, what: str = "polygon"
-) -> FeatureCandidate:
+) -> list[FeatureCandidate]:
     """The feature that was asked for, by a name, by KEY=VALUE of a property, by its number from 1, or the only one.
+
+    All of them where `ALL` was asked for.
 
     Raises
     ------
@@ -205,11 +274,10 @@ def choose_feature(
     if differing:
         known += f"; or KEY=VALUE by {', '.join(printable(key, 40) for key in differing[:NAMES_SHOWN])}"
     if len(candidates) > 1 and feature is not None and feature.strip() == ALL:
-        polygons = [polygon for candidate in candidates for polygon in candidate.polygons]
-        return replace(candidates[0], names=[], polygons=polygons)
+        return list(candidates)
     if feature is None:
         if len(candidates) == 1:
-            return candidates[0]
+            return list(candidates)
         message = f"{len(candidates)} features with {what}s"
         raise source.error(candidates[1].location, message, f"one, or --feature with a name or number of {known}")
     named = [candidate for candidate in candidates if feature.strip() in candidate.names]
@@ -220,9 +288,9 @@ def choose_feature(
         message = f"{len(named)} features have {'' if is_property else 'the name '}{printable(feature, 80)}"
         raise InputError.at("--feature", 1, 1, message, f"a name or number of {known}", printable(feature, 80))
     if named:
-        return named[0]
+        return named
     if re.fullmatch("[0-9]{1,7}", feature.strip()) and 1 <= int(feature) <= len(candidates):
-        return candidates[int(feature) - 1]
+        return [candidates[int(feature) - 1]]
     message = f"no feature {printable(feature, 80)} with a {what}"
     raise InputError.at("--feature", 1, 1, message, f"a name or number of {known}", printable(feature, 80))
 

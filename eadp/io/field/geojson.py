@@ -11,25 +11,33 @@ from typing import Any
 
 from eadp.errors import Fault, printable
 from eadp.io.field.draft import (
+    A_HEIGHT,
+    BOUNDARIES,
+    FIELDS,
+    LINES,
+    MAX_HEIGHT_M,
     NAME_KEYS,
     NAMES_SHOWN,
+    OBSTACLES,
     FeatureCandidate,
     FeatureFormat,
     Ring,
+    Units,
     VertexReader,
     counted,
+    is_avoided,
+    there_and_back,
 )
+from eadp.io.field.systems import degrees_of
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
 from eadp.io.text.source import Location, SourceText
 
-_OUTLINES, _LINES = ("closed",), ("closed", "open")
-"""Which lines are read."""
+_OUTLINES = "outlines"
+"""Closed lines, besides what `draft` lists."""
 
 _A_POLYGON = "a Polygon, or a Feature or FeatureCollection with one"
-MAX_HEIGHT_M = 10_000.0
-"""Largest height of an obstacle [m]."""
 
-_ASSIGNED = re.compile(r"\s*(?:var|let|const|export default)?\s*[\w.$]{1,80}\s*=\s*(?=\{)")
+_ASSIGNED = re.compile(r"\s*+(?:var|let|const|export default)?\s*+[\w.$]{1,80}\s*+=\s*+(?=\{)")
 _POSITION = "longitude, latitude and perhaps altitude, or x and y in metres"
 
 
@@ -38,44 +46,33 @@ def is_geojson(head: str) -> bool:
     return head[0] in "{[" or _ASSIGNED.match(head) is not None
 
 
-def _features(source: SourceText, metres: bool, lines: bool) -> list[FeatureCandidate]:
-    """The features with polygons, one or more; or with `lines` those with lines."""
+def _features(source: SourceText, metres: bool, want: str) -> list[FeatureCandidate]:
+    """The features of a kind, one or more, with the obstacles beside them."""
     if match := _ASSIGNED.match(source.body):  # a script that holds the object: blanks keep its places
         body = " " * match.end() + source.body[match.end() :].rstrip().removesuffix(";")
         source.body = body
     root = JsonReader(source).document()
     start = source.location(len(source.body) - len(source.body.lstrip()))
-    candidates: list[FeatureCandidate] = []
     seen: Counter[str] = Counter()
-    _collect(source, root, start, [], candidates, seen, lines=_LINES if lines else ())
-    if not candidates and not lines:
-        _collect(source, root, start, [], candidates, Counter(), lines=_OUTLINES)
-    if not candidates:
+    candidates = _collect(source, root, start, [], seen, want)
+    if want in (FIELDS, BOUNDARIES) and not any(not each.thin for each in candidates):
+        candidates += _collect(source, root, start, [], Counter(), _OUTLINES)
+    if not any(want == OBSTACLES or not each.thin for each in candidates):
         only = ", ".join(printable(kind, 40) for kind in islice(seen, NAMES_SHOWN))
-        expected = f"{_A_POLYGON}: of a pole, one round it" if set(seen) == {"Point"} else _A_POLYGON
-        if lines:
+        expected = _A_POLYGON
+        if want == LINES:
             expected = "a LineString; a polygon is covered without --corridor"
         elif any("LineString" in kind for kind in seen):
             expected += "; of a line, --corridor WIDTH"
-        what = "line" if lines else "polygon"
+        what = "line" if want == LINES else "polygon"
         raise source.error(start, f"no {what}, only {only}" if only else f"no {what}", expected)
     return candidates
 
 
 def _collect(
-    source: SourceText,
-    node: Any,
-    location: Location,
-    chain: Sequence[JsonObject],
-    found: list[FeatureCandidate],
-    seen: Counter[str],
-    *,
-    lines: tuple[str, ...] = (),
-) -> None:
-    """Collect the features with polygons at and below a GeoJSON object, and count the types of the others.
-
-    With `lines` it is those with lines: `_OUTLINES` are closed, `_LINES` are any.
-    """
+    source: SourceText, node: Any, location: Location, chain: Sequence[JsonObject], seen: Counter[str], want: str
+) -> list[FeatureCandidate]:
+    """The features of a kind at and below a GeoJSON object, and the obstacles there; counts the types of the others."""
     if not isinstance(node, JsonObject):
         raise source.error(location, f"{_kind(node)} where an object of GeoJSON belongs", _A_POLYGON)
     chain = [*chain, node]
@@ -84,28 +81,35 @@ def _collect(
         raise source.error(location, "an object of GeoJSON without a type", _A_POLYGON)
     if kind == "FeatureCollection":
         features = _members(source, node, "features", location)
-        for item, offset in zip(features, features.offsets, strict=True):
-            _collect(source, item, source.location(offset), chain, found, seen, lines=lines)
-    elif kind == "Feature":
-        geometry = node.get("geometry")
-        if geometry is None:
+        return [
+            found
+            for item, offset in zip(features, features.offsets, strict=True)
+            for found in _collect(source, item, source.location(offset), chain, seen, want)
+        ]
+    geometry, at, names, height_m = node, location, list[str](), None
+    if kind == "Feature":
+        if node.get("geometry") is None:
             seen["a Feature without a geometry"] += 1
-            return
-        polygons, objects = _polygons(source, geometry, source.location(node.offsets["geometry"]), seen, lines)
-        if polygons:
-            height_m = _height_m(node, source)
-            own = [*chain, *objects]
-            found.append(FeatureCandidate(location, _names(node), polygons, own, height_m, _properties(node)))
-    else:
-        polygons, objects = _polygons(source, node, location, seen, lines)
-        if polygons:
-            found.append(FeatureCandidate(location, [], polygons, [*chain[:-1], *objects]))
+            return []
+        geometry, at, names = node["geometry"], source.location(node.offsets["geometry"]), _names(node)
+    avoided = is_avoided(names) and want != BOUNDARIES
+    if avoided and want == _OUTLINES:
+        return []  # which was found before
+    wanted = OBSTACLES if avoided else want
+    polygons, objects = _polygons(source, geometry, at, seen, wanted)
+    if not polygons:
+        return []
+    height_m = _height_m(node, source)
+    # a geometry is its own first object
+    own = [*chain, *objects] if kind == "Feature" else [*chain[:-1], *objects]
+    thin = wanted == OBSTACLES and not any("Polygon" in str(each.get("type")) for each in objects)
+    return [FeatureCandidate(location, names, polygons, own, height_m, _properties(node), thin)]
 
 
 def _polygons(
-    source: SourceText, node: Any, location: Location, seen: Counter[str], lines: tuple[str, ...]
+    source: SourceText, node: Any, location: Location, seen: Counter[str], want: str
 ) -> tuple[list[tuple[Any, Location]], list[JsonObject]]:
-    """The polygons of a geometry, and the objects on the way to them."""
+    """The polygons of a geometry, points and lines of obstacles among them, and the objects on the way to them."""
     if not isinstance(node, JsonObject) or not isinstance(kind := node.get("type"), str):
         raise source.error(location, "no geometry", "an object with a type and coordinates")
     if kind == "GeometryCollection":
@@ -113,16 +117,22 @@ def _polygons(
         polygons: list[tuple[Any, Location]] = []
         objects = [node]
         for item, offset in zip(geometries, geometries.offsets, strict=True):
-            more, way = _polygons(source, item, source.location(offset), seen, lines)
+            more, way = _polygons(source, item, source.location(offset), seen, want)
             polygons += more
             objects += way if more else []
         return polygons, objects
-    if lines and kind in ("LineString", "MultiLineString"):
-        given = node.get("coordinates")
+    at = source.location(node.offsets.get("coordinates", 0))
+    given = node.get("coordinates")
+    if kind in ("LineString", "MultiLineString") and want in (LINES, OBSTACLES, _OUTLINES):
         each = [given] if kind == "LineString" else given if isinstance(given, JsonList) else []
-        at = source.location(node.offsets.get("coordinates", 0))
-        return [(_closed(line), at) for line in each if _is_line(line, closed=lines == _OUTLINES)], [node]
-    if kind not in ("Polygon", "MultiPolygon") or lines == _LINES:
+        lines = [line for line in each if isinstance(line, JsonList) and _is_line(line, closed=want == _OUTLINES)]
+        rings = [_returning(line) if want == OBSTACLES else line for line in lines]
+        return [(_listed(ring, ring.offsets[0]), at) for ring in rings], [node]
+    if kind in ("Point", "MultiPoint") and want == OBSTACLES:
+        points = [given] if kind == "Point" else given if isinstance(given, JsonList) else []
+        offset = node.offsets.get("coordinates", 0)
+        return [(_listed(_listed(point, offset), offset), at) for point in points], [node]
+    if kind not in ("Polygon", "MultiPolygon") or want == LINES:
         seen[f"a {kind}"] += 1
         return [], []
     coordinates = _members(source, node, "coordinates", location)
@@ -134,17 +144,27 @@ def _polygons(
     return list(zip(coordinates, locations, strict=True)), [node]
 
 
-def _is_line(line: Any, *, closed: bool) -> bool:
+def _is_line(line: JsonList, *, closed: bool) -> bool:
     """Whether it is a line; with `closed`, whether it ends where it starts, and may have an area."""
-    return isinstance(line, JsonList) and len(line) > 1 and not (closed and (len(line) < 4 or line[0] != line[-1]))
+    return len(line) > 1 and not (closed and (len(line) < 4 or line[0] != line[-1]))
 
 
-def _closed(line: Any) -> JsonList:
-    """A polygon with a line as its outline."""
-    polygon = JsonList()
-    polygon.append(line)
-    polygon.offsets.append(line.offsets[0])
-    return polygon
+def _listed(value: Any, offset: int) -> JsonList:
+    """A list of one value."""
+    result = JsonList()
+    result.append(value)
+    result.offsets.append(offset)
+    return result
+
+
+def _returning(line: JsonList) -> JsonList:
+    """An open line as a ring without an area, a closed one as it is."""
+    if _is_line(line, closed=True):
+        return line
+    result = JsonList()
+    result += there_and_back(line)
+    result.offsets += there_and_back(line.offsets)
+    return result
 
 
 def _members(source: SourceText, node: JsonObject, key: str, location: Location) -> JsonList:
@@ -178,67 +198,64 @@ def _height_m(feature: JsonObject, source: SourceText) -> float | None:
     height = properties["height"]
     if type(height) not in (int, float) or not 0 <= height <= MAX_HEIGHT_M:
         location = source.location(properties.offsets["height"])
-        raise source.error(location, "no height", f"metres above the field, from 0 to {MAX_HEIGHT_M:g}")
+        raise source.error(location, "no height", A_HEIGHT)
     return float(height)
 
 
-# the reference systems whose numbers are degrees as WGS-84 has them, to a metre; those whose numbers are metres
+# the reference systems whose numbers are degrees as WGS-84 has them, to a metre; those whose metres are longer
 _GEOGRAPHIC = {"4326", "4979", "4258", "4937"}
 _WEB_MERCATOR = {"3857", "3785", "900913", "102100", "102113"}
-_GRID = re.compile(
-    r"258(2[89]|3[0-8])|32[67](0[1-9]|[1-5][0-9]|60)"  # UTM on ETRS89 and WGS-84
-    r"|2154|28992|2056|21781|31370|3812|3067|3006|27700"  # the grids of FR, NL, CH, CH, BE, BE, FI, SE, GB
-)
-_CODE = re.compile(r".*EPSG.*?([0-9]+)", re.IGNORECASE | re.DOTALL)
+_CODE = re.compile(r".*(EPSG|ESRI).*?([0-9]+)", re.IGNORECASE | re.DOTALL)
 _IN_METRES = re.compile(r"\s*(?:m|met(?:re|er)s?)(?![\w/^*·])", re.IGNORECASE)
 _OTHER_LENGTH = re.compile(
     r"\s*(?:ft|feet|foot|us-ft|yd|yards?|km|kilomet(?:re|er)s?|miles?|cm|mm)(?!\w)", re.IGNORECASE
 )
 
 
-def _units(chain: Sequence[JsonObject], metres: bool, source: SourceText) -> tuple[bool, str]:
-    in_metres = _in_metres(chain, metres, source)
-    remedy = "no --metres" if metres else "a file without units or crs in metres"
-    return not in_metres, remedy if in_metres else "--metres"
-
-
-def _in_metres(chain: Sequence[JsonObject], metres: bool, source: SourceText) -> bool:
-    """Whether coordinates are in metres: by the option, by `units` that start with metres, or by a grid's `crs`."""
+def _units(chain: Sequence[JsonObject], metres: bool, source: SourceText) -> Units:
+    """The units of coordinates: by the option, by `units` that start with metres, or by a `crs`."""
     properties = [node.get("properties") for node in chain]
     holders = [holder for holder in (*chain, *properties) if isinstance(holder, JsonObject)]
     units = [(holder, unit) for holder in holders if isinstance(unit := holder.get("units"), str)]
-    metres = metres or any(_IN_METRES.match(unit) for _, unit in units)
+    in_metres = metres or any(_IN_METRES.match(unit) for _, unit in units)
     for holder, unit in units:
-        if _OTHER_LENGTH.match(unit) and not metres:
+        if _OTHER_LENGTH.match(unit) and not in_metres:
             message = f"units of {printable(unit, 40)}"
             expected = "metres, or longitude and latitude in degrees"
             raise source.error(source.location(holder.offsets["units"]), message, expected)
     for node in reversed(chain):  # the innermost first
         if node.get("crs") is not None:
-            return _system(node["crs"], source.location(node.offsets["crs"]), metres, source) or metres
-    return metres
+            return _system(node["crs"], source.location(node.offsets["crs"]), metres, source, in_metres)
+    return Units(not in_metres, _remedy(in_metres, metres))
 
 
-def _system(crs: Any, location: Location, metres: bool, source: SourceText) -> bool:
-    """Whether a coordinate reference system is in metres; `metres` where it is unknown."""
+def _remedy(in_metres: bool, metres: bool) -> str:
+    if not in_metres:
+        return "--metres"
+    return "no --metres" if metres else "a file without units in metres"
+
+
+def _system(crs: Any, location: Location, metres: bool, source: SourceText, in_metres: bool) -> Units:
+    """The units of a coordinate reference system; metres where the option has them, or `units` of an unknown one."""
     properties = crs.get("properties") if isinstance(crs, JsonObject) else None
     given: Any = None
     if isinstance(properties, JsonObject):
         given = properties.get("name", f"EPSG:{properties['code']}" if "code" in properties else None)
     name = given[:200] if isinstance(given, str) else ""
-    if re.search(r"CRS84h?\Z", name, re.IGNORECASE):
-        return False
     codes = _CODE.fullmatch(name.rstrip().replace("EPSG/0/", "EPSG/"))
-    code = codes[1] if codes else ""
-    if code in _WEB_MERCATOR:
+    authority, code = (codes[1].upper(), codes[2]) if codes else ("", "")
+    if re.search(r"CRS84h?\Z", name, re.IGNORECASE) or (authority == "EPSG" and code in _GEOGRAPHIC):
+        return Units(True, "--metres")
+    if metres and code in _WEB_MERCATOR:
         message = f"{printable(name, 80)} is Web Mercator, whose metres are longer than metres away from the equator"
-        raise source.error(location, message, "longitude and latitude in degrees, or a UTM zone")
-    if code in _GEOGRAPHIC or _GRID.fullmatch(code):
-        return code not in _GEOGRAPHIC
-    if metres:
-        return True
-    message = f"the reference system {printable(name, 80) or 'without a name'} is not known"
-    raise source.error(location, message, "longitude and latitude in degrees (WGS-84), a UTM zone, or --metres")
+        raise source.error(location, message, "no --metres, which converts it to degrees")
+    if metres or (in_metres and not codes):
+        return Units(False, _remedy(True, metres))
+    shown, otherwise = printable(name, 80) or "without a name", "longitude and latitude (WGS-84), or --metres"
+    if not codes:
+        raise source.error(location, f"the reference system {shown} is not known", otherwise)
+    to_degrees = degrees_of((authority, code), shown, lambda *texts: source.error(location, *texts), otherwise)
+    return Units(True, "--metres", to_degrees)
 
 
 def _rings(polygon: Any, location: Location, source: SourceText) -> list[Ring]:

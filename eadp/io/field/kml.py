@@ -15,31 +15,43 @@ from itertools import accumulate
 
 from eadp.errors import InputError, printable
 from eadp.io.field.draft import (
+    A_HEIGHT,
+    BOUNDARIES,
+    LINES,
+    MAX_HEIGHT_M,
     NAME_LIMIT,
+    OBSTACLES,
     VERTICES_LIMIT,
     FeatureCandidate,
     FeatureFormat,
     Ring,
+    Units,
     VertexReader,
     counted,
+    there_and_back,
 )
 from eadp.io.text.csv import number_fault
 from eadp.io.text.source import Location, SourceText
 
 _OUTER, _INNER = "outerBoundaryIs", "innerBoundaryIs"
 _RING_PATHS = [["Polygon", role, "LinearRing", "coordinates"] for role in (_OUTER, _INNER)]
-_LINE_PATH = ["LineString", "coordinates"]
+_THIN_PATHS = [["LineString", "coordinates"], ["Point", "coordinates"]]
+_MODE = "altitudeMode"
 _A_POLYGON = "KML with a Polygon, or a closed line, in a Placemark"
 
 
 @dataclass
 class _RingText:
-    """The text of a ring's, or a line's, coordinates in pieces with their locations; blanks between are pieces too."""
+    """The text of a ring's, or a line's, coordinates in pieces with their locations; blanks between are pieces too.
+
+    One that `returns` is a line, read as a ring without an area.
+    """
 
     role: str
     location: Location
     pieces: list[tuple[str, Location]] = field(default_factory=list)
     blanks: int = 0
+    returns: bool = False
 
     def add(self, text: str, location: Location) -> None:
         """Add a piece, unless the ring is already too long."""
@@ -52,19 +64,25 @@ class _RingText:
             self.blanks += 1
 
     @property
+    def tokens(self) -> list[str]:
+        """The texts of its positions."""
+        return "".join(piece for piece, _ in self.pieces).split()
+
+    @property
     def is_closed(self) -> bool:
         """Whether it ends where it starts, and may have an area."""
-        tokens = "".join(piece for piece, _ in self.pieces).split()
+        tokens = self.tokens
         return len(tokens) > 3 and tokens[0] == tokens[-1]
 
 
 class _KmlReader:
-    """Collects the Placemarks with polygons; refuses a document type."""
+    """Collects the Placemarks with polygons, those with lines and those with points; refuses a document type."""
 
     def __init__(self, source: SourceText) -> None:
         self.source = source
         self.found: list[FeatureCandidate] = []
         self.lines: list[FeatureCandidate] = []
+        self.points: list[FeatureCandidate] = []
         self.key = ""
         self.path: list[str] = []
         self.placemark: FeatureCandidate | None = None
@@ -91,8 +109,8 @@ class _KmlReader:
 
     @property
     def _coordinates(self) -> bool:
-        """Whether the parser is within the coordinates of a ring or a line."""
-        return self.path[-4:] in _RING_PATHS or self.path[-2:] == _LINE_PATH
+        """Whether the parser is within the coordinates of a ring, a line or a point."""
+        return self.path[-4:] in _RING_PATHS or self.path[-2:] in _THIN_PATHS
 
     def _location(self) -> Location:
         return self.parser.CurrentLineNumber, self.parser.CurrentColumnNumber + 1
@@ -119,9 +137,9 @@ class _KmlReader:
             holder.polygons.append(([], self._location()))
         elif local in ("Data", "SimpleData"):
             self.key = attributes.get("name", "")[:NAME_LIMIT]
-        elif self.path[-2:] == _LINE_PATH and self.placemark is not None:
+        elif self.path[-2:] in _THIN_PATHS and self.placemark is not None:
             ring = _RingText(_OUTER, self._location())
-            self.lines.append(replace(self.placemark, polygons=[([ring], self._location())]))
+            self._thin().append(replace(self.placemark, polygons=[([ring], self._location())]))
         elif self.path[-4:] in _RING_PATHS:
             self._polygon().append(_RingText(self.path[-3], self._location()))
 
@@ -129,13 +147,19 @@ class _KmlReader:
         rings: list[_RingText] = self.found[-1].polygons[-1][0]
         return rings
 
+    def _thin(self) -> list[FeatureCandidate]:
+        """The lines or the points, of which one is read."""
+        return self.points if self.path[-2] == "Point" else self.lines
+
     def _text(self, data: str) -> None:
         if self.path[-4:] in _RING_PATHS:
             self._polygon()[-1].add(data, self._location())
-        elif self.path[-2:] == _LINE_PATH and self.placemark is not None:
-            self.lines[-1].polygons[0][0][0].add(data, self._location())
+        elif self.path[-2:] in _THIN_PATHS and self.placemark is not None:
+            self._thin()[-1].polygons[0][0][0].add(data, self._location())
         elif self.path[-2:] == ["Placemark", "name"]:
             self.name.append(data)
+        elif self.placemark is not None and self.path[-1] == _MODE:
+            self.placemark.properties[_MODE] = self.placemark.properties.get(_MODE, "") + data.strip()
         elif self.placemark is not None and (self.path[-1] == "SimpleData" or self.path[-2:] == ["Data", "value"]):
             known = self.placemark.properties.get(self.key, "")
             self.placemark.properties[self.key] = (known + data.strip())[:NAME_LIMIT]
@@ -148,21 +172,47 @@ class _KmlReader:
             self.placemark = None
 
 
-def _features(source: SourceText, metres: bool, lines: bool) -> list[FeatureCandidate]:
-    """The Placemarks with polygons, one or more; or with `lines` those with lines."""
+def _features(source: SourceText, metres: bool, want: str) -> list[FeatureCandidate]:
+    """The Placemarks of a kind, one or more, with the obstacles beside them."""
     if metres:
         raise InputError.at("--metres", 1, 1, "a KML file is in degrees (WGS-84)", "KML without --metres")
     reader = _KmlReader(source)
     polygons = reader.document()
-    if lines and not reader.lines:
-        raise source.error((1, 1), "no line", "KML with a LineString; a polygon is covered without --corridor")
-    candidates = reader.lines if lines else polygons or reader.outlines()
-    if not candidates:
+    thin = [
+        each for each in (*reader.lines, *reader.points) if want == OBSTACLES or (want != BOUNDARIES and each.avoided)
+    ]
+    beside = [*thin, *(each for each in polygons if want == LINES and each.avoided)]
+    if want == LINES:
+        candidates = [each for each in reader.lines if each not in thin]
+    else:
+        candidates = polygons or [each for each in reader.outlines() if each not in thin]
+    if not candidates and not (want == OBSTACLES and thin):
+        if want == LINES:
+            raise source.error((1, 1), "no line", "KML with a LineString; a polygon is covered without --corridor")
         only = f", only {counted(len(reader.lines), 'open line', 'open lines')}" if reader.lines else ""
         raise source.error(
             (1, 1), f"no polygon{only}", f"{_A_POLYGON}{'; of a line, --corridor WIDTH' if reader.lines else ''}"
         )
-    return candidates
+    for each in thin:
+        text = each.polygons[0][0][0]
+        each.thin = text.returns = not text.is_closed
+    for each in (*candidates, *beside):
+        each.height_m = _height_m(each, source)
+    return [*candidates, *beside]
+
+
+def _height_m(each: FeatureCandidate, source: SourceText) -> float | None:
+    """The height of a Placemark above the field [m]: of its data, or of its altitudes, if these are above ground."""
+    raw = each.properties.get("height", "")
+    if raw:
+        if number_fault(raw, MAX_HEIGHT_M) or float(raw) < 0:
+            raise source.error(each.location, f"a height of {printable(raw, 40)}", A_HEIGHT)
+        return float(raw)
+    if each.properties.get(_MODE) != "relativeToGround":
+        return None
+    positions = [token.split(",") for polygon, _ in each.polygons for ring in polygon for token in ring.tokens]
+    tops_m = [float(parts[2]) for parts in positions if len(parts) == 3 and not number_fault(parts[2])]
+    return max(tops_m, default=0.0) or None
 
 
 def _rings(polygon: Sequence[_RingText], location: Location, source: SourceText) -> list[Ring]:
@@ -201,7 +251,9 @@ def _ring(ring: _RingText, reader: VertexReader) -> Ring:
             reader.refuse(faults)
         else:
             reader.add(result, float(parts[0]), float(parts[1]), location)
+    if ring.returns:
+        result.vertices = there_and_back(result.vertices)
     return result
 
 
-KML = FeatureFormat(_features, _rings, lambda *_: (True, ""))
+KML = FeatureFormat(_features, _rings, lambda *_: Units(True))

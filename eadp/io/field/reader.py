@@ -12,9 +12,10 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, islice
+from typing import NamedTuple
 
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
+from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_local_m
 from eadp.errors import FAULTS_SHOWN, Fault, printable, refuse
 from eadp.io.field.draft import NAME_LIMIT, FieldDraft, Ring, Vertex, counted
 from eadp.io.field.fences import no_field, qgc_zones, wpl_zones
@@ -44,11 +45,12 @@ SMALLEST_M2 = 1.0
 """Smallest area of a field and of its parts [m²]."""
 NO_AREA_M2 = 0.01
 """A hole or an obstacle that is smaller has no area [m²]."""
-
 DEGREE_M = 111_000.0
 """Length of a degree of latitude, roughly [m]."""
-ZONES_M = 2 * EXTENT_LIMIT_M
-"""How far from the middle of a field obstacles and boundaries are read [m]."""
+ZONES_M = FARTHEST_M
+"""How far from a field, or from the start of a plan, obstacles and boundaries are read [m]."""
+THIN_M = 10.0
+"""How far around an obstacle without an area, as a mast or a power line, nothing is flown [m]."""
 _FAR = f"farther than {ZONES_M / 1000:g} km left out"
 VALID_SHARE = 1e-3
 """Share of its area by which a polygon that crosses or touches itself may change where it is made valid."""
@@ -156,11 +158,17 @@ def read_corridor(
     rings, origin_deg = _in_metres(rings, draft, source, notes)
     line = tuple((vertex.x, vertex.y) for vertex in rings[0])
     (outline, *holes), *_ = corridor(line, width_m)
-    return Field(outline, tuple(holes), printable(draft.name), origin_deg), line, notes
+    airspace = Airspace(_obstacles(draft.obstacles, _Frame(origin_deg, _middle(rings[0])), source, notes))
+    return Field(outline, tuple(holes), printable(draft.name), origin_deg, airspace), line, notes
 
 
 def read_airspace(
-    avoid: Text | None, inside: Text | None, origin_deg: tuple[float, float] | None, *, metres: bool = False
+    avoid: Text | None,
+    inside: Text | None,
+    origin_deg: tuple[float, float] | None,
+    middle_m: Point,
+    *,
+    metres: bool = False,
 ) -> tuple[Airspace, list[Fault]]:
     """Read obstacles and a boundary, each from a file of its own, in the metres round an origin; with notes.
 
@@ -170,26 +178,31 @@ def read_airspace(
         As `read_zones`.
     """
     (obstacles, notes), (outlines, more) = (
-        ((), []) if text is None else read_zones(text, origin_deg, metres=metres, inside=within)
+        ((), []) if text is None else read_zones(text, origin_deg, middle_m, metres=metres, inside=within)
         for text, within in ((avoid, False), (inside, True))
     )
     return Airspace(obstacles, tuple(each.outline for each in outlines)), [*notes, *more]
 
 
 def read_zones(
-    text: Text, origin_deg: tuple[float, float] | None, *, metres: bool = False, inside: bool = False
+    text: Text,
+    origin_deg: tuple[float, float] | None,
+    middle_m: Point = (0.0, 0.0),
+    *,
+    metres: bool = False,
+    inside: bool = False,
 ) -> tuple[tuple[Obstacle, ...], list[Fault]]:
     """Read the outlines of all polygons of a file, as obstacles or as a boundary, in the metres round an origin.
 
-    Obstacles that have no name are numbered. Of fences, those to keep inside are read, or those to keep out of. What
-    lies farther than `ZONES_M` from the origin, latitude and longitude, is left out, which the notes say. Without an
-    origin, what the file lies beside is in metres.
+    Obstacles may be points and lines, too; those that have no name are numbered. Of fences, those to keep inside are
+    read, or those to keep out of. What lies farther than `ZONES_M` from the middle of a field, or of what the file lies
+    beside, is left out, which the notes say. Without an origin, latitude and longitude, that is in metres.
 
     Raises
     ------
     InputError
-        With the faults of the file; also if it is in degrees and there is no origin, or the other way round, and if
-        nothing is left of a boundary.
+        With the faults of the file; also if it is in degrees and there is no origin, or the other way round, if
+        nothing is left of a boundary, or if no obstacle in metres is near.
     """
     source = SourceText(text)
     rings, degrees = _format(source).zones(source, metres, inside)
@@ -198,43 +211,96 @@ def read_zones(
         message = f"is in {units[degrees]}, and what it lies beside is in {units[not degrees]}"
         raise source.error(rings[0].location, message, "the units of the field or plan")
     notes: list[str] = []
-    obstacles = _obstacles(rings, origin_deg, source, notes)
-    if not obstacles and any(_near_if_swapped(ring, origin_deg, source) for ring in rings):
-        expected = "the order of the file beside it, in which they may be swapped instead"
-        raise source.error(rings[0].location, f"lies near the field or plan if {_MIRRORED}", expected)
-    if not obstacles and (inside or not all(note.endswith(_FAR) for note in notes)):
-        expected = f"a polygon within {ZONES_M / 1000:g} km, of {NO_AREA_M2:g} m² or more, in the units of what it "
-        raise source.error(rings[0].location, "; ".join(notes) or "no polygon", expected + "lies beside")
+    obstacles = _obstacles(rings, _Frame(origin_deg, middle_m), source, notes, inside=inside)
     return obstacles, [Fault(source.name, 1, 1, note, severity="note") for note in notes]
 
 
-def _obstacles(
-    rings: Sequence[Ring], origin_deg: tuple[float, float] | None, source: SourceText, notes: list[str]
-) -> tuple[Obstacle, ...]:
-    """Obstacles in the metres of a field, checked; what is far away or has no area is left out, with notes."""
-    from eadp.core.geometry.polygons import clipped
+class _Frame(NamedTuple):
+    """The metres of a field: where they are from, latitude and longitude [°], or None; and the field's middle there."""
 
-    window = ((-ZONES_M, -ZONES_M), (ZONES_M, -ZONES_M), (ZONES_M, ZONES_M), (-ZONES_M, ZONES_M))
+    origin_deg: tuple[float, float] | None
+    middle_m: Point
+
+    def is_near(self, corners: Sequence[Point]) -> bool:
+        """Whether the box around corners comes within `ZONES_M` of the middle."""
+        return all(
+            min(values) <= middle + ZONES_M and max(values) >= middle - ZONES_M
+            for values, middle in zip(zip(*corners, strict=True), self.middle_m, strict=True)
+        )
+
+    def is_within(self, corners: Sequence[Point]) -> bool:
+        """Whether all corners are within `ZONES_M` of the middle, to the east and to the north."""
+        return all(abs(x - self.middle_m[0]) <= ZONES_M and abs(y - self.middle_m[1]) <= ZONES_M for x, y in corners)
+
+    @property
+    def window(self) -> tuple[Point, ...]:
+        """The square within `ZONES_M` of the middle."""
+        x, y = self.middle_m
+        return tuple((x + i * ZONES_M, y + j * ZONES_M) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
+
+
+def _obstacles(
+    rings: Sequence[Ring], frame: _Frame, source: SourceText, notes: list[str], *, inside: bool = False
+) -> tuple[Obstacle, ...]:
+    """Obstacles, or a boundary, in the metres of a field, checked; what is far away is left out, with notes.
+
+    An obstacle without an area, as a mast or a power line, becomes what lies within `THIN_M` of it.
+
+    Raises
+    ------
+    InputError
+        Where nothing is near that can be meant.
+    """
+    from eadp.core.geometry.polygons import clipped, near
+
     found: list[Obstacle] = []
     counts: Counter[str] = Counter()
     for number, ring in enumerate(rings, 1):
-        corners = _near_corners(ring, origin_deg, source)
+        corners = _near_corners(ring, frame, source) if ring.vertices else []
         outlines: list[tuple[Point, ...]] = []
-        if corners is None:
-            counts["far"] += 1
-        elif parts := _solid_parts([corners], ring, source, counts, NO_AREA_M2):
+        if not corners:
+            counts["far" if corners is None else "small"] += 1
+        else:
+            parts = _solid_parts([corners], ring, source, counts, NO_AREA_M2)
+            if not parts and not inside:
+                _check_thin(ring, frame, source)
+                counts["small"], counts["thin"] = counts["small"] - 1, counts["thin"] + 1
+                parts = near(corners, THIN_M)
             outlines = [outline for outline, *_ in parts]
-            if any(max(map(abs, corner)) > ZONES_M for outline in outlines for corner in outline):
-                outlines = [outline for outline, *_ in clipped([[each] for each in outlines], [window])]
+            if not all(map(frame.is_within, outlines)):
+                outlines = [outline for outline, *_ in clipped([[each] for each in outlines], [frame.window])]
                 counts["far"] += not outlines
         name = printable(" ".join(ring.name.replace(",", " ").split()), NAME_LIMIT) or f"obstacle {number}"
         found += [Obstacle(outline, name, ring.height_m) for outline in outlines]
-    _note(counts, notes, far=("polygon", "polygons", _FAR), small=_small(NO_AREA_M2))
+    _note(
+        counts,
+        notes,
+        far=("polygon", "polygons", _FAR),
+        small=_small(NO_AREA_M2),
+        thin=("obstacle", "obstacles", f"without an area kept, with what lies within {THIN_M:g} m"),
+    )
+    if rings and not found:
+        at = rings[0].location
+        if any(_near_if_swapped(ring, frame, source) for ring in rings):
+            expected = "the order of the field or plan, in which they may be swapped instead"
+            raise source.error(at, f"lies near the field or plan if {_MIRRORED}", expected)
+        if inside or frame.origin_deg is None:  # in degrees a file may have the obstacles of a country
+            expected = f"a polygon within {ZONES_M / 1000:g} km, in the units and the grid of the field or plan"
+            raise source.error(at, "; ".join(notes), expected)
     return tuple(found)
 
 
-def _near_corners(ring: Ring, origin_deg: tuple[float, float] | None, source: SourceText) -> list[Point] | None:
+def _check_thin(ring: Ring, frame: _Frame, source: SourceText) -> None:
+    """Refuse a polygon in metres whose numbers may be degrees."""
+    west, east, south, north = _extent(ring.vertices)
+    if frame.origin_deg is None and 0 < max(east - west, north - south) < 1:
+        message = f"an obstacle of {east - west:.3g} m by {north - south:.3g} m, if these are metres and not degrees"
+        raise source.error(ring.location, message, "the units of the field or plan, or a point")
+
+
+def _near_corners(ring: Ring, frame: _Frame, source: SourceText) -> list[Point] | None:
     """The corners of a polygon in the metres of a field; None where all are far away to one side."""
+    origin_deg = frame.origin_deg
     if origin_deg is None:
         corners = [(vertex.x, vertex.y) for vertex in ring.vertices]
     else:
@@ -248,27 +314,22 @@ def _near_corners(ring: Ring, origin_deg: tuple[float, float] | None, source: So
             (east_m * ((vertex.x - longitude + 180) % 360 - 180), DEGREE_M * (vertex.y - latitude))
             for vertex in ring.vertices
         ]
-        if not _is_near(rough):
+        if not frame.is_near(rough):
             return None
         corners = [
             to_local_m(vertex.y, vertex.x, origin_deg) if max(map(abs, point)) < 5 * ZONES_M else point
             for vertex, point in zip(ring.vertices, rough, strict=True)
         ]
-    return corners if _is_near(corners) else None
+    return corners if frame.is_near(corners) else None
 
 
-def _near_if_swapped(ring: Ring, origin_deg: tuple[float, float] | None, source: SourceText) -> bool:
+def _near_if_swapped(ring: Ring, frame: _Frame, source: SourceText) -> bool:
     """Whether a polygon that is far from a field is near it with its longitudes and latitudes swapped."""
-    if origin_deg is None or any(abs(vertex.x) > 90 for vertex in ring.vertices):
+    if frame.origin_deg is None or any(abs(vertex.x) > 90 for vertex in ring.vertices):
         return False
     mirrored = replace(ring, vertices=[vertex._replace(x=vertex.y, y=vertex.x) for vertex in ring.vertices])
-    far, near = (_near_corners(each, origin_deg, source) for each in (ring, mirrored))
+    far, near = (_near_corners(each, frame, source) for each in (ring, mirrored))
     return far is None and near is not None
-
-
-def _is_near(corners: Sequence[Point]) -> bool:
-    """Whether the box around corners comes within `ZONES_M` of the origin."""
-    return all(min(values) <= ZONES_M and max(values) >= -ZONES_M for values in zip(*corners, strict=True))
 
 
 def _solid_parts(
@@ -358,8 +419,9 @@ def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
     rings = _repaired(rings, draft, source, notes)
     counts: Counter[str] = Counter()
     parts = _sound(rings, origin_deg, source, counts)
+    frame = _Frame(origin_deg, _middle(rings[0]))
     for part in draft.others:
-        parts += _part(part, origin_deg, source, counts)
+        parts += _part(part, frame, source, counts)
     _note(counts, notes, small=_small(SMALLEST_M2))
     if len(parts) > 1 and (union := joined(parts, SMALLEST_M2)) is not None:
         parts = union
@@ -370,7 +432,7 @@ def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
         ring if up == (i == 0) else (ring[0], *ring[:0:-1])
         for i, (ring, up) in enumerate(zip(parts[0], counter_clockwise, strict=True))
     ]
-    airspace = Airspace(_obstacles(draft.obstacles, origin_deg, source, notes))
+    airspace = Airspace(_obstacles(draft.obstacles, frame, source, notes))
     others = tuple(map(tuple, parts[1:]))
     result = Field(wound[0], tuple(wound[1:]), printable(draft.name), origin_deg, airspace, others)
     if result.area_m2 < SMALLEST_M2:
@@ -384,20 +446,20 @@ def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
 
 
 def _without_small(draft: FieldDraft, notes: list[str]) -> FieldDraft:
-    """The draft without polygons and holes that have no area, where another polygon has one."""
+    """The draft without polygons that have no area, where another one has; holes without one become obstacles."""
     counts: Counter[str] = Counter()
-    parts = []
+    parts, thin = [], list[Ring]()
     for part in (draft.rings, *draft.others):
         if _is_small(part[0], draft.degrees, SMALLEST_M2):
             counts["small"] += 1
             continue
-        kept = [ring for i, ring in enumerate(part) if i == 0 or not _is_small(ring, draft.degrees, NO_AREA_M2)]
-        counts["holes"] += len(part) - len(kept)
-        parts.append(kept)
+        small = [ring for ring in part[1:] if _is_small(ring, draft.degrees, NO_AREA_M2)]
+        thin += [replace(ring, name="hole") for ring in small if ring.vertices]
+        parts.append([ring for ring in part if ring not in small])
     if not parts:
         return draft
     _note(counts, notes, small=_small(SMALLEST_M2))
-    return replace(draft, rings=parts[0], others=parts[1:])
+    return replace(draft, rings=parts[0], others=parts[1:], obstacles=[*draft.obstacles, *thin])
 
 
 def _is_small(ring: Ring, degrees: bool, smallest_m2: float) -> bool:
@@ -426,14 +488,14 @@ def _sound(
 
 
 def _part(
-    part: Sequence[Ring], origin_deg: tuple[float, float] | None, source: SourceText, counts: Counter[str]
+    part: Sequence[Ring], frame: _Frame, source: SourceText, counts: Counter[str]
 ) -> list[list[tuple[Point, ...]]]:
     """Another polygon of a field in its metres, as parts without flaws."""
     moved = []
     for ring in part:
-        corners = _near_corners(ring, origin_deg, source)
+        corners = _near_corners(ring, frame, source)
         if corners is None:
-            swapped = f", and near it if {_MIRRORED}" if _near_if_swapped(ring, origin_deg, source) else ""
+            swapped = f", and near it if {_MIRRORED}" if _near_if_swapped(ring, frame, source) else ""
             raise source.error(ring.location, f"is far from the field{swapped}", f"within {ZONES_M / 1000:g} km")
         moved.append([Vertex(x, y, vertex.location) for (x, y), vertex in zip(corners, ring.vertices, strict=True)])
     rings = _simplified(moved, source, [])
@@ -532,6 +594,12 @@ def _extent(vertices: Sequence[Vertex]) -> tuple[float, float, float, float]:
     """The smallest and the largest x, the smallest and the largest y."""
     x, y, _ = zip(*vertices, strict=True)
     return min(x), max(x), min(y), max(y)
+
+
+def _middle(vertices: Sequence[Vertex]) -> Point:
+    """The middle of the box around them."""
+    west, east, south, north = _extent(vertices)
+    return (west + east) / 2, (south + north) / 2
 
 
 def _check_degrees(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: SourceText) -> None:

@@ -1,6 +1,6 @@
 """Shapefiles as GeoJSON: each record a feature in a line of its number, in degrees where the .prj says what it is in.
 
-This is the one door to pyshp and pyproj (the extra `fields`), imported where a shapefile is read.
+This is the one door to pyshp (the extra `fields`), imported where a shapefile is read.
 """
 
 from __future__ import annotations
@@ -13,7 +13,9 @@ import warnings
 from collections.abc import Callable
 from typing import Any
 
+from eadp.core.geometry.curves import Point
 from eadp.errors import InputError, printable
+from eadp.io.field.systems import degrees_of
 from eadp.io.text.streams import Text
 
 MAGIC = b"\x00\x00\x27\x0a"
@@ -89,31 +91,28 @@ def _value(value: Any) -> Any:
     return value if value is None or isinstance(value, (bool, int, float, str)) else str(value)
 
 
-def _to_degrees(name: str, prj: bytes | None) -> Callable[[float, float], tuple[float, float]]:
+def _to_degrees(name: str, prj: bytes | None) -> Callable[[float, float], Point]:
     """What makes longitude and latitude [°, WGS-84] of a file's coordinates; nothing without a .prj."""
     if prj is None:
         return lambda x, y: (x, y)
-    import pyproj
-    from pyproj.exceptions import ProjError
 
-    try:
-        system = pyproj.CRS.from_wkt(prj.decode("utf-8", "replace"))
-        transform = pyproj.Transformer.from_crs(system, 4326, always_xy=True).transform
-    except ProjError:
-        message = f"the reference system of its .prj is not known: {printable(prj[:60].decode('ascii', 'replace'))}"
-        raise InputError.at(name, 1, 1, message, "one by WKT") from None
+    def error(message: str, expected: str) -> InputError:
+        return InputError.at(name, 1, 1, message, expected)
 
-    def to_degrees(x: float, y: float) -> tuple[float, float]:
-        longitude, latitude = transform(x, y)
-        if not (math.isfinite(longitude) and math.isfinite(latitude)):
+    wkt = prj.decode("utf-8", "replace")
+    found = degrees_of(wkt, f"of its .prj, {printable(wkt, 60)},", error, "one by WKT")
+
+    def to_degrees(x: float, y: float) -> Point:
+        place = found(x, y)
+        if place is None:
             message = f"a vertex at ({x:.6g}, {y:.6g}) lies outside the reference system of its .prj"
-            raise InputError.at(name, 1, 1, message, "coordinates of that system")
-        return round(longitude, 9), round(latitude, 9)
+            raise error(message, "coordinates of that system")
+        return place
 
     return to_degrees
 
 
-def _moved(node: Any, to_degrees: Callable[[float, float], tuple[float, float]]) -> Any:
+def _moved(node: Any, to_degrees: Callable[[float, float], Point]) -> Any:
     """A geometry with its positions, in two dimensions, in degrees."""
     if isinstance(node, dict):
         return {key: _moved(value, to_degrees) for key, value in node.items()}

@@ -11,6 +11,7 @@ from typing import Any
 
 from eadp.io.mission.items import MappedItem
 from eadp.io.telemetry.reader import Reading, TelemetryReader
+from eadp.models.performance import calibrated_over_true
 from eadp.planning.base import Mission
 
 LINE_S = 0.2
@@ -55,6 +56,8 @@ class LineMaker:
     ----------
     items : list of MappedItem or None
         As given; who holds the LineMaker replaces it where the autopilot has another mission.
+    autopilot : dict
+        Values of the autopilot's parameters that are read, by name.
     decided : tuple of float or None
         The path parameters decided, where the mission has them or is about to get them: an item that has others is not
         taken as a pilot's refusal of them. Else None.
@@ -71,6 +74,7 @@ class LineMaker:
     ) -> None:
         self._reader, self.items, self._warn = reader, items, warn
         self._plan, self._battery = mission.plan, mission.battery
+        self._calibrated = calibrated_over_true(mission.plan.site, mission.vehicle)
         self.count = 0
         # by name, when a value came [s] and the value: the last of messages, and of the computations' parameters
         self._known: dict[str, tuple[float, Any]] = {}
@@ -80,6 +84,8 @@ class LineMaker:
         self._home_is_item = False  # whether the autopilot's item 0 is home
         self._gauged = self.flown = False  # `_gauged`: whether the charge drawn was ever reported
         self.restarts = 0
+        self.autopilot: dict[str, float] = {}
+        self._said: dict[str, Any] = {}  # of the autopilot, in the last line that has it
         self.decided: tuple[float, ...] | None = None
         self._reached = -1  # the number of the item reached last
         self._speed_mps = 0.0  # the last ground speed
@@ -188,16 +194,21 @@ class LineMaker:
         self._check_voltage(volts, amps, line)
         if (altitude_m := values.get("altitude_m")) is not None:
             line["altitude_m"] = altitude_m
-        for key in ("airspeed_mps", "wind_mps"):
-            if (value := self._value(key)) is not None:
-                line[key] = value
+        calibrated_mps, true_mps, wind_mps = map(self._value, ("airspeed_mps", "true_mps", "wind_mps"))
+        if true_mps is None and calibrated_mps is not None:
+            true_mps = round(calibrated_mps / self._calibrated, 4)
+        line |= {} if true_mps is None else {"airspeed_mps": true_mps}
+        line |= {} if wind_mps is None else {"wind_mps": wind_mps}
         # parameters in force: computations' as their processes report them, the path's as the item flown to has them
         item = self._item()
         parameters: dict[str, float | None] = {
             name: value for name, (at_s, value) in self._parameters.items() if self._is_fresh(at_s)
         }
-        if self.items is not None:
-            line["flies_mission"] = True
+        automatic = self._value("automatic", ages=False)
+        if self.items is not None or (automatic is False and not self._value("guided", ages=False)):
+            line["flies_mission"] = automatic is not False
+        if self._value("returns", ages=False):
+            line["returns_home"] = True
         if item is not None:
             if item.first == item.last:
                 line["stages_started"] = item.first
@@ -207,6 +218,9 @@ class LineMaker:
             parameters |= dict(zip(self._plan.names, path, strict=False))
         if parameters:
             line["parameters"] = parameters
+        kind = self._value("kind", ages=False)
+        if kind is not None and (own := {"kind": kind, **self.autopilot}) != self._said:
+            line["autopilot"] = self._said = own
         return line
 
     def _charge(self) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from eadp.io.link.mavlink import is_number
 from eadp.io.link.mission import PROTOCOL
+from eadp.models import autopilot
 
 Values = dict[str, Any]
 Fields = Mapping[str, Any]
@@ -26,6 +27,8 @@ ACTIVE = (4, 5, 6)
 PICTURES = ("CAMERA_FEEDBACK", "CAMERA_TRIGGER", "CAMERA_IMAGE_CAPTURED")
 """Messages of a picture that was taken; recordings have them."""
 ARDUPILOT, PX4 = 3, 12
+KINDS = {ARDUPILOT: autopilot.ARDUPILOT, PX4: autopilot.PX4}
+"""Kinds of autopilots whose own rules are known, by a heartbeat's `autopilot`."""
 NO_AUTOPILOT, NOT_AIRCRAFT = 8, (5, 6, 18, 26, 27, 30)
 """A heartbeat's `autopilot` of senders that are no autopilot, and its `type` of what is no aircraft: antenna tracker,
 ground station, computer, gimbal, ADS-B receiver, camera."""
@@ -103,6 +106,7 @@ def _heartbeat(fields: Fields) -> Values:
         **_mode(fields),
         "active": fields["system_status"] in ACTIVE,
         "home_is_item": fields["autopilot"] == ARDUPILOT,
+        "kind": KINDS.get(fields["autopilot"]),
     }
 
 

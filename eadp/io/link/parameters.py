@@ -28,13 +28,18 @@ class ParameterCheck:
         self._differences = list[str]()  # of each that has come, how it disagrees, empty where it does not
         self._rounds = 0  # how often names were asked for
 
-    def take(self, name: str, value: float, kind: int) -> None:
-        """Compare a parameter that has come, of one of MAVLink's types, if it is one of those wanted."""
+    def take(self, name: str, value: float, kind: int) -> float | None:
+        """Compare a parameter that has come, of one of MAVLink's types, if it is one of those wanted; return its value.
+
+        None for others, and for one that has come before.
+        """
         if self._as_bytes and kind == INT32:
             (value,) = struct.unpack("<i", struct.pack("<f", value))
-        for each in [each for each in self._left if name in (each.name, each.older)]:
+        found = [each for each in self._left if name in (each.name, each.older)]
+        for each in found:
             self._left.remove(each)
             self._differences.append(each.difference(name, value))
+        return value if found else None
 
     def names(self) -> list[str]:
         """The names to ask for now: of parameters that have not come, `ASKED` times the name, then the older name."""

@@ -19,12 +19,12 @@ class RestLayout:
     Parameters
     ----------
     plan : Plan
-    airspeed_mps : float
-        Of the aircraft [m/s].
+    airspeed_mps, calibrated : float
+        Of the aircraft [m/s], and the airspeed that an autopilot holds over it.
     """
 
-    def __init__(self, plan: Plan, airspeed_mps: float) -> None:
-        self._plan, self._airspeed_mps = plan, airspeed_mps
+    def __init__(self, plan: Plan, airspeed_mps: float, calibrated: float = 1.0) -> None:
+        self._plan, self._airspeed_mps, self._calibrated = plan, airspeed_mps, calibrated
 
     def altitude_fault(self, held: Sequence[MissionItem]) -> str | None:
         """Why new items cannot have the altitudes of the items held, None where they can.
@@ -76,6 +76,7 @@ class RestLayout:
             home_deg=site.origin_deg if held[-1].command == d.RETURN else None,
             trigger_distance_m=self._trigger_distance_m(held),
             airspace=site.airspace,
+            calibrated=self._calibrated,
         )
         return kept, mapped_items(mission_items(path, flying=True, px4=px4), left, self._plan.path_count)
 

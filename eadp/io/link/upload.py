@@ -151,6 +151,8 @@ class HeldMission:
         The map of the mission that was exported.
     latest : sequence of MappedItem, optional
         The map of the last mission that was uploaded, if one was.
+    calibrated : float, optional
+        The airspeed that an autopilot holds, over the aircraft's.
 
     Attributes
     ----------
@@ -159,9 +161,14 @@ class HeldMission:
     """
 
     def __init__(
-        self, plan: Plan, airspeed_mps: float, items: Sequence[MappedItem], latest: Sequence[MappedItem] | None = None
+        self,
+        plan: Plan,
+        airspeed_mps: float,
+        items: Sequence[MappedItem],
+        latest: Sequence[MappedItem] | None = None,
+        calibrated: float = 1.0,
     ) -> None:
-        self._layout, self._client = RestLayout(plan, airspeed_mps), MissionClient()
+        self._layout, self._client = RestLayout(plan, airspeed_mps, calibrated), MissionClient()
         self.ardupilot = False
         self._state = State.UNKNOWN
         # maps: of the mission exported, and of the one that the autopilot holds, or held last

@@ -5,16 +5,21 @@ from __future__ import annotations
 import numpy as np
 
 from eadp.core.arrays import FloatArray
+from eadp.core.flight.aerodynamics import SEA_LEVEL_KGPM3, air_density_kgpm3, calibrated_share
 from eadp.io.log.messages import Tables, at_times
-from eadp.io.log.power_log import AIRSPEED, BANK, CLIMB
+from eadp.io.log.power_log import AIRSPEED, BANK, CLIMB, DENSITY
 
-_AIRSPEEDS = (
-    ("airspeed_validated", "true_airspeed_m_s"),
-    ("airspeed", "true_airspeed_m_s"),
+_TRUE = (("airspeed_validated", "true_airspeed_m_s"), ("airspeed", "true_airspeed_m_s"))
+_CALIBRATED = (
     ("airspeed_validated", "calibrated_airspeed_m_s"),
     ("airspeed", "indicated_airspeed_m_s"),
     ("ARSP", "Airspeed"),
+    ("CTUN", "As"),
+    ("VFR_HUD", "airspeed"),
 )
+_TRUE_OVER_CALIBRATED = (("CTUN", "E2T"),)
+_HEIGHTS = (("vehicle_global_position", "alt"), ("POS", "Alt"), ("GPS", "Alt"))
+"""Above the sea [m]."""
 _CLIMBS = (
     ("vehicle_local_position", "vz", -1.0),
     ("XKF1", "VD", -1.0),
@@ -24,7 +29,8 @@ _CLIMBS = (
 )
 """Topics and fields, the first that a log has is taken; −1 turns down into up."""
 
-MOTION_TOPICS = ("vehicle_attitude", "ATT", *(topic for topic, *_ in (*_AIRSPEEDS, *_CLIMBS)))
+_OF_THE_AIR = (*_TRUE, *_CALIBRATED, *_TRUE_OVER_CALIBRATED, *_HEIGHTS)
+MOTION_TOPICS = ("vehicle_attitude", "ATT", *dict.fromkeys(topic for topic, *_ in (*_OF_THE_AIR, *_CLIMBS)))
 
 
 def autopilot_motion(tables: Tables, time_us: FloatArray) -> dict[str, FloatArray]:
@@ -37,12 +43,7 @@ def autopilot_motion(tables: Tables, time_us: FloatArray) -> dict[str, FloatArra
     time_us : array, shape (n,)
         Times [µs].
     """
-    found = {}
-    for topic, label in _AIRSPEEDS:
-        table = _table(tables, topic, label)
-        if table and (table[label] > 0).any():
-            found[AIRSPEED] = at_times(table["time_us"], table[label], time_us)
-            break
+    found = _air(tables, time_us)
     attitude = _table(tables, "vehicle_attitude", "q[3]")
     if attitude:
         w, x, y, z = (attitude[f"q[{i}]"] for i in range(4))
@@ -55,6 +56,31 @@ def autopilot_motion(tables: Tables, time_us: FloatArray) -> dict[str, FloatArra
             found[CLIMB] = at_times(table["time_us"], sign * table[label], time_us)
             break
     return found
+
+
+def _air(tables: Tables, time_us: FloatArray) -> dict[str, FloatArray]:
+    """True airspeed and density of the air, by which a calibrated airspeed becomes true; without a density it is."""
+
+    def first(fields: tuple[tuple[str, str], ...]) -> FloatArray | None:
+        for topic, label in fields:
+            table = _table(tables, topic, label)
+            if table and (table[label] > 0).any():
+                return at_times(table["time_us"], table[label], time_us)
+        return None
+
+    true, calibrated, ratio, height_m = map(first, (_TRUE, _CALIBRATED, _TRUE_OVER_CALIBRATED, _HEIGHTS))
+    share = None  # calibrated over true
+    if ratio is not None:
+        share = 1 / np.maximum(ratio, 0.1)
+    elif true is not None and calibrated is not None:
+        share = np.where(true > 1.0, calibrated / np.maximum(true, 1.0), np.nan)
+    elif height_m is not None:
+        share = calibrated_share(air_density_kgpm3(height_m))
+    if true is None and calibrated is not None:
+        true = calibrated if share is None else calibrated / share
+    found = {} if true is None else {AIRSPEED: true}
+    # ρ = ρ0 (V_c/V)²
+    return found if share is None else found | {DENSITY: SEA_LEVEL_KGPM3 * share**2}
 
 
 def _table(tables: Tables, topic: str, label: str) -> dict[str, FloatArray]:

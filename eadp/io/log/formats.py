@@ -64,7 +64,7 @@ class LogFormat:
 def is_dataflash_text(head: bytes) -> bool:
     """Whether a text is a DataFlash log, by its first characters: it starts with the formats of its messages."""
     text = head.decode("utf-8-sig", "replace")
-    return bool(re.match(r"\s*(?:PARM|MSG|FMT)U?, *\d+, *[^,\n]+, *[^,\n]+", text)) and "FMT," in text
+    return bool(re.match(r"\s*+(?:PARM|MSG|FMT)U?, *+\d+, *+[^,\n]+, *+[^,\n]", text)) and "FMT," in text
 
 
 def _autopilot(form: str, topics: Sequence[str], source: LogSource, columns: Columns) -> PowerLog:

@@ -74,7 +74,9 @@ class Columns(ColumnOptions):
 
 
 AIRSPEED, BANK, CLIMB, ALTITUDE = "airspeed_mps", "bank_rad", "climb_mps", "altitude_m"
-"""Columns of the motion: true airspeed [m/s], bank [rad], rate of climb [m/s], altitude [m]."""
+DENSITY = "air_density_kgpm3"
+"""Columns of the motion: true airspeed [m/s], bank [rad], rate of climb [m/s], altitude [m], density of the air
+[kg/m³]."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,9 +57,9 @@ def _rows(kind: str, fields: Any) -> Iterator[tuple[str, dict[str, float]]]:
         row = {"voltage_v": volts / 1e3, "current_a": -1.0 if amps < 0 else amps / 100}
         yield f"battery_status {fields['id']}", row
     elif kind == "VFR_HUD":
-        yield "airspeed", {"true_airspeed_m_s": fields["airspeed"]}
+        yield "VFR_HUD", {"airspeed": fields["airspeed"]}
         yield "BARO", {"CRt": fields["climb"]}
     elif kind == "ATTITUDE":
         yield "ATT", {"Roll": math.degrees(fields["roll"])}
     elif kind == "GLOBAL_POSITION_INT" and (fields["lat"] or fields["lon"]):
-        yield "POS", {"Lat": fields["lat"] / 1e7, "Lng": fields["lon"] / 1e7}
+        yield "POS", {"Lat": fields["lat"] / 1e7, "Lng": fields["lon"] / 1e7, "Alt": fields["alt"] / 1e3}

@@ -9,7 +9,9 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
+from eadp.models.autopilot import ARDUPILOT, FACTORY, OLDER, PX4
 from eadp.models.battery import Battery
+from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import LAND
 from eadp.models.vehicle import Airframe, PaperVehicle
@@ -33,9 +35,15 @@ AGREES = 0.02
 EXACTLY, AT_LEAST, AT_MOST = "", ", less than ", ", more than "
 """How an autopilot's value may differ from the one that the forecast holds for: not, upwards, downwards."""
 
+RETURN_LANDS, FLIES_LANDING = 2, 1
+"""ArduPilot's RTL_AUTOLAND and PX4's RTL_TYPE with which a return flies straight to the mission's landing."""
+
 
 class AutopilotParameter(NamedTuple):
-    """A parameter of an autopilot: its name and value, and those that older versions have in their place."""
+    """A parameter of an autopilot: its name and value, and those that older versions have in their place.
+
+    A value that is no number is any: the parameter is read, and the forecast counts it.
+    """
 
     name: str
     value: float
@@ -46,25 +54,40 @@ class AutopilotParameter(NamedTuple):
     def difference(self, name: str, value: float) -> str:
         """How a value of one of its names disagrees, for people; empty where it agrees."""
         wanted = self.older_value if name == self.older else self.value
+        if math.isnan(wanted):
+            return ""
         # a radius below 0 is that of the other way round
         agrees = math.isclose(abs(value), abs(wanted), rel_tol=AGREES)
         if agrees or (self.bound == AT_LEAST and value > wanted) or (self.bound == AT_MOST and value < wanted):
             return ""
-        return f"{name} is {value:.6g}{self.bound or ', not '}{wanted:.6g}"
+        armed = ", so that the mission is not armed" if name in _ARMING else ""
+        return f"{name} is {value:.6g}{self.bound or ', not '}{wanted:.6g}{armed}"
 
 
-_OLDER = {"AIRSPEED_CRUISE": ("TRIM_ARSPD_CM", 100.0), "ROLL_LIMIT_DEG": ("LIM_ROLL_CD", 100.0)}
+_ARMING = frozenset(("MIS_TKO_LAND_REQ", "FW_LND_ANG"))
+"""PX4's parameters by which it refuses a mission."""
+
+_OLDER = {**OLDER, "AIRSPEED_CRUISE": ("TRIM_ARSPD_CM", 100.0), "ROLL_LIMIT_DEG": ("LIM_ROLL_CD", 100.0)}
 """Of ArduPilot's parameters: their names in older versions, and how many times the value stands there."""
 
-_WHOLE = frozenset(("MIS_TKO_LAND_REQ",))
+_WHOLE = frozenset(("MIS_TKO_LAND_REQ", "RTL_TYPE"))
 """PX4's parameters of type INT32."""
 
 
-def wanted_parameters(plan: Plan, airframe: Airframe, battery: Battery, *, ardupilot: bool) -> list[AutopilotParameter]:
-    """What an autopilot's parameters must be so that a plan is armed, and its forecast holds."""
+def wanted_parameters(
+    plan: Plan, airframe: Airframe, battery: Battery, *, ardupilot: bool, home_altitude_m: float | None = None
+) -> list[AutopilotParameter]:
+    """What an autopilot's parameters must be so that a plan is armed, and its forecast holds.
+
+    `home_altitude_m` is that of the way home; by default the plan's highest.
+    """
     radius_m, speed = round(plan.min_radius_m or airframe.turn_radius_m), airframe.airspeed_mps
+    speed = round(speed * calibrated_over_true(plan.site, airframe), 3)
     bank_deg = math.nan if isinstance(airframe, PaperVehicle) else airframe.max_bank_deg
     slope_deg = landing_slope_deg(plan, airframe.cruise_altitude_m)
+    lands = bool(plan.stages[-1].command(LAND))
+    altitudes_m = [airframe.cruise_altitude_m if each.altitude_m is None else each.altitude_m for each in plan.stages]
+    home_m = math.ceil(max(altitudes_m) if home_altitude_m is None else home_altitude_m)
     # value, ArduPilot's name, PX4's name; a value that is no number, or a name that is empty, is of no parameter
     rows = [
         (speed, "AIRSPEED_CRUISE", "FW_AIRSPD_TRIM", EXACTLY),
@@ -75,8 +98,12 @@ def wanted_parameters(plan: Plan, airframe: Airframe, battery: Battery, *, ardup
         (radius_m, "WP_LOITER_RAD", "NAV_LOITER_RAD", EXACTLY),
         (round(1000 * battery.capacity_ah), "BATT_CAPACITY", "BAT1_CAPACITY", EXACTLY),
         # else PX4 does not arm: it requires a landing, and none that is steeper
-        (math.nan if plan.stages[-1].command(LAND) else NO_LANDING, "", "MIS_TKO_LAND_REQ", AT_MOST),
+        (math.nan if lands else NO_LANDING, "", "MIS_TKO_LAND_REQ", AT_MOST),
         (slope_deg, "", "FW_LND_ANG", AT_LEAST),
+        # the way home: clear of what is below it, and to the landing, without which ArduPilot does not arm one
+        (math.nan if isinstance(airframe, PaperVehicle) else home_m, "RTL_ALTITUDE", "RTL_RETURN_ALT", AT_LEAST),
+        (RETURN_LANDS if lands else math.nan, "RTL_AUTOLAND", "", EXACTLY),
+        (FLIES_LANDING if lands else math.nan, "", "RTL_TYPE", EXACTLY),
     ]
     found = []
     for value, of_ardupilot, of_px4, bound in rows:
@@ -85,6 +112,13 @@ def wanted_parameters(plan: Plan, airframe: Airframe, battery: Battery, *, ardup
             older, times = _OLDER.get(name, ("", 0.0))
             found.append(AutopilotParameter(name, value, bound, older, times * value))
     return found
+
+
+def read_parameters(wanted: Sequence[AutopilotParameter], *, ardupilot: bool) -> list[AutopilotParameter]:
+    """Those that are wanted, and those that a forecast counts at any value."""
+    names = [each.name for each in wanted]
+    rest = [name for name in FACTORY[ARDUPILOT if ardupilot else PX4] if name not in names]
+    return [*wanted, *(AutopilotParameter(name, math.nan, EXACTLY, *_OLDER.get(name, ("", 0.0))) for name in rest)]
 
 
 def speed_limits(plan: Plan, airframe: Airframe, *, ardupilot: bool) -> list[AutopilotParameter]:

@@ -15,7 +15,8 @@ ITEMS_LIMIT = 10_000
 """Most items of a mission, and most that are flown: an autopilot holds hundreds."""
 
 WAYPOINT, LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME = 16, 17, 18, 19
-RETURN, LAND, TAKEOFF, LOITER_TO_ALTITUDE = stage.RETURN, stage.LAND, stage.TAKEOFF, 31
+RETURN, LAND, TAKEOFF = stage.RETURN, stage.LAND, stage.TAKEOFF
+LOITER_TO_ALTITUDE = stage.LOITER_TO_ALTITUDE
 SPLINE, VTOL_TAKEOFF, VTOL_LAND = 82, 84, 85
 JUMP, CHANGE_SPEED, LAND_START, TRIGGER_DISTANCE = 177, 178, 189, 206
 
@@ -45,6 +46,11 @@ class MissionItem(NamedTuple):
     def placed(self) -> bool:
         """Whether it has a position; one at 0, 0 is where the aircraft is."""
         return self.frame in GLOBAL_FRAMES and any(self.parameters[4:6])
+
+    @property
+    def position_deg(self) -> tuple[float, float]:
+        """Its latitude and longitude [°]."""
+        return self.parameters[4], self.parameters[5]
 
     @property
     def altitude_m(self) -> float:
@@ -113,19 +119,23 @@ class MissionMotion:
 
     Attributes
     ----------
-    turn_radius_m, airspeed_mps, climb_rate_mps : float
-        Radius of its turns [m], airspeed [m/s] and rate of climb [m/s].
+    turn_radius_m, airspeed_mps, climb_rate_mps, descent_rate_mps : float
+        Radius of its turns [m], airspeed [m/s] and greatest rates of climb and descent [m/s].
     repeated_m : float
         Distance after which a mission that repeats for ever goes on, if no number of laps is given [m].
     laps : int or None
         How many times it is flown.
     terrain : tuple of str
         Files of the ground, above which altitudes may be.
+    calibrated : float
+        Calibrated over true airspeed, where home has no height.
     """
 
     turn_radius_m: float = FixedWing().turn_radius_m
     airspeed_mps: float = FixedWing.airspeed_mps
-    climb_rate_mps: float = FixedWing.max_climb_rate_mps
+    climb_rate_mps: float = FixedWing().climb_rates_mps(FixedWing.airspeed_mps)[0]
+    descent_rate_mps: float = FixedWing().climb_rates_mps(FixedWing.airspeed_mps)[1]
     repeated_m: float = 100_000.0
     laps: int | None = None
     terrain: tuple[str, ...] = ()
+    calibrated: float = 1.0

@@ -40,6 +40,10 @@ STRAIGHT_RAD, LONG_M = math.radians(5.0), 50.0
 aircraft does not come out of a turn beyond its end [m]. The waypoint there has an acceptance radius (p2): without,
 ArduPilot leaves a waypoint before a loiter at its turn distance, tens of metres before the end of the line."""
 
+SWITCH_S = 3.4
+"""Flight at the airspeed within which PX4 turns to the next waypoint [s], in a wind of half of it: NPFG_SW_DST_MLT
+0.32 · NPFG_DAMPING 0.7 · NPFG_PERIOD 10 s at the ground speed. Flown at 14 m/s: 24 to 34 m; in 7 m/s of wind, 44 m."""
+
 JOINED_M = 5.0
 """Largest gap that a trigger off its path leaves which becomes one waypoint, in its middle [m]."""
 
@@ -72,7 +76,7 @@ class _ItemBuilder:
             self._change_speed(section)
             for command in stage.commands:
                 own = command[0] == d.TRIGGER_DISTANCE and path.trigger_distance_m is not None
-                if not own and command[0] not in (d.TAKEOFF, d.LAND, d.RETURN):
+                if not own and command[0] not in (d.TAKEOFF, d.LAND, d.RETURN, d.LOITER_TO_ALTITUDE):
                     self._command(command)
             if self._gap_m(k) > JOINED_M:
                 self._fly_to(section.start_m)
@@ -84,9 +88,37 @@ class _ItemBuilder:
             starts = [i for i, item in enumerate(self.items) if item.command == d.LAND_START]
             if starts:  # what follows a landing is not done
                 self.items.insert(starts[0], self.items.pop()._replace(legs=self.items[starts[0]].legs))
+        if px4 and not sections[0].stage.item:  # a mission's own pictures stay as they are
+            for i in reversed([i for i, item in enumerate(self.items) if _ends_pictures(item)]):
+                self._end_pictures_later(i)
         last = sections[-1].stage
         if last.command(d.RETURN) or (path.home_deg is not None and not last.command(d.LAND)):
             self._command((d.RETURN, *(0.0,) * 7))
+
+    def _end_pictures_later(self, i: int) -> None:
+        """Move the end of pictures behind the first waypoint out of reach of that where a line ends, for PX4.
+
+        PX4 does what follows a waypoint once it turns to the next one, its switching distance before. Pictures that
+        begin again nearer than that go on. Where no waypoint follows the path goes straight on to one more.
+        """
+        path, off = self.path, self.items.pop(i)
+        reach_m = SWITCH_S * path.airspeed_mps
+        ends_deg = (item.position_deg for item in reversed(self.items[:i]) if item.placed)
+        end_deg = next(ends_deg, path.home)
+        for j, item in enumerate(self.items[i:], i):
+            if item.command == d.TRIGGER_DISTANCE:
+                return
+            if item.command == d.LAND_START:  # a landing is three items that follow one another
+                self.items.insert(j, off._replace(legs=item.legs))
+                return
+            if item.placed and math.hypot(*to_local_m(*item.position_deg, end_deg)) > reach_m:
+                self.items.insert(j + 1, off._replace(legs=item.legs))
+                return
+        (x, y), course = self._sections[-1].end_m, self._sections[-1].courses_rad[1]
+        beyond = x + 1.1 * reach_m * math.cos(course), y + 1.1 * reach_m * math.sin(course)
+        if not path.airspace.entries((0.0, 0.0), ((x, y), beyond), (-math.inf, -math.inf)):
+            self._fly_to(beyond)
+        self.items.append(off)
 
     def _take_off(self, first: Section) -> None:
         """Add the take-off, and the start of a path that does not take off there itself."""
@@ -136,7 +168,13 @@ class _ItemBuilder:
         taken_m = arc.radius_m * math.tan(max(kinks.values(), default=0.0) / 2) if arc else 0.0
         if arc and kinks.get(k, 0.0) > ARC_RAD:  # what its acceptance radius takes, too
             taken_m = max(taken_m, self.items[-1].parameters[1])
-        if arc and loiter is not None:
+        lands = following is not None and bool(following.stage.command(d.LAND))
+        if arc and section.stage.command(d.LOITER_TO_ALTITUDE):
+            # left along the tangent, at its altitude and where the next item lies ahead
+            self._add(d.LOITER_TO_ALTITUDE, (1.0, -arc.turn * held_radius_m(arc.radius_m), 0.0, 1.0), arc.centre_m)
+            if lands:
+                return
+        elif arc and loiter is not None:
             self._add(d.LOITER_TURNS, (*loiter, 1.0), arc.centre_m)
         else:
             for point, begins_m in section.corners(self.path.tolerance_m if self._px4 or beside else math.inf):
@@ -144,8 +182,9 @@ class _ItemBuilder:
         end, acceptance_m = section.end_m, 0.0
         if following is None and section.stage.command(d.LAND):
             before = self.items[-1] if self.items else None
-            if before and before.command == d.WAYPOINT and all(item.command != d.LAND_START for item in self.items):
-                # before the waypoint at the start of the approach, from where on a landing is flown
+            begins = before is not None and before.command in (d.WAYPOINT, d.LOITER_TO_ALTITUDE)
+            if before and begins and all(item.command != d.LAND_START for item in self.items):
+                # before the waypoint or the circle at the start of the approach, from where on a landing is flown
                 self.items.insert(-1, MissionItem(d.LAND_START, d.NO_POSITION, (0.0,) * 7, before.legs))
             self._add(d.LAND, section.stage.command(d.LAND)[1:5], end)
             return
@@ -205,10 +244,15 @@ class _ItemBuilder:
         airspeed_mps = self.path.airspeed_of(section)
         if airspeed_mps is not None and airspeed_mps != self._airspeed_mps:
             self._airspeed_mps = airspeed_mps
-            self._command((d.CHANGE_SPEED, 0.0, airspeed_mps, -1.0, 0.0, 0.0, 0.0, 0.0))
+            held_mps = round(airspeed_mps * self.path.calibrated, 6)
+            self._command((d.CHANGE_SPEED, 0.0, held_mps, -1.0, 0.0, 0.0, 0.0, 0.0))
 
     def _command(self, command: Sequence[float]) -> None:
         self.items.append(MissionItem(int(command[0]), d.NO_POSITION, tuple(command[1:]), self._legs))
+
+
+def _ends_pictures(item: MissionItem) -> bool:
+    return item.command == d.TRIGGER_DISTANCE and item.parameters[0] == 0
 
 
 def held_radius_m(radius_m: float) -> float:
@@ -242,7 +286,8 @@ def _qgc(path: PlannedPath, firmware: int) -> str:
     if path.surveyed:
         lines = survey_lines(path, path.surveyed)
         survey = (*survey_span(items, lines), partial(survey_item, path, path.surveyed, lines))
-    return qgc_text(items, path.home, path.airspeed_mps, _fences(path), firmware, _rally(path), survey, ground)
+    fences, rally = _fences(path), _rally(path)
+    return qgc_text(items, path.home, path.airspeed_mps, fences, firmware, rally, survey, ground, path.height_m)
 
 
 FENCED = ("qgc", "ardupilot", "px4")
@@ -257,7 +302,7 @@ def files_beside(path: PlannedPath) -> dict[str, str]:
 
 _WRITERS: tuple[Callable[[PlannedPath], str], ...] = (
     lambda path: _qgc(path, ARDUPILOT),
-    lambda path: wpl_text(mission_items(path), path.home),
+    lambda path: wpl_text(mission_items(path), path.home, path.height_m),
     lambda path: _qgc(path, PX4),
     paparazzi_text,
     kml_text,

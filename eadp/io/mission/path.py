@@ -12,7 +12,7 @@ from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.models.airspace import EVERYWHERE, Airspace
 from eadp.models.plan.legs import Leg, leg_points
-from eadp.models.plan.stage import Stage
+from eadp.models.plan.stage import LOITER_TO_ALTITUDE, Stage
 
 TOLERANCE_M = 1.0
 """Distance of an exported path from the plan's, by default [m]."""
@@ -98,6 +98,7 @@ class PlannedPath:
     height of the ground at points, shape (n, 2), above the altitude 0 [m], where altitudes are written above it, and
     `zero_m` is that altitude above the sea [m], where it is known: of a plan over terrain.
     `rally` are places to rally, with their altitudes above home [m]; `surveyed` is the field whose lines are one item.
+    Airspeeds are true; `calibrated` is what an autopilot holds over them. `height_m` is home's above the sea, or 0.
     """
 
     name: str
@@ -115,6 +116,8 @@ class PlannedPath:
     zero_m: float | None = None
     rally: tuple[tuple[float, float, float], ...] = ()
     surveyed: tuple[Point, ...] = ()
+    calibrated: float = 1.0
+    height_m: float = 0.0
 
     def geodetic_deg(self, point: Point) -> Point:
         """Latitude and longitude of a point [m]."""
@@ -150,7 +153,10 @@ def planned_sections(legs: Iterable[Leg]) -> tuple[Section, ...]:
         before = sections[-1] if sections else None
         if before is not None and before.arc and section.arc and _one_circle(before.arc, section.arc):
             arc = before.arc._replace(sweep_rad=before.arc.sweep_rad + section.arc.sweep_rad)
-            sections[-1] = replace(before, end_m=section.end_m, arc=arc, last=index)
+            stage = before.stage
+            if section.stage.command(LOITER_TO_ALTITUDE):  # to the altitude of the last circle
+                stage = replace(section.stage, commands=(*stage.commands, *section.stage.commands))
+            sections[-1] = replace(before, stage=stage, end_m=section.end_m, arc=arc, last=index)
         elif leg.distance_m > 1e-6:
             sections.append(section)
     return tuple(sections)

@@ -12,10 +12,12 @@ import numpy as np
 
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import Expression, constant
+from eadp.core.flight.aerodynamics import air_density_kgpm3, calibrated_share
+from eadp.core.flight.following import RATE_SHARE
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, to_local_m, to_near_local_m
 from eadp.core.geometry.waypoints import Loiter, Target, Waypoint, path_through
-from eadp.coverage.plan_builder import TRIGGER_RADIUS_M, piece_path
+from eadp.coverage.plan_builder import LOITER, TRIGGER_RADIUS_M, piece_path
 from eadp.errors import Fault, Unreachable, refuse
 from eadp.io.mission import draft as d
 from eadp.io.mission.commands import MOTIONLESS, command_text
@@ -32,7 +34,7 @@ LOW_M = 50.0
 """Height below home beyond which an altitude above the sea may be one above home [m]."""
 LOITER_RADIUS_M = 60.0
 """Radius of a loiter that states none, which is ArduPilot's default [m]."""
-SAME_POINT_DEG = 1e-9
+SAME_POINT_DEG, SAME_POINT_M = 1e-9, 1e-6
 
 _POSITIONED = frozenset((
     d.WAYPOINT, d.LOITER_UNLIMITED, d.LOITER_TURNS, d.LOITER_TIME, d.LAND, d.TAKEOFF, d.LOITER_TO_ALTITUDE, d.SPLINE,
@@ -257,8 +259,12 @@ class MissionPlan:
         if item.command == d.LOITER_TIME:
             return item.parameters[0] * speed / round_m
         if item.command == d.LOITER_TO_ALTITUDE:
-            return abs(climb_m) / self.motion.climb_rate_mps * speed / round_m
+            return abs(climb_m) / self._rate_mps(climb_m) * speed / round_m
         return 1.0
+
+    def _rate_mps(self, climb_m: float) -> float:
+        """The rate of a climb, or of a descent where it is below 0, at which circles are planned [m/s]."""
+        return RATE_SHARE * (self.motion.climb_rate_mps if climb_m > 0 else self.motion.descent_rate_mps)
 
     def _visits(self, order: list[int]) -> list[_Visit]:
         """The targets of the items in order, with altitude, airspeed and commands on the way to them."""
@@ -267,17 +273,25 @@ class MissionPlan:
         altitude: float | None = None
         airspeed: float | None = None
         here: Point = (0.0, 0.0)
+        up_m = 0.0  # height that the aircraft has by then
         for index in order:
             item = self.draft.items[index]
             if item.command == d.CHANGE_SPEED and item.parameters[0] in (0, 1):
-                airspeed = item.parameters[1] if item.parameters[1] > 0 else airspeed
+                if item.parameters[1] > 0:
+                    airspeed = item.parameters[1]
+                    if item.parameters[0] == 0:  # of the air: calibrated
+                        airspeed = round(airspeed / self._calibrated, 6)
                 if item.parameters[0] == 1:
                     message = f"{item.label}: a ground speed, taken as an airspeed"
                     self._find(item.locations[2], "ground-speed", message)
             elif item.command in _MOVING:
-                here = (0.0, 0.0) if item.command == d.RETURN else self.points.get(index) or here
-                before, altitude = altitude, self._altitude_m(item, here, altitude)
-                climb_m = 0.0 if altitude is None else altitude - (before or 0.0)
+                left, here = here, (0.0, 0.0) if item.command == d.RETURN else self.points.get(index) or here
+                altitude = self._altitude_m(item, here, altitude)
+                climb_m = 0.0 if altitude is None else altitude - up_m
+                # what is left of a climb that begins with the way there
+                way_s = math.dist(left, here) / (airspeed or self.motion.airspeed_mps)
+                climb_m = math.copysign(max(abs(climb_m) - self._rate_mps(climb_m) * way_s, 0.0), climb_m)
+                up_m = 0.0 if altitude is None else altitude if item.command in _LOITERS else altitude - climb_m
                 target = self._target(index, item, here, airspeed, climb_m)
                 if item.command == d.TAKEOFF and not visits:
                     commands.append((*_without_place(item)[:-1], altitude or 0.0))
@@ -302,6 +316,17 @@ class MissionPlan:
         if self._terrain is not None:
             return round(float(self._terrain.known_m(np.zeros((1, 2)))[0]), 2)
         return None if all(item.above_sea_m is None for item in self.draft.items) else self.draft.home[2]
+
+    @property
+    def _height_m(self) -> float | None:
+        """Height of home above the sea [m]; one of 0 is not set."""
+        return self.draft.home[2] or None
+
+    @cached_property
+    def _calibrated(self) -> float:
+        """Calibrated over true airspeed at home."""
+        height_m = self._height_m if self._zero_m is None else self._zero_m
+        return self.motion.calibrated if height_m is None else float(calibrated_share(air_density_kgpm3(height_m)))
 
     def _altitude_m(self, item: DraftItem, place: Point, before: float | None) -> float | None:
         """The altitude above home at an item [m]: a landing's is that of the ground, a return's the one before."""
@@ -382,6 +407,9 @@ class MissionPlan:
             function, rotation, gain = piece_path(piece)
             if function not in functions:
                 functions[function] = read_expression(function)
+            around = piece.centre_m is not None and math.dist(piece.centre_m, visit.target.centre_m) < SAME_POINT_M
+            if visit.item.command == d.LOITER_TO_ALTITUDE and around:
+                commands = (*commands, LOITER)
             x, y = (constant(round(value, 9)) for value in piece.end[:2])
             stages.append(
                 Stage(
@@ -414,6 +442,7 @@ class MissionPlan:
                 airspace=self._airspace(),
                 rally=self._rally(),
                 ground_m=self._zero_m,
+                height_m=self._height_m,
             ),
         )
 

@@ -290,11 +290,12 @@ def qgc_text(
     rally: Sequence[Place] = (),
     survey: tuple[int, int, Callable[[list[dict[str, Any]]], dict[str, Any]]] | None = None,
     ground: Callable[[float, float], float] | None = None,
+    home_m: float = 0.0,
 ) -> str:
     """The file of a mission of a fixed wing; of ArduPilot, with a landing as the pattern that can be edited.
 
     `survey` is the span of the items that a complex item has, and what makes it of them; `ground` has heights above the
-    sea at latitudes and longitudes [m], where items are above it.
+    sea at latitudes and longitudes [m], where items are above it, and `home_m` is that of home, 0 if not known.
 
     MAVSDK, which sends plans to PX4, refuses a pattern. There it is the same items, which QGroundControl makes one of.
     """
@@ -307,7 +308,8 @@ def qgc_text(
         for inclusion, corners, _ in fences
     ]
     written: list[dict[str, Any]] = []
-    lands = [item.command for item in items[-3:]] == [LAND_START, WAYPOINT, LAND]
+    ending = [item.command for item in items[-3:]]
+    lands = ending in ([LAND_START, WAYPOINT, LAND], [LAND_START, LOITER_TO_ALTITUDE, LAND])
     pattern = lands and firmware == ARDUPILOT and items[-1].frame == RELATIVE  # a pattern has no heights above ground
     for number, (command, frame, parameters, _) in enumerate(items[:-3] if pattern else items, 1):
         item: dict[str, Any] = {"autoContinue": True, "command": command, "doJumpId": number, "frame": frame}
@@ -319,14 +321,16 @@ def qgc_text(
     if survey is not None:
         start, end, joined = survey
         written[start:end] = [joined(written[start:end])]
-    if lands and not pattern:
+    if lands and not pattern and items[-2].command == WAYPOINT:
         written[-2]["params"][3] = None
     if pattern:
         approach, land = (_rounded(item.parameters[4:]) for item in items[-2:])
+        circle, radius_m = items[-2].command == LOITER_TO_ALTITUDE, items[-2].parameters[1]
         written.append(
             {"type": "ComplexItem", "complexItemType": "fwLandingPattern", "version": 2, "altitudesAreRelative": True}
-            | {"landingApproachCoordinate": approach, "landCoordinate": land, "useLoiterToAlt": False}
-            | {"loiterRadius": 0.0, "loiterClockwise": True, "stopTakingPhotos": False, "stopVideoPhotos": False}
+            | {"landingApproachCoordinate": approach, "landCoordinate": land, "useLoiterToAlt": circle}
+            | {"loiterRadius": abs(radius_m) * circle, "loiterClockwise": not circle or radius_m > 0}
+            | {"stopTakingPhotos": False, "stopVideoPhotos": False}
         )
     mission = {
         "cruiseSpeed": airspeed_mps,
@@ -334,7 +338,7 @@ def qgc_text(
         "globalPlanAltitudeMode": MODES[TERRAIN if any(item.frame == TERRAIN for item in items) else RELATIVE],
         "hoverSpeed": airspeed_mps,
         "items": written,
-        "plannedHomePosition": [*_rounded(home_deg), ground(*home_deg) if ground else 0.0],
+        "plannedHomePosition": [*_rounded(home_deg), ground(*home_deg) if ground else home_m],
         "vehicleType": FIXED_WING,
         "version": 2,
     }

@@ -20,8 +20,9 @@ from eadp.io.text.kinds import refuse_others
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
-from eadp.models.plan.plan import Finding, Plan
-from eadp.models.vehicle import Airframe, FixedWing
+from eadp.models.performance import calibrated_over_true
+from eadp.models.plan.plan import Finding, Plan, Site
+from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.plug_ins import plug_ins
 
 
@@ -42,7 +43,7 @@ FORMATS = (
 
 HEAD = 200
 """Characters from the start of a text by which its format is recognised."""
-_STAGES = re.compile(r"^\s*path\s*:|^[^;\n]*;[^;\n]*;[^;\n]*[xy]", re.MULTILINE)
+_STAGES = re.compile(r"^[^\S\n]*path\s*:|^[^;\n]*;[^;\n]*;[^;\n]*[xy]", re.MULTILINE)
 """What a plan of eadp has: a section of stages, or a stage."""
 
 
@@ -52,10 +53,12 @@ class PlanReader(MissionMotion):
     @classmethod
     def of(cls, airframe: Airframe, battery: Battery, laps: int | None = None) -> PlanReader:
         """The reader for an aircraft: what repeats for ever is longer than the battery lasts."""
-        climb_rate = getattr(airframe, "max_climb_rate_mps", FixedWing.max_climb_rate_mps)
+        wing = FixedWing() if isinstance(airframe, PaperVehicle) else airframe
+        rates_mps = wing.climb_rates_mps(wing.airspeed_mps)
         endurance_s = battery.endurance_s(airframe.cruise_power_w)
         repeated_m = min(1.25 * endurance_s * airframe.airspeed_mps, 1e6)
-        return cls(airframe.turn_radius_m, airframe.airspeed_mps, climb_rate, repeated_m, laps)
+        calibrated = calibrated_over_true(Site(), airframe)
+        return cls(airframe.turn_radius_m, airframe.airspeed_mps, *rates_mps, repeated_m, laps, (), calibrated)
 
     def turning(self, radius_m: float | None) -> PlanReader:
         """The reader for turns of a radius [m]; the same for None."""

@@ -182,9 +182,9 @@ def rally_text(places: Sequence[Place]) -> str:
     return _text([MissionItem(RALLY, RELATIVE, (0.0, 0.0, 0.0, 0.0, *place)) for place in places])
 
 
-def wpl_text(items: Sequence[MissionItem], home_deg: Point) -> str:
-    """The file of a mission: home, then its items."""
-    return _text([MissionItem(WAYPOINT, ABSOLUTE, (0.0, 0.0, 0.0, 0.0, *home_deg, 0.0)), *items])
+def wpl_text(items: Sequence[MissionItem], home_deg: Point, home_m: float = 0.0) -> str:
+    """The file of a mission: home, at its height above the sea, 0 where that is not known; then its items."""
+    return _text([MissionItem(WAYPOINT, ABSOLUTE, (0.0, 0.0, 0.0, 0.0, *home_deg, home_m)), *items])
 
 
 def _text(items: Sequence[MissionItem]) -> str:

@@ -9,6 +9,7 @@ import itertools
 import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TypeVar
@@ -16,7 +17,9 @@ from typing import TypeVar
 from eadp.core.expressions.reader import read_expression, read_expressions
 from eadp.core.expressions.tree import FUNCTIONS, Expression, constant, difference, number_text, substituted, total
 from eadp.core.geometry.curves import Point
+from eadp.core.geometry.geodesy import FARTHEST_M
 from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, printable, refuse
+from eadp.io.plan.parameters import parameters_of
 from eadp.io.plan.writer import point_text
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
@@ -50,6 +53,7 @@ _HEADERS = (
     "hole",
     "swath",
     "home",
+    "home-altitude",
     "rally",
     "avoid",
     "inside",
@@ -62,7 +66,7 @@ _RING_HEADERS, _LIMIT_HEADERS = ("field", "hole"), ("avoid", "inside")
 more than once."""
 _CORNER = re.compile(r"{0},{0}\Z".format(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"))
 _HEIGHT = re.compile(r"(?:^|\s)height\s+(\S+)\Z")
-_MADE_FOR = re.compile(r"(.*?)\s*airspeed\s+(\S+)\s+wind\s+(\S+?),?\s+(\S+)\Z")
+_MADE_FOR = re.compile(r"(.*?) ?airspeed (\S+) wind (\S+?),? (\S+)\Z")
 _CAMERA = re.compile(r"(.*?) ?\baltitude (\S+)(?: gsd (\S+))?\Z")
 _STAGE_HEADERS = ("altitude", "airspeed", "command")
 """Headers of the stages after them, which may stand more than once."""
@@ -178,7 +182,22 @@ class _Reader:
         refuse(self._faults)
         plan = self._assembled()
         refuse(self._faults)
+        self._check_place(plan)
+        refuse(self._faults)
         return plan, self._findings
+
+    def _check_place(self, plan: Plan) -> None:
+        """Refuse a plan that is far from where its header says, as with coordinates of a grid."""
+        if plan.site.origin_deg is None:
+            return
+        places = [place for place in (plan.site.home_m, plan.site.start_m) if place is not None]
+        with suppress(PathUndefined):  # which is found where it is flown
+            places += [stage.trigger_at(parameters_of(plan, ())) for stage in plan.stages]
+        far = next((place for place in places if math.hypot(*place) > FARTHEST_M), None)
+        if far is not None:
+            message = f"the plan reaches {math.hypot(*far) / 1000:.0f} km from there, as at ({far[0]:g}, {far[1]:g}) m"
+            expected = f"metres from it, at most {FARTHEST_M / 1000:g} km"
+            self._fault(self._headers["origin"], 0, message, expected)
 
     def _unnumbered(self, number: int, raw: str) -> _Line | None:
         """The line without its printed number; comments become headers or nothing."""
@@ -232,7 +251,8 @@ class _Reader:
         """Whether the segment whose sections start on a line ends on a condition: its `trig:` holds a >=."""
         section = ""
         for raw in self._source.lines[number:]:
-            text = _NUMBERED.sub("", raw, count=1)
+            numbered = _NUMBERED.match(raw)
+            text = raw[numbered.end() :] if numbered else raw
             if match := _SECTION.match(text):
                 if match[1] == "init":
                     return False
@@ -457,6 +477,7 @@ class _Reader:
             made_for=self._of("made-for", _made_for),
             camera=self._of("camera", _camera),
             ground_m=self._of("ground", lambda text: _numbers(text, 1, "metres above the sea, like 120")[0]),
+            home_altitude_m=self._of("home-altitude", lambda text: _numbers(text, 1, "metres, like 120")[0]),
             rally=self._of("rally", _rally) or (),
         )
 
@@ -880,7 +901,7 @@ def _rally(text: str) -> tuple[tuple[float, float, float], ...]:
 
 
 def _made_for(text: str) -> MadeFor:
-    found = _MADE_FOR.match(text.strip())
+    found = _MADE_FOR.match(" ".join(text.split()))  # of runs of blanks each would be tried from everywhere
     try:
         numbers = [float(word) for word in found.groups()[1:]] if found else []
     except ValueError:
@@ -891,7 +912,7 @@ def _made_for(text: str) -> MadeFor:
 
 
 def _camera(text: str) -> SurveyCamera:
-    found = _CAMERA.match(" ".join(text.split()))  # of runs of blanks each would be tried from everywhere
+    found = _CAMERA.match(" ".join(text.split()))
     try:
         altitude_m, gsd_cm = (None if word is None else float(word) for word in found.groups()[1:]) if found else (0, 0)
     except ValueError:

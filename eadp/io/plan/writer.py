@@ -71,6 +71,8 @@ def _mission_lines(site: Site) -> list[str]:
     lines = []
     if site.home_m is not None:
         lines.append(f"%: home {_corners([site.home_m])}")
+    if site.home_altitude_m is not None:
+        lines.append(f"%: home-altitude {number_text(site.home_altitude_m)}")
     if site.rally:
         lines.append(f"%: rally {', '.join(' '.join(map(number_text, place)) for place in site.rally)}")
     for obstacle in site.airspace.obstacles:

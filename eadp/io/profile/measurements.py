@@ -43,7 +43,7 @@ DEVICES = ("total", "cpu", "gpu")
 _PER_WATT = {"w": 1.0, "W": 1.0, "watt": 1.0, "watts": 1.0, "mW": 1e3, "mw": 1e3, "kW": 1e-3, "kw": 1e-3}
 _A_HEADER = "a header such as fps,power_w"
 
-_SOURCE = re.compile(r"^\s*#\s*source:(.*)$", re.IGNORECASE | re.MULTILINE)
+_SOURCE = re.compile(r"^[^\S\n]*#[^\S\n]*source:(.*)$", re.IGNORECASE | re.MULTILINE)
 _HEADING = re.compile(r"([^\[(]*)(?:[\[(]([^\])]*)[\])])?\Z")
 _POWER = re.compile(r"(.*[ _-])?power(?:[ _-]([a-zµ]?w|watts?))?\Z", re.IGNORECASE)
 _NO_PARAMETER = re.compile(

@@ -17,7 +17,7 @@ from typing import Any, BinaryIO
 
 from eadp import __version__
 from eadp.errors import Fault, InputError
-from eadp.io.telemetry.reader import KEYS, TelemetryReader
+from eadp.io.telemetry.reader import KEYS, TelemetryReader, numbered_lines
 from eadp.io.text.streams import Text
 from eadp.planning.base import Mission, Sample
 
@@ -32,6 +32,20 @@ def hash_of(texts: Mapping[str, Any], overrides: Mapping[str, Any]) -> str:
     bodies = {kind: text.body for kind, text in texts.items()}
     whole = json.dumps([bodies, dict(overrides)], sort_keys=True, default=str)
     return "sha256:" + hashlib.sha256(whole.encode("utf-8", "surrogatepass")).hexdigest()
+
+
+def telemetry_lines(stream: BinaryIO, name: str) -> Iterator[tuple[int, bytes]]:
+    """As `numbered_lines`; of a log the lines of telemetry alone, as they came."""
+    for number, raw in numbered_lines(stream, name):
+        try:
+            line = json.loads(raw)
+        except (ValueError, RecursionError):  # a line that is none, as its reader says
+            line = None
+        kind = line.pop("kind", None) if isinstance(line, dict) else None
+        if kind is None:
+            yield number, raw
+        elif kind == TELEMETRY:
+            yield number, _encoded(line)
 
 
 class ReplanLog:

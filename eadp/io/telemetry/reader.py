@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Annotated, Any, BinaryIO, NamedTuple
+from typing import Annotated, Any, BinaryIO, Literal, NamedTuple
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
@@ -17,6 +17,7 @@ from eadp.errors import Fault, InputError, printable
 from eadp.io.text.json import JsonObject, JsonReader
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
+from eadp.models.autopilot import Autopilot
 from eadp.models.battery import Battery
 from eadp.planning.base import Mission, Sample
 
@@ -95,7 +96,14 @@ class TelemetryLine(BaseModel):
     """the battery's voltage in volts"""
 
     flies_mission: bool | None = None
-    """true where an autopilot flies a mission laid out before, so that its end is certain"""
+    """true where an autopilot flies a mission laid out before, so that its end is certain; false where it holds,
+    returns, or a pilot flies"""
+
+    returns_home: bool | None = None
+    """true where the autopilot flies home"""
+
+    autopilot: dict[str, Finite | Literal["ardupilot", "px4"]] | None = None
+    """the kind of the autopilot, ardupilot or px4, and its parameters by name, as in {"kind": "px4", "RTL_TYPE": 1}"""
 
 
 KEYS = tuple(TelemetryLine.model_fields)
@@ -262,7 +270,7 @@ class TelemetryReader:
 
     def _sample(self, number: int, line: TelemetryLine, document: JsonObject) -> tuple[Sample, list[Fault]]:
         """The sample of a line, and a warning where its latitude and longitude are no position."""
-        values = line.model_dump(exclude={"x_m", "y_m", "heading_deg", "parameters", *INSTEAD.values()})
+        values = line.model_dump(exclude={"x_m", "y_m", "heading_deg", "parameters", "autopilot", *INSTEAD.values()})
         position, faults = None if line.x_m is None or line.y_m is None else (line.x_m, line.y_m), []
         if line.x_m is None and line.y_m is None and line.lat_deg is not None and line.lon_deg is not None:
             position = to_near_local_m(line.lat_deg, line.lon_deg, self._origin_deg) if self._origin_deg else None
@@ -277,8 +285,9 @@ class TelemetryReader:
             drawn = self._battery.drain_per_as * 3600 * line.current_consumed_ah
             values["soc"] = max(self._battery.soc - drawn, 0.0)
         heading = None if line.heading_deg is None else heading_rad(line.heading_deg)
-        values["flies_mission"] = bool(line.flies_mission)
+        values["returns_home"] = bool(line.returns_home)
         parameters = {name: math.nan if value is None else value for name, value in (line.parameters or {}).items()}
+        values["autopilot"] = None if line.autopilot is None else _autopilot(line.autopilot)
         return Sample(**values, position_m=position, heading_rad=heading, parameters=parameters), faults
 
     def _fault_of(self, number: int, document: JsonObject, key: str) -> Fault:
@@ -298,6 +307,12 @@ class TelemetryReader:
 
     def _error(self, message: str, expected: str, column: int = 1) -> InputError:
         return InputError.at(self._name, 1, column, message, expected)
+
+
+def _autopilot(given: Mapping[str, float | str]) -> Autopilot:
+    """An autopilot as a line has it; numbers of no kind mean nothing."""
+    kind: Any = given.get("kind")
+    return Autopilot(kind, {name: value for name, value in given.items() if isinstance(value, float | int)})
 
 
 def numbered_lines(stream: BinaryIO, name: str) -> Iterator[tuple[int, bytes]]:

@@ -210,14 +210,14 @@ def check_new_folder(path: str, *, force: bool) -> None:
     if not force:
         raise InputError.at(path, 1, 1, "exists already", "a new folder, or --force to replace it")
     try:
-        if Path(os.path.realpath(path)) in (here := Path.cwd(), *here.parents):
-            raise InputError.at(path, 1, 1, "is the working folder, or holds it, and is not replaced", "another folder")
-        stranger = _stranger(Path(path))
+        stranger, here = _stranger(Path(path)), Path.cwd()
     except OSError as error:
         raise _unwritable(path, error) from None
     if stranger is not None:
         message = f"holds {printable(stranger)}, which is no file of a result of eadp, and is not replaced"
         raise InputError.at(path, 1, 1, message, f"a new folder, or one whose {FILES} lists all that it holds")
+    if Path(os.path.realpath(path)) in (here, *here.parents):
+        raise InputError.at(path, 1, 1, "is the working folder, or holds it, and is not replaced", "another folder")
 
 
 def _stranger(folder: Path) -> str | None:

@@ -105,8 +105,12 @@ class Site(NamedTuple):
     camera : SurveyCamera or None
     ground_m : float or None
         Height of the ground above the sea where altitudes are 0 [m], of a plan that follows the ground.
+    home_altitude_m : float or None
+        Altitude at which a straight way home is clear of ground and obstacles, from anywhere on the plan [m].
     rally : tuple of (float, float, float)
         Where an autopilot may return to instead of home, and the altitude above home there [m].
+    height_m : float or None
+        Height of the altitude 0 above the sea [m], where a mission's home has one.
     """
 
     origin_deg: tuple[float, float] | None = None
@@ -118,7 +122,14 @@ class Site(NamedTuple):
     made_for: MadeFor | None = None
     camera: SurveyCamera | None = None
     ground_m: float | None = None
+    home_altitude_m: float | None = None
     rally: tuple[tuple[float, float, float], ...] = ()
+    height_m: float | None = None
+
+    @property
+    def above_sea_m(self) -> float | None:
+        """Height of the altitude 0 above the sea [m], of a plan over terrain or of a mission; None if not known."""
+        return self.height_m if self.ground_m is None else self.ground_m
 
 
 @dataclass(frozen=True)

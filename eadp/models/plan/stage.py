@@ -105,8 +105,9 @@ class Parameter:
         return float(brentq(lambda value: self.shown(value) - shown, box.lo, box.hi, xtol=1e-9))
 
 
-RETURN, LAND, TAKEOFF = 20, 21, 22
-"""MAVLink's commands that say how a stage is flown: to its end, then home; down to its end; up from the ground."""
+RETURN, LAND, TAKEOFF, LOITER_TO_ALTITUDE = 20, 21, 22, 31
+"""MAVLink's commands that say how a stage is flown: to its end, then home; down to its end; up from the ground; round
+and round until the aircraft is at its altitude."""
 
 
 @dataclass(frozen=True)
@@ -116,8 +117,8 @@ class Stage:
     `radius_m` is the radius of its trigger where it has its own (the letter's ε_i); `Plan.radius_m` is the one that
     holds. `segment` is the one that it belongs to, where path and trigger may name its loop variables. `altitude_m` is
     above the origin. `commands` are what an autopilot does as the stage starts, as MAVLink's numbers: a command and its
-    parameters; they do not move it, but for `TAKEOFF`, `LAND` and `RETURN`. `item` is what messages call the item of a
-    mission that it leads to.
+    parameters; they do not move it, but for `TAKEOFF`, `LAND`, `RETURN` and `LOITER_TO_ALTITUDE`. `item` is what
+    messages call the item of a mission that it leads to.
     """
 
     index: int

@@ -17,6 +17,7 @@ from eadp.core.geometry.curves import Point
 from eadp.models.airspace import BOUNDARY, Airspace
 from eadp.models.plan.legs import Leg, TracePoint, leg_points
 from eadp.models.vehicle import Airframe, FixedWing, Guidance
+from eadp.planning.state.climb import ClimbFollower
 
 FLIGHTS = 200
 """Flights with gusts of their own."""
@@ -33,8 +34,11 @@ def entering(
     guidance: Guidance,
     wind_mps: Point,
     gusts: tuple[float, float],
+    climb: ClimbFollower | None = None,
 ) -> dict[str, float]:
     """Probability of each obstacle to be entered and of the boundary to be left, by name; those of 0 are left out.
+
+    An obstacle is entered below its top alone, by the altitude at the place.
 
     Parameters
     ----------
@@ -47,6 +51,8 @@ def entering(
         Steady wind [m/s].
     gusts : (float, float)
         Their standard deviation on each axis [m/s] and time constant [s].
+    climb : ClimbFollower, optional
+        At take-off; without, the flight is at the airframe's own altitude.
     """
     from eadp.core.geometry.polygons import holding, near_edges
 
@@ -56,7 +62,17 @@ def entering(
     points = [(leg, point) for leg in legs for point in [*leg_points(leg, STEP_M)][1:]]
     at_m = np.array([(point.x_m, point.y_m) for _, point in points])
     courses = np.unwrap([point.heading_rad for _, point in points])
+    steps_m = np.linalg.norm(np.diff(at_m, axis=0, prepend=at_m[:1]), axis=1)
+    altitudes_m = np.full(len(points), airframe.cruise_altitude_m)
+    if climb is not None:
+        ground_mps, _ = ground_speeds_mps(np.cos(courses), np.sin(courses), airframe.airspeed_mps, wind_mps)
+        for i, step_s in enumerate((steps_m / np.maximum(ground_mps, 1.0)).tolist()):
+            climb.follow(points[i][0].stage, step_s)
+            altitudes_m[i] = climb.climb.altitude_m
+    airspace = airspace.in_the_way(float(altitudes_m.min()))
     edges = [*(each.outline for each in airspace.obstacles), *airspace.boundary]
+    if not edges:
+        return {}
     places, areas = near_edges(edges, at_m, NEAR_RADII * airframe.turn_radius_m)
     if not len(places):
         return {}
@@ -64,14 +80,14 @@ def entering(
     near[places] = True
     obstacles = [airspace.obstacles[i] for i in np.unique(areas).tolist() if i < len(airspace.obstacles)]
     outlines = [each.outline for each in obstacles]
-    steps_m = np.linalg.norm(np.diff(at_m, axis=0, prepend=at_m[:1]), axis=1)
+    tops_m = np.array([np.inf if each.height_m is None else each.height_m for each in obstacles])
     through = _flown_through(steps_m, near)
     # which flights have entered each obstacle, and left the boundary
     entered = np.zeros((len(outlines) + bool(airspace.boundary), FLIGHTS), dtype=bool)
     for i, off_m in _flights(points, courses, steps_m, through, airframe, guidance, wind_mps, gusts):
         if near[i]:
             there_m = at_m[i] + off_m[:, None] * (-math.sin(courses[i]), math.cos(courses[i]))
-            entered[: len(outlines)] |= holding(outlines, there_m)
+            entered[: len(outlines)] |= holding(outlines, there_m) & (tops_m > altitudes_m[i])[:, None]
             if airspace.boundary:
                 entered[-1] |= ~holding(airspace.boundary, there_m).any(axis=0)
     names = [*(each.name for each in obstacles), BOUNDARY]

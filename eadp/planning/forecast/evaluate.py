@@ -17,15 +17,19 @@ import numpy as np
 from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.flight.battery import current_slope_a_per_w, drain_per_s
 from eadp.errors import PathUndefined
+from eadp.models.airspace import WayHome
+from eadp.models.autopilot import Autopilot
 from eadp.models.plan.leg_table import leg_times_s
 from eadp.models.plan.legs import Leg, left_m
 from eadp.models.plan.route import Route
 from eadp.models.plan.route_arrays import RouteArrays
+from eadp.models.plan.stage import Stage
 from eadp.planning.base import Ending, FlownLegs, Mission, PlannerSettings, TradeOff
 from eadp.planning.forecast.battery_limits import PowerLimits, RouteLoad, power_limits
 from eadp.planning.forecast.climbs import with_climbs
 from eadp.planning.forecast.envelopes import Envelopes
 from eadp.planning.forecast.final_charge import LOSS, LOSS_SQUARE, FinalCharge, moments
+from eadp.planning.forecast.homeward import Homeward, after_leg, homeward
 from eadp.planning.forecast.knapsack import Filling, Knapsack, fill_greedy
 from eadp.planning.state.charge import charge_at_end
 from eadp.planning.state.known import Known, WindKnown
@@ -127,6 +131,22 @@ class UncertainEnds(NamedTuple):
 CERTAIN = UncertainEnds((), ())
 
 
+class AutopilotsOwn(NamedTuple):
+    """What an autopilot does on its own, of each route, shape (routes,); all 0 where none is known.
+
+    Attributes
+    ----------
+    seconds, joules : array
+        Time [s] and energy [J] of its return from a route's end: a climb, the way home, and a circle there.
+    turns_back_soc : array
+        Final state of charge with less of which it turns back on the route.
+    """
+
+    seconds: FloatArray
+    joules: FloatArray
+    turns_back_soc: FloatArray
+
+
 @dataclass(frozen=True)
 class Evaluation:
     """Routes evaluated: their forecast, and the knapsack of computations that each allows.
@@ -156,6 +176,8 @@ class Evaluation:
         The computations of each place, within the charge that keeps the reserve with its probability.
     final_std : array, shape (places,)
         Of `std`, what will not be known when the computations change last.
+    own : AutopilotsOwn
+        What the autopilot does on its own.
     """
 
     evaluator: Evaluator
@@ -171,6 +193,7 @@ class Evaluation:
     std: FloatArray
     knapsack: Knapsack
     final_std: FloatArray
+    own: AutopilotsOwn
 
     @property
     def adaptive(self) -> Knapsack:
@@ -214,7 +237,10 @@ class Evaluation:
         """State of charge at the end at a place with computations as filled: a distribution."""
         ends, soc_per_j = self.ends[place], float(self.totals.soc_per_j[place])
         expected_loss = float(self.evaluator.losses(self.known, self.totals.seconds[place])) * LOSS
-        last_soc = self.known.soc - float(filling.use[place]) - expected_loss  # at the route's end
+        # at the route's end, and after the autopilot's return from it
+        last_soc = (
+            self.known.soc - float(filling.use[place]) - expected_loss - soc_per_j * float(self.own.joules[place])
+        )
         # at an earlier end, the charge of the energy that is not spent is left, too
         unspent_j = ends.unspent(self._energies_j(place, filling))
         means = tuple([last_soc + soc_per_j * left_j for left_j in unspent_j])
@@ -236,17 +262,22 @@ class Evaluation:
         early_s, early_var_s2 = moments(ends.all_probabilities, ends.unspent(times_s))
         unspent_j, unspent_var_j2 = moments(ends.all_probabilities, ends.unspent(energies_j))
         safest = self.final_charge(place, self.knapsack.filling(np.zeros_like(filling.shares)))
-        empty_soc = max(float(self.limits.delivered_soc[place]), 0.0)  # the cut-off voltage is reached
+        # the cut-off voltage is reached, or the autopilot turns back
+        empty_soc = max(float(self.limits.delivered_soc[place]), 0.0, float(self.own.turns_back_soc[place]))
         return Ending(
-            remaining_s=seconds - early_s,
+            remaining_s=seconds - early_s + float(self.own.seconds[place]),
             remaining_std_s=math.sqrt(float(time_var) + early_var_s2),
-            energy_wh=(energy_j - unspent_j) / 3600,
+            energy_wh=(energy_j - unspent_j + float(self.own.joules[place])) / 3600,
             energy_std_wh=math.sqrt(energy_var + unspent_var_j2) / 3600,
             soc_end=charge.mean,
             soc_end_std=math.sqrt(charge.variance),
             completes_probability=safest.probability_above(empty_soc),
             reserve_probability=safest.probability_above(max(self.evaluator.objective.reserve_soc, empty_soc)),
         )
+
+    def reserve_soc(self, place: int) -> float:
+        """State of charge to keep at the end of a place: the reserve, or that below which the autopilot turns back."""
+        return max(self.evaluator.objective.reserve_soc, float(self.own.turns_back_soc[place]))
 
     def _energies_j(self, place: int, filling: Filling) -> FloatArray:
         """Energy on each leg of a place with computations as filled [J]."""
@@ -285,6 +316,7 @@ class Evaluator:
         rho = mission.plan.path_count
         self._path_weights = np.array([weights[:rho] for weights in of_stages]).reshape(len(of_stages), rho)
         self._counted = np.array([weights.sum() for weights in of_stages])
+        self._way_home: tuple[Autopilot | None, WayHome | None] = (None, None)
         self._scale_s = 0.0  # of the objective `total`; 0 until the first evaluation
         self.path_weight = 0.0 if objective.total else float(self._path_weights.sum(axis=1).max(initial=0.0))
 
@@ -310,6 +342,18 @@ class Evaluator:
         """Standard deviation of a final state of charge due to the gauge's gain, which no reading in flight shows."""
         std: FloatArray = known.charge.gain_std * np.maximum(known.charge.gain_from - soc, 0.0)
         return std
+
+    def homeward(self, known: Known, computing_w: float) -> Homeward | None:
+        """The way home from a moment, with a power of the computations [W], see `homeward`; None without a home."""
+        way = self.way_home(known)
+        return None if way is None else homeward(known, way, self.mission.vehicle.cruise_altitude_m, computing_w)
+
+    def way_home(self, known: Known) -> WayHome | None:
+        """The way home as it is flown by the autopilot that is known; None without a home."""
+        way_home = self.mission.way_home
+        if way_home is not None and self._way_home[0] is not known.autopilot:
+            self._way_home = known.autopilot, way_home.flown_by(known.autopilot)
+        return self._way_home[1]
 
     def evaluate(self, known: Known, routes: Sequence[Route]) -> Evaluation:
         """Evaluate routes from a moment of a flight: times and powers of their legs, then charge and computations.
@@ -396,6 +440,7 @@ class Evaluator:
         totals = totals._replace(soc_per_j=battery.drain_per_as * totals.use_ratio * slope)
         # the charge at the end, and what it leaves for the computations
         ends = [_ends(known, route, share) for route, share in zip(routes, left.tolist(), strict=True)]
+        own = self._own(known, routes, legs, load, totals)
         std = self.charge_std(known, totals, max(reserve_soc, 0.0))
         use, values = self._vertex_use(legs, load, kinds, limits, totals), self.envelopes.table.values[kinds]
         base_use = legs.sums(use[:, 0])
@@ -406,7 +451,7 @@ class Evaluator:
             place=legs.place,
             base_use=base_use,
             base_value=base + legs.sums(weight * values[:, 0]),
-            available=self._available(known, legs, load, limits, totals, ends, std, base_use),
+            available=self._available(known, legs, load, limits, totals, ends, std, base_use, own),
         )
         # σ₊² = g² + (τ/T)² (σ² − g²): of the deviation at the last change, τ before the end, the part g of the gauge's
         # gain stays, and the rest falls with the time T that is left
@@ -414,7 +459,7 @@ class Evaluator:
         final_std = np.hypot(gain, still * np.sqrt(np.maximum(std**2 - gain**2, 0.0)))
         index = np.arange(len(routes))
         return Evaluation(
-            self, known, list(routes), index, legs, load, kinds, limits, totals, ends, std, knapsack, final_std
+            self, known, list(routes), index, legs, load, kinds, limits, totals, ends, std, knapsack, final_std, own
         )
 
     def _left(self, known: Known, legs: RouteArrays, routes: Sequence[Route], whole_s: FloatArray) -> FloatArray:
@@ -434,6 +479,10 @@ class Evaluator:
         flown = min(1.0, (known.time_s - known.since_s) / max(leg_s, 1e-9))
         if leg.distance_m <= 0:
             return 0.0
+        if known.rejoins_at_start:  # straight to its start
+            return 1.0 + math.dist(known.position_m, leg.start_m) / leg.distance_m
+        if known.rejoins_at_start is False:
+            return math.dist(known.position_m, leg.end_m) / leg.distance_m
         try:
             # the leg may be joined before its start, by up to the radius of the trigger of the stage before
             early_m = self.mission.plan.max_radius_m if known.stages_started > 1 else 0.0
@@ -493,6 +542,41 @@ class Evaluator:
             soc_per_j=np.full_like(seconds, math.nan),
         )
 
+    def _own(
+        self, known: Known, routes: Sequence[Route], legs: RouteArrays, load: RouteLoad, totals: Totals
+    ) -> AutopilotsOwn:
+        """What the autopilot that is known does on its own."""
+        autopilot, way = known.autopilot, self.way_home(known)
+        own = AutopilotsOwn(*np.zeros((3, len(routes))))
+        if autopilot.kind is None:
+            return own
+        own = own._replace(turns_back_soc=autopilot.low_soc(self.mission.battery, totals.mean_w))
+        rule, cruise_m = autopilot.time_rule, self.mission.vehicle.cruise_altitude_m
+        if way is None or (rule is None and not way.circle_radius_m):
+            return own
+        for place, route in enumerate(routes):
+            mine, stages = legs.place == place, route.of_legs
+            until = next((i for i, stage in enumerate(stages) if self._is_landing(stage)), len(stages))
+            ends = [after_leg(known, leg) for leg in route.legs[:until]]
+            if way.circle_radius_m and until == len(stages):
+                back = homeward(ends[-1], way, cruise_m, float(load.min_w[mine][-1]))
+                own.seconds[place], own.joules[place] = back.seconds, back.seconds * back.power_w
+            if rule is None or not ends:
+                continue
+            # b ≥ (f tₕ + m) ḃ wherever the autopilot may turn back; at the end, after what is left, it is less
+            left_s = load.times_s[mine].sum() - np.cumsum(load.times_s[mine])[:until]
+            ways = [homeward(end, way, cruise_m, 0.0) for end in ends]
+            home_s = np.array([each.seconds + each.climb_m / rule.climb_mps for each in ways])
+            needed_s = rule.margin_s + float((rule.factor * home_s - left_s).max())
+            lasting_soc = needed_s * float(totals.mean_w[place]) - own.joules[place]
+            own.turns_back_soc[place] = max(own.turns_back_soc[place], lasting_soc * float(totals.soc_per_j[place]))
+        return own
+
+    def _is_landing(self, stage: Stage) -> bool:
+        """Whether a stage is of the landing that the plan ends with."""
+        landing = self.mission.way_home and self.mission.way_home.landing
+        return landing is not None and stage.index >= landing.legs[0].stage.index
+
     def _vertex_use(
         self, legs: RouteArrays, load: RouteLoad, kinds: IntArray, limits: PowerLimits, totals: Totals
     ) -> FloatArray:
@@ -545,13 +629,15 @@ class Evaluator:
         ends: list[UncertainEnds],
         std: FloatArray,
         base_use: FloatArray,
+        own: AutopilotsOwn,
     ) -> FloatArray:
         """State of charge that may be used so that the reserve is kept with its probability, shape (routes,).
 
         `base_use` is what minimum power uses of it.
         """
-        # the charge less the expected losses; and the level that it exceeds with the probability if nothing is used
-        soc = known.soc - self.losses(known, totals.seconds) * LOSS
+        # the charge less the expected losses, and what the autopilot's return takes; and the level that it exceeds with
+        # the probability if nothing is used
+        soc = known.soc - self.losses(known, totals.seconds) * LOSS - totals.soc_per_j * own.joules
         level = soc - self.quantile * std
         for place, of_place in enumerate(ends):
             if of_place.probabilities:
@@ -561,7 +647,7 @@ class Evaluator:
                 means = tuple([float(soc[place]) + float(totals.soc_per_j[place]) * energy_j for energy_j in unspent])
                 charge = FinalCharge(float(std[place]), of_place.all_probabilities, means)
                 level[place] = charge.level(self.objective.probability)
-        available = level - np.maximum(self.objective.reserve_soc, limits.min_soc)
+        available = level - np.maximum(np.maximum(self.objective.reserve_soc, own.turns_back_soc), limits.min_soc)
         # power that cannot be delivered counts as missing charge, so that the least excess ranks first: at most what
         # minimum power uses is available, less the excess
         excess = limits.beyond_w * totals.seconds * totals.soc_per_j

@@ -12,7 +12,7 @@ from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.route import MARGIN_M, PlannedLegs, Route, RoutePredictor
 from eadp.planning.base import Ending, Mission, PlannerSettings
 from eadp.planning.forecast.evaluate import Evaluation, Evaluator, Objective
-from eadp.planning.forecast.home import Reach, latest_turn_back, reach
+from eadp.planning.forecast.home import Reach, home_ending, latest_turn_back, reach
 from eadp.planning.forecast.knapsack import Filling
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.known import Known
@@ -49,6 +49,8 @@ class Preflight:
         The latest one, where there is a home.
     reach : Reach or None
         How far one pack carries it with the reserve kept, where that is not to the end.
+    turns_back_soc : float
+        State of charge at the end with less of which the autopilot turns back on the way; 0 where it does not.
     entering : dict
         Probability of each obstacle to be entered, and of the boundary to be left, by name; see `clearance.entering`.
     """
@@ -62,6 +64,7 @@ class Preflight:
     computing_wh: float
     turn_back: Reach | None = None
     reach: Reach | None = None
+    turns_back_soc: float = 0.0
     entering: dict[str, float] = field(default_factory=dict)
 
     @classmethod
@@ -90,7 +93,15 @@ class Preflight:
             computing_wh=float(computing_w @ expected_s) / 3600,
             turn_back=latest_turn_back(evaluation, place, filling),
             reach=None if feasible else reach(evaluation, place, filling),
+            turns_back_soc=float(evaluation.own.turns_back_soc[place]),
         )
+
+    @property
+    def autopilot_text(self) -> str:
+        """What is said of an autopilot that turns back; empty where it does not."""
+        if self.turns_back_soc <= 0:
+            return ""
+        return f"turns back by itself unless {100 * self.turns_back_soc:.0f} % of the charge is left at the end"
 
     def planned(self, mission: Mission) -> PlannedLegs:
         """The legs that were forecast, to the plan's end."""
@@ -147,11 +158,13 @@ class HeldForecast:
         return self._evaluators[computing].evaluate(known, [route])
 
     def at(self, known: Known, parameters: Vector) -> Ending | None:
-        """Forecast at parameters; None where the plan cannot be flown at them."""
+        """Forecast at parameters; None where the plan cannot be flown at them. Of the way home, once that is flown."""
         try:
             found = self.evaluation(known, parameters)
         except PathUndefined:
             return None
+        if known.returns_home:
+            return home_ending(found, 0)
         return found.forecast(0, found.filled())
 
 

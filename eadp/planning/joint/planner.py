@@ -38,7 +38,7 @@ from eadp.planning.base import (
 )
 from eadp.planning.forecast.evaluate import LAST_CHANGE_S, ROUNDING, Evaluation, Evaluator, Objective
 from eadp.planning.forecast.held import Preflight, before_take_off
-from eadp.planning.forecast.home import home_spare
+from eadp.planning.forecast.home import IN_FLIGHT, can_fall, home_spare, latest_turn_back
 from eadp.planning.joint.places import Places
 from eadp.planning.joint.policy import Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
@@ -298,9 +298,18 @@ class JointPlanner(Planner):
         if not known.charge.believed:
             reason += GAUGE_DISBELIEVED
         returns_home = self._update_home(o.time_s, plan)
+        waits = None  # the latest turn back
+        if self._mission.live and not returns_home:
+            waits = latest_turn_back(plan.evaluation, 0, solution.filling, IN_FLIGHT)
         if returns_home:
             reason = TURNS_BACK + reason
+        elif waits is not None and not solution.feasible:
+            reason += f"; home can wait {waits.time_s - o.time_s:.0f} s"
         record = self._record(o, known, cause, chosen, plan, reason)
+        if waits is not None:
+            to_end = waits.share >= 1 - ROUNDING and record.ending.remaining_s is not None
+            by_s = o.time_s + (record.ending.remaining_s or 0.0) if to_end else waits.home_s
+            record = record._replace(point_of_no_return_s=waits.time_s, home_by_s=by_s)
         record = record._replace(battery_limit=limit, calls=self.report.calls - calls)
         self._places.decide(plan.shares, chosen)
         self._decision = Decision(chosen, reason, record, returns_home)
@@ -319,15 +328,13 @@ class JointPlanner(Planner):
         It is time where the plan is infeasible, the way home is short of less charge than the plan, if of any, and home
         may be out of reach by the next re-planning.
         """
-        (before, reached_s), spare = self._home, home_spare(plan.evaluation, 0)
+        (_, reached_s), spare = self._home, home_spare(plan.evaluation, 0)
         self._home = spare, time_s if spare is not None and spare >= 0 else reached_s
         way_home = self._mission.way_home
         if spare is None or way_home is None or not way_home.turns_back or plan.solution.feasible:
             return False
-        # until the next re-planning the charge to spare falls as it did since the last one
-        falls = max(0.0, before - spare) if before is not None and math.isfinite(before) else 0.0
         less_short = spare > -plan.evaluation.shortfall(0)
-        return less_short and spare < falls
+        return less_short and spare < can_fall(plan.evaluation, 0, self._next_s - time_s)
 
     # --- records
 
@@ -335,7 +342,7 @@ class JointPlanner(Planner):
         """The decision and its reason, in words: what an infeasible plan lacks, else what changes, else "kept"."""
         evaluation, battery = plan.evaluation, self._mission.battery
         if not plan.solution.feasible:
-            since = f"infeasible since {self._infeasible_since_s:.1f} s: "
+            since = f"infeasible since {self._mission.clock_s + (self._infeasible_since_s or 0.0):.1f} s: "
             beyond_w = float(evaluation.limits.beyond_w[0])
             min_w = evaluation.evaluator.envelopes[int(evaluation.kinds[0])].powers_w[0]
             flown = "lowest" if self._power_w(evaluation, chosen) <= min_w + 1e-9 else "the same"
@@ -343,7 +350,9 @@ class JointPlanner(Planner):
                 return f"{since}{beyond_w:.1f} W more than the battery can deliver on the way; {flown} configuration"
             short = evaluation.shortfall(0)
             short_wh = short * battery.capacity_ah * battery.voltage_at(max(known.soc, 0.0))
-            return f"{since}short by {short:.4f} of the charge, {short_wh:.2f} Wh; {flown} configuration"
+            own = plan.evaluation.reserve_soc(0)
+            turns = f"; the autopilot turns back below {own:.3f}" if own > self._settings.reserve_soc else ""
+            return f"{since}short by {short:.4f} of the charge, {short_wh:.2f} Wh; {flown} configuration{turns}"
         moved = [
             f"{item.label} {item.text(old)} → {item.text(new)}"
             for item, old, new in zip(self._mission.plan.parameters, self._decision.parameters, chosen, strict=True)
@@ -383,7 +392,7 @@ class JointPlanner(Planner):
         b, solution = self._mission.battery, plan.solution
         forecast = plan.evaluation.forecast(0, solution.filling)
         total = self._places.evaluator.objective.total
-        floor = max(self._settings.reserve_soc, float(plan.evaluation.limits.min_soc[0]))
+        floor = max(plan.evaluation.reserve_soc(0), float(plan.evaluation.limits.min_soc[0]))
         available_wh = max(known.soc - floor, 0.0) * b.capacity_ah * b.voltage_at((known.soc + floor) / 2)
         spare, reached_s = self._home
         return DecisionRecord(

@@ -64,6 +64,8 @@ class FlightState:
     ----------
     reached_s : float
         When the flight has reached its plan, after a take-off [s].
+    autopilot : Autopilot
+        That flies; whoever reads its parameters in flight replaces it.
     """
 
     def __init__(
@@ -101,7 +103,7 @@ class FlightState:
         self._voltage = VoltageWatch(battery)
         self._climb = ClimbFollower.of(mission)
         self._last_s: float | None = None  # of the last reading that the filters have taken
-        self.reached_s = 0.0
+        self.reached_s, self.autopilot = 0.0, mission.autopilot
         self._altitude_m: float | None = None  # as measured at the last observation
 
     # --- readings in
@@ -179,8 +181,9 @@ class FlightState:
             self._start_stage(o, seen.stages_before)
         elif (o.cursor.parameters, o.cursor.decided) != (place.cursor.parameters, place.cursor.decided):
             self._ground.hold(o.time_s, o.cursor, o.parameters)
-        place.cursor, place.flies_mission = o.cursor, o.sample.flies_mission
+        place.cursor, place.flies_mission = o.cursor, bool(o.sample.flies_mission)
         place.computing_w = seen.powers.computing_w
+        place.returns_home, place.rejoins_at_start = o.returns_home, o.rejoins_at_start
         if o.sample.wind_mps is not None:
             self._wind.measure(o.sample.wind_mps, o.time_s)
 
@@ -222,8 +225,8 @@ class FlightState:
 
         `o` is the observation whose reading is the last one, or None. Each filter comes after those that it needs:
         navigation, power gate, climb, heading gate, wind, motion power, charge. The first reading of a flight has a
-        step of 0 s. Readings at the time of the last one taken are left out. In a take-off the power updates only the
-        charge.
+        step of 0 s. Readings at the time of the last one taken are left out. Where the plan is not flown, the power
+        updates only the charge, and the wind is estimated by measured airspeeds alone.
         """
         on_plan = o is None or o.on_plan
         times_s = np.asarray(readings.times_s, dtype=float)
@@ -234,7 +237,8 @@ class FlightState:
         self._last_s = float(times_s[-1])
         # the cross-track error is learned at the first reading of each whole second, however often readings come
         whole_s = np.floor(times_s + SAME_TIME_S)
-        for i in np.flatnonzero(np.diff(whole_s, prepend=math.floor(before_s + SAME_TIME_S)) > 0).tolist():
+        learns = np.diff(whole_s, prepend=math.floor(before_s + SAME_TIME_S)) > 0
+        for i in np.flatnonzero(learns & on_plan).tolist():
             self._place.learn_reach((float(readings.x_m[i]), float(readings.y_m[i])), float(times_s[i]))
         powers_w = np.asarray(self._gate.ingest(times_s, readings.powers_w, self._place.computing_w, on_plan=on_plan))
         climb_w, level_mps = self._follow_climb(steps_s)
@@ -245,6 +249,8 @@ class FlightState:
         possible = (ratios > 1 / MAX_AIRSPEEDS) & (ratios < MAX_AIRSPEEDS)
         airspeeds_mps = np.where(possible, airspeeds_mps, level_mps)
         vx, vy, headings = (_numbers(column) for column in (readings.vx_mps, readings.vy_mps, readings.headings_rad))
+        if not on_plan:  # the airspeed is another than commanded
+            vx = np.where(possible, vx, math.nan)
         self._wind.ingest((vx, vy), headings, steps_s, airspeeds_mps, self._last_s)
         if on_plan:
             # the power of a measured climb is a term of the regression; that of a commanded one is subtracted before
@@ -417,6 +423,9 @@ class FlightState:
             reach_std_m=0.0 if place.flies_mission else place.reach_std_m,
             climb=None if self._climb is None else self._climb.climb,
             flown=self._ground.until(time_s),
+            autopilot=self.autopilot,
+            returns_home=place.returns_home,
+            rejoins_at_start=place.rejoins_at_start,
         )
 
 
@@ -443,6 +452,8 @@ class _Place:
         Whether the leg's start or end may be unknown.
     flies_mission : bool
         Whether an autopilot flies a mission laid out before.
+    returns_home, rejoins_at_start : bool, bool or None
+        Whether it flies home, and where the plan that is taken up again is joined, as in `Observation`.
     reach_std_m : float
         Standard deviation of the cross-track error [m].
     """
@@ -452,7 +463,8 @@ class _Place:
         self.joined_m: Point = mission.start_m or (0.0, 0.0)
         self.route: Route | None = None
         self.since_s = self.slope = self.computing_w = 0.0
-        self.through_gap = self.flies_mission = False
+        self.through_gap = self.flies_mission = self.returns_home = False
+        self.rejoins_at_start: bool | None = None
         self.follows = self.turns = True
         self.reach_std_m = NAVIGATION_M[0]
         self._located_s = 0.0

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from eadp.core.geometry.curves import Point
+from eadp.models.autopilot import Autopilot
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.ground import FlownGround
 from eadp.planning.state.charge import Charge
@@ -108,6 +109,12 @@ class Known(NamedTuple):
         Altitude and climbs, where the plan commands them.
     flown : FlownGround
         What has been seen.
+    autopilot : Autopilot
+        That flies, as far as its parameters are known.
+    returns_home : bool
+        Whether the aircraft flies home, and its plan no longer.
+    rejoins_at_start : bool or None
+        Where the plan that is taken up again is joined, see `Observation`.
     """
 
     time_s: float
@@ -124,6 +131,9 @@ class Known(NamedTuple):
     reach_std_m: float
     climb: Climb | None
     flown: FlownGround
+    autopilot: Autopilot = Autopilot()
+    returns_home: bool = False
+    rejoins_at_start: bool | None = None
 
     @property
     def soc(self) -> float:

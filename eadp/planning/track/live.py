@@ -17,6 +17,7 @@ import numpy as np
 
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, printable
+from eadp.models.autopilot import Autopilot
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.legs import rest_of
 from eadp.models.plan.route import PlannedLegs, RoutePredictor
@@ -26,8 +27,10 @@ from eadp.planning.flight import PlannedFlight
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.track.acquisition import Acquisition
+from eadp.planning.track.departure import BY_HAND_S, FAR, Departure
 from eadp.planning.track.gate import SLACK_M, SPEED_FACTOR, Notice
 from eadp.planning.track.initial_climb import InitialClimb
+from eadp.planning.track.locator import path_mismatch
 from eadp.planning.track.plan_tracker import Messages, PlanTracker
 
 WINDOW_S, MIN_SPAN_S, MAX_CHORD_S = 2.5, 0.9, 3.0
@@ -44,6 +47,9 @@ STALE, STAGE_UNKNOWN, NOT_APPLIED = "stale", "stage-unknown", "not-applied"
 
 COMPLETED, EMPTY, TAKE_OFF, KEPT = "final point reached", "battery empty", "take-off", "kept"
 SEARCHED = "stage and lap are not known yet: parameters stay"
+NOT_FLOWN, RETURNS = "the plan is not flown: parameters stay", "the autopilot returns: parameters stay"
+UNDECIDED = TAKE_OFF, KEPT, SEARCHED, NOT_FLOWN, RETURNS
+"""Reasons of advice without a decision of the planner."""
 
 
 class Advice(NamedTuple):
@@ -67,6 +73,10 @@ class Advice(NamedTuple):
         Codes of what is wrong with the telemetry.
     returns_home : bool
         Whether to give the plan up and fly home.
+    home_reachable : bool or None
+        Whether home can be reached with the reserve kept; None where that is unknown.
+    point_of_no_return_s, home_by_s : float or None
+        Up to when, and when home is reached then at the latest [s]; see `DecisionRecord`.
     """
 
     time_s: float
@@ -79,6 +89,9 @@ class Advice(NamedTuple):
     reason: str
     warnings: tuple[str, ...]
     returns_home: bool = False
+    home_reachable: bool | None = None
+    point_of_no_return_s: float | None = None
+    home_by_s: float | None = None
 
 
 class LiveFlight:
@@ -116,6 +129,8 @@ class LiveFlight:
         # made at the first sample, by `_start`
         self._tracker: PlanTracker
         self._climbs: InitialClimb
+        self._departure = Departure()
+        self._rejoins = False  # whether the plan is taken up again, and its path not reached yet
         # made once the stage is known, by `_plan_with`
         self._flight: PlannedFlight | None = None
         self._held: HeldForecast
@@ -126,6 +141,15 @@ class LiveFlight:
         self._next_s = -math.inf
         self._empty = False  # whether there has been advice that the battery is empty
         self.forecast_completes = False
+
+    def know(self, autopilot: Autopilot) -> None:
+        """Take what is read of the autopilot; what the mission states of one of its kind stays where nothing is."""
+        stated = self._mission.autopilot
+        if stated.kind == autopilot.kind:
+            autopilot = replace(autopilot, parameters={**stated.parameters, **autopilot.parameters})
+        self._mission = replace(self._mission, autopilot=autopilot)
+        if self._flight is not None:
+            self._flight.state.autopilot = autopilot
 
     def rest(self) -> PlannedLegs | None:
         """The legs that are left at the parameters decided, from the last known position on; None where it is unknown.
@@ -169,14 +193,16 @@ class LiveFlight:
         `to` is the sample at the time of the flight, with its ground velocity.
         """
         tracker, before, time_s = self._tracker, self._decision, to.time_s
-        tracker.flies_mission = sample.flies_mission
+        if sample.flies_mission is not False:
+            tracker.flies_mission = bool(sample.flies_mission)
         # the charge measured, else the one known; and the parameters reported: NaN is one on its way to the aircraft
         known_soc = self._flight.state.soc if self._flight is not None else self._last[1]
         soc = known_soc if sample.soc is None else sample.soc
         reported = self._mission.plan.by_name(sample.parameters)
         in_force = {name: value for name, value in reported.items() if not math.isnan(value)}
         # where the flight is in its plan: found from the middle of a flight, or followed
-        acquiring = tracker.acquisition is not None and self._acquire(tracker.acquisition, to, in_force)
+        acquisition = None if sample.flies_mission is False else tracker.acquisition
+        acquiring = acquisition is not None and self._acquire(acquisition, to, in_force)
         flight = self._flight
         if flight is None:
             return self._advise_unknown(sample, time_s)
@@ -195,7 +221,8 @@ class LiveFlight:
             ending = Ending(remaining_s=0.0, soc_end=soc, soc_end_std=0.0, completes_probability=1.0)
             return None if was_complete else self._advice(sample, COMPLETED, sample.wind_mps, ending)
         # the planner's decision; advice where that is new, or advice is due
-        observation = tracker.observation(to, position, soc)._replace(on_plan=self._climbs.on_plan)
+        self._update_departure(to)
+        observation = self._observation(to, position, soc)
         self._update_planner(flight, observation)
         now = flight.decision
         changed = (now.parameters, now.reason) != (before.parameters, before.reason)
@@ -204,7 +231,9 @@ class LiveFlight:
             return None
         advice = self._advise(flight, sample, observation)
         self._next_s = next_multiple(time_s, self._every_s)
-        self.forecast_completes = tracker.end_uncertain or (advice.ending.soc_end or 0.0) > 0
+        self.forecast_completes = not observation.returns_home and (
+            tracker.end_uncertain or (advice.ending.soc_end or 0.0) > 0
+        )
         return advice
 
     # --- the plan
@@ -244,7 +273,7 @@ class LiveFlight:
 
     def _plan_with(self, parameters: Vector, start_m: Point) -> None:
         """Make the flight with its planner, which begins with parameters and at a position [m]."""
-        mission = replace(self._mission, parameters=parameters, start_m=start_m, live=True)
+        mission = replace(self._mission, parameters=parameters, start_m=start_m, live=True, clock_s=self._origin_s)
         self._flight, self._held = self._make(mission), self._make_forecast(mission)
 
     def _acquire(self, acquisition: Acquisition, to: Sample, parameters: Mapping[str, float]) -> bool:
@@ -282,10 +311,31 @@ class LiveFlight:
             """Have the planner observe a start of a stage; `part` is how much of the way from the last sample it is."""
             # a charge between two readings of a gauge is no reading: the sample has none
             at_start = Sample(max(time_s, last_s), position, power_w=None, soc=None)
-            observation = self._tracker.observation(at_start, position, last_soc + part * (soc - last_soc))
-            self._update_planner(flight, observation._replace(on_plan=self._climbs.on_plan))
+            self._update_planner(flight, self._observation(at_start, position, last_soc + part * (soc - last_soc)))
 
         return self._tracker.track(to, last_s, flight.state.wind_mps, started)
+
+    def _update_departure(self, to: Sample) -> None:
+        """Update whether the plan is flown, and where it is taken up again, with a sample that is tracked."""
+        tracker, cruise_mps = self._tracker, self._mission.cruise_mps
+        executor, was_away = tracker.executor, self._departure.away
+        # the first leg may be joined from anywhere
+        known = to.position_m is not None and executor.stages_started > 1 and not tracker.stage_unknown
+        mismatch = path_mismatch(executor, to) if known else 0.0
+        if self._climbs.on_plan:
+            self._departure.update(to, executor.stage.airspeed_mps or cruise_mps, mismatch)
+        if self._departure.away_s > BY_HAND_S:
+            tracker.locator.through_gap = True
+        back = bool(to.flies_mission) and was_away
+        self._rejoins = (self._rejoins or back) and (tracker.is_behind or mismatch > FAR)
+
+    def _observation(self, to: Sample, position: Point, soc: float) -> Observation:
+        """A sample as an observation, see `PlanTracker.observation`."""
+        return self._tracker.observation(to, position, soc)._replace(
+            on_plan=self._climbs.on_plan and not self._departure.away,
+            returns_home=to.returns_home or self._decision.returns_home,
+            rejoins_at_start=self._tracker.is_behind if self._rejoins else None,
+        )
 
     # --- the planner
 
@@ -324,16 +374,31 @@ class LiveFlight:
         Adds the decision's reason to those of this sample.
         """
         decision, record, reasons = flight.decision, flight.decision.record, self._messages.reasons
-        if record is not None and observation.time_s - record.time_s > max(RECENT_S, 3 * self._every_s):
+        if self._departure.away:
+            reason = RETURNS if sample.returns_home else NOT_FLOWN
+            end = self._forecast(flight.state, self._tracker.applied.effective)
+            return self._advice(sample, reason, sample.wind_mps, Ending() if end is None else end.finite)
+        # once home is flown to, the forecast is of the way there
+        if record is not None and (observation.returns_home or self._is_old(record.time_s, observation.time_s)):
             record = None
         # "kept" is no reason beside another one
         if decision.reason not in reasons and not (reasons and decision.reason.startswith(KEPT)):
             reasons.append(decision.reason)
         reason = "; ".join(reason for reason in reasons if reason) or KEPT
         if record is not None and record.ending.soc_end is not None:
-            return self._advice(sample, reason, record.wind_mps, record.ending.finite)
+            no_return_s, by_s = (
+                None if at_s is None else at_s + self._origin_s
+                for at_s in (record.point_of_no_return_s, record.home_by_s)
+            )
+            return self._advice(sample, reason, record.wind_mps, record.ending.finite)._replace(
+                home_reachable=record.home_reachable, point_of_no_return_s=no_return_s, home_by_s=by_s
+            )
         end = None if self._tracker.lost else self._forecast(flight.state, self._tracker.applied.effective)
         return self._advice(sample, reason, sample.wind_mps, Ending() if end is None else end.finite)
+
+    def _is_old(self, time_s: float, now_s: float) -> bool:
+        """Whether a record of a time [s] is no forecast any more."""
+        return now_s - time_s > max(RECENT_S, 3 * self._every_s)
 
     def _forecast(self, state: FlightState, parameters: Vector) -> Ending | None:
         """The end of the plan at parameters that are held; None where it is unknown."""

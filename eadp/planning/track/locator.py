@@ -222,6 +222,10 @@ class Locator:
         if len(self.hypotheses) > 1:
             self._weigh(to, step_s)
 
+    def wait(self, time_s: float, position: Point) -> None:
+        """Take a position [m] at which no stage can end: the plan is not flown there."""
+        self._time_s, self._position = time_s, position
+
     def _advance_others(self, line: list[Point], time_s: float) -> None:
         """Advance the hypotheses other than the likeliest along a line, by their triggers; its end is at `time_s`."""
         for hypothesis in self.hypotheses[1:]:

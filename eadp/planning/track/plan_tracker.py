@@ -70,7 +70,9 @@ class PlanTracker:
     located : (float, (float, float))
         Time of the last known position [s], and that position [m].
     flies_mission : bool
-        Whether an autopilot flies a mission laid out before, so that its end is certain.
+        Whether an autopilot has a mission laid out before, so that its end is certain.
+    is_behind : bool
+        Whether it flies to an item of a stage behind.
     """
 
     def __init__(self, mission: Mission, start_m: Point, time_s: float, messages: Messages) -> None:
@@ -83,7 +85,7 @@ class PlanTracker:
         self.acquisition: Acquisition | None = None
         self._continuation: Continuation | None = None
         self._past_stage: int | None = None  # the stage behind that was reported last: one notice for each
-        self.lost = self.complete = self.flies_mission = False
+        self.lost = self.complete = self.flies_mission = self.is_behind = False
 
     @property
     def executor(self) -> PlanExecutor:
@@ -145,6 +147,11 @@ class PlanTracker:
         if self.lost:
             return position or last
         try:
+            if to.flies_mission is False and not (to.returns_home and self._may_end):
+                # whatever triggers are passed, the mission is taken up again on this stage
+                if position is not None:
+                    self.locator.wait(to.time_s, position)
+                return position or last
             if gap or self.locator.lost:
                 sought = self._seek(to, last_s, wind_mps, started)
                 if sought is not None or position is None:
@@ -152,7 +159,7 @@ class PlanTracker:
                 # the plan cannot be laid out after the gap: it is followed straight across the gap, as below
             elif position is None:
                 return last
-            self.locator.follow(to, self._take_report(to), started)
+            self.locator.follow(to, 0 if to.flies_mission is False else self._take_report(to), started)
         except EadpError as error:
             self._lose(error)
         assert position is not None
@@ -169,16 +176,26 @@ class PlanTracker:
             started(since_s, self.executor.joined_m, 1.0)
         return position
 
+    @property
+    def _may_end(self) -> bool:
+        """Whether the plan may end in this lap."""
+        cursor = self.executor.cursor
+        return cursor.next() is None or cursor.end() is not None
+
     def _take_report(self, to: Sample) -> int | None:
         """Number of stages to skip by what a sample reports; None where its position decides.
 
         A reported count of stages has precedence over the stage's index. A report that cannot be true gives a notice,
-        and is ignored.
+        and is ignored. An autopilot that takes its mission up again may fly to the item before, whose stage is behind.
         """
+        self.is_behind = False
         if to.stages_started is not None:
             flown = self.executor.stages_started
             if self.locator.leads(to.stages_started - flown):
                 return to.stages_started - flown
+            if to.flies_mission:
+                self.is_behind = True
+                return 0
             what = f"{to.stages_started} stages started, and {flown} are flown; ignored"
             self._messages.once("stages_started", what, "a stage ahead")
         return None if to.stage is None else self._ahead_to(to.stage)

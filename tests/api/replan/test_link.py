@@ -42,6 +42,8 @@ from eadp.io.link.mavlink import (
     tlog_messages,
 )
 from eadp.io.link.messages import WANTED, values_of
+from eadp.io.link.parameters import ParameterCheck
+from eadp.io.mission.autopilot import AT_MOST, AutopilotParameter
 from eadp.io.mission.items import read_items
 from eadp.io.telemetry.reader import TelemetryReader
 
@@ -793,3 +795,15 @@ def test_the_pilot_is_told_of_a_cell_that_is_lost(plan):
     assert told == ["the voltage fell for good: a cell, or its charge, is lost"]
     first_s = next(line["time_s"] for line in flown.decisions if "cell-lost" in line["warnings"])
     assert 250 < first_s <= 280
+
+
+@pytest.mark.parametrize(("as_bytes", "kind"), [(True, 6), (False, 6), (False, 9)])
+def test_whole_parameters_come_as_bytes_from_px4(as_bytes, kind):
+    """2 as a whole number of 32 bits is 2.8e-45 as one in single precision."""
+    wanted = [AutopilotParameter("MIS_TKO_LAND_REQ", 0.0, AT_MOST)]
+    for value, said in ((2, "MIS_TKO_LAND_REQ is 2, more than 0, so that the mission is not armed"), (0, "")):
+        check = ParameterCheck(wanted, as_bytes=as_bytes)
+        sent = struct.unpack("<f", struct.pack("<i", value))[0] if as_bytes else float(value)
+        fields = {"param_id": b"MIS_TKO_LAND_REQ", "param_value": sent, "param_type": kind}
+        check.take(*values_of("PARAM_VALUE", fields)["parameter"])
+        assert check.result() == said

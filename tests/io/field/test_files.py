@@ -79,7 +79,7 @@ def test_a_shapefile_by_its_reference_system(tmp_path):
 def test_a_shapefile_that_cannot_be_read(tmp_path):
     path = shapefile(tmp_path)
     path.with_suffix(".prj").write_text("none")
-    with pytest.raises(InputError, match=r"the reference system of its \.prj is not known: none"):
+    with pytest.raises(InputError, match=r"the reference system of its \.prj, none, is not known"):
         read_field_text(str(path))
     path.write_bytes(path.read_bytes()[:120])
     with pytest.raises(InputError, match="cannot be read as a shapefile"):

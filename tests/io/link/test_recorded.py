@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import pytest
 
@@ -100,6 +101,18 @@ WRITERS = {"ulog": ulog, "dataflash": dataflash}
 def made_lines(inputs, values, items=None):
     maker = LineMaker(TelemetryReader("log", inputs.mission), inputs.mission, items, lambda _: None)
     return [reading.line for each in values for reading in maker.update(each)], maker
+
+
+@pytest.mark.parametrize(("height_m", "true_mps"), [(None, 12.0), (550, 12.3239), (2000, 13.2394)])
+def test_an_autopilots_airspeed_becomes_true_at_the_height_of_the_field(plan, height_m, true_mps):
+    """√(ρ0/ρ) of the standard atmosphere; an airspeed that a log has as true stays."""
+    inputs = load_flight(str(plan), scenario=SCENARIO)
+    site = inputs.mission.plan.site._replace(ground_m=height_m)
+    inputs = replace(inputs, mission=replace(inputs.mission, plan=replace(inputs.mission.plan, site=site)))
+    row = {"armed": True, "active": True, "time_s": 1.0, "lat_deg": ORIGIN[0], "lon_deg": ORIGIN[1]}
+    for said, expected in (({"airspeed_mps": 12.0}, true_mps), ({"true_mps": 12.0, "airspeed_mps": 9.0}, 12.0)):
+        (line,), _ = made_lines(inputs, [said, row])
+        assert line["airspeed_mps"] == pytest.approx(expected, abs=1e-3)
 
 
 @FORMS

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import re
 import threading
 import xml.etree.ElementTree as ET
 
@@ -18,13 +19,17 @@ from hypothesis import strategies as st
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import InputError
 from eadp.io.mission import WITH_ITEMS
+from eadp.io.mission.autopilot import wanted_parameters
 from eadp.io.mission.export import EXPORTS, held_radius_m, mission_items
 from eadp.io.mission.paparazzi import NUMBER_LIMIT
 from eadp.io.mission.path import PlannedPath, planned_sections
 from eadp.io.mission.reader import PlanReader
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
+from eadp.models.airspace import Airspace
+from eadp.models.battery import Battery
 from eadp.models.plan.trace import nominal_legs, trace
+from eadp.models.vehicle import FixedWing
 
 HOME = (47.0, 8.0)
 RADIUS_M = 20.0
@@ -193,33 +198,97 @@ def test_an_airframe_that_holds_its_own_altitude_overrules_no_plan(eadp, tmp_pat
     assert eadp(*given, *paper, "--altitude", "60").code == 0
 
 
+ON, OFF = "%: command 206 20 0 1 0 0 0 0\n", "%: command 206 0 0 1 0 0 0 0\n"
+
+
+def pictured(radius_m, last=""):
+    """Two lines of 300 m with pictures, and the half turn between them."""
+    x = 2 * radius_m
+    turn = f"0.0005; 270; (x - {radius_m})^2 + (y - 300)^2 - {radius_m}^2\n{x}, 300\n"
+    return read_plan(
+        Text("p", f"{ON}0.1; 90; x\n0, 300\n{OFF}{turn}{ON}0.1; 270; x - {x}\n{x}, 0\n{last and OFF + last}")
+    )[0]
+
+
+@pytest.mark.parametrize("radius_m", [12, 20, 40, 120])
+@pytest.mark.parametrize(("to", "last"), [("px4", ""), ("px4", "0.1; 270; x - 0\n0, -900\n"), ("ardupilot", "")])
+def test_px4_ends_pictures_beyond_the_line(radius_m, to, last):
+    """It does what follows a waypoint from the switching distance before it on: 2.24 s of the ground speed."""
+    last = last.replace("x - 0\n0", f"x - {2 * radius_m}\n{2 * radius_m}")
+    path = path_of(pictured(radius_m, last), airspeed_mps=14.0)
+    here, ends, off_at, line_end = (0.0, 0.0), [(0, 300), (2 * radius_m, 0)], [], None
+    for item in mission_items(path, px4=to == "px4"):
+        if item.placed:
+            here = to_local_m(*item.position_deg, HOME)
+        if item.command == 206 and item.parameters[0] > 0:
+            line_end = ends.pop(0)
+        elif item.command == 206 and item.parameters[0] == 0:
+            off_at.append(math.dist(here, line_end))
+            line_end = None
+    assert line_end is None, "pictures end"
+    if to == "ardupilot":
+        assert off_at == pytest.approx([0, 0], abs=1e-3), "it flies lines to their ends"
+    else:
+        assert len(off_at) == (1 if 2 * radius_m < 47 else 2), "pictures go on to a line that is near"
+        assert min(off_at) > 2.24 * (14 + 7)
+        assert max(off_at) < 2.24 * (14 + 7) + max(0.8 * radius_m, 30) or last
+
+
+def test_a_waypoint_beyond_the_path_is_within_the_boundary():
+    for boundary, more in ((), 1), ((((-50, -40), (100, -40), (100, 400), (-50, 400)),), 0):
+        path = path_of(pictured(40), airspeed_mps=14.0, airspace=Airspace(boundary=boundary))
+        *_, before, off = mission_items(path, px4=True)
+        assert off.command == 206
+        beyond_m = math.dist(to_local_m(*before.position_deg, HOME), (80, 0))
+        assert (beyond_m > 47) if more else (beyond_m < 1e-3)
+
+
+OF_ARDUPILOT = {
+    "AIRSPEED_CRUISE": 15, "ROLL_LIMIT_DEG": 40, "WP_RADIUS": 27, "WP_LOITER_RAD": 27, "BATT_CAPACITY": 1200,
+}  # fmt: skip
+OF_PX4 = {
+    "FW_AIRSPD_TRIM": 15, "FW_R_LIM": 40, "NAV_ACC_RAD": 2, "NAV_LOITER_RAD": 27, "BAT1_CAPACITY": 1200,
+    "NPFG_SW_DST_MLT": 0.1, "MIS_TKO_LAND_REQ": 0,
+}  # fmt: skip
+
+
 @pytest.mark.parametrize(
-    ("ending", "expected"),
-    [
-        (
-            ".param",
-            {"AIRSPEED_CRUISE": 15, "ROLL_LIMIT_DEG": 40, "WP_RADIUS": 27, "WP_LOITER_RAD": 27, "BATT_CAPACITY": 1200},
-        ),
-        (
-            ".params",
-            {"FW_AIRSPD_TRIM": 15, "FW_R_LIM": 40, "NAV_ACC_RAD": 2, "NAV_LOITER_RAD": 27, "BAT1_CAPACITY": 1200},
-        ),
-    ],
+    ("to", "ending", "expected"),
+    [("ardupilot", ".param", OF_ARDUPILOT), ("qgc", ".param", OF_ARDUPILOT), ("px4", ".params", OF_PX4)],
 )
-def test_the_parameters_of_the_autopilot(eadp, tmp_path, ending, expected):
+def test_the_parameters_of_the_autopilot(eadp, tmp_path, to, ending, expected):
     """The radius is that of a bank of 40° at 15 m/s; the battery in mAh."""
     settings = ["vehicle.airframe.max_bank_deg=40", "battery.capacity_ah=1.2"]
     given = ["--scenario", ROOT / "scenarios/survey.yaml", *(word for each in settings for word in ("--set", each))]
-    path, plan = tmp_path / f"p{ending}", ROOT / "plans/survey.plan"
-    to = ("--to", "ardupilot", "--origin", "55.37,10.43", "-o", tmp_path / "m", "--parameters")
+    path, plan, out = tmp_path / f"p{ending}", ROOT / "plans/survey.plan", tmp_path / "m"
+    to = ("--to", to, "--origin", "55.37,10.43", "-o", out, "--parameters")
+    other = tmp_path / {".param": "p.params", ".params": "p.param"}[ending]
+    assert refused(eadp("export", plan, *given, *to, other), "is no file of parameters for --to", f"a name in {ending}")
+    assert refused(eadp("export", plan, *given, *to, tmp_path / "p.txt"), "is no file of parameters")
+    assert refused(eadp("export", plan, *to, path), "needs an aircraft and a battery", "--scenario")
+    assert not out.exists()
     answer = eadp("export", plan, *given, *to, path)
     assert answer.code == 0, answer.err
     rows = [line.replace(",", "\t").split("\t") for line in path.read_text().splitlines() if line[0] != "#"]
     found = {row[-3 if ending == ".params" else 0]: float(row[-2 if ending == ".params" else 1]) for row in rows}
-    assert found == expected
-    assert all(f"{name} {value}" in answer.err for name, value in expected.items())
-    assert refused(eadp("export", plan, *given, *to, tmp_path / "p.txt"), "is no file of parameters")
-    assert refused(eadp("export", plan, *to, path), "needs an aircraft and a battery", "--scenario")
+    assert found.items() >= expected.items()
+    assert all(f"{name} {value:g}" in answer.err for name, value in expected.items())
+    if ending == ".params":  # MAVLink's types: INT32 is 6, a number in single precision 9
+        assert {row[2] for row in rows if row[4] == "6"} == {"MIS_TKO_LAND_REQ"}
+
+
+@pytest.mark.parametrize(("down_m", "slope_deg"), [(400, 8.6), (700, 4.9), (1200, 2.9)])
+def test_a_landing_needs_its_slope_and_no_leave_to_do_without(down_m, slope_deg):
+    """Of 60 m: PX4 arms no mission whose approach is steeper than FW_LND_ANG, and as delivered none without."""
+    plan, _ = read_plan(Text("p", LANDING.replace("100, -400", f"100, -{down_m}").replace("60", "60.0")))
+    wanted = {each.name: each for each in wanted_parameters(plan, FixedWing(), Battery(), ardupilot=False)}
+    assert "MIS_TKO_LAND_REQ" not in wanted
+    steepest = wanted["FW_LND_ANG"]
+    assert steepest.value == pytest.approx(slope_deg)
+    assert steepest.difference("FW_LND_ANG", slope_deg + 1) == ""
+    assert steepest.difference("FW_LND_ANG", 2.0) == (
+        f"FW_LND_ANG is 2, less than {slope_deg:g}, so that the mission is not armed"
+    )
 
 
 @pytest.mark.parametrize(
@@ -256,7 +325,34 @@ def test_commands_and_speeds_are_written_back():
         for each in (plan, back):
             assert [command[0] for stage in each.stages for command in stage.commands] == [530, 206]
             assert (each.stages[0].altitude_m, each.stages[-1].altitude_m) == (60, 80)
-            assert (each.stages[0].airspeed_mps, each.stages[-1].airspeed_mps) == (None, 21)
+            # calibrated for true, 400 m above the sea: 0.9616 of the density
+            true_mps = pytest.approx(21 / math.sqrt(0.96217), rel=1e-4)
+            assert (each.stages[0].airspeed_mps, each.stages[-1].airspeed_mps) == (None, true_mps)
+
+
+@pytest.mark.parametrize(
+    ("ground", "density", "share"), [("", 1.225, 1.0), ("", 1.0065, 0.9064), ("%: ground 2000\n", 1.225, 0.9064)]
+)
+def test_an_autopilot_gets_calibrated_airspeeds(eadp, tmp_path, ground, density, share):
+    """At 2000 m the standard atmosphere has 1.0065 kg/m³, √(ρ/ρ0) is 0.9064; the forecast is of the true airspeed."""
+    plan = tmp_path / "p.plan"
+    plan.write_text(f"%: origin 47 8\n{ground}0.1; 90; x\n0, 300\n%: airspeed 18\n0.1; 90; x\n0, 600\n")
+    given = ["--scenario", ROOT / "scenarios/survey.yaml", "--set", f"vehicle.airframe.air_density_kgpm3={density}"]
+    given += ["--set", "energy=null"]
+    for to, ending, name in (("ardupilot", ".param", "AIRSPEED_CRUISE"), ("px4", ".params", "FW_AIRSPD_TRIM")):
+        out, parameters = tmp_path / f"m-{to}", tmp_path / f"p{ending}"
+        answer = eadp("export", plan, *given, "--to", to, "-o", out, "--parameters", parameters)
+        assert answer.code == 0, answer.err
+        written = read_text(str(parameters)).body
+        assert float(re.search(rf"{name}[,\t]([0-9.]+)", written)[1]) == pytest.approx(15 * share, abs=1e-3)
+        held = [float(row) for row in re.findall(r"\t178\t0\t([0-9.]+)\t", out.read_text())] or [
+            each["params"][1] for each in json.loads(out.read_text())["mission"]["items"] if each["command"] == 178
+        ]
+        assert held == pytest.approx([15 * share, 18 * share], abs=1e-3)
+        # read back for the same aircraft, it flies at the true airspeeds again
+        wing = FixedWing(air_density_kgpm3=density)
+        back, _ = PlanReader.of(wing, Battery())(read_text(str(out)))
+        assert [back.stages[i].airspeed_mps for i in (0, -1)] == pytest.approx([15, 18], abs=1e-4)
 
 
 @pytest.mark.parametrize("to", ["qgc", "ardupilot"])
@@ -463,6 +559,15 @@ def test_what_cannot_be_exported_writes_nothing(eadp, tmp_path, arguments, words
     more = () if "-o" in arguments else ("-o", out)
     assert refused(eadp("export", "plans/survey.plan", "--to", "qgc", *arguments, *more), words)
     assert not out.exists()
+
+
+def test_an_altitude_is_not_taken_beside_those_of_the_plan(eadp, tmp_path):
+    plan, out, given = tmp_path / "p.plan", tmp_path / "m", ("--to", "qgc", "--origin", "47,8", "--altitude", "80")
+    plan.write_text(f"%: altitude 60\n{LINES}")
+    assert refused(eadp("export", plan, *given, "-o", out), "--altitude:1:1: error: the plan has altitudes of its own")
+    assert not out.exists()
+    plan.write_text(LINES)
+    assert eadp("export", plan, *given, "-o", out).code == 0
 
 
 # --- software of others -----------------------------------------------------------------------------------------------

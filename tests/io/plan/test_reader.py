@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from dataclasses import replace
 
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import constant
 from eadp.errors import InputError
+from eadp.io.mission.reader import PlanReader
 from eadp.io.plan.reader import LIMIT_CHARACTERS, LIMIT_STAGES, read_plan
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text, read_text
@@ -503,9 +505,15 @@ words = st.from_regex(r"[A-Za-z][A-Za-z0-9_]{0,8}", fullmatch=True)
 units = st.one_of(st.just(""), st.from_regex(r"[a-z/%0-9]{1,4}", fullmatch=True))
 
 
+near = st.floats(-7e4, 7e4)
+"""Coordinates of a plan with an origin [m]."""
+
+
 @st.composite
 def plans(draw):
     count = draw(st.integers(1, 4))
+    origin = draw(st.one_of(st.none(), st.tuples(st.floats(-90, 90), st.floats(-180, 180))))
+    metres = numbers if origin is None else near
     per_stage = draw(st.integers(0, 4))
     texts = [draw(paths) for _ in range(count)]
     path_count = max(read_expression(text).max_parameter for text in texts)
@@ -523,7 +531,7 @@ def plans(draw):
             abs(draw(numbers)),
             draw(st.sampled_from([90, 270])),
             read_expression(text),
-            (constant(draw(numbers)), constant(draw(numbers))),
+            (constant(draw(metres)), constant(draw(metres))),
             tuple(draw(boxes) for _ in range(per_stage)),
             radius_m=draw(st.one_of(st.none(), st.floats(1e-3, 1e6))),
         )
@@ -537,7 +545,7 @@ def plans(draw):
         computations,
         trigger_radius_m=draw(st.one_of(st.just(20.0), st.floats(1e-3, 1e6))),
         min_radius_m=draw(st.one_of(st.none(), st.floats(1e-3, 1e6))),
-        site=Site(draw(st.one_of(st.none(), st.tuples(st.floats(-90, 90), st.floats(-180, 180))))),
+        site=Site(origin),
         header_shift=shift and (constant(shift[0]), constant(shift[1])),
     )
 
@@ -555,6 +563,21 @@ def test_canonical_text_of_the_longest_path_can_be_read():
 
 
 # --- every fault at once ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\n" * 200_000 + TWO,
+        "init:\nn = 1\n" + " " * 200_000 + "\n",
+        "%: made-for a" + " " * 200_000 + "b\n" + TWO,
+    ],
+    ids=["blank lines", "a blank line", "made-for"],
+)
+def test_blanks_take_time_with_their_number(text):
+    """Each would take a minute or more where time grew with the square of the number."""
+    with contextlib.suppress(InputError):
+        PlanReader()(Text("p", text))
 
 
 def test_all_the_faults_of_a_file_first_by_line():

@@ -98,7 +98,7 @@ def test_what_is_refused(eadp, folders, tmp_path):
     page.write_text("mine")
     assert refused(eadp("report", *folders, "-o", page), "is no page of eadp")
     assert refused(eadp("report", folders[0], "-o", page), "is no page of eadp")
-    page.rename(tmp_path / "thesis.svg")
+    (tmp_path / "thesis.svg").write_text("mine")
     assert refused(eadp("report", *folders, "-o", tmp_path / "thesis.html"), "is no picture of this page")
     assert (tmp_path / "thesis.svg").read_text() == "mine"
     assert page.read_text() == "mine"

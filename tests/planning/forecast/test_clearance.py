@@ -78,6 +78,33 @@ def test_an_obstacle_that_is_lower_and_one_that_is_far_are_not_entered(tmp_path)
     assert 0 < low["shed"] < 1
 
 
+@pytest.mark.parametrize(("high_m", "low_m", "enters"), [(60, 20, False), (20, 60, True)])
+def test_the_altitude_is_that_of_the_place(tmp_path, high_m, low_m, enters):
+    """A mast of 30 m on a leg of 900 m, and a leg of another altitude that is far from it."""
+    path = tmp_path / "mast.plan"
+    mast = "%: avoid mast height 30 500,-10 520,-10 520,10 500,10\n"
+    path.write_text(f"{mast}%: altitude {high_m}\n0.1; 270; y\n900, 0\n%: altitude {low_m}\n0.1; 270; y\n2500, 0\n")
+    keys = {"planner.name": "static", "start.position_m": [0.0, 0.0], "start.altitude_m": high_m}
+    found = load_flight(str(path), overrides=keys | {"battery.capacity_ah": 5.0}).preflight().entering
+    assert found == ({"mast": 1.0} if enters else {})
+
+
+def test_a_climb_from_the_ground_is_not_yet_above_what_stands_there(tmp_path):
+    """At 3 m/s of 15 it is 100 m high after 515 m, and as it passes the mast at 200 m, 40 m."""
+    path = tmp_path / "mast.plan"
+    found = {}
+    for top_m in (30, 50):
+        mast = f"%: avoid mast height {top_m} 200,-10 220,-10 220,10 200,10\n"
+        path.write_text(f"{mast}%: altitude 100\n0.1; 270; y\n2000, 0\n")
+        keys = {"planner.name": "static", "start.position_m": [0.0, 0.0], "start.altitude_m": 0.0}
+        keys |= {"battery.capacity_ah": 5.0, "start.heading_deg": 90.0}
+        flight, outcome = load_flight(str(path), overrides=keys), Outcome()
+        found[top_m] = flight.preflight().entering.get("mast", 0.0)
+        list(fly(flight.world, flight.flight(), outcome))
+        assert any(entry.name == "mast" for entry in outcome.entries) == (found[top_m] == 1.0)
+    assert found == {30: 0.0, 50: 1.0}
+
+
 def test_a_boundary_that_is_left(tmp_path):
     inside = "%: inside -50,-50 462,-50 462,200 -50,200\n"
     calm = inputs(tmp_path, 60, 500, inside).preflight().entering

@@ -26,7 +26,7 @@ def learned(pairs, gust_mps=0.0):
 def test_the_ratio_is_a_bayesian_regression(count):
     rng = np.random.default_rng(count)
     told = rng.uniform(5, 40, count)
-    flown = told * 1.03 + rng.normal(0, 0.1 * np.sqrt(told))
+    flown = told * 1.03 + rng.uniform(-0.1, 0.1, count) * np.sqrt(told)  # none is an outlier
     found = learned(zip(told, flown, strict=True))
     mean, covariance = posterior(told[:, None], flown - told, found.noise_s * told, np.zeros(1), [time_ratio.RATIO_STD])
     assert found.ratio - 1 == pytest.approx(mean[0], abs=ALGEBRA)
@@ -72,3 +72,24 @@ def test_forecasts_of_times_are_calibrated():
         squares.append((came - ratio.ratio * rest) ** 2 / (rest**2 * ratio.variance + ratio.noise_s * rest))
     assert np.mean(squares) == pytest.approx(1, abs=0.35)
     assert np.mean(np.array(squares) < 1.645**2) == pytest.approx(0.9, abs=0.06)
+
+
+@pytest.mark.parametrize("good", [2, 5, 20])
+def test_one_late_leg_says_little_of_the_others(good):
+    """A leg of 17 s flown in 77 s: the deviation of 560 s left stays within 1.5 of what it was."""
+
+    def std_s(ratio):
+        return math.sqrt(560**2 * ratio.variance + 560 * ratio.noise_s)
+
+    rng = np.random.default_rng(good)
+    legs = [(17.0, 17.0 + 0.3 * rng.standard_normal()) for _ in range(good)]
+    before, after = learned(legs, 0.3), learned([*legs, (17.0, 77.0)], 0.3)
+    assert std_s(after) < 1.5 * std_s(before)
+    assert abs(after.ratio - before.ratio) * 560 < 1.5 * std_s(before)
+
+
+def test_legs_that_are_all_late_are_learned():
+    rng = np.random.default_rng(1)
+    told = rng.uniform(10, 30, 30)
+    noisy = learned(zip(told, told + 2 * np.sqrt(told) * rng.standard_normal(30), strict=True))
+    assert noisy.noise_s == pytest.approx(4, rel=0.4)
