@@ -1,12 +1,14 @@
 """Flights over MAVLink on the loopback, beside the same flights over JSON lines; latency, processor and memory.
 
-usage: python benchmarks/link.py [--flights 20] [--speed 1] [--jobs 20] [--write]
+usage: python benchmarks/link.py [--flights 30] [--px4 20] [--speed 1] [--jobs 20] [--write]
 
 - **Flights**: `docs/examples/vehicle.py` and `eadp replan --mavlink --upload`, two processes, `--speed` times as
-  fast as the clock.
-  Each is launched by hand at 5 to 18 times the power of level flight. Every message is lost with 5 %, either way, and
-  comes up to 0.05 s late, so that messages overtake one another. Some flights lose a cell, which the voltage alone
-  shows; in some the link is silent in the midst of an upload, which the vehicle gives up. Beside
+  fast as the clock. `--flights` are as ArduPilot, `--px4` as PX4, with the parameters that `eadp export --parameters`
+  writes.
+  Each is launched by hand at 5 to 18 times the power of level flight. Every message is lost with 5 %, with 15 % in the
+  flights as PX4 and in some of the others, either way, and comes up to 0.05 s late, so that messages overtake one
+  another. Some flights lose a cell, which the voltage alone shows; in some the link is silent in the midst of an upload,
+  which the vehicle gives up; in some a pilot flies for a minute. Beside
   it the same vehicle, take-off, pack, gusts and losses of charge by JSON lines once a second through the re-planner of
   `eadp replan`: nothing is lost, and what is decided is flown at once. U of both is that of the stages and parameters
   that their lines of telemetry report. A decision near a threshold depends on when in the second a line comes: the
@@ -51,7 +53,7 @@ import mavlink_vehicle  # noqa: E402
 from common.plans import placed  # noqa: E402
 from mavlink_vehicle import Autopilot  # noqa: E402
 from twin import OWNER, PROFILE, plans  # noqa: E402
-from vehicle import GROUND_S, SECOND_STEPS, TELEMETRY_STEPS, Vehicle  # noqa: E402
+from vehicle import DETECTOR, GROUND_S, SECOND_STEPS, TELEMETRY_STEPS, Vehicle, parameters_of  # noqa: E402
 
 from eadp.api.inputs import FlightInputs, load_flight  # noqa: E402
 from eadp.api.replan.link import LinkFlight, LinkOptions  # noqa: E402
@@ -69,7 +71,9 @@ from eadp.simulation.loop import Outcome  # noqa: E402
 from eadp.simulation.loop import fly as simulate  # noqa: E402
 from eadp.simulation.metrics import ParameterLog  # noqa: E402
 
-LOSS, DELAY_S, SEED, FIRST_PORT = 0.05, 0.05, 33, 15_100
+LOSS, HIGH_LOSS, DELAY_S, SEED, FIRST_PORT = 0.05, 0.15, 0.05, 33, 15_100
+BY_HAND_S, RESERVED_AH = 60.0, 0.15
+"""How long a pilot flies [s]; charge of PX4's own margin before it turns back, 100 s of level flight [Ah]."""
 BOOT_S = 100.0
 """The autopilot's time at the launch [s]."""
 CAPACITIES_AH = {"survey": (0.6, 1.2), "meadow": (0.75, 1.1), "slanted": (0.65, 0.95), "corner": (1.1, 1.9)}
@@ -97,6 +101,9 @@ class Mission:
     cell: tuple[float, float] | None = None
     take_off: float = 1.0
     interrupted: bool = False
+    px4: bool = False
+    by_hand: tuple[float, float] | None = None
+    loss: float = LOSS
 
     def file(self, name: str) -> Path:
         """A file of this flight."""
@@ -110,7 +117,12 @@ class Mission:
     @property
     def waypoints(self) -> str:
         """The mission at the parameters of the forecast before take-off."""
-        return str(self.file("mission.waypoints"))
+        return str(self.file("mission.plan" if self.px4 else "mission.waypoints"))
+
+    @property
+    def parameters(self) -> str:
+        """The autopilot's parameters that the forecast holds for."""
+        return str(self.file("autopilot.params" if self.px4 else "autopilot.param"))
 
     @property
     def inputs(self) -> FlightInputs:
@@ -118,13 +130,13 @@ class Mission:
         return load_flight(self.plan, scenario=str(self.file("scenario.yaml")))
 
 
-def missions(count: int, folder: Path) -> list[Mission]:
-    """Random missions, their plans and scenarios."""
+def missions(count: int, folder: Path, px4: int = 0) -> list[Mission]:
+    """Random missions as ArduPilot, then as PX4; their plans and scenarios."""
     rng, made = np.random.default_rng(SEED), []
     (folder / "made").mkdir(parents=True)
     for name, file in plans(folder / "made").items():
         (folder / f"{name}.plan").write_text(placed(Path(file).read_text()))
-    for index, place in zip(range(count), itertools.cycle(CAPACITIES_AH)):
+    for index, place in zip(range(count + px4), itertools.cycle(CAPACITIES_AH)):
         speed, course = rng.uniform(0, 6), rng.uniform(0, 2 * math.pi)
         loss = round(rng.uniform(60, 250), 1), round(rng.uniform(0.04, 0.1), 3)
         wind = round(speed * math.cos(course), 2), round(speed * math.sin(course), 2)
@@ -134,7 +146,14 @@ def missions(count: int, folder: Path) -> list[Mission]:
         if index % 6 == 3:  # so much as no straight line of the voltage hides, and a battery that has it
             cell = loss[0], round(0.1 + loss[1], 3)
             capacity_ah = round(capacity_ah / (1 - cell[1]), 3)
-        mission = Mission(index, place, folder, wind, capacity_ah, drop, cell, take_off, index % 4 == 0)
+        is_px4 = index >= count
+        by_hand = (loss[0] + 20, BY_HAND_S) if index % 5 == 1 else None
+        if by_hand is not None:  # at 20 m/s he draws twice as much
+            capacity_ah = round(capacity_ah + 12 * FULL_AH, 3)
+        capacity_ah = round(capacity_ah + RESERVED_AH * is_px4, 3)
+        lost = HIGH_LOSS if is_px4 or index % 5 == 2 else LOSS
+        ways = index % 4 == 0, is_px4, by_hand, lost
+        mission = Mission(index, place, folder, wind, capacity_ah, drop, cell, take_off, *ways)
         lay_out(mission)
         made.append(mission)
     return made
@@ -144,9 +163,12 @@ def lay_out(mission: Mission) -> None:
     """Write its scenario and its waypoints."""
     battery = {"capacity_ah": mission.capacity_ah, "resistance_ohm": round(OHM_AH / mission.capacity_ah, 4)}
     scenario = {"schema": "eadp.scenario/1", "vehicle": str(OWNER), "profile": str(PROFILE), "battery": battery}
+    if mission.px4:  # as the exported parameters have it: it arms without a landing
+        scenario |= {"autopilot": {"kind": "px4", "parameters": {"MIS_TKO_LAND_REQ": 0}}}
     mission.file("scenario.yaml").write_text(json.dumps({**scenario, "reserve_soc": 0.05}))
-    export = [*EADP, "export", mission.plan, "--to", "ardupilot", "--altitude", "100", "-o", mission.waypoints]
-    export += ["--scenario", str(mission.file("scenario.yaml"))]
+    to = "px4" if mission.px4 else "ardupilot"
+    export = [*EADP, "export", mission.plan, "--to", to, "--altitude", "100", "-o", mission.waypoints]
+    export += ["--scenario", str(mission.file("scenario.yaml")), "--parameters", mission.parameters]
     subprocess.run(export, check=True, capture_output=True)
 
 
@@ -161,6 +183,9 @@ class Flown:
     soc: float
     u: float
     uploads: int = 0
+    accepted: int = 0
+    turned_back: bool = False
+    decided_by_hand: int = 0
     interrupted: int = 0
     warned: tuple[str, ...] = ()
     cell_s: float | None = None
@@ -196,7 +221,8 @@ def vehicle(mission: Mission, port: int, speed: float, *options: str) -> dict[st
     command += ["--wind", *map(str, mission.wind_mps)]
     command += ["--drop", *map(str, mission.drop)] if mission.drop else []
     command += ["--cell", *map(str, mission.cell)] if mission.cell else []
-    command += ["--take-off", str(mission.take_off), "--ohm-ah", str(OHM_AH)]
+    command += ["--take-off", str(mission.take_off), "--ohm-ah", str(OHM_AH), "--parameters", mission.parameters]
+    command += ["--pilot", *map(str, mission.by_hand)] if mission.by_hand else []
     done = subprocess.run([*command, *options], check=True, capture_output=True, text=True)
     result: dict[str, Any] = json.loads(done.stdout)
     return result
@@ -208,7 +234,7 @@ def over_link(mission: Mission, speed: float) -> Flown:
     process = replan(mission, port)
     try:
         silent = ("--interrupt", str(SILENT_S)) if mission.interrupted else ()
-        end = vehicle(mission, port, speed, "--loss", str(LOSS), "--delay", str(DELAY_S), *silent)
+        end = vehicle(mission, port, speed, "--loss", str(mission.loss), "--delay", str(DELAY_S), *silent)
         process.wait(30)
     finally:
         process.kill()
@@ -222,11 +248,21 @@ def over_link(mission: Mission, speed: float) -> Flown:
         end["soc"],
         quality(mission.inputs, lines),
         said.count("uploaded and verified"),
+        end["uploads"],
+        end["turned_back"],
+        changes_by_hand(mission, decided),
         end["interrupted"],
         tuple(sorted(set(re.findall(r"warning: (.*)", said)))),
         told[0] if told else None,
         sum("infeasible" in row["reason"] for row in decided if row["time_s"] < BOOT_S + 60),
     )
+
+
+def changes_by_hand(mission: Mission, decided: list[dict[str, Any]]) -> int:
+    """How many decisions of other parameters there are while a pilot flies, from two seconds on."""
+    from_s, for_s = mission.by_hand or (math.inf, 0.0)
+    rows = [row["parameters"] for row in decided if 2 < row["time_s"] - BOOT_S - from_s < for_s]
+    return sum(one != other for one, other in itertools.pairwise(rows))
 
 
 class Bridge:
@@ -249,6 +285,8 @@ class Bridge:
             mission.cell,
             mission.take_off,
             OHM_AH,
+            by_hand=mission.by_hand,
+            parameters=parameters_of(Path(mission.parameters)),
         )
         self.names = self.plan.names[: self.plan.path_count]
         self.items = read_items(f"{mission.waypoints}.items.json", self.names)
@@ -256,7 +294,7 @@ class Bridge:
         self.replanner = Replanner(self.inputs, "lines", None, self.decisions.append, str)
         self._held = HeldMission(self.plan, self.inputs.mission.cruise_mps, self.items)
         self._codec, self._answers = Codec(frozenset()), Codec(PROTOCOL)
-        self._held.ardupilot = True
+        self._held.ardupilot = not mission.px4
         self._exchange(self._held.read(0.0), 0.0)
 
     def _exchange(self, outputs: list[Output], now_s: float) -> None:
@@ -290,7 +328,7 @@ class Bridge:
                 continue
             decided = self.decisions[-1]
             vehicle.fps = decided["parameters"][self.plan.names[-1]]
-            if self.replanner.planned:
+            if self.replanner.planned and vehicle.pilot.mode == "mission":
                 path = tuple([decided["parameters"][name] for name in self.names])
                 now_s = vehicle.plane.time_s
                 self._exchange(self._held.tick(now_s, vehicle.holder.current), now_s)
@@ -304,11 +342,11 @@ class Bridge:
 
     def _line(self) -> dict[str, Any]:
         vehicle, plane = self.vehicle, self.vehicle.plane
-        item = self.items[min(vehicle.holder.current, len(self.items)) - 1]
+        item = self.items[min(vehicle.holder.current - vehicle.holder.first, len(self.items) - 1)]
         stage = {"stages_started": item.first} if item.first == item.last else {}
         lat_deg, lon_deg = to_geodetic_deg(plane.x_m, plane.y_m, vehicle.origin_deg)
         return stage | {
-            "flies_mission": True,
+            "flies_mission": vehicle.pilot.mode == "mission",
             "time_s": round(plane.time_s, 3), "lat_deg": lat_deg, "lon_deg": lon_deg,
             "power_w": round(vehicle.power_w, 2), "current_consumed_ah": round(vehicle.consumed_ah, 3),
             "velocity_mps": [round(plane.east_mps, 2), round(plane.north_mps, 2)],
@@ -355,15 +393,43 @@ def flights(found: list[Mission], speed: float, jobs: int) -> None:
         linked = list(pool.map(lambda mission: over_link(mission, speed), found))
         reference = list(fives)
     own, lines = ("MAVLink: completed", "SoC", "U", "uploads"), ("JSON lines: completed", "SoC", "U", "U, all five")
-    print(head("#", "place", "wind [m/s]", "Ah", "take-off", "loss", *own, *lines, "U apart", "from all five"))
+    print(
+        head(
+            "#",
+            "autopilot",
+            "place",
+            "wind [m/s]",
+            "Ah",
+            "take-off",
+            "loss",
+            "messages lost",
+            "by hand",
+            *own,
+            *lines,
+            "U apart",
+            "from all five",
+        )
+    )
     apart, beyond, both = [], [], []
     for mission, one, five in zip(found, linked, reference, strict=True):
         other, (least, *_, most) = five[0], sorted(flown.u for flown in five)
         lost = mission.drop or mission.cell
         loss = "-" if lost is None else f"{lost[1]:.1%}@{lost[0]:.0f}{' (cell)' * (mission.cell is not None)}"
-        cells = [mission.index, mission.place, f"{math.hypot(*mission.wind_mps):.1f}", mission.capacity_ah]
-        cells += [f"× {mission.take_off}", loss]
-        cells += ["yes" if one.completed else "no", f"{one.soc:.3f}", f"{one.u:.3f}", one.uploads]
+        cells = [
+            mission.index,
+            "PX4" if mission.px4 else "ArduPilot",
+            mission.place,
+            f"{math.hypot(*mission.wind_mps):.1f}",
+            mission.capacity_ah,
+        ]
+        by_hand = "-" if mission.by_hand is None else f"{mission.by_hand[1]:.0f} s@{mission.by_hand[0]:.0f}"
+        cells += [f"× {mission.take_off}", loss, f"{mission.loss:.0%}", by_hand]
+        cells += [
+            "yes" if one.completed else "no",
+            f"{one.soc:.3f}",
+            f"{one.u:.3f}",
+            f"{one.uploads} of {one.accepted}",
+        ]
         cells += [
             "yes" if other.completed else "no",
             f"{other.soc:.3f}",
@@ -396,6 +462,12 @@ def as_real(found: list[Mission], linked: list[Flown]) -> None:
     others = len(linked) - len(reported)
     print(f"a lost cell is reported after: {after}; in flights without one, reported: {false} of {others}")
     print(f"uploads interrupted: {sum(one.interrupted for one in linked)}")
+    uploads = sum(one.uploads for one in linked), sum(one.accepted for one in linked)
+    print(f"uploads verified, of those that the autopilot accepted: {uploads[0]} of {uploads[1]}")
+    by_hand = [one.decided_by_hand for mission, one in pairs if mission.by_hand]
+    print(f"other parameters decided while a pilot flies: {sum(by_hand)}, in {len(by_hand)} flights")
+    turned = [one.turned_back for mission, one in pairs if mission.px4]
+    print(f"PX4 has turned back by itself: {sum(turned)} of {len(turned)} flights")
     print(head("warning", "flights"))
     for text in sorted({text for one in linked for text in one.warned}):
         print(line(text, sum(text in one.warned for one in linked)))
@@ -540,6 +612,7 @@ class Linked(Planner):
     def __init__(self, inputs: FlightInputs, folder: Path) -> None:
         super().__init__(inputs.scenario.planner, inputs.mission)
         self._autopilot, self.rows = Autopilot(), list[tuple[float, float, int]]()
+        self._detector = Autopilot(component=DETECTOR)
         command = [sys.executable, __file__, "--day", str(folder)]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
@@ -554,7 +627,7 @@ class Linked(Planner):
         frames = (
             pilot.heartbeat(armed=True, active=True),
             pilot.battery(16.0, power_w / 16.0, None, o.soc),
-            pilot.frame("named_value_float", round(o.time_s * 1000), b"fps", o.parameters[1]),
+            self._detector.frame("named_value_float", round(o.time_s * 1000), b"fps", o.parameters[1]),
             pilot.position(o.time_s, *o.position_m, list(o.sample.velocity_mps or (0.0, 0.0)), course % 360),
         )
         assert self._process.stdin is not None
@@ -660,7 +733,9 @@ def computing(mission: Mission, speed: float) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--flights", type=int, default=20)
+    parser.add_argument("--flights", type=int, default=30)
+    parser.add_argument("--px4", type=int, default=20)
+    parser.add_argument("--alone", action="store_true", help="flights, and nothing else")
     parser.add_argument("--speed", type=float, default=1.0)
     parser.add_argument("--jobs", type=int, default=20)
     parser.add_argument("--seconds", type=float, default=60.0)
@@ -674,9 +749,11 @@ def main() -> None:
         return
     with recorded("link", write=options.write), tempfile.TemporaryDirectory() as own:
         name = str(options.keep or own)
-        found = missions(max(options.flights, 1), Path(name))
+        found = missions(max(options.flights, 1), Path(name), options.px4)
         print("## Flights")
-        flights(found[: options.flights], options.speed, options.jobs)
+        flights(found[options.flights == 0 :], options.speed, options.jobs)
+        if options.alone:
+            return
         print("## Latency and processor")
         load(Path(name), options.seconds)
         print("## Memory")

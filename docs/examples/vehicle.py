@@ -4,8 +4,12 @@ usage: python docs/examples/vehicle.py MISSION.waypoints [--to 127.0.0.1:14550] 
 
 The aeroplane, its battery and its air are benchmarks/plant.py, which knows nothing of eadp's models; the autopilot here
 knows waypoints, loiters, changes of speed and the return, and MAVLink's mission protocol. It starts in the air, at the
-first waypoint of the mission, a file of `eadp export --to ardupilot`. Its detector is a number: it runs at the rate
-that it is sent as NAMED_VALUE_FLOAT `fps`, and reports it, unless `--deaf`.
+first waypoint of the mission: a file of `eadp export --to ardupilot`, or of `--to px4` (`.plan`). Its detector is a
+number: it runs at the rate that it is sent as NAMED_VALUE_FLOAT `fps`, and reports it, unless `--deaf`.
+
+It keeps and flies missions as the autopilot of the file does. PX4 does not arm with a mission that has no landing, or a
+steep one, leaves lines early, turns back by itself when its time left is short, and takes a mission up again at the
+start of the line that was left. Both hold calibrated airspeed, within their limits.
 
 - `--speed` is how many times as fast as the clock it flies.
 - `--loss`, `--delay`: share of messages that are lost either way, and their largest delay [s], so that they overtake.
@@ -14,6 +18,9 @@ that it is sent as NAMED_VALUE_FLOAT `fps`, and reports it, unless `--deaf`.
 - `--take-off FACTOR`: launched by hand, it climbs to its altitude, and draws so many times the power of level flight
   in the first 10 s.
 - `--interrupt S`: in the midst of an upload the link is silent for so long, once, and the vehicle gives the upload up.
+- `--parameters FILE`: the autopilot's, as `eadp export --parameters` writes them; without, those of the factory.
+- `--pilot S SECONDS`: a pilot flies from S on, for so many seconds, at 20 m/s and on a circle.
+- `--elevation`: height of the field above the sea [m].
 - `--capacity`, `--cells`: the pack's capacity [Ah], 1, and its cells in series, 4 by default, as the scenario
   has them (full, a cell has 4.2 V); `--ohm-ah`: its resistance times its capacity.
 - `--rates FILE`: a detector that runs, `docs/examples/detector.py`, which watches the file of `eadp replan
@@ -43,8 +50,20 @@ import numpy as np
 ROOT = Path(__file__).resolve().parents[2]
 sys.path += [str(ROOT / "benchmarks"), str(ROOT / "tests/support")]
 
-from mavlink_vehicle import Autopilot, MissionHolder, dialect  # noqa: E402
-from plant import ALTITUDE_M, CONTROL_S, GRAVITY_MPS2, Aeroplane, Dryden, Lipo, _turn_rad, _wrapped, battery_w  # noqa: E402
+from linked_flight import qgc_items  # noqa: E402
+from mavlink_vehicle import ARDUPILOT, PX4, Autopilot, MissionHolder, dialect  # noqa: E402
+from plant import (  # noqa: E402
+    AIRSPEED_MPS,
+    ALTITUDE_M,
+    CONTROL_S,
+    GRAVITY_MPS2,
+    Aeroplane,
+    Dryden,
+    Lipo,
+    _turn_rad,
+    _wrapped,
+    battery_w,
+)
 from twin import LEVELS, LEVELS_W, OHM_AH  # noqa: E402
 
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m  # noqa: E402
@@ -58,6 +77,29 @@ INSIDE, LINED_UP_RAD = 1.05, math.radians(10)
 that waypoint, and as much again after each further turn."""
 GROUND_S, LAUNCH_M, TAKE_OFF_S, LEVEL_W = 2.0, 10.0, 10.0, 70.0
 """Time on the ground before a launch, its altitude, the time of full throttle, and the power of level flight."""
+PILOT_MPS, PILOT_RAD = 20.0, math.radians(15)
+"""Airspeed and bank of a pilot who flies by hand."""
+EARLY_S, HOLD_S = 6.25, 5.0
+"""By how many seconds of flight PX4 leaves a waypoint early, times NPFG_SW_DST_MLT: 24 to 34 m at 14 m/s with 0.32; and
+how long it holds before it turns back by itself."""
+FACTORY = {
+    ARDUPILOT: {"AIRSPEED_MIN": 9.0, "AIRSPEED_MAX": 22.0},
+    PX4: {
+        "FW_AIRSPD_MIN": 9.0,
+        "FW_AIRSPD_MAX": 22.0,
+        "NPFG_SW_DST_MLT": 0.32,
+        "MIS_TKO_LAND_REQ": 2.0,
+        "FW_LND_ANG": 5.0,
+        "COM_FLTT_LOW_ACT": 3.0,
+        "RTL_TIME_FACTOR": 1.1,
+        "RTL_TIME_MARGIN": 100.0,
+    },
+}
+"""Parameters of the autopilots before somebody changes them; the limits of the airspeed are this aeroplane's."""
+LIMITS = {False: ("AIRSPEED_MIN", "AIRSPEED_MAX"), True: ("FW_AIRSPD_MIN", "FW_AIRSPD_MAX")}
+"""Names of the limits of the airspeed, of ArduPilot and of PX4."""
+CURRENT_SHARE = 0.001
+"""Share of the present current in PX4's mean, each CONTROL_S."""
 INTERRUPTED = 3
 """Items after which an upload is interrupted."""
 TELEMETRY_STEPS, BATTERY_STEPS, SECOND_STEPS = 4, 10, 20
@@ -123,11 +165,14 @@ class Detector:
 
 
 class Pilot:
-    """Flies the items of a mission: lines between waypoints, loiters, and the way home."""
+    """Flies the items of a mission: lines between waypoints, loiters, and the way home.
+
+    `mode` is that of `Autopilot`: on its mission, in a pilot's hands, holding or returning.
+    """
 
     def __init__(self, holder: MissionHolder, origin_deg: tuple[float, float]) -> None:
         self.holder, self.origin_deg, self.home_m = holder, origin_deg, (0.0, 0.0)
-        self.returns = self.done = False
+        self.mode, self.done, self.calibrated, self._before_mps = "mission", False, 1.0, AIRSPEED_MPS
         self._from: tuple[float, float] | None = None
         self._turned, self._angle = 0.0, None
         self._item: tuple[Any, ...] | None = None
@@ -139,7 +184,9 @@ class Pilot:
     def bank_rad(self, plane: Aeroplane) -> float:
         """The bank to fly with; goes on to the next item where one is done."""
         at = plane.x_m, plane.y_m
-        while not self.returns and not self.done:
+        if self.mode in ("pilot", "hold"):
+            return PILOT_RAD
+        while self.mode == "mission" and not self.done:
             items, number = self.holder.items, self.holder.current
             if number >= len(items):
                 self.done = True
@@ -148,7 +195,7 @@ class Pilot:
             if item != self._item:
                 self._item, self._turned, self._angle = item, 0.0, None
             if item[0] == RETURN:
-                self.returns = True
+                self.mode = "return"
             elif item[0] == WAYPOINT:
                 if not self._arrived(plane, at, item, number):
                     return self._to(plane, self.place(item))
@@ -161,17 +208,40 @@ class Pilot:
                 self.holder.current += 1
             else:
                 if item[0] == CHANGE_SPEED:
-                    plane.airspeed_target_mps = item[2][1]
+                    self.change_speed(plane, item[2][1])
                 self.holder.current += 1
         if math.dist(at, self.home_m) < HOME_M:
             self.done = True
         return self._to(plane, self.home_m)
+
+    def take_over(self, plane: Aeroplane) -> None:
+        """A pilot flies by hand."""
+        self.mode, self._before_mps, plane.airspeed_target_mps = "pilot", plane.airspeed_target_mps, PILOT_MPS
+
+    def give_back(self, plane: Aeroplane) -> None:
+        """Fly the mission again: PX4 from the start of the line that was left, ArduPilot from here to its end."""
+        self.mode, plane.airspeed_target_mps, self._from = "mission", self._before_mps, None
+        if self.holder.px4:
+            before = range(self.holder.first, self.holder.current)
+            self.holder.current = next(
+                (k for k in reversed(before) if self.holder.items[k][0] == WAYPOINT), self.holder.first
+            )
+
+    def change_speed(self, plane: Aeroplane, speed_mps: float) -> None:
+        """Fly at another calibrated airspeed: ArduPilot refuses one that is outside its limits, PX4 limits it."""
+        low, high = (self.holder.parameters[name] for name in LIMITS[self.holder.px4])
+        limited = min(max(speed_mps, low), high)
+        if self.holder.px4 or limited == speed_mps:
+            plane.airspeed_target_mps = limited / self.calibrated
 
     def _arrived(self, plane: Aeroplane, at: tuple[float, float], item: Any, number: int) -> bool:
         """Whether a waypoint is passed, or it is time to turn to the next one."""
         x, y = self.place(item)
         course = math.atan2(y - (self._from or at)[1], x - (self._from or at)[0])
         left = (x - at[0]) * math.cos(course) + (y - at[1]) * math.sin(course)
+        if self.holder.px4:
+            ground = math.hypot(plane.east_mps, plane.north_mps)
+            return left < EARLY_S * self.holder.parameters["NPFG_SW_DST_MLT"] * ground
         if item[2][1] > 0:
             return left < item[2][1]
         later = next((other for other in self.holder.items[number + 1 :] if other[0] in (WAYPOINT, LOITER_TURNS)), None)
@@ -219,10 +289,18 @@ class Pilot:
         return abs(_wrapped(math.atan2(y - at[1], x - at[0]) - plane.course_rad)) > LINED_UP_RAD * (1 + int(further))
 
 
-def rows_of(path: Path) -> list[tuple[int, int, tuple[float, ...]]]:
-    """The items of a WPL file, home first."""
-    rows = [line.split("\t") for line in path.read_text().splitlines()[1:] if line.strip()]
-    return [(int(row[3]), int(row[2]), tuple(map(float, row[4:11]))) for row in rows]
+def rows_of(path: Path) -> tuple[tuple[float, float], list[tuple[int, int, tuple[float, ...]]]]:
+    """Latitude and longitude of home, and the items of a mission: of a WPL file, or a plan of QGroundControl."""
+    if path.suffix == ".plan":
+        return tuple(json.loads(path.read_text())["mission"]["plannedHomePosition"][:2]), qgc_items(path)
+    home, *items = [line.split("\t") for line in path.read_text().splitlines()[1:] if line.strip()]
+    return (float(home[8]), float(home[9])), [(int(row[3]), int(row[2]), tuple(map(float, row[4:11]))) for row in items]
+
+
+def parameters_of(path: Path) -> dict[str, float]:
+    """The parameters of a file of `eadp export --parameters`, by name."""
+    rows = [line.replace(",", "\t").split("\t") for line in path.read_text().splitlines() if not line.startswith("#")]
+    return {row[-3] if len(row) > 2 else row[0]: float(row[-2] if len(row) > 2 else row[1]) for row in rows}
 
 
 class Vehicle:
@@ -231,7 +309,7 @@ class Vehicle:
     Parameters
     ----------
     mission : Path
-        A file of `eadp export --to ardupilot`.
+        A file of `eadp export --to ardupilot`, or of `--to px4`, whose autopilot it is.
     wind_mps, capacity_ah, seed
         Air, pack, and the gusts' numbers.
     drop, cell : (float, float), optional
@@ -242,6 +320,12 @@ class Vehicle:
         Resistance of the pack times its capacity.
     cells : int
         Of the pack, in series: it has 4.2 V each when full.
+    by_hand : (float, float), optional
+        From when on a pilot flies, and for how long [s].
+    parameters : dict, optional
+        The autopilot's, in place of those of the factory.
+    elevation_m : float
+        Height of the field above the sea [m].
     """
 
     def __init__(
@@ -255,20 +339,28 @@ class Vehicle:
         take_off: float = 1.0,
         ohm_ah: float = OHM_AH,
         cells: int = 4,
+        by_hand: tuple[float, float] | None = None,
+        parameters: dict[str, float] | None = None,
+        elevation_m: float = 0.0,
     ) -> None:
-        home, *items = rows_of(mission)
-        self.origin_deg = home[2][4], home[2][5]
-        self.holder = MissionHolder(items)
-        self.holder.items[0] = home
+        self.origin_deg, items = rows_of(mission)
+        kind = PX4 if mission.suffix == ".plan" else ARDUPILOT
+        self.holder = MissionHolder(items, kind=kind)
+        self.holder.parameters = {**FACTORY[kind], **(parameters or {})}
+        if not self.holder.px4:
+            self.holder.items[0] = (16, 0, (0.0, 0.0, 0.0, 0.0, *self.origin_deg, elevation_m))
         self.pilot = Pilot(self.holder, self.origin_deg)
+        # dynamic pressure is that of the calibrated airspeed at sea level, in the standard atmosphere
+        self.pilot.calibrated = math.sqrt((1 - 2.25577e-5 * (elevation_m + ALTITUDE_M)) ** 4.2559)
         points = [self.pilot.place(item) for item in items if item[0] == WAYPOINT]
         course = math.atan2(points[1][1] - points[0][1], points[1][0] - points[0][0])
         gusts, start_m = Dryden(math.hypot(*wind_mps), seed, 7200.0), LAUNCH_M if take_off > 1 else ALTITUDE_M
-        self.plane = Aeroplane(points[0], course, wind_mps, gusts, start_m)
-        self.plane.altitude_target_m = ALTITUDE_M
+        self.plane = Aeroplane(points[0], course, wind_mps, gusts, elevation_m + start_m)
+        self.plane.altitude_target_m = elevation_m + ALTITUDE_M
         self.pack, self._drop = Lipo(capacity_ah, ohm_ah / capacity_ah, cells), drop
-        self._cell, self._take_off = cell, take_off
+        self._cell, self._take_off, self._by_hand, self.elevation_m = cell, take_off, by_hand, elevation_m
         self.fps, self.power_w, self.consumed_ah = float(LEVELS[-1]), 0.0, 0.0
+        self._mean_a, self._hold_to_s, self.turned_back = 0.0, math.inf, False
 
     @property
     def flies(self) -> bool:
@@ -282,9 +374,37 @@ class Vehicle:
         flown = not any(item[0] in (WAYPOINT, LOITER_TURNS) for item in left)
         return flown and self.pilot.done and not self.pack.empty
 
+    @property
+    def altitude_m(self) -> float:
+        """Above home."""
+        return float(self.plane.altitude_m) - self.elevation_m
+
+    def _change_mode(self) -> None:
+        """Have the pilot take over and give back; turn back where PX4's time left is too short, after a hold."""
+        pilot, now_s = self.pilot, self.plane.time_s
+        if self._by_hand is not None and pilot.mode == "mission" and now_s >= self._by_hand[0]:
+            pilot.take_over(self.plane)
+        elif self._by_hand is not None and pilot.mode == "pilot" and now_s >= sum(self._by_hand):
+            pilot.give_back(self.plane)
+            self._by_hand = None
+        parameters = self.holder.parameters
+        if parameters.get("COM_FLTT_LOW_ACT") != 3 or pilot.mode not in ("mission", "hold"):
+            return
+        self._mean_a += (self.pack.current_a - self._mean_a) * (CURRENT_SHARE if self._mean_a else 1.0)
+        left_s = 3600 * max(self.pack.capacity_ah - self.consumed_ah, 0.0) / max(self._mean_a, 0.1)
+        home_s = math.dist((self.plane.x_m, self.plane.y_m), pilot.home_m) / AIRSPEED_MPS
+        if now_s >= self._hold_to_s:
+            pilot.mode, self.turned_back = "return", True
+            return
+        needed_s = parameters["RTL_TIME_FACTOR"] * home_s + parameters["RTL_TIME_MARGIN"]
+        if pilot.mode == "mission" and left_s < needed_s:
+            pilot.mode, self._hold_to_s = "hold", now_s + HOLD_S
+
     def step(self) -> None:
         """Fly for CONTROL_S."""
+        self._change_mode()
         self.plane.control(self.pilot.bank_rad(self.plane))
+        self.holder.autopilot.mode = self.pilot.mode
         self.power_w = float(battery_w(self.plane.shaft_w) + np.interp(self.fps, LEVELS, LEVELS_W))
         if self._take_off > 1 and self.plane.time_s < TAKE_OFF_S:
             self.power_w = max(self.power_w, self._take_off * LEVEL_W)
@@ -310,6 +430,9 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
         options.take_off,
         options.ohm_ah,
         options.cells,
+        options.pilot,
+        parameters_of(Path(options.parameters)) if options.parameters else None,
+        options.elevation,
     )
     holder, detector = vehicle.holder, Autopilot(component=DETECTOR)
     autopilot, wire = holder.autopilot, Wire(options.to, options.loss, options.delay, options.seed)
@@ -319,11 +442,21 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
         runs = Detector(*(() if options.deaf else ("--rates", options.rates)), rate=vehicle.fps)
     parser, step, counts = dialect.MAVLink(None), 0, {"commands": 0, "fps": 0, "interrupted": 0}
     parser.robust_parsing = True
+    if vehicle.holder.refusal:  # it does not arm
+        for _ in range(30):
+            wire.send(autopilot.heartbeat(armed=False, active=False))
+            wire.send(holder.current_item)
+            for frame in (*holder._text(holder.refusal), *holder.armed()):
+                wire.send(frame)
+            time.sleep(0.1)
+            wire.flush()
+            answer(wire, parser, holder)
+        return {"armed": False, "completed": False, "refusal": holder.refusal.strip()}
     for k in range(round(GROUND_S / CONTROL_S / TELEMETRY_STEPS) if options.take_off > 1 else 0):
         wire.send(autopilot.heartbeat(armed=False, active=False))
         wire.send(autopilot.frame("vfr_hud", 0.0, 0.0, 0, 0, 0.0, 0.0))
         now_s = 100 - GROUND_S + k * CONTROL_S * TELEMETRY_STEPS
-        wire.send(position(autopilot, now_s, plane, vehicle.origin_deg, landed=True))
+        wire.send(position(autopilot, now_s, plane, vehicle.origin_deg, None))
         time.sleep(CONTROL_S * TELEMETRY_STEPS / options.speed)
         wire.flush()
     begun, interrupt_s = time.monotonic(), options.interrupt
@@ -333,30 +466,33 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
         vehicle.step()
         if step % SECOND_STEPS == 0:
             wire.send(autopilot.heartbeat(armed=True, active=True))
-            wire.send(autopilot.frame("mission_current", min(holder.current, len(holder.items) - 1)))
+            wire.send(holder.current_item)
             wire.send(detector.frame("named_value_float", round(now_s * 1000), b"fps", vehicle.fps))
         if step % BATTERY_STEPS == 0:
             drawn_ah = vehicle.consumed_ah
             wire.send(autopilot.battery(pack.voltage_v, pack.current_a, drawn_ah, 1 - drawn_ah / pack.capacity_ah))
         if step % TELEMETRY_STEPS == 0:
-            wire.send(autopilot.frame("vfr_hud", plane.airspeed_mps, 0.0, 0, 50, plane.altitude_m, plane.climb_mps))
-            wire.send(position(autopilot, now_s, plane, vehicle.origin_deg))
+            calibrated_mps = plane.airspeed_mps * pilot.calibrated
+            wire.send(autopilot.frame("vfr_hud", calibrated_mps, 0.0, 0, 50, plane.altitude_m, plane.climb_mps))
+            wire.send(position(autopilot, now_s, plane, vehicle.origin_deg, vehicle.altitude_m))
         for data in wire.receive():
             for frame in (message.get_msgbuf() for message in parser.parse_buffer(data) or ()):
                 message = dialect.MAVLink(None).decode(bytearray(frame))
                 kind = message.get_type()
+                for echo in holder.answer(bytes(frame)) if kind == "NAMED_VALUE_FLOAT" else ():
+                    wire.send(echo)
                 if kind == "NAMED_VALUE_FLOAT" and message.name == "fps" and not options.deaf and runs is None:
                     counts["fps"] += message.value != vehicle.fps
                     vehicle.fps = float(message.value)
                 elif kind == "COMMAND_LONG":
                     counts["commands"] += message.command != SET_INTERVAL
-                    pilot.returns |= message.command == RETURN
+                    pilot.mode = "return" if message.command == RETURN else pilot.mode
                     wire.send(autopilot.frame("command_ack", message.command, 0))
                 elif kind == "STATUSTEXT":
                     print(f"{plane.time_s:7.1f} s  {message.text}", file=sys.stderr)
-                else:
-                    for answer in holder.answer(bytes(frame)):
-                        wire.send(answer)
+                elif kind != "NAMED_VALUE_FLOAT":
+                    for said in holder.answer(bytes(frame)):
+                        wire.send(said)
                     if interrupt_s and holder.receives and len(holder.writes) >= INTERRUPTED:
                         wire.silent_until_s, interrupt_s = time.monotonic() + interrupt_s, 0.0
                         holder.give_up()
@@ -370,26 +506,38 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
         runs.close()
     for _ in range(20):
         wire.send(autopilot.heartbeat(armed=False, active=False))
-        wire.send(position(autopilot, 100 + plane.time_s, plane, vehicle.origin_deg, landed=True))
+        wire.send(position(autopilot, 100 + plane.time_s, plane, vehicle.origin_deg, None))
         time.sleep(0.05)
         wire.flush()
     return {
+        "armed": True,
         "completed": vehicle.completed,
+        "turned_back": vehicle.turned_back,
         "time_s": round(plane.time_s, 1),
         "soc": round(float(pack.soc), 4),
         "items_written": len(holder.writes),
+        "uploads": holder.uploads,
         **counts,
     }
 
 
+def answer(wire: Wire, parser: Any, holder: MissionHolder) -> None:
+    """Answer what has come of the mission protocol."""
+    for data in wire.receive():
+        for message in parser.parse_buffer(data) or ():
+            for frame in holder.answer(bytes(message.get_msgbuf())):
+                wire.send(frame)
+
+
 def position(
-    autopilot: Autopilot, now_s: float, plane: Aeroplane, origin: tuple[float, float], *, landed: bool = False
+    autopilot: Autopilot, now_s: float, plane: Aeroplane, origin: tuple[float, float], altitude_m: float | None
 ) -> bytes:
-    """Where the aeroplane is."""
+    """Where the aeroplane is, with its altitude above home; None where it has landed."""
     lat, lon = (round(value * 1e7) for value in to_geodetic_deg(plane.x_m, plane.y_m, origin))
     heading = round(100 * (math.degrees(math.pi / 2 - plane.heading_rad) % 360)) % 36000
+    landed = altitude_m is None
     speeds = (0, 0, 0) if landed else (round(plane.north_mps * 100), round(plane.east_mps * 100), 0)
-    altitude = 0 if landed else round(plane.altitude_m * 1000)
+    altitude = round(1000 * (altitude_m or 0.0))
     return autopilot.frame("global_position_int", round(now_s * 1000), lat, lon, 0, altitude, *speeds, heading)
 
 
@@ -410,6 +558,9 @@ def main() -> None:
     parser.add_argument("--ohm-ah", type=float, default=OHM_AH)
     parser.add_argument("--deaf", action="store_true")
     parser.add_argument("--rates")
+    parser.add_argument("--parameters")
+    parser.add_argument("--pilot", type=float, nargs=2)
+    parser.add_argument("--elevation", type=float, default=0.0)
     parser.add_argument("--seed", type=int, default=0)
     print(json.dumps(fly(parser.parse_args())))
 

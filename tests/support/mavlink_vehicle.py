@@ -175,6 +175,7 @@ class MissionHolder:
         self.first = len(home)
         self.current, self.writes, self.kinds = self.first, [], list[str]()
         self.parameters: dict[str, float] = {}
+        self.uploads = 0  # how many it has accepted
         self._parser = dialect.MAVLink(None)
         self._due: list[int] = []
         self._coming: list[Item] = []  # a mission that PX4 gets
@@ -209,7 +210,7 @@ class MissionHolder:
             self._due.pop(0)
             if self._due:
                 return [self._frame("mission_request_int", self._due[0])]
-            self.items = self._coming if self.px4 else self.items
+            self.items, self.uploads = self._coming if self.px4 else self.items, self.uploads + 1
             self.current = self.first if self.resets else self.current
             return [self._frame("mission_ack", 0), *self._text(self.refusal)]
         if kind == "MISSION_ITEM_INT" and self._due:  # again: what was asked for is lost; as ArduPilot
