@@ -287,7 +287,8 @@ class MissionPlan:
                 altitude = self._altitude_m(item, here, altitude)
                 change_m = 0.0 if altitude is None else altitude - up_m
                 speed = airspeed or self.motion.airspeed_mps
-                rate_mps, way_s = self._rate_mps(change_m), math.dist(left, here) / speed
+                radius_m = abs(self._radius_m(item)) if item.command in _LOITERS else 0.0
+                rate_mps, way_s = self._rate_mps(change_m), max(math.dist(left, here) - radius_m, 0.0) / speed
                 # what is left of a climb that begins with the way there
                 left_m = max(abs(change_m) - rate_mps * way_s, 0.0)
                 if item.command == d.TAKEOFF:  # the climb goes on beyond it
@@ -296,7 +297,7 @@ class MissionPlan:
                     up_m = 0.0 if altitude is None else altitude - math.copysign(left_m, change_m)
                 if item.command == d.LOITER_TO_ALTITUDE and abs(change_m) > rate_mps * max(way_s - SETTLING_S, 0.0):
                     # a climb that is not over as the circle begins takes a turn
-                    left_m = max(left_m, rate_mps * 2 * math.pi * abs(self._radius_m(item)) / speed)
+                    left_m = max(left_m, rate_mps * 2 * math.pi * radius_m / speed)
                 climb_m = math.copysign(left_m, change_m)
                 if item.command in _LOITERS and altitude is not None:
                     up_m = altitude
