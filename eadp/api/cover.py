@@ -769,7 +769,8 @@ class CoverageTask:
             return solution
         if final is not None and final.circle is not None and ground is None:
             count = final.circles(self._altitude_m - final.height_m, climbing, motion)
-            solution = with_circles(solution, len(solution.sections) - 1, final.circle, count, motion)
+            circle = replace(final.circle, altitude_m=final.height_m)
+            solution = with_circles(solution, len(solution.sections) - 1, circle, count, motion)
         if not self._climb_s:
             return solution
 

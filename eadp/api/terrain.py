@@ -244,9 +244,6 @@ class HeightReport(NamedTuple):
             f"{values['altitudes']} altitude{'s' * (values['altitudes'] > 1)}",
             f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m{elsewhere}",
         ]
-        if share := 100 * values["lower_share"]:
-            lower = f"           {share:.1f} % of the lines lower than {limits.line_m:g} m"
-            lines.append(f"{lower}: the climb from home takes longer")
         if (share := 100 * values["higher_share"]) and single:
             lines[1] += "; laps have one altitude, lines of --pattern dubins follow the ground"
         elif share:

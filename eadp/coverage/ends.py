@@ -116,8 +116,8 @@ def climbed_first(
         metre_s = motion.time_s([whole_circle(pose, 1.0, 1).piece])
         whole = max(1, math.floor(late_s / (motion.min_radius_m * metre_s)))
         # as wide as takes just the time, or else more of the smallest
-        for radius_m in (late_s / (whole * metre_s), motion.min_radius_m):
-            radius_m = held_up_m(max(radius_m, motion.min_radius_m))
+        radii_m = (max(each, motion.min_radius_m) for each in (late_s / (whole * metre_s), motion.min_radius_m))
+        for radius_m in dict.fromkeys(map(held_up_m, radii_m)):
             count = math.ceil(late_s / (radius_m * metre_s) - SAME_S)
             for circle in free_circles(pose, radius_m, space):
                 found = with_circles(solution, section, circle, count, motion)

@@ -283,12 +283,12 @@ def climb_lack(solution: CoverageSolution, ground: Ground, climbing: Climbing, s
     """
     legs = _legs(solution, 0.0)
     samples = ground.samples(legs)
-    below_m, _, hard_m, _ = _band(samples, ground)
+    _, _, hard_m, _ = _band(samples, ground)
     up_mps, seconds = RATE_SHARE * climbing.up_mps, _seconds(samples, ground.motion)
     climbed_m = start_m + up_mps * np.concatenate([[0.0], np.cumsum(seconds)])
     floor_m = np.where(samples.on_line, _spread(hard_m, samples), hard_m)
     kept = samples.on_line | np.array([leg.whole_circle for leg in legs])[samples.legs]
-    kept |= np.maximum.accumulate(climbed_m - below_m >= ground.limits.clearance_m)
+    kept |= np.maximum.accumulate(climbed_m >= hard_m)
     lacks_m = np.where(kept, floor_m - climbed_m, 0.0)
     low = np.flatnonzero((lacks_m > ROUNDING_M) & samples.on_line)
     until_m = float(samples.places_m[min(low[-1] + 1, len(lacks_m) - 1)]) if len(low) else 0.0

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import point_text, to_geodetic_deg
-from eadp.core.geometry.polygons import Ring, apart_m, clipped, ground_m2, inner_point, uncovered
+from eadp.core.geometry.polygons import Ring, apart_m, clipped, covered_shares, ground_m2, inner_point, uncovered
 from eadp.coverage.swaths import MotionLimits
 from eadp.models.airspace import BOUNDARY, CLEARANCE_SHARE
 from eadp.models.field import Field
@@ -17,6 +17,8 @@ MIN_SHARE = 1e-4
 
 WIDTH_SHARE = 0.01
 """Width over the swath below which ground between strips is rounding."""
+
+IN_CLIMB = "below the altitude of the pictures, in the climb from home, and no room for a circle"
 
 SHOWN = 3
 """Places that are named, the largest ones."""
@@ -43,6 +45,7 @@ def left_ground(
     *,
     width_share: float = WIDTH_SHARE,
     why: str = "",
+    in_climb: Sequence[Sequence[Point]] = (),
 ) -> list[LeftGround]:
     """The places of a field that lines leave uncovered, the largest first.
 
@@ -58,12 +61,15 @@ def left_ground(
         Narrower ground is left out, over the swath.
     why : str, optional
         The reason of all; by default it is found for each.
+    in_climb : sequence of sequences of (float, float), optional
+        Points of each part of a line that is flown in the climb, with the camera off [m].
     """
     found = []
     for rings in uncovered(field.parts, lines, motion.swath_m, width_share * motion.swath_m):
         area_m2 = ground_m2(*rings)
         if area_m2 >= MIN_SHARE * field.area_m2:
-            reason = why or _reason(rings, area_m2, field, motion)
+            low = in_climb and covered_shares([rings], [in_climb], motion.swath_m)[-1] > 0.5
+            reason = why or (IN_CLIMB if low else _reason(rings, area_m2, field, motion))
             found.append(LeftGround(rings, area_m2, inner_point(*rings), reason))
     return sorted(found, key=lambda each: -each.area_m2)
 

@@ -123,7 +123,8 @@ class CoverageReport:
         """The places that are not covered, at the coarsest spacing."""
         if self.least.coverage >= FULL:
             return []
-        return left_ground(self.field, self.solution.path(self.least.c1).sensed_m, self.motion)
+        lines, low = self.solution.path(self.least.c1).sensed_m, self.solution.in_climb_m
+        return left_ground(self.field, lines, self.motion, in_climb=low)
 
     @property
     def seam_m(self) -> float | None:

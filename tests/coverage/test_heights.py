@@ -6,39 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from common.planes import FIELD, LIMITS, MOTION, WING, ground
 
-from eadp.core.flight.following import Climbing
-from eadp.core.geometry.geodesy import to_local_m
 from eadp.coverage.cover import CoverageRequest, cover
 from eadp.coverage.ends import FinalApproach
-from eadp.coverage.heights import Ground, HeightLimits, over_terrain
-from eadp.coverage.swaths import CoverageLeg, MotionLimits, straight
+from eadp.coverage.heights import over_terrain
+from eadp.coverage.swaths import CoverageLeg, straight
 from eadp.errors import Infeasible
-from eadp.models.airspace import Airspace, Obstacle
-from eadp.models.field import Field
-from eadp.models.terrain import ElevationModel, Tile
+from eadp.models.airspace import Obstacle
 
-LIMITS = HeightLimits(80.0, 8.0, 20.0)
-WING = Climbing(3.0, 1.6, 0.5)
-MOTION = MotionLimits(50.0, 40.0, 60.0, 25.0)
-ORIGIN = (55.5, 10.5)
-FIELD = Field(((0.0, 0.0), (600.0, 0.0), (600.0, 300.0), (0.0, 300.0)), origin_deg=ORIGIN)
-ZERO_M = 120.0
 ROUNDING_M = 1e-5
-
-
-def ground(height, obstacles=()):
-    """The ground of a function of x and y [m], from cells of 10 m; by 0 at `ZERO_M` above the sea."""
-    rows, columns = np.mgrid[-200:201, -200:201]
-    heights_m = ZERO_M + height(10.0 * columns, -10.0 * rows)
-
-    def cells(latitudes, longitudes):
-        x, y = np.array([to_local_m(*place, ORIGIN) for place in zip(latitudes, longitudes, strict=True)]).T
-        return 200 - y / 10, 200 + x / 10
-
-    return Ground(
-        ElevationModel((Tile(heights_m, cells),), ORIGIN), ZERO_M, LIMITS, MOTION, 50.0, Airspace(tuple(obstacles))
-    )
 
 
 def flown(height, pattern="dubins", heading_rad=0.0, start_m=None, obstacles=(), lands=False, **given):

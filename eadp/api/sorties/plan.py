@@ -557,7 +557,9 @@ class SortiePlan:
         if self.coverage >= FULL:
             return []
         task = self.planner.task
-        return left_ground(replace(self.ground, airspace=task.airspace), self._path.sensed_m, task.motion)
+        low = [part for each in self.sorties for part in each.solution.in_climb_m]
+        ground = replace(self.ground, airspace=task.airspace)
+        return left_ground(ground, self._path.sensed_m, task.motion, in_climb=low)
 
     @property
     def pictures(self) -> Pictures | None:

@@ -32,6 +32,8 @@ from eadp.models.terrain import ElevationModel
 
 LOW_M = 50.0
 """Height below home beyond which an altitude above the sea may be one above home [m]."""
+SETTLING_S = 8.0
+"""Time that an aircraft takes to hold an altitude once its climb ends [s]."""
 LOITER_RADIUS_M = 60.0
 """Radius of a loiter that states none, which is ArduPilot's default [m]."""
 SAME_POINT_DEG, SAME_POINT_M = 1e-9, 1e-6
@@ -287,11 +289,22 @@ class MissionPlan:
             elif item.command in _MOVING:
                 left, here = here, (0.0, 0.0) if item.command == d.RETURN else self.points.get(index) or here
                 altitude = self._altitude_m(item, here, altitude)
-                climb_m = 0.0 if altitude is None else altitude - up_m
+                change_m = 0.0 if altitude is None else altitude - up_m
+                speed = airspeed or self.motion.airspeed_mps
+                radius_m = abs(self._radius_m(item)) if item.command in _LOITERS else 0.0
+                rate_mps, way_s = self._rate_mps(change_m), max(math.dist(left, here) - radius_m, 0.0) / speed
                 # what is left of a climb that begins with the way there
-                way_s = math.dist(left, here) / (airspeed or self.motion.airspeed_mps)
-                climb_m = math.copysign(max(abs(climb_m) - self._rate_mps(climb_m) * way_s, 0.0), climb_m)
-                up_m = 0.0 if altitude is None else altitude if item.command in _LOITERS else altitude - climb_m
+                left_m = max(abs(change_m) - rate_mps * way_s, 0.0)
+                if item.command == d.TAKEOFF:  # the climb goes on beyond it
+                    up_m += self._rate_mps(1.0) * way_s
+                else:
+                    up_m = 0.0 if altitude is None else altitude - math.copysign(left_m, change_m)
+                if item.command == d.LOITER_TO_ALTITUDE and abs(change_m) > rate_mps * max(way_s - SETTLING_S, 0.0):
+                    # a climb that is not over as the circle begins takes a turn
+                    left_m = max(left_m, rate_mps * 2 * math.pi * radius_m / speed)
+                climb_m = math.copysign(left_m, change_m)
+                if item.command in _LOITERS and altitude is not None:
+                    up_m = altitude
                 target = self._target(index, item, here, airspeed, climb_m)
                 if item.command == d.TAKEOFF and not visits:
                     commands.append((*_without_place(item)[:-1], altitude or 0.0))
@@ -399,6 +412,7 @@ class MissionPlan:
         stages: list[Stage] = []
         functions: dict[str, Expression] = {}  # laps have theirs in common
         commanded = 0
+        before: Point | None = None
         for target, piece in path.pieces:
             visit = visits[target]
             # what was commanded before targets that take no way is commanded now
@@ -410,7 +424,16 @@ class MissionPlan:
             around = piece.centre_m is not None and math.dist(piece.centre_m, visit.target.centre_m) < SAME_POINT_M
             if visit.item.command == d.LOITER_TO_ALTITUDE and around:
                 commands = (*commands, LOITER)
-            x, y = (constant(round(value, 9)) for value in piece.end[:2])
+            end = piece.end[:2]
+            if before is not None and piece.centre_m is not None and piece.start == piece.end:
+                # a whole turn ends where it begins, which a way that is too short to be a piece may be away from
+                (cx, cy), bearing = (
+                    piece.centre_m,
+                    math.atan2(before[1] - piece.centre_m[1], before[0] - piece.centre_m[0]),
+                )
+                end = (cx + piece.radius_m * math.cos(bearing), cy + piece.radius_m * math.sin(bearing))
+            before = end
+            x, y = (constant(round(value, 9)) for value in end)
             stages.append(
                 Stage(
                     len(stages) + 1,

@@ -15,7 +15,6 @@ from eadp.io.mission.draft import (
     LAND,
     LAND_START,
     LOITER_TO_ALTITUDE,
-    RETURN,
     TAKEOFF,
     VTOL_LAND,
     VTOL_TAKEOFF,
@@ -39,9 +38,6 @@ def check_landing(items: Sequence[MissionItem], autopilot: Autopilot) -> None:
         raise Infeasible("PX4 does not arm: the mission has more than one DO_LAND_START (189)", "one of them")
     if starts and (not lands or lands[-1] < starts[0]):
         raise Infeasible("PX4 does not arm: no landing follows DO_LAND_START (189)", "a landing after it, or neither")
-    if starts and any(item.command == RETURN for item in items[starts[0] :]):
-        message = "PX4 does not arm: a return to launch (20) follows DO_LAND_START (189)"
-        raise Infeasible(message, "a mission that ends with its landing")
     limit_deg = autopilot.value(LANDING_ANGLE) or 0.0
     for before, land in itertools.pairwise(items):
         if land.command != LAND or not before.placed:
