@@ -7,7 +7,7 @@ usage: python benchmarks/link.py [--flights 30] [--px4 20] [--speed 1] [--jobs 2
   writes.
   Each is launched by hand at 5 to 18 times the power of level flight. Every message is lost with 5 %, with 15 % in the
   flights as PX4 and in some of the others, either way, and comes up to 0.05 s late, so that messages overtake one
-  another. Some flights lose a cell, which the voltage alone shows; in some the link is silent in the midst of an upload,
+  another. Some flights lose a cell, which the voltage alone shows; in some the link is silent amid an upload,
   which the vehicle gives up; in some a pilot flies for a minute. Beside
   it the same vehicle, take-off, pack, gusts and losses of charge by JSON lines once a second through the re-planner of
   `eadp replan`: nothing is lost, and what is decided is flown at once. U of both is that of the stages and parameters

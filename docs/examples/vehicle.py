@@ -99,7 +99,9 @@ FACTORY = {
 LIMITS = {False: ("AIRSPEED_MIN", "AIRSPEED_MAX"), True: ("FW_AIRSPD_MIN", "FW_AIRSPD_MAX")}
 """Names of the limits of the airspeed, of ArduPilot and of PX4."""
 CURRENT_SHARE = 0.001
-"""Share of the present current in PX4's mean, each CONTROL_S."""
+"""Share of the present current in PX4's mean, each CONTROL_S: that of level flight."""
+LEVEL_MPS = 0.5
+"""Climb up to which a flight is level."""
 INTERRUPTED = 3
 """Items after which an upload is interrupted."""
 TELEMETRY_STEPS, BATTERY_STEPS, SECOND_STEPS = 4, 10, 20
@@ -390,7 +392,8 @@ class Vehicle:
         parameters = self.holder.parameters
         if parameters.get("COM_FLTT_LOW_ACT") != 3 or pilot.mode not in ("mission", "hold"):
             return
-        self._mean_a += (self.pack.current_a - self._mean_a) * (CURRENT_SHARE if self._mean_a else 1.0)
+        if now_s > TAKE_OFF_S and abs(self.plane.climb_mps) < LEVEL_MPS:
+            self._mean_a += (self.pack.current_a - self._mean_a) * (CURRENT_SHARE if self._mean_a else 1.0)
         left_s = 3600 * max(self.pack.capacity_ah - self.consumed_ah, 0.0) / max(self._mean_a, 0.1)
         home_s = math.dist((self.plane.x_m, self.plane.y_m), pilot.home_m) / AIRSPEED_MPS
         if now_s >= self._hold_to_s:

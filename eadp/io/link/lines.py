@@ -204,10 +204,10 @@ class LineMaker:
         parameters: dict[str, float | None] = {
             name: value for name, (at_s, value) in self._parameters.items() if self._is_fresh(at_s)
         }
-        automatic = self._value("automatic", ages=False)
-        if self.items is not None or (automatic is False and not self._value("guided", ages=False)):
-            line["flies_mission"] = automatic is not False
-        if self._value("returns", ages=False):
+        flies = self.flies_mission
+        if self.items is not None or flies is False:
+            line["flies_mission"] = flies
+        if self.returns:
             line["returns_home"] = True
         if item is not None:
             if item.first == item.last:

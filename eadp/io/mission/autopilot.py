@@ -122,11 +122,11 @@ def read_parameters(wanted: Sequence[AutopilotParameter], *, ardupilot: bool) ->
 
 
 def speed_limits(plan: Plan, airframe: Airframe, *, ardupilot: bool) -> list[AutopilotParameter]:
-    """What an autopilot's limits of the airspeed must allow: below its least one ArduPilot refuses a change of speed,
-    and PX4 accepts it and flies that one."""
+    """What an autopilot's limits of the calibrated airspeed must allow: below its least one ArduPilot refuses a change
+    of speed, and PX4 accepts it and flies that one."""
     calibrated = calibrated_over_true(plan.site, airframe)
-    speeds_mps = [calibrated * (stage.airspeed_mps or airframe.airspeed_mps) for stage in plan.stages]
-    slowest, fastest = min(speeds_mps), max(speeds_mps)
+    speeds = [round(calibrated * (stage.airspeed_mps or airframe.airspeed_mps), 3) for stage in plan.stages]
+    slowest, fastest = min(speeds), max(speeds)
     if ardupilot:
         return [
             AutopilotParameter("AIRSPEED_MIN", slowest, AT_MOST, "ARSPD_FBW_MIN", slowest),
