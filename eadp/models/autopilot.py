@@ -135,7 +135,7 @@ class Autopilot:
             limit_v = self.value(f"BATT_{level}_VOLT") or 0.0
             if limit_v > 0 and battery.voltage_at(1.0) > battery.voltage_at(0.0):
                 # of V = U − R I, with I = P/V; U itself where sag is taken off
-                sag_v = 0.0 if self.value("BATT_FS_VOLTSRC") else battery.resistance_ohm * power_w / limit_v
-                limits.append(battery.soc_at(np.asarray(limit_v + sag_v)))
+                sagging = 0.0 if self.value("BATT_FS_VOLTSRC") else battery.resistance_ohm / limit_v
+                limits.append(battery.soc_at(limit_v + sagging * power_w))
         found: FloatArray = np.max(limits, axis=0)
         return found

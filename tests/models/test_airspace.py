@@ -83,3 +83,18 @@ def test_ten_thousand_obstacles():
     found = airspace.entries([0.0, 1.0, 2.0], track, [0.0] * 3)
     assert len(found) == 100
     assert sum(each.inside_m for each in found) == pytest.approx(100 * 0.5, rel=0.01)
+
+
+def test_the_top_on_the_ways_home_is_of_obstacles_that_are_crossed():
+    """Of a mast beside the straight ways too; one that is not on the way, or has no height, has no top."""
+    square = ((-5.0, -5.0), (5.0, -5.0), (5.0, 5.0), (-5.0, 5.0))
+    at = lambda x, y: tuple((x + dx, y + dy) for dx, dy in square)  # noqa: E731
+    space = Airspace(
+        (Obstacle(at(0, 0), "mast", 80.0), Obstacle(at(0, 300), "tower", 200.0), Obstacle(at(50, 0), "hill"))
+    )
+    points = np.array([(200.0, 0.0), (200.0, 10.0)])
+    assert space.top_on_ways_m(points, (-200.0, 0.0), 1.0) == 80
+    assert space.top_on_ways_m(np.array([(-100.0, 0.0)]), (-200.0, 0.0), 1.0) == -math.inf
+    beside = np.array([(200.0, 12.0)])
+    assert space.top_on_ways_m(beside, (-200.0, 12.0), 1.0) == -math.inf
+    assert space.top_on_ways_m(beside, (-200.0, 12.0), 8.0) == 80

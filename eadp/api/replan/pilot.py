@@ -139,7 +139,7 @@ class Pilot:
             return
         by_s = line["home_by_s"]
         if by_s is None:
-            self.show("home cannot be reached with the reserve any more", WARNING)
+            self.show("home is out of reach with the reserve", WARNING)
             return
         at = time.localtime(self._clock_s() + by_s - line["time_s"])
         severity = WARNING if left_min < FEW_MIN else NOTICE

@@ -320,6 +320,26 @@ def test_nothing_of_the_survey_is_sent_while_the_autopilot_returns(inputs, missi
     assert flown.texts == ["eadp: the autopilot flies home: nothing of the survey is sent"]
 
 
+@BOTH
+def test_what_is_read_of_the_autopilot_counts_and_is_in_the_log(inputs, missions, kind):
+    """Its kind by the first heartbeat, then its parameters; telemetry has them when they are new."""
+    flown = flown_by(kind, inputs, missions)
+    name, value = ("RTL_RETURN_ALT", 75.0) if kind == PX4 else ("ALT_HOLD_RTL", 7500.0)
+    flown.holder.parameters = {name: value}
+    lines, replanner = [], flown.flight._replanner
+    take = replanner.take
+    replanner.take = lambda reading: (lines.append(reading.line), take(reading))
+    in_mode(flown, recorded()[:60], "mission")
+    kinds = {ARDUPILOT: "ardupilot", PX4: "px4"}
+    assert [line["autopilot"] for line in lines if "autopilot" in line] == [
+        {"kind": kinds[kind]},
+        {"kind": kinds[kind], name: value},
+    ]
+    own = replanner._flight._flight.state.autopilot
+    assert own.kind == kinds[kind]
+    assert own.return_altitude_m(None) == 75
+
+
 def test_who_flies_home_is_not_asked_to(inputs, missions):
     flown = in_mode(flown_by(ARDUPILOT, inputs, missions), recorded()[:20], "mission")
     in_mode(flown, recorded()[20:24], "return")

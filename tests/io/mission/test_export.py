@@ -337,6 +337,27 @@ def test_a_landing_needs_its_slope_and_no_leave_to_do_without(down_m, slope_deg)
     )
 
 
+@pytest.mark.parametrize(("ardupilot", "altitude"), [(True, "RTL_ALTITUDE"), (False, "RTL_RETURN_ALT")])
+def test_a_return_is_as_high_as_the_way_home_and_lands_where_the_mission_does(ardupilot, altitude):
+    """Of 60 m: by default as high as the plan. ArduPlane does not arm a mission that lands with RTL_AUTOLAND 0."""
+    made = []
+    for text, home_m in ((LINES, None), (LANDING, None), (LANDING, 123.4)):
+        plan, _ = read_plan(Text("p", text if text == LANDING else f"%: altitude 60\n{text}"))
+        wanted = wanted_parameters(plan, FixedWing(), Battery(), ardupilot=ardupilot, home_altitude_m=home_m)
+        made.append({each.name: each for each in wanted})
+    assert [wanted[altitude].value for wanted in made] == [60, 60, 124]
+    assert made[2][altitude].difference(altitude, 130) == ""
+    assert made[2][altitude].difference(altitude, 100) == f"{altitude} is 100, less than 124"
+    lands = {"RTL_AUTOLAND": 2, "RTL_TYPE": 1}
+    assert [{name: each[name].value for name in lands if name in each} for each in made] == [
+        {},
+        *[{"RTL_AUTOLAND": 2} if ardupilot else {"RTL_TYPE": 1}] * 2,
+    ]
+    if ardupilot:
+        assert made[2][altitude].difference("ALT_HOLD_RTL", 12400) == ""
+        assert made[2][altitude].difference("ALT_HOLD_RTL", 9000) == "ALT_HOLD_RTL is 9000, less than 12400"
+
+
 @pytest.mark.parametrize(
     ("radius_m", "held_m"), [(82.16, 82), (72.76, 73), (254.9, 255), (255.6, 260), (1234.0, 1230), (4.5, 4)]
 )

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from common.forecasts import CALM, Forecasting, survey_inputs
+from common.forecasts import CALM, Forecasting, plan_inputs, survey_inputs
 
 from eadp.models.airspace import HOME_RADII
 from eadp.planning.forecast.evaluate import Objective
-from eadp.planning.forecast.home import home_spare, latest_turn_back
+from eadp.planning.forecast.home import can_fall, home_spare, latest_turn_back
 from eadp.planning.state.known import WindKnown
 
 EVEN = Objective(0.05, 0.5)
@@ -96,3 +97,93 @@ def test_the_latest_turn_back_lies_between_take_off_and_the_end():
     assert 0 < early < later < never
     assert never == pytest.approx(found.known.time_s + found.load.times_s.sum(), abs=1e-6)
     assert latest_turn_back(forecasting_of(None).at(0.0), 0, found.filled()) is None
+
+
+def spare_with(found, **changes):
+    """Of an evaluation with other powers of its legs."""
+    return home_spare(replace(found, load=found.load._replace(**changes)), 0)
+
+
+def test_the_way_home_is_level_flight_where_the_plan_descends():
+    """A leg that descends draws the least; the way home is none."""
+    found = forecasting_of().at(0.0)
+    gliding_w = np.full_like(found.load.motion_w, found.known.motion.level_w)
+    gliding_w[-1] = 0.0
+    assert spare_with(found, motion_w=gliding_w) == pytest.approx(home_spare(found, 0), abs=1e-12)
+
+
+def returning(tmp_path, autopilot=None, landing="%: altitude 0\n%: command 21 0 0 0 0 0 0 0\n", **keys):
+    """The evaluation of a line of 3 km to the east and a landing on the way on, at home beside its start."""
+    text = f"%: home 0,-300\n%: altitude 60\n0.1; 90; y\n3000, 0\n{landing}0.1; 90; y\n3600, 0\n"
+    own = {} if autopilot is None else {"autopilot.kind": autopilot}
+    inputs = plan_inputs(tmp_path, text, **{"wind.speed_mps": 0.0, "battery.capacity_ah": 3.0, **own, **keys})
+    return Forecasting(inputs, objective=EVEN)
+
+
+def way_of(forecasting, position=(0.0, 0.0)):
+    known = forecasting.known._replace(position_m=position)
+    return forecasting.evaluator.homeward(known, 0.0)
+
+
+def test_with_a_landing_the_way_home_leads_down_it(tmp_path):
+    """To where it starts, with a turn there, and 600 m down; the descent of 60 m gives back m g h/η."""
+    forecasting = returning(tmp_path)
+    vehicle, speed = forecasting.mission.vehicle, forecasting.known.airspeed_mps
+    turn_s = 2 * math.pi * HOME_RADII * vehicle.turn_radius_m / speed
+    way, level_w = way_of(forecasting), forecasting.known.motion.level_w
+    assert way.seconds == pytest.approx(3000 / speed + 2 * turn_s + 600 / speed)
+    energy_j = level_w * (3000 / speed + 2 * turn_s) + max(level_w * 600 / speed - 60 * vehicle.climb_j_per_m, 0)
+    assert way.seconds * way.power_w == pytest.approx(energy_j)
+    assert forecasting.inputs.world.way_home.pieces((0.0, 0.0, 0.0))[-1].end[:2] == pytest.approx((3000, 0), abs=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["ardupilot", "px4"])
+def test_an_autopilot_climbs_to_its_altitude_and_circles_at_home(tmp_path, kind):
+    """At the factory's 100 m, once round; without a kind at the altitude that it has, to home alone."""
+    own, plain = returning(tmp_path, kind, landing=""), returning(tmp_path, landing="")
+    vehicle, speed = own.mission.vehicle, own.known.airspeed_mps
+    circle_s = 2 * math.pi * HOME_RADII * vehicle.turn_radius_m / speed
+    ways = [way_of(each) for each in (own, plain)]
+    assert ways[0].seconds - ways[1].seconds == pytest.approx(circle_s)
+    taken_j = [way.seconds * way.power_w for way in ways]
+    climb_j = (100 - own.known.climb.altitude_m) * vehicle.climb_j_per_m
+    assert taken_j[0] - taken_j[1] == pytest.approx(climb_j + circle_s * own.known.motion.level_w)
+    # at the end of the plan it does the same: more energy and time, less charge left
+    ends = [each.at(()) for each in (own, plain)]
+    forecasts = [each.forecast(0, each.filled()) for each in ends]
+    assert forecasts[0].remaining_s - forecasts[1].remaining_s == pytest.approx(ends[0].own.seconds[0])
+    assert ends[0].own.seconds[0] > 3000 / speed
+    assert forecasts[0].soc_end < forecasts[1].soc_end
+    assert forecasts[0].energy_wh - forecasts[1].energy_wh == pytest.approx(ends[0].own.joules[0] / 3600)
+
+
+def test_what_makes_px4_turn_back_is_in_the_reserve(tmp_path):
+    """1.1 times the time home and 100 s of flight are left wherever it flies; off by its parameter."""
+    small = {"battery.capacity_ah": 0.6}
+    ends = [
+        returning(tmp_path, "px4", **small, **{"autopilot.parameters": {"COM_FLTT_LOW_ACT": action}}).at(())
+        for action in (3.0, 0.0)
+    ]
+    keeps, free = (float(each.own.turns_back_soc[0]) for each in ends)
+    assert free == 0
+    battery, power_w = ends[0].evaluator.mission.battery, float(ends[0].totals.mean_w[0])
+    left_s = keeps / battery.drain_per_s(power_w, battery.voltage_at(0.5))
+    # at the end of the line the landing is ahead: the way is about twice that of the plan, with both turns
+    known = ends[0].known._replace(position_m=(3000.0, 0.0))
+    home_s = ends[0].evaluator.homeward(known, 0.0).seconds
+    rest_s = float(ends[0].load.times_s[-1])
+    assert left_s == pytest.approx(1.1 * home_s + 100 - rest_s, rel=0.15)
+    assert ends[0].reserve_soc(0) == keeps > 0.05
+    assert ends[0].knapsack.available[0] == pytest.approx(ends[1].knapsack.available[0] - keeps + 0.05)
+
+
+def test_the_charge_to_spare_falls_by_what_power_draws_not_by_what_was_lost():
+    found = forecasting_of().at(0.0)
+    falls = can_fall(found, 0, 1.0)
+    battery, known = found.evaluator.mission.battery, found.known
+    power_w = known.motion.max_w + float(found.load.max_w.max()) + known.motion.level_w
+    assert falls == pytest.approx(battery.drain_per_s(power_w, battery.voltage_at(known.soc)), rel=0.1)
+    lost = replace(found, known=known._replace(charge=known.charge._replace(losses=3)))
+    assert can_fall(lost, 0, 1.0) == falls
+    windy = replace(found, known=known._replace(wind=WindKnown((8.0, 0.0))))
+    assert can_fall(windy, 0, 1.0) > falls
