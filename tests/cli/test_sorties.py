@@ -260,9 +260,13 @@ def log_of(flight, path, share=1.0):
     return path
 
 
+FLOWN_SHARE = 0.4
+"""Where the second flight stops: within a line, so that what it leaves of it is more than 1 % of the field."""
+
+
 def test_a_job_goes_on_where_it_stopped(eadp, scenario, flown, document, tmp_path):
     target = flown
-    first, second = target / "sortie-01", log_of(target / "sortie-02", tmp_path / "log.jsonl", 0.5)
+    first, second = target / "sortie-01", log_of(target / "sortie-02", tmp_path / "log.jsonl", FLOWN_SHARE)
     out = tmp_path / "rest"
     answer = eadp(*COVER, "--scenario", scenario, "--sorties", "auto", "-o", out, "--resume", first, "--resume", second)
     assert answer.code == 0, answer.err
@@ -277,7 +281,7 @@ def test_a_job_goes_on_where_it_stopped(eadp, scenario, flown, document, tmp_pat
         ]
     )
     lines = []
-    for source, share in ((first, 1.0), (target / "sortie-02", 0.5)):
+    for source, share in ((first, 1.0), (target / "sortie-02", FLOWN_SHARE)):
         with (source / "flight.csv").open() as stream:
             rows = list(csv.DictReader(stream))
         kept = rows[: int(share * len(rows))]

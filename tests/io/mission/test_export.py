@@ -568,7 +568,9 @@ def test_the_command_writes_every_format_at_the_parameters_given(eadp, tmp_path)
             options = ("--to", to, "--origin", "47,8", "--altitude", "60", "--set", f"c1={c1}", "-o", out)
             answer = eadp("export", "plans/survey.plan", *options)
             also = f", {out}.items.json" if to in WITH_ITEMS else ""
-            assert (answer.code, answer.out, answer.err) == (0, f"written    {out}{also}\n", "")
+            assert (answer.code, answer.out) == (0, f"written    {out}{also}\n")
+            assert ("PX4 does not arm a mission without a landing" in answer.err) == (to == "px4")
+            assert answer.err.count("\n") == (to == "px4")
             assert out.read_text(encoding="utf-8").endswith("\n")
         lengths[c1] = drawn(READER(read_text(str(tmp_path / f"out{c1}.qgc")))[0], HOME).length
     assert lengths["-900"] < 0.6 * lengths["0"]
