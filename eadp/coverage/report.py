@@ -161,7 +161,7 @@ class CoverageReport:
             f"Covers {name} with a swath of {motion.swath_m:g} m and turns of {motion.min_radius_m:g} m or "
             f"more"
             + (f"; lines {self._headings_text} deg." if self.solution.pattern != CORRIDOR else ", along a corridor."),
-            f"{full.lines} lines, {full.length_m:.0f} m",
+            f"{_counted(full.lines, 'line')}, {full.length_m:.0f} m",
         ]
         if least is not full:
             lines[1] += f" with a spacing of {full.spacing_m:.4g} m; {least.lines} lines, {least.length_m:.0f} m "

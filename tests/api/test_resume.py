@@ -172,6 +172,24 @@ def test_the_rest_is_whole_lines(planner):
     assert again.area_m2 == pytest.approx(SWATH_M * (4 * LENGTH_M - 270), rel=0.01)
 
 
+def test_a_log_of_eadp_is_telemetry_without_its_other_lines(planner, tmp_path):
+    """Its own keys are no unknown ones, and its decisions no telemetry."""
+    rows = [{"time_s": k, "x_m": k * SPEED_MPS, "y_m": SWATH_M / 2} for k in range(round(LENGTH_M / SPEED_MPS) + 1)]
+    plain, log = tmp_path / "telemetry.jsonl", tmp_path / "log.jsonl"
+    plain.write_text("".join(f"{json.dumps(row)}\n" for row in rows))
+    decision = {"kind": "decision", "time_s": 0.0, "stage": 1, "parameters": {}, "reason": "kept", "warnings": []}
+    lines = [
+        {"kind": "start", "schema": "eadp.replan-log/1", "eadp": "0", "inputs": ""},
+        *(line for row in rows for line in ({"kind": "telemetry", **row}, decision)),
+        {"kind": "mission", "items": "{}"},
+    ]
+    log.write_text("".join(f"{json.dumps(line)}\n" for line in lines))
+    warned = []
+    left = [resumed(planner, [str(path)], warned.extend)[1] for path in (plain, log)]
+    assert left[0] == left[1]
+    assert warned == []
+
+
 def test_ground_without_room_for_a_turn_is_not_left(planner, tmp_path):
     """Within a boundary that is the field's own, lines end before it: what is beyond them is flown by no sortie."""
     task = planner.task

@@ -15,6 +15,7 @@ import pytest
 from broken_osqp import BROKEN, broken_osqp
 from common import ROOT, few
 from common.answers import refused
+from common.pages import Page
 from common.recorder import watched
 from jsonschema import Draft202012Validator
 
@@ -646,6 +647,7 @@ def test_a_flight_that_returns_home_has_one_account_in_text_page_picture_and_jso
     assert re.search("reserve [0-9.]+ kept$", answer.out, re.MULTILINE)
     page = (folder / "report.html").read_text()
     assert re.search("the reserve of [0-9.]+ % was kept", page)
+    assert Page(page).data["reserve_kept"] is True
     decisions = [json.loads(line) for line in (folder / "decisions.jsonl").read_text().splitlines()]
     last = decisions[-1]
     assert last["reason"].startswith("home: ")

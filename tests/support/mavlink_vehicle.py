@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from common.plans import ORIGIN
+from place import ORIGIN
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m

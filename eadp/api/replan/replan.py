@@ -15,7 +15,7 @@ from eadp.api.replan.replanner import replan_lines
 from eadp.errors import Fault, InputError
 from eadp.io.mission.items import read_items
 from eadp.io.scenario.scenario_file import override_texts, read_overrides
-from eadp.io.telemetry.log import ReplanLog, hash_of
+from eadp.io.telemetry.log import ReplanLog, described, hash_of
 from eadp.io.telemetry.reader import open_telemetry
 from eadp.io.text.options import Flag
 from eadp.models.plan.plan import Plan
@@ -125,7 +125,8 @@ def replan(
     with ExitStack() as stack:
         stream = None if options.linked else stack.enter_context(open_telemetry(options.telemetry))
         hashed = hash_of(inputs.sources, overrides)
-        log = None if options.log is None else ReplanLog(options.log, hashed)
+        about = described(inputs.mission, inputs.scenario.keys.reserve_soc)
+        log = None if options.log is None else ReplanLog(options.log, hashed, about)
         if log is not None:
             stack.callback(log.close)
         computations = inputs.mission.plan.parameters[inputs.mission.plan.path_count :]

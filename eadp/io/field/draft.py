@@ -162,6 +162,14 @@ class Units(NamedTuple):
     to_degrees: ToDegrees | None = None
 
 
+class Zones(NamedTuple):
+    """Outlines of obstacles or of a boundary, and whether they are in degrees; and the obstacles within a boundary."""
+
+    rings: list[Ring]
+    degrees: bool
+    obstacles: Sequence[Ring] = ()
+
+
 class FeatureFormat(NamedTuple):
     """A format of features with names: how they are found, how their vertices are read, and in which units these are.
 
@@ -205,11 +213,17 @@ class FeatureFormat(NamedTuple):
         name = "".join(chosen[0].names[:1]) if len(chosen) == 1 else ""
         return FieldDraft(rings, units.degrees, True, units.remedy, name, [], obstacles, others)
 
-    def zones(self, source: SourceText, metres: bool, inside: bool) -> tuple[list[Ring], bool]:
-        """The outlines of all features, and whether they are in degrees; raises InputError as `read`."""
+    def zones(self, source: SourceText, metres: bool, inside: bool) -> Zones:
+        """The outlines of all features; raises InputError as `read`."""
         candidates = self.features(source, metres, BOUNDARIES if inside else OBSTACLES)
         units = self.units(candidates[0].chain, metres, source)
-        return self._outlines(candidates, metres, source, units), units.degrees
+        bounds = [each for each in candidates if not (inside and each.avoided)] or candidates
+        avoided = [each for each in candidates if each not in bounds]
+        obstacles = self._outlines(avoided, metres, source, units)
+        polygons, _ = self._placed(bounds if inside else [], metres, source, units)
+        holes = [hole for of_feature in polygons for _, *inner in of_feature for hole in inner]
+        obstacles += [replace(hole, name="hole") for hole in holes]
+        return Zones(self._outlines(bounds, metres, source, units), units.degrees, obstacles)
 
     def _outlines(
         self, candidates: Sequence[FeatureCandidate], metres: bool, source: SourceText, beside: Units

@@ -17,7 +17,7 @@ from typing import NamedTuple
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_local_m
 from eadp.errors import FAULTS_SHOWN, Fault, printable, refuse
-from eadp.io.field.draft import NAME_LIMIT, FieldDraft, Ring, Vertex, counted
+from eadp.io.field.draft import NAME_LIMIT, FieldDraft, Ring, Vertex, Zones, counted
 from eadp.io.field.fences import no_field, qgc_zones, wpl_zones
 from eadp.io.field.geojson import GEOJSON, is_geojson
 from eadp.io.field.kml import KML
@@ -72,12 +72,13 @@ class FieldFormat:
     name: str
     recognise: Callable[[str], bool]
     read: Callable[[SourceText, bool, str | None, bool], FieldDraft]
-    zones: Callable[[SourceText, bool, bool], tuple[list[Ring], bool]]
+    zones: Callable[[SourceText, bool, bool], Zones]
 
 
-def _table_zones(source: SourceText, metres: bool, inside: bool) -> tuple[list[Ring], bool]:
+def _table_zones(source: SourceText, metres: bool, inside: bool) -> Zones:
     draft = read_table(source, metres, None)
-    return draft.rings, draft.degrees
+    outlines = draft.rings[:1] if inside else draft.rings
+    return Zones(outlines, draft.degrees, [replace(hole, name="hole") for hole in draft.rings[len(outlines) :]])
 
 
 FORMATS = (
@@ -172,16 +173,19 @@ def read_airspace(
 ) -> tuple[Airspace, list[Fault]]:
     """Read obstacles and a boundary, each from a file of its own, in the metres round an origin; with notes.
 
+    The boundary's holes, and what is named as an obstacle in its file, are obstacles, too.
+
     Raises
     ------
     InputError
         As `read_zones`.
     """
-    (obstacles, notes), (outlines, more) = (
-        ((), []) if text is None else read_zones(text, origin_deg, middle_m, metres=metres, inside=within)
+    frame = _Frame(origin_deg, middle_m)
+    (obstacles, _, notes), (outlines, own, more) = (
+        ((), (), []) if text is None else _zones(text, frame, metres=metres, inside=within)
         for text, within in ((avoid, False), (inside, True))
     )
-    return Airspace(obstacles, tuple(each.outline for each in outlines)), [*notes, *more]
+    return Airspace((*obstacles, *own), tuple(each.outline for each in outlines)), [*notes, *more]
 
 
 def read_zones(
@@ -204,15 +208,24 @@ def read_zones(
         With the faults of the file; also if it is in degrees and there is no origin, or the other way round, if
         nothing is left of a boundary, or if no obstacle in metres is near.
     """
+    obstacles, _, notes = _zones(text, _Frame(origin_deg, middle_m), metres=metres, inside=inside)
+    return obstacles, notes
+
+
+def _zones(
+    text: Text, frame: _Frame, *, metres: bool, inside: bool
+) -> tuple[tuple[Obstacle, ...], tuple[Obstacle, ...], list[Fault]]:
+    """As `read_zones`, and the obstacles within a boundary: its holes, and what is named so."""
     source = SourceText(text)
-    rings, degrees = _format(source).zones(source, metres, inside)
-    if degrees != (origin_deg is not None):
+    rings, degrees, within = _format(source).zones(source, metres, inside)
+    if degrees != (frame.origin_deg is not None):
         units = ("metres", "degrees")
         message = f"is in {units[degrees]}, and what it lies beside is in {units[not degrees]}"
         raise source.error(rings[0].location, message, "the units of the field or plan")
     notes: list[str] = []
-    obstacles = _obstacles(rings, _Frame(origin_deg, middle_m), source, notes, inside=inside)
-    return obstacles, [Fault(source.name, 1, 1, note, severity="note") for note in notes]
+    found = _obstacles(rings, frame, source, notes, inside=inside)
+    own = _obstacles(within, frame, source, notes)
+    return found, own, [Fault(source.name, 1, 1, note, severity="note") for note in notes]
 
 
 class _Frame(NamedTuple):

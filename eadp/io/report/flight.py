@@ -101,6 +101,7 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
         "completed": summary["completed"],
         "end": {key: summary[key] for key in ("reason", "duration_s", "energy_wh", "soc_final", "quality")},
         "reserve": None if world.battery.prescribed else summary["soc_reserve"],
+        "reserve_kept": None if world.battery.prescribed else summary["reserve_kept"],
         "parameters": parameters,
         "stage": changes(times, [*map(int, columns["stage"])]),
         "lap": changes(times, flown.laps),

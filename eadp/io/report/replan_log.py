@@ -8,7 +8,9 @@ import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from eadp.core.expressions.reader import read_expression
 from eadp.core.geometry.bearings import heading_rad
+from eadp.core.geometry.geodesy import to_near_local_m
 from eadp.errors import InputError
 from eadp.io.report.flight import (
     HEADING_RAD,
@@ -23,7 +25,10 @@ from eadp.io.report.words import log_words
 from eadp.io.telemetry.log import APPLIED, MISSION, SCHEMA, START, TELEMETRY
 from eadp.io.text.json import json_lines
 from eadp.io.text.streams import Text
+from eadp.models.plan.stage import PATH, Parameter
 
+DRAWN_AH = 1e-3
+"""Error of a thinned charge drawn [Ah]."""
 GAP_S, GAP_INTERVALS = 10.0, 10.0
 """A line breaks where samples are farther apart than this time [s], and than so many of the usual intervals."""
 
@@ -41,12 +46,17 @@ def log_data(text: Text) -> dict[str, Any]:
     head, *lines = json_lines(text)
     if head.get("kind") != START or head.get("schema") != SCHEMA:
         raise InputError.at(text.name, 1, 1, "is no log of eadp replan", f"a log of {SCHEMA}")
-    first_s, telemetry, decisions = _split([line for line in lines if line.get("kind") not in (APPLIED, MISSION)])
+    names = _names(head)
+    first_s, telemetry, decisions = _split(
+        [line for line in lines if line.get("kind") not in (APPLIED, MISSION)], names
+    )
     if not telemetry:
         raise InputError.at(text.name, 1, 1, "has no telemetry", "a log with lines of telemetry")
     times = [row["time_s"] for row in decisions]
+    telemetry = _in_plane(_with_charge(telemetry, head))
     charges, end_s = _known(telemetry, "soc"), telemetry[-1]["time_s"]
     position = _series(telemetry, ("x_m", "y_m"))
+    drawn = _series(telemetry, ("current_consumed_ah",))
     power = _series(telemetry, ("power_w",))
     known = [value for value in power[1] if value is not None]
     error_w = max((max(known) - min(known)) * POWER_SHARE, 0.01) if known else 0.01
@@ -62,8 +72,9 @@ def log_data(text: Text) -> dict[str, Any]:
             "soc_final": charges[-1] if charges else None,
             "quality": None,
         },
-        "reserve": None,
-        "parameters": _parameters(decisions),
+        "reserve": head.get("reserve_soc"),
+        "reserve_kept": None,
+        "parameters": _parameters(decisions, {each.label: each.unit for each in names.values()}),
         "stage": changes(times, [row["stage"] for row in decisions]),
         "lap": changes(times, [row["lap"] for row in decisions]),
         "path": thinned(
@@ -73,6 +84,7 @@ def log_data(text: Text) -> dict[str, Any]:
         ),
         "power": thinned(power[0], {"w": power[1]}, {"w": error_w}),
         "charge": thinned(charge[0], {"soc": charge[1]}, {"soc": SOC}),
+        "drawn": None if charges or not drawn[0] else thinned(drawn[0], {"ah": drawn[1]}, {"ah": DRAWN_AH}),
         "horizons": NO_HORIZONS,
         "wind": None,
         "faults": [],
@@ -92,8 +104,53 @@ def log_data(text: Text) -> dict[str, Any]:
     }
 
 
-def _split(lines: Sequence[Row]) -> tuple[float, list[Row], list[Row]]:
-    """The time of the first line, telemetry in the order of time, and decisions with the names of `decisions.jsonl`."""
+def _names(head: Row) -> dict[str, Parameter]:
+    """What people call parameters, of the first line of a log; none of a log that does not have it."""
+    return {
+        each["name"]: Parameter(
+            each["name"],
+            PATH,
+            each["title"],
+            each["unit"],
+            read_expression(each["stands_for"]) if "stands_for" in each else None,
+        )
+        for each in head.get("parameters", ())
+    }
+
+
+def _with_charge(telemetry: Sequence[Row], head: Row) -> list[Row]:
+    """Telemetry with the charge that is left of a battery by the charge drawn, where it has that alone."""
+    start, per_ah = head.get("soc"), head.get("soc_per_ah")
+    if start is None or per_ah is None:
+        return list(telemetry)
+    drawn = "current_consumed_ah"
+    return [
+        {**row, "soc": max(start - per_ah * row[drawn], 0.0)}
+        if row.get("soc") is None and row.get(drawn) is not None
+        else row
+        for row in telemetry
+    ]
+
+
+def _in_plane(telemetry: Sequence[Row]) -> list[Row]:
+    """Telemetry with positions in metres round its first one, where it has latitudes and longitudes alone."""
+    result = list[Row]()
+    origin_deg: tuple[float, float] | None = None
+    for row in telemetry:
+        latitude, longitude = row.get("lat_deg"), row.get("lon_deg")
+        point = None
+        if row.get("x_m") is None and latitude is not None and longitude is not None:
+            origin_deg = origin_deg or (latitude, longitude)
+            point = to_near_local_m(latitude, longitude, origin_deg)
+        result.append(row if point is None else {**row, "x_m": point[0], "y_m": point[1]})
+    return result
+
+
+def _split(lines: Sequence[Row], names: Mapping[str, Parameter]) -> tuple[float, list[Row], list[Row]]:
+    """The time of the first line, telemetry in the order of time, and decisions with the names of `decisions.jsonl`.
+
+    Parameters of decisions are as people read them, by `names`.
+    """
     telemetry: list[Row] = []
     decisions: list[Row] = []
     first_s: float | None = None
@@ -106,6 +163,11 @@ def _split(lines: Sequence[Row]) -> tuple[float, list[Row], list[Row]]:
             continue  # a clock that went back
         if kept is decisions:
             moved["soc_end"] = moved.pop("soc_end_forecast")
+            for key in ("parameters", "in_force"):
+                moved[key] = {
+                    names[name].label if name in names else name: names[name].shown(value) if name in names else value
+                    for name, value in moved[key].items()
+                }
         kept.append(moved)
     return first_s or 0.0, telemetry, decisions
 
@@ -148,7 +210,7 @@ def _headings(telemetry: Sequence[Row], position: Sequence[Sequence[Any]]) -> li
     return headings
 
 
-def _parameters(decisions: Sequence[Row]) -> list[dict[str, Any]]:
+def _parameters(decisions: Sequence[Row], units: Mapping[str, str]) -> list[dict[str, Any]]:
     """Parameters in force, with the range that was decided in place of their sets."""
     names = dict.fromkeys(name for row in decisions for name in row["parameters"])
     times, parameters = [row["time_s"] for row in decisions], []
@@ -156,5 +218,7 @@ def _parameters(decisions: Sequence[Row]) -> list[dict[str, Any]]:
         values = [row["in_force"].get(name) for row in decisions]
         seen = [*filter(lambda value: value is not None, values), *(row["parameters"][name] for row in decisions)]
         range_ = {"low": min(seen), "high": max(seen)}
-        parameters.append({"name": name, "title": "range decided", "unit": "", **range_, **changes(times, values)})
+        parameters.append(
+            {"name": name, "title": "range decided", "unit": units.get(name, ""), **range_, **changes(times, values)}
+        )
     return parameters

@@ -1,7 +1,8 @@
 """Log of a flight on telemetry: every sample read and every decision, to resume from after a kill.
 
-One JSON object a line with a `kind`: `start`, with a hash of the inputs; `telemetry`; `decision`; `applied`, what came
-of a command that applies computations; `mission`, the stages of the items of a mission that was uploaded.
+One JSON object a line with a `kind`: `start`, with a hash of the inputs and what a page needs of them; `telemetry`;
+`decision`; `applied`, what came of a command that applies computations; `mission`, the stages of the items of a mission
+that was uploaded.
 """
 
 from __future__ import annotations
@@ -34,6 +35,19 @@ def hash_of(texts: Mapping[str, Any], overrides: Mapping[str, Any]) -> str:
     return "sha256:" + hashlib.sha256(whole.encode("utf-8", "surrogatepass")).hexdigest()
 
 
+def described(mission: Mission, reserve_soc: float) -> dict[str, Any]:
+    """What the first line has of a mission: its battery, and what people call the path parameters."""
+    battery = mission.battery
+    titled = [
+        {"name": each.name, "title": each.title, "unit": each.unit}
+        | ({} if each.stands_for is None else {"stands_for": each.stands_for.text})
+        for each in mission.plan.parameters
+        if each.title
+    ]
+    counted = {"soc": battery.soc, "soc_per_ah": 3600 * battery.drain_per_as, "reserve_soc": reserve_soc}
+    return counted | {"parameters": titled}
+
+
 def telemetry_lines(stream: BinaryIO, name: str) -> Iterator[tuple[int, bytes]]:
     """As `numbered_lines`; of a log the lines of telemetry alone, as they came."""
     for number, raw in numbered_lines(stream, name):
@@ -56,6 +70,8 @@ class ReplanLog:
     path : str
     inputs : str
         As `hash_of` gives it.
+    about : mapping, optional
+        As `described` gives it.
 
     Attributes
     ----------
@@ -70,7 +86,7 @@ class ReplanLog:
         If the file cannot be written to, is in use, is no such log, or is one of other inputs.
     """
 
-    def __init__(self, path: str, inputs: str) -> None:
+    def __init__(self, path: str, inputs: str, about: Mapping[str, Any] | None = None) -> None:
         self._path = path
         self.warnings: list[Fault] = []
         self.items: Text | None = None
@@ -89,7 +105,7 @@ class ReplanLog:
             raise InputError.at(path, 1, 1, "is in use by another process", expected) from None
         except OSError:  # a file system without locks
             pass
-        start = {"kind": START, "schema": SCHEMA, "eadp": __version__, "inputs": inputs}
+        start = {"kind": START, "schema": SCHEMA, "eadp": __version__, "inputs": inputs, **(about or {})}
         try:
             self._start(start)
         except BaseException:

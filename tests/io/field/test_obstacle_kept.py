@@ -284,3 +284,16 @@ def test_a_boundary_and_obstacles_beside_each_other():
     inside, avoid = (table(ring, "x_m,y_m") for ring in moved)
     airspace, notes = read_airspace(avoid, inside, None, moved[0][0])
     assert (len(airspace.obstacles), len(airspace.boundary), notes) == (1, 1, [])
+
+
+def test_holes_of_a_boundary_are_obstacles():
+    origin = PLACES["Germany"][0]
+    outline, pole = degrees(FIELD, origin), degrees(POLE, origin)
+    own = json.dumps({"type": "Polygon", "coordinates": [outline, pole]})
+    named = geojson({"property": outline, "avoid pole": pole}).body
+    holes = "".join(f"{x!r},{y!r},{i}\n" for i, ring in enumerate((outline, pole)) for x, y in ring)
+    for body in (own, named, kml({"property": outline, "avoid pole": pole}).body, f"lon,lat,ring\n{holes}"):
+        airspace, _ = read_airspace(None, Text("z", body), origin, (0, 0))
+        (obstacle,), (boundary,) = airspace
+        assert np.mean(obstacle.outline, axis=0) == pytest.approx(MIDDLE_M, abs=CENTIMETRES_M)
+        assert abs(signed_area_m2(boundary)) == pytest.approx(600 * 400, rel=1e-3)

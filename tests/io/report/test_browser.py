@@ -45,6 +45,15 @@ def test_the_words_and_figures_are_shown(page, folder):
     assert page.run("document.querySelectorAll('#figures tr').length") == len(data["facts"]) + 1
 
 
+@pytest.mark.parametrize(("kept", "word"), [("true", "yes"), ("false", "no"), ("null", "–")])
+def test_the_reserve_is_kept_in_the_table_as_in_the_words(page, kept, word):
+    """Of a flight that returned home with its reserve, too, which did not complete."""
+    page.run(f"data.completed = false, data.reserve_kept = {kept}, setTime(250), showDecision()")
+    rows = page.run("[...document.querySelectorAll('#decision-now tr')].map((one) => one.textContent)")
+    (row,) = [one for one in rows if one.startswith("keeps the reserve")]
+    assert row.endswith(word)
+
+
 def test_the_cursor_moves_what_it_should(page, folder):
     def state():
         return page.run(

@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-from common import ROOT
+from place import ORIGIN
 
-ORIGIN = (55.37, 10.43)
-"""A place on the earth [°]."""
+from common import ROOT
 
 
 def placed(text: str) -> str:

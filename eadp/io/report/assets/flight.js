@@ -35,6 +35,8 @@ const blowing = (t) => {
 };
 const windText = (wind) => `${number(Math.hypot(...wind), 3)} m/s` + (Math.hypot(...wind) > 0.05 ? ` from ${Math.round(fromDeg(wind)) % 360}°` : "");
 
+const drawnText = (t) => `${number(at(data.drawn, "ah", t))} Ah`;
+
 // --- charts
 
 const charts = [], waiting = [];
@@ -153,7 +155,8 @@ function buildCharts() {
   const also = data.reserve === null ? [] : [{ label: "reserve", colour: "bad", dash: [7, 4] }];
   if (decisions.soc_end) also.push({ label: "forecast at the cursor, with 95 % at its end", colour: "orange", dash: [5, 4], width: 2 });
   if (data.faults.length) also.push({ label: "sudden loss", colour: "soft", dash: [2, 3] });
-  chart("State of charge", "%", data.charge.t, [{ label: "state of charge", colour: "green", y: data.charge.soc.map((soc) => (soc === null ? null : 100 * soc)), width: 2 }],
+  if (data.drawn) chart("Charge drawn", "Ah", data.drawn.t, [{ label: "charge drawn", colour: "green", y: data.drawn.ah, width: 2 }], { value: (t) => drawnText(t) });
+  else chart("State of charge", "%", data.charge.t, [{ label: "state of charge", colour: "green", y: data.charge.soc.map((soc) => (soc === null ? null : 100 * soc)), width: 2 }],
     { extra: also, draw: drawCharge, range: [0, 104], value: (t) => percent(at(data.charge, "soc", t)) });
   if (data.parameters.length) {
     const colours = ["purple", "blue", "green", "orange", "brown", "sky"];
@@ -498,7 +501,7 @@ function showDecision() {
     ["energy to the end", spread(decided("energy_wh", i), decided("energy_std_wh", i), "Wh"), decisions.used_after_wh[i] === null ? "–" : `${number(decisions.used_after_wh[i])} Wh${reached}`],
     ["charge at the end", decided("soc_end", i) === null ? null : `${percent(decided("soc_end", i))} ± ${number(100 * (decided("soc_end_std", i) || 0), 2)} %`, percent(end.soc_final)],
     ["completes", decided("completes_probability", i) === null ? null : `with ${percent(decided("completes_probability", i))}`, data.completed === null ? "–" : data.completed ? "yes" : `no: ${end.reason}`],
-    ["keeps the reserve", decided("reserve_probability", i) === null ? null : `with ${percent(decided("reserve_probability", i))}`, data.reserve === null || end.soc_final === null ? "–" : data.completed && end.soc_final >= data.reserve ? "yes" : "no"],
+    ["keeps the reserve", decided("reserve_probability", i) === null ? null : `with ${percent(decided("reserve_probability", i))}`, data.reserve_kept === null ? "–" : data.reserve_kept ? "yes" : "no"],
     ["quality U of the flight", decided("quality_forecast", i) === null ? null : number(decided("quality_forecast", i)), number(end.quality)],
     ["energy above the reserve", spread(decided("available_wh", i), null, "Wh"), "–"],
     ["wind", decided("wind_mps", i) ? windText(decided("wind_mps", i)) : null, data.wind ? `${windText(blowing(decisionTimes[i]))}${data.wind.gust_std_mps ? `, gusts of ${number(data.wind.gust_std_mps)} m/s` : ""}` : "–"],
@@ -559,7 +562,7 @@ function nowText() {
   const [x, y] = [at(path, "x", t), at(path, "y", t)];
   if (x !== null) words.push(`x ${number(x)} m, y ${number(y)} m`);
   if (path.lat) words.push(`${at(path, "lat", t).toFixed(5)}°, ${at(path, "lon", t).toFixed(5)}°`);
-  words.push(`${number(at(data.power, "w", t))} W`, `charge ${percent(at(data.charge, "soc", t))}`);
+  words.push(`${number(at(data.power, "w", t))} W`, data.drawn ? `${drawnText(t)} drawn` : `charge ${percent(at(data.charge, "soc", t))}`);
   if (data.parameters.length) words.push(data.parameters.map((one) => `${one.name} ${number(held(one, t))}`).join(", "));
   if (data.field && data.field.covered) words.push(`${percent(at(data.field.covered, "share", t))} of the field covered`);
   return words.join(" · ");
@@ -642,7 +645,8 @@ function errorsText() {
   const within = (series, text) => parts.push(text + (series.extremes_s ? `, with the lowest and highest values of each ${number(series.extremes_s, 2)} s` : ""));
   within(path, `positions within ${number(path.error.x)} m on each axis, headings within ${number(path.error.heading * 180 / Math.PI, 2)}°`);
   within(data.power, `power within ${number(data.power.error.w, 2)} W`);
-  within(data.charge, `charge within ${number(100 * data.charge.error.soc, 2)} %`);
+  if (data.drawn) within(data.drawn, `charge drawn within ${number(data.drawn.error.ah, 2)} Ah`);
+  else within(data.charge, `charge within ${number(100 * data.charge.error.soc, 2)} %`);
   const late = Math.max(0, ...[data.stage, data.lap, ...data.parameters].map((one) => one.error_s));
   parts.push(late ? `changes of parameters and stages within ${number(late, 2)} s` : "changes of parameters and stages exactly");
   let text = `Shown with fewer samples than were logged: ${parts.join(", ")}.`;
