@@ -86,7 +86,7 @@ def _collect(
             for item, offset in zip(features, features.offsets, strict=True)
             for found in _collect(source, item, source.location(offset), chain, seen, want)
         ]
-    geometry, at, names, height_m = node, location, list[str](), None
+    geometry, at, names = node, location, list[str]()
     if kind == "Feature":
         if node.get("geometry") is None:
             seen["a Feature without a geometry"] += 1
@@ -99,11 +99,10 @@ def _collect(
     polygons, objects = _polygons(source, geometry, at, seen, wanted)
     if not polygons:
         return []
-    height_m = _height_m(node, source)
     # a geometry is its own first object
     own = [*chain, *objects] if kind == "Feature" else [*chain[:-1], *objects]
     thin = wanted == OBSTACLES and not any("Polygon" in str(each.get("type")) for each in objects)
-    return [FeatureCandidate(location, names, polygons, own, height_m, _properties(node), thin)]
+    return [FeatureCandidate(location, names, polygons, own, _height_m(node, source), _properties(node), thin)]
 
 
 def _polygons(
