@@ -53,7 +53,7 @@ import mavlink_vehicle  # noqa: E402
 from common.plans import placed  # noqa: E402
 from mavlink_vehicle import Autopilot  # noqa: E402
 from twin import OWNER, PROFILE, plans  # noqa: E402
-from vehicle import DETECTOR, GROUND_S, SECOND_STEPS, TELEMETRY_STEPS, Vehicle, parameters_of  # noqa: E402
+from vehicle import DETECTOR, GROUND_S, SECOND_STEPS, TELEMETRY_STEPS, Vehicle, parameters_of, rows_of  # noqa: E402
 
 from eadp.api.inputs import FlightInputs, load_flight  # noqa: E402
 from eadp.api.replan.link import LinkFlight, LinkOptions  # noqa: E402
@@ -72,8 +72,8 @@ from eadp.simulation.loop import fly as simulate  # noqa: E402
 from eadp.simulation.metrics import ParameterLog  # noqa: E402
 
 LOSS, HIGH_LOSS, DELAY_S, SEED, FIRST_PORT = 0.05, 0.15, 0.05, 33, 15_100
-BY_HAND_S, RESERVED_AH = 60.0, 0.15
-"""How long a pilot flies [s]; charge of PX4's own margin before it turns back, 100 s of level flight [Ah]."""
+BY_HAND_S, RESERVED_AH = 60.0, 0.2
+"""How long a pilot flies [s]; charge for 100 s of level flight and the way home, at which PX4 turns back [Ah]."""
 BOOT_S = 100.0
 """The autopilot's time at the launch [s]."""
 CAPACITIES_AH = {"survey": (0.6, 1.2), "meadow": (0.75, 1.1), "slanted": (0.65, 0.95), "corner": (1.1, 1.9)}
@@ -163,13 +163,17 @@ def lay_out(mission: Mission) -> None:
     """Write its scenario and its waypoints."""
     battery = {"capacity_ah": mission.capacity_ah, "resistance_ohm": round(OHM_AH / mission.capacity_ah, 4)}
     scenario = {"schema": "eadp.scenario/1", "vehicle": str(OWNER), "profile": str(PROFILE), "battery": battery}
-    if mission.px4:  # as the exported parameters have it: it arms without a landing
-        scenario |= {"autopilot": {"kind": "px4", "parameters": {"MIS_TKO_LAND_REQ": 0}}}
     mission.file("scenario.yaml").write_text(json.dumps({**scenario, "reserve_soc": 0.05}))
     to = "px4" if mission.px4 else "ardupilot"
     export = [*EADP, "export", mission.plan, "--to", to, "--altitude", "100", "-o", mission.waypoints]
     export += ["--scenario", str(mission.file("scenario.yaml")), "--parameters", mission.parameters]
     subprocess.run(export, check=True, capture_output=True)
+    if mission.px4:  # it arms without a landing by the exported parameters, and turns back by itself to the start
+        home_deg, _ = rows_of(Path(mission.waypoints))
+        scenario |= {"autopilot": {"kind": "px4", "parameters": {"MIS_TKO_LAND_REQ": 0}}}
+        scenario |= {"home": dict(zip(("lat_deg", "lon_deg"), home_deg, strict=True))}
+        mission.file("scenario.yaml").write_text(json.dumps({**scenario, "reserve_soc": 0.05}))
+        subprocess.run(export, check=True, capture_output=True)
 
 
 # --- flights

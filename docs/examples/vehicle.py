@@ -98,6 +98,8 @@ FACTORY = {
 """Parameters of the autopilots before somebody changes them; the limits of the airspeed are this aeroplane's."""
 LIMITS = {False: ("AIRSPEED_MIN", "AIRSPEED_MAX"), True: ("FW_AIRSPD_MIN", "FW_AIRSPD_MAX")}
 """Names of the limits of the airspeed, of ArduPilot and of PX4."""
+ASK_AGAIN_S = {False: 0.5, True: 0.25}
+"""After how long ArduPilot and PX4 ask again for an item that has not come [s]."""
 CURRENT_SHARE = 0.001
 """Share of the present current in PX4's mean, each CONTROL_S: that of level flight."""
 LEVEL_MPS = 0.5
@@ -463,6 +465,7 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
         time.sleep(CONTROL_S * TELEMETRY_STEPS / options.speed)
         wire.flush()
     begun, interrupt_s = time.monotonic(), options.interrupt
+    asked_s, written = begun, 0
     while vehicle.flies:
         now_s = 100 + plane.time_s
         vehicle.fps = vehicle.fps if runs is None else runs.rate
@@ -500,6 +503,11 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
                         wire.silent_until_s, interrupt_s = time.monotonic() + interrupt_s, 0.0
                         holder.give_up()
                         counts["interrupted"] = 1
+        if len(holder.writes) != written:
+            asked_s, written = time.monotonic(), len(holder.writes)
+        elif holder.receives and time.monotonic() - asked_s > ASK_AGAIN_S[holder.px4]:
+            asked_s = time.monotonic()
+            wire.send(holder.request)
         wire.flush()
         step += 1
         ahead_s = plane.time_s / options.speed - (time.monotonic() - begun)

@@ -234,6 +234,11 @@ class MissionHolder:
         return bool(self._due)
 
     @property
+    def request(self) -> bytes:
+        """A request for the item that is to come."""
+        return self._frame("mission_request_int", self._due[0])
+
+    @property
     def current_item(self) -> bytes:
         """The item that is flown to, the number of items, and the state of the mission, as `MISSION_CURRENT`."""
         count, last = len(self.items) - self.first, len(self.items) - 1

@@ -192,7 +192,7 @@ class LinkFlight:
             autopilot.ask()
             if mission is not None:
                 self._do(mission.read(now_s))
-        uploads = mission is not None and self._uploads and self._lines.flies_mission is not False
+        uploads = self._uploads and self._lines.flies_mission is not False
         if mission is not None and uploads and self._decided_path is not None:
             self._do(mission.decide(now_s, self._decided_path, self._replanner.rest))
 
