@@ -173,13 +173,12 @@ def forecast_values(expected: Preflight) -> dict[str, Any]:
         "reach_share": None if expected.reach is None else expected.reach.share,
         "reach_s": None if expected.reach is None else expected.reach.time_s,
         "reach_m": None if expected.reach is None else list(expected.reach.position_m),
-        "autopilot": expected.autopilot_text or None,
-        "autopilot_soc": expected.turns_back_soc or None,
         "obstacles": [{"name": name, "probability": share} for name, share in expected.entering.items()],
         "stages": [
             {"stage": stage, "time_s": seconds, "energy_wh": energy_wh}
             for stage, (seconds, energy_wh) in sorted(expected.stages.items())
         ],
+        **({"autopilot": expected.autopilot_text} if expected.autopilot_text else {}),
     }
 
 
@@ -385,6 +384,7 @@ def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:
     row: dict[str, Any] = {}
     for key, value in record._asdict().items():
         row |= value._asdict() if isinstance(value, Ending) else {key: value}
+    del row["home_by_s"]  # of a live flight
     row["time_s"] = round(record.time_s, 9)
     row["parameters"] = dict(zip(names, record.parameters, strict=True))
     return row

@@ -112,10 +112,9 @@ class _Forecast(_Keys):
     reach_share: float | None
     reach_s: float | None
     reach_m: Point | None
-    autopilot: str | None
-    autopilot_soc: float | None
     obstacles: list[_Risk]
     stages: list[_StageForecast]
+    autopilot: str = ""
 
 
 class _Summary(_Keys):
