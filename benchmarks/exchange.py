@@ -8,7 +8,9 @@ time, and the sum of the geodesics between its waypoints with its loiters' circl
 simulates for the aircraft of `twin/owner.yaml` beside a flight of the same mission in JSBSim (`plant.py`, `pip install
 'eadp[bench]'`), at the altitudes of the mission, from the ground on. Then random missions are exported as WPL and as a
 QGroundControl plan and read back: the largest distance between the two paths, and the largest difference of their
-lengths. Last the CPU seconds that a mission of many items takes to be read and to be checked.
+lengths. The presets' coverages of a field are exported with and without a landing: whether PX4 arms them with its
+factory values, by its own checks (`tests/support/common/armed.py`), and which parameter either autopilot needs besides.
+Last the CPU seconds that a mission of many items takes to be read and to be checked.
 """
 
 from __future__ import annotations
@@ -17,6 +19,8 @@ import argparse
 import json
 import math
 import random
+import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -39,6 +43,8 @@ from eadp.simulation.loop import Outcome, fly
 from eadp.validation.check import check_plan
 
 HERE = Path(__file__).resolve().parent
+sys.path.append(str(HERE.parent / "tests/support"))
+FIELD, PLACE, PRESETS = "plans/meadow.geojson", "55.4712,10.3295", ("foam-wing", "survey-wing", "mapper", "small-wing")
 HOME = (47.0, 8.0)
 LAPS = 2
 AIRSPEED_MPS, LOITER_RADIUS_M = FixedWing.airspeed_mps, 60.0
@@ -181,6 +187,27 @@ def exported(count: int) -> None:
     print(f"  at most {apart:.2f} m apart (stated: {TOLERANCE_M:g} m), lengths within {100 * longer:.2f} %")
 
 
+def armed() -> None:
+    """Whether exports of the presets, with a landing and without, are armed by PX4, and what is to be set besides."""
+    from common.armed import px4_refuses
+
+    print()
+    print(head("preset", "ends with", "energy [Wh]", "PX4", "PX4 with MIS_TKO_LAND_REQ 0", "ArduPilot"))
+    for preset in PRESETS:
+        for ends, given in (("a landing", {"landing": f"{PLACE},250"}), ("the return", {"home": PLACE})):
+            options = eadp.CoverageOptions(swath_m=60.0, altitude_m=80.0, pattern="dubins", wind="4,240", **given)
+            vehicle = HERE.parent / f"vehicles/{preset}.yaml"
+            found = eadp.cover(HERE.parent / FIELD, options, vehicle=vehicle, warn=lambda _: None)
+            with tempfile.TemporaryDirectory() as folder:
+                mission = Path(folder) / "m.plan"
+                eadp.export(found.plan, "px4", out=mission, warn=lambda _: None)
+                armed = [", ".join(px4_refuses(mission, required=value)) or "armed" for value in (2, 0)]
+            # ArduPilot's arming check of a mission: DO_LAND_START needs RTL_AUTOLAND
+            starts = "\t189\t" in eadp.export(found.plan, "ardupilot", warn=lambda _: None)
+            other = "armed with RTL_AUTOLAND 1 or 2" if starts else "armed"
+            print(line(preset, ends, f"{found.report.full.energy_wh:.2f}", *armed, other))
+
+
 def timed(count: int) -> None:
     lines = ["QGC WPL 110", f"0 1 0 16 0 0 0 0 {HOME[0]} {HOME[1]} 400 1"]
     for number in range(1, count + 1):
@@ -216,6 +243,7 @@ def _print(options: argparse.Namespace) -> None:
         if options.plant:
             plant(options.missions)
     exported(options.random)
+    armed()
     timed(options.items)
 
 

@@ -800,7 +800,7 @@ def _climbing_entry(request: CoverageRequest, start: Pose, turns: FreeTurns | No
         return entry
     x, y, heading = start
     metre_s = motion.time_s([straight((0.0, 0.0), (math.cos(heading), math.sin(heading)))])
-    least_s = way_s(entry) + max(lacks_s, motion.time_s([half_circle(start, 2 * motion.min_radius_m, 1)]))
+    best_s = way_s(entry) + max(lacks_s, motion.time_s([half_circle(start, 2 * motion.min_radius_m, 1)]))
     for share in BEFORE_SHARES:
         back_m = share * lacks_s / metre_s
         back = (x - back_m * math.cos(heading), y - back_m * math.sin(heading), heading)
@@ -808,8 +808,8 @@ def _climbing_entry(request: CoverageRequest, start: Pose, turns: FreeTurns | No
         if request.space is None or request.space.has(polyline_m([before.piece])):
             with suppress(Infeasible):
                 longer = [*_entry(request, back, turns), before]
-                if request.climb_s <= way_s(longer) < least_s:
-                    entry, least_s = longer, way_s(longer)
+                if request.climb_s <= way_s(longer) < best_s:
+                    entry, best_s = longer, way_s(longer)
     return entry
 
 
