@@ -25,7 +25,7 @@ from eadp.errors import InputError
 from eadp.io.link.kept import equal_items
 from eadp.io.link.mavlink import Codec
 from eadp.io.link.messages import WANTED
-from eadp.io.link.mission import MissionClient, Outgoing, Received
+from eadp.io.link.mission import ITEM_TRIES, MissionClient, Outgoing, Received
 from eadp.io.link.parameters import ASKED
 from eadp.io.link.rest import RestLayout
 from eadp.io.link.upload import RECHECK_S
@@ -175,7 +175,7 @@ def test_a_request_that_is_lost_does_not_end_an_upload(inputs, mission, lines):
 
 
 def test_a_silence_while_an_upload_is_read_back_does_not_lose_it(inputs, mission, lines):
-    """An item is asked for six times in 1.5 s."""
+    """An item is asked for `ITEM_TRIES` times in 4 s."""
     flown, silent_from_s = Finely(inputs, mission), []
 
     class Silent(MissionHolder):
@@ -183,7 +183,7 @@ def test_a_silence_while_an_upload_is_read_back_does_not_lose_it(inputs, mission
             answers = super().answer(frame)
             if self.writes and self.kinds[-1] == "MISSION_REQUEST_INT":
                 silent_from_s.append(flown.now_s)
-            return [] if silent_from_s and flown.now_s - silent_from_s[0] < 2.5 else answers
+            return [] if silent_from_s and flown.now_s - silent_from_s[0] < 5.0 else answers
 
     flown.holder = Silent(mission[1])
     flown.fly(lines)
@@ -200,7 +200,10 @@ class Reads(MissionHolder):
 
     def answer(self, frame):
         answers = super().answer(frame)
-        if self.kinds[-1] == "MISSION_REQUEST_INT" and self.kinds.count("MISSION_REQUEST_INT") <= 6 * self.fails:
+        if (
+            self.kinds[-1] == "MISSION_REQUEST_INT"
+            and self.kinds.count("MISSION_REQUEST_INT") <= ITEM_TRIES * self.fails
+        ):
             return []
         return answers
 
