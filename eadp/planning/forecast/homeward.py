@@ -29,8 +29,9 @@ class Homeward(NamedTuple):
 def homeward(known: Known, way_home: WayHome, cruise_altitude_m: float, computing_w: float) -> Homeward:
     """The way home from a moment of a flight.
 
-    It is a whole turn and straight lines in level flight, and a climb to the altitude of the way; then a landing, with
-    a whole turn onto it and what its descent gives, or a circle. Its time is infinite against too strong a wind.
+    It is a whole turn, unless home is flown to already, straight lines in level flight, and a climb to the altitude of
+    the way; then a landing, with a whole turn onto it and what the descent gives, or a circle. Its time is infinite
+    against too strong a wind.
 
     Parameters
     ----------
@@ -51,21 +52,22 @@ def homeward(known: Known, way_home: WayHome, cruise_altitude_m: float, computin
         corners = np.array([known.position_m, *way_home.line(known.position_m)])
         seconds = _seconds(np.diff(corners, axis=0), airspeed_mps, known.wind.mps)
     turn_s = 2 * math.pi * HOME_RADII * way_home.turn_radius_m / airspeed_mps
-    seconds += turn_s if seconds > 0 else 0.0
+    seconds += turn_s if seconds > 0 and not known.returns_home else 0.0
     seconds += 2 * math.pi * way_home.circle_radius_m / airspeed_mps
     here_m = cruise_altitude_m if climb is None else climb.altitude_m
     tops_m = here_m, way_home.altitude_m, None if landing is None else landing.altitude_m
-    climb_m = max(top_m for top_m in tops_m if top_m is not None) - here_m
-    energy_j = level_w * seconds + per_m * climb_m
+    top_m = max(each for each in tops_m if each is not None)
+    energy_j = level_w * seconds + per_m * (top_m - here_m)
     if landing is not None:
         legs = landing.legs
         lines = np.array([np.subtract(leg.end_m, leg.start_m) for leg in legs if leg.stage.kind == LINE]).reshape(-1, 2)
         circles_m = sum(leg.length_m for leg in legs if leg.stage.kind != LINE)
         down_s = _seconds(lines, airspeed_mps, known.wind.mps) + circles_m / airspeed_mps
-        energy_j += level_w * turn_s + max(level_w * down_s - per_m * landing.descent_m, 0.0)
-        seconds += turn_s + down_s
+        down_s += turn_s
+        energy_j += max(level_w * down_s - per_m * (top_m - landing.altitude_m + landing.descent_m), 0.0)
+        seconds += down_s
     power_w = energy_j / seconds if 0 < seconds < math.inf else level_w
-    return Homeward(seconds, power_w + computing_w, climb_m)
+    return Homeward(seconds, power_w + computing_w, top_m - here_m)
 
 
 def _seconds(lines_m: FloatArray, airspeed_mps: float, wind_mps: Point) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import pytest
 from common import ROOT
@@ -61,7 +62,7 @@ def test_the_time_left_at_which_px4_turns_back_is_known():
 
 @recordings
 def test_before_it_turns_back_that_is_forecast_and_after_it_the_way_home():
-    """Not to complete, minutes before; then, by the mode, what is left at home: 37 % as it was."""
+    """Not to complete, minutes before; then, by the mode, what is left at home: 36.5 %, of which it glided some."""
 
     def as_sent(line):
         if line["time_s"] < 151:
@@ -72,12 +73,11 @@ def test_before_it_turns_back_that_is_forecast_and_after_it_the_way_home():
     decisions, _ = replayed("px4-returns-at-50-percent", "land.plan", until_s=292.0, change=as_sent)
     before = [line for line in decisions if 200 < line["time_s"] < 270]
     assert all(line["completes_probability"] < 0.01 for line in before)
-    assert all(
-        "the autopilot turns back below 0.3" in line["reason"] for line in before if "infeasible" in line["reason"]
-    )
+    said = [re.search(r"the autopilot turns back below (\S+);", line["reason"]) for line in before]
+    assert all(0.3 < float(found[1]) < 0.45 for found in said)
     after = [line for line in decisions if line["time_s"] > 278]
     assert {line["reason"] for line in after} == {"the autopilot returns: parameters stay"}
-    assert all(line["soc_end_forecast"] == pytest.approx(0.36, abs=0.05) for line in after)
+    assert all(0 < 0.365 - line["soc_end_forecast"] < 0.08 for line in after)
     assert all(line["point_of_no_return_s"] is None for line in after)
 
 

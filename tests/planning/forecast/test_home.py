@@ -132,7 +132,8 @@ def test_with_a_landing_the_way_home_leads_down_it(tmp_path):
     turn_s = 2 * math.pi * HOME_RADII * vehicle.turn_radius_m / speed
     way, level_w = way_of(forecasting), forecasting.known.motion.level_w
     assert way.seconds == pytest.approx(3000 / speed + 2 * turn_s + 600 / speed)
-    energy_j = level_w * (3000 / speed + 2 * turn_s) + max(level_w * 600 / speed - 60 * vehicle.climb_j_per_m, 0)
+    down_s = turn_s + 600 / speed
+    energy_j = level_w * (3000 / speed + turn_s) + max(level_w * down_s - 60 * vehicle.climb_j_per_m, 0)
     assert way.seconds * way.power_w == pytest.approx(energy_j)
     assert forecasting.inputs.world.way_home.pieces((0.0, 0.0, 0.0))[-1].end[:2] == pytest.approx((3000, 0), abs=1e-6)
 
