@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -399,6 +400,7 @@ class CoveragePlan:
     pictures: Pictures | None = None
     pack_wh: float | None = None
     heights: Heights | None = None
+    autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
 
     @property
     def document(self) -> dict[str, Any]:
@@ -436,8 +438,15 @@ class CoveragePlan:
         ground = [] if home_m is None else [HOME_TEXT.format(home_m)]
         if self.heights is not None:
             ground = HeightReport([self.heights], *self.on_ground).text()
-        flight = [*self.report.text(), *self._landing_text()]
+        flight = [*self.report.text(), *self._climb_text(), *self._landing_text()]
         return [*flight, *camera, *self._overlap_text(), *ground, *self._batteries_text()]
+
+    def _climb_text(self) -> list[str]:
+        """The circles of the climb before the first line."""
+        ways = itertools.takewhile(lambda leg: not leg.sensing, self.report.solution.path(0.0).legs)
+        radii_m = [leg.piece.radius_m for leg in ways if leg.whole_circle]
+        many = f"{len(radii_m)} circles" if len(radii_m) > 1 else "a circle"
+        return [f"climb      {many} of {radii_m[0]:.0f} m radius before the first line"] if radii_m else []
 
     def _landing_text(self) -> list[str]:
         """The final approach."""
@@ -450,7 +459,8 @@ class CoveragePlan:
         ends = f" to {last.altitude_m:.0f} m" if last.altitude_m else ""
         circle = ", after a circle down to it" if before.command(LOITER_TO_ALTITUDE) else ""
         steep_deg = math.degrees(math.atan2(down_m, length_m))
-        px4 = f": PX4 needs {LANDING_ANGLE} {steep_deg:.1f}" if steep_deg > FACTORY[PX4][LANDING_ANGLE] + 0.05 else ""
+        steep = self.autopilot.kind is None and steep_deg > FACTORY[PX4][LANDING_ANGLE] + 0.05
+        px4 = f": PX4 needs {LANDING_ANGLE} {steep_deg:.1f}" if steep else ""
         how = f"final approach of {length_m:.0f} m from {before.altitude_m:g} m{ends}, {steep_deg:.1f}°"
         return [f"landing    {how}{circle}{px4}"]
 
@@ -836,7 +846,8 @@ class CoverageTask:
         report = CoverageReport.of(replace(field, airspace=self.airspace), motion, solution)
         comments = "".join(f"% {line}\n" for line in report.comments(printable(self.file, 100)))
         notes = [*self.repairs, *self.flown_over]
-        return CoveragePlan(plan, comments + plan_text(plan), report, notes, pictures, self.pack_wh, heights)
+        text = comments + plan_text(plan)
+        return CoveragePlan(plan, text, report, notes, pictures, self.pack_wh, heights, self.autopilot)
 
 
 def _site(field: Field, covered: Field, motion: MotionLimits, home: Point | None, vehicle: str) -> Site:

@@ -11,7 +11,9 @@ from common import ROOT
 from common.answers import refused
 
 from eadp.api.inputs import load_flight
+from eadp.api.simulate import simulate as fly
 from eadp.cli.main import main
+from eadp.core.geometry.geodesy import to_local_m
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text, read_text
@@ -205,6 +207,44 @@ def test_home_is_where_a_flight_takes_off_so_that_forecast_and_mission_agree(ead
     assert rows(out)[-1][3] == 20
     plan, mission = (load_flight(str(file), overrides=FLOWN) for file in (flight, out))
     assert plan.preflight().forecast.energy_wh == pytest.approx(mission.preflight().forecast.energy_wh, rel=0.01)
+
+
+@pytest.mark.parametrize("to", ENDINGS)
+def test_circles_up_to_the_first_line_are_in_plan_flight_and_mission(eadp, tmp_path, to):
+    flight, out = tmp_path / "p.plan", tmp_path / f"m.{ENDINGS[to]}"
+    words = (
+        "cover",
+        "plans/meadow.geojson",
+        "--swath",
+        "60",
+        "--pattern",
+        "dubins",
+        "--heading",
+        "94",
+        "--altitude",
+        "100",
+    )
+    answer = eadp(*words, "--vehicle", "vehicles/foam-wing.yaml", "--home", "55.47,10.327", "-o", flight)
+    assert answer.code == 0, answer.err
+    assert "climb      a circle of 36 m radius before the first line" in answer.out
+    assert eadp("plan", flight, "--check").code == 0
+    assert eadp("export", flight, "--to", to, "-o", out).code == 0
+    plan, mission = (load_flight(str(file), overrides={"vehicle": FLOWN["vehicle"]}) for file in (flight, out))
+    (circle,) = {stage.trigger_at(()) for stage in plan.world.plan.stages if stage.command(31)}
+    assert any(stage.command(31) for stage in mission.world.plan.stages)
+    there, here = plan.preflight().forecast, mission.preflight().forecast
+    assert here.energy_wh == pytest.approx(there.energy_wh, rel=0.01)
+    if to == "ardupilot":
+        (item,) = (row for row in rows(out) if row[3] == 31)
+        # heading required, to the left round 36 m, left along the tangent, up to the altitude of the lines
+        assert (item[4], item[5], item[7], item[10]) == (1, -36, 1, 100)
+        after = rows(out)[rows(out).index(item) + 1]
+        place = to_local_m(after[8], after[9], plan.world.plan.site.origin_deg)
+        assert place == pytest.approx(circle, abs=0.01), "the line begins where the circle does"
+    flown = fly(str(flight), overrides={"vehicle": FLOWN["vehicle"]}, warn=lambda _: None)
+    first = next(stage.index for stage in plan.world.plan.stages if stage.command(31))
+    after = flown.columns["stage"].astype(int) > first
+    assert flown.columns["altitude_m"][after].min() >= 98
 
 
 def test_sorties_land(eadp, tmp_path):
