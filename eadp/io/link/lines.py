@@ -151,6 +151,23 @@ class LineMaker:
         return bool(self._value("automatic", ages=False))
 
     @property
+    def flies_mission(self) -> bool | None:
+        """Whether the mission is flown: False where a pilot flies, or the autopilot holds or returns.
+
+        None where that is unknown: without a map an autopilot in its mission, of unknown modes, or one that a computer
+        guides, may fly any way.
+        """
+        automatic = self._value("automatic", ages=False)
+        if self.items is not None or (automatic is False and not self._value("guided", ages=False)):
+            return automatic is not False
+        return None
+
+    @property
+    def returns(self) -> bool:
+        """Whether the autopilot flies home, by its mode."""
+        return bool(self._value("returns", ages=False))
+
+    @property
     def item(self) -> int | None:
         """The number of the item that is flown to, as the autopilot counts."""
         number: int | None = self._value("item", ages=False)
@@ -179,10 +196,9 @@ class LineMaker:
         parameters: dict[str, float | None] = {
             name: value for name, (at_s, value) in self._parameters.items() if self._is_fresh(at_s)
         }
-        automatic = self._value("automatic", ages=False)
-        if self.items is not None or (automatic is False and not self._value("guided", ages=False)):
-            line["flies_mission"] = automatic is not False
-        if self._value("returns", ages=False):
+        if self.flies_mission is not None:
+            line["flies_mission"] = self.flies_mission
+        if self.returns:
             line["returns_home"] = True
         if item is not None:
             if item.first == item.last:
