@@ -1,17 +1,21 @@
-"""`eadp replan` on flights of ArduPlane that were recorded: take-offs, a draw that rises for good, a lost cell.
+"""`eadp replan` on flights of ArduPlane and PX4 that were recorded: take-offs, pilots, a draw that rises, a lost cell.
 
-    python benchmarks/autopilot.py [--folder ../shared/reference] [--write]
+    python benchmarks/autopilot.py [--folder ../shared/reference] [--flights 24] [--write]
 
-The folder has `autopilot/`, flights of ArduPlane in its own simulator, and `logs/`. Each log is replayed; what is
-decided now is not flown. The logs of `eadp replan` have no voltage and altitude: where a ground station's track has
-them, they are added. The power of `level` is scaled from an instant on, for lasting steps of several sizes. Without the
-folder the benchmark ends with a note.
+The folder has `autopilot/`, flights of ArduPlane and of PX4 in their own simulators, and `logs/`. Each log is replayed;
+what is decided now is not flown. The logs of `eadp replan` have no voltage and altitude: where a ground station's track
+has them, they are added, and so are modes where a row says so. The power of `level` is scaled from an instant on, for
+lasting steps of several sizes. Without the folder this part is left out, with a note.
+
+The forecasts of the first seconds are those of so many flights of the plant of benchmarks/twin.py with parameters that
+are kept, each with its charge at the end. Needs jsbsim: pip install 'eadp[bench]'.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import itertools
 import json
 import math
 import re
@@ -32,6 +36,7 @@ from eadp.core.geometry.geodesy import to_local_m
 from eadp.models.airspace import HOME_RADII
 from eadp.models.battery import Battery
 from eadp.planning.state.voltage import VoltageWatch
+from eadp.planning.track.live import COMPLETED, UNDECIDED
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT.parent / "shared/reference"
@@ -40,6 +45,10 @@ STEPS, STEP_TIMES_S = (-0.2, 0.2, 0.3, 0.5, 1.0), (240.0, 303.0, 366.0, 429.0, 4
 RESERVE, AIRSPEED_MPS, TURN_RADIUS_M = 0.2, 15.0, 27.4
 """Of the scenarios: the reserve, and the aeroplane's airspeed and radius at 40° of bank."""
 CAPACITY_AH, PX4_AH = 0.95, 5.0
+PX4_RETURNS_AH = 1.2
+FIRST_S, WITHIN = (5, 6, 12, 25), (0.8, 1.2)
+"""Times of forecasts on the plant [s], and the aim of their errors' root mean square to the stated deviations."""
+START = '{"kind": "start", "schema": "eadp.replan-log/1", "eadp": "", "inputs": ""}'
 LAP_STAGES = 6
 """Stages up to the end of the first lap."""
 
@@ -91,19 +100,58 @@ def read_lines(flight: Path) -> list[Line]:
     return lines
 
 
-def replayed(folder: Path, flight: str, scenario: str, lines: list[Line] | None = None) -> Replay:
+class Inputs(NamedTuple):
+    """What a flight was planned with: files in the folder."""
+
+    scenario: str
+    plan: str = "survey.plan"
+    items: str = ""
+    """By default those beside the flight."""
+    autopilot: str = ""
+    """What the scenario states."""
+
+
+FIELD = Inputs("px4/plan/scenario.yaml", "px4/plan/field.plan", "px4/plan/field-mission.plan.items.json")
+LANDS = Inputs("px4/plan/scenario.yaml", "px4/plan/land.plan", "px4/plan/land-mission.plan.items.json")
+CMAC = Inputs("second/right-1.2.yaml", "second/cmac.plan")
+CROSS = Inputs("second/right-0.95.yaml", "second/cross.plan", autopilot="ardupilot")
+LAND = Inputs("second/right-0.95.yaml", "second/land.plan")
+
+
+def modes_of(flight: Path) -> list[tuple[float, str]]:
+    """The modes of an autopilot's flight, each with the time from which on it holds [s]."""
+    text = (flight / "ground-station.txt").read_text()
+    found = re.findall(r"^\[ *([\d.]+)[^\]]*\] MODE (\w+) \w+", text, re.MULTILINE)
+    return [(float(time_s), mode) for time_s, mode in found]
+
+
+def with_modes(flight: Path, lines: list[Line]) -> list[Line]:
+    """Lines with what the autopilot's mode says of the mission, as the lines of a link have it."""
+    modes, found = modes_of(flight), []
+    for each in lines:
+        mode = [name for at_s, name in modes if at_s <= each["time_s"]][-1]
+        found.append(each | {"flies_mission": mode in ("AUTO", "MISSION"), "returns_home": mode == "RTL"})
+    return found
+
+
+def replayed(folder: Path, flight: str, inputs: Inputs | str, lines: list[Line] | None = None) -> Replay:
     """A flight again, with a return home as an option; `lines` in place of its own."""
     own = read_lines(folder / flight) if lines is None else lines
+    inputs = Inputs(inputs) if isinstance(inputs, str) else inputs
+    items = inputs.items or f"{flight}/mission.waypoints.items.json"
     decisions: list[Line] = []
     with tempfile.TemporaryDirectory() as place:
         log = Path(place) / "log.jsonl"
         start = (folder / flight / "log.jsonl").read_text().splitlines()[0]
         log.write_text("\n".join([start, *(json.dumps({"kind": "telemetry"} | each) for each in own)]) + "\n")
         replan(
-            str(folder / "survey.plan"),
+            str(folder / inputs.plan),
             ReplanOptions(replay=str(log)),
-            FlightOptions(scenario=str(folder / scenario)),
-            LinkOptions(items=str(folder / flight / "mission.waypoints.items.json"), return_home=True),
+            FlightOptions(
+                scenario=str(folder / inputs.scenario),
+                set_=[f"autopilot.kind={inputs.autopilot}"] if inputs.autopilot else [],
+            ),
+            LinkOptions(items=str(folder / items), return_home=True),
             decided=decisions.append,
             warn=lambda _faults: None,
         )
@@ -151,9 +199,21 @@ def take_off(folder: Path) -> Iterator[Row]:
     yield Row(name, what, f"{exported:.1f} m", f"{coarsest:.1f} m", coarsest <= exported)
 
 
-def spacing_m(folder: Path, c1: float) -> float:
+def drawn(folder: Path) -> Iterator[Row]:
+    """The charge at the end as forecast on the ground, of a flight that began with a take-off at full throttle."""
+    name = "second/X"
+    lines = read_lines(folder / name)
+    flight = replayed(folder, name, CROSS, lines[:5])
+    over_s = event_of(folder / name, r"MODE RTL")
+    left = [1 - each["current_consumed_ah"] / CAPACITY_AH for each in lines if each["time_s"] <= over_s][-1]
+    told = flight.decisions[1]["soc_end_forecast"]  # the first one knows no wind
+    what = "charge at the end, as forecast at the start of the take-off"
+    yield Row(name, what, f"{left:.3f} ± 0.05", f"{told:.3f}", bool(abs(told - left) <= 0.05))
+
+
+def spacing_m(folder: Path, c1: float, plan: str = "survey.plan") -> float:
     """The spacing of lines at a parameter, as people read it [m]."""
-    return float(read_plan(str(folder / "survey.plan"), warn=lambda _: None).parameters[0].shown(c1))
+    return float(read_plan(str(folder / plan), warn=lambda _: None).parameters[0].shown(c1))
 
 
 def rises(folder: Path) -> Iterator[Row]:
@@ -190,6 +250,154 @@ def charge_at_home(folder: Path, flight: Replay, home: Line) -> float:
     seconds = distance_m / (along + math.sqrt(AIRSPEED_MPS**2 - across))
     seconds += 2 * math.pi * HOME_RADII * TURN_RADIUS_M / AIRSPEED_MPS
     return 1 - (last["current_consumed_ah"] + per_s * seconds) / CAPACITY_AH
+
+
+def pilots(folder: Path) -> Iterator[Row]:
+    """What is decided while the mission is not flown, and how well the rest is known after it."""
+    flights = {"second/Z": CMAC, "lost-cell-and-outage": Inputs("right-0.95Ah.yaml"), "px4/pilot-in-posctl": FIELD}
+    for name, inputs in flights.items():
+        lines = with_modes(folder / name, read_lines(folder / name))
+        for what, replayed_lines in (("", lines), (", modes unknown", without_modes(lines))):
+            flight = replayed(folder, name, inputs, replayed_lines)
+            count = len(decided_by_hand(folder / name, flight))
+            yield Row(name, f"decisions while the mission is not flown{what}", "0", str(count), count == 0)
+    name = "second/X"
+    flight = replayed(folder, name, CROSS, with_modes(folder / name, read_lines(folder / name)))
+    late_s = event_of(folder / name, r"Passed waypoint #5")
+    before, after = (flight.at(late_s + delay_s)["energy_std_wh"] for delay_s in (-2, 3))
+    what = "deviation of the energy left after a leg flown ten times later than forecast, to that before"
+    yield Row(name, what, "1.5 at most", f"{after / before:.2f}", after / before <= 1.5)
+    # the mission is over
+    name = "second/A"
+    flight = replayed(folder, name, CMAC, with_modes(folder / name, read_lines(folder / name)))
+    over_s = event_of(folder / name, r"RTL over home")
+    late = [each for each in flight.decisions if each["time_s"] > over_s and each["returns_home"]]
+    yield Row(name, "decisions to fly home once the mission is over", "0", str(len(late)), not late)
+
+
+def without_modes(lines: list[Line]) -> list[Line]:
+    """The same lines where the autopilot's mode is not known."""
+    return [
+        {key: value for key, value in each.items() if key not in ("flies_mission", "returns_home")} for each in lines
+    ]
+
+
+def decided_by_hand(flight: Path, replay: Replay) -> list[Line]:
+    """New decisions while another mode than the mission's holds, from 5 s after it was chosen on, when it is seen."""
+    modes, found = [*modes_of(flight), (math.inf, "")], []
+    for (from_s, mode), (to_s, _) in itertools.pairwise(modes):
+        if mode not in ("AUTO", "MISSION"):
+            for before, each in itertools.pairwise(replay.decisions):
+                new = re.sub(r"[-\d.]+", "", each["reason"]) != re.sub(r"[-\d.]+", "", before["reason"])
+                if from_s + 5 <= each["time_s"] < to_s and new and each["reason"] not in (*UNDECIDED, COMPLETED):
+                    found.append(each)
+    return found
+
+
+def event_of(flight: Path, pattern: str) -> float:
+    """When a ground station notes a text first [s]."""
+    found = re.search(rf"^\[ *([\d.]+)[^\]]*\].*{pattern}", (flight / "ground-station.txt").read_text(), re.MULTILINE)
+    assert found is not None
+    return float(found[1])
+
+
+def starts(folder: Path) -> Iterator[Row]:
+    """The lines that the first decision is of: those of the mission that was exported."""
+    for name, inputs in {"second/A": CMAC, "second/Z": CMAC, "second/Lu": LAND, "px4/untouched": FIELD}.items():
+        items = json.loads((folder / (inputs.items or f"{name}/mission.waypoints.items.json")).read_text())["items"]
+        flight = replayed(folder, name, inputs, read_lines(folder / name)[:5])
+        aim, first = (
+            spacing_m(folder, c1, inputs.plan) for c1 in (items[-1][5], flight.decisions[0]["parameters"]["c1"])
+        )
+        what = "spacing that the first decision is of"
+        yield Row(name, what, f"{aim:.1f} m, as exported", f"{first:.1f} m", abs(first - aim) < 0.05)
+
+
+def returns(folder: Path) -> Iterator[Row]:
+    """The end of the charge where PX4 turns back by itself, as forecast 10 s later."""
+    name = "px4/px4-returns-at-50-percent"
+    lines = with_modes(folder / name, read_lines(folder / name))
+    flight, back_s = replayed(folder, name, LANDS, lines), event_of(folder / name, r"MODE RTL")
+    drawn_ah = [each["current_consumed_ah"] for each in lines if each.get("current_consumed_ah") is not None]
+    true, told = 1 - drawn_ah[-1] / PX4_RETURNS_AH, flight.at(back_s + 10)["soc_end_forecast"]
+    what = "charge at the end of its own return, forecast after 10 s"
+    yield Row(name, what, f"{true:.3f} ± 0.03", f"{told:.3f}", bool(abs(told - true) <= 0.03))
+
+
+# --- the first seconds, on the plant
+
+
+class First(NamedTuple):
+    """Forecasts of the final charge at a time of flights: errors, and stated deviations."""
+
+    time_s: int
+    errors: list[float]
+    stds: list[float]
+
+    @property
+    def ratio(self) -> float:
+        """Root mean square of the errors to that of the deviations."""
+        return math.sqrt(sum(e * e for e in self.errors) / sum(s * s for s in self.stds))
+
+
+def first_seconds(count: int) -> list[First]:
+    """Flights of the plant with parameters that are kept, and what is forecast of them at `FIRST_S`."""
+    import twin
+    from plant import SAMPLE_S, battery_w
+
+    found = {time_s: First(time_s, [], []) for time_s in FIRST_S}
+    with tempfile.TemporaryDirectory() as place:
+        for mission in twin.missions(count, 0, twin.plans(Path(place)), ""):
+            plan = read_plan(mission.plan_file, warn=lambda _: None)
+            rng, (lo, hi) = np.random.default_rng([mission.seed, 24]), twin.ends(plan, 0)
+            parameters = lo + rng.uniform(0.3, 1) * (hi - lo), float(rng.integers(2, 11))
+            samples = list(twin.plan_flight(mission, plan, parameters).samples())
+            noise = mission.noise(len(samples))
+            shafts_w, fps = np.array([each.shaft_w for each in samples]), [each.parameters[1] for each in samples]
+            powers_w = battery_w(shafts_w) + np.interp(fps, twin.LEVELS, twin.LEVELS_W) * noise * (np.array(fps) > 0)
+            capacity_ah, left = needed_ah(mission, powers_w, rng.uniform(0.08, 0.35), SAMPLE_S)
+            telemetry, pack, log = (
+                twin.Telemetry(mission, plan.names),
+                mission.lipo(capacity_ah),
+                Path(place) / "log.jsonl",
+            )
+            rows: list[Line] = [json.loads(START)]
+            for k, sample in enumerate(samples[: round((FIRST_S[-1] + 1) / SAMPLE_S)]):
+                pack.step(powers_w[k], SAMPLE_S)
+                telemetry.gauge(pack, 0.0)
+                if (k + 1) % twin.PER_LINE == 0:
+                    row = telemetry.line(sample, float(powers_w[k]), float(pack.voltage_v))
+                    rows.append({"kind": "telemetry"} | (row or {}))
+            log.write_text("".join(json.dumps(row) + "\n" for row in rows))
+            scenario, efficiency = twin.owner(mission, capacity_ah)
+            file = Path(place) / "scenario.yaml"
+            file.write_text(json.dumps(scenario | {"parameters": dict(zip(plan.names, parameters, strict=True))}))
+            decisions: list[Line] = []
+            options = FlightOptions(
+                scenario=str(file), planner="static", set_=[f"vehicle.airframe.propulsive_efficiency={efficiency}"]
+            )
+            replan(
+                mission.plan_file,
+                ReplanOptions(replay=str(log)),
+                options,
+                decided=decisions.append,
+                warn=lambda _faults: None,
+            )
+            for each in decisions:
+                if (first := found.get(round(each["time_s"]))) is not None:
+                    first.errors.append(left - each["soc_end_forecast"])
+                    first.stds.append(each["soc_end_std"])
+    return list(found.values())
+
+
+def needed_ah(mission: Any, powers_w: np.ndarray, left: float, step_s: float) -> tuple[float, float]:
+    """The capacity with which powers leave a charge, and the charge that it leaves."""
+    capacities_ah = np.linspace(0.2, 6.0, 600)
+    pack = mission.lipo(capacities_ah)
+    for power_w in powers_w.tolist():
+        pack.step(power_w, step_s)
+    enough = int(np.argmax(~np.asarray(pack.empty) & (pack.soc >= left)))
+    return float(capacities_ah[enough]), float(pack.soc[enough])
 
 
 def cells(folder: Path) -> Iterator[Row]:
@@ -265,22 +473,39 @@ def stepped(lines: Sequence[Line], rise_s: float, share: float) -> Iterator[Line
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--folder", type=Path, default=FOLDER)
+    parser.add_argument("--flights", type=int, default=24, help="flights of the plant")
     add_option(parser, "autopilot")
     options = parser.parse_args()
     folder = options.folder / "autopilot"
-    if not folder.is_dir():
-        print(f"{folder} is absent: no flights to replay")
-        return
     with recorded("autopilot", write=options.write):
-        print(head("flight", "", "aim", "measured", "met"))
-        for rows in (take_off, rises, cells):
-            for row in rows(folder):
-                print(line(*row[:-1], "yes" if row.met else "no"))
-        print(head("lasting step of the power of `level`", "mean within 2 σ at 30 s", "mean error at 90 s", "largest"))
-        for share in STEPS:
-            step = step_of(folder, share)
-            errors = f"{statistics.fmean(step.errors):.1%}", f"{max(step.errors):.1%}"
-            print(line(f"{share:+.0%}", f"{step.within} of {len(step.errors)}", *errors))
+        if folder.is_dir():
+            report(folder)
+        else:
+            print(f"{folder} is absent: no flights to replay")
+        print(head(f"{options.flights} flights of the plant: after", "errors [% of full]", "stated", "ratio", "aim"))
+        for first in first_seconds(options.flights) if options.flights else []:
+            rms = (100 * math.sqrt(statistics.fmean(value**2 for value in some)) for some in first[1:])
+            print(
+                line(
+                    f"{first.time_s} s",
+                    *(f"{value:.1f}" for value in rms),
+                    f"{first.ratio:.2f}",
+                    "{} to {}".format(*WITHIN),
+                )
+            )
+
+
+def report(folder: Path) -> None:
+    """The tables of recorded flights."""
+    print(head("flight", "", "aim", "measured", "met"))
+    for rows in (take_off, drawn, starts, pilots, returns, rises, cells):
+        for row in rows(folder):
+            print(line(*row[:-1], "yes" if row.met else "no"))
+    print(head("lasting step of the power of `level`", "mean within 2 σ at 30 s", "mean error at 90 s", "largest"))
+    for share in STEPS:
+        step = step_of(folder, share)
+        errors = f"{statistics.fmean(step.errors):.1%}", f"{max(step.errors):.1%}"
+        print(line(f"{share:+.0%}", f"{step.within} of {len(step.errors)}", *errors))
 
 
 if __name__ == "__main__":

@@ -438,8 +438,15 @@ def verdict(what: str, own: str, figures: dict[str, float]) -> None:
 
 # --- the reliability of the probabilities
 
-MOMENTS = {"take-off": 0.0, "30 s": 30.0, "10 %": 0.1, "25 %": 0.25, "50 %": 0.5, "75 %": 0.75, "95 %": 0.95}
-"""When forecasts are made: 0 before take-off; a time [s], or below 1 a share of the flight."""
+_FIRST_S = 5.0, 6.0, 12.0, 25.0, 30.0
+_SHARES = 0.1, 0.25, 0.5, 0.75, 0.95
+MOMENTS = {
+    "take-off": 0.0,
+    **{f"{at:g} s": at for at in _FIRST_S},
+    **{f"{at:.0%}".replace("%", " %"): at for at in _SHARES},
+}
+"""When forecasts are made: 0 before take-off; a time [s], from the first decision on, or below 1 a share of the
+flight."""
 AIMS = {"take-off": 0.10, "25 %": 0.08, "95 %": 0.03}
 TRUTHS = {"as stated": (1.0, 1.0, 1.0), "voltage falls": (1.0, 1.1, 0.9), "15 % less": (0.85, 1.0, 1.0)}
 """Batteries flown: capacity, voltage when full and voltage when empty, as shares of what is stated."""

@@ -32,6 +32,17 @@ def test_a_take_off_is_not_what_the_plan_draws(autopilot, folder):
     assert float(lines.measured.split()[0]) < 19
 
 
+def test_a_flight_begins_with_its_mission_and_the_draw_of_its_take_off(autopilot, folder):
+    rows = [*autopilot.starts(folder), *autopilot.drawn(folder)]
+    assert all(row.met for row in rows), rows
+
+
+@pytest.mark.slow
+def test_nothing_is_decided_while_a_pilot_flies_and_one_late_leg_says_little(autopilot, folder):
+    rows = list(autopilot.pilots(folder))
+    assert all(row.met for row in rows), rows
+
+
 @pytest.mark.slow
 def test_a_draw_that_rises_for_good_is_followed(autopilot, folder):
     rows = list(autopilot.rises(folder))

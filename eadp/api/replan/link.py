@@ -7,7 +7,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, BinaryIO
 
 from eadp.api.inputs import FlightInputs
@@ -103,6 +103,7 @@ class LinkFlight:
         self._inputs, self._emit, self._send, self._log = inputs, emit, send, log
         # the map of the mission's items, as exported; None without --items
         exported = self._exported = None if options.items is None else read_items(options.items, self._path_names)
+        inputs = self._inputs = with_mission(inputs, exported)
         if options.upload and exported is None:
             raise InputError.at("--upload", 1, 1, "the mission is unknown", "--items, as eadp export writes them")
         # path parameters that the mission shall have; None before the first plan, and once only home can be reached
@@ -347,6 +348,17 @@ class LinkFlight:
             self._send(self._autopilot.system or 1, kind, values)
 
 
+def with_mission(inputs: FlightInputs, items: Sequence[MappedItem] | None) -> FlightInputs:
+    """Inputs of a flight that begins with the path parameters that its mission has to its end.
+
+    The items of the first stage may have others: a parameter takes effect with the next stage.
+    """
+    if not items:
+        return inputs
+    mission, path = inputs.mission, items[-1].parameters
+    return replace(inputs, mission=replace(mission, parameters=(*path, *mission.parameters[len(path) :])))
+
+
 def fly(
     address: str, inputs: FlightInputs, options: LinkOptions, log: ReplanLog | None, emit: Emit, warn: Warn
 ) -> bool:
@@ -407,7 +419,9 @@ def replay_flight(
             if json.loads(head).get("inputs") != hashed:
                 what = "is of another plan, scenario or settings: decisions may be others"
                 warn(Fault(path, 1, 1, what, severity="warning"))
-            flight = Replanner(inputs, path, log, emit, warn)
+            names = inputs.mission.plan.names[: inputs.mission.plan.path_count]
+            items = None if options.items is None else read_items(options.items, names)
+            flight = Replanner(with_mission(inputs, items), path, log, emit, warn)
             flight.restore()
             for number, raw in numbered_lines(stream, path):
                 if _kind(raw) == TELEMETRY:

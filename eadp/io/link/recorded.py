@@ -14,7 +14,18 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.errors import InputError
 from eadp.io.link.mavlink import tlog_messages
-from eadp.io.link.messages import PICTURES, READERS, Values, finite, is_autopilot, values_of
+from eadp.io.link.messages import (
+    COPTER_MISSION,
+    PICTURES,
+    PLANE_GUIDED,
+    PLANE_MISSION,
+    PLANE_RETURNS,
+    READERS,
+    Values,
+    finite,
+    is_autopilot,
+    values_of,
+)
 from eadp.io.log.messages import check_readable, read_tables
 from eadp.io.log.tlog import is_tlog
 from eadp.io.mission.draft import NO_POSITION, TRIGGER_DISTANCE, MissionItem
@@ -28,6 +39,8 @@ _MAGICS = {b"ULog": "ulog", b"\xa3\x95": "dataflash"}
 
 _ARMED, _NAV_LAST = 2, 95
 """PX4's state of an armed aircraft; the last of the commands that move it."""
+_NAV_MISSION, _NAV_RETURNS, _NAV_OFFBOARD = 3, 5, 14
+"""PX4's states of navigation: AUTO_MISSION, AUTO_RTL, OFFBOARD."""
 _INSTANCES = ("Instance", "Inst", "C", "I")
 _UNKNOWN = float("nan")
 MISSION = "mission"
@@ -84,6 +97,24 @@ def form_of(head: bytes) -> str | None:
     return own or (TLOG if is_tlog(head) else None)
 
 
+def _nav_state(row: Row) -> Values:
+    """What PX4 flies, as `values_of` a heartbeat has it; empty where the log does not say it."""
+    state = row.get("nav_state")
+    if state is None:
+        return {}
+    return {"automatic": state == _NAV_MISSION, "returns": state == _NAV_RETURNS, "guided": state == _NAV_OFFBOARD}
+
+
+def _mode(row: Row) -> Values:
+    """What ArduPilot flies, of the row of a mode; a log does not say whether of a plane or a copter."""
+    mode = row["ModeNum"]
+    return {
+        "automatic": mode in (PLANE_MISSION, COPTER_MISSION),
+        "returns": mode in PLANE_RETURNS,
+        "guided": mode == PLANE_GUIDED,
+    }
+
+
 class _Mission:
     """Collects the items of a mission: ArduPilot logs each that it holds, home first, when a mission has come."""
 
@@ -112,7 +143,7 @@ def _flown(row: Row) -> Values:
 
 
 _ULOG: dict[str, Callable[[Row], Values]] = {
-    "vehicle_status": lambda row: {"armed": row["arming_state"] == _ARMED},
+    "vehicle_status": lambda row: {"armed": row["arming_state"] == _ARMED, **_nav_state(row)},
     "vehicle_land_detected": lambda row: {"in_air": not row["landed"]},
     "mission_result": _flown,
     "vehicle_command": lambda row: _switched(row["command"], row["param1"]),
@@ -128,6 +159,7 @@ _ULOG: dict[str, Callable[[Row], Values]] = {
 _DATAFLASH: dict[str, Callable[[Row], Values]] = {
     "ARM": lambda row: {"armed": bool(row["ArmState"]), "active": True},
     "STAT": lambda row: {"in_air": bool(row["isFlying"])},
+    "MODE": _mode,
     "MISE": _item,
     "CAM": lambda row: {PICTURE: True},
     "TRIG": lambda row: {PICTURE: True},

@@ -36,7 +36,7 @@ def with_climbs(
     times, added_w, peak_w = times_s.tolist(), [0.0] * len(times_s), [0.0] * len(times_s)
     # of each airspeed: its power above the airframe's own [W], and its greatest rates of climb and descent [m/s]
     rates: dict[float, tuple[float, float, float]] = {}
-    here_m = climb.altitude_m
+    here_m, j_per_m = climb.altitude_m, max(climb.take_off_j_per_m, climb_j_per_m)
     for i, stage in enumerate(route.of_legs):
         altitude_m, airspeed_mps = climb.commanded(stage)
         if airspeed_mps not in rates:
@@ -55,7 +55,9 @@ def with_climbs(
         climbed_s = min(climb_s, times[i] / (1 - slowed))
         times[i] += slowed * climbed_s
         climb_m = rate_mps * climbed_s
+        added_w[i] += j_per_m * climb_m / times[i]
+        peak_w[i] += max(j_per_m * rate_mps, 0.0)
         here_m = altitude_m if climbed_s == climb_s else here_m + climb_m
-        added_w[i] += climb_j_per_m * climb_m / times[i]
-        peak_w[i] += max(climb_j_per_m * rate_mps, 0.0)
+        if here_m == altitude_m:  # the take-off is over
+            j_per_m = climb_j_per_m
     return np.array(times), np.maximum(motion_w + added_w, 0.0), motion_w + peak_w

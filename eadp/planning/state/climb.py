@@ -6,16 +6,27 @@ import math
 from functools import lru_cache
 from typing import NamedTuple
 
+from eadp.models.autopilot import ARDUPILOT
 from eadp.models.plan.stage import Stage
 from eadp.models.vehicle import Aeroplane, PaperVehicle
 from eadp.planning.base import Mission
 
+TAKE_OFF_RAD, GROUND_M = math.radians(20.0), 5.0
+"""Steepness of ArduPilot's take-off, which it flies at full throttle; and altitude below which a flight begins with it.
+
+Source: ardupilot.org, "Automatic Takeoff"; PTCH_LIM_MAX_DEG 20 of the factory.
+"""
+
 
 class Climb(NamedTuple):
-    """The aircraft that climbs, and its altitude now [m]."""
+    """The aircraft that climbs, its altitude now [m], and the energy of a metre of its take-off [J/m].
+
+    That is 0 where the aircraft does not take off, or with the energy of any climb.
+    """
 
     airframe: Aeroplane
     altitude_m: float
+    take_off_j_per_m: float = 0.0
 
     def commanded(self, stage: Stage) -> tuple[float, float]:
         """The altitude [m] and the airspeed [m/s] that a stage commands; those of cruise where it commands none."""
@@ -83,17 +94,22 @@ class ClimbFollower:
         vehicle = mission.vehicle
         if isinstance(vehicle, PaperVehicle) or not (commanded or mission.altitude_m != vehicle.cruise_altitude_m):
             return None
-        return cls(Climb(vehicle, mission.altitude_m))
+        take_off_j_per_m = 0.0
+        if mission.autopilot.kind == ARDUPILOT and mission.altitude_m < GROUND_M:
+            # (P_max − P) / (V sin γ): the motor at its greatest power until the height is reached
+            rate_mps = vehicle.airspeed_mps * math.sin(TAKE_OFF_RAD)
+            take_off_j_per_m = (vehicle.max_motion_w - vehicle.cruise_power_w) / rate_mps
+        return cls(Climb(vehicle, mission.altitude_m, take_off_j_per_m))
 
     def follow(self, stage: Stage, step_s: float) -> None:
         """Update the altitude, and what climbing does to power and speed, by a step [s] along a stage."""
-        airframe, here_m = self.climb
+        airframe, here_m, take_off_j_per_m = self.climb
         altitude_m, airspeed_mps = self.climb.commanded(stage)
         up_mps, down_mps = self.climb.rates_mps(airspeed_mps)
         # ḣ = k (h_d − h) over the step: Δh = (1 − e^(−k Δt)) (h_d − h), within the greatest rates
         closed = -math.expm1(-airframe.altitude_gain_per_s * step_s)
         climb_m = min(max(closed * (altitude_m - here_m), -down_mps * step_s), up_mps * step_s)
-        self.climb = Climb(airframe, here_m + climb_m)
+        self.climb = Climb(airframe, here_m + climb_m, take_off_j_per_m)
         rate_mps = climb_m / step_s if step_s > 0 else 0.0
         # the horizontal part V cos γ, with sin γ = ḣ/V; and the delay by flying at it and not at V
         self.level_mps = math.sqrt(max(airspeed_mps**2 - rate_mps**2, 0.0))

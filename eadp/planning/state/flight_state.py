@@ -241,6 +241,8 @@ class FlightState:
         for i in np.flatnonzero(learns & on_plan).tolist():
             self._place.learn_reach((float(readings.x_m[i]), float(readings.y_m[i])), float(times_s[i]))
         powers_w = np.asarray(self._gate.ingest(times_s, readings.powers_w, self._place.computing_w, on_plan=on_plan))
+        if on_plan and self._climb is not None:  # the take-off is over
+            self._climb.climb = self._climb.climb._replace(take_off_j_per_m=0.0)
         climb_w, level_mps = self._follow_climb(steps_s)
         climb_mps = self._take_altitude(o, float(steps_s.sum()))
         # measured airspeeds; the commanded airspeed where none is measured, or the one measured cannot be true

@@ -2,11 +2,13 @@
 
     y = a + b x + c z
 
-Windows count as independent; the noise is estimated from the residuals. Information fades, so that slow changes are
-followed. A lasting step of a is recognised by the innovations: a CUSUM of the likelihood ratio of a step up and of one
-down, whose mean time between false alarms is `FALSE_ALARM_H` at least where windows are independent and scatter as
-assumed; where they scatter more, alarms are more frequent until the noise is learned. The windows before the step are
-dropped then, and a is wide: it is learned again from those since.
+The noise is estimated from the residuals, and from the posterior's own variance, without which the first windows would
+be believed more than they scatter. Gusts last: what one window is off, the next one is off in part, so that windows
+count as fewer. Information fades, so that slow changes are followed. A lasting step of a is recognised by the
+innovations: a CUSUM of the likelihood ratio of a step up and of one down, whose mean time between false alarms is
+`FALSE_ALARM_H` at least where windows are independent and scatter as assumed; where they scatter more, alarms are more
+frequent until the noise is learned. The windows before the step are dropped then, and a is wide: it is learned again
+from those since.
 
 Source: Bayesian linear regression; Page 1954; Lorden 1971 for the bound; Lorden and Pollak 2005 for the step's size.
 """
@@ -17,8 +19,11 @@ import math
 from typing import NamedTuple
 
 WINDOW_S, FADE_S = 5.0, 900.0
-PRIOR_WINDOWS = 3
-"""Weight of the prior noise in windows."""
+PRIOR_WINDOWS, PASSES = 2, 6
+"""Weight of the prior noise in windows; and how often the fit and the noise are computed in turns."""
+
+INDEPENDENT_WINDOWS = 4
+"""Weight of the prior that successive windows are independent, in windows."""
 
 FALSE_ALARM_H = 100.0
 """Mean time between false alarms [h]: some hundred flights."""
@@ -99,6 +104,15 @@ class Evidence(NamedTuple):
     before: Fit
 
 
+class Scatter(NamedTuple):
+    """How long errors last: the last window's error times the root of its time, and faded sums of the products of two
+    successive ones, and of their squares."""
+
+    last: float
+    products: float
+    squares: float
+
+
 class Regression(NamedTuple):
     """State of the regression; so many `steps` of the level were recognised, the last of a size `step`."""
 
@@ -108,13 +122,19 @@ class Regression(NamedTuple):
     evidence: Evidence
     steps: int
     step: float
+    scatter: Scatter
 
 
 def started(prior: Prior) -> Regression:
     """The state before the first window."""
     variances = 1 / prior.information_a, 0.0, 1 / prior.information_b, prior.noise, 1 / prior.information_c
     fit = Fit(prior.a, prior.b, prior.c, *variances, 0.0, 0.0)
-    return Regression(prior, NO_SUMS, fit, Evidence(0.0, 0.0, NO_SUMS, NO_SUMS, fit), 0, 0.0)
+    return Regression(prior, NO_SUMS, fit, Evidence(0.0, 0.0, NO_SUMS, NO_SUMS, fit), 0, 0.0, Scatter(0.0, 0.0, 0.0))
+
+
+def lasting_noise(state: Regression) -> float:
+    """Variance of the mean over a long time, times that time."""
+    return state.fit.noise * _lasting(state.scatter, state.prior.noise)
 
 
 def in_doubt(state: Regression) -> bool:
@@ -140,6 +160,7 @@ def with_window(state: Regression, seconds: float, mean: float, x: float, z: flo
     """
     evidence = _compared(state, seconds, mean, x, z, min_step)
     prior, sums, before = state.prior, _added(state.sums, seconds, mean, x, z), state.fit
+    scatter = _scattered(state.scatter, seconds, mean - before.a - before.b * x - before.c * z)
     steps, step = state.steps, state.step
     stepped = max(evidence.up, evidence.down) > ALARM
     if stepped:
@@ -150,11 +171,24 @@ def with_window(state: Regression, seconds: float, mean: float, x: float, z: flo
         # a level that was wrong from the start looks like noise
         noise = min(before.noise, WINDOW_S * (min_step / STANDS_OUT) ** 2)
         prior = Prior(before.a, before.b, before.c, information_a, prior.information_b, prior.information_c, noise)
-    fit = _fitted(sums, prior, before)
+        scatter = state.scatter  # a step is no scatter
+    fit = _fitted(sums, prior, before, _lasting(scatter, prior.noise))
     if stepped:
         steps, step = steps + 1, mean - before.a - before.b * x - before.c * z
         evidence = Evidence(0.0, 0.0, NO_SUMS, NO_SUMS, fit)
-    return Regression(prior, sums, fit, evidence, steps, step)
+    return Regression(prior, sums, fit, evidence, steps, step, scatter)
+
+
+def _scattered(scatter: Scatter, seconds: float, error: float) -> Scatter:
+    """The scatter with one more window, of an error."""
+    kept, scaled = math.exp(-seconds / FADE_S), error * math.sqrt(seconds)
+    return Scatter(scaled, kept * scatter.products + scaled * scatter.last, kept * scatter.squares + scaled * scaled)
+
+
+def _lasting(scatter: Scatter, noise: float) -> float:
+    """Variance of the mean over a long time to that of independent windows: 1 + 2 ρ, with ρ of successive ones."""
+    correlation = scatter.products / (scatter.squares + INDEPENDENT_WINDOWS * noise)
+    return 1.0 + 2.0 * max(correlation, 0.0)
 
 
 def _added(sums: Sums, seconds: float, mean: float, x: float, z: float) -> Sums:
@@ -217,21 +251,28 @@ def _log_likelihood_ratio(error: float, step: float, variance: float, freedom: f
     return (freedom + 1) / 2 * (math.log1p(error * error / scale) - math.log1p(with_step * with_step / scale))
 
 
-def _fitted(sums: Sums, prior: Prior, before: Fit) -> Fit:
-    """Posterior of a, b, c and the noise by the sums over windows; the noise of `before` starts the iteration."""
-    # the noise depends on the fit's residuals, and the fit on the noise: they are computed in turns
+def _fitted(sums: Sums, prior: Prior, before: Fit, lasting: float) -> Fit:
+    """Posterior of a, b, c and the noise by the sums over windows; the noise of `before` starts the iteration.
+
+    `lasting` is the factor of the noise by which windows count as fewer.
+
+    Source: expectation maximisation, Dempster, Laird and Rubin 1977.
+    """
     fit = before
-    for _ in range(2):
-        fit = _posterior(sums, prior, fit.noise)
+    for _ in range(PASSES):
+        fit = _posterior(sums, prior, fit.noise * lasting)
         a, b, c = fit.a, fit.b, fit.c
         # Σ t (y − a − b x − c z)²
         of_products = sums.yy - 2 * (a * sums.y + b * sums.xy)
         of_c = c * (c * sums.zz - 2 * sums.zy + 2 * a * sums.z + 2 * b * sums.xz)
         squares = max(of_products + a * a * sums.n + 2 * a * b * sums.x + b * b * sums.xx + of_c, 0.0)
+        # Σ t (1, x, z) P (1, x, z)ᵀ
+        spread = sums.n * fit.aa + 2 * sums.x * fit.ab + sums.xx * fit.bb
+        spread += sums.zz * fit.cc + 2 * (sums.z * fit.ac + sums.xz * fit.bc)
         # the mean of the prior's noise and the residuals', weighted by their windows
-        noise = (PRIOR_WINDOWS * prior.noise + squares) / (PRIOR_WINDOWS + sums.windows)
+        noise = (PRIOR_WINDOWS * prior.noise + squares + spread) / (PRIOR_WINDOWS + sums.windows)
         fit = Fit(a, b, c, fit.aa, fit.ab, fit.bb, noise, fit.cc, fit.ac, fit.bc)
-    last = _posterior(sums, prior, fit.noise)
+    last = _posterior(sums, prior, fit.noise * lasting)
     return Fit(fit.a, fit.b, fit.c, last.aa, last.ab, last.bb, fit.noise, last.cc, last.ac, last.bc)
 
 

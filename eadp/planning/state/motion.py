@@ -8,7 +8,15 @@ from typing import NamedTuple
 from eadp.core.arrays import Column, columns
 from eadp.core.compiled import jitted
 from eadp.planning.state.known import MotionKnown
-from eadp.planning.state.level_regression import WINDOW_S, Prior, Regression, in_doubt, started, with_window
+from eadp.planning.state.level_regression import (
+    WINDOW_S,
+    Prior,
+    Regression,
+    in_doubt,
+    lasting_noise,
+    started,
+    with_window,
+)
 
 TURN_SHARE = 0.3
 """Prior mean and standard deviation of the power per tan² φ, as a share of level flight's: induced drag is about a
@@ -108,7 +116,7 @@ class MotionPower:
             var_level=fit.aa,
             cov_level_slope=fit.ab,
             var_slope=fit.bb,
-            noise=fit.noise,
+            noise=lasting_noise(self._state.regression),
             max_w=max_w,
             climb_j_per_m=max(fit.c, 0.0),
             in_doubt=in_doubt(self._state.regression),

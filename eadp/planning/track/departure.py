@@ -6,13 +6,15 @@ import math
 
 from eadp.planning.base import Sample
 
-FAR = 9.0
-"""Square of the mismatch of position and course with the path, in standard deviations, from which on the plan is not
-flown: 45 m, or 86° (`path_mismatch`). In flights of the plant it is below 2."""
+FAR, NEAR, STAYS_S = 9.0, 4.0, 5.0
+"""Square of the mismatch of position and course with the path, in standard deviations (`path_mismatch`), from which on
+the plan is not flown: 45 m, or 86°; and that below which it has to stay for some time [s] to be flown again: circles
+cross the path. In flights of the plant it is below 2."""
 
-OTHER_SPEED, AIRSPEED_S, USUAL_S = 0.2, 5.0, 60.0
+OTHER_SPEED, AIRSPEED_S, USUAL_S, LASTING_S = 0.2, 5.0, 60.0, 300.0
 """Difference of the airspeed from the usual one, as a share of that of the plan, from which on the plan is not flown;
-and the time constants of both [s]: gusts are shorter, and an aircraft may always fly slower than its plan."""
+and the time constants of both [s]: gusts are shorter, and an aircraft may always fly slower than its plan. Where that
+is not known to be flown, another airspeed becomes usual later: it is a pilot's before it is the mission's."""
 
 BY_HAND_S = 5.0
 """Time off the plan from which on a leg counts as flown by hand [s]: turns may be flown wide for a moment."""
@@ -31,7 +33,8 @@ class Departure:
 
     def __init__(self) -> None:
         self.away, self.away_s = False, 0.0
-        # mean airspeeds as shares of the plan's: of the last seconds, and while the plan is flown
+        self._far, self._near_s = False, 0.0  # whether the path was left, and for how long it has been near again [s]
+        # mean airspeeds as shares of the plan's: of the last seconds, and the usual one
         self._airspeed, self._usual = 1.0, 1.0
         self._last_s: float | None = None
 
@@ -51,8 +54,10 @@ class Departure:
         if sample.airspeed_mps is not None:
             share = sample.airspeed_mps / airspeed_mps
             self._airspeed -= math.expm1(-step_s / AIRSPEED_S) * (share - self._airspeed)
-        far = mismatch > FAR if sample.flies_mission is None else not sample.flies_mission
+        self._near_s = self._near_s + step_s if mismatch <= NEAR else 0.0
+        self._far = mismatch > FAR or (self._far and self._near_s < STAYS_S)
+        far = self._far if sample.flies_mission is None else not sample.flies_mission
         self.away = far or abs(self._airspeed - self._usual) > OTHER_SPEED
         self.away_s = self.away_s + step_s if self.away else 0.0
-        if not self.away:
-            self._usual -= math.expm1(-step_s / USUAL_S) * (self._airspeed - self._usual)
+        usual_s = LASTING_S if self.away and not sample.flies_mission else USUAL_S
+        self._usual -= math.expm1(-step_s / usual_s) * (self._airspeed - self._usual)

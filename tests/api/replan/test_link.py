@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -759,16 +760,24 @@ def test_over_a_socket_and_again_from_its_log(eadp, plan, lines, flown, tmp_path
 # --- the start, and the battery
 
 
-def test_a_flight_starts_with_the_parameters_of_its_items(eadp, plan, tmp_path):
-    """They are those that are flown, whatever is best before take-off; and a take-off is no warning."""
+@pytest.mark.parametrize("of_first_stage", [-400.0, 0.0])
+def test_a_flight_starts_with_the_parameters_of_its_items(eadp, plan, tmp_path, of_first_stage):
+    """They are those that are flown, whatever is best before take-off; and a take-off is no warning.
+
+    The first stage may be flown with others: a parameter takes effect with the next one.
+    """
     mission, log = tmp_path / "m.waypoints", tmp_path / "flight.tlog"
     out = ("--to", "ardupilot", "--altitude", "25", "--set", "c1=-400", "-o", mission)
     assert eadp("export", plan, *out).code == 0
+    items = Path(f"{mission}.items.json")
+    rows = json.loads(items.read_text())
+    rows["items"] = [[*row[:5], of_first_stage if row[4] == 1 else row[5]] for row in rows["items"]]
+    items.write_text(json.dumps(rows))
     log.write_bytes(tlog(frames(recorded()[:20], Autopilot())))
-    answer = eadp("replan", plan, "--scenario", SCENARIO, "--replay", log, "--items", f"{mission}.items.json")
+    answer = eadp("replan", plan, "--scenario", SCENARIO, "--replay", log, "--items", items)
     first = json.loads(answer.out.splitlines()[0])
     assert first["reason"] == "take-off"
-    assert first["parameters"]["c1"] == first["in_force"]["c1"] == -400
+    assert first["parameters"]["c1"] == -400
 
 
 def test_a_take_off_is_told_without_a_warning(plan):

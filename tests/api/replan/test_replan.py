@@ -7,10 +7,12 @@ from common import ROOT, few
 from common.link import DISTURBANCES, UNDISTURBED, Disturbance, flown, through
 
 from eadp.api.inputs import Files, load_flight
+from eadp.api.replan.replanner import Replanner
 from eadp.io.text.streams import Text
 from eadp.planning.state.power import LAP_ENDS, PowerTracker
 from eadp.planning.state.time_ratio import TimeRatio
 from eadp.planning.track.applied import APPLY_S
+from eadp.planning.track.live import NOT_FLOWN, RETURNS
 from eadp.simulation.loop import Outcome, fly
 
 START_S = 60.0
@@ -141,3 +143,115 @@ def test_a_stage_flown_through_a_gap_teaches_nothing(monkeypatch):
         assert 0 < len(learned) < whole
         assert all(abs(flown_s - forecast_s) < 1.5 for forecast_s, flown_s in learned)
         assert max(periods_s) < 1.15 * lap_s
+
+
+HAND_S, FLOWN_BY_HAND_S, ITS_POWER_W = 72, 60, 150.0
+
+
+@pytest.fixture(scope="module")
+def lines():
+    """The telemetry of an undisturbed flight whose battery suffices, with airspeeds."""
+    seen = []
+    flown(
+        short_survey(**{"battery.capacity_ah": 0.4}),
+        Disturbance("seen", 0.0, through(lambda line: seen.append(line) or line)),
+    )
+    return [{key: value for key, value in line.items() if key[0] != "_"} | {"airspeed_mps": 15.0} for line in seen]
+
+
+def with_pilot(lines, *, modes):
+    """The flight with a pilot for a minute, who flies away and back, faster, with three times the power."""
+    before = [line for line in lines if line["time_s"] <= HAND_S]
+    last, by_hand = before[-1], []
+    for k in range(1, FLOWN_BY_HAND_S + 1):
+        away_m = 20.0 * min(k, FLOWN_BY_HAND_S - k)
+        changed = {
+            "x_m": last["x_m"] + away_m,
+            "power_w": ITS_POWER_W,
+            "airspeed_mps": 20.0,
+            "soc": last["soc"] - 2e-3 * k,
+        }
+        by_hand.append(last | changed | {"time_s": last["time_s"] + k, "velocity_mps": None, "heading_deg": None})
+    used = 2e-3 * FLOWN_BY_HAND_S
+    after = [
+        line | {"time_s": line["time_s"] + FLOWN_BY_HAND_S, "soc": line["soc"] - used}
+        for line in lines
+        if line["time_s"] > HAND_S
+    ]
+    if modes:
+        before, after = ([line | {"flies_mission": True} for line in some] for some in (before, after))
+        by_hand = [line | {"flies_mission": False} for line in by_hand]
+    return [*before, *by_hand, *after]
+
+
+def answered(lines, warnings=None):
+    """What is decided on lines, by time."""
+    answers = []
+    inputs = short_survey(**{"battery.capacity_ah": 0.4})
+    flight = Replanner(inputs, "telemetry", None, answers.append, [].append if warnings is None else warnings.append)
+    for number, line in enumerate(lines, 1):
+        flight.take(flight.reader.reading(number, line))
+    return {answer["time_s"]: answer for answer in answers}
+
+
+@pytest.mark.parametrize("modes", [True, False])
+def test_while_a_pilot_flies_nothing_is_learned_and_nothing_decided(lines, modes):
+    alone = answered([line | {"flies_mission": True} if modes else line for line in lines])
+    answers = answered(with_pilot(lines, modes=modes))
+    found_s = 1 if modes else 6
+    by_hand = [answers[float(HAND_S + k)] for k in range(found_s, FLOWN_BY_HAND_S - 3)]
+    assert {each["reason"] for each in by_hand} == {NOT_FLOWN}
+    assert len({tuple(each["parameters"].items()) for each in by_hand}) == 1
+    # after it: the place in the plan, and the forecasts of time and power to the end, of the flight without him
+    for time_s in (HAND_S + 30.0, HAND_S + 90.0):
+        here, there = answers[time_s + FLOWN_BY_HAND_S], alone[time_s]
+        assert (here["stage"], here["lap"]) == (there["stage"], there["lap"])
+        powers_w = [each["energy_wh"] / each["remaining_s"] * 3600 for each in (here, there)]
+        assert powers_w[0] == pytest.approx(powers_w[1], rel=0.03)
+
+
+def test_a_mission_that_is_taken_up_again_is_forecast_from_the_start_of_the_leg_that_was_left(lines):
+    """PX4 flies to the item before, whose stage is behind; ArduPilot straight on to the end of the leg."""
+    alone = answered([line | {"flies_mission": True} for line in lines])
+    # stages started at each second, as an autopilot's items report them
+    counts, places, last = {}, 0, None
+    for time_s, answer in alone.items():
+        places += (answer["stage"], answer["lap"]) != last
+        last = answer["stage"], answer["lap"]
+        counts[time_s] = places
+    back_s = HAND_S + FLOWN_BY_HAND_S + 1.0
+    left_s = {}
+    for behind in (0, 1):
+        warnings, flown_again = [], []
+        for line in with_pilot(lines, modes=True):
+            at_s = line["time_s"] - FLOWN_BY_HAND_S * (line["time_s"] > HAND_S + FLOWN_BY_HAND_S)
+            count = counts.get(min(at_s, HAND_S) if not line["flies_mission"] else at_s, places)
+            flown_again.append(line | {"stages_started": count - behind * (back_s <= line["time_s"] < back_s + 8)})
+        left_s[behind] = answered(flown_again, warnings)[back_s]["remaining_s"]
+        assert not any("ignored" in warning.message for warning in warnings)
+    assert left_s[1] > left_s[0] + 5
+
+
+def test_of_an_autopilot_that_returns_no_parameters_are_decided(lines):
+    """Nor is the pilot asked to fly home, though the charge is gone."""
+    returning = [
+        line
+        | (
+            {"flies_mission": False, "returns_home": True, "soc": 0.06}
+            if line["time_s"] > 60
+            else {"flies_mission": True}
+        )
+        for line in lines
+    ]
+    answers = answered(returning)
+    after = [answer for time_s, answer in answers.items() if time_s > 60]
+    assert {each["reason"] for each in after} == {RETURNS}
+    assert not any(each["returns_home"] for each in after)
+
+
+def test_times_in_a_reason_are_of_the_telemetrys_clock(lines):
+    """A clock that showed 5,000 s at the start."""
+    late = [line | {"time_s": line["time_s"] + 5000, "soc": line["soc"] / 3} for line in lines]
+    answers = answered(late)
+    first_s, first = next((time_s, a) for time_s, a in answers.items() if "infeasible" in a["reason"])
+    assert f"infeasible since {first_s:.1f} s" in first["reason"]

@@ -186,3 +186,21 @@ def test_a_climb_that_a_leg_is_too_short_for_goes_on_in_the_next(inputs_of):
     steps = flown(inputs_of(STAIRS))[0]
     top = max(step.altitude_m for step in steps if step.stage == 2)
     assert 60 < top < 70  # 200 m of way, 40 m of climb
+
+
+def test_an_ardupilot_takes_off_at_full_throttle(inputs_of):
+    """From the ground to 25 m, 20° steep: the greatest power for as long, in place of m g Δh/η."""
+    text = leg(1000, "altitude 25") + leg(2500, "altitude 125")
+    at_ground = {"start.altitude_m": 0.0}
+    usual, at_full = (
+        inputs_of(text, **at_ground, **more).preflight().forecast.energy_wh * 3600
+        for more in ({}, {"autopilot.kind": "ardupilot"})
+    )
+    full_j = 25 * (VEHICLE.max_motion_w - VEHICLE.cruise_power_w) / (VEHICLE.airspeed_mps * math.sin(math.radians(20)))
+    assert at_full - usual == pytest.approx(full_j - CLIMB_J / 4, rel=1e-3)
+    # in the air it climbs as any other
+    flying = {"start.altitude_m": 25.0}
+    one, other = (
+        inputs_of(text, **flying, **more).preflight().forecast for more in ({}, {"autopilot.kind": "ardupilot"})
+    )
+    assert one.energy_wh == pytest.approx(other.energy_wh)

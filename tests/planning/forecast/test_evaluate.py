@@ -135,6 +135,21 @@ def test_the_first_leg_counts_as_far_as_it_is_left_and_the_ratio_of_times_scales
     assert later.load.times_s[1:] == pytest.approx(whole.load.times_s[1:], abs=ALGEBRA)
 
 
+@pytest.mark.parametrize("at_start", [True, False])
+def test_a_leg_that_is_taken_up_again_is_joined_in_a_straight_line(at_start):
+    """At its start, as PX4 does, or flown to its end, as ArduPilot does: from 300 m away."""
+    forecasting = Forecasting(survey_inputs())
+    whole = forecasting.at(0.3)
+    leg = whole.routes[0].legs[0]
+    aim = leg.start_m if at_start else leg.end_m
+    position = aim[0] + 180.0, aim[1] - 240.0
+    forecasting.known = forecasting.known._replace(position_m=position, rejoins_at_start=at_start)
+    back = forecasting.evaluator.evaluate(forecasting.known, whole.routes)
+    flown_m = 300.0 + (leg.distance_m if at_start else 0.0)
+    assert back.load.times_s[0] == pytest.approx(flown_m / leg.distance_m * whole.load.times_s[0])
+    assert back.load.times_s[1:] == pytest.approx(whole.load.times_s[1:], abs=ALGEBRA)
+
+
 # --- charge -----------------------------------------------------------------------------------------------------------
 
 

@@ -120,6 +120,30 @@ def test_forecasts_of_energy_are_calibrated():
     assert np.mean(np.array(squares) < 1.645**2) == pytest.approx(0.9, abs=0.07)
 
 
+def test_a_first_window_in_a_gust_is_not_believed():
+    """25 % above a level that is known to 5 %."""
+    motion = MotionPower(80.0)
+    spells(motion, [100.0], [0.0])
+    assert 80 < motion.known().level_w < 88
+
+
+@pytest.mark.parametrize("windows", [12, 20])
+def test_gusts_that_last_are_learned(windows):
+    """Windows that scatter by 3 to 17 % of the level, each half of the one before: the energy of 600 s to come."""
+    squares = []
+    for seed in range(300):
+        rng = np.random.default_rng([seed, windows])
+        level, scatter_w = 80 * (1 + rng.normal(0, power.LEVEL_SHARE)), 80 * rng.uniform(0.03, 0.17)
+        shocks = rng.normal(0, scatter_w / math.sqrt(2), windows + 121)
+        gusts = shocks[1:] + shocks[:-1]  # of a correlation 1/2
+        motion = MotionPower(80.0)
+        spells(motion, level + gusts[:windows], np.zeros(windows))
+        came = WINDOW_S * float(np.sum(level + gusts[windows:]))
+        variance_j2 = energy_variance_j2(motion, 600.0, 0.0)
+        squares.append((came - 600 * motion.known().level_w) ** 2 / variance_j2)
+    assert 0.7 < math.sqrt(np.mean(squares)) < 1.4
+
+
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("compiled_code", [False, pytest.param(True, marks=fast)])
 def test_readings_in_a_batch_are_taken_as_one_by_one(seed, compiled_code):
