@@ -284,9 +284,12 @@ def in_mode(flown, lines, mode):
 
 @BOTH
 def test_nothing_is_uploaded_while_the_mission_is_not_flown(inputs, missions, kind):
-    """That, and that it is flown again, is told once each time; then what is decided is uploaded."""
-    flown = in_mode(flown_by(kind, inputs, missions), recorded()[:3], "mission")
-    in_mode(flown, recorded()[3:30], "pilot")
+    """That, and that it is flown again, is told once each time; then what was decided before is uploaded."""
+    flown = flown_by(kind, inputs, missions, refuses=("MISSION_COUNT", "MISSION_WRITE_PARTIAL_LIST"))
+    in_mode(flown, recorded()[:12], "mission")
+    assert flown.flight._decided_path[0] < 0
+    flown.holder.refuses = ()
+    in_mode(flown, recorded()[12:30], "pilot")
     assert flown.holder.writes == []
     assert flown.texts.count("eadp: the mission is not flown: nothing is uploaded") == 1
     in_mode(flown, recorded()[30:60], "mission")
