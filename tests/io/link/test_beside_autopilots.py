@@ -112,7 +112,9 @@ class Slow(MissionHolder):
 
 
 class Watched(Finely):
-    """Notes which path parameter the last item of the map has, tenth of a second by tenth."""
+    """Notes which path parameter the last item of the map has, tenth of a second by tenth; says no number of items."""
+
+    total = 0
 
     def _give(self, frame):
         super()._give(frame)
@@ -121,8 +123,14 @@ class Watched(Finely):
             self.seen = [*getattr(self, "seen", []), (self.now_s, state, items[-1].parameters[0])]
 
 
+class Counted(Watched):
+    """It says it."""
+
+    total = Flying.total
+
+
 def read_back_late(inputs, missions, lines, **ways):
-    flown = flown_by(PX4, inputs, missions, flight=Watched)
+    flown = flown_by(PX4, inputs, missions, flight=Counted if ways.get("loses_end") else Watched)
     flown.holder = Slow(missions[PX4][1], kind=PX4)
     flown.holder.parameters = {"MIS_TKO_LAND_REQ": 0.0}
     flown.holder.clock = lambda: flown.now_s
