@@ -141,7 +141,7 @@ def test_the_vehicle_flies_the_mission_that_the_page_exports(tmp_path, monkeypat
     vehicle = module.Vehicle(tmp_path / "m.waypoints", (0.0, 0.0), 1.3, 0, cells=6)
     vehicle.step()
     assert 6 * 3.9 < vehicle.pack.voltage_v < 6 * 4.2
-    vehicle.pilot.returns = vehicle.pilot.done = True
+    vehicle.pilot.mode, vehicle.pilot.done = "return", True
     assert not vehicle.completed
     vehicle.holder.current = len(vehicle.holder.items)
     assert vehicle.completed

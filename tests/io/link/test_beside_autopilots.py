@@ -112,7 +112,9 @@ class Slow(MissionHolder):
 
 
 class Watched(Finely):
-    """Notes which path parameter the last item of the map has, tenth of a second by tenth."""
+    """Notes which path parameter the last item of the map has, tenth of a second by tenth; says no number of items."""
+
+    total = 0
 
     def _give(self, frame):
         super()._give(frame)
@@ -121,8 +123,14 @@ class Watched(Finely):
             self.seen = [*getattr(self, "seen", []), (self.now_s, state, items[-1].parameters[0])]
 
 
+class Counted(Watched):
+    """It says it."""
+
+    total = Flying.total
+
+
 def read_back_late(inputs, missions, lines, **ways):
-    flown = flown_by(PX4, inputs, missions, flight=Watched)
+    flown = flown_by(PX4, inputs, missions, flight=Counted if ways.get("loses_end") else Watched)
     flown.holder = Slow(missions[PX4][1], kind=PX4)
     flown.holder.parameters = {"MIS_TKO_LAND_REQ": 0.0}
     flown.holder.clock = lambda: flown.now_s
@@ -284,9 +292,12 @@ def in_mode(flown, lines, mode):
 
 @BOTH
 def test_nothing_is_uploaded_while_the_mission_is_not_flown(inputs, missions, kind):
-    """That, and that it is flown again, is told once each time; then what is decided is uploaded."""
-    flown = in_mode(flown_by(kind, inputs, missions), recorded()[:3], "mission")
-    in_mode(flown, recorded()[3:30], "pilot")
+    """That, and that it is flown again, is told once each time; then what was decided before is uploaded."""
+    flown = flown_by(kind, inputs, missions, refuses=("MISSION_COUNT", "MISSION_WRITE_PARTIAL_LIST"))
+    in_mode(flown, recorded()[:12], "mission")
+    assert flown.flight._decided_path[0] < 0
+    flown.holder.refuses = ()
+    in_mode(flown, recorded()[12:30], "pilot")
     assert flown.holder.writes == []
     assert flown.texts.count("eadp: the mission is not flown: nothing is uploaded") == 1
     in_mode(flown, recorded()[30:60], "mission")
