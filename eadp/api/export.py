@@ -25,7 +25,7 @@ from eadp.coverage.plan_builder import with_landing
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined, one_of, printable
 from eadp.io.mission import FENCE_ENDING, ITEMS_ENDING, RALLY_ENDING, WITH_ITEMS
 from eadp.io.mission.autopilot import PARAMETER_FILES, wanted_parameters
-from eadp.io.mission.draft import MissionItem
+from eadp.io.mission.draft import LAND_START, MissionItem
 from eadp.io.mission.export import ABOVE_GROUND, EXPORTS, FENCED, files_beside, mission_items, writer_of
 from eadp.io.mission.items import items_text, mapped_items
 from eadp.io.mission.path import PlannedPath, Section, planned_sections
@@ -219,6 +219,9 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     if to not in WITH_ITEMS:
         return Exported(writer(path), chosen.parameters)
     items = mission_items(path, px4=to == "px4")
+    if to != PX4 and any(item.command == LAND_START for item in items):
+        note = "ArduPlane does not arm it while RTL_AUTOLAND is 0, as delivered; with 2 a return flies its landing"
+        warn([Fault(chosen.name, 1, 1, note, severity="note")])
     if note := _ends_text(path, items):
         warn([Fault(chosen.name, 1, 1, note, severity="note")])
     if to == PX4:

@@ -557,3 +557,32 @@ def test_the_heading_along_the_contours_is_said_and_needs_less(eadp, tmp_path, b
         for each in (bearing, bearing + 90)
     ]
     assert means[0] < 90 < means[1]
+
+
+PILOT = ROOT.parent / "shared/reference/pilot"
+
+
+@pytest.mark.skipif(not PILOT.exists(), reason="no inputs of a pilot")
+def test_a_return_is_clear_of_a_pole_on_the_way(eadp, tmp_path):
+    """Its top is 123.5 m above home: the way home, and the parameters, are 20 m above that."""
+    for path in PILOT.iterdir():
+        if path.is_file():
+            (tmp_path / path.name).write_bytes(path.read_bytes())
+    plan, terrain = tmp_path / "p.plan", tmp_path / "ground.tif"
+    camera = "--camera sony-a6000-20mm --gsd 2 --side-overlap 65 --forward-overlap 70"
+    ends = "--home 48.6973022,8.8904725 --landing 48.6976619,8.8907447,260"
+    scenario = ("--scenario", tmp_path / "day.yaml")
+    made = eadp("cover", tmp_path / "field-pole75.geojson", *scenario, *camera.split(), *ends.split(),
+                "--terrain", terrain, "-o", plan)  # fmt: skip
+    assert made.code == 0
+    assert "way home   clear of ground and obstacles at 144 m" in made.out
+    assert "%: home-altitude 144\n" in plan.read_text()
+    for to, ending, names in (
+        ("ardupilot", ".param", ("RTL_ALTITUDE,144", "# of older versions: ALT_HOLD_RTL,14400", "RTL_AUTOLAND,2")),
+        ("qgc", ".param", ("RTL_ALTITUDE,144",)),
+    ):
+        wanted = tmp_path / f"wanted{ending}"
+        written = eadp("export", plan, "--to", to, *scenario, "--parameters", wanted, "-o", tmp_path / "m")
+        assert written.code == 0, written.err
+        assert "while RTL_AUTOLAND is 0" in written.err
+        assert set(names) <= set(wanted.read_text().splitlines())

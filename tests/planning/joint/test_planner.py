@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import re
 from typing import NamedTuple
 
@@ -415,6 +416,25 @@ def test_a_plan_that_is_feasible_or_continues_is_flown_to_its_end():
     lost = next(record for record in flight.records if not record.home_reachable)
     before = [record.time_s for record in flight.records if record.time_s < lost.time_s]
     assert lost.point_of_no_return_s == before[-1]
+
+
+def test_an_autopilot_returns_and_circles_at_the_end_of_the_plan():
+    """Up to 100 m, home and once round, in the forecast, with a whole turn towards home, and in the flight."""
+    keys = {
+        **CALM,
+        "battery.capacity_ah": 0.9,
+        "home.position_m": [0.0, -600.0],
+        "vehicle.airframe.model": "fixed-wing",
+    }
+    own = flown(**keys, **{"autopilot.kind": "ardupilot", "planner.name": "static"})
+    plain = flown(**keys, **{"planner.name": "static"})
+    assert (own.outcome.completed, own.outcome.reason) == (True, "final point reached")
+    assert own.steps[-1].altitude_m == pytest.approx(100, abs=1)
+    assert math.dist((own.steps[-1].x_m, own.steps[-1].y_m), (0, -600)) < 25
+    forecast = own.inputs.preflight().forecast
+    assert own.outcome.duration_s > plain.outcome.duration_s + 30
+    assert 0 < forecast.remaining_s / own.outcome.duration_s - 1 < 0.06
+    assert 0 < forecast.energy_wh / (own.outcome.totals.energy_j / 3600) - 1 < 0.06
 
 
 def test_a_home_farther_than_what_is_left_of_the_plan_is_no_way_out():
