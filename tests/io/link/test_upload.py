@@ -108,12 +108,13 @@ def test_the_rest_is_replaced_and_verified(inputs, mission, replaced):
 
 
 def test_nothing_is_uploaded_before_the_first_plan(eadp, inputs, plan, lines, tmp_path):
-    """The mission is that of the forecast, and the parameters of take-off are others."""
+    """The mission is that of the forecast, and the flight begins with it, not with the parameters of the plan."""
     path = tmp_path / "survey.waypoints"
     eadp("export", plan, "--to", "ardupilot", "--altitude", "60", "--set", "spacing=20", "-o", path)
     items = wpl_items(path)
     flown = Flying(inputs, (path, items)).fly(lines[:3])
-    assert flown.decisions[0]["parameters"]["c1"] == 0 == flown.decisions[-1]["parameters"]["c1"]
+    exported = json.loads((tmp_path / "survey.waypoints.items.json").read_text())["items"][-1][5]
+    assert flown.decisions[0]["parameters"]["c1"] == exported == flown.decisions[-1]["parameters"]["c1"] != 0
     assert not flown.decisions[-1]["reason"].startswith("spacing")
     assert flown.holder.writes == []
     assert any("holds the mission" in text for text in flown.said)
