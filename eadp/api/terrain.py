@@ -142,8 +142,8 @@ class Heights(NamedTuple):
         top_m = ground.airspace.top_on_ways_m(points_m, self.home_m, STEP_M)
         ends_m = points_m[:: max(1, len(points_m) // WAYS_HOME)] - np.array(self.home_m)
         ways_m = np.array(self.home_m) + np.linspace(0, 1, HOME_POINTS)[:, None, None] * ends_m
-        highest_m = max(float(ground.heights_m(ways_m.reshape(-1, 2)).max()), top_m)
-        return math.ceil(highest_m + ground.limits.clearance_m)
+        top_m = max(float(ground.heights_m(ways_m.reshape(-1, 2)).max()), top_m)
+        return math.ceil(top_m + ground.limits.clearance_m)
 
 
 def climbing_over(ground: Ground, airframe: Airframe) -> Climbing:

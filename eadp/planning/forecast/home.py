@@ -44,8 +44,8 @@ def home_spare(evaluation: Evaluation, place: int, flown_s: float = 0.0, flown_j
 
 def _way(evaluation: Evaluation, place: int) -> Homeward | None:
     """The way home from where an evaluation starts; None without a home."""
-    least_w = float(evaluation.load.min_w[evaluation.legs.place == place].min())
-    return evaluation.evaluator.homeward(evaluation.known, least_w)
+    min_w = float(evaluation.load.min_w[evaluation.legs.place == place].min())
+    return evaluation.evaluator.homeward(evaluation.known, min_w)
 
 
 def _spare(evaluation: Evaluation, place: int, way: Homeward, flown_s: float, flown_j: float) -> float:
