@@ -384,7 +384,6 @@ def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:
     row: dict[str, Any] = {}
     for key, value in record._asdict().items():
         row |= value._asdict() if isinstance(value, Ending) else {key: value}
-    del row["home_by_s"]  # of a live flight
     row["time_s"] = round(record.time_s, 9)
     row["parameters"] = dict(zip(names, record.parameters, strict=True))
     return row

@@ -35,7 +35,7 @@ def test_a_line():
     sample, warnings = read(json.dumps(GOOD) + "\r\n")
     assert warnings == []
     assert sample[:4] == (1.0, (2.0, 3.0), 36.5, 0.5)
-    assert sample[4:] == (None, None, None, None, {}, None, (), None, None, False, None, None)
+    assert sample[4:] == (None, None, None, None, {}, None, (), None, None, False, None, None, None)
 
 
 def test_all_keys():
@@ -234,6 +234,7 @@ def test_the_schema_names_what_is_required():
         "stages_started",
         "flies_mission",
         "returns_home",
+        "autopilot",
         "wind_mps",
     }
     assert {*GOOD, *more, "velocity_mps", "heading_deg", "parameters"} == set(schema["properties"])
