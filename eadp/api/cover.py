@@ -68,7 +68,7 @@ from eadp.io.text.options import Flag, check_range, option_name
 from eadp.io.text.streams import read_text
 from eadp.io.vehicle.camera_file import read_camera
 from eadp.io.vehicle.vehicle_file import read_vehicle
-from eadp.models.airspace import Airspace, Obstacle
+from eadp.models.airspace import CLEARANCE_M, Airspace, Obstacle
 from eadp.models.autopilot import FACTORY, PX4, Autopilot
 from eadp.models.camera import MAX_LENGTH_MM, MAX_PIXELS, MIN_LENGTH_MM, Camera, Pictures, ground_m, pictures_document
 from eadp.models.doubts import NEAR_DEG, Doubt, Shots, angle_doubts, interval_doubts, shot_doubts
@@ -183,7 +183,7 @@ class FieldOptions:
     holes: Literal["cover", "avoid"] = "cover"
     """Whether the field's holes may be flown over; they are not covered."""
 
-    clearance_m: float = 20.0
+    clearance_m: float = CLEARANCE_M
     """Obstacles so far below the plan's altitude [m] are flown over, where their height is known."""
 
 

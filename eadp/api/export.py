@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
@@ -24,7 +24,7 @@ from eadp.core.geometry.geodesy import FARTHEST_M, place_text, to_geodetic_deg, 
 from eadp.coverage.plan_builder import with_landing
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined, one_of, printable
 from eadp.io.mission import FENCE_ENDING, ITEMS_ENDING, RALLY_ENDING, WITH_ITEMS
-from eadp.io.mission.autopilot import PARAMETER_FILES, wanted_parameters
+from eadp.io.mission.autopilot import PARAMETER_FILES, stated_parameters, wanted_parameters
 from eadp.io.mission.draft import LAND_START, MissionItem
 from eadp.io.mission.export import ABOVE_GROUND, EXPORTS, FENCED, files_beside, mission_items, writer_of
 from eadp.io.mission.items import items_text, mapped_items
@@ -213,7 +213,8 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
         raise _fault("--to", to, "is no format", one_of(EXPORTS, to))
     if options.landing is not None:
         plan = _landed(plan, to, options, warn)
-    chosen = _stated(plan, options, warn) if options.scenario is None else _forecast(plan, options, warn)
+    autopilot = _autopilot(to, options)
+    chosen = _stated(plan, options, warn) if options.scenario is None else _forecast(plan, autopilot, options, warn)
     planned = chosen.planned if options.start is None else _rest(chosen.planned, options.start)
     path = _path(chosen._replace(planned=planned), to, options, warn)
     if to not in WITH_ITEMS:
@@ -225,7 +226,6 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     if note := _ends_text(path, items):
         warn([Fault(chosen.name, 1, 1, note, severity="note")])
     if to == PX4:
-        autopilot = _autopilot(to, options)
         check_landing(items, autopilot)
         if end := lacking_ends(items, autopilot):
             value = f"{autopilot.value(ENDS_REQUIRED):g}"
@@ -263,9 +263,11 @@ def _stated(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
     return _Chosen(plan, name, planned, airframe)
 
 
-def _forecast(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
+def _forecast(given: File | Plan, autopilot: Autopilot, options: ExportOptions, warn: Warn) -> _Chosen:
     """A plan at the parameters that its forecast in a scenario chooses, or the rest of it by telemetry."""
     overrides = read_overrides(override_texts(options.overrides, laps=options.laps))
+    if autopilot.kind == PX4:  # by whose own rules it flies, stated or not
+        overrides = {**overrides, "autopilot.kind": PX4}
     around = Around(avoid=options.avoid, inside=options.inside, terrain=options.terrain)
     inputs = load_flight(given, scenario=options.scenario, around=around, overrides=overrides)
     warn(inputs.warnings)
@@ -349,13 +351,14 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
 
 
 def _autopilot(to: str, options: ExportOptions) -> Autopilot:
-    """The autopilot of a format: with the scenario's parameters, where that has no other one."""
+    """The autopilot of a format, with the scenario's parameters. Raises InputError where that has another one."""
     stated = Autopilot()
     if options.scenario is not None:
         stated = read_scenario(options.scenario, read_overrides(override_texts(options.overrides))).keys.autopilot
-    if to != PX4 or stated.kind == PX4:
-        return stated
-    return Autopilot("px4", {} if stated.kind else stated.parameters)
+    if to in WITH_ITEMS and stated.kind is not None and (to == PX4) != (stated.kind == PX4):
+        expected = f"--to {PX4 if stated.kind == PX4 else 'ardupilot or qgc'}, or --set autopilot.kind"
+        raise _fault("--to", to, f"the scenario's autopilot is {stated.kind}", expected)
+    return replace(stated, kind=PX4) if to == PX4 else stated
 
 
 def _landed(given: File | Plan, to: str, options: ExportOptions, warn: Warn) -> Plan:
@@ -449,6 +452,7 @@ def _parameters(inputs: FlightInputs, path: str, name: str, warn: Warn) -> str:
     found = wanted_parameters(
         mission.plan, inputs.world.vehicle, mission.battery, ardupilot=ardupilot, home_altitude_m=home_m
     )
+    found += stated_parameters(mission.autopilot, found, ardupilot=ardupilot)
     said = ", ".join(f"{each.name} {each.value:.6g}" for each in found)
     calibrated = calibrated_over_true(mission.plan.site, mission.vehicle)
     said += f"; airspeeds calibrated, {calibrated:.4f} of the true ones" if round(calibrated, 4) != 1 else ""

@@ -32,7 +32,7 @@ from eadp.io.text.named import parse_named
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import Document
-from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, HOME_RADII, Landing, WayHome
+from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, EVERYWHERE, HOME_RADII, Landing, WayHome
 from eadp.models.autopilot import Autopilot
 from eadp.models.battery import CURRENT, CUT_OFF
 from eadp.models.computing import ComputationRate, Computing, join_profile, load_configuration, may_compute
@@ -40,6 +40,7 @@ from eadp.models.doubts import aircraft_doubts, angle_doubts, fault_doubts, posi
 from eadp.models.energy import EnergyModel
 from eadp.models.performance import too_tight
 from eadp.models.plan.cursor import Vector
+from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.route import MARGIN_M
 from eadp.models.plan.stage import COMPUTATION, LAND, TAKEOFF, Stage
@@ -256,6 +257,10 @@ def load_flight(
         world = replace(world, way_home=world.way_home.flown_by(mission.autopilot))
     _check_planner(setting, mission)
     warnings += _doubts(setting, world)
+    stated_m, home_m = setting.keys.home.altitude_m, world.way_home and world.way_home.altitude_m
+    if stated_m is not None and home_m is not None and home_m > stated_m:
+        message = f"{stated_m:g} m is not clear of all that is below ways home: {home_m:g} m is taken"
+        warnings.append(replace(setting.fault("home.altitude_m", message, "a higher one"), severity="warning"))
     never_past = next((one.first.label for one in overshoots if math.isinf(one.excess_s)), "")
     ground = _ground(flown, parameters, start[0], terrain)
     return FlightInputs(world, mission, setting, tuple(warnings), sources, never_past, ground)
@@ -367,11 +372,11 @@ def _way_home(plan: Plan, scenario: Scenario, parameters: Vector, start_m: Point
     if home_m is None:
         return None
     turn_radius_m, turns_back = scenario.keys.vehicle.airframe.turn_radius_m, scenario.keys.on_infeasible == RETURN_HOME
-    landing = None
+    legs: Sequence[Leg] = ()
     with contextlib.suppress(PathUndefined):  # a plan that is never flown has no landing either
-        landing = Landing.of(nominal_legs(plan, parameters, start_m), scenario.keys.vehicle.airframe.cruise_altitude_m)
-    altitude_m = scenario.keys.home.altitude_m
-    altitude_m = plan.site.home_altitude_m if altitude_m is None else altitude_m
+        legs = nominal_legs(plan, parameters, start_m)
+    landing = Landing.of(legs, scenario.keys.vehicle.airframe.cruise_altitude_m)
+    altitude_m = _home_altitude_m(plan, scenario, legs, home_m)
     way_home = WayHome(home_m, turn_radius_m, turns_back, None, altitude_m, landing)
     if not any(airspace):
         return way_home
@@ -380,6 +385,17 @@ def _way_home(plan: Plan, scenario: Scenario, parameters: Vector, start_m: Point
     radius_m = HOME_RADII * turn_radius_m
     clear, near = airspace.free_space(CLEARANCE_SHARE * radius_m), airspace.free_space(0.0)
     return way_home._replace(ways=WaysTo(way_home.end_m, clear, near, radius_m))
+
+
+def _home_altitude_m(plan: Plan, scenario: Scenario, legs: Sequence[Leg], home_m: Point) -> float | None:
+    """Altitude of the way home [m]: as given, but clear of ground and obstacles; None for that of the stage."""
+    found = [each for each in (scenario.keys.home.altitude_m, plan.site.home_altitude_m) if each is not None]
+    points_m = np.array([(point.x_m, point.y_m) for leg in legs for point in leg_points(leg, CLEARANCE_M)])
+    if len(points_m) and any(each.height_m is not None for each in plan.site.airspace.obstacles):
+        clear_m = plan.site.airspace.top_on_ways_m(points_m, home_m, CLEARANCE_M) + CLEARANCE_M
+        if clear_m > min(_altitudes_m(plan, scenario.keys.vehicle.airframe)):
+            found.append(math.ceil(clear_m))
+    return max(found, default=None)
 
 
 def _mission(world: World, energy: EnergyModel | None, nominal: NominalFlight | None, autopilot: Autopilot) -> Mission:

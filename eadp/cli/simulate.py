@@ -264,6 +264,6 @@ def _forecast(expected: Mapping[str, Any] | None, never_past: str | None) -> lis
         f"{energy} in {times}",
         *_reach(expected),
         *home,
-        *([f"autopilot  {expected['autopilot']}"] if "autopilot" in expected else []),
+        *([f"autopilot  {expected['autopilot']}; the simulated flight does not"] if "autopilot" in expected else []),
         *(f"airspace   {risk_text(each['name'], each['probability'])}" for each in expected["obstacles"]),
     ]

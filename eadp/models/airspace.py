@@ -144,6 +144,9 @@ class Airspace(NamedTuple):
 EVERYWHERE = Airspace()
 
 
+CLEARANCE_M = 20.0
+"""How high a way passes over what is below it, by default [m]."""
+
 HOME_RADII = 1.5
 """Radius of the turn home, in least turning radii: gusts and wind widen a turn."""
 

@@ -23,7 +23,7 @@ from eadp.io.link.mission import PROTOCOL, Outgoing
 from eadp.io.link.parameters import ParameterCheck
 from eadp.io.link.recorded import MISSION, TLOG, form_of, log_values
 from eadp.io.link.upload import HeldMission, Holds, Mapped, Noted, Output, Warned
-from eadp.io.mission.autopilot import read_parameters, speed_limits, wanted_parameters
+from eadp.io.mission.autopilot import read_parameters, speed_limits, stated_parameters, wanted_parameters
 from eadp.io.mission.items import MappedItem, items_text, parse_items, read_items, same_items
 from eadp.io.telemetry.log import START, TELEMETRY, ReplanLog
 from eadp.io.telemetry.reader import numbered_lines, open_telemetry
@@ -214,6 +214,7 @@ class LinkFlight:
             wanted = wanted_parameters(
                 known.plan, vehicle, known.battery, ardupilot=autopilot.ardupilot, home_altitude_m=home_m
             )
+            wanted += stated_parameters(known.autopilot, wanted, ardupilot=autopilot.ardupilot)
             wanted += speed_limits(known.plan, vehicle, ardupilot=autopilot.ardupilot)
             read = read_parameters(wanted, ardupilot=autopilot.ardupilot)
             self._check = ParameterCheck(read, as_bytes=not autopilot.ardupilot)

@@ -9,6 +9,7 @@ from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import Files
 from eadp.api.sorties.plan import SortieOptions, SortiePlan, SortiePlanner
 from eadp.api.sorties.resume import resumed
+from eadp.errors import Fault
 
 
 def cover_in_sorties(
@@ -47,6 +48,9 @@ def cover_in_sorties(
     scenario_path = None if scenario is None else str(scenario)
     division, files = sorties or SortieOptions(), Files()
     planner = SortiePlanner(task, division, files, scenario_path, profile_path, overrides, on_part=on_part)
+    if task.autopilot.turns_back:
+        message, expected = "the autopilot's own return is not counted in sorties", "a look at eadp simulate of each"
+        warn([Fault(str(field), 1, 1, message, expected, severity="warning")])
     planner, ground = resumed(planner, division.resume, warn) if division.resume else (planner, None)
     plan = planner.plan(ground)
     warn(picture_warnings(plan.pictures))

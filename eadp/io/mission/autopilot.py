@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-from eadp.models.autopilot import ARDUPILOT, FACTORY, OLDER, PX4
+from eadp.models.autopilot import ARDUPILOT, FACTORY, OLDER, PX4, Autopilot
 from eadp.models.battery import Battery
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Plan
@@ -70,7 +70,7 @@ _ARMING = frozenset(("MIS_TKO_LAND_REQ", "FW_LND_ANG"))
 _OLDER = {**OLDER, "AIRSPEED_CRUISE": ("TRIM_ARSPD_CM", 100.0), "ROLL_LIMIT_DEG": ("LIM_ROLL_CD", 100.0)}
 """Of ArduPilot's parameters: their names in older versions, and how many times the value stands there."""
 
-_WHOLE = frozenset(("MIS_TKO_LAND_REQ", "RTL_TYPE"))
+_WHOLE = frozenset(("MIS_TKO_LAND_REQ", "RTL_TYPE", "COM_FLTT_LOW_ACT", "RTL_TIME_MARGIN", "COM_LOW_BAT_ACT"))
 """PX4's parameters of type INT32."""
 
 
@@ -112,6 +112,16 @@ def wanted_parameters(
             older, times = _OLDER.get(name, ("", 0.0))
             found.append(AutopilotParameter(name, value, bound, older, times * value))
     return found
+
+
+def stated_parameters(
+    autopilot: Autopilot, found: Sequence[AutopilotParameter], *, ardupilot: bool
+) -> list[AutopilotParameter]:
+    """What a scenario states of its autopilot besides those that are found: its forecast counts them."""
+    if autopilot.kind != (ARDUPILOT if ardupilot else PX4):
+        return []
+    names = {name for each in found for name in (each.name, each.older)}
+    return [AutopilotParameter(name, value) for name, value in autopilot.parameters.items() if name not in names]
 
 
 def read_parameters(wanted: Sequence[AutopilotParameter], *, ardupilot: bool) -> list[AutopilotParameter]:
