@@ -390,8 +390,8 @@ def _way_home(plan: Plan, scenario: Scenario, parameters: Vector, start_m: Point
 def _home_altitude_m(plan: Plan, scenario: Scenario, legs: Sequence[Leg], home_m: Point) -> float | None:
     """Altitude of the way home [m]: as given, but clear of ground and obstacles; None for that of the stage."""
     found = [each for each in (scenario.keys.home.altitude_m, plan.site.home_altitude_m) if each is not None]
-    points_m = np.array([(point.x_m, point.y_m) for leg in legs for point in leg_points(leg, CLEARANCE_M)])
-    if len(points_m) and any(each.height_m is not None for each in plan.site.airspace.obstacles):
+    if legs and any(each.height_m is not None for each in plan.site.airspace.obstacles):
+        points_m = np.array([(point.x_m, point.y_m) for leg in legs for point in leg_points(leg, CLEARANCE_M)])
         clear_m = plan.site.airspace.top_on_ways_m(points_m, home_m, CLEARANCE_M) + CLEARANCE_M
         if clear_m > min(_altitudes_m(plan, scenario.keys.vehicle.airframe)):
             found.append(math.ceil(clear_m))
