@@ -91,7 +91,7 @@ def command() -> str:
 
 
 def digest(paths: Sequence[str]) -> str:
-    """A hash of modules and packages of eadp, without comments, docstrings and layout."""
+    """A hash of modules and packages of eadp without comments, docstrings, layout and imports."""
     whole = hashlib.sha256()
     for path in paths:
         place = FOLDER.parents[1] / "eadp" / path
@@ -101,7 +101,10 @@ def digest(paths: Sequence[str]) -> str:
                 body = getattr(node, "body", None)
                 if isinstance(body, list):
                     node.body = [  # type: ignore[attr-defined]
-                        one for one in body if not (isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant))
+                        one
+                        for one in body
+                        if not isinstance(one, ast.Import | ast.ImportFrom)
+                        and not (isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant))
                     ]
             whole.update(ast.dump(tree).encode())
     return whole.hexdigest()[:16]
