@@ -34,7 +34,7 @@ from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import InputError
 from eadp.io.mission.export import EXPORTS
 from eadp.io.mission.path import PlannedPath, planned_sections
-from eadp.io.mission.reader import PlanReader
+from eadp.io.plan.sources import PlanReader
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import nominal_legs, trace

@@ -65,8 +65,8 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.io.log.formats import read_power_log
     from eadp.io.log.power_log import Columns
     from eadp.io.mission.items import parse_items
-    from eadp.io.mission.reader import PlanReader, is_mission
     from eadp.io.plan.reader import read_plan
+    from eadp.io.plan.sources import PlanReader, is_mission
     from eadp.io.plan.writer import plan_text
     from eadp.io.profile import model_file
     from eadp.io.profile.measurements import Configuration, Trace, read_measurements

@@ -44,7 +44,7 @@ from eadp.io.field.files import read_field_text
 from eadp.io.field.reader import read_field
 from eadp.io.log.formats import read_power_log
 from eadp.io.log.power_log import Columns
-from eadp.io.mission.reader import is_mission
+from eadp.io.plan.sources import is_mission
 from eadp.io.profile.recordings import as_trace
 from eadp.io.text.streams import read_text
 from eadp.models.plan.trace import whole_route

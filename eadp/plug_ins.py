@@ -1,7 +1,9 @@
-"""What other installed packages add: entry points `eadp.KIND`, read where a name or a file is not one of eadp's own.
+"""What is added to eadp by name: by its own rooms (`OWN`), and by other installed packages (entry points `eadp.KIND`).
 
 | kind | name | object |
 |---|---|---|
+| `commands` | of `eadp NAME` | a function: typer's annotations, returns the exit code |
+| `plan_sources` | any | a `PlanSource`: it recognises texts and reads them as plans |
 | `planners` | of `planner.name` and `--planner` | a `Planner` |
 | `airframes` | of `airframe.model` | a dataclass that inherits from `FixedWing` or `PowerCurve` |
 | `batteries` | of `battery.chemistry` | a function: open-circuit voltage of a cell [V] of the state of charge, 0 to 1 |
@@ -12,31 +14,69 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any
 
 from eadp.errors import EadpError, printable
 
+OWN: dict[str, dict[str, str]] = {
+    "commands": {
+        "plan": "eadp.cli.plan:command",
+        "profile": "eadp.cli.profile:command",
+        "fit": "eadp.cli.fit:command",
+        "simulate": "eadp.cli.simulate:command",
+        "cover": "eadp.cli.cover:command",
+        "export": "eadp.cli.export:command",
+        "sweep": "eadp.cli.sweep:command",
+        "replan": "eadp.cli.replan:command",
+        "init": "eadp.cli.init:command",
+        "vehicle": "eadp.cli.vehicle:command",
+        "report": "eadp.cli.report:command",
+        "schema": "eadp.cli.schema:command",
+    },
+    "plan_sources": {"mission": "eadp.io.mission.reader:MISSION"},
+    "planners": {
+        "static": "eadp.planning.planner:Planner",
+        "paper": "eadp.planning.paper.planner:PaperPlanner",
+        "joint": "eadp.planning.joint.planner:JointPlanner",
+    },
+}
+"""Those of eadp, imported when they are needed: module and name within it, by kind and name."""
+
 
 def plug_in(kind: str, name: str) -> Any:
-    """What an installed package offers under a name; None where none does.
+    """What eadp or an installed package offers under a name; None where neither does.
 
     Raises
     ------
     EadpError
         If it cannot be imported.
     """
+    own = OWN.get(kind, {})
+    if name in own:
+        return _opened(own[name])
     return next((_loaded(found) for found in _entry_points(kind) if found.name == name), None)
 
 
 def plug_ins(kind: str) -> list[Any]:
-    """All that installed packages offer of a kind.
+    """All of a kind, eadp's own first.
 
     Raises
     ------
     EadpError
         If one of them cannot be imported.
     """
-    return [_loaded(found) for found in _entry_points(kind)]
+    return [*map(_opened, OWN.get(kind, {}).values()), *(_loaded(found) for found in _entry_points(kind))]
+
+
+def added_names(kind: str) -> list[str]:
+    """The names that installed packages add to a kind."""
+    return [found.name for found in _entry_points(kind)]
+
+
+def _opened(place: str) -> Any:
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)
 
 
 def _entry_points(kind: str) -> Any:

@@ -257,7 +257,7 @@ class Flight:
         return f"<Flight of {self.inputs.world.plan.name.rpartition('/')[2]}: {', '.join(self._words)}>"
 
     def _repr_html_(self) -> str:
-        from eadp.io.report.words import flight_facts
+        from eadp.io.flight.words import flight_facts
 
         return html_table([("flight", ", ".join(self._words)), *flight_facts(self.summary)])
 

@@ -23,7 +23,7 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined, refuse
 from eadp.io.energy.model_file import energy_yaml, parse_energy
 from eadp.io.field.files import read_field_text
-from eadp.io.mission.reader import PlanReader, is_mission
+from eadp.io.plan.sources import PlanReader, is_mission
 from eadp.io.plan.writer import plan_text
 from eadp.io.profile.model_file import parse_profile, profile_yaml
 from eadp.io.scenario.scenario_file import SCHEMA, Scenario, plain, scenario_document, scenario_of, value_text

@@ -9,7 +9,7 @@ from eadp.api.fences import fenced_by
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.turns import calm_findings, is_tight
 from eadp.errors import Fault, InputError
-from eadp.io.mission.reader import PlanReader, is_mission
+from eadp.io.plan.sources import PlanReader, is_mission
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.plan import Finding, Plan
 

@@ -12,8 +12,8 @@ from eadp.api.given import Around
 from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.errors import InputError
 from eadp.io.figures.flights import DrawnFlight
-from eadp.io.mission.reader import is_mission
 from eadp.io.plan.reader import read_plan
+from eadp.io.plan.sources import is_mission
 from eadp.io.report.flight import FlownFlight
 from eadp.io.scenario.scenario_file import read_overrides, vehicle_path
 from eadp.io.text.csv import number_fault, read_rows

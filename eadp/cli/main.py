@@ -8,7 +8,6 @@ import os
 import sys
 import traceback
 from collections.abc import Callable
-from importlib import import_module
 from typing import Annotated, Any
 
 import typer
@@ -18,6 +17,7 @@ from eadp import __version__
 from eadp.cli.grouped import grouped
 from eadp.cli.output import faults_as_json, faults_text
 from eadp.errors import EadpError, Fault, InputError, printable
+from eadp.plug_ins import added_names, plug_in
 
 YES, NO, BAD_INPUT, BUG, INTERRUPTED = 0, 1, 2, 70, 130
 
@@ -35,9 +35,9 @@ class _Grouped(typer.core.TyperGroup):
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Write the groups and their commands."""
         rest = [name for name in COMMANDS if not any(name in group for group in GROUPS.values())]
-        for title, names in (*GROUPS.items(), ("More", rest)):
+        for title, names in (*GROUPS.items(), ("More", [*rest, *added_names("commands")])):
             with formatter.section(title):
-                formatter.write_dl([(name, COMMANDS[name]) for name in names])
+                formatter.write_dl([(name, COMMANDS.get(name, ADDED)) for name in names])
 
 
 COMMANDS = {
@@ -54,7 +54,9 @@ COMMANDS = {
     "report": "Write a flight or a sweep as one HTML page.",
     "schema": "Print the JSON Schema of a file format.",
 }
-"""The commands, each a module of its name, and what they do."""
+"""The commands of eadp, and what they do."""
+
+ADDED = "Of an installed package."
 
 
 class _Closed(Exception):
@@ -114,9 +116,9 @@ def _app(names: tuple[str, ...], *, texts: bool = True) -> Any:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback()(_options)
-    for name, text in COMMANDS.items():
-        command = grouped(import_module(f"eadp.cli.{name}").command, texts=texts) if name in names else _unknown
-        app.command(name, short_help=text)(_shielded(command))
+    for name in (*COMMANDS, *(name for name in names if name not in COMMANDS)):
+        command = grouped(plug_in("commands", name), texts=texts) if name in names else _unknown
+        app.command(name, short_help=COMMANDS.get(name, ADDED))(_shielded(command))
     return typer.main.get_command(app)
 
 
@@ -133,7 +135,8 @@ def main(arguments: list[str]) -> int:
     try:
         # those that a shell completes: bash's words, and what typer's scripts for other shells hand over
         shown = os.environ.get("COMP_WORDS", os.environ.get("_TYPER_COMPLETE_ARGS", "")).split()[1:]
-        named = tuple(name for name in (*arguments[:1], *shown[:1]) if name in COMMANDS)
+        first = [name for name in (*arguments[:1], *shown[:1]) if not name.startswith("-")]
+        named = tuple(name for name in first if name in COMMANDS or name in added_names("commands"))
         texts = "_EADP_COMPLETE" in os.environ or not {"-h", "--help"}.isdisjoint(arguments)
         result = _app(named, texts=texts)(args=arguments, prog_name="eadp", standalone_mode=False)
         sys.stdout.flush()

@@ -125,7 +125,7 @@ def command(
     if output.format == "json":
         emit_json(summary)
     else:
-        from eadp.io.report.words import setting_text
+        from eadp.io.flight.words import setting_text
 
         shown = _text(summary, output, decisions=len(flight.decisions))
         emit(f"aircraft   {setting_text(flight.inputs.scenario)}\n{shown}")
@@ -164,7 +164,7 @@ def _sorties(folder: str, texts: list[str], seed: int | None, output: SimulateOu
 
 def _text(summary: Mapping[str, Any], output: SimulateOutputs, *, decisions: int) -> str:
     """The summary for people."""
-    from eadp.io.report.words import label_of, parameter_text, reserve_text
+    from eadp.io.flight.words import label_of, parameter_text, reserve_text
 
     done = "completed" if summary["completed"] else "NOT completed"
     power, solver = summary["power_w"], summary["solver"]

@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 from eadp.errors import EadpError, printable
-from eadp.plug_ins import plug_in
+from eadp.plug_ins import OWN, plug_in
 
 if TYPE_CHECKING:
     from eadp.planning.planner import Planner
 
-PLANNERS = {
-    "static": "eadp.planning.planner:Planner",
-    "paper": "eadp.planning.paper.planner:PaperPlanner",
-    "joint": "eadp.planning.joint.planner:JointPlanner",
-}
-"""The class of each planner, imported when it is needed. Its settings are a section of its name."""
+PLANNERS = tuple(OWN["planners"])
+"""The planners of eadp. Their settings are sections of their names."""
 
 DEFAULT = "joint"
 
@@ -34,12 +29,7 @@ def planner_class(name: str) -> type[Planner]:
     EadpError
         On an unknown name.
     """
-    planner: type[Planner] | None
-    if name in PLANNERS:
-        module, _, class_name = PLANNERS[name].partition(":")
-        planner = getattr(import_module(module), class_name)
-    else:
-        planner = plug_in("planners", name)
+    planner: type[Planner] | None = plug_in("planners", name)
     if planner is None:
         raise EadpError(f"unknown planner {printable(name, 60)}; expected one of {', '.join(PLANNERS)}")
     return planner

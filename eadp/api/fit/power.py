@@ -16,7 +16,7 @@ from eadp.errors import Fault, Infeasible, InputError, PathUndefined
 from eadp.io.energy.model_file import energy_document, energy_yaml
 from eadp.io.log.formats import read_power_log
 from eadp.io.log.power_log import Columns, PowerLog
-from eadp.io.mission.reader import PlanReader
+from eadp.io.plan.sources import PlanReader
 from eadp.io.profile.model_file import read_profile
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import read_text

@@ -19,7 +19,7 @@ from eadp.api.inputs import Files, profile_of
 from eadp.api.sorties import SORTIES, SORTIES_SCENARIO, is_sorties
 from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.energy.model_file import parse_energy
-from eadp.io.mission.reader import PlanReader
+from eadp.io.plan.sources import PlanReader
 from eadp.io.scenario.scenario_file import REPLACED, Scenario, ScenarioFile, beside, override_key, plain, vehicle_path
 from eadp.io.sweep.statistics import SweepFlight
 from eadp.io.text.kinds import refuse_others

@@ -9,7 +9,6 @@ from typing import NamedTuple
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.text.source import Location
 from eadp.models.plan import stage
-from eadp.models.vehicle import FixedWing
 
 ITEMS_LIMIT = 10_000
 """Most items of a mission, and most that are flown: an autopilot holds hundreds."""
@@ -111,31 +110,3 @@ class MissionDraft:
     fences: list[Fence] = field(default_factory=list)
     rally: list[Place] = field(default_factory=list)
     doubts: list[tuple[Location, str, str]] = field(default_factory=list)
-
-
-@dataclass(frozen=True)
-class MissionMotion:
-    """How an aircraft flies a mission.
-
-    Attributes
-    ----------
-    turn_radius_m, airspeed_mps, climb_rate_mps, descent_rate_mps : float
-        Radius of its turns [m], airspeed [m/s] and greatest rates of climb and descent [m/s].
-    repeated_m : float
-        Distance after which a mission that repeats for ever goes on, if no number of laps is given [m].
-    laps : int or None
-        How many times it is flown.
-    terrain : tuple of str
-        Files of the ground, above which altitudes may be.
-    calibrated : float
-        Calibrated over true airspeed, where home has no height.
-    """
-
-    turn_radius_m: float = FixedWing().turn_radius_m
-    airspeed_mps: float = FixedWing.airspeed_mps
-    climb_rate_mps: float = FixedWing().climb_rates_mps(FixedWing.airspeed_mps)[0]
-    descent_rate_mps: float = FixedWing().climb_rates_mps(FixedWing.airspeed_mps)[1]
-    repeated_m: float = 100_000.0
-    laps: int | None = None
-    terrain: tuple[str, ...] = ()
-    calibrated: float = 1.0

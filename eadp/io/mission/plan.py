@@ -21,8 +21,9 @@ from eadp.coverage.plan_builder import LOITER, TRIGGER_RADIUS_M, piece_path
 from eadp.errors import Fault, Unreachable, refuse
 from eadp.io.mission import draft as d
 from eadp.io.mission.commands import MOTIONLESS, command_text
-from eadp.io.mission.draft import DraftItem, MissionDraft, MissionMotion
+from eadp.io.mission.draft import DraftItem, MissionDraft
 from eadp.io.plan.reader import LIMIT_STAGES
+from eadp.io.plan.sources import PlanReader
 from eadp.io.terrain.reader import read_terrain
 from eadp.io.text.source import Location, SourceText
 from eadp.models.airspace import Airspace, Obstacle
@@ -82,7 +83,7 @@ class MissionPlan:
 
     source: SourceText
     draft: MissionDraft
-    motion: MissionMotion
+    motion: PlanReader
     faults: list[Fault] = field(default_factory=list)
     findings: list[Finding] = field(default_factory=list)
     points: dict[int, Point | None] = field(default_factory=dict)

@@ -13,8 +13,9 @@ import numpy as np
 from eadp.core.geometry.curves import LINE, Point
 from eadp.errors import EadpError
 from eadp.io.flight.coverage import flown_coverage, flown_of_plan
+from eadp.io.flight.words import flight_facts, setting_text
 from eadp.io.report.thinning import changes, evenly, significant, thinned
-from eadp.io.report.words import flight_facts, flight_words, setting_text
+from eadp.io.report.words import flight_words
 from eadp.io.scenario.scenario_file import Scenario
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.legs import Leg, leg_points

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from eadp.io.figures.flights import DrawnFlight, write_flights_figure
-from eadp.io.report.words import label_of, parameter_text
+from eadp.io.flight.words import label_of, parameter_text
 from eadp.io.text.tables import aligned
 
 Row = tuple[str, Callable[[Mapping[str, Any]], str]]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import statistics
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ from eadp.core.expressions.reader import read_expression
 from eadp.core.geometry.bearings import heading_rad
 from eadp.core.geometry.geodesy import to_near_local_m
 from eadp.errors import InputError
+from eadp.io.flight.words import percent_text, time_text, times_text
 from eadp.io.report.flight import (
     HEADING_RAD,
     NO_HORIZONS,
@@ -21,7 +23,6 @@ from eadp.io.report.flight import (
     decisions_data,
 )
 from eadp.io.report.thinning import changes, thinned
-from eadp.io.report.words import log_words
 from eadp.io.telemetry.log import APPLIED, MISSION, SCHEMA, START, TELEMETRY
 from eadp.io.text.json import json_lines
 from eadp.io.text.streams import Text
@@ -222,3 +223,26 @@ def _parameters(decisions: Sequence[Row], units: Mapping[str, str]) -> list[dict
             {"name": name, "title": "range decided", "unit": units.get(name, ""), **range_, **changes(times, values)}
         )
     return parameters
+
+
+def log_words(
+    first_s: float, telemetry: Sequence[Mapping[str, Any]], decisions: Sequence[Mapping[str, Any]]
+) -> list[str]:
+    """Sentences on a flight on telemetry, as far as its log goes."""
+    took_s = telemetry[-1]["time_s"]
+    words = [f"A flight on telemetry: {len(telemetry)} lines over {time_text(took_s)}, {len(decisions)} decisions."]
+    words.append(f"Times on this page are from the first line, at {first_s:.15g} s.")
+    if decisions:
+        last = decisions[-1]
+        parameters = ", ".join(f"{name} {value:.6g}" for name, value in last["parameters"].items())
+        words.append(
+            f"The last decision, at {last['time_s']:g} s in stage {last['stage']}: {last['reason']} ({parameters})."
+        )
+        if last["completes_probability"] is not None:
+            words.append(
+                f"It forecast to complete with a probability of {percent_text(last['completes_probability'])}."
+            )
+        warned = Counter(code for row in decisions for code in dict.fromkeys(row["warnings"]))
+        if warned:
+            words.append(f"Warnings: {', '.join(f'{code} {times_text(count)}' for code, count in warned.items())}.")
+    return words

@@ -10,10 +10,11 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+from eadp.errors import printable
+from eadp.io.flight.words import percent_text
 from eadp.io.report.thinning import significant
-from eadp.io.report.words import sweep_words
 from eadp.io.sweep.results import COLUMNS, Results
-from eadp.io.sweep.statistics import SweepFlight, distinct, label_of
+from eadp.io.sweep.statistics import SweepFlight, completed_interval, distinct, label_of, marginal, wilson_interval
 
 MAX_RUNS = 20_000
 MAX_BYTES = 2_500_000
@@ -121,3 +122,49 @@ def _column(values: Sequence[Any]) -> Any:
     known: dict[str, int] = {}
     places = [None if value is None else known.setdefault(label_of(value)[:LABEL], len(known)) for value in values]
     return {"of": [*known], "at": places}
+
+
+SHOWN = 3
+"""Most texts that are named one by one."""
+
+
+def sweep_words(
+    count: int,
+    completed: int,
+    reasons: Mapping[str, int],
+    errors: Mapping[str, int],
+    flights: Sequence[SweepFlight],
+    keys: Sequence[str],
+) -> list[str]:
+    """Sentences on a sweep: counts over all runs, and by key over the flights of the page."""
+    made, failed = count - sum(errors.values()), sum(errors.values())
+    words = [f"{count} runs."]
+    if made:
+        own = distinct(flights)
+        repeated = len(own) < sum(flight.error is None for flight in flights)
+        low, high = (completed_interval(own) if repeated else None) or wilson_interval(completed, made)
+        of = f" of {len(own)} distinct flights" if repeated else ""
+        words[0] = (
+            f"{completed} of {made} flights completed: {percent_text(completed / made)} "
+            f"(95 % interval{of} {percent_text(low)} to {percent_text(high)})."
+        )
+        words.append(f"They ended so: {_counts(reasons)}.")
+    if failed:
+        words.append(f"{failed} of {count} runs could not be made: {_counts(errors)}.")
+    for key in keys:
+        shares = {group.label: group.completed for group in marginal(flights, key) if group.flights}
+        if made and len(shares) > 1 and key != "seed":
+            least, best = min(shares, key=shares.__getitem__), max(shares, key=shares.__getitem__)
+            if shares[least] != shares[best]:
+                ends = (f"{percent_text(shares[end])} complete at {printable(end, 60)}" for end in (least, best))
+                words.append(f"By {key}: {', '.join(ends)}.")
+    if len(flights) < count:
+        words.append(f"The charts and the list show {len(flights)} of the {count} runs, a random sample.")
+    return words
+
+
+def _counts(found: Mapping[str, int]) -> str:
+    """The most frequent texts with their counts."""
+    first = sorted(found.items(), key=lambda item: -item[1])
+    more = [f"{len(first) - SHOWN} other texts"] if len(first) > SHOWN else []
+    return "; ".join([f"{printable(text)} ({number})" for text, number in first[:SHOWN]] + more)

@@ -34,8 +34,8 @@ from eadp.io.mission.draft import ITEMS_LIMIT, MissionItem
 from eadp.io.mission.export import mission_items
 from eadp.io.mission.items import MappedItem, mapped_items, read_items
 from eadp.io.mission.path import PlannedPath, planned_sections
-from eadp.io.mission.reader import PlanReader
 from eadp.io.plan.reader import read_plan
+from eadp.io.plan.sources import PlanReader
 from eadp.io.telemetry.log import ReplanLog, hash_of
 from eadp.io.text.streams import Text
 from eadp.models.plan.trace import nominal_legs, nominal_route

@@ -24,8 +24,8 @@ from eadp.io.mission.autopilot import wanted_parameters
 from eadp.io.mission.export import EXPORTS, SWITCH_S, held_radius_m, mission_items
 from eadp.io.mission.paparazzi import NUMBER_LIMIT
 from eadp.io.mission.path import PlannedPath, planned_sections
-from eadp.io.mission.reader import PlanReader
 from eadp.io.plan.reader import read_plan
+from eadp.io.plan.sources import PlanReader
 from eadp.io.text.streams import Text, read_text
 from eadp.models.airspace import Airspace
 from eadp.models.battery import Battery

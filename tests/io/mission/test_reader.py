@@ -21,7 +21,7 @@ from eadp.errors import InputError
 from eadp.io.mission.commands import MOTIONLESS, NAMES
 from eadp.io.mission.draft import ITEMS_LIMIT
 from eadp.io.mission.plan import LOITER_RADIUS_M
-from eadp.io.mission.reader import PlanReader
+from eadp.io.plan.sources import PlanReader
 from eadp.io.text.streams import Text
 from eadp.models.plan.trace import nominal_legs
 

@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import constant
 from eadp.errors import InputError
-from eadp.io.mission.reader import PlanReader
 from eadp.io.plan.reader import LIMIT_CHARACTERS, LIMIT_STAGES, read_plan
+from eadp.io.plan.sources import PlanReader
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.plan import Plan, Site

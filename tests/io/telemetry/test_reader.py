@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.core.geometry.geodesy import to_geodetic_deg
-from eadp.io.mission.reader import PlanReader
+from eadp.io.plan.sources import PlanReader
 from eadp.io.telemetry.reader import LINE_LIMIT_BYTES, TelemetryLine, TelemetryReader, numbered_lines
 from eadp.io.text.streams import Text
 from eadp.models.battery import Battery
