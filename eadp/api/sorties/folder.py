@@ -69,7 +69,6 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
         drawn = [
             DrawnSortie(
                 row["sortie"].removeprefix("sortie-"),
-                row["aircraft"],
                 sortie.path(),
                 sortie.plan.heights and sortie.plan.heights.profile,
             )
@@ -121,10 +120,8 @@ def read_sorties(folder: str) -> tuple[SortiePlanner, dict[str, Any]]:
         task = CoverageTask(
             document["file"], _field(document), (), options, motion, name, airframe, profile, autopilot=keys.autopilot
         )
-        division = {key: document[key] for key in ("aircraft", "overlap_m", "separation_m", "swap_s")}
         lines = document["heading_deg"], document["pattern"]
-        profile_path = setting.profile_path
-        return SortiePlanner(task, SortieOptions(**division), files, scenario, profile_path, lines=lines), document
+        return SortiePlanner(task, SortieOptions(), files, lines=lines), document
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError.at(str(path), 1, 1, f"is damaged: {error!r}", "a file of eadp cover --sorties") from None
 

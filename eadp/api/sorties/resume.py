@@ -126,9 +126,8 @@ def flown_again(
     left: Field,
     flown: Sequence[Line],
     planned: Sequence[Line] | None = None,
-    min_share: float = MIN_PART_SHARE,
 ) -> Field | None:
-    """The parts left of a field in which planned lines cover `min_share` of the field or more that flown ones do not.
+    """The parts left of a field in which planned lines cover `MIN_PART_SHARE` of it or more that flown ones do not.
 
     The planned lines are, by default, those over what is left that have room for their turns. None without such a part.
     """
@@ -141,7 +140,7 @@ def flown_again(
         share = 1.0 if lines is None or not bare else covered_shares(bare, [lines], swath_m)[-1]
         return share * sum(ground_m2(*each) for each in bare)
 
-    parts = [part for part in left.parts if bare_m2(part) >= min_share * field.area_m2]
+    parts = [part for part in left.parts if bare_m2(part) >= MIN_PART_SHARE * field.area_m2]
     return left.with_parts(parts) if parts else None
 
 

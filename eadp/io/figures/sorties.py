@@ -17,10 +17,9 @@ from eadp.models.field import Field
 
 
 class DrawnSortie(NamedTuple):
-    """A flight: its number, its aircraft from 1 on, its path, and over terrain its heights."""
+    """A flight: its number, its path, and over terrain its heights."""
 
     number: str
-    aircraft: int
     path: CoveragePath
     profile: HeightProfile | None = None
 
@@ -44,8 +43,6 @@ def write_sorties_figure(
         for i, sortie in enumerate(sorties):
             colour = COLOURS[i % len(COLOURS)]
             label = f"sortie {sortie.number}"
-            if sorties[-1].aircraft > 1:
-                label = f"{label}, aircraft {sortie.aircraft}"
             lines, turns = ([leg for leg in sortie.path.legs if leg.sensing is on] for on in (True, False))
             middles = [leg.piece.pose_at(leg.piece.length_m / 2)[:2] for leg in lines]
             for leg in lines:
