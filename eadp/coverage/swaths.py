@@ -13,7 +13,7 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, lengths_m, polyline_m, times_s
+from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, lengths_m, times_s
 
 SPACING_SHARE = 0.5
 """Default line spacing at the highest path parameter as a share of the swath: a side overlap of one half.
@@ -237,8 +237,8 @@ class CoveragePath:
 
     @property
     def sensed_m(self) -> list[tuple[Point, ...]]:
-        """Points along each line [m]: the ends of its legs, and those of their arcs."""
-        return [tuple((x, y) for x, y in polyline_m([leg.piece for leg in run]).tolist()) for run in self.runs]
+        """Points along each line [m]: the ends of its legs."""
+        return [(run[0].start[:2], *(leg.end[:2] for leg in run)) for run in self.runs]
 
     @property
     def length_m(self) -> float:

@@ -418,17 +418,3 @@ def test_the_library_plans_the_same(folder, scenario, document):
     options = CoverageOptions(swath_m=20, home=HOME, pattern="dubins", heading_deg=94)
     plan = library.cover_in_sorties(ROOT / MEADOW, options, SortieOptions(), scenario=scenario, warn=lambda _: None)
     assert plan.document()["sorties"] == document["sorties"]
-
-
-@pytest.mark.slow
-def test_sorties_in_two_directions(eadp, scenario, tmp_path):
-    (tmp_path / "field.csv").write_text("x,y\n0,0\n900,0\n900,500\n0,500\n")
-    given = ("cover", tmp_path / "field.csv", "--metres", "--scenario", scenario, "--swath", "50", "--home", "-50,-50")
-    one, both = (
-        json.loads(eadp(*given, "--sorties", "auto", *more, "--format", "json").out)
-        for more in (("--heading", "90"), ("--heading", "90", "--crosshatch"))
-    )
-    assert both["count"] > one["count"]
-    assert both["sorties"][: one["count"]][0]["lines"] == one["sorties"][0]["lines"]
-    assert sum(row["lines"] for row in both["sorties"]) >= 10 + 18
-    assert both["min_count"] <= both["count"]

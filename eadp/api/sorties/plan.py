@@ -193,8 +193,6 @@ class SortiePlanner:
         if request.home_m is None:
             expected = "--home LAT,LON, or X,Y of a field in metres"
             raise InputError.at("--home", 1, 1, "sorties start and end at home", expected)
-        if self.task.options.corridor_m is not None:
-            raise InputError.at("--corridor", 1, 1, "is covered in one flight", "a shorter line, without --sorties")
         if request.pattern not in PATTERNS:
             expected = f"one of {', '.join(PATTERNS)}"
             raise InputError.at("--pattern", 1, 1, "covers a field in one flight", expected, request.pattern)
@@ -242,8 +240,6 @@ class SortiePlanner:
             Of `--home`, and of a number of sorties that is too small.
         """
         ground = ground or self.task.field
-        if self.task.options.crosshatch:
-            return self._crossed(ground)
         tried_rad = self.heading_rad
         try:
             return self._in_pattern(ground)
@@ -265,21 +261,6 @@ class SortiePlanner:
                 if self.task.request.pattern == ZAMBONI:
                     raise Infeasible(f"{error}; in sorties, --pattern dubins") from None
         return self._planned(ground, replace(self._request, pattern=DUBINS))
-
-    def _crossed(self, ground: Field) -> SortiePlan:
-        """Sorties along the lines, and then sorties along those at right angles."""
-        if self.options.count is not None:
-            expected = "auto: each of the two directions takes its own"
-            raise InputError.at("--sorties", 1, 1, "beside --crosshatch", expected, f"{self.options.count}")
-        options = replace(self.task.options, crosshatch=False, pattern=DUBINS)
-        along = replace(self, task=replace(self.task, options=options))
-        one = along.plan(ground)
-        bearing_deg = compass_deg(one.planner.heading_rad)
-        other = replace(along, lines=((bearing_deg + 90) % 360, DUBINS)).plan(ground)
-        intervals = one.divided.intervals + other.divided.intervals
-        both = Divided(intervals, one.divided.sorties + other.divided.sorties)
-        crossed = replace(self, lines=(bearing_deg, DUBINS))
-        return SortiePlan(crossed, ground, both, one.least.followed_by(other.least))
 
     def _planned(self, ground: Field, request: CoverageRequest) -> SortiePlan:
         """Sorties over a ground by a request's pattern: side by side, or along a tour of its lines if that is less."""
@@ -429,16 +410,6 @@ class LeastSorties:
         packs_s = [each.pack_wh * 3600 / self.power_w for each in sorties]
         # above all ways there and back, which `min_time_s` asks for
         return replace(self, pack_s=max(min(self.pack_s, max(packs_s)), 1.001 * float(self.access_s.max())))
-
-    def followed_by(self, other: LeastSorties) -> LeastSorties:
-        """The bound of both, flown one after the other."""
-        return LeastSorties(
-            np.concatenate([self.lines_s, other.lines_s]),
-            np.concatenate([self.access_s, other.access_s]),
-            np.concatenate([self.turns_s, other.turns_s]),
-            min(self.power_w, other.power_w),
-            max(self.pack_s, other.pack_s),
-        )
 
     @property
     def count(self) -> int:
@@ -620,13 +591,10 @@ class SortiePlan:
         why = (
             f"as asked for, {few} at least" if asked else "no fewer are enough" if count == few else "the fewest found"
         )
-        if task.options.crosshatch:
-            why = "each direction in its own"
-        least = f"{count}, {why}"
         place = f" at {place_text(task.field.origin_deg)}" if task.field.origin_deg else ""
         lines = [
             f"field      {name}{self.ground.area_m2 / 1e4:.2f} ha{place}, {100 * document['coverage']:.2f} % covered",
-            f"sorties    {least}: {document['energy_wh']:.1f} Wh, {document['length_m'] / 1000:.1f} km",
+            f"sorties    {count}, {why}: {document['energy_wh']:.1f} Wh, {document['length_m'] / 1000:.1f} km",
             f"done       after {self.time_s / 60:.0f} min, {document['swap_s']:g} s on the ground between two sorties",
         ]
         lines += [] if self.pictures is None else self.pictures.lines()

@@ -11,7 +11,7 @@ from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.core.geometry.polygons import signed_area_m2
 from eadp.errors import InputError
 from eadp.io.field.files import read_field_text
-from eadp.io.field.reader import THIN_M, read_airspace, read_corridor, read_field, read_zones
+from eadp.io.field.reader import THIN_M, read_airspace, read_field, read_zones
 from eadp.io.text.streams import Text
 
 pyproj = pytest.importorskip("pyproj")
@@ -233,19 +233,6 @@ def test_a_hole_without_an_area_is_an_obstacle(hole):
     with pytest.raises(InputError, match=r"an obstacle of 0.01 m by 0.01 m, if these are metres and not degrees"):
         read_zones(Text("z", small), None, metres=True)
     assert all(Polygon(mast.outline).contains(Point(place).buffer(0.999 * THIN_M)) for place in hole)
-
-
-def test_an_obstacle_beside_a_corridor_is_read():
-    origin = PLACES["Germany"][0]
-    features = [
-        {"type": "Feature", "properties": {"name": name}, "geometry": geometry}
-        for name, geometry in (
-            ("brook", thin("LineString", degrees(LINE, origin)[:-1])),
-            ("avoid pole", {"type": "Polygon", "coordinates": [degrees(POLE, origin)]}),
-        )
-    ]
-    text = Text("f", json.dumps({"type": "FeatureCollection", "features": features}))
-    assert [each.name for each in read_corridor(text, 60.0)[0].airspace.obstacles] == ["pole"]
 
 
 # --- heights in KML ---------------------------------------------------------------------------------------------------
