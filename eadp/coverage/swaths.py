@@ -186,16 +186,11 @@ class CoverageLeg:
         gaps = tuple((low + before, high + before) for low, high in self.gaps_m)
         return CoverageLeg(straight(start, end), self.sensing, gaps)
 
-    def leads(self, motion: MotionLimits) -> tuple[list[CoverageLeg], list[CoverageLeg]]:
-        """The lead-in before the straight leg, and the overshoot after it, which cover no ground; [] for no length."""
+    def with_leads(self, motion: MotionLimits) -> list[CoverageLeg]:
+        """The straight leg between its lead-in and its overshoot, which cover no ground."""
         whole = self.led(motion)
         before = [CoverageLeg(straight(whole.start[:2], self.start[:2]))] if motion.lead_in_m else []
-        return before, [CoverageLeg(straight(self.end[:2], whole.end[:2]))] if motion.overshoot_m else []
-
-    def with_leads(self, motion: MotionLimits) -> list[CoverageLeg]:
-        """The straight leg between its lead-in and its overshoot."""
-        before, after = self.leads(motion)
-        return [*before, self, *after]
+        return [*before, self, *([CoverageLeg(straight(self.end[:2], whole.end[:2]))] if motion.overshoot_m else [])]
 
     def _at(self, place_m: float) -> Point:
         """The point of the straight leg at a place along it, which may lie beyond its ends [m]."""

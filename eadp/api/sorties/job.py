@@ -11,13 +11,13 @@ from typing import Any
 
 from eadp.api.flight import Flight, fly_flight
 from eadp.api.given import Around, File, Overrides, Warn, python_warnings
-from eadp.api.inputs import load_flight
+from eadp.api.inputs import Files, load_flight
 from eadp.api.sorties import SORTIES_SCENARIO
 from eadp.api.sorties.folder import read_sorties
-from eadp.api.sorties.resume import SLIVER_SHARE, flown_again, left_of
+from eadp.api.sorties.resume import MIN_PART_SHARE, SLIVER_SHARE
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.polygons import covered_shares, strips
-from eadp.coverage.left import LeftGround, left_ground, left_text
+from eadp.core.geometry.polygons import covered_shares, ground_m2, inner_point, strips, uncovered
+from eadp.coverage.left import MIN_SHARE, LeftGround, left_text
 from eadp.io.flight.coverage import flown_lines, flown_of_plan, planned_lines
 from eadp.io.scenario.scenario_file import override_texts, read_overrides
 from eadp.io.text.streams import new_folder
@@ -109,38 +109,35 @@ def simulate_sorties(
         With the faults of the folder.
     """
     folder, texts = str(folder), override_texts(overrides)
-    planner, document = read_sorties(folder)
-    task, scenario, given = planner.task, str(Path(folder) / SORTIES_SCENARIO), {**read_overrides(texts)}
-    terrain = task.options.terrain
-    around = Around(terrain=terrain if all(map(os.path.isfile, terrain)) else ())
+    job, scenario, given = read_sorties(folder), str(Path(folder) / SORTIES_SCENARIO), {**read_overrides(texts)}
+    around, files = Around(terrain=job.terrain if all(map(os.path.isfile, job.terrain)) else ()), Files()
     flights, rows, warned, at_s = dict[str, Flight](), list[dict[str, Any]](), set[str](), 0.0
-    lines, planned = list[tuple[Point, ...]](), list[tuple[Point, ...]]()
-    for number, row in enumerate(document["sorties"], seed):
-        name, plan, keys = row["sortie"], str(Path(folder) / row["plan"]), {**given, "seed": number}
-        inputs = load_flight(plan, scenario=scenario, overrides=keys, files=planner.files, around=around)
+    lines, planned = list[Sequence[Point]](), list[Sequence[Point]]()
+    for number, (name, plan) in enumerate(job.plans.items(), seed):
+        inputs = load_flight(plan, scenario=scenario, overrides={**given, "seed": number}, files=files, around=around)
         warn([fault for fault in inputs.warnings if fault.message not in warned])  # each in its first flight
         warned |= {fault.message for fault in inputs.warnings}
         on_flight(name)
         flight = fly_flight(inputs, inputs.preflight(), overrides=[*texts, f"seed={number}"])
         flights[name], summary = flight, flight.summary
         rows.append({"sortie": name, "take_off_s": at_s, **{key: summary[key] for key in FLOWN}})
-        at_s += summary["duration_s"] + document["swap_s"]
+        at_s += summary["duration_s"] + job.swap_s
         planned += planned_lines(inputs.world.plan, inputs.world.parameters)
         lines += flown_lines(inputs.world.plan, flown_of_plan(flight.lists, summary["turned_back_s"]))
-    ground = left_of(planner, lines)
-    completed = ground is None or flown_again(planner, ground, lines, planned) is None
-    parts, swath_m, origin_deg = task.field.parts, task.motion.swath_m, task.field.origin_deg
-    on_lines = task.field.with_parts(strips(parts, planned, swath_m))
-    left = left_ground(on_lines, lines, task.motion, width_share=SLIVER_SHARE, why="not flown")
+    field_m2, on_lines = sum(ground_m2(*part) for part in job.parts), strips(job.parts, planned, job.swath_m)
+    places = uncovered(on_lines, lines, job.swath_m, SLIVER_SHARE * job.swath_m)
+    left = [LeftGround(rings, ground_m2(*rings), inner_point(*rings), "not flown") for rings in places]
+    left = sorted((each for each in left if each.area_m2 >= MIN_SHARE * field_m2), key=lambda each: -each.area_m2)
+    completed = sum(each.area_m2 for each in left) < MIN_PART_SHARE * field_m2
     qualities = [row["quality"] for row in rows if row["quality"] is not None]
     summary = {
         "schema": SCHEMA,
         "completed": completed,
         "reason": "all that was planned is covered" if completed else "ground is left; eadp cover --resume plans it",
         "batteries": len(rows),
-        "coverage": covered_shares(parts, [lines], swath_m)[-1],
-        "planned_coverage": covered_shares(parts, [planned], swath_m)[-1],
-        "left": [each.document(origin_deg) | {"share": each.area_m2 / task.field.area_m2} for each in left],
+        "coverage": covered_shares(job.parts, [lines], job.swath_m)[-1],
+        "planned_coverage": covered_shares(job.parts, [planned], job.swath_m)[-1],
+        "left": [each.document(job.origin_deg) | {"share": each.area_m2 / field_m2} for each in left],
         "duration_s": rows[-1]["take_off_s"] + rows[-1]["duration_s"],
         "distance_m": sum(row["distance_m"] for row in rows),
         "energy_wh": sum(row["energy_wh"] for row in rows),
@@ -148,7 +145,7 @@ def simulate_sorties(
         "reserve_kept": all(row["reserve_kept"] for row in rows),
         "quality": sum(qualities) / len(qualities) if qualities else None,
         "flights": rows,
-        "origin_deg": origin_deg,
+        "origin_deg": job.origin_deg,
         "seed": seed,
     }
     return JobFlight(summary, flights, left)

@@ -554,8 +554,6 @@ class SortiePlan:
             "options": {key: value for key, value in asdict(task.options).items() if value is not None},
             "sorties": rows,
             "parts": task.field.parts,
-            "obstacles": [each._asdict() for each in task.field.airspace.obstacles],
-            "boundary": task.field.airspace.boundary,
         }
 
     def table(self) -> list[list[str]]:

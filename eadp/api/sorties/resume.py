@@ -125,14 +125,13 @@ def flown_again(
     planner: SortiePlanner,
     left: Field,
     flown: Sequence[Line],
-    planned: Sequence[Line] | None = None,
 ) -> Field | None:
     """The parts left of a field in which planned lines cover `MIN_PART_SHARE` of it or more that flown ones do not.
 
-    The planned lines are, by default, those over what is left that have room for their turns. None without such a part.
+    The planned lines are those over what is left that have room for their turns. None without such a part.
     """
     field, swath_m = planner.task.field, planner.task.motion.swath_m
-    lines = planner.free_lines(left) if planned is None else planned
+    lines = planner.free_lines(left)
 
     def bare_m2(part: Sequence[Sequence[Point]]) -> float:
         """Ground of a part that planned lines cover and flown ones do not [m²]; lines None plan all of it."""
