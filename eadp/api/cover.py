@@ -144,11 +144,6 @@ class PathOptions:
     turns_off: bool = False
     """Computations stop on turns."""
 
-
-@dataclass(frozen=True)
-class LineOptions:
-    """What is flown straight before and after lines."""
-
     lead_in_m: float | None = None
     """Straight and level flight before each line [m]; by default, with --forward-overlap, what the aircraft needs to
     roll out of a turn, else 0."""
@@ -324,8 +319,8 @@ class CameraOptions:
 
 
 @dataclass(frozen=True)
-class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, LineOptions, PathOptions):
-    """Options of a coverage: in order those of the path, the lines, the field, the camera and the ground.
+class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, PathOptions):
+    """Options of a coverage: in order those of the path, the field, the camera and the ground.
 
     Faults name them as the command `eadp cover` does.
     """

@@ -36,7 +36,7 @@ from eadp.coverage.cover import (
 )
 from eadp.coverage.left import LeftGround, left_ground, left_text
 from eadp.coverage.report import FULL, covered_by_lines, rounded_deg
-from eadp.coverage.sorties import Divided, Divider, Division, min_sorties, min_time_s
+from eadp.coverage.sorties import MAX_SORTIES, Divided, Divider, Division, min_sorties, min_time_s
 from eadp.coverage.swaths import CoveragePath, straight
 from eadp.errors import Infeasible, InputError
 from eadp.io.scenario.scenario_file import value_text
@@ -48,7 +48,6 @@ from eadp.planning.forecast.evaluate import Objective
 from eadp.planning.forecast.held import Preflight
 
 SCHEMA = "eadp.sorties/1"
-MAX_SORTIES = 200
 OVERLAP_M, SWAP_S = 20.0, 120.0
 """Metres that both parts of a line that is cut have in common, and the time on the ground between two sorties [s]."""
 
