@@ -56,7 +56,6 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.errors import EadpError, InputError
     from eadp.io.energy.model_file import energy_yaml, parse_energy
     from eadp.io.field.reader import read_field, read_zones
-    from eadp.io.field.shp import shapefile_text
     from eadp.io.link.mavlink import Codec, tlog_messages
     from eadp.io.link.messages import WANTED
     from eadp.io.link.recorded import MAGICS, log_values
@@ -196,11 +195,6 @@ def zones(data: bytes) -> None:
     """Read zones, as fences are, beside a field."""
     meadow, _ = read_field(MEADOW)
     read_zones(text_of(data), meadow, inside=zlib.crc32(data) % 2 == 0)
-
-
-def shapes(data: bytes) -> None:
-    """Read a .shp without what lies beside it."""
-    read_field(shapefile_text("fuzz.shp", lambda ending: data if ending == ".shp" else None))
 
 
 ONE = Configuration(("fps",), ("",), (1.0,))
@@ -392,20 +386,6 @@ def fences() -> list[bytes]:
     return ["\n".join(["QGC WPL 110", *rows, ""]).encode(), json.dumps(plan).encode(), KML]
 
 
-def shapefiles() -> list[bytes]:
-    library = importlib.import_module("shapefile")
-    ring, hole = (
-        [(10, 55), (10, 55.01), (10.01, 55.01), (10.01, 55)],
-        [(10.004, 55.004), (10.006, 55.004), (10.006, 55.006)],
-    )
-    made = io.BytesIO()
-    with library.Writer(shp=made, shx=io.BytesIO(), dbf=io.BytesIO(), shapeType=library.POLYGON) as writer:
-        writer.field("PLOT", "C")
-        writer.record("1")
-        writer.poly([ring, hole])
-    return [made.getvalue()]
-
-
 def recordings() -> list[bytes]:
     board = "10-01-2025 20:05:55 RAM 2274/6834MB CPU [99%@1189,off] VDD_IN 5000mW/5000mW POM_5V_IN 2345/2300\n"
     graphics = "timestamp, power.draw [W], clocks\n2024/01/01 10:00:00, 23.45 W, 5\nx, [N/A], 5\n"
@@ -466,7 +446,6 @@ TARGETS = {
     "kml": Target(field, ("*.kml",), made=lambda: [KML]),
     "geojson": Target(field, ("plans/*.geojson", "fields/*.geojson")),
     "zones": Target(zones, ("*fence*.txt", "*rally*.txt"), made=fences),
-    "shapefile": Target(shapes, ("*.shp",), made=shapefiles),
     "recording": Target(recording, ("*tegrastats*.log",), made=recordings),
     "vertices": Target(field, made=made_vertices),
     "ulog": Target(autopilot_log, ("*.ulg",), made=lambda: [autopilot_logs().ulog(), autopilot_logs().ulog(2)]),

@@ -40,8 +40,7 @@ from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, velocity_mp
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import place_text, to_local_m
-from eadp.coverage.corridor import cover_corridor
-from eadp.coverage.cover import AUTO, DUBINS, PATTERNS, CoverageRequest, CoverageSolution, check_access, has_pattern
+from eadp.coverage.cover import AUTO, PATTERNS, CoverageRequest, CoverageSolution, check_access, has_pattern
 from eadp.coverage.cover import cover as cover_field
 from eadp.coverage.ends import (
     FinalApproach,
@@ -59,7 +58,7 @@ from eadp.coverage.swaths import CLIMB_OUT_M, RADIUS_SHARE, SPACING_SHARE, Cover
 from eadp.errors import Fault, Infeasible, InputError, one_of, printable, refuse
 from eadp.io.field.draft import NAME_LIMIT
 from eadp.io.field.files import read_field_text
-from eadp.io.field.reader import read_airspace, read_corridor, read_field
+from eadp.io.field.reader import read_airspace, read_field
 from eadp.io.mission.draft import TRIGGER_DISTANCE
 from eadp.io.mission.rules import LANDING_ANGLE
 from eadp.io.plan.writer import plan_text
@@ -145,14 +144,6 @@ class PathOptions:
     turns_off: bool = False
     """Computations stop on turns."""
 
-
-@dataclass(frozen=True)
-class LineOptions:
-    """Which lines are flown, and what straight before and after them."""
-
-    crosshatch: bool = False
-    """Lines at right angles follow, too."""
-
     lead_in_m: float | None = None
     """Straight and level flight before each line [m]; by default, with --forward-overlap, what the aircraft needs to
     roll out of a turn, else 0."""
@@ -167,9 +158,6 @@ class FieldOptions:
 
     metres: bool = False
     """The file is in local metres, not degrees."""
-
-    corridor_m: float | None = None
-    """The file has a line, as of a river or a road: cover so much ground across it [m], by lines that follow it."""
 
     feature: str | None = None
     """Which polygon of a file that holds several: id, name or number; or all, as parts."""
@@ -331,8 +319,8 @@ class CameraOptions:
 
 
 @dataclass(frozen=True)
-class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, LineOptions, PathOptions):
-    """Options of a coverage: in order those of the path, the lines, the field, the camera and the ground.
+class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, PathOptions):
+    """Options of a coverage: in order those of the path, the field, the camera and the ground.
 
     Faults name them as the command `eadp cover` does.
     """
@@ -470,7 +458,6 @@ class CoveragePlan:
         seam_m = self.report.seam_m
         seam = self._overlap(seam_m)
         where = "" if seam is None else f"; {100 * seam:.0f} %, {seam_m:.1f} m, in the middle of each block"
-        where += "; covered twice, in two directions" if self.report.solution.crossed else ""
         return [f"overlap    {' to '.join(dict.fromkeys(shares))} from line to line{where}"] if shares else []
 
     def _batteries_text(self) -> list[str]:
@@ -502,8 +489,6 @@ class CoverageTask:
         Its computations run over the field; with it, or with a pack, the report has the energy.
     pack_wh : float or None
         What a full pack holds above the reserve [Wh].
-    line : tuple of (float, float)
-        Of a corridor, its middle [m].
     autopilot : Autopilot
         For the landings that it accepts.
     """
@@ -517,7 +502,6 @@ class CoverageTask:
     airframe: Airframe
     profile: AnyProfile | None = None
     pack_wh: float | None = None
-    line: tuple[Point, ...] = ()
     autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
 
     @classmethod
@@ -545,27 +529,11 @@ class CoverageTask:
         check_range("--clearance", options.clearance_m, 0, MAX_ALTITUDE_M, closed=True)
         if not has_pattern(options.pattern):
             raise _fault("--pattern", options.pattern, "is no pattern", one_of(PATTERNS, options.pattern))
-        if options.crosshatch and options.pattern not in (AUTO, DUBINS):
-            message = f"pattern {options.pattern} has one direction of lines"
-            raise _fault("--crosshatch", "", message, "--pattern dubins, lines in an order")
         text = read_field_text(path)
-        line: tuple[Point, ...] = ()
-        if options.corridor_m is None:
-            field, repairs = read_field(text, metres=options.metres, feature=options.feature)
-        else:
-            check_range("--corridor", options.corridor_m, 0.0, MAX_LENGTH_M)
-            for name, value in (("--heading", options.heading_deg), ("--crosshatch", options.crosshatch or None)):
-                if value is not None:
-                    raise _fault(name, "", "beside --corridor, whose lines follow the line", "one of the two")
-            if options.pattern not in (AUTO, DUBINS):
-                raise _fault("--pattern", options.pattern, "beside --corridor", "lines in an order: dubins, or auto")
-            field, line, repairs = read_corridor(
-                text, options.corridor_m, metres=options.metres, feature=options.feature
-            )
+        field, repairs = read_field(text, metres=options.metres, feature=options.feature)
         field, notes = _limited(field, options)
-        notes = [*repairs, *notes]
-        flies = autopilot or Autopilot()
-        return cls(text.name, field, notes, options, motion, vehicle, airframe, profile, pack_wh, line, flies)
+        notes, flies = [*repairs, *notes], autopilot or Autopilot()
+        return cls(text.name, field, notes, options, motion, vehicle, airframe, profile, pack_wh, flies)
 
     @property
     def extent_m(self) -> float:
@@ -659,8 +627,7 @@ class CoverageTask:
         final = FinalApproach(approach((x, y, course), height_m, self.airframe, self._air, slope), height_m)
         request = self._request(final)
         request.check()
-        if self.options.corridor_m is None:
-            check_access(request)
+        check_access(request)
         ground = None
         if self.terrain is not None:
             ground = self.terrain.ground(self.field, self.motion, self.motion.swath_m, (x, y))
@@ -743,7 +710,6 @@ class CoverageTask:
             airspace=self._airspace(final),
             climb_out=self.climb_out,
             approach=None if final is None else final.leg,
-            crosshatch=options.crosshatch,
             climb_s=self._climb_s,
         )
 
@@ -794,9 +760,7 @@ class CoverageTask:
 
     def solution(self) -> CoverageSolution:
         """The quickest path found. Raises Infeasible."""
-        if self.options.corridor_m is None:
-            return cover_field(self.request)
-        return cover_corridor(self.request, self.line, self.options.corridor_m)
+        return cover_field(self.request)
 
     def planned(self, solution: CoverageSolution, field: Field | None = None) -> CoveragePlan:
         """The plan of a path over the field, or over a part of it, which circles up to its first line."""

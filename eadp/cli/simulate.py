@@ -57,9 +57,6 @@ class SimulateOutputs:
     verbose: Annotated[bool, Flag("-v --verbose")] = False
     """Say more: the papers' quantities, the solver's runs."""
 
-    min_part: Annotated[float | None, Flag(metavar="PERCENT", low=0, high=100)] = None
-    """Of sorties: parts left below this share of the field are named, and not flown again [1 %]."""
-
     format: Literal["text", "json"] = "text"
     """How to print."""
 
@@ -92,8 +89,6 @@ def command(
                 raise usage_fault(f"--{name}", str(value), "beside a folder of sorties", "its scenario, or --set")
         named = [f"planner.name={options.planner}"] if options.planner else []
         return _sorties(plan, [*options.overrides, *named], seed, output)
-    if output.min_part is not None:
-        raise usage_fault("--min-part", f"{output.min_part:g}", "of a single plan", "a folder of sorties")
     if output.figure is not None and output.out is None:
         raise usage_fault("--figure", output.figure, "a figure without a folder for it", "-o DIR")
     if output.junit is not None:
@@ -150,8 +145,7 @@ def _sorties(folder: str, texts: list[str], seed: int | None, output: SimulateOu
     from eadp.api.sorties.job import simulate_sorties
 
     progress = Progress("flying")
-    part = {} if output.min_part is None else {"min_part": output.min_part}
-    job = simulate_sorties(folder, texts, seed or 0, **part, on_flight=progress.show, warn=warn)
+    job = simulate_sorties(folder, texts, seed or 0, on_flight=progress.show, warn=warn)
     progress.close()
     if output.out is not None:
         job.write(output.out, force=output.force)

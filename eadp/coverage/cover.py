@@ -159,7 +159,7 @@ class CoverageRequest:
     free; a path may start at a pose. It may start with a straight `climb_out` and end with a straight final `approach`.
     The first line begins `climb_s` after the start at the earliest, as the aircraft has to climb.
     Ordered lines lie at most `order_spacing_m` apart, by default a swath, or on a `grid`. `airspace` is what is in the
-    way, by default all that the field has. With `crosshatch` lines at right angles follow.
+    way, by default all that the field has.
     """
 
     field: Field
@@ -173,7 +173,6 @@ class CoverageRequest:
     airspace: Airspace | None = None
     climb_out: CoverageLeg | None = None
     approach: CoverageLeg | None = None
-    crosshatch: bool = False
     climb_s: float = 0.0
 
     @property
@@ -226,8 +225,7 @@ class CoverageSolution:
 
     `time_s` is the time of flight at the lowest c1, `access_s` the part of it before the first line and after the last.
     `other_share` is the time of the other pattern divided by this one's, without access; None if only one was tried.
-    `laps` is the Zamboni-like motion that was not chosen, `crossed` whether lines at right angles follow.
-    Of a corridor `spacing_m` is the distance of lines, None for one, and `ends` the number of bends at which lines end.
+    `laps` is the Zamboni-like motion that was not chosen.
     `in_climb` are the parts of lines that are flown below their altitude, with the camera off.
     """
 
@@ -238,9 +236,6 @@ class CoverageSolution:
     access_s: float = 0.0
     other_share: float | None = None
     laps: CoverageSolution | None = None
-    crossed: bool = False
-    spacing_m: float | None = None
-    ends: int = 0
     in_climb: tuple[CoverageLeg, ...] = ()
 
     @property
@@ -278,8 +273,6 @@ def cover(request: CoverageRequest, *, draft: bool = False) -> CoverageSolution:
     """
     request.check()  # before the search, which takes long
     motion = request.motion
-    if request.crosshatch:
-        return _crossed(request)
     check_access(request)
     headings = _tried_headings(request) if request.heading_rad is None else [request.heading_rad]
     if request.pattern == DUBINS:
@@ -342,16 +335,6 @@ def pattern_and_heading(request: CoverageRequest) -> tuple[str, float]:
                 return DUBINS, each.heading_rad
         whole = _best_in_order(request, headings, draft=True)  # raises what is in the way
     return whole.pattern, whole.heading_rad
-
-
-def _crossed(request: CoverageRequest) -> CoverageSolution:
-    """Lines in an order, and then lines at right angles to them from where the first ones end."""
-    along = replace(request, pattern=DUBINS, crosshatch=False)
-    first = cover(replace(along, home_m=None, approach=None))
-    across_rad = (first.heading_rad + math.pi / 2) % math.pi
-    last = first.path(0.0).legs[-1].end
-    second = cover(replace(along, heading_rad=across_rad, start_m=last, climb_out=None, climb_s=0.0))
-    return timed(replace(first, sections=(*first.sections, *second.sections), crossed=True), request.motion)
 
 
 def has_pattern(name: str) -> bool:

@@ -43,8 +43,6 @@ def left_ground(
     lines: Sequence[Sequence[Point]],
     motion: MotionLimits,
     *,
-    width_share: float = WIDTH_SHARE,
-    why: str = "",
     in_climb: Sequence[Sequence[Point]] = (),
 ) -> list[LeftGround]:
     """The places of a field that lines leave uncovered, the largest first.
@@ -57,19 +55,15 @@ def left_ground(
         Points of each line [m].
     motion : MotionLimits
         For the swath and the room of a turn.
-    width_share : float, optional
-        Narrower ground is left out, over the swath.
-    why : str, optional
-        The reason of all; by default it is found for each.
     in_climb : sequence of sequences of (float, float), optional
         Points of each part of a line that is flown in the climb, with the camera off [m].
     """
     found = []
-    for rings in uncovered(field.parts, lines, motion.swath_m, width_share * motion.swath_m):
+    for rings in uncovered(field.parts, lines, motion.swath_m, WIDTH_SHARE * motion.swath_m):
         area_m2 = ground_m2(*rings)
         if area_m2 >= MIN_SHARE * field.area_m2:
             low = in_climb and covered_shares([rings], [in_climb], motion.swath_m)[-1] > 0.5
-            reason = why or (IN_CLIMB if low else _reason(rings, area_m2, field, motion))
+            reason = IN_CLIMB if low else _reason(rings, area_m2, field, motion)
             found.append(LeftGround(rings, area_m2, inner_point(*rings), reason))
     return sorted(found, key=lambda each: -each.area_m2)
 

@@ -14,7 +14,6 @@ from eadp.core.expressions.tree import number_text
 from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.geodesy import place_text
 from eadp.core.geometry.polygons import covered_share
-from eadp.coverage.corridor import CORRIDOR
 from eadp.coverage.cover import DUBINS, ZAMBONI, CoverageSolution
 from eadp.coverage.left import LeftGround, left_ground, left_text
 from eadp.coverage.swaths import CoveragePath, MotionLimits
@@ -57,20 +56,18 @@ def path_report(solution: CoverageSolution, field: Field, motion: MotionLimits, 
     path = solution.path(c1)
     time_s = motion.time_s(path.pieces)
     coverage = covered_by_lines(path, field, motion.swath_m)
-    spacing_m = solution.blocks[0].spacing_at(max(c1, solution.blocks[0].min_c1)) if solution.blocks else None
-    if solution.pattern == CORRIDOR:
-        spacing_m = solution.spacing_m
+    if solution.blocks:
+        spacing_m: float | None = solution.blocks[0].spacing_at(max(c1, solution.blocks[0].min_c1))
     else:
-        spacing_m = spacing_m or _line_distance_m(path, solution.heading_rad)
+        spacing_m = _line_distance_m(path, solution.heading_rad)
     return PathReport(c1, spacing_m, coverage, path.length_m, time_s, path.lines, path.min_radius_m)
 
 
 def _line_distance_m(path: CoveragePath, heading_rad: float) -> float | None:
     """The median distance of neighbouring lines [m]; None for a single one."""
     sin, cos = math.sin(heading_rad), math.cos(heading_rad)
-    # places across the lines of the heading; those of one line twice are equal to a centimetre
-    lines = [leg for leg in path.legs if leg.sensing and abs(math.sin(leg.start[2] - heading_rad)) < 0.5]
-    places = sorted({round(leg.start[1] * cos - leg.start[0] * sin, 2) for leg in lines})
+    # places across the lines; those of one line twice are equal to a centimetre
+    places = sorted({round(leg.start[1] * cos - leg.start[0] * sin, 2) for leg in path.legs if leg.sensing})
     return statistics.median(b - a for a, b in itertools.pairwise(places)) if len(places) > 1 else None
 
 
@@ -112,11 +109,9 @@ class CoverageReport:
         return (self.full,) if self.least is self.full else (self.full, self.least)
 
     @property
-    def _headings_text(self) -> str:
-        """ "heading" and the compass bearings of the lines [°]."""
-        first = self.solution.heading_rad
-        headings = [first, first + math.pi / 2] if self.solution.crossed else [first]
-        return "heading " + " and ".join(f"{rounded_deg(heading, 1):.1f}" for heading in headings)
+    def _heading_text(self) -> str:
+        """ "heading" and the compass bearing of the lines [°]."""
+        return f"heading {rounded_deg(self.solution.heading_rad, 1):.1f}"
 
     @cached_property
     def left(self) -> list[LeftGround]:
@@ -159,8 +154,7 @@ class CoverageReport:
         full, least, motion = self.full, self.least, self.motion
         lines = [
             f"Covers {name} with a swath of {motion.swath_m:g} m and turns of {motion.min_radius_m:g} m or "
-            f"more"
-            + (f"; lines {self._headings_text} deg." if self.solution.pattern != CORRIDOR else ", along a corridor."),
+            f"more; lines {self._heading_text} deg.",
             f"{_counted(full.lines, 'line')}, {full.length_m:.0f} m",
         ]
         if least is not full:
@@ -191,8 +185,6 @@ class CoverageReport:
             "c1": [least.c1, full.c1] if least is not full else None,
             "at_lowest_c1": {"length_m": least.length_m, "time_s": least.time_s, "lines": least.lines},
             "c1_steps": self._steps,
-            "crosshatch": solution.crossed,
-            "bends_at_ends": solution.ends,
             "blocks": len(solution.blocks),
             "other_pattern_share": solution.other_share,
             "zamboni_time_s": self.laps_s() or None,
@@ -232,7 +224,6 @@ class CoverageReport:
         parts = len(self.field.parts)
         holes = sum(map(len, self.field.parts)) - parts
         own = {
-            CORRIDOR: "lines along a corridor, Dubins turns",
             DUBINS: "lines in an order, Dubins turns",
             ZAMBONI: f"Zamboni-like, {_counted(blocks, 'block')}",
         }
@@ -242,13 +233,8 @@ class CoverageReport:
             + (f" at {place_text(self.field.origin_deg)}" if self.field.origin_deg else "")
             + (f", {parts} parts" if parts > 1 else "")
             + (f", {_counted(holes, 'hole')}" if holes else ""),
-            f"pattern    {pattern}" + (f"; lines {self._headings_text}°" if solution.pattern != CORRIDOR else ""),
+            f"pattern    {pattern}; lines {self._heading_text}°",
         ]
-        if solution.ends:
-            tight = (
-                f"{_counted(solution.ends, 'bend')} too tight for turns of {self.motion.min_radius_m:g} m on the line"
-            )
-            lines.append(f"bends      {tight}: lines end there, and a turn leads on")
         for end in self.ends:
             at = "" if end.spacing_m is None else f" with lines {end.spacing_m:.1f} m apart"
             energy = f", {end.energy_wh:.2f} Wh" if end.energy_wh is not None else ""

@@ -226,8 +226,6 @@ class Divider(Generic[AnySortie]):
         The sortie over a part of the field.
     cuts : bool
         Whether lines may be cut.
-    step : int
-        The number of sorties is a whole multiple of it: of the aircraft.
     on_part : function
         Called with the progress before each forecast.
     """
@@ -235,7 +233,6 @@ class Divider(Generic[AnySortie]):
     division: Division
     forecast: Callable[[Field], AnySortie]
     cuts: bool = True
-    step: int = 1
     on_part: Callable[[str], None] = lambda _: None
 
     @cached_property
@@ -250,32 +247,26 @@ class Divider(Generic[AnySortie]):
         Infeasible
             If even a short part of a line is too far, or whole lines cannot be divided so where lines are not cut.
         """
-        count = -(-min_count // self.step) * self.step
+        count = min_count
         found = self._alike(count, BOUND_ROUNDS)
         while found.shortest.spare < 0:
             needed = found.needed if self.cuts else count + 1
             if not count < needed <= MAX_SORTIES:
                 return self._unlike(count)
-            count = -(-needed // self.step) * self.step
+            count = needed
             found = self._alike(count)
         return found
 
     def _unlike(self, min_count: int) -> Divided[AnySortie]:
         """As many sorties as filling one after the other takes: all alike where they can be flown so, else as filled.
 
-        Where that number is no multiple of `step`, the next one of which all alike can be flown. Raises Infeasible as
-        `fewest`, and where lines are not cut.
+        Raises Infeasible as `fewest`, and where lines are not cut.
         """
         if not self.cuts:
             raise Infeasible(f"{MAX_SORTIES} sorties are too few")
         fullest = self._fullest(min_count)
-        for more in range(-(-len(fullest.sorties) // self.step) * self.step, MAX_SORTIES + 1, self.step):
-            found = self._alike(more)
-            if found.shortest.spare >= 0:
-                return found
-            if more == len(fullest.sorties):
-                return fullest
-        raise Infeasible(f"{MAX_SORTIES} sorties are too few")
+        found = self._alike(len(fullest.sorties))
+        return found if found.shortest.spare >= 0 else fullest
 
     def of_count(self, count: int) -> Divided[AnySortie]:
         """So many sorties of equal length of lines, whether they can be flown or not."""
@@ -422,9 +413,3 @@ def min_sorties(time_s: float, turns_s: FloatArray, pack_s: float) -> int:
     """
     longest_s = float(turns_s.max(initial=0.0))
     return max(1, math.ceil((time_s + float(turns_s.sum())) / (pack_s + longest_s) - 1e-9))
-
-
-def tours(count: int, aircraft: int) -> list[Sequence[int]]:
-    """For each aircraft its sorties, counted from 0, which follow one another; `count` is a multiple of `aircraft`."""
-    each = count // aircraft
-    return [range(k * each, (k + 1) * each) for k in range(aircraft)]

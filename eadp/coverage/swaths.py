@@ -13,7 +13,7 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, lengths_m, polyline_m, times_s
+from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, lengths_m, times_s
 
 SPACING_SHARE = 0.5
 """Default line spacing at the highest path parameter as a share of the swath: a side overlap of one half.
@@ -186,16 +186,11 @@ class CoverageLeg:
         gaps = tuple((low + before, high + before) for low, high in self.gaps_m)
         return CoverageLeg(straight(start, end), self.sensing, gaps)
 
-    def leads(self, motion: MotionLimits) -> tuple[list[CoverageLeg], list[CoverageLeg]]:
-        """The lead-in before the straight leg, and the overshoot after it, which cover no ground; [] for no length."""
+    def with_leads(self, motion: MotionLimits) -> list[CoverageLeg]:
+        """The straight leg between its lead-in and its overshoot, which cover no ground."""
         whole = self.led(motion)
         before = [CoverageLeg(straight(whole.start[:2], self.start[:2]))] if motion.lead_in_m else []
-        return before, [CoverageLeg(straight(self.end[:2], whole.end[:2]))] if motion.overshoot_m else []
-
-    def with_leads(self, motion: MotionLimits) -> list[CoverageLeg]:
-        """The straight leg between its lead-in and its overshoot."""
-        before, after = self.leads(motion)
-        return [*before, self, *after]
+        return [*before, self, *([CoverageLeg(straight(self.end[:2], whole.end[:2]))] if motion.overshoot_m else [])]
 
     def _at(self, place_m: float) -> Point:
         """The point of the straight leg at a place along it, which may lie beyond its ends [m]."""
@@ -237,8 +232,8 @@ class CoveragePath:
 
     @property
     def sensed_m(self) -> list[tuple[Point, ...]]:
-        """Points along each line [m]: the ends of its legs, and those of their arcs."""
-        return [tuple((x, y) for x, y in polyline_m([leg.piece for leg in run]).tolist()) for run in self.runs]
+        """Points along each line [m]: the ends of its legs."""
+        return [(run[0].start[:2], *(leg.end[:2] for leg in run)) for run in self.runs]
 
     @property
     def length_m(self) -> float:

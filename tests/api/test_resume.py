@@ -219,7 +219,7 @@ def test_ground_without_room_for_a_turn_is_not_left(planner, tmp_path):
 
 
 @pytest.mark.parametrize(("min_share", "again"), [(0.02, True), (0.04, False)])
-def test_scraps_are_measured_by_their_bare_ground(planner, min_share, again):
+def test_scraps_are_measured_by_their_bare_ground(planner, monkeypatch, min_share, again):
     """A line flown 14 m beside its own leaves a strip of 14 m by 240 m, 0.035 of the field: a line is 0.25 of it."""
     x, y = to_local_m(*ORIGIN, planner.task.field.origin_deg)
     lines = [[(0, 20), (LENGTH_M, 20)], [(0, 60), (LENGTH_M, 60)], [(0, 100), (LENGTH_M, 100)],
@@ -228,4 +228,5 @@ def test_scraps_are_measured_by_their_bare_ground(planner, min_share, again):
     left = left_of(planner, flown)
     assert left is not None
     assert left.area_m2 > 0.09 * planner.task.field.area_m2
-    assert (flown_again(planner, left, flown, min_share=min_share) is not None) == again
+    monkeypatch.setattr("eadp.api.sorties.resume.MIN_PART_SHARE", min_share)
+    assert (flown_again(planner, left, flown) is not None) == again

@@ -1,9 +1,7 @@
-"""Straight ways before and after lines, and lines in two directions, by hand and by shapely."""
+"""Straight ways before and after lines, by hand and by shapely."""
 
 from __future__ import annotations
 
-import itertools
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +10,6 @@ import shapely
 from common import few
 
 from eadp.coverage.cover import CoverageRequest, cover
-from eadp.coverage.report import covered_by_lines
 from eadp.coverage.swaths import MotionLimits
 from eadp.models.airspace import CLEARANCE_SHARE, Airspace, Obstacle
 from eadp.models.field import Field
@@ -60,29 +57,6 @@ def test_laps_turn_as_far_out_as_the_longer_of_the_two_needs():
     bare, led = (cover(CoverageRequest(field, m, "zamboni", 0.0)).path(0.0) for m in (MOTION, LED))
     lengths = [[leg.piece.length_m for leg in path.legs if leg.sensing] for path in (bare, led)]
     assert np.array(lengths[1]) - lengths[0] == pytest.approx(np.full(len(lengths[0]), 70.0))
-
-
-@pytest.mark.parametrize("limits", [Airspace(), Airspace((Obstacle(MAST, "mast"),))])
-def test_lines_in_two_directions(limits):
-    field = Field(BOX, airspace=limits)
-    request = CoverageRequest(field, MOTION, crosshatch=True, start_m=(-50.0, -50.0), home_m=(-50.0, -50.0))
-    solution = cover(request)
-    path = solution.path(0.0)
-    along = [abs(math.cos(leg.start[2] - solution.heading_rad)) > 0.5 for leg in path.legs if leg.sensing]
-    assert along == sorted(along, reverse=True), "one direction, and then the other"
-    assert {round(abs(math.sin(2 * (leg.start[2] - solution.heading_rad))), 9) for leg in path.legs if leg.sensing} == {
-        0
-    }
-    assert (sum(along), len(along) - sum(along)) >= (10, 15)
-    for first in (True, False):
-        each = iter(along)
-        legs = tuple(replace(leg, sensing=leg.sensing and next(each) == first) for leg in path.legs)
-        assert covered_by_lines(type(path)(legs), field, 40.0) >= (0.9999 if limits == Airspace() else 0.93)
-    for one, other in itertools.pairwise(path.pieces):
-        assert one.end[:2] == pytest.approx(other.start[:2], abs=1e-6)
-    assert path.pieces[0].start[:2] == pytest.approx((-50, -50))
-    assert path.pieces[-1].end[:2] == pytest.approx((-50, -50))
-    assert solution.time_s == pytest.approx(path.length_m / 15)
 
 
 def test_an_aircraft_rolls_out_of_its_steepest_turn():

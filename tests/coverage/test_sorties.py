@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.coverage.cover import LineGrid
-from eadp.coverage.sorties import Divider, Division, min_sorties, min_time_s, tours
+from eadp.coverage.sorties import Divider, Division, min_sorties, min_time_s
 from eadp.errors import Infeasible
 from eadp.models.field import Field
 
@@ -107,12 +107,6 @@ def test_more_sorties_than_whole_lines_are_refused():
     assert len(divider.fewest(2).sorties) == 2
     with pytest.raises(Infeasible, match=f"{division.lines} whole lines have no division into {division.lines + 1} "):
         divider.fewest(division.lines + 1)
-
-
-def test_sorties_are_a_multiple_of_the_aircraft():
-    divided = Divider(Division(RECTANGLE, grid_of(RECTANGLE), 0.0), linear(5000.0, 0.0), step=3).fewest(1)
-    assert len(divided.sorties) == 3
-    assert tours(6, 3) == [range(2), range(2, 4), range(4, 6)]
 
 
 def test_a_way_that_takes_the_pack_is_refused():

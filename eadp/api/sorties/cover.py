@@ -30,7 +30,7 @@ def cover_in_sorties(
     field, options, scenario, vehicle, warn
         As for `cover`; the options have a home.
     sorties : SortieOptions, optional
-        How the field is divided, among how many aircraft, and what is flown already.
+        How the field is divided, and what is flown already.
     profile : path, optional
     on_part : function, optional
         Called with the progress, as text.

@@ -8,24 +8,20 @@ import io
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from eadp.api.cover import CoverageOptions, CoverageTask
 from eadp.api.export import ExportOptions, exported
-from eadp.api.inputs import Files
-from eadp.api.profile import profile_of_scenario
 from eadp.api.sorties import SORTIES, SORTIES_SCENARIO
-from eadp.api.sorties.plan import SCHEMA, SortieOptions, SortiePlan, SortiePlanner
+from eadp.api.sorties.plan import SCHEMA, SortiePlan
 from eadp.core.geometry.curves import Point
+from eadp.core.geometry.polygons import Ring
 from eadp.errors import InputError, one_of
-from eadp.io.figures.sorties import DrawnSortie, write_sorties_figure
+from eadp.io.figures.sorties import write_sorties_figure
 from eadp.io.mission import ENDINGS, EXPORT_NAMES
 from eadp.io.mission.export import writer_of
 from eadp.io.report.page import page_html
 from eadp.io.text.json import json_lines
 from eadp.io.text.streams import new_folder, read_text
-from eadp.models.airspace import Airspace, Obstacle
-from eadp.models.field import Field
 
 TABLE, FIGURE, PAGE = "sorties.csv", "sorties", "index.html"
 
@@ -66,14 +62,10 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
             mission.write(str(target / f"{row['sortie']}-{to}{ENDINGS.get(to, '.' + to)}"))
         (target / SORTIES).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         (target / TABLE).write_text(_csv(rows), encoding="utf-8")
+        heights = [sortie.plan.heights and sortie.plan.heights.profile for sortie in plan.sorties]
         drawn = [
-            DrawnSortie(
-                row["sortie"].removeprefix("sortie-"),
-                row["aircraft"],
-                sortie.path(),
-                sortie.plan.heights and sortie.plan.heights.profile,
-            )
-            for row, sortie in zip(rows, plan.sorties, strict=True)
+            (name.removeprefix("sortie-"), sortie.path(), profile_m)
+            for name, sortie, profile_m in zip(plan.names, plan.sorties, heights, strict=True)
         ]
         task = plan.planner.task
         write_sorties_figure(target / FIGURE, task.field, drawn, task.motion.swath_m, task.home_m, plan.left)
@@ -99,50 +91,41 @@ def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
 # --- read back
 
 
-def read_sorties(folder: str) -> tuple[SortiePlanner, dict[str, Any]]:
-    """What plans the sorties of a folder again, and its document.
+class PlannedJob(NamedTuple):
+    """Sorties of a folder: the path of each one's plan by its name, and the field that they cover.
+
+    `parts` are the field's, each its outline and its holes [m], and `terrain` the files of its ground.
+    """
+
+    plans: dict[str, str]
+    parts: list[list[Ring]]
+    origin_deg: Point | None
+    swath_m: float
+    swap_s: float
+    terrain: Sequence[str]
+
+
+def read_sorties(folder: str) -> PlannedJob:
+    """The sorties of a folder.
 
     Raises
     ------
     InputError
-        If a file of the folder is missing or damaged.
+        If the document of the folder is missing or damaged.
     """
     path = Path(folder) / SORTIES
     (document,) = json_lines(read_text(str(path)), whole=True)
     try:
         if document["schema"] != SCHEMA:
             raise InputError.at(str(path), 1, 1, f"schema is {document['schema']}", SCHEMA)
-        scenario, files = str(Path(folder) / SORTIES_SCENARIO), Files()
-        setting = files.scenario(scenario, {})
-        keys, (profile, _) = setting.keys, profile_of_scenario(setting)
-        options = CoverageOptions(**document["options"])
-        motion = options.motion(keys.vehicle.airframe, keys.wind.steady_mps)
-        name, airframe = keys.vehicle.name, keys.vehicle.airframe
-        task = CoverageTask(
-            document["file"], _field(document), (), options, motion, name, airframe, profile, autopilot=keys.autopilot
+        terrain = document["options"].get("terrain", ())
+        return PlannedJob(
+            {row["sortie"]: str(Path(folder) / row["plan"]) for row in document["sorties"]},
+            [[tuple((float(x), float(y)) for x, y in ring) for ring in part] for part in document["parts"]],
+            document["origin_deg"] and tuple(map(float, document["origin_deg"])),
+            float(document["swath_m"]),
+            float(document["swap_s"]),
+            [terrain] if isinstance(terrain, str) else terrain,
         )
-        division = {key: document[key] for key in ("aircraft", "overlap_m", "separation_m", "swap_s")}
-        lines = document["heading_deg"], document["pattern"]
-        profile_path = setting.profile_path
-        return SortiePlanner(task, SortieOptions(**division), files, scenario, profile_path, lines=lines), document
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError.at(str(path), 1, 1, f"is damaged: {error!r}", "a file of eadp cover --sorties") from None
-
-
-def _field(document: Mapping[str, Any]) -> Field:
-    """The whole field of a document."""
-
-    def ring(points: Sequence[Sequence[float]]) -> tuple[Point, ...]:
-        return tuple((float(x), float(y)) for x, y in points)
-
-    (outline, *holes), *others = (tuple(map(ring, part)) for part in document["parts"])
-    obstacles = tuple(Obstacle(ring(each["outline"]), each["name"], each["height_m"]) for each in document["obstacles"])
-    origin = document["origin_deg"]
-    return Field(
-        outline,
-        holes=tuple(holes),
-        name=document["field"]["name"],
-        origin_deg=None if origin is None else (origin[0], origin[1]),
-        airspace=Airspace(obstacles, tuple(map(ring, document["boundary"]))),
-        others=tuple(others),
-    )

@@ -36,8 +36,7 @@ from eadp.coverage.cover import (
 )
 from eadp.coverage.left import LeftGround, left_ground, left_text
 from eadp.coverage.report import FULL, covered_by_lines, rounded_deg
-from eadp.coverage.separation import Nearest, TimedTrack, nearest, stagger_s, track_of
-from eadp.coverage.sorties import Divided, Divider, Division, min_sorties, min_time_s, tours
+from eadp.coverage.sorties import MAX_SORTIES, Divided, Divider, Division, min_sorties, min_time_s
 from eadp.coverage.swaths import CoveragePath, straight
 from eadp.errors import Infeasible, InputError
 from eadp.io.scenario.scenario_file import value_text
@@ -49,10 +48,8 @@ from eadp.planning.forecast.evaluate import Objective
 from eadp.planning.forecast.held import Preflight
 
 SCHEMA = "eadp.sorties/1"
-MAX_AIRCRAFT, MAX_SORTIES = 20, 200
-OVERLAP_M, SEPARATION_M, SWAP_S = 20.0, 50.0, 120.0
-"""Metres that both parts of a line that is cut have in common; the distance that aircraft keep; the time on the ground
-between two sorties [s]."""
+OVERLAP_M, SWAP_S = 20.0, 120.0
+"""Metres that both parts of a line that is cut have in common, and the time on the ground between two sorties [s]."""
 
 PART_M = 200.0
 """Length of the parts of lines for which the way there is counted [m]."""
@@ -74,17 +71,11 @@ class SortieOptions:
     sorties: Annotated[int | str | None, Flag(metavar="NUMBER")] = None
     """Divide the field among flights from home: auto for the fewest, or a number."""
 
-    aircraft: Annotated[int, Flag(metavar="N")] = 1
-    """How many aircraft fly sorties at once; the number of sorties is a multiple of it."""
-
     overlap_m: Annotated[float, Flag("--sortie-overlap")] = OVERLAP_M
     """What both parts of a line that is cut have in common [m]."""
 
-    separation_m: float = SEPARATION_M
-    """Distance that aircraft keep from one another [m]."""
-
     swap_s: Annotated[float, Flag("--swap-time")] = SWAP_S
-    """Time on the ground between two sorties of an aircraft [s]."""
+    """Time on the ground between two sorties [s]."""
 
     resume: Annotated[Sequence[str], Flag(metavar="FLOWN")] = ()
     """Flights flown, as result folders, telemetry, .bin, .ulg or .tlog: what they covered is left out."""
@@ -99,9 +90,7 @@ class SortieOptions:
             expected = f"auto, or a whole number from 1 to {MAX_SORTIES}"
             raise InputError.at("--sorties", 1, 1, "no number of sorties", expected, str(self.sorties))
         check_range("--sorties", 1 if self.count is None else self.count, 1, MAX_SORTIES, closed=True)
-        check_range("--aircraft", self.aircraft, 1, MAX_AIRCRAFT, closed=True)
         check_range("--sortie-overlap", self.overlap_m, 0, 1000, closed=True)
-        check_range("--separation", self.separation_m, 0, 1000, closed=True)
         check_range("--swap-time", self.swap_s, 0, 86400, closed=True)
 
 
@@ -203,8 +192,6 @@ class SortiePlanner:
         if request.home_m is None:
             expected = "--home LAT,LON, or X,Y of a field in metres"
             raise InputError.at("--home", 1, 1, "sorties start and end at home", expected)
-        if self.task.options.corridor_m is not None:
-            raise InputError.at("--corridor", 1, 1, "is covered in one flight", "a shorter line, without --sorties")
         if request.pattern not in PATTERNS:
             expected = f"one of {', '.join(PATTERNS)}"
             raise InputError.at("--pattern", 1, 1, "covers a field in one flight", expected, request.pattern)
@@ -252,8 +239,6 @@ class SortiePlanner:
             Of `--home`, and of a number of sorties that is too small.
         """
         ground = ground or self.task.field
-        if self.task.options.crosshatch:
-            return self._crossed(ground)
         tried_rad = self.heading_rad
         try:
             return self._in_pattern(ground)
@@ -276,21 +261,6 @@ class SortiePlanner:
                     raise Infeasible(f"{error}; in sorties, --pattern dubins") from None
         return self._planned(ground, replace(self._request, pattern=DUBINS))
 
-    def _crossed(self, ground: Field) -> SortiePlan:
-        """Sorties along the lines, and then sorties along those at right angles."""
-        if self.options.count is not None:
-            expected = "auto: each of the two directions takes its own"
-            raise InputError.at("--sorties", 1, 1, "beside --crosshatch", expected, f"{self.options.count}")
-        options = replace(self.task.options, crosshatch=False, pattern=DUBINS)
-        along = replace(self, task=replace(self.task, options=options))
-        one = along.plan(ground)
-        bearing_deg = compass_deg(one.planner.heading_rad)
-        other = replace(along, lines=((bearing_deg + 90) % 360, DUBINS)).plan(ground)
-        intervals = one.divided.intervals + other.divided.intervals
-        both = Divided(intervals, one.divided.sorties + other.divided.sorties)
-        crossed = replace(self, lines=(bearing_deg, DUBINS))
-        return SortiePlan(crossed, ground, both, one.least.followed_by(other.least))
-
     def _planned(self, ground: Field, request: CoverageRequest) -> SortiePlan:
         """Sorties over a ground by a request's pattern: side by side, or along a tour of its lines if that is less."""
         motion, laps, grid = self.task.motion, request.pattern == ZAMBONI, self.grid(request)
@@ -309,7 +279,7 @@ class SortiePlanner:
         def divider(order: Sequence[int] | None = None) -> Divider[PlannedSortie]:
             """What divides the lines in an order, by default side by side."""
             division = Division(ground, grid, self.options.overlap_m, order)
-            return Divider(division, forecast, cuts=not laps, step=self.options.aircraft, on_part=self.on_part)
+            return Divider(division, forecast, cuts=not laps, on_part=self.on_part)
 
         def divided(order: Sequence[int] | None = None) -> Divided[PlannedSortie]:
             """The fewest sorties over the lines in an order."""
@@ -322,7 +292,7 @@ class SortiePlanner:
         least = self._least(sample.inputs, grid, ground)
         found = divided()
         width_m = side_by_side.lines / len(found.sorties) * float(np.diff(grid.edges_m).mean())
-        if not laps and self.options.aircraft == 1 and width_m < 4 * motion.min_radius_m and len(found.sorties) > 1:
+        if not laps and width_m < 4 * motion.min_radius_m and len(found.sorties) > 1:
             # a strip narrower than two turns has no room to leave lines out and come back for them
             tour = divided(grid.order_of(cover(replace(request, field=ground, grid=grid))))
             found = min(found, tour, key=lambda each: (len(each.sorties), sum(one.energy_wh for one in each.sorties)))
@@ -440,16 +410,6 @@ class LeastSorties:
         # above all ways there and back, which `min_time_s` asks for
         return replace(self, pack_s=max(min(self.pack_s, max(packs_s)), 1.001 * float(self.access_s.max())))
 
-    def followed_by(self, other: LeastSorties) -> LeastSorties:
-        """The bound of both, flown one after the other."""
-        return LeastSorties(
-            np.concatenate([self.lines_s, other.lines_s]),
-            np.concatenate([self.access_s, other.access_s]),
-            np.concatenate([self.turns_s, other.turns_s]),
-            min(self.power_w, other.power_w),
-            max(self.pack_s, other.pack_s),
-        )
-
     @property
     def count(self) -> int:
         """Number of sorties."""
@@ -464,7 +424,7 @@ class LeastSorties:
 
 @dataclass(frozen=True)
 class SortiePlan:
-    """Sorties over a field, in the order of its lines: aircraft by aircraft.
+    """Sorties over a field, in the order of its lines.
 
     Attributes
     ----------
@@ -492,42 +452,10 @@ class SortiePlan:
         return [f"sortie-{i:02d}" for i in range(1, len(self.divided.sorties) + 1)]
 
     @cached_property
-    def tours(self) -> list[Sequence[int]]:
-        """The sorties of each aircraft."""
-        return tours(len(self.divided.sorties), self.planner.options.aircraft)
-
-    @cached_property
     def starts_s(self) -> list[float]:
-        """Take-off of each sortie [s]: of an aircraft one after the other, of several a delay after one another."""
-        options, starts = self.planner.options, []
-        for k, tour in enumerate(self.tours):
-            at_s = k * self.stagger_s
-            for i in tour:
-                starts.append(at_s)
-                at_s += self.sorties[i].time_s + options.swap_s
-        return starts
-
-    @cached_property
-    def _tracks(self) -> list[TimedTrack]:
-        """Where each aircraft is, from its own take-off on."""
-        tracks = []
-        for tour in self.tours:
-            parts = [track_of(self.sorties[i].path(), self.planner.task.motion) for i in tour]
-            track = parts[0]
-            for part in parts[1:]:
-                track = track.then(part, self.planner.options.swap_s)
-            tracks.append(track)
-        return tracks
-
-    @cached_property
-    def stagger_s(self) -> float:
-        """Delay of take-off from one aircraft to the next [s]."""
-        return stagger_s(self._tracks, self.planner.options.separation_m) if len(self.tours) > 1 else 0.0
-
-    @property
-    def nearest(self) -> Nearest | None:
-        """The least distance of two aircraft as planned; None with one."""
-        return nearest([track.later(k * self.stagger_s) for k, track in enumerate(self._tracks)])
+        """Take-off of each sortie [s]."""
+        took_s = [each.time_s + self.planner.options.swap_s for each in self.sorties[:-1]]
+        return list(itertools.accumulate(took_s, initial=0.0))
 
     @cached_property
     def _heights(self) -> HeightReport | None:
@@ -572,22 +500,20 @@ class SortiePlan:
     @property
     def time_s(self) -> float:
         """From the first take-off to the last landing [s]."""
-        return max(start + each.time_s for start, each in zip(self.starts_s, self.sorties, strict=True))
+        return self.starts_s[-1] + self.sorties[-1].time_s
 
     def rows(self) -> list[dict[str, Any]]:
         """The figures of each sortie, by key."""
         rows = []
-        aircraft = {i: k for k, tour in enumerate(self.tours, 1) for i in tour}
         keys = ("energy_wh", "energy_std_wh", "soc_end", "soc_end_std", "reserve_probability")
-        for i, (name, each) in enumerate(zip(self.names, self.sorties, strict=True)):
+        for name, each, start_s in zip(self.names, self.sorties, self.starts_s, strict=True):
             end, path = each.forecast.forecast, each.path()
             spacing = each.forecast.parameters.get("c1") if each.solution.min_c1 < 0 else None
             rows.append(
                 {
                     "sortie": name,
                     "plan": f"{name}.plan",
-                    "aircraft": aircraft[i],
-                    "take_off_s": round(self.starts_s[i], 3),
+                    "take_off_s": round(start_s, 3),
                     "lines": path.lines,
                     "spacing_m": None if spacing is None else each.plan.plan.parameters[0].shown(spacing),
                     "length_m": path.length_m,
@@ -602,7 +528,7 @@ class SortiePlan:
     def document(self) -> dict[str, Any]:
         """The values of `eadp.sorties/1`."""
         task, options, rows = self.planner.task, self.planner.options, self.rows()
-        near, first = self.nearest, self.divided.sorties[0].solution
+        first = self.divided.sorties[0].solution
         return {
             "schema": SCHEMA,
             "file": task.file,
@@ -620,30 +546,23 @@ class SortiePlan:
             "time_s": self.time_s,
             "coverage": self.coverage,
             "left": [each.document(task.field.origin_deg) for each in self.left],
-            "aircraft": options.aircraft,
-            "stagger_s": self.stagger_s,
             "swap_s": options.swap_s,
-            "separation_m": options.separation_m,
-            "nearest_m": None if near is None else near.distance_m,
             "overlap_m": options.overlap_m,
             **pictures_document(self.pictures),
             "terrain": self._heights and self._heights.document(),
             "options": {key: value for key, value in asdict(task.options).items() if value is not None},
             "sorties": rows,
             "parts": task.field.parts,
-            "obstacles": [each._asdict() for each in task.field.airspace.obstacles],
-            "boundary": task.field.airspace.boundary,
         }
 
     def table(self) -> list[list[str]]:
         """The figures of each sortie as text, a header first."""
-        head = ["sortie", "aircraft", "take-off", "lines", "km", "time", "energy", "lands with", "keeps the reserve"]
+        head = ["sortie", "take-off", "lines", "km", "time", "energy", "lands with", "keeps the reserve"]
         return [
             head,
             *(
                 [
                     row["sortie"].removeprefix("sortie-"),
-                    str(row["aircraft"]),
                     f"{int(row['take_off_s']) // 60}:{int(row['take_off_s']) % 60:02d}",
                     str(row["lines"]),
                     f"{row['length_m'] / 1000:.2f}",
@@ -669,20 +588,12 @@ class SortiePlan:
         why = (
             f"as asked for, {few} at least" if asked else "no fewer are enough" if count == few else "the fewest found"
         )
-        if task.options.crosshatch:
-            why = "each direction in its own"
-        least = f"{count}, {why}"
         place = f" at {place_text(task.field.origin_deg)}" if task.field.origin_deg else ""
         lines = [
             f"field      {name}{self.ground.area_m2 / 1e4:.2f} ha{place}, {100 * document['coverage']:.2f} % covered",
-            f"sorties    {least}: {document['energy_wh']:.1f} Wh, {document['length_m'] / 1000:.1f} km",
-            f"done       after {document['time_s'] / 60:.0f} min with {document['aircraft']} aircraft, "
-            f"{document['swap_s']:g} s on the ground between two sorties",
+            f"sorties    {count}, {why}: {document['energy_wh']:.1f} Wh, {document['length_m'] / 1000:.1f} km",
+            f"done       after {self.time_s / 60:.0f} min, {document['swap_s']:g} s on the ground between two sorties",
         ]
-        near = self.nearest
-        if near is not None:
-            later = f"with {document['stagger_s']:g} s from one take-off to the next"
-            lines.append(f"apart      {near.distance_m:.0f} m or more, {later}")
         lines += [] if self.pictures is None else self.pictures.lines()
         lines += [] if self._heights is None else self._heights.text()
         return lines + left_text(self.left, 1 - self.coverage, task.field.origin_deg)

@@ -125,15 +125,13 @@ def flown_again(
     planner: SortiePlanner,
     left: Field,
     flown: Sequence[Line],
-    planned: Sequence[Line] | None = None,
-    min_share: float = MIN_PART_SHARE,
 ) -> Field | None:
-    """The parts left of a field in which planned lines cover `min_share` of the field or more that flown ones do not.
+    """The parts left of a field in which planned lines cover `MIN_PART_SHARE` of it or more that flown ones do not.
 
-    The planned lines are, by default, those over what is left that have room for their turns. None without such a part.
+    The planned lines are those over what is left that have room for their turns. None without such a part.
     """
     field, swath_m = planner.task.field, planner.task.motion.swath_m
-    lines = planner.free_lines(left) if planned is None else planned
+    lines = planner.free_lines(left)
 
     def bare_m2(part: Sequence[Sequence[Point]]) -> float:
         """Ground of a part that planned lines cover and flown ones do not [m²]; lines None plan all of it."""
@@ -141,7 +139,7 @@ def flown_again(
         share = 1.0 if lines is None or not bare else covered_shares(bare, [lines], swath_m)[-1]
         return share * sum(ground_m2(*each) for each in bare)
 
-    parts = [part for part in left.parts if bare_m2(part) >= min_share * field.area_m2]
+    parts = [part for part in left.parts if bare_m2(part) >= MIN_PART_SHARE * field.area_m2]
     return left.with_parts(parts) if parts else None
 
 

@@ -412,26 +412,11 @@ def _rings(areas: shapely.Geometry) -> list[list[Ring]]:
     return [[tuple(ring.coords)[:-1] for ring in (area.exterior, *area.interiors)] for area in oriented]
 
 
-def corridor(line: Sequence[Point], width_m: float) -> list[list[Ring]]:
-    """The ground within half a width of a line, square to its ends; as `strips`."""
-    return _rings(shapely.LineString(line).buffer(width_m / 2, cap_style="flat", join_style="mitre"))
-
-
 def near(points: Sequence[Point], distance_m: float) -> list[list[Ring]]:
     """The ground within a distance of points and of the lines between them [m], a little more at ends; as `strips`."""
     line = points if len(points) > 1 else [*points, *points]
     # round ends have 16 corners, and lie outside the circle
     return _rings(shapely.LineString(line).buffer(distance_m / math.cos(math.pi / 16), quad_segs=4))
-
-
-def beside(line: Sequence[Point], offset_m: float, tolerance_m: float) -> list[Ring]:
-    """A line at a distance to the left of another one, below 0 to the right, without bends within a tolerance [m].
-
-    In several parts where it would cross itself.
-    """
-    moved = shapely.LineString(line).simplify(tolerance_m).offset_curve(offset_m, join_style="mitre")
-    parts = [part for part in shapely.get_parts(moved) if part.length > EDGE_M]
-    return [tuple(part.simplify(TOLERANCE_M).coords) for part in parts]
 
 
 # --- where a path may lie ---------------------------------------------------------------------------------------------

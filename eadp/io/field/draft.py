@@ -30,9 +30,8 @@ MAX_HEIGHT_M = 10_000.0
 """Largest height of an obstacle [m]."""
 A_HEIGHT = f"metres above the field, from 0 to {MAX_HEIGHT_M:g}"
 
-FIELDS, LINES, OBSTACLES, BOUNDARIES = "fields", "lines", "obstacles", "boundaries"
-"""What is looked for in a file. Obstacles may be points and lines, too; beside fields and lines, those named so are
-read."""
+FIELDS, OBSTACLES, BOUNDARIES = "fields", "obstacles", "boundaries"
+"""What is looked for in a file. Obstacles may be points and lines, too; beside fields, those named so are read."""
 
 NAMES_SHOWN = 10
 """Most names that a message lists."""
@@ -186,8 +185,8 @@ class FeatureFormat(NamedTuple):
     rings: Callable[[Any, Location, SourceText], list[Ring]]
     units: Callable[[Sequence[Any], bool, SourceText], Units]
 
-    def read(self, source: SourceText, metres: bool, feature: str | None, lines: bool) -> FieldDraft:
-        """Read the polygons of a feature, and others as obstacles; or its line, as the only ring.
+    def read(self, source: SourceText, metres: bool, feature: str | None) -> FieldDraft:
+        """Read the polygons of a feature, and others as obstacles.
 
         Parameters
         ----------
@@ -196,16 +195,15 @@ class FeatureFormat(NamedTuple):
             It is in metres, whatever it states.
         feature : str or None
             Of several features, the one to read.
-        lines : bool
 
         Raises
         ------
         InputError
             If it is not of the format, or has no such feature; of the options, if they do not fit.
         """
-        candidates = self.features(source, metres, LINES if lines else FIELDS)
+        candidates = self.features(source, metres, FIELDS)
         wanted = [each for each in candidates if not each.avoided] or [each for each in candidates if not each.thin]
-        chosen = choose_feature(wanted, feature, source, "line" if lines else "polygon")
+        chosen = choose_feature(wanted, feature, source)
         polygons, units = self._placed(chosen, metres, source)
         rings, *others = [rings for of_feature in polygons for rings in of_feature]
         avoided = [each for each in candidates if each.avoided and each not in chosen]
@@ -268,7 +266,7 @@ def _in_degrees(vertex: Vertex, units: Units, source: SourceText) -> Vertex:
 
 
 def choose_feature(
-    candidates: Sequence[FeatureCandidate], feature: str | None, source: SourceText, what: str = "polygon"
+    candidates: Sequence[FeatureCandidate], feature: str | None, source: SourceText
 ) -> list[FeatureCandidate]:
     """The feature that was asked for, by a name, by KEY=VALUE of a property, by its number from 1, or the only one.
 
@@ -292,7 +290,7 @@ def choose_feature(
     if feature is None:
         if len(candidates) == 1:
             return list(candidates)
-        message = f"{len(candidates)} features with {what}s"
+        message = f"{len(candidates)} features with polygons"
         raise source.error(candidates[1].location, message, f"one, or --feature with a name or number of {known}")
     named = [candidate for candidate in candidates if feature.strip() in candidate.names]
     key, is_property, value = feature.partition("=")
@@ -305,7 +303,7 @@ def choose_feature(
         return named
     if re.fullmatch("[0-9]{1,7}", feature.strip()) and 1 <= int(feature) <= len(candidates):
         return [candidates[int(feature) - 1]]
-    message = f"no feature {printable(feature, 80)} with a {what}"
+    message = f"no feature {printable(feature, 80)} with a polygon"
     raise InputError.at("--feature", 1, 1, message, f"a name or number of {known}", printable(feature, 80))
 
 

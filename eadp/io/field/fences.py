@@ -13,7 +13,7 @@ from eadp.io.mission.wpl import wpl_fences
 from eadp.io.text.source import SourceText
 
 
-def no_field(source: SourceText, metres: bool, feature: str | None, lines: bool) -> FieldDraft:
+def no_field(source: SourceText, metres: bool, feature: str | None) -> FieldDraft:
     """Refuse a mission in the place of a field; raises InputError."""
     expected = "a field; the fences of a mission belong to --inside FILE and --avoid FILE"
     raise source.error((1, 1), "is a mission or a fence, not a field", expected)

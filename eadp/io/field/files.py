@@ -1,86 +1,55 @@
-"""Field files as texts: also those in a zip archive, a KML document or a shapefile, and shapefiles."""
+"""Field files as texts: also a KML document in a zip archive."""
 
 from __future__ import annotations
 
 import os
 import zipfile
 import zlib
-from collections.abc import Callable
-from pathlib import Path
 
 from eadp.errors import InputError
-from eadp.io.field.shp import MAGIC, shapefile_text
 from eadp.io.text.streams import Text, limit_bytes, read_text
 
-_ZIP = b"PK\x03\x04"
+_ZIP, _SHAPEFILE = b"PK\x03\x04", b"\x00\x00\x27\x0a"
+_AS_GEOJSON = "GeoJSON, as by ogr2ogr -t_srs EPSG:4326 field.geojson {}"
 
 
 def read_field_text(path: str) -> Text:
-    """Read a text file, standard input for `-`, the KML of a KMZ file, or a shapefile as GeoJSON, zipped or not.
+    """Read a text file, standard input for `-`, or the KML of a KMZ file.
 
     Raises
     ------
     InputError
-        As `read_text`; or if an archive is damaged or has neither, what is in it is too large, or as `shapefile_text`.
+        As `read_text`; or of a shapefile, and if an archive is damaged, has no KML, or its KML is too large.
     """
     head = _head(path)
-    if head == MAGIC:
-        return shapefile_text(path, lambda ending: _beside(Path(path), ending))
+    if head == _SHAPEFILE:
+        raise InputError.at(path, 1, 1, "is a shapefile, which is not read", _AS_GEOJSON.format(path))
     if head != _ZIP:
         return read_text(path)
     try:
         with zipfile.ZipFile(path) as archive:
             # the first is the document that is shown, as doc.kml
-            for ending in (".kml", ".shp"):
-                member = next((name for name in archive.namelist() if name.lower().endswith(ending)), None)
-                if member is not None:
-                    read = _member(path, archive, member[: -len(ending)])
-                    return shapefile_text(path, read) if ending == ".shp" else _kml_text(path, read)
+            names = {os.path.splitext(name)[1].lower(): name for name in reversed(archive.namelist())}
+            if ".kml" in names:
+                with archive.open(names[".kml"]) as stream:
+                    return _kml_text(path, stream.read(limit_bytes() + 1))
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError) as error:
         message = f"cannot be read as an archive: {error}"
-        raise InputError.at(path, 1, 1, message, "a KMZ file or a zip archive") from None
-    message = "an archive without a KML document or a shapefile"
-    raise InputError.at(path, 1, 1, message, "a KMZ file, or one with a .shp")
+        raise InputError.at(path, 1, 1, message, "a KMZ file") from None
+    if ".shp" in names:
+        message, expected = "is an archive of a shapefile, which is not read", _AS_GEOJSON.format(f"/vsizip/{path}")
+        raise InputError.at(path, 1, 1, message, expected)
+    raise InputError.at(path, 1, 1, "an archive without a KML document", "a KMZ file")
 
 
-def _kml_text(path: str, read: Callable[[str], bytes | None]) -> Text:
+def _kml_text(path: str, data: bytes) -> Text:
+    if len(data) > limit_bytes():
+        raise InputError.at(path, 1, 1, "its KML is too large", f"at most {limit_bytes()} bytes")
     try:
-        body = (read(".kml") or b"").decode("utf-8-sig")
+        body = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError.at(path, 1, 1, "its KML is not UTF-8 text", "UTF-8 text") from None
     return Text(path, body.replace("\r\n", "\n").replace("\r", "\n"))
-
-
-def _member(path: str, archive: zipfile.ZipFile, stem: str) -> Callable[[str], bytes | None]:
-    """Reads the members of an archive that have a name, by their endings."""
-    members = {name.lower(): name for name in archive.namelist()}
-
-    def read(ending: str) -> bytes | None:
-        name = members.get(stem.lower() + ending)
-        if name is None:
-            return None
-        with archive.open(name) as stream:
-            return _limited(path, f"its {ending[1:].upper()}", stream.read(limit_bytes() + 1))
-
-    return read
-
-
-def _beside(path: Path, ending: str) -> bytes | None:
-    """The content of a shapefile's file, whatever the case of its ending."""
-    for name in (path.with_suffix(ending), path.with_suffix(ending.upper())):
-        if name.is_file():
-            with open(name, "rb") as stream:
-                return _limited(str(name), "it", stream.read(limit_bytes() + 1))
-    if ending == ".shp":
-        with open(path, "rb") as stream:
-            return _limited(str(path), "it", stream.read(limit_bytes() + 1))
-    return None
-
-
-def _limited(name: str, what: str, data: bytes) -> bytes:
-    if len(data) > limit_bytes():
-        raise InputError.at(name, 1, 1, f"{what} is too large", f"at most {limit_bytes()} bytes")
-    return data
 
 
 def _head(path: str) -> bytes:

@@ -14,7 +14,6 @@ from eadp.io.field.draft import (
     A_HEIGHT,
     BOUNDARIES,
     FIELDS,
-    LINES,
     MAX_HEIGHT_M,
     NAME_KEYS,
     NAMES_SHOWN,
@@ -59,13 +58,7 @@ def _features(source: SourceText, metres: bool, want: str) -> list[FeatureCandid
         candidates += _collect(source, root, start, [], Counter(), _OUTLINES)
     if not any(want == OBSTACLES or not each.thin for each in candidates):
         only = ", ".join(printable(kind, 40) for kind in islice(seen, NAMES_SHOWN))
-        expected = _A_POLYGON
-        if want == LINES:
-            expected = "a LineString; a polygon is covered without --corridor"
-        elif any("LineString" in kind for kind in seen):
-            expected += "; of a line, --corridor WIDTH"
-        what = "line" if want == LINES else "polygon"
-        raise source.error(start, f"no {what}, only {only}" if only else f"no {what}", expected)
+        raise source.error(start, f"no polygon, only {only}" if only else "no polygon", _A_POLYGON)
     return candidates
 
 
@@ -122,7 +115,7 @@ def _polygons(
         return polygons, objects
     at = source.location(node.offsets.get("coordinates", 0))
     given = node.get("coordinates")
-    if kind in ("LineString", "MultiLineString") and want in (LINES, OBSTACLES, _OUTLINES):
+    if kind in ("LineString", "MultiLineString") and want in (OBSTACLES, _OUTLINES):
         each = [given] if kind == "LineString" else given if isinstance(given, JsonList) else []
         lines = [line for line in each if isinstance(line, JsonList) and _is_line(line, closed=want == _OUTLINES)]
         rings = [_returning(line) if want == OBSTACLES else line for line in lines]
@@ -131,7 +124,7 @@ def _polygons(
         points = [given] if kind == "Point" else given if isinstance(given, JsonList) else []
         offset = node.offsets.get("coordinates", 0)
         return [(_listed(_listed(point, offset), offset), at) for point in points], [node]
-    if kind not in ("Polygon", "MultiPolygon") or want == LINES:
+    if kind not in ("Polygon", "MultiPolygon"):
         seen[f"a {kind}"] += 1
         return [], []
     coordinates = _members(source, node, "coordinates", location)

@@ -17,7 +17,6 @@ from eadp.errors import InputError, printable
 from eadp.io.field.draft import (
     A_HEIGHT,
     BOUNDARIES,
-    LINES,
     MAX_HEIGHT_M,
     NAME_LIMIT,
     OBSTACLES,
@@ -181,24 +180,16 @@ def _features(source: SourceText, metres: bool, want: str) -> list[FeatureCandid
     thin = [
         each for each in (*reader.lines, *reader.points) if want == OBSTACLES or (want != BOUNDARIES and each.avoided)
     ]
-    beside = [*thin, *(each for each in polygons if want == LINES and each.avoided)]
-    if want == LINES:
-        candidates = [each for each in reader.lines if each not in thin]
-    else:
-        candidates = polygons or [each for each in reader.outlines() if each not in thin]
+    candidates = polygons or [each for each in reader.outlines() if each not in thin]
     if not candidates and not (want == OBSTACLES and thin):
-        if want == LINES:
-            raise source.error((1, 1), "no line", "KML with a LineString; a polygon is covered without --corridor")
         only = f", only {counted(len(reader.lines), 'open line', 'open lines')}" if reader.lines else ""
-        raise source.error(
-            (1, 1), f"no polygon{only}", f"{_A_POLYGON}{'; of a line, --corridor WIDTH' if reader.lines else ''}"
-        )
+        raise source.error((1, 1), f"no polygon{only}", _A_POLYGON)
     for each in thin:
         text = each.polygons[0][0][0]
         each.thin = text.returns = not text.is_closed
-    for each in (*candidates, *beside):
+    for each in (*candidates, *thin):
         each.height_m = _height_m(each, source)
-    return [*candidates, *beside]
+    return [*candidates, *thin]
 
 
 def _height_m(each: FeatureCandidate, source: SourceText) -> float | None:

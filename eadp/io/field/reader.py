@@ -71,7 +71,7 @@ class FieldFormat:
 
     name: str
     recognise: Callable[[str], bool]
-    read: Callable[[SourceText, bool, str | None, bool], FieldDraft]
+    read: Callable[[SourceText, bool, str | None], FieldDraft]
     zones: Callable[[SourceText, bool, bool], Zones]
 
 
@@ -118,49 +118,7 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
         With the faults of the file, each at its line and column, or of the options.
     """
     source = SourceText(text)
-    return _field(_format(source).read(source, metres, feature, False), source)
-
-
-def read_corridor(
-    text: Text, width_m: float, *, metres: bool = False, feature: str | None = None
-) -> tuple[Field, tuple[Point, ...], list[str]]:
-    """Read a line, and make the ground within half a width of it the field.
-
-    Parameters
-    ----------
-    text : Text
-        GeoJSON or KML with a LineString, or a CSV of its vertices.
-    width_m : float
-        [m].
-    metres, feature
-        As of `read_field`.
-
-    Returns
-    -------
-    field : Field
-    line : tuple of (float, float)
-        The line's vertices, in the field's metres.
-    repaired : list of str
-
-    Raises
-    ------
-    InputError
-        As `read_field`.
-    """
-    from eadp.core.geometry.polygons import corridor
-
-    source = SourceText(text)
-    draft = _format(source).read(source, metres, feature, True)
-    if more := draft.rings[1:] + [ring for part in draft.others for ring in part]:
-        raise source.error(more[0].location, "a second line", "one line, from end to end")
-    rings, notes = [draft.rings[0].vertices], list(draft.notes)
-    if len({vertex[:2] for vertex in rings[0]}) < 2:
-        raise source.error(draft.rings[0].location, "a line of one place", "two vertices or more that differ")
-    rings, origin_deg = _in_metres(rings, draft, source, notes)
-    line = tuple((vertex.x, vertex.y) for vertex in rings[0])
-    (outline, *holes), *_ = corridor(line, width_m)
-    airspace = Airspace(_obstacles(draft.obstacles, _Frame(origin_deg, _middle(rings[0])), source, notes))
-    return Field(outline, tuple(holes), printable(draft.name), origin_deg, airspace), line, notes
+    return _field(_format(source).read(source, metres, feature), source)
 
 
 def read_airspace(

@@ -15,15 +15,13 @@ ToDegrees = Callable[[float, float], Point | None]
 """Longitude and latitude [°, WGS-84] of coordinates; None outside the system."""
 
 
-def degrees_of(
-    system: str | tuple[str, str], name: str, error: Callable[[str, str], InputError], otherwise: str
-) -> ToDegrees:
+def degrees_of(code: tuple[str, str], name: str, error: Callable[[str, str], InputError], otherwise: str) -> ToDegrees:
     """What makes degrees of the coordinates of a reference system.
 
     Parameters
     ----------
-    system : str or (str, str)
-        WKT; or an authority and its code, as EPSG and 25832.
+    code : (str, str)
+        An authority and its code, as EPSG and 25832.
     name : str
         For messages.
     error : function of a message and what is expected
@@ -42,7 +40,7 @@ def degrees_of(
         message = "pyproj, which converts coordinates, is missing"
         raise error(message, f"pip install 'eadp[fields]', or {otherwise}") from None
     try:
-        known = pyproj.CRS.from_wkt(system) if isinstance(system, str) else pyproj.CRS.from_authority(*system)
+        known = pyproj.CRS.from_authority(*code)
         if not (known.is_projected or known.is_geographic):
             raise ProjError("neither projected nor geographic")
         # without a known datum PROJ takes it as WGS-84, which may be hundreds of metres off

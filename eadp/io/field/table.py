@@ -24,7 +24,7 @@ _ROLES = {
 _A_HEADER = "a header such as x_m,y_m or lon,lat"
 
 
-def read_table(source: SourceText, metres: bool, feature: str | None, lines: bool = False) -> FieldDraft:
+def read_table(source: SourceText, metres: bool, feature: str | None) -> FieldDraft:
     """Read a table of vertices.
 
     Parameters
@@ -36,8 +36,6 @@ def read_table(source: SourceText, metres: bool, feature: str | None, lines: boo
         names must have values beyond those of degrees.
     feature : str or None
         Refused if not None: a table has no features.
-    lines : bool
-        Of no effect: the vertices of a line are read as those of a field.
 
     Raises
     ------

@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from eadp.core.geometry.dubins import Pose
 from eadp.coverage.heights import HeightProfile
 from eadp.coverage.left import LeftGround
 from eadp.coverage.swaths import CoverageLeg, CoveragePath
@@ -108,22 +107,14 @@ def _draw_way(axes: Axes, way: CoveragePath, swath_m: float) -> None:
 
 
 def line_of(leg: CoverageLeg) -> list[tuple[float, ...]]:
-    """x and y along a leg [m]."""
-    return [*zip(*_poses(leg), strict=True)][:2]
-
-
-def _poses(leg: CoverageLeg) -> list[Pose]:
-    """Poses along a leg: both ends, and those of an arc."""
+    """x and y along a leg [m]: both ends, and points of an arc."""
     piece = leg.piece
     steps = max(1, math.ceil(piece.length_m / STEP_M)) if piece.turn else 1
-    return [piece.pose_at(piece.length_m * i / steps) for i in range(steps + 1)]
+    return [*zip(*(piece.pose_at(piece.length_m * i / steps) for i in range(steps + 1)), strict=True)][:2]
 
 
 def ground_of(leg: CoverageLeg, swath_m: float) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """x and y of the corners of the ground that a line covers [m]."""
-    poses = _poses(leg)
-    half_m = swath_m / 2
-    left = [(x - half_m * math.sin(h), y + half_m * math.cos(h)) for x, y, h in poses]
-    right = [(x + half_m * math.sin(h), y - half_m * math.cos(h)) for x, y, h in reversed(poses)]
-    x, y = zip(*left, *right, strict=True)
-    return x, y
+    (x0, y0, heading), (x1, y1, _) = leg.start, leg.end
+    dx, dy = -swath_m / 2 * math.sin(heading), swath_m / 2 * math.cos(heading)
+    return (x0 + dx, x1 + dx, x1 - dx, x0 - dx), (y0 + dy, y1 + dy, y1 - dy, y0 - dy)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 from eadp.core.geometry.curves import Point
 from eadp.coverage.heights import HeightProfile
@@ -16,48 +15,39 @@ from eadp.io.figures.coverage import draw_left, draw_profile, ground_of, line_of
 from eadp.models.field import Field
 
 
-class DrawnSortie(NamedTuple):
-    """A flight: its number, its aircraft from 1 on, its path, and over terrain its heights."""
-
-    number: str
-    aircraft: int
-    path: CoveragePath
-    profile: HeightProfile | None = None
-
-
 def write_sorties_figure(
     path: Path,
     field: Field,
-    sorties: Sequence[DrawnSortie],
+    sorties: Sequence[tuple[str, CoveragePath, HeightProfile | None]],
     swath_m: float,
     home_m: Point | None,
     left: Sequence[LeftGround] = (),
 ) -> None:
-    """Draw sorties, over terrain with ground and flights below. Written to `path` with the endings .svg and .png."""
-    flown = [(sortie.number, sortie.profile) for sortie in sorties if sortie.profile is not None]
+    """Draw sorties, over terrain with ground and flights below. Written to `path` with the endings .svg and .png.
+
+    Each of `sorties` is its number, its path, and over terrain its heights.
+    """
+    flown = [(number, profile) for number, _, profile in sorties if profile is not None]
     with figure_pair(path, 8.5, 8.0 + 2.2 * bool(flown)) as figure:
         axes, *below = figure.subplots(1 + bool(flown), 1, height_ratios=[3, 1][: 1 + bool(flown)], squeeze=False)[:, 0]
         for panel in below:
             _draw_profiles(panel, flown)
         draw_ground(axes, field, field.airspace)
         draw_left(axes, left)
-        for i, sortie in enumerate(sorties):
+        for i, (number, way, _) in enumerate(sorties):
             colour = COLOURS[i % len(COLOURS)]
-            label = f"sortie {sortie.number}"
-            if sorties[-1].aircraft > 1:
-                label = f"{label}, aircraft {sortie.aircraft}"
-            lines, turns = ([leg for leg in sortie.path.legs if leg.sensing is on] for on in (True, False))
+            lines, turns = ([leg for leg in way.legs if leg.sensing is on] for on in (True, False))
             middles = [leg.piece.pose_at(leg.piece.length_m / 2)[:2] for leg in lines]
             for leg in lines:
                 axes.fill(*ground_of(leg, swath_m), color=colour, alpha=0.22, linewidth=0, zorder=2)
             for legs, width in ((lines, 1.2), (turns, 0.6)):
                 # as one line with breaks, which is quicker to draw
                 xy = [point for leg in legs for point in (*zip(*line_of(leg), strict=True), (math.nan, math.nan))]
-                axes.plot(*zip(*xy, strict=True), color=colour, linewidth=width, zorder=3, label=label)
+                axes.plot(*zip(*xy, strict=True), color=colour, linewidth=width, zorder=3, label=f"sortie {number}")
             if middles:
                 at = middles[len(middles) // 2]
                 box = {"boxstyle": "circle", "facecolor": "white", "edgecolor": colour}
-                axes.text(*at, sortie.number.lstrip("0"), ha="center", va="center", fontsize=9, zorder=5, bbox=box)
+                axes.text(*at, number.lstrip("0"), ha="center", va="center", fontsize=9, zorder=5, bbox=box)
         if home_m is not None:
             axes.plot(*home_m, **{**START, "label": "home"})
         label_map(axes, "Sorties")

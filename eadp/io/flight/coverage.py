@@ -23,16 +23,12 @@ Line = tuple[Point, ...]
 
 
 def covering_stages(plan: Plan) -> list[bool]:
-    """Whether each stage covers ground: lines, as turns are banked; with a camera, those on which it is on.
-
-    A plan of `eadp cover` has its camera off on turns: what it is on for besides lines are the bends of a corridor.
-    """
+    """Whether each stage covers ground: lines, as turns are banked; with a camera, those on which it is on."""
     switches = [[c[1] > 0 for c in stage.commands if c[0] == TRIGGER_DISTANCE] for stage in plan.stages]
-    bends = any(switches) and plan.site.made_for is not None
     on, found = not any(switches), []
     for stage, states in zip(plan.stages, switches, strict=True):
         on = states[-1] if states else on
-        found.append(on and (bends or stage.kind == LINE))
+        found.append(on and stage.kind == LINE)
     return found
 
 

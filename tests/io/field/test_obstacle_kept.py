@@ -10,8 +10,7 @@ import pytest
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.core.geometry.polygons import signed_area_m2
 from eadp.errors import InputError
-from eadp.io.field.files import read_field_text
-from eadp.io.field.reader import THIN_M, read_airspace, read_corridor, read_field, read_zones
+from eadp.io.field.reader import THIN_M, read_airspace, read_field, read_zones
 from eadp.io.text.streams import Text
 
 pyproj = pytest.importorskip("pyproj")
@@ -65,18 +64,7 @@ def table(ring, header):
     return Text("f", "".join(f"{row}\n" for row in (header, *(f"{x!r},{y!r}" for x, y in ring))))
 
 
-def shapefile(folder, name, rings, system):
-    library = pytest.importorskip("shapefile")
-    with library.Writer(str(folder / name), shapeType=library.POLYGON) as writer:
-        writer.field("name", "C")
-        for label, ring in rings.items():
-            writer.record(label)
-            writer.poly([ring[::-1]])
-    (folder / f"{name}.prj").write_text(pyproj.CRS(system).to_wkt("WKT1_ESRI"))
-    return read_field_text(str(folder / f"{name}.shp"))
-
-
-def texts(folder, origin, system, other):
+def texts(origin, system, other):
     """A file of the field with its pole for each format, or of either; and whether it is read by --metres."""
     rings = {"field": degrees(FIELD, origin), "avoid pole": degrees(POLE, origin)}
     field, pole = rings.values()
@@ -85,7 +73,6 @@ def texts(folder, origin, system, other):
     yield kml(rings), None, False
     for each, moved in grids.items():
         yield geojson(moved, f"urn:ogc:def:crs:{each.replace(':', '::')}"), None, False
-        yield shapefile(folder, each.replace(":", ""), moved, each), None, False
         yield geojson({"field": moved["field"]}, each), kml({"pole": pole}), False
     utm = grids[system]
     yield geojson(utm), None, True
@@ -95,8 +82,8 @@ def texts(folder, origin, system, other):
 
 
 @pytest.mark.parametrize(("origin", "system", "other"), PLACES.values(), ids=PLACES)
-def test_an_obstacle_in_the_field_is_kept(tmp_path, origin, system, other):
-    for field_text, zones, metres in texts(tmp_path, origin, system, other):
+def test_an_obstacle_in_the_field_is_kept(origin, system, other):
+    for field_text, zones, metres in texts(origin, system, other):
         field, _ = read_field(field_text, metres=metres)
         (obstacle,) = (
             field.airspace.obstacles
@@ -233,19 +220,6 @@ def test_a_hole_without_an_area_is_an_obstacle(hole):
     with pytest.raises(InputError, match=r"an obstacle of 0.01 m by 0.01 m, if these are metres and not degrees"):
         read_zones(Text("z", small), None, metres=True)
     assert all(Polygon(mast.outline).contains(Point(place).buffer(0.999 * THIN_M)) for place in hole)
-
-
-def test_an_obstacle_beside_a_corridor_is_read():
-    origin = PLACES["Germany"][0]
-    features = [
-        {"type": "Feature", "properties": {"name": name}, "geometry": geometry}
-        for name, geometry in (
-            ("brook", thin("LineString", degrees(LINE, origin)[:-1])),
-            ("avoid pole", {"type": "Polygon", "coordinates": [degrees(POLE, origin)]}),
-        )
-    ]
-    text = Text("f", json.dumps({"type": "FeatureCollection", "features": features}))
-    assert [each.name for each in read_corridor(text, 60.0)[0].airspace.obstacles] == ["pole"]
 
 
 # --- heights in KML ---------------------------------------------------------------------------------------------------
