@@ -4,6 +4,8 @@
 |---|---|---|
 | `commands` | of `eadp NAME` | a function: typer's annotations, returns the exit code |
 | `plan_sources` | any | a `PlanSource`: it recognises texts and reads them as plans |
+| `plan_writers` | of `eadp plan --format` | the function from a plan and its name to a text |
+| `checks` | any | what `eadp plan --check` runs: a function as `check.check.checked`, to a `CheckReport` |
 | `planners` | of `planner.name` and `--planner` | a `Planner` |
 | `airframes` | of `airframe.model` | a dataclass that inherits from `FixedWing` or `PowerCurve` |
 | `batteries` | of `battery.chemistry` | a function: open-circuit voltage of a cell [V] of the state of charge, 0 to 1 |
@@ -35,6 +37,11 @@ OWN: dict[str, dict[str, str]] = {
         "schema": "eadp.cli.schema:command",
     },
     "plan_sources": {"mission": "eadp.io.mission.reader:MISSION"},
+    "plan_writers": {
+        "sympy": "eadp.validation.expressions:sympy_text",
+        "latex": "eadp.validation.expressions:latex_text",
+    },
+    "checks": {"geometry": "eadp.validation.check:checked"},
     "planners": {
         "static": "eadp.planning.planner:Planner",
         "paper": "eadp.planning.paper.planner:PaperPlanner",

@@ -36,7 +36,7 @@ from eadp.io.scenario.scenario_file import override_texts, read_overrides, read_
 from eadp.io.terrain.reader import read_terrain
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import read_text, write_text
-from eadp.models.airspace import BOUNDARY, Airspace, risk_text
+from eadp.models.airspace import BOUNDARY, Airspace, entered, risk_text
 from eadp.models.autopilot import PX4, Autopilot
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.legs import Leg, leg_points
@@ -46,7 +46,6 @@ from eadp.models.plan.stage import LAND, TAKEOFF
 from eadp.models.plan.trace import nominal_route
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.planning.forecast.held import Preflight
-from eadp.validation.check import entered
 
 NEAR_M = 1.0
 """Distance up to which the path starts or ends at home [m]."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from eadp.api.fences import fenced_by
 from eadp.api.given import File, Warn, python_warnings
@@ -11,20 +11,28 @@ from eadp.api.turns import calm_findings, is_tight
 from eadp.errors import Fault, InputError
 from eadp.io.plan.sources import PlanReader, is_mission
 from eadp.io.text.streams import Text, read_text
-from eadp.models.plan.plan import Finding, Plan
-
-if TYPE_CHECKING:
-    from eadp.validation.check import Report
+from eadp.models.plan.plan import CheckReport, Finding, Plan
+from eadp.plug_ins import plug_ins
 
 
 class CheckedPlan(NamedTuple):
-    """A plan, its name in messages, what was found in it, what was checked, and notes on files beside it."""
+    """A plan, its name in messages, what was found in it, by which checks, and notes on files beside it."""
 
     plan: Plan
     name: str
     findings: Sequence[Finding]
-    report: Report | None = None
+    reports: Sequence[CheckReport] = ()
     notes: Sequence[Fault] = ()
+
+    @property
+    def report(self) -> CheckReport | None:
+        """What the check of the geometry found; None where it was not asked for."""
+        return self.reports[0] if self.reports else None
+
+    @property
+    def has_errors(self) -> bool:
+        """Whether a check found an error."""
+        return any(report.has_errors for report in self.reports)
 
     @property
     def faults(self) -> list[Fault]:
@@ -63,13 +71,10 @@ def check_plan(
     plan, notes = fenced_by(plan, avoid, inside)
     if not geometry:
         return CheckedPlan(plan, text.name, findings, notes=notes)
-    from eadp.validation.check import check_plan as check_geometry
-    from eadp.validation.proof import StageProof, prove_plan
-
     # a mission's coordinates are rounded, and it has no parameters: there is nothing to prove
-    proofs = (StageProof(),) * len(plan.stages) if is_mission(text) else prove_plan(plan)
-    report = check_geometry(plan, min_radius_m=min_radius_m, proofs=proofs)
-    return CheckedPlan(plan, text.name, [*findings, *report.findings], report, notes)
+    reports = [check(plan, min_radius_m, proven=not is_mission(text)) for check in plug_ins("checks")]
+    findings = [*findings, *(finding for report in reports for finding in report.findings)]
+    return CheckedPlan(plan, text.name, findings, reports, notes)
 
 
 def read_plan(

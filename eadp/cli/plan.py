@@ -12,13 +12,13 @@ from typer import Argument
 
 from eadp.cli.output import emit, emit_json, usage_fault, warn
 from eadp.io.text.options import Flag
+from eadp.plug_ins import plug_in
 
 if TYPE_CHECKING:
+    from eadp.api.plan import CheckedPlan
     from eadp.core.expressions.tree import Expression
-    from eadp.errors import Fault
-    from eadp.models.plan.plan import Finding, Plan
+    from eadp.models.plan.plan import CheckReport, Finding, Plan
     from eadp.models.plan.stage import PointExpression, Stage
-    from eadp.validation.check import Report
 
 
 STAGE_SETTINGS = ("altitude_m", "airspeed_mps", "commands")
@@ -111,7 +111,7 @@ def command(
         terrain=options.terrain,
         geometry=options.check,
     )
-    plan, report, lines = read.plan, read.report, read.faults
+    plan, lines = read.plan, read.faults
     if options.junit is not None:
         from eadp.cli.junit import Case, junit_text
 
@@ -129,20 +129,20 @@ def command(
         warn(lines)
         emit(points)
     elif options.format == "json":
-        emit_json(document(plan, read.findings, report))
+        emit_json(document(plan, read.findings, read.reports))
     elif options.format == "plan":
         warn(lines)
         emit(plan_text(plan))
     elif options.format in ("sympy", "latex"):
-        expressions = _expressions(plan, read.name, options.format)
+        expressions = plug_in("plan_writers", options.format)(plan, read.name)
         warn(lines)
-        emit("\n".join(expressions))
-    elif report is not None:
-        emit(_check_text(plan, lines, report))
+        emit(expressions)
+    elif options.check:
+        emit(_check_text(read))
     else:
         warn(lines)
         emit(_table(plan, verbose=options.verbose))
-    return 1 if report is not None and report.has_errors else 0
+    return 1 if read.has_errors else 0
 
 
 def _draw(path: str, plan: Plan, parameters: Sequence[float], *, machine: bool) -> None:
@@ -169,72 +169,17 @@ def _trace_csv(plan: Plan, parameters: Sequence[float], step_m: float) -> str:
     return "\n".join(lines)
 
 
-def _expressions(plan: Plan, file: str, style: str) -> list[str]:
-    """Every stage as sympy has it, printed by the process that may be ended."""
-    from eadp.core.expressions.algebra import SIZE_LIMIT
-    from eadp.errors import InputError
-    from eadp.validation.worker import ANSWER_LIMIT_S, AlgebraProcess, texts_of
-
-    lines = []
-    with AlgebraProcess() as process:
-        for stage in plan.stages:
-            names = [q.name for q in stage.segment.variables] if stage.segment else []
-            printed = process.ask("lines", texts_of(stage.path, stage.trigger), names, stage.index, style)
-            if printed is None:
-                message = f"sympy gives no expressions of stage {stage.index}"
-                expected = f"expressions of at most {SIZE_LIMIT} parts, printed within {ANSWER_LIMIT_S:g} s"
-                raise InputError.at(file, stage.line, 1, message, expected)
-            lines += printed
-    return lines
-
-
-def _check_text(plan: Plan, lines: Sequence[Fault], report: Report) -> str:
-    """Text report of a check: the findings, what is proven and what is sampled, then a summary."""
+def _check_text(checked: CheckedPlan) -> str:
+    """Text report of checks: the findings, what they say, then a summary."""
+    plan, lines = checked.plan, checked.faults
     errors = sum(line.severity == "error" for line in lines)
-    leads = sum(parameters is not None for parameters in report.witness)
-    total = f"{len(plan.stages)} stages: {errors} errors, {len(lines) - errors} warnings; "
-    total += f"{leads} of {len(plan.stages)} stages lead to the next for some parameters"
-    return "\n".join([*(str(line) for line in lines), *_proof_lines(plan, report), total])
+    *said, end = checked.reports[0].lines(plan)
+    said += [line for report in checked.reports[1:] for line in report.lines(plan)]
+    total = f"{len(plan.stages)} stages: {errors} errors, {len(lines) - errors} warnings; {end}"
+    return "\n".join([*(str(line) for line in lines), *said, total])
 
 
-_SHOWN = (
-    ("trigger on its path", "own", "trigger-off-path"),
-    ("trigger on the next", "next", "trigger-off-next"),
-    ("direction of travel", "direction", "direction"),
-)
-
-
-def _proof_lines(plan: Plan, report: Report) -> list[str]:
-    """For each condition of validity, the stages where it is proven, where it holds as far as tried, and the others."""
-    free = plan.path_names
-    proven = f"for every {', '.join(free)}" if len(free) < 5 else f"for every value of {len(free)} parameters"
-    lines = []
-    for title, attribute, code in _SHOWN:
-        off = {finding.stage for finding in report.findings if finding.code in (code, "no-path")}
-        found: dict[str, list[int]] = {how: [] for how in (proven, "at the places tried", "holds", "not")}
-        for stage, proof in zip(plan.stages, report.proofs, strict=True):
-            if attribute != "own" and stage is plan.stages[-1] and not plan.repeats:
-                continue
-            how = proven if getattr(proof, attribute) in ("0", True) else "at the places tried"
-            found["not" if stage.index in off else how if free else "holds"].append(stage.index)
-        parts = [f"{how} in {_numbered(stages)}" for how, stages in found.items() if stages]
-        lines += [f"{title:<20} {'; '.join(parts)}"] if parts else []
-    return lines
-
-
-def _numbered(stages: Sequence[int]) -> str:
-    """Stages by number, neighbours as a range."""
-    ranges: list[list[int]] = []
-    for index in stages:
-        if ranges and ranges[-1][1] == index - 1:
-            ranges[-1][1] = index
-        else:
-            ranges.append([index, index])
-    texts = [f"{first}" if first == last else f"{first}-{last}" for first, last in ranges]
-    return f"stage{'s' if len(stages) > 1 else ''} {', '.join(texts)}"
-
-
-def document(plan: Plan, findings: Sequence[Finding], report: Report | None = None) -> dict[str, Any]:
+def document(plan: Plan, findings: Sequence[Finding], reports: Sequence[CheckReport] = ()) -> dict[str, Any]:
     """`eadp.plan/1`: a plan as other programs read it."""
     result: dict[str, Any] = {
         "schema": "eadp.plan/1",
@@ -262,12 +207,8 @@ def document(plan: Plan, findings: Sequence[Finding], report: Report | None = No
             }
             for segment in plan.segments
         ]
-    if report is not None:
-        result["valid"] = report.valid
-        result["leads_on"] = [
-            None if values is None else dict(zip(plan.names, values, strict=False)) for values in report.witness
-        ]
-        result["proofs"] = [asdict(proof) for proof in report.proofs]
+    for report in reports:
+        result |= report.document(plan)
     return result
 
 

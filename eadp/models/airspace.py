@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -14,7 +14,7 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Piece, Pose, centre_m, ordered, ways_to_point
 from eadp.models.autopilot import Autopilot
 from eadp.models.plan.legs import Leg, leg_points
-from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE
+from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE, Stage
 
 if TYPE_CHECKING:
     from eadp.core.geometry.polygons import FreeSpace, Ring
@@ -254,3 +254,27 @@ def _circle(start: Pose, radius_m: float) -> tuple[Piece, ...]:
     across = 2 * x - start[0], 2 * y - start[1], start[2] + np.pi
     halves = ((start, across), (across, start))
     return tuple(Piece(1, begins, ends, np.pi * radius_m, (x, y)) for begins, ends in halves)
+
+
+TRACK_M = 2.0
+"""Distance between points of the path that is checked for obstacles [m]."""
+
+
+def entered(legs: Iterable[Leg], airspace: Airspace, low_m: float = 0.0) -> Iterator[tuple[Stage, str]]:
+    """The stages of a nominal path that enter an obstacle or leave the boundary, and its name.
+
+    Parameters
+    ----------
+    legs : iterable of Leg
+    airspace : Airspace
+    low_m : float, optional
+        The altitude of stages without one [m]; a landing descends evenly.
+    """
+    level_m = low_m
+    for leg in legs:
+        track = [(point.x_m, point.y_m) for point in leg_points(leg, TRACK_M)]
+        before_m, level_m = level_m, low_m if leg.stage.altitude_m is None else leg.stage.altitude_m
+        start_m = before_m if leg.stage.command(LAND) else level_m
+        altitudes_m = np.linspace(start_m, level_m, len(track)).tolist()
+        for entry in airspace.entries([0.0] * len(track), track, altitudes_m):
+            yield leg.stage, entry.name

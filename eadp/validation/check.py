@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
@@ -24,16 +24,12 @@ from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import Point, tangent, wrap_angle_rad
 from eadp.errors import PathUndefined, printable
-from eadp.models.airspace import BOUNDARY, Airspace
+from eadp.models.airspace import BOUNDARY, entered
 from eadp.models.plan.cursor import PlanCursor, Vector, shift_at
-from eadp.models.plan.legs import Leg, leg_points
-from eadp.models.plan.plan import Finding, Plan
-from eadp.models.plan.stage import COMPUTATION, LAND, Box, Stage
+from eadp.models.plan.plan import CheckReport, Finding, Plan
+from eadp.models.plan.stage import COMPUTATION, Box, Stage
 from eadp.models.plan.trace import nominal_legs
-from eadp.validation.proof import StageProof
-
-TRACK_M = 2.0
-"""Distance between points of the path that is checked for obstacles [m]."""
+from eadp.validation.proof import StageProof, prove_plan
 
 T = TypeVar("T")
 
@@ -54,14 +50,20 @@ TRIALS_LIMIT = 2000
 CHANGING_FLIGHTS = 24
 
 
+_SHOWN = (
+    ("trigger on its path", "own", "trigger-off-path"),
+    ("trigger on the next", "next", "trigger-off-next"),
+    ("direction of travel", "direction", "direction"),
+)
+
+
 @dataclass(frozen=True)
-class Report:
-    """What a check found.
+class GeometryReport(CheckReport):
+    """What this check found.
 
     `witness` has, for each stage, parameters that lead to the next one, or None; `proofs`, what is proven of it.
     """
 
-    findings: tuple[Finding, ...]
     witness: tuple[Vector | None, ...]
     proofs: tuple[StageProof, ...] = ()
 
@@ -70,10 +72,40 @@ class Report:
         """Whether every stage leads to the next for some parameters."""
         return all(parameters is not None for parameters in self.witness)
 
-    @property
-    def has_errors(self) -> bool:
-        """Whether any finding is an error."""
-        return any(finding.severity == ERROR for finding in self.findings)
+    def document(self, plan: Plan) -> dict[str, Any]:
+        """Whether it is valid, the parameters that lead on, and the proofs."""
+        leads_on = [None if values is None else dict(zip(plan.names, values, strict=False)) for values in self.witness]
+        return {"valid": self.valid, "leads_on": leads_on, "proofs": [asdict(proof) for proof in self.proofs]}
+
+    def lines(self, plan: Plan) -> list[str]:
+        """For each condition of validity, the stages where it is proven, where it holds as far as tried, the others."""
+        free = plan.path_names
+        proven = f"for every {', '.join(free)}" if len(free) < 5 else f"for every value of {len(free)} parameters"
+        lines = []
+        for title, attribute, code in _SHOWN:
+            off = {finding.stage for finding in self.findings if finding.code in (code, "no-path")}
+            found: dict[str, list[int]] = {how: [] for how in (proven, "at the places tried", "holds", "not")}
+            for stage, proof in zip(plan.stages, self.proofs, strict=True):
+                if attribute != "own" and stage is plan.stages[-1] and not plan.repeats:
+                    continue
+                how = proven if getattr(proof, attribute) in ("0", True) else "at the places tried"
+                found["not" if stage.index in off else how if free else "holds"].append(stage.index)
+            parts = [f"{how} in {_numbered(stages)}" for how, stages in found.items() if stages]
+            lines += [f"{title:<20} {'; '.join(parts)}"] if parts else []
+        leads = sum(parameters is not None for parameters in self.witness)
+        return [*lines, f"{leads} of {len(plan.stages)} stages lead to the next for some parameters"]
+
+
+def _numbered(stages: Sequence[int]) -> str:
+    """Stages by number, neighbours as a range."""
+    ranges: list[list[int]] = []
+    for index in stages:
+        if ranges and ranges[-1][1] == index - 1:
+            ranges[-1][1] = index
+        else:
+            ranges.append([index, index])
+    texts = [f"{first}" if first == last else f"{first}-{last}" for first, last in ranges]
+    return f"stage{'s' if len(stages) > 1 else ''} {', '.join(texts)}"
 
 
 @dataclass
@@ -93,7 +125,7 @@ class _Measures:
     after: Stage | None = None
 
 
-def check_plan(plan: Plan, *, min_radius_m: float | None = None, proofs: Sequence[StageProof] = ()) -> Report:
+def check_plan(plan: Plan, *, min_radius_m: float | None = None, proofs: Sequence[StageProof] = ()) -> GeometryReport:
     """Check a plan over the whole range of its path parameters.
 
     Parameters
@@ -107,7 +139,7 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None, proofs: Sequenc
 
     Returns
     -------
-    Report
+    GeometryReport
         Findings by stage, errors beyond the thresholds above and a stage's trigger radius.
     """
     least = plan.min_radius_m if min_radius_m is None else min_radius_m
@@ -129,7 +161,13 @@ def check_plan(plan: Plan, *, min_radius_m: float | None = None, proofs: Sequenc
     findings += _rejoin_findings(plan)
     findings += _corners_findings(plan)
     findings += _airspace_findings(plan)
-    return Report(tuple(findings), tuple(witness), tuple(proofs))
+    return GeometryReport(tuple(findings), tuple(witness), tuple(proofs))
+
+
+def checked(plan: Plan, min_radius_m: float | None, *, proven: bool) -> GeometryReport:
+    """As `check_plan`, with proofs if they are asked for."""
+    proofs = prove_plan(plan) if proven else (StageProof(),) * len(plan.stages)
+    return check_plan(plan, min_radius_m=min_radius_m, proofs=proofs)
 
 
 def _neighbours(plan: Plan, stage: Stage) -> tuple[Stage | None, Stage | None]:
@@ -568,23 +606,3 @@ def _airspace_findings(plan: Plan) -> Iterator[Finding]:
                 yield Finding(
                     "error", stage.index, stage.line, "airspace", f"the path {does} {name}{_at(plan, values)}"
                 )
-
-
-def entered(legs: Iterable[Leg], airspace: Airspace, low_m: float = 0.0) -> Iterator[tuple[Stage, str]]:
-    """The stages of a nominal path that enter an obstacle or leave the boundary, and its name.
-
-    Parameters
-    ----------
-    legs : iterable of Leg
-    airspace : Airspace
-    low_m : float, optional
-        The altitude of stages without one [m]; a landing descends evenly.
-    """
-    level_m = low_m
-    for leg in legs:
-        track = [(point.x_m, point.y_m) for point in leg_points(leg, TRACK_M)]
-        before_m, level_m = level_m, low_m if leg.stage.altitude_m is None else leg.stage.altitude_m
-        start_m = before_m if leg.stage.command(LAND) else level_m
-        altitudes_m = np.linspace(start_m, level_m, len(track)).tolist()
-        for entry in airspace.entries([0.0] * len(track), track, altitudes_m):
-            yield leg.stage, entry.name

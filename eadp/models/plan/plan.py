@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from eadp.core.expressions.tree import Expression
 from eadp.core.geometry.curves import Point
@@ -38,6 +38,26 @@ class Finding:
     def fault(self, file: str) -> Fault:
         """The finding at its place in a file."""
         return Fault(file, self.line, self.column, self.message, severity=self.severity)
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """What a check of a plan found: the base of those that say more."""
+
+    findings: tuple[Finding, ...]
+
+    @property
+    def has_errors(self) -> bool:
+        """Whether any finding is an error."""
+        return any(finding.severity == "error" for finding in self.findings)
+
+    def lines(self, plan: Plan) -> list[str]:
+        """What it says to people besides its findings; the last line ends the summary."""
+        return []
+
+    def document(self, plan: Plan) -> dict[str, Any]:
+        """What it adds to `eadp.plan/1`."""
+        return {}
 
 
 @dataclass(frozen=True)
