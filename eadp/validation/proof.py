@@ -10,7 +10,6 @@ Source: draft 002, Def. III.1; draft 003, Def. IV.1.
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 
 from eadp.core.expressions.algebra import SIZE_LIMIT
@@ -21,7 +20,7 @@ from eadp.models.plan.stage import PointExpression, Stage
 from eadp.validation.worker import AlgebraProcess, texts_of
 
 PROOFS_LIMIT_S = 10.0
-"""Time for all proofs of a plan [s]; each has `worker.ANSWER_LIMIT_S`."""
+"""Processor time for all proofs of a plan [s]; each has `worker.ANSWER_LIMIT_S`."""
 
 
 @dataclass(frozen=True)
@@ -49,18 +48,17 @@ def prove_plan(plan: Plan) -> tuple[StageProof, ...]:
     EadpError
         If sympy cannot be imported.
     """
-    end_s = time.monotonic() + PROOFS_LIMIT_S
     with AlgebraProcess() as process:
-        return tuple([_proof(process, plan, stage, end_s) for stage in plan.stages])
+        return tuple([_proof(process, plan, stage) for stage in plan.stages])
 
 
-def _proof(process: AlgebraProcess, plan: Plan, stage: Stage, end_s: float) -> StageProof:
+def _proof(process: AlgebraProcess, plan: Plan, stage: Stage) -> StageProof:
     try:
         here, there = _meeting(plan, stage)
-        own = _remainder(process, here, end_s)
+        own = _remainder(process, here)
         if there is None:
             return StageProof(own)
-        return StageProof(own, _remainder(process, there[0], end_s), _direction(process, stage, here, there, end_s))
+        return StageProof(own, _remainder(process, there[0]), _direction(process, stage, here, there))
     except ExpressionError:  # too large, once substituted
         return StageProof()
 
@@ -90,21 +88,19 @@ def _in_a_lap(stage: Stage) -> _Placed:
     )
 
 
-def _remainder(process: AlgebraProcess, placed: _Placed, end_s: float) -> str | None:
+def _remainder(process: AlgebraProcess, placed: _Placed) -> str | None:
     path, (x, y) = placed
     value = substituted(path, {"x": x, "y": y})
-    if value.size > SIZE_LIMIT or time.monotonic() > end_s:
+    if value.size > SIZE_LIMIT or process.spent_s > PROOFS_LIMIT_S:
         return None
     answer: str | None = process.ask("remainder", value.text, _loop_variables(value))
     return answer
 
 
-def _direction(
-    process: AlgebraProcess, stage: Stage, here: _Placed, meeting: tuple[_Placed, Stage], end_s: float
-) -> bool | None:
+def _direction(process: AlgebraProcess, stage: Stage, here: _Placed, meeting: tuple[_Placed, Stage]) -> bool | None:
     there, after = meeting
     parts = (here[0], *here[1], there[0], *there[1])
-    if sum(part.size for part in parts) > SIZE_LIMIT or time.monotonic() > end_s:
+    if sum(part.size for part in parts) > SIZE_LIMIT or process.spent_s > PROOFS_LIMIT_S:
         return None
     ranges = {f"c{i}": (box.lo, box.hi) for i, box in enumerate(stage.sets, 1)}
     names = sorted({name for part in parts for name in _loop_variables(part)})

@@ -1,8 +1,8 @@
 """Computer algebra in another process, which ends by itself when an answer takes too long.
 
 sympy knows no limit of time: a text of a hundred characters can keep it busy for hours. Only a process can be ended at
-any moment, on every platform and from every thread. Its watchdog is a thread of C, which a long operation on a large
-number does not hold up.
+any moment, on every platform and from every thread. Its watchdog is a timer of the system, or a thread of C, which a
+long operation on a large number does not hold up.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import IO, Any
 
@@ -26,7 +27,10 @@ from eadp.core.expressions.tree import Expression
 from eadp.errors import EadpError
 
 ANSWER_LIMIT_S = 2.0
-"""Time for one answer [s]."""
+"""Processor time for one answer [s]: what is proven does not depend on what else the machine does."""
+
+WAITED = 30
+"""An answer waits at most so many times its processor time; once, on a platform without a timer of that."""
 
 MEMORY_LIMIT_BYTES = 2 << 30
 """Memory of the other process, where the platform can limit it."""
@@ -35,9 +39,16 @@ _READY = "ready"
 
 
 class AlgebraProcess:
-    """A process that computes with sympy: started by the first question, ended on leaving the context."""
+    """A process that computes with sympy: started by the first question, ended on leaving the context.
+
+    Attributes
+    ----------
+    spent_s : float
+        Processor time of all answers [s].
+    """
 
     def __init__(self) -> None:
+        self.spent_s = 0.0
         self._process: subprocess.Popen[str] | None = None
 
     def __enter__(self) -> AlgebraProcess:
@@ -62,8 +73,11 @@ class AlgebraProcess:
             line = ""
         if not line:
             self._end()
+            self.spent_s += ANSWER_LIMIT_S
             return None
-        return json.loads(line)
+        answer, spent_s = json.loads(line)
+        self.spent_s += spent_s
+        return answer
 
     def _started(self) -> subprocess.Popen[str]:
         if importlib.util.find_spec("sympy") is None:
@@ -122,13 +136,26 @@ def serve() -> None:
     _write(sys.stdout, _READY)
     for line in sys.stdin:
         question, limit_s, *arguments = json.loads(line)
-        faulthandler.dump_traceback_later(limit_s, exit=True)
-        try:
-            answer = QUESTIONS[question](*arguments)
-        except Exception:  # whatever sympy raises, there is no answer
-            answer = None
-        faulthandler.cancel_dump_traceback_later()
-        _write(sys.stdout, answer)
+        start_s = time.process_time()
+        with _limited(limit_s):
+            try:
+                answer = QUESTIONS[question](*arguments)
+            except Exception:  # whatever sympy raises, there is no answer
+                answer = None
+        _write(sys.stdout, [answer, time.process_time() - start_s])
+
+
+@contextlib.contextmanager
+def _limited(limit_s: float) -> Iterator[None]:
+    """Within it this process ends once it has taken so much processor time [s], by a signal that nothing holds up."""
+    timed = hasattr(signal, "setitimer")
+    if timed:
+        signal.setitimer(signal.ITIMER_PROF, limit_s)
+    faulthandler.dump_traceback_later(WAITED * limit_s if timed else limit_s, exit=True)
+    yield
+    faulthandler.cancel_dump_traceback_later()
+    if timed:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
 
 
 def _remainder(text: str, names: Sequence[str]) -> str | None:
