@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from functools import cached_property
 from os import PathLike
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import load_flight
@@ -70,6 +70,7 @@ from eadp.io.vehicle.camera_file import read_camera
 from eadp.io.vehicle.vehicle_file import read_vehicle
 from eadp.models.airspace import CLEARANCE_M, Airspace, Obstacle
 from eadp.models.autopilot import FACTORY, PX4, Autopilot
+from eadp.models.battery import Battery
 from eadp.models.camera import MAX_LENGTH_MM, MAX_PIXELS, MIN_LENGTH_MM, Camera, Pictures, ground_m, pictures_document
 from eadp.models.doubts import NEAR_DEG, Doubt, Shots, angle_doubts, interval_doubts, shot_doubts
 from eadp.models.field import Field
@@ -386,11 +387,25 @@ class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, LineOptions, 
         return course_rad("--heading", self.heading_deg)
 
 
+class Pack(NamedTuple):
+    """A full pack, the state of charge kept in it, and that with less of which the autopilot turns back."""
+
+    battery: Battery
+    reserve_soc: float
+    turns_back_soc: float = 0.0
+
+    @property
+    def energy_wh(self) -> float:
+        """What it gives before [Wh]."""
+        kept = max(self.reserve_soc, self.turns_back_soc)
+        return float((1 - kept) * self.battery.capacity_ah * self.battery.voltage_at((1 + kept) / 2))
+
+
 @dataclass(frozen=True)
 class CoveragePlan:
     """A plan that covers a field: its text, its report, the repairs made to the field, and the camera's pictures.
 
-    `pack_wh` is what a full pack holds above the reserve [Wh], if the aircraft has one.
+    `pack` is a full one of the aircraft, if it has one.
     """
 
     plan: Plan
@@ -398,7 +413,7 @@ class CoveragePlan:
     report: CoverageReport
     repairs: Sequence[str]
     pictures: Pictures | None = None
-    pack_wh: float | None = None
+    pack: Pack | None = None
     heights: Heights | None = None
     autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
 
@@ -426,9 +441,9 @@ class CoveragePlan:
 
     @property
     def _batteries(self) -> list[float] | None:
-        """Full packs, down to their reserve, for the path at the finest spacing and at the coarsest."""
+        """Full packs, down to what is kept in them, for the path at the finest spacing and at the coarsest."""
         energies_wh = [end.energy_wh for end in (self.report.full, self.report.least) if end.energy_wh is not None]
-        return [energy_wh / self.pack_wh for energy_wh in energies_wh] or None if self.pack_wh else None
+        return [energy_wh / self.pack.energy_wh for energy_wh in energies_wh] or None if self.pack else None
 
     @property
     def lines(self) -> list[str]:
@@ -475,10 +490,11 @@ class CoveragePlan:
 
     def _batteries_text(self) -> list[str]:
         """How many packs the path takes."""
-        if self._batteries is None or self.pack_wh is None:
+        if self._batteries is None or self.pack is None:
             return []
         packs = " to ".join(dict.fromkeys(f"{count:.2g}" for count in self._batteries))
-        return [f"batteries  {packs}; a full one gives {self.pack_wh:.3g} Wh before its reserve"]
+        until = "its reserve" if self.pack.turns_back_soc <= self.pack.reserve_soc else "the autopilot turns back"
+        return [f"batteries  {packs}; a full one gives {self.pack.energy_wh:.3g} Wh before {until}"]
 
 
 @dataclass(frozen=True)
@@ -500,8 +516,7 @@ class CoverageTask:
         For the airspeed, and the power of the motion in level flight.
     profile : profile or None
         Its computations run over the field; with it, or with a pack, the report has the energy.
-    pack_wh : float or None
-        What a full pack holds above the reserve [Wh].
+    pack : Pack or None
     line : tuple of (float, float)
         Of a corridor, its middle [m].
     autopilot : Autopilot
@@ -516,7 +531,7 @@ class CoverageTask:
     vehicle: str
     airframe: Airframe
     profile: AnyProfile | None = None
-    pack_wh: float | None = None
+    pack: Pack | None = None
     line: tuple[Point, ...] = ()
     autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
 
@@ -529,7 +544,7 @@ class CoverageTask:
         airframe: Airframe,
         wind_mps: Point,
         profile: AnyProfile | None = None,
-        pack_wh: float | None = None,
+        pack: Pack | None = None,
         autopilot: Autopilot | None = None,
     ) -> CoverageTask:
         """Read a field's file, `-` for standard input; `wind_mps` (east, north) holds unless the options have one.
@@ -565,7 +580,7 @@ class CoverageTask:
         field, notes = _limited(field, options)
         notes = [*repairs, *notes]
         flies = autopilot or Autopilot()
-        return cls(text.name, field, notes, options, motion, vehicle, airframe, profile, pack_wh, line, flies)
+        return cls(text.name, field, notes, options, motion, vehicle, airframe, profile, pack, line, flies)
 
     @property
     def extent_m(self) -> float:
@@ -847,7 +862,7 @@ class CoverageTask:
         comments = "".join(f"% {line}\n" for line in report.comments(printable(self.file, 100)))
         notes = [*self.repairs, *self.flown_over]
         text = comments + plan_text(plan)
-        return CoveragePlan(plan, text, report, notes, pictures, self.pack_wh, heights, self.autopilot)
+        return CoveragePlan(plan, text, report, notes, pictures, self.pack, heights, self.autopilot)
 
 
 def _site(field: Field, covered: Field, motion: MotionLimits, home: Point | None, vehicle: str) -> Site:
@@ -1020,17 +1035,23 @@ def cover(
     """
     task = coverage_task(str(field), options, profile, scenario, vehicle, warn)
     found = task.planned(task.solution())
-    if task.profile is not None or task.pack_wh is not None:
+    if task.profile is not None or task.pack is not None:
         keys, given = flight_keys(task, vehicle) | {"parameters": None}, None if scenario is None else str(scenario)
+        turns_back_soc = [0.0]
 
         def energy_wh(c1: float) -> float | None:
             """As forecast, with every computation at its highest."""
             plan = held_at(found.plan, "lo" if c1 < 0 else "hi", "hi")
             forecast = load_flight(plan, scenario=given, profile=profile, overrides=keys).preflight(whole=False)
-            return None if forecast is None else forecast.forecast.energy_wh
+            if forecast is None:
+                return None
+            turns_back_soc.append(forecast.turns_back_soc)
+            return forecast.forecast.energy_wh
 
         try:
-            found = replace(found, report=found.report.with_energy(energy_wh))
+            report = found.report.with_energy(energy_wh)
+            pack = found.pack and found.pack._replace(turns_back_soc=max(turns_back_soc))
+            found = replace(found, report=report, pack=pack)
         except InputError as error:
             # the path takes vehicle and wind alone from a scenario, which may be of another plan
             if any(fault.file not in (given, *(f"--set {key}" for key in keys)) for fault in error.faults):
@@ -1073,18 +1094,17 @@ def coverage_task(
     options = options.with_camera()
     if (cruises or options.landing is not None or options.takeoff_deg is not None) and options.altitude_m is None:
         options = replace(options, altitude_m=flown.airframe.cruise_altitude_m)
-    pack_wh = None
+    pack = None
     if vehicle is not None or "battery" in setting.chosen:
         battery = flown.battery if vehicle is not None else setting.keys.battery
-        reserve = setting.keys.reserve_soc
-        pack_wh = (1 - reserve) * battery.capacity_ah * battery.voltage_at((1 + reserve) / 2)
+        pack = Pack(battery, setting.keys.reserve_soc)
     wind_mps = setting.keys.wind.steady_mps
     if (vehicle is not None or "vehicle" in setting.chosen) and not isinstance(flown.airframe, PaperVehicle):
         faults = replace(flown.airframe, airspeed_mps=options.airspeed_mps or flown.airframe.airspeed_mps).faults()
         where = "--airspeed" if options.airspeed_mps else str(vehicle or scenario)
         refuse([Fault(where, 1, 1, fault, "an aeroplane that can fly so") for fault in faults])
     autopilot = setting.keys.autopilot
-    task = CoverageTask.read(field, options, flown.name, flown.airframe, wind_mps, profile, pack_wh, autopilot)
+    task = CoverageTask.read(field, options, flown.name, flown.airframe, wind_mps, profile, pack, autopilot)
     if task.terrain is None and task.extent_m > FLAT_M:
         message = f"the ground is taken as flat over {task.extent_m / 1000:.1f} km; --terrain has its heights"
         warn([Fault(task.file, 1, 1, message, severity="note")])

@@ -213,7 +213,7 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
         raise _fault("--to", to, "is no format", one_of(EXPORTS, to))
     if options.landing is not None:
         plan = _landed(plan, to, options, warn)
-    autopilot = _autopilot(to, options)
+    autopilot = autopilot_of(to, options)
     chosen = _stated(plan, options, warn) if options.scenario is None else _forecast(plan, autopilot, options, warn)
     planned = chosen.planned if options.start is None else _rest(chosen.planned, options.start)
     path = _path(chosen._replace(planned=planned), to, options, warn)
@@ -350,7 +350,7 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
     )
 
 
-def _autopilot(to: str, options: ExportOptions) -> Autopilot:
+def autopilot_of(to: str, options: ExportOptions) -> Autopilot:
     """The autopilot of a format, with the scenario's parameters. Raises InputError where that has another one."""
     stated = Autopilot()
     if options.scenario is not None:
@@ -381,7 +381,7 @@ def _landed(given: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     pose = landing_pose(raw, lambda text: _near("--landing", text, place))
     height_m = plan.stages[-1].altitude_m
     height_m = (options.altitude_m or airframe.cruise_altitude_m) if height_m is None else height_m
-    slope = approach_slopes(_autopilot(to, options))[0]
+    slope = approach_slopes(autopilot_of(to, options))[0]
     final = approach(pose, height_m, airframe, Air(airframe.airspeed_mps, wind_mps), slope)
     warn(behind_warning(pose[2], wind_mps))
     try:

@@ -172,8 +172,7 @@ class FlightInputs:
     def preflight(self, *, whole: bool = True) -> Preflight | None:
         """The forecast of the flight before take-off, with its wind as the weather forecast.
 
-        Without `whole` it has neither the latest turn back nor the probabilities of obstacles, which take most of its
-        time.
+        Without `whole` it has no probabilities of obstacles, which take most of its time.
         """
         if self.mission.battery.prescribed:
             return None
@@ -181,8 +180,7 @@ class FlightInputs:
         planner = planner_class(settings.name)
         plan, altitudes_m = self.world.plan, _altitudes_m(self.world.plan, self.world.vehicle)
         wind_mps = wind.steady_at_mps(0.0, statistics.median_high(altitudes_m))
-        mission = self.mission if whole else replace(self.mission, way_home=None)
-        found = planner.preflight(settings, mission, wind_mps, wind.gust_std_mps)
+        found = planner.preflight(settings, self.mission, wind_mps, wind.gust_std_mps)
         airspace = plan.site.airspace
         if found is None or not whole or not any(airspace):
             return found
