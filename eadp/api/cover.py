@@ -40,6 +40,7 @@ from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, velocity_mp
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import place_text, to_local_m
+from eadp.core.geometry.polygons import FreeSpace
 from eadp.coverage.corridor import cover_corridor
 from eadp.coverage.cover import AUTO, DUBINS, PATTERNS, CoverageRequest, CoverageSolution, check_access, has_pattern
 from eadp.coverage.cover import cover as cover_field
@@ -52,7 +53,7 @@ from eadp.coverage.ends import (
     level_lack,
     with_circles,
 )
-from eadp.coverage.heights import STEP_M, Ground, Samples, clear_circle, climb_lack
+from eadp.coverage.heights import STEP_M, Ground, Samples, clear_circle, climb_lack, late_over_s
 from eadp.coverage.plan_builder import FieldComputations, PlanCommands, build_plan
 from eadp.coverage.report import CoverageReport
 from eadp.coverage.swaths import CLIMB_OUT_M, RADIUS_SHARE, SPACING_SHARE, CoverageLeg, MotionLimits
@@ -68,7 +69,7 @@ from eadp.io.text.options import Flag, check_range, option_name
 from eadp.io.text.streams import read_text
 from eadp.io.vehicle.camera_file import read_camera
 from eadp.io.vehicle.vehicle_file import read_vehicle
-from eadp.models.airspace import CLEARANCE_M, Airspace, Obstacle
+from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, Airspace, Obstacle
 from eadp.models.autopilot import FACTORY, PX4, Autopilot
 from eadp.models.battery import Battery
 from eadp.models.camera import MAX_LENGTH_MM, MAX_PIXELS, MIN_LENGTH_MM, Camera, Pictures, ground_m, pictures_document
@@ -521,6 +522,9 @@ class CoverageTask:
         Of a corridor, its middle [m].
     autopilot : Autopilot
         For the landings that it accepts.
+    circles_first : bool
+        Whether a climb circles up until it is above obstacles near home that the altitude clears; else the path stays
+        out of them.
     """
 
     file: str
@@ -534,6 +538,7 @@ class CoverageTask:
     pack: Pack | None = None
     line: tuple[Point, ...] = ()
     autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
+    circles_first: bool = False
 
     @classmethod
     def read(
@@ -680,7 +685,8 @@ class CoverageTask:
         if self.terrain is not None:
             ground = self.terrain.ground(self.field, self.motion, self.motion.swath_m, (x, y))
             self.terrain.check_approach(final, ground)
-        circles = free_circles(final.leg.start, held_up_m(self.motion.min_radius_m), request.space)
+        space = replace(request, airspace=self._airspace(final)).space  # it leads down to obstacles near home
+        circles = free_circles(final.leg.start, held_up_m(self.motion.min_radius_m), space)
         return final._replace(
             circle=next((each for each in circles if ground is None or clear_circle(each, final, ground)), None)
         )
@@ -697,15 +703,15 @@ class CoverageTask:
     @cached_property
     def airspace(self) -> Airspace:
         """What is in the way: not obstacles lower than the plan's altitude, and a climb from home, by the clearance."""
-        return self._airspace(self.final)
+        return self._airspace(self.final, circled=self.circles_first)
 
-    def _airspace(self, final: FinalApproach | None) -> Airspace:
-        """As `airspace`, with a final approach."""
+    def _airspace(self, final: FinalApproach | None, *, circled: bool = False) -> Airspace:
+        """As `airspace`, with a final approach; with `circled` after a climb on circles."""
         given, altitude_m, airframe = self.field.airspace, self.options.altitude_m, self.airframe
         if altitude_m is None or isinstance(airframe, PaperVehicle):
             return given
         reached_m, slopes = [altitude_m] * len(given.obstacles), list[tuple[Point, float]]()
-        if self.home_m is not None:
+        if self.home_m is not None and not circled:
             # a climb from home with the wind behind, straight to the obstacle
             climb_mps = airframe.climb_rates_mps(self.motion.airspeed_mps)[0]
             slopes.append((self.home_m, climb_mps / self.motion.ground_limit_mps))
@@ -755,7 +761,7 @@ class CoverageTask:
             options.heading_rad,
             *ends,
             apart,
-            airspace=self._airspace(final),
+            airspace=self._airspace(final, circled=self.circles_first),
             climb_out=self.climb_out,
             approach=None if final is None else final.leg,
             crosshatch=options.crosshatch,
@@ -787,6 +793,12 @@ class CoverageTask:
             return 0.0
         return self._climbing.reached_s(self._altitude_m)
 
+    @cached_property
+    def _low_space(self) -> FreeSpace | None:
+        """Where circles may lie before the altitude is reached; None for everywhere."""
+        airspace = self._airspace(self.final)
+        return airspace.free_space(CLEARANCE_SHARE * self.motion.min_radius_m) if any(airspace) else None
+
     def _with_circles(self, solution: CoverageSolution, ground: Ground | None) -> CoverageSolution:
         """A path with the circles of its climb before the first line, and on level ground of its descent to land."""
         motion, climbing, final = self.motion, self._climbing, self.final
@@ -798,14 +810,43 @@ class CoverageTask:
             solution = with_circles(solution, len(solution.sections) - 1, circle, count, motion)
         if not self._climb_s:
             return solution
+        low = [each for each in self._airspace(self.final).obstacles if each not in self.airspace.obstacles]
 
         def lack(tried: CoverageSolution) -> Lack:
             """What the climb of a path lacks."""
             if ground is None:
-                return level_lack(tried, motion, self._climb_s)
+                late_s, until_m = level_lack(tried, motion, self._climb_s)
+                return Lack(max(late_s, late_over_s(tried, low, motion, climbing, self.options.clearance_m)), until_m)
             return climb_lack(tried, ground, climbing, 0.0)
 
-        return climbed_first(solution, motion, self.request.space, lack)
+        return climbed_first(solution, motion, self._low_space, lack)
+
+    @cached_property
+    def circled(self) -> CoverageTask | None:
+        """The task with circles up to obstacles near home; None where these change nothing."""
+        if self.terrain is not None or not self._climb_s:
+            return None
+        found = replace(self, circles_first=True)
+        return None if found.airspace == self.airspace else found
+
+    def best(self) -> tuple[CoverageTask, CoveragePlan]:
+        """The plan of the quickest path found; it circles above obstacles near home where that covers more, or is less.
+
+        Raises
+        ------
+        Infeasible
+        """
+        found, failures = list[tuple[CoverageTask, CoveragePlan]](), list[Infeasible]()
+        for task in (self, self.circled):
+            if task is None:
+                continue
+            try:
+                found.append((task, task.planned(task.solution())))
+            except Infeasible as error:
+                failures.append(error)
+        if not found:
+            raise failures[0]
+        return min(found, key=lambda each: (-round(each[1].report.least.coverage, 4), each[1].report.full.time_s))
 
     def solution(self) -> CoverageSolution:
         """The quickest path found. Raises Infeasible."""
@@ -1034,7 +1075,7 @@ def cover(
         With the faults of the files, or of an option under its name on the command line.
     """
     task = coverage_task(str(field), options, profile, scenario, vehicle, warn)
-    found = task.planned(task.solution())
+    task, found = task.best()
     if task.profile is not None or task.pack is not None:
         keys, given = flight_keys(task, vehicle) | {"parameters": None}, None if scenario is None else str(scenario)
         turns_back_soc = [0.0]

@@ -11,6 +11,7 @@ from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import Files
 from eadp.api.sorties.plan import SortieOptions, SortiePlan, SortiePlanner
 from eadp.api.sorties.resume import resumed
+from eadp.errors import Infeasible
 from eadp.models.autopilot import PX4
 
 
@@ -49,6 +50,8 @@ def cover_in_sorties(
     """
     scenario_path = None if scenario is None else str(scenario)
     task = coverage_task(str(field), options, profile, scenario, vehicle, warn, cruises=True)
+    if task.circled is not None:
+        task, _ = task.best()
     overrides = {"start": {"altitude_m": 0.0}} | flight_keys(task, vehicle)
     if any(autopilot_of(to, ExportOptions(scenario=scenario_path)).kind == PX4 for to in exports):
         task = replace(task, autopilot=replace(task.autopilot, kind=PX4))
@@ -57,6 +60,12 @@ def cover_in_sorties(
     division, files = sorties or SortieOptions(), Files()
     planner = SortiePlanner(task, division, files, scenario_path, profile_path, overrides, on_part=on_part)
     planner, ground = resumed(planner, division.resume, warn) if division.resume else (planner, None)
-    plan = planner.plan(ground)
+    try:
+        plan = planner.plan(ground)
+    except Infeasible:
+        if not task.circles_first:
+            raise
+        # the climb to the first line of some sortie has no room for a circle
+        plan = replace(planner, task=replace(planner.task, circles_first=False)).plan(ground)
     warn(picture_warnings(plan.pictures))
     return plan

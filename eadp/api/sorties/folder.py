@@ -123,7 +123,16 @@ def read_sorties(folder: str) -> tuple[SortiePlanner, dict[str, Any]]:
         motion = options.motion(keys.vehicle.airframe, keys.wind.steady_mps)
         name, airframe = keys.vehicle.name, keys.vehicle.airframe
         task = CoverageTask(
-            document["file"], _field(document), (), options, motion, name, airframe, profile, autopilot=keys.autopilot
+            document["file"],
+            _field(document),
+            (),
+            options,
+            motion,
+            name,
+            airframe,
+            profile,
+            autopilot=keys.autopilot,
+            circles_first=bool(document.get("circles_first")),
         )
         division = {key: document[key] for key in ("aircraft", "overlap_m", "separation_m", "swap_s")}
         lines = document["heading_deg"], document["pattern"]

@@ -630,6 +630,7 @@ class SortiePlan:
             "separation_m": options.separation_m,
             "nearest_m": None if near is None else near.distance_m,
             "overlap_m": options.overlap_m,
+            "circles_first": task.circles_first,
             **pictures_document(self.pictures),
             "terrain": self._heights and self._heights.document(),
             "options": {key: value for key, value in asdict(task.options).items() if value is not None},
