@@ -13,7 +13,7 @@ from os import PathLike
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from eadp.api.given import File, Warn, python_warnings
-from eadp.api.inputs import load_flight
+from eadp.api.inputs import clear_home_m, load_flight
 from eadp.api.landing import (
     Air,
     approach,
@@ -53,7 +53,7 @@ from eadp.coverage.ends import (
     level_lack,
     with_circles,
 )
-from eadp.coverage.heights import STEP_M, Ground, Samples, clear_circle, climb_lack, late_over_s
+from eadp.coverage.heights import Ground, clear_circle, climb_lack, late_over_s
 from eadp.coverage.plan_builder import FieldComputations, PlanCommands, build_plan
 from eadp.coverage.report import CoverageReport
 from eadp.coverage.swaths import CLIMB_OUT_M, RADIUS_SHARE, SPACING_SHARE, CoverageLeg, MotionLimits
@@ -78,6 +78,7 @@ from eadp.models.field import Field
 from eadp.models.performance import PATH_MARGIN, ground_radius_m, roll_out_m, too_tight
 from eadp.models.plan.plan import MadeFor, Plan, Site, SurveyCamera
 from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE, RETURN, TAKEOFF, Box
+from eadp.models.plan.trace import nominal_legs
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe, PaperVehicle
 
@@ -768,17 +769,6 @@ class CoverageTask:
             climb_s=self._climb_s,
         )
 
-    def _home_altitude_m(self, solution: CoverageSolution, heights: Heights | None) -> float | None:
-        """Altitude at which every straight way home is clear of ground and obstacles; None where the plan's is [m]."""
-        altitude_m, home_m, airspace = self.options.altitude_m, self.home_m, self.field.airspace
-        if home_m is None or altitude_m is None:
-            return None
-        if heights is not None:
-            return heights.home_altitude_m
-        points_m = Samples.of(solution.path(0.0).legs, STEP_M).points_m
-        clear_m = airspace.top_on_ways_m(points_m, home_m, STEP_M) + self.options.clearance_m
-        return math.ceil(clear_m) if clear_m > altitude_m else None
-
     @cached_property
     def _climbing(self) -> Climbing | None:
         """How the aircraft climbs from the ground and descends to it; None where it holds its own altitude."""
@@ -894,11 +884,16 @@ class CoverageTask:
             site=_site(sited, covered, motion, self.home_m, self.vehicle)._replace(
                 camera=_survey_camera(pictures),
                 ground_m=None if heights is None else heights.profile.ground.zero_m,
-                home_altitude_m=self._home_altitude_m(flown, heights),
+                home_altitude_m=None if heights is None or self.home_m is None else heights.home_altitude_m,
+                clearance_m=options.clearance_m,
             ),
             altitude_m=altitude_m,
             commands=PlanCommands(on_and_off, takeoff, ending),
         )
+        if heights is None and self.home_m is not None and altitude_m is not None:
+            legs = nominal_legs(plan, [plan.hull(i).hi for i in range(len(plan.parameters))])
+            clear_m = clear_home_m(plan, legs, self.home_m, self.airframe)
+            plan = replace(plan, site=plan.site._replace(home_altitude_m=clear_m))
         report = CoverageReport.of(replace(field, airspace=self.airspace), motion, solution)
         comments = "".join(f"% {line}\n" for line in report.comments(printable(self.file, 100)))
         notes = [*self.repairs, *self.flown_over]

@@ -58,8 +58,7 @@ def test_a_climb_circles_above_a_mast_near_home_that_the_altitude_clears(eadp, m
         above_m = [
             float(row["altitude_m"])
             for row in csv.DictReader((out / "flight.csv").read_text().splitlines())
-            if abs(float(row["lon_deg"]) - MAST[0]) * 63_000 < 6
-            and abs(float(row["lat_deg"]) - MAST[1]) * 111_300 < 6
+            if abs(float(row["lon_deg"]) - MAST[0]) * 63_000 < 6 and abs(float(row["lat_deg"]) - MAST[1]) * 111_300 < 6
         ]
         assert min(above_m) > 60
 
