@@ -298,7 +298,34 @@ def _plan(
         warnings.append(Fault(text.name, plan.stages[0].line, 1, message, severity="note"))
         level = [replace(stage, altitude_m=None, airspeed_mps=None) for stage in plan.stages]
         plan = replace(plan, stages=tuple(level))
-    return text, plan, warnings
+    return text, at_height(plan, terrain), warnings
+
+
+def at_height(
+    plan: Plan, terrain: Sequence[str], origin_deg: tuple[float, float] | None = None, home_m: Point | None = None
+) -> Plan:
+    """A plan whose altitude 0 has the ground's height above the sea at home, by files, where it has none.
+
+    Parameters
+    ----------
+    plan : Plan
+    terrain : sequence of str
+    origin_deg : (float, float), optional
+        Where the plan lies [°]; by default its own.
+    home_m : (float, float), optional
+        Where home is [m]; by default the plan's, or where it starts.
+
+    Raises
+    ------
+    InputError
+        As `read_terrain`.
+    """
+    site = plan.site
+    origin_deg, zero_m = origin_deg or site.origin_deg, np.array([home_m or site.home_m or site.start_m or (0.0, 0.0)])
+    if not terrain or origin_deg is None or site.above_sea_m is not None:
+        return plan
+    height_m = float(read_terrain(terrain, zero_m, origin_deg).heights_m(zero_m)[0])
+    return replace(plan, site=site._replace(height_m=height_m))
 
 
 def _ground(

@@ -110,7 +110,7 @@ class Site(NamedTuple):
     rally : tuple of (float, float, float)
         Where an autopilot may return to instead of home, and the altitude above home there [m].
     height_m : float or None
-        Height of the altitude 0 above the sea [m], where a mission's home has one.
+        Height of the altitude 0 above the sea [m], where a mission's home has one, or a terrain beside the plan.
     clearance_m : float
         How high above obstacles a flight passes [m].
     """
