@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from functools import cached_property
 from os import PathLike
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from eadp.api.given import File, Warn, python_warnings
-from eadp.api.inputs import load_flight
+from eadp.api.inputs import clear_home_m, load_flight
 from eadp.api.landing import (
     Air,
     approach,
@@ -40,6 +40,7 @@ from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, velocity_mp
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import place_text, to_local_m
+from eadp.core.geometry.polygons import FreeSpace
 from eadp.coverage.cover import AUTO, PATTERNS, CoverageRequest, CoverageSolution, check_access, has_pattern
 from eadp.coverage.cover import cover as cover_field
 from eadp.coverage.ends import (
@@ -51,7 +52,7 @@ from eadp.coverage.ends import (
     level_lack,
     with_circles,
 )
-from eadp.coverage.heights import STEP_M, Ground, Samples, clear_circle, climb_lack
+from eadp.coverage.heights import Ground, clear_circle, climb_lack, late_over_s
 from eadp.coverage.plan_builder import FieldComputations, PlanCommands, build_plan
 from eadp.coverage.report import CoverageReport
 from eadp.coverage.swaths import CLIMB_OUT_M, RADIUS_SHARE, SPACING_SHARE, CoverageLeg, MotionLimits
@@ -67,14 +68,16 @@ from eadp.io.text.options import Flag, check_range, option_name
 from eadp.io.text.streams import read_text
 from eadp.io.vehicle.camera_file import read_camera
 from eadp.io.vehicle.vehicle_file import read_vehicle
-from eadp.models.airspace import CLEARANCE_M, Airspace, Obstacle
+from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, Airspace, Obstacle
 from eadp.models.autopilot import FACTORY, PX4, Autopilot
+from eadp.models.battery import Battery
 from eadp.models.camera import MAX_LENGTH_MM, MAX_PIXELS, MIN_LENGTH_MM, Camera, Pictures, ground_m, pictures_document
 from eadp.models.doubts import NEAR_DEG, Doubt, Shots, angle_doubts, interval_doubts, shot_doubts
 from eadp.models.field import Field
 from eadp.models.performance import PATH_MARGIN, ground_radius_m, roll_out_m, too_tight
 from eadp.models.plan.plan import MadeFor, Plan, Site, SurveyCamera
 from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE, RETURN, TAKEOFF, Box
+from eadp.models.plan.trace import nominal_legs
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe, PaperVehicle
 
@@ -374,11 +377,25 @@ class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, PathOptions):
         return course_rad("--heading", self.heading_deg)
 
 
+class Pack(NamedTuple):
+    """A full pack, the state of charge kept in it, and that with less of which the autopilot turns back."""
+
+    battery: Battery
+    reserve_soc: float
+    turns_back_soc: float = 0.0
+
+    @property
+    def energy_wh(self) -> float:
+        """What it gives before [Wh]."""
+        kept = max(self.reserve_soc, self.turns_back_soc)
+        return float((1 - kept) * self.battery.capacity_ah * self.battery.voltage_at((1 + kept) / 2))
+
+
 @dataclass(frozen=True)
 class CoveragePlan:
     """A plan that covers a field: its text, its report, the repairs made to the field, and the camera's pictures.
 
-    `pack_wh` is what a full pack holds above the reserve [Wh], if the aircraft has one.
+    `pack` is a full one of the aircraft, if it has one.
     """
 
     plan: Plan
@@ -386,7 +403,7 @@ class CoveragePlan:
     report: CoverageReport
     repairs: Sequence[str]
     pictures: Pictures | None = None
-    pack_wh: float | None = None
+    pack: Pack | None = None
     heights: Heights | None = None
     autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
 
@@ -414,9 +431,9 @@ class CoveragePlan:
 
     @property
     def _batteries(self) -> list[float] | None:
-        """Full packs, down to their reserve, for the path at the finest spacing and at the coarsest."""
+        """Full packs, down to what is kept in them, for the path at the finest spacing and at the coarsest."""
         energies_wh = [end.energy_wh for end in (self.report.full, self.report.least) if end.energy_wh is not None]
-        return [energy_wh / self.pack_wh for energy_wh in energies_wh] or None if self.pack_wh else None
+        return [energy_wh / self.pack.energy_wh for energy_wh in energies_wh] or None if self.pack else None
 
     @property
     def lines(self) -> list[str]:
@@ -462,10 +479,11 @@ class CoveragePlan:
 
     def _batteries_text(self) -> list[str]:
         """How many packs the path takes."""
-        if self._batteries is None or self.pack_wh is None:
+        if self._batteries is None or self.pack is None:
             return []
         packs = " to ".join(dict.fromkeys(f"{count:.2g}" for count in self._batteries))
-        return [f"batteries  {packs}; a full one gives {self.pack_wh:.3g} Wh before its reserve"]
+        until = "its reserve" if self.pack.turns_back_soc <= self.pack.reserve_soc else "the autopilot turns back"
+        return [f"batteries  {packs}; a full one gives {self.pack.energy_wh:.3g} Wh before {until}"]
 
 
 @dataclass(frozen=True)
@@ -487,10 +505,12 @@ class CoverageTask:
         For the airspeed, and the power of the motion in level flight.
     profile : profile or None
         Its computations run over the field; with it, or with a pack, the report has the energy.
-    pack_wh : float or None
-        What a full pack holds above the reserve [Wh].
+    pack : Pack or None
     autopilot : Autopilot
         For the landings that it accepts.
+    circles_first : bool
+        Whether a climb circles up until it is above obstacles near home that the altitude clears; else the path stays
+        out of them.
     """
 
     file: str
@@ -501,8 +521,9 @@ class CoverageTask:
     vehicle: str
     airframe: Airframe
     profile: AnyProfile | None = None
-    pack_wh: float | None = None
+    pack: Pack | None = None
     autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
+    circles_first: bool = False
 
     @classmethod
     def read(
@@ -513,7 +534,7 @@ class CoverageTask:
         airframe: Airframe,
         wind_mps: Point,
         profile: AnyProfile | None = None,
-        pack_wh: float | None = None,
+        pack: Pack | None = None,
         autopilot: Autopilot | None = None,
     ) -> CoverageTask:
         """Read a field's file, `-` for standard input; `wind_mps` (east, north) holds unless the options have one.
@@ -533,7 +554,7 @@ class CoverageTask:
         field, repairs = read_field(text, metres=options.metres, feature=options.feature)
         field, notes = _limited(field, options)
         notes, flies = [*repairs, *notes], autopilot or Autopilot()
-        return cls(text.name, field, notes, options, motion, vehicle, airframe, profile, pack_wh, flies)
+        return cls(text.name, field, notes, options, motion, vehicle, airframe, profile, pack, flies)
 
     @property
     def extent_m(self) -> float:
@@ -632,7 +653,8 @@ class CoverageTask:
         if self.terrain is not None:
             ground = self.terrain.ground(self.field, self.motion, self.motion.swath_m, (x, y))
             self.terrain.check_approach(final, ground)
-        circles = free_circles(final.leg.start, held_up_m(self.motion.min_radius_m), request.space)
+        space = replace(request, airspace=self._airspace(final)).space  # it leads down to obstacles near home
+        circles = free_circles(final.leg.start, held_up_m(self.motion.min_radius_m), space)
         return final._replace(
             circle=next((each for each in circles if ground is None or clear_circle(each, final, ground)), None)
         )
@@ -649,15 +671,15 @@ class CoverageTask:
     @cached_property
     def airspace(self) -> Airspace:
         """What is in the way: not obstacles lower than the plan's altitude, and a climb from home, by the clearance."""
-        return self._airspace(self.final)
+        return self._airspace(self.final, circled=self.circles_first)
 
-    def _airspace(self, final: FinalApproach | None) -> Airspace:
-        """As `airspace`, with a final approach."""
+    def _airspace(self, final: FinalApproach | None, *, circled: bool = False) -> Airspace:
+        """As `airspace`, with a final approach; with `circled` after a climb on circles."""
         given, altitude_m, airframe = self.field.airspace, self.options.altitude_m, self.airframe
         if altitude_m is None or isinstance(airframe, PaperVehicle):
             return given
         reached_m, slopes = [altitude_m] * len(given.obstacles), list[tuple[Point, float]]()
-        if self.home_m is not None:
+        if self.home_m is not None and not circled:
             # a climb from home with the wind behind, straight to the obstacle
             climb_mps = airframe.climb_rates_mps(self.motion.airspeed_mps)[0]
             slopes.append((self.home_m, climb_mps / self.motion.ground_limit_mps))
@@ -707,22 +729,11 @@ class CoverageTask:
             options.heading_rad,
             *ends,
             apart,
-            airspace=self._airspace(final),
+            airspace=self._airspace(final, circled=self.circles_first),
             climb_out=self.climb_out,
             approach=None if final is None else final.leg,
             climb_s=self._climb_s,
         )
-
-    def _home_altitude_m(self, solution: CoverageSolution, heights: Heights | None) -> float | None:
-        """Altitude at which every straight way home is clear of ground and obstacles; None where the plan's is [m]."""
-        altitude_m, home_m, airspace = self.options.altitude_m, self.home_m, self.field.airspace
-        if home_m is None or altitude_m is None:
-            return None
-        if heights is not None:
-            return heights.home_altitude_m
-        points_m = Samples.of(solution.path(0.0).legs, STEP_M).points_m
-        clear_m = airspace.top_on_ways_m(points_m, home_m, STEP_M) + self.options.clearance_m
-        return math.ceil(clear_m) if clear_m > altitude_m else None
 
     @cached_property
     def _climbing(self) -> Climbing | None:
@@ -738,6 +749,12 @@ class CoverageTask:
             return 0.0
         return self._climbing.reached_s(self._altitude_m)
 
+    @cached_property
+    def _low_space(self) -> FreeSpace | None:
+        """Where circles may lie before the altitude is reached; None for everywhere."""
+        airspace = self._airspace(self.final)
+        return airspace.free_space(CLEARANCE_SHARE * self.motion.min_radius_m) if any(airspace) else None
+
     def _with_circles(self, solution: CoverageSolution, ground: Ground | None) -> CoverageSolution:
         """A path with the circles of its climb before the first line, and on level ground of its descent to land."""
         motion, climbing, final = self.motion, self._climbing, self.final
@@ -749,14 +766,43 @@ class CoverageTask:
             solution = with_circles(solution, len(solution.sections) - 1, circle, count, motion)
         if not self._climb_s:
             return solution
+        low = [each for each in self._airspace(self.final).obstacles if each not in self.airspace.obstacles]
 
         def lack(tried: CoverageSolution) -> Lack:
             """What the climb of a path lacks."""
             if ground is None:
-                return level_lack(tried, motion, self._climb_s)
+                late_s, until_m = level_lack(tried, motion, self._climb_s)
+                return Lack(max(late_s, late_over_s(tried, low, motion, climbing, self.options.clearance_m)), until_m)
             return climb_lack(tried, ground, climbing, 0.0)
 
-        return climbed_first(solution, motion, self.request.space, lack)
+        return climbed_first(solution, motion, self._low_space, lack)
+
+    @cached_property
+    def circled(self) -> CoverageTask | None:
+        """The task with circles up to obstacles near home; None where these change nothing."""
+        if self.terrain is not None or not self._climb_s:
+            return None
+        found = replace(self, circles_first=True)
+        return None if found.airspace == self.airspace else found
+
+    def best(self) -> tuple[CoverageTask, CoveragePlan]:
+        """The plan of the quickest path found; it circles above obstacles near home where that covers more, or is less.
+
+        Raises
+        ------
+        Infeasible
+        """
+        found, failures = list[tuple[CoverageTask, CoveragePlan]](), list[Infeasible]()
+        for task in (self, self.circled):
+            if task is None:
+                continue
+            try:
+                found.append((task, task.planned(task.solution())))
+            except Infeasible as error:
+                failures.append(error)
+        if not found:
+            raise failures[0]
+        return min(found, key=lambda each: (-round(each[1].report.least.coverage, 4), each[1].report.full.time_s))
 
     def solution(self) -> CoverageSolution:
         """The quickest path found. Raises Infeasible."""
@@ -802,16 +848,21 @@ class CoverageTask:
             site=_site(sited, covered, motion, self.home_m, self.vehicle)._replace(
                 camera=_survey_camera(pictures),
                 ground_m=None if heights is None else heights.profile.ground.zero_m,
-                home_altitude_m=self._home_altitude_m(flown, heights),
+                home_altitude_m=None if heights is None or self.home_m is None else heights.home_altitude_m,
+                clearance_m=options.clearance_m,
             ),
             altitude_m=altitude_m,
             commands=PlanCommands(on_and_off, takeoff, ending),
         )
+        if heights is None and self.home_m is not None and altitude_m is not None:
+            legs = nominal_legs(plan, [plan.hull(i).hi for i in range(len(plan.parameters))])
+            clear_m = clear_home_m(plan, legs, self.home_m, self.airframe)
+            plan = replace(plan, site=plan.site._replace(home_altitude_m=clear_m))
         report = CoverageReport.of(replace(field, airspace=self.airspace), motion, solution)
         comments = "".join(f"% {line}\n" for line in report.comments(printable(self.file, 100)))
         notes = [*self.repairs, *self.flown_over]
         text = comments + plan_text(plan)
-        return CoveragePlan(plan, text, report, notes, pictures, self.pack_wh, heights, self.autopilot)
+        return CoveragePlan(plan, text, report, notes, pictures, self.pack, heights, self.autopilot)
 
 
 def _site(field: Field, covered: Field, motion: MotionLimits, home: Point | None, vehicle: str) -> Site:
@@ -983,18 +1034,24 @@ def cover(
         With the faults of the files, or of an option under its name on the command line.
     """
     task = coverage_task(str(field), options, profile, scenario, vehicle, warn)
-    found = task.planned(task.solution())
-    if task.profile is not None or task.pack_wh is not None:
+    task, found = task.best()
+    if task.profile is not None or task.pack is not None:
         keys, given = flight_keys(task, vehicle) | {"parameters": None}, None if scenario is None else str(scenario)
+        turns_back_soc = [0.0]
 
         def energy_wh(c1: float) -> float | None:
             """As forecast, with every computation at its highest."""
             plan = held_at(found.plan, "lo" if c1 < 0 else "hi", "hi")
             forecast = load_flight(plan, scenario=given, profile=profile, overrides=keys).preflight(whole=False)
-            return None if forecast is None else forecast.forecast.energy_wh
+            if forecast is None:
+                return None
+            turns_back_soc.append(forecast.turns_back_soc)
+            return forecast.forecast.energy_wh
 
         try:
-            found = replace(found, report=found.report.with_energy(energy_wh))
+            report = found.report.with_energy(energy_wh)
+            pack = found.pack and found.pack._replace(turns_back_soc=max(turns_back_soc))
+            found = replace(found, report=report, pack=pack)
         except InputError as error:
             # the path takes vehicle and wind alone from a scenario, which may be of another plan
             if any(fault.file not in (given, *(f"--set {key}" for key in keys)) for fault in error.faults):
@@ -1037,18 +1094,17 @@ def coverage_task(
     options = options.with_camera()
     if (cruises or options.landing is not None or options.takeoff_deg is not None) and options.altitude_m is None:
         options = replace(options, altitude_m=flown.airframe.cruise_altitude_m)
-    pack_wh = None
+    pack = None
     if vehicle is not None or "battery" in setting.chosen:
         battery = flown.battery if vehicle is not None else setting.keys.battery
-        reserve = setting.keys.reserve_soc
-        pack_wh = (1 - reserve) * battery.capacity_ah * battery.voltage_at((1 + reserve) / 2)
+        pack = Pack(battery, setting.keys.reserve_soc)
     wind_mps = setting.keys.wind.steady_mps
     if (vehicle is not None or "vehicle" in setting.chosen) and not isinstance(flown.airframe, PaperVehicle):
         faults = replace(flown.airframe, airspeed_mps=options.airspeed_mps or flown.airframe.airspeed_mps).faults()
         where = "--airspeed" if options.airspeed_mps else str(vehicle or scenario)
         refuse([Fault(where, 1, 1, fault, "an aeroplane that can fly so") for fault in faults])
     autopilot = setting.keys.autopilot
-    task = CoverageTask.read(field, options, flown.name, flown.airframe, wind_mps, profile, pack_wh, autopilot)
+    task = CoverageTask.read(field, options, flown.name, flown.airframe, wind_mps, profile, pack, autopilot)
     if task.terrain is None and task.extent_m > FLAT_M:
         message = f"the ground is taken as flat over {task.extent_m / 1000:.1f} km; --terrain has its heights"
         warn([Fault(task.file, 1, 1, message, severity="note")])

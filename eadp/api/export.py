@@ -13,7 +13,7 @@ import numpy as np
 
 from eadp.api.fences import fenced_by
 from eadp.api.given import Around, File, Warn, python_warnings
-from eadp.api.inputs import FlightInputs, load_flight
+from eadp.api.inputs import FlightInputs, at_height, load_flight
 from eadp.api.landing import Air, approach, approach_slopes, behind_warning, landing_pose
 from eadp.api.plan import plan_of
 from eadp.core.arrays import FloatArray
@@ -212,7 +212,7 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
         raise _fault("--to", to, "is no format", one_of(EXPORTS, to))
     if options.landing is not None:
         plan = _landed(plan, to, options, warn)
-    autopilot = _autopilot(to, options)
+    autopilot = autopilot_of(to, options)
     chosen = _stated(plan, options, warn) if options.scenario is None else _forecast(plan, autopilot, options, warn)
     planned = chosen.planned if options.start is None else _rest(chosen.planned, options.start)
     path = _path(chosen._replace(planned=planned), to, options, warn)
@@ -251,6 +251,7 @@ def _stated(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
     plan, name = plan_of(given, options.min_radius_m, options.laps, warn, options.terrain)
     plan, notes = fenced_by(plan, options.avoid, options.inside)
     warn(notes)
+    plan = _at_height(plan, name, options)
     made = plan.site.made_for
     airframe = FixedWing() if made is None else FixedWing(airspeed_mps=made.airspeed_mps)
     planned = _planned(plan, name, parameters_of(plan, options.overrides))
@@ -272,12 +273,13 @@ def _forecast(given: File | Plan, autopilot: Autopilot, options: ExportOptions, 
     warn(inputs.warnings)
     plan, airframe = inputs.world.plan, inputs.world.vehicle
     name = inputs.sources["plan"].name if options.landing is None else plan.name
+    plan = _at_height(plan, name, options)
     if isinstance(airframe, PaperVehicle) and options.altitude_m is None:
         stated, _ = plan_of(given, options.min_radius_m, options.laps, lambda _: None, options.terrain)
         if any(stage.altitude_m is not None for stage in stated.stages):
             message = f"the plan commands altitudes, and the airframe {airframe.model} holds its own"
             raise _fault("--scenario", str(options.scenario), message, "another airframe, or --altitude")
-    parameters = "" if options.parameters is None else _parameters(inputs, options.parameters, name, warn)
+    parameters = "" if options.parameters is None else _parameters(inputs, plan, options.parameters, name, warn)
     if options.telemetry is not None:
         return _Chosen(plan, name, _after(inputs, options.telemetry, name, warn), airframe, parameters)
     forecast = inputs.preflight()
@@ -349,7 +351,7 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
     )
 
 
-def _autopilot(to: str, options: ExportOptions) -> Autopilot:
+def autopilot_of(to: str, options: ExportOptions) -> Autopilot:
     """The autopilot of a format, with the scenario's parameters. Raises InputError where that has another one."""
     stated = Autopilot()
     if options.scenario is not None:
@@ -380,7 +382,7 @@ def _landed(given: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     pose = landing_pose(raw, lambda text: _near("--landing", text, place))
     height_m = plan.stages[-1].altitude_m
     height_m = (options.altitude_m or airframe.cruise_altitude_m) if height_m is None else height_m
-    slope = approach_slopes(_autopilot(to, options))[0]
+    slope = approach_slopes(autopilot_of(to, options))[0]
     final = approach(pose, height_m, airframe, Air(airframe.airspeed_mps, wind_mps), slope)
     warn(behind_warning(pose[2], wind_mps))
     try:
@@ -443,17 +445,15 @@ def _fenced(airspace: Airspace, legs: Sequence[Leg]) -> Airspace:
     return airspace._replace(obstacles=tuple(each for each in airspace.obstacles if each not in over))
 
 
-def _parameters(inputs: FlightInputs, path: str, name: str, warn: Warn) -> str:
+def _parameters(inputs: FlightInputs, plan: Plan, path: str, name: str, warn: Warn) -> str:
     """The file of the autopilot's parameters, which are said, too."""
     ardupilot, text = PARAMETER_FILES[Path(path).suffix]
     mission = inputs.mission
     home_m = mission.way_home and mission.way_home.altitude_m
-    found = wanted_parameters(
-        mission.plan, inputs.world.vehicle, mission.battery, ardupilot=ardupilot, home_altitude_m=home_m
-    )
+    found = wanted_parameters(plan, inputs.world.vehicle, mission.battery, ardupilot=ardupilot, home_altitude_m=home_m)
     found += stated_parameters(mission.autopilot, found, ardupilot=ardupilot)
     said = ", ".join(f"{each.name} {each.value:.6g}" for each in found)
-    calibrated = calibrated_over_true(mission.plan.site, mission.vehicle)
+    calibrated = calibrated_over_true(plan.site, mission.vehicle)
     said += f"; airspeeds calibrated, {calibrated:.4f} of the true ones" if round(calibrated, 4) != 1 else ""
     warn([Fault(name, 1, 1, f"the forecast holds for {said}", severity="note")])
     return text(found)
@@ -481,6 +481,14 @@ def _places(plan: Plan, name: str, options: ExportOptions) -> tuple[tuple[float,
     if plan.site.home_m is None or plan.site.home_m == plan.site.start_m:
         return place, None
     return place, to_geodetic_deg(*plan.site.home_m, place)
+
+
+def _at_height(plan: Plan, name: str, options: ExportOptions) -> Plan:
+    """A plan at the height of `--terrain` where it has none, by which airspeeds are calibrated."""
+    if not options.terrain:
+        return plan
+    place, home_deg = _places(plan, name, options)
+    return at_height(plan, options.terrain, place, None if home_deg is None else to_local_m(*home_deg, place))
 
 
 def _near(option: str, given: Position, place: Point) -> Point:

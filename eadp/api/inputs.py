@@ -172,17 +172,15 @@ class FlightInputs:
     def preflight(self, *, whole: bool = True) -> Preflight | None:
         """The forecast of the flight before take-off, with its wind as the weather forecast.
 
-        Without `whole` it has neither the latest turn back nor the probabilities of obstacles, which take most of its
-        time.
+        Without `whole` it has no probabilities of obstacles, which take most of its time.
         """
         if self.mission.battery.prescribed:
             return None
         wind, settings = self.world.wind, self.scenario.planner
         planner = planner_class(settings.name)
-        plan, altitudes_m = self.world.plan, _altitudes_m(self.world.plan, self.world.vehicle)
+        plan, altitudes_m = self.world.plan, _altitudes_m(self.world.plan.stages, self.world.vehicle)
         wind_mps = wind.steady_at_mps(0.0, statistics.median_high(altitudes_m))
-        mission = self.mission if whole else replace(self.mission, way_home=None)
-        found = planner.preflight(settings, mission, wind_mps, wind.gust_std_mps)
+        found = planner.preflight(settings, self.mission, wind_mps, wind.gust_std_mps)
         airspace = plan.site.airspace
         if found is None or not whole or not any(airspace):
             return found
@@ -300,7 +298,34 @@ def _plan(
         warnings.append(Fault(text.name, plan.stages[0].line, 1, message, severity="note"))
         level = [replace(stage, altitude_m=None, airspeed_mps=None) for stage in plan.stages]
         plan = replace(plan, stages=tuple(level))
-    return text, plan, warnings
+    return text, at_height(plan, terrain), warnings
+
+
+def at_height(
+    plan: Plan, terrain: Sequence[str], origin_deg: tuple[float, float] | None = None, home_m: Point | None = None
+) -> Plan:
+    """A plan whose altitude 0 has the ground's height above the sea at home, by files, where it has none.
+
+    Parameters
+    ----------
+    plan : Plan
+    terrain : sequence of str
+    origin_deg : (float, float), optional
+        Where the plan lies [°]; by default its own.
+    home_m : (float, float), optional
+        Where home is [m]; by default the plan's, or where it starts.
+
+    Raises
+    ------
+    InputError
+        As `read_terrain`.
+    """
+    site = plan.site
+    origin_deg, zero_m = origin_deg or site.origin_deg, np.array([home_m or site.home_m or site.start_m or (0.0, 0.0)])
+    if not terrain or origin_deg is None or site.above_sea_m is not None:
+        return plan
+    height_m = float(read_terrain(terrain, zero_m, origin_deg).heights_m(zero_m)[0])
+    return replace(plan, site=site._replace(height_m=height_m))
 
 
 def _ground(
@@ -355,16 +380,16 @@ def _world(
     )
 
 
-def _altitudes_m(plan: Plan, vehicle: Airframe) -> list[float]:
-    """Altitudes of a plan's stages but a landing, the aircraft's own where the plan commands none [m]."""
-    level = [stage for stage in plan.stages if not stage.command(LAND)] or plan.stages
+def _altitudes_m(stages: Sequence[Stage], vehicle: Airframe) -> list[float]:
+    """Altitudes of stages but a landing, the aircraft's own where they command none [m]."""
+    level = [stage for stage in stages if not stage.command(LAND)] or stages
     return [vehicle.cruise_altitude_m if stage.altitude_m is None else stage.altitude_m for stage in level]
 
 
 def _way_home(plan: Plan, scenario: Scenario, parameters: Vector, start_m: Point) -> WayHome | None:
     """Home and the way to it, round what is in the way, with the plan's landing; None without a home."""
     home_m = scenario.position_m("home", plan.site.origin_deg) or plan.site.home_m
-    airspace = plan.site.airspace.in_the_way(min(_altitudes_m(plan, scenario.keys.vehicle.airframe)))
+    airspace = plan.site.airspace.in_the_way(min(_altitudes_m(plan.stages, scenario.keys.vehicle.airframe)))
     for key, point in (("start", start_m), ("home", home_m)):
         if point is not None and not airspace.admits(point):
             message = f"the {key} ({point[0]:g}, {point[1]:g}) lies in an obstacle or beyond the boundary"
@@ -390,12 +415,21 @@ def _way_home(plan: Plan, scenario: Scenario, parameters: Vector, start_m: Point
 def _home_altitude_m(plan: Plan, scenario: Scenario, legs: Sequence[Leg], home_m: Point) -> float | None:
     """Altitude of the way home [m]: as given, but clear of ground and obstacles; None for that of the stage."""
     found = [each for each in (scenario.keys.home.altitude_m, plan.site.home_altitude_m) if each is not None]
-    if legs and any(each.height_m is not None for each in plan.site.airspace.obstacles):
-        points_m = np.array([(point.x_m, point.y_m) for leg in legs for point in leg_points(leg, CLEARANCE_M)])
-        clear_m = plan.site.airspace.top_on_ways_m(points_m, home_m, CLEARANCE_M) + CLEARANCE_M
-        if clear_m > min(_altitudes_m(plan, scenario.keys.vehicle.airframe)):
-            found.append(math.ceil(clear_m))
-    return max(found, default=None)
+    clear_m = clear_home_m(plan, legs, home_m, scenario.keys.vehicle.airframe)
+    return max([*found, *([] if clear_m is None else [clear_m])], default=None)
+
+
+def clear_home_m(plan: Plan, legs: Sequence[Leg], home_m: Point, vehicle: Airframe) -> int | None:
+    """Altitude at which straight ways home from legs are clear of obstacles [m]; None where the plan's own are.
+
+    A take-off has none of its own.
+    """
+    site, stages = plan.site, [stage for stage in plan.stages if not stage.command(TAKEOFF)] or plan.stages
+    if not legs or all(each.height_m is None for each in site.airspace.obstacles):
+        return None
+    points_m = np.array([(point.x_m, point.y_m) for leg in legs for point in leg_points(leg, CLEARANCE_M)])
+    clear_m = site.airspace.top_on_ways_m(points_m, home_m, CLEARANCE_M) + site.clearance_m
+    return math.ceil(clear_m) if clear_m > min(_altitudes_m(stages, vehicle)) else None
 
 
 def _mission(world: World, energy: EnergyModel | None, nominal: NominalFlight | None, autopilot: Autopilot) -> Mission:

@@ -15,11 +15,12 @@ from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import Point
 from eadp.coverage.cover import AUTO, DUBINS, ZAMBONI, CoverageSolution
 from eadp.coverage.ends import FinalApproach
-from eadp.coverage.heights import STEP_M, Ground, HeightLimits, HeightProfile, low_approach, over_terrain
+from eadp.coverage.heights import Ground, HeightLimits, HeightProfile, low_approach, over_terrain
 from eadp.coverage.swaths import MotionLimits
 from eadp.errors import Infeasible, InputError
 from eadp.io.terrain.reader import read_terrain
 from eadp.io.text.options import Flag, check_range
+from eadp.models.airspace import CLEARANCE_M
 from eadp.models.field import Field
 from eadp.models.terrain import ElevationModel
 from eadp.models.vehicle import Airframe, PaperVehicle
@@ -139,7 +140,7 @@ class Heights(NamedTuple):
     def home_altitude_m(self) -> int:
         """Altitude at which every straight way home is clear of ground and obstacles [m]."""
         ground, points_m = self.profile.ground, self.profile.samples.points_m
-        top_m = ground.airspace.top_on_ways_m(points_m, self.home_m, STEP_M)
+        top_m = ground.airspace.top_on_ways_m(points_m, self.home_m, CLEARANCE_M)
         ends_m = points_m[:: max(1, len(points_m) // WAYS_HOME)] - np.array(self.home_m)
         ways_m = np.array(self.home_m) + np.linspace(0, 1, HOME_POINTS)[:, None, None] * ends_m
         top_m = max(float(ground.heights_m(ways_m.reshape(-1, 2)).max()), top_m)

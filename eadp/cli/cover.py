@@ -93,7 +93,9 @@ def command(
 
         progress = Progress("cover", math.inf)  # on a terminal alone
         try:
-            plan = cover_in_sorties(file, options, division, **files, on_part=progress.show, warn=warn)
+            plan = cover_in_sorties(
+                file, options, division, **files, exports=output.export, on_part=progress.show, warn=warn
+            )
             progress.close()
             warn([Fault(name, 1, 1, note, severity="note") for note in plan.planner.task.flown_over])
             return _sorties(plan, output, wanted)

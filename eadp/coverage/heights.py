@@ -13,12 +13,12 @@ import numpy as np
 from eadp.core.arrays import BoolArray, FloatArray, IntArray
 from eadp.core.flight.following import LEVEL_M, RATE_SHARE, Band, Climbing, banded, commanded
 from eadp.core.flight.wind import ground_speeds_mps
-from eadp.core.geometry.polygons import holding
+from eadp.core.geometry.polygons import FreeSpace, holding
 from eadp.coverage.cover import CoverageSolution
 from eadp.coverage.ends import FinalApproach, Lack, with_circles
 from eadp.coverage.swaths import CoverageLeg, MotionLimits
 from eadp.errors import Infeasible, Unreachable
-from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace
+from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace, Obstacle
 from eadp.models.terrain import ElevationModel
 
 STEP_M = 10.0
@@ -293,6 +293,30 @@ def climb_lack(solution: CoverageSolution, ground: Ground, climbing: Climbing, s
     low = np.flatnonzero((lacks_m > ROUNDING_M) & samples.on_line)
     until_m = float(samples.places_m[min(low[-1] + 1, len(lacks_m) - 1)]) if len(low) else 0.0
     return Lack(max(float(lacks_m.max()), 0.0) / up_mps, until_m)
+
+
+def late_over_s(
+    solution: CoverageSolution,
+    obstacles: Sequence[Obstacle],
+    motion: MotionLimits,
+    climbing: Climbing,
+    clearance_m: float,
+) -> float:
+    """By how long a climb from level ground is too late over obstacles of known heights, at either end of c1 [s].
+
+    Source: `Climbing.reached_s` for the time of the climb.
+    """
+    late_s, aside_m = 0.0, CLEARANCE_SHARE * motion.min_radius_m
+    for c1 in {0.0, solution.min_c1} if obstacles else ():
+        samples = Samples.of(_legs(solution, c1), STEP_M)
+        flown_s = np.concatenate([[0.0], np.cumsum(_seconds(samples, motion))])
+        for each in obstacles:
+            needed_s = climbing.reached_s((each.height_m or 0.0) + clearance_m)
+            points_m = samples.points_m[: int(np.searchsorted(flown_s, needed_s)) + 1]
+            near = ~FreeSpace([each.outline], (), aside_m).sees(points_m[:-1], points_m[1:])
+            if near.any():
+                late_s = max(late_s, needed_s - float(flown_s[int(np.argmax(near))]))
+    return late_s
 
 
 def _seconds(samples: Samples, motion: MotionLimits) -> FloatArray:

@@ -67,6 +67,10 @@ class TimeRule(NamedTuple):
     margin_s: float
     climb_mps: float
 
+    def needed_s(self, home_s: FloatArray | float, climb_m: FloatArray | float) -> FloatArray:
+        """The time left below which it turns back, by the time home and the climb to its altitude."""
+        return np.asarray(self.factor * (home_s + climb_m / self.climb_mps) + self.margin_s)
+
 
 @dataclass(frozen=True)
 class Autopilot:

@@ -7,6 +7,8 @@ import json
 import pytest
 from common.answers import refused
 
+from eadp import forecast
+
 HOME = "-33.9998197,149.9993505"
 CORNERS = [[150.0, -34.0], [150.0032473, -34.0], [150.0032473, -33.9981969], [150.0, -33.9981969], [150.0, -34.0]]
 WIND = "wind: {speed_mps: 4, from_deg: 200}\n"
@@ -76,11 +78,63 @@ def test_px4s_own_return_counts_in_its_missions_and_what_is_stated_of_it_is_writ
     assert "COM_FLTT_LOW_ACT\t0\t6" in wanted.read_text()
 
 
-def test_sorties_say_that_they_do_not_count_it(eadp, place):
-    given = ("--swath", "40", "--altitude", "60", "--home", HOME, "--sorties", "auto")
-    for kind, said in (("px4", True), ("none", False)):
-        answer = eadp(
-            "cover", place / "field.geojson", *given, "--scenario", place / f"{kind}.yaml", "-o", place / kind
-        )
-        assert answer.code == 0
-        assert ("the autopilot's own return is not counted in sorties" in answer.err) == said
+SORTIES = ("--swath", "40", "--altitude", "60", "--home", HOME, "--sorties", "auto")
+
+
+@pytest.mark.parametrize(("stated", "exports"), [("px4", ()), ("none", ("--export", "px4")), ("ardupilot", ())])
+def test_sorties_end_above_what_makes_the_autopilot_turn_back_and_count_its_return(eadp, place, stated, exports):
+    """What each states is the forecast of its own file, with the circle at home, and keeps the reserve there."""
+    scenario, out = place / f"{stated}.yaml", place / "job"
+    scenario.write_text(f"{scenario.read_text()}battery: {{capacity_ah: 0.28}}\n")
+    assert eadp("cover", place / "field.geojson", *SORTIES, "--scenario", scenario, "-o", out, *exports).code == 0
+    document = json.loads((out / "sorties.json").read_text())
+    assert document["count"] == (1 if stated == "ardupilot" else 2)  # without its own return, one would do for PX4, too
+    for row in document["sorties"]:
+        expected = forecast(out / row["plan"], out / "scenario.yaml")
+        silent = forecast(out / row["plan"], out / "scenario.yaml", overrides={"autopilot.kind": None})
+        assert expected["reserve_probability"] >= 0.95
+        assert row["energy_wh"] == pytest.approx(expected["energy_wh"], rel=0.01)
+        assert row["energy_wh"] > 1.05 * silent["energy_wh"]
+        to = "ardupilot" if stated == "ardupilot" else "px4"
+        written = eadp("export", out / row["plan"], "--to", to, "--scenario", out / "scenario.yaml", "-o", out / "m")
+        assert f", {expected['energy_wh']:.2f} Wh" in written.err
+        assert ("turns back by itself unless" in written.err) == (to == "px4")
+
+
+def test_sorties_for_px4_are_not_for_an_aircraft_with_ardupilot(eadp, place):
+    given = ("--scenario", place / "ardupilot.yaml", "-o", place / "job", "--export", "px4")
+    refused(eadp("cover", place / "field.geojson", *SORTIES, *given), "autopilot is ardupilot")
+    assert not (place / "job").exists()
+
+
+def test_batteries_of_a_plan_are_used_up_to_what_makes_the_autopilot_turn_back(eadp, place):
+    packs = {}
+    for kind in ("none", "px4"):
+        scenario = place / f"{kind}.yaml"
+        scenario.write_text(f"{scenario.read_text()}battery: {{capacity_ah: 0.28}}\n")
+        given = ("--swath", "40", "--altitude", "60", "--home", HOME, "--scenario", scenario, "-o", place / "b.plan")
+        packs[kind] = json.loads(eadp("cover", place / "field.geojson", *given, "--format", "json").out)["batteries"][0]
+        text = eadp("cover", place / "field.geojson", *given).out
+        assert ("before the autopilot turns back" in text) == (kind == "px4")
+    assert packs["none"] < 1 < packs["px4"]
+
+
+@pytest.mark.parametrize("clearance_m", [20, 35, 5])
+@pytest.mark.parametrize("top_m", [50, 90])
+def test_the_clearance_asked_for_is_that_of_the_way_home_at_every_door(eadp, place, clearance_m, top_m):
+    """The altitude that the plan has is what its forecast and its parameters have; obstacles beside it count alike."""
+    tower = place / "tower.geojson"
+    tower.write_text(tower.read_text().replace('"height": 90', f'"height": {top_m}'))
+    given = ("--swath", "40", "--altitude", "60", "--home", HOME, "--clearance", clearance_m)
+    field, scenario, plan = place / "field.geojson", place / "none.yaml", place / "c.plan"
+    said = eadp("cover", field, *given, "--scenario", scenario, "--avoid", tower, "-o", plan)
+    assert said.code == 0
+    wanted = 60 if top_m + clearance_m <= 60 else top_m + clearance_m
+    assert (f"obstacles at {wanted} m" in said.out) == (wanted > 60)
+    parameters = place / "c.param"
+    writes = ("--to", "ardupilot", "--scenario", scenario, "--parameters", parameters, "-o", place / "c.mission")
+    assert eadp("export", plan, *writes).code == 0
+    assert f"RTL_ALTITUDE,{wanted}\n" in parameters.read_text()
+    assert eadp("cover", field, *given, "--scenario", scenario, "-o", plan).code == 0
+    assert eadp("export", plan, "--avoid", tower, *writes).code == 0
+    assert f"RTL_ALTITUDE,{wanted}\n" in parameters.read_text()

@@ -17,11 +17,12 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.polygons import Ring
 from eadp.errors import InputError, one_of
 from eadp.io.figures.sorties import write_sorties_figure
-from eadp.io.mission import ENDINGS, EXPORT_NAMES
+from eadp.io.mission import ENDINGS, EXPORT_NAMES, WITH_ITEMS
 from eadp.io.mission.export import writer_of
 from eadp.io.report.page import page_html
 from eadp.io.text.json import json_lines
 from eadp.io.text.streams import new_folder, read_text
+from eadp.models.autopilot import ARDUPILOT, PX4
 
 TABLE, FIGURE, PAGE = "sorties.csv", "sorties", "index.html"
 
@@ -57,7 +58,10 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
         for row, sortie in zip(rows, plan.sorties, strict=True):
             (target / row["plan"]).write_text(sortie.plan.text, encoding="utf-8")
         for to, row in ((to, row) for to in exports for row in rows):
-            options = ExportOptions(scenario=str(target / SORTIES_SCENARIO))
+            # of those for PX4, a mission for ArduPilot ends by its own rules
+            other = to in WITH_ITEMS and (to == PX4) != (plan.planner.task.autopilot.kind == PX4)
+            kind = (f"autopilot.kind={ARDUPILOT}",) if other else ()
+            options = ExportOptions(kind, scenario=str(target / SORTIES_SCENARIO))
             mission = exported(str(target / row["plan"]), to, options, lambda _: None)
             mission.write(str(target / f"{row['sortie']}-{to}{ENDINGS.get(to, '.' + to)}"))
         (target / SORTIES).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")

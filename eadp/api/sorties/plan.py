@@ -105,7 +105,8 @@ class PlannedSortie:
     inputs : FlightInputs
     forecast : Preflight
     spare : float
-        Charge above the reserve at the end, that is there with the probability of the reserve, as a share of a pack.
+        Charge at the end above the reserve, and above that with which the autopilot turns back, that is there with the
+        probability of the reserve, as a share of a pack.
     """
 
     solution: CoverageSolution
@@ -128,6 +129,8 @@ class PlannedSortie:
         covers = (
             "" if reach is None else f", and lasts for {100 * reach.share:.0f} % of its sortie with the reserve kept"
         )
+        if self.forecast.turns_back_soc > self.inputs.scenario.keys.reserve_soc:
+            covers += f"; the autopilot {self.forecast.autopilot_text}"
         if not end.soc_end:
             return f"a pack is empty before the end{covers}"
         return f"a pack lands with {100 * end.soc_end:.0f} ± {100 * (end.soc_end_std or 0.0):.0f} %{covers}"
@@ -319,7 +322,8 @@ class SortiePlanner:
         if found is None or found.forecast.soc_end is None or found.forecast.soc_end_std is None:
             raise Infeasible("a sortie has no forecast: the battery's charge is prescribed, or the wind is too strong")
         reserve_soc = inputs.scenario.keys.reserve_soc
-        spare = found.forecast.soc_end - _DEVIATIONS * found.forecast.soc_end_std - reserve_soc
+        kept_soc = max(reserve_soc, found.turns_back_soc)
+        spare = found.forecast.soc_end - _DEVIATIONS * found.forecast.soc_end_std - kept_soc
         if not found.feasible:
             spare = min(spare, -1e-6)  # cannot be flown
         if not found.forecast.soc_end:  # the pack is empty before the end: it lasts for a share of the flight
@@ -548,6 +552,7 @@ class SortiePlan:
             "left": [each.document(task.field.origin_deg) for each in self.left],
             "swap_s": options.swap_s,
             "overlap_m": options.overlap_m,
+            "circles_first": task.circles_first,
             **pictures_document(self.pictures),
             "terrain": self._heights and self._heights.document(),
             "options": {key: value for key, value in asdict(task.options).items() if value is not None},

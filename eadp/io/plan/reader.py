@@ -23,7 +23,7 @@ from eadp.io.plan.parameters import parameters_of
 from eadp.io.plan.writer import point_text
 from eadp.io.text.source import SourceText
 from eadp.io.text.streams import Text
-from eadp.models.airspace import Airspace, Obstacle
+from eadp.models.airspace import CLEARANCE_M, Airspace, Obstacle
 from eadp.models.field import Field
 from eadp.models.plan.plan import TRIGGER_RADIUS_M, Finding, MadeFor, Plan, ShortForm, Site, SurveyCamera
 from eadp.models.plan.segments import LoopVariable, Segment
@@ -54,6 +54,7 @@ _HEADERS = (
     "swath",
     "home",
     "home-altitude",
+    "clearance",
     "rally",
     "avoid",
     "inside",
@@ -467,6 +468,10 @@ class _Reader:
         return self._number(line, line.text, 0, *_RADIUS) if line else None
 
     def _site(self) -> Site:
+        line = self._headers.get("clearance")
+        clearance_m = (
+            self._number(line, line.text, 0, "metres from 0 to 1e5", lambda v: 0 <= v <= 1e5) if line else None
+        )
         return Site(
             origin_deg=self._of("origin", _origin),
             start_m=self._of("start", _xy),
@@ -479,6 +484,7 @@ class _Reader:
             ground_m=self._of("ground", lambda text: _numbers(text, 1, "metres above the sea, like 120")[0]),
             home_altitude_m=self._of("home-altitude", lambda text: _numbers(text, 1, "metres, like 120")[0]),
             rally=self._of("rally", _rally) or (),
+            clearance_m=CLEARANCE_M if clearance_m is None else clearance_m,
         )
 
     def _header_airspace(self) -> Airspace:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 from eadp.core.expressions.tree import Expression, number_text
 from eadp.core.geometry.curves import Point
+from eadp.models.airspace import CLEARANCE_M
 from eadp.models.plan.plan import TRIGGER_RADIUS_M, Plan, Site
 from eadp.models.plan.segments import Segment
 from eadp.models.plan.stage import PointExpression, Stage, Title
@@ -73,6 +74,8 @@ def _mission_lines(site: Site) -> list[str]:
         lines.append(f"%: home {_corners([site.home_m])}")
     if site.home_altitude_m is not None:
         lines.append(f"%: home-altitude {number_text(site.home_altitude_m)}")
+    if site.clearance_m != CLEARANCE_M:
+        lines.append(f"%: clearance {number_text(site.clearance_m)}")
     if site.rally:
         lines.append(f"%: rally {', '.join(' '.join(map(number_text, place)) for place in site.rally)}")
     for obstacle in site.airspace.obstacles:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from eadp.core.expressions.tree import Expression
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, one_of
-from eadp.models.airspace import EVERYWHERE, Airspace
+from eadp.models.airspace import CLEARANCE_M, EVERYWHERE, Airspace
 from eadp.models.field import Field
 from eadp.models.plan.segments import Segment
 from eadp.models.plan.stage import COMPUTATION, PATH, Box, Parameter, PointExpression, Stage, Title
@@ -130,7 +130,9 @@ class Site(NamedTuple):
     rally : tuple of (float, float, float)
         Where an autopilot may return to instead of home, and the altitude above home there [m].
     height_m : float or None
-        Height of the altitude 0 above the sea [m], where a mission's home has one.
+        Height of the altitude 0 above the sea [m], where a mission's home has one, or a terrain beside the plan.
+    clearance_m : float
+        How high above obstacles a flight passes [m].
     """
 
     origin_deg: tuple[float, float] | None = None
@@ -145,6 +147,7 @@ class Site(NamedTuple):
     home_altitude_m: float | None = None
     rally: tuple[tuple[float, float, float], ...] = ()
     height_m: float | None = None
+    clearance_m: float = CLEARANCE_M
 
     @property
     def above_sea_m(self) -> float | None:

@@ -565,12 +565,25 @@ class Evaluator:
                 continue
             # b ≥ (f tₕ + m) ḃ wherever the autopilot may turn back; at the end, after what is left, it is less
             left_s = load.times_s[mine].sum() - np.cumsum(load.times_s[mine])[:until]
-            ways = [homeward(end, way, cruise_m, 0.0) for end in ends]
-            home_s = np.array([each.seconds + each.climb_m / rule.climb_mps for each in ways])
-            needed_s = rule.margin_s + float((rule.factor * home_s - left_s).max())
+            ways = np.array([homeward(end, way, cruise_m, 0.0) for end in ends])
+            needed_s = float((rule.needed_s(ways[:, 0], ways[:, 2]) - left_s).max())
             lasting_soc = needed_s * float(totals.mean_w[place]) - own.joules[place]
             own.turns_back_soc[place] = max(own.turns_back_soc[place], lasting_soc * float(totals.soc_per_j[place]))
         return own
+
+    def gives_up(self, known: Known, stage: Stage, mean_w: float) -> bool:
+        """Whether the autopilot gives the mission up by itself in a stage, at a mean power [W]."""
+        autopilot, battery = known.autopilot, self.mission.battery
+        if autopilot.kind is None or self._is_landing(stage):
+            return False
+        if known.soc < autopilot.low_soc(battery, np.array([mean_w]))[0]:
+            return True
+        rule, way = autopilot.time_rule, self.homeward(known, 0.0)
+        if rule is None or way is None:
+            return False
+        volts = battery.voltage_at(min(max(known.soc, 0.0), 1.0))
+        soc_per_s = float(drain_per_s(mean_w, volts, battery.resistance_ohm, battery.drain_per_as))
+        return known.soc < soc_per_s * float(rule.needed_s(way.seconds, way.climb_m))
 
     def _is_landing(self, stage: Stage) -> bool:
         """Whether a stage is of the landing that the plan ends with."""

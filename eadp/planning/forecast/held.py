@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -45,14 +46,14 @@ class Preflight:
         Time [s] and energy [Wh] of each stage, over all its laps.
     computing_wh : float
         Energy of the computations, of that of the forecast [Wh].
-    turn_back : Reach or None
-        The latest one, where there is a home.
     reach : Reach or None
         How far one pack carries it with the reserve kept, where that is not to the end.
     turns_back_soc : float
         State of charge at the end with less of which the autopilot turns back on the way; 0 where it does not.
     entering : dict
         Probability of each obstacle to be entered, and of the boundary to be left, by name; see `clearance.entering`.
+    evaluated : tuple of (Evaluation, Filling)
+        What it is of.
     """
 
     parameters: dict[str, float]
@@ -62,7 +63,7 @@ class Preflight:
     quality: float | None
     stages: dict[int, tuple[float, float]]
     computing_wh: float
-    turn_back: Reach | None = None
+    evaluated: tuple[Evaluation, Filling] = field(repr=False, compare=False)
     reach: Reach | None = None
     turns_back_soc: float = 0.0
     entering: dict[str, float] = field(default_factory=dict)
@@ -91,10 +92,16 @@ class Preflight:
             quality=quality,
             stages={i: (float(seconds[i]), float(energies_j[i]) / 3600) for i in np.unique(route.stages).tolist()},
             computing_wh=float(computing_w @ expected_s) / 3600,
-            turn_back=latest_turn_back(evaluation, place, filling),
+            evaluated=(evaluation, filling),
             reach=None if feasible else reach(evaluation, place, filling),
             turns_back_soc=float(evaluation.own.turns_back_soc[place]),
         )
+
+    @cached_property
+    def turn_back(self) -> Reach | None:
+        """The latest turn back, where there is a home; it takes most of the time of a forecast."""
+        evaluation, filling = self.evaluated
+        return latest_turn_back(evaluation, 0, filling)
 
     @property
     def autopilot_text(self) -> str:

@@ -185,6 +185,8 @@ def _last_point(
 ) -> tuple[Reach, Known] | None:
     """The last point of a route at which `spare` is 0 or more, and what is known there; None if it is nowhere.
 
+    It is none after the autopilot has turned back by itself.
+
     The route is flown from point to point as forecast: the charge is drained by the mean power of each leg. `spare` is
     a function of the evaluation with what is known at a point, and of the time [s] and the energy [J] flown to it.
     """
@@ -193,6 +195,7 @@ def _last_point(
     mine, legs = evaluation.legs.place == place, evaluation.routes[place].legs
     powers_w = (evaluation.load.motion_w + evaluation.computing_w(filling.shares))[mine]
     times_s = evaluation.load.times_s[mine]
+    mean_w = float(evaluation.totals.mean_w[place])
     total_m, total_j = sum(leg.distance_m for leg in legs), float(powers_w @ times_s)
     if not (total_m > 0 and total_j > 0):  # at the plan's end already
         return last
@@ -210,6 +213,8 @@ def _last_point(
                 return last
             position = point.x_m, point.y_m
             there = after_leg(known, leg)._replace(position_m=position, charge=known.charge._replace(filtered=filtered))
+            if evaluation.evaluator.gives_up(there, leg.stage, mean_w):
+                return last
             if spare(replace(evaluation, known=there), flown_s, flown_j) >= 0:
                 last = Reach(known.time_s + flown_s, position, flown_m / total_m, flown_j / total_j), there
     return last

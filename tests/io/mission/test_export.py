@@ -14,6 +14,7 @@ import pytest
 import shapely
 from common import ROOT, draws
 from common.answers import refused
+from common.terrains import write_degrees
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -398,14 +399,28 @@ def test_commands_and_speeds_are_written_back():
 
 
 @pytest.mark.parametrize(
-    ("ground", "density", "share"), [("", 1.225, 1.0), ("", 1.0065, 0.9064), ("%: ground 2000\n", 1.225, 0.9064)]
+    ("ground", "density", "share", "beside"),
+    [
+        ("", 1.225, 1.0, None),
+        ("", 1.0065, 0.9064, None),
+        ("%: ground 2000\n", 1.225, 0.9064, None),
+        ("", 1.225, 0.9064, 2000),
+        ("%: ground 2000\n", 1.225, 0.9064, 0),
+    ],
 )
-def test_an_autopilot_gets_calibrated_airspeeds(eadp, tmp_path, ground, density, share):
-    """At 2000 m the standard atmosphere has 1.0065 kg/m³, √(ρ/ρ0) is 0.9064; the forecast is of the true airspeed."""
+def test_an_autopilot_gets_calibrated_airspeeds(eadp, tmp_path, ground, density, share, beside):
+    """At 2000 m the standard atmosphere has 1.0065 kg/m³, √(ρ/ρ0) is 0.9064; the forecast is of the true airspeed.
+
+    The height is the plan's, else that of a terrain beside it.
+    """
     plan = tmp_path / "p.plan"
     plan.write_text(f"%: origin 47 8\n{ground}0.1; 90; x\n0, 300\n%: airspeed 18\n0.1; 90; x\n0, 600\n")
     given = ["--scenario", ROOT / "scenarios/survey.yaml", "--set", f"vehicle.airframe.air_density_kgpm3={density}"]
     given += ["--set", "energy=null"]
+    if beside is not None:
+        pytest.importorskip("rasterio")
+        write_degrees(tmp_path / "ground.tif", lambda *_: float(beside), (46.98, 7.98), (47.04, 8.02))
+        given += ["--terrain", tmp_path / "ground.tif"]
     for to, ending, name in (("ardupilot", ".param", "AIRSPEED_CRUISE"), ("px4", ".params", "FW_AIRSPD_TRIM")):
         out, parameters = tmp_path / f"m-{to}", tmp_path / f"p{ending}"
         answer = eadp("export", plan, *given, "--to", to, "-o", out, "--parameters", parameters)

@@ -178,6 +178,22 @@ def test_what_makes_px4_turn_back_is_in_the_reserve(tmp_path):
     assert ends[0].knapsack.available[0] == pytest.approx(ends[1].knapsack.available[0] - keeps + 0.05)
 
 
+def test_home_can_wait_no_longer_than_until_px4_turns_back(tmp_path):
+    """At the latest turn back its time left is what its rule asks for; without the rule the reserve alone counts."""
+    places = {"start.position_m": [6000.0, 0.0], "home.position_m": [6000.0, -300.0]}
+    small, waits = {"battery.capacity_ah": 0.15, **places}, {}
+    for action in (3.0, 0.0):
+        given = {"autopilot.parameters": {"COM_FLTT_LOW_ACT": action}}
+        found = returning(tmp_path, "px4", landing="", **small, **given).at(())
+        waits[action] = latest_turn_back(found, 0, found.filled())
+    own, free = waits[3.0], waits[0.0]
+    assert 0 < own.time_s < free.time_s - 20
+    battery, power_w = found.evaluator.mission.battery, float(found.totals.mean_w[0])
+    left_s = 1 / battery.drain_per_s(power_w, battery.voltage_at(0.6)) - own.time_s
+    climb_s = (100 - 60) / 3
+    assert left_s == pytest.approx(1.1 * (own.home_s - own.time_s + climb_s) + 100, rel=0.1)
+
+
 def test_the_charge_to_spare_falls_by_what_power_draws_not_by_what_was_lost():
     found = forecasting_of().at(0.0)
     falls = can_fall(found, 0, 1.0)
