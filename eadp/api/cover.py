@@ -55,13 +55,11 @@ from eadp.coverage.ends import (
 from eadp.coverage.heights import Ground, clear_circle, climb_lack, late_over_s
 from eadp.coverage.plan_builder import FieldComputations, PlanCommands, build_plan
 from eadp.coverage.report import CoverageReport
-from eadp.coverage.swaths import CLIMB_OUT_M, RADIUS_SHARE, SPACING_SHARE, CoverageLeg, MotionLimits
+from eadp.coverage.swaths import RADIUS_SHARE, SPACING_SHARE, CoverageLeg, MotionLimits
 from eadp.errors import Fault, Infeasible, InputError, one_of, printable, refuse
 from eadp.io.field.draft import NAME_LIMIT
 from eadp.io.field.files import read_field_text
 from eadp.io.field.reader import read_airspace, read_field
-from eadp.io.mission.draft import TRIGGER_DISTANCE
-from eadp.io.mission.rules import LANDING_ANGLE
 from eadp.io.plan.writer import plan_text
 from eadp.io.scenario.scenario_file import read_scenario
 from eadp.io.text.options import Flag, check_range, option_name
@@ -69,14 +67,15 @@ from eadp.io.text.streams import read_text
 from eadp.io.vehicle.camera_file import read_camera
 from eadp.io.vehicle.vehicle_file import read_vehicle
 from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, Airspace, Obstacle
-from eadp.models.autopilot import FACTORY, PX4, Autopilot
+from eadp.models.autopilot import FACTORY, LANDING_ANGLE, PX4, Autopilot
 from eadp.models.battery import Battery
 from eadp.models.camera import MAX_LENGTH_MM, MAX_PIXELS, MIN_LENGTH_MM, Camera, Pictures, ground_m, pictures_document
 from eadp.models.doubts import NEAR_DEG, Doubt, Shots, angle_doubts, interval_doubts, shot_doubts
 from eadp.models.field import Field
 from eadp.models.performance import PATH_MARGIN, ground_radius_m, roll_out_m, too_tight
+from eadp.models.plan.pieces import CLIMB_OUT_M
 from eadp.models.plan.plan import MadeFor, Plan, Site, SurveyCamera
-from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE, RETURN, TAKEOFF, Box
+from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE, RETURN, TAKEOFF, TRIGGER_DISTANCE, Box
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.profile_sum import AnyProfile
 from eadp.models.vehicle import Airframe, PaperVehicle

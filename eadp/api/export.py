@@ -21,7 +21,6 @@ from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, velocity_mp
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import FARTHEST_M, place_text, to_geodetic_deg, to_local_m, to_near_local_m
-from eadp.coverage.plan_builder import with_landing
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined, one_of, printable
 from eadp.io.mission import FENCE_ENDING, ITEMS_ENDING, RALLY_ENDING, WITH_ITEMS
 from eadp.io.mission.autopilot import PARAMETER_FILES, stated_parameters, wanted_parameters
@@ -40,6 +39,7 @@ from eadp.models.airspace import BOUNDARY, Airspace, entered, risk_text
 from eadp.models.autopilot import PX4, Autopilot
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.legs import Leg, leg_points
+from eadp.models.plan.pieces import with_landing
 from eadp.models.plan.plan import MadeFor, Plan
 from eadp.models.plan.route import PlannedLegs
 from eadp.models.plan.stage import LAND, TAKEOFF
@@ -386,7 +386,7 @@ def _landed(given: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     final = approach(pose, height_m, airframe, Air(airframe.airspeed_mps, wind_mps), slope)
     warn(behind_warning(pose[2], wind_mps))
     try:
-        return with_landing(plan, final, plan.min_radius_m or airframe.turn_radius_m, (LAND, *(0.0,) * 7))
+        return with_landing(plan, final.piece, plan.min_radius_m or airframe.turn_radius_m, (LAND, *(0.0,) * 7))
     except Infeasible as error:
         raise _fault("--landing", str(raw), str(error), "eadp cover --landing, which plans for it") from None
 

@@ -11,8 +11,7 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose, flight_time_s
 from eadp.coverage.swaths import CoverageLeg, straight
 from eadp.errors import Fault, InputError
-from eadp.io.mission.rules import LANDING_ANGLE
-from eadp.models.autopilot import FACTORY, PX4, Autopilot
+from eadp.models.autopilot import FACTORY, LANDING_ANGLE, PX4, Autopilot
 from eadp.models.vehicle import Airframe, PaperVehicle
 
 BEHIND_MPS = 0.5

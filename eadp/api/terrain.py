@@ -10,7 +10,8 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.flight.following import RATE_SHARE, Climbing
+from eadp.core.flight.aerodynamics import RATE_SHARE
+from eadp.core.flight.following import Climbing
 from eadp.core.geometry.bearings import compass_deg
 from eadp.core.geometry.curves import Point
 from eadp.coverage.cover import AUTO, DUBINS, ZAMBONI, CoverageSolution

@@ -13,7 +13,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
-from eadp.core.flight.following import RATE_SHARE, Climbing
+from eadp.core.flight.aerodynamics import RATE_SHARE
+from eadp.core.flight.following import Climbing
 from eadp.core.geometry.dubins import Piece, Pose, centre_m, polyline_m
 from eadp.core.geometry.polygons import FreeSpace
 from eadp.coverage.cover import CoverageSolution, timed

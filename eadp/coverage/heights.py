@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray, IntArray
-from eadp.core.flight.following import LEVEL_M, RATE_SHARE, Band, Climbing, banded, commanded
+from eadp.core.flight.aerodynamics import RATE_SHARE
+from eadp.core.flight.following import LEVEL_M, Band, Climbing, banded, commanded
 from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.polygons import FreeSpace, holding
 from eadp.coverage.cover import CoverageSolution

@@ -8,44 +8,34 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from eadp.core.expressions.reader import read_expression
-from eadp.core.expressions.tree import Expression, constant, number_text
-from eadp.core.geometry.curves import Point, tangent
-from eadp.core.geometry.dubins import Piece, ordered
+from eadp.core.expressions.tree import Expression
+from eadp.core.geometry.curves import Point
 from eadp.core.geometry.envelope import PiecewiseLinear
 from eadp.coverage.cover import CoverageSolution
-from eadp.coverage.swaths import CoverageLeg, StripFrame, direction_cosine
+from eadp.coverage.swaths import CoverageLeg, StripFrame
 from eadp.coverage.zamboni import END_TOLERANCE_M, Block
-from eadp.errors import Infeasible
+from eadp.models.plan.pieces import (
+    DIGITS,
+    GAIN_PER_M,
+    LOITER,
+    MIN_STAGE_M,
+    TRIGGER_RADIUS_M,
+    Command,
+    PathText,
+    circle_text,
+    linear_text,
+    piece_path,
+    rounded_text,
+    scaled_text,
+    shifted_text,
+    sum_text,
+)
 from eadp.models.plan.plan import Plan, Site
 from eadp.models.plan.segments import LoopVariable, Segment
-from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE, RETURN, Box, Stage, Title
-
-GAIN_PER_M = 0.1
-"""Gain of a stage for a path function whose gradient is 1: a circle's is this over its diameter, the gradient there."""
-
-TRIGGER_RADIUS_M = 0.5
-"""Trigger radius, if no stage is shorter: a trigger cannot be missed, and one that fires early cuts lines short."""
+from eadp.models.plan.stage import LAND, Box, Stage, Title
 
 START_M = 100.0
 """Distance of the default start before the first trigger: a first stage of this length starts with the first line."""
-
-MIN_STAGE_M = 1e-5
-"""A shorter piece is left out: the next one starts no farther away than that."""
-
-_DIGITS = 9
-
-Command = tuple[float, ...]
-
-LOITER: Command = (LOITER_TO_ALTITUDE, *(0.0,) * 7)
-"""The command of a whole circle, on which the aircraft climbs or descends to the altitude of the stage."""
-
-
-class PathText(NamedTuple):
-    """A stage's path function as text, its rotation [°] and its gain."""
-
-    function: str
-    rotation_deg: int
-    gain: float
 
 
 @dataclass(frozen=True)
@@ -209,12 +199,12 @@ class _PlanBuilder:
             if before_m < piece.length_m and not self._from_start:
                 legs = [*legs[0].cut(before_m), *legs[1:]]  # the first trigger there, so that the start is the leg's
             else:
-                self.start_m = (round(piece.start[0], _DIGITS), round(piece.start[1], _DIGITS))
+                self.start_m = (round(piece.start[0], DIGITS), round(piece.start[1], DIGITS))
         for leg in legs:
             if leg.piece.length_m >= MIN_STAGE_M:
                 self.shortest_m = min(self.shortest_m, leg.piece.length_m)
                 x, y, _ = leg.end
-                path, end, climbs = piece_path(leg.piece), (_number(x), _number(y)), leg.whole_circle
+                path, end, climbs = piece_path(leg.piece), (rounded_text(x), rounded_text(y)), leg.whole_circle
                 commands = (LOITER,) * climbs
                 self._add_stage(path, end, leg.sensing, self._min_c1, leg.altitude_m, commands)
         self.segments.append(Segment(first, len(self.stages) - first))
@@ -231,8 +221,8 @@ class _PlanBuilder:
         u1, u2 = block.first_m, block.first_m + 2 * block.first_radius_m  # of both lines of the first lap
         gains = GAIN_PER_M / (2 * block.first_radius_m), GAIN_PER_M / (2 * block.radius_m)
         circles = (
-            _circle(_point(frame, u1 + block.first_radius_m, "s", "top"), _number(block.first_radius_m)),
-            _circle(_point(frame, u2, "s - r2", "low"), "r2"),
+            circle_text(_point(frame, u1 + block.first_radius_m, "s", "top"), rounded_text(block.first_radius_m)),
+            circle_text(_point(frame, u2, "s - r2", "low"), "r2"),
         )
         for path, trigger, sensing in (
             (PathText(_line(frame, u1), up, GAIN_PER_M), _point(frame, u1, "s", "top"), True),
@@ -241,7 +231,7 @@ class _PlanBuilder:
             (PathText(circles[1], turn, gains[1]), _point(frame, u1, "next", "low"), False),
         ):
             self._add_stage(path, trigger, sensing, block.min_c1)
-        end = (_expression("s"), _expression(_number(block.travel_m - END_TOLERANCE_M)))
+        end = (_expression("s"), _expression(rounded_text(block.travel_m - END_TOLERANCE_M)))
         segment = Segment(first, 4, tuple(_loop_variables(block)), end)
         self.stages[first:] = [replace(stage, segment=segment) for stage in self.stages[first:]]
         self.segments.append(segment)
@@ -252,18 +242,18 @@ class _PlanBuilder:
 def _spacing(block: Block) -> str:
     """The distance from lap to lap, which is that of the lines, in c1. Source: letter, Sec. IV-A."""
     # d = x_d + 2(r − √(r² + c1))
-    radius, spacing = _number(block.radius_m), _number(block.spacing_m)
+    radius, spacing = rounded_text(block.radius_m), rounded_text(block.spacing_m)
     return f"{spacing} + 2*({radius} - sqrt({radius}^2 + c1))" if block.min_c1 < 0 else spacing
 
 
 def _loop_variables(block: Block) -> Iterator[LoopVariable]:
     """The variables of a lap [m]: its position s, the next lap's, the levels of its turns, radius r2 of the second."""
     yield LoopVariable("s", _expression("0"), _expression("next - s"))
-    yield LoopVariable("next", _expression(f"min(s + {_spacing(block)}, {_number(block.travel_m)})"))
+    yield LoopVariable("next", _expression(f"min(s + {_spacing(block)}, {rounded_text(block.travel_m)})"))
     yield LoopVariable("top", _expression(_piecewise_linear(block.top, "s")))
     second, first = _piecewise_linear(block.low_second, "s"), _piecewise_linear(block.low_first, "next")
     yield LoopVariable("low", _expression(second if second == first else f"min({second}, {first})"))
-    yield LoopVariable("r2", _expression(f"{_number(block.first_radius_m)} - (next - s)/2"))
+    yield LoopVariable("r2", _expression(f"{rounded_text(block.first_radius_m)} - (next - s)/2"))
 
 
 # --- expressions as text ----------------------------------------------------------------------------------------------
@@ -273,126 +263,27 @@ def _piecewise_linear(levels: PiecewiseLinear, name: str) -> str:
     """A straight line and its bends: v0 + m0 s + Σ (m_i − m_i−1) max(0, s − s_i)."""
     knots, values = levels.places_m, levels.levels_m
     slopes = [(b - a) / (t - s) for s, t, a, b in zip(knots, knots[1:], values, values[1:], strict=False)]
-    terms = [_scaled(slopes[0], name, 12)]
+    terms = [scaled_text(slopes[0], name, 12)]
     for knot, before, after in zip(knots[1:], slopes, slopes[1:], strict=False):
-        terms.append(_scaled(after - before, f"max(0, {name} - {_number(knot)})", 12))
-    text = _number(values[0])
+        terms.append(scaled_text(after - before, f"max(0, {name} - {rounded_text(knot)})", 12))
+    text = rounded_text(values[0])
     for term in filter(None, terms):
-        text = _sum(text, term)
+        text = sum_text(text, term)
     return text
 
 
 def _line(frame: StripFrame, first_m: float) -> str:
     """u − (first + s), in x and y."""
-    return f"{_linear(frame.across)} - ({_shifted(first_m, 's')})"
-
-
-def _circle(centre: tuple[str, str], radius: str) -> str:
-    x, y = centre
-    return f"(x - ({x}))^2 + (y - ({y}))^2 - {radius}^2"
+    return f"{linear_text(frame.across)} - ({shifted_text(first_m, 's')})"
 
 
 def _point(frame: StripFrame, first_m: float, moves: str, level: str) -> tuple[str, str]:
     """The point (first + moves, level) of a frame, in x and y."""
-    across = _shifted(first_m, moves)
-    x, y = (_sum(_scaled(u, across), _scaled(v, level)) for u, v in zip(frame.across, frame.along, strict=True))
+    across = shifted_text(first_m, moves)
+    x, y = (
+        sum_text(scaled_text(u, across), scaled_text(v, level)) for u, v in zip(frame.across, frame.along, strict=True)
+    )
     return x, y
-
-
-def _shifted(offset: float, text: str) -> str:
-    """offset + text."""
-    number = round(offset, _DIGITS)
-    if number == 0:
-        return text
-    return f"{text} {'-' if number < 0 else '+'} {number_text(abs(number))}"
-
-
-def _scaled(factor: float, text: str, digits: int = 15) -> str:
-    """factor · text; nothing for 0."""
-    rounded = round(factor, digits)
-    if rounded == 0:
-        return ""
-    compound = " " in text and not text.endswith(")")
-    if abs(rounded) == 1:
-        return text if rounded > 0 else (f"-({text})" if compound else f"-{text}")
-    return f"{number_text(rounded)}*{f'({text})' if compound else text}"
-
-
-def _sum(a: str, b: str) -> str:
-    """a + b; either may be empty, for 0."""
-    if not a or not b:
-        return a or b or "0"
-    return f"{a} - {b[1:]}" if b.startswith("-") else f"{a} + {b}"
-
-
-def _linear(normal: Point) -> str:
-    """n·(x, y)."""
-    return _sum(_scaled(normal[0], "x"), _scaled(normal[1], "y"))
-
-
-def piece_path(piece: Piece) -> PathText:
-    """The path of a straight or an arc."""
-    x, y, heading = piece.start
-    if piece.centre_m is not None:
-        cx, cy = map(_number, piece.centre_m)
-        rotation = 90 if piece.turn > 0 else 270
-        return PathText(_circle((cx, cy), _number(piece.radius_m)), rotation, GAIN_PER_M / (2 * piece.radius_m))
-    # the gradient a quarter turn to the right of the travel: rotation 90 turns it back
-    nx, ny = direction_cosine(math.sin(heading)), direction_cosine(-math.cos(heading))
-    rotation = 90
-    if nx < 0 or (nx == 0 and ny < 0):
-        nx, ny, rotation = -nx, -ny, 270
-    # n·(p − start)
-    return PathText(_shifted(-round(nx * x + ny * y, _DIGITS), _linear((nx, ny))), rotation, GAIN_PER_M)
-
-
-def piece_stages(pieces: Sequence[Piece], like: Stage, first: int) -> tuple[Stage, ...]:
-    """Stages along pieces, flown as another stage is, with numbers from `first` on."""
-    stages = []
-    for index, piece in enumerate(pieces, first):
-        function, rotation_deg, gain = piece_path(piece)
-        x, y = map(constant, piece.end[:2])
-        flown = replace(like, index=index, segment=None, commands=(), path=read_expression(function), trigger=(x, y))
-        stages.append(replace(flown, gain=gain, rotation_deg=rotation_deg))
-    return tuple(stages)
-
-
-def with_landing(plan: Plan, approach: CoverageLeg, radius_m: float, land: Command) -> Plan:
-    """A plan that lands from where it ends: the quickest turn to a final approach, and down it.
-
-    Parameters
-    ----------
-    plan : Plan
-    approach : CoverageLeg
-    radius_m : float
-        Of the turns [m].
-    land : tuple
-        The command of the landing, whose altitude its stage has.
-
-    Raises
-    ------
-    Infeasible
-        If where the plan ends depends on its laps or its path parameters.
-    """
-    last = plan.stages[-1]
-    laps = plan.repeats or (last.segment and last.segment.repeats)
-    if laps or any(part.max_parameter for part in (last.path, *last.trigger)):
-        raise Infeasible("where the plan ends depends on its laps or its path parameters")
-    x, y = last.trigger_at(())
-    dx, dy = tangent(last.path_at(()), (x, y), last.sense)
-    turn = ordered((x, y, math.atan2(dy, dx)), approach.start, radius_m)[0]
-    pieces = [each for each in (*turn.pieces, approach.piece) if each.length_m >= MIN_STAGE_M]
-    *way, down = piece_stages(pieces, last, len(plan.stages) + 1)
-    landing = replace(down, altitude_m=land[-1], commands=(land,))
-    kept = replace(last, commands=tuple(each for each in last.commands if each[0] != RETURN))
-    segments = plan.segments and (*plan.segments, Segment(len(plan.stages), len(pieces)))
-    stages = (*plan.stages[:-1], kept, *way, landing)
-    # a plan whose stages were explicit laps has none any more
-    return replace(plan, stages=stages, segments=segments, primitive_stages=None, shift=None, final=None)
-
-
-def _number(value: float) -> str:
-    return number_text(round(value, _DIGITS) + 0.0)
 
 
 def _expression(text: str) -> Expression:

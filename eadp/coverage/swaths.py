@@ -14,6 +14,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, lengths_m, times_s
+from eadp.models.plan.pieces import direction_cosine
 
 SPACING_SHARE = 0.5
 """Default line spacing at the highest path parameter as a share of the swath: a side overlap of one half.
@@ -22,9 +23,6 @@ The published survey's is two fifths. Laps are whole: a share nearer to 1 leaves
 
 RADIUS_SHARE = 1.5
 """Default ideal turning radius as a share of the smallest one."""
-
-CLIMB_OUT_M = 50.0
-"""Height of the climb straight ahead after take-off [m]: ArduPilot's TKOFF_ALT by default."""
 
 MIN_LINE_M = 5.0
 """Lines over a corner of the field are made at least this long."""
@@ -136,12 +134,6 @@ def frame_of(heading_rad: float, towards: int = 1, hand: int = 1) -> StripFrame:
     """The frame of lines of a heading: u points to their right (`towards` +1) or to their left (−1)."""
     across = towards * direction_cosine(math.sin(heading_rad)), towards * direction_cosine(-math.cos(heading_rad))
     return StripFrame(across, hand)
-
-
-def direction_cosine(value: float) -> float:
-    """A component of a unit vector; exactly 0 or ±1 where it is within rounding of that."""
-    rounded = round(value, 12)
-    return rounded + 0.0 if rounded in (-1, 0, 1) else value
 
 
 @dataclass(frozen=True)

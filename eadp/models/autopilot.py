@@ -14,6 +14,9 @@ from eadp.models.battery import Battery
 ARDUPILOT: Final = "ardupilot"
 PX4: Final = "px4"
 
+LANDING_ANGLE = "FW_LND_ANG"
+"""PX4's parameter of the steepest final approach [°]."""
+
 FACTORY: Mapping[str, Mapping[str, float]] = {
     ARDUPILOT: {
         "RTL_ALTITUDE": 100.0,
@@ -29,7 +32,7 @@ FACTORY: Mapping[str, Mapping[str, float]] = {
         "BATT_FS_VOLTSRC": 0.0,
     },
     PX4: {
-        "FW_LND_ANG": 5.0,
+        LANDING_ANGLE: 5.0,
         "MIS_TKO_LAND_REQ": 2.0,
         "RTL_RETURN_ALT": 100.0,
         "RTL_TYPE": 1.0,

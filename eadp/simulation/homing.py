@@ -23,7 +23,7 @@ def home_plan(cursor: PlanCursor, pose: Pose, way_home: WayHome) -> Plan:
         Where the aircraft is [m] and its heading [rad].
     way_home : WayHome
     """
-    from eadp.coverage.plan_builder import piece_stages  # slow to import, and few flights end at home
+    from eadp.models.plan.pieces import piece_stages  # slow to import, and few flights end at home
 
     plan = cursor.table.plan
     rho = plan.path_count  # the first parameters are the path's, the others the computations'

@@ -552,7 +552,6 @@ class SortiePlan:
             "left": [each.document(task.field.origin_deg) for each in self.left],
             "swap_s": options.swap_s,
             "overlap_m": options.overlap_m,
-            "circles_first": task.circles_first,
             **pictures_document(self.pictures),
             "terrain": self._heights and self._heights.document(),
             "options": {key: value for key, value in asdict(task.options).items() if value is not None},

@@ -11,6 +11,9 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray
 
+RATE_SHARE = 0.8
+"""Share of the greatest rates of climb and descent that the ground may ask for: turns and gusts take the rest."""
+
 GRAVITY_MPS2 = 9.80665
 SEA_LEVEL_KGPM3 = 1.225
 """Density of the standard atmosphere at the sea, for which calibrated airspeeds are true ones [kg/m³]."""

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray
+from eadp.core.flight.aerodynamics import RATE_SHARE
 from eadp.errors import Unreachable
 
 LEVEL_M = 0.25
@@ -21,9 +22,6 @@ RECOVERY_S = 30.0
 """Time within which one command leads back below the ceiling [s]: a descent at the greatest rate gains 10 m or so."""
 
 ROUNDING_M = 1e-6
-
-RATE_SHARE = 0.8
-"""Share of the greatest rates of climb and descent that the ground may ask for: turns and gusts take the rest."""
 
 REACHED_SHARE = 0.98
 """Share of a height at which a climb to it is over: pixels there are 2 % smaller."""

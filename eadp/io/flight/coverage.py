@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from eadp.core.geometry.curves import LINE, Point
-from eadp.io.mission.draft import TRIGGER_DISTANCE
 from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import TRIGGER_DISTANCE
 from eadp.models.plan.trace import nominal_legs
 
 PARTS = 100

@@ -28,7 +28,8 @@ from eadp.io.link.messages import (
 )
 from eadp.io.log.messages import check_readable, read_tables
 from eadp.io.log.tlog import is_tlog
-from eadp.io.mission.draft import NO_POSITION, TRIGGER_DISTANCE, MissionItem
+from eadp.io.mission.draft import NO_POSITION, MissionItem
+from eadp.models.plan.stage import TRIGGER_DISTANCE
 
 Row = dict[str, float]
 Table = dict[str, FloatArray]

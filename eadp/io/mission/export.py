@@ -15,7 +15,6 @@ import numpy as np
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.core.geometry.waypoints import ARC_RAD, TURNS_TOLERANCE
-from eadp.coverage.swaths import CLIMB_OUT_M
 from eadp.io.mission import EXPORT_NAMES, FENCE_ENDING, RALLY_ENDING
 from eadp.io.mission import draft as d
 from eadp.io.mission.autopilot import ACCEPTANCE_M
@@ -25,6 +24,7 @@ from eadp.io.mission.paparazzi import paparazzi_text
 from eadp.io.mission.path import PlannedPath, Section
 from eadp.io.mission.qgc import ARDUPILOT, PX4, qgc_text
 from eadp.io.mission.wpl import fence_text, rally_text, wpl_text
+from eadp.models.plan.pieces import CLIMB_OUT_M
 from eadp.plug_ins import plug_in
 
 HALVES_TOLERANCE = 1e-4

@@ -12,12 +12,10 @@ import numpy as np
 
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import Expression, constant
-from eadp.core.flight.aerodynamics import air_density_kgpm3, calibrated_share
-from eadp.core.flight.following import RATE_SHARE
+from eadp.core.flight.aerodynamics import RATE_SHARE, air_density_kgpm3, calibrated_share
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, to_local_m, to_near_local_m
 from eadp.core.geometry.waypoints import Loiter, Target, Waypoint, path_through
-from eadp.coverage.plan_builder import LOITER, TRIGGER_RADIUS_M, piece_path
 from eadp.errors import Fault, Unreachable, refuse
 from eadp.io.mission import draft as d
 from eadp.io.mission.commands import MOTIONLESS, command_text
@@ -27,6 +25,7 @@ from eadp.io.plan.sources import PlanReader
 from eadp.io.terrain.reader import read_terrain
 from eadp.io.text.source import Location, SourceText
 from eadp.models.airspace import Airspace, Obstacle
+from eadp.models.plan.pieces import LOITER, TRIGGER_RADIUS_M, piece_path
 from eadp.models.plan.plan import Finding, Plan, Site
 from eadp.models.plan.stage import Stage
 from eadp.models.terrain import ElevationModel

@@ -21,10 +21,10 @@ from eadp.io.mission.draft import (
     WAYPOINT,
     MissionItem,
 )
-from eadp.models.autopilot import Autopilot
+from eadp.models.autopilot import LANDING_ANGLE, Autopilot
 
-LANDING_ANGLE, ENDS_REQUIRED = "FW_LND_ANG", "MIS_TKO_LAND_REQ"
-"""PX4's parameters of the steepest final approach [°], and of which ends a mission must have."""
+ENDS_REQUIRED = "MIS_TKO_LAND_REQ"
+"""PX4's parameter of which ends a mission must have."""
 
 ROUNDING_DEG = 0.1
 """By how much PX4 accepts an approach that is steeper [°]."""

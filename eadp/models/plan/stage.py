@@ -105,7 +105,7 @@ class Parameter:
         return float(brentq(lambda value: self.shown(value) - shown, box.lo, box.hi, xtol=1e-9))
 
 
-RETURN, LAND, TAKEOFF, LOITER_TO_ALTITUDE = 20, 21, 22, 31
+RETURN, LAND, TAKEOFF, LOITER_TO_ALTITUDE, TRIGGER_DISTANCE = 20, 21, 22, 31, 206
 """MAVLink's commands that say how a stage is flown: to its end, then home; down to its end; up from the ground; round
 and round until the aircraft is at its altitude."""
 

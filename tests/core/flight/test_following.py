@@ -9,7 +9,8 @@ from scipy.integrate import solve_ivp
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import linprog
 
-from eadp.core.flight.following import LEVEL_M, RATE_SHARE, Band, Climbing, banded, commanded, min_profile_m
+from eadp.core.flight.aerodynamics import RATE_SHARE
+from eadp.core.flight.following import LEVEL_M, Band, Climbing, banded, commanded, min_profile_m
 from eadp.errors import Infeasible
 
 WING = Climbing(3.0, 1.6, 0.5)
