@@ -211,10 +211,8 @@ def _find(header: Row, role: str, asked: str) -> int:
 
 def _named(header: Row, role: str) -> list[int]:
     """Columns with a known name of a role, with a unit (`power_w`, `Power [W]`) or without."""
-    stems = _STEMS[role]
-    return [
-        i for i, name in enumerate(header.fields) if _plain(name) in stems or _stem_and_unit(name, role)[0] in stems
-    ]
+    names = [{_plain(name), _stem_and_unit(name, role)[0]} for name in header.fields]
+    return [i for i, either in enumerate(names) if either.intersection(_STEMS[role])]
 
 
 def _plain(name: str) -> str:

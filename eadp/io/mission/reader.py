@@ -11,9 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from eadp.errors import InputError
-from eadp.io.mission.draft import MissionDraft, MissionMotion, Place
-from eadp.io.mission.qgc import qgc_rally, read_qgc
-from eadp.io.mission.wpl import read_wpl, wpl_rally
+from eadp.io.mission.draft import MissionDraft, MissionMotion
+from eadp.io.mission.qgc import read_qgc
+from eadp.io.mission.wpl import read_wpl
 from eadp.io.plan import reader as plan_reader
 from eadp.io.plan.reader import LIMIT_CHARACTERS
 from eadp.io.text.kinds import refuse_others
@@ -82,23 +82,6 @@ class PlanReader(MissionMotion):
         from eadp.io.mission.plan import MissionPlan
 
         return MissionPlan(source, chosen.read(source), self).plan()
-
-
-def read_rally(text: Text) -> list[Place]:
-    """The places to rally of a file: of a plan of QGroundControl, or of rows as WPL.
-
-    Raises
-    ------
-    InputError
-        If it has none, or is another file.
-    """
-    chosen = _format_of(text)
-    read = {FORMATS[0]: qgc_rally, FORMATS[1]: wpl_rally}.get(chosen) if chosen else None
-    found = [] if read is None else read(SourceText(text))
-    if not found:
-        expected = "those of a plan of QGroundControl, or rows of command 5100 (WPL)"
-        raise InputError.at(text.name, 1, 1, "no places to rally", expected)
-    return found
 
 
 def is_mission(text: Text) -> bool:

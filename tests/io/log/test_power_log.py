@@ -161,7 +161,7 @@ def test_latitude_and_longitude_that_are_swapped() -> None:
         (
             "time_s,voltage_v,current",
             {},
-            "1:18: error: current has no unit of current; expected a name such as current_a",
+            "1:18: error: current has no unit of current; expected a name such as",
         ),
         ("time_s,energy_j", {}, "1:1: error: no column for the power; expected power_w, or voltage_v and current_a"),
         ("time_s,voltage_v", {}, "1:1: error: no column for the power"),

@@ -137,6 +137,22 @@ def test_short_runs_share_a_task_and_a_long_one_has_its_own(scheduler):
 
 
 @pytest.mark.slow
+def test_a_worker_that_cannot_make_runs_is_an_error(scheduler):
+    engine = DaskEngine(operator.neg, scheduler)
+    engine.submit(RUNS[0])
+    with pytest.raises(EadpError, match="makes no runs: TypeError: bad operand"):
+        engine.finished()
+    engine.close()
+
+
+@pytest.mark.slow
+def test_a_run_that_kills_its_workers_is_given_back_and_the_rest_is_made(scheduler):
+    engine = DaskEngine(operator.call, scheduler)
+    assert made(engine, [*RUNS[:3], DEATH, *RUNS[3:]]) == {**expected(RUNS), (3, os._exit): None}
+    engine.close()
+
+
+@pytest.mark.slow
 def test_runs_of_many_a_task_outlive_their_worker(scheduler):
     from distributed import Client
 
@@ -164,19 +180,3 @@ def test_runs_of_many_a_task_outlive_their_worker(scheduler):
     assert Counter(run.args for run, _ in results) == Counter(run.args for run in runs)
     assert all(result == run() for run, result in results)
     assert tasks < 200
-
-
-@pytest.mark.slow
-def test_a_worker_that_cannot_make_runs_is_an_error(scheduler):
-    engine = DaskEngine(operator.neg, scheduler)
-    engine.submit(RUNS[0])
-    with pytest.raises(EadpError, match="makes no runs: TypeError: bad operand"):
-        engine.finished()
-    engine.close()
-
-
-@pytest.mark.slow
-def test_a_run_that_kills_its_workers_is_given_back_and_the_rest_is_made(scheduler):
-    engine = DaskEngine(operator.call, scheduler)
-    assert made(engine, [*RUNS[:3], DEATH, *RUNS[3:]]) == {**expected(RUNS), (3, os._exit): None}
-    engine.close()
