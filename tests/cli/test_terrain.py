@@ -279,19 +279,20 @@ def test_a_landing_over_terrain_is_exported_and_read_back(eadp, landing, tmp_pat
     assert forecasts[1].remaining_s == pytest.approx(forecasts[0].remaining_s, rel=0.01)
 
 
-def written_above_ground(eadp, plan, to, file):
+def written_above_ground(eadp, plan, terrain, to, file):
     """A mission as other software has it: its altitudes above the ground of `slope`."""
     zero_m = float(plan.read_text().split("%: ground ")[1].split()[0])
+    model = read_terrain([str(terrain)], np.array([HOME]), ORIGIN)
 
     def ground_m(latitude, longitude):
-        return 100 + 0.05 * to_local_m(latitude, longitude, ORIGIN)[0]
+        return float(model.known_m(np.array([to_local_m(latitude, longitude, ORIGIN)]))[0])
 
     text = eadp("export", plan, "--to", to).out
     if to == "qgc":
         mission = json.loads(text)
         mission["mission"]["plannedHomePosition"][2] = zero_m
         for item in mission["mission"]["items"]:
-            if item.get("frame") == 3:
+            if item.get("frame") == 3 and item["params"][4]:
                 sea_m = zero_m + item["Altitude"]
                 item["params"][6] = item["Altitude"] = sea_m - ground_m(*item["params"][4:6])
                 item |= {"frame": 10, "AltitudeMode": 4, "AMSLAltAboveTerrain": sea_m}
@@ -300,7 +301,7 @@ def written_above_ground(eadp, plan, to, file):
     first, home, *lines = text.splitlines()
     rows = [line.split("\t") for line in lines]
     for row in rows:
-        if row[2] == "3":
+        if row[2] == "3" and float(row[8]):
             row[2] = "10"
             row[10] = repr(float(row[10]) + zero_m - ground_m(float(row[8]), float(row[9])))
     file.write_text("\n".join([first, home, *("\t".join(row) for row in rows)]) + "\n")
@@ -310,7 +311,7 @@ def written_above_ground(eadp, plan, to, file):
 def test_altitudes_above_ground_are_read_back_above_home(eadp, landing, slope, tmp_path, to, known):
     """Of QGroundControl with heights above the sea, too, as its `SimpleMissionItem::save` writes them."""
     plan, terrain, above, again = landing[0], slope[1], tmp_path / "above", tmp_path / "again"
-    written_above_ground(eadp, plan, to, above)
+    written_above_ground(eadp, plan, terrain, to, above)
     given = ("--terrain", terrain) if known else ()
     answer = eadp("plan", above, "--format", "plan", *given)
     again.write_text(answer.out)
@@ -345,7 +346,7 @@ def test_altitudes_above_ground_are_read_back_above_home(eadp, landing, slope, t
 def test_a_flight_above_ground_is_kept_as_the_plan_that_it_is(eadp, landing, slope, tmp_path):
     above, flown = tmp_path / "above.waypoints", tmp_path / "flown"
     terrain = ("--terrain", slope[1])
-    written_above_ground(eadp, landing[0], "ardupilot", above)
+    written_above_ground(eadp, landing[0], slope[1], "ardupilot", above)
     given = ("--set", f"vehicle={WING[1]}", "--set", "step_s=0.05")
     answer = eadp("simulate", above, *terrain, *given, "-o", flown)
     assert answer.code == 0, answer.err
