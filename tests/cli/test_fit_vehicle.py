@@ -351,7 +351,7 @@ def test_the_independent_plant(eadp, tmp_path, monkeypatch):
     )
     assert answer.code == 0
     wing = read_vehicle(read_text(str(tmp_path / "v.yaml"))).airframe
-    # benchmarks/twin.py --check: power at the battery in still air
+    # of the plant in still air: power at the battery
     for speed, watts in ((12.0, 44.849), (15.0, 69.493), (17.0, 93.875), (19.0, 125.353)):
         assert wing.level_power_w(speed) == pytest.approx(watts, rel=0.03)
     turn = wing.level_power_w(15.0, math.radians(40.41)) - wing.level_power_w(15.0)
