@@ -1,16 +1,12 @@
 """Variants of planner `joint` that each leave one concept out, flown beside it on the missions of `quality.py`.
 
     python benchmarks/quality.py --ablate --missions 200 --jobs 2 --write
-    python benchmarks/quality.py --losses --missions 200 --jobs 2 --write
 
 A variant replaces constants and functions of the planner while it flies. `joint` itself has no option for any of them.
 
     python benchmarks/ablation.py VARIANT replan PLAN …
 
 is the program `eadp` with a variant.
-
-`--losses` flies each mission without losses of charge, and where it has some with them, at several
-`planner.joint.loss_rate_per_h`.
 """
 
 from __future__ import annotations
@@ -68,7 +64,6 @@ trig:
 """
 """The survey with more path parameters: c2 shortens its lines at the top, c3 at the bottom."""
 
-LOSS_RATES_PER_H = (0.0, 0.5, 1.0, 2.0, 4.0)
 AS_IT_IS = "as it is"
 must_search, along = JointPlanner._must_search, Search._along
 
@@ -146,18 +141,6 @@ def ablated(fly: Callable[[Mapping[str, Any]], dict[str, Any]]) -> dict[str, dic
     return flights
 
 
-def losses(fly: Callable[[Mapping[str, Any]], dict[str, Any]], *, lossy: bool) -> dict[str, dict[str, Any]]:
-    """One mission at every rate of expected losses: without losses, and with its own where it has any."""
-    fly({"faults": []})  # compiled, parsed
-    flights = {}
-    for rate in LOSS_RATES_PER_H:
-        keys = {"planner.joint.loss_rate_per_h": rate}
-        flights[f"{rate:g}, without losses"] = fly({**keys, "faults": []})
-        if lossy:
-            flights[f"{rate:g}, with losses"] = fly(keys)
-    return flights
-
-
 def value(flight: Mapping[str, Any]) -> float:
     """U of a flight, 0 where it does not complete."""
     return float(flight["u"]) if flight["completed"] else 0.0
@@ -205,17 +188,6 @@ def table_of(title: str, names: Iterable[str], beside: str, missions: list[dict[
     yield head(title, *TITLES)
     for name in names:
         yield row(name, [mission[name] for mission in missions], [mission[beside] for mission in missions])
-
-
-def losses_table(missions: list[dict[str, dict[str, Any]]]) -> Iterator[str]:
-    """All rates, of missions with and without losses, beside a rate of 0."""
-    for kind in ("without losses", "with losses"):
-        flown = [
-            {f"{rate:g}": mission[f"{rate:g}, {kind}"] for rate in LOSS_RATES_PER_H}
-            for mission in missions
-            if f"0, {kind}" in mission
-        ]
-        yield from rates_table(kind, "0", flown)
 
 
 def rates_table(kind: str, beside: str, missions: list[dict[str, dict[str, Any]]]) -> Iterator[str]:

@@ -33,7 +33,6 @@ from scipy.signal import lfilter
 from eadp.core.arrays import FloatArray
 from eadp.core.signals.spectrum import Spectrum, analyse
 from eadp.io.log.formats import read_power_log
-from eadp.io.log.power_log import Columns
 
 AMPLITUDES_W = np.array([2.1, 1.4, 0.6])
 STEP_S = 0.5
@@ -273,8 +272,8 @@ def long_log(seed: int) -> None:
         print(f"{len(times)} samples, {name}: analysis {alone_s:.2f} CPU s; {whole}", flush=True)
 
 
-def published(name: str, path: str, columns: Columns, start_s: float) -> None:
-    log = read_power_log(path, columns)
+def published(name: str, path: str, start_s: float) -> None:
+    log = read_power_log(path)
     kept = log.times_s >= start_s
     found = analyse(log.times_s[kept], log.power_w[kept])
     answer = f"{found.period_s:.2f} ± {found.period_std_s:.2f} s" if found.periodic else "no period"
@@ -285,7 +284,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=60)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--opterra", default="", metavar="LOG", help="a survey's power, headerless")
+    parser.add_argument("--opterra", default="", metavar="LOG", help="a survey's power")
     parser.add_argument("--px4", default="", metavar="LOG", help="a battery_status as CSV")
     parser.add_argument("--only", metavar="WORDS", help="the kinds with these words in their names")
     add_option(parser, "fit")
@@ -306,9 +305,9 @@ def _print(arguments: argparse.Namespace) -> None:
         long_log(arguments.seed)
     if arguments.opterra:
         for start_s in (0.0, 25.0):
-            published("survey", arguments.opterra, Columns(names=("time_s", "power_w")), start_s)
+            published("survey", arguments.opterra, start_s)
     if arguments.px4:
-        published("PX4", arguments.px4, Columns(), 0.0)
+        published("PX4", arguments.px4, 0.0)
 
 
 if __name__ == "__main__":

@@ -348,10 +348,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", default=[""], help="of these alone: parts of FILE:LINE: CHANGE")
     parser.add_argument("--slow", action="store_true", help="with the tests of the slow tier")
     parser.add_argument("--jobs", type=int, default=2)
-    measured.add_option(parser, "mutants")
-    options = parser.parse_args()
-    with measured.recorded("mutants", write=options.write):
-        _run(options)
+    _run(parser.parse_args())
 
 
 def _run(options: argparse.Namespace) -> None:

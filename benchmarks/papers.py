@@ -25,7 +25,6 @@ def commands(folder: Path, log: str | None) -> dict[str, list[str]]:
         "letter Fig. 1, right": ["fit", power, "--spectrum", f"{folder}/spectrum.png"],
         "draft 002 Fig. 3": ["fit", power, "--filter", f"{folder}/filter.png", "--gate", "1"],
         "letter Fig. 2; draft 003 Figs. 1, 2": ["plan", PLAN, "--set", "c1=-400", "--plot", f"{folder}/plan.png"],
-        "letter Fig. 3; draft 003 Fig. 3": ["plan", PLAN, "--machine", "--plot", f"{folder}/machine.png"],
         "letter Fig. 5": [
             *("cover", "plans/meadow.geojson", "--min-radius", "30", "--swath", "30", "--pattern", "zamboni"),
             *("-o", f"{folder}/meadow.plan", "--plot", f"{folder}/cover.png"),

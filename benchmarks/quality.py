@@ -14,23 +14,15 @@ covered fields, with the vehicles `paper` and `fixed-wing`, by
   keeps the reserve where any constant parameters do, and else completes where any do.
 
     python benchmarks/quality.py --missions 200 --jobs 2
-    python benchmarks/quality.py --reserve 2000
-    python benchmarks/quality.py --schedules 40
-    python benchmarks/quality.py --batteries 20
     python benchmarks/quality.py --ablate --missions 200 --jobs 2
-    python benchmarks/quality.py --losses --missions 200 --jobs 2
 
-`--schedules` compares `joint` with the best schedule of c1 by laps that a search finds, with wind and losses known
-beforehand, and with the best one that learns of a loss when it happens; `--batteries` flies missions without losses
-with batteries of 0.5 to 1.3 in steps of 0.05. `--ablate` and `--losses` are those of `ablation.py`. `--write` writes
-what is printed to docs/measured.
+`--ablate` is that of `ablation.py`. `--write` writes what is printed to docs/measured.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
-import functools
 import io
 import itertools
 import json
@@ -45,24 +37,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ablation import AS_IT_IS, VARIANTS, ablated, losses, losses_table, plans_of_several, table_of, value
+from ablation import AS_IT_IS, VARIANTS, ablated, plans_of_several, table_of, value
 from measured import head, line, recorded
 
 from eadp.api.inputs import FlightInputs, load_flight
 from eadp.core.compiled import enable
 from eadp.models.plan.ground import lap_scale
 from eadp.models.plan.route import MARGIN_M, RoutePredictor
-from eadp.planning.base import Decision, Observation, SolverReport
-from eadp.planning.forecast.evaluate import Evaluator, Objective
-from eadp.planning.forecast.held import before_take_off
-from eadp.planning.joint.places import Places
-from eadp.planning.joint.planner import JointPlanner
-from eadp.planning.joint.program import ComputationProgram
-from eadp.planning.joint.search import Search
-from eadp.planning.joint.settings import JointSettings
+from eadp.planning.base import Decision, Observation
 from eadp.planning.planner import Planner
 from eadp.planning.state.flight_state import FlightState
-from eadp.planning.state.known import Known
 from eadp.simulation.loop import Outcome, fly
 from eadp.simulation.metrics import ParameterLog
 
@@ -284,214 +268,6 @@ def _charged(battery: Any, power: Any, faults: Any) -> tuple[float, float]:
     return float(soc[-1]), float(soc.min())
 
 
-# --- schedules by laps ------------------------------------------------------------------------------------------------
-
-SCHEDULE_VALUES, SCHEDULE_ROUNDS, SCHEDULE_LEVELS = 7, 2, 41
-FIRST_DECISION_S = 5.0
-"""When the first value of a schedule is decided, as by `joint`: parameters at take-off are given."""
-
-
-Rank = tuple[bool, bool, float, float]
-"""Whether the reserve is kept, and the flight complete; U where it is kept, else the charge at the end; U."""
-
-NONE = False, False, -math.inf, 0.0
-
-
-class Scheduled(Planner):
-    """A value of c1 for each lap, decided as the lap before starts, so that it takes effect as soon as it can."""
-
-    next_update_s = FIRST_DECISION_S
-
-    def __init__(self, inputs: FlightInputs, schedule: list[float]) -> None:
-        super().__init__(inputs.scenario.planner, inputs.mission)
-        self._schedule, self._place = schedule, (0, 0)
-        self.laps_s = [0.0]
-
-    def update(self, state: FlightState) -> Decision:
-        """At a new lap the value of the next one."""
-        o = state.now
-        place = o.cursor.segment, o.cursor.lap
-        if place != self._place:
-            self._place = place
-            self.laps_s.append(o.time_s)
-        if o.time_s >= FIRST_DECISION_S:
-            self.next_update_s = math.inf  # then at new stages alone
-            c1 = self._schedule[min(len(self.laps_s), len(self._schedule)) - 1]
-            self._decision = self._decision._replace(parameters=(c1, self._decision.parameters[1]))
-        return self._decision
-
-
-@dataclass(frozen=True)
-class ScheduledFlight:
-    """A flight of a schedule with the lowest computations, and a battery that is not drained by it."""
-
-    completed: bool
-    power_w: Any
-    runs: Any
-    """Whether the computations run, at every step."""
-    rates: Any
-    """Ground per second, at every step."""
-    lowest_u: float
-    """U with the lowest computations."""
-    laps_s: list[float]
-
-
-class ScheduleSearch:
-    """Searches the best schedule of c1 by laps, with constant computations from a time on.
-
-    `best` knows all losses beforehand. `learned` learns of a loss when it happens: the laps and computations until then
-    are those that are best without it.
-    """
-
-    def __init__(self, plan: str, case: Case, laps: int) -> None:
-        self._plan, self._laps, self._start = plan, laps, case.keys["parameters"]["c1"]
-        self._base = {
-            **case.keys,
-            "planner.name": "static",
-            "faults": [],
-            "battery.capacity_ah": 1000.0,
-            "log_every_s": SAMPLE_S,
-        }
-        probe = load(plan, self._base)
-        self._box, self._levels_box = probe.mission.plan.hull(0), probe.mission.plan.hull(1)
-        levels = probe.mission.computing.levels(0, self._levels_box)
-        sets = _free(probe.mission.plan.stages)
-        watts = [probe.mission.computing.power_w((0.0, level), sets) for level in levels]
-        # mixtures of the levels around a mean
-        self._levels = np.linspace(levels[0], levels[-1], SCHEDULE_LEVELS)
-        self._more_w = np.interp(self._levels, levels, watts) - watts[0]
-        self._shares = np.array([self._levels_box.share(float(level)) or 0.0 for level in self._levels])
-        self._battery, self._faults = load(plan, case.keys).world.battery, case.keys["faults"]
-        self._flights: dict[tuple[float, ...], ScheduledFlight] = {}
-
-    def _flown(self, values: list[float]) -> ScheduledFlight:
-        key = tuple(values)
-        if key not in self._flights:
-            first = {"c1": self._start, "c2": float(self._levels[0])}
-            inputs, outcome = load(self._plan, {**self._base, "parameters": first}), Outcome()
-            flight = inputs.flight()
-            flight.planner = planner = Scheduled(inputs, values)
-            power, stages = [], []
-            for step in fly(inputs.world, flight, outcome):
-                power.append(step.power_w)
-                stages.append(step.stage)
-            runs = np.array([not stage.sets[1].fixed for stage in inputs.mission.plan.stages])[np.array(stages) - 1]
-            log = outcome.parameters
-            assert log is not None
-            rates, u = ground_rates(log, len(power)), log.quality({}) or 0.0
-            self._flights[key] = ScheduledFlight(outcome.completed, np.array(power), runs, rates, u, planner.laps_s)
-        return self._flights[key]
-
-    def _score(self, values: list[float], faults: Any, before: list[tuple[float, int]]) -> tuple[Rank, int]:
-        """Rank of a schedule, its best level after the last time of `before`: pairs of end [s] and level until it."""
-        flight = self._flown(values)
-        if not flight.completed:
-            return NONE, 0
-        chosen, start = np.full(len(flight.power_w), -1), 0
-        for end_s, level in before:
-            end = min(round(end_s / SAMPLE_S), len(chosen))
-            chosen[start:end], start = level, end
-        ahead = np.arange(len(chosen)) >= start
-        best, found = NONE, 0
-        for level in range(SCHEDULE_LEVELS):
-            own = np.where(ahead, level, chosen)
-            end, lowest = _charged(self._battery, flight.power_w + self._more_w[own] * flight.runs, faults)
-            seen = float((flight.rates * flight.runs) @ self._shares[own] / flight.rates.sum())
-            u = flight.lowest_u + seen / 2
-            kept = lowest > 0 and end >= RESERVE
-            rank = kept, lowest > 0, u if kept else end, u
-            if rank > best:
-                best, found = rank, level
-        return best, found
-
-    def _search(
-        self, values: list[float], first: int, faults: Any, before: list[tuple[float, int]]
-    ) -> tuple[Rank, list[float], int]:
-        """One lap after the other, from a first one on."""
-        places = np.linspace(self._box.lo, self._box.hi, SCHEDULE_VALUES).tolist()
-        best, level = self._score(values, faults, before)
-        starts = [
-            [*values[:first], *[place] * (self._laps - first)] for place in np.linspace(places[0], places[-1], GRID)
-        ]
-        for tried in starts:
-            found, own = self._score(tried, faults, before)
-            if found > best:
-                best, values, level = found, tried, own
-        for _ in range(SCHEDULE_ROUNDS):
-            known = best
-            for lap in range(first, self._laps):
-                for place in places:
-                    tried = [*values[:lap], place, *values[lap + 1 :]]
-                    found, own = self._score(tried, faults, before)
-                    if found > best:
-                        best, values, level = found, tried, own
-            if best == known:
-                break
-        return best, values, level
-
-    def best(self) -> dict[str, Any]:
-        """The best schedule for one who knows all losses."""
-        rank, values, _ = self._search([self._start] * self._laps, 0, self._faults, [])
-        return _schedule(rank, values)
-
-    def learned(self) -> dict[str, Any]:
-        """The best schedule for one who knows the losses that have been."""
-        before: list[tuple[float, int]] = []
-        rank, values, level = self._search([self._start] * self._laps, 0, [], before)
-        for count, fault in enumerate(self._faults, 1):
-            flight = self._flown(values)
-            if fault["at_s"] < len(flight.power_w) * STEP_S:
-                # the value of the lap after this one is decided already
-                first = sum(lap_s <= fault["at_s"] for lap_s in flight.laps_s)
-                before = [*before, (fault["at_s"], level)]
-                rank, values, level = self._search(values, min(first, self._laps), self._faults[:count], before)
-        return _schedule(rank, values)
-
-
-def _schedule(rank: Rank, values: list[float]) -> dict[str, Any]:
-    return {"kept": rank[0], "completed": rank[1], "u": rank[3], "c1": values}
-
-
-def scheduled(task: tuple[dict[str, str], Case]) -> dict[str, Any]:
-    """One mission by `joint`, and by the best schedules."""
-    found, case = task
-    plan = found[case.place]
-    joint = flown(load(plan, case.keys, **{"planner.name": "joint"}))
-    search = ScheduleSearch(plan, case, LAPS[case.place])
-    result = {"index": case.index, "place": case.place, "joint": joint, "schedule": search.best()}
-    return {**result, "learned": search.learned() if case.keys["faults"] else result["schedule"]}
-
-
-LAPS = {"survey": 8, "oblong": 10, "slanted": 10, "corner": 14}
-"""Laps that schedules tell apart; the last value holds for those after them."""
-
-
-def schedules(results: list[dict[str, Any]]) -> Iterator[str]:
-    """`joint` beside the best schedules, of missions in which all complete."""
-    for name, who in (("schedule", "with all losses known"), ("learned", "that learns of a loss when it happens")):
-        both = [r for r in results if r["joint"]["completed"] and r[name]["completed"] and r[name]["u"] > 0]
-        ratios = [r["joint"]["u"] / r[name]["u"] for r in both]
-        joint, best = (statistics.mean(r[key]["u"] for r in both) for key in ("joint", name))
-        yield f"U of joint over the best schedule of c1 by laps {who}, {len(both)} missions:"
-        yield f"mean of ratios {statistics.mean(ratios):.3f}, of means {joint / best:.3f}, least {min(ratios):.3f}"
-        for place in LAPS:
-            own = [ratio for ratio, r in zip(ratios, both, strict=True) if r["place"] == place]
-            if own:
-                yield f"  {place}: {statistics.mean(own):.3f} ({len(own)})"
-
-
-def batteries(task: tuple[dict[str, str], Case]) -> list[tuple[float, float, bool]]:
-    """Capacity, U and whether it is complete, of one mission without losses with ever larger batteries."""
-    found, case = task
-    rows = []
-    whole_ah = case.keys["battery.capacity_ah"]
-    for share in np.arange(0.5, 1.31, 0.05):
-        keys = {**case.keys, "faults": [], "battery.capacity_ah": whole_ah * share}
-        done = flown(load(found[case.place], keys, **{"planner.name": "joint"}))
-        rows.append((float(whole_ah * share), float(done["u"]) if done["completed"] else 0.0, bool(done["completed"])))
-    return rows
-
-
 # --- the plain rule ---------------------------------------------------------------------------------------------------
 
 
@@ -665,189 +441,6 @@ def gained(results: list[dict[str, Any]]) -> Iterator[str]:
     yield line("U, 0 without the reserve", *figures)
 
 
-def _windy(rng: np.random.Generator) -> dict[str, Any]:
-    """The survey by the joint planner, in some wind."""
-    return {
-        "vehicle.airframe.model": "fixed-wing",
-        "planner.name": "joint",
-        "wind.speed_mps": float(rng.uniform(0, 8)),
-        "wind.towards_deg": float(rng.uniform(0, 360)),
-    }
-
-
-def reserve(count: int, seed: int, jobs: int, probability: float) -> None:
-    """How often the reserve is violated in gusty flights in which charge is short."""
-    rng = np.random.default_rng(seed)
-    tasks = []
-    for _ in range(count):
-        keys = {
-            **_windy(rng),
-            "wind.gust_std_mps": float(rng.uniform(0.5, 1.5)),
-            "battery.capacity_ah": float(rng.uniform(0.45, 0.62)),
-            "planner.joint.reserve_probability": probability,
-            "seed": int(rng.integers(1 << 30)),
-        }
-        tasks.append(keys)
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        ends = list(pool.imap_unordered(_end, tasks, chunksize=4))
-    completed = [end for end in ends if end[0]]
-    violated = sum(end[1] < RESERVE for end in completed)
-    bound = [end for end in completed if end[1] < RESERVE + 0.03]
-    print(f"seed {seed}, {count} flights, stated share {1 - probability:.3f}")
-    print(f"completed {len(completed)}; reserve violated {violated}, {violated / count:.4f} of all")
-    print(f"of the {len(bound)} that end within 0.03 of it: {violated / max(len(bound), 1):.4f}")
-    shares = np.quantile([end[1] for end in completed], [0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99])
-    print("SoC at the end, 1 5 25 50 75 95 99 %:", " ".join(f"{value:.4f}" for value in shares))
-
-
-def _end(keys: Mapping[str, Any]) -> tuple[bool, float, float | None]:
-    done = flown(load(str(ROOT / "plans/survey.plan"), keys))
-    return done["completed"], done["soc"], done["u"]
-
-
-BRUTE_FORCE, BATCH = 2001, 200
-"""Places of c1 in the brute force, and how many are evaluated at once."""
-
-
-def programs(count: int, seed: int) -> None:
-    """Search and program against a fine brute force before take-off, and what a look costs in flight."""
-    rng = np.random.default_rng(seed)
-    gaps: dict[str, list[float]] = {"search": [], "search, then OSQP": []}
-    missed, evaluated, report = 0, [], SolverReport()
-    for _ in range(count):
-        keys = {
-            **_windy(rng),
-            "battery.capacity_ah": float(rng.uniform(0.4, 0.9)),
-            "planner.weights": {"c1": float(rng.uniform(0.2, 1)), "c2": float(rng.uniform(0.2, 1))},
-        }
-        inputs = load(str(ROOT / "plans/survey.plan"), keys)
-        settings, mission = inputs.scenario.planner, inputs.mission
-        own = settings.own or JointSettings()
-        evaluator = Evaluator(mission, settings, Objective(settings.reserve_soc, own.reserve_probability))
-        _, known = before_take_off(settings, mission, inputs.world.wind.steady_mps, 0.0)
-        places = Places(evaluator, mission.parameters)
-        places.enter(known)
-        best = brute_force(places, evaluator, known)
-        search = Search(functools.partial(places.evaluate, known), evaluator.path_weight)
-        start = (float(rng.uniform()),)
-        found = search.best(start)
-        evaluated.append(len(search.known))
-        if best is None:
-            continue
-        if found is None or not found.feasible:
-            missed += 1
-            continue
-        gaps["search"].append(best - found.value)
-        _, evaluation = places.evaluate(known, [found.shares])
-        assert evaluation is not None
-        gaps["search, then OSQP"].append(best - ComputationProgram(report).solve(evaluation.knapsack).value)
-    feasible = len(gaps["search"])
-    print(f"seed {seed}, {count} instances, {feasible} feasible; against {BRUTE_FORCE:,} places of c1, in closed form:")
-    print(head("", "gap in U, median", "worst", "best"))
-    for title, values in gaps.items():
-        if values:
-            print(line(title, f"{statistics.median(values):.1e}", f"{max(values):.1e}", f"{min(values):.1e}"))
-    print(f"not found though feasible: {missed}; places that a search evaluates: {statistics.mean(evaluated):.0f}")
-    print(
-        f"{report.calls} runs of OSQP: {dict(report.by_status)}, {report.fallbacks} fallbacks, "
-        f"closed form better by more than 1e-6: {report.outdone}"
-    )
-    replannings()
-
-
-def brute_force(places: Places, evaluator: Evaluator, known: Known) -> float | None:
-    """The greatest value over `BRUTE_FORCE` places of c1, computations in closed form; None where none is feasible."""
-    shares, best = [(share,) for share in np.linspace(0, 1, BRUTE_FORCE).tolist()], -math.inf
-    for first in range(0, BRUTE_FORCE, BATCH):
-        _, evaluation = places.evaluate(known, shares[first : first + BATCH])
-        if evaluation is not None:
-            filling = evaluation.filled()
-            best = max(best, float(filling.value[filling.feasible].max(initial=-math.inf)))
-    return best if best > -math.inf else None
-
-
-def replannings() -> None:
-    """What a re-planning costs in flight, by whether the path was searched."""
-    costs: list[tuple[bool, int, float]] = []
-    searched: list[bool] = []
-    for index in range(4):
-        inputs = load(
-            str(ROOT / "plans/survey.plan"),
-            {"battery.capacity_ah": 1.0, "planner.name": "joint", "wind.gust_std_mps": 1, "wind.speed_mps": 2 * index},
-        )
-        flight = inputs.flight()
-        planner = flight.planner
-        assert isinstance(planner, JointPlanner)
-
-        def noted(*given: Any, search: Any = planner._search_plan) -> Any:
-            searched.append(True)
-            return search(*given)
-
-        def timed(
-            o: Observation, known: Known, cause: str, replan: Any = planner._replan, planner: Any = planner
-        ) -> None:
-            searched.clear()
-            start_s = time.process_time()
-            replan(o, known, cause)
-            spent_ms = 1e3 * (time.process_time() - start_s)
-            route = planner._places.route(known, planner._places.shares)
-            costs.append((any(searched), 0 if route is None else len(route.order), spent_ms))
-
-        planner._search_plan = noted  # type: ignore[method-assign]
-        planner._replan = timed  # type: ignore[method-assign]
-        for _ in fly(inputs.world, flight, Outcome()):
-            pass
-    print(head("a re-planning with 50 to 66 legs left", "CPU, median [ms]", "95 %", "most", "re-plannings"))
-    for kind, title in ((False, "path not searched"), (True, "path searched")):
-        long = [ms for was, legs, ms in costs if was is kind and 50 <= legs <= 66]
-        if long:
-            cells = statistics.median(long), float(np.quantile(long, 0.95)), max(long)
-            print(line(title, *(f"{cell:.2f}" for cell in cells), len(long)))
-
-
-MOMENTS_S, SHARES = (30.0, 60.0), (0.25, 0.5, 0.75)
-
-
-def forecasts(count: int, seed: int, jobs: int) -> None:
-    """How often the charge at the end is below what was forecast, less z standard deviations: parameters kept."""
-    rng = np.random.default_rng(seed)
-    tasks = []
-    for _ in range(count):
-        tasks.append(
-            {
-                **_windy(rng),
-                "wind.gust_std_mps": float(rng.uniform(0.5, 1.5)),
-                "battery.capacity_ah": 1.2,
-                "planner.joint.min_gain": 1.0,
-                "planner.levels": {"c2": [10.0]},
-                "parameters": {"c1": float(rng.uniform(-950, -50))},
-                "seed": int(rng.integers(1 << 30)),
-            }
-        )
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        scores = np.array([row for row in pool.imap_unordered(_scores, tasks, chunksize=4) if row is not None])
-    print(f"seed {seed}, {len(scores)} of {count} flights completed; share that ends below the forecast less z std [%]")
-    wanted = (0.8, 0.9, 0.95, 0.99)
-    print(head("forecast made", *(f"{100 * (1 - p):.0f}" for p in wanted), "mean", "std"))
-    titles = [f"at {moment:.0f} s" for moment in MOMENTS_S] + [f"at {share:.0%}" for share in SHARES]
-    for title, column in zip(titles, scores.T, strict=True):
-        below = [100 * float(np.mean(column < -statistics.NormalDist().inv_cdf(p))) for p in wanted]
-        print(line(title, *(f"{share:.1f}" for share in below), f"{column.mean():.2f}", f"{column.std():.2f}"))
-
-
-def _scores(keys: Mapping[str, Any]) -> list[float] | None:
-    inputs = load(str(ROOT / "plans/survey.plan"), keys)
-    outcome = Outcome()
-    for _ in fly(inputs.world, inputs.flight(), outcome):
-        pass
-    if not outcome.completed:
-        return None
-    times = [record.time_s for record in outcome.records]
-    moments = [*MOMENTS_S, *(share * outcome.duration_s for share in SHARES)]
-    forecasts = [outcome.records[max(int(np.searchsorted(times, moment)) - 1, 0)] for moment in moments]
-    return [(outcome.soc_final - record.ending.soc_end) / record.ending.soc_end_std for record in forecasts]
-
-
 def main() -> None:
     """Run and print."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -858,14 +451,7 @@ def main() -> None:
     options.add_argument("--out", help="JSON lines, one mission each")
     options.add_argument("--again", help="such a file: its missions by joint once more, the others as they flew")
     options.add_argument("--table", help="print the tables of such a file")
-    options.add_argument("--reserve", type=int, default=0, help="gusty flights to count violations of the reserve in")
-    options.add_argument("--programs", type=int, default=0, help="instances to compare with a brute force")
-    options.add_argument("--forecasts", type=int, default=0, help="flights with kept parameters to judge forecasts by")
-    options.add_argument("--schedules", type=int, default=0, help="missions to compare with the best schedules")
-    options.add_argument("--batteries", type=int, default=0, help="missions to fly with ever larger batteries")
-    options.add_argument("--probability", type=float, default=0.95)
     options.add_argument("--ablate", action="store_true", help="fly variants of joint that leave a concept out")
-    options.add_argument("--losses", action="store_true", help="fly joint at several rates of expected losses")
     options.add_argument("--write", action="store_true", help="write what is printed to docs/measured")
     given = options.parse_args()
     with recorded(_page(given), write=given.write):
@@ -874,42 +460,22 @@ def main() -> None:
 
 def _page(given: argparse.Namespace) -> str:
     """The page in docs/measured that the options fill."""
-    kinds = {"programs": "programs", "forecasts": "forecasts", "reserve": "reserve", "schedules": "schedules"}
-    kinds |= {"batteries": "batteries", "ablate": "ablation", "losses": "losses"}
-    page = next((name for option, name in kinds.items() if getattr(given, option)), "quality")
+    page = "ablation" if given.ablate else "quality"
     return page if given.seed == 1 else f"{page}_{given.seed}"
 
 
 def _print(given: argparse.Namespace) -> None:
     if given.table:
         read = [json.loads(line) for line in Path(given.table).read_text().splitlines()]
-        if given.ablate or given.losses:
+        if given.ablate:
             print_variants(given, read)
         else:
             report(given.seed, read)
         return
-    if given.programs:
-        programs(given.programs, given.seed)
-        return
-    if given.forecasts:
-        forecasts(given.forecasts, given.seed, given.jobs)
-        return
-    if given.reserve:
-        reserve(given.reserve, given.seed, given.jobs, given.probability)
-        return
     with tempfile.TemporaryDirectory() as folder:
         found = plans(Path(folder))
-        if given.ablate or given.losses:
-            variants(given, found | (plans_of_several(Path(folder)) if given.ablate else {}))
-            return
-        if given.schedules or given.batteries:
-            missions = cases(given.schedules or given.batteries, given.seed, found)
-            with multiprocessing.get_context("spawn").Pool(given.jobs) as pool:
-                tasks = [(found, mission) for mission in missions]
-                if given.schedules:
-                    print("\n".join(schedules(list(pool.imap_unordered(scheduled, tasks)))))
-                else:
-                    larger(list(pool.imap(batteries, tasks)))
+        if given.ablate:
+            variants(given, found | plans_of_several(Path(folder)))
             return
         if given.again:
             work, missions = again, [json.loads(line) for line in Path(given.again).read_text().splitlines()]
@@ -925,14 +491,13 @@ def variants(given: argparse.Namespace, found: dict[str, str]) -> None:
     """Fly variants of `joint`, and print how they compare."""
     missions = cases(given.missions, given.seed, found)
     tasks = [(found, missions[i]) for i in (given.only or range(len(missions)))]
-    print_variants(given, _flown_by_all(given, _ablated if given.ablate else _losses, tasks))
+    print_variants(given, _flown_by_all(given, _ablated, tasks))
 
 
 def print_variants(given: argparse.Namespace, results: list[Any]) -> None:
     """Print how variants compare."""
     print(f"seed {given.seed}, {len(results)} missions; U is 0 where a mission is not completed")
-    ablation = table_of("planner `joint`", VARIANTS, AS_IT_IS, results)
-    print("\n".join(ablation if given.ablate else losses_table(results)))
+    print("\n".join(table_of("planner `joint`", VARIANTS, AS_IT_IS, results)))
 
 
 def _flown_by_all(given: argparse.Namespace, work: Any, tasks: list[Any]) -> list[Any]:
@@ -951,28 +516,10 @@ def _ablated(task: tuple[dict[str, str], Case]) -> dict[str, dict[str, Any]]:
     return ablated(lambda keys: _joint(task, keys))
 
 
-def _losses(task: tuple[dict[str, str], Case]) -> dict[str, dict[str, Any]]:
-    return losses(lambda keys: _joint(task, keys), lossy=bool(task[1].keys["faults"]))
-
-
 def _joint(task: tuple[dict[str, str], Case], keys: Mapping[str, Any]) -> dict[str, Any]:
     """A mission by `joint`, with some more keys."""
     found, case = task
     return flown(load(found[case.place], {**case.keys, "planner.name": "joint", **keys}))
-
-
-def larger(missions: list[list[tuple[float, float, bool]]]) -> None:
-    """Print by how much U falls with a larger battery."""
-    falls = []
-    for index, rows in enumerate(missions):
-        best = 0.0
-        for ah, u, completed in rows:
-            falls.append(best - u)
-            if best - u > 0.01:
-                print(f"mission {index}: U {u:.3f} at {ah:.3f} Ah, {best:.3f} with less, complete: {completed}")
-            best = max(best, u)
-    print(f"{len(falls)} flights; U below that of a smaller battery by more than 0.01: {sum(f > 0.01 for f in falls)}")
-    print(f"falls of U: 90 % {np.quantile(falls, 0.9):.4f}, most {max(falls):.4f}")
 
 
 def report(seed: int, results: list[dict[str, Any]]) -> None:

@@ -1,6 +1,6 @@
 """Fields divided among sorties: how near the fewest, and whether they fly, on 40 fields.
 
-    python benchmarks/sorties.py [FIELDS.geojson] [--plant | --large] [--seed 0] [--seconds 10] [--jobs 2] [--write]
+    python benchmarks/sorties.py [FIELDS.geojson] [--seed 0] [--seconds 10] [--jobs 2] [--write]
 
 FIELDS has outlines in metres. Each is taken at three sizes, and an L of our own at one: with an aircraft of 2 kg, a
 pack of 0.6 to 2 Ah, a wind of 0 to 6 m/s from anywhere, gusts of 0.5 m/s, and a home beside the field.
@@ -9,8 +9,6 @@ pack of 0.6 to 2 Ah, a wind of 0 to 6 m/s from anywhere, gusts of 0.5 m/s, and a
   a pack of the same time): fewer sorties first, then less time.
 - All sorties are flown, each with a fresh pack.
 - Every second job is stopped at random, in the air, and resumed: ground covered twice, and missed.
-- --plant flies jobs on the aeroplane of plant.py instead, with a pack of what its owner knows, two over a slope.
-- --large times fields of up to 1,000 ha with obstacles instead.
 """
 
 from __future__ import annotations
@@ -19,10 +17,7 @@ import argparse
 import json
 import math
 import multiprocessing
-import os
 import statistics
-import subprocess
-import sys
 import tempfile
 import time
 from dataclasses import replace
@@ -35,23 +30,15 @@ from measured import add_option, head, line, recorded
 import eadp
 from eadp.api.sorties.folder import write_sorties
 from eadp.api.sorties.plan import SortieOptions, SortiePlan
-from eadp.core.geometry.polygons import covered_shares, holding
+from eadp.core.geometry.polygons import covered_shares
 from eadp.coverage.cover import LineGrid, cover, line_costs
 from eadp.errors import EadpError, Infeasible
 from eadp.io.flight.coverage import flown_lines, flown_of_plan
-from eadp.io.terrain.reader import read_terrain
 
 ROOT = Path(__file__).resolve().parents[1]
 SCALES = (1.0, 2.0, 3.0)
 OWN = [[0, 0], [900, 0], [900, 350], [400, 350], [400, 800], [0, 800]]
-ESTATE, OWNER = ROOT / "plans/estate.geojson", ROOT / "benchmarks/twin/owner.yaml"
 VEHICLE = ROOT / "vehicles/foam-wing.yaml"
-ON_PLANT = (0.0, 0.0, 0.0), (4.0, 240.0, 0.0), (6.0, 120.0, 0.0), (0.0, 0.0, 0.05), (4.0, 240.0, 0.1)
-"""Jobs on the plant: wind [m/s], where it is from [°], and how steep the ground rises to the east."""
-
-LARGE = (166, 3, 1), (500, 10, 2), (1000, 20, 3)
-"""Fields: area [ha], obstacles, seed."""
-PACK = {"capacity_ah": 10, "resistance_ohm": 0.02}
 
 
 def jobs(path: Path, seed: int) -> list[dict[str, Any]]:
@@ -203,119 +190,6 @@ def interrupted(
     return {"missed": missed, "twice": first + alone - both}
 
 
-def on_large() -> None:
-    """Times of the command on large fields with obstacles and a boundary: user and system time of its process."""
-    print(head("area [ha]", "obstacles", "sorties", "bound", "covered", "processor time [s]", "time [s]"))
-    for hectares, obstacles, seed in LARGE:
-        with tempfile.TemporaryDirectory() as name:
-            folder = Path(name)
-            files = large_field(folder, hectares, obstacles, np.random.default_rng(seed))
-            options = ["--gsd", "2", "--camera", "sony-a6000-20mm", "--side-overlap", "70", "--forward-overlap", "75"]
-            options += ["--metres", "--vehicle", str(VEHICLE), "--scenario", str(folder / "pack.yaml")]
-            (folder / "pack.yaml").write_text(json.dumps({"schema": "eadp.scenario/1", "battery": PACK}))
-            command = [sys.executable, "-m", "eadp", "cover", *files, *options]
-            started, before = time.perf_counter(), os.times()
-            subprocess.run(
-                [*command, "--sorties", "auto", "-o", str(folder / "job")], check=True, stdout=subprocess.DEVNULL
-            )
-            after, took_s = os.times(), time.perf_counter() - started
-            cpu_s = after.children_user + after.children_system - before.children_user - before.children_system
-            found = json.loads((folder / "job" / "sorties.json").read_text())
-        cells = found["count"], found["min_count"], f"{found['coverage']:.4f}", f"{cpu_s:.1f}", f"{took_s:.1f}"
-        print(line(hectares, obstacles, *cells))
-
-
-def large_field(folder: Path, hectares: float, obstacles: int, rng: np.random.Generator) -> list[str]:
-    """Files of an irregular field, its masts and buildings 150 m apart, and a boundary 120 m around; as options."""
-    import shapely
-
-    turns = (np.arange(14) + rng.uniform(-0.3, 0.3, 14)) * 2 * np.pi / 14
-    radii = 1 + rng.uniform(-0.25, 0.25, 14)
-    ring = np.column_stack([1.4 * radii * np.cos(turns), radii * np.sin(turns)])
-    ring *= math.sqrt(hectares * 1e4 / shapely.Polygon(ring).area)
-    outline, made = shapely.Polygon(ring), list[shapely.Polygon]()
-    while len(made) < obstacles:
-        corners = np.sort(rng.uniform(0, 2 * np.pi, int(rng.integers(4, 8))))
-        at, size_m = rng.uniform(ring.min(axis=0), ring.max(axis=0)), rng.uniform(15, 70)
-        one = shapely.Polygon(at + size_m * np.column_stack([np.cos(corners), np.sin(corners)]))
-        if one.area > 300 and outline.contains(one) and all(one.distance(other) > 150 for other in made):
-            made.append(one)
-    names = {"field": [outline], "avoid": made, "inside": [outline.buffer(120).simplify(20)]}
-    for name, shapes in names.items():
-        features = [
-            {"type": "Feature", "properties": {}, "geometry": shapely.geometry.mapping(each)} for each in shapes
-        ]
-        (folder / f"{name}.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-    x, y = ring[ring[:, 1].argmin()]
-    fences = [option for name in ("avoid", "inside") for option in (f"--{name}", str(folder / f"{name}.geojson"))]
-    return [str(folder / "field.geojson"), *fences, "--home", f"{x:.1f},{y - 40:.1f}"]
-
-
-def on_plant() -> None:
-    """Jobs flown on the plant of plant.py, which shares the plan alone; it starts at its altitude."""
-    titles = (
-        "energy over its forecast",
-        "least charge at a landing",
-        "covered",
-        "lines: least above ground, for 100 m [m]",
-    )
-    print(head("wind [m/s]", "slope", "sorties", *titles))
-    for seed, (speed_mps, from_deg, slope) in enumerate(ON_PLANT):
-        with tempfile.TemporaryDirectory() as name:
-            cells = on_plant_over(seed, speed_mps, from_deg, slope, Path(name))
-        print(line(f"{speed_mps:g}", f"{100 * slope:.0f} %", *cells))
-
-
-def sloping(folder: Path, slope: float) -> str:
-    """A tile of SRTM whose ground rises to the east."""
-    east_m = np.linspace(0, 111_320 * math.cos(math.radians(55.5)), 1201)
-    heights = np.tile(np.round(slope * (east_m - east_m[420])) + 2000, (1201, 1))
-    (folder / "N55E010.hgt").write_bytes(heights.astype(">i2").tobytes())
-    return str(folder / "N55E010.hgt")
-
-
-def on_plant_over(seed: int, speed_mps: float, from_deg: float, slope: float, folder: Path) -> list[str]:
-    """The figures of one job, flown on the plant."""
-    from plant import Dryden, Lipo, PlanFlight, battery_w
-
-    terrain = [sloping(folder, slope)] if slope else []
-    wind = speed_mps, from_deg
-    options = eadp.CoverageOptions(
-        swath_m=24.0, home="55.516,10.351", pattern="dubins", altitude_m=100.0, wind=wind, terrain=terrain
-    )
-    plan = eadp.cover_in_sorties(ESTATE, options, vehicle=OWNER, warn=lambda _: None)
-    wind_mps, lines, ratios, left, above_m = plan.planner.task.motion.wind_mps, [], [], [], []
-    for k, sortie in enumerate(plan.sorties):
-        world, flown = sortie.inputs.world, sortie.plan.plan
-        gusts = Dryden(speed_mps, 10 * seed + k, 7200.0)
-        flight = PlanFlight(flown, world.parameters, world.start.position_m, wind_mps, gusts)
-        pack = Lipo(world.battery.capacity_ah, 0.06 / world.battery.capacity_ah)
-        joules, columns = 0.0, {"stage": [], "x_m": [], "y_m": [], "z_m": []}
-        before_s = 0.0
-        for sample in flight.samples():
-            power_w, took_s = battery_w(sample.shaft_w), sample.time_s - before_s
-            before_s = sample.time_s
-            pack.step(power_w, took_s)
-            joules += power_w * took_s
-            values = sample.stage, sample.x_m, sample.y_m, sample.altitude_m - flight.home_m
-            for key, value in zip(columns, values, strict=True):
-                columns[key].append(value)
-        lines += flown_lines(flown, columns)
-        ratios.append(joules / 3600 / sortie.energy_wh)
-        left.append(float(pack.soc))
-        if terrain:
-            points_m = np.column_stack([columns["x_m"], columns["y_m"]])
-            ground = read_terrain(terrain, points_m, flown.site.origin_deg).heights_m(points_m)
-            # along the lines: neither turns nor the way home
-            straight = np.array([stage.kind == "line" for stage in flown.stages[:-1]] + [False])
-            on_line = straight[np.array(columns["stage"]) - 1] & holding([plan.planner.task.field.outline], points_m)[0]
-            above_m.append((np.array(columns["z_m"]) + flown.site.ground_m - ground)[on_line].min())
-    task = plan.planner.task
-    covered = covered_shares(task.field.parts, [lines], task.motion.swath_m)[-1]
-    span = f"{min(ratios):.3f} to {max(ratios):.3f}"
-    return [str(len(ratios)), span, f"{min(left):.3f}", f"{covered:.4f}", f"{min(above_m):.1f}" if above_m else ""]
-
-
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -324,14 +198,8 @@ def main() -> None:
     parser.add_argument("--seconds", type=int, default=10, help="of OR-tools for each field; 0 leaves it out")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--only", type=int, nargs="*")
-    parser.add_argument("--plant", action="store_true", help="fly jobs on the independent plant, and no more")
-    parser.add_argument("--large", action="store_true", help="time large fields, and no more")
     add_option(parser, "sorties")
     options = parser.parse_args()
-    if options.plant or options.large:
-        with recorded("sorties_plant" if options.plant else "sorties_large", write=options.write):
-            on_plant() if options.plant else on_large()
-        return
     with recorded("sorties", write=options.write):
         given = jobs(options.fields, options.seed)
         chosen = [(job, i, options.seconds) for i, job in enumerate(given) if not options.only or i in options.only]

@@ -22,7 +22,6 @@ one can know of the gauge.
 - `--cache DIR` keeps the flights with constant parameters for other runs, with `--trouble` and without.
 - `--picture FILE` draws U and the forecasts of charge.
 - An interrupt ends the flights; the table is of those that are complete.
-- `--check` prints what the plant does open loop beside what physics expects.
 - `--ablate FILE` flies `joint` with one concept left out, and with other rates of expected losses, in place of all
   this; the file of JSON lines gets each mission. `--table FILE` prints the tables of such a file.
 
@@ -58,13 +57,7 @@ sys.path.append(str(ROOT / "benchmarks"))
 import ablation  # noqa: E402
 from measured import head, line, recorded  # noqa: E402
 from plant import (  # noqa: E402
-    ALTITUDE_M,
-    AVIONICS_W,
     CONTROL_S,
-    ESC_EFFICIENCY,
-    GRAVITY_MPS2,
-    MASS_KG,
-    MOTOR_EFFICIENCY,
     SAMPLE_S,
     Aeroplane,
     Dryden,
@@ -802,85 +795,6 @@ def picture(results: list[dict[str, Any]], file: str) -> None:
     figure.savefig(file, dpi=120)
 
 
-# --- the plant's checks
-
-
-def held(bank_deg: float = 0.0, airspeed_mps: float = 15.0, altitude_m: float = ALTITUDE_M) -> dict[str, float]:
-    """Means of 20 s in still air after 40 s at a bank and an airspeed, or on the way to an altitude after 10 s."""
-    plane = Aeroplane((0.0, 0.0), 0.0, (0.0, 0.0))
-    plane.airspeed_target_mps, plane.altitude_target_m = airspeed_mps, altitude_m
-    rows, wait_s = [], 40.0 if altitude_m == ALTITUDE_M else 10.0
-    while plane.time_s < wait_s + 20:
-        plane.control(math.radians(bank_deg))
-        if plane.time_s > wait_s:
-            rows.append([plane.shaft_w, plane.airspeed_mps, plane.climb_mps, plane.bank_rad, plane.heading_rad])
-    means = np.mean(rows, axis=0)
-    turn = np.mean(np.diff(np.unwrap([r[4] for r in rows]))) / CONTROL_S
-    return dict(zip(("shaft_w", "airspeed_mps", "climb_mps", "bank_rad"), means[:4], strict=True)) | {
-        "turn_radps": turn
-    }
-
-
-def check() -> None:
-    """Print what the plant does beside what physics expects."""
-    print("level flight: airspeed [m/s], shaft [W] (aim), at the battery [W]")
-    for speed, aim in ((12.0, 31), (15.0, 50), (19.0, 92)):
-        flown = held(airspeed_mps=speed)
-        print(f"  {flown['airspeed_mps']:6.2f} {flown['shaft_w']:7.2f} ({aim}) {battery_w(flown['shaft_w']):7.2f}")
-    level_w = held()["shaft_w"]
-    print("turns at 15 m/s: bank [°], shaft [W], rise / (1/cos² − 1) [W], turn rate / (g tan φ / V)")
-    for bank in (20.0, 30.0, 40.0, 50.0):
-        flown = held(bank_deg=bank)
-        rise = (flown["shaft_w"] - level_w) / (1 / math.cos(flown["bank_rad"]) ** 2 - 1)
-        rate = abs(flown["turn_radps"]) / (GRAVITY_MPS2 * math.tan(flown["bank_rad"]) / flown["airspeed_mps"])
-        print(f"  {math.degrees(flown['bank_rad']):6.1f} {flown['shaft_w']:7.2f} {rise:7.2f} {rate:7.3f}")
-    print(
-        "climb at 15 m/s: rate [m/s], shaft [W], m g ḣ over the rise of the shaft's power (the propeller's efficiency)"
-    )
-    flown = held(altitude_m=400.0)
-    efficiency = MASS_KG * GRAVITY_MPS2 * flown["climb_mps"] / (flown["shaft_w"] - level_w)
-    print(f"  {flown['climb_mps']:6.2f} {flown['shaft_w']:7.2f} {efficiency:7.2f}")
-    check_gusts()
-    check_energy()
-
-
-def check_gusts() -> None:
-    """The Dryden series beside MIL-F-8785C."""
-    from scipy.signal import welch
-
-    gusts = Dryden(8.0, 1, 20_000.0)
-    print("gusts in 8 m/s: standard deviation [m/s] (MIL-F-8785C), spectrum over its at 0.02, 0.1, 0.5 and 2 Hz")
-    for axis, name in enumerate(("along", "across", "down")):
-        frequency, density = welch(gusts.series_mps[axis], 1 / CONTROL_S, nperseg=4096)
-        ratio = density / gusts.spectrum(axis, frequency)
-        bands = [ratio[(frequency > f / 1.3) & (frequency < f * 1.3)].mean() for f in (0.02, 0.1, 0.5, 2.0)]
-        shown = " ".join(f"{value:.2f}" for value in bands)
-        print(f"  {name:<7}{gusts.series_mps[axis].std():.3f} ({gusts.stds_mps[axis]:.3f})  {shown}")
-
-
-def check_energy() -> None:
-    """The energy of a flight of the survey: shaft over efficiencies, terminals, and cells."""
-    plan = read_plan(ROOT / "plans/survey.plan", warn=lambda _: None)
-    start, _ = default_start(plan, (-500.0, 10.0))
-    flight = PlanFlight(plan, (-500.0, 10.0), start, (5.0, 0.0), Dryden(5.0, 1, 3600.0))
-    pack, rows = Lipo(2.0, OHM_AH / 2.0), []
-    for sample in flight.samples():
-        open_v = pack.open_v
-        pack.step(battery_w(sample.shaft_w), SAMPLE_S)
-        heat_w = pack.current_a**2 * pack.resistance_ohm
-        position = flight.right_m(), sample.altitude_m - ALTITUDE_M
-        rows.append([sample.shaft_w, pack.voltage_v * pack.current_a, open_v * pack.current_a, heat_w, *position])
-    table = np.array(rows)
-    shaft_wh, terminals_wh, cells_wh, heat_wh = table[:, :4].sum(axis=0) * SAMPLE_S / 3600
-    used_wh = shaft_wh / (MOTOR_EFFICIENCY * ESC_EFFICIENCY) + AVIONICS_W * sample.time_s / 3600
-    print(f"the survey in 5 m/s, {sample.time_s:.0f} s, complete: {flight.executor.complete}")
-    print(f"  energy at the terminals {terminals_wh:.3f} Wh; shaft / η + avionics {used_wh:.3f} Wh")
-    print(f"  energy of the cells {cells_wh:.3f} Wh; terminals + heat {terminals_wh + heat_wh:.3f} Wh")
-    print(f"  charge taken {pack.consumed_ah:.4f} Ah; fall of the charge times capacity {2 * (1 - pack.soc):.4f} Ah")
-    across, height = np.sqrt((table[:, 4:] ** 2).mean(axis=0))
-    print(f"  cross-track error: rms {across:.2f} m; error of the altitude: rms {height:.2f} m")
-
-
 def main() -> None:
     """Fly, and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
@@ -892,20 +806,19 @@ def main() -> None:
     parser.add_argument("--log", metavar="DIR")
     parser.add_argument("--cache", metavar="DIR")
     parser.add_argument("--picture", metavar="FILE")
-    parser.add_argument("--check", action="store_true")
     parser.add_argument(
         "--write", action="store_true", help="write docs/measured/twin.md, of another seed twin_SEED.md"
     )
     parser.add_argument("--ablate", metavar="FILE")
     parser.add_argument("--table", metavar="FILE")
     options = parser.parse_args()
-    page = "twin_check" if options.check else "ablation_twin" if options.ablate or options.table else "twin"
+    page = "ablation_twin" if options.ablate or options.table else "twin"
     page += f"_{options.seed}" if options.seed else ""
     with recorded(page, write=options.write):
         if options.table:
             report_ablated([json.loads(line) for line in Path(options.table).read_text().splitlines()])
         else:
-            check() if options.check else fly_all(options)
+            fly_all(options)
 
 
 def fly_all(options: argparse.Namespace) -> None:

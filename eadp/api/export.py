@@ -3,38 +3,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Literal, NamedTuple
-
-import numpy as np
+from typing import Annotated, NamedTuple
 
 from eadp.api.fences import fenced_by
 from eadp.api.given import Around, File, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, at_height, load_flight
 from eadp.api.landing import Air, approach, approach_slopes, behind_warning, landing_pose
 from eadp.api.plan import plan_of
-from eadp.core.arrays import FloatArray
 from eadp.core.geometry.bearings import blowing_to_rad, compass_deg, velocity_mps
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import FARTHEST_M, place_text, to_geodetic_deg, to_local_m, to_near_local_m
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined, one_of, printable
-from eadp.io.mission import FENCE_ENDING, ITEMS_ENDING, RALLY_ENDING, WITH_ITEMS
+from eadp.io.mission import FENCE_ENDING, ITEMS_ENDING, WITH_ITEMS
 from eadp.io.mission.autopilot import PARAMETER_FILES, stated_parameters, wanted_parameters
 from eadp.io.mission.draft import LAND_START, MissionItem
-from eadp.io.mission.export import ABOVE_GROUND, EXPORTS, FENCED, files_beside, mission_items, writer_of
+from eadp.io.mission.export import EXPORTS, FENCED, files_beside, mission_items, writer_of
 from eadp.io.mission.items import items_text, mapped_items
-from eadp.io.mission.path import PlannedPath, Section, planned_sections
-from eadp.io.mission.reader import read_rally
+from eadp.io.mission.path import PlannedPath, planned_sections
 from eadp.io.mission.rules import ENDS_REQUIRED, check_landing, lacking_ends
 from eadp.io.plan.parameters import parameters_of
 from eadp.io.scenario.scenario_file import override_texts, read_overrides, read_scenario
-from eadp.io.terrain.reader import read_terrain
 from eadp.io.text.options import Flag
-from eadp.io.text.streams import read_text, write_text
+from eadp.io.text.streams import write_text
 from eadp.models.airspace import BOUNDARY, Airspace, entered, risk_text
 from eadp.models.autopilot import PX4, Autopilot
 from eadp.models.performance import calibrated_over_true
@@ -87,12 +82,8 @@ class PlaceOptions:
     altitude_m: float | None = None
     """Altitude above home [m], where the plan has none; by default the aircraft's."""
 
-    altitudes: Literal["relative", "terrain"] = "relative"
-    """Above home, or above the ground below, as qgc and ardupilot can."""
-
     terrain: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
-    """Heights of the ground, as of eadp cover: for --altitudes terrain of a plan that follows it, and for a mission
-    whose altitudes are above it."""
+    """Heights of the ground, as of eadp cover: for a mission whose altitudes are above it."""
 
     home_deg: Annotated[Position | None, Flag(metavar="POINT")] = None
     """Where to take off and return to: LAT,LON [°]; by default the plan's home, if it has one."""
@@ -102,9 +93,6 @@ class PlaceOptions:
 
     landing: Annotated[str | Pose | None, Flag(metavar="LAT,LON,HEADING")] = None
     """Land there instead of returning to home, on this heading [°], from where the plan ends."""
-
-    rally: Annotated[str | None, Flag(metavar="FILE")] = None
-    """Places to rally, of a plan of QGroundControl or WPL: written with those of the plan."""
 
     avoid: Annotated[str | None, Flag(metavar="FILE")] = None
     """Polygons that the path stays out of: a fence, GeoJSON, KML or CSV."""
@@ -168,7 +156,7 @@ class Exported(NamedTuple):
         The file of an autopilot's parameters; empty where none is asked for.
     beside : mapping of str
         Files that are written beside it, by the ending of their names: the map of its items to stages, and ArduPilot's
-        fence and places to rally.
+        fence.
     """
 
     text: str
@@ -314,16 +302,11 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
         if any(stage.altitude_m is None for stage in plan.stages):
             whose = "the aircraft's" if known else "that of the default aircraft, as there is no --scenario"
             note(f"altitude {altitude_m:g} m, {whose}; --altitude sets another", "note" if known else "warning")
-    rally = plan.site.rally
-    if options.rally is not None:
-        given = read_rally(read_text(options.rally))
-        rally += tuple((*to_local_m(latitude, longitude, place), up_m) for latitude, longitude, up_m in given)
-    left_out = ["obstacles and boundary"] * any(plan.site.airspace) + ["places to rally"] * any(rally)
-    if left_out and to not in FENCED:
-        note(f"{' and '.join(left_out)} are not in the format {to}")
-    if plan.site.ground_m is not None and options.home_deg is not None and options.altitudes == "relative":
+    if any(plan.site.airspace) and to not in FENCED:
+        note(f"obstacles and boundary are not in the format {to}")
+    if plan.site.ground_m is not None and options.home_deg is not None:
         message = f"altitudes are above {plan.site.ground_m:g} m above the sea, the ground at the plan's home or start"
-        note(message, "warning", "--home", "a home as high, or --altitudes terrain")
+        note(message, "warning", "--home", "a home as high")
     sections = planned_sections(planned.legs)
     ends_m = [point for section in sections for point in (section.start_m, section.end_m)]
     far_m = max((math.hypot(*end_m) for end_m in ends_m), default=0.0)
@@ -343,9 +326,7 @@ def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> Plann
         airspace=_fenced(plan.site.airspace, planned.legs),
         stated_mps=airframe.airspeed_mps if known or plan.site.made_for is not None else None,
         climb_deg=_climb_deg(airframe) if known else 0.0,
-        ground=_ground(plan, name, to, options, sections, home_deg),
         zero_m=plan.site.ground_m,
-        rally=rally,
         calibrated=calibrated_over_true(plan.site, airframe),
         height_m=plan.site.above_sea_m or 0.0,
     )
@@ -408,25 +389,6 @@ def _ends_text(path: PlannedPath, items: Sequence[MissionItem]) -> str:
             lengths = " and ".join(f"{length_m:.0f} m {where}" for where, length_m in ways.items())
             said.append(f"the forecast is without {lengths}, which a plan of eadp cover --home has")
     return "; ".join(said)
-
-
-def _ground(
-    plan: Plan, name: str, to: str, options: ExportOptions, sections: Sequence[Section], home_deg: Point | None
-) -> Callable[[FloatArray], FloatArray] | None:
-    """The ground above which altitudes are written, above the altitude 0; None where they are above home."""
-    zero_m, origin_deg = plan.site.ground_m, plan.site.origin_deg
-    if options.altitudes == "relative":
-        return None
-    if to not in ABOVE_GROUND:
-        raise _fault("--altitudes", options.altitudes, f"{to} has no altitudes above ground", " or ".join(ABOVE_GROUND))
-    if zero_m is None or origin_deg is None:  # a plan over flat ground
-        return lambda points_m: np.zeros(len(points_m))
-    if not options.terrain:
-        raise _fault("--altitudes", options.altitudes, f"{name} follows a ground that is not known", "--terrain FILE")
-    ends = [point for section in sections for point in (section.start_m, section.end_m)]
-    ends += [] if home_deg is None else [to_local_m(*home_deg, origin_deg)]
-    terrain = read_terrain(options.terrain, np.array(ends), origin_deg)
-    return lambda points_m: terrain.known_m(points_m) - zero_m
 
 
 def _climb_deg(airframe: Airframe) -> float:
@@ -600,13 +562,8 @@ def export(
     written = out is not None and str(out) != "-"
     if written:
         mission.write(str(out))
-    for ending, what in (
-        (FENCE_ENDING, "obstacles and boundary are ArduPilot's fence"),
-        (RALLY_ENDING, "places to rally"),
-    ):
-        if ending not in mission.beside:
-            continue
-        where = f"{out}{ending}" if written else "a file beside that of -o FILE"
-        message = f"{what}, {where}: send it besides"
+    if FENCE_ENDING in mission.beside:
+        where = f"{out}{FENCE_ENDING}" if written else "a file beside that of -o FILE"
+        message = f"obstacles and boundary are ArduPilot's fence, {where}: send it besides"
         warn([Fault(str(plan) if isinstance(plan, str | PathLike) else "plan", 1, 1, message, severity="note")])
     return mission.text

@@ -10,7 +10,6 @@ from typer import Argument
 
 from eadp.api.fit.battery import BatteryOptions, read_battery_fit
 from eadp.api.fit.power import FitOptions, LogFit, read_fit
-from eadp.cli.options import names_in
 from eadp.cli.output import emit, emit_json, usage_fault, warn
 from eadp.io.log.power_log import ColumnOptions, Columns
 from eadp.io.text.options import Flag
@@ -83,7 +82,7 @@ def command(
     """
     if out.output == "-" and out.format == "json":
         raise usage_fault("--output", out.output, "standard output is taken by --format json", "a file")
-    columns = Columns(**{**vars(named), "names": names_in(",".join(named.names))})
+    columns = Columns(**vars(named))
     found = read_battery_fit(log, columns, pack) if kind.battery else None
     if kind.vehicle:
         from eadp.api.fit.vehicle import fit_vehicle

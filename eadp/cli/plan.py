@@ -51,9 +51,6 @@ class PlanOptions:
     plot: Annotated[str | None, Flag(metavar="FILE")] = None
     """Draw the plan: FILE.svg or FILE.png."""
 
-    machine: bool = False
-    """With --plot: draw the state machine, not the path."""
-
     junit: Annotated[str | None, Flag(metavar="FILE")] = None
     """Write a JUnit report, which fails on errors."""
 
@@ -97,8 +94,6 @@ def command(
     if trace is not None and not 0 < trace < math.inf:
         message = "a step that is not above 0, or not finite"
         raise usage_fault("--trace", f"{trace:g}", message, "metres, as in --trace 1")
-    if options.machine and plot is None:
-        raise usage_fault("--machine", "--machine", "nothing to draw to", "--plot FILE as well")
     if options.junit is not None:
         output_file(options.junit)
     start_s = time.perf_counter()
@@ -121,7 +116,9 @@ def command(
     parameters = parameters_of(plan, options.set_)
     try:
         if plot is not None:
-            _draw(plot, plan, parameters, machine=options.machine)
+            from eadp.io.figures.plan import write_plan_figure
+
+            write_plan_figure(plot, plan, parameters)
         points = _trace_csv(plan, parameters, trace) if trace is not None else None
     except PathUndefined as error:
         raise InputError.at(read.name, plan.stages[0].line, 1, str(error), "a path that can be flown") from None
@@ -143,13 +140,6 @@ def command(
         warn(lines)
         emit(_table(plan, verbose=options.verbose))
     return 1 if read.has_errors else 0
-
-
-def _draw(path: str, plan: Plan, parameters: Sequence[float], *, machine: bool) -> None:
-    from eadp.io.figures.machine import write_machine_figure
-    from eadp.io.figures.plan import write_plan_figure
-
-    (write_machine_figure if machine else write_plan_figure)(path, plan, parameters)
 
 
 def _trace_csv(plan: Plan, parameters: Sequence[float], step_m: float) -> str:

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from typer import Argument, Option
 
 from eadp.api.profile import MeasureOptions, measure_profile
-from eadp.cli.options import names_in
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, printable, refuse
 from eadp.io.text.options import Flag, option_name
@@ -94,7 +93,8 @@ def command(
     if output == "-" and (at or json):
         raise usage_fault("--output", output, "standard output is taken by --at or --format", "a file")
     configurations = [parse_configuration(raw) for raw in options.config]
-    names, kind, device = names_in(model.names), model.interpolation, model.device or ""
+    names = [name.strip() for name in model.names.split(",")] if model.names else []
+    kind, device = model.interpolation, model.device or ""
     profile, warnings = read_profiles(Sources(files, model.add, names, configurations, model.from_name, kind, device))
     values, clamped = powers_at(profile, at, model.clamp)
     if model.plot:

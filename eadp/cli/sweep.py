@@ -44,12 +44,6 @@ class SweepOptions:
     scheduler: Annotated[str | None, Flag(metavar="ADDRESS")] = None
     """A Dask scheduler's workers, as in tcp://host:8786."""
 
-    shard: Annotated[str | None, Flag(metavar="I/N")] = None
-    """Part I of N alone, for an array of jobs on many machines."""
-
-    merge: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
-    """Add another file's results first; may repeat."""
-
     retry: bool = False
     """Try again the runs that could not be made."""
 
@@ -111,7 +105,6 @@ def command(
     from eadp.io.sweep.results import Results
     from eadp.io.sweep.statistics import totals
     from eadp.io.text.streams import output_file, read_text, write_text
-    from eadp.models.sweep import shard as part_of
 
     _check_options(options, output)
     out, table, require = options.out, output.table, output.require
@@ -119,25 +112,21 @@ def command(
         check_page(page_of(out))
     if output.junit is not None:
         output_file(output.junit)
-    part, parts = _shard(options.shard)
     sweep = read_sweep(read_text(file), read_overrides(options.set_))
     _check_table(table, sweep)
     warn(sweep.warnings)
-    indices = part_of(len(sweep.design), part, parts)
-    keys = (sweep.run(index).key for index in indices)
+    keys = sweep.keys()
     if options.dry_run:
-        sweep_text.print_runs(sweep, indices, output.format, _already_made(out, keys))
+        sweep_text.print_runs(sweep, output.format, _already_made(out, keys))
         return 0
     with contextlib.closing(Results(out)) as results:
-        for other in options.merge:
-            results.merge(other)
         results.expect(keys)
         if options.retry:
             results.forget_failures()
-        _make(sweep, indices, results, options)
+        _make(sweep, results, options)
         if out is not None:
             report(out, keep=options.keep)
-        flights = sweep.flights(indices, results.rows())
+        flights = sweep.flights(results.rows())
         whole = totals(flights)
         if whole.distinct < whole.flights:
             few = f"{whole.flights} flights are {whole.distinct} distinct ones"
@@ -145,7 +134,7 @@ def command(
         if output.junit is not None:
             write_text(output.junit, sweep_text.junit_of(sweep, flights, require or "completed"))
         if output.format == "jsonl" and table is None:
-            sweep_text.print_summaries(sweep, indices, results)
+            sweep_text.print_summaries(sweep, results)
     if table is not None:
         sweep_text.print_table(sweep, flights, table, output.value, output.format, output.plot)
     elif output.format == "csv":
@@ -181,16 +170,6 @@ def _check_options(options: SweepOptions, output: SweepOutputs) -> None:
         raise usage_fault("--plot", plot, "is no picture's name", "a name that ends in .svg or .png")
 
 
-def _shard(raw: str | None) -> tuple[int, int]:
-    if raw is None:
-        return 1, 1
-    found = re.fullmatch(r"([0-9]{1,7})/([0-9]{1,7})", raw)
-    part, parts = (int(found[1]), int(found[2])) if found else (0, 0)
-    if not 1 <= part <= parts:
-        raise usage_fault("--shard", raw, f"{printable(raw)} is no part", "I/N with I from 1 to N, as in 3/8")
-    return part, parts
-
-
 def _check_table(table: tuple[str, str] | None, sweep: Sweep) -> None:
     known = dict.fromkeys((*sweep.design.names, "seed"))
     for key in table or ():
@@ -215,16 +194,12 @@ def _already_made(out: str | None, keys: Iterable[str]) -> int | None:
         return sum(1 for _ in results.rows())
 
 
-def _make(sweep: Sweep, indices: Sequence[int], results: Results, options: SweepOptions) -> None:
+def _make(sweep: Sweep, results: Results, options: SweepOptions) -> None:
     """Make the runs that are missing, with the progress on stderr."""
     from eadp.api.sweep.run import missing_runs
     from eadp.core import compiled
 
-    with missing_runs(sweep, indices, results, options.jobs, options.scheduler, options.keep) as (
-        missing,
-        workers,
-        made,
-    ):
+    with missing_runs(sweep, results, options.jobs, options.scheduler, options.keep) as (missing, workers, made):
         if missing and options.scheduler is None:
             why = compiled.why_off()
             if why is None and not compiled.kept():

@@ -37,8 +37,9 @@ MAX_WIDTH = 40
 # --- a dry run
 
 
-def print_runs(sweep: Sweep, indices: Sequence[int], format_: str, made: int | None) -> None:
+def print_runs(sweep: Sweep, format_: str, made: int | None) -> None:
     """The runs that a sweep would make."""
+    indices = range(len(sweep.design))
     names = _varied(sweep)
     if format_ == "csv":
         _write_csv((*names, "seed"), (_cells(sweep, names, index) for index in indices))
@@ -46,10 +47,11 @@ def print_runs(sweep: Sweep, indices: Sequence[int], format_: str, made: int | N
         for index in indices:
             _print_line(_head(sweep, index))
     else:
-        emit(_runs_text(sweep, names, indices, made))
+        emit(_runs_text(sweep, names, made))
 
 
-def _runs_text(sweep: Sweep, names: Sequence[str], indices: Sequence[int], made: int | None) -> str:
+def _runs_text(sweep: Sweep, names: Sequence[str], made: int | None) -> str:
+    indices = range(len(sweep.design))
     lines = [f"{len(indices)} runs" + ("" if made is None else f", {made} made already")]
     shown = [_cells(sweep, names, index) for index in indices[:SHOWN]]
     rows = [[str(index), *map(_short, cells)] for index, cells in zip(indices, shown, strict=False)]
@@ -113,9 +115,9 @@ def meets(flight: SweepFlight, require: str) -> bool:
     return bool(flight.completed and (require != "reserve" or flight.reserve_kept))
 
 
-def print_summaries(sweep: Sweep, indices: Sequence[int], results: Results) -> None:
+def print_summaries(sweep: Sweep, results: Results) -> None:
     """Print a JSON object a line for each run, with its whole summary."""
-    for index, row in zip(indices, results.rows(summaries=True), strict=True):
+    for index, row in enumerate(results.rows(summaries=True)):
         _print_line({**_head(sweep, index), "error": row["error"], "summary": row["summary"]})
 
 

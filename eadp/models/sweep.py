@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import islice
 from statistics import NormalDist
 from typing import Annotated, Any, Literal, Protocol
 
@@ -153,13 +152,6 @@ def interleaved(items: Sequence[int]) -> Iterator[int]:
     while math.gcd(stride, count) > 1:
         stride += 1
     return (items[i * stride % count] for i in range(count))
-
-
-def shard(count: int, part: int, parts: int) -> Sequence[int]:
-    """The indices of part `part` (from 1) of `parts`, in order; each part is distributed over the whole."""
-    if parts == 1:
-        return range(count)
-    return sorted(islice(interleaved(range(count)), count * (part - 1) // parts, count * part // parts))
 
 
 # --- engines

@@ -15,8 +15,7 @@ from eadp.api.simulate import simulate as fly
 from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.io.plan.reader import read_plan
-from eadp.io.plan.writer import plan_text
-from eadp.io.text.streams import Text, read_text
+from eadp.io.text.streams import read_text
 
 LAND = (55.4712, 10.3295, 250.0)
 WIND = "4,240"
@@ -137,7 +136,7 @@ def test_qgroundcontrol_has_a_landing_pattern_and_px4_the_items_that_it_makes_on
     assert land["params"][:4] == [0] * 4
 
 
-def test_a_mission_of_others_keeps_its_take_off_landing_and_places_to_rally(eadp, tmp_path):
+def test_a_mission_of_others_keeps_its_take_off_and_landing(eadp, tmp_path):
     mission = "QGC WPL 110\n" + "\n".join(
         "\t".join(map(str, (i, int(i == 0), 3, command, p1, 0, 0, p4, lat, lon, up, 1)))
         for i, (command, p1, p4, lat, lon, up) in enumerate([
@@ -148,7 +147,9 @@ def test_a_mission_of_others_keeps_its_take_off_landing_and_places_to_rally(eadp
     )  # fmt: skip
     given, again = tmp_path / "given.waypoints", tmp_path / "again.waypoints"
     given.write_text(mission + "\n")
-    assert eadp("export", given, "--to", "ardupilot", "-o", again).code == 0
+    answer = eadp("export", given, "--to", "ardupilot", "-o", again)
+    assert answer.code == 0
+    assert f"{given}:9:7: warning: places to rally are left out" in answer.err
     found = rows(again)
     kept = [row for row in found if row[3] in (22, 189, 21)]
     assert [(row[3], row[4], row[7]) for row in kept] == [(22, 15, 0), (189, 0, 0), (21, 0, 1)]
@@ -156,29 +157,19 @@ def test_a_mission_of_others_keeps_its_take_off_landing_and_places_to_rally(eadp
     # all of the approach comes after the start of the landing
     after = found[found.index(kept[1]) + 1 :]
     assert any(row[8:10] == pytest.approx([47.0, 8.008], abs=1e-5) for row in after)
-    assert rows(tmp_path / "again.waypoints.rally.waypoints") == [[0, 1, 3, 5100, 0, 0, 0, 0, 47.001, 8.002, 45, 1]]
+    assert not (tmp_path / "again.waypoints.rally.waypoints").exists()
     qgc = json.loads(eadp("export", given, "--to", "qgc").out)
-    assert qgc["rallyPoints"] == {"points": [[47.001, 8.002, 45.0]], "version": 2}
+    assert qgc["rallyPoints"] == {"points": [], "version": 2}
 
 
-def test_places_to_rally_of_a_file_are_written_and_a_plan_keeps_them(eadp, tmp_path):
-    flight = tmp_path / "p.plan"
-    flight.write_text("%: origin 47 8\n%: rally 10 20 45\n0.1; 90; x\n0, 300\n")
-    rally = tmp_path / "rally.txt"
-    rally.write_text("QGC WPL 110\n0\t0\t3\t5100\t0\t0\t0\t0\t47.001\t8.002\t60\t0\n")
-    out = tmp_path / "m.plan"
-    assert eadp("export", flight, "--to", "qgc", "--rally", rally, "-o", out).code == 0
-    points = json.loads(out.read_text())["rallyPoints"]["points"]
-    assert [point[2] for point in points] == [45, 60]
-    assert points[1][:2] == pytest.approx([47.001, 8.002], abs=1e-9)
-    back = eadp("export", flight, "--to", "qgc", "--rally", out).out
-    assert len(json.loads(back)["rallyPoints"]["points"]) == 3
-    plan, _ = read_plan(read_text(str(flight)))
-    assert read_plan(Text("p", plan_text(plan)))[0].site.rally == ((10, 20, 45),)
-    rally.write_text("QGC WPL 110\n0\t0\t3\t16\t0\t0\t0\t0\t47.001\t8.002\t60\t0\n")
-    assert refused(eadp("export", flight, "--to", "qgc", "--rally", rally), "no places to rally")
-    flight.write_text("%: origin 47 8\n%: rally 10 20\n0.1; 90; x\n0, 300\n")
-    assert refused(eadp("export", flight, "--to", "qgc"), ":2:", "x, y and altitude in metres")
+def test_places_to_rally_of_qgroundcontrol_are_left_out_with_a_warning(eadp, landing, tmp_path):
+    mission = json.loads((landing / "qgc.plan").read_text())
+    mission["rallyPoints"]["points"] = [[47.001, 8.002, 45.0]]
+    given = tmp_path / "rally.plan"
+    given.write_text(json.dumps(mission))
+    answer = eadp("plan", given)
+    assert answer.code == 0
+    assert answer.err.count("warning: places to rally are left out") == 1
 
 
 def test_an_export_adds_a_landing_from_where_the_plan_ends(eadp, landing, tmp_path):

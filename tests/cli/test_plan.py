@@ -282,9 +282,6 @@ def test_plots(eadp, tmp_path):
     for name, start in (("plan.svg", b"<?xml"), ("plan.png", b"\x89PNG")):
         assert eadp("plan", "plans/survey.plan", "--plot", tmp_path / name).code == 0
         assert (tmp_path / name).read_bytes().startswith(start)
-    machine = tmp_path / "machine.png"
-    assert eadp("plan", "plans/survey.plan", "--plot", machine, "--machine", "--set", "c1=-500").code == 0
-    assert machine.read_bytes() != (tmp_path / "plan.png").read_bytes()
 
 
 @pytest.mark.parametrize(
@@ -298,8 +295,6 @@ def test_plots(eadp, tmp_path):
         (("--trace", "nan"), "--trace"),
         (("--trace", "1e-9"), "more than 5000000 points"),
         (("--plot", "plan.pdf"), ".svg or .png"),
-        (("--plot", "plan.pdf", "--machine"), ".svg or .png"),
-        (("--machine",), "--plot FILE"),
         (("--plot", "nosuch/folder/plan.svg"), "cannot be written"),
     ],
 )

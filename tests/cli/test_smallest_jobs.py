@@ -89,8 +89,7 @@ def test_every_command_on_a_plan_of_one(done, eadp, undrawn, tmp_path, name):
     for form in ("text", "json", "plan", "sympy", "latex"):
         done("plan", plan, "--format", form)
     done("plan", plan, "--trace", "5")
-    for drawn in ((), ("--machine",)):
-        done("plan", plan, "--plot", tmp_path / "plan.svg", *drawn)
+    done("plan", plan, "--plot", tmp_path / "plan.svg")
     assert eadp("plan", plan, "--check").code in (0, 1)
     origin = () if placed else ("--origin", "55,10")
     for to in EXPORTS:

@@ -55,6 +55,7 @@ def folder(tmp_path):
     (tmp_path / "line.plan").write_text(PLAN)
     (tmp_path / "calm.yaml").write_text(SCENARIO)
     (tmp_path / "sweep.yaml").write_text(SWEEP)
+    (tmp_path / "part.yaml").write_text(SWEEP.replace("[0, 2, 4]", "[2]"))
     (tmp_path / "quick.yaml").write_text(QUICK)
     return tmp_path
 
@@ -299,9 +300,9 @@ def test_a_dry_run_prints_runs_and_makes_none(eadp, folder):
     varied = {"wind.speed_mps": 0, "wind.towards_deg": 90, "c1": 11, "battery.soc": 0.5}
     assert json.loads(line) == {"run": 2, "varied": varied, "seed": 0}
     assert not results.exists()
-    eadp("sweep", folder / "sweep.yaml", "--jobs", 1, "--shard", "1/4", "-o", results)
+    eadp("sweep", folder / "part.yaml", "--jobs", 1, "-o", results)
     before = results.read_bytes()
-    assert eadp(*common).out.startswith("24 runs, 6 made already\n")
+    assert eadp(*common).out.startswith("24 runs, 8 made already\n")
     assert results.read_bytes() == before
 
 
@@ -309,10 +310,10 @@ def test_the_shipped_sweep(eadp):
     rows = table_of(eadp("sweep", SHIPPED, "--dry-run", "--format", "csv").out)
     assert len(rows) == 400
     assert rows[0] == {"wind.speed_mps": "0", "battery.capacity_ah": "0.36", "seed": "0"}
-    short = ("--jobs", 1, "--shard", "7/100", "--set", "time_limit_s=20", "--format", "csv")
+    short = ("--jobs", 1, "--set", "time_limit_s=0.5", "--format", "csv")
     answer = eadp("sweep", SHIPPED, *short)
     assert answer.code == 0
-    assert [row["reason"] for row in table_of(answer.out)] == ["time limit"] * 4
+    assert [row["reason"] for row in table_of(answer.out)] == ["time limit"] * 400
 
 
 # --- engines agree, files go on
@@ -322,13 +323,6 @@ def test_engines_agree(eadp, folder):
     common = ("sweep", folder / "sweep.yaml", "--set", "wind.gust_std_mps=1", "--format", "jsonl")
     alone = eadp(*common, "--jobs", 1).out
     assert eadp(*common, "--jobs", 2).out == alone
-    merged = folder / "all.db"
-    parts = [folder / f"{part}.db" for part in (1, 2, 3)]
-    for part, results in enumerate(parts, 1):
-        eadp(*common, "--jobs", 1, "--shard", f"{part}/3", "-o", results)
-    merges = itertools.chain(*(("--merge", results) for results in parts))
-    assert eadp(*common, "--jobs", 1, "-o", merged, *merges).out == alone
-    assert whole(merged) == (0, 0), "nothing was left to make"
 
 
 @pytest.mark.slow
@@ -355,7 +349,7 @@ def test_a_cluster_agrees(eadp, folder):
 def test_an_existing_file_goes_on(eadp, folder):
     results = folder / "results.db"
     common = ("sweep", folder / "sweep.yaml", "--jobs", 1, "-o", results, "--format", "csv")
-    eadp(*common, "--shard", "2/3")
+    eadp("sweep", folder / "part.yaml", "--jobs", 1, "-o", results)
     assert stored(results) == 8
     first = eadp(*common).out
     assert whole(results) == (24, 0)
@@ -445,9 +439,6 @@ def test_a_full_disk_is_an_error_and_the_file_goes_on(eadp, folder, monkeypatch)
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--shard", "0/3"), ("--shard:1:1: error: 0/3 is no part",)),
-        (("--shard", "4/3"), ("--shard:1:1: error",)),
-        (("--shard", "x"), ("--shard:1:1: error",)),
         (("--table", "c1", "c2"), ("--table:1:1: error: the sweep does not vary c2", "wind.speed_mps")),
         (("--table", "c1", "c1"), ("--table:1:1: error",)),
         (("--plot", "map.svg"), ("--plot:1:1: error", "--table")),
@@ -457,7 +448,6 @@ def test_a_full_disk_is_an_error_and_the_file_goes_on(eadp, folder, monkeypatch)
         (("--set", "c1=3"), ("--set:1:1: error: parameters.c1 is varied",)),
         (("--set", "seed=3"), ("--set:1:1: error",)),
         (("-o", "-"), ("--out:1:1: error",)),
-        (("--merge", "none.db"), ("none.db:1:1: error",)),
         (("--jobs", "0"), ("--jobs",)),
         (("--value", "speed"), ("--value",)),
     ],
@@ -465,7 +455,7 @@ def test_a_full_disk_is_an_error_and_the_file_goes_on(eadp, folder, monkeypatch)
 def test_bad_options(eadp, folder, options, words):
     results = folder / "results.db"
     assert refused(eadp("sweep", folder / "sweep.yaml", "-o", results, *options), *words)
-    assert not results.exists() or "--merge" in options
+    assert not results.exists()
 
 
 def test_bad_files(eadp, folder):

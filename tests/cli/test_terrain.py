@@ -203,34 +203,13 @@ def test_laps_have_one_altitude_where_they_are_asked_for(eadp, slope):
     assert json.loads(eadp("cover", *given, "--format", "json").out)["pattern"] == "dubins"
 
 
-def test_an_export_is_above_home_or_above_the_ground(eadp, slope, tmp_path):
+def test_an_export_is_above_home_and_read_back_as_written(eadp, slope, tmp_path):
     field, terrain = slope
-    plan = tmp_path / "slope.plan"
+    plan, out = tmp_path / "slope.plan", tmp_path / "slope.waypoints"
     eadp("cover", field, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain, "-o", plan)
-    rows = {}
-    for kind in ("relative", "terrain"):
-        for to in ("ardupilot", "qgc"):
-            out = tmp_path / f"{kind}.{to}"
-            answer = eadp("export", plan, "--to", to, "--altitudes", kind, "--terrain", terrain, "-o", out)
-            assert answer.code == 0
-        rows[kind] = [row.split("\t") for row in (tmp_path / f"{kind}.ardupilot").read_text().splitlines()[2:]]
-        items = json.loads((tmp_path / f"{kind}.qgc").read_text())["mission"]["items"]
-        placed = [item for item in items if item["frame"] != 2]
-        frame, mode = {"relative": (3, 1), "terrain": (10, 4)}[kind]
-        assert {(item["frame"], item["AltitudeMode"]) for item in placed} == {(frame, mode)}
-        waypoints = [float(row[10]) for row in rows[kind] if row[2] != "2"]
-        assert waypoints == pytest.approx([item["Altitude"] for item in placed])
-    zero_m = float(plan.read_text().split("%: ground ")[1].split()[0])
-    for relative, above in zip(rows["relative"], rows["terrain"], strict=True):
-        if relative[2] == "2":
-            assert relative == above
-            continue
-        assert (relative[2], above[2]) == ("3", "10")
-        x, _ = to_local_m(float(relative[8]), float(relative[9]), ORIGIN)
-        ground_m = 100 + 0.05 * x - zero_m
-        assert float(relative[10]) - float(above[10]) == pytest.approx(ground_m, abs=0.05)
-    # the altitudes above home are read back as they were written
-    again = eadp("plan", tmp_path / "relative.ardupilot", "--format", "plan").out
+    assert eadp("export", plan, "--to", "ardupilot", "-o", out).code == 0
+    assert {row.split("\t")[2] for row in out.read_text().splitlines()[2:]} == {"2", "3"}
+    again = eadp("plan", out, "--format", "plan").out
     commanded = {
         line.split()[2] for text in (plan.read_text(), again) for line in text.splitlines() if "altitude" in line
     }
@@ -300,23 +279,39 @@ def test_a_landing_over_terrain_is_exported_and_read_back(eadp, landing, tmp_pat
     assert forecasts[1].remaining_s == pytest.approx(forecasts[0].remaining_s, rel=0.01)
 
 
-def test_a_landing_above_ground_is_items_of_heights_above_ground(eadp, landing, slope):
-    plan, found = landing
-    answer = eadp("export", plan, "--to", "qgc", "--altitudes", "terrain", "--terrain", slope[1])
-    *_, start, approach, land = json.loads(answer.out)["mission"]["items"]
-    assert [item["command"] for item in (start, approach, land)] == [189, 16, 21]
-    assert [(item["frame"], item["AltitudeMode"]) for item in (approach, land)] == [(10, 4)] * 2
-    assert land["Altitude"] == pytest.approx(0, abs=0.05)
-    begins = found.plan.stages[-2]
-    ground_m = 0.05 * (begins.trigger_at(())[0] - HOME[0])
-    assert approach["Altitude"] == pytest.approx(begins.altitude_m - ground_m, abs=SLOPE_M)
+def written_above_ground(eadp, plan, terrain, to, file):
+    """A mission as other software has it: its altitudes above the ground of `slope`."""
+    zero_m = float(plan.read_text().split("%: ground ")[1].split()[0])
+    model = read_terrain([str(terrain)], np.array([HOME]), ORIGIN)
+
+    def ground_m(latitude, longitude):
+        return float(model.known_m(np.array([to_local_m(latitude, longitude, ORIGIN)]))[0])
+
+    text = eadp("export", plan, "--to", to).out
+    if to == "qgc":
+        mission = json.loads(text)
+        mission["mission"]["plannedHomePosition"][2] = zero_m
+        for item in mission["mission"]["items"]:
+            if item.get("frame") == 3 and item["params"][4]:
+                sea_m = zero_m + item["Altitude"]
+                item["params"][6] = item["Altitude"] = sea_m - ground_m(*item["params"][4:6])
+                item |= {"frame": 10, "AltitudeMode": 4, "AMSLAltAboveTerrain": sea_m}
+        file.write_text(json.dumps(mission))
+        return
+    first, home, *lines = text.splitlines()
+    rows = [line.split("\t") for line in lines]
+    for row in rows:
+        if row[2] == "3" and float(row[8]):
+            row[2] = "10"
+            row[10] = repr(float(row[10]) + zero_m - ground_m(float(row[8]), float(row[9])))
+    file.write_text("\n".join([first, home, *("\t".join(row) for row in rows)]) + "\n")
 
 
 @pytest.mark.parametrize(("to", "known"), [("qgc", False), ("ardupilot", True), ("ardupilot", False)])
 def test_altitudes_above_ground_are_read_back_above_home(eadp, landing, slope, tmp_path, to, known):
     """Of QGroundControl with heights above the sea, too, as its `SimpleMissionItem::save` writes them."""
     plan, terrain, above, again = landing[0], slope[1], tmp_path / "above", tmp_path / "again"
-    eadp("export", plan, "--to", to, "--altitudes", "terrain", "--terrain", terrain, "-o", above)
+    written_above_ground(eadp, plan, terrain, to, above)
     given = ("--terrain", terrain) if known else ()
     answer = eadp("plan", above, "--format", "plan", *given)
     again.write_text(answer.out)
@@ -351,7 +346,7 @@ def test_altitudes_above_ground_are_read_back_above_home(eadp, landing, slope, t
 def test_a_flight_above_ground_is_kept_as_the_plan_that_it_is(eadp, landing, slope, tmp_path):
     above, flown = tmp_path / "above.waypoints", tmp_path / "flown"
     terrain = ("--terrain", slope[1])
-    eadp("export", landing[0], "--to", "ardupilot", "--altitudes", "terrain", *terrain, "-o", above)
+    written_above_ground(eadp, landing[0], slope[1], "ardupilot", above)
     given = ("--set", f"vehicle={WING[1]}", "--set", "step_s=0.05")
     answer = eadp("simulate", above, *terrain, *given, "-o", flown)
     assert answer.code == 0, answer.err
@@ -390,18 +385,12 @@ def test_maps_have_altitudes_above_the_sea(eadp, landing):
     assert f",{points[-1][2]:g}<" in kml
 
 
-def test_what_cannot_be_exported_above_ground(eadp, slope, tmp_path):
+def test_a_home_at_another_height_is_warned_of(eadp, slope, tmp_path):
     field, terrain = slope
     plan = tmp_path / "slope.plan"
     eadp("cover", field, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain, "-o", plan)
-    refused(eadp("export", plan, "--to", "qgc", "--altitudes", "terrain"), "follows a ground that is not known")
-    refused(eadp("export", plan, "--to", "px4", "--altitudes", "terrain"), "px4 has no altitudes above ground")
     answer = eadp("export", plan, "--to", "qgc", "--home", "55.501,10.501")
     assert "the ground at the plan's home or start" in answer.err
-    # over flat ground an altitude above home is one above ground
-    eadp("cover", field, *WING, "--swath", "60", "--altitude", "80", "-o", plan)
-    items = json.loads(eadp("export", plan, "--to", "qgc", "--altitudes", "terrain").out)["mission"]["items"]
-    assert {(item["frame"], item["Altitude"]) for item in items if "Altitude" in item} == {(10, 80)}
 
 
 @pytest.mark.usefixtures("undrawn")

@@ -1,6 +1,6 @@
 """Variances of the estimator's forecasts and the energy they add up to, in closed form.
 
-No planner asks for them; they hold the estimator's covariance to account in tests and in `benchmarks/forecast.py`.
+No planner asks for them; they hold the estimator's covariance to account in tests.
 """
 
 from __future__ import annotations

@@ -35,7 +35,6 @@ MADE: Mapping[str, tuple[list[str], str]] = {
         [*FLIGHTS, "report {out}/joint {out}/paper {out}/static -o {out}/flights.html"],
         "flights.png",
     ),
-    "survey-machine.png": (["plan plans/survey.plan --machine --plot {out}/machine.png"], "machine.png"),
     "paper-i-dynamic.png": (
         ["simulate plans/survey.plan --scenario scenarios/paper-i-dynamic.yaml -o {out}/i"],
         "i/flight.png",

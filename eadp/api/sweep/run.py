@@ -8,7 +8,7 @@ import math
 import os
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -101,7 +101,6 @@ class FlyRun:
 @contextmanager
 def missing_runs(
     sweep: Sweep,
-    indices: Sequence[int],
     results: Results,
     jobs: int | None = None,
     scheduler: str | None = None,
@@ -111,7 +110,7 @@ def missing_runs(
 
     The engine ends with the block. `keep` is where the flights' result folders go, if anywhere.
     """
-    missing = [indices[i] for i in results.missing()]
+    missing = results.missing()
     if not missing:
         yield 0, 1, iter(())
         return
@@ -235,13 +234,13 @@ def sweep(
     given = file if isinstance(file, Mapping) else read_text(str(file))
     checked = read_sweep(given, read_overrides(override_texts(overrides)))
     warn(checked.warnings)
-    indices, compiled = range(len(checked.design)), enabled()
+    compiled = enabled()
     try:
         with closing(Results(None if out is None else str(out))) as results:
-            results.expect(checked.run(index).key for index in indices)
-            with missing_runs(checked, indices, results, jobs, scheduler) as (_, _, made):
+            results.expect(checked.keys())
+            with missing_runs(checked, results, jobs, scheduler) as (_, _, made):
                 for _ in made:
                     pass
-            return SweepFlights(checked.flights(indices, results.rows()))
+            return SweepFlights(checked.flights(results.rows()))
     finally:
         enable(compiled)

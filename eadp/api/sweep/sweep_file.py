@@ -111,9 +111,13 @@ class Sweep:
         files = self._files(point)
         return Run(self._key(files, overrides), files, overrides)
 
-    def flights(self, indices: Iterable[int], rows: Iterable[Mapping[str, Any]]) -> list[SweepFlight]:
-        """The runs of some indices with the figures of their rows in the results."""
-        points = map(self.design.point, indices)
+    def keys(self) -> Iterator[str]:
+        """The keys of all runs, in order."""
+        return (self.run(index).key for index in range(len(self.design)))
+
+    def flights(self, rows: Iterable[Mapping[str, Any]]) -> list[SweepFlight]:
+        """The runs with the figures of their rows in the results."""
+        points = map(self.design.point, range(len(self.design)))
         return [
             SweepFlight(point.index, point.values, self.seed(point), **row)
             for point, row in zip(points, rows, strict=True)

@@ -26,41 +26,43 @@ from eadp.io.log.power_log import (
     BANK,
     CLIMB,
     LARGEST_W,
+    TIME_UNITS,
     Columns,
     LogReadings,
     PowerLog,
     in_order,
     rows_warning,
 )
-from eadp.io.text.csv import ISO_TIME, NOT_FINITE, NUMBER, Row, number_fault, read_row, read_rows, repeated
+from eadp.io.text.csv import ISO_TIME, NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated
 from eadp.io.text.streams import Text
 
 LARGEST_S = 1e12
 SHORTEST_STEP_S, LONGEST_STEP_S = 5e-3, 60.0
-"""Shortest and longest time between the rows of a log whose unit of time is not given [s]."""
+"""Shortest and longest time between the rows of a log whose times are taken for PX4's [s]."""
 
 # in units to a second, a watt, a volt, an ampere: a division keeps the digits that a product with 0.001 would not
-_PER_SECOND = {"s": 1.0, "ms": 1e3, "us": 1e6, "µs": 1e6, "ns": 1e9, "min": 1 / 60, "h": 1 / 3600}
-_PREFIXES = {"": "", "milli": "m", "micro": "u", "nano": "n", "kilo": "k"}
-_UNITS = {"sec": "s", "second": "s", "watt": "w", "volt": "v", "ampere": "a", "amp": "a"}
-_WORDS = {f"{long}{word}": f"{short}{unit}" for long, short in _PREFIXES.items() for word, unit in _UNITS.items()}
-_WORDS |= {"minute": "min", "hour": "h"}
-"""Units in words; an s at the end is left off."""
 _PER_UNIT = {
-    "time": _PER_SECOND,
-    "power": {"w": 1.0, "mw": 1e3, "kw": 1e-3},
-    "voltage": {"v": 1.0, "mv": 1e3},
-    "current": {"a": 1.0, "ma": 1e3},
+    "time": {
+        **dict.fromkeys(("s", "sec", "second", "seconds"), 1.0),
+        **dict.fromkeys(("ms", "millisecond", "milliseconds"), 1e3),
+        **dict.fromkeys(("us", "µs", "microsecond", "microseconds"), 1e6),
+        **dict.fromkeys(("min", "minute", "minutes"), 1 / 60),
+        "ns": 1e9,
+        "h": 1 / 3600,
+    },
+    "power": {"w": 1.0, "watt": 1.0, "watts": 1.0, "mw": 1e3, "kw": 1e-3},
+    "voltage": {"v": 1.0, "volt": 1.0, "volts": 1.0, "mv": 1e3},
+    "current": {"a": 1.0, "amp": 1.0, "amps": 1.0, "ma": 1e3},
 }
 _STEMS = {
     "time": ("time", "timestamp", "t", "elapsed", "elapsed_time"),
-    "power": ("power",),
-    "voltage": ("voltage", "volt", "volts"),
-    "current": ("current", "curr", "amps"),
+    "power": ("power", "total_power"),
+    "voltage": ("voltage", "volt"),
+    "current": ("current", "curr"),
 }
-_STEM_AND_UNIT = re.compile(r"(.*?)(?:\s*[\[(]\s*(\w+)\s*[\])]|[ _-]([^\W_]+))?\Z", re.DOTALL)
-NAME_LIMIT = 200
-"""Longest name of a column in which a unit is searched: the search takes the square of its length."""
+PX4_TIME = "timestamp"
+"""The time of PX4's logs as CSV [µs]: the one name that is known without its unit."""
+_EXAMPLES = {"time": "time_s", "power": "power_w", "voltage": "voltage_v", "current": "current_a"}
 _POSITIONS = (("x_m", "y_m"), ("lat", "lon"), ("latitude", "longitude"), ("latitude_deg", "longitude_deg"))
 _MOTION = {
     AIRSPEED: {
@@ -81,7 +83,7 @@ _EXAMPLE = "time_s,power_w"
 
 
 def read_csv_log(text: Text, columns: Columns) -> PowerLog:
-    """Read a power log with a header, or with `columns.names`.
+    """Read a power log with a header.
 
     Raises
     ------
@@ -94,13 +96,12 @@ def read_csv_log(text: Text, columns: Columns) -> PowerLog:
     first = next(rows, None)
     if first is None:
         raise InputError.at(text.name, 1, 1, "no readings", f"a header such as {_EXAMPLE}, and a row for each")
-    second = first if columns.names else next(rows, None)
-    layout = _layout(None if columns.names else first, columns, second)
+    second = next(rows, None)
+    layout = _layout(first, columns, second)
     readings, warnings, counts = _readings(text.name, chain([second] if second else [], rows), layout)
-    if layout.guessed and len(readings.raw) > 1:
+    if layout.px4 and len(readings.raw) > 1:
         _check_step(first, layout, float(np.median(np.abs(np.diff(readings.raw)))) / layout.per[0])
-    header = columns.names or first.fields
-    names = [header[i] for i in layout.index[1:]]
+    names = [first.fields[i] for i in layout.index[1:]]
     position, also = layout.position, layout.also
     log = in_order(text.name, readings, layout.per[0], warnings, counts, position=position, also=also, names=names)
     return replace(log, battery={"used_ah": float(log.also[USED][0])}) if USED in log.also else log
@@ -115,7 +116,7 @@ class _Layout:
 
     index: list[int]
     per: list[float]
-    width: int  # fields of a row; 0 for any
+    width: int  # fields of a row
     others: list[int] = field(
         default_factory=list
     )  # columns that may be empty: two of a position, then those asked for
@@ -125,38 +126,33 @@ class _Layout:
     degrees: bool = False
     origin_deg: Point | None = None
     also: tuple[str, ...] = ()
-    warnings: list[Fault] = field(default_factory=list)
-    guessed: bool = False
-    """Whether the unit of the times stands neither in their name nor in an option."""
+    px4: bool = False  # whether the times are taken for PX4's
 
 
-def _layout(header: Row | None, columns: Columns, second: Row | None) -> _Layout:
-    """The layout of a header, or of `columns.names`; the second row shows whether the times are dates."""
-    if header is None:
-        header = read_row("--columns", 1, ",".join(columns.names))
-    elif all(NUMBER.match(name) or NOT_FINITE.match(name) for name in header.fields):
+def _layout(header: Row, columns: Columns, second: Row | None) -> _Layout:
+    """The layout of a header; the second row shows whether the times are dates."""
+    if all(NUMBER.match(name) or NOT_FINITE.match(name) for name in header.fields):
         message = "the first row has numbers, not the names of columns"
-        raise InputError(header.fault(0, message, f"a header such as {_EXAMPLE}, or --columns {_EXAMPLE}"))
+        raise InputError(header.fault(0, message, f"a header such as {_EXAMPLE}"))
     if twice := repeated(header.fields):
         message = f"the name {printable(header.fields[twice[0]], 80)} stands twice"
         raise InputError(header.fault(twice[0], message, "each column under a name of its own"))
-    layout = _Layout([], [], 0 if columns.names else len(header.fields), origin_deg=columns.origin_deg)
+    layout = _Layout([], [], len(header.fields), origin_deg=columns.origin_deg)
     for role in ("time", *_power_roles(header, columns)):
         index = _find(header, role, getattr(columns, role))
         layout.index.append(index)
         if role == "time" and second and index < len(second.fields) and ISO_TIME.match(second.fields[index]):
             columns, layout = replace(columns, time_unit="s"), replace(layout, dates=True)
-        layout.per.append(_per_unit(header, index, role, columns, layout.warnings))
-    guessed = not columns.time_unit and not _stem_and_unit(header.fields[layout.index[0]], "time")[1]
-    return _with_others(replace(layout, guessed=guessed), header, columns)
+        layout.per.append(_per_unit(header, index, role, columns.time_unit))
+    px4 = not columns.time_unit and _plain(header.fields[layout.index[0]]) == PX4_TIME
+    return _with_others(replace(layout, px4=px4), header, columns)
 
 
 def _check_step(header: Row, layout: _Layout, step_s: float) -> None:
-    """Refuse rows that are nearer or farther apart than a log's, if the times are in the unit that was guessed."""
+    """Refuse rows that are nearer or farther apart than a log's, if the times are taken for PX4's."""
     if not SHORTEST_STEP_S <= step_s <= LONGEST_STEP_S and step_s > 0:
-        message = f"a row every {step_s:.3g} s, if {printable(header.fields[layout.index[0]], 80)} is in µs"
-        units = "|".join(filter(str.isascii, _PER_SECOND))
-        raise InputError(header.fault(layout.index[0], message, f"--time-unit {units}"))
+        message = f"a row every {step_s:.3g} s, if {PX4_TIME} is in µs"
+        raise InputError(header.fault(layout.index[0], message, "a name such as time_s or time_ms, or --time-unit"))
 
 
 def _with_others(layout: _Layout, header: Row, columns: Columns) -> _Layout:
@@ -206,8 +202,7 @@ def _find(header: Row, role: str, asked: str) -> int:
         raise InputError.at(f"--{role}", 1, 1, f"no column {printable(asked, 80)}", f"one of {known}", asked)
     found = _named(header, role)
     if not found:
-        example = {"time": "time_s, timestamp", "voltage": "voltage_v", "current": "current_a"}[role]
-        raise InputError(header.fault(0, f"no column for the {role}", f"{example}, or --{role} NAME"))
+        raise InputError(header.fault(0, f"no column for the {role}", f"{_EXAMPLES[role]}, or --{role} NAME"))
     if len(found) > 1:
         several = ", ".join(header.fields[i] for i in found)
         raise InputError(header.fault(found[1], f"several columns of {role}: {several}", f"one, or --{role} NAME"))
@@ -215,44 +210,32 @@ def _find(header: Row, role: str, asked: str) -> int:
 
 
 def _named(header: Row, role: str) -> list[int]:
-    """Columns with a name of a role, `power_w`; or those that end in one (`total_power_w`)."""
-    stems = [_stem_and_unit(name, role)[0] for name in header.fields]
-    plain = [i for i, stem in enumerate(stems) if stem in _STEMS[role]]
-    return plain or [i for i, stem in enumerate(stems) if stem.endswith(tuple(f"_{s}" for s in _STEMS[role][:1]))]
+    """Columns with a known name of a role, with a unit (`power_w`, `Power [W]`) or without."""
+    names = [{_plain(name), _stem_and_unit(name, role)[0]} for name in header.fields]
+    return [i for i, either in enumerate(names) if either.intersection(_STEMS[role])]
+
+
+def _plain(name: str) -> str:
+    """A name in small letters: `Time [ms]` and `time_ms` are the same."""
+    return "_".join(filter(None, re.split(r"[\s_()\[\]-]+", name.lower())))
 
 
 def _stem_and_unit(name: str, role: str) -> tuple[str, str]:
-    """`time [ms]` and `time_ms` → time, ms; an ending that is no unit of the role belongs to the name."""
-    name = name.strip()
-    match = _STEM_AND_UNIT.match(name.lower()) if len(name) <= NAME_LIMIT else None
-    if match is None:
-        return name.lower(), ""
-    unit = match[2] or match[3] or ""
-    unit = _WORDS.get(unit.removesuffix("s"), unit)
-    return (match[1].strip(), unit) if unit in _PER_UNIT[role] or match[2] else (name.strip().lower(), "")
+    """`time_ms` → time, ms; nothing where the ending is no unit of the role."""
+    stem, _, unit = _plain(name).rpartition("_")
+    return (stem, unit) if unit in _PER_UNIT[role] else ("", "")
 
 
-def _per_unit(header: Row, index: int, role: str, columns: Columns, warnings: list[Fault]) -> float:
+def _per_unit(header: Row, index: int, role: str, time_unit: str | None) -> float:
     """How many of a column's units make a second, watt, volt, ampere."""
-    known = _PER_UNIT[role]
-    if role == "time" and columns.time_unit:
-        return known[columns.time_unit]
-    stem, unit = _stem_and_unit(header.fields[index], role)
-    if not unit and role == "time":
-        if stem == "timestamp":
-            return known["us"]
-        message = f"{printable(header.fields[index], 80)} has no unit"
-        units = "|".join(filter(str.isascii, _PER_SECOND))
-        raise InputError(header.fault(index, message, f"a name such as time_s or time_ms, or --time-unit {units}"))
-    if not unit:
-        taken = {"power": "W", "voltage": "V", "current": "A"}[role]
-        message = f"{printable(header.fields[index], 80)} has no unit: taken as {taken}"
-        warnings.append(replace(header.fault(index, message), severity="warning"))
-        return 1.0
-    if unit not in known:
-        message = f"{printable(unit, 40)} is no unit of {role}"
-        raise InputError(header.fault(index, message, " or ".join(known)))
-    return known[unit]
+    name, known = header.fields[index], _PER_UNIT[role]
+    if role == "time" and (time_unit or _plain(name) == PX4_TIME):
+        return known[time_unit or "us"]
+    if unit := _stem_and_unit(name, role)[1]:
+        return known[unit]
+    option = f", or --time-unit {'|'.join(TIME_UNITS)}" if role == "time" else ""
+    message = f"{printable(name, 80)} has no unit of {role}"
+    raise InputError(header.fault(index, message, f"a name such as {_EXAMPLES[role]}{option}"))
 
 
 # ── rows ──
@@ -278,7 +261,7 @@ def _readings(
         if len(faults) >= FAULTS_READ:
             break
         count += 1
-        if layout.width and any(row.fields[layout.width :]):
+        if any(row.fields[layout.width :]):
             message = f"{len(row.fields)} fields"
             faults.append(row.fault(layout.width, message, f"{layout.width}, as in the header"))
             continue
@@ -299,7 +282,7 @@ def _readings(
     if layout.degrees and len(rest):
         rest[:, :2] = _metres(name, rest[:, :2], lines, layout.origin_deg)
     readings = LogReadings(table[:, 0], table[:, 1:] / layout.per[1:], rest, np.array(lines, dtype=np.int64))
-    return readings, layout.warnings + warnings, counts
+    return readings, warnings, counts
 
 
 def _values(row: Row, columns: Sequence[tuple[int, float]], *, dates: bool = False) -> list[float] | str | Fault:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,10 @@ GAP = 5.0
 """Shortest gap, relative to the median step."""
 
 
+TimeUnit = Literal["s", "ms", "us", "ns", "min", "h"]
+TIME_UNITS: tuple[TimeUnit, ...] = get_args(TimeUnit)
+
+
 @dataclass(frozen=True)
 class ColumnOptions:
     """Which columns of a log are read."""
@@ -48,10 +52,7 @@ class ColumnOptions:
     current: Annotated[str, Flag(metavar="NAME")] = ""
     """The column of current."""
 
-    names: Annotated[Sequence[str], Flag("--columns", metavar="NAME,…")] = ()
-    """Names of the first columns of a log without a header, empty for a column to skip."""
-
-    time_unit: Literal["s", "ms", "us", "ns", "min", "h"] | None = None
+    time_unit: TimeUnit | None = None
     """Unit of the times, where their column's name has none."""
 
     instance: Annotated[int | None, Flag(metavar="N")] = None

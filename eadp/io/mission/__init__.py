@@ -17,8 +17,8 @@ WITH_ITEMS = ("qgc", "ardupilot", "px4")
 ITEMS_ENDING = ".items.json"
 """Ending of the map's name, after that of the mission."""
 
-FENCE_ENDING, RALLY_ENDING = ".fence.waypoints", ".rally.waypoints"
-"""Endings of the names of ArduPilot's fence and places to rally, after that of the mission."""
+FENCE_ENDING = ".fence.waypoints"
+"""Ending of the name of ArduPilot's fence, after that of the mission."""
 
 EXPORT_NAMES = tuple(ENDINGS)
 """Formats that a plan is exported to; `export.EXPORTS` holds what writes them."""

@@ -74,8 +74,7 @@ class DraftItem:
     above_sea_m: float | None = None
 
 
-Place = tuple[float, float, float]
-"""A place to rally: latitude and longitude [°], altitude above home [m]."""
+RALLY_LEFT_OUT = "places to rally are left out: an autopilot that has some returns there instead of home"
 
 
 class Fence(NamedTuple):
@@ -108,5 +107,4 @@ class MissionDraft:
     items: list[DraftItem] = field(default_factory=list)
     multirotor: bool = False
     fences: list[Fence] = field(default_factory=list)
-    rally: list[Place] = field(default_factory=list)
     doubts: list[tuple[Location, str, str]] = field(default_factory=list)

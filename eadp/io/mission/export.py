@@ -10,20 +10,18 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.core.geometry.waypoints import ARC_RAD, TURNS_TOLERANCE
-from eadp.io.mission import EXPORT_NAMES, FENCE_ENDING, RALLY_ENDING
+from eadp.io.mission import EXPORT_NAMES, FENCE_ENDING
 from eadp.io.mission import draft as d
 from eadp.io.mission.autopilot import ACCEPTANCE_M
-from eadp.io.mission.draft import Fence, MissionItem, Place
+from eadp.io.mission.draft import Fence, MissionItem
 from eadp.io.mission.maps import geojson_text, gpx_text, kml_text
 from eadp.io.mission.paparazzi import paparazzi_text
 from eadp.io.mission.path import PlannedPath, Section
 from eadp.io.mission.qgc import ARDUPILOT, PX4, qgc_text
-from eadp.io.mission.wpl import fence_text, rally_text, wpl_text
+from eadp.io.mission.wpl import fence_text, wpl_text
 from eadp.models.plan.pieces import CLIMB_OUT_M
 from eadp.plug_ins import plug_in
 
@@ -241,10 +239,7 @@ class _ItemBuilder:
         place = (0.0, 0.0) if point is None else self.path.geodetic_deg(point)
         first, last = self._legs
         legs = first if self._skipped is None else self._skipped, last
-        frame, altitude_m = d.RELATIVE, self._altitude_m
-        if point is not None and self.path.ground is not None:
-            frame, altitude_m = d.TERRAIN, round(altitude_m - float(self.path.ground(np.array([point]))[0]), 3)
-        self.items.append(MissionItem(command, frame, (*parameters, *place, altitude_m), legs))
+        self.items.append(MissionItem(command, d.RELATIVE, (*parameters, *place, self._altitude_m), legs))
         self._skipped = None
 
     def _change_speed(self, section: Section) -> None:
@@ -275,24 +270,10 @@ def _fences(path: PlannedPath) -> list[Fence]:
     return [Fence(inclusion, [path.geodetic_deg(point) for point in ring]) for inclusion, ring in rings]
 
 
-ABOVE_GROUND = ("qgc", "ardupilot")
-"""Formats that hold altitudes above ground: PX4 takes no mission with them."""
-
-
-def _rally(path: PlannedPath) -> list[Place]:
-    return [(*path.geodetic_deg((x, y)), up_m) for x, y, up_m in path.rally]
-
-
 def _qgc(path: PlannedPath, firmware: int) -> str:
     """The plan of QGroundControl."""
-    items, ground = mission_items(path, px4=firmware == PX4), None
-    if (above_zero := path.ground) is not None and (zero_m := path.zero_m) is not None:
-
-        def ground(latitude: float, longitude: float) -> float:
-            return zero_m + float(above_zero(np.array([to_local_m(latitude, longitude, path.origin_deg)]))[0])
-
-    fences, rally = _fences(path), _rally(path)
-    return qgc_text(items, path.home, path.airspeed_mps, fences, firmware, rally, ground, path.height_m)
+    items = mission_items(path, px4=firmware == PX4)
+    return qgc_text(items, path.home, path.airspeed_mps, _fences(path), firmware, path.height_m)
 
 
 FENCED = ("qgc", "ardupilot", "px4")
@@ -300,9 +281,9 @@ FENCED = ("qgc", "ardupilot", "px4")
 
 
 def files_beside(path: PlannedPath) -> dict[str, str]:
-    """ArduPilot's files of the fence and of places to rally, by the ending of their names; none that is empty."""
-    fences, rally = _fences(path), _rally(path)
-    return ({FENCE_ENDING: fence_text(fences)} if fences else {}) | ({RALLY_ENDING: rally_text(rally)} if rally else {})
+    """ArduPilot's file of the fence, if there is one, by the ending of its name."""
+    fences = _fences(path)
+    return {FENCE_ENDING: fence_text(fences)} if fences else {}
 
 
 _WRITERS: tuple[Callable[[PlannedPath], str], ...] = (

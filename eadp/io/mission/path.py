@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.models.airspace import EVERYWHERE, Airspace
@@ -94,10 +93,8 @@ class PlannedPath:
     """What is exported: the sections of a plan at parameters, and what holds on them.
 
     `altitude_m` holds where a stage has none, and `stated_mps` as its airspeed, None without one; `home_deg` is where
-    the aircraft takes off and returns to, None without; `climb_deg` is the pitch of the take-off [°]. `ground` has the
-    height of the ground at points, shape (n, 2), above the altitude 0 [m], where altitudes are written above it, and
-    `zero_m` is that altitude above the sea [m], where it is known: of a plan over terrain.
-    `rally` are places to rally, with their altitudes above home [m].
+    the aircraft takes off and returns to, None without; `climb_deg` is the pitch of the take-off [°]. `zero_m` is the
+    altitude 0 above the sea [m], where it is known: of a plan over terrain.
     Airspeeds are true; `calibrated` is what an autopilot holds over them. `height_m` is home's above the sea, or 0.
     """
 
@@ -112,9 +109,7 @@ class PlannedPath:
     airspace: Airspace = EVERYWHERE
     stated_mps: float | None = None
     climb_deg: float = 0.0
-    ground: Callable[[FloatArray], FloatArray] | None = None
     zero_m: float | None = None
-    rally: tuple[tuple[float, float, float], ...] = ()
     calibrated: float = 1.0
     height_m: float = 0.0
 

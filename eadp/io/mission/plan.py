@@ -463,7 +463,6 @@ class MissionPlan:
                 (0.0, 0.0),
                 home_m=(0.0, 0.0),
                 airspace=self._airspace(),
-                rally=self._rally(),
                 ground_m=self._zero_m,
                 height_m=self._height_m,
             ),
@@ -472,9 +471,6 @@ class MissionPlan:
     @property
     def _origin_deg(self) -> Point:
         return self.draft.home[0], self.draft.home[1]
-
-    def _rally(self) -> tuple[tuple[float, float, float], ...]:
-        return tuple((*to_local_m(*place[:2], self._origin_deg), place[2]) for place in self.draft.rally)
 
     def _airspace(self) -> Airspace:
         """The fences: obstacles and boundary."""

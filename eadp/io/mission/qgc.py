@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,13 +12,13 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import InputError, printable
 from eadp.io.mission.draft import (
     ABSOLUTE,
-    HIGHEST_M,
     ITEMS_LIMIT,
     LAND,
     LAND_START,
     LOITER_TO_ALTITUDE,
     MAX_FENCE_M,
     NO_POSITION,
+    RALLY_LEFT_OUT,
     RELATIVE,
     TERRAIN,
     VTOL_LAND,
@@ -27,7 +27,6 @@ from eadp.io.mission.draft import (
     Fence,
     MissionDraft,
     MissionItem,
-    Place,
 )
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
 from eadp.io.text.source import Location, SourceText
@@ -45,9 +44,8 @@ VERSIONS = {
 """The versions of each complex item."""
 LANDINGS = {"fwLandingPattern": LAND, "vtolLandingPattern": VTOL_LAND}
 STRUCTURE = "StructureScan"
-CALCULATED, ABOVE_TERRAIN = 3, 4
-MODES = {RELATIVE: 1, TERRAIN: ABOVE_TERRAIN}
-"""QGroundControl's AltitudeMode of heights above ground: with the altitude of the ground added, or not."""
+ABOVE_HOME, CALCULATED, ABOVE_TERRAIN = 1, 3, 4
+"""QGroundControl's AltitudeMode; of heights above ground: with the altitude of the ground added, or not."""
 NEWER = "a plan (*.plan), which a later QGroundControl makes of it"
 _TRANSECTS = "TransectStyleComplexItem"
 _KINDS = {str: "a string", float: "a number", JsonObject: "an object", JsonList: "a list", tuple: "a list of numbers"}
@@ -122,7 +120,7 @@ def is_qgc(head: str) -> bool:
 
 
 def read_qgc(source: SourceText) -> MissionDraft:
-    """Read the mission of a plan, its fences and its rally points.
+    """Read the mission of a plan and its fences; places to rally are left out.
 
     Raises
     ------
@@ -143,23 +141,10 @@ def read_qgc(source: SourceText) -> MissionDraft:
     for item in mission.member("items").elements():
         _read_item(item.is_(JsonObject), draft)
     draft.fences += _fences(root)
-    draft.rally += qgc_rally(source)
+    rally = root.member("rallyPoints")
+    if isinstance(rally.value, JsonObject) and rally.value.get("points"):
+        draft.doubts.append((rally.location, "rally", RALLY_LEFT_OUT))
     return draft
-
-
-def qgc_rally(source: SourceText) -> list[Place]:
-    """The rally points of a plan alone; raises InputError."""
-    rally = _root(source).member("rallyPoints")
-    if not isinstance(rally.value, JsonObject) or rally.member("version").value != RALLY_VERSION:
-        return []
-    return [(*_corner(each), _altitude(each)) for each in rally.member("points").elements()]
-
-
-def _altitude(place: _Value) -> float:
-    values = place.value
-    if len(values) < 3 or type(values[2]) not in (int, float) or not abs(values[2]) <= HIGHEST_M:
-        raise place.error("no altitude above home", "[latitude, longitude, altitude]")
-    return float(values[2])
 
 
 def qgc_fences(source: SourceText) -> list[Fence]:
@@ -287,14 +272,11 @@ def qgc_text(
     airspeed_mps: float,
     fences: Sequence[Fence] = (),
     firmware: int = ARDUPILOT,
-    rally: Sequence[Place] = (),
-    ground: Callable[[float, float], float] | None = None,
     home_m: float = 0.0,
 ) -> str:
     """The file of a mission of a fixed wing; of ArduPilot, with a landing as the pattern that can be edited.
 
-    `ground` has heights above the sea at latitudes and longitudes [m], where items are above it, and `home_m` is that
-    of home, 0 if not known.
+    `home_m` is the height of home above the sea [m], 0 if not known.
 
     MAVSDK, which sends plans to PX4, refuses a pattern. There it is the same items, which QGroundControl makes one of.
     """
@@ -309,13 +291,12 @@ def qgc_text(
     written: list[dict[str, Any]] = []
     ending = [item.command for item in items[-3:]]
     lands = ending in ([LAND_START, WAYPOINT, LAND], [LAND_START, LOITER_TO_ALTITUDE, LAND])
-    pattern = lands and firmware == ARDUPILOT and items[-1].frame == RELATIVE  # a pattern has no heights above ground
+    pattern = lands and firmware == ARDUPILOT
     for number, (command, frame, parameters, _) in enumerate(items[:-3] if pattern else items, 1):
         item: dict[str, Any] = {"autoContinue": True, "command": command, "doJumpId": number, "frame": frame}
         item |= {"params": _rounded(parameters), "type": "SimpleItem"}
-        if frame in MODES:
-            above_sea_m = parameters[6] + ground(*parameters[4:6]) if ground and frame == TERRAIN else None
-            item |= {"AMSLAltAboveTerrain": above_sea_m, "Altitude": parameters[6], "AltitudeMode": MODES[frame]}
+        if frame == RELATIVE:
+            item |= {"AMSLAltAboveTerrain": None, "Altitude": parameters[6], "AltitudeMode": ABOVE_HOME}
         written.append(item)
     if lands and not pattern and items[-2].command == WAYPOINT:
         written[-2]["params"][3] = None
@@ -331,10 +312,10 @@ def qgc_text(
     mission = {
         "cruiseSpeed": airspeed_mps,
         "firmwareType": firmware,
-        "globalPlanAltitudeMode": MODES[TERRAIN if any(item.frame == TERRAIN for item in items) else RELATIVE],
+        "globalPlanAltitudeMode": ABOVE_HOME,
         "hoverSpeed": airspeed_mps,
         "items": written,
-        "plannedHomePosition": [*_rounded(home_deg), ground(*home_deg) if ground else home_m],
+        "plannedHomePosition": [*_rounded(home_deg), home_m],
         "vehicleType": FIXED_WING,
         "version": 2,
     }
@@ -343,7 +324,7 @@ def qgc_text(
         "geoFence": {"circles": [], "polygons": polygons, "version": FENCE_VERSION},
         "groundStation": "QGroundControl",
         "mission": mission,
-        "rallyPoints": {"points": [_rounded(place) for place in rally], "version": RALLY_VERSION},
+        "rallyPoints": {"points": [], "version": RALLY_VERSION},
         "version": 1,
     }
     return json.dumps(plan, indent=4) + "\n"

@@ -10,9 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from eadp.errors import InputError
-from eadp.io.mission.draft import MissionDraft, Place
-from eadp.io.mission.qgc import qgc_rally, read_qgc
-from eadp.io.mission.wpl import read_wpl, wpl_rally
+from eadp.io.mission.draft import MissionDraft
+from eadp.io.mission.qgc import read_qgc
+from eadp.io.mission.wpl import read_wpl
 from eadp.io.plan.reader import LIMIT_CHARACTERS
 from eadp.io.plan.sources import PlanReader
 from eadp.io.text.source import SourceText
@@ -62,23 +62,6 @@ class _Missions:
 
 
 MISSION = _Missions()
-
-
-def read_rally(text: Text) -> list[Place]:
-    """The places to rally of a file: of a plan of QGroundControl, or of rows as WPL.
-
-    Raises
-    ------
-    InputError
-        If it has none, or is another file.
-    """
-    chosen = _format_of(text)
-    read = {FORMATS[0]: qgc_rally, FORMATS[1]: wpl_rally}.get(chosen) if chosen else None
-    found = [] if read is None else read(SourceText(text))
-    if not found:
-        expected = "those of a plan of QGroundControl, or rows of command 5100 (WPL)"
-        raise InputError.at(text.name, 1, 1, "no places to rally", expected)
-    return found
 
 
 def _format_of(text: Text) -> MissionFormat | None:

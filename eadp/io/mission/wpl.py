@@ -10,16 +10,14 @@ from eadp.errors import Fault, printable, refuse
 from eadp.io.mission.commands import command_text
 from eadp.io.mission.draft import (
     ABSOLUTE,
-    HIGHEST_M,
     ITEMS_LIMIT,
     MAX_FENCE_M,
-    RELATIVE,
+    RALLY_LEFT_OUT,
     WAYPOINT,
     DraftItem,
     Fence,
     MissionDraft,
     MissionItem,
-    Place,
 )
 from eadp.io.text.csv import Row, number_fault, read_rows
 from eadp.io.text.source import Location, SourceText
@@ -35,7 +33,7 @@ POLYGONS, CIRCLES = {5001: True, 5002: False}, {5003: True, 5004: False}
 
 
 def read_wpl(source: SourceText) -> MissionDraft:
-    """Read a mission: row 0 is home. Fences and places to rally may be among its rows.
+    """Read a mission: row 0 is home. Fences may be among its rows; places to rally are left out.
 
     Raises
     ------
@@ -49,13 +47,12 @@ def read_wpl(source: SourceText) -> MissionDraft:
     moved = items if home is None else items[1:]
     if len(items) < len(rows) and not moved:
         if not fences:
-            raise source.error(
-                rows[0].locations[0], "places to rally, and no mission", "a mission; they belong to --rally FILE"
-            )
+            raise source.error(rows[0].locations[0], "places to rally, and no mission", "a mission")
         expected = "a mission; a fence belongs to eadp cover --inside FILE or --avoid FILE, or into the mission's file"
         raise source.error(rows[0].locations[0], "a fence, and no mission", expected)
-    rally = _rally(source, rows)
-    draft = MissionDraft((0.0, 0.0, 0.0), rows[0].locations[6], moved, fences=fences, rally=rally, doubts=doubts)
+    if rally := [each for each in rows if each.command == RALLY]:
+        doubts.append((rally[0].locations[0], "rally", RALLY_LEFT_OUT))
+    draft = MissionDraft((0.0, 0.0, 0.0), rows[0].locations[6], moved, fences=fences, doubts=doubts)
     if home is not None:
         draft.home, draft.home_location = home.parameters[4:], home.locations[6]
     elif rows[0] is items[0]:
@@ -67,24 +64,6 @@ def read_wpl(source: SourceText) -> MissionDraft:
 def wpl_fences(source: SourceText) -> list[Fence]:
     """The fences of a file alone; raises InputError."""
     return _fences(source, _rows(source)[0])
-
-
-def wpl_rally(source: SourceText) -> list[Place]:
-    """The places to rally of a file alone; raises InputError."""
-    return _rally(source, _rows(source)[0])
-
-
-def _rally(source: SourceText, rows: Sequence[DraftItem]) -> list[Place]:
-    found = []
-    for item in rows:
-        latitude, longitude, altitude = item.parameters[4:]
-        if item.command != RALLY:
-            continue
-        if not (abs(latitude) <= 90 and abs(longitude) <= 180 and abs(altitude) <= HIGHEST_M):
-            expected = "a latitude and a longitude [°], and an altitude [m]"
-            raise source.error(item.locations[6], f"{latitude:g}, {longitude:g}, {altitude:g}", expected)
-        found.append((latitude, longitude, altitude))
-    return found
 
 
 def _is_fence(item: DraftItem) -> bool:
@@ -175,11 +154,6 @@ def fence_text(fences: Sequence[Fence]) -> str:
         for corner in corners
     ]
     return _text(rows)
-
-
-def rally_text(places: Sequence[Place]) -> str:
-    """The file of places to rally, as ground stations send it beside a mission."""
-    return _text([MissionItem(RALLY, RELATIVE, (0.0, 0.0, 0.0, 0.0, *place)) for place in places])
 
 
 def wpl_text(items: Sequence[MissionItem], home_deg: Point, home_m: float = 0.0) -> str:

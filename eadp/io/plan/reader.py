@@ -55,7 +55,6 @@ _HEADERS = (
     "home",
     "home-altitude",
     "clearance",
-    "rally",
     "avoid",
     "inside",
     "made-for",
@@ -483,7 +482,6 @@ class _Reader:
             camera=self._of("camera", _camera),
             ground_m=self._of("ground", lambda text: _numbers(text, 1, "metres above the sea, like 120")[0]),
             home_altitude_m=self._of("home-altitude", lambda text: _numbers(text, 1, "metres, like 120")[0]),
-            rally=self._of("rally", _rally) or (),
             clearance_m=CLEARANCE_M if clearance_m is None else clearance_m,
         )
 
@@ -899,11 +897,6 @@ def _numbers(text: str, count: int, expected: str) -> tuple[float, ...]:
 def _xy(text: str) -> Point:
     x, y = _numbers(text, 2, "x and y in metres, like -100 220")
     return x, y
-
-
-def _rally(text: str) -> tuple[tuple[float, float, float], ...]:
-    rows = (_numbers(part, 3, "x, y and altitude in metres, like 0 0 60, 90 0 60") for part in text.split(","))
-    return tuple((x, y, up) for x, y, up in rows)
 
 
 def _made_for(text: str) -> MadeFor:

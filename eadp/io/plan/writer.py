@@ -76,8 +76,6 @@ def _mission_lines(site: Site) -> list[str]:
         lines.append(f"%: home-altitude {number_text(site.home_altitude_m)}")
     if site.clearance_m != CLEARANCE_M:
         lines.append(f"%: clearance {number_text(site.clearance_m)}")
-    if site.rally:
-        lines.append(f"%: rally {', '.join(' '.join(map(number_text, place)) for place in site.rally)}")
     for obstacle in site.airspace.obstacles:
         height = "" if obstacle.height_m is None else f" height {number_text(obstacle.height_m)}"
         lines.append(f"%: avoid {obstacle.name}{height} {_corners(obstacle.outline)}")

@@ -260,26 +260,7 @@ class Results:
         """Wait a moment for other processes."""
         time.sleep(WAIT_S)
 
-    # --- other files and failures
-
-    def merge(self, path: str) -> None:
-        """Add the results of another file, such as a shard from another machine.
-
-        Raises
-        ------
-        InputError
-            If it is not a results file.
-        """
-        other = Results(path, read_only=True)
-        try:
-            with other._sqlite_errors():
-                rows = other._whole_rows("SELECT * FROM runs")
-                marks = ", ".join("?" * (len(_ROW) + 2))
-                elsewhere = ((*row[:-1], 0) for row in rows)  # sessions are numbered within a file
-                with self._sqlite_errors(), self._transaction():
-                    self._connection.executemany(f"INSERT OR IGNORE INTO runs VALUES ({marks})", elsewhere)
-        finally:
-            other.close()
+    # --- failures
 
     def forget_failures(self) -> None:
         """Delete the expected runs that could not be made, so that they are tried again."""

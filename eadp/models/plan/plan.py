@@ -127,8 +127,6 @@ class Site(NamedTuple):
         Height of the ground above the sea where altitudes are 0 [m], of a plan that follows the ground.
     home_altitude_m : float or None
         Altitude at which a straight way home is clear of ground and obstacles, from anywhere on the plan [m].
-    rally : tuple of (float, float, float)
-        Where an autopilot may return to instead of home, and the altitude above home there [m].
     height_m : float or None
         Height of the altitude 0 above the sea [m], where a mission's home has one, or a terrain beside the plan.
     clearance_m : float
@@ -145,7 +143,6 @@ class Site(NamedTuple):
     camera: SurveyCamera | None = None
     ground_m: float | None = None
     home_altitude_m: float | None = None
-    rally: tuple[tuple[float, float, float], ...] = ()
     height_m: float | None = None
     clearance_m: float = CLEARANCE_M
 

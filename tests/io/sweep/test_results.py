@@ -212,17 +212,6 @@ def test_claims_are_let_go_at_the_end(path):
         assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
 
 
-def test_a_merge_takes_what_is_missing(path, tmp_path):
-    second = str(tmp_path / "second.db")
-    for name, runs in ((path, RUNS[:3]), (second, RUNS[2:5])):
-        with closing(Results(name)) as results:
-            results.store([(run, Result(None, name)) for run in runs])
-    with closing(expecting(Results(path))) as results:
-        results.merge(second)
-        assert results.missing() == [5]
-        assert [row["error"] for row in results.rows()] == [path] * 3 + [second] * 2
-
-
 def test_a_full_disk_is_an_error_and_leaves_a_file_that_can_be_continued(path):
     large = Result({**SUMMARY, "more": "x" * 3000})
     stored = []
@@ -260,13 +249,6 @@ def test_another_file_is_refused_and_unchanged(tmp_path, kind):
         Results(str(path))
     assert before is None or path.read_bytes() == before
     assert [item.name for item in tmp_path.iterdir()] == ["results.db"]
-    with pytest.raises(InputError), closing(Results(None)) as results:
-        results.merge(str(path))
-
-
-def test_a_file_that_is_not_there_cannot_be_merged(tmp_path):
-    with closing(Results(None)) as results, pytest.raises(InputError, match=r"none\.db:1:1: error: cannot be used"):
-        results.merge(str(tmp_path / "none.db"))
 
 
 def test_what_sqlite_says_of_a_damaged_schema_is_printable(path):

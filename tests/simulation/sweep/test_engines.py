@@ -8,6 +8,7 @@ import operator
 import os
 import signal
 import time
+from collections import Counter
 
 import pytest
 
@@ -149,3 +150,33 @@ def test_a_run_that_kills_its_workers_is_given_back_and_the_rest_is_made(schedul
     engine = DaskEngine(operator.call, scheduler)
     assert made(engine, [*RUNS[:3], DEATH, *RUNS[3:]]) == {**expected(RUNS), (3, os._exit): None}
     engine.close()
+
+
+@pytest.mark.slow
+def test_runs_of_many_a_task_outlive_their_worker(scheduler):
+    from distributed import Client
+
+    engine, runs = DaskEngine(operator.call, scheduler), [product(i % 30) for i in range(20_000)]
+    results, waiting, tasks = [], list(runs), 0
+    send = engine._send
+
+    def counted(task):
+        nonlocal tasks
+        tasks += 1
+        return send(task)
+
+    engine._send = counted
+    with Client(scheduler, set_as_default=False) as client:
+        victim = next(iter(client.run(os.getpid).values()))
+        while waiting or engine.busy:
+            while waiting and engine.room > 0:
+                engine.submit(waiting.pop())
+            results += engine.finished()
+            if victim and len(results) > 1000:
+                os.kill(victim, signal.SIGKILL)
+                victim = None
+    engine.close()
+    assert victim is None
+    assert Counter(run.args for run, _ in results) == Counter(run.args for run in runs)
+    assert all(result == run() for run, result in results)
+    assert tasks < 200

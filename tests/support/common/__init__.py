@@ -52,3 +52,12 @@ def without_figures() -> Iterator[None]:
 def draws(share: float) -> int:
     """A share of the profile's examples, for a property whose every example takes long."""
     return round(share * settings().max_examples)
+
+
+def with_header(path: Path, folder: Path) -> Path:
+    """A copy of a log whose first columns, time [s] and power [W], have no names, with a header."""
+    body = path.read_text()
+    others = "".join(f",c{i}" for i in range(body.partition("\n")[0].count(",") - 1))
+    copy = folder / path.name
+    copy.write_text(f"time_s,power_w{others}\n{body}")
+    return copy
