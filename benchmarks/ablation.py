@@ -29,7 +29,8 @@ from eadp.planning.base import NEW_STAGE, SOLVED
 from eadp.planning.forecast import evaluate
 from eadp.planning.forecast.evaluate import CERTAIN, Evaluator
 from eadp.planning.forecast.knapsack import fill_greedy
-from eadp.planning.joint import places, planner, policy, search
+from eadp.planning.joint import planner, policy, search
+from eadp.planning.joint import policy as places
 from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.joint.policy import Policy
 from eadp.planning.joint.program import ComputationProgram, Solution

@@ -30,13 +30,13 @@ from measured import add_option, head, line, recorded
 
 from eadp import read_plan
 from eadp.api.given import FlightOptions
-from eadp.api.replan.link import LinkOptions
-from eadp.api.replan.replan import ReplanOptions, replan
 from eadp.core.geometry.geodesy import to_local_m
+from eadp.live.flight import COMPLETED, UNDECIDED
+from eadp.live.link import LinkOptions
+from eadp.live.replan import ReplanOptions, replan
 from eadp.models.airspace import HOME_RADII
 from eadp.models.battery import Battery
 from eadp.planning.state.voltage import VoltageWatch
-from eadp.planning.track.live import COMPLETED, UNDECIDED
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT.parent / "shared/reference"

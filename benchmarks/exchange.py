@@ -30,17 +30,17 @@ from pyproj import Geod
 
 import eadp
 from eadp.api.inputs import load_flight
+from eadp.check.check import check_plan
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import InputError
-from eadp.io.mission.export import EXPORTS
-from eadp.io.mission.path import PlannedPath, planned_sections
+from eadp.exchange.path import PlannedPath, planned_sections
+from eadp.exchange.writer import EXPORTS
 from eadp.io.plan.sources import PlanReader
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import nominal_legs, trace
 from eadp.models.vehicle import FixedWing
 from eadp.simulation.loop import Outcome, fly
-from eadp.validation.check import check_plan
 
 HERE = Path(__file__).resolve().parent
 sys.path.append(str(HERE.parent / "tests/support"))

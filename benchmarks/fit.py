@@ -31,8 +31,8 @@ from scipy.linalg import solve_triangular
 from scipy.signal import lfilter
 
 from eadp.core.arrays import FloatArray
-from eadp.core.signals.spectrum import Spectrum, analyse
-from eadp.io.log.formats import read_power_log
+from eadp.measure.formats import read_power_log
+from eadp.measure.spectrum import Spectrum, analyse
 
 AMPLITUDES_W = np.array([2.1, 1.4, 0.6])
 STEP_S = 0.5

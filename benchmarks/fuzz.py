@@ -44,44 +44,45 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     import numpy as np
 
     from eadp.api.inputs import Files, load_flight
-    from eadp.api.replan.decisions import json_line
-    from eadp.api.replan.link import LinkFlight, LinkOptions
-    from eadp.api.replan.replanner import replan_lines
-    from eadp.api.sweep import sweep_file
-    from eadp.api.sweep.sweep_file import read_sweep
+    from eadp.check.check import check_plan
     from eadp.core.compiled import enable
-    from eadp.coverage.cover import CoverageRequest, cover
-    from eadp.coverage.plan_builder import build_plan
-    from eadp.coverage.swaths import MotionLimits
     from eadp.errors import EadpError, InputError
-    from eadp.io.energy.model_file import energy_yaml, parse_energy
-    from eadp.io.field.reader import read_field, read_zones
-    from eadp.io.link.mavlink import Codec, tlog_messages
-    from eadp.io.link.messages import WANTED
-    from eadp.io.link.recorded import MAGICS, log_values
-    from eadp.io.log import autopilot_process, messages
-    from eadp.io.log.csv_log import read_csv_log
-    from eadp.io.log.formats import read_power_log
-    from eadp.io.log.power_log import Columns
-    from eadp.io.mission.items import parse_items
+    from eadp.exchange.item_map import parse_items
+    from eadp.io import scenario as scenario_file
+    from eadp.io.energy import energy_yaml, parse_energy
     from eadp.io.plan.reader import read_plan
     from eadp.io.plan.sources import PlanReader, is_mission
     from eadp.io.plan.writer import plan_text
     from eadp.io.profile import model_file
+    from eadp.io.profile.configurations import as_trace
     from eadp.io.profile.measurements import Configuration, Trace, read_measurements
     from eadp.io.profile.model_file import parse_profile, profile_yaml
-    from eadp.io.profile.recordings import as_trace
-    from eadp.io.scenario import scenario_file
-    from eadp.io.sweep.results import Results
-    from eadp.io.telemetry.log import ReplanLog
-    from eadp.io.telemetry.reader import TelemetryLine
     from eadp.io.text.streams import Text
-    from eadp.models.energy_fit import fit_energy
+    from eadp.live.decisions import json_line
+    from eadp.live.link import LinkFlight, LinkOptions
+    from eadp.live.mavlink import Codec, tlog_messages
+    from eadp.live.messages import WANTED
+    from eadp.live.recorded import MAGICS, log_values
+    from eadp.live.replanner import replan_lines
+    from eadp.live.telemetry import TelemetryLine
+    from eadp.live.telemetry_log import ReplanLog
+    from eadp.measure import autopilot_log as autopilot_process
+    from eadp.measure import messages
+    from eadp.measure.csv_log import read_csv_log
+    from eadp.measure.energy_fit import fit_energy
+    from eadp.measure.formats import read_power_log
+    from eadp.measure.power_log import Columns
     from eadp.models.plan.plan import Site
     from eadp.models.plan.trace import nominal_legs
-    from eadp.models.sweep import Result, Run
     from eadp.simulation.loop import Outcome, fly
-    from eadp.validation.check import check_plan
+    from eadp.survey.coverage import CoverageRequest, cover
+    from eadp.survey.field_reader import read_field, read_zones
+    from eadp.survey.plan_builder import build_plan
+    from eadp.survey.swaths import MotionLimits
+    from eadp.sweep import sweep_file
+    from eadp.sweep.results import Results
+    from eadp.sweep.runs import Result, Run
+    from eadp.sweep.sweep_file import read_sweep
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.append(str(ROOT / "tests/support"))

@@ -154,7 +154,7 @@ def flown(case: Case, planner: str, files: Mapping[str, str]) -> dict[str, Any]:
 
 def replayed(case: Case, inputs: Any) -> dict[str, Any]:
     """Hashes of what `eadp replan` prints on the example's telemetry, whole or with gaps."""
-    from eadp.api.replan.replanner import replan_lines
+    from eadp.live.replanner import replan_lines
 
     lines = (ROOT / "scenarios/example-telemetry.jsonl").read_bytes().splitlines(keepends=True)
     if "gaps" in case.name:

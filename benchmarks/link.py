@@ -56,16 +56,16 @@ from twin import OWNER, PROFILE, plans  # noqa: E402
 from vehicle import DETECTOR, GROUND_S, SECOND_STEPS, TELEMETRY_STEPS, Vehicle, parameters_of, rows_of  # noqa: E402
 
 from eadp.api.inputs import FlightInputs, load_flight  # noqa: E402
-from eadp.api.replan.link import LinkFlight, LinkOptions  # noqa: E402
-from eadp.api.replan.replanner import Replanner  # noqa: E402
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m  # noqa: E402
-from eadp.io.link.mavlink import Codec  # noqa: E402
-from eadp.io.link.messages import WANTED  # noqa: E402
-from eadp.io.link.mission import PROTOCOL, Outgoing  # noqa: E402
-from eadp.io.link.upload import HeldMission, Mapped, Output, Warned  # noqa: E402
-from eadp.io.mission.items import read_items  # noqa: E402
+from eadp.exchange.item_map import read_items  # noqa: E402
+from eadp.live.link import LinkFlight, LinkOptions  # noqa: E402
+from eadp.live.mavlink import Codec  # noqa: E402
+from eadp.live.messages import WANTED  # noqa: E402
+from eadp.live.mission import PROTOCOL, Outgoing  # noqa: E402
+from eadp.live.replanner import Replanner  # noqa: E402
+from eadp.live.upload import HeldMission, Mapped, Output, Warned  # noqa: E402
 from eadp.planning.base import Decision  # noqa: E402
-from eadp.planning.planner import Planner  # noqa: E402
+from eadp.planning.registry import Planner  # noqa: E402
 from eadp.planning.state.flight_state import FlightState  # noqa: E402
 from eadp.simulation.loop import Outcome  # noqa: E402
 from eadp.simulation.loop import fly as simulate  # noqa: E402

@@ -45,7 +45,7 @@ from eadp.core.compiled import enable
 from eadp.models.plan.ground import lap_scale
 from eadp.models.plan.route import MARGIN_M, RoutePredictor
 from eadp.planning.base import Decision, Observation
-from eadp.planning.planner import Planner
+from eadp.planning.registry import Planner
 from eadp.planning.state.flight_state import FlightState
 from eadp.simulation.loop import Outcome, fly
 from eadp.simulation.metrics import ParameterLog

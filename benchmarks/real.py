@@ -40,16 +40,15 @@ from eadp.api.inputs import load_flight
 from eadp.core import compiled
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import EadpError, InputError
-from eadp.io.field.files import read_field_text
-from eadp.io.field.reader import read_field
-from eadp.io.log.formats import read_power_log
-from eadp.io.log.power_log import Columns
 from eadp.io.plan.sources import is_mission
-from eadp.io.profile.recordings import as_trace
+from eadp.io.profile.configurations import as_trace
 from eadp.io.text.streams import read_text
+from eadp.measure.formats import read_power_log
+from eadp.measure.power_log import Columns
 from eadp.models.plan.trace import whole_route
 from eadp.planning.forecast.evaluate import OVERSHOOT_SHARE
 from eadp.simulation.loop import Outcome, fly
+from eadp.survey.field_reader import read_field, read_field_text
 
 SHARED = Path(__file__).resolve().parents[2] / "shared/reference"
 FOLDERS = SHARED / "real", SHARED / "missions"

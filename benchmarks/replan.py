@@ -41,7 +41,7 @@ import numpy as np
 from measured import add_option, head, line, recorded
 
 from eadp.core import compiled
-from eadp.core.signals.harmonics import design_matrix, output_row, rotation_matrix
+from eadp.core.harmonics import design_matrix, output_row, rotation_matrix
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 from eadp.models.battery import Battery
@@ -49,11 +49,11 @@ from eadp.models.computing import join_profile
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.profile import Profile
 from eadp.models.vehicle import PaperVehicle
+from eadp.papers import horizon
+from eadp.papers.estimator import EstimatorSettings, ExactEstimator
+from eadp.papers.horizon import Horizon, HorizonForecast, HorizonSolution
+from eadp.papers.planner import PaperPlanner, PaperSettings
 from eadp.planning.base import Mission, Observation, PlannerSettings, Sample
-from eadp.planning.estimation.estimator import EstimatorSettings, ExactEstimator
-from eadp.planning.paper import horizon
-from eadp.planning.paper.horizon import Horizon, HorizonForecast, HorizonSolution
-from eadp.planning.paper.planner import PaperPlanner, PaperSettings
 from eadp.planning.qp import OsqpSolver, QuadraticProgram
 from eadp.planning.state.flight_state import FlightState
 

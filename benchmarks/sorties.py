@@ -28,12 +28,12 @@ import numpy as np
 from measured import add_option, head, line, recorded
 
 import eadp
-from eadp.api.sorties.folder import write_sorties
-from eadp.api.sorties.plan import SortieOptions, SortiePlan
 from eadp.core.geometry.polygons import covered_shares
-from eadp.coverage.cover import LineGrid, cover, line_costs
 from eadp.errors import EadpError, Infeasible
-from eadp.io.flight.coverage import flown_lines, flown_of_plan
+from eadp.io.flight import flown_lines, flown_of_plan
+from eadp.survey.coverage import LineGrid, cover, line_costs
+from eadp.survey.folder import write_sorties
+from eadp.survey.sorties import SortieOptions, SortiePlan
 
 ROOT = Path(__file__).resolve().parents[1]
 SCALES = (1.0, 2.0, 3.0)

@@ -55,23 +55,23 @@ import numpy as np
 from measured import add_option, head, line, recorded
 
 from eadp.api.inputs import Files, FlightInputs, load_flight
-from eadp.api.sweep.run import FlyRun, make_runs
-from eadp.api.sweep.sweep_file import Sweep, read_sweep
 from eadp.core import compiled
-from eadp.io.sweep.results import Results
 from eadp.io.text.streams import read_text
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.triggers import ENDS, FIRES_IN, PASS_Q, RADIUS_SQUARED
-from eadp.models.sweep import Result, Run
 from eadp.models.world import World
-from eadp.planning.estimation.estimator import ExactEstimator
+from eadp.papers.estimator import ExactEstimator
 from eadp.planning.flight import PlannedFlight
 from eadp.simulation.aircraft import constants_of, state_of
 from eadp.simulation.inner_loop import InnerLoop
 from eadp.simulation.loop import Outcome, fly
-from eadp.simulation.sweep.engines.base import Make
-from eadp.simulation.sweep.engines.pool import PoolEngine
-from eadp.simulation.sweep.engines.serial import SerialEngine
+from eadp.sweep.engines import Make
+from eadp.sweep.pool import PoolEngine
+from eadp.sweep.registry import SerialEngine
+from eadp.sweep.results import Results
+from eadp.sweep.run import FlyRun, make_runs
+from eadp.sweep.runs import Result, Run
+from eadp.sweep.sweep_file import Sweep, read_sweep
 
 ROOT = Path(__file__).resolve().parent.parent
 SWEEP = """schema: eadp.sweep/1

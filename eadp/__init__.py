@@ -5,36 +5,36 @@ in `__init__.pyi`.
 """
 
 import importlib
-from types import FunctionType
+import sys
+from types import FunctionType, ModuleType
 from typing import Any
 
 __version__ = "0.1.0"
 
 _MODULES = {
-    "eadp.api.cover": ("CoverageOptions", "CoveragePlan", "cover"),
-    "eadp.api.export": ("ExportOptions", "export"),
-    "eadp.api.fit.power": ("fit_power",),
-    "eadp.api.fit.vehicle": ("fit_vehicle",),
+    "eadp.survey.cover": ("CoverageOptions", "CoveragePlan", "cover"),
+    "eadp.exchange.export": ("ExportOptions", "export"),
+    "eadp.measure.power": ("fit_power",),
+    "eadp.measure.vehicle": ("fit_vehicle",),
     "eadp.api.flight": ("Flight",),
     "eadp.api.given": ("FlightOptions",),
     "eadp.api.plan": ("check_plan", "read_mission", "read_plan"),
     "eadp.api.profile": ("read_profile",),
-    "eadp.api.replan.link": ("LinkOptions",),
-    "eadp.api.replan.replan": ("ReplanOptions", "replan"),
-    "eadp.api.report": ("report",),
+    "eadp.live.link": ("LinkOptions",),
+    "eadp.live.replan": ("ReplanOptions", "replan"),
+    "eadp.report.report": ("report",),
     "eadp.api.simulate": ("forecast", "simulate"),
-    "eadp.api.sorties.job": ("JobFlight", "simulate_sorties"),
-    "eadp.api.sorties.cover": ("cover_in_sorties",),
-    "eadp.api.sorties.plan": ("SortieOptions", "SortiePlan"),
-    "eadp.api.sweep.run": ("sweep",),
+    "eadp.survey.job": ("JobFlight", "simulate_sorties"),
+    "eadp.survey.resume": ("cover_in_sorties",),
+    "eadp.survey.sorties": ("SortieOptions", "SortiePlan"),
+    "eadp.sweep.run": ("sweep",),
     "eadp.api.vehicle": ("vehicle",),
     "eadp.errors": ("EadpError", "Infeasible", "InputError"),
     "eadp.models.energy": ("EnergyModel",),
-    "eadp.models.energy_fit": ("EnergyFit",),
+    "eadp.measure.energy_fit": ("EnergyFit",),
     "eadp.models.plan.plan": ("Plan",),
-    "eadp.models.profile": ("Profile",),
-    "eadp.models.profile_sum": ("ProfileSum",),
-    "eadp.io.sweep.statistics": ("SweepFlight",),
+    "eadp.models.profile": ("Profile", "ProfileSum"),
+    "eadp.sweep.statistics": ("SweepFlight",),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 __all__ = sorted(_MODULE_OF)
@@ -52,3 +52,14 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return [*__all__, "__version__"]
+
+
+class _Package(ModuleType):
+    """The package: a public name stays what it is where a package below has it, too, as `sweep` and `report`."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name not in _MODULE_OF or not isinstance(value, ModuleType):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -50,6 +51,18 @@ def eadp(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
 
 
 @pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Run one command line: its exit code, stdout, stderr."""
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        code = main(list(arguments))
+        printed = capsys.readouterr()
+        return code, printed.out, printed.err
+
+    return call
+
+
+@pytest.fixture
 def undrawn():
     """For tests of result folders whose subject is no figure."""
     with without_figures():
@@ -65,15 +78,52 @@ def _code_as_before():
 
 
 COMPILED = [
-    *("api", "cli", "io/figures", "io/flight", "io/link", "io/report", "planning/forecast", "planning/joint"),
-    *(
-        "planning/state",
-        "planning/track/test_acquisition.py",
-        "planning/track/test_live.py",
-        "planning/test_registry.py",
-    ),
-    *("simulation/test_fixed_wing.py", "simulation/test_reproduction.py", "simulation/test_wind_over_time.py"),
-    *("test_notebook.py", "test_pictures.py", "test_readme.py", "test_results_page.py"),
+    "base/api",
+    "base/cli",
+    "base/io/figures",
+    "base/io/flight",
+    "base/planning/forecast",
+    "base/planning/joint",
+    "base/planning/state",
+    "base/planning/test_registry.py",
+    "base/simulation/test_fixed_wing.py",
+    "base/simulation/test_reproduction.py",
+    "base/simulation/test_wind_over_time.py",
+    "exchange/test_mission_seams.py",
+    "live/test_acquisition.py",
+    "live/test_apply.py",
+    "live/test_beside_autopilots.py",
+    "live/test_home_beside_px4.py",
+    "live/test_kept.py",
+    "live/test_link.py",
+    "live/test_live.py",
+    "live/test_recorded.py",
+    "live/test_replan_command.py",
+    "live/test_replan_log.py",
+    "live/test_replan_replan.py",
+    "live/test_replan_trouble.py",
+    "live/test_upload.py",
+    "measure/test_figures_fit.py",
+    "measure/test_fit_battery.py",
+    "measure/test_fit_command.py",
+    "measure/test_fit_pictures.py",
+    "measure/test_fit_vehicle.py",
+    "measure/test_power.py",
+    "measure/test_profile_measure.py",
+    "report",
+    "survey/test_cover_command.py",
+    "survey/test_landing.py",
+    "survey/test_resume.py",
+    "survey/test_sorties_command.py",
+    "survey/test_survey_job.py",
+    "survey/test_terrain.py",
+    "sweep/test_report_sweep.py",
+    "sweep/test_sweep_command.py",
+    "sweep/test_sweep_file.py",
+    "test_notebook.py",
+    "test_pictures.py",
+    "test_readme.py",
+    "test_results_page.py",
 ]
 """Tests of whole flights whose subject is not the plain form of the code."""
 

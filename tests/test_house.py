@@ -84,7 +84,7 @@ def test_no_circle_of_files():
     """Not by imports inside functions, either."""
     graph = grimp.build_graph("eadp", exclude_type_checking_imports=True)
     order = TopologicalSorter({name: graph.find_modules_directly_imported_by(name) for name in graph.modules})
-    assert len(list(order.static_order())) == len(graph.modules) > 250  # a circle raises CycleError
+    assert len(list(order.static_order())) == len(graph.modules) > 150  # a circle raises CycleError
 
 
 def _modules():
@@ -122,7 +122,7 @@ def test_an_import_inside_a_function_spares_a_slow_library():
     needless = [
         f"{name}: {inner}"
         for name, tree in modules.items()
-        if not name.startswith(("eadp.__main__", "eadp.cli", "eadp.api"))
+        if name.startswith(("eadp.core", "eadp.models", "eadp.planning", "eadp.simulation", "eadp.io"))
         for function in ast.walk(tree)
         if isinstance(function, ast.FunctionDef)
         for inner in imported(ast.walk(function))

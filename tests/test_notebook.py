@@ -8,7 +8,7 @@ import json
 import pytest
 from common import ROOT
 
-from eadp.io.text import frames
+from eadp.io.text import json as frames
 
 PAGE = ROOT / "docs/notebook.ipynb"
 

@@ -10,7 +10,7 @@ import pytest
 from common import ROOT
 from common.console import missing_links
 
-from eadp.io.scenario import scenario_file
+from eadp.io import scenario as scenario_file
 from eadp.io.text.schema_faults import properties
 
 PAGE = ROOT / "docs/papers.md"

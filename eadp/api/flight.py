@@ -16,21 +16,20 @@ from typing import Any, Literal
 
 import numpy as np
 
-from eadp.api.fences import FENCES
 from eadp.api.inputs import FlightInputs, Source
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_geodetic_deg
-from eadp.io.flight.coverage import flown_coverage, flown_of_plan
-from eadp.io.flight.estimate import estimate_rows
-from eadp.io.text.frames import AnyTable, frame, html_table
+from eadp.io.flight import estimate_rows, flown_coverage, flown_of_plan
+from eadp.io.text.json import AnyTable, frame, html_table
 from eadp.io.text.streams import new_folder
 from eadp.models.plan.stage import PATH
 from eadp.models.world import Step, World
+from eadp.papers.estimator import PowerEstimate
 from eadp.planning.base import DecisionRecord, Ending, PlannerSettings
-from eadp.planning.estimation.estimator import PowerEstimate
 from eadp.planning.flight import PlannedFlight
 from eadp.planning.forecast.held import Preflight
 from eadp.simulation.loop import RETURNED, Outcome, fly
+from eadp.survey.fences import FENCES
 
 SCHEMA = "eadp.flight/1"
 TIMINGS = "eadp.timings/1"
@@ -257,7 +256,7 @@ class Flight:
         return f"<Flight of {self.inputs.world.plan.name.rpartition('/')[2]}: {', '.join(self._words)}>"
 
     def _repr_html_(self) -> str:
-        from eadp.io.flight.words import flight_facts
+        from eadp.io.flight import flight_facts
 
         return html_table([("flight", ", ".join(self._words)), *flight_facts(self.summary)])
 
@@ -323,8 +322,8 @@ class Flight:
             If the name is taken and `force` is not set, or the folder cannot be written.
         """
         from eadp.io.figures.flight import write_flight_figure
-        from eadp.io.report.flight import FlownFlight, flight_data
-        from eadp.io.report.page import page_html
+        from eadp.report.flight import FlownFlight, flight_data
+        from eadp.report.page import page_html
 
         world = self.inputs.world
         with new_folder(str(folder), force=force) as target:
@@ -344,7 +343,7 @@ class Flight:
                 (target / "decisions.jsonl").write_text("".join(lines), encoding="utf-8")
             write_flight_figure(target / "flight", world, self.steps, self.summary, self.decisions)
             if paper_figure:
-                from eadp.io.figures.paper import write_paper_figure
+                from eadp.papers.figures import write_paper_figure
 
                 write_paper_figure(target / "paper.svg", world, self.steps, self.estimates)
             flown = FlownFlight(world, self.inputs.scenario, self.summary, self.lists, estimates, rows)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 from importlib.resources import files
 
-from eadp.api.cover import CoverageOptions, CoverageTask
-from eadp.coverage.cover import cover
 from eadp.errors import Fault, InputError, printable, refuse
 from eadp.io.text.streams import Text, write_text
-from eadp.io.vehicle.camera_file import FOLDER as CAMERAS_FOLDER
-from eadp.io.vehicle.vehicle_file import read_vehicle
+from eadp.io.vehicle import read_vehicle
+from eadp.survey.camera_file import FOLDER as CAMERAS_FOLDER
+from eadp.survey.cover import CoverageOptions, CoverageTask
+from eadp.survey.coverage import cover
 
 FOLDER = files("eadp") / "presets"
 PRESETS = tuple(sorted(file.name.removesuffix(".yaml") for file in (FOLDER / "vehicles").iterdir()))

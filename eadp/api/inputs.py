@@ -15,22 +15,17 @@ from typing import Any, TypeVar
 import numpy as np
 
 from eadp import __version__
-from eadp.api.fences import fenced
 from eadp.api.given import Around, File
-from eadp.api.turns import MOST, overshoot_findings
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined, refuse
-from eadp.io.energy.model_file import energy_yaml, parse_energy
-from eadp.io.field.files import read_field_text
+from eadp.io.energy import energy_yaml, parse_energy
 from eadp.io.plan.sources import PlanReader, is_mission
 from eadp.io.plan.writer import plan_text
 from eadp.io.profile.model_file import parse_profile, profile_yaml
-from eadp.io.scenario.scenario_file import SCHEMA, Scenario, plain, scenario_document, scenario_of, value_text
-from eadp.io.terrain.reader import read_terrain
-from eadp.io.text.named import parse_named
-from eadp.io.text.source import SourceText
-from eadp.io.text.streams import Text, read_text
+from eadp.io.scenario import SCHEMA, Scenario, plain, scenario_document, scenario_of, value_text
+from eadp.io.text.options import parse_named
+from eadp.io.text.streams import SourceText, Text, read_text
 from eadp.io.text.yaml import Document
 from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, EVERYWHERE, HOME_RADII, Landing, WayHome
 from eadp.models.autopilot import Autopilot
@@ -45,9 +40,7 @@ from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.route import MARGIN_M
 from eadp.models.plan.stage import COMPUTATION, LAND, TAKEOFF, Stage
 from eadp.models.plan.trace import KEPT_ROUTES, default_start, nominal_legs, whole_route
-from eadp.models.profile import configuration_text
-from eadp.models.profile_sum import AnyProfile
-from eadp.models.sweep import Run
+from eadp.models.profile import AnyProfile, configuration_text
 from eadp.models.vehicle import Aeroplane, Airframe, PaperVehicle
 from eadp.models.world import TakeOff, Timing, World
 from eadp.planning.base import Mission
@@ -56,6 +49,11 @@ from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import planner_class
 from eadp.planning.state.climb import ClimbFollower
 from eadp.simulation.nominal import NominalFlight, Overshoot
+from eadp.simulation.turns import MOST, overshoot_findings
+from eadp.survey.fences import fenced
+from eadp.survey.field_reader import read_field_text
+from eadp.survey.terrain import read_terrain
+from eadp.sweep.runs import Run
 
 LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
 """Time limit of a flight as a multiple of its forecast time, and where there is no forecast [s]."""

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from eadp.api.fences import fenced_by
 from eadp.api.given import File, Warn, python_warnings
-from eadp.api.turns import calm_findings, is_tight
 from eadp.errors import Fault, InputError
 from eadp.io.plan.sources import PlanReader, is_mission
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.plan import CheckReport, Finding, Plan
 from eadp.plug_ins import plug_ins
+from eadp.simulation.turns import calm_findings, is_tight
+from eadp.survey.fences import fenced_by
 
 
 class CheckedPlan(NamedTuple):

@@ -10,15 +10,15 @@ from typing import Annotated
 
 from eadp.api.given import File, Warn, python_warnings
 from eadp.errors import Fault, printable
-from eadp.io.profile import measuring, model_file
+from eadp.io.profile import model_file
 from eadp.io.profile.configurations import configurations_to_measure
-from eadp.io.profile.measuring import MeasurementSettings, check_command, mean_text, measure, measurements_csv
-from eadp.io.profile.power_sensor import choose_sensor
-from eadp.io.scenario.scenario_file import Scenario
-from eadp.io.text.named import parse_named
-from eadp.io.text.options import Flag, check_range, option_name
+from eadp.io.scenario import Scenario
+from eadp.io.text.options import Flag, check_range, option_name, parse_named
 from eadp.io.text.streams import read_text
-from eadp.models.profile_sum import AnyProfile
+from eadp.measure import measuring
+from eadp.measure.measuring import MeasurementSettings, check_command, mean_text, measure, measurements_csv
+from eadp.measure.power_sensor import choose_sensor
+from eadp.models.profile import AnyProfile
 
 SHORTEST_INTERVAL_S, MAX_TIME_S = 0.01, 86_400.0
 """Shortest time between two samples [s]: sensors do not change faster; and the longest time at a configuration."""

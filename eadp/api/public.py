@@ -69,7 +69,7 @@ def _faults(name: str, value: Any, hint: Any) -> Iterator[Fault]:
 
 
 def _is_options(kind: Any) -> bool:
-    return isinstance(kind, type) and is_dataclass(kind) and kind.__module__.startswith("eadp.api")
+    return isinstance(kind, type) and is_dataclass(kind) and kind.__name__.endswith("Options")
 
 
 def _fits(value: Any, hint: Any) -> bool:

@@ -8,10 +8,10 @@ from typing import Any, Unpack
 from eadp.api.flight import Flight, fly_flight, forecast_values
 from eadp.api.given import File, FlightKeywords, Overrides, Warn, python_warnings
 from eadp.api.inputs import load_flight
-from eadp.io.scenario.scenario_file import override_texts, read_overrides
+from eadp.io.scenario import override_texts, read_overrides
 from eadp.models.energy import EnergyModel
 from eadp.models.plan.plan import Plan
-from eadp.models.profile_sum import AnyProfile
+from eadp.models.profile import AnyProfile
 from eadp.models.world import Step
 
 

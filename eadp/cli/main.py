@@ -14,8 +14,7 @@ import typer
 import typer.core
 
 from eadp import __version__
-from eadp.cli.grouped import grouped
-from eadp.cli.output import faults_as_json, faults_text
+from eadp.cli.output import faults_as_json, faults_text, grouped
 from eadp.errors import EadpError, Fault, InputError, printable
 from eadp.plug_ins import added_names, plug_in
 
@@ -224,7 +223,7 @@ def _key_of_scenario(error: Any) -> str:
     """How to set what the command has no option for, where that is a key of its scenario."""
     from dataclasses import fields
 
-    from eadp.io.scenario.scenario_file import ScenarioFile  # slow to import
+    from eadp.io.scenario import ScenarioFile  # slow to import
 
     key = error.option_name.lstrip("-").replace("-", "_")
     sets = any("--set" in option.opts for option in error.ctx.command.params)

@@ -86,8 +86,7 @@ def command(
     """
     from eadp.api.plan import check_plan
     from eadp.errors import InputError, PathUndefined
-    from eadp.io.plan.parameters import parameters_of
-    from eadp.io.plan.writer import plan_text
+    from eadp.io.plan.writer import parameters_of, plan_text
     from eadp.io.text.streams import output_file, write_text
 
     trace, plot = options.trace_m, options.plot

@@ -12,12 +12,11 @@ from typer import Argument, Option
 from eadp.api.profile import MeasureOptions, measure_profile
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, printable, refuse
+from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag, option_name
-from eadp.io.text.tables import aligned
 
 if TYPE_CHECKING:
-    from eadp.models.profile import Profile
-    from eadp.models.profile_sum import AnyProfile
+    from eadp.models.profile import AnyProfile, Profile
 
 
 @dataclass(frozen=True)
@@ -80,8 +79,7 @@ def command(
     Computations that were measured apart: eadp profile detector.csv --add encoder.csv -o both.yaml
     """
     from eadp.io.profile.configurations import parse_configuration
-    from eadp.io.profile.model_file import Sources, profile_document, profile_yaml, read_profiles
-    from eadp.io.profile.power_at import powers_at
+    from eadp.io.profile.model_file import Sources, powers_at, profile_document, profile_yaml, read_profiles
     from eadp.io.text.streams import write_text
 
     if measure:

@@ -13,13 +13,13 @@ from eadp.io.text.schema_faults import schema_of
 # the dataclass or model of each format, or a function of its schema; its module is imported only for it
 _FORMATS = {
     "profile": "eadp.io.profile.model_file:json_schema",
-    "energy": "eadp.io.energy.model_file:EnergyFile",
-    "scenario": "eadp.io.scenario.scenario_file:json_schema",
-    "vehicle": "eadp.io.vehicle.vehicle_file:VehicleFile",
-    "camera": "eadp.io.vehicle.camera_file:CameraFile",
-    "sweep": "eadp.api.sweep.sweep_file:SweepKeys",
-    "telemetry": "eadp.io.telemetry.reader:TelemetryLine",
-    "decision": "eadp.api.replan.decisions:DecisionLine",
+    "energy": "eadp.io.energy:EnergyFile",
+    "scenario": "eadp.io.scenario:json_schema",
+    "vehicle": "eadp.io.vehicle:VehicleFile",
+    "camera": "eadp.survey.camera_file:CameraFile",
+    "sweep": "eadp.sweep.sweep_file:SweepKeys",
+    "telemetry": "eadp.live.telemetry:TelemetryLine",
+    "decision": "eadp.live.decisions:DecisionLine",
     "summary": "eadp.api.flight_schemas:summary",
     "decisions": "eadp.api.flight_schemas:decisions",
 }

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from eadp.api.fences import FENCES
 from eadp.api.flight import REPORT
 from eadp.api.given import FlightOptions
 from eadp.api.simulate import simulate
-from eadp.api.sorties import is_sorties
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import check_new_folder, output_file, write_text
 from eadp.models.airspace import BOUNDARY, risk_text
+from eadp.survey import is_sorties
+from eadp.survey.fences import FENCES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -120,7 +120,7 @@ def command(
     if output.format == "json":
         emit_json(summary)
     else:
-        from eadp.io.flight.words import setting_text
+        from eadp.io.flight import setting_text
 
         shown = _text(summary, output, decisions=len(flight.decisions))
         emit(f"aircraft   {setting_text(flight.inputs.scenario)}\n{shown}")
@@ -142,7 +142,7 @@ def command(
 
 def _sorties(folder: str, texts: list[str], seed: int | None, output: SimulateOutputs) -> int:
     """Fly all sorties of a folder."""
-    from eadp.api.sorties.job import simulate_sorties
+    from eadp.survey.job import simulate_sorties
 
     progress = Progress("flying")
     job = simulate_sorties(folder, texts, seed or 0, on_flight=progress.show, warn=warn)
@@ -158,7 +158,7 @@ def _sorties(folder: str, texts: list[str], seed: int | None, output: SimulateOu
 
 def _text(summary: Mapping[str, Any], output: SimulateOutputs, *, decisions: int) -> str:
     """The summary for people."""
-    from eadp.io.flight.words import label_of, parameter_text, reserve_text
+    from eadp.io.flight import label_of, parameter_text, reserve_text
 
     done = "completed" if summary["completed"] else "NOT completed"
     power, solver = summary["power_w"], summary["solver"]

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from typer import Argument
 
 from eadp.cli.output import emit, emit_json, usage_fault, warn
+from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag
-from eadp.io.text.tables import aligned
 
 if TYPE_CHECKING:
     from eadp.models.performance import Performance, SpeedRange
@@ -56,7 +56,7 @@ def command(
     winds = _winds(options.wind)
     vehicle, found = use_case.vehicle(file, winds, computing_w=computing, reserve_soc=reserve, warn=warn)
     if options.plot:
-        from eadp.io.figures.vehicle import write_vehicle_figure
+        from eadp.io.figures.profile import write_vehicle_figure
 
         write_vehicle_figure(options.plot, vehicle.name, vehicle.airframe, found, computing)
     if options.format == "json":

@@ -141,7 +141,7 @@ class Airspace(NamedTuple):
         return list(found.values())
 
 
-EVERYWHERE = Airspace()
+EVERYWHERE: Airspace = Airspace()
 
 
 CLEARANCE_M = 20.0

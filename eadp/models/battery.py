@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
 
-from eadp.core.bounds import Efficiency, Seconds, Share
+from eadp.core.arrays import Efficiency, Seconds, Share
 from eadp.core.flight.battery import drain_per_s, interpolated, max_power_w, replayed_soc, undeliverable
 from eadp.errors import EadpError, printable
 from eadp.plug_ins import plug_in

@@ -13,7 +13,7 @@ from eadp.errors import EadpError, Infeasible
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box
-from eadp.models.profile_sum import AnyProfile
+from eadp.models.profile import AnyProfile
 
 KEPT_POWERS = 1000
 """Powers kept: a flight asks for the same ones at each stage."""

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 from eadp.core.geometry.curves import Point
 from eadp.models.battery import Battery, BatteryFault
-from eadp.models.camera import Pictures
 from eadp.models.vehicle import Airframe, PaperVehicle, PowerCurve
 from eadp.models.weather import Wind
+from eadp.survey.camera import Pictures
 
 MAX_WH_PER_KG = 500.0
 """Energy of a battery over the mass of the whole aircraft [Wh/kg]: the best cells alone have about 450 Wh/kg."""

@@ -10,10 +10,10 @@ from annotated_types import Ge, Gt, Le
 from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray
-from eadp.core.signals.harmonics import coefficients_of_state, signal_w, state_of_phases
+from eadp.core.harmonics import coefficients_of_state, signal_w, state_of_phases
 
 if TYPE_CHECKING:
-    from eadp.core.signals.spectrum import Spectrum
+    from eadp.measure.spectrum import Spectrum
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
-from eadp.core.bounds import Altitude, Efficiency, NotNegative, Watts
-from eadp.core.flight.aerodynamics import (
+from eadp.core.arrays import Altitude, Efficiency, NotNegative, Watts
+from eadp.core.flight.guidance import (
     GRAVITY_MPS2,
     drag_n,
     induced_drag_factor,

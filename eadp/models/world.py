@@ -13,9 +13,8 @@ from eadp.models.computing import ComputationRate, Computing
 from eadp.models.plan.cursor import Rules, Vector
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Stage
-from eadp.models.sensors import Sensors
 from eadp.models.vehicle import Airframe, Guidance
-from eadp.models.weather import Wind
+from eadp.models.weather import Sensors, Wind
 
 
 class TakeOff(NamedTuple):

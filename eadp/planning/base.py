@@ -14,8 +14,7 @@ from typing import Annotated, Any, NamedTuple, Protocol
 import numpy as np
 from annotated_types import Ge, Le, Len
 
-from eadp.core.arrays import Column, FloatArray
-from eadp.core.bounds import NotNegative, Reserve
+from eadp.core.arrays import Column, FloatArray, NotNegative, Reserve
 from eadp.core.flight.wind import GUST_TIME_S
 from eadp.core.geometry.curves import Point
 from eadp.models.airspace import WayHome

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from eadp.models.plan.cursor import Vector
+from eadp.papers.estimator import EstimatorSettings
 from eadp.planning.base import Decision, Mission, Observation, PlannerSettings, Readings
-from eadp.planning.estimation.estimator import EstimatorSettings
-from eadp.planning.planner import Planner
-from eadp.planning.registry import planner_class
+from eadp.planning.registry import Planner, planner_class
 from eadp.planning.state.flight_state import FlightState
 
 

@@ -1,14 +1,83 @@
-"""Every planner by its name."""
+"""The interface of planners."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, ClassVar
 
+from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, printable
+from eadp.papers.estimator import EstimatorSettings
+from eadp.planning.base import Decision, Mission, PlannerSettings, SolverReport, trade_off_faults
+from eadp.planning.forecast.held import Preflight, held_preflight
+from eadp.planning.state.flight_state import FlightState
 from eadp.plug_ins import OWN, plug_in
 
+
+class Planner:
+    """A planner: it decides on what is known of a flight. The base class keeps the parameters of take-off.
+
+    Parameters
+    ----------
+    settings : PlannerSettings
+    mission : Mission
+    own : dataclass, optional
+        Its own section of the settings.
+
+    Attributes
+    ----------
+    report : SolverReport
+    next_update_s : float
+        Time of the next update [s]; a new stage or a drop of charge requires one earlier.
+    """
+
+    own_settings: ClassVar[type | None] = None
+    """Dataclass of this planner's own settings, if it has any."""
+
+    optimises_to_end: ClassVar[bool] = False
+    """Whether the planner chooses its parameters so that they last to the end of the mission."""
+
+    def __init__(self, settings: PlannerSettings, mission: Mission, own: Any = None) -> None:
+        self.report = SolverReport()
+        self._settings, self._mission, self._own = settings, mission, own
+        self._decision = Decision(mission.parameters)
+
+    @classmethod
+    def faults(
+        cls, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission
+    ) -> list[tuple[str, str, str]]:
+        """Own settings that the mission contradicts: the key within them, what is wrong, and what was expected."""
+        return trade_off_faults(getattr(settings.own, "trade_offs", ()), mission.plan)
+
+    @classmethod
+    def preflight(
+        cls, settings: PlannerSettings, mission: Mission, wind_mps: Point, gust_std_mps: float
+    ) -> Preflight | None:
+        """The forecast before take-off, in the wind of the weather forecast: with the parameters of take-off held.
+
+        None if the plan cannot be flown in this wind.
+        """
+        return held_preflight(settings, mission, wind_mps, gust_std_mps)
+
+    @property
+    def next_update_s(self) -> float:
+        """Infinity: it has nothing to decide."""
+        return math.inf
+
+    def update(self, state: FlightState) -> Decision:
+        """Decide at an observation, `state.now`.
+
+        It is asked at each new stage, change and sample, too; before `next_update_s` it may repeat its last decision.
+        """
+        return self._decision
+
+    def hold(self, held: Mapping[int, float]) -> None:
+        """Take the parameters, by index, that stay at a value whatever is decided; all others may change."""
+
+
 if TYPE_CHECKING:
-    from eadp.planning.planner import Planner
+    pass
 
 PLANNERS = tuple(OWN["planners"])
 """The planners of eadp. Their settings are sections of their names."""

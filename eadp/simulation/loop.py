@@ -19,11 +19,10 @@ from eadp.models.battery import CUT_OFF
 from eadp.models.plan.cursor import Rules, Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.world import Step, World
+from eadp.papers.estimator import PowerEstimate
 from eadp.planning.base import DecisionRecord, Observation, Readings, Sample
-from eadp.planning.estimation.estimator import PowerEstimate
 from eadp.planning.flight import PlannedFlight
-from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, state_of
-from eadp.simulation.homing import home_plan
+from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, home_plan, state_of
 from eadp.simulation.inner_loop import (
     DISTANCE,
     EMPTY,
@@ -37,8 +36,7 @@ from eadp.simulation.inner_loop import (
     InnerLoop,
     Measured,
 )
-from eadp.simulation.metrics import FlightTotals, ParameterLog
-from eadp.simulation.sensors import SensorSuite
+from eadp.simulation.metrics import FlightTotals, ParameterLog, SensorSuite
 
 COMPLETED = "final point reached"
 RETURNED = "returned home"

@@ -12,9 +12,8 @@ from numpy.typing import ArrayLike
 from scipy.special import gammainc
 
 from eadp.core.arrays import FloatArray
-from eadp.core.signals.disturbance import rate_per_s
-from eadp.core.signals.forecasting import power_rows
-from eadp.planning.estimation.estimator import ExactEstimator
+from eadp.papers.estimator import ExactEstimator
+from eadp.papers.forecasting import power_rows, rate_per_s
 
 _SHORT = 0.05
 """λ times a duration below which a difference of nearly equal numbers is replaced by its series."""

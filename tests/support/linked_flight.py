@@ -7,9 +7,9 @@ from pathlib import Path
 
 from mavlink_vehicle import Item, MissionHolder, frames
 
-from eadp.api.replan.link import LinkFlight, LinkOptions
-from eadp.io.link.mavlink import Codec
-from eadp.io.link.messages import WANTED
+from eadp.live.link import LinkFlight, LinkOptions
+from eadp.live.mavlink import Codec
+from eadp.live.messages import WANTED
 
 
 def wpl_items(path: Path) -> list[Item]:

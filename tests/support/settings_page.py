@@ -7,9 +7,9 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
-from eadp.io.scenario import scenario_file
+from eadp.io import scenario as scenario_file
 from eadp.io.text.schema_faults import properties, schema_of
-from eadp.io.vehicle.vehicle_file import VehicleFile
+from eadp.io.vehicle import VehicleFile
 
 HEAD = """\
 # Scenario and vehicle files

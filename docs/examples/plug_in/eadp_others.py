@@ -6,13 +6,13 @@ from typing import Literal
 
 import numpy as np
 
-from eadp.coverage.cover import LineGrid
 from eadp.errors import InputError
-from eadp.io.log.formats import LogFormat
-from eadp.io.log.power_log import PowerLog
-from eadp.io.mission.draft import RELATIVE, WAYPOINT, DraftItem, MissionDraft
-from eadp.io.mission.reader import MissionFormat
+from eadp.exchange.items import RELATIVE, WAYPOINT, DraftItem, MissionDraft
+from eadp.exchange.reader import MissionFormat
+from eadp.measure.formats import LogFormat
+from eadp.measure.power_log import PowerLog
 from eadp.models.vehicle import FixedWing
+from eadp.survey.coverage import LineGrid
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from eadp.planning.base import Decision
-from eadp.planning.planner import Planner
+from eadp.planning.registry import Planner
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 
 from eadp.core.arrays import Column, FloatArray, columns
 from eadp.core.compiled import jitted
-from eadp.core.flight.aerodynamics import GRAVITY_MPS2
+from eadp.core.flight.guidance import GRAVITY_MPS2
 from eadp.core.geometry.curves import Point
 
 INITIAL_STD_MPS = 10.0

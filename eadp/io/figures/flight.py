@@ -29,7 +29,7 @@ from eadp.io.figures.canvas import (
     write_headline,
     write_none,
 )
-from eadp.io.flight.coverage import flown_lines, flown_of_plan
+from eadp.io.flight import flown_lines, flown_of_plan
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.legs import leg_points
 from eadp.models.plan.plan import Plan

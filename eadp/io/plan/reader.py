@@ -19,10 +19,8 @@ from eadp.core.expressions.tree import FUNCTIONS, Expression, constant, differen
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M
 from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, printable, refuse
-from eadp.io.plan.parameters import parameters_of
-from eadp.io.plan.writer import point_text
-from eadp.io.text.source import SourceText
-from eadp.io.text.streams import Text
+from eadp.io.plan.writer import parameters_of, point_text
+from eadp.io.text.streams import SourceText, Text
 from eadp.models.airspace import CLEARANCE_M, Airspace, Obstacle
 from eadp.models.field import Field
 from eadp.models.plan.plan import TRIGGER_RADIUS_M, Finding, MadeFor, Plan, ShortForm, Site, SurveyCamera

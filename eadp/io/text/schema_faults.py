@@ -17,8 +17,8 @@ from pydantic.json_schema import GenerateJsonSchema
 
 from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.text.csv import DECIMAL_COMMA
-from eadp.io.text.docstrings import attribute_docstrings
 from eadp.io.text.kinds import refuse_others
+from eadp.io.text.options import attribute_docstrings
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import Document, Path, read_yaml
 from eadp.models.doubts import meant

@@ -10,12 +10,16 @@ import shutil
 import stat
 import sys
 import tempfile
-from collections.abc import Iterator
+from array import array
+from bisect import bisect_right
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate
 from pathlib import Path
 
-from eadp.errors import InputError, printable
+from eadp.errors import Fault, InputError, printable
 
 LIMIT_BYTES = 20_000_000
 """Size limit of inputs by default: `EADP_LIMIT_BYTES` in the environment sets another."""
@@ -250,3 +254,34 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+Location = tuple[int, int]
+"""Line and column, from 1."""
+
+
+class SourceText:
+    """A text by lines."""
+
+    def __init__(self, text: Text) -> None:
+        self.name, self.body, self.lines = text.name, text.body, text.body.split("\n")
+
+    @cached_property
+    def starts(self) -> Sequence[int]:
+        """Offsets of the lines; an array, since a text may be all line ends."""
+        return array("q", accumulate((len(line) + 1 for line in self.lines), initial=0))
+
+    def location(self, offset: int) -> Location:
+        """Line and column of an offset."""
+        line = bisect_right(self.starts, offset, hi=len(self.lines))
+        return line, offset - self.starts[line - 1] + 1
+
+    def fault(self, location: Location, message: str, expected: str = "") -> Fault:
+        """A fault at a location, with the line it is in."""
+        line, column = location
+        source = self.lines[line - 1] if line <= len(self.lines) else ""
+        return Fault(self.name, line, column, message, expected, source)
+
+    def error(self, location: Location, message: str, expected: str = "") -> InputError:
+        """The error of a single fault at a location, to be raised."""
+        return InputError(self.fault(location, message, expected))

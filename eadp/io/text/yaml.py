@@ -11,8 +11,7 @@ import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from eadp.errors import Fault, printable, refuse
-from eadp.io.text.source import Location, SourceText
-from eadp.io.text.streams import Text
+from eadp.io.text.streams import Location, SourceText, Text
 
 Path = tuple[str | int, ...]
 NESTING_LIMIT = 50

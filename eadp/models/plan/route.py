@@ -19,11 +19,11 @@ from eadp.core.geometry.tracks import Nodes, Track
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, PlanEnd, Vector
 from eadp.models.plan.ground import lap_scale
-from eadp.models.plan.leg_ends import end_on
 from eadp.models.plan.leg_table import LegTable, leg_times_s
 from eadp.models.plan.legs import Leg
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Stage
+from eadp.models.plan.triggers import end_on
 
 SAME_POINT_M = 1e-6
 MARGIN_M = 1.0

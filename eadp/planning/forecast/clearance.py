@@ -8,16 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray
 from eadp.core.flight.wind import ground_speeds_mps
-from eadp.core.geometry.curves import Point
-from eadp.models.airspace import BOUNDARY, Airspace
+from eadp.core.geometry.curves import LINE, Point
+from eadp.models.airspace import BOUNDARY, HOME_RADII, Airspace, WayHome
 from eadp.models.plan.legs import Leg, TracePoint, leg_points
+from eadp.models.plan.route import Route
 from eadp.models.vehicle import Airframe, FixedWing, Guidance
-from eadp.planning.state.climb import ClimbFollower
+from eadp.planning.state.climb import Climb, ClimbFollower
+from eadp.planning.state.known import Known
 
 FLIGHTS = 200
 """Flights with gusts of their own."""
@@ -162,3 +165,128 @@ def _gain_per_m(leg: Leg, x_m: float, y_m: float) -> float:
     """The gain of a leg's guidance for the distance to its path [1/m]."""
     _, gx, gy, *_ = leg.path(x_m - leg.offset_m[0], y_m - leg.offset_m[1])
     return leg.stage.gain * math.hypot(gx, gy)
+
+
+MAX_SLOWED = 0.9
+"""Greatest share of the ground speed that a climb takes: against a strong wind it would take all."""
+
+
+def with_climbs(
+    climb: Climb, route: Route, whole_s: FloatArray, times_s: FloatArray, motion_w: FloatArray, climb_j_per_m: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Times [s], mean and greatest motion powers [W] of a route's legs with climbs and airspeeds, shape (legs,).
+
+    Parameters
+    ----------
+    climb : Climb
+        Where the aircraft is now.
+    route : Route
+    whole_s : array, shape (legs,)
+        Time of each leg from its start in level flight [s].
+    times_s, motion_w : array, shape (legs,)
+        Time left of each leg [s] and motion power [W] in level flight at the airframe's airspeed.
+    climb_j_per_m : float
+        Energy of a metre of climb [J/m].
+
+    Source: energy of a climb m g Δh / η; ground speed by V cos γ.
+    """
+    times, added_w, peak_w = times_s.tolist(), [0.0] * len(times_s), [0.0] * len(times_s)
+    # of each airspeed: its power above the airframe's own [W], and its greatest rates of climb and descent [m/s]
+    rates: dict[float, tuple[float, float, float]] = {}
+    here_m, j_per_m = climb.altitude_m, max(climb.take_off_j_per_m, climb_j_per_m)
+    for i, stage in enumerate(route.of_legs):
+        altitude_m, airspeed_mps = climb.commanded(stage)
+        if airspeed_mps not in rates:
+            rates[airspeed_mps] = climb.faster_w(airspeed_mps), *climb.rates_mps(airspeed_mps)
+        faster_w, up_mps, down_mps = rates[airspeed_mps]
+        added_w[i] = peak_w[i] = faster_w
+        rate_mps = up_mps if altitude_m > here_m else -down_mps
+        if altitude_m == here_m or rate_mps == 0 or times[i] <= 0:
+            continue
+        # climb or descend at the greatest rate from the start of the leg; what is not reached in it is left to the next
+        climb_s = (altitude_m - here_m) / rate_mps
+        # the climb takes V (1 − cos γ) of the ground speed
+        slower_mps = airspeed_mps - math.sqrt(max(airspeed_mps**2 - rate_mps**2, 0.0))
+        slowed = min(slower_mps * float(whole_s[i]) / max(route.legs[i].distance_m, 1e-9), MAX_SLOWED)
+        # t' = t + slowed · t_c, with t_c ≤ t' in this leg
+        climbed_s = min(climb_s, times[i] / (1 - slowed))
+        times[i] += slowed * climbed_s
+        climb_m = rate_mps * climbed_s
+        added_w[i] += j_per_m * climb_m / times[i]
+        peak_w[i] += max(j_per_m * rate_mps, 0.0)
+        here_m = altitude_m if climbed_s == climb_s else here_m + climb_m
+        if here_m == altitude_m:  # the take-off is over
+            j_per_m = climb_j_per_m
+    return np.array(times), np.maximum(motion_w + added_w, 0.0), motion_w + peak_w
+
+
+AT_HOME_M = 1.0
+"""Distance at which the aircraft is at home, where it does not circle [m]."""
+
+
+class Homeward(NamedTuple):
+    """A way home: its time [s], its mean power with the computations [W], and the climb to its altitude [m]."""
+
+    seconds: float
+    power_w: float
+    climb_m: float = 0.0
+
+
+def homeward(known: Known, way_home: WayHome, cruise_altitude_m: float, computing_w: float) -> Homeward:
+    """The way home from a moment of a flight.
+
+    It is a whole turn, unless home is flown to already, straight lines in level flight, and a climb to the altitude of
+    the way; then a landing, with a whole turn onto it and what the descent gives, or a circle. Its time is infinite
+    against too strong a wind.
+
+    Parameters
+    ----------
+    known : Known
+    way_home : WayHome
+    cruise_altitude_m : float
+        Altitude where the plan commands none [m].
+    computing_w : float
+        Power of the computations [W].
+    """
+    climb, airspeed_mps, faster_w = known.climb, known.airspeed_mps, 0.0
+    if climb is not None:
+        _, airspeed_mps = climb.commanded(known.cursor.stage)
+        faster_w = climb.faster_w(airspeed_mps)
+    level_w, per_m, landing = known.motion.level_w + faster_w, known.motion.climb_j_per_m, way_home.landing
+    seconds = 0.0
+    if math.dist(known.position_m, way_home.end_m) > way_home.circle_radius_m:
+        corners = np.array([known.position_m, *way_home.line(known.position_m)])
+        seconds = _seconds(np.diff(corners, axis=0), airspeed_mps, known.wind.mps)
+    turn_s = 2 * math.pi * HOME_RADII * way_home.turn_radius_m / airspeed_mps
+    seconds += turn_s if seconds > 0 and not known.returns_home else 0.0
+    seconds += 2 * math.pi * way_home.circle_radius_m / airspeed_mps
+    here_m = cruise_altitude_m if climb is None else climb.altitude_m
+    tops_m = here_m, way_home.altitude_m, None if landing is None else landing.altitude_m
+    top_m = max(each for each in tops_m if each is not None)
+    energy_j = level_w * seconds + per_m * (top_m - here_m)
+    if landing is not None:
+        legs = landing.legs
+        lines = np.array([np.subtract(leg.end_m, leg.start_m) for leg in legs if leg.stage.kind == LINE]).reshape(-1, 2)
+        circles_m = sum(leg.length_m for leg in legs if leg.stage.kind != LINE)
+        down_s = _seconds(lines, airspeed_mps, known.wind.mps) + circles_m / airspeed_mps
+        down_s += turn_s
+        energy_j += max(level_w * down_s - per_m * (top_m - landing.altitude_m + landing.descent_m), 0.0)
+        seconds += down_s
+    power_w = energy_j / seconds if 0 < seconds < math.inf else level_w
+    return Homeward(seconds, power_w + computing_w, top_m - here_m)
+
+
+def _seconds(lines_m: FloatArray, airspeed_mps: float, wind_mps: Point) -> float:
+    """Time of straight lines, shape (n, 2) [m], in a wind [s]; infinite where one cannot be flown."""
+    lengths_m = np.linalg.norm(lines_m, axis=1)
+    lines_m, lengths_m = lines_m[lengths_m >= AT_HOME_M], lengths_m[lengths_m >= AT_HOME_M]
+    course_x, course_y = (lines_m / lengths_m[:, None]).T
+    ground_mps, _ = ground_speeds_mps(course_x, course_y, airspeed_mps, wind_mps)
+    return math.inf if (ground_mps <= 0).any() else float((lengths_m / ground_mps).sum())
+
+
+def after_leg(known: Known, leg: Leg) -> Known:
+    """What is known, as at the end of a leg: its place, and the altitude that is commanded there."""
+    climb = known.climb
+    climb = climb and climb._replace(altitude_m=climb.commanded(leg.stage)[0])
+    return known._replace(position_m=leg.end_m, climb=climb)

@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.arrays import BoolArray, FloatArray, IntArray
-from eadp.core.envelope import upper_envelope
+from eadp.core.arrays import BoolArray, FloatArray, IntArray, upper_envelope
 from eadp.errors import Infeasible
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.ground import QualityShares

@@ -25,11 +25,17 @@ from eadp.models.plan.route import Route
 from eadp.models.plan.route_arrays import RouteArrays
 from eadp.models.plan.stage import Stage
 from eadp.planning.base import Ending, FlownLegs, Mission, PlannerSettings, TradeOff
-from eadp.planning.forecast.battery_limits import PowerLimits, RouteLoad, power_limits
-from eadp.planning.forecast.climbs import with_climbs
+from eadp.planning.forecast.battery_limits import (
+    LOSS,
+    LOSS_SQUARE,
+    FinalCharge,
+    PowerLimits,
+    RouteLoad,
+    moments,
+    power_limits,
+)
+from eadp.planning.forecast.clearance import Homeward, after_leg, homeward, with_climbs
 from eadp.planning.forecast.envelopes import Envelopes
-from eadp.planning.forecast.final_charge import LOSS, LOSS_SQUARE, FinalCharge, moments
-from eadp.planning.forecast.homeward import Homeward, after_leg, homeward
 from eadp.planning.forecast.knapsack import Filling, Knapsack, fill_greedy
 from eadp.planning.state.charge import charge_at_end
 from eadp.planning.state.known import Known, WindKnown

@@ -13,9 +13,9 @@ from eadp.core.flight.battery import drain_per_s
 from eadp.core.geometry.curves import Point
 from eadp.models.plan.legs import leg_points
 from eadp.planning.base import Ending
+from eadp.planning.forecast.battery_limits import LOSS, FinalCharge
+from eadp.planning.forecast.clearance import Homeward, after_leg
 from eadp.planning.forecast.evaluate import Evaluation
-from eadp.planning.forecast.final_charge import LOSS, FinalCharge
-from eadp.planning.forecast.homeward import Homeward, after_leg
 from eadp.planning.forecast.knapsack import Filling
 from eadp.planning.state.charge import after_drain
 from eadp.planning.state.known import Known

@@ -39,12 +39,11 @@ from eadp.planning.base import (
 from eadp.planning.forecast.evaluate import LAST_CHANGE_S, ROUNDING, Evaluation, Evaluator, Objective
 from eadp.planning.forecast.held import Preflight, before_take_off
 from eadp.planning.forecast.home import IN_FLIGHT, can_fall, home_spare, latest_turn_back
-from eadp.planning.joint.places import Places
-from eadp.planning.joint.policy import Policy
+from eadp.planning.joint.policy import Places, Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
 from eadp.planning.joint.search import Search, Shares
 from eadp.planning.joint.settings import JointSettings
-from eadp.planning.planner import Planner
+from eadp.planning.registry import Planner
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.known import Known
 

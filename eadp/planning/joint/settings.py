@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge, Lt
 
-from eadp.core.bounds import NotNegative, Share
+from eadp.core.arrays import NotNegative, Share
 from eadp.planning.base import TradeOff
 
 

@@ -19,19 +19,16 @@ from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.ground import GroundLog
 from eadp.models.plan.route import Route, RoutePredictor
 from eadp.models.vehicle import PaperVehicle
+from eadp.papers.estimator import Estimator, EstimatorSettings, PowerEstimate
 from eadp.planning.base import Mission, Observation, Readings, Sample
-from eadp.planning.estimation.estimator import Estimator, EstimatorSettings, PowerEstimate
 from eadp.planning.state.charge import MAX_STEP_S, ChargeFilter, DrainModel
 from eadp.planning.state.climb import ClimbFollower
-from eadp.planning.state.heading_gate import HEADING_DISBELIEVED
-from eadp.planning.state.known import ChargeKnown, Known, TimeKnown
+from eadp.planning.state.known import ChargeKnown, Known, TimeKnown, TimeRatio
 from eadp.planning.state.motion import MotionPower
-from eadp.planning.state.power import PowerTracker
-from eadp.planning.state.power_gate import MAX_OF_MOTOR, PowerGate
+from eadp.planning.state.power import MAX_OF_MOTOR, PowerGate, PowerTracker
 from eadp.planning.state.queue import SAME_TIME_S, ReadingQueue, Seen
-from eadp.planning.state.time_ratio import TimeRatio
 from eadp.planning.state.voltage import VoltageWatch
-from eadp.planning.state.wind import FlightWind
+from eadp.planning.state.wind import HEADING_DISBELIEVED, FlightWind
 
 MAX_AIRSPEEDS = 5.0
 """Ratio of a measured airspeed to that of cruise, or the inverse, above which it is false."""

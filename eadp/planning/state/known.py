@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
+
+import numpy as np
 
 from eadp.core.geometry.curves import Point
 from eadp.models.autopilot import Autopilot
@@ -139,3 +142,83 @@ class Known(NamedTuple):
     def soc(self) -> float:
         """Filtered state of charge."""
         return self.charge.filtered.soc
+
+
+RATIO_STD = 0.02
+"""Prior standard deviation of the ratio of flown to forecast time, common to all legs."""
+
+TIME_NOISE_S, TIME_NOISE_LEGS = 0.002, 4
+"""Prior variance of a leg's time per second of it [s²/s] without gusts, and its weight in legs."""
+
+OUTLIER_STDS, WINSORISED, PASSES = 2.0, 0.9205, 3
+"""Standard deviations beyond which a leg's time counts as that far off; the mean of min(z², 2²) of a normal variable z;
+and how often estimates and outliers are computed in turns."""
+
+
+class TimeRatio:
+    """Ratio of flown to forecast leg times, and the noise of each.
+
+    A regression through the origin: flown − forecast = β · forecast + noise, whose variance grows with the time. A leg
+    that is flown much later or sooner than forecast, as in an evasion, does not speak of others: its residual is
+    limited.
+
+    Attributes
+    ----------
+    ratio : float
+        1 + β.
+    noise_s : float
+        Variance of the noise per second [s²/s].
+
+    Source: Bayesian linear regression with a normal prior; Huber 1981 for the limit, with his proposal 2 for the scale.
+    """
+
+    def __init__(self) -> None:
+        self.noise_s = TIME_NOISE_S
+        self.ratio = 1.0
+        self._forecast_s = 0.0  # Σ forecast over the legs flown, outliers by their weight
+        self._legs: list[tuple[float, float]] = []
+
+    def learn(
+        self, forecast_s: float, flown_s: float, gust_std_mps: float, airspeed_mps: float, gust_time_s: float
+    ) -> None:
+        """Update with a flown leg.
+
+        Parameters
+        ----------
+        forecast_s, flown_s : float
+            Its forecast and its flown time [s].
+        gust_std_mps, airspeed_mps, gust_time_s : float
+            Standard deviation of the gusts, airspeed [m/s] and correlation time of the gusts [s], for the prior noise.
+        """
+        if not (forecast_s > 0 and math.isfinite(forecast_s)):
+            return
+        self._legs.append((forecast_s, flown_s))
+        prior_noise_s = _expected_noise_s(gust_std_mps, airspeed_mps, gust_time_s)
+        noise_s, beta = max(self.noise_s, prior_noise_s), self.ratio - 1.0
+        expected_s, flown = np.array(self._legs).T
+        for _ in range(PASSES):
+            # residuals r of a deviation σ √t count as at most 2 σ √t, by a weight w
+            far = np.abs(flown - (1 + beta) * expected_s) / np.sqrt(noise_s * expected_s)
+            weights = 1 / np.maximum(far / OUTLIER_STDS, 1.0)
+            # σ², the mean of the prior's and of w² r²/t
+            squares = float(np.sum((far * weights) ** 2)) * noise_s / WINSORISED
+            noise_s = (TIME_NOISE_LEGS * prior_noise_s + squares) / (TIME_NOISE_LEGS + len(self._legs))
+            # β = Σ w (flown − forecast) / (Σ w forecast + σ²/σ_β²)
+            self._forecast_s = float(weights @ expected_s)
+            beta = float(weights @ (flown - expected_s)) / (self._forecast_s + noise_s / RATIO_STD**2)
+        self.ratio, self.noise_s = 1.0 + beta, noise_s
+
+    def expect(self, gust_std_mps: float, airspeed_mps: float, gust_time_s: float) -> None:
+        """Set the prior noise from forecast gusts, before any leg is flown."""
+        self.noise_s = _expected_noise_s(gust_std_mps, airspeed_mps, gust_time_s)
+
+    @property
+    def variance(self) -> float:
+        """Variance of the ratio, of its posterior: σ² / (Σ forecast + σ²/σ_β²)."""
+        return self.noise_s / (self._forecast_s + self.noise_s / RATIO_STD**2)
+
+
+def _expected_noise_s(gust_std_mps: float, airspeed_mps: float, gust_time_s: float) -> float:
+    """Prior variance of a leg's time per second of it, in gusts of a standard deviation and correlation time [s²/s]."""
+    # a gust of σ and correlation time τ moves an aircraft by √(2 τ t) σ metres in t seconds
+    return TIME_NOISE_S + 2 * gust_time_s * (gust_std_mps / airspeed_mps) ** 2

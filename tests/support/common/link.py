@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from eadp.api.inputs import FlightInputs
-from eadp.api.replan.replanner import Replanner
 from eadp.errors import Fault
+from eadp.live.replanner import Replanner
 from eadp.planning.base import Decision, Observation, SolverReport
 from eadp.planning.state.flight_state import FlightState
 from eadp.simulation.loop import Outcome, fly

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from eadp.core.flight.following import Climbing
 from eadp.core.geometry.geodesy import to_local_m
-from eadp.coverage.heights import Ground, HeightLimits
-from eadp.coverage.swaths import MotionLimits
 from eadp.models.airspace import Airspace
 from eadp.models.field import Field
-from eadp.models.terrain import ElevationModel, Tile
+from eadp.survey.ends import Climbing
+from eadp.survey.heights import Ground, HeightLimits
+from eadp.survey.swaths import MotionLimits
+from eadp.survey.terrain import ElevationModel, Tile
 
 LIMITS = HeightLimits(80.0, 8.0, 20.0)
 WING = Climbing(3.0, 1.6, 0.5)

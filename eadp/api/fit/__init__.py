@@ -1,1 +1,0 @@
-"""What `eadp fit` does: the power of a log, its battery, its aircraft."""

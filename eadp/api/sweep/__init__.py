@@ -1,1 +1,0 @@
-"""What `eadp sweep` does: many runs, made and kept."""

@@ -1,0 +1,608 @@
+"""Geometric validity of a plan over the whole range of its path parameters.
+
+For each stage, over the sets of every path parameter (their ends, a grid inside, and the worst point found from there):
+its trigger lies on its path and on the next one, the direction of travel agrees there, its radius is at least the
+aircraft's, the trigger lies ahead of where the stage is joined, the path exists and is smooth. And, for each stage, a
+parameter value that leads to the next: validity as the drafts define it, shown by construction. A plan of
+segments, whose stages depend on the parameters of earlier laps, is checked along whole flights instead. Where `proof`
+has shown what holds for every parameter, the findings say so.
+
+Source: draft 002, Def. III.1; draft 003, Def. IV.1.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any, TypeVar
+
+import numpy as np
+
+from eadp.check.proof import StageProof, prove_plan
+from eadp.core.expressions.derivatives import PathFunction
+from eadp.core.geometry.curves import Point, tangent, wrap_angle_rad
+from eadp.core.geometry.geodesy import compass_deg
+from eadp.errors import PathUndefined, printable
+from eadp.models.airspace import BOUNDARY, entered
+from eadp.models.plan.cursor import PlanCursor, Vector, shift_at
+from eadp.models.plan.plan import CheckReport, Finding, Plan
+from eadp.models.plan.stage import COMPUTATION, Box, Stage
+from eadp.models.plan.trace import nominal_legs
+
+T = TypeVar("T")
+
+ERROR, WARNING = "error", "warning"
+POSITION_WARNING_M = 1e-3
+DIRECTION_WARNING_DEG = 0.1
+DIRECTION_ERROR_DEG = 45.0
+RADIUS_TOLERANCE_M = 1e-6
+NEARLY_WHOLE_TURN = 0.97
+"""A sweep of more of a turn than this is a trigger just behind where its circle is joined, or meant: a warning."""
+
+GRID = {1: 17, 2: 9}
+RANDOM_SAMPLES = 200
+CORNERS_LIMIT = 256
+REJOIN_CORNERS_LIMIT = 64
+REFINEMENTS = 40
+TRIALS_LIMIT = 2000
+CHANGING_FLIGHTS = 24
+
+
+_SHOWN = (
+    ("trigger on its path", "own", "trigger-off-path"),
+    ("trigger on the next", "next", "trigger-off-next"),
+    ("direction of travel", "direction", "direction"),
+)
+
+
+@dataclass(frozen=True)
+class GeometryReport(CheckReport):
+    """What this check found.
+
+    `witness` has, for each stage, parameters that lead to the next one, or None; `proofs`, what is proven of it.
+    """
+
+    witness: tuple[Vector | None, ...]
+    proofs: tuple[StageProof, ...] = ()
+
+    @property
+    def valid(self) -> bool:
+        """Whether every stage leads to the next for some parameters."""
+        return all(parameters is not None for parameters in self.witness)
+
+    def document(self, plan: Plan) -> dict[str, Any]:
+        """Whether it is valid, the parameters that lead on, and the proofs."""
+        leads_on = [None if values is None else dict(zip(plan.names, values, strict=False)) for values in self.witness]
+        return {"valid": self.valid, "leads_on": leads_on, "proofs": [asdict(proof) for proof in self.proofs]}
+
+    def lines(self, plan: Plan) -> list[str]:
+        """For each condition of validity, the stages where it is proven, where it holds as far as tried, the others."""
+        free = plan.path_names
+        proven = f"for every {', '.join(free)}" if len(free) < 5 else f"for every value of {len(free)} parameters"
+        lines = []
+        for title, attribute, code in _SHOWN:
+            off = {finding.stage for finding in self.findings if finding.code in (code, "no-path")}
+            found: dict[str, list[int]] = {how: [] for how in (proven, "at the places tried", "holds", "not")}
+            for stage, proof in zip(plan.stages, self.proofs, strict=True):
+                if attribute != "own" and stage is plan.stages[-1] and not plan.repeats:
+                    continue
+                how = proven if getattr(proof, attribute) in ("0", True) else "at the places tried"
+                found["not" if stage.index in off else how if free else "holds"].append(stage.index)
+            parts = [f"{how} in {_numbered(stages)}" for how, stages in found.items() if stages]
+            lines += [f"{title:<20} {'; '.join(parts)}"] if parts else []
+        leads = sum(parameters is not None for parameters in self.witness)
+        return [*lines, f"{leads} of {len(plan.stages)} stages lead to the next for some parameters"]
+
+
+def _numbered(stages: Sequence[int]) -> str:
+    """Stages by number, neighbours as a range."""
+    ranges: list[list[int]] = []
+    for index in stages:
+        if ranges and ranges[-1][1] == index - 1:
+            ranges[-1][1] = index
+        else:
+            ranges.append([index, index])
+    texts = [f"{first}" if first == last else f"{first}-{last}" for first, last in ranges]
+    return f"stage{'s' if len(stages) > 1 else ''} {', '.join(texts)}"
+
+
+@dataclass
+class _Measures:
+    """What is measured of a stage at given parameters, between the stages before and after; NaN: does not apply."""
+
+    own_m: float = math.nan
+    next_m: float = math.nan
+    turn_deg: float = math.nan
+    radius_m: float = math.inf
+    ahead_m: float = math.inf
+    sweep: float = 0.0
+    trouble: str = ""
+    foot_m: Point = (math.nan, math.nan)
+    headings_deg: tuple[float, float] = field(default=(math.nan, math.nan))
+    before: Stage | None = None
+    after: Stage | None = None
+
+
+def check_plan(plan: Plan, *, min_radius_m: float | None = None, proofs: Sequence[StageProof] = ()) -> GeometryReport:
+    """Check a plan over the whole range of its path parameters.
+
+    Parameters
+    ----------
+    plan : Plan
+        With sets, or without: then it is checked with all parameters 0.
+    min_radius_m : float, optional
+        Smallest turning radius of the aircraft [m]; the plan's own without.
+    proofs : sequence of StageProof, optional
+        What `proof.prove_plan` shows of the plan.
+
+    Returns
+    -------
+    GeometryReport
+        Findings by stage, errors beyond the thresholds above and a stage's trigger radius.
+    """
+    least = plan.min_radius_m if min_radius_m is None else min_radius_m
+    findings: list[Finding] = []
+    witness: list[Vector | None] = []
+    if plan.segments:
+        sampled = _measured_flights(plan)
+    else:
+        sampled = [(stage, _measured(plan, stage, least)) for stage in plan.stages]
+    troubled = any(measures.trouble for _, measured in sampled for _, measures in measured)
+    for stage, measured in sampled:
+        if troubled and not measured:  # no flight came so far
+            witness.append(None)
+            continue
+        proof = proofs[stage.index - 1] if proofs else StageProof()
+        findings += _stage_findings(plan, stage, measured, least, proof)
+        witness.append(_leads_on(plan.radius_m(stage), measured))
+    findings += _sets_findings(plan)
+    findings += _rejoin_findings(plan)
+    findings += _corners_findings(plan)
+    findings += _airspace_findings(plan)
+    return GeometryReport(tuple(findings), tuple(witness), tuple(proofs))
+
+
+def checked(plan: Plan, min_radius_m: float | None, *, proven: bool) -> GeometryReport:
+    """As `check_plan`, with proofs if they are asked for."""
+    proofs = prove_plan(plan) if proven else (StageProof(),) * len(plan.stages)
+    return check_plan(plan, min_radius_m=min_radius_m, proofs=proofs)
+
+
+def _neighbours(plan: Plan, stage: Stage) -> tuple[Stage | None, Stage | None]:
+    """The stage that this one is joined from, and the next; None beyond the plan's ends."""
+    stages, i = plan.stages, stage.index - 1
+    before = stages[i - 1] if i or plan.repeats else None
+    after = stages[(i + 1) % len(stages)] if i + 1 < len(stages) or plan.repeats else None
+    return before, after
+
+
+# --- samples ----------------------------------------------------------------------------------------------------------
+
+
+def _boxes(plan: Plan, stage: Stage) -> list[Box]:
+    """The sets of the path parameters that matter round a stage; [0, 0] for those that do not, or have none."""
+    near = [one for one in (stage, *_neighbours(plan, stage)) if one is not None]
+    named = set().union(*(part.names for one in near for part in (one.path, *one.trigger)))
+    if plan.repeats and plan.shift is not None and stage.index in (1, len(plan.stages)):
+        named = named.union(*(part.names for part in plan.shift))
+    boxes = []
+    for i in range(plan.path_count):
+        if not plan.has_sets:
+            boxes.append(Box(0.0, 0.0))
+        elif f"c{i + 1}" in named:
+            boxes.append(stage.sets[i])
+        else:
+            boxes.append(Box(stage.sets[i].hi, stage.sets[i].hi))
+    return boxes
+
+
+def _corners(count: int, limit: int) -> list[Vector]:
+    """Corners of the unit box: all, or of more than `limit` a seeded sample with the first and the last."""
+    if 2**count <= limit:
+        return list(itertools.product((0.0, 1.0), repeat=count))
+    drawn = np.random.default_rng(1).integers(0, 2, (limit - 2, count)).astype(float)
+    return [(0.0,) * count, (1.0,) * count, *map(tuple, drawn.tolist())]
+
+
+def _points(boxes: Sequence[Box], corners_limit: int = CORNERS_LIMIT, inside: bool = True) -> list[Vector]:
+    """Corners first, then points inside: a grid of one or two parameters, a seeded sample of more."""
+    free = [i for i, box in enumerate(boxes) if not box.fixed]
+    shares = _corners(len(free), corners_limit)
+    if inside and len(free) in GRID:
+        shares += itertools.product(np.linspace(0, 1, GRID[len(free)]).tolist(), repeat=len(free))
+    elif inside and free:
+        shares += map(tuple, np.random.default_rng(0).random((RANDOM_SAMPLES, len(free))).tolist())
+    points = []
+    for share in shares:
+        point = [box.lo for box in boxes]
+        for i, value in zip(free, share, strict=True):
+            point[i] = boxes[i].lo + value * (boxes[i].hi - boxes[i].lo)
+        points.append(tuple(point))
+    return list(dict.fromkeys(points))
+
+
+def _samples_corners(boxes: Sequence[Box]) -> bool:
+    """Whether there are more corners than are looked at."""
+    count = sum(not box.fixed for box in boxes)
+    return 1 << count > CORNERS_LIMIT
+
+
+def _measured(plan: Plan, stage: Stage, least: float | None) -> list[tuple[Vector, _Measures]]:
+    """Measures on the grid, and at the worst points found from it: largest gaps and turn, smallest radius.
+
+    What is nowhere near its threshold on the grid, or worst at a corner while all corners are measured, is not searched
+    further.
+    """
+    boxes = _boxes(plan, stage)
+    measured = [(point, _measure(plan, stage, point)) for point in _points(boxes)]
+    sampled = _samples_corners(boxes)
+
+    def is_corner(point: Vector) -> bool:
+        return all(value in (box.lo, box.hi) for value, box in zip(point, boxes, strict=True))
+
+    searched: list[tuple[Callable[[_Measures], float], float]] = [
+        (lambda m: m.own_m, POSITION_WARNING_M / 10),
+        (lambda m: m.next_m, POSITION_WARNING_M / 10),
+        (lambda m: m.turn_deg, DIRECTION_WARNING_DEG / 10),
+        (lambda m: -m.radius_m, math.inf if least is None else -2 * least),
+        (lambda m: -m.ahead_m, -2 * plan.radius_m(stage)),
+    ]
+    for badness, small in searched:
+        start = max(measured, key=lambda item: _finite(badness(item[1])))
+        if (sampled or not is_corner(start[0])) and _finite(badness(start[1])) > small:
+            measured.append(_refined(plan, stage, boxes, start, badness))
+    return measured
+
+
+def _finite(value: float) -> float:
+    return value if math.isfinite(value) else -math.inf
+
+
+def _refined(
+    plan: Plan,
+    stage: Stage,
+    boxes: Sequence[Box],
+    start: tuple[Vector, _Measures],
+    badness: Callable[[_Measures], float],
+) -> tuple[Vector, _Measures]:
+    """Climb from a grid point to a worse one near it, one parameter after the other, by a shrinking step.
+
+    Where corners are sampled the first step goes from one end of a set to the other.
+    """
+    point, best = start
+    free = [(i, box) for i, box in enumerate(boxes) if not box.fixed]
+    step = [(box.hi - box.lo) / (1 if _samples_corners(boxes) else 16) for box in boxes]
+    trials = 0
+    for _ in range(REFINEMENTS):
+        moved = False
+        for i, box in free:
+            for sign in (-1, 1):
+                trial = (*point[:i], box.clip(point[i] + sign * step[i]), *point[i + 1 :])
+                if trial == point or trials >= TRIALS_LIMIT:
+                    continue
+                trials += 1
+                measures = _measure(plan, stage, trial)
+                if _finite(badness(measures)) > badness(best):
+                    point, best, moved = trial, measures, True
+        if not moved:
+            step = [size / 2 for size in step]
+            if max(step) < 1e-8 * max((box.hi - box.lo for box in boxes), default=1.0):
+                break
+    return point, best
+
+
+# --- what is measured -------------------------------------------------------------------------------------------------
+
+
+def _measured_flights(plan: Plan) -> list[tuple[Stage, list[tuple[Vector, _Measures]]]]:
+    """Every stage of a plan of segments on flights with fixed parameters, and with ones that keep changing.
+
+    The parameters of a flight that changes are drawn anew at every stage, at the ends of their sets half of the time.
+    """
+    rho = plan.path_count
+    fixed = [plan.hull(i).hi if plan.has_sets else 0.0 for i in range(len(plan.parameters))]
+    boxes = [plan.hull(i) if plan.has_sets else Box(0.0, 0.0) for i in range(rho)]
+    measured: dict[int, list[tuple[Vector, _Measures]]] = {stage.index: [] for stage in plan.stages}
+    rng = np.random.default_rng(0)
+
+    def drawn() -> Vector:
+        shares = [share if rng.random() < 0.5 else round(share) for share in rng.random(rho).tolist()]
+        free = [box.lo + share * (box.hi - box.lo) for box, share in zip(boxes, shares, strict=True)]
+        return (*free, *fixed[rho:])
+
+    flights: list[tuple[Vector, Callable[[], Vector] | None]] = [((*p, *fixed[rho:]), None) for p in _points(boxes)]
+    if not all(box.fixed for box in boxes):
+        flights += [(drawn(), drawn) for _ in range(CHANGING_FLIGHTS)]
+    for start, changed in flights:
+        # a flight that comes to no end is as long as flights may be: one is enough
+        if not _measure_flight(plan, start, changed, measured):
+            break
+    return [(stage, measured[stage.index]) for stage in plan.stages]
+
+
+def _measure_flight(
+    plan: Plan,
+    parameters: Vector,
+    changed: Callable[[], Vector] | None,
+    measured: dict[int, list[tuple[Vector, _Measures]]],
+) -> bool:
+    """Measure every stage of a flight through a plan of segments; return whether it reaches the end."""
+    before: Stage | None = None
+    join: Point | None = None
+    index = 1
+    try:
+        cursor: PlanCursor | None = PlanCursor.start(plan, parameters)
+        while cursor is not None:
+            here, stage = cursor, cursor.stage
+            index = stage.index
+            cursor = (here if changed is None else here.decide(changed())).next()
+            path, trigger = here.path(), here.trigger_m()
+            measures = _measure_stage(stage, path, trigger, before, join)
+            if cursor is not None and not measures.trouble:
+                _measure_joint(measures, stage, path, trigger, cursor.stage, trigger, cursor.path)
+            measured[index].append((here.parameters, measures))
+            before, join = stage, trigger
+    except PathUndefined as error:
+        measured[index].append((parameters, _Measures(trouble=str(error))))
+        return False
+    return True
+
+
+def _measure(plan: Plan, stage: Stage, parameters: Vector) -> _Measures:
+    """A stage between its neighbours, of the laps before and after where it is the first or the last of one."""
+    before, after = _neighbours(plan, stage)
+    try:
+        path, trigger = stage.path_at(parameters), stage.trigger_at(parameters)
+        dx, dy = shift_at(plan, parameters) if plan.repeats else (0.0, 0.0)
+        join = None if before is None else before.trigger_at(parameters)
+        if join is not None and stage.index == 1:
+            join = (join[0] - dx, join[1] - dy)
+    except PathUndefined as error:
+        return _Measures(trouble=str(error), before=before, after=after)
+    measures = _measure_stage(stage, path, trigger, before, join)
+    measures.after = after
+    if after is not None and not measures.trouble:
+        here = (trigger[0] - dx, trigger[1] - dy) if stage.index == len(plan.stages) else trigger
+        _measure_joint(measures, stage, path, trigger, after, here, lambda: after.path_at(parameters))
+    return measures
+
+
+def _measure_stage(
+    stage: Stage, path: PathFunction, trigger: Point, before: Stage | None, join: Point | None
+) -> _Measures:
+    """A stage by itself, and how its trigger lies from where it is joined."""
+    measures = _Measures(before=before)
+    try:
+        track = stage.track(path, trigger)
+        measures.foot_m = track.nearest(trigger)
+        measures.own_m = math.dist(trigger, measures.foot_m)
+        measures.radius_m = track.radius_m()
+        if join is not None:
+            ahead_m = track.ahead_m(join)
+            measures.ahead_m = ahead_m if math.isfinite(ahead_m) else -math.inf
+            measures.sweep = max(ahead_m, 0.0) / track.turn_m if math.isfinite(ahead_m) else 0.0
+    except PathUndefined as error:
+        measures.trouble = str(error)
+    return measures
+
+
+def _measure_joint(
+    measures: _Measures,
+    stage: Stage,
+    path: PathFunction,
+    trigger: Point,
+    after: Stage,
+    here: Point,
+    path_after: Callable[[], PathFunction],
+) -> None:
+    """How a stage leads to the next one, whose frame its trigger is `here` in."""
+    measures.after = after
+    try:
+        following = path_after()
+        measures.next_m = math.dist(here, after.track(following, here).nearest(here))
+        measures.headings_deg = (_heading_deg(path, trigger, stage.sense), _heading_deg(following, here, after.sense))
+        turn = math.radians(measures.headings_deg[1] - measures.headings_deg[0])
+        measures.turn_deg = abs(math.degrees(wrap_angle_rad(turn)))
+    except PathUndefined as error:
+        measures.trouble = f"stage {after.index}: {error}"
+
+
+def _heading_deg(path: PathFunction, point: Point, sense: int) -> float:
+    x, y = tangent(path, point, sense)
+    return compass_deg(math.atan2(y, x))
+
+
+# --- what is said -----------------------------------------------------------------------------------------------------
+
+
+def _stage_findings(
+    plan: Plan, stage: Stage, measured: list[tuple[Vector, _Measures]], least: float | None, proof: StageProof
+) -> Iterator[Finding]:
+    limit = plan.radius_m(stage)
+    if not measured:
+        message = f"stage {stage.index} is never flown: its laps are over before they start"
+        yield Finding(WARNING, stage.index, stage.line, "never-flown", message, proven=False)
+        return
+
+    def finding(severity: str, code: str, message: str, parameters: Vector, formula: str = "") -> Finding:
+        proven = bool(formula) or (code == "direction" and proof.direction is False)
+        message += _at(plan, parameters)
+        return Finding(severity, stage.index, stage.line, code, message, formula=formula, proven=proven)
+
+    troubles = [item for item in measured if item[1].trouble]
+    if troubles:
+        parameters, measures = troubles[0]
+        yield finding(ERROR, "no-path", f"stage {stage.index} cannot be flown: {measures.trouble}", parameters)
+    fine = [item for item in measured if not item[1].trouble] or measured
+    for code, what, name, formula in (
+        ("trigger-off-path", "its path", "own_m", proof.own),
+        ("trigger-off-next", "the path of the next stage", "next_m", proof.next),
+    ):
+        parameters, measures = max(fine, key=lambda item: _finite(getattr(item[1], name)))
+        gap = getattr(measures, name)
+        if gap > POSITION_WARNING_M:
+            severity = ERROR if gap > limit else WARNING
+            x, y = measures.foot_m
+            right = f"; its path passes ({x:.6g}, {y:.6g})" if code.endswith("path") else ""
+            formula = formula if formula != "0" else None
+            where = f", where φ = {printable(formula)}" if formula else ""
+            message = f"the trigger of stage {stage.index} lies {gap:.2f} m off {what}{where}{right}"
+            yield finding(severity, code, message, parameters, formula or "")
+    parameters, measures = max(fine, key=lambda item: _finite(item[1].turn_deg))
+    if measures.turn_deg > DIRECTION_WARNING_DEG and measures.after is not None:
+        severity = ERROR if measures.turn_deg > DIRECTION_ERROR_DEG else WARNING
+        here, there = measures.headings_deg
+        message = (
+            f"stage {stage.index} reaches its trigger heading {here:.1f}°, where stage {measures.after.index} starts "
+            f"heading {there:.1f}°: {measures.turn_deg:.1f}° apart"
+        )
+        yield finding(severity, "direction", message, parameters)
+    parameters, measures = min(fine, key=lambda item: item[1].radius_m)
+    if least is not None and measures.radius_m < least - RADIUS_TOLERANCE_M:
+        message = (
+            f"stage {stage.index} turns with a radius of {measures.radius_m:.2f} m, {least - measures.radius_m:.2f} m "
+            f"less than the aircraft's {least:g} m"
+        )
+        yield finding(ERROR, "radius", message, parameters)
+    yield from _order_findings(stage, fine, limit, finding)
+
+
+def _order_findings(
+    stage: Stage,
+    measured: list[tuple[Vector, _Measures]],
+    limit: float,
+    finding: Callable[[str, str, str, Vector], Finding],
+) -> Iterator[Finding]:
+    """Triggers follow one another in the direction flown."""
+    parameters, measures = min(measured, key=lambda item: item[1].ahead_m)
+    if measures.before is None:
+        return
+    if measures.ahead_m < 0:
+        how = f"{-measures.ahead_m:.2f} m behind" if math.isfinite(measures.ahead_m) else "nowhere ahead of"
+        message = (
+            f"the trigger of stage {stage.index} lies {how} where stage {measures.before.index} leads to it, in the "
+            f"direction flown: the other rotation, or another trigger"
+        )
+        yield finding(ERROR, "behind", message, parameters)
+    elif measures.ahead_m < limit and measures.ahead_m < math.inf:
+        message = (
+            f"stage {stage.index} is {measures.ahead_m:.2f} m long, shorter than the trigger radius of {limit:g} m: "
+            f"it may end as it starts"
+        )
+        yield finding(WARNING, "short-stage", message, parameters)
+    parameters, measures = max(measured, key=lambda item: item[1].sweep)
+    if NEARLY_WHOLE_TURN < measures.sweep < 1:
+        message = (
+            f"stage {stage.index} flies {100 * measures.sweep:.0f} % of a whole circle to a trigger that lies just "
+            f"behind where it is joined"
+        )
+        yield finding(WARNING, "nearly-whole-turn", message, parameters)
+
+
+def _at(plan: Plan, parameters: Vector) -> str:
+    known = zip(plan.names, parameters, strict=False)
+    named = [f"{name} = {value:.6g}" for name, value in known if name in plan.path_names]
+    return f" (at {', '.join(named)})" if named else ""
+
+
+def _leads_on(limit: float, measured: list[tuple[Vector, _Measures]]) -> Vector | None:
+    """The sampled parameters that lead to the next stage best; None where none leads there."""
+
+    def rank(item: tuple[Vector, _Measures]) -> float:
+        m = item[1]
+        gaps = [gap for gap in (m.own_m, m.next_m) if math.isfinite(gap)]
+        return max([*gaps, (m.turn_deg if math.isfinite(m.turn_deg) else 0.0)], default=math.inf)
+
+    def leads(m: _Measures) -> bool:
+        near = all(not gap > limit for gap in (m.own_m, m.next_m))
+        return not m.trouble and near and not m.turn_deg > DIRECTION_ERROR_DEG and m.ahead_m >= 0
+
+    good = [item for item in measured if leads(item[1])]
+    return min(good, key=rank)[0] if good else None
+
+
+def _sets_findings(plan: Plan) -> Iterator[Finding]:
+    """Sets are sane: computations are whole numbers, and a set of one value is no choice."""
+    for stage in plan.stages:
+        for parameter, box in zip(plan.parameters, stage.sets, strict=False):
+            if parameter.kind == COMPUTATION and (box.lo != int(box.lo) or box.hi != int(box.hi)):
+                message = (
+                    f"the set of {parameter.name} in stage {stage.index} is not of whole numbers: it is taken in whole "
+                    f"steps from {box.lo:g}, unless the profile was measured otherwise"
+                )
+                yield Finding(WARNING, stage.index, stage.line, "set-not-whole", message)
+        if stage.gain == 0:
+            message = f"stage {stage.index} has a gain of 0: nothing leads back to its path"
+            yield Finding(WARNING, stage.index, stage.line, "no-gain", message)
+
+
+def _rejoin_findings(plan: Plan) -> Iterator[Finding]:
+    """An explicit plan without laps takes new parameters at every stage: where that leaves a stage impossible to join.
+
+    Looked at with the last stage's trigger at one end of the sets and the next stage's path at the other.
+    """
+    if plan.whole_laps or plan.segments or not plan.has_sets:
+        return
+    for stage, after in itertools.pairwise(plan.stages):
+        points = _points(stage.sets[: plan.path_count], REJOIN_CORNERS_LIMIT, inside=False)
+        triggers = [(point, _or_none(stage.trigger_at, point)) for point in points]
+        paths = [(point, _or_none(after.path_at, point)) for point in points]
+        worst: tuple[float, Vector, Vector] = (0.0, (), ())
+        for (old, trigger), (new, path) in itertools.product(triggers, paths):
+            gap = None if trigger is None or path is None or old == new else _or_none(_gap_m, after, path, trigger)
+            if gap is not None and gap > worst[0]:
+                worst = (gap, old, new)
+        gap, old, new = worst
+        if gap > plan.radius_m(stage):
+            message = (
+                f"a change of parameters while stage {stage.index} is flown leaves its trigger {gap:.2f} m off the "
+                f"path of stage {after.index}{_at(plan, tuple(old))}, then{_at(plan, tuple(new))}"
+            )
+            yield Finding(WARNING, after.index, after.line, "rejoin", message, proven=False)
+
+
+def _gap_m(stage: Stage, path: PathFunction, point: Point) -> float:
+    return math.dist(point, stage.track(path, point).nearest(point))
+
+
+def _or_none(function: Callable[..., T], *arguments: Any) -> T | None:
+    """A function's value, or None where a path is undefined."""
+    try:
+        return function(*arguments)
+    except PathUndefined:
+        return None
+
+
+def _corners_findings(plan: Plan) -> Iterator[Finding]:
+    """Which stages have more corners of their sets than are checked."""
+    hulls = [[plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []] if plan.segments else []
+    boxes = hulls or [_boxes(plan, stage) for stage in plan.stages]
+    count = max(sum(not box.fixed for box in own) for own in boxes)
+    if any(map(_samples_corners, boxes)):
+        message = (
+            f"up to {count} path parameters have 2^{count} combinations of ends of their sets: {CORNERS_LIMIT} of them "
+            f"are checked, drawn with a fixed seed, and the worst found is reported"
+        )
+        yield Finding(WARNING, None, plan.stages[0].line, "corners-sampled", message)
+
+
+def _airspace_findings(plan: Plan) -> Iterator[Finding]:
+    """Where the nominal path enters an obstacle, or leaves the boundary, at values across the path parameters' sets.
+
+    A stage without an altitude counts as low; a landing descends evenly.
+    """
+    if not any(plan.site.airspace):
+        return
+    boxes = [plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []
+    found: set[str] = set()
+    for share in (1.0, 0.75, 0.5, 0.25, 0.0) if boxes else (1.0,):
+        values = tuple(box.lo + share * (box.hi - box.lo) for box in boxes)
+        for stage, name in entered(_or_none(nominal_legs, plan.laps(), values) or (), plan.site.airspace):
+            if name not in found:
+                found.add(name)
+                does = "leaves" if name == BOUNDARY else "enters"
+                yield Finding(
+                    "error", stage.index, stage.line, "airspace", f"the path {does} {name}{_at(plan, values)}"
+                )

@@ -1,1 +1,0 @@
-"""Sampled power: Fourier state, Kalman update, spectrum, coloured noise."""

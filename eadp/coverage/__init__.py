@@ -1,1 +1,0 @@
-"""From a field outline to a plan that covers it."""

@@ -1,0 +1,577 @@
+"""A plan as the mission of an autopilot: at which parameters, which of its legs, and where on the earth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from os import PathLike
+from pathlib import Path
+from typing import Annotated, NamedTuple
+
+from eadp.api.given import Around, File, Warn, python_warnings
+from eadp.api.inputs import FlightInputs, at_height, load_flight
+from eadp.api.plan import plan_of
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.dubins import Pose
+from eadp.core.geometry.geodesy import (
+    FARTHEST_M,
+    blowing_to_rad,
+    compass_deg,
+    place_text,
+    to_geodetic_deg,
+    to_local_m,
+    to_near_local_m,
+    velocity_mps,
+)
+from eadp.errors import Fault, Infeasible, InputError, PathUndefined, one_of, printable
+from eadp.exchange.autopilot import PARAMETER_FILES, stated_parameters, wanted_parameters
+from eadp.exchange.formats import FENCE_ENDING, ITEMS_ENDING, WITH_ITEMS
+from eadp.exchange.item_map import items_text, mapped_items
+from eadp.exchange.items import LAND_START, MissionItem
+from eadp.exchange.path import PlannedPath, planned_sections
+from eadp.exchange.rules import ENDS_REQUIRED, check_landing, lacking_ends
+from eadp.exchange.writer import EXPORTS, FENCED, files_beside, mission_items, writer_of
+from eadp.io.plan.writer import parameters_of
+from eadp.io.scenario import override_texts, read_overrides, read_scenario
+from eadp.io.text.options import Flag
+from eadp.io.text.streams import write_text
+from eadp.models.airspace import BOUNDARY, Airspace, entered, risk_text
+from eadp.models.autopilot import PX4, Autopilot
+from eadp.models.performance import calibrated_over_true
+from eadp.models.plan.legs import Leg, leg_points
+from eadp.models.plan.pieces import with_landing
+from eadp.models.plan.plan import MadeFor, Plan
+from eadp.models.plan.route import PlannedLegs
+from eadp.models.plan.stage import LAND, TAKEOFF
+from eadp.models.plan.trace import nominal_route
+from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
+from eadp.planning.forecast.held import Preflight
+from eadp.survey.fences import fenced_by
+from eadp.survey.ground import Air, approach, approach_slopes, behind_warning, landing_pose
+
+NEAR_M = 1.0
+"""Distance up to which the path starts or ends at home [m]."""
+
+FENCE_STEP_M = 2.0
+"""Distance between points of the path that is checked for fences [m]."""
+
+Position = str | tuple[float, float]
+"""Latitude and longitude [°], as a pair or as text."""
+
+
+@dataclass(frozen=True)
+class PartOptions:
+    """At which parameters a plan is exported, and what of it."""
+
+    overrides: Annotated[Sequence[str], Flag("--set", metavar="NAME=VALUE")] = ()
+    """A parameter, as in spacing=20; with --scenario any of its keys."""
+
+    scenario: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Scenario (YAML): parameters are those that the forecast before take-off chooses."""
+
+    laps: Annotated[int | None, Flag(metavar="N", low=1, high=10_000)] = None
+    """How many times a mission that repeats for ever is flown."""
+
+    start: Annotated[str | None, Flag("--from", metavar="STAGE,LAP")] = None
+    """Write the rest, from this stage of this lap on."""
+
+    telemetry: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Write what is left where this telemetry ends, as then decided; with --scenario."""
+
+    parameters: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Write the autopilot's parameters that the forecast holds for: .param of ArduPilot, .params of PX4."""
+
+
+@dataclass(frozen=True)
+class PlaceOptions:
+    """Where an exported plan lies, and what is around it."""
+
+    altitude_m: float | None = None
+    """Altitude above home [m], where the plan has none; by default the aircraft's."""
+
+    terrain: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
+    """Heights of the ground, as of eadp cover: for a mission whose altitudes are above it."""
+
+    home_deg: Annotated[Position | None, Flag(metavar="POINT")] = None
+    """Where to take off and return to: LAT,LON [°]; by default the plan's home, if it has one."""
+
+    origin_deg: Annotated[Position | None, Flag(metavar="POINT")] = None
+    """Where the plan's (0, 0) lies: LAT,LON [°], for a plan without."""
+
+    landing: Annotated[str | Pose | None, Flag(metavar="LAT,LON,HEADING")] = None
+    """Land there instead of returning to home, on this heading [°], from where the plan ends."""
+
+    avoid: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Polygons that the path stays out of: a fence, GeoJSON, KML or CSV."""
+
+    inside: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Polygons that the path stays inside of, as --avoid."""
+
+
+RISK = 0.05
+"""Probability to enter an obstacle, or to leave the boundary, above which a mission is not written."""
+
+
+@dataclass(frozen=True)
+class ExportOptions(PlaceOptions, PartOptions):
+    """Options of an export. Faults name them as the command `eadp export` does."""
+
+    trigger_distance_m: float | None = None
+    """Take a picture every so many metres [m]."""
+
+    tolerance_m: float = 1.0
+    """Largest distance of the exported path from the plan's [m]."""
+
+    min_radius_m: float | None = None
+    """Turning radius of a mission's turns [m]."""
+
+    force: bool = False
+    """Write a mission that is forecast to enter an obstacle or to leave its boundary."""
+
+    def check(self, to: str) -> None:
+        """Refuse values out of range, and options that do not go together, for a format; raises InputError."""
+        if self.telemetry is not None and (self.scenario is None or self.start is not None):
+            raise _fault("--telemetry", self.telemetry, "needs a planner", "--scenario, and no --from")
+        if self.parameters is not None:
+            if Path(self.parameters).suffix not in PARAMETER_FILES:
+                raise _fault("--parameters", self.parameters, "is no file of parameters", "a name in .param or .params")
+            ending = ".params" if to == "px4" else ".param"
+            if to in WITH_ITEMS and Path(self.parameters).suffix != ending:
+                message = f"is no file of parameters for --to {to}"
+                raise _fault("--parameters", self.parameters, message, f"a name in {ending}")
+            if self.scenario is None:
+                raise _fault("--parameters", self.parameters, "needs an aircraft and a battery", "--scenario")
+        for option, value in (
+            ("--trigger-distance", self.trigger_distance_m),
+            ("--tolerance", self.tolerance_m),
+            ("--min-radius", self.min_radius_m),
+        ):
+            if value is not None and not 0.01 <= value <= 10_000:
+                raise _fault(option, f"{value:g}", f"{value:g} m is out of range", "from 0.01 to 10000")
+        if self.altitude_m is not None and not abs(self.altitude_m) <= 10_000:
+            message = f"{self.altitude_m:g} m is out of range"
+            raise _fault("--altitude", f"{self.altitude_m:g}", message, "from -10000 to 10000")
+
+
+class Exported(NamedTuple):
+    """A plan in another format.
+
+    Attributes
+    ----------
+    text : str
+    parameters : str
+        The file of an autopilot's parameters; empty where none is asked for.
+    beside : mapping of str
+        Files that are written beside it, by the ending of their names: the map of its items to stages, and ArduPilot's
+        fence.
+    """
+
+    text: str
+    parameters: str = ""
+    beside: Mapping[str, str] = {}
+
+    def write(self, path: str) -> None:
+        """Write the file, and those beside it. Raises InputError."""
+        write_text(path, self.text)
+        for ending, text in self.beside.items():
+            write_text(path + ending, text)
+
+
+def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> Exported:
+    """A plan in the format of an autopilot or a map.
+
+    Parameters
+    ----------
+    plan : path or Plan
+        A path may be that of a mission.
+    to : str
+        Name of the format, of `EXPORT_NAMES`.
+    options : ExportOptions
+    warn : function
+        Takes what was forecast, and what the format cannot hold.
+
+    Returns
+    -------
+    Exported
+
+    Raises
+    ------
+    InputError
+        With the faults of the files, or of an option.
+    Infeasible
+        As `export`.
+    """
+    options.check(to)
+    writer = writer_of(to)
+    if writer is None:
+        raise _fault("--to", to, "is no format", one_of(EXPORTS, to))
+    if options.landing is not None:
+        plan = _landed(plan, to, options, warn)
+    autopilot = autopilot_of(to, options)
+    chosen = _stated(plan, options, warn) if options.scenario is None else _forecast(plan, autopilot, options, warn)
+    planned = chosen.planned if options.start is None else _rest(chosen.planned, options.start)
+    path = _path(chosen._replace(planned=planned), to, options, warn)
+    if to not in WITH_ITEMS:
+        return Exported(writer(path), chosen.parameters)
+    items = mission_items(path, px4=to == "px4")
+    if to != PX4 and any(item.command == LAND_START for item in items):
+        note = "ArduPlane does not arm it while RTL_AUTOLAND is 0, as delivered; with 2 a return flies its landing"
+        warn([Fault(chosen.name, 1, 1, note, severity="note")])
+    if note := _ends_text(path, items):
+        warn([Fault(chosen.name, 1, 1, note, severity="note")])
+    if to == PX4:
+        check_landing(items, autopilot)
+        if end := lacking_ends(items, autopilot):
+            value = f"{autopilot.value(ENDS_REQUIRED):g}"
+            message = f"PX4 does not arm a mission without {end} while {ENDS_REQUIRED} is {value}"
+            way = "eadp cover --landing LAT,LON,HEADING, or " if end == "a landing" else "--home LAT,LON, or "
+            warn([Fault(chosen.name, 1, 1, message, f"{way}{ENDS_REQUIRED} 0 in the autopilot", severity="warning")])
+    rho = chosen.plan.path_count
+    beside = {ITEMS_ENDING: items_text(mapped_items(items, planned, rho), chosen.plan.names[:rho])}
+    return Exported(writer(path), chosen.parameters, beside | (files_beside(path) if to == "ardupilot" else {}))
+
+
+class _Chosen(NamedTuple):
+    """What is exported: a plan, its name in messages, the legs at parameters, the aircraft, and its parameter file."""
+
+    plan: Plan
+    name: str
+    planned: PlannedLegs
+    airframe: Airframe
+    parameters: str = ""
+
+
+def _stated(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
+    """A plan at the parameters that are stated."""
+    plan, name = plan_of(given, options.min_radius_m, options.laps, warn, options.terrain)
+    plan, notes = fenced_by(plan, options.avoid, options.inside)
+    warn(notes)
+    plan = _at_height(plan, name, options)
+    made = plan.site.made_for
+    airframe = FixedWing() if made is None else FixedWing(airspeed_mps=made.airspeed_mps)
+    planned = _planned(plan, name, parameters_of(plan, options.overrides))
+    low_m = airframe.cruise_altitude_m if options.altitude_m is None else options.altitude_m
+    for what in dict.fromkeys(what for _, what in entered(planned.legs, plan.site.airspace, low_m)):
+        does = "leads beyond" if what == BOUNDARY else "leads through"
+        message, expected = f"the path {does} {what}", "--scenario, for a forecast, or another path"
+        warn([Fault(name, 1, 1, message, expected, severity="warning")])
+    return _Chosen(plan, name, planned, airframe)
+
+
+def _forecast(given: File | Plan, autopilot: Autopilot, options: ExportOptions, warn: Warn) -> _Chosen:
+    """A plan at the parameters that its forecast in a scenario chooses, or the rest of it by telemetry."""
+    overrides = read_overrides(override_texts(options.overrides, laps=options.laps))
+    if autopilot.kind == PX4:  # by whose own rules it flies, stated or not
+        overrides = {**overrides, "autopilot.kind": PX4}
+    around = Around(avoid=options.avoid, inside=options.inside, terrain=options.terrain)
+    inputs = load_flight(given, scenario=options.scenario, around=around, overrides=overrides)
+    warn(inputs.warnings)
+    plan, airframe = inputs.world.plan, inputs.world.vehicle
+    name = inputs.sources["plan"].name if options.landing is None else plan.name
+    plan = _at_height(plan, name, options)
+    if isinstance(airframe, PaperVehicle) and options.altitude_m is None:
+        stated, _ = plan_of(given, options.min_radius_m, options.laps, lambda _: None, options.terrain)
+        if any(stage.altitude_m is not None for stage in stated.stages):
+            message = f"the plan commands altitudes, and the airframe {airframe.model} holds its own"
+            raise _fault("--scenario", str(options.scenario), message, "another airframe, or --altitude")
+    parameters = "" if options.parameters is None else _parameters(inputs, plan, options.parameters, name, warn)
+    if options.telemetry is not None:
+        return _Chosen(plan, name, _after(inputs, options.telemetry, name, warn), airframe, parameters)
+    forecast = inputs.preflight()
+    if forecast is None:
+        message, expected = "the forecast before take-off finds no parameters", "a battery that is drained"
+        raise _fault("--scenario", str(options.scenario), message, f"{expected}, or --set without --scenario")
+    planned = forecast.planned(inputs.mission)
+    warn([Fault(name, 1, 1, _forecast_text(forecast, plan, planned.legs), severity="note")])
+    if not options.force and any(share > RISK for share in forecast.entering.values()):
+        risks = "; ".join(risk_text(name, share) for name, share in forecast.entering.items() if share > RISK)
+        advice = "another path or altitude; --force writes it as it is"
+        raise Infeasible(f"the flight {risks}: not written", advice)
+    return _Chosen(plan, name, planned, airframe, parameters)
+
+
+def _path(chosen: _Chosen, to: str, options: ExportOptions, warn: Warn) -> PlannedPath:
+    """What is written, with notes on what the format cannot hold."""
+    plan, name, planned, airframe, _ = chosen
+
+    def note(message: str, severity: str = "note", option: str = name, expected: str = "") -> None:
+        warn([Fault(option, 1, 1, message, expected, severity=severity)])
+
+    place, home_deg = _places(plan, name, options)
+    if options.altitude_m is not None and all(stage.altitude_m is not None for stage in plan.stages):
+        message = "the plan has altitudes of its own"
+        raise _fault(
+            "--altitude", f"{options.altitude_m:g}", message, "no --altitude, or a plan made for this altitude"
+        )
+    altitude_m, known = options.altitude_m, options.scenario is not None
+    if altitude_m is None:
+        altitude_m = airframe.cruise_altitude_m
+        if any(stage.altitude_m is None for stage in plan.stages):
+            whose = "the aircraft's" if known else "that of the default aircraft, as there is no --scenario"
+            note(f"altitude {altitude_m:g} m, {whose}; --altitude sets another", "note" if known else "warning")
+    if any(plan.site.airspace) and to not in FENCED:
+        note(f"obstacles and boundary are not in the format {to}")
+    if plan.site.ground_m is not None and options.home_deg is not None:
+        message = f"altitudes are above {plan.site.ground_m:g} m above the sea, the ground at the plan's home or start"
+        note(message, "warning", "--home", "a home as high")
+    sections = planned_sections(planned.legs)
+    ends_m = [point for section in sections for point in (section.start_m, section.end_m)]
+    far_m = max((math.hypot(*end_m) for end_m in ends_m), default=0.0)
+    if far_m > FARTHEST_M:
+        where = (name, "") if options.origin_deg is None else ("--origin", str(options.origin_deg))
+        message = f"the path reaches {far_m / 1000:.0f} km from the origin, {place_text(place)}"
+        raise _fault(*where, message, f"metres from the origin, at most {FARTHEST_M / 1000:g} km")
+    return PlannedPath(
+        name=(plan.site.field.name if plan.site.field else "") or printable(name.rpartition("/")[2]),
+        sections=sections,
+        origin_deg=place,
+        altitude_m=altitude_m,
+        airspeed_mps=airframe.airspeed_mps,
+        home_deg=home_deg,
+        trigger_distance_m=options.trigger_distance_m,
+        tolerance_m=options.tolerance_m,
+        airspace=_fenced(plan.site.airspace, planned.legs),
+        stated_mps=airframe.airspeed_mps if known or plan.site.made_for is not None else None,
+        climb_deg=_climb_deg(airframe) if known else 0.0,
+        zero_m=plan.site.ground_m,
+        calibrated=calibrated_over_true(plan.site, airframe),
+        height_m=plan.site.above_sea_m or 0.0,
+    )
+
+
+def autopilot_of(to: str, options: ExportOptions) -> Autopilot:
+    """The autopilot of a format, with the scenario's parameters. Raises InputError where that has another one."""
+    stated = Autopilot()
+    if options.scenario is not None:
+        stated = read_scenario(options.scenario, read_overrides(override_texts(options.overrides))).keys.autopilot
+    if to in WITH_ITEMS and stated.kind is not None and (to == PX4) != (stated.kind == PX4):
+        expected = f"--to {PX4 if stated.kind == PX4 else 'ardupilot or qgc'}, or --set autopilot.kind"
+        raise _fault("--to", to, f"the scenario's autopilot is {stated.kind}", expected)
+    return replace(stated, kind=PX4) if to == PX4 else stated
+
+
+def _landed(given: File | Plan, to: str, options: ExportOptions, warn: Warn) -> Plan:
+    """A plan that lands where `--landing` says, from where it ends."""
+    plan, name = plan_of(given, options.min_radius_m, options.laps, lambda _: None, options.terrain)
+    raw = options.landing or ""
+    if plan.stages[-1].item or plan.stages[-1].command(LAND):
+        raise _fault(
+            "--landing", str(raw), "the plan has a landing, or is a mission with an end of its own", "no --landing"
+        )
+    if plan.site.ground_m is not None:
+        raise _fault("--landing", str(raw), "the plan follows the ground", "eadp cover --landing, which plans for it")
+    place, _ = _places(plan, name, options)
+    made = plan.site.made_for or MadeFor("", FixedWing.airspeed_mps, 0.0, 0.0)
+    airframe: Airframe = FixedWing(airspeed_mps=made.airspeed_mps)
+    wind_mps = velocity_mps(made.wind_mps, blowing_to_rad(made.wind_from_deg))
+    if options.scenario is not None:
+        keys = read_scenario(options.scenario, read_overrides(override_texts(options.overrides))).keys
+        airframe, wind_mps = keys.vehicle.airframe, keys.wind.steady_mps
+    pose = landing_pose(raw, lambda text: _near("--landing", text, place))
+    height_m = plan.stages[-1].altitude_m
+    height_m = (options.altitude_m or airframe.cruise_altitude_m) if height_m is None else height_m
+    slope = approach_slopes(autopilot_of(to, options))[0]
+    final = approach(pose, height_m, airframe, Air(airframe.airspeed_mps, wind_mps), slope)
+    warn(behind_warning(pose[2], wind_mps))
+    try:
+        return with_landing(plan, final.piece, plan.min_radius_m or airframe.turn_radius_m, (LAND, *(0.0,) * 7))
+    except Infeasible as error:
+        raise _fault("--landing", str(raw), str(error), "eadp cover --landing, which plans for it") from None
+
+
+def _ends_text(path: PlannedPath, items: Sequence[MissionItem]) -> str:
+    """What a mission flies besides its path: how it takes off, and ways that the forecast does not have."""
+    first, last, said = path.sections[0], path.sections[-1], []
+    home_m = to_local_m(*path.home, path.origin_deg)
+    if items[0].command == TAKEOFF and not (first.stage.command(TAKEOFF) and first.stage.command(TAKEOFF)[-1]):
+        way_m, course = math.dist(home_m, first.start_m), first.courses_rad[0]
+        if way_m > NEAR_M:
+            course = math.atan2(first.start_m[1] - home_m[1], first.start_m[0] - home_m[0])
+        said.append(f"an autopilot climbs as it is launched, for the path towards {compass_deg(course):.0f}°")
+    if path.home_deg is not None:
+        ways = {"from home": math.dist(home_m, first.start_m)}
+        if not last.stage.command(LAND):
+            ways["back"] = math.dist(last.end_m, home_m)
+        if sum(ways.values()) > NEAR_M:
+            lengths = " and ".join(f"{length_m:.0f} m {where}" for where, length_m in ways.items())
+            said.append(f"the forecast is without {lengths}, which a plan of eadp cover --home has")
+    return "; ".join(said)
+
+
+def _climb_deg(airframe: Airframe) -> float:
+    """Angle of the steepest climb at the airspeed in whole degrees, as ArduPilot holds it; 0 where none is modelled."""
+    if isinstance(airframe, PaperVehicle):
+        return 0.0
+    climb_mps, _ = airframe.climb_rates_mps(airframe.airspeed_mps)
+    return float(round(math.degrees(math.asin(min(1.0, climb_mps / airframe.airspeed_mps)))))
+
+
+def _fenced(airspace: Airspace, legs: Sequence[Leg]) -> Airspace:
+    """Obstacles and boundary as fences, which have no height: without the obstacles that are flown over."""
+    low = [each for each in airspace.obstacles if each.height_m is not None]
+    track = [(point.x_m, point.y_m) for leg in legs for point in leg_points(leg, FENCE_STEP_M)] if low else []
+    over = [each for each in low if Airspace((each,)).entries([0.0] * len(track), track, [-math.inf] * len(track))]
+    return airspace._replace(obstacles=tuple(each for each in airspace.obstacles if each not in over))
+
+
+def _parameters(inputs: FlightInputs, plan: Plan, path: str, name: str, warn: Warn) -> str:
+    """The file of the autopilot's parameters, which are said, too."""
+    ardupilot, text = PARAMETER_FILES[Path(path).suffix]
+    mission = inputs.mission
+    home_m = mission.way_home and mission.way_home.altitude_m
+    found = wanted_parameters(plan, inputs.world.vehicle, mission.battery, ardupilot=ardupilot, home_altitude_m=home_m)
+    found += stated_parameters(mission.autopilot, found, ardupilot=ardupilot)
+    said = ", ".join(f"{each.name} {each.value:.6g}" for each in found)
+    calibrated = calibrated_over_true(plan.site, mission.vehicle)
+    said += f"; airspeeds calibrated, {calibrated:.4f} of the true ones" if round(calibrated, 4) != 1 else ""
+    warn([Fault(name, 1, 1, f"the forecast holds for {said}", severity="note")])
+    return text(found)
+
+
+def _planned(plan: Plan, name: str, parameters: Sequence[float]) -> PlannedLegs:
+    try:
+        return nominal_route(plan, parameters).planned()
+    except PathUndefined as error:
+        raise InputError.at(name, plan.stages[0].line, 1, str(error), "a path that can be flown") from None
+
+
+def _places(plan: Plan, name: str, options: ExportOptions) -> tuple[tuple[float, float], tuple[float, float] | None]:
+    """Where the plan lies, and home: latitude and longitude [°]; no home where it starts there, as a mission does."""
+    given = {"--home": options.home_deg, "--origin": options.origin_deg}
+    points = {option: _position_deg(option, raw) for option, raw in given.items() if raw is not None}
+    if plan.site.origin_deg is not None and "--origin" in points:
+        raise _fault("--origin", str(options.origin_deg), "the plan has an origin", "no --origin")
+    place = plan.site.origin_deg or points.get("--origin")
+    if place is None:
+        raise InputError.at(name, 1, 1, "the plan has no place on the earth", "--origin LAT,LON")
+    if "--home" in points:
+        _near("--home", points["--home"], place)
+        return place, points["--home"]
+    if plan.site.home_m is None or plan.site.home_m == plan.site.start_m:
+        return place, None
+    return place, to_geodetic_deg(*plan.site.home_m, place)
+
+
+def _at_height(plan: Plan, name: str, options: ExportOptions) -> Plan:
+    """A plan at the height of `--terrain` where it has none, by which airspeeds are calibrated."""
+    if not options.terrain:
+        return plan
+    place, home_deg = _places(plan, name, options)
+    return at_height(plan, options.terrain, place, None if home_deg is None else to_local_m(*home_deg, place))
+
+
+def _near(option: str, given: Position, place: Point) -> Point:
+    """A position of an option in the plan's frame [m]."""
+    found = to_near_local_m(*_position_deg(option, given), place)
+    if found is None:
+        expected = f"LAT,LON in that order, within {FARTHEST_M / 1000:g} km"
+        raise _fault(option, str(given), "is far from the plan's origin", expected)
+    return found
+
+
+def _forecast_text(forecast: Preflight, plan: Plan, legs: Sequence[Leg]) -> str:
+    """The forecast that is exported, for people."""
+    paths = plan.parameters[: plan.path_count]
+    chosen = [f"{item.label} = {item.text(forecast.parameters[item.name])}" for item in paths]
+    end, length_m = forecast.forecast, sum(leg.distance_m for leg in legs)
+    reserve = f"; keeps the reserve with {100 * (end.reserve_probability or 0.0):.1f} %"
+    energy = "" if end.energy_wh is None else f", {end.energy_wh:.2f} Wh"
+    energy += f"; the autopilot {forecast.autopilot_text}" if forecast.autopilot_text else ""
+    at = f"at {', '.join(chosen)}: " if chosen else ""
+    risks = "".join(f"; {risk_text(name, share)}" for name, share in forecast.entering.items())
+    return f"forecast {at}{length_m / 1000:.2f} km, {end.remaining_s:.0f} s{energy}{reserve}{risks}"
+
+
+def _after(inputs: FlightInputs, telemetry: str, name: str, warn: Warn) -> PlannedLegs:
+    """The legs that are left after telemetry; what was decided is said."""
+    from eadp.live.replanner import rest_after
+
+    planned, decision = rest_after(inputs, telemetry, lambda fault: warn([fault]))
+    if planned is None or decision is None:
+        raise _fault("--telemetry", telemetry, "leaves nothing to fly", "telemetry of a flight that goes on")
+    parameters = inputs.world.plan.parameters
+    values = ", ".join(f"{item.label} = {item.text(decision['parameters'][item.name])}" for item in parameters)
+    length_m, end = sum(leg.distance_m for leg in planned.legs), decision["soc_end_forecast"]
+    message = f"after {decision['time_s']:g} s, in stage {decision['stage']} of lap {decision['lap']}, at {values}: "
+    message += f"{length_m / 1000:.2f} km left, SoC {math.nan if end is None else end:.3f} at the end"
+    warn([Fault(name, 1, 1, message, severity="note")])
+    return planned
+
+
+def _rest(planned: PlannedLegs, raw: str) -> PlannedLegs:
+    """The legs from a stage of a lap on."""
+    try:
+        stage, lap = map(int, raw.split(","))
+    except ValueError:
+        raise _fault("--from", raw, "no stage and lap", "two whole numbers, as in 3,2") from None
+    for i, leg in enumerate(planned.legs):
+        if (leg.stage.index, leg.lap) == (stage, lap):
+            return planned.after(i)
+    last = max((leg.lap for leg in planned.legs if leg.stage.index == stage), default=None)
+    known = "one of the plan" if last is None else f"a lap from 0 to {last}"
+    raise _fault("--from", raw, f"stage {stage} is not flown in lap {lap}", known)
+
+
+def _position_deg(option: str, given: Position) -> tuple[float, float]:
+    """Latitude and longitude of an option [°]."""
+    raw = given if isinstance(given, str) else f"{given[0]},{given[1]}"
+    try:
+        latitude, longitude = (float(part) for part in raw.split(","))
+    except ValueError:
+        latitude = longitude = math.nan
+    if not (abs(latitude) <= 85 and abs(longitude) <= 180):
+        raise _fault(option, raw, "no position", "a latitude within ±85° and a longitude, as in 55.37,10.43")
+    return latitude, longitude
+
+
+def _fault(option: str, raw: str, message: str, expected: str) -> InputError:
+    return InputError.at(option, 1, 1, message, expected, raw)
+
+
+def export(
+    plan: File | Plan,
+    to: str,
+    options: ExportOptions | None = None,
+    out: File | None = None,
+    *,
+    warn: Warn = python_warnings,
+) -> str:
+    """Write a plan as the mission of an autopilot, or as a map.
+
+    Parameters
+    ----------
+    plan : path or Plan
+    to : str
+        Format: `qgc`, `ardupilot`, `paparazzi`, `geojson`, `kml` or `gpx`.
+    options : ExportOptions, optional
+        With a scenario the parameters are those that the forecast chooses.
+    out : path, optional
+        Write it here, too; beside the mission of an autopilot a file `.items.json`, which `eadp replan` reads.
+    warn : function, optional
+        Takes what was forecast, as a note, and what the format cannot hold.
+
+    Returns
+    -------
+    str
+        The text of the mission.
+
+    Raises
+    ------
+    InputError
+        With the faults of the files, or of an option under its name on the command line.
+    Infeasible
+        If PX4 would not arm the mission; or if the flight is forecast to enter an obstacle or to leave its boundary,
+        with a probability above `RISK`.
+    """
+    mission = exported(plan, to, options or ExportOptions(), warn)
+    if options is not None and options.parameters is not None:
+        write_text(options.parameters, mission.parameters)
+    written = out is not None and str(out) != "-"
+    if written:
+        mission.write(str(out))
+    if FENCE_ENDING in mission.beside:
+        where = f"{out}{FENCE_ENDING}" if written else "a file beside that of -o FILE"
+        message = f"obstacles and boundary are ArduPilot's fence, {where}: send it besides"
+        warn([Fault(str(plan) if isinstance(plan, str | PathLike) else "plan", 1, 1, message, severity="note")])
+    return mission.text

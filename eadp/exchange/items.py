@@ -1,0 +1,162 @@
+"""MAVLink's commands of missions: their names, and which of them do not move an aircraft."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from eadp.core.geometry.geodesy import to_geodetic_deg
+from eadp.io.text.streams import Location
+from eadp.models.plan import stage
+
+_TABLE = """
+    16 NAV_WAYPOINT, 17 NAV_LOITER_UNLIM, 18 NAV_LOITER_TURNS, 19 NAV_LOITER_TIME, 20 NAV_RETURN_TO_LAUNCH,
+    21 NAV_LAND, 22 NAV_TAKEOFF, 23 NAV_LAND_LOCAL, 24 NAV_TAKEOFF_LOCAL, 25 NAV_FOLLOW,
+    30 NAV_CONTINUE_AND_CHANGE_ALT, 31 NAV_LOITER_TO_ALT, 32 DO_FOLLOW, 33 DO_FOLLOW_REPOSITION, 34 DO_ORBIT,
+    35 DO_FIGURE_EIGHT, 36 NAV_ARC_WAYPOINT, 80 NAV_ROI, 81 NAV_PATHPLANNING, 82 NAV_SPLINE_WAYPOINT,
+    83 NAV_ALTITUDE_WAIT, 84 NAV_VTOL_TAKEOFF, 85 NAV_VTOL_LAND, 92 NAV_GUIDED_ENABLE, 93 NAV_DELAY,
+    94 NAV_PAYLOAD_PLACE, 112 CONDITION_DELAY, 113 CONDITION_CHANGE_ALT, 114 CONDITION_DISTANCE, 115 CONDITION_YAW,
+    176 DO_SET_MODE, 177 DO_JUMP, 178 DO_CHANGE_SPEED, 179 DO_SET_HOME, 180 DO_SET_PARAMETER, 181 DO_SET_RELAY,
+    182 DO_REPEAT_RELAY, 183 DO_SET_SERVO, 184 DO_REPEAT_SERVO, 185 DO_FLIGHTTERMINATION, 186 DO_CHANGE_ALTITUDE,
+    187 DO_SET_ACTUATOR, 188 DO_RETURN_PATH_START, 189 DO_LAND_START, 190 DO_RALLY_LAND, 191 DO_GO_AROUND,
+    192 DO_REPOSITION, 193 DO_PAUSE_CONTINUE, 194 DO_SET_REVERSE, 195 DO_SET_ROI_LOCATION,
+    196 DO_SET_ROI_WPNEXT_OFFSET, 197 DO_SET_ROI_NONE, 198 DO_SET_ROI_SYSID, 200 DO_CONTROL_VIDEO, 201 DO_SET_ROI,
+    202 DO_DIGICAM_CONFIGURE, 203 DO_DIGICAM_CONTROL, 204 DO_MOUNT_CONFIGURE, 205 DO_MOUNT_CONTROL,
+    206 DO_SET_CAM_TRIGG_DIST, 207 DO_FENCE_ENABLE, 208 DO_PARACHUTE, 209 DO_MOTOR_TEST, 210 DO_INVERTED_FLIGHT,
+    211 DO_GRIPPER, 212 DO_AUTOTUNE_ENABLE, 213 NAV_SET_YAW_SPEED, 214 DO_SET_CAM_TRIGG_INTERVAL,
+    215 DO_SET_RESUME_REPEAT_DIST, 216 DO_SPRAYER, 217 DO_SEND_SCRIPT_MESSAGE, 218 DO_AUX_FUNCTION,
+    220 DO_MOUNT_CONTROL_QUAT, 221 DO_GUIDED_MASTER, 222 DO_GUIDED_LIMITS, 223 DO_ENGINE_CONTROL,
+    224 DO_SET_MISSION_CURRENT, 241 PREFLIGHT_CALIBRATION, 245 PREFLIGHT_STORAGE, 246 PREFLIGHT_REBOOT_SHUTDOWN,
+    252 OVERRIDE_GOTO, 260 OBLIQUE_SURVEY, 262 DO_SET_STANDARD_MODE, 300 MISSION_START, 400 COMPONENT_ARM_DISARM,
+    530 SET_CAMERA_MODE, 531 SET_CAMERA_ZOOM, 532 SET_CAMERA_FOCUS, 533 SET_STORAGE_USAGE, 534 SET_CAMERA_SOURCE,
+    600 JUMP_TAG, 601 DO_JUMP_TAG, 1000 DO_GIMBAL_MANAGER_PITCHYAW, 1001 DO_GIMBAL_MANAGER_CONFIGURE,
+    2000 IMAGE_START_CAPTURE, 2001 IMAGE_STOP_CAPTURE, 2003 DO_TRIGGER_CONTROL, 2004 CAMERA_TRACK_POINT,
+    2005 CAMERA_TRACK_RECTANGLE, 2010 CAMERA_STOP_TRACKING, 2500 VIDEO_START_CAPTURE, 2501 VIDEO_STOP_CAPTURE,
+    2502 VIDEO_START_STREAMING, 2503 VIDEO_STOP_STREAMING, 2510 LOGGING_START, 2511 LOGGING_STOP,
+    2800 PANORAMA_CREATE, 3000 DO_VTOL_TRANSITION, 4000 SET_GUIDED_SUBMODE_STANDARD,
+    4001 SET_GUIDED_SUBMODE_CIRCLE, 4501 CONDITION_GATE, 5000 NAV_FENCE_RETURN_POINT,
+    5001 NAV_FENCE_POLYGON_VERTEX_INCLUSION, 5002 NAV_FENCE_POLYGON_VERTEX_EXCLUSION,
+    5003 NAV_FENCE_CIRCLE_INCLUSION, 5004 NAV_FENCE_CIRCLE_EXCLUSION, 5100 NAV_RALLY_POINT,
+    30001 PAYLOAD_PREPARE_DEPLOY, 30002 PAYLOAD_CONTROL_DEPLOY, 31000 WAYPOINT_USER_1, 31001 WAYPOINT_USER_2,
+    31002 WAYPOINT_USER_3, 31003 WAYPOINT_USER_4, 31004 WAYPOINT_USER_5, 31005 SPATIAL_USER_1,
+    31006 SPATIAL_USER_2, 31007 SPATIAL_USER_3, 31008 SPATIAL_USER_4, 31009 SPATIAL_USER_5, 31010 USER_1,
+    31011 USER_2, 31012 USER_3, 31013 USER_4, 31014 USER_5, 42600 DO_WINCH, 42702 NAV_SCRIPT_TIME,
+    42703 NAV_ATTITUDE_TIME, 43000 GUIDED_CHANGE_SPEED, 43001 GUIDED_CHANGE_ALTITUDE, 43002 GUIDED_CHANGE_HEADING,
+    43003 EXTERNAL_POSITION_ESTIMATE, 43005 SET_HAGL
+"""
+
+NAMES = {int(number): name for number, name in (each.split() for each in _TABLE.split(","))}
+"""Names of commands, without MAV_CMD_."""
+
+MOTIONLESS = NAMES.keys() - {
+    *range(16, 80), *range(81, 95),  # where to fly, but for regions of interest
+    113, *range(176, 179), 185, 186, 189, *range(190, 195), 213, 224, 252, 262, 601,  # altitude, speed, order, mode
+    2800, 4000, 4001, *range(5000, 5200), 30001, *range(31000, 31005), 42702, 42703, *range(43000, 43003),
+}  # fmt: skip
+"""Commands that do not move the aircraft: waits, cameras, mounts, servos, engines, settings. They are kept."""
+
+
+def command_text(command: int) -> str:
+    """A command in messages: its number and, where it is known, its name."""
+    return f"{command} ({NAMES[command]})" if command in NAMES else f"{command}"
+
+
+ITEMS_LIMIT = 10_000
+"""Most items of a mission, and most that are flown: an autopilot holds hundreds."""
+
+WAYPOINT, LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME = 16, 17, 18, 19
+RETURN, LAND, TAKEOFF = stage.RETURN, stage.LAND, stage.TAKEOFF
+LOITER_TO_ALTITUDE = stage.LOITER_TO_ALTITUDE
+SPLINE, VTOL_TAKEOFF, VTOL_LAND = 82, 84, 85
+JUMP, CHANGE_SPEED, LAND_START, TRIGGER_DISTANCE = 177, 178, 189, stage.TRIGGER_DISTANCE
+
+HIGHEST_M = 1e5
+"""Highest altitude, and greatest depth [m]."""
+
+CIRCLE_CORNERS, MAX_FENCE_M = 32, 1e6
+"""Corners of a round fence, and its largest radius [m]."""
+
+ABSOLUTE, RELATIVE, TERRAIN, NO_POSITION = 0, 3, 10, 2
+GLOBAL_FRAMES = {0: ABSOLUTE, 5: ABSOLUTE, 3: RELATIVE, 6: RELATIVE, 10: TERRAIN, 11: TERRAIN}
+"""Frames whose positions are in degrees, and what their altitude is above: the sea, home, or the ground."""
+
+
+class MissionItem(NamedTuple):
+    """An item to write: MAVLink's command, frame and seven parameters, the position in degrees and metres.
+
+    `legs` are the indices of the first and the last leg that it leads along.
+    """
+
+    command: int
+    frame: int
+    parameters: tuple[float, ...]
+    legs: tuple[int, int] = (0, 0)
+
+    @property
+    def placed(self) -> bool:
+        """Whether it has a position; one at 0, 0 is where the aircraft is."""
+        return self.frame in GLOBAL_FRAMES and any(self.parameters[4:6])
+
+    @property
+    def position_deg(self) -> tuple[float, float]:
+        """Its latitude and longitude [°]."""
+        return self.parameters[4], self.parameters[5]
+
+    @property
+    def altitude_m(self) -> float:
+        """Its altitude, as its frame has it [m]."""
+        return self.parameters[6]
+
+
+@dataclass(frozen=True, slots=True)
+class DraftItem:
+    """An item of a mission: MAVLink's command, frame and seven parameters, NaN where there is none.
+
+    `number` is what a jump calls it, `label` what messages call it; `locations` are those of the command, the frame and
+    the parameters. `above_sea_m` is the altitude of one above ground, where its file has that, too [m].
+    """
+
+    label: str
+    number: int
+    command: int
+    frame: int
+    parameters: tuple[float, ...]
+    locations: tuple[Location, ...]
+    above_sea_m: float | None = None
+
+
+RALLY_LEFT_OUT = "places to rally are left out: an autopilot that has some returns there instead of home"
+
+
+class Fence(NamedTuple):
+    """An area that an autopilot keeps in, or out of: its corners as latitude and longitude [°]."""
+
+    inclusion: bool
+    corners_deg: list[tuple[float, float]]
+    location: Location = (1, 1)
+
+    @classmethod
+    def circle(cls, inclusion: bool, centre_deg: tuple[float, float], radius_m: float, location: Location) -> Fence:
+        """A circle as a polygon that lies around what is to be left out, and within what is to be kept in."""
+        if not inclusion:
+            radius_m /= math.cos(math.pi / CIRCLE_CORNERS)
+        angles = [2 * math.pi * i / CIRCLE_CORNERS for i in range(CIRCLE_CORNERS)]
+        corners = [to_geodetic_deg(radius_m * math.cos(a), radius_m * math.sin(a), centre_deg) for a in angles]
+        return cls(inclusion, corners, location)
+
+
+@dataclass
+class MissionDraft:
+    """A mission before it is checked: latitude, longitude [°] and altitude [m] of home, and the items.
+
+    `multirotor` is whether it says that it is for an aircraft that hovers; `doubts` are what the reader took one way of
+    several: where, a code of a finding, and a sentence.
+    """
+
+    home: tuple[float, ...]
+    home_location: Location
+    items: list[DraftItem] = field(default_factory=list)
+    multirotor: bool = False
+    fences: list[Fence] = field(default_factory=list)
+    doubts: list[tuple[Location, str, str]] = field(default_factory=list)

@@ -1,0 +1,481 @@
+"""A mission's items as the stages of a plan: what is flown, in order, and the paths between."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from eadp.core.expressions.reader import read_expression
+from eadp.core.expressions.tree import Expression, constant
+from eadp.core.flight.guidance import RATE_SHARE, air_density_kgpm3, calibrated_share
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.geodesy import FARTHEST_M, to_local_m, to_near_local_m
+from eadp.errors import Fault, Unreachable, refuse
+from eadp.exchange import items as d
+from eadp.exchange.items import MOTIONLESS, DraftItem, MissionDraft, command_text
+from eadp.exchange.waypoints import Loiter, Target, Waypoint, path_through
+from eadp.io.plan.reader import LIMIT_STAGES
+from eadp.io.plan.sources import PlanReader
+from eadp.io.text.streams import Location, SourceText
+from eadp.models.airspace import Airspace, Obstacle
+from eadp.models.plan.pieces import LOITER, TRIGGER_RADIUS_M, piece_path
+from eadp.models.plan.plan import Finding, Plan, Site
+from eadp.models.plan.stage import Stage
+from eadp.survey.terrain import ElevationModel, read_terrain
+
+LOW_M = 50.0
+"""Height below home beyond which an altitude above the sea may be one above home [m]."""
+SETTLING_S = 8.0
+"""Time that an aircraft takes to hold an altitude once its climb ends [s]."""
+LOITER_RADIUS_M = 60.0
+"""Radius of a loiter that states none, which is ArduPilot's default [m]."""
+SAME_POINT_DEG, SAME_POINT_M = 1e-9, 1e-6
+
+_POSITIONED = frozenset((
+    d.WAYPOINT, d.LOITER_UNLIMITED, d.LOITER_TURNS, d.LOITER_TIME, d.LAND, d.TAKEOFF, d.LOITER_TO_ALTITUDE, d.SPLINE,
+    d.VTOL_TAKEOFF, d.VTOL_LAND,
+))  # fmt: skip
+_LOITERS = frozenset((d.LOITER_UNLIMITED, d.LOITER_TURNS, d.LOITER_TIME, d.LOITER_TO_ALTITUDE))
+_LANDS = frozenset((d.LAND, d.VTOL_LAND))
+_HERE_IF_NULL = frozenset((d.TAKEOFF, d.VTOL_TAKEOFF, *_LANDS))
+_MOVING = _POSITIONED | {d.RETURN}
+_CONTROLS = frozenset((d.JUMP, d.CHANGE_SPEED, d.LAND_START)) | MOTIONLESS
+
+
+class _Visit(NamedTuple):
+    """A target with what holds on the way to it."""
+
+    target: Target
+    item: DraftItem
+    altitude_m: float | None
+    airspeed_mps: float | None
+    commands: tuple[tuple[float, ...], ...]
+
+
+def _is_placed(item: DraftItem) -> bool:
+    """Whether an item has a position, and not that of the aircraft."""
+    latitude, longitude = item.parameters[4:6]
+    placed = abs(latitude) <= 90 and abs(longitude) <= 180 and max(abs(latitude), abs(longitude)) >= SAME_POINT_DEG
+    return item.command in _POSITIONED and placed
+
+
+def _command(item: DraftItem) -> tuple[float, ...]:
+    """An item as the command of a stage."""
+    return (float(item.command), *(0.0 if math.isnan(value) else value for value in item.parameters))
+
+
+def _without_place(item: DraftItem) -> tuple[float, ...]:
+    """As `_command`, of an item whose place is the path's."""
+    return (*_command(item)[:5], 0.0, 0.0, 0.0)
+
+
+@dataclass
+class MissionPlan:
+    """The plan of a draft, for an aircraft with the turns and speeds of a reader; faults and findings by the way."""
+
+    source: SourceText
+    draft: MissionDraft
+    motion: PlanReader
+    faults: list[Fault] = field(default_factory=list)
+    findings: list[Finding] = field(default_factory=list)
+    points: dict[int, Point | None] = field(default_factory=dict)
+    """Where each item with a position lies [m]; None for where the aircraft is."""
+
+    def plan(self) -> tuple[Plan, list[Finding]]:
+        for doubt in self.draft.doubts:
+            self._find(*doubt)
+        self._check_home()
+        for index, item in enumerate(self.draft.items):
+            self._check_item(index, item)
+        refuse(self.faults)
+        if self.draft.multirotor:
+            message = "the mission is for a multirotor; it is read as one of a fixed wing"
+            self._find((1, 1), "multirotor", message)
+        visits = self._visits(self._order())
+        refuse(self.faults)
+        return self._assembled(visits), self.findings
+
+    def _fault(self, location: Location, item: DraftItem, message: str, expected: str) -> None:
+        self.faults.append(self.source.fault(location, f"{item.label}: {message}", expected))
+
+    def _find(self, location: Location, code: str, message: str) -> None:
+        self.findings.append(Finding("warning", None, location[0], code, message, location[1]))
+
+    # --- items as they stand
+
+    def _check_home(self) -> None:
+        latitude, longitude, altitude = self.draft.home
+        if not (abs(latitude) <= 90 and abs(longitude) <= 180 and abs(altitude) <= d.HIGHEST_M):
+            message = f"home at latitude {latitude:.10g}, longitude {longitude:.10g}, altitude {altitude:.10g}"
+            expected = "degrees within ±90 and ±180, and metres"
+        elif latitude == longitude == 0:
+            first = next((item for item in self.draft.items if _is_placed(item)), None)
+            above_sea = [
+                item for item in self.draft.items if _is_placed(item) and d.GLOBAL_FRAMES.get(item.frame) == d.ABSOLUTE
+            ]
+            if first is not None and not above_sea:
+                self.draft.home = (*first.parameters[4:6], 0.0)
+                message = f"home has no position: taken as that of {first.label}, its first item with one"
+                self._find(self.draft.home_location, "no-home", message)
+                return
+            message, expected = "home has no position", "its latitude and longitude"
+            if above_sea:
+                expected += f", and its altitude: that of {above_sea[0].label} is above the sea"
+        else:
+            return
+        raise self.source.error(self.draft.home_location, message, expected)
+
+    def _check_item(self, index: int, item: DraftItem) -> None:
+        command, at = item.command, item.locations
+        if command not in _MOVING | _CONTROLS:
+            hover = ": it hovers" if command == 93 else ""
+            expected = "a command for fixed wings that eadp knows (docs/missions.md lists them)"
+            self._fault(at[0], item, f"the command {command_text(command)} cannot be flown{hover}", expected)
+        elif command in _POSITIONED:
+            self._check_position(index, item)
+        for k, value in enumerate(item.parameters):
+            if not abs(value) <= 1e9 and not math.isnan(value):
+                self._fault(at[k + 2], item, f"a parameter of {value:g}", "a number of at most 1e9")
+        p1, p2 = item.parameters[:2]
+        hold = command == d.LOITER_TIME or (command in (d.WAYPOINT, d.SPLINE) and p1 > 0)
+        if self.draft.multirotor and hold and all(finding.code != "hover" for finding in self.findings):
+            message = f"{item.label}: a hover of {p1:g} s, flown as a circle of {LOITER_RADIUS_M:g} m for that time"
+            self._find(at[2], "hover", message)
+        if command in (d.LOITER_TIME, d.LOITER_TURNS) and not p1 >= 0:
+            self._fault(at[2], item, "no time or number of turns", "a number of 0 or more")
+        if command == d.JUMP and math.isnan(p2):
+            self._fault(at[3], item, "no number of repetitions", "a number, -1 for ever")
+        if command == d.CHANGE_SPEED and p1 in (0, 1) and not (p2 == -1 or 0.1 <= p2 <= 1000):
+            self._fault(at[3], item, f"a speed of {p2:g} m/s", "one above 0, or -1 for no change")
+
+    def _check_position(self, index: int, item: DraftItem) -> None:
+        (latitude, longitude, altitude), at = item.parameters[4:], item.locations
+        self.points[index] = None
+        if item.frame not in d.GLOBAL_FRAMES:
+            self._fault(at[1], item, f"the frame {item.frame}", f"one of {', '.join(map(str, d.GLOBAL_FRAMES))}")
+        if math.isnan(latitude) or math.isnan(longitude):
+            if item.command not in _HERE_IF_NULL:
+                self._fault(at[6], item, "no coordinates", "a latitude and a longitude")
+            return
+        if abs(altitude) > d.HIGHEST_M:
+            self._fault(at[8], item, f"an altitude of {altitude:.10g} m", f"at most {d.HIGHEST_M:g} m")
+        if abs(latitude) > 90 or abs(longitude) > 180:
+            which = (6, "latitude", latitude, 90) if abs(latitude) > 90 else (7, "longitude", longitude, 180)
+            self._fault(at[which[0]], item, f"a {which[1]} of {which[2]:.10g}", f"degrees within ±{which[3]}")
+            return
+        if max(abs(latitude), abs(longitude)) < SAME_POINT_DEG:
+            return
+        home = self.draft.home[:2]
+        point = to_near_local_m(latitude, longitude, (home[0], home[1]))
+        if point is None:
+            self._fault(at[6], item, "too far from home", f"at most {FARTHEST_M / 1000:g} km")
+        self.points[index] = point
+
+    # --- items in the order flown
+
+    def _order(self) -> list[int]:
+        """The items in the order flown: jumps followed, up to the landing or the return."""
+        items = self.draft.items
+        order: list[int] = []
+        numbers = {item.number: i for i, item in reversed(list(enumerate(items)))}
+        for item in items:
+            wanted = item.parameters[0]
+            if item.command == d.JUMP and wanted not in numbers:
+                last = items[-1].number
+                self._fault(item.locations[2], item, f"a jump to item {wanted:g}, which is not there", f"1 to {last}")
+        refuse(self.faults)
+        taken: Counter[int] = Counter()
+        moved_at: dict[int, int] = {}
+        moved, flown_m, here = 0, 0.0, (0.0, 0.0)
+        i = 0
+        while i < len(items):
+            item = items[i]
+            if item.command == d.JUMP:
+                times = item.parameters[1]
+                forever = times < 0
+                limit = times if not forever else math.inf if self.motion.laps is None else self.motion.laps - 1
+                if forever and self.motion.laps is None and flown_m > self.motion.repeated_m:
+                    limit = taken[i]
+                    message = (
+                        f"{item.label} repeats for ever: {taken[i] + 1} laps are planned, {flown_m / 1000:.0f} km; "
+                        f"--laps sets their number"
+                    )
+                    self._find(item.locations[0], "repeats", message)
+                if taken[i] < limit:
+                    if moved_at.get(i) == moved:
+                        message = f"a jump to item {item.parameters[0]:g} and back here that flies nothing"
+                        self._fault(item.locations[2], item, message, "a jump to before a waypoint")
+                        return order
+                    moved_at[i] = moved
+                    taken[i] += 1
+                    i = numbers[int(item.parameters[0])]
+                    continue
+            elif item.command in _MOVING:
+                moved += 1
+                point = self.points.get(i) or here
+                flown_m += math.dist(here, point)
+                here = point
+                if item.command in _LOITERS:
+                    flown_m += 2 * math.pi * abs(self._radius_m(item)) * self._turns(item, None, 0.0)
+            order.append(i)
+            if len(order) > d.ITEMS_LIMIT:
+                expected = "fewer repetitions, or --laps N where it repeats for ever"
+                self._fault(item.locations[0], item, f"more than {d.ITEMS_LIMIT} items are flown", expected)
+                return order
+            if item.command == d.RETURN or item.command in _LANDS:
+                break
+            if item.command == d.LOITER_UNLIMITED:
+                if any(later.command in _MOVING for later in items[i + 1 :]):
+                    expected = "a number of turns, or no waypoint after it"
+                    self._fault(item.locations[0], item, "a loiter without end before other items", expected)
+                break
+            i += 1
+        after = [later for later in items[i + 1 :] if later.command in _MOVING]
+        if after:
+            ending = f"{items[i].label}, {command_text(items[i].command)}, ends the mission"
+            message = f"{after[0].label} and what follows it is not flown: {ending}"
+            self._find(after[0].locations[0], "not-flown", message)
+        return order
+
+    def _radius_m(self, item: DraftItem) -> float:
+        """The signed radius of a loiter [m]: MAVLink's is above 0 clockwise; ±1 and 0 are directions alone."""
+        stated = item.parameters[1 if item.command == d.LOITER_TO_ALTITUDE else 2]
+        if math.isnan(stated):
+            stated = 0.0
+        size = abs(stated) if abs(stated) > 1 else LOITER_RADIUS_M
+        return size if stated < 0 else -size
+
+    def _turns(self, item: DraftItem, airspeed_mps: float | None, climb_m: float) -> float:
+        """The turns of a loiter; those of a time are flown at the airspeed, without wind."""
+        round_m = 2 * math.pi * abs(self._radius_m(item))
+        speed = airspeed_mps or self.motion.airspeed_mps
+        if item.command == d.LOITER_TURNS:
+            return item.parameters[0]
+        if item.command == d.LOITER_TIME:
+            return item.parameters[0] * speed / round_m
+        if item.command == d.LOITER_TO_ALTITUDE:
+            return abs(climb_m) / self._rate_mps(climb_m) * speed / round_m
+        return 1.0
+
+    def _rate_mps(self, climb_m: float) -> float:
+        """The rate of a climb, or of a descent where it is below 0, at which circles are planned [m/s]."""
+        return RATE_SHARE * (self.motion.climb_rate_mps if climb_m > 0 else self.motion.descent_rate_mps)
+
+    def _visits(self, order: list[int]) -> list[_Visit]:
+        """The targets of the items in order, with altitude, airspeed and commands on the way to them."""
+        visits: list[_Visit] = []
+        commands: list[tuple[float, ...]] = []
+        altitude: float | None = None
+        airspeed: float | None = None
+        here: Point = (0.0, 0.0)
+        up_m = 0.0  # height that the aircraft has by then
+        for index in order:
+            item = self.draft.items[index]
+            if item.command == d.CHANGE_SPEED and item.parameters[0] in (0, 1):
+                if item.parameters[1] > 0:
+                    airspeed = item.parameters[1]
+                    if item.parameters[0] == 0:  # of the air: calibrated
+                        airspeed = round(airspeed / self._calibrated, 6)
+                if item.parameters[0] == 1:
+                    message = f"{item.label}: a ground speed, taken as an airspeed"
+                    self._find(item.locations[2], "ground-speed", message)
+            elif item.command in _MOVING:
+                left, here = here, (0.0, 0.0) if item.command == d.RETURN else self.points.get(index) or here
+                altitude = self._altitude_m(item, here, altitude)
+                change_m = 0.0 if altitude is None else altitude - up_m
+                speed = airspeed or self.motion.airspeed_mps
+                radius_m = abs(self._radius_m(item)) if item.command in _LOITERS else 0.0
+                rate_mps, way_s = self._rate_mps(change_m), max(math.dist(left, here) - radius_m, 0.0) / speed
+                # what is left of a climb that begins with the way there
+                left_m = max(abs(change_m) - rate_mps * way_s, 0.0)
+                if item.command == d.TAKEOFF:  # the climb goes on beyond it
+                    up_m += self._rate_mps(1.0) * way_s
+                else:
+                    up_m = 0.0 if altitude is None else altitude - math.copysign(left_m, change_m)
+                if item.command == d.LOITER_TO_ALTITUDE and abs(change_m) > rate_mps * max(way_s - SETTLING_S, 0.0):
+                    # a climb that is not over as the circle begins takes a turn
+                    left_m = max(left_m, rate_mps * 2 * math.pi * radius_m / speed)
+                climb_m = math.copysign(left_m, change_m)
+                if item.command in _LOITERS and altitude is not None:
+                    up_m = altitude
+                target = self._target(index, item, here, airspeed, climb_m)
+                if item.command == d.TAKEOFF and not visits:
+                    commands.append((*_without_place(item)[:-1], altitude or 0.0))
+                if target is not None:
+                    visits.append(_Visit(target, item, altitude, airspeed, tuple(commands)))
+                    commands = []
+            elif item.command in MOTIONLESS or item.command in (d.CHANGE_SPEED, d.LAND_START):
+                commands.append(_command(item))
+        if commands and visits:
+            visits[-1] = visits[-1]._replace(commands=(*visits[-1].commands, *commands))
+        return visits
+
+    @cached_property
+    def _terrain(self) -> ElevationModel | None:
+        """The ground around the items and home."""
+        points = [(0.0, 0.0), *filter(None, self.points.values())]
+        return read_terrain(self.motion.terrain, np.array(points), self._origin_deg) if self.motion.terrain else None
+
+    @cached_property
+    def _zero_m(self) -> float | None:
+        """Height of home above the sea [m], where altitudes are above a ground that is known."""
+        if self._terrain is not None:
+            return round(float(self._terrain.known_m(np.zeros((1, 2)))[0]), 2)
+        return None if all(item.above_sea_m is None for item in self.draft.items) else self.draft.home[2]
+
+    @property
+    def _height_m(self) -> float | None:
+        """Height of home above the sea [m]; one of 0 is not set."""
+        return self.draft.home[2] or None
+
+    @cached_property
+    def _calibrated(self) -> float:
+        """Calibrated over true airspeed at home."""
+        height_m = self._height_m if self._zero_m is None else self._zero_m
+        return self.motion.calibrated if height_m is None else float(calibrated_share(air_density_kgpm3(height_m)))
+
+    def _altitude_m(self, item: DraftItem, place: Point, before: float | None) -> float | None:
+        """The altitude above home at an item [m]: a landing's is that of the ground, a return's the one before."""
+        altitude = item.parameters[6]
+        if item.command == d.RETURN or math.isnan(altitude):
+            return before
+        frame = d.GLOBAL_FRAMES[item.frame]
+        if frame == d.TERRAIN and self._zero_m is not None:
+            if self._terrain is not None:
+                return round(altitude + float(self._terrain.known_m(np.array([place]))[0]) - self._zero_m, 2)
+            if item.above_sea_m is not None:
+                return round(item.above_sea_m - self._zero_m, 2)
+        if frame == d.TERRAIN and not any(finding.code == "terrain" for finding in self.findings):
+            message = f"{item.label}: an altitude above ground, taken as above home; --terrain has the ground"
+            self._find(item.locations[1], "terrain", message)
+        if frame != d.ABSOLUTE:
+            return altitude
+        above_m = altitude - self.draft.home[2]
+        if above_m < -LOW_M and not any(finding.code == "below-home" for finding in self.findings):
+            message = f"{item.label}: {altitude:g} m above the sea, which is {-above_m:.0f} m below home"
+            self._find(item.locations[8], "below-home", message)
+        return above_m
+
+    def _target(
+        self, index: int, item: DraftItem, here: Point, airspeed: float | None, climb_m: float
+    ) -> Target | None:
+        """What an item flies to; None where it stays where the aircraft is."""
+        p1, p2, p3 = (0.0 if math.isnan(value) else value for value in item.parameters[:3])
+        if item.command in _LOITERS:
+            turns = self._turns(item, airspeed, climb_m)
+            if turns > LIMIT_STAGES:
+                self._fault(item.locations[2], item, f"{turns:.0f} turns", f"at most {LIMIT_STAGES}")
+                return None
+            return Loiter(here, self._radius_m(item), turns)
+        if item.command != d.RETURN and self.points[index] is None:
+            return None
+        if item.command == d.SPLINE:
+            message = f"{item.label}: a spline waypoint, flown as a waypoint"
+            self._find(item.locations[0], "spline", message)
+        if item.command in (d.WAYPOINT, d.SPLINE):
+            if p1 > 0:  # a fixed wing holds on a circle
+                round_m = 2 * math.pi * LOITER_RADIUS_M
+                return Loiter(here, -LOITER_RADIUS_M, p1 * (airspeed or self.motion.airspeed_mps) / round_m)
+            return Waypoint(here, p2 if p2 > 0 else self.motion.turn_radius_m, abs(p3), max(p2, 0.0))
+        return Waypoint(here, self.motion.turn_radius_m)
+
+    # --- the plan
+
+    def _assembled(self, visits: list[_Visit]) -> Plan:
+        radius_m = self.motion.turn_radius_m
+        try:
+            path = path_through((0.0, 0.0), [visit.target for visit in visits], radius_m)
+        except Unreachable as error:
+            item = visits[error.target].item
+            raise self.source.error(item.locations[0], f"{item.label}: {error}", "a point outside of it") from None
+        if not path.pieces:
+            raise self.source.error(self.draft.home_location, "no item moves the aircraft", "a waypoint")
+        if len(path.pieces) > LIMIT_STAGES:
+            raise self.source.error((1, 1), f"{len(path.pieces)} legs and turns", f"at most {LIMIT_STAGES}")
+        seen: set[int] = set()
+        for tight in path.tight:
+            item = visits[tight.target].item
+            if item.number not in seen:
+                seen.add(item.number)
+                message = (
+                    f"{item.label} is {tight.distance_m:.1f} m from the one before, where turns of {radius_m:.1f} m "
+                    f"radius need {tight.needed_m:.1f} m"
+                )
+                self._find(item.locations[0], "too-close", message)
+        stages: list[Stage] = []
+        functions: dict[str, Expression] = {}  # laps have theirs in common
+        commanded = 0
+        before: Point | None = None
+        for target, piece in path.pieces:
+            visit = visits[target]
+            # what was commanded before targets that take no way is commanded now
+            commands = tuple(each for earlier in visits[commanded : target + 1] for each in earlier.commands)
+            commanded = max(commanded, target + 1)
+            function, rotation, gain = piece_path(piece)
+            if function not in functions:
+                functions[function] = read_expression(function)
+            around = piece.centre_m is not None and math.dist(piece.centre_m, visit.target.centre_m) < SAME_POINT_M
+            if visit.item.command == d.LOITER_TO_ALTITUDE and around:
+                commands = (*commands, LOITER)
+            end = piece.end[:2]
+            if before is not None and piece.centre_m is not None and piece.start == piece.end:
+                # a whole turn ends where it begins, which a way that is too short to be a piece may be away from
+                (cx, cy), bearing = (
+                    piece.centre_m,
+                    math.atan2(before[1] - piece.centre_m[1], before[0] - piece.centre_m[0]),
+                )
+                end = (cx + piece.radius_m * math.cos(bearing), cy + piece.radius_m * math.sin(bearing))
+            before = end
+            x, y = (constant(round(value, 9)) for value in end)
+            stages.append(
+                Stage(
+                    len(stages) + 1,
+                    visit.item.locations[0][0],
+                    float(f"{gain:.4g}"),
+                    rotation,
+                    functions[function],
+                    (x, y),
+                    altitude_m=visit.altitude_m,
+                    airspeed_mps=visit.airspeed_mps,
+                    commands=commands,
+                    item=visit.item.label,
+                )
+            )
+        last = visits[-1].item
+        if last.command in (d.LAND, d.RETURN):
+            stages[-1] = replace(stages[-1], commands=(*stages[-1].commands, _without_place(last)))
+        shortest_m = min(piece.length_m for _, piece in path.pieces)
+        return Plan(
+            name=self.source.name,
+            stages=tuple(stages),
+            path_count=0,
+            trigger_radius_m=min(TRIGGER_RADIUS_M, float(f"{0.9 * shortest_m:.2g}")),
+            min_radius_m=radius_m,
+            site=Site(
+                self._origin_deg,
+                (0.0, 0.0),
+                home_m=(0.0, 0.0),
+                airspace=self._airspace(),
+                ground_m=self._zero_m,
+                height_m=self._height_m,
+            ),
+        )
+
+    @property
+    def _origin_deg(self) -> Point:
+        return self.draft.home[0], self.draft.home[1]
+
+    def _airspace(self) -> Airspace:
+        """The fences: obstacles and boundary."""
+        rings = [
+            (inclusion, tuple(to_local_m(*corner, self._origin_deg) for corner in corners))
+            for inclusion, corners, _ in self.draft.fences
+        ]
+        outside = [ring for inclusion, ring in rings if not inclusion]
+        obstacles = tuple(Obstacle(ring, f"fence {i}") for i, ring in enumerate(outside, 1))
+        return Airspace(obstacles, tuple(ring for inclusion, ring in rings if inclusion))

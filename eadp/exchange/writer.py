@@ -1,0 +1,302 @@
+"""Plans as missions of autopilots and as maps.
+
+`EXPORTS` lists the formats. Missions are written from items: lines by their ends, whole and half turns as loiters,
+other arcs as corners whose fillets they are; for PX4, which refuses `LOITER_TURNS`, all arcs as corners near them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.geodesy import to_local_m
+from eadp.exchange import items as d
+from eadp.exchange.autopilot import ACCEPTANCE_M
+from eadp.exchange.formats import EXPORT_NAMES, FENCE_ENDING, geojson_text, gpx_text, kml_text, paparazzi_text
+from eadp.exchange.items import Fence, MissionItem
+from eadp.exchange.path import PlannedPath, Section
+from eadp.exchange.qgc import ARDUPILOT, PX4, qgc_text
+from eadp.exchange.reader import fence_text, wpl_text
+from eadp.exchange.waypoints import ARC_RAD, TURNS_TOLERANCE
+from eadp.models.plan.pieces import CLIMB_OUT_M
+from eadp.plug_ins import plug_in
+
+HALVES_TOLERANCE = 1e-4
+"""How near to a whole number of half turns an arc is one."""
+
+LARGE_M = 255.5
+"""Radius of a loiter from which on ArduPilot holds it in tens of metres [m]."""
+
+STRAIGHT_RAD, LONG_M = math.radians(5.0), 50.0
+"""Turn at the end of a line up to which the path goes straight on; length from which on a line is long, so that the
+aircraft does not come out of a turn beyond its end [m]. The waypoint there has an acceptance radius (p2): without,
+ArduPilot leaves a waypoint before a loiter at its turn distance, tens of metres before the end of the line."""
+
+SWITCH_S = 3.4
+"""Flight at the airspeed within which PX4 turns to the next waypoint [s], in a wind of half of it: NPFG_SW_DST_MLT
+0.32 · NPFG_DAMPING 0.7 · NPFG_PERIOD 10 s at the ground speed. Flown at 14 m/s: 24 to 34 m; in 7 m/s of wind, 44 m."""
+
+JOINED_M = 5.0
+"""Largest gap that a trigger off its path leaves which becomes one waypoint, in its middle [m]."""
+
+
+def mission_items(path: PlannedPath, *, flying: bool = False, px4: bool = False) -> list[MissionItem]:
+    """The items of the mission that flies a path; home is not among them.
+
+    `flying`: whether the aircraft comes from the leg before, so that it neither takes off nor flies to the start.
+    `px4`: whether turns are waypoints within the path's tolerance, and the take-off has a place.
+    """
+    return _ItemBuilder(path, flying=flying, px4=px4).items
+
+
+class _ItemBuilder:
+    def __init__(self, path: PlannedPath, *, flying: bool, px4: bool) -> None:
+        self.path, self.items, self._px4 = path, list[MissionItem](), px4
+        self._skipped: int | None = None  # the first leg of a line without an item of its own
+        self._airspeed_mps: float | None = None
+        sections = path.sections
+        self._sections = sections
+        self._flown = self._as_flown()
+        self._altitude_m, self._legs = path.altitude_of(sections[0]), (sections[0].first, sections[0].last)
+        if not flying:
+            self._take_off(sections[0])
+        if path.trigger_distance_m is not None:
+            self._command((d.TRIGGER_DISTANCE, path.trigger_distance_m, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
+        for k, section in enumerate(sections):
+            stage = section.stage
+            self._altitude_m, self._legs = path.altitude_of(section), (section.first, section.last)
+            self._change_speed(section)
+            for command in stage.commands:
+                own = command[0] == d.TRIGGER_DISTANCE and path.trigger_distance_m is not None
+                if not own and command[0] not in (d.TAKEOFF, d.LAND, d.RETURN, d.LOITER_TO_ALTITUDE):
+                    self._command(command)
+            if self._gap_m(k) > JOINED_M:
+                self._fly_to(section.start_m)
+            self._fly(k)
+        distances_m = [item.parameters[0] for item in self.items if item.command == d.TRIGGER_DISTANCE]
+        # a mission's own pictures, which nothing ends, are written back as they are
+        if distances_m and distances_m[-1] > 0 and (path.trigger_distance_m is not None or 0.0 in distances_m):
+            self._command((d.TRIGGER_DISTANCE, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
+            starts = [i for i, item in enumerate(self.items) if item.command == d.LAND_START]
+            if starts:  # what follows a landing is not done
+                self.items.insert(starts[0], self.items.pop()._replace(legs=self.items[starts[0]].legs))
+        if px4 and not sections[0].stage.item:  # a mission's own pictures stay as they are
+            for i in reversed([i for i, item in enumerate(self.items) if _ends_pictures(item)]):
+                self._end_pictures_later(i)
+        last = sections[-1].stage
+        if last.command(d.RETURN) or (path.home_deg is not None and not last.command(d.LAND)):
+            self._command((d.RETURN, *(0.0,) * 7))
+
+    def _end_pictures_later(self, i: int) -> None:
+        """Move the end of pictures behind the first waypoint out of reach of that where a line ends, for PX4.
+
+        PX4 does what follows a waypoint once it turns to the next one, its switching distance before. Pictures that
+        begin again nearer than that go on. A long way on has one more waypoint for it, as where none follows.
+        """
+        path, off = self.path, self.items.pop(i)
+        reach_m = SWITCH_S * max(path.airspeed_of(each) or path.airspeed_mps for each in self._sections)
+        ends_deg = (item.position_deg for item in reversed(self.items[:i]) if item.placed)
+        end_deg = before_deg = next(ends_deg, path.home)
+        apart_m = 0.0  # from the end to the waypoint before
+        for j, item in enumerate(self.items[i:], i):
+            if item.command == d.TRIGGER_DISTANCE:
+                return
+            if item.command in (d.LAND_START, d.LAND):  # a landing is three items that follow one another
+                self.items.insert(j, off._replace(legs=item.legs))
+                return
+            if not item.placed:
+                continue
+            away_m = math.hypot(*to_local_m(*item.position_deg, end_deg))
+            if away_m > reach_m:
+                if away_m > 4 * reach_m:
+                    share = (apart_m + 1.1 * reach_m) / math.hypot(*to_local_m(*item.position_deg, before_deg))
+                    on_deg = [a + share * (b - a) for a, b in zip(before_deg, item.position_deg, strict=True)]
+                    item = item._replace(command=d.WAYPOINT, parameters=(*(0.0,) * 4, *on_deg, item.altitude_m))
+                    self.items.insert(j, item)
+                self.items.insert(j + 1, off._replace(legs=item.legs))
+                return
+            before_deg, apart_m = item.position_deg, away_m
+        (x, y), course = self._sections[-1].end_m, self._sections[-1].courses_rad[1]
+        beyond = x + 1.1 * reach_m * math.cos(course), y + 1.1 * reach_m * math.sin(course)
+        if not path.airspace.entries((0.0, 0.0), ((x, y), beyond), (-math.inf, -math.inf)):
+            self._fly_to(beyond)
+        self.items.append(off)
+
+    def _take_off(self, first: Section) -> None:
+        """Add the take-off, and the start of a path that does not take off there itself."""
+        path, takeoff, level_m = self.path, first.stage.command(d.TAKEOFF), self._altitude_m
+        if takeoff or path.home_deg is not None:
+            # the autopilot climbs straight ahead to this height, and on along the path
+            self._altitude_m = takeoff[-1] if takeoff and takeoff[-1] > 0 else min(level_m, CLIMB_OUT_M)
+            place = first.end_m if takeoff else first.start_m
+            pitch_deg = path.climb_deg or (takeoff[1] if takeoff else 0.0)
+            self._add(d.TAKEOFF, (pitch_deg, 0.0, 0.0, 0.0), place if self._px4 else None)
+            self._altitude_m = level_m
+        self._change_speed(first)
+        if not takeoff or path.home_deg is not None:
+            self._fly_to(first.start_m)
+
+    def _gap_m(self, k: int) -> float:
+        """Distance from the end of the section before to the start of one [m]; 0 where it is the first or beyond."""
+        ends = self._sections[k - 1].end_m, self._sections[k % len(self._sections)].start_m
+        return math.dist(*ends) if 0 < k < len(self._sections) else 0.0
+
+    def _is_gap(self, k: int) -> bool:
+        """Whether a section starts beside the end of the one before, by what becomes one waypoint in the middle."""
+        return self.path.tolerance_m < self._gap_m(k) <= JOINED_M
+
+    def _as_flown(self) -> list[Section]:
+        """The sections with their ends where the waypoints are: in the middles of gaps."""
+        flown, start_m = [], self._sections[0].start_m
+        for k, section in enumerate(self._sections):
+            (x, y), following = section.end_m, self._sections[k + 1 : k + 2]
+            middle = ((x + following[0].start_m[0]) / 2, (y + following[0].start_m[1]) / 2) if following else (x, y)
+            end_m = middle if self._is_gap(k + 1) else (x, y)
+            flown.append(replace(section, start_m=start_m, end_m=end_m))
+            start_m = following[0].start_m if self._gap_m(k + 1) > JOINED_M else end_m
+        return flown
+
+    def _fly(self, k: int) -> None:
+        """Add a section; its end is no waypoint where the turns beside it lead there by themselves."""
+        section, following = (*self._sections[k : k + 2], None)[:2]
+        assert section is not None
+        arc, loiter = section.arc, self._loiter(section)
+        # beside a gap the autopilot turns as it does: there is no room for the arc and for the kink of the gap
+        beside = self._is_gap(k) or self._is_gap(k + 1)
+        # of the room of a turn, the waypoints at its ends take some, where the lines beside it lead elsewhere
+        near = [j for j in (k, k + 1) if 0 < j < len(self._flown) and self._gap_m(j) <= JOINED_M]
+        turns = {j: self._flown[j].courses_rad[0] - self._flown[j - 1].courses_rad[1] for j in near}
+        kinks = {j: abs(math.remainder(turn, 2 * math.pi)) for j, turn in turns.items()}
+        taken_m = arc.radius_m * math.tan(max(kinks.values(), default=0.0) / 2) if arc else 0.0
+        if arc and kinks.get(k, 0.0) > ARC_RAD:  # what its acceptance radius takes, too
+            taken_m = max(taken_m, self.items[-1].parameters[1])
+        lands = following is not None and bool(following.stage.command(d.LAND))
+        if arc and section.stage.command(d.LOITER_TO_ALTITUDE):
+            # left along the tangent, at its altitude and where the next item lies ahead
+            self._add(d.LOITER_TO_ALTITUDE, (1.0, -arc.turn * held_radius_m(arc.radius_m), 0.0, 1.0), arc.centre_m)
+            if lands:
+                return
+        elif arc and loiter is not None:
+            self._add(d.LOITER_TURNS, (*loiter, 1.0), arc.centre_m)
+        else:
+            for point, begins_m in section.corners(self.path.tolerance_m if self._px4 or beside else math.inf):
+                self._fly_to(point, 0.0 if beside else self._held_m(max(begins_m - taken_m, 0.0)))
+        end, acceptance_m = section.end_m, 0.0
+        if following is None and section.stage.command(d.LAND):
+            before = self.items[-1] if self.items else None
+            begins = before is not None and before.command in (d.WAYPOINT, d.LOITER_TO_ALTITUDE)
+            if before and begins and all(item.command != d.LAND_START for item in self.items):
+                # before the waypoint or the circle at the start of the approach, from where on a landing is flown
+                self.items.insert(-1, MissionItem(d.LAND_START, d.NO_POSITION, (0.0,) * 7, before.legs))
+            self._add(d.LAND, section.stage.command(d.LAND)[1:5], end)
+            return
+        if following is not None:
+            turn = math.remainder(following.courses_rad[0] - section.courses_rad[1], 2 * math.pi)
+            long = section.arc is None and math.dist(section.start_m, end) >= LONG_M
+            acceptance_m = ACCEPTANCE_M if long and abs(turn) <= STRAIGHT_RAD else 0.0
+            if arc and following.arc and not following.stage.command(d.LOITER_TO_ALTITUDE):
+                return
+            if abs(turn) <= STRAIGHT_RAD and self._joins(section, following):
+                self._skipped = None if arc else section.first
+                return
+            end = self._flown[k].end_m
+        self._fly_to(end, acceptance_m)
+
+    def _held_m(self, acceptance_m: float) -> float:
+        """An acceptance radius as the autopilot holds it: ArduPilot's is in whole metres, and 0 is its own [m]."""
+        return acceptance_m if self._px4 or acceptance_m == 0 else float(max(math.floor(acceptance_m), 1))
+
+    def _loiter(self, section: Section) -> tuple[float, float, float] | None:
+        """The loiter that an arc is, up to where the next item lies ahead: turns, 0 and radius; None for corners."""
+        arc = section.arc
+        halves = arc.sweep_rad / math.pi if arc else 0.0
+        if arc is None or self._px4 or not (halves > 2 - HALVES_TOLERANCE or abs(halves - 1) < HALVES_TOLERANCE):
+            return None
+        radius_m = held_radius_m(arc.radius_m)
+        if radius_m < 1 or abs(radius_m - arc.radius_m) > self.path.tolerance_m:
+            return None
+        turns = math.floor(halves / 2 + TURNS_TOLERANCE) if halves > 1.5 else 0.5
+        return turns, 0.0, -arc.turn * radius_m
+
+    def _joins(self, section: Section, following: Section) -> bool:
+        """Whether the corners of a turn lead to a short line, or that to them, where nothing else changes."""
+        line, turn = (following, section) if section.arc else (section, following)
+        short = not line.points_m and math.dist(line.start_m, line.end_m) < LONG_M
+        if not short or line.arc or not turn.arc or self._loiter(turn) is not None:
+            return False
+        one, other = section.stage, following.stage
+        same = not other.commands and one.airspeed_mps == other.airspeed_mps and one.altitude_m == other.altitude_m
+        return same and math.dist(section.end_m, following.start_m) <= self.path.tolerance_m
+
+    def _fly_to(self, point: Point, acceptance_m: float = 0.0) -> None:
+        self._add(d.WAYPOINT, (0.0, acceptance_m, 0.0, 0.0), point)
+
+    def _add(self, command: int, parameters: Sequence[float], point: Point | None) -> None:
+        place = (0.0, 0.0) if point is None else self.path.geodetic_deg(point)
+        first, last = self._legs
+        legs = first if self._skipped is None else self._skipped, last
+        self.items.append(MissionItem(command, d.RELATIVE, (*parameters, *place, self._altitude_m), legs))
+        self._skipped = None
+
+    def _change_speed(self, section: Section) -> None:
+        """Command the airspeed that is stated for a section, where it is another than before."""
+        airspeed_mps = self.path.airspeed_of(section)
+        if airspeed_mps is not None and airspeed_mps != self._airspeed_mps:
+            self._airspeed_mps = airspeed_mps
+            held_mps = round(airspeed_mps * self.path.calibrated, 6)
+            self._command((d.CHANGE_SPEED, 0.0, held_mps, -1.0, 0.0, 0.0, 0.0, 0.0))
+
+    def _command(self, command: Sequence[float]) -> None:
+        self.items.append(MissionItem(int(command[0]), d.NO_POSITION, tuple(command[1:]), self._legs))
+
+
+def _ends_pictures(item: MissionItem) -> bool:
+    return item.command == d.TRIGGER_DISTANCE and item.parameters[0] == 0
+
+
+def held_radius_m(radius_m: float) -> float:
+    """The radius of a loiter as ArduPilot holds it: whole metres, above 255 m tens [m]."""
+    return float(round(radius_m) if radius_m < LARGE_M else 10 * round(radius_m / 10))
+
+
+def _fences(path: PlannedPath) -> list[Fence]:
+    """The fences of an autopilot: obstacles, which are left out, and a boundary."""
+    outside = [(False, each.outline) for each in path.airspace.obstacles]
+    rings = [*outside, *((True, ring) for ring in path.airspace.boundary)]
+    return [Fence(inclusion, [path.geodetic_deg(point) for point in ring]) for inclusion, ring in rings]
+
+
+def _qgc(path: PlannedPath, firmware: int) -> str:
+    """The plan of QGroundControl."""
+    items = mission_items(path, px4=firmware == PX4)
+    return qgc_text(items, path.home, path.airspeed_mps, _fences(path), firmware, path.height_m)
+
+
+FENCED = ("qgc", "ardupilot", "px4")
+"""Formats that hold obstacles and a boundary; of `ardupilot` they are a file of their own."""
+
+
+def files_beside(path: PlannedPath) -> dict[str, str]:
+    """ArduPilot's file of the fence, if there is one, by the ending of its name."""
+    fences = _fences(path)
+    return {FENCE_ENDING: fence_text(fences)} if fences else {}
+
+
+_WRITERS: tuple[Callable[[PlannedPath], str], ...] = (
+    lambda path: _qgc(path, ARDUPILOT),
+    lambda path: wpl_text(mission_items(path), path.home, path.height_m),
+    lambda path: _qgc(path, PX4),
+    paparazzi_text,
+    kml_text,
+    geojson_text,
+    gpx_text,
+)
+EXPORTS = dict(zip(EXPORT_NAMES, _WRITERS, strict=True))
+"""Formats that a plan is exported to: a name, and the text of a path."""
+
+
+def writer_of(name: str) -> Callable[[PlannedPath], str] | None:
+    """What writes a format of eadp, or of an installed package; None where there is none."""
+    return EXPORTS.get(name) or plug_in("mission_writers", name)

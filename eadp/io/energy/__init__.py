@@ -1,1 +1,0 @@
-"""Energy models in and out."""

@@ -1,1 +1,0 @@
-"""Fields in: GeoJSON, KML, CSV of vertices."""

@@ -1,0 +1,213 @@
+"""A flight's settings and figures in words, as commands and pages print them."""
+
+from __future__ import annotations
+
+import bisect
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from eadp.core.geometry.curves import LINE, Point
+from eadp.core.geometry.geodesy import compass_deg
+from eadp.io.scenario import Scenario
+from eadp.models.battery import Battery
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import TRIGGER_DISTANCE
+from eadp.models.plan.trace import nominal_legs
+from eadp.models.vehicle import PaperVehicle
+from eadp.models.world import Step
+from eadp.papers.estimator import LOOK_AHEADS, PowerEstimate
+
+
+def setting_text(scenario: Scenario) -> str:
+    """The aircraft, battery and wind of a flight, and which of them are defaults."""
+    keys, chosen = scenario.keys, scenario.chosen
+    airframe, battery, wind = keys.vehicle.airframe, keys.battery, keys.wind
+    east, north = wind.steady_mps
+    speed = wind.steady_speed_mps
+    mass = "" if isinstance(airframe, PaperVehicle) else f" of {airframe.mass_kg:g} kg"
+    shown = {
+        "airframe": f"{keys.vehicle.name or airframe.model}{mass} at {airframe.airspeed_mps:g} m/s",
+        "battery": f"battery {battery.voltage_v:.4g} V, {battery.capacity_ah:g} Ah",
+        "wind": f"wind {speed:g} m/s"
+        + (f" from {(compass_deg(math.atan2(north, east)) + 180) % 360:.0f}°" if speed else "")
+        + (f" at take-off, up to {wind.speeds_mps[1]:g} m/s" if wind.profile else ""),
+    }
+    return "; ".join(text + ("" if key in chosen else " (default)") for key, text in shown.items())
+
+
+def reserve_text(summary: Mapping[str, Any]) -> str:
+    """Whether the reserve was kept; a flight that does not complete keeps none."""
+    if summary["reserve_kept"]:
+        return "kept"
+    unspent = summary["soc_final"] >= summary["soc_reserve"]
+    return "not kept, as the flight did not complete" if unspent else "not kept"
+
+
+def time_text(time_s: float) -> str:
+    """A time in minutes and seconds."""
+    minutes, seconds = divmod(round(time_s), 60)
+    return f"{minutes} min {seconds} s" if minutes else f"{time_s:.1f} s"
+
+
+def percent_text(share: float) -> str:
+    """A share in percent."""
+    return f"{100 * share:.3g} %"
+
+
+def times_text(count: int) -> str:
+    """How often."""
+    return {1: "once", 2: "twice"}.get(count, f"{count} times")
+
+
+def flight_facts(summary: Mapping[str, Any]) -> list[list[str]]:
+    """Figures of a flight, each with its name."""
+    power, solver, laps = summary["power_w"], summary["solver"], summary["lap_times_s"]
+    facts = [
+        ("planner", summary["planner"]),
+        ("duration", f"{summary['duration_s']:.2f} s"),
+        ("distance", f"{summary['distance_m']:.0f} m"),
+        ("energy", f"{summary['energy_wh']:.3f} Wh"),
+        ("power", f"{power['min']:.2f} to {power['max']:.2f} W"),
+        ("charge at the end", f"{percent_text(summary['soc_final'])}, reserve {percent_text(summary['soc_reserve'])}"),
+    ]
+    facts += [(label_of(name, values), parameter_text(values)) for name, values in summary["parameters"].items()]
+    if laps:
+        facts.append(("laps", f"{len(laps)} after the first, {min(laps):.2f} to {max(laps):.2f} s"))
+    if summary["period_s"] is not None:
+        facts.append(("period of the power", f"{summary['period_s']:.3f} s"))
+    runs = (
+        f"{summary['decisions']}; {solver['calls']} runs of OSQP, {solver['failed']} failed; {solver['skipped']} kept, "
+    )
+    runs += f"{solver['infeasible']} infeasible"
+    facts += [("re-plannings", runs), ("seed", str(summary["seed"]))]
+    return [list(fact) for fact in facts]
+
+
+def label_of(name: str, values: Mapping[str, Any]) -> str:
+    """What people read for a parameter of `summary.json`: its title where it has one."""
+    return str(values.get("title") or name)
+
+
+def value_of(values: Mapping[str, Any], key: str) -> str:
+    """A parameter's first, last or mean value as people read it: of what it stands for, with its unit."""
+    shown = values.get("shown")
+    return f"{values[key]:.4g}" if shown is None else f"{shown[key]:.4g} {values['unit']}".strip()
+
+
+def parameter_text(values: Mapping[str, Any]) -> str:
+    """A parameter over a flight: its mean, its first and last value, and its changes."""
+    ran = f", ran at {values['actual_mean']:.4g}" if "actual_mean" in values else ""
+    first, last, changes = value_of(values, "first"), value_of(values, "last"), values["changes"]
+    if not changes:
+        return f"{first}{ran}, no change"
+    return f"mean {value_of(values, 'mean')}{ran}, from {first} to {last}, {changes} change{'s' if changes > 1 else ''}"
+
+
+PARTS = 100
+"""Number of times at which the ground covered so far is computed."""
+
+MAX_INTERVAL_S = 2.0
+"""Longest interval of a log from which it can be computed [s]."""
+
+Line = tuple[Point, ...]
+
+
+def covering_stages(plan: Plan) -> list[bool]:
+    """Whether each stage covers ground: lines, as turns are banked; with a camera, those on which it is on."""
+    switches = [[c[1] > 0 for c in stage.commands if c[0] == TRIGGER_DISTANCE] for stage in plan.stages]
+    on, found = not any(switches), []
+    for stage, states in zip(plan.stages, switches, strict=True):
+        on = states[-1] if states else on
+        found.append(on and stage.kind == LINE)
+    return found
+
+
+def planned_lines(plan: Plan, parameters: Sequence[float]) -> list[Line]:
+    """The lines of a plan that cover ground. Raises PathUndefined."""
+    covers = covering_stages(plan)
+    legs = (leg for leg in nominal_legs(plan, parameters) if leg.stage.kind == LINE)
+    return [(leg.start_m, leg.end_m) for leg in legs if covers[leg.stage.index - 1]]
+
+
+def flown_lines(plan: Plan, columns: Mapping[str, Sequence[float]]) -> list[Line]:
+    """The paths flown on stages that cover ground; `columns` are those of `flight.csv`."""
+    stages = np.array(columns["stage"], dtype=int)
+    on_line = np.array(covering_stages(plan))[stages - 1]
+    ends = [0, *(np.flatnonzero(np.diff(stages)) + 1).tolist(), len(stages)]
+    x, y = columns["x_m"], columns["y_m"]
+    # to the first sample of the next stage, which starts between the two
+    return [tuple(zip(x[a : b + 1], y[a : b + 1], strict=True)) for a, b in itertools.pairwise(ends) if on_line[a]]
+
+
+def flown_of_plan(columns: Mapping[str, Sequence[float]], turned_back_s: float | None) -> Mapping[str, Sequence[float]]:
+    """The columns of `flight.csv` up to where the flight turned back for home [s], if it did."""
+    if turned_back_s is None:
+        return columns
+    end = bisect.bisect_right(columns["time_s"], turned_back_s)
+    return {name: values[:end] for name, values in columns.items()}
+
+
+def flown_coverage(
+    plan: Plan, columns: Mapping[str, Sequence[float]], parts: int = PARTS
+) -> tuple[list[float], list[float]] | None:
+    """Times [s] and the share of the plan's field that is covered by then.
+
+    None where the plan has no field or no swath, or the log is too coarse.
+    """
+    times = columns["time_s"]
+    if plan.site.field is None or plan.site.swath_m is None or len(times) < 2:
+        return None
+    if max(np.diff(times)) > MAX_INTERVAL_S:
+        return None
+    from eadp.core.geometry.polygons import covered_shares
+
+    ends = np.unique(np.linspace(0, len(times) - 1, parts + 1).astype(int)).tolist()
+    starts = [0, *(np.flatnonzero(np.diff(columns["stage"])) + 1).tolist()]
+    tracks = []
+    for a, b in itertools.pairwise(ends):
+        first = starts[bisect.bisect_right(starts, a) - 1]  # a line is one piece: its parts would not join in a bend
+        tracks.append(flown_lines(plan, {name: columns[name][first : b + 1] for name in ("stage", "x_m", "y_m")}))
+    shares = covered_shares(plan.site.field.parts, tracks, plan.site.swath_m)
+    return [times[i] for i in ends], shares
+
+
+DIGITS = 6
+
+
+def estimate_rows(
+    steps: Sequence[Step], estimates: Sequence[PowerEstimate], battery: Battery
+) -> Iterator[Sequence[str | float]]:
+    """Header and rows of `estimate.csv`: one for each logged step that has a new reading."""
+    size = len(estimates[0].state) - 2
+    yield [
+        *("time_s", "period_s", *(f"q{i}_w" for i in range(size)), "computing_w", "battery_wh", "power_limit_w"),
+        *("horizon_s", *(f"forecast_{k}_w" for k in range(LOOK_AHEADS + 1))),
+    ]
+    last_s = None
+    read = []
+    for step, one in zip(steps, estimates, strict=True):
+        if one.time_s != last_s:
+            last_s = one.time_s
+            read.append((step, one))
+    for _, same in itertools.groupby(read, key=lambda each: _horizon(each[1])):
+        group = list(same)
+        states = np.array([one.state for _, one in group])
+        limits = [
+            (one.computing_w, battery.energy_wh(step.soc), battery.power_limit_w(step.soc), one.horizon_s)
+            for step, one in group
+        ]
+        first = group[0][1]
+        forecasts_w = states @ first.horizon_rows().T + np.array([[one.computing_w] for _, one in group])
+        period = "" if first.period_s is None else round(first.period_s, DIGITS)
+        values = np.round(np.hstack([states[:, :size], limits, forecasts_w]), DIGITS)
+        for (_, one), row in zip(group, values.tolist(), strict=True):
+            yield [round(one.time_s, 9), period, *("" if value == math.inf else value for value in row)]
+
+
+def _horizon(one: PowerEstimate) -> tuple[float | None, ...]:
+    """What the forecasts of estimates are the same function of their states for."""
+    return one.period_s, one.disturbance_s, one.horizon_s

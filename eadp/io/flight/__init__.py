@@ -1,1 +1,0 @@
-"""A flight: its inputs together, its result folder out."""

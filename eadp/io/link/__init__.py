@@ -1,1 +1,0 @@
-"""A live link with an autopilot: MAVLink in, decisions out."""

@@ -1,1 +1,0 @@
-"""Power logs in: CSV, PX4 ULog, ArduPilot DataFlash."""

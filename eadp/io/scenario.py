@@ -1,0 +1,627 @@
+"""The scenario: what `simulate` needs beside plan and profile, read strictly, with defaults that fly.
+
+The settings stand beside what they set, in the dataclasses of models and planning; the keys here are what is left.
+"""
+
+from __future__ import annotations
+
+import copy
+import functools
+import itertools
+import json
+import operator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, make_dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from annotated_types import Ge, Le, Lt
+from pydantic import Field
+
+from eadp.core.arrays import Altitude, Coordinate, Degrees, Duration, Latitude, Longitude, Reserve
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.geodesy import FARTHEST_M, heading_rad, to_near_local_m
+from eadp.errors import Fault, InputError, one_of, printable, refuse
+from eadp.io.text.options import parse_named
+from eadp.io.text.schema_faults import (
+    STRICT,
+    are_given,
+    keys_document,
+    never,
+    schema_of,
+    validated,
+    validated_at,
+    without_nulls,
+)
+from eadp.io.text.streams import SourceText, Text, read_text
+from eadp.io.text.yaml import Document, read_yaml
+from eadp.io.vehicle import SCHEMA as VEHICLE_SCHEMA
+from eadp.io.vehicle import VehicleFile, airframe_faults, battery_faults, two_voltages, vehicle_of, without_plug_in
+from eadp.models.autopilot import Autopilot
+from eadp.models.battery import Battery, BatteryFault
+from eadp.models.computing import ComputationRate
+from eadp.models.plan.cursor import Rules
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import Box, Parameter
+from eadp.models.vehicle import Guidance, PaperVehicle
+from eadp.models.weather import Sensors, Wind
+from eadp.papers.estimator import EstimatorSettings
+from eadp.planning.base import PlannerSettings
+from eadp.planning.registry import DEFAULT, PLANNERS, is_planner, planner_class
+
+SCHEMA = "eadp.scenario/1"
+MAX_STEPS = 100_000_000
+
+ParameterName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
+Pair = tuple[Coordinate, Coordinate]
+TextSource = Callable[[str], Text]
+
+UNWRITTEN = {"reserve_soc": "reserve_soc", "plug_in": "a section of the planner's name"}
+"""Keys of the planner's settings that no file has, and what stands for them."""
+
+
+def _without_unwritten(_cls: Any, core: Any, handler: Any) -> dict[str, Any]:
+    """Complete the planner's schema: the reserve is a key of the scenario."""
+    reference: dict[str, Any] = handler(core)
+    properties = handler.resolve_ref_schema(reference)["properties"]
+    for key in UNWRITTEN:
+        del properties[key]
+    return reference
+
+
+def _or_path(node: dict[str, Any]) -> None:
+    """Complete the vehicle's schema: the path of a file stands for its content."""
+    node["anyOf"] = [{"type": "string"}, {"$ref": node.pop("$ref")}]
+
+
+def _planner_section() -> type[PlannerSettings]:
+    """Section `planner`: the shared settings, and a section of each planner's own."""
+    name = Field(description=f"Planner that flies: {', '.join(PLANNERS)}.", json_schema_extra={"enum": [*PLANNERS]})
+    keys: list[Any] = [("name", Annotated[str, name], DEFAULT)]
+    for planner in PLANNERS:
+        own: Any = planner_class(planner).own_settings
+        if own is not None:
+            described: Any = Annotated[own, Field(description=f"Settings of planner {planner} alone.")]
+            keys.append((planner, described, field(default_factory=own)))
+    own_schema = {"__pydantic_config__": STRICT, "__get_pydantic_json_schema__": classmethod(_without_unwritten)}
+    named = {"__module__": __name__, "__doc__": _planner_section.__doc__}  # pickle finds a class by its module
+    return make_dataclass("PlannerSection", keys, bases=(PlannerSettings,), frozen=True, namespace=own_schema | named)
+
+
+if TYPE_CHECKING:
+    PlannerSection = PlannerSettings
+else:
+    PlannerSection = _planner_section()
+
+
+@dataclass(frozen=True)
+class Home:
+    """Where the aircraft can return to, for the point of no return and flights that turn back."""
+
+    position_m: Pair | None = None
+    """Position [east, north] in the plan's frame [m]."""
+
+    lat_deg: Latitude | None = None
+    """Latitude [°], instead of `position_m`, where the plan has an origin."""
+
+    lon_deg: Longitude | None = None
+    """Longitude [°], with `lat_deg`."""
+
+    altitude_m: Altitude | None = None
+    """Altitude of the way there [m], as `RTL_ALTITUDE`; by default that of the stage."""
+
+
+@dataclass(frozen=True)
+class Start(Home):
+    """Where the flight starts; by default on the first path, before its trigger."""
+
+    heading_deg: Degrees | None = None
+    """Compass bearing of the nose, 0 north, 90 east [°]; by default along the first path."""
+
+    altitude_m: Altitude | None = None
+    """Altitude [m]; by default that of the first stage or of the airframe's cruise, and 0 for a mission, from home."""
+
+    @property
+    def heading_rad(self) -> float | None:
+        """The heading in the plan's frame, 0 east, counter-clockwise [rad], if it is given."""
+        return None if self.heading_deg is None else heading_rad(self.heading_deg)
+
+
+@dataclass(frozen=True)
+class ScenarioFile:
+    """A scenario file."""
+
+    __pydantic_config__ = STRICT
+
+    schema: Literal["eadp.scenario/1"] = "eadp.scenario/1"
+    """Name and version of the format."""
+
+    profile: str | None = None
+    """Computation profile: path of a model or of measurements, relative to this file."""
+
+    profile_at: Mapping[str, float] = field(default_factory=dict)
+    """Configuration of the profile beside a plan without computations, a constant load; by default the highest."""
+
+    vehicle: Annotated[VehicleFile, Field(json_schema_extra=_or_path)] = field(default_factory=VehicleFile)
+    """The aircraft: path of a vehicle file, relative to this file, or its content."""
+
+    wind: Wind = field(default_factory=Wind)
+    """The wind."""
+
+    battery: Battery = field(default_factory=Battery)
+    """The battery: each key overrides the vehicle's, null restores its default."""
+
+    faults: tuple[BatteryFault, ...] = ()
+    """Sudden losses of charge, of a battery that is drained."""
+
+    start: Start = field(default_factory=Start)
+    """Where the flight starts."""
+
+    home: Home = field(default_factory=Home)
+    """Where the aircraft can return to."""
+
+    autopilot: Autopilot = field(default_factory=Autopilot)
+    """The autopilot that flies, for its own rules of returns and landings."""
+
+    parameters: Mapping[ParameterName, float] = field(default_factory=dict)
+    """Parameters at take-off, by name; by default each at its maximum."""
+
+    bounds: Mapping[ParameterName, tuple[float, float]] = field(default_factory=dict)
+    """Sets [low, high] by parameter, for a plan whose stages carry none."""
+
+    computations: Mapping[ParameterName, ComputationRate] = field(default_factory=dict)
+    """Actual rates of computations, by parameter; by default those that are commanded. Planners do not know them."""
+
+    parameter_changes: Literal["latched", "live"] = "latched"
+    """When a path parameter takes effect: latched, at the next lap, or live, at once."""
+
+    guidance: Guidance = field(default_factory=Guidance)
+    """How the aircraft follows its path."""
+
+    sensors: Sensors = field(default_factory=Sensors)
+    """Errors of the sensors."""
+
+    reserve_soc: Reserve = PlannerSettings.reserve_soc
+    """State of charge to keep at the end of the flight, as a share of the full charge."""
+
+    estimator: EstimatorSettings = field(default_factory=EstimatorSettings)
+    """Estimation of the power from its readings."""
+
+    planner: PlannerSection = field(default_factory=PlannerSection)
+    """The planner and its settings; sections of planners that do not fly are checked and unused."""
+
+    on_infeasible: Literal["continue", "home"] = "continue"
+    """Where the reserve cannot be kept to the end: continue the plan, or fly home while that keeps the reserve."""
+
+    obstacles: Literal["avoid", "ignore"] = "avoid"
+    """Whether the plan's obstacles and boundary count: a flight that enters one, or leaves it, is not completed."""
+
+    step_s: Annotated[float, Ge(1e-4), Le(1)] = 0.01
+    """Time step of the simulation [s]."""
+
+    log_every_s: Duration = 0.1
+    """Time between rows of flight.csv [s]."""
+
+    time_limit_s: Annotated[float, Ge(1e-3), Le(1e9)] | None = None
+    """Time after which the flight is ended [s]; by default three times the plan's at the parameters of take-off."""
+
+    seed: Annotated[int, Ge(0), Lt(2**63)] = 0
+    """Seed of gusts and noise."""
+
+    laps: Annotated[int, Ge(1), Le(10_000)] | None = None
+    """Times that a mission is flown which repeats for ever; by default for longer than the battery lasts."""
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema of a scenario file."""
+    schema = schema_of(ScenarioFile)
+    both = [
+        {"if": are_given(one), "then": are_given(other)}
+        for one, other in itertools.permutations(("lat_deg", "lon_deg"))
+    ]
+    place = [*both, never("position_m", "lat_deg")]
+    wind = [
+        never("from_deg", "towards_deg"),
+        *(never(key, "profile") for key in ("speed_mps", "from_deg", "towards_deg")),
+    ]
+    battery = [never("cells", "voltage_v"), never("cells", "voltage_empty_v")]
+    for name, rules in {"Start": place, "Home": place, "Wind": wind, "Battery": battery}.items():
+        schema["$defs"][name]["allOf"] = rules
+    for node in schema["properties"].values():
+        if "patternProperties" in node:
+            node["additionalProperties"] = False
+    return schema | {"required": ["schema"]}
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A scenario that was read: its keys, and the document for faults that show later."""
+
+    keys: ScenarioFile
+    document: Document = field(repr=False)
+    vehicle_text: Text | None = field(default=None, repr=False)
+    """Text of the vehicle file, if the vehicle is one."""
+
+    @property
+    def profile_path(self) -> str | None:
+        """Path of the profile, relative to the working directory."""
+        return None if self.keys.profile is None else beside(self.document.name, self.keys.profile)
+
+    @property
+    def chosen(self) -> frozenset[str]:
+        """Which of airframe, battery and wind somebody chose: the scenario, its vehicle or an override."""
+        given = self.document.value
+        vehicle = given.get("vehicle") or {}
+        found = {"airframe": vehicle.get("airframe"), "battery": given.get("battery") or vehicle.get("battery")}
+        return frozenset(key for key, value in {**found, "wind": given.get("wind")}.items() if value)
+
+    @property
+    def rules(self) -> Rules:
+        """How stages follow one another."""
+        return Rules(self.keys.parameter_changes, self.keys.vehicle.airframe.published_triggers)
+
+    @property
+    def estimator(self) -> EstimatorSettings:
+        """The estimator's settings."""
+        return self.keys.estimator
+
+    @property
+    def planner(self) -> PlannerSettings:
+        """The planner's settings."""
+        return replace(self.keys.planner, reserve_soc=self.keys.reserve_soc)
+
+    @property
+    def bounds(self) -> dict[str, Box]:
+        """Sets for a plan whose stages carry none."""
+        return {name: Box(lo, hi) for name, (lo, hi) in self.keys.bounds.items()}
+
+    def with_names(self, parameters: Sequence[Parameter], sets: Sequence[Box]) -> Scenario:
+        """The same scenario with parameters by their names where it has their titles, and values as the plan has them.
+
+        Raises
+        ------
+        InputError
+            If a parameter is given by both, or what it stands for has no such value.
+        """
+        titled = {item.title: i for i, item in enumerate(parameters) if item.title}
+        changed = [
+            (path, title, titled[title])
+            for path, values in _by_parameter(self.document.value)
+            for title in values
+            if title in titled
+        ]
+        if not changed:
+            return self
+        value, renamed = copy.deepcopy(self.document.value), {}
+        for path, title, i in changed:
+            values, item = functools.reduce(operator.getitem, path, value), parameters[i]
+            given, key = values.pop(title), ".".join(map(str, (*path, title)))
+            if item.name in values:
+                raise InputError(self.fault(key, f"{title} is {item.name}, which stands there too", "one of them"))
+            if item.stands_for is not None and path[-1] not in ("weights", "coefficients"):
+                given = self._of_shown(key, item, given, sets[i : i + 1])
+            values[item.name], renamed[*path, title] = given, (*path, item.name)
+        places = {renamed.get(path, path): found for path, found in self.document.places.items()}
+        overrides = {renamed.get(path, path): found for path, found in self.document.overrides.items()}
+        return _checked(replace(self.document, value=value, places=places, overrides=overrides), self.vehicle_text)
+
+    def unknown_parameter(self, key: str, name: str, plan: Plan) -> Fault:
+        """The fault of a parameter that the plan does not have, given at a dotted key."""
+        if self.document.overrides.get(("parameters", name)) == f"--set {key}":  # of --set NAME=…, which may be a key
+            known = [*(item.label for item in plan.parameters), *ScenarioFile.__dataclass_fields__]
+            return self.fault(key, f"unknown key {name}: the plan has no parameter {name} either", one_of(known, name))
+        return self.fault(key, f"the plan has no parameter {name}", plan.expected_name(name))
+
+    def _of_shown(self, key: str, item: Parameter, shown: Any, sets: Sequence[Box]) -> float:
+        """A value of a parameter that is given by what it stands for."""
+        if not key.startswith("parameters.") or not sets:
+            what = f"{item.title} stands for a value of {item.name}, which is not known here"
+            raise InputError(self.fault(key, what, item.name))
+        given = item.of_shown(float(shown), sets[0])
+        if sets[0].clip(given) != given:
+            low, high = sorted(map(item.shown, (sets[0].lo, sets[0].hi)))
+            what = f"{item.title} = {shown:.10g} is outside its set"
+            raise InputError(self.fault(key, what, f"a value in [{low:.4g}, {high:.4g}]"))
+        return given
+
+    def position_m(self, key: str, origin_deg: Point | None) -> Point | None:
+        """The position at `start` or `home` [m], of a plan with an origin or without; None where it has none.
+
+        Raises
+        ------
+        InputError
+            If its latitude and longitude have no position in the plan's frame.
+        """
+        place: Home = getattr(self.keys, key)
+        if place.lat_deg is None or place.lon_deg is None:
+            return place.position_m
+        if origin_deg is None:
+            message = "a latitude and a longitude, and the plan has no origin"
+            raise InputError(self.fault(f"{key}.lat_deg", message, f"{key}.position_m, or %: origin in the plan"))
+        point = to_near_local_m(place.lat_deg, place.lon_deg, origin_deg)
+        if point is None:
+            swapped = abs(place.lon_deg) <= 90 and to_near_local_m(place.lon_deg, place.lat_deg, origin_deg)
+            message = "too far from the plan's origin" + (
+                ", but near it with lon_deg and lat_deg swapped" if swapped else ""
+            )
+            raise InputError(self.fault(f"{key}.lat_deg", message, f"at most {FARTHEST_M / 1000:g} km"))
+        return point
+
+    def fault(self, key: str, message: str, expected: str = "") -> Fault:
+        """A fault at a dotted key."""
+        return self.document.fault(tuple(key.split(".")), message, expected)
+
+
+def _by_parameter(value: Any) -> Iterator[tuple[tuple[str | int, ...], Mapping[str, Any]]]:
+    """The mappings of a scenario whose keys are parameters, each with its path."""
+    planner = value.get("planner") or {}
+    paths: list[tuple[str | int, ...]] = [("parameters",), ("bounds",), ("computations",)]
+    paths += [("planner", key) for key in ("weights", "levels")]
+    for name in PLANNERS:
+        own = planner.get(name) or {}
+        paths += [("planner", name, key) for key in ("delta", "gains")]
+        paths += [("planner", name, "trade_offs", i, "coefficients") for i in range(len(own.get("trade_offs") or ()))]
+    for path in paths:
+        found: Any = value
+        for part in path:
+            found = found[part] if isinstance(part, int) else (found or {}).get(part)
+        if found:
+            yield path, found
+
+
+def beside(name: str, path: str) -> str:
+    """A path relative to the file of a name."""
+    return path if name == "<stdin>" else str(Path(name).parent / path)
+
+
+def read_scenario(path: str | None, overrides: Mapping[str, Any] | None = None) -> Scenario:
+    """Read a scenario, or the defaults, with some keys overridden.
+
+    Parameters
+    ----------
+    path : str or None
+        The file, `-` for standard input, None for the defaults.
+    overrides : mapping of dotted key to value, optional
+        As `read_override` gives them.
+
+    Raises
+    ------
+    InputError
+        With every fault that was found.
+    """
+    text = Text("scenario", "") if path is None else read_text(path)
+    return scenario_of(Document(SourceText(text), {}) if path is None else scenario_document(text), overrides)
+
+
+def scenario_document(text: Text) -> Document:
+    """A scenario's document, its keys not yet checked.
+
+    Raises
+    ------
+    InputError
+        If it is no YAML or no mapping, or has no key `schema`.
+    """
+    return keys_document(text, SCHEMA)
+
+
+def vehicle_path(document: Document, overrides: Mapping[str, Any]) -> str | None:
+    """Path of the vehicle file that a scenario names, relative to the working directory; None if it names none.
+
+    That of an override may be given so, too: it is typed in a shell.
+    """
+    path = overrides.get("vehicle", document.value.get("vehicle"))
+    if not isinstance(path, str):
+        return None
+    return path if "vehicle" in overrides and Path(path).exists() else beside(document.name, path)
+
+
+def scenario_of(
+    document: Document, overrides: Mapping[str, Any] | None = None, text: TextSource = read_text
+) -> Scenario:
+    """`read_scenario` of a document, which is not changed; `text` reads the vehicle file, if it names one."""
+    document = replace(
+        document, value=copy.deepcopy(document.value), places=dict(document.places), overrides=dict(document.overrides)
+    )
+    overrides = dict(overrides or {})
+    path, vehicle_text = vehicle_path(document, overrides), None
+    if "vehicle" in overrides:
+        _put(document, "vehicle", overrides.pop("vehicle"))
+    if path is not None:
+        vehicle_text = _vehicle_text(document, path, text)
+        document.value["vehicle"] = parse_named(vehicle_text, _vehicle_keys, document.fault(("vehicle",), ""))
+    for key, given in overrides.items():
+        _put(document, key, copy.deepcopy(given))
+    return _checked(document, vehicle_text)
+
+
+def _checked(document: Document, vehicle_text: Text | None) -> Scenario:
+    own, value = document.value.get("battery"), without_nulls(document.value)
+    refuse(_raw_faults(value, document))
+    keys = _validated(document)
+    # null restores a default, which is what the key has in a battery of its own
+    battery = keys.vehicle.battery.overridden({key: getattr(keys.battery, key) for key in own or ()})
+    refuse(battery_faults(document, battery))
+    return Scenario(replace(keys, battery=battery), document, vehicle_text)
+
+
+def _validated(document: Document) -> ScenarioFile:
+    """The keys of a scenario; those of other packages are checked apart, and put in their places."""
+    rest: dict[str, Any] = dict(document.value)
+    vehicle, airframe = without_plug_in(document, rest.get("vehicle"), ("vehicle",))
+    if airframe is not None:
+        rest["vehicle"] = vehicle
+    planner, own = rest.get("planner"), dict[str, Any]()
+    if isinstance(planner, dict):
+        others = [key for key in planner if key not in PlannerSection.__dataclass_fields__ and is_planner(str(key))]
+        own = {name: _own_settings(document, name, planner[name]) for name in others}
+        rest["planner"] = {key: value for key, value in planner.items() if key not in own}
+    keys = validated(ScenarioFile, document, rest, lambda keys: _faults(keys, document))
+    if airframe is not None:
+        keys = replace(keys, vehicle=replace(keys.vehicle, airframe=airframe))
+    name = keys.planner.name
+    if name not in PLANNERS:
+        settings = own[name] if name in own else _own_settings(document, name, {})
+        keys = replace(keys, planner=replace(keys.planner, plug_in=settings))
+    return keys
+
+
+def _own_settings(document: Document, name: str, section: Any) -> Any:
+    """The settings of another package's planner; None where it has none."""
+    kind = planner_class(name).own_settings
+    if kind is None:
+        refuse([document.fault(("planner", name), f"planner {name} has no settings of its own")] if section else [])
+        return None
+    return validated_at(("planner", name), kind, document, without_nulls(section or {}))
+
+
+def _vehicle_keys(text: Text) -> Any:
+    document = keys_document(text, VEHICLE_SCHEMA)
+    vehicle_of(document)
+    return copy.deepcopy(document.value)
+
+
+def _vehicle_text(document: Document, path: str, text: TextSource) -> Text:
+    try:
+        return text(path)
+    except InputError as error:
+        fault = error.faults[0]
+        raise InputError(
+            document.fault(("vehicle",), f"{printable(path)} {fault.message}", "the path of a vehicle file")
+        ) from None
+
+
+def override_key(name: str) -> str | None:
+    """The dotted key that a name stands for, as `c1` does for `parameters.c1`; None if it is no such name."""
+    if not name or not all(part.isidentifier() for part in name.split(".")):
+        return None
+    return name if "." in name or name in ScenarioFile.__dataclass_fields__ else f"parameters.{name}"
+
+
+def read_override(raw: str) -> tuple[str, Any]:
+    """`key=value` of `--set`: the dotted key, and the value read as YAML; `fps=…` is short for `parameters.fps=…`.
+
+    Raises
+    ------
+    InputError
+        If it is not of that form.
+    """
+    name, equals, text = raw.partition("=")
+    key = override_key(name.strip())
+    if not equals or key is None:
+        raise InputError.at("--set", 1, 1, f"{printable(raw)} sets no key", "key=value, as in wind.speed_mps=8", raw)
+    try:
+        return key, read_yaml(Text("--set", text)).value
+    except InputError as error:
+        first = error.faults[0]
+        column = first.column + len(raw) - len(text) if first.line == 1 else 1
+        raise InputError.at("--set", 1, column, first.message, first.expected, raw) from None
+
+
+def plain(value: Any) -> Any:
+    """A value of mappings, lists and what YAML has: arrays become lists, and paths texts."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(inner) for inner in value]
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return value if value is None or isinstance(value, bool | int | float | str) else str(value)
+
+
+def value_text(value: Any) -> str:
+    """A value as text that is both JSON and YAML."""
+    return json.dumps(plain(value))
+
+
+def override_texts(
+    given: Mapping[str, Any] | Iterable[str],
+    planner: str | None = None,
+    seed: int | None = None,
+    laps: int | None = None,
+) -> list[str]:
+    """Overrides as key=value, of a mapping or as they are given; a planner, a seed and laps are more of them."""
+    pairs = given.items() if isinstance(given, Mapping) else ()
+    texts = [f"{key}={value_text(value)}" for key, value in pairs] or [str(text) for text in given]
+    texts += [f"planner.name={planner}"] if planner is not None else []
+    return texts + [f"{key}={value}" for key, value in (("seed", seed), ("laps", laps)) if value is not None]
+
+
+def read_overrides(texts: Iterable[str]) -> dict[str, Any]:
+    """`read_override` of each text; of two with one key, the last holds."""
+    return dict(map(read_override, texts))
+
+
+def _put(document: Document, key: str, value: Any) -> None:
+    """Set a dotted key; the locations of what it replaces are removed."""
+    parts = key.split(".")
+    target = document.value
+    for part in parts[:-1]:
+        if not isinstance(target.get(part), dict):
+            target[part] = {}
+        target = target[part]
+    target[parts[-1]] = value
+    for other in REPLACED.get(".".join(parts[-2:]), ()) if value is not None else ():
+        target.pop(other, None)
+    path = tuple(parts)
+    for known in [place for place in document.places if place[: len(path)] == path]:
+        del document.places[known]
+    document.overrides[path] = f"--set {key}"
+
+
+REPLACED = {
+    "wind.from_deg": ("towards_deg", "profile"),
+    "wind.towards_deg": ("from_deg", "profile"),
+    "wind.speed_mps": ("profile",),
+    "wind.profile": ("speed_mps", "from_deg", "towards_deg"),
+    "battery.voltage_v": ("cells", "chemistry"),
+    "battery.cells": ("voltage_v", "voltage_empty_v"),
+}
+"""Keys that an override of another one removes: two ways to give one thing."""
+
+
+def _raw_faults(value: dict[str, Any], document: Document) -> list[Fault]:
+    """What shows in the keys given, and no longer in the settings."""
+    faults = airframe_faults(document, value.get("vehicle"), ("vehicle",))
+    faults += two_voltages(document, value) + two_voltages(document, value.get("vehicle"), ("vehicle",))
+    wind, planner = value.get("wind"), value.get("planner")
+    if isinstance(wind, dict) and {"from_deg", "towards_deg"} <= wind.keys():
+        message = "wind.from_deg and wind.towards_deg are both given"
+        faults.append(document.fault(("wind", "towards_deg"), message, "one of the two"))
+    if isinstance(wind, dict) and wind.get("profile"):
+        for key in ("speed_mps", "from_deg", "towards_deg"):
+            if key in wind:
+                message = f"wind.{key} and wind.profile are both given"
+                faults.append(document.fault(("wind", key), message, "one of the two"))
+    for key in UNWRITTEN.keys() & planner.keys() if isinstance(planner, dict) else ():
+        faults.append(document.fault(("planner", key), f"unknown key planner.{key}", UNWRITTEN[key]))
+    return faults
+
+
+def _faults(keys: ScenarioFile, document: Document) -> list[Fault]:
+    """What the schema alone cannot express."""
+    faults = []
+    rows = sorted(keys.wind.profile, key=lambda row: row[3:])  # in their order at each altitude
+    if len({len(row) for row in rows}) > 1:
+        message = "wind.profile has rows with an altitude and rows without"
+        faults.append(document.fault(("wind", "profile"), message, "one for each row, or none"))
+    if any(after[3:] == before[3:] and after[0] <= before[0] for before, after in itertools.pairwise(rows)):
+        faults.append(document.fault(("wind", "profile"), "wind.profile is not in order of time", "times that rise"))
+    if keys.guidance.k_d < 0 and not isinstance(keys.vehicle.airframe, PaperVehicle):
+        message = "guidance.k_d is negative: the aircraft turns away from its path"
+        faults.append(document.fault(("guidance", "k_d"), message, f"0 or more, but for {PaperVehicle.model} aircraft"))
+    if not is_planner(keys.planner.name):
+        message = f"unknown planner {printable(keys.planner.name, 60)}"
+        faults.append(document.fault(("planner", "name"), message, f"one of {', '.join(PLANNERS)}"))
+    for key, place in {"start": keys.start, "home": keys.home}.items():
+        if (place.lat_deg is None) != (place.lon_deg is None):
+            faults.append(document.fault((key,), f"{key} has one of lat_deg and lon_deg", "both, or neither"))
+        elif place.lat_deg is not None and place.position_m is not None:
+            message = f"{key} has both position_m and lat_deg"
+            faults.append(document.fault((key, "lat_deg"), message, "one of the two"))
+    for name, (lo, hi) in keys.bounds.items():
+        if lo > hi:
+            faults.append(document.fault(("bounds", name), f"bounds of {name}: {lo:g} is above {hi:g}", "[low, high]"))
+    if keys.time_limit_s is not None and keys.time_limit_s / keys.step_s > MAX_STEPS:
+        message = f"more than {MAX_STEPS} steps of {keys.step_s:g} s in {keys.time_limit_s:g} s"
+        faults.append(document.fault(("time_limit_s",), message, "a longer step or an earlier limit"))
+    return faults

@@ -1,1 +1,0 @@
-"""Sweeps: the sweep file in, the results file in and out."""

@@ -1,1 +1,0 @@
-"""Telemetry in, decisions out, and the log of both."""

@@ -1,1 +1,0 @@
-"""Digital elevation models in: GeoTIFF and SRTM."""

@@ -1,0 +1,157 @@
+"""A flight that is re-planned: live over a link or on telemetry, or again from a log."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from typing import Annotated, Any
+
+from eadp.api.given import Around, File, FlightOptions, Warn, python_warnings
+from eadp.api.inputs import FlightInputs, load_flight
+from eadp.errors import Fault, InputError
+from eadp.exchange.item_map import read_items
+from eadp.io.scenario import override_texts, read_overrides
+from eadp.io.text.options import Flag
+from eadp.live.link import LinkOptions, fly, replay_flight
+from eadp.live.replanner import Hook, ValuesFile, replan_lines
+from eadp.live.telemetry import open_telemetry
+from eadp.live.telemetry_log import ReplanLog, described, hash_of
+from eadp.models.plan.plan import Plan
+
+
+@dataclass(frozen=True)
+class ReplanOptions:
+    """Where readings come from, and where decisions go."""
+
+    telemetry: Annotated[str, Flag(metavar="FILE")] = "-"
+    """Telemetry, a JSON object a line; - for standard input."""
+
+    mavlink: Annotated[str | None, Flag(metavar="ADDRESS")] = None
+    """Live: an autopilot's link, as in udpin:127.0.0.1:14550 or /dev/ttyACM0,57600."""
+
+    replay: Annotated[str | None, Flag(metavar="FILE")] = None
+    """A flight again: a log of --log, a .tlog, or an autopilot's .bin or .ulg."""
+
+    apply: Annotated[str | None, Flag(metavar="COMMAND")] = None
+    """Run this with computations as decided, as in fps=7; a failure is warned of."""
+
+    publish: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Keep computations as decided in this file, as JSON, for the process to watch."""
+
+    log: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Log of samples and decisions; an existing one is resumed from."""
+
+    @property
+    def linked(self) -> bool:
+        """Whether readings are an autopilot's messages, or were."""
+        return self.mavlink is not None or self.replay is not None
+
+    def check(self, link: LinkOptions, files: Mapping[str, Any]) -> None:
+        """Refuse options that do not go together; `files` are the flight's other files, - for standard input."""
+        telemetry = None if self.telemetry == "-" else self.telemetry
+        sources = {"--mavlink": self.mavlink, "--replay": self.replay, "--telemetry": telemetry}
+        given = {name: value for name, value in sources.items() if value is not None}
+        if len(given) > 1:
+            first, (name, value) = next(iter(given)), list(given.items())[1]
+            raise InputError.at(name, 1, 1, f"beside {first}", "one of them", value)
+        for name, value in vars(link).items():
+            if value not in (None, False) and not self.linked:
+                message, option = "without a link", f"--{name.replace('_', '-')}"
+                raise InputError.at(option, 1, 1, message, "--mavlink or --replay", str(value))
+        if link.upload and self.replay is not None:
+            raise InputError.at("--upload", 1, 1, "beside --replay", "--mavlink", self.replay)
+        if "-" in files.values() and self.telemetry == "-" and not self.linked:
+            raise InputError.at("--telemetry", 1, 1, "standard input is another file already", "--telemetry FILE", "-")
+
+
+def replan(
+    plan: File | Plan,
+    options: ReplanOptions,
+    flight: FlightOptions | None = None,
+    link: LinkOptions | None = None,
+    *,
+    decided: Callable[[dict[str, Any]], None] = lambda _line: None,
+    warn: Warn = python_warnings,
+) -> bool:
+    """Re-plan a flight from its readings, live or recorded.
+
+    Parameters
+    ----------
+    plan : path or Plan
+    options : ReplanOptions
+        Where readings come from, and where decisions go.
+    flight : FlightOptions, optional
+        Scenario, profile and energy; the scenario gives battery, aircraft and planner, its simulated world is unused.
+    link : LinkOptions, optional
+        What a link may do.
+    decided : function, optional
+        Called with each decision, the object of a line of `eadp replan`.
+    warn : function, optional
+
+    Returns
+    -------
+    bool
+        Whether the plan is complete, or forecast at the last reading to be.
+
+    Raises
+    ------
+    InputError
+        With the faults of the files, or of an option under its name on the command line.
+    """
+    flight, link = flight or FlightOptions(), link or LinkOptions()
+    given = {name: getattr(flight, name) for name in ("scenario", "profile", "energy")}
+    around = Around(avoid=flight.avoid, inside=flight.inside, terrain=flight.terrain)
+    options.check(link, {"plan": plan, **given, "avoid": flight.avoid, "inside": flight.inside})
+    home = ["on_infeasible=home"] if link.return_home else []
+    overrides = read_overrides(override_texts([*flight.overrides, *home], flight.planner, laps=flight.laps))
+    inputs = load_flight(plan, **given, around=around, overrides=overrides)
+    if link.items is not None:
+        inputs = _of_items(inputs, link.items)
+    warn(inputs.warnings)
+    takers: list[Hook | ValuesFile] = []  # of --publish and --apply: they come below
+
+    def emit(line: dict[str, Any]) -> None:
+        """Hand a decision to the caller, and to the takers."""
+        decided(line)
+        for taker in takers:
+            taker.decided(line)
+
+    def warn_of(where: str) -> Callable[[str], None]:
+        """A function that warns with a text, under an option's or a file's name."""
+        return lambda what: warn([Fault(where, 1, 1, what, severity="warning")])
+
+    with ExitStack() as stack:
+        stream = None if options.linked else stack.enter_context(open_telemetry(options.telemetry))
+        hashed = hash_of(inputs.sources, overrides)
+        about = described(inputs.mission, inputs.scenario.keys.reserve_soc)
+        log = None if options.log is None else ReplanLog(options.log, hashed, about)
+        if log is not None:
+            stack.callback(log.close)
+        computations = inputs.mission.plan.parameters[inputs.mission.plan.path_count :]
+        if options.publish is not None:
+            takers.append(ValuesFile(options.publish, computations, warn_of(options.publish)))
+        if options.apply is not None:
+            hook = Hook(options.apply, computations, log, warn_of("--apply"))
+            takers.append(hook)
+            stack.callback(hook.close)
+
+        def warn_one(fault: Fault) -> None:
+            """Warn of one fault."""
+            warn([fault])
+
+        if options.replay is not None:
+            return replay_flight(options.replay, inputs, link, log, emit, warn_one, hashed)
+        if stream is None:
+            return fly(options.mavlink or "", inputs, link, log, emit, warn_one)
+        name = "<stdin>" if options.telemetry == "-" else options.telemetry
+        return replan_lines(inputs, stream, name, log, emit, warn_one)
+
+
+def _of_items(inputs: FlightInputs, items: str) -> FlightInputs:
+    """The flight with the path parameters of the first item of a map, a file of --items, at its start."""
+    mission = inputs.mission
+    names = mission.plan.names[: mission.plan.path_count]
+    mapped = read_items(items, names)
+    parameters = (*mapped[0].parameters, *mission.parameters[len(names) :]) if mapped else mission.parameters
+    return replace(inputs, mission=replace(mission, parameters=parameters))

@@ -1,0 +1,203 @@
+"""The figure of a fit: the log and the fit, residuals, periodogram, and the power over one period."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+from eadp.io.figures.canvas import (
+    COLOURS,
+    GREY,
+    Axes,
+    figure_file,
+    label_map,
+    legend_above,
+    legend_below,
+    scale_by_decades,
+    write_headline,
+    write_none,
+)
+from eadp.measure.energy_fit import EnergyFit, FilteredLog, FlownTrack
+from eadp.measure.spectrum import amplitudes, periodogram
+
+POINTS = 4000
+"""Most samples drawn: a longer log is thinned evenly."""
+
+SPECTRUM_POINTS, SPECTRUM_HARMONICS = 4000, 3.0
+"""Frequencies of a spectrum, and the highest, over that of the fit's last harmonic."""
+
+GAP_INTERVALS = 10.0
+"""A line breaks where samples are farther apart than so many of their usual intervals."""
+
+
+def write_fit_figure(path: str, fitted: EnergyFit) -> None:
+    """Draw a fit.
+
+    Parameters
+    ----------
+    path : str
+        A name that ends in .svg or .png.
+    fitted : EnergyFit
+
+    Raises
+    ------
+    InputError
+        If it ends in neither, or the file cannot be written.
+    """
+    with figure_file(path, 10.5, 8.0) as figure:
+        grid = figure.add_gridspec(3, 2, height_ratios=(1.25, 0.8, 1.25))
+        log = figure.add_subplot(grid[0, :])
+        every = math.ceil(len(fitted.times_s) / POINTS)
+        _draw_log(log, fitted, every)
+        _draw_residuals(figure.add_subplot(grid[1, :], sharex=log), fitted, every)
+        _draw_periodogram(figure.add_subplot(grid[2, 0]), fitted)
+        _draw_folded(figure.add_subplot(grid[2, 1]), fitted, every)
+        write_headline(figure, _headline(fitted))
+
+
+def write_spectrum_figure(path: str, fitted: EnergyFit) -> None:
+    """Draw the amplitude of the power by frequency, the harmonics of the period marked; as `write_fit_figure`.
+
+    Source: letter, Fig. 1 right.
+    """
+    model, times_s = fitted.model, fitted.times_s
+    period_s = model.period_s or fitted.spectrum.period_s
+    longest_s = float(times_s[-1])
+    last_hz = 0.5 / float(np.median(np.diff(times_s)))
+    if math.isfinite(period_s):
+        last_hz = min(last_hz, SPECTRUM_HARMONICS * max(model.order, 1) / period_s)
+    frequencies = np.linspace(0.5 / longest_s, last_hz, SPECTRUM_POINTS)
+    with figure_file(path, 8.0, 4.0) as figure:
+        axes = figure.add_subplot()
+        axes.plot(frequencies, amplitudes(times_s, fitted.power_w, frequencies), color=COLOURS[0], linewidth=1.0)
+        for j in range(1, model.order + 1 if model.periodic else 1):
+            label = f"harmonics of {period_s:.5g} s" if j == 1 else None
+            axes.axvline(j / period_s, color=COLOURS[1], linewidth=1.0, dashes=(4, 3), label=label)
+            axes.annotate(f"{j}/T", (j / period_s, 1.0), xycoords=("data", "axes fraction"), fontsize=8, va="bottom")
+        axes.set(xlabel="frequency [Hz]", ylabel="amplitude [W]", ylim=(0, None))
+        if model.periodic:
+            axes.legend(loc="upper right")
+        write_headline(figure, _headline(fitted))
+
+
+def write_filter_figure(path: str, log: FilteredLog) -> None:
+    """Draw the estimator's run over a log: power and estimate, what was left over, the states; as `write_fit_figure`.
+
+    Source: draft 002, Fig. 3.
+    """
+    with figure_file(path, 10.5, 8.0) as figure:
+        power, errors, states = figure.subplots(3, 1, sharex=True, height_ratios=(1.25, 0.8, 1.0))
+        power.plot(*_broken(log.times_s, log.power_w), color=COLOURS[0], linewidth=0.7, alpha=0.7, label="log")
+        power.plot(*_broken(log.times_s, log.estimate_w), color=COLOURS[6], linewidth=1.3, label="estimate")
+        power.set(ylabel="power [W]", title="Log, and the estimate after each reading")
+        legend_above(power)
+        errors.plot(*_broken(log.times_s, log.power_w - log.forecast_w), color=GREY, linewidth=0.7)
+        for edge_w in (-log.gate_w, log.gate_w) if log.gate_w else (0.0,):
+            errors.axhline(edge_w, color=COLOURS[1] if log.gate_w else "black", linewidth=0.8)
+        errors.set_ylabel("error [W]")
+        gate = f"; within {log.gate_w:g} W it corrects nothing" if log.gate_w else ""
+        errors.set_title(f"Reading less its forecast{gate}")
+        states.plot(log.times_s, log.states_w[:, 0] - log.states_w[-1, 0], color="black", label="level less its last")
+        pairs = zip(log.states_w[:, 1::2].T, log.states_w[:, 2::2].T, strict=True)
+        for j, (alpha, beta) in enumerate(pairs, 1):
+            states.plot(log.times_s, np.hypot(alpha, beta), color=COLOURS[j % len(COLOURS)], label=f"harmonic {j}")
+        low, high = np.percentile(log.states_w[len(log.times_s) // 10 :, 0] - log.states_w[-1, 0], [0, 100])
+        top = max(high, *np.hypot(log.states_w[-1, 1::2], log.states_w[-1, 2::2]), 0.1)
+        states.set(
+            ylim=(1.3 * min(low, 0.0) - 0.1 * top, 1.5 * top),
+            ylabel="[W]",
+            xlabel="time [s]",
+            title="States: the level, and the harmonics' amplitudes",
+        )
+        legend_above(states)
+        period = "no period" if log.period_s is None else f"period {log.period_s:.5g} s"
+        write_headline(figure, [period, f"{100 * log.used:.0f} % of the readings correct the state"])
+
+
+def write_track_figure(path: str, track: FlownTrack, name: str) -> None:
+    """Draw a track beside a plan's path, and its distance from it; as `write_fit_figure`.
+
+    Source: draft 002, Fig. 2.
+    """
+    with figure_file(path, 10.5, 5.5) as figure:
+        ground, off = figure.subplots(1, 2, width_ratios=(1.2, 1.0))
+        ground.plot(*track.path_m.T, color=GREY, linewidth=1.0, dashes=(4, 3), label=f"path of {name}")
+        ground.plot(*track.position_m.T, color=COLOURS[0], linewidth=1.2, label="flown")
+        label_map(ground, "Track")
+        legend_below(ground)
+        off.plot(*_broken(track.times_s, track.off_m), color=COLOURS[0], linewidth=0.9)
+        off.set(ylim=(0, None), xlabel="time [s]", ylabel="[m]", title="Distance from the path")
+        median_m, far_m = np.percentile(track.off_m, [50, 95])
+        write_headline(figure, [f"median {median_m:.1f} m from the path", f"95 % within {far_m:.1f} m"])
+
+
+def _headline(fitted: EnergyFit) -> list[str]:
+    model = fitted.model
+    if model.period_s is None:
+        return ["no period", f"mean {model.mean_w:.4g} W", f"standard deviation {model.noise_std_w:.3g} W"]
+    parts = [f"period {model.period_s:.5g} s", f"order {model.order}", f"mean {model.mean_w:.4g} W"]
+    return [*parts, f"noise {model.noise_std_w:.3g} W", f"cross-validated R² {model.cv_r2:.2f}"]
+
+
+def _draw_log(axes: Axes, fitted: EnergyFit, every: int) -> None:
+    times, power = _broken(fitted.times_s[::every], fitted.power_w[::every])
+    axes.plot(times, power, color=COLOURS[0], linewidth=0.7, alpha=0.7, label="log")
+    even = np.linspace(0, fitted.times_s[-1], POINTS)
+    known = np.interp(even, times, np.isnan(power)) == 0
+    axes.plot(even, np.where(known, fitted.model.power_w(even), np.nan), color=COLOURS[1], linewidth=1.3, label="fit")
+    axes.set(ylabel="power [W]", title="Log and fit")
+    axes.tick_params(labelbottom=False)
+    legend_above(axes)
+
+
+def _broken(times_s: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A line that breaks at gaps: a NaN within each interval that is much longer than usual."""
+    apart_s = np.diff(times_s)
+    gaps: Any = np.flatnonzero(apart_s > GAP_INTERVALS * np.median(apart_s)) + 1 if len(apart_s) else []
+    within_s = (times_s[gaps] + times_s[np.subtract(gaps, 1)]) / 2
+    return np.insert(times_s, gaps, within_s), np.insert(values, gaps, np.nan)
+
+
+def _draw_residuals(axes: Axes, fitted: EnergyFit, every: int) -> None:
+    residuals = fitted.power_w - fitted.model.power_w(fitted.times_s)
+    axes.plot(*_broken(fitted.times_s[::every], residuals[::every]), color=GREY, linewidth=0.7)
+    axes.axhline(0, color="black", linewidth=0.6)
+    axes.set(ylabel="residual [W]", xlabel="time [s]", title="Residuals")
+
+
+def draw_periodogram(axes: Axes, times_s: FloatArray, power_w: FloatArray, order: int) -> None:
+    """The periodogram of a power log; times [s] and power [W] as `eadp.measure.spectrum.periodogram`."""
+    period_s, r2 = periodogram(times_s, power_w, order)
+    axes.plot(period_s, r2, color=COLOURS[0], linewidth=0.9)
+    axes.axhline(0, color="black", linewidth=0.6)
+    scale_by_decades(axes)
+    axes.set(ylim=(-0.27, max(0.3, min(1.02, 1.1 * float(r2.max())))), xlabel="period [s]", ylabel="cross-validated R²")
+
+
+def _draw_periodogram(axes: Axes, fitted: EnergyFit) -> None:
+    axes.set_title("Periodogram")
+    draw_periodogram(axes, fitted.times_s, fitted.power_w, fitted.model.order or 1)
+    best_s = fitted.spectrum.period_s
+    if math.isfinite(best_s):
+        if fitted.model.periodic:
+            axes.axvline(best_s, color=COLOURS[1], linewidth=1.2, label=f"{best_s:.5g} s")
+        else:
+            axes.axvline(best_s, color=GREY, linewidth=1.2, dashes=(4, 3), label=f"{best_s:.4g} s, not significant")
+        legend_above(axes)
+
+
+def _draw_folded(axes: Axes, fitted: EnergyFit, every: int) -> None:
+    best_s, periodic = fitted.spectrum.period_s, fitted.model.periodic
+    axes.set_title("Folded over the period" if periodic else "Folded over the best candidate")
+    if not math.isfinite(best_s):
+        write_none(axes, "no period")
+        return
+    phase_s, colour = fitted.times_s[::every] % best_s, COLOURS[0] if periodic else GREY
+    axes.plot(phase_s, fitted.power_w[::every], ".", color=colour, markersize=2.5, alpha=0.4, label="samples")
+    times = np.linspace(0, best_s, 400)
+    axes.plot(times, fitted.model.power_w(times), color=COLOURS[1], linewidth=1.5, label="fit")
+    axes.set(xlabel="time within the period [s]", ylabel="power [W]")
+    legend_above(axes)

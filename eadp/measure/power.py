@@ -1,0 +1,367 @@
+"""Lap time from the autocorrelation of the position, the drift from lap to lap removed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import fft
+
+from eadp.core.arrays import FloatArray, IntArray
+from eadp.errors import Fault, Infeasible, InputError, PathUndefined
+from eadp.io.energy import energy_document, energy_yaml
+from eadp.io.plan.sources import PlanReader
+from eadp.io.profile.model_file import read_profile
+from eadp.io.text.options import Flag
+from eadp.io.text.streams import read_text
+from eadp.measure.energy_fit import EnergyFit, FlownTrack, fit_energy, flown_track
+from eadp.measure.formats import read_power_log
+from eadp.measure.power_log import Columns, PowerLog
+from eadp.measure.spectrum import MIN_PERIODS, MIN_SAMPLES, Spectrum, analyse, vertex
+from eadp.models.plan.legs import Leg
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.trace import nominal_legs
+from eadp.models.profile import AnyProfile
+
+MAX_POINTS = 2000
+"""Most points of the even grid that positions are interpolated on."""
+MIN_CORRELATION = 0.5
+"""Smallest correlation of one lap with the next."""
+PEAK_SHARE = 0.8
+"""The first peak with this share of the largest correlation is the lap: two laps correlate too."""
+MIN_POSITIONS = 20
+
+
+def lap_time_s(times_s: ArrayLike, position_m: ArrayLike) -> float | None:
+    """Time of a lap, from the autocorrelation of the position.
+
+    Parameters
+    ----------
+    times_s : array, shape (n,)
+        Strictly increasing [s].
+    position_m : array, shape (n, 2)
+        x and y [m]; NaN where it is not known.
+
+    Returns
+    -------
+    float or None
+        The lap [s]; None where no lag correlates, as on a flight that does not return, or fewer than `MIN_POSITIONS`
+        positions are known.
+    """
+    times, position = np.asarray(times_s, dtype=float), np.asarray(position_m, dtype=float)
+    known = np.isfinite(position).all(axis=1)
+    if np.count_nonzero(known) < MIN_POSITIONS:
+        return None
+    times, position = times[known], position[known]
+    grid = np.linspace(times[0], times[-1], min(MAX_POINTS, 4 * len(times)))
+    even = np.stack([np.interp(grid, times, axis) for axis in position.T], axis=1)
+    # laps drift in a straight line: the survey's shift
+    drift = np.polynomial.polynomial.polyfit(grid - grid[0], even, 1)
+    correlation = _correlation(even - np.polynomial.polynomial.polyval(grid - grid[0], drift).T)
+    lag = _first_peak(correlation[: int(len(grid) / MIN_PERIODS) + 1])
+    return None if lag is None else lag * float(grid[1] - grid[0])
+
+
+def _correlation(position_m: FloatArray) -> FloatArray:
+    """Normalised correlation of the overlap at each lag, both axes together."""
+    n = len(position_m)
+    size = fft.next_fast_len(2 * n, real=True)
+    products = fft.irfft(np.abs(fft.rfft(position_m, size, axis=0)) ** 2, size, axis=0)[:n].sum(axis=1)
+    square = np.concatenate([[0.0], np.cumsum(np.sum(position_m**2, axis=1))])
+    lag = np.arange(n)
+    power = np.sqrt(square[n - lag] * (square[n] - square[lag]))
+    correlation: FloatArray = products / np.maximum(power, 1e-12 * square[n] + 1e-300)
+    return correlation
+
+
+def _first_peak(correlation: FloatArray) -> float | None:
+    """The first lag [steps] beyond the first descent below 0 whose peak is within `PEAK_SHARE` of the largest."""
+    below = np.flatnonzero(correlation < 0)
+    if not len(below) or below[0] + 2 >= len(correlation):
+        return None
+    start = int(below[0])
+    inner = correlation[start + 1 : -1]
+    peaks = start + 1 + np.flatnonzero((inner >= correlation[start:-2]) & (inner >= correlation[start + 2 :]))
+    if not len(peaks) or correlation[peaks].max() < MIN_CORRELATION:
+        return None
+    at = int(peaks[correlation[peaks] >= PEAK_SHARE * correlation[peaks].max()][0])
+    return at + vertex(correlation, at)
+
+
+AIRSPEED_MPS = 15.0
+"""Default airspeed of a plan's lap: that of the papers' aircraft."""
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How a log's power is fitted."""
+
+    period_prior_s: float | None = None
+    """Search the period near this one [s], within a factor of 1.3."""
+
+    plan: Annotated[str, Flag(metavar="FILE")] = ""
+    """Search the period near the nominal time of this plan's lap."""
+
+    airspeed_mps: float | None = None
+    """Speed the plan's lap is flown at [m/s]; default 15 m/s."""
+
+    order: Annotated[int | None, Flag(metavar="R", low=1)] = None
+    """Number of harmonics; default: by cross-validation."""
+
+    start_s: Annotated[float | None, Flag("--from")] = None
+    """Leave out earlier readings, in seconds of the log."""
+
+    end_s: Annotated[float | None, Flag("--to")] = None
+    """Leave out later readings, in seconds of the log."""
+
+    profile: Annotated[str, Flag(metavar="FILE")] = ""
+    """Subtract the computations' power first: configurations are in the log, under the profile's names."""
+
+    track: Annotated[str, Flag(metavar="FILE")] = ""
+    """The log's positions beside the path of --plan (.svg, .png, .csv)."""
+
+    def check(self) -> None:
+        """Refuse times and speeds that cannot be; raises InputError."""
+        prior, speed = self.period_prior_s, self.airspeed_mps
+        if prior is not None and not 0 < prior < math.inf:
+            raise _refused("--period-prior", prior, "no period", "a number of seconds above 0")
+        for option, seconds in (("--from", self.start_s), ("--to", self.end_s)):
+            if seconds is not None and not 0 <= seconds < math.inf:
+                raise _refused(option, seconds, "no time of a log", "a number of seconds, 0 or more")
+        if speed is not None and not (0 < speed < math.inf and self.plan):
+            raise _refused("--airspeed", speed, "no speed of a plan's lap", "a speed above 0, beside --plan")
+
+
+def _refused(option: str, value: float, message: str, expected: str) -> InputError:
+    return InputError.at(option, 1, 1, message, expected, f"{value:g}")
+
+
+@dataclass(frozen=True)
+class LogFit:
+    """A fit with its prior and the source of it, readings left out by reason, warnings, and the track if asked for.
+
+    `part_s` is the period of the middle third of a log that has none as a whole.
+    """
+
+    fitted: EnergyFit
+    prior_s: float | None
+    prior_source: str
+    counts: dict[str, int | float]
+    warnings: list[Fault] = field(default_factory=list)
+    track: FlownTrack | None = None
+    part_s: float | None = None
+
+    @property
+    def yaml(self) -> str:
+        """The model's file."""
+        return energy_yaml(self.fitted.model)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The model's JSON-ready document, with the best candidate, the prior, and the readings left out."""
+        spectrum = self.fitted.spectrum
+        candidate = None if math.isnan(spectrum.period_s) else spectrum.period_s
+        return energy_document(self.fitted.model) | {
+            "candidate": {"period_s": candidate, "chance": spectrum.chance},
+            "range_s": spectrum.range_s,
+            "drift_s": spectrum.drift_s,
+            "prior": None if self.prior_s is None else {"period_s": self.prior_s, "source": self.prior_source},
+            "log": self.counts,
+        }
+
+
+def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
+    """Read a log and fit an energy model to it.
+
+    Parameters
+    ----------
+    path : str
+        As `read_power_log`.
+    columns : Columns
+    options : FitOptions
+
+    Raises
+    ------
+    InputError
+        Of the options, with the faults of a file, or if the log is too short.
+    """
+    options.check()
+    profile, warnings = read_profile(options.profile) if options.profile else (None, [])
+    plan = PlanReader()(read_text(options.plan))[0] if options.plan else None
+    if plan is not None and options.track:
+        columns = replace(columns, origin_deg=plan.site.origin_deg)
+    log = read_power_log(path, replace(columns, also=profile.names) if profile else columns)
+    warnings = [*log.warnings, *warnings]
+    counts = dict(log.counts)
+    log = log_part(log, options.start_s, options.end_s, counts)
+    power_w = log.power_w
+    if profile is not None:
+        configurations = np.stack([log.also[name] for name in profile.names], axis=1)
+        known = np.isfinite(configurations).all(axis=1)
+        if not known.all():
+            counts["no_configuration"] = int(np.count_nonzero(~known))
+        log = _kept(log, np.flatnonzero(known))
+        power_w = log.power_w - _computing_power_w(options.profile, profile, configurations[known])
+    prior_s, source = _prior(log, options, plan)
+    try:
+        fitted = _fit(log, power_w, options, prior_s, source)
+    except Infeasible as error:
+        raise InputError.at(log.name, 1, 1, str(error)) from None
+    if len(fitted.spikes):
+        counts["spikes"] = len(fitted.spikes)
+        first_s = float(log.times_s[fitted.spikes[0]])
+        many = f"{len(fitted.spikes)} spikes" if len(fitted.spikes) > 1 else "1 spike"
+        message = f"{many} left out, the first at {first_s:.6g} s"
+        warnings.append(Fault(log.name, 1, 1, message, severity="warning"))
+    warnings += _doubts(log.name, fitted.spectrum)
+    part_s = None if fitted.model.periodic else _part_s(fitted)
+    track = None
+    if plan is not None and options.track:
+        track = flown_track(log.name, log.times_s, log.position_m, _legs(plan, options.plan))
+    return LogFit(fitted, prior_s, source, counts, warnings, track, part_s)
+
+
+def _fit(log: PowerLog, power_w: FloatArray, options: FitOptions, prior_s: float | None, source: str) -> EnergyFit:
+    try:
+        return fit_energy(log.times_s, power_w, order=options.order, period_prior_s=prior_s)
+    except Infeasible:
+        if source != "position":  # a prior that was not asked for must not prevent a fit
+            raise
+        return fit_energy(log.times_s, power_w, order=options.order)
+
+
+def _doubts(name: str, spectrum: Spectrum) -> list[Fault]:
+    """Warnings of a period that drifts, or that may be a multiple."""
+    messages = []
+    if spectrum.drift_s is not None:
+        low_s, high_s = spectrum.drift_s
+        messages.append(f"the period drifts: {low_s:.4g} s to {high_s:.4g} s in parts of the log")
+    if spectrum.multiple > 1:
+        message = (
+            f"the power repeats every {spectrum.period_s / spectrum.multiple:.4g} s, outside the range of the prior"
+        )
+        messages.append(f"{message}: harmonics that are no multiples of {spectrum.multiple} are zero")
+    return [Fault(name, 1, 1, message, severity="warning") for message in messages]
+
+
+def _part_s(fitted: EnergyFit) -> float | None:
+    """Period of the middle third of the samples [s], None where it has none."""
+    third = len(fitted.times_s) // 3
+    if third < MIN_SAMPLES:
+        return None
+    part = analyse(fitted.times_s[third : 2 * third], fitted.power_w[third : 2 * third])
+    return part.period_s if part.periodic else None
+
+
+def log_part(log: PowerLog, start_s: float | None, end_s: float | None, counts: dict[str, int | float]) -> PowerLog:
+    """The log from one time to another."""
+    inside = (log.times_s >= (start_s or 0.0)) & (log.times_s <= (math.inf if end_s is None else end_s))
+    if inside.all():
+        return log
+    counts["outside"] = int(np.count_nonzero(~inside))
+    if not inside.any():
+        option = "--from" if start_s is not None and start_s > log.times_s[-1] else "--to"
+        raise InputError.at(option, 1, 1, "leaves nothing of the log", f"a time within its {log.times_s[-1]:g} s")
+    return _kept(log, np.flatnonzero(inside))
+
+
+def _kept(log: PowerLog, inside: IntArray) -> PowerLog:
+    return replace(
+        log,
+        times_s=log.times_s[inside],
+        power_w=log.power_w[inside],
+        voltage_v=None if log.voltage_v is None else log.voltage_v[inside],
+        current_a=None if log.current_a is None else log.current_a[inside],
+        position_m=None if log.position_m is None else log.position_m[inside],
+        also={name: values[inside] for name, values in log.also.items()},
+    )
+
+
+def _computing_power_w(path: str, profile: AnyProfile, configurations: FloatArray) -> FloatArray:
+    """The computations' power at each reading [W]."""
+    different, which = np.unique(configurations, axis=0, return_inverse=True)
+    try:
+        power = np.array([profile.power_w_at(one.tolist()) for one in different], dtype=float)
+    except Infeasible as error:
+        raise InputError.at(path, 1, 1, f"the log has a configuration outside the profile: {error}") from None
+    return power[which.ravel()] if len(power) else np.zeros(len(configurations))
+
+
+def _prior(log: PowerLog, options: FitOptions, plan: Plan | None) -> tuple[float | None, str]:
+    """The period to search near [s], and the source of it."""
+    if options.period_prior_s is not None:
+        return options.period_prior_s, "option"
+    if plan is not None and not (options.track and not plan.repeats):
+        return plan_lap_s(plan, options.plan, options.airspeed_mps or AIRSPEED_MPS), "plan"
+    lap_s = None if log.position_m is None else lap_time_s(log.times_s, log.position_m)
+    return lap_s, "" if lap_s is None else "position"
+
+
+def plan_lap_s(plan: Plan, name: str, airspeed_mps: float) -> float:
+    """The nominal time of a lap of a plan, parameters at their maximum [s].
+
+    Raises
+    ------
+    InputError
+        If the plan has no laps, or no path at these parameters.
+    """
+    legs = _legs(plan, name)
+    whole = max(legs[-1].lap - 1, 0)  # the last lap may be cut short, the first may start anywhere
+    length_m = sum(leg.length_m for leg in legs if leg.lap == whole)
+    if legs[-1].lap == 0 or not 0 < length_m < math.inf:
+        raise InputError.at(name, 1, 1, "the plan has no laps", "a plan that repeats its stages, or --period-prior S")
+    return length_m / airspeed_mps
+
+
+def _legs(plan: Plan, name: str) -> list[Leg]:
+    """The legs of a plan, parameters at their maximum."""
+    parameters = [plan.hull(i).hi for i in range(len(plan.parameters))] if plan.has_sets else [0.0] * plan.path_count
+    try:
+        return list(nominal_legs(plan, parameters))
+    except PathUndefined as error:
+        raise InputError.at(name, 1, 1, f"the lap has no length: {error}") from None
+
+
+def fit_power(
+    times_s: ArrayLike,
+    power_w: ArrayLike,
+    period_prior_s: float | None = None,
+    *,
+    order: int | None = None,
+) -> EnergyFit:
+    """Fit the energy model of a power log: its period, mean, harmonics and noise.
+
+    Parameters
+    ----------
+    times_s, power_w : array, shape (n,)
+        Strictly increasing times [s] and power [W].
+    period_prior_s : float, optional
+        The period is searched within a factor of 1.3 of this one [s].
+    order : int, optional
+        Number of harmonics, by default found by cross-validation.
+
+    Returns
+    -------
+    EnergyFit
+        Its `model.period_s` is None where no period is significant.
+
+    Raises
+    ------
+    InputError
+        If the samples are no numbers, not finite, or not in order.
+    Infeasible
+        If they are too few.
+    """
+    expected = "two arrays of as many finite numbers, the times increasing"
+    try:
+        times, power = np.asarray(times_s, dtype=float), np.asarray(power_w, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError.at("times_s, power_w", 1, 1, str(error), expected) from None
+    if times.ndim != 1 or times.shape != power.shape:
+        raise InputError.at("times_s, power_w", 1, 1, f"of shapes {times.shape} and {power.shape}", expected)
+    if not np.isfinite([times, power]).all() or (np.diff(times) <= 0).any():
+        raise InputError.at("times_s, power_w", 1, 1, "not finite, or not in order", expected)
+    return fit_energy(times_s, power_w, order=order, period_prior_s=period_prior_s)

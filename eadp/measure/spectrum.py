@@ -1,0 +1,877 @@
+"""Period, order, Fourier coefficients and noise of a sampled power, or the finding that it has no period.
+
+Method:
+
+1. Periodogram: every frequency of a fine grid is evaluated by cross-validated harmonic least squares. The samples are
+   cut into contiguous blocks, each is forecast by a fit without it and its two neighbours, and the criterion is the
+   squared forecast error. Correlated noise does not leak over a whole block.
+2. The best peaks, their multiples and submultiples are evaluated again at every order. The shortest period that
+   forecasts no worse than the best is chosen: a signal of period T also repeats every 2T.
+3. The period is refined on all samples, at their own times, by a bounded one-dimensional search; the order is the
+   smallest that forecasts no worse than the best.
+4. Where the residuals are not white, the range is searched again by likelihood, the noise fitted at every frequency:
+   least squares is inefficient in coloured noise.
+5. A signal whose period is below the range is found at a multiple, of which most harmonics are zero: the period is
+   divided while those that a submultiple lacks are zero within their standard deviations.
+6. The period is fitted again in parts of the log: where they differ by more than their standard deviations, it drifts.
+7. Coloured noise, a random walk or a drift can look periodic in a short log. The period counts only if harmonics
+   explain the samples better than they explain such noise: see `analyse`.
+
+Samples are not interpolated: gaps, drop-outs and irregular steps only mean fewer rows of the least squares.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import fft, optimize, special
+
+from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.harmonics import design_matrix, phases_of_state
+from eadp.errors import Infeasible
+from eadp.measure.noise import LikelihoodScan, NoiseModel, TimeBins, binned, tail
+
+ComplexArray = NDArray[np.complex128]
+
+MIN_SAMPLES = 20
+"""Fewer samples than this are not analysed."""
+MIN_PERIODS = 1.9
+"""A period must fit twice into the log, less a little: the last sample of two laps is one step short of them."""
+MIN_SAMPLES_PER_PERIOD = 4
+MAX_PERIODS = 400
+"""The shortest period searched is the log divided by this, or 4 mean sampling steps if that is longer."""
+MAX_ORDER = 12
+MIN_CV_R2 = 0.05
+"""Smallest cross-validated R² of a period."""
+MAX_CHANCE = 0.03
+"""Largest p-value of a period: probability that noise without one looks as periodic."""
+MAX_STD_RATIO = 0.1
+"""Largest relative standard deviation of a period: an event that occurs once fits any period."""
+RANGE_MARGIN = 1.02
+"""Factor by which a refined period may leave the range searched."""
+PRIOR_RATIO = 1.3
+"""A period is searched within this factor of a prior."""
+
+_BLOCKS = 12
+_APART = (np.abs(np.arange(_BLOCKS) - np.arange(_BLOCKS)[:, np.newaxis]) > 1).astype(float)  # not itself or a neighbour
+_SCAN_ORDER = 3
+_SCAN_STRIDE = 3
+_OVERSAMPLING = 64  # grid steps in 1/span: a step turns harmonic 12 by 0.19 of a cycle from end to end
+_PEAKS = 6
+_PATIENCE = 4
+_NEAR = 4  # grid steps that the best order may move a peak of the scan
+_TICKS_PER_PERIOD = 16  # of the shortest period: the scan rounds times to ticks, nothing later does
+_RELATED = (1, 2, 3, 4, 5, 6, 1 / 2, 1 / 3, 1 / 4, 1 / 5, 1 / 6)
+_TEST_BINS = 220
+_TEST_BINS_PER_PERIOD = 20  # or 3 for each harmonic
+_SURE = 1e-4  # p-value of one frequency below which a period is kept over its submultiple
+_EVIDENT = 1e-9  # p-value below which no surrogates are drawn
+_SURROGATES, _SEED = 48, 20260101
+_COLOURED_OVERSAMPLING = 12
+_COLOURED_BINS = 9  # to the shortest period
+_MARGIN = 2.0  # of log-likelihood that another period must be better by
+_HARMONIC_PENALTY = 2.5  # log-likelihood that a harmonic, of two coefficients, must add
+_ZOOMS = 6
+_WIDENED = 1.1  # the grid of noise models is coarse: without this intervals of 95 % hold for 88 to 96 %
+_WHITE = 1.3  # an inflation up to which noise counts as white
+_CLEAN = 0.01  # of the variance
+_PICTURE_BINS = 2000
+_MEAN_BINS = 120
+_MAX_PARTS, _MIN_LAPS, _MAX_LAPS = 8, 4, 25  # parts of the log in which the period is fitted again, and their laps
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Result of `analyse`: period, harmonics and noise.
+
+    Attributes
+    ----------
+    period_s, period_std_s : float
+        The best period and its standard deviation [s], also where the signal does not count as periodic; NaN where
+        there is no candidate (a constant signal). Of a period that drifts, the standard deviation is over the log.
+    mean_w : float
+        Mean power [W]: the constant of the fit, or the mean of the samples without a period.
+    amplitude_w, phase_rad : array, shape (r,)
+        Harmonics [W], [rad]: power = mean + Σ_j amplitude_j cos(2πjt/period + phase_j), t from the first
+        sample. Empty without a period.
+    mean_std_w : float
+    amplitude_std_w : array, shape (r,)
+        Standard deviations of the mean and the amplitudes under correlated noise [W].
+    noise_std_w : float
+        Standard deviation of the residuals [W].
+    cv_r2 : float
+        Cross-validated R²: share of the variance about the mean that is explained in held-out blocks.
+    chance : float
+        p-value: probability, at most 1, that noise without a period looks as periodic anywhere in the range searched;
+        1 where `cv_r2` already rules the period out.
+    samples : int
+    span_s : float
+        Time from the first sample to the last [s].
+    range_s : pair of float
+        Shortest and longest period searched [s].
+    drift_s : pair of float or None
+        Shortest and longest period of a part of the log, where they differ significantly [s].
+    multiple : int
+        The period divided by the shortest that the harmonics allow: above 1 only where that one is outside a prior's
+        range.
+    """
+
+    period_s: float
+    period_std_s: float
+    mean_w: float
+    mean_std_w: float
+    amplitude_w: FloatArray
+    amplitude_std_w: FloatArray
+    phase_rad: FloatArray
+    noise_std_w: float
+    cv_r2: float
+    chance: float
+    samples: int
+    span_s: float
+    range_s: tuple[float, float]
+    drift_s: tuple[float, float] | None = None
+    multiple: int = 1
+
+    @property
+    def periodic(self) -> bool:
+        """Whether the signal counts as periodic: it has harmonics."""
+        return len(self.amplitude_w) > 0
+
+
+def analyse(
+    times_s: ArrayLike, power_w: ArrayLike, *, order: int | None = None, period_prior_s: float | None = None
+) -> Spectrum:
+    """Find the period of a sampled power and fit its Fourier series.
+
+    Periods are searched from 4 mean sampling steps, or a 400th of the log, up to a half of the log; near a prior,
+    from 4 mean sampling steps. A shorter period is found if one of its first multiples is in the range. A signal counts
+    as periodic if (a) its cross-validated R² against the mean is `MIN_CV_R2` or more, (b) its standard deviation is at
+    most `MAX_STD_RATIO` of it, (c) it lies in the range searched, and (d) noise looks as periodic with a chance of
+    `MAX_CHANCE` or less: a likelihood ratio of harmonics in coloured noise against coloured noise alone, the best over
+    frequencies and orders, is compared with that of surrogates drawn from the maximum-likelihood noise without
+    harmonics, with a fixed seed. Where the ratio itself is decisive no surrogates are drawn. The coloured noise has an
+    exponential or a Matérn-3/2 correlation of any length, up to five times the log, where it resembles a random walk or
+    a drift, plus white noise: see `eadp.measure.noise`.
+
+    In noise that is nearly white the period is that of least squares, and its standard deviation that from the
+    curvature in the period, times the factor by which the fitted noise raises its variance over that of white noise of
+    the same variance. In coloured noise the period is the likeliest, and its standard deviation the root mean
+    square of the distance from it under the likelihood.
+
+    Parameters
+    ----------
+    times_s : array, shape (n,)
+        Strictly increasing [s]; n is `MIN_SAMPLES` or more.
+    power_w : array, shape (n,)
+        Power [W].
+    order : int, optional
+        Number of harmonics of the result. Default: the smallest that forecasts held-out blocks no worse than the best.
+        The period is found at the best order in either case.
+    period_prior_s : float, optional
+        Search only within a factor of `PRIOR_RATIO` of this period [s].
+
+    Returns
+    -------
+    Spectrum
+
+    Raises
+    ------
+    Infeasible
+        If there are too few samples, no period near the prior fits twice into the log, or the order asked for
+        needs more samples.
+    """
+    times = np.asarray(times_s, dtype=float)
+    power = np.asarray(power_w, dtype=float)
+    if len(times) < MIN_SAMPLES:
+        raise Infeasible(f"{len(times)} samples are too few to find a period in: {MIN_SAMPLES} are needed")
+    samples = _Samples(times - times[0], power - power.mean())
+    searched_s = shortest_s, longest_s = _range_s(samples, period_prior_s)
+    mean_w, std_w = float(power.mean()), float(power.std(ddof=1))
+    if std_w <= 1e-9 * np.max(np.abs(power), initial=0.0):
+        return _aperiodic(samples, mean_w, std_w, 0.0, searched_s)
+    frequency_hz, free_order = _located(samples, shortest_s, longest_s)
+    free_r2 = _cv_r2(samples, frequency_hz, free_order)
+    # without a prior the search ends here; near a prior the likelihood may still find a period
+    if free_r2 < MIN_CV_R2 and period_prior_s is None:
+        return _aperiodic(samples, mean_w, std_w, free_r2, searched_s, frequency_hz)
+    found = _assess(samples, frequency_hz, free_order, shortest_s, longest_s)
+    while (multiple := _multiple(samples, found) if found.periodic else 1) > 1 and period_prior_s is None:
+        frequency_hz, free_order = _refine(samples, found.frequency_hz * multiple)
+        shortest_s = min(shortest_s, 1 / frequency_hz)
+        shorter = _assess(samples, frequency_hz, free_order, shortest_s, longest_s)
+        if shorter.frequency_hz < math.sqrt(multiple) * found.frequency_hz:  # the longer period is the likeliest again
+            multiple = 1
+            break
+        found = shorter
+    inside = shortest_s / RANGE_MARGIN <= 1 / found.frequency_hz <= longest_s * RANGE_MARGIN
+    if not (found.periodic and inside):
+        return _aperiodic(samples, mean_w, std_w, found.cv_r2, searched_s, found.frequency_hz, found.chance)
+    if order is not None and order > (max_order := _max_order(samples, 1 / found.frequency_hz, order)):
+        period = f"a period of {1 / found.frequency_hz:.4g} s"
+        what = f"{len(times)} samples every {samples.step_s:.3g} s resolve {period} to order {max_order} at most"
+        raise Infeasible(f"order {order} is too high: {what}")
+    drift_s, local_std_s = _drift_s(samples, found)
+    found = found._replace(std_s=max(found.std_s, local_std_s))
+    spectrum = _periodic(samples, found, order or found.order, mean_w, searched_s)
+    return replace(spectrum, drift_s=drift_s, multiple=multiple)
+
+
+class _Found(NamedTuple):
+    frequency_hz: float
+    std_s: float  # of the period
+    order: int
+    cv_r2: float
+    chance: float
+    evidence: _Evidence
+
+    @property
+    def periodic(self) -> bool:
+        known = self.std_s * self.frequency_hz <= MAX_STD_RATIO
+        return known and self.chance <= MAX_CHANCE and self.cv_r2 >= MIN_CV_R2
+
+
+def _assess(samples: _Samples, frequency_hz: float, order: int, shortest_s: float, longest_s: float) -> _Found:
+    """The period in white or coloured noise, and the chance that noise alone looks as periodic."""
+    bins = _bins(samples, 1 / frequency_hz, order)
+    evidence = _evidence(bins, 1 / frequency_hz, order)
+    fitted, error = _fit(samples, frequency_hz, order)
+    noise = math.sqrt(error / max(1, len(samples.times_s) - 2 * order - 2))
+    inflation = _inflation(frequency_hz, fitted, noise, evidence)
+    std_s = _white_std_s(samples, frequency_hz, fitted, noise) * math.sqrt(inflation)
+    chance = min(1.0, evidence.chance * max(1.0, samples.span_s * (1 / shortest_s - 1 / longest_s)))
+    # the residuals of a clean signal come from binning, not from noise
+    clean = error < _CLEAN * float(samples.square.sum())
+    coloured = inflation > _WHITE and not clean and bins.covered_s > 0.9 * samples.span_s
+    if chance > _EVIDENT or coloured:
+        low_hz, high_hz = 1 / longest_s, 1 / shortest_s
+        peak = _coloured(bins, frequency_hz, order, low_hz, high_hz, judge=chance > _EVIDENT)
+        chance = chance if peak.chance is None else peak.chance
+        if coloured:
+            frequency_hz, std_s = peak.frequency_hz, _WIDENED * peak.std_hz / peak.frequency_hz**2
+            order = _choose_order(samples, frequency_hz)
+            evidence = _evidence(bins, 1 / frequency_hz, order)
+    return _Found(frequency_hz, std_s, order, _cv_r2(samples, frequency_hz, order), chance, evidence)
+
+
+def _multiple(samples: _Samples, found: _Found) -> int:
+    """The period over the shortest one of which it is a multiple: all harmonics that one lacks are zero.
+
+    They are if their square is a millionth of the signal's, or compatible with noise, βᵀ (cov β)⁻¹ β being χ², and the
+    others forecast no worse: in slow noise the first alone has little power.
+    """
+    fitted, _ = _fit(samples, found.frequency_hz, found.order)
+    covariance = _covariance(samples, found, found.order)
+    best, total = _errors(samples, found.frequency_hz, found.order), float(samples.square.sum())
+    harmonic = (np.arange(len(fitted)) + 1) // 2
+    for part in range(found.order, 1, -1):
+        lacking = harmonic % part != 0
+        rest = fitted[lacking]
+        if float(rest @ rest) <= 1e-6 * float(fitted[1:] @ fitted[1:]):
+            return part
+        half = 0.5 * float(rest @ np.linalg.lstsq(covariance[np.ix_(lacking, lacking)], rest, rcond=None)[0])
+        zero = special.gammaincc(len(rest) / 2, half) > _SURE
+        if zero and _no_worse(_errors(samples, found.frequency_hz * part, found.order // part), best, total):
+            return part
+    return 1
+
+
+def _drift_s(samples: _Samples, found: _Found) -> tuple[tuple[float, float] | None, float]:
+    """Shortest and longest period of the log's parts if they differ significantly, and their standard deviation [s]."""
+    laps = samples.span_s * found.frequency_hz
+    parts = min(_MAX_PARTS, int(laps / _MIN_LAPS))
+    periods, variances = [], []
+    for one in np.array_split(np.arange(len(samples.times_s)), parts) if parts > 1 else []:
+        kept = one[: math.ceil(min(1.0, _MAX_LAPS * parts / laps) * len(one))]
+        times, power = samples.times_s[kept], samples.power_w[kept]
+        part = _Samples(times - times[0], power - power.mean())
+        order = min(max(found.order, _SCAN_ORDER), _max_order(part, 1 / found.frequency_hz))
+        # steps of an eighth of a turn of the top harmonic
+        steps = math.ceil(8 * order * MAX_STD_RATIO * part.span_s * found.frequency_hz)
+        grid = found.frequency_hz * (1 + MAX_STD_RATIO * np.arange(-steps, steps + 1) / steps)
+        errors = [_fit(part, frequency_hz, order)[1] for frequency_hz in grid.tolist()]
+        frequency_hz = _minimise(part, float(grid[int(np.argmin(errors))]), order)
+        fitted, error = _fit(part, frequency_hz, order)
+        noise = math.sqrt(error / max(1, len(kept) - 2 * order - 2))
+        inflation = _inflation(
+            frequency_hz, fitted, noise, _evidence(_bins(part, 1 / frequency_hz, order), 1 / frequency_hz, order)
+        )
+        periods.append(1 / frequency_hz)
+        variances.append(_white_std_s(part, frequency_hz, fitted, noise) ** 2 * inflation)
+    if not periods:
+        return None, 0.0
+    period, weight = np.array(periods), 1 / np.maximum(variances, (1e-6 * periods[0]) ** 2)
+    square = float(weight @ (period - weight @ period / weight.sum()) ** 2)
+    if special.gammaincc((parts - 1) / 2, square / 2) > _SURE:
+        return None, 0.0
+    return (float(period.min()), float(period.max())), float(period.std(ddof=1))
+
+
+# ---- samples and least squares -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Samples:
+    """Times from the first sample, and power less its mean, in blocks of equal numbers of samples."""
+
+    times_s: FloatArray
+    power_w: FloatArray
+
+    @property
+    def span_s(self) -> float:
+        return float(self.times_s[-1])
+
+    def first(self, count: int) -> _Samples:
+        return self if count >= len(self.times_s) else _Samples(self.times_s[:count], self.power_w[:count])
+
+    @property
+    def step_s(self) -> float:
+        return self.span_s / (len(self.times_s) - 1)
+
+    @cached_property
+    def edges(self) -> list[int]:
+        return [len(self.times_s) * b // _BLOCKS for b in range(_BLOCKS + 1)]
+
+    @cached_property
+    def block(self) -> IntArray:
+        return np.repeat(np.arange(_BLOCKS), np.diff(self.edges))
+
+    @cached_property
+    def square(self) -> FloatArray:
+        return np.add.reduceat(self.power_w**2, self.edges[:-1])
+
+
+class _Sums(NamedTuple):
+    """Normal equations of each block: XᵀX, Xᵀy, yᵀy. Columns 1, cos, sin, cos 2, sin 2, …: lower orders lead."""
+
+    gram: FloatArray  # (..., blocks, m, m)
+    moment: FloatArray  # (..., blocks, m)
+    square: FloatArray  # (blocks,)
+
+
+def _sums(samples: _Samples, frequency_hz: float, order: int) -> _Sums:
+    """Normal equations at one frequency, from the samples themselves."""
+    columns = design_matrix(samples.times_s, frequency_hz, order)
+    cuts = samples.edges[1:-1]
+    parts = zip(np.split(columns, cuts), np.split(samples.power_w, cuts), strict=True)
+    gram, moment = zip(*((x.T @ x, x.T @ y) for x, y in parts), strict=True)
+    return _Sums(np.array(gram), np.array(moment), samples.square)
+
+
+def _held_out(sums: _Sums, order: int) -> FloatArray:
+    """Squared error of each block, forecast without it and its neighbours: shape (..., blocks) [W²]."""
+    m = 2 * order + 1
+    gram, moment = sums.gram[..., :m, :m], sums.moment[..., :m]
+    count = gram[..., 0, 0].sum(axis=-1)[..., np.newaxis, np.newaxis]
+    seen_gram = (_APART @ gram.reshape(*gram.shape[:-2], m * m)).reshape(gram.shape)
+    seen_moment = _APART @ moment
+    # a ridge of a millionth bounds coefficients that the other blocks leave undetermined
+    seen_gram[..., np.arange(m), np.arange(m)] += 1e-6 * count
+    fitted = np.linalg.solve(seen_gram, seen_moment[..., np.newaxis])[..., 0]
+    # ‖y − Xβ‖² = yᵀy − 2βᵀXᵀy + βᵀXᵀXβ
+    quadratic = np.einsum("...i,...ij,...j->...", fitted, gram, fitted)
+    error: FloatArray = sums.square - 2 * np.sum(fitted * moment, axis=-1) + quadratic
+    return error
+
+
+def _by_order(sums: _Sums, max_order: int) -> FloatArray:
+    """Held-out errors of orders 1, 2, …, shape (orders, ..., blocks), until four in a row bring no improvement."""
+    errors = [_held_out(sums, 1)]
+    min_error, at = float(errors[0].sum(axis=-1).min()), 1
+    for order in range(2, max_order + 1):
+        errors.append(_held_out(sums, order))
+        error = float(errors[-1].sum(axis=-1).min())
+        if error < min_error:
+            min_error, at = error, order
+        if order >= at + _PATIENCE:
+            break
+    return np.array(errors)
+
+
+def _errors(samples: _Samples, frequency_hz: float, order: int) -> FloatArray:
+    return _held_out(_sums(samples, frequency_hz, order), order)
+
+
+def _cv_r2(samples: _Samples, frequency_hz: float, order: int) -> float:
+    sums = _sums(samples, frequency_hz, order)
+    return float(1 - _held_out(sums, order).sum() / _held_out(sums, 0).sum())
+
+
+def _no_worse(error: FloatArray, best: FloatArray, total: float) -> bool:
+    """Whether a simpler model forecasts the blocks no worse than the best one.
+
+    The excess is at most two standard errors of the difference over the blocks and a tenth of the best error; a
+    millionth of the signal never counts.
+    """
+    excess = error - best
+    standard_error = math.sqrt(len(excess)) * float(np.std(excess, ddof=1))
+    worse = float(excess.sum())
+    return worse <= min(2 * standard_error, 0.1 * float(best.sum())) or worse <= 1e-6 * total
+
+
+def _max_order(samples: _Samples, period_s: float, limit: int = MAX_ORDER) -> int:
+    """Highest order that the sampling resolves at a period, and that leaves four samples to a coefficient."""
+    resolved = math.ceil(period_s / (2 * samples.step_s)) - 1
+    return max(1, min(limit, resolved, (len(samples.times_s) // 4 - 1) // 2))
+
+
+# ---- 1 and 2: the search -----------------------------------------------------------------------------------------
+
+
+def _range_s(samples: _Samples, prior_s: float | None) -> tuple[float, float]:
+    shortest, longest = MIN_SAMPLES_PER_PERIOD * samples.step_s, samples.span_s / MIN_PERIODS
+    if prior_s is None:
+        return max(shortest, samples.span_s / MAX_PERIODS), longest
+    low, high = max(shortest, prior_s / PRIOR_RATIO), min(longest, prior_s * PRIOR_RATIO)
+    if low >= high:
+        raise Infeasible(
+            f"no period near {prior_s:g} s can be found in {len(samples.times_s)} samples over {samples.span_s:g} s:"
+            f" {shortest:.4g} s to {longest:.4g} s can"
+        )
+    return low, high
+
+
+def _located(samples: _Samples, shortest_s: float, longest_s: float) -> tuple[float, int]:
+    """Frequency [Hz] and order: searched in `MAX_PERIODS` of the shortest period, then followed over the log."""
+    n = len(samples.times_s)
+    count = min(n, math.ceil(n * MAX_PERIODS * shortest_s / samples.span_s))
+    part = samples.first(count)
+    frequency_hz, order = _refine(part, _search(part, shortest_s, min(longest_s, part.span_s / MIN_PERIODS)))
+    while count < n:
+        count = min(n, 2 * count)
+        frequency_hz, order = _refine(samples.first(count), frequency_hz)
+    return frequency_hz, order
+
+
+class _Grid:
+    """Normal equations at every frequency k · `step_hz`, from one FFT of each block of the samples' times.
+
+    Harmonic least squares needs nothing but sums of e^{2πi f t} and y e^{2πi f t} over the samples, at multiples of
+    the frequency: the grid holds them all. Times are rounded to ticks, a 16th of the shortest period.
+    """
+
+    def __init__(self, samples: _Samples, shortest_s: float) -> None:
+        tick_s = shortest_s / _TICKS_PER_PERIOD
+        self._length = int(fft.next_fast_len(math.ceil(_OVERSAMPLING * samples.span_s / tick_s) + 1, real=True))
+        self.step_hz = 1 / (self._length * tick_s)
+        tick = np.rint(samples.times_s / tick_s).astype(int)
+        shape = (_BLOCKS, int(tick[-1]) + 1)
+        place = samples.block * shape[1] + tick
+        self._one = self._transform(np.bincount(place, minlength=shape[0] * shape[1]).reshape(shape))
+        weighted = np.bincount(place, samples.power_w, minlength=shape[0] * shape[1])
+        self._power = self._transform(weighted.reshape(shape))
+        self._square = samples.square
+
+    def _transform(self, blocks: FloatArray | IntArray) -> ComplexArray:
+        transform: ComplexArray = np.conj(fft.rfft(blocks.astype(float), self._length, axis=1))
+        return transform
+
+    def _at(self, transform: ComplexArray, index: IntArray) -> ComplexArray:
+        """Values at indices of shape (k, j), shape (k, blocks, j): the transform of reals is Hermitian."""
+        index = index % self._length
+        mirrored = index > self._length // 2
+        values = transform[:, np.where(mirrored, self._length - index, index)]
+        return np.moveaxis(np.where(mirrored, np.conj(values), values), 0, 1)
+
+    def sums(self, index: IntArray, order: int) -> _Sums:
+        """Normal equations at frequencies `index` · step, shape (k,)."""
+        multiples = np.arange(2 * order + 1)
+        one = self._at(self._one, index[:, np.newaxis] * multiples)
+        power = self._at(self._power, index[:, np.newaxis] * multiples[: order + 1])
+        # column c is Re(w e^{ihx}): h = 0, 1, 1, 2, 2, …, w = 1 for a cosine and −i for a sine; and
+        # Re(w e^{ihx}) Re(v e^{igx}) = ½ Re(w v e^{i(h+g)x} + w v̄ e^{i(h−g)x})
+        harmonic = (multiples + 1) // 2
+        weight = np.where((multiples % 2 == 0) & (multiples > 0), -1j, 1)
+        both, apart = harmonic[:, np.newaxis] + harmonic, harmonic[:, np.newaxis] - harmonic
+        difference = np.where(apart < 0, np.conj(one[..., np.abs(apart)]), one[..., np.abs(apart)])
+        gram = np.outer(weight, weight) * one[..., both] + np.outer(weight, np.conj(weight)) * difference
+        return _Sums(gram.real / 2, (weight * power[..., harmonic]).real, self._square)
+
+
+class _Candidate(NamedTuple):
+    place: int  # on the grid
+    order: int
+    error: FloatArray  # of each block at its best order
+
+    @property
+    def total(self) -> float:
+        return float(self.error.sum())
+
+
+def _search(samples: _Samples, shortest_s: float, longest_s: float) -> float:
+    """Frequency of the true period, within a grid step [Hz]."""
+    grid = _Grid(samples, shortest_s)
+    first = math.ceil(1 / longest_s / grid.step_hz)
+    last = max(first, math.floor(1 / shortest_s / grid.step_hz))
+    peaks = _peaks(samples, grid, np.arange(first, last + 1, _SCAN_STRIDE))
+    related = sorted({round(peak * factor) for peak in peaks for factor in _RELATED})
+    near = [k for k in related if first - _NEAR <= k <= last + _NEAR]
+    apart = [k for k, before in zip(near, [-_NEAR, *near], strict=False) if k - before > 1]
+    windows = [np.unique(np.clip(np.arange(k - _NEAR, k + _NEAR + 1), first, last)) for k in apart]
+    candidates = list({c.place: c for c in (_best_near(samples, grid, window) for window in windows)}.values())
+    best = min(candidates, key=lambda candidate: candidate.total)
+    by_length = sorted(candidates, key=lambda candidate: -candidate.place)
+    shortest = next((c for c in by_length if _suffices(samples, c, best, grid.step_hz)), best)
+    return shortest.place * grid.step_hz
+
+
+def _suffices(samples: _Samples, part: _Candidate, best: _Candidate, step_hz: float) -> bool:
+    """Whether a submultiple of the best period is as good as the best.
+
+    It forecasts no worse; or it explains at least half of what the best does, and the rest is compatible with noise: a
+    long period at a high order follows coloured noise a little even over a held-out block. A rest that gains little
+    needs stronger evidence.
+    """
+    if not _is_part(part.place, best.place):
+        return False
+    total = float(samples.square.sum())
+    if _no_worse(part.error, best.error, total):
+        return True
+    if part.total > (total + best.total) / 2:
+        return False
+    period_s = 1 / (best.place * step_hz)
+    bins = _bins(samples, period_s, best.order)
+    evidence = _evidence(bins, period_s, best.order, part=round(part.place / best.place))
+    gains_little = part.total < 1.5 * best.total
+    return evidence.chance > (_SURE**2 if gains_little else _SURE)
+
+
+def _is_part(index: int, of: int) -> bool:
+    """Whether a frequency is a multiple of another, within the resolution of the grid."""
+    return round(index / of) >= 2 and abs(index - round(index / of) * of) <= _OVERSAMPLING // 4
+
+
+def _peaks(samples: _Samples, grid: _Grid, index: IntArray) -> IntArray:
+    """The best local minima of the held-out error over a scan of the whole range."""
+    errors = []
+    # a few MB, and one order, at a time; near a prior there may be few frequencies
+    for chunk in np.array_split(index, min(len(index), 8 + len(index) // 300)):
+        order = _max_order(samples, 1 / (grid.step_hz * chunk[-1]), _SCAN_ORDER)
+        errors.append(_held_out(grid.sums(chunk, order), order).sum(axis=-1))
+    error = np.concatenate(errors)
+    padded = np.pad(error, 1, constant_values=np.inf)
+    minima = np.flatnonzero((error <= padded[:-2]) & (error <= padded[2:]))
+    return index[minima[np.argsort(error[minima], kind="stable")[:_PEAKS]]]
+
+
+def _best_near(samples: _Samples, grid: _Grid, index: IntArray) -> _Candidate:
+    """The best of some neighbouring frequencies and all orders."""
+    max_order = _max_order(samples, 1 / (grid.step_hz * index[0]))
+    sums = grid.sums(index, max_order)
+    errors = _by_order(sums, max_order)
+    best, k = np.unravel_index(np.argmin(errors.sum(axis=-1)), errors.shape[:2])
+    return _Candidate(int(index[k]), int(best) + 1, errors[best, k])
+
+
+# ---- 3: the refinement -------------------------------------------------------------------------------------------
+
+
+def _refine(samples: _Samples, frequency_hz: float) -> tuple[float, int]:
+    """Frequency on all samples [Hz], and the order."""
+    order = _choose_order(samples, frequency_hz)
+    for _ in range(2):  # the order may change with the frequency, and the frequency with the order
+        frequency_hz = _minimise(samples, frequency_hz, order)
+        order = _choose_order(samples, frequency_hz)
+    return frequency_hz, order
+
+
+def _choose_order(samples: _Samples, frequency_hz: float) -> int:
+    """The smallest order that forecasts no worse than the best."""
+    max_order = _max_order(samples, 1 / frequency_hz)
+    sums = _sums(samples, frequency_hz, max_order)
+    errors = _by_order(sums, max_order)
+    best = errors[np.argmin(errors.sum(axis=-1))]
+    total = float(samples.square.sum())
+    return 1 + next(i for i, error in enumerate(errors) if _no_worse(error, best, total))
+
+
+def _minimise(samples: _Samples, frequency_hz: float, order: int) -> float:
+    """Frequency of the least squared error of all samples near a start [Hz]."""
+    step_hz = 1 / (_OVERSAMPLING * samples.span_s)
+
+    def error(steps: float) -> float:
+        return _fit(samples, frequency_hz + steps * step_hz, order)[1]
+
+    # the error has a side lobe at each turn of the top harmonic over the log: bracket its minimum first
+    reach = _OVERSAMPLING // 8
+    coarse = min(range(-reach, reach + 1), key=error) if order > 1 else 0
+    low, high = (coarse - 1.5, coarse + 1.5) if order > 1 else (-2.0 * reach, 2.0 * reach)
+    found = optimize.minimize_scalar(error, bounds=(low, high), method="bounded", options={"xatol": 1e-7})
+    return frequency_hz + float(found.x) * step_hz
+
+
+def _fit(samples: _Samples, frequency_hz: float, order: int) -> tuple[FloatArray, float]:
+    """Coefficients [W] and the squared error that remains [W²]."""
+    columns = design_matrix(samples.times_s, frequency_hz, order)
+    # least squares of the normal equations: samples in bursts may leave a harmonic undetermined
+    solution, *_ = np.linalg.lstsq(columns.T @ columns, columns.T @ samples.power_w, rcond=None)
+    fitted = np.asarray(solution, dtype=np.float64)
+    residual = samples.power_w - columns @ fitted
+    return fitted, float(residual @ residual)
+
+
+# ---- 4: significance and standard deviation of the period --------------------------------------------------------
+
+
+class _Evidence(NamedTuple):
+    chance: float  # of this frequency alone
+    bins: TimeBins
+    noise: NoiseModel  # with the period
+
+
+def _bins(samples: _Samples, period_s: float, order: int) -> TimeBins:
+    """At most 220 bins, 20 to a period and 3 to a harmonic: of a longer log, the middle."""
+    per_period = max(_TEST_BINS_PER_PERIOD, 3 * order)
+    width_s = max(samples.step_s, period_s / per_period)
+    middle = np.abs(samples.times_s - np.median(samples.times_s)) <= width_s * _TEST_BINS / 2
+    return binned(samples.times_s[middle], samples.power_w[middle], width_s, samples.span_s)
+
+
+def _evidence(bins: TimeBins, period_s: float, order: int, part: int = 0) -> _Evidence:
+    """Likelihood ratio of harmonics in coloured noise against coloured noise alone.
+
+    With `part`, against noise and the harmonics that are multiples of `part`: the period a `part`-th as long.
+    """
+    columns = design_matrix(bins.times_s, 1 / period_s, order)
+    n = len(bins.times_s)
+    harmonic = (np.arange(2 * order + 1) + 1) // 2
+    granted = harmonic % part == 0 if part else harmonic == 0
+    if n <= len(granted) + 1:
+        return _Evidence(1.0, bins, bins.white_noise())
+    alone, periodic = bins.best_noise(columns[:, granted]), bins.best_noise(columns)
+    # Wilks: 2 ln of the ratio is χ² with a degree of freedom for each coefficient added; and Bartlett: in a few
+    # samples it is larger by about n/(n − m)
+    few = max(0.0, 1 - len(granted) / n)
+    half_ratio = few * max(0.0, periodic.log_likelihood - alone.log_likelihood)
+    chance = float(special.gammaincc(int(np.count_nonzero(~granted)) / 2, float(half_ratio)))
+    return _Evidence(chance, bins, periodic)
+
+
+class _ColouredResult(NamedTuple):
+    """Maximum-likelihood period in coloured noise, and its p-value if asked for."""
+
+    frequency_hz: float
+    std_hz: float
+    chance: float | None
+
+
+def _coloured(
+    bins: TimeBins, frequency_hz: float, order: int, low_hz: float, high_hz: float, *, judge: bool
+) -> _ColouredResult:
+    """Maximum-likelihood frequency over the range, the noise fitted with it.
+
+    Surrogates, drawn from the maximum-likelihood noise without a period, go through the same search. Bins limit it to
+    longer periods than the range asked for, so the p-value is raised by the ratio of the ranges.
+    """
+    step_hz = 1 / (_COLOURED_OVERSAMPLING * bins.covered_s)
+    low, high = max(low_hz, MIN_PERIODS / bins.covered_s), min(high_hz, 1 / (_COLOURED_BINS * bins.width_s))
+    grid = np.append(np.arange(low, max(high, low + step_hz / 2), step_hz), frequency_hz)
+    max_order = max(1, min(max(_SCAN_ORDER, order), (len(bins.times_s) - 3) // 4))
+    designs = np.stack([design_matrix(bins.times_s, f, max_order) for f in grid])
+    penalty = _HARMONIC_PENALTY * np.arange(1, max_order + 1)[:, np.newaxis]
+    powers = bins.power_w[:, np.newaxis]
+    if judge:
+        powers = np.hstack([powers, bins.surrogates(_SURROGATES, np.random.default_rng(_SEED))])
+    scans = bins.scan(designs, powers)
+    penalised = scans[0].gain - penalty
+    likeliest = float(grid[int(np.argmax(penalised.max(axis=0)))])
+    if penalised[:, -1].max() >= penalised.max() - _MARGIN:
+        likeliest = frequency_hz
+    chance = None
+    if judge:
+        drawn = np.array([float((one.gain - penalty).max()) for one in scans[1:]])
+        wider = max(1.0, (high_hz - low_hz) / max(high - low, step_hz))
+        chance = min(1.0, tail(float(penalised.max()), drawn) * wider)
+    return _ColouredResult(*_posterior(bins, likeliest, max_order, step_hz, low, high), chance)
+
+
+def _posterior(
+    bins: TimeBins, frequency_hz: float, order: int, step_hz: float, low_hz: float, high_hz: float
+) -> tuple[float, float]:
+    """Frequency of the greatest density near a start, and the root mean square of the distance from it [Hz]."""
+    low, high = max(low_hz, 0.75 * frequency_hz), min(high_hz, 1.25 * frequency_hz)
+    low, high = min(low, frequency_hz), max(high, frequency_hz)
+    grid = np.linspace(low, high, max(9, 2 * math.ceil((high - low) / (2 * step_hz)) + 1))
+    for _ in range(_ZOOMS):
+        designs = np.stack([design_matrix(bins.times_s, f, order) for f in grid])
+        density = _mixture(bins.scan(designs)[0])
+        weight = np.exp(density - density.max())
+        at, step = int(np.argmax(density)), float(grid[1] - grid[0])
+        std = math.sqrt(float(weight @ (grid - grid[at]) ** 2 / weight.sum()))
+        if std > 1.5 * step:
+            break
+        grid = np.linspace(grid[at] - 3 * step, grid[at] + 3 * step, 25)
+    return float(grid[at]) + step * vertex(density, at), max(std, step / 4)
+
+
+def _mixture(scan: LikelihoodScan) -> FloatArray:
+    """Log-density of the frequency, averaged over orders by their penalised maximum likelihood."""
+    orders = np.arange(1, len(scan.gain) + 1)
+    weight = scan.gain.max(axis=1) - _HARMONIC_PENALTY * orders - scan.posterior.max(axis=1)
+    density: FloatArray = np.logaddexp.reduce(scan.posterior + weight[:, np.newaxis], axis=0)
+    return density
+
+
+def vertex(density: FloatArray, at: int) -> float:
+    """Vertex of the parabola through a maximum and its neighbours, in steps from it."""
+    if not 0 < at < len(density) - 1:
+        return 0.0
+    before, here, after = density[at - 1 : at + 2].tolist()
+    bend = before - 2 * here + after
+    return 0.5 * (before - after) / bend if bend < 0 else 0.0
+
+
+def _inflation(frequency_hz: float, fitted: FloatArray, noise: float, evidence: _Evidence) -> float:
+    """Variance inflation of the least-squares period in the fitted noise over white noise, 1 or more."""
+    bins = evidence.bins
+    slope = _slope(bins.times_s, frequency_hz, fitted)
+    correlated = evidence.noise.variance * float(slope @ evidence.noise.correlation @ slope)
+    # the same noise as the bins have it, if the samples in them were independent
+    independent = noise**2 / bins.samples_per_bin * float(slope @ slope)
+    return max(1.0, correlated / independent) if independent > 0 else 1.0
+
+
+def _white_std_s(samples: _Samples, frequency_hz: float, fitted: FloatArray, noise: float) -> float:
+    """Standard deviation of the period in white noise [s]."""
+    slope = _slope(samples.times_s, frequency_hz, fitted)
+    # var T = σ² / Σ (∂y/∂T)², the derivative projected off the other columns
+    square = float(slope @ slope)
+    return noise / math.sqrt(square) if square > 0 else 0.0
+
+
+def _slope(times_s: FloatArray, frequency_hz: float, fitted: FloatArray) -> FloatArray:
+    """Derivative of the fit by the period, orthogonal to the fit's columns [W/s]."""
+    order = len(fitted) // 2
+    columns = design_matrix(times_s, frequency_hz, order)
+    harmonic = np.arange(1, order + 1)
+    # ∂/∂T [α cos(2πjt/T) + β sin(2πjt/T)] = (2πjt/T²) (α sin − β cos)
+    turning = columns[:, 2::2] @ (harmonic * fitted[1::2]) - columns[:, 1::2] @ (harmonic * fitted[2::2])
+    slope = 2 * np.pi * frequency_hz**2 * times_s * turning
+    followed, *_ = np.linalg.lstsq(columns, slope, rcond=None)
+    return slope - columns @ followed
+
+
+# ---- results -----------------------------------------------------------------------------------------------------
+
+
+def _periodic(samples: _Samples, found: _Found, order: int, mean_w: float, range_s: tuple[float, float]) -> Spectrum:
+    fitted, error = _fit(samples, found.frequency_hz, order)
+    offset_w, amplitude, phase = phases_of_state(fitted)
+    mean_std_w, amplitude_std_w = _coefficient_std_w(samples, found, fitted)
+    return Spectrum(
+        period_s=1 / found.frequency_hz,
+        period_std_s=found.std_s,
+        mean_w=mean_w + offset_w,
+        mean_std_w=mean_std_w,
+        amplitude_w=amplitude,
+        amplitude_std_w=amplitude_std_w,
+        phase_rad=phase,
+        noise_std_w=math.sqrt(error / (len(samples.times_s) - 2 * order - 2)),
+        cv_r2=_cv_r2(samples, found.frequency_hz, order),
+        chance=found.chance,
+        samples=len(samples.times_s),
+        span_s=samples.span_s,
+        range_s=range_s,
+    )
+
+
+def _coefficient_std_w(samples: _Samples, found: _Found, fitted: FloatArray) -> tuple[float, FloatArray]:
+    """Standard deviations of the mean and of the amplitudes in the fitted noise [W]."""
+    covariance = _covariance(samples, found, len(fitted) // 2)
+    amplitude = np.maximum(np.hypot(fitted[1::2], fitted[2::2]), 1e-300)
+    along = np.zeros((len(amplitude), len(fitted)))
+    rows = np.arange(len(amplitude))
+    along[rows, 2 * rows + 1], along[rows, 2 * rows + 2] = fitted[1::2] / amplitude, fitted[2::2] / amplitude
+    variance = np.einsum("ij,jk,ik->i", along, covariance, along)
+    return math.sqrt(max(0.0, float(covariance[0, 0]))), np.sqrt(np.maximum(variance, 0.0))
+
+
+def _covariance(samples: _Samples, found: _Found, order: int) -> FloatArray:
+    """Covariance of the coefficients in the fitted noise [W²]."""
+    bins = found.evidence.bins
+    covariance = bins.coefficient_covariance(design_matrix(bins.times_s, found.frequency_hz, order))
+    # the bins may be the middle of the log alone
+    scaled: FloatArray = covariance * min(1.0, bins.covered_s / samples.span_s)
+    return scaled
+
+
+def _aperiodic(
+    samples: _Samples,
+    mean_w: float,
+    std_w: float,
+    cv_r2: float,
+    range_s: tuple[float, float],
+    frequency_hz: float = math.nan,
+    chance: float = 1.0,
+) -> Spectrum:
+    return Spectrum(
+        period_s=1 / frequency_hz,
+        period_std_s=math.nan,
+        mean_w=mean_w,
+        mean_std_w=_mean_std_w(samples) if math.isfinite(frequency_hz) else 0.0,
+        amplitude_w=np.empty(0),
+        amplitude_std_w=np.empty(0),
+        phase_rad=np.empty(0),
+        noise_std_w=std_w,
+        cv_r2=cv_r2,
+        chance=chance,
+        samples=len(samples.times_s),
+        span_s=samples.span_s,
+        range_s=range_s,
+    )
+
+
+def _mean_std_w(samples: _Samples) -> float:
+    """Standard deviation of the mean of the samples, in noise of any colour [W]."""
+    bins = binned(samples.times_s, samples.power_w, samples.span_s / _MEAN_BINS, samples.span_s)
+    return math.sqrt(float(bins.coefficient_covariance(np.ones((len(bins.times_s), 1)))[0, 0]))
+
+
+# ---- periodogram -------------------------------------------------------------------------------------------------
+
+
+def periodogram(times_s: ArrayLike, power_w: ArrayLike, order: int, points: int = 500) -> tuple[FloatArray, FloatArray]:
+    """Periodogram: cross-validated R² over the range of periods.
+
+    Parameters
+    ----------
+    times_s, power_w : array, shape (n,)
+        As `analyse`; more than 2000 samples are averaged in as many bins, and periods below 8 bins are left out.
+    order : int
+        Number of harmonics, 1 or more; fewer where a period is sampled too coarsely for them.
+    points : int
+        Number of periods, evenly spaced in their logarithm.
+
+    Returns
+    -------
+    period_s, cv_r2 : array, shape (points,)
+        Increasing periods [s], and the share of the variance explained in held-out blocks.
+    """
+    times, power = np.asarray(times_s, dtype=float), np.asarray(power_w, dtype=float)
+    width_s = max((times[-1] - times[0]) / _PICTURE_BINS, 1e-12)
+    if len(times) > _PICTURE_BINS:
+        bins = binned(times, power, width_s, times[-1] - times[0])
+        times, power = bins.times_s, bins.power_w
+    samples = _Samples(times - times[0], power - power.mean())
+    shortest_s, longest_s = _range_s(samples, None)
+    if np.ptp(power) <= 1e-9 * np.max(np.abs(power)):
+        return np.geomspace(shortest_s, longest_s, points), np.zeros(points)
+    period = np.geomspace(max(shortest_s, 8 * samples.step_s), longest_s, points)
+    orders = [_max_order(samples, one, order) for one in period.tolist()]
+    return period, np.array([_cv_r2(samples, 1 / t, r) for t, r in zip(period.tolist(), orders, strict=True)])
+
+
+def amplitudes(times_s: FloatArray, values: FloatArray, frequencies_hz: FloatArray) -> FloatArray:
+    """Amplitude of the sine of each frequency above 0 that fits values best, their mean taken off.
+
+    Source: Lomb 1976.
+    """
+    from scipy.signal import lombscargle
+
+    squares = lombscargle(times_s, values - values.mean(), 2 * math.pi * frequencies_hz)
+    found: FloatArray = 2 * np.sqrt(np.maximum(squares, 0.0) / len(times_s))
+    return found

@@ -1,0 +1,509 @@
+"""The use case of `eadp fit --vehicle`: an aircraft's power fitted to a log, as a vehicle file."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields, replace
+from typing import Any
+
+import numpy as np
+
+from eadp.api.given import File, Warn, python_warnings
+from eadp.core.arrays import FloatArray
+from eadp.core.flight.guidance import GRAVITY_MPS2
+from eadp.errors import Fault, Infeasible, InputError
+from eadp.io.text.streams import read_text
+from eadp.io.vehicle import SCHEMA, read_vehicle
+from eadp.measure.battery import BatteryLogFit
+from eadp.measure.formats import read_power_log
+from eadp.measure.power import FitOptions, log_part
+from eadp.measure.power_log import AIRSPEED, ALTITUDE, BANK, CLIMB, DENSITY, Columns, PowerLog
+from eadp.measure.robust import regressed
+from eadp.models.vehicle import FixedWing, PaperVehicle, PowerCurve
+
+POINTS = 5
+ASSUMED_EFFICIENCY = PowerCurve.propulsive_efficiency
+TAKE_OFF_POWER, TAKE_OFF_CLIMB_MPS, TAKE_OFF_PAUSE_S = 1.5, 1.0, 5.0
+"""A take-off draws so many times the median power in flight, climbs so fast, and is over after so long without both."""
+SURE = 0.1
+"""Largest standard error of the level power, as a share of it, of an aircraft that counts as identified."""
+
+WANTED = {
+    AIRSPEED: "airspeed (airspeed_mps; ULog airspeed_validated or airspeed; DataFlash ARSP)",
+    BANK: "bank (bank_deg or roll_deg; ULog vehicle_attitude; DataFlash ATT)",
+    CLIMB: "climb (climb_mps or altitude_m; ULog vehicle_local_position; DataFlash XKF1, BARO or GPS)",
+}
+"""Columns of the motion, and where a log has them."""
+
+
+@dataclass(frozen=True)
+class VehicleLogFit:
+    """A fit of an aircraft's power, the keys of its airframe and their standard errors, notes and warnings."""
+
+    fit: PowerFit
+    name: str
+    airframe: dict[str, Any]
+    stds: dict[str, float]
+    notes: list[str]
+    warnings: list[Fault]
+    battery: BatteryLogFit | None = None
+
+    @property
+    def sure(self) -> bool:
+        """Whether the level power is identified."""
+        return self.fit.stds["level_w"] <= SURE * self.fit.level_power_w(self.fit.airspeed_mps)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The JSON-ready document: the keys of a vehicle file, and what the fit knows of them."""
+        fit, pack = self.fit, self.battery
+        return {
+            "schema": SCHEMA,
+            "name": self.name,
+            "airframe": self.airframe,
+            **({} if pack is None else {"battery": pack.keys, "battery_std": pack.document["std"]}),
+            "std": self.stds,
+            "power": {
+                "airspeed_mps": fit.airspeed_mps,
+                "speeds_mps": list(fit.speeds_mps),
+                "polar": fit.polar,
+                "level_w": [[speed, fit.level_power_w(speed)] for speed in self.speeds_mps],
+                "bank_w": fit.bank_w,
+                "climb_w_per_mps": fit.climb_w_per_mps,
+                "std": fit.stds,
+                "rms_w": fit.rms_w,
+                "correlation_s": fit.correlation_s,
+                "windows": fit.windows,
+                "idle": fit.idle,
+            },
+            "notes": self.notes,
+        }
+
+    @property
+    def speeds_mps(self) -> list[float]:
+        """Airspeeds at which the level power is shown: the range flown, or the one flown."""
+        low, high = self.fit.speeds_mps
+        return np.linspace(low, high, POINTS).tolist() if self.fit.polar else [self.fit.airspeed_mps]
+
+    @property
+    def yaml(self) -> str:
+        """The vehicle file, with notes and standard errors as comments."""
+        lines = [f"# {note}" for note in self.notes]
+        lines += [f"schema: {SCHEMA}", f"name: {self.name}", "airframe:"]
+        for key, value in self.airframe.items():
+            std = f" # ± {self.stds[key]:.2g}" if key in self.stds else ""
+            lines.append(f"  {key}: {value}{std}")
+        return "\n".join([*lines, *([] if self.battery is None else self.battery.block.splitlines()), ""])
+
+    @property
+    def text(self) -> str:
+        """The result for people."""
+        fit, stds = self.fit, self.fit.stds
+        level_w = fit.level_power_w(fit.airspeed_mps)
+        lines = [f"level      {level_w:.2f} ± {stds['level_w']:.2f} W at {fit.airspeed_mps:.1f} m/s"]
+        if fit.polar:
+            shown = [f"{fit.level_power_w(speed):.1f} W at {speed:.1f}" for speed in self.speeds_mps]
+            lines.append(f"           {', '.join(shown)} m/s")
+        if fit.bank_w is not None:
+            lines.append(
+                f"turns      {fit.bank_w:.2f} ± {stds['induced_w']:.2f} W more at a bank of 45°, as tan² of the bank"
+            )
+        if fit.climb_w_per_mps is not None:
+            lines.append(f"climb      {fit.climb_w_per_mps:.2f} ± {stds['climb_w_per_mps']:.2f} W more for each m/s")
+        lines += [
+            f"{key:<10} {self.airframe[key]} ± {std:.2g}"
+            for key, std in self.stds.items()
+            if self.airframe["model"] == FixedWing.model
+        ]
+        lines.append(
+            f"windows    {fit.windows}, {fit.idle} more with the motor idling; residuals {fit.rms_w:.2f} W rms, "
+            f"correlated over {fit.correlation_s:.0f} s"
+        )
+        lines += [f"not known  {note}" for note in self.notes]
+        if self.battery is not None:
+            lines += ["", self.battery.text.rstrip()]
+        return "\n".join(lines)
+
+
+def fit_vehicle(
+    log: File,
+    base: File | None = None,
+    columns: Columns | None = None,
+    start_s: float | None = None,
+    end_s: float | None = None,
+    *,
+    warn: Warn = python_warnings,
+) -> VehicleLogFit:
+    """Fit an aircraft's power to a log with airspeed: level flight, its rise with bank, climb and airspeed.
+
+    Parameters
+    ----------
+    log : path
+        CSV with a header, PX4 ULog or ArduPilot DataFlash log.
+    base : path, optional
+        Vehicle file of what is known: mass, wing, avionics, for a drag polar.
+    columns : Columns, optional
+        The columns to read.
+    start_s, end_s : float, optional
+        The part of the log to fit [s]; without a start a take-off is left out.
+    warn : function, optional
+
+    Returns
+    -------
+    VehicleLogFit
+        `yaml` is the vehicle file, `text` says how sure each value is.
+
+    Raises
+    ------
+    InputError
+        With the faults of a file, or with what the log lacks.
+    """
+    known = read_vehicle(read_text(str(base))) if base else None
+    wing = None if known is None else known.airframe
+    if isinstance(wing, PaperVehicle):
+        raise InputError.at("--base", 1, 1, "an aircraft of model paper", "model fixed-wing or power-curve", str(base))
+    FitOptions(start_s=start_s, end_s=end_s).check()
+    read = log_part(read_power_log(str(log), replace(columns or Columns(), motion=True)), start_s, end_s, {})
+    if start_s is None and (airborne_s := _airborne_s(read)) is not None:
+        read = log_part(read, airborne_s, None, {})
+        message = f"a take-off, to {airborne_s:.0f} s of the log, left out; --from 0 fits it too"
+        read.warnings.append(Fault(read.name, 1, 1, message, severity="warning"))
+    motion = _motion(read)
+    density = _density_kgpm3(motion)
+    if wing is not None and density is not None:
+        wing = replace(wing, air_density_kgpm3=density)
+    constant_w = None if wing is None else wing.avionics_w
+    try:
+        fit = fit_power(
+            read.times_s, read.power_w, motion[AIRSPEED], motion.get(BANK), motion.get(CLIMB), constant_w=constant_w
+        )
+    except Infeasible as error:
+        raise InputError.at(read.name, 1, 1, str(error), "a log of a flight") from None
+    airframe, stds, notes = _airframe(fit, wing, float(np.percentile(read.power_w, 99.9)))
+    if density is not None:
+        airframe["air_density_kgpm3"] = _rounded(density)
+    name = known.name if known is not None and known.name else "aircraft of a log"
+    warn(read.warnings)
+    return VehicleLogFit(fit, name, airframe, stds, [*fit.notes, *notes], read.warnings)
+
+
+def _airborne_s(log: PowerLog) -> float | None:
+    """When the take-off of a log ends [s]: the first climb with much more power than later; None without one."""
+    motion = _motion(log)
+    flying = np.flatnonzero(motion[AIRSPEED] >= MIN_AIRSPEED_MPS)
+    if CLIMB not in motion or len(flying) < 2:
+        return None
+    steady_w = float(np.median(log.power_w[flying]))
+    up = (log.power_w > TAKE_OFF_POWER * steady_w) & (motion[CLIMB] > TAKE_OFF_CLIMB_MPS)
+    first_s = log.times_s[flying[0]]
+    climbing = np.flatnonzero(up & (log.times_s >= first_s))
+    if not len(climbing) or log.times_s[climbing[0]] > first_s + TAKE_OFF_PAUSE_S:
+        return None
+    pauses = np.flatnonzero(np.diff(log.times_s[climbing]) > TAKE_OFF_PAUSE_S)
+    last = climbing[pauses[0]] if len(pauses) else climbing[-1]
+    return float(log.times_s[last]) + TAKE_OFF_PAUSE_S
+
+
+def _density_kgpm3(motion: dict[str, Any]) -> float | None:
+    """Density of the air in flight [kg/m³], of a log that says it or the height; None without."""
+    flown = motion.get(DENSITY, np.array([]))[motion[AIRSPEED] >= MIN_AIRSPEED_MPS] if DENSITY in motion else []
+    known = np.asarray(flown)[np.isfinite(flown)]
+    return float(np.median(known)) if len(known) else None
+
+
+def _motion(log: PowerLog) -> dict[str, Any]:
+    """The motion that a log has, the climb by its altitude if need be; raises InputError without airspeed."""
+    motion = dict(log.also)
+    if CLIMB not in motion and ALTITUDE in motion:
+        motion[CLIMB] = np.gradient(motion[ALTITUDE], log.times_s)
+    missing = [
+        words for column, words in WANTED.items() if column not in motion or not np.isfinite(motion[column]).any()
+    ]
+    if WANTED[AIRSPEED] in missing:
+        raise InputError.at(log.name, 1, 1, f"the log lacks {', '.join(missing)}", "an airspeed at least")
+    return motion
+
+
+def _airframe(
+    fit: PowerFit, wing: FixedWing | PowerCurve | None, max_w: float
+) -> tuple[dict[str, Any], dict[str, float], list[str]]:
+    """Keys of the airframe, their standard errors, and what could not be identified."""
+    if fit.polar and isinstance(wing, FixedWing):
+        polar, stds, why = _polar(fit, wing)
+        if not why:
+            given = {item.name: getattr(wing, item.name) for item in fields(wing)}
+            return {key: _rounded(value) for key, value in (given | polar).items()}, stds, []
+        notes = [why]
+    else:
+        notes = ["mass, wing and lift: --base FILE names what is known of the aircraft"] if wing is None else []
+    speeds = np.linspace(*fit.speeds_mps, POINTS).tolist() if fit.polar else [fit.airspeed_mps]
+    points = [[_rounded(speed), _rounded(fit.level_power_w(speed))] for speed in speeds]
+    min_w = min(watts for _, watts in points)
+    curve: dict[str, Any] = {"model": PowerCurve.model, "points": points, "bank_w": fit.bank_w}
+    stds = {"points": fit.stds["level_w"]}
+    if fit.bank_w is not None:
+        stds["bank_w"] = fit.stds["induced_w"]
+    else:
+        curve["bank_w"], note = _assumed_bank_w(fit, wing)
+        notes.append(note)
+    if wing is not None:
+        shared = {item.name for item in fields(wing)} & {item.name for item in fields(PowerCurve)} - curve.keys()
+        curve |= {key: getattr(wing, key) for key in shared if key != "airspeed_mps"}
+    else:
+        curve["max_power_w"] = max_w
+        curve["avionics_w"] = min(max(fit.constant_w, 0.0), min_w / 2)
+        if fit.climb_w_per_mps is not None:
+            curve["mass_kg"] = fit.climb_w_per_mps * ASSUMED_EFFICIENCY / GRAVITY_MPS2
+            notes.append(f"mass and efficiency apart: the climb gives their ratio, for {ASSUMED_EFFICIENCY:g}")
+    if wing is not None and fit.climb_w_per_mps is not None:
+        # k = m g/η
+        curve["propulsive_efficiency"] = min(1.0, wing.mass_kg * GRAVITY_MPS2 / fit.climb_w_per_mps)
+    curve["airspeed_mps"] = fit.airspeed_mps
+    order = [item.name for item in fields(PowerCurve)]
+    return {key: _rounded(curve[key]) for key in order if key in curve}, stds, notes
+
+
+def _assumed_bank_w(fit: PowerFit, wing: FixedWing | PowerCurve | None) -> tuple[float, str]:
+    """Power that a bank of 45° adds [W] where the log does not show it: the induced drag's; and a note."""
+    known, speed = wing or FixedWing(), fit.airspeed_mps if wing else FixedWing.airspeed_mps
+    straight_w = known.level_power_w(speed) - known.avionics_w
+    # induced drag ∝ n² = 1/cos² φ: at 45° as much again as in straight flight
+    share = (known.level_power_w(speed, math.pi / 4) - known.level_power_w(speed)) / straight_w
+    bank_w = share * max(fit.level_power_w(fit.airspeed_mps) - max(fit.constant_w, 0.0), 0.0)
+    whose = "--base" if wing else "the default wing"
+    return bank_w, f"bank_w: assumed, {100 * share:.0f} % of the motor's power, the share of induced drag of {whose}"
+
+
+def _polar(fit: PowerFit, wing: FixedWing) -> tuple[dict[str, Any], dict[str, float], str]:
+    """Drag polar and efficiency of a wing whose mass and area are known, or why they cannot be."""
+    climb_w, relative = fit.climb_w_per_mps, 0.0
+    efficiency = wing.propulsive_efficiency
+    if climb_w is not None:
+        # k = W/η
+        efficiency, relative = wing.weight_n / climb_w, fit.stds["climb_w_per_mps"] / climb_w
+    speed, density_area = fit.airspeed_mps, wing.air_density_kgpm3 * wing.wing_area_m2
+    # A V³ = ½ρS C_D0 V³/η,  B/V = 2K W²/(ρSη V)
+    parasitic = 2 * fit.parasitic_w * efficiency / (density_area * speed**3)
+    factor = fit.induced_w * efficiency * density_area * speed / (2 * wing.weight_n**2)
+    oswald = 1 / (math.pi * factor * wing.aspect_ratio) if factor > 0 else math.inf
+    keys = {
+        "zero_lift_drag_coefficient": parasitic,
+        "oswald_efficiency": oswald,
+        "propulsive_efficiency": efficiency,
+        "avionics_w": fit.constant_w,
+    }
+    for key, value, limit in (("propulsive_efficiency", efficiency, 1), ("oswald_efficiency", oswald, 1)):
+        if not 0 < value <= limit:
+            return {}, {}, f"the drag polar: {key} would be {value:.3g}; mass, area or span of --base are not the log's"
+    if parasitic <= 1e-4 or fit.constant_w < 0:
+        return {}, {}, "the drag polar: the power does not have its form"
+    stds = {
+        "zero_lift_drag_coefficient": parasitic * math.hypot(fit.stds["parasitic_w"] / fit.parasitic_w, relative),
+        "oswald_efficiency": oswald * math.hypot(fit.stds["induced_w"] / fit.induced_w, relative),
+        "propulsive_efficiency": efficiency * relative,
+    }
+    return keys, stds | ({"avionics_w": fit.stds["constant_w"]} if "constant_w" in fit.stds else {}), ""
+
+
+def _rounded(value: Any) -> Any:
+    return float(f"{value:.5g}") if isinstance(value, float) else value
+
+
+WINDOW_S = 5.0
+"""Length of the windows that are averaged [s]: in shorter ones, gusts that change airspeed and climb bias the rises."""
+
+MIN_WINDOWS = 20
+MIN_AIRSPEED_MPS = 3.0
+"""Airspeed below which an aeroplane does not fly [m/s]."""
+
+MAX_SINK_MPS, IDLE_SHARE = 0.5, 0.25
+"""Windows that sink faster [m/s], or draw less than this share of the median power, are a glide: the motor idles."""
+
+MIN_SPREAD = 1.2
+"""Ratio of airspeeds, the 95th to the 5th percentile, from which on a drag polar is fitted."""
+
+SLOPE = 2.0
+"""Exponent of the airspeed in the power near one airspeed, where none can be fitted: between drag at its minimum (1)
+and drag that is all parasitic (3)."""
+
+MIN_BANK_RAD = math.radians(10)
+"""Largest bank (95th percentile) below which its rise is not fitted."""
+
+SIGNIFICANCE = 3.0
+"""Distance from 0, in standard errors, at which a coefficient is significant."""
+
+
+@dataclass(frozen=True)
+class PowerFit:
+    """Power of an aeroplane; standard errors hold under correlated noise.
+
+    Attributes
+    ----------
+    airspeed_mps : float
+        Median airspeed V₀ [m/s], at which the coefficients are powers.
+    speeds_mps : tuple of float
+        Airspeeds flown, the 5th and the 95th percentile [m/s].
+    polar : bool
+        Whether a drag polar is fitted; else the power near one airspeed.
+    parasitic_w, induced_w, constant_w : float
+        A V₀³, B/V₀ and C [W]; without a polar the level power at V₀, the rise with tan² φ, and 0.
+    climb_w_per_mps : float or None
+        Rise with climb k [W s/m]; None where it is not significant.
+    bank_w : float or None
+        Rise with tan² φ at V₀ [W]; None where it is not significant.
+    stds : dict of str to float
+        Standard errors of the level power at V₀, `level_w`, and of the coefficients by name, where they are estimated.
+    rms_w, correlation_s : float
+        Root mean square and correlation time of the residuals of windows [W, s].
+    windows, idle : int
+        Windows used, and windows left out because the motor idles.
+    notes : tuple of str
+        What could not be identified, and why.
+    """
+
+    airspeed_mps: float
+    speeds_mps: tuple[float, float]
+    polar: bool
+    parasitic_w: float
+    induced_w: float
+    constant_w: float
+    climb_w_per_mps: float | None
+    bank_w: float | None
+    stds: dict[str, float]
+    rms_w: float
+    correlation_s: float
+    windows: int
+    idle: int
+    notes: tuple[str, ...]
+
+    def level_power_w(self, airspeed_mps: float) -> float:
+        """Power in straight level flight [W]."""
+        ratio = airspeed_mps / self.airspeed_mps
+        exponent = 3.0 if self.polar else SLOPE
+        straight = self.parasitic_w * math.pow(ratio, exponent)
+        return straight + self.induced_w / ratio + self.constant_w if self.polar else straight
+
+
+def fit_power(
+    times_s: FloatArray,
+    power_w: FloatArray,
+    airspeed_mps: FloatArray,
+    bank_rad: FloatArray | None = None,
+    climb_mps: FloatArray | None = None,
+    *,
+    constant_w: float | None = None,
+) -> PowerFit:
+    """Fit an aeroplane's power to a log.
+
+    Parameters
+    ----------
+    times_s, power_w, airspeed_mps : array, shape (n,)
+        Times [s], increasing; power [W]; true airspeed [m/s].
+    bank_rad, climb_mps : array, shape (n,), optional
+        Bank [rad] and rate of climb [m/s].
+    constant_w : float, optional
+        What is drawn at any throttle [W], where it is known: without it low speeds are less certain.
+
+    Raises
+    ------
+    Infeasible
+        If there are too few readings in flight, or the power does not rise with the drag.
+
+    Source: Anderson 1999, chapters 2, 5 and 6.
+    """
+    tables = [times_s, power_w, airspeed_mps, *(each for each in (bank_rad, climb_mps) if each is not None)]
+    known = np.isfinite(np.stack(tables)).all(axis=0) & (airspeed_mps >= MIN_AIRSPEED_MPS)
+    if (count := np.count_nonzero(known)) < MIN_WINDOWS:
+        raise Infeasible(f"{count} readings in flight with an airspeed; {MIN_WINDOWS} or more are needed")
+    t, watts, speed = times_s[known], power_w[known], airspeed_mps[known]
+    bank = np.zeros_like(t) if bank_rad is None else bank_rad[known]
+    climb = np.zeros_like(t) if climb_mps is None else climb_mps[known]
+    window = _Windows(t)
+    if len(window.times_s) < MIN_WINDOWS:
+        raise Infeasible(f"{len(window.times_s)} windows of {WINDOW_S:g} s in flight; {MIN_WINDOWS} or more are needed")
+    middle = float(np.median(speed))
+    low, high = (float(v) for v in np.percentile(speed, (5, 95)))
+    mean_w, sink = window.mean(watts), window.mean(climb)
+    # ḣ + V V̇/g
+    rise = sink + window.mean(np.gradient(speed**2, t)) / (2 * GRAVITY_MPS2)
+    flown = (sink > -MAX_SINK_MPS) & (mean_w > IDLE_SHARE * np.median(mean_w))
+    if np.count_nonzero(flown) < MIN_WINDOWS:
+        raise Infeasible(f"{np.count_nonzero(flown)} windows with the motor running; {MIN_WINDOWS} or more are needed")
+    notes = []
+    turned = window.mean(np.tan(np.clip(bank, -1.4, 1.4)) ** 2 * middle / speed)
+    polar = high / low >= MIN_SPREAD
+    if bank_rad is None or np.percentile(np.abs(bank), 95) < MIN_BANK_RAD:
+        notes.append("the rise with bank: " + ("no bank in the log" if bank_rad is None else "no turns in the log"))
+        turned = np.zeros_like(turned)
+    if climb_mps is None:
+        notes.append("the rise with climb: no climb or altitude in the log; it is that of the airspeed's changes")
+    if not polar:
+        notes.append(f"the drag polar: airspeeds from {low:.3g} to {high:.3g} m/s; a ratio of {MIN_SPREAD:g} is needed")
+    columns = {"climb_w_per_mps": rise, **_drag_columns(window, speed / middle, turned, polar=polar)}
+    fixed = (constant_w or 0.0) if polar else 0.0
+    if polar and constant_w is None:
+        columns["constant_w"] = np.ones_like(mean_w)
+    table = np.stack(list(columns.values()), axis=1)[flown]
+    fit = regressed(table, mean_w[flown] - fixed, window.times_s[flown])
+    value: dict[str, float] = dict(zip(columns, fit.values.tolist(), strict=True))
+    beside = {"climb_w_per_mps"} if polar else {"climb_w_per_mps", "induced_w"}
+    level = np.array([float(name not in beside) for name in columns])
+    stds = {name: max(fit.std(i), math.sqrt(fit.first_order[i, i])) for i, name in enumerate(columns)}
+    stds["level_w"] = math.sqrt(max(float(level @ each @ level) for each in (fit.covariance, fit.first_order)))
+    if polar and (value["parasitic_w"] <= 0 or value["induced_w"] <= 0):
+        notes.append("the drag polar: the power does not have its form; windows or airspeeds are too few")
+
+    climbs, turns = "the rise with climb [W s/m]", "the rise with tan² of the bank [W]"
+    climb_w = _significant("climb_w_per_mps", climbs, value, stds, notes)
+    bank_w = _significant("induced_w", turns, value, stds, notes) if turned.any() else None
+    return PowerFit(
+        middle,
+        (low, high),
+        polar,
+        value["parasitic_w"],
+        value.get("induced_w", 0.0),
+        value.get("constant_w", fixed),
+        climb_w,
+        bank_w,
+        stds,
+        fit.rms,
+        fit.correlation_s,
+        int(np.count_nonzero(flown)),
+        int(np.count_nonzero(~flown)),
+        tuple(notes),
+    )
+
+
+def _drag_columns(window: _Windows, ratio: FloatArray, turned: FloatArray, *, polar: bool) -> dict[str, FloatArray]:
+    """Regressors of the drag's power: the polar's, or a power of the airspeed where that is not identified."""
+    if polar:
+        return {"parasitic_w": window.mean(ratio**3), "induced_w": window.mean(1 / ratio) + turned}
+    columns = {"parasitic_w": window.mean(ratio**SLOPE)}
+    return {**columns, "induced_w": turned} if turned.any() else columns
+
+
+def _significant(
+    name: str, words: str, value: dict[str, float], stds: dict[str, float], notes: list[str]
+) -> float | None:
+    """A coefficient that is known to be above 0; None where it is not, with a note."""
+    if name in value and value[name] <= SIGNIFICANCE * stds[name]:
+        notes.append(f"{words}: {value[name]:.3g} ± {stds[name]:.2g}, too uncertain")
+        return None
+    return value.get(name)
+
+
+class _Windows:
+    """Windows of a log; one with less than half of its readings is left out."""
+
+    def __init__(self, times_s: FloatArray) -> None:
+        index = np.floor((times_s - times_s[0]) / WINDOW_S).astype(int)
+        counts = np.bincount(index)
+        full = counts >= 0.5 * WINDOW_S / float(np.median(np.diff(times_s)))
+        full &= counts >= 2
+        self._index, self._counts, self._full = index, np.maximum(counts, 1), full
+        self.times_s = self.mean(times_s)
+
+    def mean(self, values: FloatArray) -> FloatArray:
+        """Means of readings, one for each window."""
+        means: FloatArray = (np.bincount(self._index, weights=values) / self._counts)[self._full]
+        return means

@@ -1,0 +1,702 @@
+"""From power readings to an energy state, a period, and a forecast with its uncertainty.
+
+Readings are of the motion alone: the computations' known power is taken off first.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+from array import array
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from annotated_types import Ge, Le
+from numpy.typing import ArrayLike
+
+from eadp.core.arrays import FloatArray, NotNegative, Positive
+from eadp.core.harmonics import output_row
+from eadp.papers import forecasting
+from eadp.papers.forecasting import fit_disturbance, rate_per_s, stationary_covariance, subsampled
+
+PUBLISHED = "published"
+
+FIRST_STD_W, FIRST_SHARE = 10.0, 0.5
+"""Initial standard deviation of the level [W], and as a share of the first reading; the larger counts. Harmonics have
+half of it."""
+
+DRIFT_SHARE = 0.01
+"""Smallest drift of level and harmonics per √s, as a share of the noise: it scales with the aircraft's power."""
+
+NOMINAL_PERIOD_SHARE, ONE_LAP_SHARE = 0.05, 0.02
+"""Relative standard deviation of a period: of a nominal one, and of one measured on fewer than three laps."""
+
+LEARN_PERIODS, LEARN_APERIODIC_S = 6, 300.0
+"""Length of the window for the noise estimate, in periods, or in seconds without a period."""
+
+LEARN_FIRST_PERIODS, LEARN_FIRST_S, LEARN_MAX_PERIODS = 2, 60.0, 10
+"""Time of the first noise estimate after the laps start, in periods, or in seconds without a period; the next follows
+after one and a half times the elapsed time, at the latest after `LEARN_MAX_PERIODS` periods, or as many times
+`LEARN_FIRST_S`."""
+
+EXACT_SENSOR_W = 1e-6
+"""Smallest noise of a sensor, for one specified as exact."""
+
+LEARN_SAMPLES = 192
+READINGS_KEPT = 20_000
+MIN_NOISE_W, MIN_DISTURBANCE_W = 0.02, 0.05
+"""Lower bounds of the estimated noise: a quiet flight may become noisy."""
+
+LOOK_AHEADS = 12
+"""Parts of a horizon at whose ends the power is forecast for the records of a flight."""
+
+PUBLISHED_STEP_S = 0.01
+"""Largest step of the published filter: Euler's step of a tenth of a second makes its harmonics grow without bound."""
+
+SHORTEST_DISTURBANCE_S = 0.01
+"""Shortest time constant of a disturbance: a shorter one is white noise to a sensor."""
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorSettings:
+    """Settings of every estimator; `published` uses `order` and `every_s` alone."""
+
+    kind: Literal["exact", "published"] = "exact"
+    """Kind of estimator: exact, or published: as the papers ran it, with `order` and `every_s` alone, in Euler steps of
+    0.01 s."""
+
+    order: Annotated[int, Ge(0), Le(20)] = 3
+    """Number of harmonics of the lap."""
+
+    gate_w: NotNegative = 0.0
+    """A reading no farther than this from its forecast corrects nothing [W]: draft 002's ε. 0: every reading does."""
+
+    every_s: Annotated[float, Ge(1e-3), Le(1e6)] = 0.1
+    """Time between readings of the power sensor [s]."""
+
+    noise_w: Positive = 0.5
+    """Standard deviation of the readings' white noise [W]."""
+
+    disturbance_std_w: Annotated[float, Ge(0), Le(1e6)] = 0.5
+    """Standard deviation of the slow disturbance beside the laps' pattern [W]."""
+
+    disturbance_time_s: Annotated[float, Ge(0.01), Le(1e6)] = 5.0
+    """Time constant of the disturbance, a Matérn-3/2 process [s]."""
+
+    learn_noise: bool = True
+    """Learn the three above from the readings at intervals; they are the initial values."""
+
+    level_drift_w_per_sqrt_s: NotNegative = 0.003
+    """Random walk of the level [W/√s]."""
+
+    harmonic_drift_w_per_sqrt_s: NotNegative = 0.003
+    """Random walk of each harmonic's parts [W/√s]."""
+
+
+class PowerEstimate(NamedTuple):
+    """What a planner knows of the power after a reading: enough to forecast it.
+
+    Attributes
+    ----------
+    time_s : float
+        Time of the reading [s].
+    period_s : float or None
+        T [s]; None without a period.
+    state : array, shape (2r + 3,)
+        q [W], then the disturbance [W] and its rate [W/s].
+    disturbance_s : float
+        Time constant of the disturbance [s].
+    computing_w : float
+        Power of the computations in force [W].
+    horizon_s : float
+        How far the planner looks ahead at the power [s].
+    """
+
+    time_s: float
+    period_s: float | None
+    state: FloatArray
+    disturbance_s: float
+    computing_w: float
+    horizon_s: float
+
+    def forecast_w(self, ahead_s: ArrayLike) -> FloatArray:
+        """Power of motion and computations [W], `ahead_s` [s] after the reading, of its shape: C e^{At} x and g(c)."""
+        ahead = np.asarray(ahead_s, dtype=float)
+        power: FloatArray = self.power_rows(ahead.ravel()) @ self.state + self.computing_w
+        shaped: FloatArray = power.reshape(ahead.shape)[()]
+        return shaped
+
+    def power_rows(self, ahead_s: FloatArray) -> FloatArray:
+        """The rows C e^{At}, shape (n, 2r + 3): each times the state is the motion's power, `ahead_s` [s] later."""
+        return _power_rows((len(self.state) - 3) // 2, self.period_s or 1.0, self.disturbance_s, ahead_s.tobytes())
+
+    def horizon_w(self) -> FloatArray:
+        """`forecast_w` over the horizon [W], shape (13,): now, and at the end of each twelfth of it."""
+        power: FloatArray = self.horizon_rows() @ self.state + self.computing_w
+        return power
+
+    def horizon_rows(self) -> FloatArray:
+        """`power_rows` over the horizon, shape (13, 2r + 3): now, and at the end of each twelfth of it."""
+        return self.power_rows(np.linspace(0.0, self.horizon_s, LOOK_AHEADS + 1))
+
+
+class ExactEstimator:
+    """Level, harmonics of the lap and a Matérn-3/2 disturbance, by a Kalman filter that is exact for any step.
+
+    The period is the last lap's time; its standard deviation is that of the changes between laps, and harmonics drift
+    at the rate at which it turns them. White noise and disturbance are estimated in flight by maximum likelihood, see
+    `eadp.papers.forecasting.fit_disturbance`.
+
+    Parameters
+    ----------
+    settings : EstimatorSettings
+    period_s : float or None
+        T to start from [s]; None: there is no period, and no harmonics.
+    state_w : array, optional
+        q to start from [W]. Default: the first reading in α0, zeros elsewhere, as draft 002's Thm. III.1 does not sum
+        to the reading. Either way the covariance is wide.
+    period_std_s : float, optional
+        Standard deviation of `period_s` [s]. Default: `NOMINAL_PERIOD_SHARE` of it.
+
+    Attributes
+    ----------
+    follows_laps : bool
+        Whether laps change the period.
+    period_s, period_std_s : float
+        T, None without a period, and its standard deviation [s].
+    noise_w : float
+        Standard deviation of the readings' white noise [W], as estimated so far.
+    disturbance : (float, float)
+        Standard deviation [W] and time constant [s] of the disturbance, as estimated so far.
+
+    Source: letter, Alg. 2 l. 28-29; draft 002 l. 9-16 for the gate; docs/estimator.md.
+    """
+
+    def __init__(
+        self,
+        settings: EstimatorSettings,
+        period_s: float | None,
+        state_w: FloatArray | None = None,
+        *,
+        period_std_s: float | None = None,
+    ) -> None:
+        self._settings = settings
+        self._order = settings.order if period_s else 0
+        self.follows_laps = self._order > 0
+        self.period_s = period_s
+        self.period_std_s = NOMINAL_PERIOD_SHARE * (period_s or 0.0) if period_std_s is None else period_std_s
+        self.noise_w = max(settings.noise_w, EXACT_SENSOR_W)
+        self.disturbance = settings.disturbance_std_w, settings.disturbance_time_s
+        state = np.zeros(2 * self._order + 3)
+        self._started = state_w is not None
+        if state_w is not None:
+            state[:-2] = state_w[: 2 * self._order + 1]
+        self._filter = self._first_filter(state)
+        self._time_s: float | None = None  # of the last reading [s]
+        self._lap_marks_s: list[float] = []  # starts of the laps in a row, and the end of the last [s]
+        # readings for the noise estimate, times [s] and powers [W]; since when, and when the next estimate is due [s]
+        self._readings = array("d"), array("d")
+        self._learn_from_s, self._learn_at_s = 0.0, math.inf
+
+    @property
+    def state_w(self) -> FloatArray:
+        """The energy state q [W]."""
+        return self._filter.state[:-2]
+
+    # --- readings
+
+    def observe(self, time_s: float, motion_w: float | None) -> float:
+        """Update the state with a reading [W], None where there is none; return the forecast that it was before [W].
+
+        Predicts to `time_s`, and corrects with the reading unless the gate holds.
+        """
+        if self._time_s is None:
+            self._time_s = time_s
+            self._restart_learning(time_s)
+        if motion_w is not None and not self._started:
+            self._start(motion_w)
+        step_s, self._time_s = time_s - self._time_s, time_s
+        expected = self._filter.follow(step_s, motion_w, self._settings.gate_w)
+        if self._settings.learn_noise and motion_w is not None:
+            times, powers = self._readings
+            times.append(time_s)
+            powers.append(motion_w)
+            if time_s >= self._learn_at_s:
+                self._learn(time_s)
+        return expected
+
+    def _start(self, motion_w: float) -> None:
+        """Initialise the level with the first reading of the motion's power [W]."""
+        self._started = True
+        # q: the level and two numbers of each harmonic; then the disturbance and its rate
+        state = np.zeros(2 * self._order + 3)
+        state[0] = motion_w
+        self._filter = self._first_filter(state)
+
+    # --- laps
+
+    def end_lap(self, time_s: float) -> None:
+        """Take the time of the lap that ends as the period, if its start was marked: by `start_lap`, or by an end."""
+        self._lap_marks_s.append(time_s)
+        times = np.diff(self._lap_marks_s).tolist()
+        if not times:
+            self._restart_learning(time_s)
+        if times and times[-1] > 0 and self._order:
+            self.period_s = times[-1]
+            self.period_std_s = _lap_time_std_s(times)
+            self._filter.dynamics = self._dynamics(self._filter.state)
+
+    def start_lap(self, time_s: float) -> None:
+        """Start a lap that follows no other."""
+        self._lap_marks_s = [time_s]
+        self._restart_learning(time_s)
+
+    # --- forecasts
+
+    def shift_level(self, by_w: float) -> None:
+        """Step α0 by a known change of power [W], as B u does. Source: letter, Eq. 8; draft 002, Eq. 7."""
+        self._filter.state = self._filter.state.copy()  # estimates hold the one before
+        self._filter.state[0] += by_w
+
+    def estimate(self, computing_w: float, horizon_s: float) -> PowerEstimate:
+        """The estimate after the last reading, beside the power of the computations [W] and the horizon [s]."""
+        state, disturbance_s = self._filter.state, self.disturbance[1]
+        return PowerEstimate(self._time_s or 0.0, self.period_s, state, disturbance_s, computing_w, horizon_s)
+
+    def forecast(self, ahead_s: FloatArray) -> FloatArray:
+        """Motion power [W], `ahead_s` [s] after the last reading: C e^{At} x, the decaying disturbance included."""
+        return self.estimate(0.0, 0.0).forecast_w(ahead_s)
+
+    # --- the model
+
+    def _first_filter(self, state: FloatArray) -> EnergyFilter:
+        """The filter before the first correction, at a state of wide covariance."""
+        size = 2 * self._order + 1
+        covariance = np.zeros((size + 2, size + 2))
+        spread_w = max(FIRST_STD_W, FIRST_SHARE * abs(state[0]))
+        covariance[:size, :size] = np.diag([spread_w**2, *[spread_w**2 / 4] * (size - 1)])
+        covariance[size:, size:] = stationary_covariance(*self.disturbance)
+        return EnergyFilter(state, covariance, self._dynamics(state))
+
+    def _dynamics(self, state: FloatArray) -> EnergyDynamics:
+        """The model with the period, noise and disturbance as estimated so far.
+
+        Harmonics drift by their amplitudes in a state: they turn with the period, which is uncertain.
+        """
+        s, period_s = self._settings, self.period_s or 1.0
+        noise_w, (std_w, time_s) = self.noise_w, self.disturbance
+        least = DRIFT_SHARE**2 * (noise_w**2 + std_w**2)
+        drift = np.full(self._order + 1, max(s.harmonic_drift_w_per_sqrt_s**2, least))
+        drift[0] = max(s.level_drift_w_per_sqrt_s**2, least)
+        # |α_j + iβ_j|² (2πj std/T)² / 2T:
+        # a lap that takes T ± std turns harmonic j by 2πj std/T, off by that share of its amplitude at its end
+        turned = 2 * math.pi * np.arange(1, self._order + 1) * self.period_std_s / period_s
+        squared_amplitudes = state[1:-2:2] ** 2 + state[2:-2:2] ** 2
+        drift[1:] += squared_amplitudes * turned**2 / (2 * period_s)
+        return EnergyDynamics(self._order, period_s, drift, std_w, time_s, noise_w)
+
+    def _restart_learning(self, time_s: float) -> None:
+        """Drop the readings kept for the noise estimate, and start again at a time [s].
+
+        Flight before the laps has other statistics. Sets when the first estimate is due.
+        """
+        self._readings = array("d"), array("d")
+        self._learn_from_s = time_s
+        self._learn_at_s = time_s + (LEARN_FIRST_PERIODS * self.period_s if self.period_s else LEARN_FIRST_S)
+
+    def _learn(self, time_s: float) -> None:
+        """Estimate noise and disturbance from the readings of the last window, and take them into the filter's model.
+
+        By maximum likelihood, harmonics eliminated. Where the noise is larger than assumed so far, the covariance is
+        widened. Sets when the next estimate is due.
+        """
+        for numbers in self._readings:
+            del numbers[:-READINGS_KEPT]
+        unit_s = self.period_s or LEARN_FIRST_S
+        self._learn_at_s = time_s + min(max(1.5 * (time_s - self._learn_from_s), unit_s), LEARN_MAX_PERIODS * unit_s)
+        # a subset of the window's readings
+        window_s = LEARN_PERIODS * self.period_s if self.period_s else LEARN_APERIODIC_S
+        first = bisect.bisect_right(self._readings[0], time_s - window_s)
+        times, power = (np.array(numbers[first:]) for numbers in self._readings)
+        keep = subsampled(len(times), LEARN_SAMPLES)
+        times, power = times[keep], power[keep]
+        angle = 2 * math.pi * _lap_turns(self._lap_marks_s, times, self.period_s or 1.0)
+        # y = 1, cos jθ, sin jθ: what the laps explain
+        waves = [wave(j * angle) for j in range(1, self._order + 1) for wave in (np.cos, np.sin)]
+        columns = np.column_stack([np.ones(len(times)), *waves])
+        fit = fit_disturbance(times, power, columns=columns, samples=LEARN_SAMPLES)
+        if not math.isfinite(fit.log_likelihood):
+            return
+        before = self._density_w2_s()
+        self.noise_w = max(fit.noise_w, MIN_NOISE_W)
+        # a disturbance below this counts as white noise: it keeps its time constant
+        white = fit.std_w < MIN_DISTURBANCE_W
+        self.disturbance = (MIN_DISTURBANCE_W, self.disturbance[1]) if white else (fit.std_w, fit.time_s)
+        self._filter.widen(max(1.0, self._density_w2_s() / before))
+        self._filter.dynamics = self._dynamics(self._filter.state)
+
+    def _density_w2_s(self) -> float:
+        """Spectral density of noise and disturbance at frequency 0: the variance of a long mean times its duration."""
+        std_w, time_s = self.disturbance
+        return self.noise_w**2 * self._settings.every_s + 4 * std_w**2 / rate_per_s(time_s)
+
+
+def _lap_turns(marks_s: list[float], times_s: FloatArray, period_s: float) -> FloatArray:
+    """Number of laps flown at given times, with its fraction, shape (n,), 0 at the first mark.
+
+    Each mark is the start of the next lap; before the first mark and after the last, a lap takes a period.
+    """
+    marks = marks_s or [float(times_s[0])]
+    far = 1e6  # laps before the first mark and after the last: beyond any flight's
+    known_s = [marks[0] - far * period_s, *marks, marks[-1] + far * period_s]
+    count = np.arange(len(marks), dtype=float)
+    turns: FloatArray = np.interp(times_s, known_s, np.concatenate([[-far], count, [count[-1] + far]]))
+    return turns
+
+
+def _lap_time_std_s(times_s: list[float]) -> float:
+    """Standard deviation of the next lap's time [s]: root mean square of the changes between laps."""
+    if len(times_s) < 3:
+        return ONE_LAP_SHARE * times_s[-1]
+    return float(np.sqrt(np.mean(np.square(np.diff(times_s)))))
+
+
+@lru_cache(maxsize=16)
+def _power_rows(order: int, period_s: float, time_s: float, ahead: bytes) -> FloatArray:
+    """`eadp.papers.forecasting.power_rows` of instants given as bytes, cached."""
+    return forecasting.power_rows(order, period_s, time_s, np.frombuffer(ahead))
+
+
+@lru_cache(maxsize=1)
+def _published_step(order: int, turn_rad: float, steps: int) -> tuple[list[complex], list[float]]:
+    """The published filter's factor of each harmonic's α + iβ in `steps` equal Euler steps of an angle, and its gain.
+
+    Neither depends on the readings.
+    """
+    # q⁺ = (I + AΔt) q is (1 − iωjΔt)(α_j + iβ_j), step by step
+    factors = [complex(1.0, -turn_rad * j) ** steps for j in range(1, order + 1)]
+    # P⁻ = A 1 Aᵀ + 1 with 1 all ones: A·1 has every row's sum, so P⁻ = s sᵀ + 1
+    sums = np.array([1.0] + [sign for j in range(1, order + 1) for sign in (1 + turn_rad * j, 1 - turn_rad * j)])
+    output = output_row(order)
+    shared = sums * (sums @ output) + output.sum()
+    return factors, (shared / (output @ shared + 1.0)).tolist()
+
+
+class PublishedEstimator:
+    """The filter as the published flights ran it.
+
+    All-ones covariances that are never carried forward, Euler's step I + AΔt, measurement noise 1, an initial state
+    of ones, and a period that grows with the running lap from 1 s on. Between readings that are further apart than
+    `PUBLISHED_STEP_S`, it takes several such steps.
+
+    Source: the published flights (docs/reproduction.md); kept for reproduction, not for use.
+    """
+
+    follows_laps = False
+    """Its period is that of the running lap where that is longer."""
+
+    def __init__(self, settings: EstimatorSettings) -> None:
+        self._order = settings.order
+        self._state = [1.0] * (2 * settings.order + 1)
+        self._lap_s, self._lap_started_s, self._time_s = 1.0, 0.0, 0.0
+        self.period_s = 1.0
+
+    @property
+    def state_w(self) -> FloatArray:
+        """The energy state q [W]."""
+        return np.array(self._state)
+
+    def observe(self, time_s: float, motion_w: float | None) -> float:
+        """Predict to a time by equal Euler steps of at most `PUBLISHED_STEP_S`, and correct once with the reading.
+
+        Returns the forecast of the reading [W]; see `ExactEstimator.observe`.
+        """
+        # the time of the last lap, or of this one once it is longer
+        self._lap_s = max(self._lap_s, time_s - self._lap_started_s)
+        self.period_s = self._lap_s
+        step_s = round(time_s - self._time_s, 9)
+        self._time_s = time_s
+        steps = max(1, math.ceil(step_s / PUBLISHED_STEP_S - 1e-9))
+        turn_rad = 2 * math.pi / self.period_s * (step_s / steps)
+        factors, gain = _published_step(self._order, turn_rad, steps)
+        old = self._state
+        state = [old[0]]
+        expected = old[0]
+        for j, factor in enumerate(factors, 1):
+            wave = complex(old[2 * j - 1], old[2 * j]) * factor
+            state += wave.real, wave.imag
+            expected += wave.real
+        if motion_w is not None:
+            error = motion_w - expected
+            state = [q + k * error for q, k in zip(state, gain, strict=True)]
+        self._state = state
+        return expected
+
+    def end_lap(self, time_s: float) -> None:
+        """Take the time of the lap that ends as the period, and start the time of the next one."""
+        self._lap_s, self._lap_started_s = time_s - self._lap_started_s, time_s
+
+    def start_lap(self, time_s: float) -> None:
+        """Start the time of a lap that follows no other."""
+        self._lap_started_s = time_s
+
+    def shift_level(self, by_w: float) -> None:
+        """Step α0 by a known change of power [W]."""
+        self._state[0] += by_w
+
+    def estimate(self, computing_w: float, horizon_s: float) -> PowerEstimate:
+        """As `ExactEstimator.estimate`; there is no disturbance."""
+        state = np.array([*self._state, 0.0, 0.0])
+        return PowerEstimate(self._time_s, self.period_s, state, 1.0, computing_w, horizon_s)
+
+    def forecast(self, ahead_s: FloatArray) -> FloatArray:
+        """Exact from the filter's state: Euler's step would grow the harmonics; see `ExactEstimator.forecast`."""
+        return _power_rows(self._order, self.period_s, 1.0, ahead_s.tobytes())[:, :-2] @ self.state_w
+
+
+Estimator = ExactEstimator | PublishedEstimator
+"""Readings and laps in, forecast power out."""
+
+
+BLOCK_DOUBLINGS = 4
+BLOCK = 2**BLOCK_DOUBLINGS
+"""Readings of a block: 1.6 s at the usual tenth of a second."""
+
+SETTLED = 2e-4
+"""Change of the correlation of any state with a reading, from one reading to the next, at which the gain is held."""
+
+SAME_STEP_S = 1e-9
+STEPPING = -1
+"""In place of a number of steps: the gain is not held."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EnergyDynamics:
+    """State-space model of the motion power: harmonics of a period that drift, a disturbance, and a sensor's noise.
+
+    Units are as in `eadp.papers.forecasting`.
+    """
+
+    order: int
+    period_s: float
+    drift_w2_per_s: FloatArray
+    std_w: float
+    time_s: float
+    noise_w: float
+
+    def transition(self, step_s: float) -> FloatArray:
+        """e^{A Δt}, which moves the state over a step [s]."""
+        return forecasting.step_matrix(self.order, self.period_s, self.time_s, step_s)
+
+    def process_noise(self, step_s: float) -> FloatArray:
+        """Q, the covariance that a step [s] adds."""
+        return forecasting.step_noise(self.drift_w2_per_s, self.std_w, self.time_s, step_s)
+
+
+class EnergyFilter:
+    """State and covariance, step by step or in blocks.
+
+    Source: letter, Alg. 2 l. 28-29; draft 002 l. 9-16; see `eadp.papers.estimator`.
+    """
+
+    def __init__(self, state: FloatArray, covariance: FloatArray, dynamics: EnergyDynamics) -> None:
+        self.state = state
+        self._covariance = covariance
+        self._dynamics = dynamics
+        self._output = forecasting.output(dynamics.order)
+        # the last step [s], and what it does to state and covariance; the gain of the last correction
+        self._step_s = 0.0
+        self._transition = np.eye(len(state))
+        self._noise = np.zeros_like(covariance)
+        self._gain = np.zeros(len(state))
+        self._maps: tuple[FloatArray, ...] = ()  # of the covariance over 1, 2, 4, … steps, while the gain is held
+        # STEPPING, or by how many readings the covariance is behind the state, the gain held
+        self._held = STEPPING
+
+    @property
+    def covariance(self) -> FloatArray:
+        """P after every reading taken."""
+        self._catch_up()
+        return self._covariance
+
+    @property
+    def dynamics(self) -> EnergyDynamics:
+        """The state-space model."""
+        return self._dynamics
+
+    @dynamics.setter
+    def dynamics(self, dynamics: EnergyDynamics) -> None:
+        """Switch to another model; the state keeps its meaning, so phases continue."""
+        self._step_by_step()
+        self._dynamics = dynamics
+        self._step_s = 0.0
+
+    def widen(self, factor: float) -> None:
+        """Scale the covariance by a factor."""
+        self._step_by_step()
+        self._covariance = factor * self._covariance
+
+    def follow(self, step_s: float, measured_w: float | None, gate_w: float = 0.0) -> float:
+        """Predict over a step, update with a reading, and return its forecast [W].
+
+        None is no reading, and one no farther than `gate_w` from its forecast corrects nothing. A step of 0 s is a
+        second reading at one time.
+        """
+        # the gain is held where steps are even, readings come without a gate, and it has settled
+        even = abs(step_s - self._step_s) < SAME_STEP_S
+        if even and self._held != STEPPING and measured_w is not None:
+            return self._follow_held(measured_w)
+        self._step_by_step()
+        if step_s > 0:
+            if not even:
+                self._step_s = step_s
+                self._transition, self._noise = self._dynamics.transition(step_s), self._dynamics.process_noise(step_s)
+            self.state, self._covariance = predict(self.state, self._covariance, self._transition, self._noise)
+        expected = float(self._output @ self.state)
+        # draft 002's ε: no update where |y − C q| ≤ ε
+        if measured_w is None or (gate_w and abs(measured_w - expected) <= gate_w):
+            return expected
+        variance = self._dynamics.noise_w**2
+        self.state, self._covariance = update(self.state, self._covariance, self._output, measured_w, variance)
+        if step_s > 0 and not gate_w:
+            before, self._gain = self._gain, self._gain_now()
+            if even and self._gain_change(before) < SETTLED:
+                self._hold()
+        return expected
+
+    def _follow_held(self, measured_w: float) -> float:
+        """As `follow`, for a reading at the usual step while the gain is held; the covariance follows a block later."""
+        state = self._transition.dot(self.state)
+        expected = self._output.dot(state)
+        self.state = state + self._gain * (measured_w - expected)
+        self._held += 1
+        if self._held == BLOCK:
+            self._covariance, self._held = applied(self._maps[-1], self._covariance), 0
+            self._gain = self._gain_now()
+        return float(expected)
+
+    def _gain_now(self) -> FloatArray:
+        """The gain of the last correction, by the covariance after it."""
+        # K = P⁻ Cᵀ S⁻¹ = P⁺ Cᵀ R⁻¹
+        return self._covariance @ self._output / self._dynamics.noise_w**2
+
+    def _gain_change(self, before: FloatArray) -> float:
+        """Largest change of the correlation of a state with a reading, from the gain before."""
+        # |K_i − K_i⁻| √R / √P_ii
+        std = np.sqrt(np.maximum(np.diagonal(self._covariance), 1e-18))
+        return float(np.max(np.abs(self._gain - before) / std)) * self._dynamics.noise_w
+
+    def _hold(self) -> None:
+        """Hold the gain, and compose the maps of 1, 2, 4, … steps."""
+        maps = [step_map(self._transition, self._noise, self._output, self._dynamics.noise_w**2)]
+        for _ in range(BLOCK_DOUBLINGS):
+            maps.append(composed(maps[-1], maps[-1]))
+        self._maps, self._held = tuple(maps), 0
+
+    def _catch_up(self) -> None:
+        """Update the covariance for the readings that the state has taken since the covariance was updated last."""
+        # map k is of 2ᵏ steps: those of the number's binary digits are applied
+        for k, covariance_map in enumerate(self._maps):
+            if self._held > 0 and self._held >> k & 1:
+                self._covariance = applied(covariance_map, self._covariance)
+        self._held = min(self._held, 0)  # STEPPING stays
+
+    def _step_by_step(self) -> None:
+        """Go back from a gain that is held to one that each step computes."""
+        self._catch_up()
+        self._held = STEPPING
+
+
+def predict(
+    state: FloatArray, covariance: FloatArray, transition: FloatArray, process_noise: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """One step ahead without a measurement.
+
+    Parameters
+    ----------
+    state : array, shape (m,)
+    covariance, transition, process_noise : array, shape (m, m)
+        P, F and the Q of this step.
+
+    Returns
+    -------
+    state, covariance
+        F q and F P Fᵀ + Q.
+    """
+    return transition @ state, transition @ covariance @ transition.T + process_noise
+
+
+def update(
+    state: FloatArray, covariance: FloatArray, output: FloatArray, measured: float, noise_variance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Correct with one scalar measurement.
+
+    Parameters
+    ----------
+    state : array, shape (m,)
+    covariance : array, shape (m, m)
+    output : array, shape (m,)
+        C, so that the measurement is C q + noise.
+    measured, noise_variance : float
+        y, and the variance R of its noise, above 0.
+
+    Returns
+    -------
+    state, covariance
+        The covariance in Joseph form, (I − K C) P (I − K C)ᵀ + K R Kᵀ: symmetric and positive but
+        for the last bits, and never larger than before. The papers print (I + K C) P.
+    """
+    shared = covariance @ output
+    gain = shared / (output @ shared + noise_variance)
+    state = state + gain * (measured - output @ state)
+    left = np.eye(len(state)) - np.outer(gain, output)
+    covariance = left @ covariance @ left.T + noise_variance * np.outer(gain, gain)
+    return state, covariance
+
+
+def applied(step: FloatArray, covariance: FloatArray) -> FloatArray:
+    """The covariance after the steps of a map, shape (m, m), symmetric to the last bit."""
+    transition, information, added = step
+    # P (I + G P)⁻¹ = (I + P G)⁻¹ P
+    left = np.linalg.solve(np.eye(len(covariance)) + covariance @ information, covariance)
+    result: FloatArray = transition @ left @ transition.T + added
+    return 0.5 * (result + result.T)
+
+
+def composed(step: FloatArray, then: FloatArray) -> FloatArray:
+    """One map, then another, as a map: shape (3, m, m)."""
+    transition, information, added = step
+    identity = np.eye(len(added))
+    # A₂ (I + H₁ G₂)⁻¹
+    through = np.linalg.solve((identity + added @ then[1]).T, then[0].T).T
+    grown = then[2] + through @ added @ then[0].T
+    # G = G₁ + A₁ᵀ (I + G₂ H₁)⁻¹ G₂ A₁
+    seen = np.linalg.solve(identity + then[1] @ added, then[1] @ transition)
+    known = information + transition.T @ seen
+    return np.array([through @ transition, 0.5 * (known + known.T), 0.5 * (grown + grown.T)])
+
+
+def step_map(
+    transition: FloatArray, process_noise: FloatArray, output: FloatArray, noise_variance: float
+) -> FloatArray:
+    """One step ahead, then one scalar reading: `predict` and `update`.
+
+    Parameters
+    ----------
+    transition, process_noise : array, shape (m, m)
+        F and the Q of the step.
+    output : array, shape (m,)
+        C.
+    noise_variance : float
+        R of the reading, above 0.
+
+    Returns
+    -------
+    array, shape (3, m, m)
+    """
+    nothing, identity = np.zeros_like(transition), np.eye(len(output))
+    predicted = np.array([transition, nothing, process_noise])
+    read = np.array([identity, np.outer(output, output) / noise_variance, nothing])
+    return composed(predicted, read)

@@ -1,1 +1,0 @@
-"""What a planner learns in flight: power, period, time, charge."""

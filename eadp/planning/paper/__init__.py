@@ -1,1 +1,0 @@
-"""The letter's Algorithm 2: receding-horizon problem and path rule."""

@@ -1,1 +1,0 @@
-"""Where a live flight is in its plan: samples of telemetry to observations, decisions to advice."""

@@ -1,0 +1,310 @@
+"""The data of a flight's page: what was flown, forecast and decided, thinned, and the plan that it was flown on."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from eadp.core.geometry.curves import LINE, Point
+from eadp.errors import EadpError
+from eadp.io.flight import flight_facts, flown_coverage, flown_of_plan, setting_text
+from eadp.io.scenario import Scenario
+from eadp.models.plan.cursor import PlanCursor
+from eadp.models.plan.legs import Leg, leg_points
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.replay import PlanReplay, legs_from
+from eadp.models.plan.stage import point_at
+from eadp.models.plan.trace import nominal_legs
+from eadp.models.weather import Wind
+from eadp.models.world import World
+from eadp.planning.base import FALLBACK, INFEASIBLE, TIME, TURNS_BACK
+from eadp.report.page import changes, evenly, significant, thinned
+from eadp.report.words import flight_words
+
+POSITION_M, HEADING_RAD, SOC, ALTITUDE_M = 0.3, 0.05, 5e-4, 0.5
+"""Errors of thinned positions [m], headings [rad], charges and altitudes [m]."""
+
+POWER_SHARE = 1 / 400
+"""Error of thinned powers, as a share of their range."""
+
+MAX_DECISIONS, MAX_HORIZONS, MAX_ROUTES = 3000, 300, 40
+MAX_POINTS, LEG_POINTS = 60_000, 4
+"""Most points of the plan's lines, and how many a leg should have at least."""
+
+FAINT = 5
+WIND_ROWS = 200
+"""Values across the sets of the path parameters at which the plan's lines are drawn."""
+
+CURVE_PARTS = 24
+"""Most parts in which a leg that is no line is drawn, of 1 m at least."""
+
+NO_HORIZONS: dict[str, Any] = {"t": [], "s": [], "w": []}
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class FlownFlight:
+    """A flight as its result folder keeps it.
+
+    Attributes
+    ----------
+    world : World
+    scenario : Scenario
+    summary : mapping
+        As `summary.json`.
+    columns : mapping of str to sequence of float
+        The columns of `flight.csv`.
+    estimates : sequence of sequences
+        The rows of `estimate.csv`, its header first.
+    decisions : sequence of mappings
+        The lines of `decisions.jsonl`.
+    """
+
+    world: World
+    scenario: Scenario
+    summary: Mapping[str, Any]
+    columns: Mapping[str, Sequence[float]]
+    estimates: Sequence[Sequence[Any]]
+    decisions: Sequence[Row]
+
+
+def flight_data(flight: FlownFlight) -> dict[str, Any]:
+    """The data of a flight's page."""
+    world, summary = flight.world, flight.summary
+    plan, columns = world.plan, flight.columns
+    times = columns["time_s"]
+    parameters = [
+        {
+            "name": parameter.label,
+            "title": parameter.kind,
+            "unit": parameter.unit,
+            "low": parameter.shown(plan.hull(i).lo),
+            "high": parameter.shown(plan.hull(i).hi),
+            **changes(times, [*map(parameter.shown, columns[parameter.name])]),
+        }
+        for i, parameter in enumerate(plan.parameters)
+    ]
+    values = zip(*(columns[name] for name in plan.names), strict=True) if plan.names else itertools.repeat(())
+    rows = zip(times, map(int, columns["stage"]), columns["x_m"], columns["y_m"], values, strict=False)
+    flown = PlanReplay(PlanCursor.start(plan, world.parameters, world.rules), world.start.position_m, rows)
+    return {
+        "title": plan.name.rpartition("/")[2],
+        "words": [
+            *flight_words(summary, flight.decisions, world.faults),
+            f"It flew with {setting_text(flight.scenario)}.",
+        ],
+        "completed": summary["completed"],
+        "end": {key: summary[key] for key in ("reason", "duration_s", "energy_wh", "soc_final", "quality")},
+        "reserve": None if world.battery.prescribed else summary["soc_reserve"],
+        "reserve_kept": None if world.battery.prescribed else summary["reserve_kept"],
+        "parameters": parameters,
+        "stage": changes(times, [*map(int, columns["stage"])]),
+        "lap": changes(times, flown.laps),
+        **_series(columns),
+        "horizons": _horizons(flight.estimates),
+        "wind": {
+            "rows": _wind_rows(world.wind, times, columns.get("altitude_m", [0.0] * len(times))),
+            "gust_std_mps": world.wind.gust_std_mps,
+        },
+        "faults": [[fault.at_s, fault.soc_drop] for fault in world.faults],
+        "field": _field(plan, flown_of_plan(columns, summary.get("turned_back_s"))),
+        "airspace": {
+            "obstacles": [[obstacle.name, obstacle.outline] for obstacle in plan.site.airspace.obstacles],
+            "boundary": plan.site.airspace.boundary,
+        },
+        "plan": _plan_lines(plan, flown, world.start.position_m, world.way_home and world.way_home.position_m),
+        "decisions": decisions_data(
+            [{**row, "parameters": plan.shown(row["parameters"])} for row in flight.decisions],
+            columns,
+            plan.shown(dict(zip(plan.names, world.parameters, strict=True))),
+        ),
+        "facts": flight_facts(summary),
+    }
+
+
+def _wind_rows(wind: Wind, times_s: Sequence[float], altitudes_m: Sequence[float]) -> list[list[float]]:
+    """Times [s], and the steady wind that the flight was in from then on, linear in between (east, north) [m/s]."""
+    if not any(len(row) > 3 for row in wind.profile):
+        return [[t, *wind.steady_at_mps(t)] for t in [row[0] for row in wind.profile] or [0.0]]
+    shown = np.linspace(0, len(times_s) - 1, min(WIND_ROWS, len(times_s))).astype(int).tolist()
+    return [[times_s[i], *wind.steady_at_mps(times_s[i], altitudes_m[i])] for i in shown]
+
+
+# --- series
+
+
+def _series(columns: Mapping[str, Sequence[float]]) -> dict[str, Any]:
+    """Position, power, charge, altitude and the ground below, thinned."""
+    times = columns["time_s"]
+    path = {"x": columns["x_m"], "y": columns["y_m"], "heading": np.unwrap(columns["heading_rad"]).tolist()}
+    errors = {"x": POSITION_M, "y": POSITION_M, "heading": HEADING_RAD}
+    if "lat_deg" in columns:  # a millionth of a degree is 0.1 m
+        path |= {"lat": columns["lat_deg"], "lon": columns["lon_deg"]}
+        errors |= {"lat": 1e-5, "lon": 1e-5}
+    power = {"w": columns["power_w"], "forecast_w": columns["power_forecast_w"]}
+    known = [*power["w"], *power["forecast_w"]]
+    error_w = max((max(known) - min(known)) * POWER_SHARE, 0.01)
+    data = {
+        "path": thinned(times, path, errors),
+        "power": thinned(times, power, dict.fromkeys(power, error_w)),
+        "charge": thinned(times, {"soc": columns["soc"]}, {"soc": SOC}),
+    }
+    altitude, ground = columns.get("altitude_m", [0.0]), columns.get("ground_m")
+    if ground is not None or max(altitude) - min(altitude) > 2 * ALTITUDE_M:
+        heights = {"m": altitude} if ground is None else {"m": altitude, "ground_m": ground}
+        data["altitude"] = thinned(times, heights, dict.fromkeys(heights, ALTITUDE_M))
+    return data
+
+
+def _horizons(rows: Sequence[Sequence[Any]]) -> dict[str, Any]:
+    """Forecasts of the power over the planner's horizon, some of them: times, horizons [s] and values [W]."""
+    head, *body = rows or [[]]
+    if not body:
+        return NO_HORIZONS
+    first, horizon = head.index("forecast_0_w"), head.index("horizon_s")
+    chosen = [body[i] for i in evenly(len(body), MAX_HORIZONS)]
+    return {
+        "t": [float(row[0]) for row in chosen],
+        "s": [round(float(row[horizon]), 3) for row in chosen],
+        "w": [[round(float(value), 2) for value in row[first:]] for row in chosen],
+    }
+
+
+def _field(plan: Plan, columns: Mapping[str, Sequence[float]]) -> dict[str, Any] | None:
+    """The field, its swath, and the share covered over time."""
+    if plan.site.field is None:
+        return None
+    covered = flown_coverage(plan, columns)
+    return {
+        "rings": [ring for part in plan.site.field.parts for ring in part],
+        "swath_m": plan.site.swath_m,
+        "covered": covered and {"t": covered[0], "share": [significant(share) for share in covered[1]]},
+    }
+
+
+# --- decisions
+
+
+def decisions_data(
+    rows: Sequence[Row], columns: Mapping[str, Sequence[Any]], parameters: Mapping[str, float] | None = None
+) -> dict[str, Any]:
+    """Re-plannings by column, texts by their number in a list, with the energy that was used after each.
+
+    `parameters` are those before the first, if they are known.
+    """
+    changed = [
+        (before is not None and row["parameters"] != before) or str(row.get("reason", "")).startswith(TURNS_BACK)
+        for row, before in zip(rows, [parameters, *(row["parameters"] for row in rows)], strict=False)
+    ]
+    kept = _kept_decisions(rows, changed)
+    chosen = [rows[i] for i in kept]
+    data: dict[str, Any] = {"count": len(rows), "changed": [changed[i] for i in kept]}
+    for name in rows[0] if rows else ():
+        values = [row[name] for row in chosen]
+        if all(value is None for value in values):
+            continue
+        if name in ("time_s", "stage", "lap"):
+            data[name] = values
+        elif any(isinstance(value, str | dict | list | tuple | bool) for value in values):
+            data[name] = _coded([_short(value) for value in values])
+        else:
+            data[name] = [significant(value) for value in values]
+    data["used_after_wh"] = _energy_after_wh(columns, [row["time_s"] for row in chosen])
+    return data
+
+
+def _short(value: Any) -> Any:
+    """A value with numbers of six significant digits."""
+    if isinstance(value, dict):
+        return {key: significant(number) for key, number in value.items()}
+    if isinstance(value, list | tuple):
+        return [significant(item) if isinstance(item, float) else item for item in value]
+    return value
+
+
+def _coded(values: Sequence[Any]) -> dict[str, Any]:
+    """Values by their number in a list of those that differ."""
+    known: dict[str, int] = {}
+    places = [known.setdefault(repr(value), len(known)) for value in values]
+    firsts = dict(zip(reversed(places), reversed(values), strict=True))
+    return {"of": [firsts[place] for place in range(len(known))], "at": places}
+
+
+def _kept_decisions(rows: Sequence[Row], changed: Sequence[bool]) -> list[int]:
+    """All re-plannings, or where they are many those with something to see, and others evenly among them."""
+    if len(rows) <= MAX_DECISIONS:
+        return [*range(len(rows))]
+    telling = [
+        i
+        for i, row in enumerate(rows)
+        if changed[i] or row.get("cause", TIME) != TIME or row.get("status") in (FALLBACK, INFEASIBLE)
+    ]
+    telling = [telling[i] for i in evenly(len(telling), MAX_DECISIONS * 2 // 3)] if telling else []
+    return sorted({*telling, *evenly(len(rows), MAX_DECISIONS - len(telling))})
+
+
+def _energy_after_wh(columns: Mapping[str, Sequence[Any]], times_s: Sequence[float]) -> list[float | None]:
+    """Energy used from some times to the end [Wh], of the logged power."""
+    logged_s = np.array(columns["time_s"])
+    power_w = np.array([math.nan if value is None else value for value in columns["power_w"]])
+    if len(logged_s) < 2 or np.isnan(power_w).any():
+        return [None] * len(times_s)
+    used_wh = np.concatenate([[0.0], np.cumsum(np.diff(logged_s) * (power_w[1:] + power_w[:-1]) / 7200)])
+    return [significant(value) for value in (used_wh[-1] - np.interp(times_s, logged_s, used_wh)).tolist()]
+
+
+# --- the plan's lines
+
+
+def _plan_lines(plan: Plan, flown: PlanReplay, start: Point, home: Point | None) -> dict[str, Any]:
+    """The plan's lines at all parameters and at those in force, start, final point and home."""
+    turns = [flown.turns[i] for i in evenly(len(flown.turns), MAX_ROUTES)]
+    routes = [(time_s, legs) for time_s, cursor, joined in turns if (legs := legs_from(cursor, joined))]
+    faint = list(_faint(plan, flown.turns[0][1].parameters, start))
+    while (count := sum(map(len, [*faint, *(legs for _, legs in routes)]))) * LEG_POINTS > MAX_POINTS:
+        if faint:
+            faint = faint[: len(faint) // 2]
+        elif len(routes) > 1:
+            routes = [routes[i] for i in evenly(len(routes), len(routes) - 1)]
+        else:
+            break
+    parts = max(2, min(CURVE_PARTS, MAX_POINTS // max(count, 1) - 1))
+    last = flown.turns[-1][1]
+    return {
+        "stages": [stage.kind for stage in plan.stages],
+        "shown": len(routes),
+        "turns": len(flown.turns),
+        "faint": [_polyline(legs, parts) for legs in faint],
+        "routes": [[time_s, _polyline(legs, parts)] for time_s, legs in routes],
+        "start": start,
+        "final": point_at(plan.final_point, last.parameters, "the final point"),
+        "home": home,
+    }
+
+
+def _faint(plan: Plan, parameters: Sequence[float], start: Point) -> Iterator[Sequence[Leg]]:
+    """The nominal flight at values across the sets of the path parameters."""
+    boxes = [plan.hull(i) for i in range(plan.path_count)] if plan.has_sets else []
+    if all(box.fixed for box in boxes):
+        return
+    for share in np.linspace(0.0, 1.0, FAINT).tolist():
+        values = [*(box.lo + share * (box.hi - box.lo) for box in boxes), *parameters[plan.path_count :]]
+        try:
+            yield nominal_legs(plan, values, start)
+        except EadpError:
+            continue
+
+
+def _polyline(legs: Sequence[Leg], parts: int) -> list[float]:
+    """Points along legs as x, y, x, y, …, rounded to 0.1 m."""
+    points: list[Point] = []
+    for leg in legs:
+        step_m = leg.distance_m / (1 if leg.stage.kind == LINE else parts)
+        points += [(p.x_m, p.y_m) for p in leg_points(leg, max(step_m, 1.0))]
+    rounded = [(round(x, 1), round(y, 1)) for x, y in points]
+    return [value for point, _ in itertools.groupby(rounded) for value in point]

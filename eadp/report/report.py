@@ -1,0 +1,264 @@
+"""A result as its HTML page: a flight's folder, the log of a flight on telemetry, the results of a sweep."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from eadp.api.flight import REPORT
+from eadp.api.given import Around, File
+from eadp.api.inputs import Files, FlightInputs, load_flight
+from eadp.errors import EadpError, Fault, InputError, printable, refuse
+from eadp.io.plan.reader import read_plan
+from eadp.io.plan.sources import is_mission
+from eadp.io.scenario import read_overrides, vehicle_path
+from eadp.io.text.csv import number_fault, read_rows
+from eadp.io.text.json import json_lines
+from eadp.io.text.streams import Text, output_file, read_text, write_bytes, write_text
+from eadp.io.text.yaml import read_yaml
+from eadp.live.log_page import log_data
+from eadp.report.flight import FlownFlight, flight_data
+from eadp.report.flights import DrawnFlight, comparison, draw_flights, flights_data, table_text
+from eadp.report.page import check_page, page_html
+from eadp.survey.fences import FENCES
+from eadp.sweep.page import sweep_data
+
+SQLITE = b"SQLite format 3\0"
+COMPARISON = "comparison.html"
+
+
+def write_comparison(folders: Sequence[str], out: str | None = None) -> tuple[str, str]:
+    """Write the page of several flights, and their figure beside it as .svg and .png; return its path and the table.
+
+    Parameters
+    ----------
+    folders : sequence of str
+        Result folders, two or more.
+    out : str, optional
+        By default `comparison.html` beside the first folder; `-` is standard output, without a figure.
+
+    Raises
+    ------
+    InputError
+        If one is no result folder or stands twice, or a file cannot be written.
+    """
+    for folder in folders:
+        if not os.path.isdir(folder):
+            raise InputError.at(folder, 1, 1, "is no folder of a flight", "folders of eadp simulate, one or more")
+    with _whole(folders[0]):
+        flights = read_flights(folders)
+        pictures = draw_flights(flights)
+        table, data = table_text(comparison(flights)), flights_data(flights, pictures[".svg"])
+    page = Path(folders[0]).resolve().parent / COMPARISON if out is None else Path(out)
+    if out != "-":
+        output_file(str(page))
+        check_page(page)
+        beside = [page.with_suffix(suffix) for suffix in pictures]
+        taken = [] if page.exists() else [each for each in beside if os.path.lexists(each)]
+        refuse([Fault(str(each), 1, 1, "is no picture of this page", "another -o FILE") for each in taken])
+        for suffix, picture in pictures.items():
+            write_bytes(str(page.with_suffix(suffix)), picture)
+    write_text(str(page) if out != "-" else "-", page_html("flights", data))
+    return str(page), table
+
+
+def page_of(result: str) -> Path:
+    """Where the page of a result goes by default."""
+    path = Path(result)
+    if os.path.isdir(path):
+        return path / REPORT
+    return path.with_name(f"{path.name}.html") if path.suffix == ".html" else path.with_suffix(".html")
+
+
+def _data(path: Path, page: Path, keep: str | None) -> tuple[str, dict[str, Any]]:
+    """The kind of a result's page, and its data."""
+    faulty = path / SUMMARY if os.path.isdir(path) else path
+    with _whole(str(faulty)):
+        if os.path.isdir(path):
+            return "flight", flight_data(read_folder(path))
+        if _is_database(path):
+            return "sweep", sweep_data(str(path), page, keep)
+        return "flight", log_data(read_text(str(path)))
+
+
+@contextmanager
+def _whole(name: str) -> Iterator[None]:
+    """Errors of a result that is damaged as faults of its file."""
+    try:
+        yield
+    except EadpError:
+        raise
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        what = f"is damaged: {type(error).__name__}: {printable(str(error))}"
+        raise InputError.at(name, 1, 1, what, "a result of eadp, whole") from None
+
+
+def _is_database(path: Path) -> bool:
+    try:
+        with path.open("rb") as stream:
+            return stream.read(len(SQLITE)) == SQLITE
+    except (OSError, ValueError):  # its fault is that of a text
+        return False
+
+
+def report(result: File | Sequence[File], out: File | None = None, keep: File | None = None) -> str:
+    """Write a result as one HTML page that needs no network.
+
+    Parameters
+    ----------
+    result : path, or sequence of paths
+        A result folder, the results file of a sweep, or a log of `eadp replan`. Several folders of flights are drawn
+        beside each other.
+    out : path, optional
+        By default `report.html` in the folder, or beside the file under its name; `-` is standard output.
+    keep : path, optional
+        Where the folders of a sweep's flights are, for links to them.
+
+    Returns
+    -------
+    str
+        The page's path.
+
+    Raises
+    ------
+    InputError
+        If it is no result, is damaged, or the page cannot be written.
+    """
+    if not isinstance(result, str | PathLike):
+        return write_comparison([*map(str, result)], None if out is None else str(out))[0]
+    page = page_of(str(result))
+    target = str(page) if out is None else str(out)
+    if target != "-":
+        check_page(output_file(target))
+    data = _data(Path(result), page if target == "-" else Path(target), None if keep is None else str(keep))
+    write_text(target, page_html(*data))
+    return target
+
+
+SUMMARY, OVERRIDES = "summary.json", "overrides.txt"
+
+
+def read_folder(folder: Path) -> FlownFlight:
+    """The flight of a result folder.
+
+    Raises
+    ------
+    InputError
+        If a file is missing or damaged.
+    """
+    if not (folder / SUMMARY).exists():
+        raise InputError.at(str(folder), 1, 1, "is no folder of a flight", "a folder of eadp simulate -o DIR")
+    (summary,) = json_lines(read_text(str(folder / SUMMARY)), whole=True)
+    estimates, decisions = folder / "estimate.csv", folder / "decisions.jsonl"
+    head, *rows = _table(folder / "flight.csv")
+    inputs = _inputs(folder / "inputs")
+    return FlownFlight(
+        world=inputs.world,
+        scenario=inputs.scenario,
+        summary=summary,
+        columns=dict(zip(head, map(list, zip(*rows, strict=True)), strict=True)),
+        estimates=_table(estimates) if estimates.exists() else [],
+        decisions=json_lines(read_text(str(decisions))) if decisions.exists() else [],
+    )
+
+
+def read_flights(folders: Sequence[str]) -> list[DrawnFlight]:
+    """The flights of result folders, each named by its planner, or by its folder where two have one planner.
+
+    Raises
+    ------
+    InputError
+        If a folder stands twice, or as `read_folder`.
+    """
+    places = [Path(folder).resolve() for folder in folders]
+    for i, place in enumerate(places):
+        if place in places[:i]:
+            raise InputError.at(folders[i], 1, 1, "stands twice", "folders of different flights")
+    flights = [read_folder(Path(folder)) for folder in folders]
+    planners = [flight.summary["planner"] for flight in flights]
+    names = planners if len(set(planners)) == len(planners) else [place.name for place in places]
+    if len(set(names)) < len(names):
+        names = list(folders)
+    return [
+        DrawnFlight(
+            name if flight.summary["completed"] else f"{name}: NOT completed",
+            flight.world.plan,
+            flight.summary,
+            flight.columns,
+        )
+        for name, flight in zip(names, flights, strict=True)
+    ]
+
+
+def _table(path: Path) -> list[list[Any]]:
+    """Head and rows of a table of numbers; an empty field is None."""
+    rows = read_rows(str(path), read_text(str(path)).body)
+    head = next(rows, None)
+    if head is None:
+        raise InputError.at(str(path), 1, 1, "is empty", "a table of a result folder")
+    numbers: list[list[Any]] = []
+    for row in rows:
+        if len(row.fields) != len(head.fields):
+            raise InputError(row.fault(0, f"{len(row.fields)} fields", f"{len(head.fields)}"))
+        try:
+            values = [float(field) if field else None for field in row.fields]
+        except ValueError:
+            values = [math.nan]  # found below, with its column
+        if not all(value is None or math.isfinite(value) for value in values):
+            faults = ((i, number_fault(field)) for i, field in enumerate(row.fields) if field)
+            raise InputError(*(row.fault(i, *fault) for i, fault in faults if fault))
+        numbers.append(values)
+    if not numbers:
+        raise InputError.at(str(path), 2, 1, "no rows", "a row for each logged moment")
+    return [head.fields, *numbers]
+
+
+# --- inputs
+
+
+def _inputs(folder: Path) -> FlightInputs:
+    """The flight of the copies of its inputs, which are recognised by their content."""
+    paths = _paths(folder)
+    if "plan" not in paths:
+        raise InputError.at(str(folder), 1, 1, "has no plan", "the copies of a flight's inputs")
+    given = folder / OVERRIDES
+    overrides = read_overrides(read_text(str(given)).body.splitlines()) if given.exists() else {}
+    files = Files()
+    if "vehicle" in paths:
+        document = files.document(paths.get("scenario"))
+        named = vehicle_path(document, overrides)
+        if named is not None:
+            files.texts[named] = files.text(paths["vehicle"])
+    chosen: dict[str, Any] = {kind: paths.get(kind) for kind in ("scenario", "profile", "energy")}
+    around = Around(avoid=paths.get("avoid"), inside=paths.get("inside"))
+    return load_flight(paths["plan"], **chosen, around=around, overrides=overrides, files=files)
+
+
+def _paths(folder: Path) -> dict[str, str]:
+    """The paths of the inputs by kind."""
+    paths = {kind: str(path) for kind in FENCES for path in (folder / kind).glob("*")}
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if path.name != OVERRIDES and path.is_file():
+            paths[_kind(read_text(str(path)))] = str(path)
+    return paths
+
+
+def _kind(text: Text) -> str:
+    """What an input is: of YAML its schema says it; else a plan or a mission, or a profile's measurements."""
+    if is_mission(text):
+        return "plan"
+    try:
+        document = read_yaml(text).value
+        return str(document["schema"]).removeprefix("eadp.").partition("/")[0]
+    except (InputError, TypeError, KeyError):
+        pass
+    try:
+        read_plan(text)
+    except InputError:
+        return "profile"
+    return "plan"

@@ -1,1 +1,0 @@
-"""Many flights: design, engines, statistics."""

@@ -1,1 +1,0 @@
-"""Engines of a sweep: where its runs are made."""

@@ -1,0 +1,851 @@
+"""Coverage path planning: the quickest path found that covers a field, in one of two patterns.
+
+The patterns are the letter's Zamboni-like motion, and lines in a travelling salesman's order with Dubins turns.
+Headings, starting corners and patterns are compared by the time of flight. That of the Zamboni-like motion is taken at
+its lowest c1, where it covers the field with the fewest lines. Turns between the lines of an order, and between blocks,
+have the aircraft's smallest radius.
+
+Source: letter, Sec. IV-A; Dubins 1957 for the turns between lines.
+"""
+
+from __future__ import annotations
+
+import functools
+import heapq
+import itertools
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.dubins import Pose, centre_m, ordered, polyline_m
+from eadp.core.geometry.geodesy import compass_deg, point_text
+from eadp.core.geometry.polygons import FreeSpace, hull, strip_extents
+from eadp.errors import Infeasible
+from eadp.models.airspace import CLEARANCE_SHARE, Airspace
+from eadp.models.field import Field
+from eadp.plug_ins import plug_in
+from eadp.survey.airspace import FreeTurns, LineCosts, NotFree, free_lines, free_order
+from eadp.survey.line_order import best_order, quick_order
+from eadp.survey.swaths import (
+    MIN_LINE_M,
+    CoverageLeg,
+    CoveragePath,
+    MotionLimits,
+    StripFrame,
+    frame_of,
+    half_circle,
+    straight,
+)
+from eadp.survey.zamboni import Block, BlockBounds, BlockLayout, build_block, layouts, summarise_block
+
+ZAMBONI, DUBINS, AUTO = PATTERNS = "zamboni", "dubins", "auto"
+
+MAX_TIME_RATIO = 1.02
+"""`auto` takes the Zamboni-like motion if its time is at most this many times the best order's."""
+
+HEADING_STEP_DEG = 10
+"""Step of the headings tried besides those of the hull's edges, counted from the longest edge [°]."""
+
+MAX_SQUARES, MIN_HEADINGS = 300_000, 6
+"""Largest sum of the squares of lines over the headings tried, and fewest headings: more would take over 10 s."""
+
+SAME_HEADING_RAD = math.radians(1.0)
+
+FULL_SEARCHES = 3
+"""Number of headings for which the order of lines is searched in full."""
+
+FREE_HEADINGS_TRIED = 6
+"""Most headings that are tried within obstacles and a boundary, the quickest first."""
+
+MIN_LEFT = 0.05
+"""Smallest share of the lines that obstacles and a boundary leave, for a field to be covered at all."""
+
+LOST_RATIO = 20.0
+"""Time that a metre of a line left out counts, over the time that it takes."""
+
+SETS_ORDERED = 8
+"""Sets of lines that are ordered to choose a heading for sorties, those of the least bounds of their time."""
+
+FREE_CHAINS = 24
+"""Most chains of blocks that are tried within obstacles and a boundary, the quickest first."""
+
+ACCESS_TRIED = 12
+"""Lines whose ways from the start and to the end are tried before the search, the nearest first."""
+
+MAX_LINES = 400
+"""Largest number of lines that are ordered."""
+
+SEAM_M = 1e-7
+"""By how much windows beside each other overlap [m]: less than what a line leaves to its neighbour."""
+
+FREE_HEADINGS = 36
+"""Number of headings tried at the start and home points."""
+
+BEFORE_SHARES = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
+"""Lengths of a straight before the first line that are tried, over what a climb lacks."""
+
+TIE_DIGITS = 6
+"""Times that agree to so many decimals are equal [s]."""
+
+Pattern = Callable[["CoverageRequest", float], Sequence[CoverageLeg]]
+"""A pattern of another package: the lines of a request at a heading [rad], in order; turns are added. It raises
+`Infeasible` where it does not fit."""
+
+
+@dataclass(frozen=True)
+class LineGrid:
+    """Lines beside each other, by their u in a frame: middles of n lines, and the n + 1 edges of their ground [m]."""
+
+    frame: StripFrame
+    middles_m: FloatArray
+    edges_m: FloatArray
+
+    @classmethod
+    def over(cls, field: Field, heading_rad: float, swath_m: float, spacing_m: float) -> LineGrid:
+        """Lines of a heading over a field, evenly spaced, as few as lie no farther apart than `spacing_m`.
+
+        Raises
+        ------
+        Infeasible
+            If they are more than `MAX_LINES`.
+        """
+        frame = _canonical_frame(field, heading_rad)
+        across = np.concatenate([frame.into(np.array(part[0]))[:, 0] for part in field.parts])
+        left, width = float(across.min()), float(np.ptp(across))
+        count = max(1, math.ceil((width - swath_m - 1e-6) / spacing_m) + 1)
+        if count > MAX_LINES:
+            raise Infeasible(f"the field needs {count} lines, more than {MAX_LINES}")
+        half = min(width, swath_m) / 2
+        middles = np.linspace(left + half, left + width - half, count)
+        # ground that two lines reach belongs to the nearer one
+        return cls(frame, middles, np.array([left, *((middles[:-1] + middles[1:]) / 2), left + width]))
+
+    def whole_lines(self, field: Field) -> list[CoverageLeg]:
+        """The lines over a field and its gaps: each as a leg, followed by the same line the other way."""
+        spans = zip(self.middles_m.tolist(), self.extents(field), strict=True)
+        return _directed_lines(self.frame, [(u, parts) for u, parts in spans if parts])
+
+    def order_of(self, solution: CoverageSolution) -> list[int]:
+        """Indices of the lines, in the order in which a solution without laps first flies a part of each."""
+        flown = [leg.start[:2] for leg in solution.path(0.0).legs if leg.sensing]
+        across = self.frame.into(np.array(flown))[:, 0]
+        return list(dict.fromkeys(np.abs(across[:, None] - self.middles_m).argmin(axis=1).tolist()))
+
+    def extents(self, field: Field) -> list[list[tuple[float, float]]]:
+        """For each line the intervals of v in which its strip holds ground of a field [m], upward."""
+        rings, *others = ([self.frame.into(np.array(ring)) for ring in part] for part in field.parts)
+        return strip_extents(rings, self.edges_m, others)
+
+    def window(self, first: int, last: int, low_m: float, high_m: float) -> list[Point]:
+        """Corners in the plane of the ground of lines `first` to `last`, between two values of v [m]."""
+        left, right = float(self.edges_m[first]) - SEAM_M, float(self.edges_m[last + 1]) + SEAM_M
+        corners = ((left, low_m), (right, low_m), (right, high_m), (left, high_m))
+        return [self.frame.out(*corner) for corner in corners]
+
+
+@dataclass(frozen=True)
+class CoverageRequest:
+    """A coverage problem: the field, the motion's limits, and what is prescribed.
+
+    `heading_rad` None leaves the heading of the lines free; `start_m` and `home_m` None leave both ends of the path
+    free; a path may start at a pose. It may start with a straight `climb_out` and end with a straight final `approach`.
+    The first line begins `climb_s` after the start at the earliest, as the aircraft has to climb.
+    Ordered lines lie at most `order_spacing_m` apart, by default a swath, or on a `grid`. `airspace` is what is in the
+    way, by default all that the field has.
+    """
+
+    field: Field
+    motion: MotionLimits
+    pattern: str = AUTO
+    heading_rad: float | None = None
+    start_m: Point | Pose | None = None
+    home_m: Point | None = None
+    order_spacing_m: float | None = None
+    grid: LineGrid | None = None
+    airspace: Airspace | None = None
+    climb_out: CoverageLeg | None = None
+    approach: CoverageLeg | None = None
+    climb_s: float = 0.0
+
+    @property
+    def way_out(self) -> Point | Pose | None:
+        """Where the way to the first line starts: with a heading after a climb-out."""
+        return self.start_m if self.climb_out is None else self.climb_out.end
+
+    @property
+    def way_back(self) -> Point | Pose | None:
+        """Where the way from the last line ends: with a heading before an approach."""
+        return self.home_m if self.approach is None else self.approach.start
+
+    def check(self) -> None:
+        """Raise Infeasible if climb-out or final approach is not free, or the wind is too strong."""
+        wind_mps = math.hypot(*self.motion.wind_mps)
+        if wind_mps >= self.motion.airspeed_mps:
+            raise Infeasible(
+                f"a wind of {wind_mps:g} m/s is not slower than the aircraft's {self.motion.airspeed_mps:g}"
+            )
+        for leg, name in ((self.climb_out, "climb-out"), (self.approach, "final approach")):
+            if leg is not None and self.space is not None and not self.space.has_hull(polyline_m([leg.piece])):
+                way = f"{leg.piece.length_m:.0f} m towards {compass_deg(leg.start[2]):.0f}°"
+                # where the leg stops being free: its start, or else the end of its first free interval
+                (low_m, high_m), *_ = (*self.space.intervals_m([leg.start[:2]], [leg.end[:2]])[0], (1.0, 0.0))
+                place = self.place_text(leg.piece.pose_at(0.0 if low_m > 0 else high_m))
+                message = f"the {name} of {way} does not stay {self.limits_text} at {place}"
+                raise Infeasible(message, "another heading, another place, or less altitude")
+
+    def place_text(self, pose: Point | Pose) -> str:
+        """A place, for people."""
+        return point_text(pose[:2], self.field.origin_deg)
+
+    @property
+    def limits_text(self) -> str:
+        """What is in the way, in a message."""
+        airspace = self.airspace or self.field.airspace
+        limits = ["out of the obstacles"] * bool(airspace.obstacles) + ["inside the boundary"] * bool(airspace.boundary)
+        return " and ".join(limits)
+
+    @cached_property
+    def space(self) -> FreeSpace | None:
+        """Where lines and turns may lie; None for everywhere."""
+        airspace = self.airspace or self.field.airspace
+        return airspace.free_space(CLEARANCE_SHARE * self.motion.min_radius_m) if any(airspace) else None
+
+
+@dataclass(frozen=True)
+class CoverageSolution:
+    """A path that covers a field: single legs, and blocks that are flown lap by lap.
+
+    `time_s` is the time of flight at the lowest c1, `access_s` the part of it before the first line and after the last.
+    `other_share` is the time of the other pattern divided by this one's, without access; None if only one was tried.
+    `laps` is the Zamboni-like motion that was not chosen.
+    `in_climb` are the parts of lines that are flown below their altitude, with the camera off.
+    """
+
+    pattern: str
+    heading_rad: float
+    sections: tuple[CoverageLeg | Block, ...]
+    time_s: float = 0.0
+    access_s: float = 0.0
+    other_share: float | None = None
+    laps: CoverageSolution | None = None
+    in_climb: tuple[CoverageLeg, ...] = ()
+
+    @property
+    def in_climb_m(self) -> list[tuple[Point, ...]]:
+        """Points along each part of a line that is flown in the climb [m]."""
+        return [(leg.start[:2], leg.end[:2]) for leg in self.in_climb]
+
+    def path(self, c1: float) -> CoveragePath:
+        """The whole path at a fixed parameter."""
+        legs: list[CoverageLeg] = []
+        for section in self.sections:
+            legs += section.legs(max(c1, section.min_c1)) if isinstance(section, Block) else [section]
+        return CoveragePath(tuple(legs))
+
+    @property
+    def blocks(self) -> list[Block]:
+        """The blocks flown lap by lap."""
+        return [section for section in self.sections if isinstance(section, Block)]
+
+    @property
+    def min_c1(self) -> float:
+        """The lowest c1 of any block; 0 without blocks."""
+        return min((block.min_c1 for block in self.blocks), default=0.0)
+
+
+def cover(request: CoverageRequest, *, draft: bool = False) -> CoverageSolution:
+    """The quickest path found that covers a field.
+
+    With `draft`, lines within obstacles and a boundary are ordered by a quick search: some percent longer at most.
+
+    Raises
+    ------
+    Infeasible
+        If the wind is too strong, the field is too narrow for the requested pattern, or needs too many lines.
+    """
+    request.check()  # before the search, which takes long
+    motion = request.motion
+    check_access(request)
+    headings = _tried_headings(request) if request.heading_rad is None else [request.heading_rad]
+    if request.pattern == DUBINS:
+        return _best_in_order(request, headings, draft)
+    if request.pattern not in PATTERNS:
+        return _best_of_pattern(request, plug_in("coverage_patterns", request.pattern), headings)
+    parted = bool(request.field.others)
+    if parted and request.pattern == ZAMBONI:
+        raise Infeasible("the Zamboni-like motion covers one part of a field; --pattern dubins covers several")
+    zamboni = None if parted else _best_zamboni(request, headings)
+    if request.pattern == ZAMBONI:
+        if zamboni is None and request.space is not None:
+            message = "no laps of the Zamboni-like motion stay out of the obstacles and inside the boundary"
+            raise Infeasible(f"{message}, at every c1; --pattern dubins may")
+        if zamboni is None:
+            needs = f"across its lines it needs about {4 * motion.min_radius_m + 2 * motion.swath_m:.0f} m"
+            raise Infeasible(f"the field is too narrow for the Zamboni-like motion: {needs}")
+        return zamboni
+    return _laps_or_lines(request, headings, zamboni, draft)
+
+
+def _laps_or_lines(
+    request: CoverageRequest, headings: Sequence[float], zamboni: CoverageSolution | None, draft: bool = False
+) -> CoverageSolution:
+    """Laps, or lines in an order at some headings: laps unless they take more than `MAX_TIME_RATIO` times as long."""
+    try:
+        order = _best_in_order(request, headings, draft and zamboni is None)
+    except Infeasible:
+        if zamboni is None:
+            raise
+        return zamboni
+    if zamboni is None:
+        return order
+    # access takes much the same time in both patterns
+    laps_s, lines_s = zamboni.time_s - zamboni.access_s, order.time_s - order.access_s
+    if laps_s <= MAX_TIME_RATIO * lines_s:
+        return replace(zamboni, other_share=lines_s / laps_s)
+    return replace(order, other_share=laps_s / lines_s, laps=zamboni)
+
+
+def pattern_and_heading(request: CoverageRequest) -> tuple[str, float]:
+    """The pattern and the heading [rad] that `cover` would choose, sooner: turns of lines in an order need not be free.
+
+    Raises
+    ------
+    Infeasible
+        As `cover`.
+    """
+    request.check()
+    headings = _tried_headings(request) if request.heading_rad is None else [request.heading_rad]
+    zamboni = _best_zamboni(request, headings) if request.pattern == AUTO and not request.field.others else None
+    if request.pattern == ZAMBONI:
+        whole = cover(request)
+    elif zamboni is not None:
+        whole = _laps_or_lines(request, headings, zamboni)
+    else:
+        # the quickest set whose lines lie in one room of the free space
+        for each, _ in _quickest_sets(request, headings, SETS_ORDERED):
+            if request.space is None or not np.ptp(request.space.rooms([leg.start[:2] for leg in each.directed])):
+                return DUBINS, each.heading_rad
+        whole = _best_in_order(request, headings, draft=True)  # raises what is in the way
+    return whole.pattern, whole.heading_rad
+
+
+def has_pattern(name: str) -> bool:
+    """Whether eadp or an installed package has a pattern of a name. Raises EadpError if it cannot be imported."""
+    return name in PATTERNS or plug_in("coverage_patterns", name) is not None
+
+
+def _best_of_pattern(request: CoverageRequest, pattern: Pattern, headings: Sequence[float]) -> CoverageSolution:
+    """The quickest path of another package's pattern at some headings; Infeasible, of the last one, where none fits."""
+    found, failure = list[CoverageSolution](), Infeasible(f"pattern {request.pattern} has no lines")
+    for heading in headings:
+        try:
+            legs = [replace(leg, sensing=True) for leg in pattern(request, heading)]
+            if request.space is not None and not all(
+                request.space.has_hull(polyline_m([leg.led(request.motion).piece])) for leg in legs
+            ):
+                raise Infeasible(f"lines of pattern {request.pattern} leave the boundary or cross an obstacle")
+            if legs:
+                found.append(
+                    connected(request, request.pattern, heading, [leg.with_leads(request.motion) for leg in legs])
+                )
+        except Infeasible as error:
+            failure = error
+    if not found:
+        raise failure
+    return min(found, key=lambda solution: solution.time_s)
+
+
+def _tried_headings(request: CoverageRequest) -> list[float]:
+    """The headings to compare [rad]: where lines are many, only those that need the fewest lines.
+
+    The time to order n lines grows as n², so that the number of headings is limited by `MAX_SQUARES` / n².
+    """
+    headings = list(_headings(request.field))
+    outline = np.concatenate([np.array(part[0]) for part in request.field.parts])
+    widths_m = [float(np.ptp(frame_of(heading).into(outline)[:, 0])) for heading in headings]
+    lines = min(widths_m) / (request.order_spacing_m or request.motion.swath_m)
+    count = max(MIN_HEADINGS, int(MAX_SQUARES / lines**2))
+    kept = sorted(range(len(headings)), key=lambda i: round(widths_m[i], TIE_DIGITS))[:count]
+    return [headings[i] for i in sorted(kept)]
+
+
+def _headings(field: Field) -> Iterator[float]:
+    """Headings in [0, π) to try: those of the hull's edges, the longest first; then steps from the longest edge's."""
+    corners = np.array(hull(np.concatenate([np.array(part[0]) for part in field.parts])))
+    edges = np.roll(corners, -1, axis=0) - corners
+    found: list[float] = []
+    by_length = edges[np.argsort(-np.round(np.hypot(edges[:, 0], edges[:, 1]), TIE_DIGITS), kind="stable")]
+    of_edges = [math.atan2(dy, dx) for dx, dy in by_length.tolist()]
+    steps = [math.radians(sign * k) for k in range(HEADING_STEP_DEG, 91, HEADING_STEP_DEG) for sign in (1, -1)]
+    for heading in [*of_edges, *(of_edges[0] + step for step in steps)]:
+        heading %= math.pi
+        if all(abs(math.remainder(heading - other, math.pi)) > SAME_HEADING_RAD for other in found):
+            found.append(heading)
+            yield heading
+
+
+def connected(
+    request: CoverageRequest, pattern: str, heading_rad: float, parts: Sequence[Sequence[CoverageLeg | Block]]
+) -> CoverageSolution:
+    """The timed solution that flies lines or blocks in this order, from the start point to home by the quickest turns.
+
+    A line has its lead-in and its overshoot, and all its legs, if it has several.
+
+    Raises
+    ------
+    Infeasible
+        If no turn between two of them is free.
+    """
+    turns = None if request.space is None else free_turns(request.space, request.motion)
+    climb_out, approach = ([] if leg is None else [leg] for leg in (request.climb_out, request.approach))
+    sections: list[CoverageLeg | Block] = [*climb_out]
+    previous: Pose | None = None
+    for flown in parts:
+        start = flown[0].start
+        entry = _climbing_entry(request, start, turns) if previous is None else _turn(request, previous, start, turns)
+        sections += [*entry, *flown]
+        previous = flown[-1].end
+    assert previous is not None
+    flown = (*sections, *_exit(request, previous, turns), *approach)
+    return timed(CoverageSolution(pattern, heading_rad, flown), request.motion)
+
+
+def timed(solution: CoverageSolution, motion: MotionLimits) -> CoverageSolution:
+    """A solution with its times."""
+    legs = solution.path(solution.min_c1).legs
+    lines = [i for i, leg in enumerate(legs) if leg.sensing]
+    access = (*legs[: lines[0]], *legs[lines[-1] + 1 :])
+    time_s, access_s = (motion.time_s([leg.piece for leg in flown]) for flown in (legs, access))
+    return replace(solution, time_s=time_s, access_s=access_s)
+
+
+# --- the Zamboni-like motion ------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A block flown from one of its four corners, number `index` from 0 in the direction of its frame's u.
+
+    `time_s` is the time of the block alone at its lowest c1, without ways to it and from it.
+    """
+
+    frame: StripFrame
+    layout: BlockLayout
+    index: int
+    start: Pose
+    end: Pose
+    time_s: float
+
+    def block(self, request: CoverageRequest) -> Block:
+        """The block in full."""
+        points = self.frame.into(np.array(request.field.outline))
+        first = float(points[:, 0].min()) + (self.index * self.layout.lines + 0.5) * self.layout.pitch_m
+        bounds = BlockBounds(points, request.motion.beyond_m)
+        return build_block(self.frame, bounds, first, self.layout, request.motion)
+
+
+class _Chain(NamedTuple):
+    """Blocks flown one after the other at a heading: the whole time at the lowest c1 [s], and a candidate of each."""
+
+    time_s: float
+    candidates: list[_Candidate]
+    heading_rad: float
+
+
+def _best_zamboni(request: CoverageRequest, headings: Sequence[float]) -> CoverageSolution | None:
+    """The quickest Zamboni-like path at some headings; None where the field is too narrow, or no path is free."""
+    if request.space is not None and request.space.blocks(request.field.parts, request.motion.swath_m / 2):
+        return None  # the hull of the laps, which has to be free, comes within half a swath of all ground
+    found = [chain for heading in headings for chain in _zamboni_at(request, heading)]
+    if not found:
+        return None
+    if request.space is None:
+        min_s = min(chain.time_s for chain in found)
+        best = next(chain for chain in found if chain.time_s <= min_s * (1 + 1e-9))  # rounding chooses no heading
+        return connected(request, ZAMBONI, best.heading_rad, [[each.block(request)] for each in best.candidates])
+    for chain in sorted(found, key=lambda chain: chain.time_s)[:FREE_CHAINS]:
+        blocks = [candidate.block(request) for candidate in chain.candidates]
+        # laps of any sequence of c1 lie in the hull of those at its ends
+        hulls = ([leg.piece for c1 in (0.0, block.min_c1) for leg in block.legs(c1)] for block in blocks)
+        if all(request.space.has_hull(polyline_m(pieces)) for pieces in hulls):
+            with suppress(Infeasible):
+                return connected(request, ZAMBONI, chain.heading_rad, [[block] for block in blocks])
+    return None
+
+
+def _zamboni_at(request: CoverageRequest, heading_rad: float) -> Iterator[_Chain]:
+    """Chains of blocks at a heading: for each layout from either side, every block from its best corner."""
+    motion = request.motion
+    points = frame_of(heading_rad).into(np.array(request.field.outline))
+    left, width = float(points[:, 0].min()), float(np.ptp(points[:, 0]))
+    bounds = BlockBounds(points, motion.beyond_m)
+    # one frame for each corner: u to the right or left of the heading, v a quarter turn from it to either side
+    corners = [(towards, hand, frame_of(heading_rad, towards, hand)) for towards in (1, -1) for hand in (1, -1)]
+    unit_times_s = [_unit_times_s(frame, motion) for _, _, frame in corners]
+    for layout in layouts(width, motion):
+        # of each line, in the frame of the heading: its position, and both ends of its strip of the field [m]
+        lines = left + (np.arange(layout.blocks * layout.lines) + 0.5) * layout.pitch_m
+        strip_m = layout.max_spacing_m(motion)
+        top, low = bounds.above.over(lines, strip_m), -bounds.below.over(lines, strip_m)
+        rows: list[list[_Candidate]] = []  # for each block its candidates
+        for index in range(layout.blocks):
+            own = slice(index * layout.lines, (index + 1) * layout.lines)
+            rows.append([])
+            for (towards, hand, frame), unit_s in zip(corners, unit_times_s, strict=True):
+                # v points along the heading where towards · hand = 1, else against it: lows and tops change places
+                lows, tops = (low[own], top[own]) if towards * hand == 1 else (-top[own], -low[own])
+                u = np.asarray(towards * lines[own], dtype=np.float64)
+                # [::towards]: in the order of growing u
+                lengths, start, end = summarise_block(layout, frame, u[::towards], lows[::towards], tops[::towards])
+                time_s = sum(length * unit for length, unit in zip(lengths, unit_s, strict=True))
+                along_u = index if towards == 1 else layout.blocks - 1 - index
+                rows[-1].append(_Candidate(frame, layout, along_u, start, end, time_s))
+        for order in (rows, rows[::-1])[: min(layout.blocks, 2)]:
+            yield _Chain(*_quickest_chain(request, order), heading_rad)
+
+
+def _unit_times_s(frame: StripFrame, motion: MotionLimits) -> list[float]:
+    """Times of a metre up a frame's line, a metre down, and half circles of radius 1 m after up and after down [s]."""
+    metres = [straight((0.0, 0.0), frame.out(0.0, v)) for v in (1.0, -1.0)]
+    turns = [half_circle(frame.pose_out(0.0, 0.0, angle), 1.0, -frame.hand) for angle in (math.pi / 2, -math.pi / 2)]
+    return [motion.time_s([piece]) for piece in (*metres, *turns)]
+
+
+def _quickest_chain(request: CoverageRequest, rows: Sequence[Sequence[_Candidate]]) -> tuple[float, list[_Candidate]]:
+    """The least time from start to home by one candidate of each row, in the rows' order [s]; and those candidates.
+
+    By dynamic programming.
+    """
+    starts = [[candidate.start for candidate in row] for row in rows]
+    ends = [[candidate.end for candidate in row] for row in rows]
+    own_s = [np.array([candidate.time_s for candidate in row]) for row in rows]
+    # least time up to candidate b of row i: T_i(b) = min_a (T_i−1(a) + turn(a, b)) + own_i(b), with a its predecessor
+    total_s = own_s[0] + from_start_s(request, starts[0])
+    predecessors: list[FloatArray] = []
+    for i in range(1, len(rows)):
+        times = total_s[:, None] + request.motion.turns_s(ends[i - 1], starts[i])
+        predecessors.append(times.argmin(axis=0))
+        total_s = times.min(axis=0) + own_s[i]
+    total_s = total_s + to_home_s(request, ends[-1])
+    corner = int(total_s.argmin())
+    chosen = [rows[-1][corner]]
+    for row, predecessor in zip(reversed(rows[:-1]), reversed(predecessors), strict=True):
+        corner = int(predecessor[corner])
+        chosen.append(row[corner])
+    return float(total_s.min()), chosen[::-1]
+
+
+# --- lines in an order ------------------------------------------------------------------------------------------------
+
+
+def line_costs(request: CoverageRequest, directed: Sequence[CoverageLeg]) -> LineCosts:
+    """Costs of flying lines in any order and direction.
+
+    Parameters
+    ----------
+    request : CoverageRequest
+        For the motion, the start point and home.
+    directed : sequence of CoverageLeg, length 2n
+        Every line as one leg, followed by the same line in the other direction.
+
+    Returns
+    -------
+    LineCosts
+        [s], rounded to `TIE_DIGITS`.
+    """
+    directed = [leg.led(request.motion) for leg in directed]
+    starts, ends = [leg.start for leg in directed], [leg.end for leg in directed]
+    own_s = np.array([request.motion.time_s([leg.piece]) for leg in directed])
+    between_s = request.motion.turns_s(ends, starts)
+    costs = between_s, own_s, from_start_s(request, starts), to_home_s(request, ends)
+    # rounding differs in a field that is turned or moved, and must not change the order
+    return LineCosts(*(np.round(part, TIE_DIGITS) for part in costs))
+
+
+class _LineSet(NamedTuple):
+    """Lines at a heading, each in both directions, in one of three states: as they are, `cut`, and with `costs`.
+
+    `time_s` is a lower bound of an order's time, or with `costs` the time of a quick order; both count lines that were
+    lost to obstacles. `number` is the set's place among all that are tried, from 0, and decides between equal times.
+    `places` is the number of lines beside each other, and `cut` whether the lines are cut to the free space.
+    """
+
+    time_s: float
+    number: int
+    heading_rad: float
+    directed: list[CoverageLeg]
+    places: int
+    cut: bool = False
+    costs: LineCosts | None = None
+
+
+def _best_in_order(request: CoverageRequest, headings: Sequence[float], draft: bool) -> CoverageSolution:
+    """The quickest order of lines at some headings: they are ordered quickly, and the best of these in full.
+
+    Raises
+    ------
+    Infeasible
+        If a heading needs too many lines, or no order is free.
+    """
+    sets = _quickest_sets(request, headings)
+    if request.space is not None:
+        return _free_in_order(request, request.space, sets, draft)
+    solved = [(each, *best_order(*costs)) for each, costs in itertools.islice(sets, FULL_SEARCHES)]
+    # of equal times, up to rounding, the heading that was tried first
+    best, order, _ = min(solved, key=lambda found: (round(found[2], 9), found[0].number))
+    return connected(request, DUBINS, best.heading_rad, [best.directed[i].with_leads(request.motion) for i in order])
+
+
+def _quickest_sets(
+    request: CoverageRequest, headings: Sequence[float], most: float = math.inf
+) -> Iterator[tuple[_LineSet, LineCosts]]:
+    """Sets of lines at some headings with their costs, by the time of a quick order, the quickest first.
+
+    The queue holds all sets by their bounds. The one with the least bound is cut to the free space, then ordered, and
+    goes back with what is known of it; it comes out once it is ordered and still the first. `most` sets are ordered at
+    most.
+    """
+    motion, space = request.motion, request.space
+    half_turn_s = math.pi * motion.min_radius_m / motion.ground_limit_mps
+
+    def bound_s(directed: Sequence[CoverageLeg], places: int) -> float:
+        """A lower bound of an order's time: of every line, and of half circles between lines beside each other [s]."""
+        lines_s = sum(leg.piece.length_m for leg in directed[::2]) / motion.ground_limit_mps
+        return lines_s + (places - 1) * half_turn_s
+
+    queue: list[_LineSet] = []
+    for heading in headings:
+        sets = [*_lines_at(request, heading)]
+        places = len(sets[0]) // 2  # of whole lines: the parts of one line need no turn between them
+        queue += [_LineSet(bound_s(each, places), len(queue) + i, heading, each, places) for i, each in enumerate(sets)]
+    heapq.heapify(queue)
+    lost_s: dict[int, float] = {}
+    while queue:
+        each = heapq.heappop(queue)
+        if each.costs is not None:
+            yield each, each.costs
+        elif space is not None and not each.cut:
+            flown_m = sum(leg.piece.length_m for leg in each.directed[::2])
+            directed = free_lines(each.directed[::2], space, motion)
+            left_m = sum(leg.piece.length_m for leg in directed[::2])
+            if left_m >= MIN_LEFT * flown_m:
+                lost_s[each.number] = LOST_RATIO * (flown_m - left_m) / motion.airspeed_mps
+                time_s = bound_s(directed, each.places) + lost_s[each.number]
+                heapq.heappush(queue, each._replace(time_s=time_s, directed=directed, cut=True))
+        elif most > 0:
+            most -= 1
+            costs = line_costs(request, each.directed)
+            time_s = quick_order(*costs)[1] + lost_s.get(each.number, 0.0)
+            heapq.heappush(queue, each._replace(time_s=time_s, costs=costs))
+
+
+def _free_in_order(
+    request: CoverageRequest, space: FreeSpace, sets: Iterable[tuple[_LineSet, LineCosts]], draft: bool
+) -> CoverageSolution:
+    """The path of the first of some sets, given the quickest first, that has an order whose turns are all free."""
+    motion = request.motion
+    failure: Infeasible = NotFree(
+        "no line of the field has room for a turn out of the obstacles and inside the boundary"
+    )
+    for each, costs in itertools.islice(sets, FREE_HEADINGS_TRIED):
+        try:
+            led = [leg.led(motion) for leg in each.directed]
+            order, _ = free_order(led, costs, free_turns(space, motion), draft=draft)
+            return connected(request, DUBINS, each.heading_rad, [each.directed[i].with_leads(motion) for i in order])
+        except Infeasible as error:
+            failure = error
+    raise failure
+
+
+@functools.lru_cache(maxsize=4)
+def free_turns(space: FreeSpace, motion: MotionLimits) -> FreeTurns:
+    """Free turns with what they have found so far: the parts of a field have many turns in common."""
+    return FreeTurns(space, motion)
+
+
+def _lines_at(request: CoverageRequest, heading_rad: float) -> Iterator[list[CoverageLeg]]:
+    """Lines over a field in both directions: one set across bays and holes, and one cut by them, if there are any."""
+    swath_m = request.motion.swath_m
+    grid = request.grid or LineGrid.over(request.field, heading_rad, swath_m, request.order_spacing_m or swath_m)
+    extents = grid.extents(request.field)
+    whole = [(u, parts) for u, parts in zip(grid.middles_m.tolist(), extents, strict=True) if parts]
+    yield _directed_lines(grid.frame, whole)
+    cut = [(u, [part]) for u, parts in whole for part in parts]
+    if len(cut) > len(whole):
+        yield _directed_lines(grid.frame, cut)
+
+
+def _canonical_frame(field: Field, heading_rad: float) -> StripFrame:
+    """The frame of a heading whose two axes point to the larger part of the field: from its middle to its centroid.
+
+    So a field that is moved or mirrored has the same lines: its frame moves with it.
+    """
+    u, v = frame_of(heading_rad).into(np.array(field.outline)).T
+    # centroid of a polygon: Σ (u_i + u_i+1) k_i / (3 Σ k_i), k_i = u_i v_i+1 − u_i+1 v_i
+    cross = u * np.roll(v, -1) - np.roll(u, -1) * v
+    signs = []  # by which u and v of that frame are multiplied
+    for axis in (u, v):
+        middle = float((axis.max() + axis.min()) / 2)
+        centroid = float(((axis + np.roll(axis, -1)) * cross).sum() / (3 * cross.sum()))
+        signs.append(1 if centroid >= middle - 1e-6 else -1)
+    of_u, of_v = signs
+    # u is flipped by `towards`, v by towards · hand: so hand = of_u of_v
+    return frame_of(heading_rad, towards=of_u, hand=of_u * of_v)
+
+
+def _directed_lines(frame: StripFrame, spans: Sequence[tuple[float, list[tuple[float, float]]]]) -> list[CoverageLeg]:
+    """Lines, each followed by the same one the other way, from positions u [m] and extents along them [m], upward.
+
+    A line goes over the gaps between its extents, too; one that is too short is made longer at both ends.
+    """
+    legs = []
+    for u, parts in spans:
+        low, high = parts[0][0], parts[-1][1]
+        extra = max(0.0, MIN_LINE_M - (high - low)) / 2
+        # from the end of one part to the start of the next, counted from the line's start
+        gaps = tuple((end - low + extra, start - low + extra) for (_, end), (start, _) in itertools.pairwise(parts))
+        leg = CoverageLeg(straight(frame.out(u, low - extra), frame.out(u, high + extra)), True, gaps)
+        legs += [leg, leg.backward()]
+    return legs
+
+
+# --- between lines ----------------------------------------------------------------------------------------------------
+
+
+def _turn(request: CoverageRequest, end: Pose, start: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
+    """The quickest turn from one pose to another, a free one of `turns`. Raises Infeasible where there is none."""
+    motion = request.motion
+    if turns is not None:
+        found = turns.turn(end, start)
+        if found is None:
+            places = f"from {request.place_text(end)} to {request.place_text(start)}"
+            raise NotFree(f"no way {places} is found that stays {request.limits_text}")
+        return [CoverageLeg(piece) for piece in found.pieces]
+    path = min(ordered(end, start, motion.min_radius_m), key=lambda path: motion.time_s(path.pieces))
+    return [CoverageLeg(piece) for piece in path.pieces]
+
+
+def _poses(end: Point | Pose) -> list[Pose]:
+    """The poses that an end of the path may have: a pose itself, or a point with headings all round."""
+    if len(end) == 3:
+        return [end]
+    return [(*end, math.remainder(2 * math.pi * k / FREE_HEADINGS, 2 * math.pi)) for k in range(FREE_HEADINGS)]
+
+
+def from_start_s(request: CoverageRequest, starts: Sequence[Pose]) -> FloatArray:
+    """Least time from the start point to each pose, at least that of the climb [s]; 0 where the start is free."""
+    if request.way_out is None:
+        return np.zeros(len(starts))
+    climbed_s = 0.0 if request.climb_out is None else request.motion.time_s([request.climb_out.piece])
+    ways_s = request.motion.turns_s(_poses(request.way_out), starts).min(axis=0)
+    return np.asarray(np.maximum(ways_s, request.climb_s - climbed_s))
+
+
+def to_home_s(request: CoverageRequest, ends: Sequence[Pose]) -> FloatArray:
+    """Least time from each pose to the home point [s]; 0 where the end is free."""
+    if request.way_back is None:
+        return np.zeros(len(ends))
+    return np.asarray(request.motion.turns_s(ends, _poses(request.way_back)).min(axis=1))
+
+
+def _entry(request: CoverageRequest, start: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
+    """The path from the start point to a pose, from the best heading."""
+    point, motion = request.way_out, request.motion
+    if point is None:
+        return []
+    poses = _poses(point)
+    if len(point) == 2:
+        poses += [(*point, heading) for heading in _tangents(point, start, motion.min_radius_m)]
+    return _turn(request, poses[int(motion.turns_s(poses, [start])[:, 0].argmin())], start, turns)
+
+
+def _climbing_entry(request: CoverageRequest, start: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
+    """The path from the start point to a pose, longer by a straight before it where the climb takes longer.
+
+    Not where a circle takes less, or there is no room: what the climb lacks is then flown on circles.
+    """
+    motion, entry = request.motion, _entry(request, start, turns)
+
+    def way_s(legs: Sequence[CoverageLeg]) -> float:
+        """Time of a way to the pose, the climb-out among it [s]."""
+        return motion.time_s([leg.piece for leg in (request.climb_out, *legs) if leg is not None])
+
+    lacks_s = request.climb_s - way_s(entry)
+    if not entry or lacks_s <= 0:
+        return entry
+    x, y, heading = start
+    metre_s = motion.time_s([straight((0.0, 0.0), (math.cos(heading), math.sin(heading)))])
+    best_s = way_s(entry) + max(lacks_s, motion.time_s([half_circle(start, 2 * motion.min_radius_m, 1)]))
+    for share in BEFORE_SHARES:
+        back_m = share * lacks_s / metre_s
+        back = (x - back_m * math.cos(heading), y - back_m * math.sin(heading), heading)
+        before = CoverageLeg(straight(back[:2], (x, y)))
+        if request.space is None or request.space.has(polyline_m([before.piece])):
+            with suppress(Infeasible):
+                longer = [*_entry(request, back, turns), before]
+                if request.climb_s <= way_s(longer) < best_s:
+                    entry, best_s = longer, way_s(longer)
+    return entry
+
+
+def _exit(request: CoverageRequest, end: Pose, turns: FreeTurns | None) -> list[CoverageLeg]:
+    """The path from a pose to the home point, arriving at the best heading."""
+    point, motion, (x, y, heading) = request.way_back, request.motion, end
+    if point is None:
+        return []
+    poses = _poses(point)
+    if len(point) == 2:
+        # the tangents of arrival are those of a departure from home with all headings reversed
+        backward = _tangents(point, (x, y, heading + math.pi), motion.min_radius_m)
+        poses += [(*point, opposite + math.pi) for opposite in backward]
+    return _turn(request, end, poses[int(motion.turns_s([end], poses)[0].argmin())], turns)
+
+
+def check_access(request: CoverageRequest) -> None:
+    """Raise Infeasible where no line has a free way from the start, or none has one to the end.
+
+    Only the nearest lines at one heading are tried: the check comes before the search, which takes long.
+    """
+    if request.space is None:
+        return
+    heading_rad = _tried_headings(request)[0] if request.heading_rad is None else request.heading_rad
+    turns = free_turns(request.space, request.motion)
+    whole = next(_lines_at(request, heading_rad))[::2]
+    lines = [leg.led(request.motion) for leg in free_lines(whole, request.space, request.motion)]
+    starts, ends = [leg.start for leg in lines], [leg.end for leg in lines]
+    # for the start and the end: its place, the times between it and each line, and what finds a free way to one
+    ways: tuple[tuple[Point | Pose | None, FloatArray, Callable[[int], object]], ...] = (
+        (request.way_out, from_start_s(request, starts), lambda k: _entry(request, starts[k], turns)),
+        (request.way_back, to_home_s(request, ends), lambda k: _exit(request, ends[k], turns)),
+    )
+    for end, times_s, find_way in ways if lines else ():
+        for k in np.argsort(times_s)[:ACCESS_TRIED].tolist():
+            with suppress(Infeasible):
+                find_way(k)
+                break
+        else:  # none of the nearest lines has a free way
+            assert end is not None  # else any way is free
+            message = (
+                f"no way between the lines and {request.place_text(end)} is found that stays {request.limits_text}"
+            )
+            raise Infeasible(message, "another place or heading of it, or more room")
+
+
+def _tangents(point: Point, pose: Pose, radius_m: float) -> list[float]:
+    """Headings at a point from which a straight leads onto either turning circle of a pose, in its sense of turning."""
+    found = []
+    for turn in (1, -1):
+        cx, cy = centre_m(pose, turn, radius_m)
+        dx, dy = cx - point[0], cy - point[1]
+        distance = math.hypot(dx, dy)
+        if distance > radius_m:
+            # the tangent is asin(r/d) off the direction of the centre, to the right of it for a left turn
+            found.append(math.atan2(dy, dx) - turn * math.asin(radius_m / distance))
+    return found

@@ -1,0 +1,369 @@
+"""The ground under a coverage: its options, the flight over it, and what is said of its heights."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+from eadp.core.flight.guidance import RATE_SHARE
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.dubins import Pose, flight_time_s
+from eadp.core.geometry.geodesy import compass_deg, heading_rad
+from eadp.errors import Fault, Infeasible, InputError
+from eadp.io.text.options import Flag, check_range
+from eadp.models.airspace import CLEARANCE_M
+from eadp.models.autopilot import FACTORY, LANDING_ANGLE, PX4, Autopilot
+from eadp.models.field import Field
+from eadp.models.vehicle import Airframe, PaperVehicle
+from eadp.survey.coverage import AUTO, DUBINS, ZAMBONI, CoverageSolution
+from eadp.survey.ends import Climbing, FinalApproach
+from eadp.survey.heights import Ground, HeightLimits, HeightProfile, low_approach, over_terrain
+from eadp.survey.swaths import CoverageLeg, MotionLimits, straight
+from eadp.survey.terrain import ElevationModel, read_terrain
+
+TOLERANCE_SHARE = 0.1
+"""Default of --height-tolerance over --altitude: pixels on the ground are up to so much larger."""
+
+FLAT_M = 1000.0
+"""Extent of a field from which on it is said that its ground is taken as flat [m]."""
+
+RELIEF_POINTS, HOME_POINTS = 50, 25
+"""Points in a row over a field whose relief is taken, and on a way home."""
+
+HOME_TEXT = "way home   clear of ground and obstacles at {:g} m (home.altitude_m, RTL_ALTITUDE)"
+"""What is said of the altitude of the way home."""
+
+WAYS_HOME = 200
+"""Ways home that are tried, at least."""
+
+
+@dataclass(frozen=True)
+class TerrainOptions:
+    """The ground, and how lines follow it."""
+
+    terrain: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
+    """Heights of the ground, as GeoTIFF or .hgt of SRTM; several are joined. Lines keep --altitude above it, turns and
+    ways --clearance."""
+
+    height_tolerance_m: float | None = None
+    """How much higher above the ground lines may be [m]; by default a tenth of --altitude."""
+
+
+class TerrainTask(NamedTuple):
+    """The ground of a field to cover, and the heights above it that a flight keeps."""
+
+    terrain: ElevationModel
+    limits: HeightLimits
+
+    @classmethod
+    def read(
+        cls,
+        options: TerrainOptions,
+        altitude_m: float | None,
+        clearance_m: float,
+        field: Field,
+        ends: Sequence[Point | None],
+    ) -> TerrainTask | None:
+        """The ground around a field and the ends of its flight; None where no terrain is given.
+
+        Raises
+        ------
+        InputError
+            Of the files, and where the plan cannot follow a terrain.
+        """
+        files = [options.terrain] if isinstance(options.terrain, str) else options.terrain
+        if not files:
+            if options.height_tolerance_m is not None:
+                raise _fault("--height-tolerance", "no ground to be above", "--terrain")
+            return None
+        if altitude_m is None:
+            raise _fault("--terrain", "no height to keep above the ground", "--altitude")
+        if field.origin_deg is None:
+            raise _fault("--terrain", "the field has no place on the earth", "a field in degrees")
+        tolerance_m = TOLERANCE_SHARE * altitude_m if options.height_tolerance_m is None else options.height_tolerance_m
+        check_range("--height-tolerance", tolerance_m, 1, 1000, closed=True)
+        if altitude_m < clearance_m:
+            raise _fault(
+                "--altitude", f"{altitude_m:g} m, less than the clearance", f"--clearance {altitude_m:g} or less"
+            )
+        points = [*(vertex for part in field.parts for vertex in part[0]), *(end for end in ends if end is not None)]
+        terrain = read_terrain(files, np.array(points), field.origin_deg)
+        return cls(terrain, HeightLimits(altitude_m, tolerance_m, clearance_m))
+
+    def pattern(self, pattern: str, field: Field, *, lands: bool) -> str:
+        """Lines in an order instead of either pattern, where laps would be too high above the lower ground, or to land.
+
+        Raises Infeasible where laps are asked for, and a landing.
+        """
+        if pattern == ZAMBONI and lands:
+            raise Infeasible("laps have one altitude, and over terrain the final approach another", "--pattern dubins")
+        if pattern != AUTO or lands:
+            return DUBINS if pattern == AUTO else pattern
+        corners = np.array([vertex for part in field.parts for vertex in part[0]])
+        heights_m, _ = self.terrain.grid(corners, RELIEF_POINTS)
+        return DUBINS if np.nanmax(heights_m) - np.nanmin(heights_m) > self.limits.tolerance_m else AUTO
+
+    def ground(self, field: Field, motion: MotionLimits, apart_m: float, zero: Point) -> Ground:
+        """The ground of a flight whose altitudes are 0 at a place [m]. Raises Infeasible where it is not known."""
+        zero_m = round(float(self.terrain.known_m(np.array([zero]))[0]), 2)  # as a plan has it
+        return Ground(self.terrain, zero_m, self.limits, motion, apart_m, field.airspace)
+
+    def check_approach(self, final: FinalApproach, ground: Ground) -> None:
+        """Raise Infeasible where a final approach comes too near to the ground."""
+        if (low := low_approach(final, ground)) is None:
+            return
+        place, above_m, min_m = low
+        message = f"the final approach towards {compass_deg(final.leg.start[2]) % 360:.0f}° "
+        if above_m > 0:
+            message += f"is {above_m:.1f} m above the ground at {place}, {min_m - above_m:.2g} m less than it has to be"
+        else:
+            message += f"leads into the ground at {place}"
+        raise Infeasible(message)
+
+
+class Heights(NamedTuple):
+    """The heights of a flight over its ground: its profile, home [m], and how the aircraft climbs."""
+
+    profile: HeightProfile
+    home_m: Point
+    climbing: Climbing
+
+    def on_ground(self, field: Field) -> Field:
+        """A field whose obstacles have heights above the altitude 0."""
+        return replace(field, airspace=self.profile.ground.airspace)
+
+    @property
+    def home_altitude_m(self) -> int:
+        """Altitude at which every straight way home is clear of ground and obstacles [m]."""
+        ground, points_m = self.profile.ground, self.profile.samples.points_m
+        top_m = ground.airspace.top_on_ways_m(points_m, self.home_m, CLEARANCE_M)
+        ends_m = points_m[:: max(1, len(points_m) // WAYS_HOME)] - np.array(self.home_m)
+        ways_m = np.array(self.home_m) + np.linspace(0, 1, HOME_POINTS)[:, None, None] * ends_m
+        top_m = max(float(ground.heights_m(ways_m.reshape(-1, 2)).max()), top_m)
+        return math.ceil(top_m + ground.limits.clearance_m)
+
+
+def climbing_over(ground: Ground, airframe: Airframe) -> Climbing:
+    """How an aircraft climbs over a ground. Raises InputError of one that holds its own altitude."""
+    if isinstance(airframe, PaperVehicle):
+        raise _fault("--terrain", f"the airframe {airframe.model} holds its own altitude", "another --vehicle")
+    return Climbing(*airframe.climb_rates_mps(ground.motion.airspeed_mps), airframe.altitude_gain_per_s)
+
+
+def with_heights(
+    solution: CoverageSolution,
+    ground: Ground,
+    home_m: Point,
+    climbing: Climbing,
+    *,
+    from_ground: bool,
+    lands: FinalApproach | None,
+) -> tuple[CoverageSolution, Heights]:
+    """A path with its altitudes over a ground, see `over_terrain`, and its heights.
+
+    Raises
+    ------
+    Infeasible
+        As `over_terrain`.
+    """
+    flown, profile = over_terrain(solution, ground, climbing, 0.0 if from_ground else None, lands=lands)
+    return flown, Heights(profile, home_m, climbing)
+
+
+class HeightReport(NamedTuple):
+    """The heights of one flight, or of sorties together.
+
+    `width_m` is that of a picture on lines at their height, `apart_m` the distance of the lines [m], and `gsd_cm` the
+    size of a pixel [cm].
+    """
+
+    flights: Sequence[Heights]
+    width_m: float
+    apart_m: float | None
+    gsd_cm: float | None
+
+    def _joined(self, name: str) -> FloatArray:
+        """An array of all profiles."""
+        return np.concatenate([getattr(each.profile, name) for each in self.flights])
+
+    def _share(self, name: str) -> float:
+        """A share of the lines of all flights."""
+        counts = [len(each.profile.above_m) for each in self.flights]
+        return float(np.average([getattr(each.profile, name) for each in self.flights], weights=counts))
+
+    @property
+    def _contours_deg(self) -> float | None:
+        """Compass bearing, from 0 to 180, along which the ground under the lines changes least [°].
+
+        None where it has no direction: where slopes along it are more than half of those across it.
+        """
+        profiles = [each.profile for each in self.flights]
+        lines_m = np.concatenate([each.samples.points_m[each.samples.on_line] for each in profiles])
+        heights_m, (step_x, step_y) = profiles[0].ground.terrain.grid(lines_m, RELIEF_POINTS)
+        rises = np.array([each.ravel() for each in np.gradient(heights_m, step_y, step_x)[::-1]])
+        # least Σ (∇h · t)²: of the structure tensor, the eigenvector of the smaller eigenvalue
+        (along, across), vectors = np.linalg.eigh(np.nan_to_num(rises) @ np.nan_to_num(rises).T)
+        return None if along > across / 4 else compass_deg(math.atan2(vectors[1, 0], vectors[0, 0])) % 180
+
+    @property
+    def home_altitude_m(self) -> int:
+        """Altitude at which every straight way home is clear of ground and obstacles [m]."""
+        return max(each.home_altitude_m for each in self.flights)
+
+    def document(self) -> dict[str, Any]:
+        """Its values in `eadp.cover/1` and `eadp.sorties/1`."""
+        ground, above_m, ground_m = self.flights[0].profile.ground, self._joined("above_m"), self._joined("ground_m")
+        line_m, elsewhere_m = ground.limits.line_m, [each.profile.elsewhere_m for each in self.flights]
+        # pictures are as wide as their height above the ground
+        widths_m = self.width_m * self._joined("overlapping_m") / line_m
+        return {
+            "zero_m": ground.zero_m,
+            "ground_m": [float(ground_m.min()), float(ground_m.max())],
+            "height_m": _range(above_m),
+            "height_elsewhere_m": min((up_m for up_m in elsewhere_m if up_m is not None), default=None),
+            "lower_share": self._share("low_share"),
+            "higher_share": self._share("high_share"),
+            "altitudes": sum(len(each.profile.commanded_m) for each in self.flights),
+            "home_altitude_m": self.home_altitude_m,
+            "gsd_cm": None if self.gsd_cm is None else _range(self.gsd_cm * above_m / line_m),
+            "side_overlap": None if self.apart_m is None else _range(1 - self.apart_m / widths_m),
+        }
+
+    def text(self) -> list[str]:
+        """For people, of the same."""
+        values, (highest, _, climbing) = self.document(), max(self.flights, key=lambda each: each.profile.above_m.max())
+        limits, motion = highest.ground.limits, highest.ground.motion
+        (low, high), elsewhere_m = values["ground_m"], values["height_elsewhere_m"]
+        (least, mean, most), single = values["height_m"], values["altitudes"] == len(self.flights)
+        elsewhere = "" if elsewhere_m is None else f", {elsewhere_m:.0f} m or more elsewhere"
+        lines = [
+            f"ground     {round(low)} to {round(high)} m above home, {values['zero_m']:.0f} m above the sea; "
+            f"{values['altitudes']} altitude{'s' * (values['altitudes'] > 1)}",
+            f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m{elsewhere}",
+        ]
+        if (share := 100 * values["higher_share"]) and single:
+            lines[1] += "; laps have one altitude, lines of --pattern dubins follow the ground"
+        elif share:
+            up, down = (100 * RATE_SHARE * rate / motion.ground_limit_mps for rate in climbing[:2])
+            steepest = max(each.profile.steepest for each in self.flights)
+            lines.append(
+                f"           {share:.0f} % of the lines higher than "
+                f"{limits.line_m + limits.tolerance_m:g} m, most at {highest.max_place_text}: slopes are up to "
+                f"{100 * steepest:.0f} %, the aircraft follows {up:.0f} % up and {down:.0f} % down"
+                + (
+                    ""
+                    if (bearing := self._contours_deg) is None
+                    else f"; --heading {bearing:.0f} is along the contours"
+                )
+            )
+        said = []
+        if (pixels := values["gsd_cm"]) is not None:
+            said.append(f"pixels of {pixels[0]:.2g} to {pixels[2]:.2g} cm, mean {pixels[1]:.2g} cm")
+        if (shares := values["side_overlap"]) is not None:
+            least, mean, most = (100 * share for share in shares)
+            said.append(f"overlap {least:.0f} to {most:.0f} %, mean {mean:.0f} %")
+        lines += [f"on ground  {'; '.join(said)}"] if said else []
+        return [*lines, HOME_TEXT.format(values["home_altitude_m"])]
+
+
+def _range(values: FloatArray) -> list[float]:
+    """Least, mean and greatest."""
+    return [float(values.min()), float(values.mean()), float(values.max())]
+
+
+def _fault(option: str, message: str, expected: str) -> InputError:
+    return InputError.at(option, 1, 1, message, expected)
+
+
+BEHIND_MPS = 0.5
+"""Wind from behind from which on it is said of a landing [m/s]."""
+
+
+class Air(NamedTuple):
+    """An airspeed, and the wind, where it blows towards (east, north) [m/s]."""
+
+    airspeed_mps: float
+    wind_mps: Point
+
+
+def course_rad(option: str, bearing_deg: float) -> float:
+    """The mathematical heading of an option's compass bearing; raises InputError."""
+    if not abs(bearing_deg) <= 360:
+        raise InputError.at(option, 1, 1, "no heading", "a compass bearing [°]: 0 north, 90 east", f"{bearing_deg}")
+    return heading_rad(bearing_deg)
+
+
+def landing_pose(given: str | Pose, point: Callable[[str], Point]) -> Pose:
+    """Where `--landing` lands, and on which course; `point` reads its place. Raises InputError."""
+    raw = given if isinstance(given, str) else ",".join(map(str, given))
+    *place, bearing = raw.replace(",", " ").split() or [""]
+    try:
+        course = course_rad("--landing", float(bearing))
+    except ValueError:
+        course = math.nan
+    if len(place) != 2 or math.isnan(course):
+        expected = "a place and a heading [°], like 55.37,10.43,240"
+        raise InputError.at("--landing", 1, 1, "no place and heading", expected, raw)
+    return *point(",".join(place)), course
+
+
+def approach_slopes(autopilot: Autopilot) -> list[float]:
+    """The steepest slopes of a final approach that an autopilot accepts: the one that is tried first, first.
+
+    PX4 arms no mission whose approach is steeper than FW_LND_ANG. Where no autopilot is stated, an approach is as flat
+    as PX4 asks where there is room, so that both can be armed, and else as steep as the aircraft glides.
+    """
+    limit_deg = autopilot.value(LANDING_ANGLE)
+    if limit_deg is not None:
+        return [math.tan(math.radians(limit_deg))]
+    flat = math.tan(math.radians(FACTORY[PX4][LANDING_ANGLE]))
+    return [flat, math.inf] if autopilot.kind is None else [math.inf]
+
+
+def behind_mps(course: float, wind_mps: Point) -> float:
+    """The wind from behind on a course [rad]; 0 where it comes from ahead, or is less than `BEHIND_MPS`."""
+    along_mps = wind_mps[0] * math.cos(course) + wind_mps[1] * math.sin(course)
+    return along_mps if along_mps >= BEHIND_MPS else 0.0
+
+
+def behind_warning(course: float, wind_mps: Point) -> list[Fault]:
+    """The warning of a landing with the wind behind."""
+    if not (behind := behind_mps(course, wind_mps)):
+        return []
+    into = compass_deg(math.atan2(-wind_mps[1], -wind_mps[0]))
+    message = f"lands with {behind:.1f} m/s of wind behind: the aircraft touches down faster, and farther on"
+    return [Fault("--landing", 1, 1, message, f"a heading near {into:.0f}°, into the wind", severity="warning")]
+
+
+def approach(to: Pose, height_m: float, airframe: Airframe, air: Air, slope: float) -> CoverageLeg:
+    """The straight final approach that descends from a height to where a flight lands; raises InputError.
+
+    It is as steep as the aircraft glides, and no steeper than a slope.
+    """
+    x, y, course = to
+    length_m = max(_sloping_m("--landing", course, height_m, airframe, air, 1), height_m / slope)
+    return CoverageLeg(straight((x - length_m * math.cos(course), y - length_m * math.sin(course)), (x, y)))
+
+
+def climb_out(start_m: Point, course: float, height_m: float, airframe: Airframe, air: Air) -> CoverageLeg:
+    """The straight way ahead on a course [rad] in which an aircraft climbs to a height; raises InputError."""
+    (x, y), length_m = start_m, _sloping_m("--takeoff", course, height_m, airframe, air, 0)
+    return CoverageLeg(straight((x, y), (x + length_m * math.cos(course), y + length_m * math.sin(course))))
+
+
+def _sloping_m(option: str, course: float, height_m: float, airframe: Airframe, air: Air, down: int) -> float:
+    """Ground that a climb of a height takes on a course, or a descent (1) [m]; a headwind may die down."""
+    if isinstance(airframe, PaperVehicle):
+        message = f"the airframe {airframe.model} holds its altitude"
+        raise InputError.at(option, 1, 1, message, "an aeroplane, as in --scenario")
+    rate_mps = airframe.climb_rates_mps(air.airspeed_mps)[down]
+    if rate_mps <= 0 or height_m <= 0:
+        message = f"the aircraft does not {'descend' if down else 'climb'} at {air.airspeed_mps:g} m/s"
+        raise InputError.at(option, 1, 1, message, "another airspeed, and an altitude above home")
+    metre_s = flight_time_s([straight((0.0, 0.0), (math.cos(course), math.sin(course)))], *air)
+    return height_m / rate_mps * max(1 / metre_s, air.airspeed_mps)

@@ -1,0 +1,432 @@
+"""A coverage path over terrain: lines keep a height above ground, turns and ways a clearance."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from eadp.core.arrays import BoolArray, FloatArray, IntArray
+from eadp.core.flight.guidance import RATE_SHARE
+from eadp.core.flight.wind import ground_speeds_mps
+from eadp.core.geometry.polygons import FreeSpace, holding
+from eadp.errors import Infeasible, Unreachable
+from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace, Obstacle
+from eadp.survey.coverage import CoverageSolution
+from eadp.survey.ends import LEVEL_M, Band, Climbing, FinalApproach, Lack, banded, commanded, with_circles
+from eadp.survey.swaths import CoverageLeg, MotionLimits
+from eadp.survey.terrain import ElevationModel
+
+STEP_M = 10.0
+"""Distance of the samples of a path [m]; of a terrain with smaller cells half a cell, down to `ASIDE_M`."""
+
+OFF_M = 12.5
+"""How far a flight is off along its path, at most [m]: 11 m after turns in wind. A floor is that of all samples as
+near, and of the neighbours."""
+
+ASIDE_M = 2.0
+"""Distance of a flight from its line [m]: 0.8 m after turns in steady wind, 1.5 m in gusts of 1.5 m/s."""
+
+LAPS_TRIED = 5
+"""Values of c1 at which the ground under laps is taken."""
+
+FLARE_M = 3.0
+"""Height from which on an aircraft flares, by the ground as it is [m]: LAND_FLARE_ALT of ArduPilot by default."""
+
+MAP_M = 0.1
+"""Height over the ground by which no final approach is refused [m]: maps are less exact."""
+
+CIRCLES = 50
+"""Most circles that lead down to a final approach."""
+
+ROUNDING_M = 1e-6
+
+
+class HeightLimits(NamedTuple):
+    """Heights above ground [m]: least on lines, by how much they may be higher, and least elsewhere."""
+
+    line_m: float
+    tolerance_m: float
+    clearance_m: float
+
+
+class Ground(NamedTuple):
+    """The ground of a flight, and how high above it the flight is.
+
+    Attributes
+    ----------
+    terrain : ElevationModel
+    zero_m : float
+        Height above the sea of the altitude 0 [m].
+    limits : HeightLimits
+    motion : MotionLimits
+    apart_m : float
+        Distance of the lines [m].
+    given : Airspace, optional
+        Obstacles with heights above their ground.
+    """
+
+    terrain: ElevationModel
+    zero_m: float
+    limits: HeightLimits
+    motion: MotionLimits
+    apart_m: float
+    given: Airspace = EVERYWHERE
+
+    def heights_m(self, points_m: FloatArray) -> FloatArray:
+        """Heights above the altitude 0 [m], shape (n,). Raises Infeasible where one is not known."""
+        return self.terrain.known_m(points_m) - self.zero_m
+
+    def samples(self, legs: Sequence[CoverageLeg]) -> Samples:
+        """Samples of legs, near enough for its terrain."""
+        return Samples.of(legs, min(max(self.terrain.cell_m / 2, ASIDE_M), STEP_M))
+
+    @property
+    def airspace(self) -> Airspace:
+        """Obstacles whose heights are above the altitude 0: from the highest ground of their outlines."""
+        tops = []
+        for each in self.given.obstacles:
+            if each.height_m is not None:
+                known_m = self.terrain.heights_m(np.array(each.outline))
+                # an obstacle beyond the terrain has no known height; one whose top is below home counts as high as home
+                top_m = (
+                    None if np.isnan(known_m).any() else max(float(known_m.max()) - self.zero_m + each.height_m, 0.0)
+                )
+                each = each._replace(height_m=top_m)
+            tops.append(each)
+        return self.given._replace(obstacles=tuple(tops))
+
+
+class Samples(NamedTuple):
+    """Samples of legs, shape (n,): places along the path, points, headings, index of the leg that each ends or is in,
+    and whether it is on a line."""
+
+    places_m: FloatArray
+    points_m: FloatArray
+    headings_rad: FloatArray
+    legs: IntArray
+    on_line: BoolArray
+
+    @classmethod
+    def of(cls, legs: Sequence[CoverageLeg], step_m: float) -> Samples:
+        """Samples of legs, at most a step [m] apart, with the ends of all."""
+        poses, places, owner, on_line = [legs[0].start], [0.0], [0], [legs[0].sensing]
+        for k, leg in enumerate(legs):
+            on_line[-1] |= leg.sensing
+            steps = max(1, math.ceil(leg.piece.length_m / step_m))
+            along_m = np.linspace(0, leg.piece.length_m, steps + 1)[1:].tolist()
+            poses += [leg.piece.pose_at(place_m) for place_m in along_m]
+            places += [places[-1] + place_m for place_m in along_m]
+            owner += [k] * steps
+            on_line += [leg.sensing] * steps
+        x, y, headings = np.array(poses).T
+        return cls(np.array(places), np.column_stack([x, y]), headings, np.array(owner), np.array(on_line))
+
+
+@dataclass(frozen=True)
+class HeightProfile:
+    """A flight over its ground at samples, shape (n,): heights of the ground below and of the flight [m].
+
+    `commanded_m` are the altitudes in turn, `sides_m` the mean heights of the ground half the lines' distance to either
+    side.
+    """
+
+    samples: Samples
+    ground: Ground
+    ground_m: FloatArray
+    sides_m: FloatArray
+    flown_m: FloatArray
+    commanded_m: tuple[float, ...]
+
+    @property
+    def above_m(self) -> FloatArray:
+        """Heights above ground on lines [m]."""
+        return (self.flown_m - self.ground_m)[self.samples.on_line]
+
+    @property
+    def overlapping_m(self) -> FloatArray:
+        """Heights on lines above the ground where their pictures overlap [m]."""
+        return (self.flown_m - self.sides_m)[self.samples.on_line]
+
+    @property
+    def elsewhere_m(self) -> float | None:
+        """Least height above ground beside the lines [m], between climb-out and landing; None without such a way."""
+        above_m = self.flown_m - self.ground_m
+        high = above_m >= self.ground.limits.clearance_m - ROUNDING_M
+        between = np.maximum.accumulate(high) & np.maximum.accumulate(high[::-1])[::-1]
+        elsewhere_m = above_m[between & ~self.samples.on_line]
+        return float(elsewhere_m.min()) if len(elsewhere_m) else None
+
+    @property
+    def low_share(self) -> float:
+        """Share of the lines that are lower than is asked for: those of a climb from the ground."""
+        return float(np.mean(self.above_m < self.ground.limits.line_m - ROUNDING_M))
+
+    @property
+    def high_share(self) -> float:
+        """Share of the lines that are higher than is allowed for."""
+        limits = self.ground.limits
+        return float(np.mean(self.above_m > limits.line_m + limits.tolerance_m + ROUNDING_M))
+
+    @property
+    def max_place_text(self) -> str:
+        """Where a line is highest above ground, for people."""
+        return self.ground.terrain.place_text(self.samples.points_m[self.samples.on_line][int(np.argmax(self.above_m))])
+
+    @property
+    def steepest(self) -> float:
+        """Greatest slope of the ground under lines, along them."""
+        on_line = self.samples.on_line
+        rise = np.abs(np.diff(self.ground_m)) / np.maximum(np.diff(self.samples.places_m), ROUNDING_M)
+        return float(rise[on_line[1:] & on_line[:-1]].max(initial=0.0))
+
+
+def over_terrain(
+    solution: CoverageSolution,
+    ground: Ground,
+    climbing: Climbing,
+    start_m: float | None = None,
+    *,
+    lands: FinalApproach | None = None,
+) -> tuple[CoverageSolution, HeightProfile]:
+    """A path whose legs have the altitudes that keep it above the ground; laps have one altitude.
+
+    Parameters
+    ----------
+    solution : CoverageSolution
+    ground : Ground
+    climbing : Climbing
+    start_m : float, optional
+        Altitude at the start [m], for a flight from the ground; by default that of the first leg.
+    lands : FinalApproach, optional
+        The last leg, of a flight that lands; not after laps. Circles are flown before it where the flight is too high.
+
+    Returns
+    -------
+    CoverageSolution
+        Straight legs are cut where another altitude is commanded.
+    HeightProfile
+        Of laps, at their finest spacing; a final approach is one slope, as an autopilot flies it.
+
+    Raises
+    ------
+    Infeasible
+        Where the height of the ground is not known, or the aircraft cannot climb over it, or descend to the approach.
+    """
+    legs = _legs(solution, 0.0)
+    samples, motion = ground.samples(legs), ground.motion
+    circles = 0 if lands is None else sum(leg == lands.circle for leg in legs)
+    # the last samples before the circles and before the final approach, or of all
+    last = before = len(samples.legs) - 1
+    if lands is not None:
+        last, before = (int(np.searchsorted(samples.legs, len(legs) - 1 - n)) - 1 for n in (circles, 0))
+    below_m, sides_m, hard_m, ceiling_m = _band(samples, ground)
+    floor_m = _spread(hard_m, samples)  # the hard floor of all places where the flight may be by then
+    seconds = _seconds(samples, motion)
+    if start_m is not None:
+        climbed_m = _climbed_m(start_m, samples, seconds, below_m, ground, climbing)
+        hard_m, floor_m = np.minimum(hard_m, climbed_m), np.minimum(floor_m, climbed_m)
+    land_m, approach_m = 0.0, math.inf  # altitudes at which a final approach ends and begins
+    if lands is not None:
+        land_m = round(float(ground.heights_m(samples.points_m[-1:])[0]), 2)
+        approach_m = LEVEL_M * math.ceil((land_m + lands.height_m) / LEVEL_M)
+        # the altitude commanded there is that of the approach; the flight may be a step lower, or as much higher as
+        # circles lead down
+        down_m = RATE_SHARE * climbing.down_mps * float(seconds[last:before].sum())
+        floor_m[last], hard_m[last], ceiling_m[last] = approach_m - LEVEL_M, approach_m, approach_m + down_m
+    # altitudes commanded, each with the number of the last sample up to which it holds
+    if solution.blocks:
+        tried = np.linspace(0.0, solution.min_c1, LAPS_TRIED).tolist()  # laps have one altitude, for every c1
+        floors_m = [_band(ground.samples(_legs(solution, c1)), ground)[2].max() for c1 in tried]
+        found = [(len(below_m) - 1, float(math.ceil(max(floors_m))))]
+    else:
+        on_straight = np.array([leg.piece.turn == 0 for leg in legs])[samples.legs]
+        at_leg_end = np.append(samples.legs[1:] != samples.legs[:-1], True)
+        to = last + 1
+        may_change = (on_straight | at_leg_end)[:to]  # where another altitude may be commanded
+        band = Band(samples.places_m[:to], seconds[:last], floor_m[:to], ceiling_m[:to], may_change)
+        try:
+            found = commanded(banded(band, climbing, ground.limits.tolerance_m / 2), climbing, hard_m[:to], start_m)
+        except Unreachable as error:
+            raise Infeasible(f"{error}, at {ground.terrain.place_text(samples.points_m[error.target])}") from None
+    if circles:
+        found.append((before, approach_m))
+    flown_m = [np.array(found[0][1] if start_m is None else start_m)]
+    for altitude_m, step_s in zip(_repeated(found), seconds.tolist(), strict=False):
+        flown_m.append(climbing.followed_m(flown_m[-1], altitude_m, step_s))
+    if lands is not None:
+        if (above_m := float(flown_m[-1]) - approach_m) > ground.limits.tolerance_m:
+            if lands.circle is None or circles >= CIRCLES:
+                place = ground.terrain.place_text(samples.points_m[before])
+                message = f"the flight is {above_m:.0f} m too high at {place} for the final approach"
+                message += ", and no circle beside it has room"
+                raise Infeasible(message, "a --landing farther away, or from another direction")
+            more = lands.circles(above_m, climbing, motion)
+            lower = with_circles(solution, len(solution.sections) - 1, lands.circle, more, motion)
+            return over_terrain(lower, ground, climbing, start_m, lands=lands)
+        found.append((len(below_m) - 1, land_m))
+        ways_m = samples.places_m[before + 1 :]
+        flown_m += [*np.interp(ways_m, samples.places_m[[before, -1]], [float(flown_m[-1]), land_m])]
+    altitudes_m, levels_m = _repeated(found), tuple(level_m for _, level_m in found)
+    profile = HeightProfile(samples, ground, below_m, sides_m, np.array(flown_m), levels_m)
+    return solution if solution.blocks else replace(solution, sections=_cut(legs, samples, altitudes_m)), profile
+
+
+def climb_lack(solution: CoverageSolution, ground: Ground, climbing: Climbing, start_m: float) -> Lack:
+    """What a climb from an altitude at the start lacks: on lines their height, on ways the clearance once it has it.
+
+    Raises Infeasible where the height of the ground is not known.
+    """
+    legs = _legs(solution, 0.0)
+    samples = ground.samples(legs)
+    _, _, hard_m, _ = _band(samples, ground)
+    up_mps, seconds = RATE_SHARE * climbing.up_mps, _seconds(samples, ground.motion)
+    climbed_m = start_m + up_mps * np.concatenate([[0.0], np.cumsum(seconds)])
+    floor_m = np.where(samples.on_line, _spread(hard_m, samples), hard_m)
+    kept = samples.on_line | np.array([leg.whole_circle for leg in legs])[samples.legs]
+    kept |= np.maximum.accumulate(climbed_m >= hard_m)
+    lacks_m = np.where(kept, floor_m - climbed_m, 0.0)
+    low = np.flatnonzero((lacks_m > ROUNDING_M) & samples.on_line)
+    until_m = float(samples.places_m[min(low[-1] + 1, len(lacks_m) - 1)]) if len(low) else 0.0
+    return Lack(max(float(lacks_m.max()), 0.0) / up_mps, until_m)
+
+
+def late_over_s(
+    solution: CoverageSolution,
+    obstacles: Sequence[Obstacle],
+    motion: MotionLimits,
+    climbing: Climbing,
+    clearance_m: float,
+) -> float:
+    """By how long a climb from level ground is too late over obstacles of known heights, at either end of c1 [s].
+
+    Source: `Climbing.reached_s` for the time of the climb.
+    """
+    late_s, aside_m = 0.0, CLEARANCE_SHARE * motion.min_radius_m
+    for c1 in {0.0, solution.min_c1} if obstacles else ():
+        samples = Samples.of(_legs(solution, c1), STEP_M)
+        flown_s = np.concatenate([[0.0], np.cumsum(_seconds(samples, motion))])
+        for each in obstacles:
+            needed_s = climbing.reached_s((each.height_m or 0.0) + clearance_m)
+            points_m = samples.points_m[: int(np.searchsorted(flown_s, needed_s)) + 1]
+            near = ~FreeSpace([each.outline], (), aside_m).sees(points_m[:-1], points_m[1:])
+            if near.any():
+                late_s = max(late_s, needed_s - float(flown_s[int(np.argmax(near))]))
+    return late_s
+
+
+def _seconds(samples: Samples, motion: MotionLimits) -> FloatArray:
+    """Times from each sample to the next, shape (n − 1,) [s]."""
+    courses = samples.headings_rad[1:]
+    speeds_mps, _ = ground_speeds_mps(np.cos(courses), np.sin(courses), motion.airspeed_mps, motion.wind_mps)
+    return np.asarray(np.diff(samples.places_m) / speeds_mps)
+
+
+def _climbed_m(
+    start_m: float,
+    samples: Samples,
+    seconds: FloatArray,
+    below_m: FloatArray,
+    ground: Ground,
+    climbing: Climbing,
+) -> FloatArray:
+    """The highest altitudes that a climb from the start reaches, shape (n,) [m]; Infeasible below the ground `below_m`.
+
+    `seconds`, shape (n − 1,), are the times of the steps between samples.
+    """
+    climbed_m = start_m + RATE_SHARE * climbing.up_mps * np.concatenate([[0.0], np.cumsum(seconds)])
+    k = 1 + int(np.argmax((below_m - climbed_m)[1:]))
+    if climbed_m[k] < below_m[k]:
+        rise = f"rises {below_m[k] - start_m:.0f} m in {samples.places_m[k]:.0f} m of the way from home"
+        able = f"the aircraft climbs {climbed_m[k] - start_m:.0f} m"
+        message = f"the ground at {ground.terrain.place_text(samples.points_m[k])} {rise}, and {able}"
+        raise Infeasible(message, "another --home, or --takeoff another way")
+    return climbed_m
+
+
+def low_approach(final: FinalApproach, ground: Ground) -> tuple[str, float, float] | None:
+    """Where a final approach comes nearest to the ground, if it is too near.
+
+    It has to stay above all that is below it, by half of its height over its end's ground, or by the clearance if that
+    is less. Where this is less than `FLARE_M`, nothing is asked.
+
+    Returns
+    -------
+    str
+        The place, for people.
+    float, float
+        Heights above the ground there, as they are and as they have to be [m]. None where all are enough.
+    """
+    samples, limits = ground.samples([final.leg]), ground.limits
+    # the highest of the ground and obstacles near each sample, above the ground of the approach's end
+    tops_m = _band(samples, ground)[2] - limits.clearance_m - ground.heights_m(samples.points_m[-1:])
+    heights_m = final.height_m * (1 - samples.places_m / samples.places_m[-1])
+    min_m = np.minimum(limits.clearance_m, heights_m / 2)
+    above_m = heights_m - tops_m
+    k = int(np.argmin(np.where(min_m < FLARE_M, np.inf, above_m - min_m)))
+    if above_m[k] >= min_m[k] - MAP_M:
+        return None
+    return ground.terrain.place_text(samples.points_m[k]), float(above_m[k]), float(min_m[k])
+
+
+def clear_circle(circle: CoverageLeg, final: FinalApproach, ground: Ground) -> bool:
+    """Whether a circle at the height at which a final approach begins keeps the clearance."""
+    land_m = float(ground.heights_m(np.array([final.leg.end[:2]]))[0])
+    return bool(_band(ground.samples([circle]), ground)[2].max() <= land_m + final.height_m)
+
+
+def _repeated(found: Sequence[tuple[int, float]]) -> FloatArray:
+    """The altitude commanded on each step from a sample to the next [m], from the last sample of each altitude."""
+    lasts, levels_m = zip(*found, strict=True)
+    return np.repeat(levels_m, np.diff([0, *lasts]))
+
+
+def _legs(solution: CoverageSolution, c1: float) -> list[CoverageLeg]:
+    return [leg for leg in solution.path(c1).legs if leg.piece.length_m > 0]
+
+
+def _band(samples: Samples, ground: Ground) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Of each sample: height of the ground below, mean height on both sides, floor and ceiling of the flight [m].
+
+    On lines both sides are half the lines' distance away, and a ceiling holds; elsewhere the clearance of turns is.
+    """
+    limits, on_line = ground.limits, samples.on_line
+    aside_m = np.where(on_line, ground.apart_m / 2, CLEARANCE_SHARE * ground.motion.min_radius_m)[:, None]
+    normals = np.column_stack([-np.sin(samples.headings_rad), np.cos(samples.headings_rad)])
+    places_m = [samples.points_m + side * aside_m * normals for side in (0, 1, -1)]
+    below_m, left_m, right_m = map(ground.heights_m, places_m)
+    sides_m = (left_m + right_m) / 2
+    # the ground below, and where the flight may be beside its line
+    near_m = [below_m, *(ground.heights_m(samples.points_m + aside * normals) for aside in (ASIDE_M, -ASIDE_M))]
+    on_lines_m = np.maximum(np.max(near_m, axis=0), sides_m) + limits.line_m
+    floor_m = np.where(on_line, on_lines_m, np.max([below_m, left_m, right_m], axis=0) + limits.clearance_m)
+    for each in ground.airspace.obstacles:
+        if each.height_m is not None:
+            over = np.any([holding([each.outline], points)[0] for points in places_m], axis=0)
+            floor_m = np.where(over, np.maximum(floor_m, each.height_m + limits.clearance_m), floor_m)
+    high_m = np.min(near_m, axis=0) + limits.line_m + limits.tolerance_m
+    return below_m, sides_m, floor_m, np.where(on_line, -_spread(-high_m, samples), np.inf)
+
+
+def _spread(values: FloatArray, samples: Samples) -> FloatArray:
+    """For each sample the greatest value of all samples within `OFF_M` before and after it, its neighbours at least."""
+    from scipy.ndimage import maximum_filter1d
+
+    count = max(1, int(OFF_M / float(np.diff(samples.places_m).max())))
+    return np.asarray(maximum_filter1d(values, 2 * count + 1, mode="nearest"))
+
+
+def _cut(legs: Sequence[CoverageLeg], samples: Samples, altitudes_m: FloatArray) -> tuple[CoverageLeg, ...]:
+    """The legs, cut where the altitude commanded changes; `altitudes_m` is that of each step between samples."""
+    parts: list[CoverageLeg] = []
+    for k, leg in enumerate(legs):
+        own = np.flatnonzero(samples.legs[1:] == k).tolist()  # the leg's steps: step i starts at sample i
+        changes = [j for i, j in itertools.pairwise(own) if altitudes_m[i] != altitudes_m[j]]
+        pieces = leg.cut(*(samples.places_m[changes] - samples.places_m[own[0]]).tolist()) if changes else [leg]
+        starts = [own[0], *changes]
+        parts += [replace(part, altitude_m=float(altitudes_m[i])) for part, i in zip(pieces, starts, strict=True)]
+    return tuple(parts)

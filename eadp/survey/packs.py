@@ -1,0 +1,415 @@
+"""A field divided among sorties: the fewest parts, each of which one pack covers with the way there and back.
+
+The lines of the field stand one after the other, as one length. A sortie has an interval of it: whole lines where that
+costs nothing, and part of one at either end where it saves a sortie. What a sortie leaves of its pack is the caller's
+forecast. The ends of as few sorties as a bound allows are moved until all leave the same. Where that is too little,
+sorties are filled one after the other.
+
+Source: Prins 2004 (Computers & Operations Research 31) for a tour that is divided; the ends are found by secants.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+from eadp.core.geometry.polygons import FAR_M, clipped, ground_m2
+from eadp.errors import Infeasible
+from eadp.models.field import Field
+from eadp.survey.coverage import LineGrid
+
+ROUNDS = 12
+"""Most forecasts for the end of a sortie."""
+
+ALIKE_ROUNDS, BOUND_ROUNDS = 2, 4
+"""Most times that the ends of all sorties are moved until all leave about the same; and more times for the least number
+of sorties, which no other division can beat."""
+
+FULL_SPARE = 0.02
+"""A sortie is full where it leaves no more than this share of a pack."""
+
+MIN_ON_LINES = 0.02
+"""Share of a pack that a sortie is taken to use on its lines at least, by which a step is divided."""
+
+MAX_SORTIES = 200
+SAME_M = 1e-2
+"""Places so close are the same [m]: a line is not cut for less."""
+
+
+def whole_lines(ground: Field, field: Field, grid: LineGrid, gap_m: float, min_share: float) -> Field | None:
+    """What is left of a field, as ground of lines to fly again: lines with only scraps of it are left out.
+
+    Parameters
+    ----------
+    ground, field : Field
+        What is left, and the whole.
+    grid : LineGrid
+        The lines of the field.
+    gap_m : float
+        Shorter gaps of a line are flown, too [m].
+    min_share : float
+        Share of a line's ground below which it is not flown for what is left of it.
+
+    Returns
+    -------
+    Field or None
+        The whole ground of the lines, from the first place where some is left to the last; None without any.
+    """
+    windows = []
+    for i, spans in enumerate(grid.extents(ground)):
+        joined: list[tuple[float, float]] = []  # the spans, with short gaps between them filled
+        for low, high in spans:
+            if joined and low - joined[-1][1] < gap_m:
+                joined[-1] = joined[-1][0], high
+            else:
+                joined.append((low, high))
+        for low, high in joined:
+            window = grid.window(i, i, low, high)
+            left_m2, whole_m2 = (
+                sum(ground_m2(*part) for part in clipped(each.parts, [window])) for each in (ground, field)
+            )
+            if left_m2 >= min_share * whole_m2:
+                windows.append(window)
+    return field.with_parts(clipped(field.parts, windows)) if windows else None
+
+
+class Division:
+    """The lines of a field one after the other, as one length on which a place is counted from the first line's start.
+
+    Parameters
+    ----------
+    field : Field
+    grid : LineGrid
+        Its lines.
+    overlap_m : float
+        Length that both parts of a line that is cut cover [m].
+    order : sequence of int, optional
+        The lines of the grid in the order in which they stand; by default side by side.
+    """
+
+    def __init__(self, field: Field, grid: LineGrid, overlap_m: float, order: Sequence[int] | None = None) -> None:
+        self._field, self._grid, self._overlap_m = field, grid, overlap_m
+        extents = grid.extents(field)
+        self._order = [i for i in (range(len(extents)) if order is None else order) if extents[i]]
+        self._extents = [extents[i] for i in self._order]
+        lengths = [sum(high - low for low, high in spans) for spans in self._extents]
+        # where line k starts, and line k − 1 ends, in the order [m]
+        self._ends: FloatArray = np.concatenate([[0.0], np.cumsum(lengths)])
+
+    @property
+    def total_m(self) -> float:
+        """Length of all lines [m]."""
+        return float(self._ends[-1])
+
+    @property
+    def lines(self) -> int:
+        """The number of lines over ground."""
+        return len(self._order)
+
+    @property
+    def end_of_first_m(self) -> float:
+        """The end of the first line [m]."""
+        return float(self._ends[1])
+
+    def next_line(self, place_m: float) -> float:
+        """The first place between two lines beyond one [m]; the end of the last line at most."""
+        beyond = self._ends[self._ends > place_m + SAME_M]
+        return float(beyond[0]) if len(beyond) else self.total_m
+
+    def between_lines(self, place_m: float) -> float:
+        """The nearest place between two lines [m]."""
+        return float(self._ends[np.abs(self._ends - place_m).argmin()])
+
+    def part(self, start_m: float, end_m: float) -> Field:
+        """The ground of the lines between two places [m]; of a line cut at `start_m`, with the overlap before it."""
+        windows, whole = [], set[int]()  # windows of lines that are cut; numbers of lines that are not
+        for k, line in enumerate(self._order):
+            own_start, own_end = float(self._ends[k]), float(self._ends[k + 1])
+            if own_end <= start_m + SAME_M or own_start >= end_m - SAME_M:
+                continue
+            low = -FAR_M if start_m <= own_start + SAME_M else self._along(k, start_m) - self._overlap_m
+            high = FAR_M if end_m >= own_end - SAME_M else self._along(k, end_m)
+            if (low, high) == (-FAR_M, FAR_M):
+                whole.add(line)
+            else:
+                windows.append(self._grid.window(line, line, low, high))
+        for first in sorted(line for line in whole if line - 1 not in whole):  # lines beside each other as one
+            last = next(line for line in itertools.count(first) if line + 1 not in whole)
+            windows.append(self._grid.window(first, last, -FAR_M, FAR_M))
+        return self._field.with_parts(clipped(self._field.parts, windows))
+
+    def _along(self, k: int, place_m: float) -> float:
+        """The v in the grid's frame of a place on line k of the order, counted from 0 [m]; gaps in a line count 0."""
+        rest_m = place_m - float(self._ends[k])
+        for low, high in self._extents[k]:
+            if rest_m <= high - low:
+                return low + rest_m
+            rest_m -= high - low
+        return self._extents[k][-1][1]
+
+
+class Sortie(Protocol):
+    """What is forecast of a sortie."""
+
+    @property
+    def spare(self) -> float:
+        """Charge that it leaves above what has to be left, as a share of a pack; below 0 where it cannot be flown."""
+
+    @property
+    def used_on_lines(self) -> float:
+        """Charge that it takes from the first line to the last, as a share of a pack."""
+
+
+AnySortie = TypeVar("AnySortie", bound=Sortie)
+Interval = tuple[float, float]
+
+
+class Divided(NamedTuple, Generic[AnySortie]):
+    """Sorties in the order of their lines, and the intervals of the lines that they have [m]."""
+
+    intervals: list[Interval]
+    sorties: list[AnySortie]
+
+    @property
+    def may_save_one(self) -> bool:
+        """Whether the lines of some sortie take no more charge than all other sorties leave together."""
+        total_spare = sum(max(sortie.spare, 0.0) for sortie in self.sorties)
+        return any(total_spare - sortie.spare >= sortie.used_on_lines for sortie in self.sorties)
+
+    @property
+    def lengths_m(self) -> FloatArray:
+        """Lengths of the intervals [m]."""
+        return np.array([end - start for start, end in self.intervals])
+
+    @property
+    def spares(self) -> FloatArray:
+        """Charge that each leaves above what has to be left, as a share of a pack."""
+        return np.array([sortie.spare for sortie in self.sorties])
+
+    @property
+    def used_per_m(self) -> float:
+        """Charge that a metre of the lines takes, as a share of a pack."""
+        return max(sum(sortie.used_on_lines for sortie in self.sorties) / float(self.lengths_m.sum()), 1e-12)
+
+    def expected(self, lengths_m: FloatArray) -> FloatArray:
+        """The spare charge that each is expected to have with other lengths of lines, as a share of a pack."""
+        return self.spares + self.used_per_m * (self.lengths_m - lengths_m)
+
+    @property
+    def needed(self) -> int:
+        """The number of sorties that all lines take, by the mean charge that these have for lines: used and spare."""
+        used = sum(sortie.used_on_lines for sortie in self.sorties)
+        available = used + float(self.spares.sum())
+        return math.ceil(len(self.sorties) * used / available - 1e-9) if available > 0 else MAX_SORTIES + 1
+
+    @property
+    def shortest(self) -> AnySortie:
+        """The sortie with the least charge above what has to be left."""
+        return min(self.sorties, key=lambda sortie: sortie.spare)
+
+
+@dataclass(frozen=True)
+class Divider(Generic[AnySortie]):
+    """Finds the fewest sorties.
+
+    Attributes
+    ----------
+    division : Division
+    forecast : function
+        The sortie over a part of the field.
+    cuts : bool
+        Whether lines may be cut.
+    on_part : function
+        Called with the progress before each forecast.
+    """
+
+    division: Division
+    forecast: Callable[[Field], AnySortie]
+    cuts: bool = True
+    on_part: Callable[[str], None] = lambda _: None
+
+    @cached_property
+    def _known(self) -> dict[Interval, AnySortie]:
+        return {}
+
+    def fewest(self, min_count: int) -> Divided[AnySortie]:
+        """The division into the fewest sorties found that can all be flown, `min_count` or more.
+
+        Raises
+        ------
+        Infeasible
+            If even a short part of a line is too far, or whole lines cannot be divided so where lines are not cut.
+        """
+        count = min_count
+        found = self._alike(count, BOUND_ROUNDS)
+        while found.shortest.spare < 0:
+            needed = found.needed if self.cuts else count + 1
+            if not count < needed <= MAX_SORTIES:
+                return self._unlike(count)
+            count = needed
+            found = self._alike(count)
+        return found
+
+    def _unlike(self, min_count: int) -> Divided[AnySortie]:
+        """As many sorties as filling one after the other takes: all alike where they can be flown so, else as filled.
+
+        Raises Infeasible as `fewest`, and where lines are not cut.
+        """
+        if not self.cuts:
+            raise Infeasible(f"{MAX_SORTIES} sorties are too few")
+        fullest = self._fullest(min_count)
+        found = self._alike(len(fullest.sorties))
+        return found if found.shortest.spare >= 0 else fullest
+
+    def of_count(self, count: int) -> Divided[AnySortie]:
+        """So many sorties of equal length of lines, whether they can be flown or not."""
+        return self._divided_at(np.linspace(0.0, self.division.total_m, count + 1))
+
+    def _fullest(self, min_count: int) -> Divided[AnySortie]:
+        """Sorties that are filled one after the other: of whole lines, or cut ones where these may save a sortie."""
+        try:
+            found = self._filled(min_count, whole=True)
+        except Infeasible:
+            return self._filled(min_count, whole=False)
+        if not found.may_save_one:
+            return found
+        cut = self._filled(min_count, whole=False)
+        return cut if len(cut.sorties) < len(found.sorties) else found
+
+    def _filled(self, min_count: int, *, whole: bool) -> Divided[AnySortie]:
+        """Sorties that are filled one after the other, up to whole lines or to parts of them.
+
+        Raises
+        ------
+        Infeasible
+            If a pack lasts for no line, or no part of one, or `MAX_SORTIES` are too few.
+        """
+        total_m, place_m, ends = self.division.total_m, 0.0, [0.0]
+        length_m = total_m / min_count  # of each sortie, at first a guess
+        while total_m - place_m > SAME_M:
+            length_m = self._farthest_m(place_m, length_m, whole=whole) - place_m
+            if length_m <= SAME_M:
+                what = "a line flown whole" if whole else "the way to the field and back"
+                raise Infeasible(f"a pack does not last for {what}")
+            place_m += length_m
+            ends.append(place_m)
+            if len(ends) > MAX_SORTIES:
+                raise Infeasible(f"{MAX_SORTIES} sorties are too few")
+        return self._divided_at(np.array(ends))
+
+    def _farthest_m(self, start_m: float, guess_m: float, *, whole: bool) -> float:
+        """The farthest end found of a sortie that can be flown from a place [m]; the place itself where there is none.
+
+        `guess_m` is the length that is tried first; with `whole`, sorties end only between lines. A step aims at a
+        spare charge of half `FULL_SPARE`, by the charge that a metre of the lines takes in the sortie tried last. Where
+        it leaves the bracket, the bracket's middle is tried instead.
+        """
+        total_m = self.division.total_m
+        # the bracket: a sortie to low_m can be flown, one to high_m cannot
+        low_m, high_m, end_m = start_m, math.inf, min(start_m + guess_m, total_m)
+        for _ in range(ROUNDS):
+            if whole:
+                end_m = self.division.between_lines(end_m)
+            if not low_m + SAME_M < end_m < high_m - SAME_M:
+                # out of the bracket: its middle instead, or the end of the line after low_m
+                end_m = self.division.next_line(low_m) if whole else (low_m + min(high_m, total_m)) / 2
+                if not low_m + SAME_M < end_m < high_m - SAME_M:
+                    break  # nothing between the two is left to try
+            sortie = self._sortie((round(start_m, 3), round(end_m, 3)))
+            if sortie.spare >= 0:
+                low_m = end_m
+                if end_m >= total_m - SAME_M or (not whole and sortie.spare <= FULL_SPARE):
+                    break
+            else:
+                high_m = end_m
+            used_per_m = max(sortie.used_on_lines, MIN_ON_LINES) / (end_m - start_m)
+            end_m = min(end_m + (sortie.spare - FULL_SPARE / 2) / used_per_m, total_m)
+        return low_m
+
+    def _alike(self, count: int, rounds: int = ALIKE_ROUNDS) -> Divided[AnySortie]:
+        """The division into `count` sorties of about the same spare charge, with whole lines where that is enough.
+
+        Where none is found that can be flown: the last one tried. Raises Infeasible where whole lines are too few, and
+        lines are not cut.
+        """
+        places, found = np.linspace(0.0, self.division.total_m, count + 1), None
+        for _ in range(rounds):
+            whole = np.array([*map(self.division.between_lines, places)])
+            apart = len(set(whole.tolist())) == count + 1
+            if not (apart or self.cuts):
+                break
+            # ends between lines: in the first round, and where all sorties are then expected to be flown
+            if not self.cuts or (apart and (found is None or found.expected(np.diff(whole)).min() >= 0)):
+                places = whole
+            found = self._divided_at(places)
+            spares = found.spares
+            if spares.min() >= 0 or spares.mean() < 0:
+                break
+            # a sortie with more spare charge than the mean takes on as much more of the lines as uses it up
+            lengths_m = found.lengths_m + (spares - spares.mean()) / found.used_per_m
+            lengths_m = np.maximum(lengths_m, 0.02 * found.lengths_m)
+            places = np.concatenate([[0.0], np.cumsum(lengths_m)]) * (self.division.total_m / float(lengths_m.sum()))
+        if found is None:
+            raise Infeasible(f"{self.division.lines} whole lines have no division into {count} sorties or more")
+        return found
+
+    def _divided_at(self, ends_m: FloatArray) -> Divided[AnySortie]:
+        """The sorties between some places along all lines, in their order [m]; empty ones are left out."""
+        rounded = [round(end_m, 3) for end_m in ends_m.tolist()]  # `_known` has intervals to the millimetre
+        intervals = [pair for pair in itertools.pairwise(rounded) if pair[1] > pair[0]]
+        return Divided(intervals, [self._sortie(interval) for interval in intervals])
+
+    def _sortie(self, interval: Interval) -> AnySortie:
+        """The sortie over an interval [m], forecast once."""
+        if interval not in self._known:
+            share = interval[1] / self.division.total_m
+            self.on_part(f"lines divided up to {100 * share:.0f} %, {len(self._known)} parts tried")
+            self._known[interval] = self.forecast(self.division.part(*interval))
+        return self._known[interval]
+
+
+def min_time_s(lines_s: FloatArray, access_s: FloatArray, pack_s: float) -> float:
+    """A lower bound of the time that all sorties take together, without the turns between lines [s].
+
+    The way there and back of a sortie takes a. It is no shorter than the way rᵢ to any of its parts, and the sortie's
+    lines take no longer than P − a. Shared among the parts by their times tᵢ, a is at least tᵢ rᵢ / (P − rᵢ) for part
+    i; with its line, part i takes at least tᵢ + tᵢ rᵢ / (P − rᵢ) = tᵢ P / (P − rᵢ).
+
+    Parameters
+    ----------
+    lines_s : array, shape (n,)
+        tᵢ: times of parts of the lines [s].
+    access_s : array, shape (n,)
+        rᵢ: the shortest way from home to each part, and home from it [s].
+    pack_s : float
+        P: time that a pack lasts before it has to be back [s], above all of `access_s`.
+
+    Source: the radial bound of Haimovich and Rinnooy Kan, Math. Oper. Res. 10 (1985), for parts that may be cut.
+    """
+    return float((lines_s * pack_s / (pack_s - access_s)).sum())
+
+
+def min_sorties(time_s: float, turns_s: FloatArray, pack_s: float) -> int:
+    """A lower bound of the number of sorties.
+
+    A line is flown after a turn from another line, or is the first of its sortie. So K sorties take at least `time_s`
+    and all turns but K of them, at best but the K longest; and they take K packs at most.
+
+    Parameters
+    ----------
+    time_s : float
+        Least time without turns [s], as of `min_time_s`.
+    turns_s : array, shape (lines,)
+        The quickest turn to each line, from any other [s].
+    pack_s : float
+        Time that a pack lasts [s].
+    """
+    longest_s = float(turns_s.max(initial=0.0))
+    return max(1, math.ceil((time_s + float(turns_s.sum())) / (pack_s + longest_s) - 1e-9))

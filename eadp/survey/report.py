@@ -1,0 +1,375 @@
+"""What a coverage path amounts to: ground covered, length, time and energy, as values, as JSON and as text."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import statistics
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+from eadp.core.expressions.tree import number_text
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.geodesy import compass_deg, place_text, point_text, to_geodetic_deg
+from eadp.core.geometry.polygons import (
+    Ring,
+    apart_m,
+    clipped,
+    covered_share,
+    covered_shares,
+    ground_m2,
+    inner_point,
+    uncovered,
+)
+from eadp.models.airspace import BOUNDARY, CLEARANCE_SHARE
+from eadp.models.field import Field
+from eadp.survey.coverage import DUBINS, ZAMBONI, CoverageSolution
+from eadp.survey.swaths import CoveragePath, MotionLimits
+
+FULL = 0.9999
+"""Share of a field from which on it counts as covered."""
+
+
+@dataclass(frozen=True)
+class PathReport:
+    """A coverage path at one value of c1.
+
+    `spacing_m` is the distance of its lines, None for a single one; `energy_wh` is its forecast, None without one.
+    """
+
+    c1: float
+    spacing_m: float | None
+    coverage: float
+    length_m: float
+    time_s: float
+    lines: int
+    min_radius_m: float
+    energy_wh: float | None = None
+
+
+def path_report(solution: CoverageSolution, field: Field, motion: MotionLimits, c1: float) -> PathReport:
+    """Ground covered, length and time at a fixed c1.
+
+    Parameters
+    ----------
+    solution : CoverageSolution
+    field : Field
+        The field that it covers.
+    motion : MotionLimits
+        Swath, airspeed and wind.
+    c1 : float
+        The path parameter.
+    """
+    path = solution.path(c1)
+    time_s = motion.time_s(path.pieces)
+    coverage = covered_by_lines(path, field, motion.swath_m)
+    if solution.blocks:
+        spacing_m: float | None = solution.blocks[0].spacing_at(max(c1, solution.blocks[0].min_c1))
+    else:
+        spacing_m = _line_distance_m(path, solution.heading_rad)
+    return PathReport(c1, spacing_m, coverage, path.length_m, time_s, path.lines, path.min_radius_m)
+
+
+def _line_distance_m(path: CoveragePath, heading_rad: float) -> float | None:
+    """The median distance of neighbouring lines [m]; None for a single one."""
+    sin, cos = math.sin(heading_rad), math.cos(heading_rad)
+    # places across the lines; those of one line twice are equal to a centimetre
+    places = sorted({round(leg.start[1] * cos - leg.start[0] * sin, 2) for leg in path.legs if leg.sensing})
+    return statistics.median(b - a for a, b in itertools.pairwise(places)) if len(places) > 1 else None
+
+
+def covered_by_lines(path: CoveragePath, field: Field, swath_m: float) -> float:
+    """Share of a field that the lines of a path cover; turns cover nothing."""
+    return covered_share(field.parts, path.sensed_m, swath_m)
+
+
+def rounded_deg(heading_rad: float, digits: int) -> float:
+    """The compass bearing of a heading, rounded [°]."""
+    return round(compass_deg(heading_rad), digits) % 360
+
+
+@dataclass(frozen=True)
+class CoverageReport:
+    """A coverage path of a field at both ends of c1: `full` at c1 = 0, `least` at the lowest c1."""
+
+    field: Field
+    motion: MotionLimits
+    solution: CoverageSolution
+    full: PathReport
+    least: PathReport
+
+    @classmethod
+    def of(cls, field: Field, motion: MotionLimits, solution: CoverageSolution) -> CoverageReport:
+        """The report of a solution."""
+        full = path_report(solution, field, motion, 0.0)
+        least = path_report(solution, field, motion, solution.min_c1) if solution.min_c1 < 0 else full
+        return cls(field, motion, solution, full, least)
+
+    def with_energy(self, energy_wh: Callable[[float], float | None]) -> CoverageReport:
+        """The report with the energy of each end by its c1 [Wh]."""
+        full, *rest = (replace(end, energy_wh=energy_wh(end.c1)) for end in self.ends)
+        return replace(self, full=full, least=rest[0] if rest else full)
+
+    @property
+    def ends(self) -> Sequence[PathReport]:
+        """The reports of the ends of c1 that differ."""
+        return (self.full,) if self.least is self.full else (self.full, self.least)
+
+    @property
+    def _heading_text(self) -> str:
+        """ "heading" and the compass bearing of the lines [°]."""
+        return f"heading {rounded_deg(self.solution.heading_rad, 1):.1f}"
+
+    @cached_property
+    def left(self) -> list[LeftGround]:
+        """The places that are not covered, at the coarsest spacing."""
+        if self.least.coverage >= FULL:
+            return []
+        lines, low = self.solution.path(self.least.c1).sensed_m, self.solution.in_climb_m
+        return left_ground(self.field, lines, self.motion, in_climb=low)
+
+    @property
+    def seam_m(self) -> float | None:
+        """Distance of the lines where the first lines of laps meet the second ones, and blocks meet [m].
+
+        It holds at every c1, as the laps of a block end there; None for a plan without laps.
+        """
+        return self.solution.blocks[0].layout.pitch_m if self.solution.blocks else None
+
+    @property
+    def _steps(self) -> list[float]:
+        return self.solution.blocks[0].steps() if self.solution.blocks else []
+
+    @property
+    def _steps_text(self) -> str:
+        """Spacings from which on laps are saved, rounded up: each saves its lap."""
+        block = self.solution.blocks[0]
+        ends = (block.spacing_at(c1) for c1 in self._steps)
+        return ", ".join(f"{min(math.ceil(100 * m) / 100, block.spacing_at(block.min_c1)):.4g}" for m in ends)
+
+    def titled_paths(self) -> dict[str, CoveragePath]:
+        """The path at each end of c1 under a title."""
+        paths = {}
+        for end in self.ends:
+            at = f"lines {end.spacing_m:.1f} m apart: " if len(self.ends) > 1 else ""
+            title = f"{at}{end.lines} lines, {end.length_m / 1000:.2f} km, {100 * end.coverage:.2f} % covered"
+            paths[title] = self.solution.path(end.c1)
+        return paths
+
+    def comments(self, name: str) -> list[str]:
+        """Comment lines for the head of a plan that covers the field of a name."""
+        full, least, motion = self.full, self.least, self.motion
+        lines = [
+            f"Covers {name} with a swath of {motion.swath_m:g} m and turns of {motion.min_radius_m:g} m or "
+            f"more; lines {self._heading_text} deg.",
+            f"{_counted(full.lines, 'line')}, {full.length_m:.0f} m",
+        ]
+        if least is not full:
+            lines[1] += f" with a spacing of {full.spacing_m:.4g} m; {least.lines} lines, {least.length_m:.0f} m "
+            lines[1] += f"with {least.spacing_m:.4g} m, c1 = {number_text(least.c1)}"
+            lines.append(f"A lap less in each block from a spacing of {self._steps_text} m on")
+        return lines
+
+    def document(self, normalised: Sequence[str], plan: str) -> dict[str, Any]:
+        """The values of `eadp.cover/1`, with the repairs made to the field and the plan's text."""
+        full, least, solution = self.full, self.least, self.solution
+        min_radius_m = round(min(full.min_radius_m, least.min_radius_m), 6)
+        document: dict[str, Any] = {
+            "schema": "eadp.cover/1",
+            "pattern": solution.pattern,
+            "heading_deg": rounded_deg(solution.heading_rad, 9),
+            "coverage": full.coverage,
+            "coverage_min": least.coverage,
+            "length_m": full.length_m,
+            "time_s": full.time_s,
+            "lines": full.lines,
+            "spacing_m": [full.spacing_m, least.spacing_m],
+            "seam_m": self.seam_m,
+            "swath_m": self.motion.swath_m,
+            "lead_in_m": self.motion.lead_in_m,
+            "overshoot_m": self.motion.overshoot_m,
+            "min_radius_m": min_radius_m if math.isfinite(min_radius_m) else None,  # a single line has no turn
+            "c1": [least.c1, full.c1] if least is not full else None,
+            "at_lowest_c1": {"length_m": least.length_m, "time_s": least.time_s, "lines": least.lines},
+            "c1_steps": self._steps,
+            "blocks": len(solution.blocks),
+            "other_pattern_share": solution.other_share,
+            "zamboni_time_s": self.laps_s() or None,
+            "parts": len(self.field.parts),
+            "obstacles": len(self.field.airspace.obstacles),
+            "boundary": bool(self.field.airspace.boundary),
+            "origin_deg": self.field.origin_deg,
+            "field": {"name": self.field.name, "area_m2": self.field.area_m2},
+            "left": [each.document(self.field.origin_deg) for each in self.left],
+            "normalised": list(normalised),
+            "plan": plan,
+        }
+        if full.energy_wh is not None:
+            document["energy_wh"] = full.energy_wh
+            document["at_lowest_c1"]["energy_wh"] = least.energy_wh
+        return document
+
+    def laps_s(self) -> list[float]:
+        """Times of the Zamboni-like motion that was not chosen, at its lowest c1 and at c1 = 0 [s]; [] without one."""
+        laps = self.solution.laps
+        return [] if laps is None else [self.motion.time_s(laps.path(c1).pieces) for c1 in (laps.min_c1, 0.0)]
+
+    def fixed_spacing(self) -> str:
+        """What a plan of fixed spacing gives up, and what laps would cost and save; '' for a plan that varies it."""
+        if not (times_s := self.laps_s()):
+            return ""
+        shortest_s, full_s = times_s
+        more = 100 * (shortest_s / self.full.time_s - 1)
+        return (
+            f"fixed: a planner cannot save lines in flight. --pattern zamboni takes {full_s:.0f} s with the densest "
+            f"lines and can save {full_s - shortest_s:.0f} s of them, down to {shortest_s:.0f} s ({more:+.0f} %)"
+        )
+
+    def text(self) -> list[str]:
+        """A summary for people, line by line."""
+        solution, blocks = self.solution, len(self.solution.blocks)
+        parts = len(self.field.parts)
+        holes = sum(map(len, self.field.parts)) - parts
+        own = {
+            DUBINS: "lines in an order, Dubins turns",
+            ZAMBONI: f"Zamboni-like, {_counted(blocks, 'block')}",
+        }
+        pattern = own.get(solution.pattern, solution.pattern)
+        lines = [
+            f"field      {f'{self.field.name}, ' if self.field.name else ''}{self.field.area_m2 / 1e4:.2f} ha"
+            + (f" at {place_text(self.field.origin_deg)}" if self.field.origin_deg else "")
+            + (f", {parts} parts" if parts > 1 else "")
+            + (f", {_counted(holes, 'hole')}" if holes else ""),
+            f"pattern    {pattern}; lines {self._heading_text}°",
+        ]
+        for end in self.ends:
+            at = "" if end.spacing_m is None else f" with lines {end.spacing_m:.1f} m apart"
+            energy = f", {end.energy_wh:.2f} Wh" if end.energy_wh is not None else ""
+            lines.append(
+                f"{'covers' if end is self.full else '':<10} {100 * end.coverage:.2f} %{at}: "
+                f"{_counted(end.lines, 'line')}, {end.length_m / 1000:.2f} km, {end.time_s:.0f} s{energy}"
+            )
+        obstacles, boundary = self.field.airspace
+        if obstacles or boundary:
+            kept = [f"out of {_counted(len(obstacles), 'obstacle')}"] if obstacles else []
+            kept += ["inside the boundary"] if boundary else []
+            lines.append(f"stays      {' and '.join(kept)}")
+        lines += left_text(self.left, 1 - self.least.coverage, self.field.origin_deg)
+        if blocks:
+            lines.append(f"laps       one less in each block from a spacing of {self._steps_text} m on")
+        tightest = min(end.min_radius_m for end in self.ends)
+        wide = f"{math.floor(100 * tightest + 1e-6) / 100:.2f} m or wider" if math.isfinite(tightest) else "none"
+        beyond = f"laps turn {self.motion.beyond_m:g} m farther out" if blocks else self.motion.beyond_text
+        lines.append(f"turns      {wide}{f'; {beyond}' if self.motion.beyond_m else ''}")
+        if solution.laps is not None:
+            lines.append(f"spacing    {self.fixed_spacing()}")
+        elif not blocks and any(self.field.airspace):
+            lines.append("spacing    fixed: a planner cannot save lines in flight, as laps do not keep to the limits")
+        elif solution.other_share is not None:
+            lines.append(
+                f"instead    lines in an order would take {solution.other_share:.2f} times as long as the widest laps"
+            )
+        return [*lines, self.motion.wind_text]
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}{'' if count == 1 else 's'}"
+
+
+MIN_SHARE = 1e-4
+"""A place is listed from this share of the field on."""
+
+WIDTH_SHARE = 0.01
+"""Width over the swath below which ground between strips is rounding."""
+
+IN_CLIMB = "below the altitude of the pictures, in the climb from home, and no room for a circle"
+
+SHOWN = 3
+"""Places that are named, the largest ones."""
+
+
+class LeftGround(NamedTuple):
+    """A place that is not covered: its outline and its holes [m], its area [m²], a point of it [m], and why."""
+
+    rings: Sequence[Ring]
+    area_m2: float
+    place_m: Point
+    reason: str
+
+    def document(self, origin_deg: Point | None) -> dict[str, Any]:
+        """Its values, with latitude and longitude where the field has an origin."""
+        at_deg = None if origin_deg is None else [round(each, 7) for each in to_geodetic_deg(*self.place_m, origin_deg)]
+        return {"area_m2": self.area_m2, "at_m": self.place_m, "at_deg": at_deg, "reason": self.reason}
+
+
+def left_ground(
+    field: Field,
+    lines: Sequence[Sequence[Point]],
+    motion: MotionLimits,
+    *,
+    in_climb: Sequence[Sequence[Point]] = (),
+) -> list[LeftGround]:
+    """The places of a field that lines leave uncovered, the largest first.
+
+    Parameters
+    ----------
+    field : Field
+        With what is in the way.
+    lines : sequence of sequences of (float, float)
+        Points of each line [m].
+    motion : MotionLimits
+        For the swath and the room of a turn.
+    in_climb : sequence of sequences of (float, float), optional
+        Points of each part of a line that is flown in the climb, with the camera off [m].
+    """
+    found = []
+    for rings in uncovered(field.parts, lines, motion.swath_m, WIDTH_SHARE * motion.swath_m):
+        area_m2 = ground_m2(*rings)
+        if area_m2 >= MIN_SHARE * field.area_m2:
+            low = in_climb and covered_shares([rings], [in_climb], motion.swath_m)[-1] > 0.5
+            reason = IN_CLIMB if low else _reason(rings, area_m2, field, motion)
+            found.append(LeftGround(rings, area_m2, inner_point(*rings), reason))
+    return sorted(found, key=lambda each: -each.area_m2)
+
+
+def _reason(rings: Sequence[Ring], area_m2: float, field: Field, motion: MotionLimits) -> str:
+    """Why a place is not covered."""
+    obstacles, boundary = field.airspace
+
+    def share(*areas: Sequence[Point]) -> float:
+        """How much of the place lies within some areas."""
+        return sum(ground_m2(*part) for part in clipped([rings], areas)) / area_m2
+
+    if boundary and share(*boundary) < 0.5:
+        return f"beyond {BOUNDARY}"
+    for each in obstacles:
+        if share(each.outline) > 0.5:
+            return f"{each.name}, and no room for a turn beside it"
+    # how far from an obstacle a line may have to end: the diameter of half a circle with clearance, what is flown
+    # beyond the line, and half a swath
+    reach_m = (2 + 2 * CLEARANCE_SHARE) * motion.min_radius_m + motion.beyond_m + motion.swath_m / 2
+    edges = [(each.name, each.outline) for each in obstacles] + [(BOUNDARY, ring) for ring in boundary]
+    near = zip(apart_m([outline for _, outline in edges], rings), (name for name, _ in edges), strict=True)
+    distance_m, name = min(near, default=(reach_m + 1, ""))
+    if distance_m <= reach_m:
+        return f"no room for a turn {'inside' if name == BOUNDARY else 'beside'} {name}"
+    return "beside or between the lines, narrower than their swath"
+
+
+def left_text(left: Sequence[LeftGround], share: float, origin_deg: Point | None) -> list[str]:
+    """What is left, for people, line by line: the share of the field, and the largest places."""
+    if not left:
+        return []
+    places = f"in {len(left)} places; the largest" if len(left) > SHOWN else "at"
+    total = sum(each.area_m2 for each in left)
+    lines = [f"left       {100 * share:.2f} % of the field, {area_text(total)} {places}:"]
+    for each in left[:SHOWN]:
+        lines.append(f"           {area_text(each.area_m2)} at {point_text(each.place_m, origin_deg)}: {each.reason}")
+    return lines
+
+
+def area_text(area_m2: float) -> str:
+    """An area, for people."""
+    return f"{area_m2 / 1e4:.2f} ha" if area_m2 >= 1000 else f"{area_m2:.0f} m²"

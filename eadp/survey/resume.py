@@ -1,0 +1,346 @@
+"""What flights have left of a field: their swath is taken out of it, as it was flown and not as it was planned."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eadp.api.given import File, Warn, python_warnings
+from eadp.api.inputs import Files
+from eadp.core.arrays import BoolArray, FloatArray
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.geodesy import compass_deg, to_near_local_m
+from eadp.core.geometry.polygons import covered_shares, ground_m2, uncovered
+from eadp.errors import Fault, Infeasible, InputError, PathUndefined
+from eadp.exchange.export import ExportOptions, autopilot_of
+from eadp.io.flight import flown_lines, flown_of_plan, planned_lines
+from eadp.live.recorded import CAMERA, PICTURE, form_of, log_values
+from eadp.live.telemetry import TelemetryReader, open_telemetry
+from eadp.live.telemetry_log import telemetry_lines
+from eadp.models.autopilot import PX4
+from eadp.models.field import Field
+from eadp.models.plan.plan import Plan
+from eadp.report.report import SUMMARY, read_folder
+from eadp.survey.cover import CoverageOptions, coverage_task, flight_keys, picture_warnings
+from eadp.survey.coverage import DUBINS, ZAMBONI
+from eadp.survey.packs import whole_lines
+from eadp.survey.sorties import SortieOptions, SortiePlan, SortiePlanner
+
+MIN_PART_SHARE = 0.01
+"""Share of the field below which a part is not flown again: it needs a take-off and a landing of its own."""
+
+SWATH_SHARE = 0.01
+"""Share by which the swath may be another than that of a flight resumed: less than cameras' data are known to."""
+
+SLIVER_SHARE = 0.3
+"""Width over the swath up to which ground between flown lines is not flown again: errors of flights leave as much."""
+
+ALONG_RAD = math.radians(20.0)
+"""A log is on a line where its course differs from that of the lines by less than this."""
+
+MAX_GAP_S = 5.0
+"""Longest gap of a log within a line [s]."""
+
+SAME_M, SAME_S = 1.0, 10.0
+"""Two logs are of one flight where they are this near to each other for this long."""
+
+Line = tuple[Point, ...]
+
+
+@dataclass(frozen=True)
+class FlownSurvey:
+    """A flight that was flown: its source, its times [s] and positions [m], and its lines.
+
+    `heading_rad` is that of the lines, and `laps` whether they were flown in laps; None where it is not known.
+    """
+
+    source: str
+    times_s: FloatArray
+    points_m: FloatArray
+    lines: Sequence[Line]
+    heading_rad: float | None = None
+    laps: bool | None = None
+
+
+def resumed(planner: SortiePlanner, sources: Sequence[str], warn: Warn) -> tuple[SortiePlanner, Field]:
+    """A planner for the rest of a field, with the lines' heading of flights flown, and the ground that is left.
+
+    Parameters
+    ----------
+    planner : SortiePlanner
+    sources : sequence of str
+        Result folders of flights, folders of such folders, telemetry, or logs of an autopilot or a ground station.
+    warn : function
+
+    Raises
+    ------
+    InputError
+        If a source cannot be read, is of another field or stands twice, or if nothing is left.
+    """
+    field, swath_m = planner.task.field, planner.task.motion.swath_m
+    tracks: list[FlownSurvey] = []
+    for source in sources:
+        tracks += _read(source, planner, warn)
+    for i, track in enumerate(tracks):
+        straights = [(line[0], line[-1]) for line in track.lines]
+        if covered_shares(field.parts, [straights], swath_m)[-1] <= 0:
+            what = "covers no ground of the field"
+            raise InputError.at(track.source, 1, 1, what, "a flight over this field, with its lines")
+        for other in tracks[:i]:
+            if _of_one_flight(track, other):
+                raise InputError.at(track.source, 1, 1, f"has the same minutes as {other.source}", "each flight once")
+    known = [track for track in tracks if track.heading_rad is not None]
+    if known and planner.task.options.heading_deg is None:
+        heading_rad, laps = known[0].heading_rad, known[0].laps
+        assert heading_rad is not None
+        planner = replace(planner, lines=(compass_deg(heading_rad), ZAMBONI if laps else DUBINS))
+    lines = [line for track in tracks for line in track.lines]
+    left = left_of(planner, lines)
+    again = left and flown_again(planner, left, lines)
+    if left is None or again is None:
+        raise InputError.at("--resume", 1, 1, "nothing is left to cover", "flights that leave some of the field")
+    if (not_again_m2 := left.area_m2 - again.area_m2) >= 1:
+        message = f"{not_again_m2 / 1e4:.2g} ha are left, in parts of which lines with turns cover less than "
+        message += f"{100 * MIN_PART_SHARE:g} % of the field"
+        warn([Fault("--resume", 1, 1, message, severity="note")])
+    return planner, again
+
+
+def left_of(planner: SortiePlanner, flown: Sequence[Line]) -> Field | None:
+    """The ground that flown lines have left of a field; as ground of whole lines, but for laps; None without any."""
+    field, motion = planner.task.field, planner.task.motion
+    parts = uncovered(field.parts, flown, motion.swath_m, SLIVER_SHARE * motion.swath_m)
+    left = field.with_parts(parts) if parts else None
+    if left is None or planner.laps:
+        return left
+    # a gap shorter than two half circles is flown over: leaving the line takes as long; a sliver may lie half on one
+    # line and half on the next
+    return whole_lines(left, field, planner.grid(), 2 * math.pi * motion.min_radius_m, SLIVER_SHARE / 2)
+
+
+def flown_again(
+    planner: SortiePlanner,
+    left: Field,
+    flown: Sequence[Line],
+) -> Field | None:
+    """The parts left of a field in which planned lines cover `MIN_PART_SHARE` of it or more that flown ones do not.
+
+    The planned lines are those over what is left that have room for their turns. None without such a part.
+    """
+    field, swath_m = planner.task.field, planner.task.motion.swath_m
+    lines = planner.free_lines(left)
+
+    def bare_m2(part: Sequence[Sequence[Point]]) -> float:
+        """Ground of a part that planned lines cover and flown ones do not [m²]; lines None plan all of it."""
+        bare = uncovered([part], flown, swath_m, SLIVER_SHARE * swath_m)
+        share = 1.0 if lines is None or not bare else covered_shares(bare, [lines], swath_m)[-1]
+        return share * sum(ground_m2(*each) for each in bare)
+
+    parts = [part for part in left.parts if bare_m2(part) >= MIN_PART_SHARE * field.area_m2]
+    return left.with_parts(parts) if parts else None
+
+
+def _read(source: str, planner: SortiePlanner, warn: Warn) -> list[FlownSurvey]:
+    """The flights of a source: a result folder, a folder of result folders, telemetry, or a log."""
+    path = Path(source)
+    if not path.is_dir():
+        form = None  # of a log; None for telemetry
+        if path.is_file() and os.access(path, os.R_OK):
+            with path.open("rb") as stream:
+                head = stream.read(16)
+                form = form_of(head)
+            if form is None and head.strip() and not head.lstrip().startswith(b"{"):
+                expected = "a folder of eadp simulate -o DIR, telemetry as JSON lines, or a log"
+                raise InputError.at(source, 1, 1, "is no flight", expected)
+        return [_of_telemetry(source, planner, warn) if form is None else _of_log(source, form, planner)]
+    folders = [path] if (path / SUMMARY).exists() else sorted(each.parent for each in path.glob(f"*/{SUMMARY}"))
+    if not folders:
+        raise InputError.at(source, 1, 1, "has no flight", "a folder of eadp simulate -o DIR, telemetry, or a log")
+    return [_of_folder(folder, planner, warn) for folder in folders]
+
+
+def _of_folder(folder: Path, planner: SortiePlanner, warn: Warn) -> FlownSurvey:
+    """The flight of a result folder. Raises InputError where its plan has another origin than the field."""
+    flight, field = read_folder(folder), planner.task.field
+    plan = flight.world.plan
+    origin, own = plan.site.origin_deg, field.origin_deg
+    if (origin is None) != (own is None) or (origin and own and math.dist(origin, own) > 1e-6):
+        raise InputError.at(str(folder), 1, 1, "is of another field", f"a flight over {field.name or 'this field'}")
+    before_m, now_m = plan.site.swath_m, planner.task.motion.swath_m
+    if before_m is not None and abs(now_m - before_m) > SWATH_SHARE * before_m:
+        message = f"lines of {before_m:.3g} m were flown, and the rest is planned with {now_m:.3g} m: is the camera, "
+        warn([Fault(str(folder), 1, 1, message + "its altitude or overlap another?", severity="warning")])
+    columns = flown_of_plan(flight.columns, flight.summary["turned_back_s"])
+    points = np.array([columns["x_m"], columns["y_m"]]).T
+    heading_rad = _heading_of_lines_rad(plan, flight.world.parameters)
+    laps = plan.path_count > 0
+    times_s = np.array(columns["time_s"])
+    return FlownSurvey(str(folder), times_s, points, flown_lines(plan, columns), heading_rad, laps)
+
+
+def _heading_of_lines_rad(plan: Plan, parameters: Sequence[float]) -> float | None:
+    """The heading of the longest line over a plan's field; ways to the field and home do not count.
+
+    None where the plan has no field or no such line, or a path has no value.
+    """
+    if plan.site.field is None:
+        return None
+    corners = np.concatenate([outline for outline, *_ in plan.site.field.parts])
+    try:
+        lines = np.array([(*start, *end) for start, end in planned_lines(plan, parameters)]).reshape(-1, 2, 2)
+    except PathUndefined:
+        return None
+    middles = lines.mean(axis=1)
+    lines = lines[((corners.min(axis=0) <= middles) & (middles <= corners.max(axis=0))).all(axis=1)]
+    if not len(lines):
+        return None
+    along = lines[:, 1] - lines[:, 0]
+    east, north = along[np.argmax(np.hypot(along[:, 0], along[:, 1]))].tolist()
+    return math.atan2(north, east)
+
+
+def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurvey:
+    """A flight of telemetry, all of it taken as photographed, since it does not say when the camera was on."""
+    reader, rows = TelemetryReader(source, origin_deg=planner.task.field.origin_deg), []
+    with open_telemetry(source) as stream:
+        for number, raw in telemetry_lines(stream, source):
+            sample, _, found, _ = reader.read(number, raw)
+            warn([each for each in found if "missing" not in each.message])
+            if sample is not None and sample.position_m is not None:
+                rows.append((sample.time_s, *sample.position_m))
+    if len(rows) < 2:
+        raise InputError.at(source, 1, 1, "has no positions", "telemetry with x_m and y_m, or lat_deg and lon_deg")
+    photographed = np.ones(len(rows), dtype=bool)
+    return _survey_of_track(source, rows, photographed, planner)
+
+
+def _of_log(source: str, form: str, planner: SortiePlanner) -> FlownSurvey:
+    """A flight of a log: photographed within half a picture's length of each; without any, where the camera was on."""
+    origin_deg, options = planner.task.field.origin_deg, planner.task.options
+    if origin_deg is None:
+        raise InputError.at(source, 1, 1, "has positions on the earth, and the field has none", "a field in degrees")
+    rows: list[tuple[float, float, float]] = []
+    camera, pictures = list[bool | None](), list[int]()  # whether it is on at each row; rows at which it took a picture
+    known: dict[str, Any] = {}  # the last value of each key
+    for values in log_values(source, form):
+        known |= {key: value for key, value in values.items() if value is not None}
+        if PICTURE in values:
+            pictures.append(max(len(rows) - 1, 0))
+        lat_deg, lon_deg = values.get("lat_deg"), values.get("lon_deg")
+        if lat_deg is not None and lon_deg is not None and known.get("in_air", known.get("armed", True)):
+            point = to_near_local_m(lat_deg, lon_deg, origin_deg)
+            if point is not None:
+                rows.append((values["time_s"], *point))
+                camera.append(known.get(CAMERA))
+    if len(rows) < 2:
+        raise InputError.at(source, 1, 1, "has no positions in the air", "a log of a flight")
+    if not pictures:
+        # on throughout where the log does not say; else off until it is switched on
+        on = np.array([CAMERA not in known if each is None else each for each in camera])
+        return _survey_of_track(source, rows, on, planner)
+    # of each row: the way flown up to it; and the pictures before and after it
+    way_m = np.cumsum([0.0, *np.linalg.norm(np.diff(np.array(rows)[:, 1:], axis=0), axis=1)])
+    # a picture's length on the ground; where the camera is not stated, that of a square one
+    length_m = options.picture_length_m or planner.task.motion.swath_m
+    taken_m = np.unique(way_m[pictures])
+    after = np.searchsorted(taken_m, way_m)
+    nearest_m = np.stack([taken_m[np.clip(after + k, 0, len(taken_m) - 1)] for k in (-1, 0)])
+    return _survey_of_track(source, rows, np.abs(nearest_m - way_m).min(axis=0) <= length_m / 2, planner)
+
+
+def _survey_of_track(
+    source: str, rows: Sequence[tuple[float, float, float]], photographed: BoolArray, planner: SortiePlanner
+) -> FlownSurvey:
+    """A flight's survey: its lines are the runs of photographed steps along the plan's lines, either way.
+
+    `rows` are times [s], x and y [m]; `photographed`, shape (rows,), is whether the camera was on there.
+    """
+    table = np.array(rows)
+    times_s, points = table[:, 0], table[:, 1:]
+    steps = np.diff(points, axis=0)
+    courses = np.arctan2(steps[:, 1], steps[:, 0])
+    # of each step: whether it goes along the lines, in either direction, with the camera on, and without a gap
+    off_rad = (courses - planner.heading_rad + math.pi / 2) % math.pi - math.pi / 2  # in ±π/2: 0 in both directions
+    along = np.abs(off_rad) < ALONG_RAD
+    along &= photographed[1:] & photographed[:-1]
+    along &= (np.diff(times_s) > 0) & (np.diff(times_s) <= MAX_GAP_S)
+    # runs of such steps: the index of the first step of each, and of the first step after it
+    ends = np.flatnonzero(np.diff(along, prepend=False, append=False)).reshape(-1, 2)
+    lines = [tuple((x, y) for x, y in points[start : end + 1].tolist()) for start, end in ends.tolist()]
+    return FlownSurvey(source, times_s, points, [line for line in lines if len(line) > 2])  # two steps or more
+
+
+def _of_one_flight(one: FlownSurvey, other: FlownSurvey) -> bool:
+    """Whether two logs are of one flight: they are together for most of the time that both span."""
+    start, end = max(one.times_s[0], other.times_s[0]), min(one.times_s[-1], other.times_s[-1])
+    if end - start < SAME_S:
+        return False
+    times = np.arange(start, end, SAME_S / 10)
+    places = [
+        np.stack([np.interp(times, track.times_s, track.points_m[:, k]) for k in (0, 1)], axis=1)
+        for track in (one, other)
+    ]
+    near = np.linalg.norm(places[0] - places[1], axis=1) < SAME_M
+    return bool(near.mean() > 0.5)
+
+
+def cover_in_sorties(
+    field: File,
+    options: CoverageOptions,
+    sorties: SortieOptions | None = None,
+    profile: File | None = None,
+    scenario: File | None = None,
+    *,
+    vehicle: File | None = None,
+    exports: Sequence[str] = (),
+    on_part: Callable[[str], None] = lambda _: None,
+    warn: Warn = python_warnings,
+) -> SortiePlan:
+    """Plan the coverage of a field in the fewest flights from home and back, each with a full pack.
+
+    Parameters
+    ----------
+    field, options, scenario, vehicle, warn
+        As for `cover`; the options have a home.
+    sorties : SortieOptions, optional
+        How the field is divided, and what is flown already.
+    profile : path, optional
+    exports : sequence of str, optional
+        Formats in which the sorties are written besides: those for PX4 end by its rules.
+    on_part : function, optional
+        Called with the progress, as text.
+
+    Raises
+    ------
+    Infeasible
+        If the field is out of reach of a pack, or no path of this pattern covers a part of it.
+    InputError
+        With the faults of the files, or of an option under its name on the command line.
+    """
+    scenario_path = None if scenario is None else str(scenario)
+    task = coverage_task(str(field), options, profile, scenario, vehicle, warn, cruises=True)
+    if task.circled is not None:
+        task, _ = task.best()
+    overrides = {"start": {"altitude_m": 0.0}} | flight_keys(task, vehicle)
+    if any(autopilot_of(to, ExportOptions(scenario=scenario_path)).kind == PX4 for to in exports):
+        task = replace(task, autopilot=replace(task.autopilot, kind=PX4))
+        overrides["autopilot.kind"] = PX4
+    profile_path = None if profile is None else str(profile)
+    division, files = sorties or SortieOptions(), Files()
+    planner = SortiePlanner(task, division, files, scenario_path, profile_path, overrides, on_part=on_part)
+    planner, ground = resumed(planner, division.resume, warn) if division.resume else (planner, None)
+    try:
+        plan = planner.plan(ground)
+    except Infeasible:
+        if not task.circles_first:
+            raise
+        # the climb to the first line of some sortie has no room for a circle
+        plan = replace(planner, task=replace(planner.task, circles_first=False)).plan(ground)
+    warn(picture_warnings(plan.pictures))
+    return plan

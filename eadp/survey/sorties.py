@@ -1,0 +1,616 @@
+"""The use case of `eadp cover --sorties`: a field and an aircraft in, the fewest flights and their forecasts out."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache, cached_property
+from statistics import NormalDist
+from typing import Annotated, Any
+
+import numpy as np
+
+from eadp.api.inputs import Files, FlightInputs, load_flight
+from eadp.core.arrays import FloatArray
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.geodesy import compass_deg, heading_rad, place_text
+from eadp.core.geometry.polygons import hull
+from eadp.errors import Infeasible, InputError
+from eadp.io.scenario import value_text
+from eadp.io.text.json import aligned
+from eadp.io.text.options import Flag, check_range
+from eadp.models.field import Field
+from eadp.planning.forecast.evaluate import Objective
+from eadp.planning.forecast.held import Preflight
+from eadp.survey.airspace import NotFree, free_lines
+from eadp.survey.camera import Pictures, pictures_document
+from eadp.survey.cover import CoveragePlan, CoverageTask, held_at
+from eadp.survey.coverage import (
+    AUTO,
+    DUBINS,
+    PATTERNS,
+    ZAMBONI,
+    CoverageRequest,
+    CoverageSolution,
+    LineGrid,
+    cover,
+    line_costs,
+    pattern_and_heading,
+)
+from eadp.survey.ground import HeightReport
+from eadp.survey.packs import MAX_SORTIES, Divided, Divider, Division, min_sorties, min_time_s
+from eadp.survey.report import FULL, LeftGround, covered_by_lines, left_ground, left_text, rounded_deg
+from eadp.survey.swaths import CoveragePath, straight
+
+SCHEMA = "eadp.sorties/1"
+OVERLAP_M, SWAP_S = 20.0, 120.0
+"""Metres that both parts of a line that is cut have in common, and the time on the ground between two sorties [s]."""
+
+PART_M = 200.0
+"""Length of the parts of lines for which the way there is counted [m]."""
+
+LEAST_SHARE = 0.02
+"""Share of a flight for which a pack lasts, where it lasts for less, or for none."""
+
+DRAFT_SHARE = 0.02
+"""Share of the charge that lines in a draft's order take at most beyond what they need: 0.011 measured."""
+
+_DEVIATIONS = NormalDist().inv_cdf(Objective.probability)
+"""Standard deviations of the charge at the end that the probability of the reserve takes."""
+
+
+@dataclass(frozen=True)
+class SortieOptions:
+    """How a field is divided among flights. Faults name the options as the command `eadp cover` does."""
+
+    sorties: Annotated[int | str | None, Flag(metavar="NUMBER")] = None
+    """Divide the field among flights from home: auto for the fewest, or a number."""
+
+    overlap_m: Annotated[float, Flag("--sortie-overlap")] = OVERLAP_M
+    """What both parts of a line that is cut have in common [m]."""
+
+    swap_s: Annotated[float, Flag("--swap-time")] = SWAP_S
+    """Time on the ground between two sorties [s]."""
+
+    resume: Annotated[Sequence[str], Flag(metavar="FLOWN")] = ()
+    """Flights flown, as result folders, telemetry, .bin, .ulg or .tlog: what they covered is left out."""
+
+    @property
+    def count(self) -> int | None:
+        """The number of sorties; None for the fewest."""
+        return None if self.sorties in (None, "auto") else int(self.sorties)
+
+    def __post_init__(self) -> None:
+        if not (self.sorties in (None, "auto") or str(self.sorties).isdecimal()):
+            expected = f"auto, or a whole number from 1 to {MAX_SORTIES}"
+            raise InputError.at("--sorties", 1, 1, "no number of sorties", expected, str(self.sorties))
+        check_range("--sorties", 1 if self.count is None else self.count, 1, MAX_SORTIES, closed=True)
+        check_range("--sortie-overlap", self.overlap_m, 0, 1000, closed=True)
+        check_range("--swap-time", self.swap_s, 0, 86400, closed=True)
+
+
+@dataclass(frozen=True)
+class PlannedSortie:
+    """One flight: its path, its plan, and its forecast, which is that of `SortiePlanner.sortie`.
+
+    Attributes
+    ----------
+    solution : CoverageSolution
+    plan : CoveragePlan
+    inputs : FlightInputs
+    forecast : Preflight
+    spare : float
+        Charge at the end above the reserve, and above that with which the autopilot turns back, that is there with the
+        probability of the reserve, as a share of a pack.
+    """
+
+    solution: CoverageSolution
+    plan: CoveragePlan
+    inputs: FlightInputs
+    forecast: Preflight
+    spare: float
+
+    @property
+    def used(self) -> float:
+        """Charge that the whole flight takes, as a share of a pack."""
+        charge, soc_end = self.inputs.world.battery.soc, self.forecast.forecast.soc_end
+        # of a pack that is empty before the end, what the flight would take
+        return charge - soc_end if soc_end else charge - self.inputs.scenario.keys.reserve_soc - self.spare
+
+    @property
+    def short_text(self) -> str:
+        """How far its pack is from being enough."""
+        end, reach = self.forecast.forecast, self.forecast.reach
+        covers = (
+            "" if reach is None else f", and lasts for {100 * reach.share:.0f} % of its sortie with the reserve kept"
+        )
+        if self.forecast.turns_back_soc > self.inputs.scenario.keys.reserve_soc:
+            covers += f"; the autopilot {self.forecast.autopilot_text}"
+        if not end.soc_end:
+            return f"a pack is empty before the end{covers}"
+        return f"a pack lands with {100 * end.soc_end:.0f} ± {100 * (end.soc_end_std or 0.0):.0f} %{covers}"
+
+    @property
+    def energy_wh(self) -> float:
+        """Energy that it takes [Wh]."""
+        return self.forecast.forecast.energy_wh or 0.0
+
+    @property
+    def time_s(self) -> float:
+        """Time that it takes [s]."""
+        return self.forecast.forecast.remaining_s or 0.0
+
+    @property
+    def pack_wh(self) -> float:
+        """Energy after which its spare charge would be used up, too [Wh]."""
+        return self.energy_wh * (1 + self.spare / self.used)
+
+    @property
+    def used_on_lines(self) -> float:
+        """Charge that it takes from the first line to the last, as a share of a pack."""
+        return self.used * (1 - self.solution.access_s / self.solution.time_s)
+
+    def path(self) -> CoveragePath:
+        """Its path at the spacing that is forecast."""
+        return self.solution.path(self.forecast.decided[0] if self.solution.min_c1 < 0 else 0.0)
+
+
+@dataclass(frozen=True)
+class SortiePlanner:
+    """Plans sorties over the ground of a field, or of what is left of it.
+
+    Attributes
+    ----------
+    task : CoverageTask
+        With a home.
+    files : Files
+        Of the flights.
+    scenario : str or None
+        Path of the scenario, of which `overrides` replace keys.
+    profile : str or None
+        Path of the profile.
+    on_part : function
+        Called with the progress before each forecast of a part.
+    """
+
+    task: CoverageTask
+    options: SortieOptions
+    files: Files
+    scenario: str | None = None
+    profile: str | None = None
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+    lines: tuple[float, str] | None = None
+    """Compass bearing of the lines [°] and pattern, where they are known."""
+    on_part: Callable[[str], None] = field(default=lambda _: None, repr=False, compare=False)
+
+    @cached_property
+    def _request(self) -> CoverageRequest:
+        """The pattern and the heading of the whole field, from home to home."""
+        request = self.task.request
+        if request.home_m is None:
+            expected = "--home LAT,LON, or X,Y of a field in metres"
+            raise InputError.at("--home", 1, 1, "sorties start and end at home", expected)
+        if request.pattern not in PATTERNS:
+            expected = f"one of {', '.join(PATTERNS)}"
+            raise InputError.at("--pattern", 1, 1, "covers a field in one flight", expected, request.pattern)
+        if self.lines is not None:
+            request = replace(request, heading_rad=heading_rad(self.lines[0]), pattern=self.lines[1])
+        if request.heading_rad is None or request.pattern == AUTO:
+            pattern, heading = pattern_and_heading(_alone(request))
+            request = replace(request, pattern=pattern, heading_rad=heading)
+        return replace(request, start_m=request.home_m)
+
+    @property
+    def heading_rad(self) -> float:
+        """The mathematical heading of the lines."""
+        assert self._request.heading_rad is not None
+        return self._request.heading_rad
+
+    def grid(self, request: CoverageRequest | None = None) -> LineGrid:
+        """The lines of the whole field, by a request of it."""
+        request = request or self._request
+        swath_m = self.task.motion.swath_m
+        apart_m = swath_m if request.pattern == ZAMBONI else request.order_spacing_m or swath_m
+        return LineGrid.over(self.task.field, self.heading_rad, swath_m, apart_m)
+
+    def free_lines(self, ground: Field) -> list[tuple[Point, Point]] | None:
+        """The lines over a ground that have room for their turns; None where nothing is in their way."""
+        space = self._request.space
+        if space is None:
+            return None
+        lines = free_lines(self.grid().whole_lines(ground)[::2], space, self.task.motion)
+        return [(line.start[:2], line.end[:2]) for line in lines[::2]]
+
+    @property
+    def laps(self) -> bool:
+        """Whether the field is flown in laps."""
+        return self._request.pattern == ZAMBONI
+
+    def plan(self, ground: Field | None = None) -> SortiePlan:
+        """Sorties over a field's ground, by default the whole.
+
+        Raises
+        ------
+        Infeasible
+            If the field is out of reach, or the pattern fits no part of it.
+        InputError
+            Of `--home`, and of a number of sorties that is too small.
+        """
+        ground = ground or self.task.field
+        tried_rad = self.heading_rad
+        try:
+            return self._in_pattern(ground)
+        except NotFree:
+            if self.lines is not None or self.task.request.heading_rad is not None:
+                raise
+            # the heading was chosen by turns that need not be free
+            whole = cover(_alone(self.task.request), draft=True)
+            if whole.heading_rad == tried_rad:
+                raise
+            return replace(self, lines=(compass_deg(whole.heading_rad), whole.pattern)).plan(ground)
+
+    def _in_pattern(self, ground: Field) -> SortiePlan:
+        """Sorties in laps, or along lines where no laps fit."""
+        if self._request.pattern == ZAMBONI:
+            try:
+                return self._planned(ground, self._request)
+            except Infeasible as error:
+                if self.task.request.pattern == ZAMBONI:
+                    raise Infeasible(f"{error}; in sorties, --pattern dubins") from None
+        return self._planned(ground, replace(self._request, pattern=DUBINS))
+
+    def _planned(self, ground: Field, request: CoverageRequest) -> SortiePlan:
+        """Sorties over a ground by a request's pattern: side by side, or along a tour of its lines if that is less."""
+        motion, laps, grid = self.task.motion, request.pattern == ZAMBONI, self.grid(request)
+
+        @cache
+        def planned(part: Field, *, draft: bool) -> PlannedSortie:
+            covered = _without_bays(part) if laps else part  # laps cover bays and holes as if they were field
+            part_of = replace(request, field=covered, grid=None if laps else grid)
+            return self.sortie(cover(part_of, draft=draft), part)
+
+        def forecast(part: Field) -> PlannedSortie:
+            """The sortie over a part: as a draft where that decides whether it can be flown."""
+            found = planned(part, draft=True)
+            return planned(part, draft=False) if -DRAFT_SHARE * found.used <= found.spare < 0 else found
+
+        def divider(order: Sequence[int] | None = None) -> Divider[PlannedSortie]:
+            """What divides the lines in an order, by default side by side."""
+            division = Division(ground, grid, self.options.overlap_m, order)
+            return Divider(division, forecast, cuts=not laps, on_part=self.on_part)
+
+        def divided(order: Sequence[int] | None = None) -> Divided[PlannedSortie]:
+            """The fewest sorties over the lines in an order."""
+            return divider(order).fewest(max(least.count, self.options.count or 1))
+
+        self.on_part("the lines are chosen")
+        # the bound needs the power that any one sortie takes
+        side_by_side = Division(ground, grid, self.options.overlap_m)
+        sample = forecast(side_by_side.part(0.0, side_by_side.total_m if laps else side_by_side.end_of_first_m))
+        least = self._least(sample.inputs, grid, ground)
+        found = divided()
+        width_m = side_by_side.lines / len(found.sorties) * float(np.diff(grid.edges_m).mean())
+        if not laps and width_m < 4 * motion.min_radius_m and len(found.sorties) > 1:
+            # a strip narrower than two turns has no room to leave lines out and come back for them
+            tour = divided(grid.order_of(cover(replace(request, field=ground, grid=grid))))
+            found = min(found, tour, key=lambda each: (len(each.sorties), sum(one.energy_wh for one in each.sorties)))
+        if self.options.count is not None and len(found.sorties) > self.options.count:
+            message = "too few for the packs"
+            with contextlib.suppress(Infeasible):  # a part of the field that no path of the pattern covers
+                message += f": {divider().of_count(self.options.count).shortest.short_text}"
+            expected = f"{len(found.sorties)} or more"
+            raise InputError.at("--sorties", 1, 1, message, expected, f"{self.options.count}")
+        if not laps and self._request.space is not None:
+            whole = [planned(each.plan.report.field, draft=False) for each in found.sorties]
+            found = found._replace(sorties=whole)
+        return SortiePlan(self, ground, found, least.within(found.sorties))
+
+    def sortie(self, solution: CoverageSolution, part: Field, *, held: bool = True) -> PlannedSortie:
+        """A sortie along a path over a part, forecast by its planner; with `held`, at the lowest parameters."""
+        planned = self.task.planned(solution, part)
+        plan = held_at(planned.plan, "lo", "lo") if held else planned.plan
+        given = self.overrides
+        if held:  # the plan has its parameters, whatever the scenario sets at take-off
+            given = {key: value for key, value in given.items() if key.partition(".")[0] != "parameters"}
+        inputs = load_flight(plan, scenario=self.scenario, profile=self.profile, overrides=given, files=self.files)
+        found = inputs.preflight(whole=False)
+        if found is None or found.forecast.soc_end is None or found.forecast.soc_end_std is None:
+            raise Infeasible("a sortie has no forecast: the battery's charge is prescribed, or the wind is too strong")
+        reserve_soc = inputs.scenario.keys.reserve_soc
+        kept_soc = max(reserve_soc, found.turns_back_soc)
+        spare = found.forecast.soc_end - _DEVIATIONS * found.forecast.soc_end_std - kept_soc
+        if not found.feasible:
+            spare = min(spare, -1e-6)  # cannot be flown
+        if not found.forecast.soc_end:  # the pack is empty before the end: it lasts for a share of the flight
+            share = max(0.0 if found.reach is None else found.reach.share, LEAST_SHARE)
+            spare = (inputs.world.battery.soc - reserve_soc) * (1 - 1 / share)
+        return PlannedSortie(planned.report.solution, planned, inputs, found, spare)
+
+    def _least(self, sample: FlightInputs, grid: LineGrid, ground: Field) -> LeastSorties:
+        """A lower bound: level flight along the lines, as often either way, and straight there and back.
+
+        Raises
+        ------
+        Infeasible
+            If some line cannot be reached.
+        """
+        motion, home_m, world = self.task.motion, self._request.home_m, sample.world
+        assert home_m is not None
+        land_m = home_m if self._request.approach is None else self._request.approach.end[:2]
+        parts: list[tuple[Point, Point]] = []  # of the lines, in lengths of `PART_M` or less
+        for u, spans in zip(grid.middles_m.tolist(), grid.extents(ground), strict=True):
+            for low, high in spans:
+                places = np.linspace(low, high, max(2, math.ceil((high - low) / PART_M) + 1)).tolist()
+                parts += [(grid.frame.out(u, a), grid.frame.out(u, b)) for a, b in itertools.pairwise(places)]
+
+        def seconds(start: Point, end: Point) -> float:
+            """Time of flight straight from one point to another [s]."""
+            return motion.time_s([straight(start, end)]) if start != end else 0.0
+
+        # in wind, a flight that returns has flown as far one way as the other
+        lines_s = np.array([(seconds(a, b) + seconds(b, a)) / 2 for a, b in parts])
+        access_s = np.array([min(seconds(home_m, end) + seconds(end, land_m) for end in part) for part in parts])
+        computing_w, _ = world.computing.extreme(world.plan, "lo", world.actual)
+        battery, reserve_soc = world.battery, sample.scenario.keys.reserve_soc
+        power_w = world.vehicle.cruise_power_w + computing_w
+        # from the charge at the start to the reserve
+        pack_s = battery.endurance_s(power_w, reserve_soc) - battery.endurance_s(power_w, battery.soc)
+        if pack_s <= access_s.max():
+            far = int(access_s.argmax())
+            far_km = min(math.dist(home_m, end) for end in parts[far]) / 1000
+            reach = f"a pack {far_km * pack_s / access_s[far]:.2f} km there and back, with nothing left for lines"
+            raise Infeasible(f"the field reaches {far_km:.2f} km from home, and {reach}")
+        directed = grid.whole_lines(ground)
+        between_s = line_costs(replace(self._request, field=ground), directed).between_s
+        lines = len(directed) // 2
+        # the quickest turn to each line, in either direction, from any other; 0 for a single line
+        own = np.kron(np.eye(lines, dtype=bool), np.ones((2, 2), dtype=bool))
+        to_line_s = np.where(own, np.inf, between_s).min(axis=0).reshape(lines, 2).min(axis=1)
+        turns_s = np.where(np.isfinite(to_line_s), to_line_s, 0.0)
+        return LeastSorties(lines_s, access_s, turns_s, power_w, pack_s)
+
+
+def _alone(request: CoverageRequest) -> CoverageRequest:
+    """A request without the ways from and to home."""
+    return replace(request, start_m=None, home_m=None, climb_out=None, approach=None)
+
+
+def _without_bays(part: Field) -> Field:
+    """The convex hull of a field's parts."""
+    outline = hull(np.concatenate([np.array(rings[0]) for rings in part.parts]))
+    return replace(part, outline=outline, holes=(), others=())
+
+
+@dataclass(frozen=True)
+class LeastSorties:
+    """A lower bound of sorties.
+
+    Attributes
+    ----------
+    lines_s, access_s : array, shape (n,)
+        Times of parts of the lines, and of the shortest ways from home to each and back [s].
+    turns_s : array, shape (lines,)
+        Times of the quickest turns to each line [s].
+    power_w : float
+        Least power, of level flight and of the computations [W].
+    pack_s : float
+        Time that a pack lasts at it before it has to be back [s].
+    """
+
+    lines_s: FloatArray
+    access_s: FloatArray
+    turns_s: FloatArray
+    power_w: float
+    pack_s: float
+
+    def within(self, sorties: Sequence[PlannedSortie]) -> LeastSorties:
+        """The bound where a pack is used no further than keeps the reserve with its probability, as in some sorties."""
+        packs_s = [each.pack_wh * 3600 / self.power_w for each in sorties]
+        # above all ways there and back, which `min_time_s` asks for
+        return replace(self, pack_s=max(min(self.pack_s, max(packs_s)), 1.001 * float(self.access_s.max())))
+
+    @property
+    def count(self) -> int:
+        """Number of sorties."""
+        return min_sorties(min_time_s(self.lines_s, self.access_s, self.pack_s), self.turns_s, self.pack_s)
+
+    def energy_wh(self, count: int) -> float:
+        """Energy of so many sorties together [Wh]."""
+        # each sortie starts with a line without a turn to it: the longest turns, at best
+        turns_s = np.sort(self.turns_s)[: max(len(self.turns_s) - count, 0)]
+        return self.power_w * (min_time_s(self.lines_s, self.access_s, self.pack_s) + float(turns_s.sum())) / 3600
+
+
+@dataclass(frozen=True)
+class SortiePlan:
+    """Sorties over a field, in the order of its lines.
+
+    Attributes
+    ----------
+    planner : SortiePlanner
+    ground : Field
+        What they cover.
+    divided : Divided
+        The sorties at the lowest parameters, by which they were divided.
+    least : LeastSorties
+    """
+
+    planner: SortiePlanner
+    ground: Field
+    divided: Divided[PlannedSortie]
+    least: LeastSorties
+
+    @cached_property
+    def sorties(self) -> list[PlannedSortie]:
+        """The sorties as the scenario's planner forecasts them."""
+        return [self.planner.sortie(each.solution, each.plan.report.field, held=False) for each in self.divided.sorties]
+
+    @property
+    def names(self) -> list[str]:
+        """Names of their files, without an ending."""
+        return [f"sortie-{i:02d}" for i in range(1, len(self.divided.sorties) + 1)]
+
+    @cached_property
+    def starts_s(self) -> list[float]:
+        """Take-off of each sortie [s]."""
+        took_s = [each.time_s + self.planner.options.swap_s for each in self.sorties[:-1]]
+        return list(itertools.accumulate(took_s, initial=0.0))
+
+    @cached_property
+    def _heights(self) -> HeightReport | None:
+        """The heights of all sorties; None without a terrain."""
+        heights = [each.plan.heights for each in self.sorties if each.plan.heights is not None]
+        if not heights:
+            return None
+        width_m, apart_m, gsd_cm = self.sorties[0].plan.on_ground
+        if not self.sorties[0].solution.blocks:  # lines beside each other are those of several sorties
+            middles_m = self.planner.grid().middles_m
+            apart_m = float(np.diff(middles_m)[0]) if len(middles_m) > 1 else None
+        return HeightReport(heights, width_m, apart_m, gsd_cm)
+
+    @cached_property
+    def _path(self) -> CoveragePath:
+        """The legs of all sorties."""
+        return CoveragePath(tuple(leg for sortie in self.sorties for leg in sortie.path().legs))
+
+    @cached_property
+    def coverage(self) -> float:
+        """Share of the ground that the sorties' lines cover."""
+        return covered_by_lines(self._path, self.ground, self.planner.task.motion.swath_m)
+
+    @cached_property
+    def left(self) -> list[LeftGround]:
+        """The places of the ground that they leave uncovered."""
+        if self.coverage >= FULL:
+            return []
+        task = self.planner.task
+        low = [part for each in self.sorties for part in each.solution.in_climb_m]
+        ground = replace(self.ground, airspace=task.airspace)
+        return left_ground(ground, self._path.sensed_m, task.motion, in_climb=low)
+
+    @property
+    def pictures(self) -> Pictures | None:
+        """The camera's pictures of all sorties together; None without a camera."""
+        shots = [shot for each in self.sorties if (shot := each.plan.pictures) is not None]
+        if not shots or shots[0].number is None:
+            return shots[0] if shots else None
+        return shots[0]._replace(number=sum(shot.number or 0 for shot in shots))
+
+    @property
+    def time_s(self) -> float:
+        """From the first take-off to the last landing [s]."""
+        return self.starts_s[-1] + self.sorties[-1].time_s
+
+    def rows(self) -> list[dict[str, Any]]:
+        """The figures of each sortie, by key."""
+        rows = []
+        keys = ("energy_wh", "energy_std_wh", "soc_end", "soc_end_std", "reserve_probability")
+        for name, each, start_s in zip(self.names, self.sorties, self.starts_s, strict=True):
+            end, path = each.forecast.forecast, each.path()
+            spacing = each.forecast.parameters.get("c1") if each.solution.min_c1 < 0 else None
+            rows.append(
+                {
+                    "sortie": name,
+                    "plan": f"{name}.plan",
+                    "take_off_s": round(start_s, 3),
+                    "lines": path.lines,
+                    "spacing_m": None if spacing is None else each.plan.plan.parameters[0].shown(spacing),
+                    "length_m": path.length_m,
+                    "pictures": None if each.plan.pictures is None else each.plan.pictures.number,
+                    "time_s": end.remaining_s,
+                    "time_std_s": end.remaining_std_s,
+                    **{key: getattr(end, key) for key in keys},
+                }
+            )
+        return rows
+
+    def document(self) -> dict[str, Any]:
+        """The values of `eadp.sorties/1`."""
+        task, options, rows = self.planner.task, self.planner.options, self.rows()
+        first = self.divided.sorties[0].solution
+        return {
+            "schema": SCHEMA,
+            "file": task.file,
+            "field": task.field.summary,
+            "pattern": first.pattern,
+            "heading_deg": rounded_deg(first.heading_rad, 9),
+            "origin_deg": task.field.origin_deg,
+            "home_m": task.home_m,
+            "swath_m": task.motion.swath_m,
+            "count": len(rows),
+            "min_count": self.least.count,
+            "min_energy_wh": self.least.energy_wh(len(rows)),
+            "energy_wh": sum(row["energy_wh"] for row in rows),
+            "length_m": sum(row["length_m"] for row in rows),
+            "time_s": self.time_s,
+            "coverage": self.coverage,
+            "left": [each.document(task.field.origin_deg) for each in self.left],
+            "swap_s": options.swap_s,
+            "overlap_m": options.overlap_m,
+            **pictures_document(self.pictures),
+            "terrain": self._heights and self._heights.document(),
+            "options": {key: value for key, value in asdict(task.options).items() if value is not None},
+            "sorties": rows,
+            "parts": task.field.parts,
+        }
+
+    def table(self) -> list[list[str]]:
+        """The figures of each sortie as text, a header first."""
+        head = ["sortie", "take-off", "lines", "km", "time", "energy", "lands with", "keeps the reserve"]
+        return [
+            head,
+            *(
+                [
+                    row["sortie"].removeprefix("sortie-"),
+                    f"{int(row['take_off_s']) // 60}:{int(row['take_off_s']) % 60:02d}",
+                    str(row["lines"]),
+                    f"{row['length_m'] / 1000:.2f}",
+                    f"{row['time_s'] / 60:.1f} min",
+                    f"{row['energy_wh']:.1f} ± {row['energy_std_wh']:.1f} Wh",
+                    f"{100 * row['soc_end']:.0f} ± {100 * row['soc_end_std']:.0f} %",
+                    f"{100 * row['reserve_probability']:.1f} %",
+                ]
+                for row in self.rows()
+            ),
+        ]
+
+    def lines(self) -> list[str]:
+        """The summary, wind and table for people, line by line."""
+        return [*self.summary(), self.planner.task.motion.wind_text, "", *aligned(self.table())]
+
+    def summary(self) -> list[str]:
+        """A summary for people, line by line."""
+        document, task = self.document(), self.planner.task
+        name = f"{task.field.name}, " if task.field.name else ""
+        count, few = document["count"], document["min_count"]
+        asked = few < count == self.planner.options.count
+        why = (
+            f"as asked for, {few} at least" if asked else "no fewer are enough" if count == few else "the fewest found"
+        )
+        place = f" at {place_text(task.field.origin_deg)}" if task.field.origin_deg else ""
+        lines = [
+            f"field      {name}{self.ground.area_m2 / 1e4:.2f} ha{place}, {100 * document['coverage']:.2f} % covered",
+            f"sorties    {count}, {why}: {document['energy_wh']:.1f} Wh, {document['length_m'] / 1000:.1f} km",
+            f"done       after {self.time_s / 60:.0f} min, {document['swap_s']:g} s on the ground between two sorties",
+        ]
+        lines += [] if self.pictures is None else self.pictures.lines()
+        lines += [] if self._heights is None else self._heights.text()
+        return lines + left_text(self.left, 1 - self.coverage, task.field.origin_deg)
+
+    def scenario_text(self, profile: str | None) -> str:
+        """A scenario that flies the sorties: all of the given one and its vehicle, from the ground at home."""
+        value = dict(self.divided.sorties[0].inputs.scenario.document.value)
+        value.pop("home", None)
+        value.pop("parameters", None)
+        value["planner"] = {**(value.get("planner") or {}), "name": self.sorties[0].inputs.scenario.keys.planner.name}
+        if profile is not None:
+            value["profile"] = profile
+        if self._heights is not None:
+            value["home"] = {"altitude_m": self._heights.home_altitude_m}
+        value.setdefault("on_infeasible", "home")  # what a sortie leaves is flown by another
+        value = {"schema": "eadp.scenario/1", **value}
+        head = "# One sortie: eadp simulate sortie-01.plan --scenario scenario.yaml. All: eadp simulate of the folder."
+        return f"{head}\n" + "".join(f"{key}: {value_text(part)}\n" for key, part in value.items())

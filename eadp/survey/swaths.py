@@ -1,0 +1,397 @@
+"""Envelopes of a polygon along parallel strips: the extents of swaths.
+
+All in a frame whose first axis u runs across the lines and whose second, v, along them.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from eadp.core.arrays import FloatArray
+from eadp.core.flight.wind import ground_speeds_mps
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, lengths_m, times_s
+from eadp.models.plan.pieces import direction_cosine
+
+SAME_M = 1e-9
+"""Distance within which two abscissae are one."""
+
+EDGE_M = 1e-6
+"""Overlap with a strip, along its edge, below which an area belongs to the neighbouring strip."""
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """The upper boundary of a polygon as pieces of straight line: over [left, right] from `start` to `end` [m]."""
+
+    left_m: FloatArray
+    right_m: FloatArray
+    start_m: FloatArray
+    end_m: FloatArray
+
+    def over(self, centres_m: ArrayLike, width_m: float) -> FloatArray:
+        """The maximum v over strips [u − w/2, u + w/2].
+
+        Parameters
+        ----------
+        centres_m : array, shape (n,)
+            Middles of the strips [m].
+        width_m : float
+            Their width w [m].
+
+        Returns
+        -------
+        array, shape (n,)
+            The maximum v [m]; −∞ for a strip outside the polygon.
+        """
+        # of each strip, row, with each piece, column: the v at both ends of what they share
+        u = np.atleast_1d(np.asarray(centres_m, dtype=float))[:, None]
+        low = np.maximum(u - width_m / 2 + EDGE_M, self.left_m)
+        high = np.minimum(u + width_m / 2 - EDGE_M, self.right_m)
+        slope = (self.end_m - self.start_m) / (self.right_m - self.left_m)
+        at_low = self.start_m + slope * (low - self.left_m)
+        at_high = self.start_m + slope * (high - self.left_m)
+        top = np.where(low <= high, np.maximum(at_low, at_high), -np.inf)
+        return np.asarray(top.max(axis=1))
+
+
+def upper_envelope(points_m: FloatArray) -> Envelope:
+    """The upper boundary of a polygon; concavities and holes below it are filled.
+
+    Parameters
+    ----------
+    points_m : array, shape (n, 2)
+        The vertices (u, v) [m], in order, either way round.
+    """
+    start, end = points_m, np.roll(points_m, -1, axis=0)
+    # between the abscissae of two neighbouring vertices, one edge is the uppermost throughout
+    vertices = np.sort(points_m[:, 0])
+    vertices = vertices[np.concatenate(([True], np.diff(vertices) > SAME_M))]
+    left, right = vertices[:-1], vertices[1:]
+    middle = (left + right) / 2
+    low, high = np.minimum(start[:, 0], end[:, 0]), np.maximum(start[:, 0], end[:, 0])
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        slope = (end[:, 1] - start[:, 1]) / (end[:, 0] - start[:, 0])
+
+        def edge(u: FloatArray) -> FloatArray:
+            """v of every edge, column, at abscissae, rows [m]."""
+            return np.asarray(start[:, 1] + slope * (u[:, None] - start[:, 0]))
+
+        spans = (low < middle[:, None]) & (middle[:, None] < high)
+        top = np.where(spans, edge(middle), -np.inf).argmax(axis=1)
+        rows = np.arange(len(middle))
+        return Envelope(left, right, edge(left)[rows, top], edge(right)[rows, top])
+
+
+@dataclass(frozen=True)
+class PiecewiseLinear:
+    """A piecewise linear function: levels [m] at knots `places_m` [m]."""
+
+    places_m: tuple[float, ...]
+    levels_m: tuple[float, ...]
+
+    def at(self, place_m: ArrayLike) -> FloatArray:
+        """The level at an abscissa [m], constant beyond the ends."""
+        return np.asarray(np.interp(np.asarray(place_m, dtype=float), self.places_m, self.levels_m))
+
+
+def levels_above(
+    envelopes: list[tuple[Envelope, float]], length_m: float, width_m: float, slack_m: float = 0.3
+) -> PiecewiseLinear:
+    """An upper bound of the levels that strips moving together reach, with few knots.
+
+    Parameters
+    ----------
+    envelopes : list of (Envelope, float)
+        Each boundary with where its strip's middle is at the start [m].
+    length_m, width_m : float
+        How far the strips move, and how wide they are [m].
+    slack_m : float
+        Mean excess of the bound between knots that is allowed for fewer knots [m].
+
+    Returns
+    -------
+    PiecewiseLinear
+        Over 0 to `length_m`.
+    """
+    knots = [0.0, length_m]
+    for envelope, first in envelopes:
+        corners = np.concatenate((envelope.left_m, envelope.right_m)) - first
+        inside = width_m / 2 - 2 * EDGE_M  # so that a strip contains a corner at the corner's knots
+        knots += [*(corners - inside), *(corners + inside)]
+    places = np.unique(np.clip(knots, 0.0, length_m))
+    places = places[np.concatenate(([True], np.diff(places) > 1e-6))]
+    places[-1] = length_m
+    # between knots the reach of a strip is a maximum of lines, which is convex: a chord lies above it
+    levels = np.max([_filled(places, envelope.over(first + places, width_m)) for envelope, first in envelopes], axis=0)
+    return _thinned(places.tolist(), levels.tolist(), slack_m)
+
+
+def _filled(places: FloatArray, levels: FloatArray) -> FloatArray:
+    """Levels where a strip lies outside the polygon: interpolated from where it overlaps."""
+    known = np.isfinite(levels)
+    return np.interp(places, places[known], levels[known])
+
+
+def _thinned(places: list[float], levels: list[float], slack_m: float) -> PiecewiseLinear:
+    """Remove knots under the chord of their neighbours, those of least cost first."""
+    while len(places) > 2:
+        # the knot of least mean rise of the bound, and that rise; -1 for none
+        cheapest, rise_of_cheapest = -1, slack_m
+        for i in range(1, len(places) - 1):
+            share = (places[i] - places[i - 1]) / (places[i + 1] - places[i - 1])
+            rise = levels[i - 1] + share * (levels[i + 1] - levels[i - 1]) - levels[i]
+            if -EDGE_M <= rise <= 2 * rise_of_cheapest:  # a triangle's mean height is half its height
+                cheapest, rise_of_cheapest = i, rise / 2
+        if cheapest < 0:
+            break
+        del places[cheapest], levels[cheapest]
+    return PiecewiseLinear(tuple(places), tuple(levels))
+
+
+SPACING_SHARE = 0.5
+"""Default line spacing at the highest path parameter as a share of the swath: a side overlap of one half.
+
+The published survey's is two fifths. Laps are whole: a share nearer to 1 leaves c1 one lap to save, or none."""
+
+RADIUS_SHARE = 1.5
+"""Default ideal turning radius as a share of the smallest one."""
+
+MIN_LINE_M = 5.0
+"""Lines over a corner of the field are made at least this long."""
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """Swath, turning radii, line spacing, airspeed and wind of a coverage path.
+
+    `spacing_m` is the line spacing at c1 = 0, `radius_m` the ideal turning radius of the letter. Lines and turns are
+    timed at `airspeed_mps` in `wind_mps`. Before and after each line the flight is straight for `lead_in_m` and
+    `overshoot_m`.
+    """
+
+    swath_m: float
+    min_radius_m: float
+    radius_m: float
+    spacing_m: float
+    airspeed_mps: float = 15.0
+    wind_mps: Point = (0.0, 0.0)
+    lead_in_m: float = 0.0
+    overshoot_m: float = 0.0
+
+    @property
+    def beyond_m(self) -> float:
+        """What a line that is flown either way needs beyond both of its ends [m]."""
+        return max(self.lead_in_m, self.overshoot_m)
+
+    @property
+    def beyond_text(self) -> str:
+        """What is flown beyond lines, for people."""
+        sides = ((self.lead_in_m, "before"), (self.overshoot_m, "after"))
+        return "straight for " + ", ".join(f"{length_m:g} m {side} each line" for length_m, side in sides if length_m)
+
+    @cached_property
+    def windless(self) -> bool:
+        """Whether there is no wind."""
+        return self.wind_mps == (0.0, 0.0)
+
+    @property
+    def wind_text(self) -> str:
+        """The wind, for people."""
+        if self.windless:
+            return "wind       none: times are for calm air"
+        return f"wind       {math.hypot(*self.wind_mps):g} m/s; times are in it"
+
+    @property
+    def ground_limit_mps(self) -> float:
+        """Ground speed with the wind behind [m/s]."""
+        return self.airspeed_mps + math.hypot(*self.wind_mps)
+
+    def max_line_speed_mps(self, heading_rad: float) -> float:
+        """Ground speed along lines of a heading, in the faster of both directions [m/s]."""
+        ways = np.array([heading_rad, heading_rad + math.pi])
+        return float(ground_speeds_mps(np.cos(ways), np.sin(ways), self.airspeed_mps, self.wind_mps)[0].max())
+
+    def time_s(self, pieces: Sequence[Piece]) -> float:
+        """Time of flight along pieces [s].
+
+        Raises
+        ------
+        Infeasible
+            If the wind is as fast as the aircraft.
+        """
+        if self.windless:
+            return sum(piece.length_m for piece in pieces) / self.airspeed_mps
+        return flight_time_s(pieces, self.airspeed_mps, self.wind_mps)
+
+    def turns_s(self, ends: Sequence[Pose], starts: Sequence[Pose]) -> FloatArray:
+        """Times of the quickest turns from each end to each start with nothing in the way, shape (ends, starts) [s]."""
+        if self.windless:
+            return lengths_m(ends, starts, self.min_radius_m) / self.airspeed_mps
+        return times_s(ends, starts, self.min_radius_m, self.airspeed_mps, self.wind_mps)
+
+
+@dataclass(frozen=True)
+class StripFrame:
+    """A frame whose u axis runs across the lines and whose v axis runs along them; it may be mirrored.
+
+    `across` is u's unit vector; v is a quarter turn counter-clockwise from it for `hand` +1, clockwise for −1.
+    """
+
+    across: Point
+    hand: int = 1
+
+    @property
+    def along(self) -> Point:
+        """v's unit vector."""
+        ux, uy = self.across
+        return (-uy * self.hand, ux * self.hand)
+
+    def into(self, points_m: FloatArray) -> FloatArray:
+        """Points of the plane in this frame; shape (n, 2) both."""
+        return np.asarray(points_m @ np.array([self.across, self.along]).T)
+
+    def out(self, u: float, v: float) -> Point:
+        """A point of this frame in the plane."""
+        (ux, uy), (vx, vy) = self.across, self.along
+        return ux * u + vx * v, uy * u + vy * v
+
+    def pose_out(self, u: float, v: float, heading_rad: float) -> Pose:
+        """A pose of this frame in the plane."""
+        x, y = self.out(u, v)
+        dx, dy = self.out(math.cos(heading_rad), math.sin(heading_rad))
+        return x, y, math.atan2(dy, dx)
+
+
+def frame_of(heading_rad: float, towards: int = 1, hand: int = 1) -> StripFrame:
+    """The frame of lines of a heading: u points to their right (`towards` +1) or to their left (−1)."""
+    across = towards * direction_cosine(math.sin(heading_rad)), towards * direction_cosine(-math.cos(heading_rad))
+    return StripFrame(across, hand)
+
+
+@dataclass(frozen=True)
+class CoverageLeg:
+    """A piece of a coverage path; `sensing` where it is flown to cover ground.
+
+    `gaps_m` are the intervals along it that lie outside the field [m], `altitude_m` is its own, if it has one.
+    """
+
+    piece: Piece
+    sensing: bool = False
+    gaps_m: tuple[tuple[float, float], ...] = ()
+    altitude_m: float | None = None
+
+    @property
+    def start(self) -> Pose:
+        """The pose at its start."""
+        return self.piece.start
+
+    @property
+    def end(self) -> Pose:
+        """The pose at its end."""
+        return self.piece.end
+
+    @property
+    def whole_circle(self) -> bool:
+        """Whether it is a whole turn, on which a flight climbs or descends."""
+        return self.piece.turn != 0 and self.start == self.end
+
+    def backward(self) -> CoverageLeg:
+        """The same straight leg in the other direction."""
+        piece = straight(self.end[:2], self.start[:2])
+        gaps = tuple((piece.length_m - end, piece.length_m - start) for start, end in reversed(self.gaps_m))
+        return CoverageLeg(piece, self.sensing, gaps)
+
+    def led(self, motion: MotionLimits) -> CoverageLeg:
+        """The straight leg made longer by the lead-in and the overshoot, which have no gaps of their own."""
+        before, after = motion.lead_in_m, motion.overshoot_m
+        if not (before or after):
+            return self
+        start, end = self._at(-before), self._at(self.piece.length_m + after)
+        gaps = tuple((low + before, high + before) for low, high in self.gaps_m)
+        return CoverageLeg(straight(start, end), self.sensing, gaps)
+
+    def with_leads(self, motion: MotionLimits) -> list[CoverageLeg]:
+        """The straight leg between its lead-in and its overshoot, which cover no ground."""
+        whole = self.led(motion)
+        before = [CoverageLeg(straight(whole.start[:2], self.start[:2]))] if motion.lead_in_m else []
+        return [*before, self, *([CoverageLeg(straight(self.end[:2], whole.end[:2]))] if motion.overshoot_m else [])]
+
+    def _at(self, place_m: float) -> Point:
+        """The point of the straight leg at a place along it, which may lie beyond its ends [m]."""
+        x, y, _ = self.piece.pose_at(place_m)
+        return x, y
+
+    def cut(self, *places_m: float) -> list[CoverageLeg]:
+        """The leg in several, cut at places along it [m]; the parts have no gaps."""
+        piece = self.piece
+        poses = [piece.start, *(piece.pose_at(place) for place in places_m), piece.end]
+        lengths = np.diff([0.0, *places_m, piece.length_m]).tolist()
+        return [
+            CoverageLeg(Piece(piece.turn, start, end, length, piece.centre_m), self.sensing, (), self.altitude_m)
+            for (start, end), length in zip(itertools.pairwise(poses), lengths, strict=True)
+        ]
+
+    def split(self) -> list[CoverageLeg]:
+        """The leg cut at its gaps, over which nothing is sensed."""
+        # cut at both ends of each gap, the parts are ground, gap, ground, …
+        parts = self.cut(*(end for gap in self.gaps_m for end in gap))
+        return [replace(part, sensing=self.sensing and i % 2 == 0) for i, part in enumerate(parts)]
+
+
+@dataclass(frozen=True)
+class CoveragePath:
+    """Legs in the order flown."""
+
+    legs: tuple[CoverageLeg, ...]
+
+    @property
+    def pieces(self) -> list[Piece]:
+        """The pieces of its legs."""
+        return [leg.piece for leg in self.legs]
+
+    @property
+    def runs(self) -> list[list[CoverageLeg]]:
+        """The lines: legs that cover ground, those that follow one another together."""
+        return [list(run) for sensing, run in itertools.groupby(self.legs, lambda leg: leg.sensing) if sensing]
+
+    @property
+    def sensed_m(self) -> list[tuple[Point, ...]]:
+        """Points along each line [m]: the ends of its legs."""
+        return [(run[0].start[:2], *(leg.end[:2] for leg in run)) for run in self.runs]
+
+    @property
+    def length_m(self) -> float:
+        """Its length [m]."""
+        return sum(leg.piece.length_m for leg in self.legs)
+
+    @property
+    def min_radius_m(self) -> float:
+        """The smallest radius of its turns [m]; infinite without one."""
+        return min((leg.piece.radius_m for leg in self.legs), default=math.inf)
+
+    @property
+    def lines(self) -> int:
+        """The number of lines."""
+        return len(self.runs)
+
+
+def straight(start: Point, end: Point) -> Piece:
+    """The straight piece between two points [m]."""
+    heading = math.atan2(end[1] - start[1], end[0] - start[0])
+    return Piece(0, (*start, heading), (*end, heading), math.dist(start, end), None)
+
+
+def half_circle(start: Pose, radius_m: float, turn: int) -> Piece:
+    """Half a circle from a pose, to the left (+1) or to the right (−1)."""
+    x, y, heading = start
+    cx, cy = x - turn * radius_m * math.sin(heading), y + turn * radius_m * math.cos(heading)
+    end = (2 * cx - x, 2 * cy - y, math.remainder(heading + math.pi, 2 * math.pi))
+    return Piece(turn, start, end, math.pi * radius_m, (cx, cy))

@@ -1,0 +1,274 @@
+"""The ground's height, from grids of it."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+from eadp.core.geometry.geodesy import point_text, to_geodetic_deg
+from eadp.errors import Infeasible, InputError, printable
+
+
+class Tile(NamedTuple):
+    """A grid of heights.
+
+    Attributes
+    ----------
+    heights_m : array, shape (rows, columns)
+        Above the sea [m]; NaN where it is not known.
+    cells : function
+        From latitudes and longitudes [°] to rows and columns, whole at the centre of a cell.
+    """
+
+    heights_m: FloatArray
+    cells: Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
+
+
+@dataclass(frozen=True)
+class ElevationModel:
+    """The ground of a local frame, from the first of some tiles that knows it."""
+
+    tiles: tuple[Tile, ...]
+    origin_deg: tuple[float, float]
+
+    def heights_m(self, points_m: FloatArray) -> FloatArray:
+        """Height of the ground above the sea [m], bilinear between the centres of cells; NaN where it is not known.
+
+        Parameters
+        ----------
+        points_m : array, shape (n, 2)
+            In the local frame [m].
+
+        Returns
+        -------
+        array, shape (n,)
+        """
+        places = np.array([to_geodetic_deg(x, y, self.origin_deg) for x, y in points_m.tolist()]).reshape(-1, 2)
+        found = np.full(len(places), np.nan)
+        for tile in self.tiles:
+            left = np.flatnonzero(np.isnan(found))
+            found[left] = bilinear(tile.heights_m, *tile.cells(*places[left].T))
+        return found
+
+    @cached_property
+    def cell_m(self) -> float:
+        """The least distance between the centres of cells at the origin [m]."""
+        latitudes, longitudes = np.array(
+            [to_geodetic_deg(*at_m, self.origin_deg) for at_m in ((0, 0), (1, 0), (0, 1))]
+        ).T
+        along = [place for tile in self.tiles for place in tile.cells(latitudes, longitudes)]
+        return 1 / max((math.hypot(*(place[1:] - place[0])) for place in along), default=1.0)
+
+    def place_text(self, point_m: FloatArray) -> str:
+        """A point, shape (2,) [m], for people."""
+        return point_text((float(point_m[0]), float(point_m[1])), self.origin_deg)
+
+    def grid(self, points_m: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
+        """Heights over the box of points, shape (count, count) from south-west, and the steps to x and y [m]."""
+        low, high = points_m.min(axis=0), points_m.max(axis=0)
+        x, y = np.linspace(low, high, count).T
+        nodes = np.column_stack([each.ravel() for each in np.meshgrid(x, y)])
+        return self.heights_m(nodes).reshape(count, count), (high - low) / (count - 1)
+
+    def known_m(self, points_m: FloatArray) -> FloatArray:
+        """`heights_m` where all are known.
+
+        Raises
+        ------
+        Infeasible
+            With the first place of which the height is not known.
+        """
+        heights_m = self.heights_m(points_m)
+        if len(missing := np.flatnonzero(np.isnan(heights_m))):
+            place = self.place_text(points_m[missing[0]])
+            raise Infeasible(f"the terrain has no height at {place}, where the flight leads")
+        return heights_m
+
+
+def bilinear(values: FloatArray, rows: FloatArray, columns: FloatArray) -> FloatArray:
+    """Values of a grid between its nodes.
+
+    Parameters
+    ----------
+    values : array, shape (m, n)
+    rows, columns : array, shape (k,)
+        Half a cell beyond the outer nodes their value holds, as a cell has one.
+
+    Returns
+    -------
+    array, shape (k,)
+        NaN beyond, and beside a node that is NaN.
+    """
+    from scipy.ndimage import map_coordinates
+
+    inside = (np.abs(rows - (values.shape[0] - 1) / 2) <= values.shape[0] / 2) & (
+        np.abs(columns - (values.shape[1] - 1) / 2) <= values.shape[1] / 2
+    )
+    found = np.full(len(rows), np.nan)
+    found[inside] = map_coordinates(values, [rows[inside], columns[inside]], order=1, mode="nearest")
+    return found
+
+
+MARGIN_M = 1000.0
+"""Ground that is read around the field and its ends [m]: turns of fast aircraft are 500 m wide."""
+
+MAX_CELLS = 25_000_000
+"""Most cells that are read of a file: 5 km by 5 km at 1 m, which are 200 MB."""
+
+MAX_HEIGHT_M = 9000.0
+"""Above every mountain [m]; heights in feet or centimetres are above it."""
+
+POSTS = (1201, 3601)
+"""Rows and columns of a degree of SRTM."""
+
+VOID = -32768
+
+Bounds = tuple[float, float, float, float]
+"""South, west, north, east [°]."""
+
+_EXPECTED = "a GeoTIFF, or an .hgt of SRTM named as N55E010.hgt"
+
+
+def read_terrain(files: Sequence[str], points_m: FloatArray, origin_deg: tuple[float, float]) -> ElevationModel:
+    """The ground around points of a local frame, where files overlap of the first that knows it.
+
+    Parameters
+    ----------
+    files : sequence of str
+    points_m : array, shape (n, 2)
+        Among them the corners of the field [m].
+    origin_deg : (float, float)
+        Latitude and longitude of the frame's origin [°].
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, the extra is not installed, or no file knows the height at one of the points.
+    """
+    low, high = points_m.min(axis=0) - MARGIN_M, points_m.max(axis=0) + MARGIN_M
+    corners = [to_geodetic_deg(x, y, origin_deg) for x in (low[0], high[0]) for y in (low[1], high[1])]
+    (south, west), (north, east) = np.min(corners, axis=0).tolist(), np.max(corners, axis=0).tolist()
+    read = [_read(file, (south, west, north, east)) for file in files]
+    terrain = ElevationModel(tuple(tile for tile, _ in read if tile is not None), origin_deg)
+    missing = points_m[np.isnan(terrain.heights_m(points_m))]
+    if len(missing):
+        places = np.array([to_geodetic_deg(x, y, origin_deg) for x, y in points_m.tolist()])
+        field = (*places.min(axis=0).tolist(), *places.max(axis=0).tolist())
+        has = "; ".join(
+            f"{printable(file)} {_bounds_text(bounds)}" for file, (_, bounds) in zip(files, read, strict=True)
+        )
+        message = f"no height at {terrain.place_text(missing[0])}: the field is in {_bounds_text(field)}, {has}"
+        raise InputError.at(files[0], 1, 1, message, "a terrain without voids that holds the field; several are joined")
+    return terrain
+
+
+def _bounds_text(bounds: Bounds) -> str:
+    south, west, north, east = bounds
+    return f"{south:.4f},{west:.4f} to {north:.4f},{east:.4f}"
+
+
+def _read(file: str, wanted: Bounds) -> tuple[Tile | None, Bounds]:
+    """What a file has of the bounds that are wanted, None where nothing, and its own bounds."""
+    if not os.path.isfile(file):
+        raise InputError.at(file, 1, 1, "no such file", _EXPECTED)
+    if file.lower().endswith(".hgt"):
+        return _read_hgt(file)
+    return _read_geotiff(file, wanted)
+
+
+def _read_hgt(file: str) -> tuple[Tile, Bounds]:
+    """A degree of SRTM: rows from north of big-endian 16-bit numbers; its name is its south-west corner."""
+    name = re.fullmatch(r"([NS])(\d\d)([EW])(\d\d\d)", Path(file).stem.upper())
+    if name is None:
+        raise InputError.at(file, 1, 1, "its name is not that of a degree of SRTM", _EXPECTED)
+    south = float(name[2]) * (1 if name[1] == "N" else -1)
+    west = float(name[4]) * (1 if name[3] == "E" else -1)
+    size = os.path.getsize(file)
+    if size not in [2 * posts**2 for posts in POSTS]:
+        raise InputError.at(
+            file, 1, 1, f"{size} bytes", f"{' or '.join(f'{posts} x {posts}' for posts in POSTS)} heights"
+        )
+    posts = math.isqrt(size // 2)
+    raw = np.fromfile(file, ">i2").reshape(posts, posts)
+    heights_m = np.where(raw == VOID, np.nan, raw.astype(float))
+
+    def cells(latitudes: FloatArray, longitudes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return (south + 1 - latitudes) * (posts - 1), (longitudes - west) * (posts - 1)
+
+    return Tile(_checked(file, heights_m), cells), (south, west, south + 1, west + 1)
+
+
+def _read_geotiff(file: str, wanted: Bounds) -> tuple[Tile | None, Bounds]:
+    """The part of a GeoTIFF within bounds."""
+    try:
+        import rasterio
+        from rasterio.warp import transform, transform_bounds
+        from rasterio.windows import Window
+    except ImportError:
+        message = "rasterio, which reads GeoTIFF, is missing"
+        raise InputError.at(file, 1, 1, message, "pip install 'eadp[terrain]', or an .hgt of SRTM") from None
+    try:
+        # rasterio warns of its own dependencies
+        with warnings.catch_warnings(action="ignore"), rasterio.open(file, driver="GTiff") as raster:
+            if raster.crs is None or raster.transform.is_identity:
+                raise InputError.at(file, 1, 1, "has no place on the earth", "a GeoTIFF with a reference system")
+            if raster.count != 1:
+                raise InputError.at(file, 1, 1, f"{raster.count} bands", "one, of heights [m]")
+            to_cells, system = ~raster.transform, raster.crs
+
+            def in_raster(latitudes: FloatArray, longitudes: FloatArray) -> tuple[FloatArray, FloatArray]:
+                x, y = map(np.asarray, transform("EPSG:4326", system, longitudes, latitudes))
+                # a cell's centre is half a cell from its corner
+                return (
+                    to_cells.d * x + to_cells.e * y + to_cells.f - 0.5,
+                    to_cells.a * x + to_cells.b * y + to_cells.c - 0.5,
+                )
+
+            west, south, east, north = transform_bounds(system, "EPSG:4326", *raster.bounds)
+            sides = np.linspace(0, 1, 11)
+            latitudes, longitudes = np.meshgrid(
+                wanted[0] + sides * (wanted[2] - wanted[0]), wanted[1] + sides * (wanted[3] - wanted[1])
+            )
+            places = in_raster(latitudes.ravel(), longitudes.ravel())
+            first = [max(0, math.floor(each.min())) for each in places]
+            last = [min(size, math.ceil(each.max()) + 2) for each, size in zip(places, raster.shape, strict=True)]
+            rows, columns = last[0] - first[0], last[1] - first[1]
+            if min(rows, columns) <= 0:
+                return None, (south, west, north, east)
+            if rows * columns > MAX_CELLS:
+                message = f"{rows * columns / 1e6:.0f} million cells within {MARGIN_M / 1000:g} km of the field"
+                raise InputError.at(file, 1, 1, message, f"at most {MAX_CELLS / 1e6:.0f} million: a coarser terrain")
+            window = Window(first[1], first[0], columns, rows)
+            values = raster.read(1, window=window, masked=True).astype(float).filled(np.nan)
+            heights_m = values * raster.scales[0] + raster.offsets[0]
+    except InputError:
+        raise
+    except Exception as error:  # rasterio raises GDAL's errors besides its own
+        raise InputError.at(file, 1, 1, f"cannot be read: {printable(str(error), 200)}", _EXPECTED) from None
+
+    def cells(latitudes: FloatArray, longitudes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        rows, columns = in_raster(latitudes, longitudes)
+        return rows - first[0], columns - first[1]
+
+    return Tile(_checked(file, heights_m), cells), (south, west, north, east)
+
+
+def _checked(file: str, heights_m: FloatArray) -> FloatArray:
+    """Heights, NaN where they are not finite; refused where they are not in metres."""
+    heights_m = np.where(np.isfinite(heights_m), heights_m, np.nan)
+    beyond = np.abs(heights_m[~np.isnan(heights_m)]).max(initial=0.0)
+    if beyond > MAX_HEIGHT_M:
+        raise InputError.at(
+            file, 1, 1, f"a height of {beyond:g} m", f"metres, at most {MAX_HEIGHT_M:g}; voids as nodata"
+        )
+    return heights_m

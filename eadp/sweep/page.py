@@ -1,0 +1,256 @@
+"""The data of a sweep's page: counts over all runs, and the runs themselves, or a random sample of them."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from eadp.errors import printable
+from eadp.io.figures.canvas import COLOURS, Axes, figure_file
+from eadp.io.flight import percent_text
+from eadp.report.page import significant
+from eadp.sweep.results import COLUMNS, Results
+from eadp.sweep.statistics import SweepFlight, Table, completed_interval, distinct, label_of, marginal, wilson_interval
+
+MAX_RUNS = 20_000
+MAX_BYTES = 2_500_000
+"""Most bytes of the runs in a page: of more, a random sample is kept."""
+
+LABEL = 100
+"""Most characters of a value that is text, and of an error."""
+
+FIGURES = ("duration_s", "soc_final", "quality")
+
+
+class _Census:
+    """Counts over all runs, the values of each key, and the first runs; their order is random."""
+
+    def __init__(self) -> None:
+        self.count = self.failed = self.completed = 0
+        self.reasons: Counter[str] = Counter()
+        self.errors: Counter[str] = Counter()
+        self.first: dict[str, Any] = {}
+        self.varied: dict[str, None] = {}
+        self.kept: list[tuple[str, dict[str, Any], Mapping[str, Any]]] = []
+
+    def add(self, row: Mapping[str, Any]) -> None:
+        values = {**row["files"], **row["overrides"], "seed": row["seed"]}
+        self.count += 1
+        if row["error"] is None:
+            self.completed += bool(row["completed"])
+            self.reasons[row["reason"][:LABEL]] += 1
+        else:
+            self.failed += 1
+            self.errors[row["error"][:LABEL]] += 1
+        if self.count == 1:
+            self.first = values
+        for name in self.first.keys() | values.keys():
+            if self.first.get(name) != values.get(name):
+                self.varied[name] = None
+        if len(self.kept) < MAX_RUNS:
+            self.kept.append((row["key"], values, row))
+
+
+def sweep_data(path: str, page: Path, keep: str | None = None) -> dict[str, Any]:
+    """The data of the page of a results file.
+
+    Parameters
+    ----------
+    path : str
+        The results file.
+    page : Path
+        Where the page goes: its links are relative to it.
+    keep : str, optional
+        Where the runs' folders are.
+
+    Raises
+    ------
+    InputError
+        If it is no results file, or is damaged.
+    """
+    census = _Census()
+    with closing(Results(path, read_only=True)) as results:
+        for row in results.everything():
+            census.add(row)
+    names = sorted(census.varied, key=lambda name: (name == "seed", name))
+    count = len(census.kept)
+    while len(json.dumps(runs := _runs(census.kept[:count], names, keep))) > MAX_BYTES:
+        count //= 2
+    flights = [
+        SweepFlight(i, {name: values.get(name) for name in names}, values["seed"], **_figures(row))
+        for i, (_, values, row) in enumerate(census.kept[:count])
+    ]
+    own = {flight.index for flight in distinct(flights)}
+    runs["distinct"] = [int(flight.index in own) for flight in flights]
+    return {
+        "title": Path(path).name,
+        "words": sweep_words(census.count, census.completed, census.reasons, census.errors, flights, names),
+        "completed": None,
+        "count": census.count,
+        "failed": census.failed,
+        "keys": names,
+        "folder": None if keep is None else Path(os.path.relpath(keep, page.parent)).as_posix(),
+        "runs": runs,
+    }
+
+
+def _figures(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: row[name] for name in (*COLUMNS, "error")}
+
+
+def _runs(
+    kept: Sequence[tuple[str, Mapping[str, Any], Mapping[str, Any]]], names: Sequence[str], keep: str | None
+) -> dict[str, Any]:
+    """Runs by column; values that are not all numbers by their number in a list."""
+    rows = [row for *_, row in kept]
+    columns: dict[str, Any] = {name: _column([values.get(name) for _, values, _ in kept]) for name in names}
+    texts = {name: _column([row[name] for row in rows]) for name in ("reason", "error")}
+    figures = {name: [significant(row[name]) for row in rows] for name in FIGURES}
+    flown: dict[str, Any] = {"completed": [None if row["completed"] is None else int(row["completed"]) for row in rows]}
+    if keep is not None:
+        flown["folder"] = [key if os.path.isfile(os.path.join(keep, key, "report.html")) else None for key, *_ in kept]
+    return {"values": columns, **texts, **figures, **flown}
+
+
+def _column(values: Sequence[Any]) -> Any:
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+        return [value if isinstance(value, int) else significant(value) for value in values]
+    known: dict[str, int] = {}
+    places = [None if value is None else known.setdefault(label_of(value)[:LABEL], len(known)) for value in values]
+    return {"of": [*known], "at": places}
+
+
+SHOWN = 3
+"""Most texts that are named one by one."""
+
+
+def sweep_words(
+    count: int,
+    completed: int,
+    reasons: Mapping[str, int],
+    errors: Mapping[str, int],
+    flights: Sequence[SweepFlight],
+    keys: Sequence[str],
+) -> list[str]:
+    """Sentences on a sweep: counts over all runs, and by key over the flights of the page."""
+    made, failed = count - sum(errors.values()), sum(errors.values())
+    words = [f"{count} runs."]
+    if made:
+        own = distinct(flights)
+        repeated = len(own) < sum(flight.error is None for flight in flights)
+        low, high = (completed_interval(own) if repeated else None) or wilson_interval(completed, made)
+        of = f" of {len(own)} distinct flights" if repeated else ""
+        words[0] = (
+            f"{completed} of {made} flights completed: {percent_text(completed / made)} "
+            f"(95 % interval{of} {percent_text(low)} to {percent_text(high)})."
+        )
+        words.append(f"They ended so: {_counts(reasons)}.")
+    if failed:
+        words.append(f"{failed} of {count} runs could not be made: {_counts(errors)}.")
+    for key in keys:
+        shares = {group.label: group.completed for group in marginal(flights, key) if group.flights}
+        if made and len(shares) > 1 and key != "seed":
+            least, best = min(shares, key=shares.__getitem__), max(shares, key=shares.__getitem__)
+            if shares[least] != shares[best]:
+                ends = (f"{percent_text(shares[end])} complete at {printable(end, 60)}" for end in (least, best))
+                words.append(f"By {key}: {', '.join(ends)}.")
+    if len(flights) < count:
+        words.append(f"The charts and the list show {len(flights)} of the {count} runs, a random sample.")
+    return words
+
+
+def _counts(found: Mapping[str, int]) -> str:
+    """The most frequent texts with their counts."""
+    first = sorted(found.items(), key=lambda item: -item[1])
+    more = [f"{len(first) - SHOWN} other texts"] if len(first) > SHOWN else []
+    return "; ".join([f"{printable(text)} ({number})" for text, number in first[:SHOWN]] + more)
+
+
+TITLES = {
+    "completed": "share of flights that complete",
+    "duration_s": "duration, mean [s]",
+    "soc_final": "state of charge at the end, mean",
+    "quality": "quality U, mean",
+    "reserve_kept": "share of flights that complete and keep the reserve",
+    "energy_wh": "energy, mean [Wh]",
+    "distance_m": "distance, mean [m]",
+}
+SHARES = ("completed", "quality", "reserve_kept")
+"""Results whose colours always go from 0 to 1, so that two figures can be compared."""
+
+TICKS = 25
+WRITTEN = 12
+"""Most columns of cells that have their number written in."""
+
+
+def write_table_figure(path: str, table: Table) -> None:
+    """Draw a table as a heat map: the first key upwards, the second to the right; cells without a flight stay empty.
+
+    Cells with flights that did not complete are hatched, and say how many.
+
+    Raises
+    ------
+    InputError
+        If the name ends in neither .svg nor .png, or the file cannot be written.
+    """
+    rows, columns = len(table.rows), len(table.columns)
+    beside_in, below_in = (0.06 * max(map(len, _ticks(labels)[1])) for labels in (table.rows, table.columns))
+    width_in = 3.0 + beside_in + (0.6 if any(map(any, table.crashed)) else 0.42) * columns
+    with figure_file(path, min(12.0, width_in), min(9.0, 1.8 + 0.7 * below_in + 0.36 * rows)) as figure:
+        axes = figure.add_subplot()
+        means = np.array([[math.nan if mean is None else mean for mean in line] for line in table.means])
+        low, high = _ends(table)
+        x, y = np.arange(columns + 1) - 0.5, np.arange(rows + 1) - 0.5
+        image = axes.pcolormesh(x, y, np.ma.masked_invalid(means), cmap="viridis", vmin=low, vmax=high)
+        figure.colorbar(image, ax=axes, label=TITLES[table.value])
+        axes.grid(False)
+        fell = [(j, i) for i, line in enumerate(table.crashed) for j, count in enumerate(line) if count]
+        for j, i in fell:
+            corners = [j - 0.5, j + 0.5, j + 0.5, j - 0.5], [i - 0.5, i - 0.5, i + 0.5, i + 0.5]
+            axes.fill(*corners, fill=False, hatch="////", edgecolor=COLOURS[6], linewidth=0)
+        if fell:
+            axes.set_title("hatched: × flights not completed, in no mean")
+        _label_axes(axes, table)
+        if columns <= WRITTEN:
+            _write_cells(axes, table)
+
+
+def _ends(table: Table) -> tuple[float, float]:
+    """The ends of the colour scale."""
+    known = [mean for line in table.means for mean in line if mean is not None]
+    if table.value in SHARES or not known:
+        return 0.0, 1.0
+    low, high = (0.0 if table.value == "soc_final" else min(known)), max(known)
+    return (low, high) if low < high else (low, low + 1.0)
+
+
+def _label_axes(axes: Axes, table: Table) -> None:
+    upward, rightward = table.keys
+    axes.set(ylabel=printable(upward, 60), xlabel=printable(rightward, 60))
+    axes.set_yticks(*_ticks(table.rows))
+    positions, labels = _ticks(table.columns)
+    turned = max(map(len, labels)) > 4
+    axes.set_xticks(positions, labels, rotation=45 if turned else 0, ha="right" if turned else "center")
+
+
+def _ticks(labels: tuple[str, ...]) -> tuple[list[int], list[str]]:
+    """Every label, or every n-th where there are many."""
+    positions = list(range(0, len(labels), math.ceil(len(labels) / TICKS)))
+    return positions, [printable(labels[i], 24) for i in positions]
+
+
+def _write_cells(axes: Axes, table: Table) -> None:
+    low, high = _ends(table)
+    for i, line in enumerate(table.means):
+        for j, mean in enumerate(line):
+            text = table.text(i, j, 0 if table.value in ("duration_s", "distance_m") else 2)
+            light = mean is None or mean > low + 0.6 * (high - low)
+            axes.text(j, i, text, ha="center", va="center", fontsize=7, color="black" if light else "white")

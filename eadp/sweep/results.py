@@ -1,0 +1,342 @@
+"""Results of a sweep: one SQLite file that any number of processes of one machine may write to at once.
+
+Guarantees: A result is in the file whole or not at all, and once: the table's primary key is the run's key, a hash of
+all that it depends on. A process that is killed at any moment leaves a readable file; the next process makes the runs
+that were under way and does not repeat those that were stored. Two sweeps at once do not make the same run: each claims
+runs before it makes them. A claim is valid as long as its process lives, which shows in a lock on a byte of
+`FILE.lock`, not in a clock. A file whose structure is damaged is refused when it is opened, and a row that is not as
+it was stored, by its digest, when it is read.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import os
+import sqlite3
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any
+from urllib.parse import quote
+
+from eadp import __version__
+from eadp.errors import InputError, printable
+from eadp.io.text.streams import output_file
+from eadp.sweep.runs import Result, Run
+
+APPLICATION_ID = 0x65616470
+"""`eadp` in ASCII, as SQLite's identifier of an application's files."""
+
+SCHEMA_VERSION = 4
+BUSY_S = 60.0
+"""Longest time that another process may lock the file [s]."""
+
+WAIT_S = 0.2
+"""Interval of polling for the results of other processes [s]."""
+
+PAGE_BYTES = 4096
+"""Size of a file without tables."""
+
+KEYS_PER_QUERY = 500
+"""SQLite's own limit may be 999."""
+
+_TABLES = """
+CREATE TABLE runs (
+    key TEXT PRIMARY KEY, files TEXT NOT NULL, overrides TEXT NOT NULL, seed INTEGER NOT NULL,
+    completed INTEGER, reason TEXT, duration_s REAL, soc_final REAL, quality REAL,
+    reserve_kept INTEGER, energy_wh REAL, distance_m REAL, batteries INTEGER,
+    error TEXT, summary TEXT, took_s REAL NOT NULL, digest TEXT NOT NULL, session INTEGER NOT NULL
+);
+CREATE TABLE claims (key TEXT PRIMARY KEY, session INTEGER NOT NULL) WITHOUT ROWID;
+CREATE TABLE sessions (
+    id INTEGER PRIMARY KEY AUTOINCREMENT, version TEXT NOT NULL, stored INTEGER NOT NULL DEFAULT 0,
+    repeated INTEGER NOT NULL DEFAULT 0
+);
+"""
+COLUMNS = (
+    *("completed", "reason", "duration_s", "soc_final", "quality", "reserve_kept", "energy_wh", "distance_m"),
+    "batteries",
+)
+_ROW = ("key", "files", "overrides", "seed", *COLUMNS, "error", "summary", "took_s")
+"""Columns of a row that its digest is of, which follows them; the session is the last."""
+
+
+class Results:
+    """An open results file; without a path a temporary one.
+
+    With `read_only` nothing is claimed or written.
+    """
+
+    def __init__(self, path: str | None, *, read_only: bool = False) -> None:
+        self._path = "the temporary results"
+        if path is not None:  # whole, as SQLite has names of its own for what is no file
+            path = self._path = str(output_file(path))
+        new = path is not None and not os.path.exists(path)
+        self._connection = _connect(path, self._path, read_only)
+        self._lock: int | None = None
+        self._session = 0
+        try:
+            with self._sqlite_errors():
+                self._open(path, read_only)
+        except BaseException:
+            self.close()
+            if new and os.path.exists(self._path) and os.path.getsize(self._path) <= PAGE_BYTES:
+                for ending in ("", "-wal", "-shm", ".lock"):
+                    with suppress(OSError):
+                        os.unlink(f"{self._path}{ending}")
+            raise
+
+    def _open(self, path: str | None, read_only: bool) -> None:
+        self._connection.execute("PRAGMA temp_store = MEMORY")
+        self._connection.execute("CREATE TEMP TABLE wanted (place INTEGER PRIMARY KEY, key TEXT NOT NULL)")
+        if read_only:
+            _check_ours(self._connection, self._path)
+        else:
+            self._prepare(shared=path is not None)
+            self._start_session(path)
+
+    # --- opening and closing
+
+    def _prepare(self, *, shared: bool) -> None:
+        """Create the tables of an empty file; refuse another application's file."""
+        query = self._connection.execute
+        _check_ours(self._connection, self._path)
+        if shared:
+            query("PRAGMA journal_mode = WAL")
+            query("PRAGMA synchronous = NORMAL")
+        with self._transaction():
+            if _check_ours(self._connection, self._path):
+                return
+            for statement in _TABLES.split(";")[:-1]:
+                query(statement)
+            query(f"PRAGMA application_id = {APPLICATION_ID}")
+            query(f"PRAGMA user_version = {SCHEMA_VERSION}")
+
+    def _start_session(self, path: str | None) -> None:
+        """Start a session, alive as long as it holds the lock on its byte."""
+        with self._transaction():
+            row = self._connection.execute("INSERT INTO sessions (version) VALUES (?)", (__version__,))
+            self._session = int(row.lastrowid or 0)
+            if path is not None:
+                try:
+                    self._lock = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+                    fcntl.lockf(self._lock, fcntl.LOCK_EX, 1, self._session)
+                except OSError as error:
+                    what = f"cannot be written: {error.strerror}"
+                    raise InputError.at(f"{path}.lock", 1, 1, what, "a writable place") from None
+
+    def close(self) -> None:
+        """Release the claims that are left; the last session removes the lock file."""
+        with suppress(sqlite3.Error, OSError):
+            self._roll_back()  # Ctrl-C may have come just after its start
+            if self._session:
+                self._release()
+        with suppress(sqlite3.Error):
+            self._connection.close()
+        if self._lock is not None:
+            os.close(self._lock)
+            self._lock = None
+
+    def _release(self) -> None:
+        with self._transaction():
+            self._connection.execute("DELETE FROM claims WHERE session = ?", (self._session,))
+            if self._lock is not None:
+                (last,) = self._connection.execute("SELECT coalesce(max(id), 0) FROM sessions").fetchone()
+                # sessions start within a transaction, so none starts between this check and the removal
+                if not any(self._alive(other) for other in range(1, last + 1)):
+                    os.unlink(f"{self._path}.lock")
+
+    def _alive(self, session: int) -> bool:
+        """Whether another session's process lives, which is when its byte is locked."""
+        if self._lock is None or session == self._session:
+            return False
+        try:
+            fcntl.lockf(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, session)
+        except OSError:
+            return True
+        fcntl.lockf(self._lock, fcntl.LOCK_UN, 1, session)
+        return False
+
+    # --- expected runs and their results
+
+    def expect(self, keys: Iterable[str]) -> None:
+        """Set the runs that the other methods are about, by their keys in order."""
+        with self._sqlite_errors():
+            self._connection.execute("DELETE FROM wanted")
+            self._connection.executemany("INSERT INTO wanted VALUES (?, ?)", enumerate(keys))
+
+    def missing(self) -> list[int]:
+        """Positions of the expected runs that are not made; of several with one key, the first."""
+        query = "SELECT min(place) FROM wanted WHERE key NOT IN (SELECT key FROM runs) GROUP BY key ORDER BY 1"
+        with self._sqlite_errors():
+            return [place for (place,) in self._connection.execute(query)]
+
+    def rows(self, *, summaries: bool = False) -> Iterator[dict[str, Any]]:
+        """Figures and error of each expected run, in order; with `summaries`, the summary instead of the figures.
+
+        Raises
+        ------
+        InputError
+            At a row that is damaged.
+        """
+        names = ("summary", "error") if summaries else (*COLUMNS, "error", "took_s")
+        with self._sqlite_errors():
+            for stored in self._whole_rows("SELECT runs.* FROM wanted JOIN runs USING (key) ORDER BY place"):
+                row = dict(zip(_ROW, stored, strict=False))
+                if row["completed"] is not None:
+                    row |= {name: bool(row[name]) for name in ("completed", "reserve_kept")}
+                    row["summary"] = json.loads(row["summary"])
+                yield {name: row[name] for name in names}
+
+    def everything(self) -> Iterator[dict[str, Any]]:
+        """Every run of the file: key, files, overrides, seed, figures and error. In the order of keys, which is random.
+
+        Raises
+        ------
+        InputError
+            At a row that is damaged.
+        """
+        with self._sqlite_errors():
+            for stored in self._whole_rows("SELECT * FROM runs ORDER BY key"):
+                row = dict(zip(_ROW, stored, strict=False))
+                yield {**row, "files": json.loads(row["files"]), "overrides": json.loads(row["overrides"])}
+
+    def _whole_rows(self, query: str) -> Iterator[tuple[Any, ...]]:
+        """Rows of the results; raises InputError at one that is not as it was stored."""
+        for row in self._connection.execute(query):
+            if _digest(row[:-2]) != row[-2]:
+                raise _damaged(self._path)
+            yield row
+
+    # --- the ledger of `simulation.sweep`
+
+    def claim(self, runs: Sequence[Run]) -> tuple[Sequence[Run], Sequence[Run]]:
+        """Claim runs: those that are now ours, and those that another process is making; made ones are in neither."""
+        mine: list[Run] = []
+        theirs: list[Run] = []
+        with self._sqlite_errors(), self._transaction():
+            keys = [run.key for run in runs]
+            made = {key for (key,) in self._select("SELECT key FROM runs", keys)}
+            holders: Mapping[str, int] = dict(self._select("SELECT key, session FROM claims", keys))
+            living = {session for session in set(holders.values()) if self._alive(session)}
+            for run in runs:
+                if run.key not in made:
+                    (theirs if holders.get(run.key) in living else mine).append(run)
+            claims = [(run.key, self._session) for run in mine]
+            self._connection.executemany("INSERT OR REPLACE INTO claims VALUES (?, ?)", claims)
+        return mine, theirs
+
+    def _select(self, query: str, keys: Sequence[str]) -> Iterator[tuple[Any, ...]]:
+        for i in range(0, len(keys), KEYS_PER_QUERY):
+            some = keys[i : i + KEYS_PER_QUERY]
+            yield from self._connection.execute(f"{query} WHERE key IN ({', '.join('?' * len(some))})", some)
+
+    def store(self, results: Sequence[tuple[Run, Result]]) -> None:
+        """Store results and release their claims."""
+        with self._sqlite_errors(), self._transaction():
+            rows = [self._row(run, result) for run, result in results]
+            marks = ", ".join("?" * len(rows[0]))
+            cursor = self._connection.executemany(f"INSERT OR IGNORE INTO runs VALUES ({marks})", rows)
+            kept = cursor.rowcount
+            self._connection.executemany("DELETE FROM claims WHERE key = ?", [(run.key,) for run, _ in results])
+            self._connection.execute(
+                "UPDATE sessions SET stored = stored + ?, repeated = repeated + ? WHERE id = ?",
+                (kept, len(rows) - kept, self._session),
+            )
+
+    def _row(self, run: Run, result: Result) -> tuple[Any, ...]:
+        summary = result.summary
+        known = {} if summary is None else {"batteries": 1, **summary}
+        figures = [known.get(name) for name in COLUMNS]
+        text = None if summary is None else json.dumps(summary, ensure_ascii=False, allow_nan=False)
+        files, overrides = (json.dumps(dict(part), sort_keys=True) for part in (run.files, run.overrides))
+        seed = run.overrides["seed"]
+        row = (run.key, files, overrides, seed, *figures, result.error, text, result.took_s)
+        return (*row, _digest(row), self._session)
+
+    def wait(self) -> None:
+        """Wait a moment for other processes."""
+        time.sleep(WAIT_S)
+
+    # --- failures
+
+    def forget_failures(self) -> None:
+        """Delete the expected runs that could not be made, so that they are tried again."""
+        with self._sqlite_errors(), self._transaction():
+            query = "DELETE FROM runs WHERE error IS NOT NULL AND key IN (SELECT key FROM wanted)"
+            self._connection.execute(query)
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        """A transaction; the write lock is taken at its start, so that what it reads stays true."""
+        try:
+            self._connection.execute("BEGIN IMMEDIATE")
+            yield
+            self._connection.execute("COMMIT")
+        except BaseException:
+            self._roll_back()
+            raise
+
+    def _roll_back(self) -> None:
+        """Roll back a transaction, if one is open: a full disk has ended it already."""
+        if self._connection.in_transaction:
+            with suppress(sqlite3.Error):
+                self._connection.execute("ROLLBACK")
+
+    @contextmanager
+    def _sqlite_errors(self) -> Iterator[None]:
+        """SQLite's errors as faults of the file."""
+        try:
+            yield
+        except (sqlite3.Error, UnicodeDecodeError) as error:  # SQLite quotes a damaged file in its own errors
+            raise _fault(self._path, error) from None
+
+
+def _connect(path: str | None, name: str, read_only: bool) -> sqlite3.Connection:
+    try:
+        if read_only:
+            return sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True, timeout=BUSY_S, isolation_level=None)
+        if path is not None:
+            os.makedirs(os.path.dirname(path) or ".", exist_ok=True)
+        return sqlite3.connect(path or "", timeout=BUSY_S, isolation_level=None)
+    except OSError as error:
+        raise InputError.at(name, 1, 1, f"cannot be written: {error.strerror}", "a writable place") from None
+    except sqlite3.Error as error:
+        raise _fault(name, error) from None
+
+
+def _digest(row: Sequence[Any]) -> str:
+    """A hash of a row's values; of a number, as SQLite's column may make it a real one."""
+    values = [float(value) if isinstance(value, int) else value for value in row]
+    return hashlib.blake2b(repr(values).encode(), digest_size=16).hexdigest()
+
+
+def _damaged(path: str) -> InputError:
+    return InputError.at(path, 1, 1, "is damaged", "a copy of the file, or a new one")
+
+
+def _check_ours(connection: sqlite3.Connection, name: str) -> bool:
+    """Whether a database has our tables; that of another application or version, or a damaged one, is refused."""
+    keys = ("application_id", "user_version", "integrity_check(1)")
+    application, version, damage = (connection.execute(f"PRAGMA {key}").fetchone()[0] for key in keys)
+    (tables,) = connection.execute("SELECT count(*) FROM sqlite_master").fetchone()
+    if tables and (application, version) != (APPLICATION_ID, SCHEMA_VERSION):
+        other = "version of eadp" if application == APPLICATION_ID else "application"
+        raise InputError.at(name, 1, 1, f"is a database of another {other}", "results of eadp sweep, or a new file")
+    if damage != "ok":
+        raise _damaged(name)
+    return bool(tables)
+
+
+def _fault(path: str, error: Exception) -> InputError:
+    name = getattr(error, "sqlite_errorname", "") or ""
+    if name.startswith("SQLITE_FULL") or name in ("SQLITE_IOERR_WRITE", "SQLITE_IOERR_SHMSIZE"):
+        expected = "space for the rest; results stored so far are kept, the sweep can be continued"
+        return InputError.at(path, 1, 1, "the disk is full, or a limit reached", expected)
+    if name.startswith("SQLITE_NOTADB"):
+        return InputError.at(path, 1, 1, "is not an SQLite database", "results of eadp sweep, or a new file")
+    if name.startswith("SQLITE_BUSY"):
+        return InputError.at(path, 1, 1, f"another process has held it for {BUSY_S:g} s", "a file that is not locked")
+    return InputError.at(path, 1, 1, f"cannot be used: {printable(str(error))}", "a results file in a writable place")

@@ -1,0 +1,389 @@
+"""The sweep file: the flights to make of a plan, a profile and a scenario, checked before the first of them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from eadp import __version__
+from eadp.api.flight import SCHEMA as FLIGHT_SCHEMA
+from eadp.api.inputs import Files, profile_of
+from eadp.errors import Fault, InputError, one_of, printable, refuse
+from eadp.io.energy import parse_energy
+from eadp.io.plan.sources import PlanReader
+from eadp.io.scenario import REPLACED, Scenario, ScenarioFile, beside, override_key, plain, vehicle_path
+from eadp.io.text.kinds import refuse_others
+from eadp.io.text.schema_faults import STRICT, validated
+from eadp.io.text.streams import SourceText, Text
+from eadp.io.text.yaml import Document, read_yaml
+from eadp.io.text.yaml import Path as KeyPath
+from eadp.survey import SORTIES, SORTIES_SCENARIO, is_sorties
+from eadp.sweep.runs import RUNS_LIMIT, Count, Design, DesignPoint, Run, SampleDesign
+from eadp.sweep.statistics import SweepFlight
+
+SCHEMA = "eadp.sweep/1"
+FILES = ("plan", "scenario", "profile", "energy")
+SHORT = {"planner": "planner.name"}
+"""Keys that stand for others; `c1` for `parameters.c1` is one of all scenarios' overrides."""
+
+Values = Annotated[list[Any], Field(min_length=1)]
+
+
+@dataclass(frozen=True)
+class SweepKeys:
+    """A sweep file. Paths are relative to it; varied keys are a scenario's, dotted, or name a file or the planner."""
+
+    __pydantic_config__ = STRICT
+
+    schema: Literal["eadp.sweep/1"]
+    """name and version of the format"""
+
+    plan: str | None = None
+    """path of the plan, the mission or the folder of sorties that is flown, unless it is varied"""
+
+    scenario: str | None = None
+    """path of the scenario; by default the defaults"""
+
+    profile: str | None = None
+    """instead of the scenario's"""
+
+    energy: str | None = None
+    """path of an energy model made by eadp fit"""
+
+    grid: dict[str, Values] = field(default_factory=dict)
+    """every combination of these values"""
+
+    zip: dict[str, Values] = field(default_factory=dict)
+    """the first values together, the second ones, …"""
+
+    sample: SampleDesign | None = None
+    """keys drawn at random together"""
+
+    seeds: Count | None = None
+    """each run with seeds 0 to n - 1; else the scenario's own"""
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A checked sweep: its design, the texts of all its files, and the warnings of reading them."""
+
+    name: str
+    design: Design
+    kept: Files
+    files: Mapping[str, str]
+    overrides: Mapping[str, Any]
+    scenarios: Mapping[str, Scenario] = field(repr=False)
+    warnings: tuple[Fault, ...] = ()
+
+    def seed(self, point: DesignPoint) -> int:
+        """The seed of a run: the design's, else a varied one, else the scenario's."""
+        if point.seed is not None:
+            return point.seed
+        scenario = self._files(point).get("scenario")
+        own = self.scenarios[scenario].keys.seed if scenario else 0
+        return int(point.values.get("seed", self.overrides.get("seed", own)))
+
+    def _files(self, point: DesignPoint) -> dict[str, str]:
+        """The paths of a run's files by kind."""
+        files = dict(self.files)
+        for kind in FILES:
+            if kind in point.values:
+                files[kind] = beside(self.name, point.values[kind])
+        return files
+
+    def run(self, index: int) -> Run:
+        """The run of an index."""
+        point = self.design.point(index)
+        overrides = dict(self.overrides)
+        for name, value in point.values.items():
+            if name not in FILES:
+                overrides[full_key(name)] = value
+        overrides["seed"] = self.seed(point)
+        files = self._files(point)
+        return Run(self._key(files, overrides), files, overrides)
+
+    def keys(self) -> Iterator[str]:
+        """The keys of all runs, in order."""
+        return (self.run(index).key for index in range(len(self.design)))
+
+    def flights(self, rows: Iterable[Mapping[str, Any]]) -> list[SweepFlight]:
+        """The runs with the figures of their rows in the results."""
+        points = map(self.design.point, range(len(self.design)))
+        return [
+            SweepFlight(point.index, point.values, self.seed(point), **row)
+            for point, row in zip(points, rows, strict=True)
+        ]
+
+    def _key(self, files: Mapping[str, str], overrides: Mapping[str, Any]) -> str:
+        """A hash of all that a run depends on: files by content, overrides with the seed, and the version of eadp."""
+        contents = {kind: self._digests[path] for kind, path in files.items()}
+        if "profile" not in contents:
+            own = self.scenarios[files["scenario"]].profile_path if "scenario" in files else None
+            contents["profile"] = self._digests[own] if own else ""
+        vehicle = vehicle_path(self.kept.document(files.get("scenario")), overrides)
+        if vehicle is not None:
+            contents["vehicle"] = digest(self.kept.text(vehicle))
+        whole = [FLIGHT_SCHEMA, __version__, contents, dict(overrides)]
+        return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:32]
+
+    @cached_property
+    def _digests(self) -> dict[str, str]:
+        return {path: digest(text) for path, text in self.kept.texts.items()}
+
+
+def digest(text: Text) -> str:
+    """A hash of a file's content and of its suffix, which may decide how it is read."""
+    return hashlib.sha256(f"{Path(text.name).suffix}\0{text.body}".encode()).hexdigest()
+
+
+def full_key(name: str) -> str:
+    """The scenario's key that a varied one stands for."""
+    return SHORT.get(name) or override_key(name) or name
+
+
+def read_sweep(given: Text | Mapping[str, Any], overrides: Mapping[str, Any] | None = None) -> Sweep:
+    """Read a sweep file and every file it names, and check every value it lists by the scenario's schema.
+
+    Parameters
+    ----------
+    given : Text or mapping
+        The file, or its keys.
+    overrides : mapping of dotted key to value, optional
+        Set in every run, as `read_override` gives them.
+
+    Raises
+    ------
+    InputError
+        With every fault of the first file that has any; a value that no flight accepts is a fault of the sweep file.
+    """
+    if isinstance(given, Text):
+        refuse_others(given, "sweep")
+        document = read_yaml(given)
+    else:
+        document = Document(SourceText(Text("given-keys.yaml", "")), {"schema": SCHEMA, **plain(given)})
+    if not isinstance(document.value, dict):
+        raise InputError(document.fault((), "is not a mapping of keys", f"keys such as schema: {SCHEMA}"))
+    keys = validated(SweepKeys, document, document.value, lambda keys: _faults(keys, document))
+    design = Design(keys.grid, keys.zip, keys.sample, keys.seeds)
+    if len(design) > RUNS_LIMIT:
+        message = f"{len(design)} runs are more than {RUNS_LIMIT}"
+        raise InputError(document.fault((), message, f"a sweep of at most {RUNS_LIMIT} runs"))
+    overrides = dict(overrides or {})
+    _check_fixed(overrides, design)
+    paths, kept = _with_sorties(document, _paths(document, keys)), Files()
+    _read_texts(document, paths, kept)
+    files = {kind: path for kind, path, location in paths if location == (kind,)}
+    scenarios = _scenarios(document, paths, kept, overrides)
+    sweep = Sweep(document.name, design, kept, files, overrides, scenarios)
+    _check_values(document, keys, sweep)
+    return replace(sweep, warnings=_read_all(document, keys, paths, sweep))
+
+
+# --- the design, and checks beyond the schema
+
+
+def _varied_keys(keys: SweepKeys) -> Iterator[tuple[str, KeyPath, list[Any], KeyPath]]:
+    """Every varied key and its location; its listed values, of a distribution its bounds or its mean, and theirs."""
+    for part in ("grid", "zip"):
+        yield from ((name, (part, name), values, (part, name)) for name, values in getattr(keys, part).items())
+    for name, drawn in keys.sample.keys.items() if keys.sample else ():
+        location = ("sample", "keys", name)
+        law = (drawn.given or ["choice"])[-1]
+        values = getattr(drawn, law) or []
+        yield name, location, values[:1] if law == "normal" else values, (*location, law)
+
+
+def _listed(keys: SweepKeys) -> Iterator[tuple[str, Any, KeyPath]]:
+    """Every listed value of a varied key, with its location."""
+    for name, _, values, location in _varied_keys(keys):
+        yield from ((name, value, (*location, i)) for i, value in enumerate(values))
+
+
+def _faults(keys: SweepKeys, document: Document) -> list[Fault]:
+    faults = [*_name_faults(keys, document), *_zip_faults(keys, document), *_sample_faults(keys, document)]
+    names = {name for name, *_ in _varied_keys(keys)}
+    if keys.plan is None and "plan" not in names:
+        faults.append(document.fault((), "no plan to fly", "plan: FILE"))
+    if keys.seeds is not None and "seed" in names:
+        faults.append(document.fault(("seeds",), "seeds, and the key seed too", "one or the other"))
+    return faults
+
+
+def _name_faults(keys: SweepKeys, document: Document) -> list[Fault]:
+    """Unknown keys, and keys that are varied twice or contain one another."""
+    faults = []
+    seen: dict[str, str] = {}
+    for name, location, *_ in _varied_keys(keys):
+        if name not in FILES and override_key(name) is None:
+            message = f"{printable(name)} is not a key"
+            faults.append(document.fault(location, message, "a scenario's, as wind.speed_mps"))
+            continue
+        full = name if name in FILES else full_key(name)
+        clash = next((other for other in seen if _overlap(full, other)), None)
+        if clash is not None:
+            message = f"{printable(name)} and {printable(seen[clash])} set the same key"
+            faults.append(document.fault(location, message, "one of them"))
+        seen[full] = name
+    return faults
+
+
+def _overlap(one: str, other: str) -> bool:
+    """Whether two keys are the same, one contains the other, or an override of one removes the other."""
+    section, _, last = other.rpartition(".")
+    if one.rpartition(".")[0] == section and last in REPLACED.get(".".join(one.split(".")[-2:]), ()):
+        return True
+    return one == other or one.startswith(f"{other}.") or other.startswith(f"{one}.")
+
+
+def _zip_faults(keys: SweepKeys, document: Document) -> list[Fault]:
+    lengths = {name: len(values) for name, values in keys.zip.items()}
+    first = next(iter(lengths.values()), 0)
+    return [
+        document.fault(("zip", name), f"{name} has {count} values, the first key {first}", f"{first} values")
+        for name, count in lengths.items()
+        if count != first
+    ]
+
+
+def _sample_faults(keys: SweepKeys, document: Document) -> list[Fault]:
+    faults = []
+    for name, drawn in keys.sample.keys.items() if keys.sample else ():
+        location = ("sample", "keys", name)
+        if len(drawn.given) != 1:
+            message = f"{name} has {len(drawn.given)} distributions"
+            faults.append(document.fault(location, message, "uniform, normal or choice"))
+        elif drawn.uniform and drawn.uniform[0] > drawn.uniform[1]:
+            faults.append(document.fault((*location, "uniform"), "the lower end is above the upper one", "[low, high]"))
+        elif drawn.normal and drawn.normal[1] < 0:
+            message = "a standard deviation below 0"
+            faults.append(document.fault((*location, "normal"), message, "[mean, standard deviation]"))
+        elif name in FILES and not drawn.choice:
+            faults.append(document.fault(location, f"{name} is a file", "choice: [FILE, …]"))
+    return faults
+
+
+def _check_fixed(overrides: Mapping[str, Any], design: Design) -> None:
+    """Refuse a key set in every run that is a file or varied."""
+    for key in overrides:
+        if key in FILES:
+            raise InputError.at("--set", 1, 1, f"{key} is a file", "it in the sweep file", key)
+        if any(name not in FILES and _overlap(key, full_key(name)) for name in design.names):
+            raise InputError.at("--set", 1, 1, f"{key} is varied by the sweep", "a key that is not", key)
+        if key == "seed" and design.seeds is not None:
+            raise InputError.at("--set", 1, 1, "the sweep has seeds", "a key that it does not vary", key)
+
+
+# --- files, and values checked in them
+
+
+def _paths(document: Document, keys: SweepKeys) -> list[tuple[str, str, KeyPath]]:
+    """Kind, path and location of every file that the sweep file names."""
+    given = [(kind, getattr(keys, kind)) for kind in FILES]
+    named: list[tuple[str, Any, KeyPath]] = [(kind, value, (kind,)) for kind, value in given if value is not None]
+    named += [(name, value, location) for name, value, location in _listed(keys) if name in FILES]
+    wrong = [location for _, value, location in named if not isinstance(value, str)]
+    refuse([document.fault(location, "not a file name", "a path relative to this file") for location in wrong])
+    return [(kind, beside(document.name, value), location) for kind, value, location in named]
+
+
+def _with_sorties(document: Document, paths: list[tuple[str, str, KeyPath]]) -> list[tuple[str, str, KeyPath]]:
+    """The files with those of a folder of sorties, which stands for a plan and has a scenario of its own."""
+    for kind, path, location in paths:
+        if kind == "plan" and is_sorties(path):
+            if location != ("plan",):
+                raise InputError(document.fault(location, "a folder of sorties", "plan: FOLDER, and no other plan"))
+            own = [each for each in paths if each[0] == "plan"]
+            if own != [(kind, path, location)] or len(paths) > 1:
+                expected = "no scenario, profile or energy: the folder has its own"
+                raise InputError(document.fault(paths[-1][2], "a file beside a folder of sorties", expected))
+            return [(kind, f"{path}/{SORTIES}", location), ("scenario", f"{path}/{SORTIES_SCENARIO}", ("scenario",))]
+    return paths
+
+
+def _read_texts(document: Document, paths: list[tuple[str, str, KeyPath]], kept: Files) -> None:
+    """Read every file; one that cannot be read is a fault of the sweep file."""
+    faults = []
+    for _, path, location in paths:
+        try:
+            kept.text(path)
+        except InputError as error:
+            fault = error.faults[0]
+            faults.append(document.fault(location, f"{printable(path)} {fault.message}", fault.expected))
+    refuse(faults)
+
+
+def _scenarios(
+    document: Document, paths: list[tuple[str, str, KeyPath]], kept: Files, overrides: Mapping[str, Any]
+) -> dict[str, Scenario]:
+    """Every scenario of the sweep, by path; the profiles that they name are added to the texts."""
+    # a varied scenario comes after the one of all runs, and replaces it
+    named = [(path, location) for kind, path, location in paths if kind == "scenario"]
+    for path, location in named:
+        kept.document(path, document.fault(location, ""))
+    flown = [path for path, location in named if len(location) > 1] or [path for path, _ in named]
+    scenarios = {path: kept.scenario(path, overrides) for path in flown}
+    if not any(kind == "profile" for kind, *_ in paths):
+        for scenario in scenarios.values():
+            if scenario.profile_path is not None:
+                kept.text(scenario.profile_path)
+    return scenarios
+
+
+def _check_values(document: Document, keys: SweepKeys, sweep: Sweep) -> None:
+    """Read the scenario with each listed value: what its schema refuses is a fault of the sweep file."""
+    scenario = next(iter(sweep.scenarios), None)
+    faults: list[Fault] = []
+    checked: set[str] = set()
+    for name, value, location in _listed(keys):
+        token = f"{name}={json.dumps(value, sort_keys=True)}"
+        if name in FILES or token in checked:
+            continue
+        checked.add(token)
+        try:
+            sweep.kept.scenario(scenario, {**sweep.overrides, full_key(name): value})
+        except InputError as error:
+            faults += [document.fault(location, fault.message, fault.expected) for fault in error.faults]
+    refuse(list(dict.fromkeys(faults)))
+
+
+def _check_titles(document: Document, keys: SweepKeys, titles: Set[str]) -> None:
+    """Refuse varied keys that are neither a scenario's, nor c1, c2, …, nor the title of a parameter of any plan."""
+    known = [*sorted(filter(None, titles)), *ScenarioFile.__dataclass_fields__]
+    refuse(
+        [
+            document.fault(location, f"unknown key {name}", one_of(known, name))
+            for name, location, *_ in _varied_keys(keys)
+            if full_key(name) == f"parameters.{name}"
+            and name not in {*titles, *FILES}
+            and not re.fullmatch("c[0-9]+", name)
+        ]
+    )
+
+
+def _read_all(
+    document: Document, keys: SweepKeys, paths: list[tuple[str, str, KeyPath]], sweep: Sweep
+) -> tuple[Fault, ...]:
+    """Read every plan, profile and energy model once; what the first run is warned about."""
+    parsers: dict[str, Callable[[Text], Any]] = {"plan": PlanReader(), "profile": profile_of, "energy": parse_energy}
+    named: set[str] = set()
+    for kind, path, location in paths:
+        if path.endswith(f"/{SORTIES}"):
+            path = f"{path.removesuffix(SORTIES)}sortie-01.plan"
+        if kind in parsers:
+            _, content = sweep.kept.read(path, parsers[kind], document.fault(location, ""))
+            if kind != "energy":
+                read = content[0]
+                named |= {item.title for item in read.parameters} if kind == "plan" else set(read.names)
+    _check_titles(document, keys, named)
+    try:
+        return sweep.kept.load(sweep.run(0)).warnings
+    except InputError:
+        return ()  # a run that cannot be made is a row of the results

@@ -1,1 +1,0 @@
-"""Geometric checks of a plan over the whole range of its parameters."""

@@ -1,0 +1,145 @@
+"""A flight's folder: the planner's decisions line by line, what was forecast before take-off, the figure with marks."""
+
+from __future__ import annotations
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from eadp.api.flight import _copy_inputs, fly_flight, record_row
+from eadp.api.inputs import load_flight
+from eadp.io.text.streams import Text
+from eadp.papers.estimator import PowerEstimate
+from eadp.planning.base import DecisionRecord, Ending
+
+
+@pytest.fixture(scope="module")
+def written(root, tmp_path_factory):
+    """Folders and short flights by planner."""
+    base, found = tmp_path_factory.mktemp("flights"), {}
+    for planner in ("joint", "static"):
+        inputs = load_flight(
+            str(root / "plans/survey.plan"),
+            scenario=str(root / "scenarios/survey.yaml"),
+            overrides={"planner.name": planner, "time_limit_s": 30, "step_s": 0.05, "planner.joint.max_interval_s": 5},
+        )
+        flight = fly_flight(inputs, inputs.preflight())
+        folder = base / planner
+        flight.write(folder)
+        found[planner] = folder, flight
+    return found
+
+
+def test_each_decision_is_a_line(written):
+    folder, flight = written["joint"]
+    rows = [json.loads(line) for line in (folder / "decisions.jsonl").read_text(encoding="utf-8").splitlines()]
+    assert len(rows) == len(flight.decisions) > 2
+    at = DecisionRecord._fields.index("ending")
+    keys = [*DecisionRecord._fields[:at], *Ending._fields, *DecisionRecord._fields[at + 1 :]]
+    for row, record in zip(rows, flight.decisions, strict=True):
+        assert list(row) == keys
+        assert row["time_s"] == pytest.approx(record.time_s, abs=1e-9)
+        assert row["parameters"] == dict(zip(("c1", "c2"), record.parameters, strict=True))
+        assert row["wind_mps"] == list(record.wind_mps)
+        assert row["soc_end"] == record.ending.soc_end
+        assert row["reason"] == record.reason
+        assert 0 <= row["reserve_probability"] <= row["completes_probability"] <= 1
+    assert (folder / "decisions.jsonl").read_bytes().endswith(b"\n")
+
+
+def test_a_row_keeps_what_is_not_known_as_null(written):
+    record = written["joint"][1].decisions[0]
+    row = record_row(record, ("c1", "c2"))
+    assert (row["home_reachable"], row["point_of_no_return_s"]) == (None, None)
+    assert json.loads(json.dumps(row, allow_nan=False))["home_reachable"] is None
+
+
+def test_inputs_of_one_name_are_all_kept(tmp_path):
+    names = [f"{folder}/{'n' * 240}" for folder in "abc"] + ["d/overrides.txt", "e/plan", "f/kind5-x", "<stdin>"]
+    kinds = ["plan", "scenario", "profile", *[f"kind{i}" for i in range(3, 7)]]
+    texts = {kind: Text(name, kind) for kind, name in zip(kinds, names, strict=True)}
+    _copy_inputs(tmp_path / "inputs", texts, ["vehicle.name=\udcff"])
+    files = {path.name: path.read_bytes().decode("ascii", "ignore") for path in (tmp_path / "inputs").iterdir()}
+    assert files.pop("overrides.txt") == "vehicle.name=\n"
+    assert sorted(files.values()) == sorted(kinds)
+
+
+def test_a_planner_without_records_has_no_file_of_them(written):
+    assert not (written["static"][0] / "decisions.jsonl").exists()
+
+
+@pytest.mark.parametrize("planner", ["joint", "static"])
+def test_the_forecast_of_take_off(written, planner):
+    folder, flight = written[planner]
+    kept = json.loads((folder / "summary.json").read_text(encoding="utf-8"))["energy_forecast"]
+    assert kept == flight.summary["energy_forecast"]
+    assert set(kept) == {
+        "completes", "completes_probability", "reserve_probability", "time_s", "time_std_s", "energy_wh",
+        "energy_std_wh", "computing_wh", "soc_end", "soc_end_std", "parameters", "quality", "turn_back_s",
+        "turn_back_m", "batteries", "reach_share", "reach_s", "reach_m", "obstacles", "stages",
+    }  # fmt: skip
+    assert kept["completes"] == (kept["completes_probability"] >= 0.5)
+    assert [stage["stage"] for stage in kept["stages"]] == [1, 2, 3, 4]
+    assert sum(stage["time_s"] for stage in kept["stages"]) == pytest.approx(kept["time_s"])
+    assert sum(stage["energy_wh"] for stage in kept["stages"]) == pytest.approx(kept["energy_wh"])
+    assert set(kept["parameters"]) == {"c1", "c2"}
+
+
+def test_without_a_forecast_there_is_none(root):
+    inputs = load_flight(
+        str(root / "plans/survey.plan"),
+        scenario=str(root / "scenarios/paper-i-dynamic.yaml"),
+        overrides={"time_limit_s": 2},
+    )
+    expected = inputs.preflight()
+    summary = fly_flight(inputs, expected).summary
+    assert (expected is None) == bool(inputs.world.battery.prescribed)
+    assert (summary["energy_forecast"] is None) == (expected is None)
+
+
+def test_the_figure_is_written_with_marks_where_there_are_decisions(written):
+    for planner in ("joint", "static"):
+        folder = written[planner][0]
+        assert (folder / "flight.png").read_bytes().startswith(b"\x89PNG")
+        assert "<svg" in (folder / "flight.svg").read_text(encoding="utf-8")
+    decided = {record.parameters for record in written["joint"][1].decisions}
+    assert decided - {(0.0, 10.0)}, "there is something to mark"
+    drawn = [(written[planner][0] / "flight.svg").read_text(encoding="utf-8").count("<use ") for planner in written]
+    assert drawn[0] > drawn[1]
+
+
+@pytest.mark.parametrize("planner", ["joint", "static"])
+def test_the_estimate_follows_the_flight(written, planner):
+    folder, flight = written[planner]
+    with (folder / "estimate.csv").open(encoding="utf-8", newline="") as stream:
+        rows = [{key: float(cell) for key, cell in row.items()} for row in csv.DictReader(stream)]
+    assert len(rows) > 250
+    columns, battery = flight.columns, flight.inputs.world.battery
+    steps = [{key: values[i] for key, values in columns.items()} for i in range(len(columns["time_s"]))]
+    for row, step in zip(rows[-200:], steps[-200:], strict=True):
+        assert 0 <= step["time_s"] - row["time_s"] < 0.1 + 1e-6, "the reading before the logged moment"
+        state = [row[f"q{i}_w"] for i in range(7)]
+        assert row["computing_w"] == pytest.approx(4.75376 + (9.75462 - 4.75376) * (step["c2"] - 2) / 8, abs=1)
+        assert row["battery_wh"] == pytest.approx(step["soc"] * battery.capacity_ah * battery.voltage_v, abs=1e-5)
+        assert row["power_limit_w"] == pytest.approx(battery.voltage_v**2 / (4 * battery.resistance_ohm), rel=1e-5)
+        assert row["horizon_s"] == row["period_s"], "a planner without a horizon of its own looks one period ahead"
+        assert row["forecast_12_w"] - row["forecast_0_w"] == pytest.approx(0, abs=1), "a period later it is the same"
+        assert row["forecast_0_w"] == pytest.approx(sum(state[:1] + state[1::2]) + row["computing_w"], abs=1)
+    error = [row["forecast_0_w"] - step["power_w"] for row, step in zip(rows[-200:], steps[-200:], strict=True)]
+    assert np.median(np.abs(error)) < 0.3
+
+
+def test_forecasts_are_at_parts_of_the_horizon():
+    estimate = PowerEstimate(5.0, 40.0, np.array([30.0, 3.0, 4.0, 0.0, 0.0]), 1.0, 9.0, 20.0)
+    angle = 2 * np.pi / 40 * np.arange(13) * 20 / 12
+    assert estimate.horizon_w() == pytest.approx(39 + 3 * np.cos(angle) + 4 * np.sin(angle))
+
+
+def test_the_published_filter_follows_at_the_default_rate(root):
+    overrides = {"estimator.kind": "published", "time_limit_s": 90}
+    scenario = str(root / "scenarios/survey.yaml")
+    inputs = load_flight(str(root / "plans/survey.plan"), scenario=scenario, overrides=overrides)
+    columns = fly_flight(inputs).columns
+    assert np.median(np.abs(columns["power_forecast_w"] - columns["power_w"])) < 0.2

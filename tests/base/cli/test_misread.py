@@ -1,0 +1,380 @@
+"""Inputs that seem to mean something else than they say: an error or a warning that says so."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+
+import pytest
+from common.answers import refused
+
+from eadp.exchange.writer import EXPORTS
+from eadp.io.plan.reader import read_plan
+from eadp.io.text.streams import read_text
+from eadp.models.plan.trace import nominal_legs
+
+MEADOW = ("plans/meadow.geojson", "--min-radius", "30", "--swath", "30")
+
+
+# --- names of files
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("cover", "FILE", "--min-radius", "30", "--swath", "30"),
+        ("cover", *MEADOW, "--avoid", "FILE"),
+        ("plan", "FILE"),
+        ("profile", "FILE"),
+        ("fit", "FILE"),
+        ("simulate", "FILE"),
+        ("simulate", "plans/survey.plan", "--profile", "FILE"),
+        ("simulate", "plans/survey.plan", "--energy", "FILE"),
+        ("simulate", "plans/survey.plan", "--scenario", "FILE"),
+        ("sweep", "FILE"),
+        ("replan", "plans/survey.plan", "--telemetry", "FILE"),
+        ("export", "FILE", "--to", "kml"),
+        ("vehicle", "FILE"),
+        ("report", "FILE"),
+    ],
+    ids=" ".join,
+)
+def test_names_that_no_file_can_have(eadp, tmp_path, command):
+    os.symlink(tmp_path / "loop", tmp_path / "loop")
+    for name in (tmp_path / "loop", "x" * 300, "a\0b"):
+        assert refused(eadp(*(name if word == "FILE" else word for word in command)))
+
+
+def test_outputs_that_no_file_can_be_are_refused_before_any_is_written(eadp, tmp_path):
+    plan, picture = tmp_path / "a.plan", f"{'x' * 300}.svg"
+    assert refused(eadp("cover", *MEADOW, "-o", plan, "--plot", picture), "cannot be written: File name too long")
+    assert not plan.exists()
+
+
+# --- settings
+
+SHORT = ("simulate", "plans/survey.plan", "--scenario", "scenarios/survey.yaml", "--set", "time_limit_s=1", "--set")
+PLACED = "%: origin 55.37 10.43\n0.1; 90; x\n0, 400\n"
+
+
+@pytest.mark.parametrize(
+    ("setting", "expected"),
+    [
+        ("battery.capacity_ah=3200", "less than or equal to 1000"),  # mAh
+        ("battery.voltage_v=14800", "less than or equal to 1000"),  # mV
+        ("battery.resistance_ohm=50", "less than or equal to 10"),  # mΩ
+        ("battery.soc=95", "less than or equal to 1"),  # per cent
+        ("reserve_soc=10", "less than 1"),
+        ("faults=[{at_s: 9, soc_drop: 6}]", "less than or equal to 1"),
+        ("faults=[{at_s: 9, soc_drop: -0.06}]", "greater than or equal to 0"),
+        ("vehicle.airframe.mass_kg=1200", "less than or equal to 500"),  # g
+        ("vehicle.airframe.wing_area_m2=3200", "less than or equal to 100"),  # cm²
+        ("vehicle.airframe.max_bank_deg=0.78", "greater than or equal to 2"),  # rad
+        ("vehicle.airframe.max_climb_rate_mps=600", "less than or equal to 100"),  # ft/min
+        ("vehicle.airframe.roll_time_constant_s=300", "less than or equal to 30"),  # ms
+        ("vehicle.airframe.air_density_kgpm3=1225", "less than or equal to 2"),  # g/m³
+        ("vehicle.airframe.airspeed_mps=54", "an aeroplane that can fly so"),  # km/h
+        ("wind.speed_mps=20", "a wind below the airspeed"),  # km/h
+        ("wind.gust_std_mps=150", "less than or equal to 100"),
+        ("wind.from_deg=2700", "less than or equal to 360"),
+        ("start.heading_deg=-1800", "greater than or equal to -360"),
+        ("start.altitude_m=100000", "less than or equal to 30000"),  # mm
+        ("wind.speed_mps=6,5", "a number with a decimal point, as in 6.5"),
+        ("c1=-500,5", "a number with a decimal point, as in -500.5"),
+        ("c1=2026-11-23", "a number"),
+        ("guidance.wind_corrected=yes", "true or false"),
+    ],
+)
+def test_settings_in_other_units(eadp, setting, expected):
+    assert refused(eadp(*SHORT, setting), f"; expected {expected}")
+
+
+@pytest.mark.parametrize(
+    ("setting", "message"),
+    [
+        (
+            "battery.capacity_ah=850",
+            "850 Ah, which are 1.258e+04 Wh, in an aircraft of 1.2 kg; expected at most 500 Wh/kg",
+        ),
+        ("wind.gust_std_mps=15", "gusts with a standard deviation of 15 m/s, at an airspeed of 15 m/s"),
+    ],
+)
+def test_settings_that_are_possible_and_unlikely(eadp, setting, message):
+    answer = eadp(*SHORT, setting)
+    assert answer.out
+    assert f"--set {setting.partition('=')[0]}:1:1: warning: {message}" in answer.err
+
+
+SURVEY = ("plans/meadow.geojson", "--pattern", "dubins", "--vehicle", "vehicles/foam-wing.yaml")
+CAMERA = {"--altitude": 80, "--sensor-width-mm": 6.3, "--sensor-height-mm": 4.7, "--focal-length-mm": 4.5}
+
+
+def surveyed(**changed):
+    """A coverage with a camera, some of its options changed."""
+    options = CAMERA | {"--side-overlap": 60} | {f"--{key.replace('_', '-')}": value for key, value in changed.items()}
+    return ("cover", *SURVEY, *(str(word) for pair in options.items() for word in pair))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (surveyed(), 0, ""),
+        (
+            surveyed(home="10.333,55.4715"),
+            2,
+            "which is at 55.47° N, 10.33° E; expected LAT,LON in that order: here or",
+        ),
+        (
+            surveyed(heading=1.57),
+            0,
+            "--heading:1:1: warning: 1.57°, an angle of a few degrees; expected degrees: 1.57",
+        ),
+        (
+            surveyed(wind="4,4.19"),
+            0,
+            "--wind:1:1: warning: 4.19°, an angle of a few degrees; expected degrees: 4.19",
+        ),
+        (surveyed(home="55.4715,10.333", landing="home"), 2, "--landing:1:1: error: no place and heading; expected"),
+        (
+            surveyed(landing="55.4715,10.333,4.19"),
+            0,
+            "--landing:1:1: warning: 4.19°, an angle of a few degrees; expected degrees: 4.19",
+        ),
+        (surveyed(sensor_width_mm=2.35), 0, "2.35 mm, smaller than a 1/4-inch sensor; expected as 6.2 mm"),
+        (surveyed(sensor_width_mm=0.0063), 2, "--sensor-width-mm:1:1: error: 0.0063 is out of range"),  # m
+        (
+            surveyed(focal_length_mm=26),
+            0,
+            "26 mm with a sensor of 6.3 mm, which spans 14°; expected the lens's own",
+        ),
+        (
+            surveyed(altitude=300),
+            0,
+            "300 m, above the 120 m that most rules allow; expected metres: 300 ft are 91",
+        ),
+        (("cover", *SURVEY, "--gsd", "4", "--camera", "sony-rx0"), 0, ""),
+        (
+            ("cover", *SURVEY, "--gsd", "5", "--camera", "sony-rx0"),
+            0,
+            "5 cm a pixel are seen from 140 m, above the 120 m that most rules allow; expected at most 4.28 cm",
+        ),
+        (surveyed(side_overlap=0.7), 2, "0.7 %; expected percent from 1 to 99, as 70"),
+        (
+            surveyed(forward_overlap=95),
+            0,
+            "each 4.18 m, which are 0.28 s on the fastest lines; expected 0.5 s, as most cameras",
+        ),
+        (
+            surveyed(forward_overlap=80, picture_interval=2),
+            0,
+            "1.1 s on the fastest lines; expected the camera's 2 s",
+        ),
+        (surveyed(min_radius=15), 0, "which the aircraft holds not even in calm air; in 0 m/s it needs"),
+        (
+            surveyed(wind="20,240"),
+            2,
+            "a wind of 20 m/s, no slower than the aircraft; expected less than its 15 m/s; 20 km/h are 5.56 m/s",
+        ),  # km/h
+        (surveyed(wind="4,2400"), 2, "a bearing of 2400°; expected 0 to 360"),
+        ((*SHORT, "battery.capacity_ah=5000"), 2, "5000; expected less than or equal to 1000: 5000 mAh are 5 Ah"),
+        ((*SHORT, "battery.soc=95"), 2, "95; expected less than or equal to 1: 95 % are 0.95"),
+        ((*SHORT, "start.heading_deg=1.57"), 0, "start.heading_deg:1:1: warning: 1.57°, an angle of a few degrees"),
+    ],
+)
+def test_what_was_probably_meant(eadp, arguments, code, said):
+    """A warning where a value may be right, an error where it cannot."""
+    answer = eadp(*arguments)
+    refused(answer) if code else answer
+    assert said in answer.err
+    assert (answer.err == "") == (said == ""), answer.err
+
+
+def test_times_without_a_wind_are_for_calm_air(eadp):
+    assert "wind       none: times are for calm air" in eadp(*surveyed(), "--format", "text").out
+    assert "wind       4 m/s; times are in it" in eadp(*surveyed(wind="4,240"), "--format", "text").out
+
+
+@pytest.mark.parametrize(
+    ("body", "warning"),
+    [
+        ("battery: {capacity_ah: 850}", "2:11: warning: 850 Ah, which are"),
+        ("airframe: {model: power-curve, points: [[36, 15], [50, 20]]}", "2:32: warning: points from 36 to 50 m/s"),
+    ],
+)
+def test_an_aircraft_that_is_possible_and_unlikely(eadp, tmp_path, body, warning):
+    file = tmp_path / "v.yaml"
+    file.write_text(f"schema: eadp.vehicle/1\n{body}\n")
+    answer = eadp("vehicle", file)
+    assert answer.out
+    assert f"{file}:{warning}" in answer.err
+
+
+def test_a_field_is_covered_by_an_aircraft_that_can_fly_so(eadp, tmp_path):
+    """An airspeed in km/h takes more than the motor has."""
+    wing = tmp_path / "wing.yaml"
+    wing.write_text("schema: eadp.vehicle/1\nairframe: {model: fixed-wing, airspeed_mps: 58, max_power_w: 400}\n")
+    answer = eadp("cover", *SURVEY, "--vehicle", wing, "--swath", 40)
+    assert refused(answer, "of a motor of 400 W; expected an aeroplane that can fly so")
+
+
+@pytest.mark.parametrize("option", ["--sensor-width-mm", "--focal-length-mm"])
+def test_a_camera_in_metres(eadp, option):
+    camera = {"--altitude": "100", "--sensor-width-mm": "13.2", "--focal-length-mm": "8.8", option: "0.0132"}
+    words = [word for pair in camera.items() for word in pair]
+    assert refused(
+        eadp("cover", "plans/meadow.geojson", "--min-radius", "30", *words), f"{option}:1:1: error: 0.0132 is"
+    )
+
+
+# --- places
+
+
+def test_latitude_and_longitude_swapped(eadp, tmp_path):
+    plan = tmp_path / "placed.plan"
+    plan.write_text(PLACED)
+    home = ("--set", "home.lat_deg=10.43", "--set", "home.lon_deg=55.37")
+    assert refused(
+        eadp("simulate", plan, *home), "too far from the plan's origin, but near it with lon_deg and lat_deg"
+    )
+    assert refused(eadp("export", plan, "--to", "kml", "--home", "10.43,55.37"), "--home:1:1", "LAT,LON in that order")
+    assert refused(eadp("cover", *MEADOW, "--home", "10.43,55.37"), "--home:1:1", "LAT,LON in that order")
+    zone = tmp_path / "zone.csv"
+    zone.write_text("lat,lon\n10.43,55.37\n10.44,55.37\n10.44,55.38\n")
+    for option in ("--avoid", "--inside"):
+        answer = eadp("cover", *MEADOW, option, zone)
+        assert refused(answer, "zone.csv:2:1: error: lies near the field or plan if longitude and latitude are swapped")
+
+
+def test_metres_of_a_grid(eadp, tmp_path):
+    """A plan in coordinates of a UTM zone: at home in its own metres, and nowhere near a place on the earth."""
+    plan, placed, pole = tmp_path / "utm.plan", tmp_path / "placed.plan", tmp_path / "pole.csv"
+    grid = [(492_000 + x, 5_393_700 + y) for x, y in ((0, 0), (300, 0), (300, 200), (0, 200))]
+    (tmp_path / "field.csv").write_text("".join(f"{x},{y}\n" for x, y in grid))
+    pole.write_text("x_m,y_m\n492140,5393790\n492160,5393790\n492150,5393810\n")
+    assert eadp("cover", tmp_path / "field.csv", *MEADOW[1:], "-o", plan).code == 0
+    # lines pass through a pole that was not known
+    flown = eadp("simulate", plan, "--avoid", pole, "--planner", "static")
+    assert (flown.code, "entered obstacle 1" in flown.out + flown.err) == (1, True)
+    for to in EXPORTS:
+        far = eadp("export", plan, "--to", to, "--origin", "48.7,8.9")
+        assert refused(far, "--origin:1:1: error: the path reaches 5416 km from the origin, 48.70° N, 8.90° E")
+    placed.write_text(f"%: origin 48.7 8.9\n{plan.read_text()}")
+    for command in (("plan", placed), ("simulate", placed), ("export", placed, "--to", "kml")):
+        assert refused(eadp(*command), f"{placed}:1:11: error: the plan reaches 5416 km from there")
+    home = eadp("cover", tmp_path / "field.csv", *MEADOW[1:], "--home", "0,0")
+    assert refused(home, "km from the field; expected 50 km or less")
+
+
+def test_degrees_for_metres(eadp, tmp_path):
+    plan = tmp_path / "placed.plan"
+    plan.write_text(PLACED)
+    answer = eadp("simulate", plan, "--set", "home.position_m=[55.37, 10.43]", "--set", "time_limit_s=1")
+    assert "--set home.position_m:1:1: warning: (55.37, 10.43) m, which are the degrees of the plan's" in answer.err
+
+
+# --- numbers that are printed as edges
+
+
+@pytest.mark.parametrize(("radius", "swath"), [("30", "30"), ("12", "25"), ("40", "21"), ("20", "30")])
+def test_laps_are_saved_at_the_numbers_that_are_printed(eadp, tmp_path, radius, swath):
+    field, file = tmp_path / "field.csv", tmp_path / "field.plan"
+    field.write_text("x_m,y_m\n0,0\n600,0\n600,200\n250,200\n250,500\n0,500\n")
+    options = ("--min-radius", radius, "--swath", swath, "--pattern", "zamboni")
+    answer = eadp("cover", field, *options, "-o", file)
+    printed = next(line for line in answer.out.splitlines() if line.startswith("laps")).partition("spacing of ")[2]
+    spacings = printed.removesuffix(" m on").split(", ")
+    plan, _ = read_plan(read_text(str(file)))
+    box, item = plan.hull(0), plan.parameters[0]
+    legs = [len(nominal_legs(plan, (c1,))) for c1 in (0.0, *(item.of_shown(float(m), box) for m in spacings))]
+    assert all(fewer < more for more, fewer in itertools.pairwise(legs))
+    assert f"from a spacing of {printed}\n" in file.read_text()
+
+
+def test_the_ends_of_a_set_are_printed_so_that_they_are_in_it(eadp, tmp_path):
+    plan = tmp_path / "a.plan"
+    plan.write_text("0.1; 90; x - c1\n0, 400\n[-694.539806, 0]\n")
+    assert refused(eadp("simulate", plan, "--set", "c1=-694.54"), "c1 = -694.54 is", "a value in [-694.539806, 0]")
+
+
+# --- texts and tables
+
+LOG = [(0.5 * i, 30 + 5 * math.cos(0.25 * i)) for i in range(400)]
+
+
+def table(head, rows, mark=","):
+    return "\n".join([head, *(mark.join(map(str, row)) for row in rows)]) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("command", "body", "message"),
+    [
+        ("plan", "0,1; 90; x - c1\n0, 400\n[-10, 10]\n", "1:2: error: ',' cannot stand here"),
+        ("plan", "0.1; 90; x - 0,5*c1\n0, 400\n[-10, 10]\n", "1:15: error: ',' cannot stand here"),
+        ("plan", "0.1; 90; x - c1\n0, 400\n[-10,5, 10]\n", "3:7: error: ',' cannot stand here"),
+        ("plan", "%: origin 55,37 10,43\n0.1; 90; x\n0, 400\n", "1:11: error: no origin"),
+        ("plan", "%: origin 155.37 10.43\n0.1; 90; x\n0, 400\n", "latitude and longitude seem to be swapped"),
+        ("plan", "0.1; 1.5708; x\n0, 400\n", "expected a rotation of 90 or 270"),
+        ("profile", "fps,power_w\n2,5,5,1\n3,6\n", "2:5: error: 4 fields; expected 2"),
+        (
+            "profile",
+            'fps,power_w\n"2,5",5\n3,6\n',
+            "2:1: error: 2,5 is not a number; expected a decimal point, as in 2.5",
+        ),
+        ("profile", "fps,power_w\n2,5\n3,-6\n", "3:3: error: a power of -6 W"),
+        ("profile", "time_s,stage,x_m,y_m,power_w\n0,1,2,3,4\n1,1,2,4,4\n", "1:14: error: x_m is a position"),
+        ("profile", "lat_deg,lon_deg,power_w\n0,1,2\n1,1,2\n", "1:1: error: lat_deg is a position"),
+        ("fit", table("time,power", LOG), "1:1: error: time has no unit"),
+        ("fit", table("timestamp,power_w", LOG), "error: a row every 5e-07 s, if timestamp is in µs"),
+    ],
+)
+def test_texts_that_mean_something_else(eadp, tmp_path, command, body, message):
+    file = tmp_path / "file"
+    file.write_text(body)
+    assert refused(eadp(command, file), message)
+
+
+@pytest.mark.parametrize(
+    ("command", "body", "message"),
+    [
+        ("plan", "0.1; 90; x\n0,5, 400\n", "2:1: warning: a trigger with a radius of 400 m, or a decimal comma"),
+        ("plan", "0.1; 90; x\n0, 400,5\n", "2:1: warning: a trigger with a radius of 5 m, or a decimal comma"),
+        ("plan", "0.1; 90; x\n0, 400, 5\n", ""),
+        ("plan", "0.1; 90; x\n0,400,5\n", ""),
+        ("profile", "fps,power_w\n2,500\n3,6000\n", "3:3: warning: a power of 6000 W; expected at most 1000 W"),
+        ("fit", table("time_s,power_w", LOG), ""),
+        (
+            "fit",
+            table("time_s,power_w", [(1000 * t, p) for t, p in LOG]),
+            "1:1: warning: a row every 500 s, over 55.4 h",
+        ),  # ms
+        (
+            "fit",
+            table("time_s,power_w", [(t, 1000 * p) for t, p in LOG]),
+            "1:1: warning: a mean power of 2.998e+04 W",
+        ),  # mW
+        (
+            "fit",
+            table("time_s,voltage_v,current_a", [(t, 15, 70 * p) for t, p in LOG]),
+            "warning: a mean power of",
+        ),  # mA
+        ("fit", table("time_s,power_w", [(t, -p) for t, p in LOG]), "1:1: warning: a mean power of -29.98 W"),
+    ],
+)
+def test_texts_that_may_mean_something_else(eadp, tmp_path, command, body, message):
+    file = tmp_path / "file"
+    file.write_text(body)
+    answer = eadp(command, file)
+    assert answer.out
+    assert message in answer.err
+    assert message or not answer.err
+
+
+@pytest.mark.parametrize("value", ["-500,5", "2026-11-23", "-5000"])
+def test_parameters_of_a_plan_are_checked_though_nothing_is_drawn(eadp, value):
+    assert refused(eadp("plan", "plans/survey.plan", "--set", f"c1={value}"), "--set:1:4")
+
+
+@pytest.mark.parametrize("option", [("--wind", "5,2700"), ("--wind", "6,5,270"), ("--heading", "450")])
+def test_bearings_of_a_coverage(eadp, option):
+    assert refused(eadp("cover", *MEADOW, *option), f"{option[0]}:1:1: error")

@@ -1,0 +1,92 @@
+"""A survey pilot's field on a slope: the first line at its altitude, and landings on headings near the wind."""
+
+import re
+
+import numpy as np
+import pytest
+from common import ROOT, few
+
+import eadp
+from eadp.core.geometry.geodesy import compass_deg
+from eadp.models.plan.stage import LOITER_TO_ALTITUDE
+
+PILOT = ROOT.parent / "shared/reference/pilot"
+pytestmark = pytest.mark.skipif(not PILOT.exists(), reason="the pilot's inputs are not here")
+HOME, PLACE = "48.6973022,8.8904725", "48.6976619,8.8907447"
+CAMERA = {"camera": "sony-a6000-20mm", "gsd_cm": 2.0, "side_overlap": 65.0, "forward_overlap": 70.0}
+WIND_DEG = 250
+TRIGGER = 206
+
+
+def covered(scenario=None, warn=lambda _: None, **given):
+    options = eadp.CoverageOptions(home=HOME, **CAMERA, **given)
+    return eadp.cover(PILOT / "field.geojson", options, scenario=scenario or PILOT / "day.yaml", warn=warn)
+
+
+def scenario_of(folder, autopilot):
+    """The pilot's day with an autopilot."""
+    text = re.sub(r"(?m)^(vehicle|profile): ", rf"\1: {PILOT}/", (PILOT / "day.yaml").read_text())
+    (folder / "day.yaml").write_text(f"{text}autopilot: {autopilot}\n")
+    return folder / "day.yaml"
+
+
+@pytest.mark.parametrize("pattern", few(["dubins", "zamboni"], 1))
+def test_no_picture_is_taken_in_the_climb(pattern):
+    found = covered(pattern=pattern)
+    flight = eadp.simulate(found.plan, scenario=PILOT / "day.yaml", seed=1, warn=lambda _: None)
+    on = [bool(stage.command(TRIGGER) and stage.command(TRIGGER)[1]) for stage in found.plan.stages]
+    first = flight.columns["stage"].astype(int) > on.index(True)
+    altitude_m = found.pictures.altitude_m
+    assert flight.columns["altitude_m"][first].min() >= 0.97 * altitude_m
+    assert flight.columns["altitude_m"][~first].min() < 0.1 * altitude_m, "it takes off at home"
+
+
+def lands(heading_deg, scenario=None):
+    return covered(scenario, landing=f"{PLACE},{heading_deg}", terrain=[str(PILOT / "ground.tif")])
+
+
+@pytest.mark.parametrize("turn_deg", few([15, -5, 0, -20, -15, -10, 5, 10, 20], 2))
+def test_headings_near_the_wind_are_landed_on_over_the_slope(turn_deg):
+    """The ground rises by 5 % from where it lands; the flight comes down on a circle where the way is too short."""
+    found = lands(WIND_DEG + turn_deg)
+    profile = found.heights.profile
+    above_m = profile.flown_m - profile.ground_m
+    *_, circle, approach = found.plan.stages
+    before = profile.samples.legs < profile.samples.legs[-1]
+    assert above_m[np.maximum.accumulate(above_m >= 20) & before].min() >= 20 - 0.01
+    (x0, y0), (x1, y1) = circle.trigger_at(()), approach.trigger_at(())
+    assert compass_deg(np.arctan2(y1 - y0, x1 - x0)) % 360 == pytest.approx(WIND_DEG + turn_deg, abs=0.01)
+    flight = eadp.simulate(
+        found.plan, scenario=PILOT / "day.yaml", seed=1, warn=lambda _: None, terrain=[str(PILOT / "ground.tif")]
+    )
+    up_m = flight.columns["altitude_m"] - flight.columns["ground_m"]
+    there = flight.columns["stage"].astype(int)
+    begins = there == len(found.plan.stages)
+    climbed = np.maximum.accumulate(up_m >= 20)
+    assert up_m[climbed & ~begins].min() >= 19, "of the clearance of 20 m, in gusts"
+    # the height that the flight has above where the approach is planned to begin: within the tolerance of lines
+    assert flight.columns["altitude_m"][begins][0] - circle.altitude_m <= 0.1 * found.pictures.altitude_m
+    if circle.command(LOITER_TO_ALTITUDE):
+        assert flight.columns["altitude_m"][there < len(found.plan.stages) - 1][-1] > circle.altitude_m
+
+
+@pytest.mark.parametrize("heading_deg", few([250, 240, 265], 1))
+def test_an_advised_heading_is_one_on_which_it_lands(heading_deg, tmp_path):
+    """PX4's approaches of 5° do not clear a slope of 5 % on every heading."""
+    scenario = scenario_of(tmp_path, "{kind: px4}")
+    with pytest.raises(eadp.Infeasible) as refused:
+        lands(heading_deg, scenario)
+    works = re.match(r"a heading of (\d+)°", refused.value.advice)[1]
+    found = lands(int(works), scenario)
+    *_, before, last = found.plan.stages
+    length_m = np.hypot(*np.subtract(before.trigger_at(()), last.trigger_at(())))
+    assert (before.altitude_m - last.altitude_m) / length_m <= np.tan(np.radians(5.1))
+
+
+def test_a_landing_with_the_wind_behind_is_a_warning():
+    said = []
+    covered(warn=said.extend, landing=f"{PLACE},70")
+    (fault,) = [each for each in said if "wind behind" in each.message]
+    assert fault.severity == "warning"
+    assert "6.0 m/s" in fault.message
+    assert "250°" in fault.expected

@@ -1,0 +1,148 @@
+"""The Fourier state against scipy's matrix exponential and against the series written out term by term."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from forecast_variance import forecast_w
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import expm
+
+from eadp.core.harmonics import (
+    coefficients_of_state,
+    output_row,
+    phases_of_state,
+    rotated,
+    rotation_matrix,
+    signal_w,
+    state_of_phases,
+)
+
+EXACT = 1e-9  # of Lemma III.1, in watts on a signal of some 30 W
+
+orders = st.integers(min_value=0, max_value=6)
+periods_s = st.floats(min_value=0.5, max_value=500)
+watts = st.floats(min_value=-50, max_value=50)
+
+
+def system_matrix(order: int, period_s: float) -> np.ndarray:
+    """A of the letter's Eq. 6, entry by entry: q̇ = A q."""
+    matrix = np.zeros((2 * order + 1, 2 * order + 1))
+    for j in range(1, order + 1):
+        matrix[2 * j - 1, 2 * j] = 2 * math.pi / period_s * j
+        matrix[2 * j, 2 * j - 1] = -2 * math.pi / period_s * j
+    return matrix
+
+
+def series_w(t: float, a: list[float], b: list[float], period_s: float) -> float:
+    """h(t) of the letter's Eq. 3, term by term."""
+    total = a[0] / period_s
+    for j in range(1, len(a)):
+        angle = 2 * math.pi * j * t / period_s
+        total += 2 / period_s * (a[j] * math.cos(angle) + b[j - 1] * math.sin(angle))
+    return total
+
+
+def test_states_ahead_are_the_matrix_exponentials() -> None:
+    state, ahead_s = [30.0, 2.0, -1.0, 0.5, 0.3], np.array([0.0, 1.5, 40.0, -7.0])
+    for one, step_s in zip(rotated(state, 46.0, ahead_s), ahead_s, strict=True):
+        assert one == pytest.approx(expm(system_matrix(2, 46.0) * step_s) @ state, abs=EXACT)
+    assert rotated([30.0], 46.0, ahead_s).tolist() == [[30.0]] * 4
+    assert rotated([30.0], None, ahead_s[:2]).tolist() == [[30.0]] * 2
+
+
+def test_output_row() -> None:
+    assert output_row(0).tolist() == [1]
+    assert output_row(3).tolist() == [1, 1, 0, 1, 0, 1, 0]
+
+
+def state_of_coefficients(a, b, period_s: float):
+    """q0 = (1/T) [a0, 2a1, 2b1, …]: the start that makes letter's Eqs. 3 and 4 one signal (Lemma III.1, corrected)."""
+    return np.array([a[0], *(2 * part for pair in zip(a[1:], b, strict=True) for part in pair)]) / period_s
+
+
+@given(orders, periods_s, st.floats(min_value=-100, max_value=100))
+def test_rotation_is_the_matrix_exponential(order: int, period_s: float, step_s: float) -> None:
+    step_s = min(step_s, 3 * period_s)  # expm itself loses digits over many turns
+    step_s = max(step_s, -3 * period_s)
+    expected = expm(system_matrix(order, period_s) * step_s)
+    np.testing.assert_allclose(rotation_matrix(order, period_s, step_s), expected, atol=1e-10)
+
+
+def test_the_other_way_round_is_not_the_matrix_exponential() -> None:
+    # the trap: its transpose is orthogonal too and comes back after a period
+    flipped = rotation_matrix(3, 46.0, 1.5).T
+    np.testing.assert_allclose(flipped @ flipped.T, np.eye(7), atol=1e-12)
+    assert np.max(np.abs(flipped - expm(system_matrix(3, 46.0) * 1.5))) > 0.1
+
+
+@given(st.data(), orders, periods_s, st.floats(min_value=0, max_value=1000))
+def test_lemma_of_signal_and_output(data: st.DataObject, order: int, period_s: float, t: float) -> None:
+    t = min(t, 5 * period_s)
+    a = data.draw(st.lists(watts, min_size=order + 1, max_size=order + 1))
+    b = data.draw(st.lists(watts, min_size=order, max_size=order))
+    scale = max(1.0, max(map(abs, [*a, *b])) / period_s)
+    expected = series_w(t, a, b, period_s)
+    start = state_of_coefficients(a, b, period_s)
+    output = output_row(order) @ expm(system_matrix(order, period_s) * t) @ start
+    assert output == pytest.approx(expected, abs=EXACT * scale), "y = C e^{At} q0 is h"
+    assert forecast_w(start, period_s, t) == pytest.approx(expected, abs=EXACT * scale)
+    assert signal_w(t, a, b, period_s) == pytest.approx(expected, abs=EXACT * scale)
+
+
+def test_the_printed_start_is_another_signal() -> None:
+    a, b, period_s = [30 * 46.0, 20.0, 8.0], [-11.0, 5.0], 46.0
+    times = np.linspace(0, 92, 200)
+    printed = np.array([a[0], a[1] / 2, b[0] / 2, a[2] / 2, b[1] / 2]) / period_s
+    signal = signal_w(times, a, b, period_s)
+    assert np.max(np.abs(forecast_w(printed, period_s, times) - signal)) > 0.5
+    corrected = state_of_coefficients(a, b, period_s)
+    assert np.max(np.abs(forecast_w(corrected, period_s, times) - signal)) < EXACT
+
+
+def test_a_forecast_is_as_many_steps_of_the_state() -> None:
+    state, period_s = np.array([36.0, 2.0, -1.0, 0.5, 0.25]), 45.8
+    step = rotation_matrix(2, period_s, 0.37)
+    stepped = []
+    for _ in range(400):
+        stepped.append(float(output_row(2) @ state))
+        state = step @ state
+    first = np.array([36.0, 2.0, -1.0, 0.5, 0.25])
+    np.testing.assert_allclose(forecast_w(first, period_s, 0.37 * np.arange(400)), stepped, atol=1e-10)
+
+
+def test_many_times_at_once_keep_their_shape() -> None:
+    times = np.arange(6.0).reshape(2, 3)
+    assert forecast_w([30.0, 1.0, 2.0], 10.0, times).shape == (2, 3)
+    assert signal_w(times, [300.0, 5.0], [1.0], 10.0).shape == (2, 3)
+    assert forecast_w([30.0], 10.0, times).tolist() == [[30.0] * 3] * 2
+
+
+@given(st.data(), orders, periods_s)
+def test_conversions_come_back(data: st.DataObject, order: int, period_s: float) -> None:
+    state = np.array(data.draw(st.lists(watts, min_size=2 * order + 1, max_size=2 * order + 1)))
+    a, b = coefficients_of_state(state, period_s)
+    assert (len(a), len(b)) == (order + 1, order)
+    np.testing.assert_allclose(state_of_coefficients(a, b, period_s), state, atol=1e-12)
+    mean_w, amplitude_w, phase_rad = phases_of_state(state)
+    assert np.all(amplitude_w >= 0)
+    np.testing.assert_allclose(state_of_phases(mean_w, amplitude_w, phase_rad), state, atol=1e-12)
+
+
+def test_amplitude_and_phase_are_of_a_cosine() -> None:
+    times = np.linspace(0, 100, 77)
+    state = state_of_phases(36.4, [2.1, 0.6], [0.8, -2.5])
+    expected = [
+        36.4 + 2.1 * math.cos(2 * math.pi * t / 46 + 0.8) + 0.6 * math.cos(4 * math.pi * t / 46 - 2.5) for t in times
+    ]
+    np.testing.assert_allclose(forecast_w(state, 46.0, times), expected, atol=1e-12)
+
+
+def test_coefficients_of_the_papers_scaling() -> None:
+    # a0 = T · mean; a1 = T/2 · A cos φ, b1 = −T/2 · A sin φ
+    a, b = coefficients_of_state(state_of_phases(36.0, [2.0], [math.pi / 6]), 50.0)
+    np.testing.assert_allclose(a, [1800.0, 25 * 2 * math.cos(math.pi / 6)])
+    np.testing.assert_allclose(b, [-25.0])

@@ -1,0 +1,182 @@
+"""Energy models in files: written and read back the same, or refused at the place that is wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eadp.errors import Fault, InputError
+from eadp.io.energy import EnergyFile, energy_document, energy_yaml, parse_energy
+from eadp.io.text.streams import Text, read_text
+from eadp.models.energy import Disturbance, EnergyModel, Harmonic
+
+HARMONICS = (Harmonic(2.1, 0.8), Harmonic(1e-9, -3.0))
+MODEL = EnergyModel(46.05, 36.4, HARMONICS, 0.5, 0.01, 0.93, 2303, 230.2, Disturbance(0.3, 4.5), 0.03, (0.04, 0.05))
+MINIMAL = "schema: eadp.energy/1\nperiod_s: 46\nmean_w: 36.4\nharmonics: []\n"
+
+numbers = st.floats(-1e6, 1e6)
+spreads = st.floats(0, 1e6)
+harmonics = st.lists(st.builds(Harmonic, spreads, st.floats(-3.2, 3.2)), max_size=6).map(tuple)
+statistics = {
+    "noise_std_w": spreads,
+    "cv_r2": st.floats(-10, 1),
+    "samples": st.integers(0, 10**6),
+    "span_s": spreads,
+    "disturbance": st.none() | st.builds(Disturbance, spreads, st.floats(1e-3, 1e6)),
+    "mean_std_w": st.none() | spreads,
+}
+periodic = st.builds(
+    EnergyModel, st.floats(1e-3, 1e6), numbers, harmonics, period_std_s=st.none() | spreads, **statistics
+)
+aperiodic = st.builds(EnergyModel, st.none(), numbers, **statistics)
+
+
+def parse(body: str) -> EnergyModel:
+    return parse_energy(Text("m.yaml", body))
+
+
+def first_line(fault: Fault) -> str:
+    return str(fault).splitlines()[0].removeprefix("m.yaml:")
+
+
+def faults_of(body: str) -> list[str]:
+    with pytest.raises(InputError) as caught:
+        parse(body)
+    return [first_line(fault) for fault in caught.value.faults]
+
+
+@given(periodic | aperiodic)
+def test_what_is_written_is_read_back(model: EnergyModel) -> None:
+    assert parse(energy_yaml(model)) == model
+    assert parse(json.dumps(energy_document(model))) == model, "JSON is YAML"
+
+
+def test_text_of_a_model() -> None:
+    assert energy_yaml(MODEL).splitlines() == [
+        "schema: eadp.energy/1",
+        "periodic: true",
+        "period_s: 46.05",
+        "period_std_s: 0.01",
+        "order: 2",
+        "mean_w: 36.4",
+        "mean_std_w: 0.03",
+        "harmonics:",
+        "  - {amplitude_w: 2.1, phase_rad: 0.8}",
+        "  - {amplitude_w: 1e-09, phase_rad: -3.0}",
+        "amplitude_std_w: [0.04, 0.05]",
+        "coefficients:",
+        f"  a: {json.dumps(list(MODEL.coefficients.a))}",
+        f"  b: {json.dumps(list(MODEL.coefficients.b))}",
+        "noise_std_w: 0.5",
+        "disturbance:",
+        "  std_w: 0.3",
+        "  time_s: 4.5",
+        "cv_r2: 0.93",
+        "samples: 2303",
+        "span_s: 230.2",
+    ]
+
+
+def test_document_without_a_period() -> None:
+    document = energy_document(EnergyModel(None, 73.0, noise_std_w=40.0, samples=100, span_s=50.0))
+    assert document == {
+        "schema": "eadp.energy/1",
+        "periodic": False,
+        "period_s": None,
+        "period_std_s": None,
+        "order": 0,
+        "mean_w": 73.0,
+        "mean_std_w": None,
+        "harmonics": [],
+        "amplitude_std_w": [],
+        "coefficients": {"a": [], "b": []},
+        "noise_std_w": 40.0,
+        "disturbance": None,
+        "cv_r2": 0.0,
+        "samples": 100,
+        "span_s": 50.0,
+    }
+
+
+def test_what_can_be_derived_may_be_left_out() -> None:
+    assert parse(MINIMAL) == EnergyModel(46, 36.4)
+    with_harmonic = MINIMAL.replace("[]", "[{amplitude_w: 2, phase_rad: 0}]")
+    assert parse(with_harmonic).coefficients.a[1] == 46
+    # a cosine has no sine: a hand-written 0 agrees with a rounded one
+    assert parse(with_harmonic + "coefficients: {a: [1674.4, 46], b: [0]}\n").order == 1
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "faults"),
+    [
+        ("mean_w: 36.4", "mean_w: .nan", ["3:9: error: .nan is not a finite number; expected a finite number"]),
+        ("mean_w: 36.4", "mean_w: true", ["3:1: error: mean_w cannot be True; expected a number"]),
+        ("mean_w: 36.4", "mean_w: 36.4 W", ["3:1: error: mean_w cannot be '36.4 W'; expected a number"]),
+        ("mean_w: 36.4\n", "", ["1:1: error: the key mean_w is missing"]),
+        ("period_s: 46", "period_s: 0", ["2:1: error: period_s cannot be 0; expected greater than 0"]),
+        ("mean_w: 36.4", "mean_w: 1\nmean_w: 2", ["4:1: error: the key mean_w stands twice; expected it once"]),
+        ("mean_w", "periodic: false\nmean_w", ["3:1: error: periodic is false; expected true, by period_s"]),
+        ("mean_w", "order: 3\nmean_w", ["3:1: error: order is 3; expected 0, the number of harmonics"]),
+        (
+            "mean_w",
+            "coefficients: {a: [1], b: [5]}\nmean_w",
+            [
+                "3:16: error: a is not that of the harmonics; expected [1674.4], or no coefficients",
+                "3:24: error: b is not that of the harmonics; expected [], or no coefficients",
+            ],
+        ),
+        (
+            "period_s: 46\nmean_w: 36.4\nharmonics: []",
+            "period_s: null\nmean_w: 3\nharmonics: [{amplitude_w: 1, phase_rad: 0}]",
+            ["4:1: error: harmonics without a period; expected a period_s, or []"],
+        ),
+        (
+            "[]",
+            "[{amplitude_w: -1, phase_rad: 0}]",
+            ["4:14: error: harmonics.0.amplitude_w cannot be -1; expected greater than or equal to 0"],
+        ),
+        (
+            "[]",
+            "[]\namplitude_std_w: [1]",
+            ["5:1: error: 1 standard deviations of amplitudes; expected 0, the number of harmonics, or none"],
+        ),
+        (
+            "[]",
+            "[]\ndisturbance: {std_w: -1, time_s: 0}",
+            [
+                "5:15: error: disturbance.std_w cannot be -1; expected greater than or equal to 0",
+                "5:26: error: disturbance.time_s cannot be 0; expected greater than 0",
+            ],
+        ),
+        ("energy/1", "profile/1", ["1:1: error: not an energy model; expected schema: eadp.energy/1"]),
+    ],
+)
+def test_faults_and_their_places(old: str, new: str, faults: list[str]) -> None:
+    assert faults_of(MINIMAL.replace(old, new)) == faults
+
+
+@pytest.mark.parametrize("body", ["", "[]", "3", "schema: 1"])
+def test_what_is_no_model(body: str) -> None:
+    assert faults_of(body) == ["1:1: error: not an energy model; expected schema: eadp.energy/1"]
+
+
+def test_unknown_keys_are_refused_with_all_other_faults() -> None:
+    faults = faults_of(MINIMAL.replace("mean_w: 36.4", "mean: 36.4") + "noise_std_w: -1\n")
+    assert [fault.split(":")[0] for fault in faults] == ["1", "3", "5"]
+    assert "unknown key mean" in faults[1]
+
+
+def test_file_of_a_model(tmp_path: Path) -> None:
+    file = tmp_path / "energy.yaml"
+    file.write_text(energy_yaml(MODEL), encoding="utf-8")
+    assert parse_energy(read_text(str(file))) == MODEL
+
+
+def test_schema_names_every_key_of_the_document() -> None:
+    schema = EnergyFile.model_json_schema()
+    assert schema["title"] == "eadp.energy/1"
+    assert set(schema["properties"]) == set(energy_document(MODEL))

@@ -1,0 +1,783 @@
+"""Measurements and models of the computations in files: what is read, refused and where, and written."""
+
+from __future__ import annotations
+
+import json
+import statistics
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from common import ROOT
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eadp.core.harmonics import average
+from eadp.errors import FAULTS_READ, FAULTS_SHOWN, Fault, Infeasible, InputError
+from eadp.io.profile.measurements import LARGEST, STD_LIMIT, Configuration, Trace, read_measurements
+from eadp.io.profile.model_file import (
+    Sources,
+    json_schema,
+    parse_profile,
+    profile_document,
+    profile_yaml,
+    read_profile,
+    read_profiles,
+)
+from eadp.io.text.streams import Text
+from eadp.models.profile import Profile, ProfileSum
+
+REFERENCE = ROOT.parent / "shared" / "reference" / "profiles"
+
+
+def parse(body: str, *names: str) -> Profile:
+    return parse_profile(Text("m.csv", body), names)[0]
+
+
+def warnings_of(body: str) -> list[str]:
+    return [first_line(fault) for fault in parse_profile(Text("m.csv", body))[1]]
+
+
+def faults_of(body: str, *names: str) -> list[str]:
+    """All the faults of a text, as the first lines that they print."""
+    with pytest.raises(InputError) as caught:
+        parse(body, *names)
+    return [first_line(fault) for fault in caught.value.faults]
+
+
+def first_line(fault: Fault) -> str:
+    """LINE:COL: and what a fault says, without its quoted line and the file's name."""
+    return str(fault).splitlines()[0].removeprefix("m.csv:")
+
+
+def points_of(profile: Profile) -> dict[tuple[float, ...], float]:
+    return dict(zip(map(tuple, profile.configurations.tolist()), profile.power_w.tolist(), strict=True))
+
+
+# measurements
+
+
+def test_header_with_names_and_power_in_watts() -> None:
+    profile = parse("fps,power_w\n4,6.94212\n2,5.21438\n")
+    assert (profile.names, profile.units, profile.interpolation) == (("fps",), ("",), "linear")
+    assert points_of(profile) == {(2,): 5.21438, (4,): 6.94212}
+
+
+@pytest.mark.parametrize(
+    "header",
+    ["fps [1/s],power [mW]", "fps [1/s],power_mw", "fps (1/s) , Power (mW)", '"fps [1/s]","power_mW"'],
+)
+def test_units_of_header(header: str) -> None:
+    profile = parse(f"{header}\n2,5214.38\n4,6942.12\n")
+    assert (profile.names, profile.units) == (("fps",), ("1/s",))
+    assert points_of(profile) == {(2,): 5.21438, (4,): 6.94212}
+
+
+def test_the_column_of_power_may_stand_anywhere() -> None:
+    profile = parse("fps,total_power_w,keysize\n2,5,32\n2,6,448\n10,9,32\n10,10,448\n")
+    assert profile.names == ("fps", "keysize")
+    assert points_of(profile) == {(2, 32): 5, (2, 448): 6, (10, 32): 9, (10, 448): 10}
+
+
+def test_a_transmitters_power_is_a_parameter() -> None:
+    profile = parse("tx_power [dBm],power_w\n-10,1\n20,1.5\n")
+    assert (profile.names, profile.units) == (("tx_power",), ("dBm",))
+
+
+def test_columns_that_are_no_parameters_are_ignored_with_a_warning() -> None:
+    body = "time_s,fps,cpu_power_w,power_w\n0,2,1,5\n1,2,nan,5.1\n2,4,,7\n"
+    assert points_of(parse(body)) == {(2,): pytest.approx(5.05), (4,): 7}
+    assert warnings_of(body) == [
+        "1:1: warning: time_s is no parameter of the computations: ignored",
+        "1:12: warning: cpu_power_w is no parameter of the computations: ignored",
+        "2:1: warning: fewer than 10 independent samples: 2 of 2 at fps=2, 1 of 1 at fps=4; their standard errors are "
+        "rough",
+    ]
+
+
+@pytest.mark.parametrize("column", ["std_w", "samples", "standard_error_w", "leave_one_out_error_w", "extrapolated"])
+def test_what_eadp_writes_beside_the_power_is_no_computation(column: str) -> None:
+    body = f"fps,power_w,{column}\n2,5,0.1\n4,7,0.2\n"
+    assert parse(body).names == ("fps",)
+    assert warnings_of(body) == [f"1:13: warning: {column} is no parameter of the computations: ignored"]
+
+
+def test_power_without_a_unit_is_taken_as_watts_with_a_warning() -> None:
+    assert warnings_of("fps,power\n2,5\n4,7\n") == [
+        "1:5: warning: power without a unit: taken as W; expected power_w, or power [W]"
+    ]
+
+
+def test_repeated_configurations_are_averaged_with_their_spread() -> None:
+    profile = parse("fps,power_w\n2,5\n4,7\n2,5.5\n2,5.25\n")
+    assert points_of(profile) == {(2,): 5.25, (4,): 7}
+    assert profile.std_w.tolist() == pytest.approx([statistics.stdev([5, 5.5, 5.25]), 0])
+    assert profile.samples.tolist() == [3, 1]
+
+
+@given(st.lists(st.floats(9.5, 10.5), min_size=1, max_size=20))
+def test_mean_and_spread_are_those_of_statistics(powers_w: list[float]) -> None:
+    rows = "".join(f"2,{power_w!r}\n" for power_w in powers_w)
+    profile = parse(f"fps,power_w\n{rows}4,11\n")
+    assert profile.power_w[0] == pytest.approx(statistics.mean(powers_w), rel=1e-12)
+    deviation_w = statistics.stdev(powers_w) if len(powers_w) > 1 else 0
+    assert profile.std_w[0] == pytest.approx(deviation_w, rel=1e-6, abs=1e-12)
+
+
+def test_equal_readings_keep_their_digits() -> None:
+    profile = parse("fps,power_w\n2,0.1\n2,0.1\n2,0.1\n4,1\n")
+    assert (profile.power_w[0], profile.std_w[0], profile.samples[0]) == (0.1, 0, 3)
+
+
+def test_comments_blank_lines_and_the_source() -> None:
+    profile = parse("\n# a comment\n# Source: the bench,\n#source: in June\nfps,power_w\n\n2,5\n # fast\n4,7\n\n")
+    assert profile.source == "the bench, in June"
+    assert points_of(profile) == {(2,): 5, (4,): 7}
+
+
+def test_the_source_is_the_files_name_where_nothing_says_more(tmp_path: Path) -> None:
+    file = tmp_path / "bench.csv"
+    file.write_bytes(b"\xef\xbb\xbffps,power_w\r\n2,5\r\n4,7\r\n")  # a BOM and CRLF, as spreadsheets write
+    profile, warnings = read_profile(str(file))
+    assert (profile.source, profile.names, warnings) == ("bench.csv", ("fps",), [])
+
+
+def test_numbers_alone() -> None:
+    assert parse("\n2,5\n4,7\n").names == ("c",)
+    assert parse("2,5\n4,7\n", "fps").names == ("fps",)
+    assert points_of(parse("2,5\n4,7\n", "fps")) == {(2,): 5, (4,): 7}
+    assert parse("2,32,5\n2,64,6\n4,32,7\n4,64,8", "fps", "keysize").names == ("fps", "keysize")
+    assert points_of(parse("200,130\n210,131\n")) == {(200,): 130, (210,): 131}
+
+
+def test_powprofilers_flags() -> None:
+    rows = "2,32,5,3,1,900,1,x\n2,64,6,4,1,1,1,\n4,32,7,3,1,1,1,1\n4,64,8,1,1,1,1,1\n"
+    body = f"200,201,100,101,102,130,131,160\n{rows}"
+    profile = parse(body)
+    assert profile.names == ("p200", "p201")
+    assert points_of(profile) == {(2, 32): 5, (2, 64): 6, (4, 32): 7, (4, 64): 8}
+    assert parse(body, "fps", "keysize").names == ("fps", "keysize")
+
+
+def test_powprofilers_overall_energy_and_charge_are_those_of_the_device() -> None:
+    rows = "2,5,3,1,900,540,180,0.9,0.8,0.7\n2,6,3,1,1100,550,180,1,0.8,\n4,7,3,2,x,1,1,,0.8,0.6\n"
+    body = Text("m.csv", f"200,100,101,102,130,131,132,160,161,162\n{rows}")
+    nan = float("nan")
+    known = {
+        "": ("total", [5.5, 7], [1000, nan], [0.95, nan]),
+        "cpu": ("cpu", [3, 3], [545, 1], [0.8, 0.8]),
+        "gpu": ("gpu", [1, 2], [180, 1], [0.7, 0.6]),
+    }
+    for chosen, (device, power_w, energy, soc) in known.items():
+        profile, _, _ = read_measurements([Trace(body)], [], device=chosen)
+        assert profile.device == device
+        assert profile.power_w.tolist() == power_w
+        assert profile.energy_w_samples.tolist() == pytest.approx(energy, nan_ok=True)
+        assert profile.soc.tolist() == pytest.approx(soc, nan_ok=True)
+        assert parse(profile_yaml(profile)) == profile
+    plain = parse("fps,power_w\n2,5\n4,7\n")
+    assert (plain.device, np.isnan(plain.energy_w_samples).all()) == ("", True)
+    assert not {"device", "energy_w_samples", "soc"} & {*profile_document(plain), *profile_document(plain)["points"][0]}
+
+
+def test_better_names_for_a_header_too() -> None:
+    assert parse("c1,power_w\n2,5\n4,7\n", "fps").names == ("fps",)
+
+
+def test_warning_of_power_that_turns_points_at_its_row() -> None:
+    assert warnings_of("fps,power_w\n10,3\n2,5\n4,7\n") == [
+        "4:1: warning: power is not monotone in fps: it rises to 7 W at fps=4 and falls after it; kept as measured"
+    ]
+
+
+# standard errors
+
+
+def test_the_standard_error_is_that_of_the_runs() -> None:
+    first, second = [5.0, 5.1, 5.2, 5.1, 5.0], [5.3, 5.4, 5.2]
+    rows = [f"2,{power_w}" for power_w in first] + ["4,7"] + [f"2,{power_w}" for power_w in second]
+    profile = parse("fps,power_w\n" + "\n".join(rows))
+    assert profile.standard_error_w[0] == average([first, second]).standard_error
+    assert np.isnan(profile.standard_error_w[1]), "of one reading nothing is known"
+
+
+def test_many_samples_may_vary_where_their_mean_is_known() -> None:
+    burst = "".join(f"2,{power_w}\n" for power_w in [5, 9, 5, 5, 9, 9, 5, 9] * 20)
+    (wide,) = [text for text in warnings_of(f"fps,power_w\n{burst}4,7.5\n") if "varies" in text]
+    assert wide.startswith(
+        "3:3: warning: power that varies a lot: fps=2 draws 5 W in line 2 and 9 W in line 3, a standard"
+    )
+    (fault,) = faults_of("fps,power_w\n" + "2,5\n" * 10 + "2,50\n4,7\n")
+    assert "repeated configurations that disagree" in fault
+
+
+# traces, and computations measured apart
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Callable[..., list[str]]:
+    """Write files by their names and return their paths."""
+
+    def write(**bodies: str) -> list[str]:
+        paths = []
+        for name, body in bodies.items():
+            (tmp_path / f"{name}.csv").write_text(body, encoding="utf-8")
+            paths.append(str(tmp_path / f"{name}.csv"))
+        return paths
+
+    return write
+
+
+TRACE = "100,101,102\n3,1,0\n3.2,1,0\n"
+STEADY = Configuration(("fps",), ("1/s",), (2.0,))
+
+
+def test_traces_with_what_they_were_measured_at(written: Callable[..., list[str]]) -> None:
+    files = written(slow=TRACE, table="fps [1/s],power_w\n4,5\n", timed="time_s,power [mW]\n0,7000\n1,7200\n")
+    fast = Configuration(("fps",), ("1/s",), (8.0,))
+    profile, warnings = read_profiles(Sources(files, configurations=[STEADY, fast]))
+    assert points_of(profile) == {(2,): pytest.approx(3.1), (4,): 5, (8,): pytest.approx(7.1)}
+    assert (profile.names, profile.units, profile.source) == (("fps",), ("1/s",), "slow.csv + table.csv + timed.csv")
+    assert len(warnings) == 1, "few samples, and nothing about the times of a trace"
+
+
+def test_two_traces_at_one_configuration_are_two_runs(written: Callable[..., list[str]]) -> None:
+    files = written(a=TRACE, b="power_w\n3.4\n3.6\n", c=TRACE)
+    other = Configuration(("fps",), ("1/s",), (4.0,))
+    profile, _ = read_profiles(Sources(files, configurations=[STEADY, STEADY, other]))
+    assert profile.standard_error_w[0] == average([[3, 3.2], [3.4, 3.6]]).standard_error
+
+
+def test_parameters_of_several_files_in_any_order(written: Callable[..., list[str]]) -> None:
+    files = written(a="fps,keysize,power_w\n2,32,5\n2,448,6\n", b="keysize,power_w,fps\n32,9,10\n448,14,10\n")
+    profile, _ = read_profiles(Sources(files))
+    assert points_of(profile) == {(2, 32): 5, (2, 448): 6, (10, 32): 9, (10, 448): 14}
+
+
+@pytest.mark.parametrize(
+    ("bodies", "options", "starts"),
+    [
+        (
+            {"a": TRACE, "b": TRACE},
+            {"configurations": [STEADY]},
+            "--config:1:1: error: 1 configurations for 2 files",
+        ),
+        ({"a": TRACE}, {"configurations": [STEADY]}, "a.csv:3:1: error: one configuration only"),
+        ({"a": TRACE}, {"pattern": "*_{fps}fps"}, "a.csv:1:1: error: the name does not match *_{fps}fps"),
+        (
+            {"a": TRACE},
+            {"pattern": "{fps}", "configurations": [STEADY]},
+            "--from-name:1:1: error: stands beside --config; expected one of the two",
+        ),
+        (
+            {"a": "fps,power_w\n2,5\n", "b": "rate,power_w\n4,5\n"},
+            {},
+            "b.csv:1:1: error: measurements of rate; expected fps, as in the first file; --add for computations",
+        ),
+        (
+            {"a": "fps,power_w\n2,5\n", "b": "{schema: eadp.profile/1}"},
+            {},
+            "b.csv:1:1: error: a model among several files; expected measurements, or --add",
+        ),
+        ({"a": "{schema: eadp.profile/1}"}, {"pattern": "{fps}"}, "a.csv:1:1: error: a model needs no configuration"),
+        ({"a": "fps,power_w\n2,5\n", "b": "# nothing\n"}, {}, "b.csv:1:1: error: no measurements"),
+        ({"a": "101,102\n2,5\n"}, {"configurations": [STEADY]}, "--config:1:1: error: 1 configurations for 0 files"),
+    ],
+)
+def test_several_files_that_are_refused(
+    written: Callable[..., list[str]], bodies: dict[str, str], options: dict[str, Any], starts: str
+) -> None:
+    with pytest.raises(InputError) as caught:
+        read_profiles(Sources(written(**bodies), **options))
+    (fault,) = caught.value.faults
+    assert str(replace(fault, file=Path(fault.file).name)).startswith(starts)
+
+
+def test_computations_measured_apart_are_added(written: Callable[..., list[str]]) -> None:
+    one, two = written(one="fps,power_w\n2,5\n4,7\n", two="\n1,32,1\n1,64,2\n2,32,2\n2,64,4\n")
+    profile, _ = read_profiles(Sources([one], [two], ["fps", "rate", "keysize"]))
+    assert profile.names == ("fps", "rate", "keysize")
+    assert profile.power_w_at((3, 1.5, 48)) == pytest.approx(6 + 2.25)
+    again, _ = read_profiles(Sources([one], [one], ["a", "b"]))
+    assert again.power_w_at((2, 4)) == 12
+
+
+def test_sums_that_are_refused(written: Callable[..., list[str]]) -> None:
+    one, two = written(one="fps,power_w\n2,5\n4,7\n", two="1,32,1\n1,64,2\n2,32,2\n2,64,4\n")
+    with pytest.raises(InputError, match=r"^--add:1:1: error: two of .* parameter fps; expected names of their own"):
+        read_profiles(Sources([one], [one]))
+    with pytest.raises(InputError, match=r"^--names:1:1: error: 1 names for the parameters fps, c1, c2; expected 3"):
+        read_profiles(Sources([one], [two], ["fps"]))
+    with pytest.raises(InputError, match=r"3 columns without names"):
+        read_profiles(Sources([one], [two]))
+
+
+PARTS = """\
+schema: eadp.profile/1
+parts:
+  - source: "a"
+    parameters:
+      - {name: "fps"}
+    interpolation: pchip
+    points:
+      - {at: [2], power_w: 5, std_w: 0.1, samples: 40, standard_error_w: 0.02}
+      - {at: [4], power_w: 7}
+      - {at: [8], power_w: 9}
+  - source: "b"
+    parameters:
+      - {name: "rate", unit: "Hz"}
+    interpolation: linear
+    points:
+      - {at: [1], power_w: 1}
+      - {at: [3], power_w: 2}
+"""
+
+
+def test_parts_of_a_model() -> None:
+    profile, warnings = parse_profile(Text("m.yaml", PARTS))
+    assert profile.names == ("fps", "rate")
+    assert profile.power_w_at((4, 2)) == 8.5
+    assert profile_yaml(profile) == PARTS
+    assert warnings == []  # that samples are few is known since the model was made
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ('"rate"', '"fps"', "m.yaml:1:1: error: two of the profiles that are added have a parameter fps"),
+        ("    interpolation: linear\n", "    kind: x\n", "m.yaml:14:5: error: unknown key parts.1.kind"),
+        ("at: [3]", "at: [3, 4]", "m.yaml:17:10: error: 2 values for 1 parameters"),
+        ("at: [3]", "at: [1]", "m.yaml:17:10: error: the configuration 1 stands twice"),
+        ("parts:\n", "source: c\nparts:\n", "m.yaml:2:1: error: unknown key source"),
+    ],
+)
+def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
+    assert PARTS.count(old) == 1
+    with pytest.raises(InputError) as caught:
+        parse_profile(Text("m.yaml", PARTS.replace(old, new)))
+    assert first_line(caught.value.faults[0]).startswith(fault)
+
+
+# measurements that are refused
+
+
+@pytest.mark.parametrize(
+    ("body", "faults"),
+    [
+        (
+            "fps,power_w\n2,nan\n4,-3\nx,inf\n,5\n5\n6,1e999\n6,7,8\n",
+            [
+                "2:3: error: nan is not finite; expected a finite number",
+                "3:3: error: a power of -3 W; expected a power of 0 or more",
+                "4:1: error: x is not a number; expected a number",
+                "4:3: error: inf is not finite; expected a finite number",
+                "5:1: error: an empty field is not a number; expected a number",
+                "6:2: error: 1 fields; expected 2, as in the first row",
+                "7:3: error: 1e999 is too large; expected a number of at most 1e+30",
+                "8:5: error: 3 fields; expected 2, as in the first row",
+            ],
+        ),
+        ("2,5\n nan , 4\n", ["2:2: error: nan is not finite; expected a finite number"]),
+        ("fps,power_w\n1_0,5\n2,6\n", ["2:1: error: 1_0 is not a number; expected a number"]),
+        ("fps,power_w\n٣,5\n2,6\n", ["2:1: error: ٣ is not a number; expected a number"]),
+        (
+            "fps,power_w\n2,5\n4,7\n2,50\n2,5\n",
+            [
+                "4:3: error: repeated configurations that disagree: fps=2 draws 5 W in line 2 and 50 W in "
+                "line 4, a standard deviation of 130 % of the mean; expected at most 20 %"
+            ],
+        ),
+        (
+            "fps,power_w\n2,5\n2,5\n",
+            ["3:1: error: one configuration only; expected measurements of two configurations or more"],
+        ),
+        (
+            "fps,power_w\n",
+            ["1:1: error: no measurements; expected measurements of two configurations or more"],
+        ),
+        (
+            "\n# nothing\n",
+            ["1:1: error: no measurements; expected a header such as fps,power_w and a row for each measurement"],
+        ),
+        (
+            "fps|power_w\n2|5\n",
+            ["1:1: error: one column only; expected a header such as fps,power_w, fields separated by commas"],
+        ),
+        ("fps;power_w\n2;5,5\n3;x\n", ["3:3: error: x is not a number; expected a number"]),
+        (
+            "fps,watt_hours\n2,5\n",
+            ["1:1: error: no column for the power; expected a header such as fps,power_w, or powprofiler's flag 100"],
+        ),
+        (
+            "time_s,power_w\n2,5\n",
+            [
+                "1:1: error: no column for the configuration; expected a header such as fps,power_w; of a trace, "
+                "--config, as in --config fps=0.5"
+            ],
+        ),
+        (
+            "fps,power_w,power_mw\n2,5,5\n",
+            ["1:13: error: several columns of power: power_w, power_mw; expected one, called power_w"],
+        ),
+        (
+            "fps,cpu_power_w,gpu_power_w\n2,5,5\n",
+            ["1:17: error: several columns of power: cpu_power_w, gpu_power_w; expected one, called power_w"],
+        ),
+        (
+            "fps,power [MW]\n2,5\n",
+            ["1:5: error: MW is no known unit of power; expected a header such as fps,power_w"],
+        ),
+        (
+            "fps,power_w [mW]\n2,5\n",
+            ["1:5: error: power_w [mW] names two units of power; expected a header such as fps,power_w"],
+        ),
+        (
+            "fps,2nd,fps,,power_w\n2,5,5,5,5\n",
+            [
+                "1:5: error: 2nd is no name; expected a header such as fps,power_w",
+                "1:9: error: the column fps stands twice; expected each once",
+                "1:13: error: an empty field is no name; expected a header such as fps,power_w",
+            ],
+        ),
+        (
+            "a\x1b,power_w\n2,5\n",
+            ["1:1: error: a\\x1b is no name; expected a header such as fps,power_w"],
+        ),
+        (
+            "2,32,5\n",
+            ["1:1: error: 3 columns without names; expected a header such as fps,power_w, or --names with 2 names"],
+        ),
+        (
+            "200,101,102\n2,5,5\n",
+            ["1:1: error: no column for the power; expected a header such as fps,power_w, or powprofiler's flag 100"],
+        ),
+        (
+            "a,b,c,d,e,f,g,h,i,power_w\n1,1,1,1,1,1,1,1,1,1\n",
+            ["1:17: error: 9 columns of parameters; expected at most 8"],
+        ),
+        (
+            "fps,keysize,power_w\n2,32,5\n6,240,6\n10,448,7\n",
+            [
+                "2:1: error: the configurations are no full grid and lie on one line (or plane); "
+                "expected a full grid, or points that span an area"
+            ],
+        ),
+    ],
+)
+def test_what_is_refused_and_where(body: str, faults: list[str]) -> None:
+    assert faults_of(body) == faults
+
+
+def test_a_trace_says_that_a_configuration_is_needed() -> None:
+    (fault,) = faults_of("100,101,102\n3,1,0\n3.1,1,0\n")
+    assert fault.startswith("1:1: error: no column for the configuration")
+
+
+def test_faults_are_capped_and_the_rest_counted() -> None:
+    faults = faults_of("fps,power_w\n" + "2,x\n" * (FAULTS_SHOWN + 5))
+    assert len(faults) == FAULTS_SHOWN + 1
+    assert faults[-1] == f"{FAULTS_SHOWN + 2}:3: error: 5 more faults from here on"
+    faults = faults_of("fps,power_w\n" + "2,x\n" * 2 * FAULTS_READ)
+    assert faults[-1].endswith(f"at least {FAULTS_READ - FAULTS_SHOWN} more faults from here on")
+
+
+def test_the_limit_of_the_spread() -> None:
+    # of two readings 10 ± e the sample deviation is √2 e
+    def rows(e: float) -> str:
+        return f"fps,power_w\n2,{10 - e}\n2,{10 + e}\n4,12\n"
+
+    limit_w = 10 * STD_LIMIT / 2**0.5
+    assert parse(rows(0.999 * limit_w)).samples.tolist() == [2, 1]
+    assert len(faults_of(rows(1.001 * limit_w))) == 1
+
+
+@pytest.mark.parametrize(
+    ("names", "fault"),
+    [
+        (["fps", "keysize"], "--names:1:1: error: 2 names for the parameters c; expected 1 of them"),
+        (["a=b"], "--names:1:1: error: a=b is no name; expected a name"),
+        ([""], "--names:1:1: error: an empty text is no name; expected a name"),
+        (["fps", "fps"], "--names:1:1: error: a name stands twice in fps,fps; expected each once"),
+    ],
+)
+def test_names_that_are_refused(names: list[str], fault: str) -> None:
+    (found,) = faults_of("2,5\n4,7\n", *names)
+    assert found.startswith(fault)
+
+
+def test_a_file_that_is_missing() -> None:
+    with pytest.raises(InputError, match=r"^nowhere\.csv:1:1: error: cannot be read"):
+        read_profile("nowhere.csv")
+
+
+@given(st.text(st.sampled_from('0123456789.,-e#\n "[]()fpsower_wW{:'), max_size=60))
+def test_any_text_is_read_or_refused(body: str) -> None:
+    try:
+        profile = parse(body)
+    except InputError:
+        return
+    assert np.all(np.isfinite(profile.power_w))
+    assert np.all(profile.power_w >= 0)
+
+
+# the model
+
+MODEL = """\
+schema: eadp.profile/1
+source: "the bench"
+parameters:
+  - {name: "fps", unit: "1/s"}
+  - {name: "keysize"}
+interpolation: linear
+points:
+  - {at: [2, 32], power_w: 5}
+  - {at: [2, 448], power_w: 6.25, std_w: 0.125, samples: 3}
+  - {at: [10, 32], power_w: 9.5}
+"""
+
+
+def test_model_is_read_and_written_back_the_same() -> None:
+    profile = parse(MODEL)
+    assert (profile.names, profile.units, profile.source) == (("fps", "keysize"), ("1/s", ""), "the bench")
+    assert points_of(profile) == {(2, 32): 5, (2, 448): 6.25, (10, 32): 9.5}
+    assert (profile.std_w.tolist(), profile.samples.tolist()) == ([0, 0.125, 0], [1, 3, 1])
+    assert profile_yaml(profile) == MODEL
+
+
+def test_a_model_is_known_by_its_content_or_its_ending(tmp_path: Path) -> None:
+    profile = parse(MODEL)
+    assert parse("# a comment\n\n---\n" + MODEL) == profile
+    assert parse(json.dumps(profile_document(profile))) == profile
+    (tmp_path / "m.yaml").write_text("source: s\n")
+    with pytest.raises(InputError, match=r"not the model of a profile; expected schema: eadp\.profile/1"):
+        read_profile(str(tmp_path / "m.yaml"))
+
+
+def test_a_models_defaults() -> None:
+    points = "[{at: [4], power_w: 7}, {at: [2], power_w: 5}]"
+    profile = parse(f"schema: eadp.profile/1\nparameters: [{{name: fps}}]\npoints: {points}")
+    assert (profile.source, profile.units, profile.interpolation) == ("", ("",), "linear")
+    assert points_of(profile) == {(2,): 5, (4,): 7}
+
+
+def test_names_for_a_model() -> None:
+    assert parse(MODEL, "rate", "key").names == ("rate", "key")
+
+
+def test_warning_of_a_model_points_at_the_configuration() -> None:
+    model = MODEL.replace(", std_w: 0.125, samples: 3", "") + "  - {at: [12, 32], power_w: 9}\n"
+    assert warnings_of(model) == [
+        "10:5: warning: power is not monotone in fps at keysize=32: it rises to 9.5 W at fps=10 and falls "
+        "after it; kept as measured"
+    ]
+
+
+def changed(old: str, new: str) -> str:
+    assert MODEL.count(old) == 1
+    return MODEL.replace(old, new)
+
+
+@pytest.mark.parametrize(
+    ("body", "faults"),
+    [
+        (
+            changed("eadp.profile/1", "eadp.profile/2"),
+            ["1:1: error: not the model of a profile; expected schema: eadp.profile/1"],
+        ),
+        ("{}", ["1:1: error: not the model of a profile; expected schema: eadp.profile/1"]),
+        ("{", ["1:2: error: is not YAML"]),
+        (changed("source:", "sauce:"), ["2:1: error: unknown key sauce"]),
+        (
+            changed("interpolation: linear", "interpolation: cubic"),
+            ["6:1: error: interpolation cannot be 'cubic'; expected 'linear' or 'pchip'"],
+        ),
+        (
+            changed("interpolation: linear", "interpolation: pchip"),
+            ["6:1: error: pchip needs one changing parameter, and 2 change"],
+        ),
+        (
+            changed("power_w: 5}", "power: 5}"),
+            ["8:5: error: the key points.0.power_w is missing", "8:19: error: unknown key points.0.power"],
+        ),
+        (
+            changed("power_w: 5}", "power_w: -5}"),
+            ["8:19: error: points.0.power_w cannot be -5; expected greater than or equal to 0"],
+        ),
+        (changed("power_w: 5}", "power_w: true}"), ["8:19: error: points.0.power_w cannot be True; expected a number"]),
+        (changed("power_w: 5}", "power_w: '5'}"), ["8:19: error: points.0.power_w cannot be '5'; expected a number"]),
+        (
+            changed("power_w: 5}", "power_w: .nan}"),
+            ["8:28: error: .nan is not a finite number; expected a finite number"],
+        ),
+        (
+            changed("samples: 3", "samples: 0"),
+            ["9:49: error: points.1.samples cannot be 0; expected greater than or equal to 1"],
+        ),
+        (
+            changed("samples: 3", "samples: 2.5"),
+            ["9:49: error: points.1.samples cannot be 2.5; expected a whole number"],
+        ),
+        (
+            changed("at: [10, 32]", "at: [10]"),
+            ["10:6: error: 1 values for 2 parameters; expected one for each"],
+        ),
+        (
+            changed("at: [10, 32]", "at: [2, 32]"),
+            ["10:6: error: the configuration 2, 32 stands twice; expected each once"],
+        ),
+        (
+            changed("at: [10, 32]", "at: [x, 32]"),
+            ["10:11: error: points.2.at.0 cannot be 'x'; expected a number"],
+        ),
+        (
+            changed('name: "keysize"', 'name: "fps"'),
+            ["5:6: error: the name fps stands twice; expected each once"],
+        ),
+        (
+            changed('name: "keysize"', 'name: "a,b"'),
+            ["5:6: error: a,b is no name; expected a name: a letter first"],
+        ),
+        (
+            changed("at: [2, 448]", "at: [6, 32.5]").replace("[10, 32]", "[10, 33]"),
+            ["7:1: error: the configurations"],
+        ),
+        (
+            "schema: eadp.profile/1\nparameters: []\npoints: [3]\n",
+            [
+                "2:1: error: parameters cannot be a list of 0; expected at least 1 item",
+                "3:10: error: points.0 cannot be 3; expected a mapping of keys",
+            ],
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_model_and_where(body: str, faults: list[str]) -> None:
+    found = faults_of(body)
+    assert len(found) == len(faults)
+    for line, start in zip(found, faults, strict=True):
+        assert line.startswith(start)
+
+
+number = st.floats(0, 1e12, allow_subnormal=False)
+name = st.from_regex(r"[a-zA-Zé][a-z0-9 _-]{0,8}[a-z0-9]", fullmatch=True)
+
+
+@st.composite
+def profiles(draw: st.DrawFn) -> Profile:
+    d = draw(st.integers(1, 2))
+    names = draw(st.lists(name, min_size=d, max_size=d, unique=True))
+    axes = [draw(st.lists(number, min_size=2, max_size=3, unique=True)) for _ in range(d)]
+    points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, d)
+    n = len(points)
+    column = st.lists(number, min_size=n, max_size=n).map(np.array)
+    samples = draw(st.lists(st.integers(1, 2**53), min_size=n, max_size=n).map(np.array))
+    units = tuple(draw(st.text(max_size=5)) for _ in range(d))
+    errors_w = draw(st.lists(st.one_of(st.just(float("nan")), number.map(abs)), min_size=n, max_size=n).map(np.array))
+    told, device = draw(st.text()), draw(st.sampled_from(["", "total", "gpu", "memory"]))
+    known = st.lists(st.one_of(st.just(float("nan")), number), min_size=n, max_size=n).map(np.array)
+    measured = (draw(column), draw(column), samples, "linear", told, errors_w, device, draw(known), draw(known))
+    return Profile(tuple(names), units, points, *measured)
+
+
+@given(profiles())
+def test_round_trip_is_exact(profile: Profile) -> None:
+    text = profile_yaml(profile)
+    again = parse(text)
+    assert again == profile
+    assert profile_yaml(again) == text
+    assert parse(json.dumps(profile_document(profile))) == profile, "what follows from the points is ignored"
+
+
+@given(profiles(), profiles())
+def test_round_trip_of_parts_is_exact(first: Profile, second: Profile) -> None:
+    apart = ProfileSum((first, replace(second, names=tuple(f"{name}_too" for name in second.names))))
+    text = profile_yaml(apart)
+    again, _ = parse_profile(Text("m.yaml", text))
+    assert again == apart
+    assert profile_yaml(again) == text
+    assert parse_profile(Text("m.json", json.dumps(profile_document(apart))))[0] == apart
+
+
+def test_largest_numbers_still_interpolate() -> None:
+    huge = parse(f"a,b,power_w\n{-LARGEST},0,{LARGEST}\n{LARGEST},0,0\n0,{LARGEST},{LARGEST}\n1,2,3\n")
+    assert np.isfinite(huge.power_w_at((1.0, 1.0)))
+
+
+def test_json_schema_says_what_the_reader_asks_for() -> None:
+    schema = json_schema()
+    assert schema["properties"]["schema"]["const"] == "eadp.profile/1"
+    assert schema["additionalProperties"] is False
+    assert schema["required"] == ["schema"]
+    assert [choice["required"] for choice in schema["oneOf"]] == [["parameters", "points"], ["parts"]]
+    known = parse("200,100,130\n2,5,50\n4,7,70\n")
+    assert set(schema["properties"]) == {*profile_document(known), "parts"}
+    part = schema["properties"]["parts"]["items"]["$ref"].rpartition("/")[2]
+    assert set(schema["$defs"][part]["properties"]) == set(schema["properties"]) - {"schema", "parts"}
+
+
+# files that are shipped, and published data
+
+
+@pytest.mark.parametrize("stem", ["pednet-jetson-nano", "pednet-letter"])
+def test_shipped_models_are_those_of_their_measurements(stem: str) -> None:
+    profile, warnings = read_profile(str(ROOT / "profiles" / f"{stem}.csv"))
+    assert warnings == []
+    assert profile.names == ("fps",)
+    assert "Seewald, García de Marina, Midtiby, Schultz" in profile.source
+    assert (ROOT / "profiles" / f"{stem}.yaml").read_text(encoding="utf-8") == profile_yaml(profile)
+
+
+def reference(name: str) -> str:
+    file = REFERENCE / name
+    if not file.is_file():
+        pytest.skip(f"the published data is not beside this checkout: {file}")
+    return str(file)
+
+
+def test_shipped_points_are_the_published_ones() -> None:
+    published, _ = read_profile(reference("pednet_jetson_nano.csv"), ["fps"])
+    shipped, _ = read_profile(str(ROOT / "profiles" / "pednet-jetson-nano.csv"))
+    assert points_of(shipped) == points_of(published)
+
+
+def test_published_powprofiler_model() -> None:
+    profile, warnings = read_profile(reference("landing_powprofiler_model.csv"))
+    columns = np.genfromtxt(reference("landing_powprofiler_model.csv"), delimiter=",", skip_header=1)
+    assert profile.names == ("p200",)
+    assert points_of(profile) == {(row[0],): row[1] for row in columns}
+    assert profile.levels(0, 0.5, 10) == (0.5, 1, 2, 10)
+    assert [warning.severity for warning in warnings] == ["warning"]
+    with pytest.raises(Infeasible):
+        profile.power_w_at((0.25,))
+    # its energy is the sum of the power samples: the traces have 1272 samples at 0.5 fps, 964 at 10
+    counts = profile.energy_w_samples / profile.power_w
+    assert counts == pytest.approx(np.round(counts), abs=0.01)
+    assert counts[[0, -1]] == pytest.approx([1272, 964], abs=0.01)
+
+
+TRACES = ("landing_trace_0.5fps.csv", "landing_trace_10fps.csv")
+
+
+def test_published_traces_need_a_configuration() -> None:
+    for name in TRACES:
+        with pytest.raises(InputError, match=r"no column for the configuration.*--config fps=0\.5"):
+            read_profile(reference(name))
+
+
+def test_published_traces_are_the_published_model() -> None:
+    files = [reference(name) for name in TRACES]
+    model, _ = read_profile(reference("landing_powprofiler_model.csv"), ["fps"])
+    profile, warnings = read_profiles(Sources(files, pattern="*_{fps}fps"))
+    assert warnings == []
+    for fps in (0.5, 10.0):  # printed to six digits
+        assert points_of(profile)[(fps,)] == pytest.approx(points_of(model)[(fps,)], rel=5e-6)
+    assert profile.samples.tolist() == [1272, 964]
+    std_w = [np.genfromtxt(file, delimiter=",", skip_header=1)[:, 0].std(ddof=1) for file in files]
+    assert profile.std_w == pytest.approx(std_w)
+    assert np.all(profile.standard_error_w < 0.007)
+
+
+def test_a_name_that_stands_twice_is_escaped():
+    assert "1:6: error: the column \\x1bfps stands twice; expected each once" in faults_of("\x1bfps,\x1bfps,power_w\n")

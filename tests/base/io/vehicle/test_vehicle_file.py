@@ -1,0 +1,141 @@
+"""Vehicle files: the shipped one, what a scenario makes of one, and what is refused."""
+
+from __future__ import annotations
+
+import pytest
+from common import ROOT
+
+from eadp.errors import InputError
+from eadp.io.scenario import read_scenario
+from eadp.io.text.streams import Text, read_text
+from eadp.io.text.yaml import Document, read_yaml
+from eadp.io.vehicle import VehicleFile, vehicle_of
+from eadp.models.battery import Battery
+from eadp.models.vehicle import AIRFRAMES, FixedWing, PaperVehicle
+
+WING = ROOT / "vehicles/survey-wing.yaml"
+VEHICLE = """\
+schema: eadp.vehicle/1
+name: 2 kg survey wing
+airframe: {mass_kg: 2.0, wing_area_m2: 0.45}
+battery: {capacity_ah: 5, resistance_ohm: 0.03}
+"""
+
+
+def read(text):
+    document = read_yaml(Text("v.yaml", text))
+    return vehicle_of(document)
+
+
+@pytest.fixture
+def scenario(tmp_path):
+    """A scenario beside a vehicle file, and what it makes of some text and overrides."""
+    (tmp_path / "v.yaml").write_text(VEHICLE)
+
+    def of(text="", **overrides):
+        path = tmp_path / "s.yaml"
+        path.write_text(f"schema: eadp.scenario/1\nvehicle: v.yaml\n{text}")
+        return read_scenario(str(path), overrides)
+
+    return of
+
+
+def test_the_shipped_vehicle_is_the_default_aircraft():
+    shipped = read(read_text(str(WING)).body)
+    assert shipped.airframe == FixedWing()
+    assert shipped.battery == Battery()
+    assert read_scenario(None).keys.vehicle == VehicleFile()
+
+
+def test_every_airframe_model_is_read():
+    for model, airframe in AIRFRAMES.items():
+        found = vehicle_of(Document("v", {"airframe": {"model": model, "mass_kg": 3}})).airframe
+        assert found == airframe(mass_kg=3.0)
+
+
+def test_a_scenario_takes_its_vehicle_from_a_file_beside_it(scenario):
+    found = scenario()
+    assert found.keys.vehicle.name == "2 kg survey wing"
+    assert found.keys.vehicle.airframe == FixedWing(mass_kg=2.0, wing_area_m2=0.45)
+    assert found.keys.battery == Battery(capacity_ah=5.0, resistance_ohm=0.03)
+    assert found.vehicle_text is not None
+    assert found.vehicle_text.body == VEHICLE
+
+
+def test_the_scenario_overrides_the_vehicle_key_by_key(scenario):
+    found = scenario("battery: {capacity_ah: 1}\n", **{"vehicle.airframe.mass_kg": 2.5, "battery.soc": 0.9})
+    assert found.keys.vehicle.airframe == FixedWing(mass_kg=2.5, wing_area_m2=0.45)
+    assert found.keys.battery == Battery(capacity_ah=1.0, resistance_ohm=0.03, soc=0.9)
+
+
+def test_null_restores_a_default(scenario):
+    found = scenario("battery: {capacity_ah: null}\n", **{"vehicle.airframe.mass_kg": None})
+    assert found.keys.battery.capacity_ah == Battery().capacity_ah
+    assert found.keys.vehicle.airframe.mass_kg == FixedWing().mass_kg
+
+
+def test_cells_give_the_voltages(scenario):
+    cells = {"battery.cells": 4, "battery.chemistry": "li-ion"}
+    battery = scenario(**cells).keys.battery
+    assert (battery.voltage_v, battery.voltage_empty_v) == pytest.approx((16.8, 12.8))
+    assert battery.capacity_ah == 5.0
+    # of a layer above, a voltage replaces the cells, and cells the voltage
+    with_cells = scenario(**{"vehicle.battery.cells": 3})
+    assert with_cells.keys.battery.voltage_empty_v == pytest.approx(10.5)
+    own = scenario("battery: {voltage_v: 12}\n", **{"vehicle.battery.cells": 3}).keys.battery
+    assert (own.voltage_v, own.voltage_empty_v, own.cells) == (12, pytest.approx(10.5), None)
+    again = scenario("battery: {voltage_v: 12}\n", **{"battery.cells": 3}).keys.battery
+    assert (again.voltage_v, again.cells) == (pytest.approx(12.6), 3)
+    other = scenario("battery: {chemistry: lihv}\n", **{"vehicle.battery.cells": 3}).keys.battery
+    assert other.voltage_v == pytest.approx(13.05)
+
+
+def test_a_vehicle_may_be_set_and_stand_inline(scenario):
+    assert scenario(vehicle=str(WING)).keys.vehicle.airframe == FixedWing()
+    inline = read_scenario(None, {"vehicle": {"airframe": {"model": "paper"}, "battery": {"capacity_ah": 1}}})
+    assert inline.keys.vehicle.airframe == PaperVehicle()
+    assert inline.keys.battery.capacity_ah == 1
+
+
+BAD = [
+    ("airframe: {mass: 3}", ":2:12: error: unknown key airframe.mass; expected one of model, mass_kg"),
+    (
+        "airframe: {throttle_power_w: 3}",
+        ":2:12: error: airframe.throttle_power_w is a key of model paper, not",
+    ),
+    ("airframe: {model: paper, aspect_ratio: 3}", ":2:26: error: airframe.aspect_ratio is a key of model fixed-wing"),
+    ("airframe: {model: kite}", ":2:12: error: unknown airframe.model kite; expected one of fixed-wing, paper"),
+    ("airframe: {mass_kg: -3}", ":2:12: error: airframe.mass_kg cannot be -3"),
+    ("airframe: 3", ":2:1: error: airframe cannot be 3; expected a mapping of keys"),
+    ("battery: {capacity_ah: 1e-300}", ":2:11: error: battery.capacity_ah cannot be 1e-300"),
+    ("battery: {voltage_empty_v: 15}", ":2:11: error: battery.voltage_empty_v: 15 V is above voltage_v"),
+    ("battery: {cutoff_voltage_v: 15}", ":2:11: error: battery.cutoff_voltage_v: 15 V is not below voltage_v"),
+    ("battery: {max_c_rate: 0}", ":2:11: error: battery.max_c_rate cannot be 0"),
+    ("battery: {cells: 0}", ":2:11: error: battery.cells cannot be 0"),
+    (
+        "battery: {cells: 4, chemistry: nicd}",
+        ":2:21: error: battery.chemistry nicd is none of lipo, lihv, li-ion, lifepo4",
+    ),
+    ("battery: {chemistry: lipo}", ":2:11: error: battery.chemistry without cells"),
+    ("battery: {cells: 4, voltage_v: 16}", ":2:21: error: battery.cells beside its voltage; expected one of the two"),
+    ("wind: {}", ":2:1: error: unknown key wind"),
+]
+
+
+@pytest.mark.parametrize(("text", "message"), BAD)
+def test_what_is_refused(text, message):
+    with pytest.raises(InputError) as refused:
+        read(f"schema: eadp.vehicle/1\n{text}\n")
+    assert f"v.yaml{message}" in str(refused.value)
+
+
+def test_faults_of_a_vehicle_file_stand_in_it(scenario, tmp_path):
+    (tmp_path / "v.yaml").write_text("schema: eadp.vehicle/1\nairframe: {mass_kg: 0}\n")
+    with pytest.raises(InputError, match=r"v\.yaml:2:12: error: airframe\.mass_kg cannot be 0"):
+        scenario()
+    (tmp_path / "v.yaml").write_text("airframe: {mass_kg: 1}\n")
+    with pytest.raises(InputError, match=r"v\.yaml:1:1: error: has no key schema"):
+        scenario()
+    (tmp_path / "v.yaml").unlink()
+    with pytest.raises(InputError, match=r"s\.yaml:2:1: error: .*v\.yaml cannot be read"):
+        scenario()

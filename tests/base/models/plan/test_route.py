@@ -1,0 +1,903 @@
+"""What is left of a plan: against the nominal flight, against plans as they are flown, and times by integration."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import itertools
+import math
+import random
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from common import ROOT, few
+from common.observations import Piloted
+from common.plans import PARTS, WAVES
+from common.routes import Tracked
+from scipy.integrate import quad
+
+from eadp.cli.main import main
+from eadp.core import compiled
+from eadp.core.flight.guidance import GRAVITY_MPS2
+from eadp.core.geometry.curves import CIRCLE, LINE, circle_of, line_of, points_along
+from eadp.errors import PathUndefined
+from eadp.io.plan.reader import read_plan
+from eadp.io.text.streams import Text, read_text
+from eadp.models.battery import Battery
+from eadp.models.computing import Computing
+from eadp.models.plan.cursor import LIVE, PlanCursor, Rules
+from eadp.models.plan.executor import PlanExecutor
+from eadp.models.plan.leg_table import LegTable
+from eadp.models.plan.legs import Leg, left_m, leg_points
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
+from eadp.models.plan.trace import default_start, nominal_legs
+from eadp.models.plan.triggers import beyond_m, end_on, leg_numbers
+from eadp.models.vehicle import FixedWing, Guidance
+from eadp.models.weather import Wind
+from eadp.models.world import TakeOff, Timing, World
+from eadp.planning.base import Mission, PlannerSettings
+from eadp.planning.registry import Planner
+from eadp.simulation.loop import Outcome, fly
+
+MICROMETRE, MILLIMETRE = 1e-6, 1e-3
+STEP_M = 2.0
+QUADRATURE = 2e-3
+"""Relative error of times and turning on legs against fine steps."""
+FLOWN_IN_WIND = 0.03
+FLOWN = Rules()
+
+A_CURVE = f"1; 270; y - 10*sin(x/60)\n150, {10 * math.sin(2.5)!r}\n0.1; 90; x - 150\n150, 400\n"
+ROUND_TWICE = """\
+0.001; 90; x^2 + y^2 - 2500
+50, 0
+0.05; 90; x - 50
+50, 200
+"""
+TWO_PARAMETERS = """\
+init:
+n = 4
+a = 0, 40 + c1
+b = 0, 0
+path:
+0.1; 90; x - a
+a, 100 + c2
+[4, 20]
+[-30, 30]
+[2, 10]
+0.01; 270; (x - a - 20 - c1/4)^2 + (y - 100 - c2)^2 - (20 + c1/4)^2
+a + 40 + c1/2, 100 + c2
+[4, 20]
+[-30, 30]
+[0, 0]
+0.1; 270; x - a - 40 - c1/2
+a + 40 + c1/2, b
+[4, 20]
+[-30, 30]
+[2, 10]
+0.01; 90; (x - a - 40 - 3*c1/4)^2 + (y - b)^2 - (c1/4)^2
+a + 40 + c1, b
+[4, 20]
+[-30, 30]
+[2, 10]
+trig:
+400, 0
+"""
+BOXES_DIFFER = """\
+init:
+n = 2
+a = 0, 40 + c1
+path:
+0.1; 90; x - a
+a, 100
+[5, 10]
+0.1; 270; y - 100 + 0*c1
+a + 40 + c1, 100
+[0, 20]
+trig:
+900, 100
+"""
+
+
+def plan_of(text) -> Plan:
+    return read_plan(Text("p", text))[0]
+
+
+@lru_cache
+def survey() -> Plan:
+    return read_plan(read_text(str(ROOT / "plans" / "survey.plan")))[0]
+
+
+@lru_cache
+def covered(*more) -> Plan:
+    """A plan of parts, of a real field."""
+    out = io.StringIO()
+    field = ["cover", str(ROOT / "plans" / "meadow.geojson"), "--pattern", "zamboni"]
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(io.StringIO()):
+        assert main([*field, "--min-radius", "30", "--swath", "30", *more]) == 0
+    return plan_of(out.getvalue())
+
+
+def with_computations() -> Plan:
+    return covered("--profile", str(ROOT / "profiles" / "pednet-jetson-nano.yaml"))
+
+
+def nearly_a_point(plan: Plan) -> Plan:
+    """The same with triggers that fire where they are, so that flights are exact."""
+    return replace(plan, trigger_radius_m=MILLIMETRE)
+
+
+def box_of(plan: Plan, index=0):
+    return plan.hull(index)
+
+
+def begun(plan, parameters, rules=FLOWN):
+    start = default_start(plan, parameters)[0]
+    return Tracked(plan, parameters, start, rules), start
+
+
+def of_legs(legs):
+    return np.array([(leg.stage.index, leg.distance_m, *leg.start_m, *leg.end_m) for leg in legs])
+
+
+def alike(found, expected, tolerance=MICROMETRE):
+    assert [leg.stage.index for leg in found] == [leg.stage.index for leg in expected]
+    assert of_legs(found) == pytest.approx(of_legs(expected), abs=tolerance)
+
+
+# --- at take-off ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("c1", np.linspace(-1000, 0, 23))
+def test_the_survey_at_take_off_is_the_nominal_flight(c1):
+    follower, start = begun(survey(), (0.0, 10.0))
+    fresh, begin = begun(survey(), (c1, 10.0))
+    alike(fresh.route((c1, 10.0)).legs, nominal_legs(survey(), (c1, 10.0), begin))
+    assert start != begin or c1 == 0
+    later = follower.route((c1, 10.0)).legs  # decided now, it waits for the first lap's end
+    assert [leg.stage.index for leg in later[:4]] == [1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("share", np.linspace(0, 1, 9))
+@pytest.mark.parametrize("with_profile", [False, True])
+def test_plans_of_parts_at_take_off(share, with_profile):
+    plan = with_computations() if with_profile else covered()
+    box = box_of(plan)
+    parameters = (box.lo + share * (box.hi - box.lo), 10.0)[: len(plan.parameters)]
+    follower, start = begun(plan, parameters)
+    alike(follower.route(parameters).legs, nominal_legs(plan, parameters, start))
+
+
+@pytest.mark.parametrize("text", [WAVES, ROUND_TWICE, "0.1; 90; x\n0, 400\n"], ids=["waves", "circle", "one stage"])
+def test_curves_and_explicit_plans(text):
+    plan = plan_of(text)
+    follower, start = begun(plan, ())
+    alike(follower.route(()).legs, nominal_legs(plan, (), start), MILLIMETRE)
+
+
+@pytest.mark.parametrize("c1", [4.0, 7.5, 20.0])
+@pytest.mark.parametrize("c2", [-30.0, 0.0, 12.0])
+def test_two_path_parameters(c1, c2):
+    plan = plan_of(TWO_PARAMETERS)
+    follower, start = begun(plan, (c1, c2, 4.0))
+    alike(follower.route((c1, c2, 4.0)).legs, nominal_legs(plan, (c1, c2), start))
+
+
+def test_the_published_plan(reference):
+    plan = read_plan(read_text(str(reference / "plans/plan_specification.pln")))[0]
+    for other in (plan, plan.laps()):
+        follower, start = begun(other, ())
+        alike(follower.route(()).legs, nominal_legs(other, (), start))
+
+
+def test_a_plan_whose_end_is_not_reached_is_refused():
+    plan = plan_of(WAVES.replace("h = 0, 50", "h = 0, 0"))
+    follower, _ = begun(plan, ())
+    with pytest.raises(PathUndefined, match="does not reach"):
+        follower.route(())
+
+
+def test_a_plan_that_cannot_be_flown_at_some_parameters_is_refused_there_alone():
+    plan = plan_of("init:\na = 0, 50\npath:\n0.01; 90; (x - a)^2 + y^2 - c1\na + sqrt(c1), 0\ntrig:\n200, 0\n")
+    follower, _ = begun(plan, (400.0,))
+    assert follower.route((400.0,)).legs
+    with pytest.raises(PathUndefined):
+        follower.route((-1.0,))
+    assert follower.route((400.0,)).legs
+
+
+# --- in flight --------------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Flown:
+    """A stage as flown."""
+
+    stage: int
+    trigger_m: tuple[float, float]
+    parameters: tuple[float, ...]
+    flown_m: float
+    whole: bool = True
+
+
+def way(itinerary: PlanExecutor, begin) -> Iterator[tuple[tuple[float, float], float]]:
+    """Points along a stage as it lies, from where it is joined to its trigger, and how far along it they are."""
+    (ox, oy), (tx, ty), stage = itinerary.cursor.offset_m, itinerary.trigger_m, itinerary.stage
+    local, end = (begin[0] - ox, begin[1] - oy), (tx - ox, ty - oy)
+    if stage.kind == LINE:
+        line = line_of(itinerary.path, local, stage.sense)
+        (px, py), (dx, dy), length = line.point_m, line.direction, line.progress_m(end)
+        count = max(1, math.ceil(length / STEP_M))
+        for along in (length * k / count for k in range(1, count)):
+            yield (px + along * dx + ox, py + along * dy + oy), along
+    elif stage.kind == CIRCLE:
+        circle = circle_of(itinerary.path, end, stage.sense)
+        first, sweep = circle.angle_rad(local), circle.sweep_rad(local, end)
+        length = sweep * circle.radius_m
+        count = max(4, math.ceil(length / STEP_M))
+        for share in (k / count for k in range(1, count)):
+            x, y = circle.point_at(first + circle.turn * sweep * share)
+            yield (x + ox, y + oy), length * share
+    else:
+        length, last = 0.0, local
+        for x, y in itertools.islice(points_along(itinerary.path, local, stage.sense, 0.2), 1, 4000):
+            length += math.dist(last, (x, y))
+            last = (x, y)
+            if math.dist(last, end) < 0.3:
+                break
+            yield (x + ox, y + oy), length
+        length += math.dist(last, end)
+    yield (tx, ty), length
+
+
+def itinerary_flown(plan, parameters, start, decisions, rules=FLOWN):
+    """Fly exactly along the path; `decisions` are taken half way of stages, counted from 0.
+
+    Returns the stages flown, and the route that is left at the start of each.
+    """
+    itinerary, predictor = PlanExecutor(plan, parameters, start, rules), RoutePredictor()
+    decided, begin = tuple(parameters), start
+    flights, forecasts = [], []
+    for k in range(500):
+        forecasts.append(predictor.route(itinerary.cursor.decide(decided), itinerary.joined_m))
+        points = list(way(itinerary, begin))
+        length, last, changed, half = 0.0, begin, False, len(points) // 2
+        stage, trigger, own = itinerary.stage.index, itinerary.trigger_m, itinerary.parameters
+        for i, (point, along) in enumerate(points):
+            if i == half and k in decisions:
+                decided = tuple(decisions[k])
+                itinerary.decide(decided, last)
+            length, last = along, point
+            changed = itinerary.advance(*point)
+            if changed or itinerary.complete:
+                break
+        flights.append(Flown(stage, trigger, own, length, whole=not itinerary.complete))
+        if itinerary.complete:
+            return flights, forecasts
+        assert changed, f"stage {stage} is left at its trigger"
+        assert math.dist(last, trigger) <= MILLIMETRE, "and not before"
+        begin = trigger
+    raise AssertionError("the flight does not end")
+
+
+def told_at_every_stage(plan, flights, forecasts, decisions):
+    """Every forecast is what is flown, up to the stage in which the next decision is taken."""
+    for k, course in enumerate(forecasts):
+        later = min((i for i in decisions if i >= k), default=len(flights) - 1)
+        if later == len(flights) - 1:
+            assert len(course.legs) == len(flights) - k, "to the end"
+        for leg, own, flown in zip(course.legs, course.parameters, flights[k : later + 1], strict=False):
+            rho = plan.path_count
+            assert leg.stage.index == flown.stage
+            assert own[:rho] == flown.parameters[:rho]
+            assert leg.end_m == pytest.approx(flown.trigger_m, abs=MICROMETRE)
+            step = 0.0 if flown.whole else STEP_M
+            assert leg.distance_m == pytest.approx(flown.flown_m, abs=step + MILLIMETRE)
+
+
+def random_decisions(rng, plan, stages, count):
+    return {
+        rng.randrange(stages): tuple(
+            rng.choice([box.lo, box.hi, rng.uniform(box.lo, box.hi)])
+            for box in (plan.hull(i) for i in range(len(plan.parameters)))
+        )
+        for _ in range(count)
+    }
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_on_the_survey_every_stage_tells_the_rest(seed):
+    rng, plan = random.Random(seed), nearly_a_point(survey())
+    parameters = (rng.uniform(-1000, 0), 10.0)
+    decisions = random_decisions(rng, plan, 40, rng.randrange(5))
+    start = default_start(plan, parameters)[0]
+    told_at_every_stage(plan, *itinerary_flown(plan, parameters, start, decisions), decisions)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_on_a_plan_of_parts_every_stage_tells_the_rest(seed):
+    rng, plan = random.Random(seed), nearly_a_point(with_computations())
+    box = box_of(plan)
+    parameters = (rng.uniform(box.lo, box.hi), 10.0)
+    decisions = random_decisions(rng, plan, 60, rng.randrange(6))
+    start = default_start(plan, parameters)[0]
+    told_at_every_stage(plan, *itinerary_flown(plan, parameters, start, decisions), decisions)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_with_two_path_parameters_every_stage_tells_the_rest(seed):
+    rng, plan = random.Random(seed), plan_of(TWO_PARAMETERS)
+    plan = nearly_a_point(plan)
+    parameters = (rng.uniform(4, 20), rng.uniform(-30, 30), 4.0)
+    decisions = random_decisions(rng, plan, 24, 3)
+    start = default_start(plan, parameters)[0]
+    told_at_every_stage(plan, *itinerary_flown(plan, parameters, start, decisions), decisions)
+
+
+def test_a_decision_taken_as_a_stage_starts_waits_for_the_next_lap():
+    # the planner decides in the very step in which the stage changes: the stage starts with the old values
+    plan = nearly_a_point(survey())
+    start = default_start(plan, (0.0, 10.0))[0]
+    itinerary, predictor = PlanExecutor(plan, (0.0, 10.0), start, FLOWN), RoutePredictor()
+    begin, new = start, (-900.0, 10.0)
+    for k in range(12):
+        for point, _ in way(itinerary, begin):
+            changed = itinerary.advance(*point)
+        assert changed
+        begin = point
+        if k == 2:  # the stage that has just started is the one at whose start path parameters take effect
+            itinerary.decide(new, begin)
+        course = predictor.route(itinerary.cursor, itinerary.joined_m)
+        assert course.legs[0].end_m == pytest.approx(itinerary.trigger_m, abs=MICROMETRE)
+        assert course.parameters[0][0] == itinerary.parameters[0] == (0.0 if k < 6 else -900.0)
+
+
+def test_a_decision_where_sets_differ_between_stages():
+    plan = nearly_a_point(plan_of(BOXES_DIFFER))
+    start = (0.0, 0.0)
+    itinerary, predictor = PlanExecutor(plan, (20.0,), start, FLOWN), RoutePredictor()
+    begin, course = start, predictor.route(itinerary.cursor, start)
+    for k in range(6):
+        for point, _ in way(itinerary, begin):
+            changed = itinerary.advance(*point)
+        assert changed
+        begin = point
+        if k == 1:  # c1 takes effect at the start of stage 2 (stage 1's path does not depend on it before that)
+            itinerary.decide((0.0,), begin)
+        if k > 1:
+            assert course.legs[1].end_m == pytest.approx(itinerary.trigger_m, abs=MICROMETRE), "as a stage before"
+            assert course.parameters[1] == itinerary.parameters
+        course = predictor.route(itinerary.cursor, itinerary.joined_m)
+        assert course.legs[0].end_m == pytest.approx(itinerary.trigger_m, abs=MICROMETRE)
+        assert course.parameters[0] == itinerary.parameters
+
+
+def test_parameters_known_to_be_in_force_hold_until_the_next_latch():
+    sets = PARTS.split("[-900, 0]\n")
+    text = "[-900, 0]\n".join(sets[:4]) + "[-900, -500]\n" + "[-900, 0]\n".join(sets[4:])
+    follower = Tracked(plan_of(text), (-100.0, 10.0), (10.0, 10.0))
+    follower.next_stage()
+    follower.next_stage()
+    assert follower.stage.index == 3
+    follower.decide((-800.0, 10.0))
+    follower.next_stage()
+    assert follower.cursor.parameters[0] == -800.0
+    follower.cursor = follower.cursor.in_force((-100.0, 10.0))  # an autopilot that did not take it
+    assert follower.cursor.parameters[0] == -500.0, "clipped to the set of stage 4"
+    assert follower.cursor.decided == (-800.0, 10.0)
+    assert [own[0] for own in follower.route((-800.0, 10.0)).parameters[:2]] == [-500.0, -100.0]
+
+
+def test_live_changes_in_the_second_lap():
+    plan, rules = nearly_a_point(survey()), Rules(LIVE)
+    start = default_start(plan, (0.0, 10.0))[0]
+    decisions = {5: (-900.0, 10.0)}
+    flights, forecasts = itinerary_flown(plan, (0.0, 10.0), start, decisions, rules)
+    # the stage of the decision moves under the aircraft, and the one after it is joined from there: ends alone
+    for leg, own, flown in zip(forecasts[6].legs, forecasts[6].parameters, flights[6:], strict=True):
+        assert leg.stage.index == flown.stage
+        assert leg.end_m == pytest.approx(flown.trigger_m, abs=MICROMETRE)
+        assert own[0] == flown.parameters[0] == -900
+    told_at_every_stage(plan, flights[7:], forecasts[7:], {})
+
+
+def test_live_changes_in_the_first_lap_move_stages_to_come():
+    plan, rules = nearly_a_point(survey()), Rules(LIVE)
+    follower, _ = begun(plan, (0.0, 10.0), rules)
+    follower.decide((-900.0, 10.0))
+    assert follower.cursor.accepts_changes()
+    course = follower.route((-900.0, 10.0))
+    assert {own[0] for own in course.parameters} == {-900.0}
+
+
+# --- latches ----------------------------------------------------------------------------------------------------------
+
+
+def test_path_parameters_can_take_effect_with_the_next_stage_before_the_latch_alone():
+    plan = survey()
+    follower, _ = begun(plan, (0.0, 10.0))
+    found = []
+    for _ in range(8):
+        found.append((follower.stage.index, follower.cursor.accepts_changes()))
+        follower.next_stage()
+    assert found == [(1, False), (2, False), (3, True), (4, False)] * 2
+
+
+@pytest.mark.parametrize("make", [survey, with_computations, lambda: plan_of(TWO_PARAMETERS)])
+def test_before_the_latch_means_that_the_next_leg_has_what_is_decided_now(make):
+    plan = make()
+    first = tuple(box.lo + 0.6 * (box.hi - box.lo) for box in map(plan.hull, range(len(plan.parameters))))
+    moved = tuple(box.lo + 0.3 * (box.hi - box.lo) for box in map(plan.hull, range(len(plan.parameters))))
+    rho = plan.path_count
+    follower, _ = begun(plan, first)
+    for _ in range(20):
+        course, kept = follower.route(moved), follower.route(first)
+        if len(course.legs) < 2:
+            break
+        taken = [a != b for a, b in zip(course.parameters[1][:rho], kept.parameters[1][:rho], strict=True)]
+        assert follower.cursor.accepts_changes() == any(taken)
+        follower.next_stage()
+
+
+# --- courses kept -----------------------------------------------------------------------------------------------------
+
+
+def test_what_is_remembered_does_not_leak_between_parameters():
+    rng, plan = random.Random(5), survey()
+    follower, _ = begun(plan, (-200.0, 10.0))
+    for _ in range(3):
+        follower.next_stage()
+    asked = [(rng.choice([-1000.0, -999.999999, -300.0, 0.0, rng.uniform(-1000, 0)]), 10.0) for _ in range(25)]
+    found = {parameters: of_legs(follower.route(parameters).legs) for parameters in asked}
+    for parameters, legs in found.items():
+        fresh, _ = begun(plan, (-200.0, 10.0))
+        for _ in range(3):
+            fresh.next_stage()
+        assert of_legs(fresh.route(parameters).legs) == pytest.approx(legs, abs=MICROMETRE)
+        assert np.array_equal(of_legs(follower.route(parameters).legs), legs)
+
+
+def test_what_is_left_of_a_plan_flown_once_is_that_of_the_route_before():
+    plan = covered()
+    follower, start = begun(plan, (plan.hull(0).lo,))
+    predictor, before = RoutePredictor(), None
+    changes = {4: plan.hull(0).hi, 9: plan.hull(0).lo}
+    for number in range(14):
+        for beside_m in (0.0, 3.0):  # a stage that is joined elsewhere
+            joined_m = start[0], start[1] + beside_m
+            found, fresh = predictor.route(follower.cursor, joined_m), RoutePredictor().route(follower.cursor, joined_m)
+            assert np.array_equal(of_legs(found.legs), of_legs(fresh.legs))
+            assert found.parameters == fresh.parameters
+            assert (found.cursor, found.ends, found.beyond_m) == (fresh.cursor, fresh.ends, fresh.beyond_m)
+            assert np.array_equal(found.runs, fresh.runs)
+            assert np.array_equal(found.scales, fresh.scales)
+        if before is not None and number not in changes:
+            assert found.legs[-1] is before.legs[-1], "laid out once"
+        before = found
+        follower.next_stage()
+        start = found.legs[0].end_m
+        if number + 1 in changes:
+            follower.decide((changes[number + 1],))
+
+
+@pytest.mark.parametrize("make", [survey, with_computations])
+def test_after_is_the_course_from_the_next_stage(make):
+    plan = make()
+    parameters = (-150.0, 10.0)
+    follower, _ = begun(plan, parameters)
+    for _ in range(6):
+        course = follower.route(parameters)
+        follower.next_stage()
+        after, fresh = course.after(), follower.route(parameters)
+        alike(after.legs, fresh.legs)
+        assert after.parameters == fresh.parameters
+        wind = (2.0, 5.0)
+        for one, other in zip(after.times_s(15.0, wind), fresh.times_s(15.0, wind), strict=True):
+            assert one == pytest.approx(other, rel=1e-9)
+        assert after.stages.tolist() == course.stages.tolist()[1:]
+
+
+def test_shares_by_leg():
+    plan = plan_of(TWO_PARAMETERS)
+    follower, _ = begun(plan, (5.0, 0.0, 6.0))
+    course = follower.route((5.0, 0.0, 6.0))
+    for i, (leg, own) in enumerate(zip(course.legs, course.parameters, strict=True)):
+        for j, box in enumerate(leg.stage.sets):
+            expected = (min(max(own[j], box.lo), box.hi) - box.lo) / (box.hi - box.lo) if box.lo < box.hi else 0
+            assert course.table.rows.shares[course.order][i, j] == pytest.approx(expected)
+    rows = list(zip(course.stages.tolist(), course.parameters, strict=True))
+    assert len(set(course.order.tolist())) >= len(set(rows)) > 1, "legs that repeat are one row"
+    assert [course.table.stages[row] for row in course.order] == [leg.stage for leg in course.legs]
+
+
+def test_a_course_of_no_legs_takes_no_time():
+    none = np.zeros(0, dtype=np.intp)
+    times, turning = Route(LegTable(survey()), none, (), (), none, np.zeros(0)).times_s(15.0, (0.0, 0.0))
+    assert len(times) == len(turning) == 0
+
+
+def test_stages_without_sets_have_no_shares():
+    plan = plan_of("0.1; 90; x - c1\nc1, 400\n")
+    follower = Tracked(plan, (3.0,), (3.0, 0.0))
+    course = follower.route((3.0,))
+    assert not course.table.rows.shares[course.order].any()
+    assert course.table.rows.shares.shape == (1, 1)
+
+
+# --- times ------------------------------------------------------------------------------------------------------------
+
+
+def integrated(leg, airspeed_mps, wind_mps, step_m=0.05):
+    """Time and ∫ tan² φ dt over what is flown of a leg, from points along it."""
+    points = list(leg_points(leg, step_m))
+    places = np.array([(point.x_m, point.y_m) for point in points])
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    course = np.unwrap([point.heading_rad for point in points])
+    w = complex(*wind_mps)
+    across = (w * np.exp(-1j * course)).imag
+    nose = course - np.arcsin(across / airspeed_mps)  # the crab takes out what is across
+    speeds = (airspeed_mps * np.exp(1j * nose) + w).real * np.cos(course) + (
+        airspeed_mps * np.exp(1j * nose) + w
+    ).imag * np.sin(course)
+    seconds = steps * (1 / speeds[1:] + 1 / speeds[:-1]) / 2
+    rates = np.diff(nose) / seconds
+    return seconds.sum(), ((airspeed_mps * rates / GRAVITY_MPS2) ** 2 * seconds).sum()
+
+
+@pytest.mark.parametrize("wind_mps", [(0.0, 0.0), (5.0, 3.0), (-8.0, 2.0)])
+@pytest.mark.parametrize("make", [survey, lambda: plan_of(A_CURVE), lambda: plan_of(TWO_PARAMETERS)])
+def test_times_and_turning_against_fine_steps(make, wind_mps):
+    plan = make()
+    parameters = (9.0, 5.0, 4.0)[: len(plan.parameters)] if plan.path_count != 1 else (-400.0, 10.0)
+    follower, _ = begun(plan, parameters)
+    course = follower.route(parameters)
+    some = [*range(4), len(course.legs) - 1]
+    times, turning = course.times_s(15.0, wind_mps)
+    for i in sorted({i for i in some if i < len(course.legs)}):
+        seconds, bank = integrated(course.legs[i], 15.0, wind_mps)
+        curve = course.legs[i].stage.kind not in (LINE, CIRCLE)
+        assert times[i] == pytest.approx(seconds, rel=QUADRATURE, abs=1e-6)
+        assert turning[i] == pytest.approx(bank, rel=0.05 if curve else 5 * QUADRATURE, abs=1e-3)
+
+
+def test_in_calm_air_time_is_length_over_speed():
+    follower, _ = begun(survey(), (-400.0, 10.0))
+    course = follower.route((-400.0, 10.0))
+    times, _ = course.times_s(15.0, (0.0, 0.0))
+    assert times == pytest.approx([leg.distance_m / 15 for leg in course.legs], rel=1e-9)
+
+
+@pytest.mark.parametrize("wind_mps", [(0.0, 15.5), (20.0, 0.0), (0.0, -15.0)])
+def test_a_wind_stronger_than_the_airspeed_is_never_flown_through(wind_mps):
+    follower, _ = begun(survey(), (-400.0, 10.0))
+    times, turning = follower.route((-400.0, 10.0)).times_s(15.0, wind_mps)
+    assert not np.isfinite(times).all()
+    assert (times > 0).all()
+    assert np.isfinite(turning).all()
+    assert not np.isnan(times).any()
+
+
+@pytest.mark.parametrize("wind", [Wind(), Wind(4.0, towards_deg=90.0), Wind(6.0, towards_deg=200.0)])
+def test_a_simulated_flight_takes_the_times_told(wind):
+    plan, parameters = survey(), (-1000.0, 10.0)
+    start, heading = default_start(plan, parameters)
+    computing, battery = Computing(1, None), Battery(capacity_ah=50)
+    plane = FixedWing()
+    # triggers fire 20 m early at both ends of a leg, so that durations stay but for the first and the last
+    world = World(
+        plan,
+        computing,
+        plane,
+        Guidance(),
+        wind,
+        battery,
+        (),
+        TakeOff(start, heading, 25.0),
+        parameters,
+        FLOWN,
+        Timing(0.02),
+    )
+    mission = Mission(plan, computing, battery, plane, parameters, start, altitude_m=plane.cruise_altitude_m)
+    outcome = Outcome()
+    for _ in fly(world, Piloted(Planner(PlannerSettings(), mission)), outcome):
+        pass
+    assert outcome.completed
+    course = Tracked(plan, parameters, start).route(parameters)
+    times, _ = course.times_s(plane.airspeed_mps, wind.steady_mps)
+    ends = [0.0, *outcome.stage_times_s, outcome.duration_s]
+    durations = np.diff(ends)
+    laps = len(times) // 4 - 1
+    for stage in range(4):
+        flown, told = durations[4 + stage : 4 * laps : 4].sum(), times[4 + stage : 4 * laps : 4].sum()
+        assert flown == pytest.approx(told, rel=2 * FLOWN_IN_WIND)
+    assert outcome.duration_s == pytest.approx(times.sum(), rel=FLOWN_IN_WIND)
+
+
+# --- what is left of a leg --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("make", [survey, with_computations, lambda: plan_of(A_CURVE)])
+def test_left_along_each_leg(make):
+    plan = make()
+    parameters = (-150.0, 10.0)[: len(plan.parameters)]
+    follower, _ = begun(plan, parameters)
+    legs = follower.route(parameters).legs
+    for leg in [*legs[:6], legs[-1]]:
+        points = list(leg_points(leg, 1.0))
+        for i in range(0, len(points), 7):
+            flown = leg.distance_m * i / (len(points) - 1)
+            rough = min(max(flown * 1.1 - 5, 0.0), leg.distance_m)
+            told = flown if leg.stage.kind not in (LINE, CIRCLE) else rough
+            place = (points[i].x_m, points[i].y_m)
+            off_m = 4.0 if leg.stage.kind == LINE else 0.1  # the survey's triggers lie off its circles
+            assert left_m(leg, place, told) == pytest.approx(leg.distance_m - flown, abs=off_m)
+
+
+def test_left_of_a_whole_turn_is_told_apart_by_what_is_flown():
+    follower = Tracked(plan_of(ROUND_TWICE), (), (50.0, 0.0))
+    leg = follower.route(()).legs[0]
+    assert leg.length_m == pytest.approx(100 * math.pi)
+    assert left_m(leg, (50.0, 0.0), 0.0) == pytest.approx(100 * math.pi)
+    assert left_m(leg, (50.0, 0.0), 310.0) == pytest.approx(0, abs=MICROMETRE)
+    assert left_m(leg, (-70.0, 0.0), 150.0) == pytest.approx(50 * math.pi)
+    assert left_m(leg, (50.0, 1.0), 300.0) == pytest.approx(0, abs=1.0)
+
+
+def test_left_stays_within_the_leg():
+    follower, _ = begun(survey(), (-400.0, 10.0))
+    rng = random.Random(3)
+    for leg in follower.route((-400.0, 10.0)).legs[:8]:
+        for _ in range(20):
+            place = (rng.uniform(-500, 500), rng.uniform(-500, 500))
+            assert 0 <= left_m(leg, place, rng.uniform(0, leg.distance_m)) <= leg.distance_m
+
+
+# --- where a plan is over ---------------------------------------------------------------------------------------------
+
+
+def first_by_steps(leg, final, shift, radius_m, step_m=0.01):
+    """The same by looking every centimetre; none where nothing is found."""
+    for i, point in enumerate(points := list(leg_points(leg, step_m))):
+        inside = []
+        for value, to, d in zip((point.x_m, point.y_m), final, shift, strict=True):
+            inside.append(abs(value - to) <= radius_m if abs(d) < 1e-9 else (value - to) * d > 0)
+        if all(inside):
+            return leg.length_m * i / (len(points) - 1)
+    return None
+
+
+def a_leg(path, begin, trigger, rotation=90):
+    plan = plan_of(f"0.1; {rotation}; {path}\n{trigger[0]!r}, {trigger[1]!r}\n")
+    follower = Tracked(plan, (), begin)
+    return follower.route(()).legs[0]
+
+
+def first_beyond_m(leg, final, shift, radius, slack_m=0.0):
+    """How far along a leg a plan is over; None where it is not."""
+    found = beyond_m(*leg_numbers(leg), final, shift, radius, slack_m)
+    return found if found < math.inf else None
+
+
+@pytest.mark.parametrize("seed", few(range(40), 12))
+def test_where_a_plan_is_over_against_looking_every_centimetre(seed):
+    rng = random.Random(seed)
+    if seed % 2:
+        sign = rng.choice([1, -1])
+        begin, trigger = ((-sign * 72.0, -sign * 54.0), (sign * 72.0, sign * 54.0))
+        leg = a_leg("3*x - 4*y", begin, trigger, 90 if sign > 0 else 270)
+    else:
+        end = rng.uniform(0.5, 6.0)
+        begin, trigger = (60.0, 0.0), (60 * math.cos(end), 60 * math.sin(end))
+        leg = a_leg("x^2 + y^2 - 3600", begin, trigger)
+    final = (rng.uniform(-70, 70), rng.uniform(-70, 70))
+    shift = (rng.choice([0.0, 10.0, -10.0]), rng.choice([0.0, 3.0, -3.0]))
+    radius = rng.uniform(2, 40)
+    found, expected = (how(leg, final, shift, radius) for how in (first_beyond_m, first_by_steps))
+    assert (found is None) == (expected is None)
+    if expected is not None:
+        assert found == pytest.approx(expected, abs=0.02)
+
+
+def test_where_a_plan_is_over_on_a_curve():
+    """y = 10 sin(x/60) rises over 6 m at x = 60 asin 0.6; ds² = (1 + cos²(x/60)/36) dx²."""
+    leg = a_leg("y - 10*sin(x/60)", (0.0, 0.0), (150.0, 10 * math.sin(2.5)), 270)
+    to_m = 60 * math.asin(0.6)
+    expected_m, _ = quad(lambda x: math.hypot(1, math.cos(x / 60) / 6), 0.0, to_m)
+    assert first_beyond_m(leg, (to_m, 6.0), (0.0, 1.0), 20.0) == pytest.approx(expected_m, abs=0.01)
+    # along x it is within 20 m of 100 from x = 80 on
+    expected_m, _ = quad(lambda x: math.hypot(1, math.cos(x / 60) / 6), 0.0, 80.0)
+    assert first_beyond_m(leg, (100.0, 6.0), (0.0, 1.0), 20.0) == pytest.approx(expected_m, abs=0.01)
+    assert first_beyond_m(leg, (0.0, 11.0), (0.0, 1.0), 200.0) is None
+
+
+@pytest.mark.parametrize(("path", "to", "join"), [("y", (0.0, 0.0), (1.0, 0.0)), ("x", (0.0, 0.0), (0.0, 1.0))])
+def test_a_stage_joined_elsewhere_has_another_length(path, to, join):
+    plan = plan_of(f"0.1; 90; {path}\n{to[0]!r}, {to[1]!r}\n")
+    cursor, predictor = PlanCursor.start(plan, ()), RoutePredictor()
+    for metres in (100.0, 60.0, 60.5):
+        start = (metres * join[0], metres * join[1])
+        assert predictor.route(cursor, start).legs[0].length_m == pytest.approx(metres)
+
+
+def test_a_short_stretch_on_a_circle_is_where_the_plan_is_over():
+    leg = a_leg("x^2 + y^2 - 3600", (60.0, 0.0), (-60.0, 0.0))
+    for y in np.linspace(29, 31, 11).tolist():
+        final, shift, radius = (-100.0, y), (10.0, 0.0), 0.2
+        assert first_by_steps(leg, final, shift, radius) is not None
+        assert first_beyond_m(leg, final, shift, radius) is not None
+
+
+# --- the margin at the end --------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("slack_m", [3.0, -3.0])
+@pytest.mark.parametrize("seed", few(range(12), 4))
+def test_slack_moves_the_end_along_the_shift(seed, slack_m):
+    """Beyond is counted from so much before the final point along each part of the shift; below 0, after it."""
+    rng = random.Random(seed)
+    if seed % 2:
+        leg = a_leg("3*x - 4*y", (-72.0, -54.0), (72.0, 54.0))
+    else:
+        end = rng.uniform(0.5, 6.0)
+        leg = a_leg("x^2 + y^2 - 3600", (60.0, 0.0), (60 * math.cos(end), 60 * math.sin(end)))
+    final = (rng.uniform(-70, 70), rng.uniform(-70, 70))
+    shift = (rng.choice([0.0, 10.0, -10.0]), rng.choice([0.0, 3.0, -3.0]))
+    nearer = tuple(value - slack_m * (d > 0) + slack_m * (d < 0) for value, d in zip(final, shift, strict=True))
+    found, expected = first_beyond_m(leg, final, shift, 20.0, slack_m), first_by_steps(leg, nearer, shift, 20.0)
+    assert (found is None) == (expected is None)
+    if expected is not None:
+        assert found == pytest.approx(expected, abs=0.02)
+
+
+def flown_survey(c1):
+    """Stages and seconds that a simulated flight of the survey takes."""
+    plan, parameters = survey(), (c1, 10.0)
+    start, heading = default_start(plan, parameters)
+    computing, battery, plane = Computing(1, None), Battery(capacity_ah=50), FixedWing()
+    world = World(
+        plan,
+        computing,
+        plane,
+        Guidance(),
+        Wind(),
+        battery,
+        (),
+        TakeOff(start, heading, 25.0),
+        parameters,
+        FLOWN,
+        Timing(0.05),
+    )
+    mission = Mission(plan, computing, battery, plane, parameters, start, altitude_m=plane.cruise_altitude_m)
+    outcome = Outcome()
+    for _ in fly(world, Piloted(Planner(PlannerSettings(), mission)), outcome):
+        pass
+    assert outcome.completed
+    return len(outcome.stage_times_s) + 1, outcome.duration_s
+
+
+def told_survey(c1, margin_m=0.0):
+    """The same as forecast."""
+    follower, _ = begun(survey(), (c1, 10.0))
+    course = follower.route((c1, 10.0), margin_m)
+    return len(course.legs), float(course.times_s(15.0, (0.0, 0.0))[0].sum())
+
+
+def test_with_a_margin_before_it_an_end_that_is_just_reached_is_the_end():
+    # at c1 = 0 the last lap's line ends on the final point to a hair: the aircraft, a little beside it, is done
+    stages, seconds = flown_survey(0.0)
+    told = told_survey(0.0, -1.0)
+    assert (stages, told[0]) == (61, 61)
+    assert told[1] == pytest.approx(seconds, rel=0.005)
+    assert told_survey(0.0)[0] == 65, "exactly, it is a lap more"
+
+
+def test_an_end_that_is_passed_by_less_than_the_margin_is_not_counted_on():
+    # at c1 = -1000 the plan is over at the end of a line, and on the turn after it where more is asked for
+    follower, _ = begun(survey(), (-1000.0, 10.0))
+    told = []
+    for margin_m in (0.0, 3.0):
+        course = follower.route((-1000.0, 10.0), margin_m)
+        told.append(sum(leg.distance_m for leg in course.legs))
+    assert 0 < told[1] - told[0] < 10
+
+
+@pytest.mark.parametrize("c1", [0.0, -500.0, -1000.0])
+def test_as_it_is_set_the_margin_tells_no_less_than_is_flown_and_at_most_a_lap_more(c1):
+    stages, seconds = flown_survey(c1)
+    told = told_survey(c1, MARGIN_M)
+    assert stages - 1 <= told[0] <= stages + 4
+    lap_s = seconds / (stages / 4)
+    assert -0.005 * seconds <= told[1] - seconds <= 1.1 * lap_s
+
+
+@pytest.mark.parametrize("c1", [0.0, -110.0, -335.0, -500.0, -640.0, -805.0, -1000.0])
+def test_uncertain_ends_are_where_the_plan_ends_for_each_margin(c1):
+    """Beside a route for every margin: the first end that is cleared by as much, or the certain one."""
+    follower, _ = begun(survey(), (c1, 10.0))
+    largest_m = 8.0
+    course = follower.route((c1, 10.0), largest_m)
+    clearances = [end.clearance_m for end in course.ends]
+    assert clearances == sorted(clearances)
+    radius_m = survey().trigger_radius_m
+    for margin_m in np.linspace(-largest_m, largest_m, 65)[1:-1].tolist():
+        if any(abs(clearance - margin_m) < 0.1 for clearance in clearances):
+            continue
+        cleared = (end for end in course.ends if end.clearance_m >= margin_m)
+        told = next(cleared, None)
+        leg, flown_m = (told.leg, told.flown_m) if told else (len(course.legs) - 1, course.legs[-1].distance_m)
+        found = follower.route((c1, 10.0), 0.0 if margin_m == 0 else margin_m)
+        there = len(found.legs) - 1
+        if there + 1 == leg and found.legs[-1].length_m - found.legs[-1].distance_m <= radius_m:
+            continue  # beyond the trigger's disc the next stage passes it
+        assert leg == there
+        if margin_m <= 0:
+            assert flown_m <= found.legs[-1].distance_m + 40
+
+
+def test_at_the_end_to_a_hair_there_are_two_ends():
+    """The published survey at c1 = 0: flown, the plan ends on stage 61; it may take a lap more."""
+    follower, _ = begun(survey(), (0.0, 10.0))
+    course = follower.route((0.0, 10.0), MARGIN_M)
+    assert (len(course.legs), [end.leg for end in course.ends]) == (65, [60])
+    assert abs(course.ends[0].clearance_m) < 0.1
+    assert flown_survey(0.0)[0] == course.ends[0].leg + 1
+    for _ in range(60):
+        course = course.after()
+    assert [end.leg for end in course.ends] == [0]
+    assert course.after().ends == ()
+
+
+class _EachLap(RoutePredictor):
+    """Lays every lap out on its own."""
+
+    def _lap(self, cursor, start):
+        return None
+
+
+@pytest.mark.parametrize("c1", [0.0, -311.7, -1000.0])
+@pytest.mark.parametrize("passed", [0, 1, 4, 9])
+@pytest.mark.parametrize("now", [-500.0, -1000.0])
+def test_laps_that_are_alike_are_those_laid_out_one_by_one(c1, passed, now):
+    """Also from the middle of a lap, and of another c1 than the one decided."""
+    plan = survey()
+    cursor = PlanCursor.start(plan, (now, 10.0))
+    start = default_start(plan, (now, 10.0))[0]
+    for _ in range(passed):
+        start, cursor = cursor.trigger_m(), cursor.next()
+    cursor = cursor.decide((c1, 10.0))
+    found, expected = (predictor.route(cursor, start, MARGIN_M) for predictor in (RoutePredictor(), _EachLap()))
+    assert any(not isinstance(piece, Leg) for piece in found.pieces)
+    assert [leg._replace(track=None) for leg in found.legs] == [leg._replace(track=None) for leg in expected.legs]
+    assert found.stages.tolist() == expected.stages.tolist()
+    assert (found.parameters, found.ends) == (expected.parameters, expected.ends)
+    assert found.first == found.legs[0]
+    wind = (3.0, -4.0)
+    for ours, theirs in zip(found.times_s(15.0, wind), expected.times_s(15.0, wind), strict=True):
+        assert ours.tolist() == theirs.tolist()
+
+
+@pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
+@pytest.mark.parametrize("seed", range(9))
+def test_ends_on_legs_are_the_same_compiled(seed):
+    rng = random.Random(seed)
+    legs = [
+        a_leg("3*x - 4*y", (-72.0, -54.0), (72.0, 54.0)),
+        a_leg("x^2 + y^2 - 3600", (60.0, 0.0), (60 * math.cos(4.0), 60 * math.sin(4.0))),
+        a_leg("y - 10*sin(x/60)", (0.0, 0.0), (150.0, 10 * math.sin(2.5)), 270),
+    ]
+    leg, kinds = legs[seed % 3], set()
+    for _ in range(60):
+        final = (rng.uniform(-70, 140), rng.uniform(-70, 70))
+        shift = (rng.choice([0.0, 10.0, -10.0]), rng.choice([0.0, 3.0, -3.0]))
+        arguments = leg, final, shift, rng.uniform(2, 40), rng.choice([0.0, 1.0, 12.0, -2.0]), 0.9 * leg.length_m
+        plain = end_on(*arguments)
+        compiled.enable(True)
+        try:
+            assert end_on(*arguments) == pytest.approx(plain, rel=1e-12)
+        finally:
+            compiled.enable(False)
+        kinds.add((plain[0] < math.inf, math.isfinite(plain[1])))
+    assert kinds == {(True, False), (False, False), (True, True)}, "certain, uncertain, and none"

@@ -1,0 +1,143 @@
+"""Plans and profiles brought together."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+from eadp.errors import EadpError
+from eadp.io.plan.reader import read_plan
+from eadp.io.text.streams import Text
+from eadp.models.computing import ComputationRate, join_profile
+from eadp.models.plan.stage import Box
+from eadp.models.profile import Profile, added
+
+GRID = Profile(
+    ("keysize", "fps"), ("bit", ""), np.array([[32, 2], [32, 10], [448, 2], [448, 10]]), np.array([1.0, 5.0, 2.0, 8.0])
+)
+ONE = Profile(("fps",), ("1/s",), np.array([[2.0], [10.0]]), np.array([4.0, 8.0]))
+
+
+def plan(header, sets="[2, 10]\n[32, 448]\n", second=None):
+    text = f"{header}0.1; 90; x\n0, 400\n{sets}"
+    if second is not None:
+        text += f"0.1; 90; x\n0, 800\n{second}"
+    return read_plan(Text("p", text))[0]
+
+
+def test_columns_are_found_by_name():
+    computing = join_profile(plan("%: computations fps, keysize\n"), GRID)
+    sets = (Box(2, 10), Box(32, 448))
+    assert computing.power_w((10, 32), sets) == 5.0
+    assert computing.power_w((2, 448), sets) == 2.0
+    assert computing.levels(0, Box(2, 5)) == (2, 3, 4, 5)
+
+
+def test_without_names_columns_go_in_order():
+    computing = join_profile(plan("", "[32, 448]\n[2, 10]\n"), GRID)
+    assert computing.power_w((448, 2), (Box(32, 448), Box(2, 10))) == 2.0
+
+
+def test_inhibited_computations_cost_nothing_and_are_not_looked_up():
+    computing = join_profile(plan("", "[2, 10]\n", "[0, 0]\n"), ONE)
+    assert computing.power_w((0,), (Box(0, 0),)) == 0.0
+    assert computing.power_w((6,), (Box(2, 10),)) == 6.0
+
+
+@pytest.mark.parametrize(
+    ("made", "profile", "word"),
+    [
+        (plan("%: computations fps, keylength\n"), GRID, "keylength"),
+        (plan("%: computations fps [Hz]\n", "[2, 10]\n"), ONE, "Hz"),
+        (plan("", "[2, 10]\n"), GRID, "measures 2"),
+        (plan("", "[1, 10]\n"), ONE, "stage 1"),
+        (plan("", "[2, 10]\n", "[2, 11]\n"), ONE, "stage 2"),
+        (plan("", "[2, 10]\n"), None, "no profile"),
+        (plan("", second="[0, 0]\n[32, 448]\n"), None, "no profile"),
+    ],
+)
+def test_disagreements_are_refused(made, profile, word):
+    with pytest.raises(EadpError, match=word):
+        join_profile(made, profile)
+
+
+def test_a_plan_without_computations_needs_no_profile():
+    assert join_profile(plan("", ""), None).power_w((), ()) == 0.0
+    assert join_profile(plan("", "[0, 0]\n"), None).power_w((0,), (Box(0, 0),)) == 0.0
+
+
+APART = added([ONE, Profile(("keysize",), ("",), np.array([[32.0], [448.0]]), np.array([1.0, 3.0]))])
+
+
+def test_a_part_that_does_not_run_costs_nothing_while_the_other_runs():
+    both, none = Box(2, 10), Box(0, 0)
+    sets = "[2, 10]\n[32, 448]\n"
+    computing = join_profile(plan("%: computations fps, keysize\n", sets, "[2, 10]\n[0, 0]\n"), APART)
+    assert computing.power_w((6, 240), (both, Box(32, 448))) == 6.0 + 2.0
+    assert computing.power_w((6, 0), (both, none)) == 6.0
+    assert computing.power_w((0, 240), (none, Box(32, 448))) == 2.0
+    assert computing.power_w((0, 0), (none, none)) == 0.0
+
+
+def test_parts_are_found_by_name_in_any_order():
+    computing = join_profile(plan("%: computations keysize, fps\n", "[32, 448]\n[2, 10]\n"), APART)
+    sets = (Box(32, 448), Box(2, 10))
+    assert computing.power_w((32, 10), sets) == 8.0 + 1.0
+    assert computing.levels(0, Box(32, 34)) == (32, 33, 34)
+    assert computing.power_w((0, 2), (Box(0, 0), sets[1])) == 4.0
+
+
+def test_a_configuration_measured_together_still_needs_its_zero():
+    with pytest.raises(EadpError, match="stage 2: keysize=0"):
+        join_profile(plan("%: computations fps, keysize\n", "[2, 10]\n[32, 448]\n", "[2, 10]\n[0, 0]\n"), GRID)
+
+
+@pytest.mark.parametrize(
+    ("rate", "commanded", "actual"),
+    [
+        (ComputationRate(), 6.0, 6.0),
+        (ComputationRate(0.5), 6.0, 3.0),
+        (ComputationRate(max_rate=4.0), 6.0, 4.0),
+        (ComputationRate(max_rate=4.0), 3.0, 3.0),
+        (ComputationRate(1.5, 7.0), 4.0, 6.0),
+        (ComputationRate(1.5, 7.0), 6.0, 7.0),
+        (ComputationRate(0.5, 0.0), 6.0, 0.0),
+    ],
+)
+def test_the_actual_rate(rate, commanded, actual):
+    assert rate.actual(commanded) == actual
+
+
+def test_the_ends_of_the_sets():
+    computing = join_profile(plan("", "[2, 10]\n", "[4, 6]\n"), ONE)
+    made = plan("", "[2, 10]\n", "[4, 6]\n")
+    assert computing.extreme(made, "lo") == (4.0, {"c1": 2.0})
+    assert computing.extreme(made, "hi") == (8.0, {"c1": 10.0})
+    off = plan("", "[0, 0]\n", "[4, 6]\n")
+    assert join_profile(off, ONE).extreme(off, "lo") == (5.0, {"c1": 4.0}), "not the stage on which it may not run"
+    none = plan("", "[0, 0]\n")
+    assert join_profile(none, None).extreme(none, "hi") == (0.0, {"c1": 0.0})
+
+
+def test_a_power_is_that_of_the_sets_as_they_are():
+    computing = join_profile(plan("", "[2, 10]\n", "[0, 0]\n"), ONE)
+    sets = [Box(2, 10)]
+    assert computing.power_w((6,), sets) == 6.0
+    sets[0] = Box(0, 0)
+    assert computing.power_w((6,), sets) == 0.0
+    assert pickle.loads(pickle.dumps(computing)).power_w((6,), [Box(2, 10)]) == 6.0
+
+
+@pytest.mark.parametrize("sets", ["", "[0, 0]\n[0, 0]\n"])
+def test_beside_a_plan_without_computations_a_profile_is_a_constant_load(sets):
+    still = plan("", sets)
+    boxes = still.stages[0].sets
+    values = tuple(box.lo for box in boxes)
+    assert join_profile(still, GRID).power_w(values, boxes) == 8.0
+    assert join_profile(still, GRID, {"fps": 2}).power_w(values, boxes) == 2.0
+    assert join_profile(still, GRID, {"fps": 6, "keysize": 32}).power_w(values, boxes) == pytest.approx(3.0)
+    for wrong in ({"x": 1}, {"fps": 11}):
+        with pytest.raises(EadpError):
+            join_profile(still, GRID, wrong)

@@ -1,0 +1,565 @@
+"""Evaluations against plain loops, fine integration, stepped batteries and draws."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+from common import few
+from common.forecasts import CALM, Forecasting, survey_inputs
+
+from eadp.errors import PathUndefined
+from eadp.models.plan.ground import FlownGround, RunTally
+from eadp.planning.forecast import evaluate as module
+from eadp.planning.forecast.battery_limits import LOSS, LOSS_SQUARE
+from eadp.planning.forecast.evaluate import Objective
+from eadp.planning.forecast.knapsack import fill_greedy
+from eadp.planning.state.charge import after_drain
+from eadp.planning.state.known import MotionKnown, TimeKnown, WindKnown
+
+SAME = 1e-12
+ALGEBRA = 1e-9
+Z95 = NormalDist().inv_cdf(0.95)
+SHARES = (0.0, 0.13, 0.4, 0.62, 0.9, 1.0)
+WIND = (4.0, -3.0)
+BATTERIES = {
+    "constant voltage": {},
+    "falling voltage": {"voltage_v": 16.8, "voltage_empty_v": 12.8},
+    "letter": {"letter_crate_per_h": 8.0},
+    "current": {"max_c_rate": 3.6, "capacity_ah": 1.0},
+    "cut-off": {"voltage_v": 16.8, "voltage_empty_v": 12.8, "cutoff_voltage_v": 13.6},
+}
+
+
+def own_parts(evaluation, place):
+    """Everything that an evaluation has of a place, as arrays."""
+    e, mine = evaluation, evaluation.legs.place == place
+    yield from (array[mine] for array in e.load)
+    yield from (e.kinds[mine], e.limits.volts[mine], e.limits.room_w[mine], e.limits.truncated[mine])
+    for array in (*e.totals, e.limits.beyond_w, e.limits.letter_soc, e.limits.delivered_soc, e.std):
+        yield array[place : place + 1]
+    yield from (e.knapsack.use[mine], e.knapsack.gain[mine])
+    yield from (column[place : place + 1] for column in e.knapsack[3:])
+    yield np.array([*e.ends[place].probabilities, *itertools.chain(*e.ends[place].unflown)])
+
+
+@pytest.mark.parametrize("battery", BATTERIES)
+def test_many_places_at_once_are_those_one_by_one(battery):
+    inputs = survey_inputs()
+    forecasting = Forecasting(inputs, wind_mps=WIND, gust_std_mps=1.0, battery=BATTERIES[battery])
+    # the effect of an uncertain wind is that of the first route
+    forecasting.known = uncertain(forecasting.known)._replace(wind=WindKnown(WIND))
+    together, widths = forecasting.at(*SHARES), set()
+    for place, share in enumerate(SHARES):
+        alone = forecasting.at(share)
+        width = min(together.knapsack.use.shape[1], alone.knapsack.use.shape[1])
+        widths.add(width)
+        for one, other in zip(own_parts(together, place), own_parts(alone, 0), strict=True):
+            if one.ndim == 2:  # where fewer envelopes are known there may be fewer columns, the others are empty
+                assert not np.any(one[:, width:])
+                assert not np.any(other[:, width:])
+                one, other = one[:, :width], other[:, :width]
+            assert one.shape == other.shape
+            assert one == pytest.approx(other, rel=SAME, abs=SAME)
+    assert max(widths) > 0
+
+
+def uncertain(known):
+    """The same with covariances of everything."""
+    return known._replace(
+        wind=WindKnown(known.wind.mps, (0.3, 0.2, -0.1)),
+        time=TimeKnown(1.03, 1e-4, 0.01),
+        motion=MotionKnown(38.0, 40.0, 0.2, -0.3, 30.0, 60.0, 60.0, 20.0),
+    )
+
+
+def test_routes_that_cannot_be_flown_are_left_out_and_numbered():
+    """A wind faster than the airspeed of every route, and one that only routes with legs across cannot fly."""
+    forecasting = Forecasting(survey_inputs())
+    forecasting.known = forecasting.known._replace(wind=WindKnown((20.0, 0.0)))
+    with pytest.raises(PathUndefined):
+        forecasting.at(*SHARES)
+    routes = [forecasting.route(share) for share in SHARES]
+    forecasting.known = forecasting.known._replace(wind=WindKnown())
+    found = forecasting.evaluator.evaluate(forecasting.known, routes)
+    assert found.index.tolist() == list(range(len(SHARES)))
+
+
+# --- times ------------------------------------------------------------------------------------------------------------
+
+
+def stepped_s(leg, airspeed_mps, wind_mps, step_m=0.02):
+    """Time along a leg, a wind triangle every two centimetres."""
+    count = max(1, math.ceil(leg.distance_m / step_m))
+    (sx, sy), (ox, oy) = leg.start_m, leg.offset_m
+    share = leg.distance_m / leg.length_m
+    points = list(leg.track.points((sx - ox, sy - oy), leg.distance_m, share, count))
+    headings = [heading for _, heading in points]
+    total = 0.0
+    for one, other in itertools.pairwise([0.0, *headings][1:] if len(headings) > count else [headings[0], *headings]):
+        course = one + (math.remainder(other - one, 2 * math.pi)) / 2
+        along = wind_mps[0] * math.cos(course) + wind_mps[1] * math.sin(course)
+        across = -wind_mps[0] * math.sin(course) + wind_mps[1] * math.cos(course)
+        total += leg.distance_m / count / (along + math.sqrt(airspeed_mps**2 - across**2))
+    return total
+
+
+@pytest.mark.parametrize("wind_mps", few([(0.0, 0.0), WIND, (-6.0, 5.0)], 2))
+def test_times_against_a_fine_integration(wind_mps):
+    forecasting = Forecasting(survey_inputs(), wind_mps=wind_mps)
+    found = forecasting.at(0.3)
+    expected = [stepped_s(leg, forecasting.mission.cruise_mps, wind_mps) for leg in found.routes[0].legs]
+    assert found.load.times_s == pytest.approx(expected, rel=1e-4)
+    assert found.totals.seconds[0] == pytest.approx(sum(expected), rel=1e-4)
+
+
+def test_the_first_leg_counts_as_far_as_it_is_left_and_the_ratio_of_times_scales_all():
+    forecasting = Forecasting(survey_inputs(), wind_mps=WIND)
+    whole = forecasting.at(0.3)
+    leg, known = whole.routes[0].legs[0], forecasting.known
+    forecasting.known = known._replace(time=known.time._replace(ratio=1.07))
+    scaled = forecasting.at(0.3)
+    assert scaled.load.times_s == pytest.approx(1.07 * whole.load.times_s)
+    # a quarter of the way round the first circle
+    (x, y), (ox, oy) = leg.start_m, leg.offset_m
+    quarter = list(leg.track.points((x - ox, y - oy), leg.distance_m, 1.0, 4))
+    (px, py), _ = quarter[1] if len(quarter) > 4 else quarter[0]
+    position, flown_s = (px + ox, py + oy), float(whole.load.times_s[0]) / 4
+    forecasting.known = known._replace(time_s=flown_s, position_m=position)
+    later = forecasting.evaluator.evaluate(forecasting.known, whole.routes)
+    assert later.load.times_s[0] == pytest.approx(0.75 * whole.load.times_s[0], rel=1e-3)
+    assert later.load.times_s[1:] == pytest.approx(whole.load.times_s[1:], abs=ALGEBRA)
+
+
+@pytest.mark.parametrize("at_start", [True, False])
+def test_a_leg_that_is_taken_up_again_is_joined_in_a_straight_line(at_start):
+    """At its start, as PX4 does, or flown to its end, as ArduPilot does: from 300 m away."""
+    forecasting = Forecasting(survey_inputs())
+    whole = forecasting.at(0.3)
+    leg = whole.routes[0].legs[0]
+    aim = leg.start_m if at_start else leg.end_m
+    position = aim[0] + 180.0, aim[1] - 240.0
+    forecasting.known = forecasting.known._replace(position_m=position, rejoins_at_start=at_start)
+    back = forecasting.evaluator.evaluate(forecasting.known, whole.routes)
+    flown_m = 300.0 + (leg.distance_m if at_start else 0.0)
+    assert back.load.times_s[0] == pytest.approx(flown_m / leg.distance_m * whole.load.times_s[0])
+    assert back.load.times_s[1:] == pytest.approx(whole.load.times_s[1:], abs=ALGEBRA)
+
+
+# --- charge -----------------------------------------------------------------------------------------------------------
+
+
+def stepped_soc(forecasting, found, powers_w, increments=400):
+    """The state of charge at the end of a place's legs, the battery drained in small steps at the voltage it has."""
+    battery, known = forecasting.mission.battery, forecasting.known
+    soc, drained = known.soc, 0.0
+    for seconds, power_w in zip(found.load.times_s, powers_w, strict=True):
+        for _ in range(increments):
+            volts = battery.voltage_at(max(soc, 0.0))
+            rate = -battery.drain_per_s(power_w, volts)
+            soc += rate * seconds / increments
+            drained -= rate * seconds / increments
+    return soc, drained
+
+
+@pytest.mark.parametrize("battery", ["constant voltage", "falling voltage"])
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_charge_against_a_battery_that_is_stepped(battery, share):
+    """At the reserve's charge the voltages are those of the flight: planned for maximum power down to the reserve."""
+    changes = {"capacity_ah": 0.6, **BATTERIES[battery]}
+    forecasting = Forecasting(survey_inputs(**CALM), battery=changes, objective=Objective(0.05, 0.5))
+    found = forecasting.at(share)
+    filling = found.filled()
+    powers_w = found.load.motion_w + found.computing_w(filling.shares)
+    soc, _ = stepped_soc(forecasting, found, powers_w)
+    within = 1e-4 if battery == "constant voltage" else 0.02
+    assert found.known.soc - float(filling.use[0]) == pytest.approx(soc, abs=within)
+    forecast = found.forecast(0, filling)
+    assert forecast.energy_wh == pytest.approx(float(powers_w @ found.load.times_s) / 3600, rel=1e-9)
+    assert forecast.soc_end == pytest.approx(soc, abs=within)
+
+
+def test_the_voltages_are_those_of_a_flight_at_maximum_power_down_to_the_reserve():
+    changes = {"capacity_ah": 0.3, **BATTERIES["falling voltage"]}
+    forecasting = Forecasting(survey_inputs(**CALM), battery=changes, objective=Objective(0.2, 0.5))
+    found = forecasting.at(0.4)
+    battery = forecasting.mission.battery
+    low, high = battery.voltage_at(0.2), battery.voltage_at(1.0)
+    assert (np.diff(found.limits.volts) < 0).all()
+    assert low <= found.limits.volts.min() < found.limits.volts.max() <= high
+    assert found.limits.volts[-1] == pytest.approx(low, abs=0.1)
+    plenty = Forecasting(survey_inputs(**CALM), battery={**changes, "capacity_ah": 50.0}, objective=Objective(0.2, 0.5))
+    assert plenty.at(0.4).limits.volts.min() > high - 0.1
+
+
+def test_use_of_every_increment_is_the_difference_of_two_currents():
+    forecasting = Forecasting(survey_inputs(), wind_mps=WIND)
+    found, battery = forecasting.at(0.3), forecasting.mission.battery
+    for leg in range(0, len(found.load.times_s), 7):
+        envelope = forecasting.evaluator.envelopes[int(found.kinds[leg])]
+        uses = [
+            found.load.times_s[leg] * battery.drain_per_s(found.load.motion_w[leg] + power_w, found.limits.volts[leg])
+            for power_w in envelope.powers_w
+        ]
+        steps = len(envelope.powers_w) - 1
+        expected = np.diff(uses) * float(found.totals.use_ratio[0])
+        assert found.knapsack.use[leg, :steps] == pytest.approx(expected, rel=1e-9)
+        assert not found.knapsack.use[leg, steps:].any()
+
+
+def test_the_slope_of_charge_by_energy_is_that_of_the_mean_power():
+    forecasting = Forecasting(survey_inputs(), wind_mps=WIND, battery={"resistance_ohm": 0.3})
+    found, battery = forecasting.at(0.3), forecasting.mission.battery
+    power_w, volts = float(found.totals.mean_w[0]), float(found.limits.volts.mean())
+    step = 1e-3
+    rates = [battery.drain_per_s(p, volts) for p in (power_w - step, power_w + step)]
+    slope = float(rates[1] - rates[0]) / (2 * step) * float(found.totals.use_ratio[0])
+    assert found.totals.soc_per_j[0] == pytest.approx(slope, rel=1e-6)
+
+
+# --- standard deviations ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_standard_deviations_against_draws(seed):
+    """Times, energies and charges with the estimates drawn from their covariances, a flight's noise beside them."""
+    rng = np.random.default_rng(seed)
+    forecasting = Forecasting(survey_inputs(), wind_mps=WIND)
+    known = uncertain(forecasting.known)
+    known = known._replace(wind=WindKnown(known.wind.mps), time=known.time._replace(ratio=1.0))
+    forecasting.known = known
+    found = forecasting.at(0.3)
+    filling = fill_greedy(found.knapsack._replace(available=found.knapsack.base_use))
+    forecast, draws = found.forecast(0, filling), 20_000
+    seconds, powers_w = float(found.totals.seconds[0]), found.load.motion_w + found.computing_w(filling.shares)
+    # T = Σ t β + noise;  E = Σ t (a + b s + g) + noise, with a mean power for a time that is off
+    ratio = 1 + math.sqrt(known.time.variance) * rng.standard_normal(draws)
+    late_s = seconds * (ratio - 1) + math.sqrt(known.time.noise_s * seconds) * rng.standard_normal(draws)
+    assert forecast.remaining_std_s == pytest.approx(late_s.std(), rel=0.03)
+    m = known.motion
+    levels = rng.multivariate_normal(
+        (0, 0), [[m.var_level, m.cov_level_slope], [m.cov_level_slope, m.var_slope]], draws
+    )
+    _, turning_s = found.routes[0].times_s(known.airspeed_mps, known.wind.mps)
+    more_j = levels @ (seconds, float(turning_s.sum())) + math.sqrt(m.noise * seconds) * rng.standard_normal(draws)
+    energy_j = more_j + float(powers_w @ found.load.times_s) / seconds * late_s
+    assert forecast.energy_std_wh == pytest.approx(energy_j.std() / 3600, rel=0.03)
+    # charge: the energy at the current's slope, κ and the charge of now, and the gauge's gain
+    c = known.charge.filtered
+    soc = [c.var_soc, c.cov_soc_ratio, c.cov_soc_slope]
+    covariance = np.array([soc, [soc[1], c.var_ratio, c.cov_ratio_slope], [soc[2], c.cov_ratio_slope, c.var_slope]])
+    state = rng.multivariate_normal((c.soc, c.use_ratio, c.use_slope), covariance, draws)
+    drain = float(filling.use[0]) / float(found.totals.use_ratio[0])
+    row = np.array([1.0, -drain, -(drain**2) / 2])
+    # κ's random walk, and what a drain adds
+    walk = after_drain(c, drain).var_soc - float(row @ covariance @ row)
+    assert walk > 0
+    gain = known.charge.gain_std * max(known.charge.gain_from - forecast.soc_end, 0.0)
+    late_j = more_j + float(found.totals.mean_w[0]) * late_s
+    spread = state @ row - float(found.totals.soc_per_j[0]) * late_j
+    std = math.sqrt(spread.var() + walk + gain**2)
+    assert forecast.soc_end_std == pytest.approx(std, rel=0.05)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.7])
+@pytest.mark.parametrize("wind_mps", [(0.0, 0.0), (5.0, 0.0), (0.0, -6.0), (4.0, 4.0)])
+def test_an_uncertain_wind_against_draws_of_winds(wind_mps, share):
+    """Mean and variance of the time, to second order, at winds drawn from the covariance."""
+    forecasting = Forecasting(survey_inputs(), wind_mps=wind_mps)
+    covariance = (0.8, 0.5, 0.2)
+    route, speed = forecasting.route(share), forecasting.mission.cruise_mps
+    forecasting.known = forecasting.known._replace(wind=WindKnown(wind_mps, covariance))
+    found = forecasting.at(share)
+    prior = module.WIND_PRIOR_MPS**2 * np.eye(2)
+    matrix = np.array([[covariance[0], covariance[2]], [covariance[2], covariance[1]]])
+    matrix = matrix @ np.linalg.inv(matrix + prior) @ prior
+    winds = np.random.default_rng(0).multivariate_normal(wind_mps, matrix, 1500)
+    times = np.array([route.times_s(speed, tuple(wind))[0].sum() for wind in winds])
+    assert found.totals.seconds[0] == pytest.approx(times.mean(), rel=0.004)
+    std = math.sqrt(found.totals.time_var_s2[0] - forecasting.known.time.noise_s * found.totals.seconds[0])
+    std = math.sqrt(max(std**2 - found.totals.seconds[0] ** 2 * forecasting.known.time.variance, 0.0))
+    assert std == pytest.approx(times.std(), rel=0.12)
+
+
+def test_losses_are_expected_as_a_poisson_process_takes_them():
+    rate = 6.0 / 3600
+    without, losing = (
+        Forecasting(survey_inputs(**CALM), objective=Objective(0.05, 0.95, each)).at(0.0) for each in (0.0, rate)
+    )
+    filling = fill_greedy(losing.knapsack._replace(available=losing.knapsack.base_use))
+    ends = [found.forecast(0, filling) for found in (without, losing)]
+    rng = np.random.default_rng(0)
+    counts = rng.poisson(rate * ends[1].remaining_s, 100_000)
+    lost = np.array([rng.uniform(0.02, 0.12, count).sum() for count in counts])
+    assert ends[0].soc_end - ends[1].soc_end == pytest.approx(lost.mean(), rel=0.02)
+    # the gauge's gain at a lower end is a trace more
+    assert ends[1].soc_end_std ** 2 - ends[0].soc_end_std ** 2 == pytest.approx(lost.var(), rel=0.04)
+    assert losing.evaluator.losses(losing.known, 100.0) == pytest.approx(rate * 100)
+    assert LOSS_SQUARE > LOSS**2
+
+
+def test_a_loss_that_was_seen_raises_the_rate_as_bayes_has_it():
+    """Against flights whose rates are drawn from the prior: their mean rate, of those with as many losses so far."""
+    rate, seconds = 0.5 / 3600, 60.0
+    found = Forecasting(survey_inputs(**CALM), objective=Objective(0.05, 0.95, rate)).at(0.0)
+    rng = np.random.default_rng(1)
+    rates = rng.exponential(rate, 10_000_000)
+    counts = rng.poisson(rates * seconds)
+    for seen in (0, 1):
+        known = found.known._replace(charge=found.known.charge._replace(losses=seen))
+        assert found.evaluator.losses(known, 1.0) == pytest.approx(rates[counts == seen].mean(), rel=0.02)
+    later = replace(found, known=found.known._replace(charge=found.known.charge._replace(losses=1)))
+    filling = found.filled()
+    assert later.forecast(0, filling).soc_end < found.forecast(0, filling).soc_end
+
+
+def test_computations_that_can_fall_keep_the_margin_of_what_is_never_learned():
+    """All but the gauge's gain is learned until the last change, 30 s before the end; none where the plan is short."""
+    cases = [survey_inputs(**CALM, **{"battery.capacity_ah": ah}) for ah in (0.31, 0.2)]
+    long, short = (Forecasting(inputs, objective=Objective(0.05, 0.95)).at(0.1) for inputs in cases)
+    gain, seconds = long.known.charge.gain_std * (long.known.charge.gain_from - 0.05), float(long.totals.seconds[0])
+    assert seconds > 30
+    expected = math.sqrt(gain**2 + (30 / seconds) ** 2 * (float(long.std[0]) ** 2 - gain**2))
+    assert long.final_std[0] == pytest.approx(expected)
+    assert gain < expected < long.std[0]
+    more = long.adaptive.available[0] - long.knapsack.available[0]
+    assert more == pytest.approx(Z95 * (float(long.std[0]) - expected))
+    assert not short.filled().feasible[0]
+    assert short.adaptive.available[0] == short.knapsack.available[0]
+    # stated is the probability of the least computations
+    filling = long.filled()
+    assert long.final_charge(0, filling).probability_above(0.05) == pytest.approx(0.95, abs=1e-3)
+    assert long.forecast(0, filling).reserve_probability > 0.951
+
+
+def test_the_margin_is_z_standard_deviations():
+    """What may be used is the charge less the reserve and a margin of the quantile that is asked for."""
+    even, sure = (
+        Forecasting(survey_inputs(**CALM), objective=Objective(0.05, probability)).at(0.45)
+        for probability in (0.5, 0.95)
+    )
+    assert even.knapsack.available[0] == pytest.approx(even.known.soc - 0.05)
+    assert even.knapsack.available[0] - sure.knapsack.available[0] == pytest.approx(Z95 * float(sure.std[0]))
+    # a plan that uses all of it keeps the reserve with the probability, neither more nor less
+    short = Forecasting(survey_inputs(**CALM, **{"battery.capacity_ah": 0.31}), objective=Objective(0.05, 0.95)).at(0.1)
+    filling = short.filled()
+    assert filling.feasible[0]
+    assert filling.use[0] == pytest.approx(short.knapsack.available[0], abs=1e-8)
+    assert short.final_charge(0, filling).probability_above(0.05) == pytest.approx(0.95, abs=1e-3)
+
+
+# --- ends -------------------------------------------------------------------------------------------------------------
+
+
+def test_a_lap_that_may_be_the_last_is_two_outcomes():
+    """At c1 = 0 the plan ends, to a hair, on stage 61 or a lap later: beside both, as plans of their own."""
+    inputs = survey_inputs(**CALM)
+    forecasting = Forecasting(inputs, objective=Objective(0.05, 0.95))
+    found = forecasting.at(1.0)
+    (end,) = found.routes[0].ends
+    likely = NormalDist(0, forecasting.known.reach_std_m).cdf(end.clearance_m)
+    times = found.load.times_s
+    early_s = times[: end.leg].sum() + times[end.leg] * end.flown_m / end.length_m
+    filling = found.filled()
+    forecast, charge = found.forecast(0, filling), found.final_charge(0, filling)
+    assert 0.01 < likely < 0.99
+    assert charge.shares == pytest.approx((1 - likely, likely))
+    assert forecast.remaining_s == pytest.approx(likely * early_s + (1 - likely) * times.sum())
+    between_s2 = likely * (1 - likely) * (times.sum() - early_s) ** 2
+    assert forecast.remaining_std_s == pytest.approx(math.sqrt(float(found.totals.time_var_s2[0]) + between_s2))
+    powers_w = found.load.motion_w + found.computing_w(filling.shares)
+    rest_j = float((powers_w * times)[end.leg + 1 :].sum()) + float(powers_w[end.leg] * times[end.leg]) * (
+        1 - end.flown_m / end.length_m
+    )
+    late, early = charge.means
+    assert early - late == pytest.approx(float(found.totals.soc_per_j[0]) * rest_j, rel=1e-6)
+    assert forecast.energy_wh == pytest.approx((float(powers_w @ times) - likely * rest_j) / 3600, rel=1e-9)
+    assert found.expected_s(0).sum() == pytest.approx(forecast.remaining_s)
+    # the reserve is kept with its probability over both, at minimum power
+    base = fill_greedy(found.knapsack._replace(available=found.knapsack.base_use))
+    means = found.final_charge(0, base).means
+    spare = charge._replace(std=float(found.std[0]), means=tuple(mean - means[0] for mean in means))
+    margin = found.known.soc - 0.05 - float(found.knapsack.available[0])
+    assert spare.probability_above(-margin) == pytest.approx(0.95, abs=2e-3)
+
+
+def test_an_end_that_was_passed_long_ago_is_none():
+    forecasting = Forecasting(survey_inputs(**CALM))
+    found = forecasting.at(1.0)
+    (route,) = found.routes
+    assert found.ends[0].probabilities
+    (end,) = route.ends
+    rest = route
+    for _ in range(end.leg):
+        rest = rest.after()
+    leg, speed = rest.first, forecasting.mission.cruise_mps
+    known = forecasting.known._replace(joined_m=leg.start_m, since_s=0.0)
+
+    def share_after(flown_m):
+        (sx, sy), (ox, oy) = leg.start_m, leg.offset_m
+        points = list(leg.track.points((sx - ox, sy - oy), flown_m, flown_m / leg.length_m, 1))
+        (x, y), _ = points[-1]
+        at = known._replace(position_m=(x + ox, y + oy), time_s=flown_m / speed)
+        return forecasting.evaluator.evaluate(at, [rest]).ends[0].probabilities
+
+    before = share_after(0.5 * end.flown_m)
+    assert before == pytest.approx(found.ends[0].probabilities)
+    if end.flown_m + 4 * speed < leg.length_m:
+        assert share_after(end.flown_m + (module.PASSED_S - 1) * speed) == pytest.approx(before)
+        assert share_after(end.flown_m + (module.PASSED_S + 0.5) * speed) == ()
+
+
+# --- limits of the power ----------------------------------------------------------------------------------------------
+
+
+def test_the_letters_limit_excludes_configurations_late_in_the_flight():
+    """b Q V crate falls with the charge: each leg's largest configuration is below it at the end of the leg."""
+    battery = {"capacity_ah": 0.6, "letter_crate_per_h": 8.5}
+    forecasting = Forecasting(survey_inputs(**CALM), battery=battery, objective=Objective(0.05, 0.5))
+    found, b = forecasting.at(0.2), forecasting.mission.battery
+    # drained at maximum power, as the limits are taken
+    taken = found.load.times_s * np.array(
+        [b.drain_per_s(p, b.voltage_v) for p in found.load.motion_w + found.load.max_w]
+    )
+    slower = min(1.0, (found.known.soc - 0.05) / taken.sum())
+    socs = found.known.soc - np.cumsum(taken) * slower
+    allowed = np.maximum(socs, 0) * b.capacity_ah * b.voltage_v * 8.5 - found.load.peak_w
+    limited = allowed < module_deliverable(found, b)
+    assert found.limits.by_letter.tolist() == limited.tolist()
+    assert found.limits.room_w[limited] == pytest.approx(allowed[limited], abs=1e-6)
+    for leg in np.flatnonzero(found.limits.truncated).tolist():
+        powers_w = forecasting.evaluator.envelopes[int(found.kinds[leg])].powers_w
+        assert powers_w[-1] <= max(found.limits.room_w[leg], powers_w[0])
+    assert found.limits.truncated.any()
+
+
+def module_deliverable(found, battery):
+    """0.999 of the most that a battery without other limits delivers, V²/4R, less the motion's peak."""
+    return 0.999 * battery.voltage_v**2 / (4 * battery.resistance_ohm) - found.load.peak_w
+
+
+@pytest.mark.parametrize("limit", ["current", "cut-off"])
+def test_a_configuration_that_is_planned_can_be_delivered(limit):
+    """Where the pack's current, or its cut-off voltage, binds: V I at the terminals with I = (V − U)/R."""
+    battery = {"current": {"max_c_rate": 3.4, "capacity_ah": 1.0}, "cut-off": {"cutoff_voltage_v": 14.5}}[limit]
+    if limit == "cut-off":
+        battery |= {"resistance_ohm": 0.0875, "capacity_ah": 1.0}
+    forecasting = Forecasting(survey_inputs(**CALM), battery=battery, objective=Objective(0.05, 0.5))
+    found, b = forecasting.at(0.3), forecasting.mission.battery
+    current_a = 3.4 if limit == "current" else (b.voltage_v - 14.5) / b.resistance_ohm
+    most_w = current_a * (b.voltage_v - b.resistance_ohm * current_a)
+    assert found.limits.room_w == pytest.approx(0.999 * most_w - found.load.peak_w, rel=1e-6)
+    assert found.limits.truncated.any()
+    for leg in np.flatnonzero(found.limits.truncated).tolist():
+        own = forecasting.evaluator.envelopes[int(found.kinds[leg])].powers_w[-1]
+        assert own <= found.limits.room_w[leg]
+
+
+def test_minimum_power_beyond_the_battery_is_a_finite_shortfall_and_the_shortest_route_wins():
+    forecasting = Forecasting(survey_inputs(**CALM))
+    known = forecasting.known
+    forecasting.known = known._replace(motion=known.motion._replace(max_w=6000.0))
+    found = forecasting.at(0.0, 0.3, 0.6, 1.0)
+    shorts = [found.shortfall(place) for place in range(4)]
+    assert all(0 < short < np.inf for short in shorts)
+    assert shorts[0] < shorts[-1], "fewer laps are flown at the lowest path parameter"
+    assert (found.limits.beyond_w > 0).all()
+    assert not found.filled().feasible.any()
+
+
+def test_the_charge_that_minimum_power_requires_at_the_end_is_kept():
+    """A cut-off voltage under load is an empty battery: the final charge at which the last leg's power is delivered."""
+    battery = {"voltage_v": 16.8, "voltage_empty_v": 12.8, "cutoff_voltage_v": 14.0, "resistance_ohm": 0.05}
+    forecasting = Forecasting(survey_inputs(**CALM), battery=battery, objective=Objective(0.05, 0.5))
+    found = forecasting.at(0.3)
+    required = []
+    for leg, power_w in enumerate(found.load.peak_w + found.load.min_w):
+        volts = 14.0 + 0.05 * power_w / 14.0
+        later = found.knapsack.base_use[0] - leg_use(forecasting, found, leg)
+        required.append((volts - 12.8) / 4.0 - later)
+    assert found.limits.delivered_soc[0] == pytest.approx(max(required), abs=1e-6)
+    assert found.knapsack.available[0] == pytest.approx(found.known.soc - max(required), abs=1e-6)
+
+
+def leg_use(forecasting, found, last):
+    """Charge used at minimum power up to the end of a leg."""
+    b = forecasting.mission.battery
+    uses = [
+        found.load.times_s[i]
+        * b.drain_per_s(found.load.motion_w[i] + found.load.min_w[i], found.limits.volts[i])
+        * float(found.totals.use_ratio[0])
+        for i in range(last + 1)
+    ]
+    return sum(uses)
+
+
+# --- value ------------------------------------------------------------------------------------------------------------
+
+
+def quality_of(forecasting, found, place, shares_of_c2, flown=None):
+    """U with these shares of c2's set on each leg, from the definition: ground of laps by lengths and advances."""
+    flown = flown or FlownGround()
+    route, plan = found.routes[place], forecasting.mission.plan
+    times = found.load.times_s[found.legs.place == place]
+    weights = [forecasting.settings.weights.get(name, 1.0) for name in plan.names]
+    ground = value = 0.0
+    for run, scale in enumerate(route.scales.tolist()):
+        own = [i for i, number in enumerate(route.runs.tolist()) if number == run]
+        length = sum(route.legs[i].distance_m for i in own)
+        length += route.beyond_m if run == len(route.scales) - 1 else 0.0
+        length += flown.run.flown_m if run == 0 else 0.0
+        seconds = sum(times[i] for i in own) + (flown.run.flown_s if run == 0 else 0.0)
+        if seconds == 0:  # the plan ends where its last lap starts
+            continue
+        if run == 0:
+            ground += scale * length * flown.run.free_s / seconds
+            value += scale * length * flown.run.area_s / seconds
+        for i in own:
+            box, c1 = plan.hull(0), route.parameters[i][0]
+            path = (c1 - box.lo) / (box.hi - box.lo)
+            seen = (weights[0] * path + weights[1] * shares_of_c2[i]) / sum(weights)
+            ground += scale * length * times[i] / seconds
+            value += scale * length * times[i] / seconds * seen
+    return (flown.value + value) / (flown.ground + ground)
+
+
+@pytest.mark.parametrize("weights", [{}, {"c1": 3.0}, {"c1": 0.0, "c2": 2.0}])
+def test_the_gain_of_an_increment_is_the_difference_of_u(weights):
+    forecasting = Forecasting(survey_inputs(), wind_mps=WIND, weights=weights)
+    flown = FlownGround(400.0, 250.0, RunTally(120.0, 9.0, 9.0, 4.0))
+    forecasting.known = forecasting.known._replace(flown=flown)
+    found = forecasting.at(0.2, 0.8)
+    for place in range(2):
+        mine = np.flatnonzero(found.legs.place == place)
+        none = np.zeros(len(mine))
+        base = quality_of(forecasting, found, place, none, flown)
+        assert found.knapsack.base_value[place] == pytest.approx(base, abs=ALGEBRA)
+        for leg in (0, 1, 2, 3, len(mine) // 2, len(mine) - 1):
+            values = forecasting.evaluator.envelopes[int(found.kinds[mine[leg]])].values
+            top = none.copy()
+            top[leg] = 1.0
+            gained = quality_of(forecasting, found, place, top, flown) - base
+            assert found.knapsack.gain[mine[leg]].sum() == pytest.approx(gained, abs=ALGEBRA)
+            total = weights.get("c1", 1.0) + weights.get("c2", 1.0)
+            assert values[-1] == pytest.approx(weights.get("c2", 1.0) / total)
+        highest = found.knapsack.base_value[place] + found.knapsack.gain[mine].sum()
+        assert highest == pytest.approx(quality_of(forecasting, found, place, none + 1, flown), abs=ALGEBRA)
+
+
+def test_total_adds_up_the_computations_over_time():
+    forecasting = Forecasting(survey_inputs(), wind_mps=WIND, objective=Objective(0.05, total=True))
+    found = forecasting.at(0.2, 0.8)
+    for place in range(2):
+        mine = np.flatnonzero(found.legs.place == place)
+        gains, times_s = found.knapsack.gain[mine].sum(axis=1), found.load.times_s[mine]
+        assert gains == pytest.approx(gains[0] / times_s[0] * times_s)
+        # from 2 to 10 frames a second on every leg
+        base, whole = found.knapsack.base_value[place], found.knapsack.base_value[place] + gains.sum()
+        assert whole / base == pytest.approx(10 / 2)
+    seconds = found.totals.seconds
+    assert found.knapsack.base_value[1] / found.knapsack.base_value[0] == pytest.approx(seconds[1] / seconds[0])
+    assert forecasting.evaluator.path_weight == 0.0

@@ -1,0 +1,172 @@
+"""The power in the state of a flight: as an estimator that takes all as it comes has it, whenever it is asked."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from common import ROOT, few_rows
+from common.observations import observation
+
+from eadp.io.plan.reader import read_plan
+from eadp.io.text.streams import read_text
+from eadp.models.battery import Battery
+from eadp.models.computing import join_profile
+from eadp.models.profile import Profile
+from eadp.models.vehicle import FixedWing
+from eadp.papers.estimator import EstimatorSettings, ExactEstimator
+from eadp.planning.base import Mission, Readings
+from eadp.planning.state import queue as module
+from eadp.planning.state.flight_state import FlightState
+from eadp.planning.state.power import _estimator
+
+ROUNDING = 1e-9
+LAP_S, EVERY_S = 11.3, 0.1
+PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
+PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.75376, 9.75462]))
+MISSION = Mission(PLAN, join_profile(PLAN, PROFILE), Battery(), FixedWing(), (0.0, 10.0), (-100.0, 220.0))
+KINDS = [EstimatorSettings(), EstimatorSettings(kind="published")]
+
+
+def readings(times_s, powers_w):
+    """A batch of readings of the power."""
+    zeros = [0.0] * len(times_s)
+    return Readings(times_s, zeros, zeros, powers_w, [1.0] * len(times_s), zeros, zeros, zeros, zeros)
+
+
+def seen(time_s, power_w, started=1, fps=10.0):
+    return observation(PLAN, (0.0, fps), time_s, 0.0, 0.0, started=started, power_w=power_w)
+
+
+def computing_w(fps):
+    return float(np.interp(fps, [2.0, 10.0], [4.75376, 9.75462]))
+
+
+def story(seed=0):
+    """Readings, some of them missing, stages, laps of four of them, and steps of the level: a kind and its values."""
+    rng = np.random.default_rng(seed)
+    next_s, started = LAP_S / 4, 1
+    for k in range(1, 900):
+        time_s, fps = EVERY_S * k, 10.0 if k < 400 else 6.0
+        if k in (300, 610):
+            yield "shift", time_s, -1.5, started, fps
+        power_w = 30 + 2 * np.cos(2 * np.pi * time_s / LAP_S) + rng.normal(0.0, 0.3)
+        power_w = None if rng.random() < 0.03 else power_w
+        if time_s > next_s:
+            started, next_s = started + 1, next_s + LAP_S / 4 + rng.normal(0.0, 0.05)
+            yield "stage", time_s, power_w, started, fps
+        else:
+            yield "reading", time_s, power_w, started, fps
+
+
+@pytest.mark.parametrize("settings", KINDS, ids=lambda settings: settings.kind)
+@pytest.mark.parametrize(
+    ("asked_every", "most_waiting"), few_rows([(1, 40), (1, 10_000), (7, 10_000), (250, 10_000)], 2)
+)
+def test_it_answers_as_one_that_does_not_wait(settings, asked_every, most_waiting, monkeypatch):
+    monkeypatch.setattr(module, "MAX_WAITING", most_waiting)
+    eager, waiting = _estimator(settings, MISSION), FlightState(MISSION, {}, settings, 20.0)
+    forecast_w, expected = 0.0, {}
+
+    def ask():
+        forecasts_w, estimates = waiting.estimates([*expected])
+        for found_w, one, (known_w, other) in zip(forecasts_w, estimates, expected.values(), strict=True):
+            assert found_w == pytest.approx(known_w, abs=ROUNDING)
+            assert (one.time_s, one.horizon_s) == (other.time_s, 20.0)
+            assert one.period_s == pytest.approx(other.period_s, abs=ROUNDING)
+            assert one.state == pytest.approx(other.state, abs=1e-6)
+        expected.clear()
+
+    laps, last_fps = 0, 10.0
+    for n, (kind, time_s, power_w, started, fps) in enumerate(story()):
+        if kind == "shift":
+            if expected:
+                ask()
+            eager.shift_level(power_w)
+            waiting.shift_level(power_w)
+            continue
+        if kind == "stage" or fps != last_fps or n == 0:
+            if kind == "stage" and expected:
+                ask()
+            if kind == "stage" and started % 4 == 1:
+                eager.end_lap(time_s)
+                laps += 1
+            waiting.observe(seen(time_s, power_w, started, fps))
+        else:
+            waiting.ingest(readings([time_s], [power_w]))
+        last_fps, own_w = fps, computing_w(fps)
+        forecast_w = own_w + eager.observe(time_s, None if power_w is None else power_w - own_w)
+        expected[time_s + 0.01] = (forecast_w, eager.estimate(own_w, 20.0))
+        if settings.kind == "exact":  # the other's period is an answer, too
+            assert waiting.period_s == pytest.approx(eager.period_s, abs=ROUNDING)
+        if n % asked_every == asked_every - 1:
+            ask()
+    assert waiting.laps == laps > 5
+    assert waiting.soc <= 1.0, "the filters have taken all, too"
+    assert len(waiting._queue) <= most_waiting
+    assert waiting.estimator.state_w == pytest.approx(eager.state_w, abs=1e-6)
+    assert waiting.computing_w == pytest.approx(computing_w(6.0))
+
+
+def test_before_any_reading_there_is_an_estimate_all_the_same():
+    forecasts_w, (estimate,) = FlightState(MISSION, {}, EstimatorSettings(), 6.0).estimates([0.05])
+    assert forecasts_w == [0.0]
+    assert (estimate.computing_w, estimate.horizon_s) == (0.0, 6.0)
+
+
+@pytest.mark.parametrize("settings", KINDS, ids=lambda settings: settings.kind)
+def test_a_batch_is_its_readings_one_by_one(settings):
+    times_s = np.arange(0.1, 4.0, 0.1)
+    powers_w = [None if k in (0, 7, 8) else 30.0 + np.sin(time_s) for k, time_s in enumerate(times_s)]
+    together, apart = FlightState(MISSION, {}, settings), _estimator(settings, MISSION)
+    together.ingest(readings(times_s.tolist(), powers_w))
+    for time_s, reading in zip(times_s.tolist(), powers_w, strict=True):
+        expected_w = apart.observe(time_s, reading)
+    assert together.estimates([4.0])[0] == pytest.approx([expected_w], abs=ROUNDING)
+    assert together.estimator.state_w == pytest.approx(apart.state_w, abs=ROUNDING)
+
+
+def test_an_instant_has_the_last_reading_before_it():
+    waiting = FlightState(MISSION)
+    waiting.ingest(readings([1.0, 1.1, 1.2, 1.3], [30.0] * 4))
+    _, estimates = waiting.estimates([0.9, 1.0, 1.15, 1.2, 9.0])
+    assert [one.time_s for one in estimates] == [0.0, 1.0, 1.1, 1.2, 1.3]
+    assert waiting.estimates([9.5])[1][0].time_s == 1.3
+
+
+def test_instants_among_the_last_readings_keep_theirs_where_too_many_wait(monkeypatch):
+    monkeypatch.setattr(module, "MAX_WAITING", 1)
+    waiting = FlightState(MISSION)
+    waiting.ingest(readings([0.1, 0.2, 0.3], [30.0] * 3))
+    waiting.ingest(readings([1.0, 1.1, 1.2, 1.3], [30.0] * 4))
+    _, estimates = waiting.estimates([1.05, 1.25])
+    assert [one.time_s for one in estimates] == [1.0, 1.2]
+
+
+def test_where_it_is_not_asked_nothing_is_processed(monkeypatch):
+    monkeypatch.setattr(ExactEstimator, "observe", lambda *_: pytest.fail("processed"))
+    waiting = FlightState(MISSION)
+    waiting.ingest(readings([1.0, 1.1], [30.0, 31.0]))
+    waiting.observe(seen(1.2, 30.0, started=2))
+    assert waiting.known(1.2, (0.0, 0.0)).soc <= 1.0, "the filters are asked, and not the estimator"
+    assert waiting.period_s is not None
+
+
+@pytest.mark.parametrize("false_w", [1e5, np.inf, np.nan])
+def test_what_nothing_delivers_is_no_reading(false_w):
+    one, other = FlightState(MISSION), FlightState(MISSION)
+    for k in range(1, 200):
+        one.observe(seen(0.1 * k, 40.0))
+        other.observe(seen(0.1 * k, false_w if 100 < k < 150 else 40.0))
+    assert other.estimator.state_w == pytest.approx(one.estimator.state_w, abs=1e-2)
+
+
+def test_a_lap_ends_once_however_often_it_is_asked_before_its_reading():
+    once, often = (FlightState(MISSION, {}, EstimatorSettings(), 6.0) for _ in range(2))
+    for state in (once, often):
+        for k in range(9):
+            state.observe(seen(10.0 * k, 40.0, started=4 * k + 1))
+            if state is often:
+                for instant_s in (10.0 * k - 5, 10.0 * k - 4):
+                    state.estimates([instant_s])
+    assert often.estimator.state_w == pytest.approx(once.estimator.state_w, abs=ROUNDING)
+    assert often.estimator.period_s == once.estimator.period_s == 10.0

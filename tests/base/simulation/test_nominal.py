@@ -1,0 +1,148 @@
+"""Paths that bend tighter than the aircraft can turn: forecast as they are flown, and named."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import eadp
+from eadp.api.flight import fly_flight
+from eadp.api.inputs import load_flight
+from eadp.core.geometry.geodesy import to_geodetic_deg
+from eadp.models.plan.trace import whole_route
+from eadp.planning.base import FlownLegs
+from eadp.simulation.loop import TIME_LIMIT
+from eadp.simulation.nominal import NominalFlight, Overshoot
+from eadp.simulation.turns import overshoot_findings
+
+HOME = (47.0, 8.0)
+SHARP = [
+    (400.0, 0.0),
+    (400.0, 10.0),
+    (0.0, 10.0),
+    (0.0, 20.0),
+    (400.0, 20.0),
+    (401.0, 22.0),
+    (401.0, 22.0),
+    (0.0, 200.0),
+]
+WIDE = [(600.0, 0.0), (600.0, 400.0), (0.0, 400.0)]
+CIRCLED = [
+    (270.47, -54.67),
+    (131.79, -173.74),
+    (133.83, -173.32),
+    (132.63, -181.0),
+    (141.36, -179.83),
+    (136.38, -194.92),
+    (-79.35, -245.81),
+]
+WINDS = [{}, {"wind.speed_mps": 5.0, "wind.from_deg": 250.0}]
+
+
+def mission(tmp_path, points):
+    rows = ["QGC WPL 110", f"0\t1\t0\t16\t0\t0\t0\t0\t{HOME[0]}\t{HOME[1]}\t0\t1"]
+    for index, point in enumerate(points, 1):
+        latitude, longitude = to_geodetic_deg(*point, HOME)
+        rows.append(f"{index}\t0\t3\t16\t0\t0\t0\t0\t{latitude:.8f}\t{longitude:.8f}\t60\t1")
+    path = tmp_path / "sharp.waypoints"
+    path.write_text("\n".join([*rows, ""]))
+    return path
+
+
+@pytest.mark.parametrize("wind", WINDS)
+def test_a_path_too_sharp_to_follow_is_forecast_as_it_is_flown(tmp_path, wind):
+    path = mission(tmp_path, SHARP)
+    inputs = load_flight(path, overrides=wind)
+    expected = inputs.preflight()
+    summary = eadp.simulate(path, overrides=wind, warn=lambda _: None).summary
+    route = whole_route(inputs.world.plan, (), inputs.world.rules, inputs.world.start.position_m)
+    followed_s = route.times_s(inputs.world.vehicle.airspeed_mps, inputs.world.wind.steady_mps)[0].sum()
+    assert summary["completed"]
+    assert followed_s < 0.9 * summary["duration_s"]  # of the path's own length it would be far off
+    assert expected.forecast.remaining_s == pytest.approx(summary["duration_s"], rel=0.02)
+    assert expected.forecast.energy_wh == pytest.approx(summary["energy_wh"], rel=0.06)
+    powers_w = [3600 * energy / seconds for seconds, energy in expected.stages.values()]
+    assert max(powers_w) <= inputs.world.vehicle.max_motion_w
+
+
+def test_an_overshot_turn_widens_the_deviation(tmp_path):
+    sharp, wide = (load_flight(mission(tmp_path, points)).preflight().forecast for points in (SHARP, WIDE))
+    assert sharp.remaining_std_s / sharp.remaining_s > 1.2 * wide.remaining_std_s / wide.remaining_s
+
+
+def test_laps_alike_are_flown_once(tmp_path, monkeypatch):
+    flown = []
+    monkeypatch.setattr(
+        NominalFlight, "_fly", lambda *args, own=NominalFlight._fly: flown.append(args[4]) or own(*args)
+    )
+    path = mission(tmp_path, [*SHARP, (50.0, 150.0)])
+    body, found = path.read_text(), {}
+    for laps in (3, 12):
+        path.write_text(body + f"10\t0\t3\t177\t1\t{laps - 1}\t0\t0\t0\t0\t0\t1\n")
+        flown.clear()
+        found[laps] = load_flight(path).preflight().forecast.remaining_s, len(flown)
+    assert found[12][1] == found[3][1] > 1
+    assert found[12][0] == pytest.approx(4 * found[3][0], rel=0.1)
+
+
+def test_a_section_that_is_flown_where_no_more_are_kept_is_found_again(tmp_path, monkeypatch):
+    world = load_flight(mission(tmp_path, [(400.0, 0.0), (0.0, 50.0)])).world
+    route = whole_route(world.plan, (), world.rules, world.start.position_m)
+    flown = []
+    monkeypatch.setattr(
+        NominalFlight, "_fly", lambda *args, own=NominalFlight._fly: flown.append(args[4]) or own(*args)
+    )
+    monkeypatch.setattr("eadp.simulation.nominal.MAX_KEPT", 0)
+    nominal = NominalFlight(world.vehicle, world.guidance)
+    first, again = nominal.times_s(route, (0.0, 0.0)), nominal.times_s(route, (0.1, 0.0))
+    assert len(flown) == len(first[1]) == 1
+    assert first[0][flown[0]] == again[0][flown[0]]
+
+
+def test_turns_are_named_by_their_items_with_what_is_flown(tmp_path):
+    path = mission(tmp_path, SHARP)
+    messages = [fault.message for fault in load_flight(path).warnings]
+    named = [message for message in messages if "tighter than the aircraft's" in message]
+    assert named[0].startswith("item 1: a turn tighter")
+    assert "beside the path" in named[0]
+    assert "back on it before item" in named[0]
+    shown = []
+    eadp.read_mission(path, warn=shown.extend)
+    assert named == [fault.message for fault in shown if "tighter than the aircraft's" in fault.message]
+
+
+def test_of_many_turns_the_worst_are_named_and_the_others_counted():
+    legs = [SimpleNamespace(label=f"item {i}", index=i, line=i) for i in range(9)]
+    excess_s = [2.0, 7.0, 1.0, 5.0, 3.0, 6.0, 4.0, 0.5]
+    overshoots = [Overshoot(legs[i], legs[i], excess_s[i], 20.0) for i in range(8)]
+    assert len(overshoot_findings(overshoots)) == 8
+    lines = [(found.line, found.message.split(":")[0]) for found in overshoot_findings(overshoots, 3)]
+    assert lines == [
+        (1, "item 1"),
+        (3, "item 3"),
+        (5, "item 5"),
+        (6, "5 more turns tighter than the aircraft's, each with less delay"),
+    ]
+    assert len(overshoot_findings(overshoots[:4], 3)) == 4  # one is named in its own line as well as counted
+
+
+def test_turns_that_are_never_got_past_are_named_and_have_no_forecast(tmp_path):
+    inputs = load_flight(mission(tmp_path, CIRCLED), overrides={"time_limit_s": 1000, "step_s": 0.05})
+    assert inputs.preflight() is None
+    (stuck,) = [fault.message for fault in inputs.warnings if "circles, and never gets past it" in fault.message]
+    assert stuck.startswith(f"{inputs.never_past}: ")
+    summary = fly_flight(inputs).summary
+    assert summary["reason"] == TIME_LIMIT
+    assert (summary["energy_forecast"], summary["never_past"]) == (None, inputs.never_past)
+
+
+def test_what_can_be_followed_is_left_as_it_is(tmp_path):
+    inputs = load_flight(mission(tmp_path, WIDE), overrides={"vehicle.airframe.max_bank_deg": 60})
+    world, nominal = inputs.world, inputs.mission.nominal
+    wide = load_flight(mission(tmp_path, WIDE)).world
+    route = whole_route(wide.plan, (), wide.rules, wide.start.position_m)
+    followed = FlownLegs(*route.times_s(world.vehicle.airspeed_mps, (0.0, 0.0)))
+    assert nominal.flown([route], (0.0, 0.0), followed) is followed
+    assert np.array_equal(nominal.times_s(route, (0.0, 0.0))[0], followed.times_s)

@@ -1,0 +1,269 @@
+"""Faults put into sound plans, each found with its size; sound plans without a finding."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from common.plans import APPENDIX_PRINTED, APPENDIX_RIGHT, PARTS
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eadp.check.check import check_plan
+from eadp.check.proof import StageProof
+from eadp.core.expressions.derivatives import bind
+from eadp.core.expressions.reader import read_expression
+from eadp.core.geometry.tracks import radius_of_curvature_m
+from eadp.io.plan.reader import read_plan
+from eadp.io.text.streams import Text, read_text
+
+R = "sqrt(4900 + c1)"
+
+
+def plan(text):
+    return read_plan(Text("p", text))[0]
+
+
+def checked(text, **options):
+    return check_plan(plan(text), **options)
+
+
+def codes(report, severity=None):
+    return [item.code for item in report.findings if severity in (None, item.severity)]
+
+
+def test_the_appendix_as_corrected_is_sound():
+    report = checked(APPENDIX_RIGHT)
+    # flown explicitly, a change of c1 between two stages leaves the second one elsewhere: said, as warnings
+    assert set(codes(report)) == {"rejoin"}
+    assert not report.has_errors
+    assert report.valid
+
+
+def test_the_appendix_as_printed_is_caught():
+    report = checked(APPENDIX_PRINTED)
+    first = report.findings[0]
+    assert (first.severity, first.code, first.stage, first.line) == ("error", "trigger-off-path", 1, 1)
+    # radius √(4900 + 3000) of the circle, √(4900 − 3000) of the trigger
+    assert f"{math.sqrt(7900) - math.sqrt(1900):.2f} m" in first.message
+    assert "c1 = -3000" in first.message
+
+
+def test_the_survey_as_published_has_warnings_only(root):
+    report = check_plan(read_plan(read_text(str(root / "plans/survey.plan")))[0])
+    assert not report.has_errors
+    assert report.valid
+    messages = [item.message for item in report.findings if item.stage in (2, 3)]
+    assert sum("3.16 m" in message for message in messages) == 2
+    assert sum("16.3° apart" in message for message in messages) == 2
+    assert math.hypot(75, 22) - 75 == pytest.approx(3.16, abs=0.005), "by hand"
+    assert math.degrees(math.atan2(22, 75)) == pytest.approx(16.35, abs=0.005), "by hand"
+
+
+def test_the_published_plan_without_sets_is_sound(reference):
+    found = read_plan(read_text(str(reference / "plans/plan_specification.pln")))[0]
+    assert check_plan(found).findings == ()
+
+
+SOUND = ["0.1; 90; x\n0, 200\n", "0.006; 90; (x+75)^2+(y-200)^2-75^2\n-150, 200\n", "0.1; 270; x+150\n-150, 0\n"]
+
+
+def test_a_sound_plan_has_no_finding():
+    report = checked("".join(SOUND))
+    assert report.findings == ()
+    assert report.witness == ((), (), ())
+
+
+def broken(index, old, new):
+    lines = list(SOUND)
+    assert old in lines[index]
+    lines[index] = lines[index].replace(old, new)
+    return "".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected", "size"),
+    [
+        (broken(0, "0, 200", "5, 200"), {("warning", "trigger-off-path"), ("warning", "trigger-off-next")}, "5.00 m"),
+        (broken(0, "0, 200", "30, 200"), {("error", "trigger-off-path"), ("error", "trigger-off-next")}, "30.00 m"),
+        (broken(1, "-75^2", "-70^2"), {("warning", "trigger-off-path"), ("warning", "trigger-off-next")}, "5.00 m"),
+        (broken(1, "; 90;", "; 270;"), {("error", "direction")}, "180.0° apart"),
+        (broken(2, "; 270;", "; 90;"), {("error", "direction"), ("error", "behind")}, "200.00 m behind"),
+        (broken(2, "-150, 0", "-150, 300"), {("error", "behind")}, "100.00 m behind"),
+        (broken(2, "-150, 0", "-150, 190"), {("warning", "short-stage")}, "10.00 m long"),
+        (broken(1, "-75^2", "+75^2"), {("error", "no-path")}, "radius² is -5625"),
+    ],
+)
+def test_one_fault_one_finding(text, expected, size):
+    report = checked(text)
+    assert expected <= {(item.severity, item.code) for item in report.findings}
+    assert any(size in item.message for item in report.findings)
+    assert report.has_errors == any(severity == "error" for severity, _ in expected)
+
+
+def test_thresholds_are_where_they_are_said_to_be():
+    for gap, severity in ((0.9e-3, None), (1.1e-3, "warning"), (19.9, "warning"), (20.1, "error")):
+        report = checked(f"0.1; 90; x\n{gap}, 200\n0.1; 90; x\n0, 500\n")
+        assert {item.severity for item in report.findings if item.code == "trigger-off-path"} == (
+            {severity} if severity else set()
+        )
+    for turn, severity in ((0.09, None), (0.11, "warning"), (44.9, "warning"), (45.1, "error")):
+        slope = math.tan(math.radians(turn))
+        report = checked(f"0.1; 90; x\n0, 200\n0.1; 90; x-{slope!r}*(200-y)\n{slope * -300!r}, 500\n")
+        assert codes(report, severity) == (["direction"] if severity else [])
+
+
+def test_a_radius_only_where_one_is_given():
+    text = "".join(SOUND)
+    assert codes(checked(text, min_radius_m=75.0)) == []
+    report = checked(text, min_radius_m=80.0)
+    assert codes(report, "error") == ["radius"]
+    assert "75.00 m, 5.00 m less" in report.findings[0].message
+    assert codes(checked("%: min-radius 80\n" + text)) == ["radius"]
+
+
+def test_the_worst_point_inside_the_range_is_found():
+    """A trigger that is off its line by a bump inside the range, and on it at both ends."""
+    bump = "10*exp(-((c1 - 37)/90)^2)"
+    report = checked(f"0.1; 90; x\n{bump}, 200\n[-1000, 1000]\n0.1; 90; x\n0, 500\n[-1000, 1000]\n")
+    message = next(item for item in report.findings if item.code == "trigger-off-path").message
+    assert "10.00 m" in message
+    assert float(message.split("c1 = ")[1].rstrip(")")) == pytest.approx(37, abs=0.01)
+
+
+def test_validity_is_shown_by_a_parameter_value():
+    """A trigger that is on the next path only for c1 = 40 of [0, 80]."""
+    text = "0.1; 90; x - c1\nc1, 200\n[0, 80]\n0.1; 90; x - 40\n40, 500\n[0, 80]\n"
+    report = checked(text)
+    assert report.has_errors, "at the ends it is 40 m off"
+    assert report.valid
+    assert report.witness[0] == pytest.approx((40,), abs=1e-3)
+    assert not checked(text.replace("x - 40", "x - 140").replace("\n40, 500", "\n140, 500")).valid
+
+
+def test_a_change_of_parameters_that_makes_a_stage_impossible_to_join_is_a_warning():
+    text = "0.1; 90; x - c1\nc1, 200\n[0, 80]\n0.1; 90; 2*x - 2*c1\nc1, 500\n[0, 80]\n"
+    report = checked(text)
+    assert codes(report) == ["rejoin"]
+    assert "80.00 m" in report.findings[0].message
+    assert codes(checked(text.replace("[0, 80]", "[0, 15]"))) == []
+
+
+def test_parameters_that_cannot_change_do_not_make_a_stage_impossible_to_join():
+    assert codes(checked("0.1; 90; x\n30, 200\n[7, 7]\n0.1; 90; x - c1\n7, 500\n[7, 7]\n"), "warning") == []
+
+
+def test_what_is_found_by_value_against_a_proof_is_not_proven():
+    found = check_plan(plan(broken(0, "0, 200", "5, 200")), proofs=[StageProof("0", "0", True)] * 3).findings
+    assert [(item.formula, item.proven) for item in found] == [("", False)] * 2
+
+
+def test_sets_and_gains_that_look_odd():
+    report = checked("0; 90; x\n0, 200\n[0.5, 2]\n")
+    assert codes(report) == ["set-not-whole", "no-gain"]
+
+
+def test_a_nearly_whole_turn_is_a_warning():
+    lines = ["0.1; 90; x\n0, 200\n", "0.006; 90; (x+75)^2+(y-200)^2-75^2\n{}\n"]
+    angle = math.radians(-5)
+    behind = f"{-75 + 75 * math.cos(angle)!r}, {200 + 75 * math.sin(angle)!r}"
+    assert codes(checked("".join(lines).format(behind))) == ["nearly-whole-turn"]
+    assert codes(checked("".join(lines).format("0, 200"))) == [], "a whole turn is meant"
+
+
+def test_curves_have_a_curvature():
+    path = bind(read_expression("y - x^2/200"), [])
+    assert radius_of_curvature_m(path, (0.0, 0.0)) == pytest.approx(100)
+    # κ = y''/(1 + y'²)^1.5
+    assert radius_of_curvature_m(path, (100.0, 50.0)) == pytest.approx(100 * (1 + 1) ** 1.5)
+
+
+@given(
+    st.floats(-500, 500),
+    st.floats(-500, 500),
+    st.floats(20, 200),
+    st.floats(0, 360),
+    st.floats(20, 300),
+    st.sampled_from([90, 270]),
+)
+def test_generated_tangent_plans_have_no_finding(x, y, radius, angle, sweep, rotation):
+    """A circle from one angle through another, then the line that leaves it: sound by construction, turned anyhow."""
+    turn = 1 if rotation == 90 else -1
+    start, end = math.radians(angle), math.radians(angle + turn * sweep)
+
+    def on_circle(a):
+        return x + radius * math.cos(a), y + radius * math.sin(a)
+
+    def line(a, along):
+        px, py = on_circle(a)
+        tx, ty = -turn * math.sin(a), turn * math.cos(a)
+        nx, ny = math.cos(a), math.sin(a)  # rotation 90 travels along (−ny, nx)
+        return f"({nx!r})*(x-({px!r}))+({ny!r})*(y-({py!r}))", (px + along * tx, py + along * ty)
+
+    before, join = line(start, 0.0)
+    after, final = line(end, 300.0)
+    centre = f"(x-({x!r}))^2+(y-({y!r}))^2-{radius!r}^2"
+    stages = [(before, join), (centre, on_circle(end)), (after, final)]
+    text = "".join(f"0.1; {rotation}; {path}\n{point[0]!r}, {point[1]!r}\n" for path, point in stages)
+    report = checked("%: trigger-radius 5\n" + text)
+    assert [item for item in report.findings if item.code != "short-stage"] == []
+
+
+def test_directions_are_compass_bearings():
+    found = checked("0.1; 90; x\n0, 100\n0.1; 90; y - 100\n-200, 100\n").findings
+    message = next(finding.message for finding in found if finding.code == "direction")
+    assert "heading 0.0°" in message, "north along x = 0"
+    assert "heading 270.0°" in message, "then west along y = 100"
+
+
+def many(count, trigger, sets="[0, 8]\n"):
+    """Two lines that `count` parameters move; the second's trigger is off it by what is given."""
+    total = "+".join(f"c{i}" for i in range(1, count + 1))
+    lines = [f"0.1; 90; x - ({total})", f"{total}, 200\n" + sets * count]
+    return "\n".join([*lines, f"0.1; 90; x - ({total})", f"{total} + {trigger}, 500\n" + sets * count])
+
+
+@pytest.mark.parametrize("count", [9, 24, 111, pytest.param(999, marks=pytest.mark.slow)])
+def test_of_many_parameters_corners_are_sampled_and_the_worst_place_is_found_from_there(count):
+    report = checked(many(count, "c1 - c2"))
+    message = next(item.message for item in report.findings if item.code == "trigger-off-path")
+    assert "8.00 m" in message
+    sampled = [item for item in report.findings if item.code == "corners-sampled"]
+    assert [item.severity for item in sampled] == ["warning"]
+    assert f"2^{count} combinations" in sampled[0].message
+
+
+@pytest.mark.parametrize("count", [24, 111])
+def test_the_worst_of_many_parameters_lies_at_a_corner_that_is_not_drawn(count):
+    weights = [1 if i % 3 else -1 for i in range(count)]
+    off = "".join(f" + {weight}*c{i + 1}" for i, weight in enumerate(weights))
+    report = checked(many(count, f"0.1*(0{off})").replace("+ -1", "- 1"))
+    message = next(item.message for item in report.findings if item.code == "trigger-off-path")
+    assert f"{0.1 * 8 * sum(weight > 0 for weight in weights):.2f} m" in message
+
+
+@pytest.mark.parametrize("count", [8, 9])
+def test_corners_of_a_plan_of_segments_are_sampled_beyond_256(count):
+    sets = "[0, 1]\n" * count
+    top = "100" + "".join(f" + c{i + 1}" for i in range(count))
+    text = (
+        f"path:\n0.1; 270; x\n0, {top}\n{sets}"
+        f"init:\na = 0, 30\npath:\n0.01; 270; (x - a - 15)^2 + (y - {top})^2 - 225\na + 30, {top}\n{sets}"
+        f"trig:\na >= 30\npath:\n0.1; 90; x - 30\n30, 0\n{sets}"
+    )
+    found = [item.message for item in checked(text).findings if item.code == "corners-sampled"]
+    assert [f"2^{count} combinations" in message for message in found] == [True] * (count > 8)
+
+
+def test_a_parameter_of_a_high_index_alone_is_checked_at_every_corner():
+    text = "0.1; 90; x - c111\nc111, 200\n" + "[0, 80]\n" * 111
+    assert codes(checked(text)) == []
+    assert codes(checked(text.replace("\nc111,", "\n0.9*c111,"))) == ["trigger-off-path"]
+
+
+def test_findings_name_parameters_that_only_a_loop_variable_depends_on():
+    text = PARTS.replace("10 + s + 114, top", "10 + s + 114 - c1/100, top")
+    message = next(item.message for item in checked(text).findings if item.code == "trigger-off-path")
+    assert "c1 = -900" in message
+    text = PARTS.replace("10 + next, 0", "11 + next, 0")
+    assert "(at c1 = " in next(item.message for item in checked(text).findings if item.code == "trigger-off-path")

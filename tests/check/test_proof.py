@@ -1,0 +1,164 @@
+"""What sympy proves of plans, against the check by value; the limits of its process."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+
+import pytest
+import sympy
+from common import few
+from common.plans import APPENDIX_PRINTED, APPENDIX_RIGHT, PARTS, WAVES
+
+from eadp.check import proof, worker
+from eadp.check.check import check_plan
+from eadp.check.proof import StageProof, prove_plan
+from eadp.check.worker import AlgebraProcess
+from eadp.errors import EadpError
+from eadp.io.plan.reader import read_plan
+from eadp.io.text.streams import Text, read_text
+
+HOSTILE = [f"max({','.join(f'c{i} - {i}*x' for i in range(1, 60))})", "0", "0"]
+"""A stage whose derivatives take sympy minutes."""
+
+
+def plan(text):
+    return read_plan(Text("p", text))[0]
+
+
+def line(path, x, y="500", box="[0, 5]"):
+    return f"0.1; 90; {path}\n{x}, {y}\n{box}\n"
+
+
+def test_the_appendix_as_corrected_is_proven():
+    proofs = prove_plan(plan(APPENDIX_RIGHT))
+    assert proofs == (*[StageProof("0", "0", True)] * 4, StageProof("0"))
+
+
+def test_the_misprints_come_out_as_formulas():
+    found = plan(APPENDIX_PRINTED)
+    report = check_plan(found, proofs=prove_plan(found))
+    formulas = {(item.stage, item.code): item.formula for item in report.findings if item.proven}
+    assert formulas == {
+        (1, "trigger-off-path"): "2*c1",
+        (4, "trigger-off-next"): "5*c1 - 840*sqrt(c1 + 4900) + 58800",
+        (5, "trigger-off-path"): "17*c1 - 1680*sqrt(c1 + 4900) + 117600",
+    }
+    # the independent value: φ at the trigger, compiled
+    for (index, code), formula in formulas.items():
+        on = found.stages[index - 1 if code == "trigger-off-path" else index]
+        for c1 in (-2871.3, -400.0):
+            value = on.path_at([c1])(*found.stages[index - 1].trigger_at([c1]))[0]
+            assert float(sympy.sympify(formula).subs("c1", c1)) == pytest.approx(value, rel=1e-9)
+    assert "where φ = 2*c1" in next(item.message for item in report.findings if item.stage == 1)
+    assert {item.proven for item in report.findings if item.code == "rejoin"} == {False}
+
+
+def test_the_survey_meets_its_own_next_lap(root):
+    proofs = prove_plan(read_plan(read_text(str(root / "plans/survey.plan")))[0])
+    assert proofs[0] == StageProof("0", "0", True)
+    assert proofs[1] == StageProof("0", "484", False)
+    # 22² + 75² − 75² = 484, by hand
+    assert (proofs[2].own, proofs[3].own) == ("484", "0")
+    assert proofs[3].next == "c1/25 - 6*sqrt(c1 + 4900) + 421"
+
+
+def test_laps_are_proven_for_every_value_of_their_variables():
+    proofs = prove_plan(plan(PARTS))
+    assert [item.own for item in proofs] == ["0"] * 6
+    assert [item.next for item in proofs] == [None, "0", "0", "0", None, None]
+
+
+def test_a_wave_meets_its_line_nowhere():
+    found = plan(WAVES)
+    assert prove_plan(found)[0].own == "0"
+    assert prove_plan(found)[0].next == "110"
+
+
+DIRECTIONS = [
+    (line("x - c1", "c1") + line("2*x - 2*c1", "c1"), True),
+    (line("3*x + 4*y - c1", "c1/3", "0") + line("6*x + 8*y - 2*c1", "c1/3", "0"), True),
+    (line("x - c1", "c1") + line("2*c1 - 2*x", "c1"), False),  # the opposite sense
+    (line("x - c1", "c1") + line("x - c1 + (y - 500)/9", "c1"), False),
+    (line("c1*x - c1^2", "c1") + line("x - c1", "c1"), None),  # c1 may be 0: no direction there
+    (line("(c1 + 1)*(x - c1)", "c1") + line("x - c1", "c1"), True),
+    (line("(c1 - 6)*(x - c1)", "c1") + line("x - c1", "c1"), False),
+    (line("(c1 - 3)*(x - c1)", "c1") + line("x - c1", "c1"), None),  # one sense at one end, the other at the other
+]
+
+
+@pytest.fixture(scope="module")
+def directions():
+    """Of the pairs of stages, in one plan."""
+    return prove_plan(plan("".join(stages for stages, _ in DIRECTIONS)))[::2]
+
+
+@pytest.mark.parametrize("pair", range(len(DIRECTIONS)))
+def test_the_direction_of_travel(directions, pair):
+    assert directions[pair].direction is DIRECTIONS[pair][1]
+
+
+@pytest.mark.parametrize(
+    "path",
+    few(["75*cos(c1)*x + 75*sin(c1)*y - 5625", "(x^2 + y^2 - 5625)*exp(c1)", "sqrt(x^2 + y^2) - 75"], 1),
+)
+def test_identities_that_need_more_than_multiplying_out(path):
+    assert prove_plan(plan(line(path, "75*cos(c1)", "75*sin(c1)")))[0].own == "0"
+
+
+def test_a_proof_that_takes_too_long_is_given_up_and_the_next_one_made(monkeypatch):
+    monkeypatch.setattr(worker, "ANSWER_LIMIT_S", 0.5)
+    with AlgebraProcess() as process:
+        assert process.ask("lines", HOSTILE, [], 1, "sympy") is None
+        assert process.ask("remainder", "c1 - c1", []) == "0"
+
+
+def test_what_sympy_cannot_do_has_no_answer():
+    with AlgebraProcess() as process:
+        assert process.ask("remainder", "1/(x - x)", []) is None
+        assert process.ask("remainder", "*".join(f"(x-{i})" for i in range(1000)), []) is None
+        assert process.ask("remainder", "x", []) == "x"
+
+
+def test_no_time_no_proof(monkeypatch):
+    monkeypatch.setattr(proof, "PROOFS_LIMIT_S", -1.0)
+    assert prove_plan(plan(APPENDIX_RIGHT)) == (StageProof(),) * 5
+
+
+def test_an_interrupt_ends_the_process(monkeypatch):
+    def interrupted(_stream):
+        raise KeyboardInterrupt
+
+    process = AlgebraProcess()
+    assert process.ask("remainder", "c1", []) == "c1"
+    other = process._process
+    monkeypatch.setattr(worker, "_read", interrupted)
+    with pytest.raises(KeyboardInterrupt), process:
+        process.ask("lines", HOSTILE, [], 1, "sympy")
+    assert other.returncode == -signal.SIGKILL, "it did not wait for the answer"
+
+
+@pytest.mark.parametrize("where", [{"executable": ""}, {"executable": "/nowhere/python"}, {"frozen": True}])
+def test_without_an_interpreter_nothing_is_proven(monkeypatch, where):
+    for name, value in where.items():
+        monkeypatch.setattr(sys, name, value, raising=False)
+    assert prove_plan(plan(APPENDIX_RIGHT)) == (StageProof(),) * 5
+
+
+def test_a_missing_sympy_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "sympy", None)
+    with pytest.raises(EadpError, match="sympy cannot be imported"):
+        prove_plan(plan("0.1; 90; x\n0, 200\n"))
+
+
+@pytest.mark.parametrize("options", few([(), ("--check",), ("--format", "sympy"), ("--format", "latex")], 2))
+def test_a_broken_sympy_is_bad_input_not_a_bug(tmp_path, root, options):
+    (tmp_path / "sympy.py").write_text("raise ImportError('no such thing')\n")
+    code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from eadp.__main__ import run; run()"
+    command = [sys.executable, "-c", code, "plan", "plans/survey.plan", *options]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=root, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert (
+        done.stderr == "eadp: error: sympy cannot be imported (no such thing); install it, as in: pip install sympy\n"
+    )

@@ -1,0 +1,450 @@
+"""A planner on telemetry: the same stages and nearly the same decisions as in the simulation that was recorded."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from common import ROOT, few, few_rows
+from common.plans import STADIUM
+from common.recorder import Recorder, watched
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eadp.api.inputs import Files, load_flight
+from eadp.io.text.streams import Text
+from eadp.live.flight import COMPLETED, EMPTY, LiveFlight, _GroundVelocity
+from eadp.live.gate import APART_S, APPLY_S, AppliedParameters, OutlierGate
+from eadp.planning.base import Sample
+from eadp.planning.flight import make_flight
+from eadp.planning.forecast.held import HeldForecast
+from eadp.simulation.loop import Outcome, fly
+
+EPOCH_S = 1.7e9
+STEP_S = 0.05
+NEAR_C1 = 40.0
+"""Moves the lines by 0.6 m."""
+
+
+def inputs_of(planner="joint", **overrides):
+    return load_flight(
+        str(ROOT / "plans/survey.plan"),
+        scenario=str(ROOT / "scenarios/survey.yaml"),
+        overrides={"planner.name": planner, "step_s": STEP_S, "log_every_s": 1e9, **overrides},
+    )
+
+
+@pytest.fixture(scope="module")
+def recorded():
+    """The survey flown with the joint planner: the inputs, and all that it saw."""
+    inputs = inputs_of()
+    watching, outcome = watched(inputs, every_step=True), Outcome()
+    for _ in fly(inputs.world, watching, outcome):
+        pass
+    recorder = watching.planner
+    assert outcome.completed
+    return inputs, recorder
+
+
+def live(inputs):
+    scenario = inputs.scenario
+    return LiveFlight(
+        inputs.mission,
+        lambda mission: make_flight(scenario.planner, scenario.estimator, mission),
+        lambda mission: HeldForecast(scenario.planner, mission),
+        scenario.planner.every_s,
+    )
+
+
+def samples(seen, every, shift_s=0.0, keys=()):
+    """Every so many observations and the last one, as telemetry with some of its optional keys."""
+    for k, o in enumerate(seen, 1):
+        if k % every == 0 or k == len(seen):
+            sample = Sample(o.time_s + shift_s, o.position_m, o.sample.power_w, o.soc)
+            # an autopilot's stage is the one being flown; a sample of the simulation has none
+            yield sample._replace(**{key: getattr(o if key == "stage" else o.sample, key) for key in keys})
+
+
+def changes(pairs):
+    """Times and values where the values change."""
+    result = []
+    for time_s, value in pairs:
+        if not result or value != result[-1][1]:
+            result.append((time_s, value))
+    return result
+
+
+def test_each_stage_ends_within_its_own_radius_on_telemetry_too():
+    plan = Text("stadium.plan", STADIUM.format(2, 40, 8, 30))
+    inputs = load_flight(plan.name, overrides={"step_s": 0.1}, files=Files({plan.name: plan}))
+    watching, outcome = watched(inputs, every_step=True), Outcome()
+    for _ in fly(inputs.world, watching, outcome):
+        pass
+    recorder = watching.planner
+    flight = live(inputs)
+    answers = [(sample.time_s, flight.update(sample)[0]) for sample in samples(recorder.seen, 1, keys=MEASURED)]
+    found = changes((time_s, advice.stage) for time_s, advice in answers if advice is not None)
+    flown = changes((o.time_s, o.stage) for o in recorder.seen)
+    assert [stage for _, stage in found] == [stage for _, stage in flown] == [1, 2, 3, 4]
+    assert [time_s for time_s, _ in found] == pytest.approx([time_s for time_s, _ in flown], abs=0.11)
+
+
+MEASURED = ("velocity_mps", "heading_rad")
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "keys", "shift_s"),
+    few_rows(
+        [
+            (1, (), 0),
+            (5, (), 0),
+            (10, (), 0),
+            (5, ("stage",), 0),
+            (1, MEASURED, 0),
+            (1, (*MEASURED, "stage"), 0),
+            (0.5, MEASURED, 0),
+            (1, MEASURED, EPOCH_S),
+        ],
+        2,
+    ),
+)
+def test_the_stages_are_the_simulations_and_the_decisions_nearly(recorded, rate_hz, keys, shift_s):
+    inputs, recorder = recorded
+    step_s = 1 / rate_hz
+    flight, gate = live(inputs), OutlierGate(inputs.mission.cruise_mps)
+    stages, decided = [], []
+    advice = None
+    for sample in samples(recorder.seen, round(step_s / STEP_S), shift_s, keys):
+        assert gate.accept(sample) == (sample, None)
+        answer, notices = flight.update(sample)
+        assert notices == ()
+        if answer is not None:
+            advice = answer
+            stages.append((sample.time_s - shift_s, advice.stage))
+            decided.append((sample.time_s - shift_s, tuple(advice.parameters.values())))
+    true_stages = changes((o.time_s, o.stage) for o in recorder.seen)
+    found_stages = changes(stages)
+    # the last stage may end before a line tells of it; and without a velocity, and so a wind, other parameters are
+    # decided, which the recorded flight does not take: it ends a little beside the path that is tracked
+    if "velocity_mps" not in keys or recorder.seen[-1].time_s - true_stages[-1][0] < step_s:
+        true_stages, found_stages = true_stages[:-1], found_stages[: len(true_stages) - 1]
+    assert [stage for _, stage in found_stages] == [stage for _, stage in true_stages]
+    late_s = [found - true for (found, _), (true, _) in zip(found_stages, true_stages, strict=True)]
+    # advice comes once a second at least; positions alone give no wind, and so another path, with other times
+    if keys:
+        assert all(-0.1 < late < max(step_s, 1.0) + 0.1 for late in late_s)
+    # first choices lie between plateaus of the staircase and differ with what is known; the last path parameter and
+    # the computations on the whole do not
+    true = changes((o.time_s, d.parameters) for o, d in zip(recorder.seen, recorder.decided, strict=True))
+    if "velocity_mps" in keys:
+        assert decided[-1][1][0] == pytest.approx(true[-1][1][0], abs=NEAR_C1)
+    assert mean_of(decided, 1) == pytest.approx(
+        mean_of([(t, c) for t, c in true], 1, recorder.seen[-1].time_s), abs=0.1
+    )
+    assert flight._tracker.complete
+    assert flight.forecast_completes
+    assert advice.reason == COMPLETED
+    assert (advice.ending.soc_end, advice.ending.completes_probability) == (recorder.seen[-1].soc, 1.0)
+
+
+def mean_of(pairs, index, end_s=None):
+    """Mean over time of a parameter that is held from each time to the next."""
+    times = [time_s for time_s, _ in pairs] + [end_s or pairs[-1][0]]
+    areas = [c[index] * (later - now) for (now, c), later in zip(pairs, times[1:], strict=True)]
+    return sum(areas) / (times[-1] - times[0])
+
+
+def test_the_ground_velocity_is_estimated_from_positions():
+    """On a circle of 60 m at 15 m/s: nothing from one position, the chord from two, the tangent from more."""
+    ground, found = _GroundVelocity(15.0), []
+    for k in range(6):
+        angle = 15.0 * k / 60
+        velocity = ground.update(Sample(float(k), (60 * math.cos(angle), 60 * math.sin(angle)), None, None))
+        found.append(velocity and (math.hypot(*velocity), math.atan2(velocity[1], velocity[0]) - angle - math.pi / 2))
+    assert found[0] is None
+    assert found[1] == pytest.approx((15, -15 / 120), rel=0.01)
+    for speed_mps, behind in found[2:]:
+        assert speed_mps == pytest.approx(15, rel=0.1)
+        assert abs(behind) < 0.06
+    # long after the last position they begin anew
+    assert ground.update(Sample(1000.0, (0.0, 0.0), None, None)) is None
+
+
+def test_the_ground_velocity_is_that_of_the_last_seconds():
+    """Ten metres a second, then twenty, a sample each half second: after 2.5 s nothing is left of the ten, and a sample
+    of 2.5 s ago still counts."""
+    ground, x, found = _GroundVelocity(15.0), 0.0, {}
+    for k in range(40):
+        speed = 10.0 if k <= 20 else 20.0
+        x += speed * 0.5 * (k > 0)
+        velocity = ground.update(Sample(0.5 * k, (x, 0.0), None, None))
+        found[k] = velocity and velocity[0]
+    assert found[20] == pytest.approx(10)
+    # the window holds the samples 20 to 25, all after the change
+    assert found[25] == pytest.approx(20)
+    # and here 19 to 24: by the parabola through 0, 5, 15, 25, 35, 45 m from −2.5 to 0 s
+    times = np.arange(-2.5, 0.1, 0.5)
+    parabola = np.polyfit(times, [0, 5, 15, 25, 35, 45], 2)
+    assert found[24] == pytest.approx(parabola[1])
+
+
+def test_advice_comes_once_a_second_and_when_parameters_change(recorded):
+    inputs, recorder = recorded
+    flight = live(inputs)
+    times = [
+        sample.time_s for sample in samples(recorder.seen[:600], 4, 0, MEASURED) if flight.update(sample)[0] is not None
+    ]
+    assert times[0] == 0.2
+    gaps = [later - now for now, later in itertools.pairwise(times)]
+    assert max(gaps) < 1.01
+    assert len(times) < 35
+
+
+@pytest.mark.parametrize("planner", few(["static", "paper"], 1))
+def test_planners_without_a_forecast_have_one_of_held_parameters(planner):
+    calm = {"wind.speed_mps": 0, "battery.capacity_ah": 0.7, "parameters.c1": -250.0}
+    inputs = inputs_of(planner, **calm, faults=[])
+    watching, outcome = watched(inputs, every_step=True), Outcome()
+    for _ in fly(inputs.world, watching, outcome):
+        pass
+    recorder = watching.planner
+    flight = live(inputs)
+    advised = {}
+    for sample in samples(recorder.seen, 20):
+        advice, _ = flight.update(sample)
+        if advice is not None:
+            advised[round(sample.time_s)] = advice
+    assert outcome.completed
+    half = advised[round(outcome.duration_s / 2)]
+    assert half.ending.completes_probability == pytest.approx(1.0, abs=0.01)
+    assert half.ending.remaining_s == pytest.approx(outcome.duration_s / 2, rel=0.03)
+    assert half.ending.soc_end == pytest.approx(outcome.soc_final, abs=0.02)
+    assert flight._tracker.complete
+
+
+def start(inputs, time_s=0.0, **changes):
+    return Sample(time_s, inputs.mission.start_m, 36.0, 0.9)._replace(**changes)
+
+
+def test_an_empty_battery_is_a_no_until_it_is_measured_not_to_be(recorded):
+    flight = live(recorded[0])
+    flight.update(start(recorded[0]))
+    advice, _ = flight.update(start(recorded[0], 1.0, soc=0.0))
+    assert (advice.reason, advice.ending.soc_end, advice.ending.completes_probability) == (EMPTY, 0.0, 0.0)
+    assert not flight.forecast_completes
+    assert flight.update(start(recorded[0], 2.0, soc=0.0)) == (None, ())
+    advice, _ = flight.update(start(recorded[0], 3.0, soc=0.9))
+    assert advice.reason != EMPTY
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), (5e3, -5e3), (-1e7, 1e7), (35.0, 146.0), (-40.0, 11.0)])
+def test_the_first_fix_may_be_anywhere(recorded, place):
+    inputs = recorded[0]
+    flight = live(inputs)
+    for k in range(30):
+        sample = Sample(100.0 + k, (place[0] + 12.0 * k, place[1]), 36.0, 0.9 - 0.0002 * k)
+        advice, notices = flight.update(sample)
+        assert not any("failed" in notice.message for notice in notices)
+        assert advice is not None
+        assert 1 <= advice.stage <= 4
+
+
+def reported_stages(flight, inputs, *stages):
+    """The stages that are flown after each reported one, and the notices."""
+    answers = []
+    for k, stage in enumerate(stages):
+        advice, notices = flight.update(start(inputs, float(k), stage=stage))
+        answers.append((advice.stage, [notice.message for notice in notices]))
+    return answers
+
+
+def test_reported_stages_are_taken(recorded):
+    inputs = recorded[0]
+    advised = reported_stages(live(inputs), inputs, 1, 1, 2, 4, 1, 3)
+    assert advised == [(1, []), (1, []), (2, []), (4, []), (1, []), (3, [])]
+
+
+def test_a_jump_back_and_an_unknown_stage_give_one_notice_and_are_ignored(recorded):
+    inputs = recorded[0]
+    back = "stage 2 is before stage 3, which is flown; ignored"
+    none = "there is no stage 7; ignored"
+    advised = reported_stages(live(inputs), inputs, 3, 2, 2, 7, 7, 3, 2)
+    assert advised == [(3, []), (3, [back]), (3, []), (3, [none]), (3, []), (3, []), (3, [back])]
+
+
+def test_reported_parameters_are_in_force(recorded):
+    inputs = recorded[0]
+    flight = live(inputs)
+    advice, notices = flight.update(start(inputs, parameters={"c1": -300.0, "c9": 1.0}))
+    assert advice.in_force == {"c1": -300.0, "c2": 10.0}
+    assert [notice.message for notice in notices] == ["the plan has no parameter c9; ignored"]
+    advice, notices = flight.update(start(inputs, 1.0, parameters={"c2": 99.0, "c9": 1.0}))
+    assert advice.in_force == {"c1": -300.0, "c2": 10.0}
+    assert [notice.message for notice in notices] == ["c2 = 99 is outside its set; clipped"]
+
+
+def test_a_parameter_is_held_until_another_value_is_reported(recorded):
+    applied = AppliedParameters((0.0, 10.0), recorded[0].mission.plan)
+    assert not applied.update(0.0, {0: 0.0, 1: 10.0}, (0.0, 10.0))
+    applied.decide((-500.0, 10.0))
+    # it waits for its stage
+    assert not applied.update(50.0, {0: 0.0, 1: 10.0}, (0.0, 10.0))
+    assert applied.held == {}
+    # its stage starts at 51 s
+    assert not applied.update(51.0, {0: 0.0, 1: 10.0}, (-500.0, 10.0))
+    assert not applied.update(51.0 + APPLY_S - 1, {0: 0.0, 1: 10.0}, (0.0, 10.0))
+    assert applied.update(51.0 + APPLY_S, {0: 0.0, 1: 10.0}, (0.0, 10.0))
+    assert (applied.held, applied.effective, applied.asked) == ({0: 0.0}, (0.0, 10.0), (-500.0, 10.0))
+    applied.decide((0.0, 2.0))
+    assert (applied.effective, applied.asked) == ((0.0, 2.0), (-500.0, 2.0))
+    assert applied.update(70.0, {0: -500.0, 1: 2.0}, (0.0, 2.0))
+    assert (applied.held, applied.effective) == ({}, (-500.0, 2.0))
+
+
+def test_a_parameter_that_is_on_its_way_is_held_no_longer(recorded):
+    """Until it is reported as it was for as long again: what was on its way has been refused."""
+    flight, seen = live(recorded[0]), iter(recorded[1].seen[::20])
+
+    def warnings_after(seconds, c1):
+        for o in itertools.islice(seen, seconds):
+            sample = Sample(o.time_s, o.position_m, o.sample.power_w, o.soc, parameters={"c1": c1})
+            advice, _ = flight.update(sample)
+        return advice.warnings
+
+    assert "not-applied" in warnings_after(100, 0.0)
+    assert "not-applied" not in warnings_after(1, math.nan)
+    assert "not-applied" not in warnings_after(50, math.nan)
+    assert "not-applied" in warnings_after(100, 0.0)
+
+
+def test_parameters_of_a_stage_that_positions_do_not_show_yet_wait_for_it(recorded):
+    applied = AppliedParameters((0.0, 10.0), recorded[0].mission.plan)
+    applied.decide((-500.0, 10.0))
+    assert applied.update_apart(50.0, {0: 0.0, 1: 10.0}, (0.0, 10.0)) == []
+    # the aircraft has started the stage that takes c1
+    assert applied.update_apart(60.0, {0: -500.0, 1: 10.0}, (0.0, 10.0)) == [0]
+    assert applied.update_apart(61.0, {0: -500.0, 1: 10.0}, (-500.0, 10.0)) == []
+    # the other way round: it has not started it yet
+    applied.decide((0.0, 10.0))
+    assert applied.update_apart(90.0, {0: -500.0, 1: 10.0}, (0.0, 10.0)) == [0]
+    assert applied.update_apart(91.0, {0: 0.0, 1: 10.0}, (0.0, 10.0)) == []
+
+
+def test_parameters_reported_for_longer_or_as_others_are_in_force(recorded):
+    applied = AppliedParameters((0.0, 10.0), recorded[0].mission.plan)
+    applied.decide((-500.0, 10.0))
+    assert applied.update_apart(50.0, {0: -300.0}, (0.0, 10.0)) == []
+    assert applied.update_apart(60.0, {0: -500.0}, (0.0, 10.0)) == [0]
+    assert applied.update_apart(60.0 + APART_S, {0: -500.0}, (0.0, 10.0)) == []
+
+
+def test_an_aircraft_that_starts_a_stage_a_second_before_positions_show_it(recorded):
+    """What it reports to be in force then takes effect with the stage, as the plan has it."""
+    inputs = recorded[0]
+
+    class Deciding(Recorder):
+        """Decides once, in the first stage."""
+
+        def update(self, state):
+            decision = super().update(state)
+            return decision._replace(parameters=(-500.0, 10.0)) if state.now.time_s > 5 else decision
+
+        next_update_s = 0.0
+
+    flown = inputs_of("static", step_s=0.01, time_limit_s=90.0)  # fine: samples lie beside the starts of stages
+    watching = watched(flown, Deciding)
+    for _ in fly(flown.world, watching, Outcome()):
+        pass
+    recorder = watching.planner
+    held = HeldForecast(inputs.scenario.planner, inputs.mission)
+    flight = LiveFlight(inputs.mission, lambda _: watched(flown, Deciding), lambda _: held, 1.0)
+    ahead = 0
+    for o, later in itertools.pairwise(recorder.seen[99::100]):
+        reported = dict(zip(inputs.mission.plan.names, later.parameters, strict=True))
+        advice, _ = flight.update(Sample(o.time_s, o.position_m, o.sample.power_w, o.soc, parameters=reported))
+        ahead += o.parameters[0] != later.parameters[0]
+        assert advice.stage == o.stage
+        assert advice.in_force["c1"] == o.parameters[0]
+    assert ahead > 0
+
+
+def test_a_value_that_is_reported_all_the_time_is_not_one_that_is_not_applied(recorded):
+    """A computation that runs at another rate than commanded follows its commands all the same."""
+    applied = AppliedParameters((0.0, 10.0), recorded[0].mission.plan)
+    for time_s in range(30):
+        assert not applied.update(float(time_s), {1: 9.2}, (0.0, 10.0))
+    applied.decide((0.0, 4.0))
+    for time_s in range(30, 60):
+        assert not applied.update(float(time_s), {1: 3.7}, (0.0, 4.0))
+
+
+def test_a_planner_that_fails_gives_a_notice_and_does_not_end_it(recorded):
+    inputs = recorded[0]
+
+    class Failing(Recorder):
+        def update(self, state):
+            raise RuntimeError("out of order")
+
+    held = HeldForecast(inputs.scenario.planner, inputs.mission)
+    flight = LiveFlight(inputs.mission, lambda mission: watched(inputs, Failing), lambda mission: held, 1.0)
+    advice, notices = flight.update(start(inputs))
+    assert "the planner failed, and parameters stay: RuntimeError: out of order" in notices[0].message
+    assert advice.parameters == {"c1": 0.0, "c2": 10.0}
+    assert flight.update(start(inputs, 1.0))[1] == ()
+
+
+FINITE = st.floats(-1e7, 1e7)
+PAIR = st.none() | st.tuples(st.floats(-1000, 1000), st.floats(-1000, 1000))
+ANY_FIX = st.builds(
+    Sample,
+    st.floats(-1e11, 1e11),
+    st.tuples(FINITE, FINITE),
+    st.none() | st.floats(-1e6, 1e6),
+    st.floats(0, 1),
+    st.none() | st.integers(1, 6),
+    PAIR,
+    PAIR,
+    st.none() | st.floats(-7, 7),
+    st.dictionaries(st.sampled_from(["c1", "c2", "c3"]), st.floats(allow_nan=False, allow_infinity=False)),
+)
+INPUTS = {planner: inputs_of(planner) for planner in ("static", "paper", "joint")}
+
+
+@given(
+    st.sampled_from(sorted(INPUTS)),
+    st.lists(st.tuples(st.floats(1e-6, 50), st.floats(-30, 30), st.floats(-30, 30), ANY_FIX), max_size=25),
+    st.booleans(),
+)
+def test_no_fixes_crash_it_and_advice_is_finite(planner, steps, near):
+    flight = live(INPUTS[planner])
+    x, y = INPUTS[planner].mission.start_m
+    time_s = 0.0
+    for step_s, dx, dy, sample in steps:
+        time_s, x, y = time_s + step_s, x + dx, y + dy
+        sample = sample._replace(time_s=time_s)
+        advice, notices = flight.update(sample._replace(position_m=(x, y)) if near else sample)
+        assert not any("failed" in notice.message for notice in notices), notices
+        if advice is None:
+            continue
+        numbers = [*advice.parameters.values(), *advice.in_force.values(), *(advice.wind_mps or ())]
+        numbers += advice.ending
+        assert all(value is None or math.isfinite(value) for value in numbers)
+        assert advice.reason
+
+
+def test_the_same_fixes_give_the_same_advice(recorded):
+    inputs, recorder = recorded
+    one, other = live(inputs), live(inputs_of())
+    for sample in samples(recorder.seen[:1200], 20, 0, MEASURED):
+        assert one.update(sample) == other.update(sample)
+
+
+def test_a_mission_without_a_start_starts_at_the_first_sample(recorded):
+    inputs = recorded[0]
+    flight = live(replace(inputs, mission=replace(inputs.mission, start_m=None)))
+    advice, notices = flight.update(Sample(3.0, (-100.0, 220.0), 36.0, 0.9))
+    assert notices == ()
+    assert advice.stage == 1

@@ -1,0 +1,257 @@
+"""Flights by `eadp replan` in a closed loop: disturbed telemetry, and an autopilot that does not apply parameters."""
+
+from __future__ import annotations
+
+import pytest
+from common import ROOT, few
+from common.link import DISTURBANCES, UNDISTURBED, Disturbance, flown, through
+
+from eadp.api.inputs import Files, load_flight
+from eadp.io.text.streams import Text
+from eadp.live.flight import NOT_FLOWN, RETURNS
+from eadp.live.gate import APPLY_S
+from eadp.live.replanner import Replanner
+from eadp.planning.state.known import TimeRatio
+from eadp.planning.state.power import LAP_ENDS, PowerTracker
+from eadp.simulation.loop import Outcome, fly
+
+START_S = 60.0
+MAX_WRONG_S, MAX_LOSS = 20.0, 0.03
+CODES = {
+    "gap 30 s": {"stage-unknown"},
+    "gap 120 s": {"stage-unknown"},
+    "frozen position 20 s": {"stale", "stage-unknown"},
+    "null charge 60 s": {"stale"},
+    "clock + 7,200 s": {"clock"},
+    "clock back 50 s": {"clock"},
+    "gauge stuck from the start on": {"gauge-stuck"},
+}
+"""Warnings of each disturbance."""
+
+
+def short_survey(**overrides):
+    """Some laps of the survey, with a battery that does not last at the highest parameters."""
+    body = (ROOT / "plans/survey.plan").read_text(encoding="utf-8").replace("175, 161", "95, 152")
+    name = str(ROOT / "plans/short.plan")
+    return load_flight(
+        name,
+        scenario=str(ROOT / "scenarios/survey.yaml"),
+        overrides={"step_s": 0.05, "faults": [], "battery.capacity_ah": 0.26, **overrides},
+        files=Files({name: Text(name, body)}),
+    )
+
+
+@pytest.fixture(scope="module")
+def undisturbed():
+    return flown(short_survey(), UNDISTURBED)
+
+
+def test_the_undisturbed_flight_has_no_warnings(undisturbed):
+    assert undisturbed.outcome.completed
+    assert undisturbed.wrong_s == 0
+    assert undisturbed.warnings == []
+    assert all(answer["warnings"] == [] for answer in undisturbed.answers)
+
+
+@pytest.mark.parametrize("disturbance", few(DISTURBANCES, 3), ids=lambda disturbance: disturbance.name)
+def test_a_disturbance_costs_little_and_the_stage_is_found_again(undisturbed, disturbance):
+    disturbed = flown(short_survey(), disturbance, START_S)
+    assert disturbed.outcome.completed
+    assert disturbed.wrong_s <= MAX_WRONG_S
+    assert disturbed.quality >= undisturbed.quality - MAX_LOSS
+    assert {code for answer in disturbed.answers for code in answer["warnings"]} == CODES.get(disturbance.name, set())
+
+
+def test_the_end_of_an_autopilots_mission_is_certain(undisturbed):
+    """Whether one more lap is flown is in doubt at 6 s where the aircraft follows the plan itself."""
+    of_items = flown(short_survey(), Disturbance("items", 0.0, through(lambda line: line | {"flies_mission": True})))
+    doubtful, certain = ({a["time_s"]: a for a in flight.answers}[6.0] for flight in (undisturbed, of_items))
+    assert certain["energy_std_wh"] < 0.8 * doubtful["energy_std_wh"]
+    assert of_items.outcome.completed
+    assert of_items.warnings == []
+
+
+def test_a_gauge_that_rises_and_a_false_power_are_warned_of():
+    def rising(line):
+        return line | {"soc": 0.8 + line["time_s"] / 1e4, "power_w": 1e5 if line["time_s"] == 100 else line["power_w"]}
+
+    flight = flown(short_survey(), Disturbance("rising", 0.0, through(rising)), START_S)
+    codes = {answer["time_s"]: answer["warnings"] for answer in flight.answers}
+    assert codes[100.0] == ["gauge-rises", "power-outlier"]
+    assert codes[101.0] == ["gauge-rises"]
+    assert codes[START_S] == []
+
+
+def after_hold(flight):
+    """The answers from the first on that has the warning, and the time of that."""
+    first = next(i for i, answer in enumerate(flight.answers) if "not-applied" in answer["warnings"])
+    return flight.answers[first:], flight.answers[first]["time_s"]
+
+
+def test_parameters_that_are_not_applied_are_forecast_as_they_are():
+    """c1 takes effect with the lap that starts at 39 s; without it the battery ends before the plan does."""
+    flight = flown(short_survey(), UNDISTURBED, deaf_to=("c1", "c2"))
+    answers, time_s = after_hold(flight)
+    assert flight.outcome.reason == "battery empty"
+    assert 39 < time_s < 39 + 1 + APPLY_S + 1
+    assert {answer["in_force"]["c1"] for answer in answers} == {0.0}
+    assert all(answer["completes_probability"] < 0.01 for answer in answers[1:])
+    assert all(answer["parameters"]["c1"] < 0 for answer in answers), "they are asked for all the same"
+    asked = answers[0]["parameters"]["c1"]
+    assert [warning.split(": ")[2] for warning in flight.warnings] == [
+        f"c1 = {asked:g} is not applied",
+        "c2 = 2 is not applied",
+    ]
+
+
+def test_what_is_applied_makes_up_for_what_is_not():
+    """With c1 unchanged, the lowest computations last where the highest do not."""
+    battery = {"battery.capacity_ah": 0.32}
+    deaf = flown(short_survey(**battery), UNDISTURBED, deaf_to=("c1",))
+    answers, _ = after_hold(deaf)
+    assert deaf.outcome.completed
+    assert {answer["parameters"]["c2"] for answer in answers} == {2.0}
+    held, outcome = short_survey(**battery, **{"planner.name": "static"}), Outcome()
+    for _ in fly(held.world, held.flight(), outcome):
+        pass
+    assert outcome.reason == "battery empty"
+
+
+@pytest.mark.slow
+def test_a_stage_flown_through_a_gap_teaches_nothing(monkeypatch):
+    """The times learned are those of whole stages and laps: no gap over a start or an end makes one longer."""
+    learned, periods_s = [], []
+    learn, lap = TimeRatio.learn, PowerTracker._count_lap
+
+    def recorded(self, forecast_s, flown_s, *others):
+        learned.append((forecast_s, flown_s))
+        learn(self, forecast_s, flown_s, *others)
+
+    def recorded_lap(self, o):
+        found = lap(self, o)
+        if found == LAP_ENDS:
+            periods_s.append(self.lap_time_s)
+        return found
+
+    monkeypatch.setattr(TimeRatio, "learn", recorded)
+    monkeypatch.setattr(PowerTracker, "_count_lap", recorded_lap)
+    flown(short_survey(), UNDISTURBED)
+    whole, lap_s = len(learned), periods_s[-1]
+    for disturbance in DISTURBANCES[:2]:
+        learned.clear()
+        flown(short_survey(), disturbance, START_S)
+        assert 0 < len(learned) < whole
+        assert all(abs(flown_s - forecast_s) < 1.5 for forecast_s, flown_s in learned)
+        assert max(periods_s) < 1.15 * lap_s
+
+
+HAND_S, FLOWN_BY_HAND_S, ITS_POWER_W = 72, 60, 150.0
+
+
+@pytest.fixture(scope="module")
+def lines():
+    """The telemetry of an undisturbed flight whose battery suffices, with airspeeds."""
+    seen = []
+    flown(
+        short_survey(**{"battery.capacity_ah": 0.4}),
+        Disturbance("seen", 0.0, through(lambda line: seen.append(line) or line)),
+    )
+    return [{key: value for key, value in line.items() if key[0] != "_"} | {"airspeed_mps": 15.0} for line in seen]
+
+
+def with_pilot(lines, *, modes):
+    """The flight with a pilot for a minute, who flies away and back, faster, with three times the power."""
+    before = [line for line in lines if line["time_s"] <= HAND_S]
+    last, by_hand = before[-1], []
+    for k in range(1, FLOWN_BY_HAND_S + 1):
+        away_m = 20.0 * min(k, FLOWN_BY_HAND_S - k)
+        changed = {
+            "x_m": last["x_m"] + away_m,
+            "power_w": ITS_POWER_W,
+            "airspeed_mps": 20.0,
+            "soc": last["soc"] - 2e-3 * k,
+        }
+        by_hand.append(last | changed | {"time_s": last["time_s"] + k, "velocity_mps": None, "heading_deg": None})
+    used = 2e-3 * FLOWN_BY_HAND_S
+    after = [
+        line | {"time_s": line["time_s"] + FLOWN_BY_HAND_S, "soc": line["soc"] - used}
+        for line in lines
+        if line["time_s"] > HAND_S
+    ]
+    if modes:
+        before, after = ([line | {"flies_mission": True} for line in some] for some in (before, after))
+        by_hand = [line | {"flies_mission": False} for line in by_hand]
+    return [*before, *by_hand, *after]
+
+
+def answered(lines, warnings=None):
+    """What is decided on lines, by time."""
+    answers = []
+    inputs = short_survey(**{"battery.capacity_ah": 0.4})
+    flight = Replanner(inputs, "telemetry", None, answers.append, [].append if warnings is None else warnings.append)
+    for number, line in enumerate(lines, 1):
+        flight.take(flight.reader.reading(number, line))
+    return {answer["time_s"]: answer for answer in answers}
+
+
+@pytest.mark.parametrize("modes", [True, False])
+def test_while_a_pilot_flies_nothing_is_learned_and_nothing_decided(lines, modes):
+    alone = answered([line | {"flies_mission": True} if modes else line for line in lines])
+    answers = answered(with_pilot(lines, modes=modes))
+    found_s = 1 if modes else 6
+    by_hand = [answers[float(HAND_S + k)] for k in range(found_s, FLOWN_BY_HAND_S - 3)]
+    assert {each["reason"] for each in by_hand} == {NOT_FLOWN}
+    assert len({tuple(each["parameters"].items()) for each in by_hand}) == 1
+    # after it: the place in the plan, and the forecasts of time and power to the end, of the flight without him
+    for time_s in (HAND_S + 30.0, HAND_S + 90.0):
+        here, there = answers[time_s + FLOWN_BY_HAND_S], alone[time_s]
+        assert (here["stage"], here["lap"]) == (there["stage"], there["lap"])
+        powers_w = [each["energy_wh"] / each["remaining_s"] * 3600 for each in (here, there)]
+        assert powers_w[0] == pytest.approx(powers_w[1], rel=0.03)
+
+
+def test_a_mission_that_is_taken_up_again_is_forecast_from_the_start_of_the_leg_that_was_left(lines):
+    """PX4 flies to the item before, whose stage is behind; ArduPilot straight on to the end of the leg."""
+    alone = answered([line | {"flies_mission": True} for line in lines])
+    # stages started at each second, as an autopilot's items report them
+    counts, places, last = {}, 0, None
+    for time_s, answer in alone.items():
+        places += (answer["stage"], answer["lap"]) != last
+        last = answer["stage"], answer["lap"]
+        counts[time_s] = places
+    back_s = HAND_S + FLOWN_BY_HAND_S + 1.0
+    left_s = {}
+    for behind in (0, 1):
+        warnings, flown_again = [], []
+        for line in with_pilot(lines, modes=True):
+            at_s = line["time_s"] - FLOWN_BY_HAND_S * (line["time_s"] > HAND_S + FLOWN_BY_HAND_S)
+            count = counts.get(min(at_s, HAND_S) if not line["flies_mission"] else at_s, places)
+            flown_again.append(line | {"stages_started": count - behind * (back_s <= line["time_s"] < back_s + 8)})
+        left_s[behind] = answered(flown_again, warnings)[back_s]["remaining_s"]
+        assert not any("ignored" in warning.message for warning in warnings)
+    assert left_s[1] > left_s[0] + 5
+
+
+def test_of_an_autopilot_that_returns_no_parameters_are_decided(lines):
+    """Nor is the pilot asked to fly home, though the charge is gone."""
+    returning = [
+        line
+        | (
+            {"flies_mission": False, "returns_home": True, "soc": 0.06}
+            if line["time_s"] > 60
+            else {"flies_mission": True}
+        )
+        for line in lines
+    ]
+    answers = answered(returning)
+    after = [answer for time_s, answer in answers.items() if time_s > 60]
+    assert {each["reason"] for each in after} == {RETURNS}
+    assert not any(each["returns_home"] for each in after)
+
+
+def test_times_in_a_reason_are_of_the_telemetrys_clock(lines):
+    """A clock that showed 5,000 s at the start."""
+    late = [line | {"time_s": line["time_s"] + 5000, "soc": line["soc"] / 3} for line in lines]
+    answers = answered(late)
+    first_s, first = next((time_s, a) for time_s, a in answers.items() if "infeasible" in a["reason"])
+    assert f"infeasible since {first_s:.1f} s" in first["reason"]

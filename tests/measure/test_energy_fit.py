@@ -1,0 +1,108 @@
+"""From samples to a model: spikes taken out, a disturbance told from noise, made signals as the oracle."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from common import few
+from scipy.signal import lfilter
+
+from eadp.measure import energy_fit
+from eadp.measure.energy_fit import fit_energy
+from eadp.models.energy import EnergyModel
+from eadp.papers.forecasting import DisturbanceFit
+
+PERIOD_S, STEP_S = 46.0, 0.5
+TIMES = np.arange(0, 5 * PERIOD_S, STEP_S)
+WAVE = 36 + 2 * np.cos(2 * np.pi * TIMES / PERIOD_S + 0.5) + np.cos(4 * np.pi * TIMES / PERIOD_S - 1)
+
+
+def slow(time_s: float, seed: int = 0) -> np.ndarray:
+    """A Matérn-3/2 process of variance 1, its sampling as fine as its own definition needs."""
+    apart = np.sqrt(3) * np.abs(TIMES[:, np.newaxis] - TIMES) / time_s
+    root = np.linalg.cholesky((1 + apart) * np.exp(-apart) + 1e-9 * np.eye(len(TIMES)))
+    return np.asarray(root @ np.random.default_rng(seed).normal(size=len(TIMES)))
+
+
+def white(seed: int = 1) -> np.ndarray:
+    return np.random.default_rng(seed).normal(size=len(TIMES))
+
+
+@pytest.mark.parametrize("seed", few(range(1, 5), 2))
+def test_white_noise_is_no_disturbance(seed: int) -> None:
+    model = fit_energy(TIMES, WAVE + 0.3 * white(seed)).model
+    assert model.disturbance is None
+    assert model.noise_std_w == pytest.approx(0.3, rel=0.1)
+    assert model.period_s == pytest.approx(PERIOD_S, rel=0.005)
+
+
+@pytest.mark.parametrize("seeds", [2, pytest.param(4, marks=pytest.mark.slow)])
+def test_a_disturbance_is_told_from_noise(seeds: int) -> None:
+    found = [fit_energy(TIMES, WAVE + 0.5 * slow(4.0, seed) + 0.1 * white(seed)).model for seed in range(seeds)]
+    known = [model.disturbance for model in found if model.disturbance is not None]
+    assert len(known) == seeds
+    assert np.mean([one.std_w for one in known]) == pytest.approx(0.5, rel=0.25)
+    assert np.mean([one.time_s for one in known]) == pytest.approx(4.0, rel=0.4)
+
+
+@pytest.mark.parametrize(
+    ("std_w", "time_s", "of_whole", "share"),
+    [(3.0, 4.0, False, energy_fit.MIN_VARIANCE_SHARE), (0.03, 100.0, True, energy_fit.MIN_VARIANCE_SHARE_LONG)],
+)
+def test_a_disturbance_counts_from_a_share_of_the_variance(monkeypatch, std_w, time_s, of_whole, share) -> None:
+    """σ² beyond a share of σ² + ν²; the share of a long disturbance is another one, and a short one is noise."""
+    assert (time_s > energy_fit.LONG_SHARE * TIMES[-1]) == of_whole
+
+    def found(noise_share: float, time_s: float = time_s, mean_w: float = 36.0) -> bool:
+        noise_w = np.sqrt(noise_share * (std_w**2 / share - std_w**2))
+        known = DisturbanceFit(std_w, time_s, noise_w, 0.0)
+        monkeypatch.setattr(energy_fit, "fit_disturbance", lambda *args, **keys: known)
+        return energy_fit._disturbance(TIMES, WAVE, EnergyModel(None, mean_w)) is not None
+
+    assert found(0.99)
+    assert not found(1.01)
+    assert not found(0.5, time_s=0.99 * energy_fit.MIN_TIME_STEPS * STEP_S)
+    assert found(0.1, mean_w=0.99e6 * std_w)
+    assert not found(0.1, mean_w=1.01e6 * std_w)
+
+
+def test_a_log_without_a_period_has_a_mean_its_spread_and_a_disturbance() -> None:
+    fitted = fit_energy(TIMES, 36 + 2 * slow(4.0))
+    assert not fitted.model.periodic
+    assert fitted.model.disturbance is not None
+    assert fitted.model.noise_std_w == pytest.approx(2, rel=0.3)
+    assert fitted.model.mean_std_w is not None
+    # of independent samples it would be 2/√460 = 0.09 W
+    assert 0.15 < fitted.model.mean_std_w < 0.7
+
+
+# nominally 95 % of twice as many; plain least squares' would hold for half
+@pytest.mark.parametrize(("trials", "least"), [(4, 6), pytest.param(12, 19, marks=pytest.mark.slow)])
+def test_standard_deviations_hold_under_correlated_noise(trials: int, least: int) -> None:
+    inside = []
+    for seed in range(trials):
+        noise = np.asarray(
+            lfilter([np.sqrt(1 - 0.9**2)], [1, -0.9], np.random.default_rng(seed).normal(size=960))[-460:]
+        )
+        model = fit_energy(TIMES, WAVE + 0.5 * noise).model
+        assert model.mean_std_w is not None
+        inside.append(abs(model.mean_w - 36) < 1.96 * model.mean_std_w)
+        inside.append(abs(model.harmonics[0].amplitude_w - 2) < 1.96 * model.amplitude_std_w[0])
+    assert sum(inside) >= least
+
+
+def test_spikes_are_left_out_unless_they_are_to_be_kept() -> None:
+    power = WAVE + 0.3 * white()
+    places = [0, 100, 101, 300]
+    power[places] += 500
+    fitted = fit_energy(TIMES, power)
+    assert fitted.spikes.tolist() == places
+    assert fitted.model.samples == len(TIMES) - 4
+    assert fitted.model.mean_w == pytest.approx(36, abs=0.05)
+    assert fitted.model.period_s == pytest.approx(PERIOD_S, rel=0.005)
+    assert fitted.times_s[0] == 0, "times from the first sample kept"
+
+
+def test_a_constant_log() -> None:
+    model = fit_energy(TIMES, np.full(len(TIMES), 36.0)).model
+    assert (model.mean_w, model.noise_std_w, model.disturbance, model.mean_std_w) == (36.0, 0.0, None, 0.0)

@@ -1,0 +1,119 @@
+"""`eadp fit --battery`: a block that a scenario takes, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from eadp.core.flight.battery import interpolated
+from eadp.measure.battery import CURVES_V
+
+
+@pytest.fixture
+def flight(tmp_path):
+    """A log of 20 minutes of a battery of 16.8 to 13 V, 80 mΩ, 2 Ah."""
+    rng = np.random.default_rng(1)
+    t = np.arange(0, 1200, 1.0)
+    amps = 4 + 3 * (rng.random(60).repeat(20) - 0.5)
+    charge = 1 - np.concatenate(([0.0], np.cumsum((amps[1:] + amps[:-1]) / 2))) / 3600 / 2.0
+    volts = 13 + 3.8 * charge - 0.08 * amps + 0.01 * rng.standard_normal(len(t))
+    path = tmp_path / "flight.csv"
+    rows = (f"{a},{b},{c},{b * c}" for a, b, c in zip(t.tolist(), volts.tolist(), amps.tolist(), strict=True))
+    path.write_text("time_s,voltage_v,current_a,power_w\n" + "\n".join(rows) + "\n")
+    return path
+
+
+def test_the_block_flies(eadp, flight, tmp_path):
+    block = tmp_path / "battery.yaml"
+    answer = eadp("fit", flight, "--battery", "--capacity", "2", "--soc", "1", "-o", block)
+    assert answer.code == 0
+    assert "resistance 80" in answer.out or "resistance 79" in answer.out
+    scenario = tmp_path / "s.yaml"
+    scenario.write_text("schema: eadp.scenario/1\n" + block.read_text())
+    flown = eadp(
+        "simulate", "plans/survey.plan", "--scenario", scenario, "--planner", "static", "--profile",
+        "profiles/pednet-jetson-nano.yaml", "--format", "json",
+    )  # fmt: skip
+    assert flown.code == 0
+    assert json.loads(flown.out)["soc_final"] < 1
+
+
+def test_json(eadp, flight):
+    document = json.loads(eadp("fit", flight, "--battery", "--capacity", "2", "--soc", "1", "--format", "json").out)
+    assert document["schema"] == "eadp.battery/1"
+    assert document["battery"]["resistance_ohm"] == pytest.approx(0.08, abs=0.003)
+    assert document["battery"]["voltage_v"] == pytest.approx(16.8, abs=0.02)
+    assert document["battery"]["voltage_empty_v"] == pytest.approx(13.0, abs=0.1)
+    assert document["rms_v"] < document["constant_rms_v"]
+    assert any("capacity" in note for note in document["notes"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "where"),
+    [
+        ((), "--capacity:1:1"),
+        (("--capacity", "-2"), "--capacity:1:1"),
+        (("--capacity", "2", "--soc", "1.5"), "--soc:1:1"),
+        (("--capacity", "2", "--k-b", "0"), "--k-b:1:1"),
+        (("--capacity", "2", "--power", "power_w"), "--power:1:1"),
+    ],
+)
+def test_what_cannot_be(eadp, flight, arguments, where):
+    answer = eadp("fit", flight, "--battery", *arguments)
+    assert answer.code == 2
+    assert answer.out == ""
+    assert answer.err.startswith(f"{where}: error: ")
+
+
+def test_a_capacity_that_the_log_exceeds(eadp, flight):
+    answer = eadp("fit", flight, "--battery", "--capacity", "0.5", "--soc", "1")
+    assert answer.code == 2
+    assert "more than 1 of a capacity of 0.5 Ah" in answer.err
+
+
+def test_a_log_without_current(eadp):
+    answer = eadp("fit", "scenarios/example-power-log.csv", "--battery", "--capacity", "2")
+    assert answer.code == 2
+    assert "voltage" in answer.err
+
+
+def test_the_charge_at_the_start_needs_evidence(eadp, flight):
+    doubt = "--soc:1:1: error: nothing shows the charge at the start of the log: the first voltage is "
+    answer = eadp("fit", flight, "--battery", "--capacity", "2")
+    assert (answer.code, answer.out, answer.err.startswith(doubt)) == (2, "", True)
+    lines = flight.read_text().splitlines()
+    used = [f"{lines[0]},discharged_mah", *(f"{line},{100 + i}" for i, line in enumerate(lines[1:]))]
+    flight.write_text("\n".join(used) + "\n")
+    assert "soc: 0.95\n" in eadp("fit", flight, "--battery", "--capacity", "2").out  # 100 mAh of 2 Ah
+    unknown = "its count of the charge used starts at 100 mAh of a capacity that is not known (--capacity AH)"
+    assert unknown in eadp("fit", flight, "--battery", "--cells", "4").err
+    lines[1] = "0,16.75,0,0"  # at rest, 4.19 V a cell
+    flight.write_text("\n".join(lines) + "\n")
+    assert "soc: 1.0\n" in eadp("fit", flight, "--battery", "--capacity", "2").out
+    answer = eadp("fit", flight, "--battery", "--cells", "5")
+    assert f"{doubt}16.75 V at rest, 5 full lipo cells have 21.00 V" in answer.err
+
+
+def test_a_voltage_at_rest_says_the_charge_that_may_be_given(eadp, flight):
+    lines = flight.read_text().splitlines()
+    rest_v = 4 * interpolated(0.6, CURVES_V["lipo"])
+    flight.write_text("\n".join([lines[0], f"0,{rest_v},0,0", *lines[2:]]) + "\n")
+    answer = eadp("fit", flight, "--battery", "--cells", "4")
+    assert f"the first voltage is {rest_v:.2f} V at rest, 4 full lipo cells have 16.80 V at rest" in answer.err
+    assert answer.err.endswith("the voltage at rest of lipo cells makes it 0.60\n")
+    answer = eadp("fit", flight, "--battery", "--capacity", "2")
+    assert answer.err.endswith(" or --cells N, by which the voltage at rest tells it\n")
+
+
+def test_a_capacity_at_the_end_of_the_search_is_no_result(eadp, flight):
+    """Cells of 1.2 Ah that give 1.33 Ah: the search ends at what the log uses."""
+    lines = flight.read_text().splitlines()
+    t, _, amps = np.array([line.split(",")[:3] for line in lines[1:]], dtype=float).T
+    open_v = 4 * interpolated(1 - np.cumsum(amps) / 3600 / 1.2, CURVES_V["lipo"])
+    rows = zip(t.tolist(), (open_v - 0.08 * amps).tolist(), amps.tolist(), strict=True)
+    flight.write_text("time_s,voltage_v,current_a\n" + "".join(f"{a},{b},{c}\n" for a, b, c in rows))
+    answer = eadp("fit", flight, "--battery", "--cells", "4", "--soc", "1")
+    assert (answer.code, answer.out) == (2, "")
+    assert "Ah, which the log uses, were more than the cells held" in answer.err

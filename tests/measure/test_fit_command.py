@@ -1,0 +1,366 @@
+"""`eadp fit` as it is called: exit codes, stdout and stderr, the model written."""
+
+from __future__ import annotations
+
+import io
+import json
+import shlex
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from common import ROOT, few_rows, with_header
+
+from eadp.core.arrays import FloatArray
+from eadp.io.energy import parse_energy
+from eadp.io.text.streams import read_text
+
+Run = Callable[..., tuple[int, str, str]]
+
+EXAMPLE = str(ROOT / "scenarios" / "example-power-log.csv")
+KEYS = [
+    "schema",
+    "periodic",
+    "period_s",
+    "period_std_s",
+    "order",
+    "mean_w",
+    "mean_std_w",
+    "harmonics",
+    "amplitude_std_w",
+    "coefficients",
+    "noise_std_w",
+    "disturbance",
+    "cv_r2",
+    "samples",
+    "span_s",
+    "candidate",
+    "range_s",
+    "drift_s",
+    "prior",
+    "log",
+]
+
+
+@pytest.fixture
+def noise(tmp_path: Path) -> str:
+    """A log without a period."""
+    power = 30 + np.random.default_rng(1).normal(size=60)
+    file = tmp_path / "noise.csv"
+    file.write_text("time_s,power_w\n" + "".join(f"{i},{value}\n" for i, value in enumerate(power)))
+    return str(file)
+
+
+def test_the_example_of_the_help_works(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    code, out, _ = run("fit", "--help")
+    assert code == 0
+    example = next(line.strip() for line in out.splitlines() if "Example:" in line)
+    assert out.split("\n\n")[1].strip() == example, "the help starts with it"
+    monkeypatch.chdir(ROOT)
+    code, out, err = run(*shlex.split(example.removeprefix("Example: eadp")))
+    assert (code, err) == (0, "")
+    assert out.splitlines()[:2] == ["period   46.034 ± 0.019 s", "order    3"]
+    assert len(out.splitlines()) == 11, "a line for each harmonic at the end"
+
+
+def test_example_as_json(run: Run) -> None:
+    code, out, err = run("fit", EXAMPLE, "--format", "json")
+    document = json.loads(out)
+    assert (code, err, list(document)) == (0, "", KEYS)
+    # the log was made with these values and noise of 0.5 W
+    assert document["schema"] == "eadp.energy/1"
+    assert document["periodic"] is True
+    assert abs(document["period_s"] - 46.05) < 3 * document["period_std_s"] < 0.1
+    assert document["mean_w"] == pytest.approx(36.4, abs=0.03)
+    assert document["noise_std_w"] == pytest.approx(0.5, abs=0.03)
+    assert (document["order"], document["samples"], document["span_s"]) == (3, 2303, pytest.approx(230.2))
+    for harmonic, (amplitude_w, phase_rad) in zip(
+        document["harmonics"], [(2.1, 0.8), (1.4, -1.9), (0.6, 2.6)], strict=True
+    ):
+        assert list(harmonic) == ["amplitude_w", "phase_rad"]
+        assert harmonic["amplitude_w"] == pytest.approx(amplitude_w, abs=0.05)
+        assert harmonic["phase_rad"] == pytest.approx(phase_rad, abs=0.1)
+    a, b = document["coefficients"]["a"], document["coefficients"]["b"]
+    assert (len(a), len(b)) == (4, 3)
+    assert a[0] / document["period_s"] == pytest.approx(document["mean_w"])
+    assert np.hypot(a[2], b[1]) * 2 / document["period_s"] == pytest.approx(document["harmonics"][1]["amplitude_w"])
+
+
+def test_a_log_without_a_period_is_a_no_with_its_document(run: Run, noise: str, tmp_path: Path) -> None:
+    model = tmp_path / "model.yaml"
+    code, out, err = run("fit", noise, "--format", "json", "-o", str(model))
+    document = json.loads(out)
+    assert (code, err, list(document)) == (1, "", KEYS)
+    assert (document["periodic"], document["period_s"], document["period_std_s"]) == (False, None, None)
+    assert (document["order"], document["harmonics"]) == (0, [])
+    assert document["coefficients"] == {"a": [], "b": []}
+    assert parse_energy(read_text(str(model))).mean_w == document["mean_w"] == pytest.approx(30, abs=0.5)
+
+
+def test_a_log_without_a_period_in_words(run: Run, noise: str, tmp_path: Path) -> None:
+    code, out, _ = run("fit", noise)
+    assert code == 1
+    assert out.startswith("no period: the best")
+    constant = tmp_path / "constant.csv"
+    constant.write_text("time_s,power_w\n" + "".join(f"{i},30\n" for i in range(50)))
+    assert run("fit", str(constant))[:2] == (
+        1,
+        "no period: the power is constant\nmean     30 W\nstd dev  0 W\nsamples  50 over 49 s\n",
+    )
+
+
+def test_model_written_is_the_document_printed(run: Run, tmp_path: Path) -> None:
+    model = tmp_path / "model.yaml"
+    short = ("fit", EXAMPLE, "--to", "110")
+    code, out, err = run(*short, "--format", "json", "-o", str(model))
+    assert (code, err) == (0, "")
+    written = parse_energy(read_text(str(model)))
+    assert written.period_s == json.loads(out)["period_s"]
+    assert [vars_of.amplitude_w for vars_of in written.harmonics] == [
+        harmonic["amplitude_w"] for harmonic in json.loads(out)["harmonics"]
+    ]
+    code, out, _ = run(*short, "-o", "-")
+    assert (code, out) == (0, model.read_text()), "the model alone on standard output"
+
+
+def test_log_from_standard_input(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    body = Path(EXAMPLE).read_bytes()
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(body)))
+    code, out, _ = run("fit", "-", "--to", "110", "--format", "json")
+    assert (code, json.loads(out)["log"]["rows"]) == (0, 2303)
+
+
+def test_a_log_without_a_header_is_refused(run: Run, tmp_path: Path) -> None:
+    headerless = tmp_path / "log.csv"
+    headerless.write_text("".join(f"{line},1\n" for line in Path(EXAMPLE).read_text().splitlines()[1:]))
+    code, out, err = run("fit", str(headerless))
+    assert (code, out) == (2, "")
+    assert err.startswith(f"{headerless}:1:1: error: the first row has numbers, not the names of columns")
+
+
+def test_columns_units_order_and_prior_by_option(run: Run, tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    rows = [line.split(",") for line in Path(EXAMPLE).read_text().splitlines()[1:]]
+    log.write_text("when,u_v,i_a,w_w\n" + "".join(f"{1000 * float(t)},10,{float(p) / 10},{p}\n" for t, p in rows))
+    arguments = ["fit", str(log), "--time", "when", "--time-unit", "ms", "--format", "json"]
+    code, out, _ = run(*arguments, "--voltage", "u_v", "--current", "i_a", "--order", "2", "--period-prior", "50")
+    document = json.loads(out)
+    assert (code, document["order"]) == (0, 2)
+    assert document["period_s"] == pytest.approx(46.05, abs=0.1)
+    code, out, err = run(*arguments, "--power", "w_w")
+    assert (code, json.loads(out)["order"], err.count("warning")) == (0, 3, 0)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["no-such-file.csv"], "no-such-file.csv:1:1: error: cannot be read: No such file or directory"),
+        ([EXAMPLE, "--power", "p"], "--power:1:1: error: no column p; expected one of time_s, power_w"),
+        ([EXAMPLE, "--time-unit", "parsec"], "eadp: error: Invalid value for '--time-unit'"),
+        ([EXAMPLE, "--order", "0"], "eadp: error: Invalid value for '--order'"),
+        ([EXAMPLE, "--order", "900"], f"{EXAMPLE}:1:1: error: order 900 is too high"),
+        (
+            [EXAMPLE, "--period-prior", "0"],
+            "--period-prior:1:1: error: no period; expected a number of seconds above 0",
+        ),
+        ([EXAMPLE, "--period-prior", "nan"], "--period-prior:1:1: error: no period"),
+        ([EXAMPLE, "--period-prior", "900"], f"{EXAMPLE}:1:1: error: no period near 900 s can be found"),
+        (
+            [EXAMPLE, "--to", "60", "-o", "/no/such/folder/m.yaml"],
+            "/no/such/folder/m.yaml:1:1: error: cannot be written",
+        ),
+        ([EXAMPLE, "-o", "-", "--format", "json"], "--output:1:1: error: standard output is taken by --format json"),
+        ([], "eadp: error: Missing argument"),
+    ],
+)
+def test_errors_leave_stdout_empty(run: Run, arguments: list[str], message: str) -> None:
+    code, out, err = run("fit", *arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith(message)
+
+
+def test_warnings_go_to_stderr(run: Run, tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text(Path(EXAMPLE).read_text() + "230.3,nan\n")
+    code, out, err = run("fit", str(log), "--format", "json")
+    assert (code, json.loads(out)["samples"]) == (0, 2303)
+    assert err == f"{log}:2305:1: warning: 1 row with a cell that is not finite left out\n"
+
+
+def flight(tmp_path: Path, header: str, row: str, noise_w: float = 0.2, n: int = 500) -> str:
+    """A log of 46 s laps, 0.5 s a row; {t}, {w} and what `row` computes from i."""
+    rng, rows = np.random.default_rng(5), []
+    for i in range(n):
+        t = i / 2
+        w = 30 + 3 * np.cos(2 * np.pi * t / 46) + noise_w * rng.normal()
+        turn = 2 * np.pi * t / 46
+        names = {"t": t, "w": w, "i": i, "x": 70 * np.cos(turn) + t, "y": 90 * np.sin(turn), "fps": 2 + 2 * (i // 100)}
+        rows.append(row.format(**names))
+    log = tmp_path / "flight.csv"
+    log.write_text("\n".join([header, *rows, ""]))
+    return str(log)
+
+
+def test_a_plan_says_where_to_look(run: Run) -> None:
+    code, out, _ = run("fit", EXAMPLE, "--plan", str(ROOT / "plans" / "survey.plan"), "--format", "json")
+    document = json.loads(out)
+    assert code == 0
+    # the survey's laps take 45.8 to 46.3 s in the published flight; flown exactly at 15 m/s a little more
+    assert document["prior"] == {"period_s": pytest.approx(47, abs=2), "source": "plan"}
+    assert document["period_s"] == pytest.approx(46.05, abs=0.1)
+    code, out, _ = run(
+        "fit", EXAMPLE, "--plan", str(ROOT / "plans" / "survey.plan"), "--airspeed", "30", "--format", "json"
+    )
+    assert json.loads(out)["prior"]["period_s"] == pytest.approx(document["prior"]["period_s"] / 2)
+
+
+def test_a_plan_without_laps_says_nothing(run: Run, tmp_path: Path) -> None:
+    plan = tmp_path / "line.plan"
+    plan.write_text("0.05; 90; x\n0, 400\n")
+    code, out, err = run("fit", EXAMPLE, "--plan", str(plan))
+    assert (code, out) == (2, "")
+    assert err.startswith(f"{plan}:1:1: error: the plan has no laps; expected a plan that repeats its stages")
+
+
+def test_positions_in_the_log_say_where_to_look(run: Run, tmp_path: Path) -> None:
+    log = flight(tmp_path, "time_s,power_w,x_m,y_m", "{t},{w},{x},{y}", noise_w=0.5)
+    code, out, _ = run("fit", log, "--format", "json")
+    document = json.loads(out)
+    assert (code, document["prior"]) == (0, {"period_s": pytest.approx(46, abs=1), "source": "position"})
+    assert document["period_s"] == pytest.approx(46, abs=0.2)
+    # a flight of one lap and a half has no prior of its own, and no error for it
+    short = flight(tmp_path, "time_s,power_w,x_m,y_m", "{t},{w},{x},{y}", n=140)
+    code, out, _ = run("fit", short, "--format", "json")
+    assert (code, json.loads(out)["prior"]) == (1, None)
+    _, out, _ = run("fit", short)
+    assert out.startswith("no period: the best is 46.21 s, more than half of the log\n")
+
+
+def test_known_power_of_the_computations_is_taken_off(run: Run, tmp_path: Path) -> None:
+    profile = str(ROOT / "profiles" / "pednet-jetson-nano.csv")
+    log = flight(tmp_path, "time_s,power_w,fps", "{t},{w},{fps}")
+    code, out, _ = run("fit", log, "--profile", profile, "--format", "json")
+    document = json.loads(out)
+    powers = [
+        float(run("profile", profile, "--at", f"fps={fps}")[1].split(": ")[1].split()[0]) for fps in (2, 4, 6, 8, 10)
+    ]
+    assert code == 0
+    assert document["mean_w"] == pytest.approx(30 - np.mean(powers), abs=0.15)
+    code, out, err = run("fit", flight(tmp_path, "time_s,power_w", "{t},{w}"), "--profile", profile)
+    assert (code, out) == (2, "")
+    assert ":1:1: error: no column fps; expected one beside time_s, power_w" in err
+    code, out, err = run("fit", flight(tmp_path, "time_s,power_w,fps", "{t},{w},900"), "--profile", profile)
+    assert (code, out) == (2, "")
+    assert err.startswith(f"{profile}:1:1: error: the log has a configuration outside the profile: ")
+
+
+def test_a_transient_is_left_out(run: Run, tmp_path: Path) -> None:
+    log = Path(flight(tmp_path, "time_s,power_w", "{t},{w}"))
+    rows = log.read_text().splitlines()
+    log.write_text("\n".join([rows[0], *(f"{i / 2 - 20},300" for i in range(40)), *rows[1:], ""]))
+    code, out, _ = run("fit", str(log), "--from", "20", "--to", "260", "--format", "json")
+    document = json.loads(out)
+    assert (code, document["samples"], document["log"]) == (0, 481, {"rows": 540, "outside": 59})
+    assert document["mean_w"] == pytest.approx(30, abs=0.1)
+    for arguments, message in (
+        (["--from", "900"], "--from:1:1: error: leaves nothing of the log; expected a time within its 269.5 s"),
+        (["--from", "-1"], "--from:1:1: error: no time of a log; expected a number of seconds, 0 or more"),
+        (["--to", "0.1"], f"{log}:1:1: error: 1 samples are too few"),
+        (["--airspeed", "15"], "--airspeed:1:1: error: no speed of a plan's lap"),
+    ):
+        code, out, err = run("fit", str(log), *arguments)
+        assert (code, out) == (2, "")
+        assert err.startswith(message)
+
+
+def test_what_is_left_out_is_said(run: Run, tmp_path: Path) -> None:
+    log = Path(flight(tmp_path, "time_s,power_w", "{t},{w}"))
+    rows = log.read_text().splitlines()
+    rows[50] = rows[50].split(",")[0] + ",900"
+    del rows[200:240]
+    log.write_text("\n".join([*rows, "400,nan", ""]))
+    code, out, err = run("fit", str(log))
+    assert code == 0
+    assert "left out 1 not finite, 1 spike\ngaps     1, the longest 20.5 s\n" in out
+    assert "1 spike left out, the first at 24.5 s" in err
+    code, out, _ = run("fit", str(log), "--format", "json")
+    counts = {"rows": 461, "not_finite": 1, "gaps": 1, "longest_gap_s": 20.5, "spikes": 1}
+    assert (code, json.loads(out)["log"]) == (0, counts)
+
+
+@pytest.mark.slow
+def test_a_picture_of_the_fit(run: Run, tmp_path: Path) -> None:
+    picture = tmp_path / "fit.svg"
+    code, out, err = run("fit", EXAMPLE, "--plot", str(picture), "--format", "json")
+    assert (code, err, json.loads(out)["order"]) == (0, "", 3)
+    assert picture.read_text().startswith("<?xml")
+    code, out, err = run("fit", EXAMPLE, "--plot", str(tmp_path / "fit.pdf"), "-o", str(tmp_path / "m.yaml"))
+    assert (code, out) == (2, "")
+    assert "expected a name that ends in .svg or .png" in err
+    assert not (tmp_path / "m.yaml").exists(), "nothing is written on an error"
+
+
+def test_correlated_noise_goes_into_the_model(run: Run, tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    log = Path(flight(tmp_path, "time_s,power_w", "{t},{w}", noise_w=0.0))
+    rows = [line.split(",") for line in log.read_text().splitlines()[1:]]
+    slow = 0.0
+    text = "time_s,power_w\n"
+    for t, w in rows:
+        slow = 0.9 * slow + 0.3 * rng.normal()
+        text += f"{t},{float(w) + slow}\n"
+    log.write_text(text)
+    model = tmp_path / "m.yaml"
+    code, out, _ = run("fit", str(log), "-o", str(model))
+    assert code == 0
+    assert ", of it 0." in out
+    disturbance = parse_energy(read_text(str(model))).disturbance
+    assert disturbance is not None
+    assert disturbance.std_w == pytest.approx(0.3 / np.sqrt(1 - 0.81), rel=0.4)
+
+
+@pytest.mark.parametrize(
+    ("name", "period_s"),
+    few_rows(
+        [
+            ("flights/static-I_energy.csv", pytest.approx(46.05, abs=0.3)),  # its laps take 45.8 to 46.3 s
+            ("logs/opterra_power.csv", pytest.approx(50, abs=1.5)),
+            ("logs/px4_battery_first900s.csv", None),  # a real flight without a usable period
+        ],
+        1,
+    ),
+)
+def test_published_logs(run: Run, tmp_path: Path, name: str, period_s: object) -> None:
+    reference = ROOT.parent / "shared" / "reference"
+    if not reference.is_dir():
+        pytest.skip("the published reference data are not on this machine")
+    log = reference / name if "px4" in name else with_header(reference / name, tmp_path)
+    code, out, _ = run("fit", str(log), "--format", "json")
+    found = json.loads(out)
+    assert (code, found["period_s"] if found["periodic"] else None) == (period_s is None, period_s)
+
+
+def test_what_a_period_may_hide_is_stated(run: Run, tmp_path: Path) -> None:
+    times = np.arange(0.0, 1800.0, 0.5)
+    period = 46 * (0.92 + 0.16 * times / 1800)
+    log = tmp_path / "log.csv"
+
+    def write(power: FloatArray) -> None:
+        np.savetxt(log, np.stack([times, power], axis=1), "%.6f", ",", header="time_s,power_w", comments="")
+
+    write(36 + 2 * np.cos(2 * np.pi * times / 3))
+    code, out, err = run("fit", str(log), "--period-prior", "9")
+    assert (code, out.splitlines()[0][:12]) == (0, "period   9 s")
+    assert "warning: the power repeats every 3 s, outside the range of the prior" in err
+    code, out, err = run("fit", str(log))
+    assert (code, err) == (0, "")
+    assert "period   3 s" in out
+    assert "; periods of 4.499 s to 947.1 s searched\n" in out
+    write(36 + 2 * np.cos(2 * np.pi * np.cumsum(0.5 / period)) + np.random.default_rng(0).normal(0, 0.5, len(times)))
+    code, out, err = run("fit", str(log))
+    assert (code, err) == (1, "")
+    assert "it may drift" in out.splitlines()[0]
+    code, out, err = run("fit", str(log), "--to", "600")
+    assert (code, "warning: the period drifts" in err) == (0, True)

@@ -1,0 +1,578 @@
+"""Periods found in made signals of known period, and none found in noise.
+
+Oracles: the signals' own parameters, a refit by scipy's non-linear least squares, cross-validation written as a loop.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from common import draws, few
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import least_squares
+from scipy.signal import lfilter
+
+from eadp.core.arrays import FloatArray
+from eadp.errors import Infeasible
+from eadp.measure import spectrum
+from eadp.measure.spectrum import (
+    MAX_CHANCE,
+    MIN_CV_R2,
+    MIN_SAMPLES,
+    Spectrum,
+    _by_order,
+    _Grid,
+    _Samples,
+    _sums,
+    amplitudes,
+    analyse,
+    periodogram,
+)
+
+NoiseModel = Callable[[np.random.Generator, int], FloatArray]
+
+PERIOD_S = 46.05
+MEAN_W = 36.4
+THREE = ((2.1, 0.8), (1.4, -1.9), (0.6, 2.6))  # amplitude [W] and phase [rad] of each harmonic
+SIGMAS = 4.0  # of the period's own standard deviation
+
+
+def signal(
+    times_s: FloatArray, terms: tuple[tuple[float, float], ...] = THREE, period_s: float = PERIOD_S
+) -> FloatArray:
+    waves = (a * np.cos(2 * np.pi * j * times_s / period_s + f) for j, (a, f) in enumerate(terms, start=1))
+    return np.asarray(MEAN_W + sum(waves))
+
+
+def sampled(periods: float, step_s: float = 0.5, period_s: float = PERIOD_S) -> FloatArray:
+    return np.arange(0.0, periods * period_s, step_s)
+
+
+def noisy(times_s: FloatArray, std_w: float = 0.5, seed: int = 0, **kind: object) -> FloatArray:
+    return signal(times_s, **kind) + np.random.default_rng(seed).normal(0, std_w, len(times_s))  # type: ignore[arg-type]
+
+
+def assert_found(found: Spectrum, period_s: float = PERIOD_S, order: int = 3, near: float = 0.01) -> None:
+    assert found.periodic
+    assert abs(found.period_s - period_s) < SIGMAS * found.period_std_s
+    assert found.period_s == pytest.approx(period_s, rel=near)
+    assert len(found.amplitude_w) == order
+
+
+# what is found
+
+
+def test_a_periodogram_peaks_at_the_period() -> None:
+    times = sampled(8)
+    period, share = periodogram(times + 1000.0, noisy(times, 0.1), order=3, points=200)
+    assert np.all(np.diff(np.log(period)) == pytest.approx(np.log(period[-1] / period[0]) / 199))
+    assert period[0] == pytest.approx(8 * 0.5)
+    assert period[-1] == pytest.approx((times[-1] - times[0]) / 1.9, rel=1e-6)
+    assert period[np.argmax(share)] == pytest.approx(PERIOD_S, rel=0.03)
+    assert share.max() == pytest.approx(1.0, abs=0.05)
+    # a period of the log and the grid: no harmonic fits well at a fifth of it
+    assert share[np.argmin(np.abs(period - PERIOD_S / 5))] < 0.1
+    _, flat = periodogram(times, np.full(len(times), MEAN_W), order=3, points=7)
+    assert flat.tolist() == [0.0] * 7
+
+
+def test_orders_are_tried_until_four_in_a_row_bring_no_improvement() -> None:
+    counts = set()
+    for seed in range(12):
+        times = sampled(6)
+        power = noisy(times, 1.0, seed, terms=THREE[: 1 + seed % 3]) - MEAN_W
+        error = _by_order(_sums(_Samples(times, power), 1 / PERIOD_S, 9), 9).sum(axis=-1)
+        best = [int(np.argmin(error[: k + 1])) for k in range(len(error))]
+        waited = [k - at for k, at in enumerate(best)]
+        assert all(wait < 4 for wait in waited[:-1])
+        assert waited[-1] == 4 or len(error) == 9
+        counts.add(len(error))
+    assert {5, 6, 7} <= counts, "the best is the first, the second and the third order"
+
+
+def test_a_periodogram_of_one_harmonic_explains_that_harmonic_alone() -> None:
+    times = sampled(8)
+    for terms, explained in (((2.0, 0.8), (2.0, -1.9)), 0.5), (((2.0, 0.8), (1.0, 2.6)), 0.8):
+        period, share = periodogram(times, signal(times, terms), order=1, points=500)
+        assert share[np.argmin(abs(period - PERIOD_S))] == pytest.approx(explained, abs=0.03)
+
+
+def test_a_periodogram_of_many_samples_is_that_of_2000_bins() -> None:
+    times = np.arange(0.0, 400.0, 0.1)
+    period, share = periodogram(times, signal(times), order=1, points=40)
+    bins = times.reshape(-1, 2).mean(axis=1)  # 0.2 s each
+    other, binned_share = periodogram(bins, signal(times).reshape(-1, 2).mean(axis=1), order=1, points=40)
+    assert period[0] == pytest.approx(8 * 0.2, rel=1e-3)
+    assert period == pytest.approx(other, rel=1e-3)
+    assert share == pytest.approx(binned_share, abs=0.01)
+
+
+@pytest.mark.parametrize("periods", [2, 2.5, 3, 7.4, 40])
+def test_period_of_a_clean_log(periods: float) -> None:
+    times = sampled(periods)
+    found = analyse(times, noisy(times))
+    assert_found(found)
+    assert found.mean_w == pytest.approx(MEAN_W, abs=0.2)
+    assert found.amplitude_w == pytest.approx([2.1, 1.4, 0.6], abs=0.25)
+    assert found.noise_std_w == pytest.approx(0.5, rel=0.15)
+    assert (found.samples, found.span_s) == (len(times), times[-1])
+
+
+@pytest.mark.parametrize("period_s", few([3.0, 4.0, 5.0], 1))
+@pytest.mark.parametrize("noise_w", [0.0, 0.5])
+def test_a_period_below_the_range_is_not_given_as_its_multiple(period_s: float, noise_w: float) -> None:
+    times = np.arange(0.0, 2400.0, 0.8)
+    found = analyse(times, noisy(times, noise_w, terms=((2.0, 0.3),), period_s=period_s))
+    assert found.range_s[0] == pytest.approx(6.0, rel=1e-3)
+    assert (found.period_s, len(found.amplitude_w)) == (pytest.approx(period_s, rel=1e-4), 1)
+
+
+def test_a_fundamental_that_is_weak_is_kept_where_its_evidence_is_strong() -> None:
+    times = np.arange(0.0, 1500.0, 1.5)
+    found = analyse(times, noisy(times, 0.5, terms=((0.3, 0.3), (0.0, 0.0), (2.0, 1.0)), period_s=12.0))
+    assert (found.period_s, len(found.amplitude_w)) == (pytest.approx(12.0, rel=1e-3), 3)  # 0.3 W is 13 deviations
+    lost = analyse(times, noisy(times, 0.5, terms=((0.03, 0.3), (0.0, 0.0), (2.0, 1.0)), period_s=12.0))
+    assert (lost.period_s, lost.multiple) == (pytest.approx(4.0, rel=1e-3), 1)
+
+
+def test_the_search_ends_where_the_likelihood_goes_back_to_the_multiple(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 55 s, whose first harmonic may be zero in noise of 15 s, 28 s is half; of 28 s, 55 s is likelier again."""
+    calls, assess = [0], spectrum._assess
+
+    def counted(*arguments: Any) -> Any:
+        calls[0] += 1
+        assert calls[0] <= 2
+        return assess(*arguments)
+
+    monkeypatch.setattr(spectrum, "_assess", counted)
+    rng = np.random.default_rng([0, 1])
+    period_s, memory = rng.uniform(30, 60), math.exp(-0.5 / 15)
+    terms = tuple(zip(np.array([2.1, 1.4, 0.6]) * rng.uniform(0.7, 1.3, 3), rng.uniform(-np.pi, np.pi, 3), strict=True))
+    times = sampled(5, period_s=period_s)
+    slow = lfilter([math.sqrt(1 - memory**2)], [1, -memory], rng.normal(size=len(times) + 600))[600:]
+    std_w = math.sqrt(sum(amplitude**2 for amplitude, _ in terms) / 2)
+    found = analyse(times, signal(times, terms, period_s) + std_w * slow)
+    assert (calls[0], found.multiple) == (2, 1)
+    assert found.period_s == pytest.approx(period_s, rel=0.03)
+
+
+def test_a_prior_reaches_below_the_range_and_keeps_what_is_asked_for() -> None:
+    times = np.arange(0.0, 1300.0, 0.7)
+    power = noisy(times, terms=((2.0, 0.3),), period_s=3.0)
+    assert analyse(times, power, period_prior_s=3.3).period_s == pytest.approx(3.0, rel=1e-5)
+    multiple = analyse(times, power, period_prior_s=9.0)
+    assert (multiple.period_s, multiple.multiple) == (pytest.approx(9.0, rel=1e-4), 3)
+
+
+@pytest.mark.parametrize("laps", few([13, 26], 1))
+@pytest.mark.parametrize("share", [0.0, 0.05])
+def test_a_period_that_drifts_is_stated(laps: int, share: float) -> None:
+    times = sampled(laps)
+    period = PERIOD_S * (1 + share * (2 * times / times[-1] - 1))
+    turns = np.cumsum(0.5 / period) * PERIOD_S  # the time at which a constant period is at the same phase
+    found = analyse(times, noisy(turns))
+    assert found.periodic
+    if not share:
+        assert found.drift_s is None
+        assert found.period_std_s < 0.02
+        return
+    assert found.drift_s is not None
+    assert found.drift_s == (pytest.approx(0.965 * PERIOD_S, rel=0.01), pytest.approx(1.035 * PERIOD_S, rel=0.01))
+    assert 1.0 < found.period_std_s < 2.0
+
+
+FOURTH_AND_FIFTH = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (3.0, 1.0), (2.0, 0.5))
+
+
+@pytest.mark.parametrize("terms", [THREE, ((2.1, 0.8),), ((0.0, 0.0), (3.0, 1.0), (2.0, 0.0)), FOURTH_AND_FIFTH])
+def test_a_log_without_noise_gives_the_period_and_the_phases_exactly(terms: tuple[tuple[float, float], ...]) -> None:
+    times = sampled(3.3)
+    found = analyse(times, signal(times, terms))
+    assert found.period_s == pytest.approx(PERIOD_S, rel=1e-8)
+    assert len(found.amplitude_w) == len(terms)
+    for amplitude, phase, (a, f) in zip(found.amplitude_w, found.phase_rad, terms, strict=True):
+        assert amplitude * np.exp(1j * phase) == pytest.approx(a * np.exp(1j * f), abs=1e-6)
+
+
+@pytest.mark.parametrize("periods", [2.1, 4, 9])
+@pytest.mark.parametrize("seed", few(range(3), 1))
+def test_a_stronger_second_harmonic_is_not_the_period(periods: float, seed: int) -> None:
+    times = sampled(periods)
+    assert_found(analyse(times, noisy(times, seed=seed, terms=((0.6, 0.3), (4.0, 1.0), (1.0, -2.0)))))
+
+
+@pytest.mark.parametrize("seed", few(range(8), 1))
+def test_never_a_multiple_of_the_period(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    times = sampled(rng.uniform(4, 20), step_s=1.0)
+    slow = lfilter([math.sqrt(1 - 0.9**2)], [1, -0.9], rng.normal(size=len(times)))
+    assert_found(analyse(times, signal(times) + 0.5 * slow))
+
+
+@pytest.mark.parametrize("shape", ["square", "saw", "pulse"])
+def test_periods_of_signals_with_edges(shape: str) -> None:
+    times = np.arange(0, 240, 0.5)
+    turn = times % 30
+    power = {"square": np.where(turn < 10, 40.0, 30.0), "saw": 30 + turn / 5, "pulse": np.where(turn < 4, 45.0, 30.0)}
+    found = analyse(times, power[shape])
+    assert found.periodic
+    assert found.period_s == pytest.approx(30, rel=0.002)
+
+
+@pytest.mark.parametrize("kept", few(["irregular", "30 % dropped", "gap of 40 %", "bursts", "a date"], 3))
+def test_sampling_of_any_kind(kept: str) -> None:
+    rng = np.random.default_rng(3)
+    times = sampled(4)
+    if kept == "irregular":
+        times = np.sort(rng.uniform(0, 4 * PERIOD_S, len(times)))
+    elif kept == "gap of 40 %":
+        times = times[(times < 55) | (times > 129)]
+    elif kept == "30 % dropped":
+        times = times[rng.random(len(times)) > 0.3]
+    elif kept == "bursts":
+        times = np.sort(np.concatenate([times, times + 0.01, times + 0.02]))
+    power = noisy(times)
+    assert_found(analyse(times + 1.7e9 if kept == "a date" else times, power))
+
+
+def test_coarse_sampling() -> None:
+    times = np.arange(0, 400, 8.0)
+    assert_found(analyse(times, noisy(times, std_w=0.2, terms=THREE[:2])), order=2)
+
+
+def test_a_trend_hides_no_period() -> None:
+    times = sampled(5)
+    found = analyse(times, noisy(times) - times / 60)
+    assert found.periodic
+    assert found.period_s == pytest.approx(PERIOD_S, rel=0.02)
+
+
+UNITS = (sampled(3, step_s=1.0), noisy(sampled(3, step_s=1.0)))
+
+
+@cache
+def in_its_units() -> Spectrum:
+    return analyse(*UNITS)
+
+
+@settings(max_examples=draws(0.12))
+@given(st.floats(0.01, 100), st.floats(0.01, 1000), st.floats(-1e6, 1e6))
+def test_units_do_not_matter(per_second: float, per_watt: float, start: float) -> None:
+    (times, power), one = UNITS, in_its_units()
+    other = analyse(per_second * times + start, per_watt * power - 7)
+    assert other.period_s == pytest.approx(per_second * one.period_s, rel=1e-5)
+    assert other.period_std_s == pytest.approx(per_second * one.period_std_s, rel=1e-2)
+    assert other.mean_w == pytest.approx(per_watt * one.mean_w - 7, rel=1e-5, abs=1e-5 * per_watt)
+    assert other.amplitude_w == pytest.approx(per_watt * one.amplitude_w, rel=1e-3)
+
+
+def test_same_samples_same_answer() -> None:
+    times = sampled(3)
+    power = noisy(times)
+    one, other = analyse(times, power), analyse(times.copy(), power.copy())
+    assert (one.period_s, one.period_std_s, one.cv_r2) == (other.period_s, other.period_std_s, other.cv_r2)
+
+
+# the fit, against other ways to it
+
+
+def columns(times_s: FloatArray, period_s: float, order: int) -> FloatArray:
+    angles = 2 * np.pi * np.outer(times_s, np.arange(1, order + 1)) / period_s
+    return np.hstack([np.ones((len(times_s), 1)), np.cos(angles), np.sin(angles)])
+
+
+def test_fit_is_that_of_non_linear_least_squares() -> None:
+    times = sampled(3.7)
+    power = noisy(times)
+    found = analyse(times, power)
+
+    def residual(parameters: FloatArray) -> FloatArray:
+        return columns(times, parameters[0], 3) @ parameters[1:] - power
+
+    oracle = least_squares(
+        residual, [47.0, MEAN_W, 1, 1, 1, 1, 1, 1], x_scale="jac", xtol=1e-14, ftol=1e-14, gtol=1e-14
+    )
+    assert found.period_s == pytest.approx(oracle.x[0], rel=1e-6)
+    assert found.mean_w == pytest.approx(oracle.x[1], rel=1e-6)
+    assert found.amplitude_w == pytest.approx(np.hypot(oracle.x[2:5], oracle.x[5:8]), rel=1e-4)
+    degrees = len(times) - len(oracle.x)
+    assert found.noise_std_w == pytest.approx(math.sqrt(2 * oracle.cost / degrees), rel=1e-6)
+    # of white noise, the standard deviation is that of the Jacobian, or a little more
+    white = math.sqrt(np.linalg.inv(oracle.jac.T @ oracle.jac)[0, 0] * 2 * oracle.cost / degrees)
+    assert 0.999 * white < found.period_std_s < 1.3 * white
+
+
+def test_score_is_that_of_blocks_left_out_with_their_neighbours() -> None:
+    times = sampled(3.7)
+    power = noisy(times)
+    found = analyse(times, power)
+    n, blocks = len(times), 12
+    block = np.repeat(np.arange(blocks), np.diff([n * b // blocks for b in range(blocks + 1)]))
+    error = about_mean = 0.0
+    for b in range(blocks):
+        seen, left_out = np.abs(block - b) > 1, block == b
+        matrix = columns(times, found.period_s, 3)
+        fitted, *_ = np.linalg.lstsq(matrix[seen], power[seen], rcond=None)
+        error += np.sum((power[left_out] - matrix[left_out] @ fitted) ** 2)
+        about_mean += np.sum((power[left_out] - power[seen].mean()) ** 2)
+    assert found.cv_r2 == pytest.approx(1 - error / about_mean, abs=1e-5)
+
+
+def test_grid_has_the_normal_equations_of_the_samples() -> None:
+    # at times on its ticks the grid rounds nothing
+    rng = np.random.default_rng(5)
+    ticks = np.sort(rng.choice(4000, 300, replace=False))
+    ticks[0] = 0
+    samples = _Samples(ticks * 0.125, rng.normal(size=300))
+    grid = _Grid(samples, shortest_s=16 * 0.125)
+    index = np.array([700, 1234, 5000])
+    sums = grid.sums(index, 4)
+    for i, k in enumerate(index):
+        expected = _sums(samples, float(k) * grid.step_hz, 4)
+        np.testing.assert_allclose(sums.gram[i], expected.gram, atol=1e-8)
+        np.testing.assert_allclose(sums.moment[i], expected.moment, atol=1e-8)
+        np.testing.assert_allclose(sums.square, expected.square)
+
+
+# nominally 15 of 16; of white noise the standard deviation would be half as large, and 9 of 16 inside
+@pytest.mark.parametrize(("trials", "least"), [(6, 5), pytest.param(16, 13, marks=pytest.mark.slow)])
+def test_standard_deviation_holds_under_correlated_noise(trials: int, least: int) -> None:
+    times = sampled(4, step_s=1.0)
+    deviations = []
+    for seed in range(trials):
+        rng = np.random.default_rng(seed)
+        slow = lfilter([math.sqrt(1 - 0.8**2)], [1, -0.8], rng.normal(size=len(times)))
+        found = analyse(times, signal(times) + 0.6 * slow)
+        deviations.append((found.period_s - PERIOD_S) / found.period_std_s)
+    assert sum(abs(deviation) < 1.96 for deviation in deviations) >= least
+
+
+def test_correlated_noise_widens_the_standard_deviation() -> None:
+    times = sampled(6)
+    white = np.random.default_rng(1).normal(size=len(times))
+    slow = lfilter([math.sqrt(1 - 0.95**2)], [1, -0.95], white)
+    slow *= white.std() / slow.std()
+    spread = [analyse(times, signal(times) + 0.5 * noise).period_std_s for noise in (white, slow)]
+    assert spread[1] > 1.5 * spread[0]
+
+
+@pytest.mark.parametrize("seed", few(range(5), 2))
+def test_a_period_in_slow_noise_as_strong_as_the_signal(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    times = sampled(6)
+    memory = math.exp(-0.5 / 5)
+    slow = np.asarray(
+        lfilter([math.sqrt(1 - memory**2)], [1, -memory], rng.normal(size=len(times) + 400))[-len(times) :]
+    )
+    std_w = math.sqrt(sum(a**2 for a, _ in THREE) / 2)
+    found = analyse(times, signal(times) + std_w * slow, period_prior_s=PERIOD_S * rng.uniform(0.75, 1.25))
+    assert found.periodic
+    assert found.period_s == pytest.approx(PERIOD_S, rel=0.05)
+    assert abs(found.period_s - PERIOD_S) < SIGMAS * found.period_std_s
+
+
+# what is not
+
+
+def white(rng: np.random.Generator, n: int) -> FloatArray:
+    return rng.normal(size=n)
+
+
+def walk(rng: np.random.Generator, n: int) -> FloatArray:
+    return np.cumsum(rng.normal(size=n))
+
+
+def first_order(memory: float) -> NoiseModel:
+    def noise(rng: np.random.Generator, n: int) -> FloatArray:
+        return np.asarray(lfilter([1], [1, -memory], rng.normal(size=n + 500))[-n:])
+
+    return noise
+
+
+def smooth(rng: np.random.Generator, n: int) -> FloatArray:
+    return np.asarray(lfilter([1], [1, -1.8, 0.81], rng.normal(size=n + 500))[-n:])
+
+
+NOISES = {
+    "white": (white, 60),
+    "random walk": (walk, 60),
+    "smooth": (smooth, 60),
+    "long first order, 0.95": (first_order(0.95), 300),
+    "first order, 0.7": (first_order(0.7), 60),
+    "first order, 0.95": (first_order(0.95), 60),
+    "long random walk": (walk, 300),
+}
+
+
+@pytest.mark.parametrize(
+    ("kind", "share"),
+    [
+        *((kind, 0.25) for kind in list(NOISES)[:4]),
+        *(pytest.param(kind, 1.0, marks=pytest.mark.slow) for kind in NOISES),
+    ],
+)
+def test_noise_has_no_period(kind: str, share: float) -> None:
+    noise, n = NOISES[kind]
+    trials = round(share * (20 if n == 60 else 8))
+    times = 0.5 * np.arange(n)
+    found = [analyse(times, 30 + noise(np.random.default_rng(seed), n)).periodic for seed in range(trials)]
+    assert sum(found) <= 0.05 * trials, "in 95 % and more of the trials"
+
+
+@pytest.mark.parametrize("kind", few(["drift", "decay", "step", "one bump"], 1))
+def test_what_happens_once_has_no_period(kind: str) -> None:
+    part = np.linspace(0, 1, 120)
+    power = {
+        "drift": 30 - 5 * part,
+        "decay": 30 + 20 * np.exp(-8 * part),
+        "step": np.where(part > 0.4, 35.0, 30.0),
+        "one bump": 30 + 5 * np.exp(-(((part - 0.5) / 0.1) ** 2)),
+    }[kind]
+    for std_w in (0.02, 0.5):
+        rng = np.random.default_rng(2)
+        assert not analyse(300 * part, power + rng.normal(0, std_w, len(part))).periodic
+
+
+@pytest.mark.parametrize("level_w", [0.0, 12.3, -5e8])
+def test_a_constant_has_no_period(level_w: float) -> None:
+    found = analyse(np.arange(100.0), np.full(100, level_w))
+    assert not found.periodic
+    assert (found.mean_w, found.noise_std_w) == pytest.approx((level_w, 0.0), abs=1e-9)
+    assert (found.cv_r2, found.chance) == (0.0, 1.0)
+    assert math.isnan(found.period_s)
+
+
+def test_no_period_leaves_mean_and_spread() -> None:
+    power = 30 + 2 * np.random.default_rng(0).normal(size=400)
+    found = analyse(np.arange(400.0), power)
+    assert not found.periodic
+    assert (len(found.amplitude_w), len(found.phase_rad)) == (0, 0)
+    assert found.mean_w == pytest.approx(power.mean())
+    assert found.noise_std_w == pytest.approx(power.std(ddof=1))
+    assert found.cv_r2 < MIN_CV_R2 or found.chance > MAX_CHANCE
+
+
+@pytest.mark.parametrize("kind", ["an outlier", "a late start", "two levels", "all but one alike", "two times"])
+def test_odd_samples_are_survived(kind: str) -> None:
+    times, power = np.arange(80.0), 30 + np.random.default_rng(4).normal(size=80)
+    if kind == "an outlier":
+        power[40] = 1e9
+    elif kind == "a late start":
+        times[1:] += 1.7e9
+    elif kind == "two levels":
+        power = np.round(power)
+    elif kind == "all but one alike":
+        power[:] = 30
+        power[70] = 31
+    else:
+        times = np.concatenate([np.linspace(0, 1e-6, 40), 1 + np.linspace(0, 1e-6, 40)])
+    found = analyse(times, power)
+    assert not found.periodic
+    assert math.isfinite(found.cv_r2)
+
+
+# what is asked for
+
+
+@pytest.mark.parametrize("order", [1, 2, 5])
+def test_order_asked_for(order: int) -> None:
+    times = sampled(4)
+    assert_found(analyse(times, noisy(times), order=order), order=order)
+
+
+def test_the_period_is_found_at_the_best_order_whatever_is_asked_for() -> None:
+    times = sampled(4)
+    power = noisy(times, terms=((0.6, 0.3), (4.0, 1.0), (1.0, -2.0)))
+    assert_found(analyse(times, power, order=1), order=1)
+
+
+def test_an_order_that_the_samples_cannot_tell() -> None:
+    times = sampled(4, step_s=2.0)
+    with pytest.raises(Infeasible, match=r"order 30 is too high: .* to order 11 at most"):
+        analyse(times, noisy(times), order=30)
+
+
+def test_a_prior_confines_the_search() -> None:
+    times = sampled(6)
+    power = noisy(times, terms=((1.0, 0.3), (4.0, 1.0)))
+    assert_found(analyse(times, power, period_prior_s=40), order=2)
+    assert analyse(times, power, period_prior_s=24).period_s == pytest.approx(PERIOD_S / 2, rel=0.02)
+
+
+def test_a_prior_of_which_only_a_sliver_fits_into_the_log() -> None:
+    times = sampled(5)
+    # within a factor of 1.3 of the prior, but for a thousandth of it, is more than the log has
+    found = analyse(times, noisy(times), period_prior_s=1.299 * times[-1] / 1.9)
+    assert not found.periodic
+
+
+# at 95 %, fewer inside come with a chance of 0.1 %: of 40 less than 33, of 8 less than 5
+@pytest.mark.parametrize(
+    ("time_s", "trials", "least"),
+    [(15.0, 8, 5), *(pytest.param(time_s, 40, 33, marks=pytest.mark.slow) for time_s in (15.0, 0.0))],
+)
+def test_the_mean_of_noise_is_known_as_well_as_is_said(time_s: float, trials: int, least: int) -> None:
+    n, memory = 400, math.exp(-0.5 / time_s) if time_s else 0.0
+    inside = []
+    for seed in range(trials):
+        draws = np.random.default_rng([7, seed]).normal(size=n + 2000)
+        noise = np.asarray(lfilter([math.sqrt(1 - memory**2)], [1, -memory], draws))[-n:]
+        found = analyse(0.5 * np.arange(n), MEAN_W + noise)
+        inside.append(abs(found.mean_w - MEAN_W) <= 1.96 * found.mean_std_w or found.periodic)
+    assert sum(inside) >= least
+
+
+@pytest.mark.parametrize("std_w", [0.2, 2.0])
+def test_standard_deviations_of_mean_and_amplitudes_in_white_noise(std_w: float) -> None:
+    # of n samples over whole periods: σ/√n of the mean, σ√(2/n) of an amplitude
+    times = sampled(8)
+    found = analyse(times, noisy(times, std_w, seed=3))
+    assert found.mean_std_w == pytest.approx(std_w / math.sqrt(len(times)), rel=0.25)
+    assert found.amplitude_std_w == pytest.approx(3 * [std_w * math.sqrt(2 / len(times))], rel=0.25)
+
+
+def test_a_period_that_does_not_fit_twice_does_not_count() -> None:
+    times = sampled(1.5)
+    found = analyse(times, noisy(times, std_w=0.1, terms=((2.1, 0.8),)))
+    assert not found.periodic
+    assert math.isnan(found.period_std_s)
+
+
+def test_surrogates_are_the_same_each_time() -> None:
+    times = sampled(3)
+    rng = np.random.default_rng(8)
+    power = signal(times) + 2 * np.asarray(lfilter([0.4], [1, -0.9], rng.normal(size=len(times))))
+    one, other = analyse(times, power), analyse(times, power)
+    assert 0 < one.chance == other.chance < 1
+
+
+@pytest.mark.parametrize("prior_s", [1e-3, 500.0])
+def test_a_prior_that_the_log_cannot_tell(prior_s: float) -> None:
+    times = sampled(4)
+    with pytest.raises(Infeasible, match="no period near"):
+        analyse(times, noisy(times), period_prior_s=prior_s)
+
+
+def test_too_few_samples() -> None:
+    few = np.arange(float(MIN_SAMPLES - 1))
+    with pytest.raises(Infeasible, match=f"{MIN_SAMPLES} are needed"):
+        analyse(few, few)
+    found = analyse(np.arange(float(MIN_SAMPLES)), np.cos(np.arange(MIN_SAMPLES)))
+    assert found.period_s == pytest.approx(2 * math.pi, rel=1e-6)
+
+
+def test_amplitudes_are_those_of_least_squares() -> None:
+    times = np.sort(np.random.default_rng(3).uniform(0, 200, 800))
+    values = 40 + 3 * np.cos(2 * math.pi * times / 20 + 1) + 0.5 * np.sin(2 * math.pi * times / 5)
+    frequencies = np.array([0.013, 0.05, 0.11, 0.2])
+    centred = values - values.mean()
+    for frequency, found in zip(frequencies, amplitudes(times, values, frequencies), strict=True):
+        angle = 2 * math.pi * frequency * times
+        pair = np.linalg.lstsq(np.stack([np.cos(angle), np.sin(angle)], axis=1), centred, rcond=None)[0]
+        assert found == pytest.approx(float(np.hypot(*pair)), rel=0.03)

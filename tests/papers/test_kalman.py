@@ -1,0 +1,143 @@
+"""One step of the filter against the textbook's forms, the information form and least squares."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.linalg import expm
+
+from eadp.papers.estimator import predict, update
+
+ROUNDING = 1e-9
+SIZE = 5
+
+numbers = st.integers(-50, 50).map(lambda k: k / 10)
+vectors = st.lists(numbers, min_size=SIZE, max_size=SIZE).map(np.array)
+noises = st.sampled_from([1e-4, 0.1, 1.0, 30.0])
+
+
+@st.composite
+def covariances(draw):
+    root = np.array([draw(vectors) for _ in range(SIZE)])
+    return root @ root.T / 10 + 0.01 * np.eye(SIZE)
+
+
+def smallest_eigenvalue(matrix):
+    return np.linalg.eigvalsh((matrix + matrix.T) / 2).min()
+
+
+# --- update -----------------------------------------------------------------------------------------------------------
+
+
+@given(vectors, covariances(), vectors, numbers, noises)
+def test_covariance_is_the_textbooks(state, covariance, output, measured, noise):
+    # K = P Cᵀ (C P Cᵀ + R)⁻¹, q + K (y − C q), (I − K C) P
+    row = output.reshape(1, SIZE)
+    gain = covariance @ row.T @ np.linalg.inv(row @ covariance @ row.T + noise)
+    scale = np.abs(covariance).max()
+    got_state, got = update(state, covariance, output, measured, noise)
+    assert got_state == pytest.approx(state + (gain * (measured - row @ state)).ravel(), abs=1e-7)
+    assert got == pytest.approx((np.eye(SIZE) - gain @ row) @ covariance, abs=ROUNDING * (1 + scale / noise) * scale)
+
+
+@given(vectors, covariances(), vectors, numbers, st.sampled_from([0.1, 1.0, 30.0]))
+def test_update_in_information_form(state, covariance, output, measured, noise):
+    # P⁻¹ ← P⁻¹ + Cᵀ C/R and P⁻¹ q ← P⁻¹ q + Cᵀ y/R
+    information = np.linalg.inv(covariance)
+    after = np.linalg.inv(information + np.outer(output, output) / noise)
+    got_state, got = update(state, covariance, output, measured, noise)
+    scale = np.abs(covariance).max()
+    assert got == pytest.approx(after, abs=1e-6 * (1 + scale))
+    assert got_state == pytest.approx(after @ (information @ state + output * measured / noise), abs=1e-5 * (1 + scale))
+
+
+@given(vectors, covariances(), vectors, numbers, noises)
+def test_covariance_is_symmetric_positive_and_does_not_grow(state, covariance, output, measured, noise):
+    _, after = update(state, covariance, output, measured, noise)
+    scale = np.abs(covariance).max()
+    assert after == pytest.approx(after.T, abs=ROUNDING * scale)
+    assert smallest_eigenvalue(after) > -ROUNDING * scale
+    assert smallest_eigenvalue(covariance - after) > -ROUNDING * scale, "P before − P after is positive"
+
+
+def test_the_printed_sign_grows():
+    # misprint 2: with (I + K C) P the variance of what is measured grows with every reading
+    covariance, output = np.eye(2), np.array([1.0, 1.0])
+    gain = covariance @ output / (output @ covariance @ output + 1)
+    printed = (np.eye(2) + np.outer(gain, output)) @ covariance
+    _, ours = update(np.zeros(2), covariance, output, 1.0, 1.0)
+    assert output @ printed @ output > output @ covariance @ output > output @ ours @ output
+    # by hand: 2·1/(2 + 1)
+    assert output @ ours @ output == pytest.approx(2 / 3)
+
+
+def test_by_hand_in_one_dimension():
+    # P = 4, R = 1: K = 0.8, q = 0.8 · 10, P = 0.2 · 4
+    state, covariance = update(np.zeros(1), np.array([[4.0]]), np.ones(1), 10.0, 1.0)
+    assert state == pytest.approx([8.0])
+    assert covariance == pytest.approx(np.array([[0.8]]))
+
+
+def test_arguments_are_left_alone():
+    state, covariance, output = np.zeros(2), np.eye(2), np.ones(2)
+    update(state, covariance, output, 3.0, 1.0)
+    predict(state, covariance, 2 * np.eye(2), np.eye(2))
+    assert state.tolist() == [0, 0]
+    assert covariance.tolist() == [[1, 0], [0, 1]]
+
+
+@pytest.mark.parametrize("prior", [1.0, 1e4, 1e8])
+def test_a_sure_reading_after_a_vague_prior_stays_positive(prior):
+    # where (I − K C) P loses its symmetry to rounding
+    rng = np.random.default_rng(3)
+    state, covariance = np.zeros(3), prior * np.eye(3)
+    for _ in range(200):
+        state, covariance = update(state, covariance, rng.standard_normal(3), 1.0, 1e-6)
+        assert smallest_eigenvalue(covariance) >= -1e-15 * prior
+        assert covariance == pytest.approx(covariance.T, rel=1e-6, abs=1e-15 * prior)
+
+
+# --- many readings ----------------------------------------------------------------------------------------------------
+
+
+@given(st.integers(0, 10**6), noises, st.integers(3, 30))
+def test_a_state_that_stands_still_is_found_as_by_least_squares(seed, noise, count):
+    rng = np.random.default_rng(seed)
+    truth, rows = rng.standard_normal(3), rng.standard_normal((count, 3))
+    readings = rows @ truth + np.sqrt(noise) * rng.standard_normal(count)
+    prior_variance = 25.0
+    state, covariance = np.zeros(3), prior_variance * np.eye(3)
+    for row, reading in zip(rows, readings, strict=True):
+        state, covariance = predict(state, covariance, np.eye(3), np.zeros((3, 3)))
+        state, covariance = update(state, covariance, row, reading, noise)
+    # the same as one problem: readings weighed by 1/√R, the prior as three readings of 0
+    stacked = np.vstack([rows / np.sqrt(noise), np.eye(3) / np.sqrt(prior_variance)])
+    wanted, *_ = np.linalg.lstsq(stacked, np.concatenate([readings / np.sqrt(noise), np.zeros(3)]), rcond=None)
+    assert state == pytest.approx(wanted, abs=1e-6)
+    assert covariance == pytest.approx(np.linalg.inv(stacked.T @ stacked), abs=1e-6)
+
+
+@given(vectors, covariances(), vectors, vectors, numbers, numbers, noises)
+def test_the_order_of_two_readings_does_not_matter(state, covariance, one, other, first, second, noise):
+    ab = update(*update(state, covariance, one, first, noise), other, second, noise)
+    ba = update(*update(state, covariance, other, second, noise), one, first, noise)
+    scale = np.abs(covariance).max()
+    assert ab[0] == pytest.approx(ba[0], abs=1e-5 * (1 + scale))
+    assert ab[1] == pytest.approx(ba[1], abs=1e-5 * (1 + scale))
+
+
+# --- prediction -------------------------------------------------------------------------------------------------------
+
+
+@given(vectors, covariances(), covariances(), st.floats(0.01, 3))
+def test_prediction_is_the_moments_of_the_moved_state(state, covariance, noise, t):
+    turning = expm(t * np.diag([1.0, 0, 2, 0], 1) - t * np.diag([1.0, 0, 2, 0], -1))
+    got_state, got = predict(state, covariance, turning, noise)
+    # sigma points: mean ± the columns of √(n P), moved one by one
+    root = np.linalg.cholesky(SIZE * covariance)
+    points = np.array([state + sign * column for column in root.T for sign in (1, -1)]) @ turning.T
+    assert got_state == pytest.approx(points.mean(axis=0), abs=1e-7)
+    spread = points - points.mean(axis=0)
+    assert got == pytest.approx(spread.T @ spread / len(points) + noise, abs=1e-7 * (1 + np.abs(covariance).max()))

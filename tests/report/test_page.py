@@ -1,0 +1,75 @@
+"""A page: self-contained, and its data are data."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from common import ROOT
+from common.pages import Page
+
+from eadp.errors import InputError
+from eadp.report.page import check_page, data_json, page_html
+
+NASTY = [
+    "</script><script>alert(1)</script>",
+    "<!--<script>",
+    "a & b",
+    "\u2028\u2029",
+    "{{scripts}}",
+    "\ud800",
+    "]]>",
+    "é",
+]
+
+
+def test_data_come_back_as_they_were_and_cannot_end_their_block():
+    text = data_json({"names": NASTY})
+    assert json.loads(text) == {"names": NASTY}
+    assert text.isascii()
+    assert not set(text) & set("<>&")
+
+
+def test_numbers_that_json_lacks_are_refused():
+    with pytest.raises(ValueError, match="JSON"):
+        data_json({"x": float("nan")})
+
+
+def test_a_page_is_whole_and_allows_its_own_scripts_alone():
+    page = Page(page_html("flight", {"title": NASTY[0], "words": NASTY}))
+    page.check()
+    assert page.data["words"] == NASTY
+    assert page.data["schema"] == "eadp.report/1"
+    assert not any("alert(1)" in script for script in page.scripts)
+
+
+def test_the_library_has_its_licence():
+    html = page_html("flight", {})
+    assert "uPlot" in html
+    assert "The MIT License (MIT)" in html
+    assert "Leon Sorokin" in html
+
+
+def test_scripts_insert_text_alone():
+    for path in (ROOT / "eadp/io/report/assets").glob("*.js"):
+        text = path.read_text(encoding="utf-8")
+        for word in (
+            "innerHTML",
+            "outerHTML",
+            "insertAdjacentHTML",
+            "document.write",
+            "eval(",
+            "new Function",
+            "DOMParser",
+        ):
+            assert word not in text, path.name
+
+
+def test_a_file_that_is_no_page_is_not_replaced(tmp_path):
+    page, other = tmp_path / "page.html", tmp_path / "other.html"
+    page.write_text(page_html("flight", {}))
+    other.write_text("<html>mine</html>")
+    check_page(page)
+    check_page(tmp_path / "none.html")
+    with pytest.raises(InputError, match="no page of eadp"):
+        check_page(other)

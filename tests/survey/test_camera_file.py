@@ -1,0 +1,97 @@
+"""Camera files: the shipped ones against one another and against published angles of view, and what is refused."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import pytest
+from common import ROOT
+
+from eadp.errors import InputError
+from eadp.survey.camera import Camera
+from eadp.survey.camera_file import CAMERAS, read_camera
+
+BODY = {"sensor_width_mm": 6.3, "sensor_height_mm": 4.7, "focal_length_mm": 4.5, "image_width_px": 4000}
+
+
+def write(path, schema="eadp.camera/1", **keys):
+    path.write_text(f"schema: {schema}\n" + "".join(f"{key}: {value}\n" for key, value in keys.items()))
+    return str(path)
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_a_shipped_camera_is_consistent(name):
+    camera = read_camera(name)
+    pitch_mm = camera.sensor_width_mm / camera.image_width_px
+    assert camera.sensor_height_mm / camera.image_height_px == pytest.approx(pitch_mm, rel=0.02)
+    assert camera.focal_length_mm
+    assert camera.source
+    assert camera.name
+
+
+@pytest.mark.parametrize(
+    ("name", "width_deg", "height_deg", "diagonal_deg"),
+    [
+        ("raspberry-pi-v2", 62.2, 48.8, None),
+        ("micasense-rededge", 47.2, None, None),
+        ("flir-duo-pro-r-19mm", 32.0, 26.0, None),
+        ("dji-phantom-4-pro", None, None, 84.0),
+    ],
+)
+def test_the_angle_of_view_is_the_published_one(name, width_deg, height_deg, diagonal_deg):
+    """Those of the makers, in whole degrees or tenths."""
+    camera = read_camera(name)
+    width_mm, height_mm = camera.sensor_width_mm, camera.sensor_height_mm
+    sizes_mm = {width_deg: width_mm, height_deg: height_mm, diagonal_deg: math.hypot(width_mm, height_mm)}
+    for angle_deg, size_mm in sizes_mm.items():
+        if angle_deg is not None:
+            found_deg = 2 * math.degrees(math.atan(size_mm / 2 / camera.focal_length_mm))
+            assert found_deg == pytest.approx(angle_deg, abs=0.3)
+
+
+def test_an_own_camera(tmp_path):
+    camera = read_camera(write(tmp_path / "own.yaml", name="own", **BODY))
+    assert Camera(**{key: getattr(camera, key) for key in Camera.__dataclass_fields__}) == Camera(name="own", **BODY)
+    assert read_camera(write(tmp_path / "plain", **BODY)).focal_length_mm == 4.5, "a file of any name that exists"
+
+
+def test_an_unknown_name_lists_the_cameras():
+    with pytest.raises(InputError) as error:
+        read_camera("sony-a600-20mm")
+    for name in CAMERAS:
+        assert name in str(error.value)
+    assert "did you mean sony-a6000-20mm?" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"sensor_width_m": 0.02}, r":2:1: error: unknown key sensor_width_m; .* did you mean sensor_width_mm\?"),
+        (BODY | {"focal_length_mm": 0.0045}, r":4:1: error: focal_length_mm cannot be 0.0045; expected greater than"),
+        (BODY | {"image_width_px": 4000.5}, r":5:1: error: image_width_px cannot be 4000.5; expected a whole number"),
+        ({"picture_interval_s": "quick"}, r":2:1: error: picture_interval_s cannot be 'quick'; expected a number"),
+        (
+            BODY | {"image_width_px": 3000, "image_height_px": 4000},
+            r":5:1: error: pixels of 2.1 by 1.18 µm, by the sizes",
+        ),
+        ({"schema": "eadp.vehicle/1"}, ":1:1: error: is a vehicle file, not a camera"),
+    ],
+)
+def test_a_fault_of_a_file_has_its_place(tmp_path, keys, message):
+    path = write(tmp_path / "own.yaml", **keys)
+    with pytest.raises(InputError) as error:
+        read_camera(path)
+    assert re.match(re.escape(path) + message, str(error.value))
+
+
+def test_the_page_lists_the_cameras():
+    """docs/coverage.md, by the files; where it differs, its rows are these."""
+    rows = []
+    for name in CAMERAS:
+        known = read_camera(name)
+        interval = "" if known.picture_interval_s is None else f"{known.picture_interval_s:g}"
+        size = f"{known.sensor_width_mm:g} × {known.sensor_height_mm:g}"
+        pixels = f"{known.image_width_px} × {known.image_height_px}"
+        rows.append(f"| `{name}` | {size} | {pixels} | {known.focal_length_mm:g} | {interval} |")
+    assert "\n".join(rows) in (ROOT / "docs/coverage.md").read_text(), "\n".join(rows)

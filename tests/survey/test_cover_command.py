@@ -1,0 +1,698 @@
+"""`eadp cover`: from files of outlines to plans that pass the check and are flown; refusals."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+
+import pytest
+from common import few_rows
+from common.answers import refused
+
+from eadp.api.inputs import load_flight
+from eadp.core.geometry.geodesy import to_local_m
+from eadp.survey.cover import wind_vector_mps
+
+FLAGS = ("--min-radius", "30", "--swath", "30")
+BOX = "x_m,y_m\n0,0\n400,0\n400,300\n0,300\n"
+
+
+@pytest.fixture
+def box(tmp_path):
+    path = tmp_path / "box.csv"
+    path.write_text(BOX)
+    return path
+
+
+@pytest.mark.parametrize("pattern", ["auto", "zamboni", "dubins"])
+def test_json_has_what_is_documented(eadp, pattern):
+    answer = eadp("cover", "plans/meadow.geojson", *FLAGS, "--pattern", pattern, "--format", "json")
+    assert answer.code == 0
+    document = json.loads(answer.out)
+    assert document["schema"] == "eadp.cover/1"
+    assert document["coverage"] >= 0.9999
+    assert document["coverage_min"] >= 0.9999
+    assert document["min_radius_m"] >= 30
+    assert document["pattern"] == ("dubins" if pattern == "auto" else pattern)
+    assert document["normalised"] == []
+    assert document["plan"].splitlines()[0].startswith("%")
+    for key in ("length_m", "time_s", "lines", "heading_deg"):
+        assert document[key] > 0
+
+
+@pytest.mark.parametrize("pattern", ["zamboni", "dubins"])
+def test_the_plan_is_checked_traced_and_flown(eadp, tmp_path, pattern):
+    plan = tmp_path / "meadow.plan"
+    answer = eadp("cover", "plans/meadow.geojson", *FLAGS, "--pattern", pattern, "-o", plan)
+    assert answer.code == 0
+    assert "written" in answer.out
+    check = json.loads(eadp("plan", plan, "--check", "--format", "json").out)
+    assert check["findings"] == []
+    assert check["repeats"] is (pattern == "zamboni")
+    assert check["primitive_stages"] == (4 if pattern == "zamboni" else None)
+    assert check["origin_deg"] is not None
+    points = [check["final"], *(stage["trigger"] for stage in check["stages"])]
+    for point in (each for each in points if not isinstance(each["x"], str) and not isinstance(each["y"], str)):
+        place = to_local_m(point["lat_deg"], point["lon_deg"], check["origin_deg"])
+        assert place == pytest.approx((point["x"], point["y"]), abs=1e-3)
+    trace = eadp("plan", plan, "--trace", "5").out.splitlines()
+    assert trace[0] == "stage,kind,x_m,y_m,heading_rad,lat_deg,lon_deg"
+    assert eadp("simulate", plan, "--planner", "static", "--set", "step_s=0.05").code == 0
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_the_fields_name_and_area_go_with_the_plan(eadp, tmp_path):
+    plan, folder = tmp_path / "meadow.plan", tmp_path / "flight"
+    answer = eadp("cover", "plans/meadow.geojson", *FLAGS, "--pattern", "dubins", "--format", "json", "-o", plan)
+    field = json.loads(answer.out)["field"]
+    assert field["name"] == "meadow"
+    assert json.loads(eadp("plan", plan, "--format", "json").out)["field"] == {
+        "name": "meadow",
+        "area_m2": pytest.approx(field["area_m2"], abs=0.1),
+    }
+    assert eadp("plan", plan, "--format", "plan").out.count("%: field-name meadow\n") == 1
+    assert eadp("simulate", plan, "--planner", "static", "--set", "time_limit_s=1", "-o", folder).code == 1
+    assert json.loads((folder / "summary.json").read_text())["field"]["name"] == "meadow"
+    assert "<name>meadow</name>" in eadp("export", plan, "--to", "kml").out
+
+
+CAMERA = {"--altitude": 80, "--sensor-width-mm": 13.2, "--focal-length-mm": 8.8, "--side-overlap": 70}
+PICTURES = {"--sensor-height-mm": 8.8, "--forward-overlap": 80}
+
+
+def flags(options):
+    return [str(word) for pair in options.items() for word in pair]
+
+
+@pytest.mark.parametrize("pattern", ["zamboni", "dubins"])
+def test_the_camera_gives_swath_altitude_and_pictures(eadp, tmp_path, pattern):
+    plan, mission = tmp_path / "meadow.plan", tmp_path / "meadow.waypoints"
+    given = ("cover", "plans/meadow.geojson", "--min-radius", "30", "--pattern", pattern)
+    # 80 m · 13.2 mm / 8.8 mm = 120 m of ground across, of which 30 % are new; along 80 m, of which 20 %
+    assert eadp(*given, "--swath", "36", "--format", "json").code == 0
+    answer, alike = (
+        json.loads(eadp(*given, *more, "--format", "json").out)
+        for more in (
+            (*flags(CAMERA | PICTURES), "--image-width-px", "6000"),
+            # rolls from 45° to 2° with a time constant of 0.3 s, at 15 m/s
+            ("--swath", "36", "--lead-in", str(math.ceil(15 * 0.3 * math.log(45 / 2)))),
+        )
+    )
+    assert (answer["lines"], answer["length_m"]) == (alike["lines"], alike["length_m"])
+    plan.write_text(answer["plan"])
+    stages = json.loads(eadp("plan", plan, "--format", "json").out)["stages"]
+    assert {stage["altitude_m"] for stage in stages} == {80}
+    assert eadp("simulate", plan, "--planner", "static", "--set", "step_s=0.05").code == 0
+    assert eadp("export", plan, "--to", "ardupilot", "-o", mission).code == 0
+    rows = [[float(word) for word in line.split()] for line in mission.read_text().splitlines()[1:]]
+    pictures = [row[4] for row in rows if row[3] == 206]
+    assert set(pictures) == {16, 0}
+    assert pictures[0] == 16
+    assert pictures[-1] == 0
+    camera = answer["camera"]
+    assert (camera["width_m"], camera["distance_m"], answer["forward_overlap"]) == pytest.approx((120, 16, 0.8))
+    assert answer["side_overlap"] == pytest.approx([1 - apart_m / 120 for apart_m in answer["spacing_m"]])
+    assert min(answer["side_overlap"]) >= 0.7
+    assert answer["gsd_cm"] == pytest.approx(100 * 120 / 6000)
+    assert answer["batteries"] is None
+    # the field once, or with lines of half the distance twice; and what lines show beyond its edge
+    apart_m = 18 if pattern == "zamboni" else 36
+    assert 1.0 < answer["pictures"] * 16 * apart_m / answer["field"]["area_m2"] < 1.35
+    # on along a line, off after it
+    on = sum(before == 0 and now == 16 for before, now in zip([0, *pictures], pictures, strict=False))
+    assert on == answer["lines"]
+
+
+LINES = ("cover", "plans/meadow.geojson", "--min-radius", "30", "--pattern", "dubins")
+PHANTOM = {"--camera": "dji-phantom-4-pro", "--side-overlap": 70, "--forward-overlap": 80, "--picture-interval": 2}
+
+
+def test_the_altitude_follows_from_the_size_of_a_pixel(eadp, tmp_path):
+    """DJI's own formula of this camera, of the Phantom 4 RTK: a pixel has H/36.5 cm, H in metres."""
+    plan = tmp_path / "meadow.plan"
+    given = (
+        *LINES,
+        "--wind",
+        "3,0",
+        *flags(PHANTOM),
+    )
+    answer = eadp(*given, "--gsd", "2", "--format", "json")
+    document = json.loads(answer.out)
+    altitude_m = document["camera"]["altitude_m"]
+    assert altitude_m == pytest.approx(2 * 36.5, rel=1e-3)
+    assert document["gsd_cm"] == pytest.approx(2)
+    assert document["camera"]["name"] == "DJI Phantom 4 Pro with picture_interval_s 2"
+    # the other way round
+    back = json.loads(eadp(*given, "--altitude", altitude_m, "--format", "json").out)
+    assert back["gsd_cm"] == pytest.approx(2)
+    assert back["plan"] == document["plan"]
+    # by the camera's values alone
+    own = {"--sensor-width-mm": 13.2, "--sensor-height-mm": 8.8, "--focal-length-mm": 8.8, "--image-width-px": 5472}
+    words = flags({key: value for key, value in PHANTOM.items() if key != "--camera"} | own)
+    alike = json.loads(eadp(*given[:8], *words, "--gsd", "2", "--format", "json").out)
+    assert alike["camera"] == document["camera"] | {"name": ""}
+    plan.write_text(document["plan"])
+    shown = json.loads(eadp("plan", plan, "--format", "json").out)
+    assert shown["camera"] == {
+        "name": document["camera"]["name"], "altitude_m": pytest.approx(altitude_m, abs=1e-3), "gsd_cm": 2.0,
+    }  # fmt: skip
+    assert {stage["altitude_m"] for stage in shown["stages"]} == {shown["camera"]["altitude_m"]}
+    assert f"camera     {document['camera']['name']} from {altitude_m:.4g} m, 2 cm a pixel\n" in eadp("plan", plan).out
+
+
+def test_the_interval_of_the_camera_limits_the_overlap(eadp):
+    """Lines across a wind are slower than with it behind, which no line of theirs has."""
+    given = (
+        *LINES,
+        "--gsd",
+        "2",
+        *flags(PHANTOM),
+    )
+    length_m = 3648 * 0.02
+    for wind, ground_mps in (("6,90", 15 + 6), ("6,0", (15**2 - 6**2) ** 0.5)):
+        answer = eadp(*given, "--airspeed", "15", "--wind", wind, "--heading", "90", "--format", "json")
+        found = json.loads(answer.out)["camera"]["max_forward_overlap"]
+        assert found == pytest.approx(1 - ground_mps * 2 / length_m, rel=1e-3)
+        text = eadp(*given, "--airspeed", "15", "--wind", wind, "--heading", "90", "--format", "text").out
+        assert (
+            f"at {ground_mps:.1f} m/s over ground, forward overlap up to {100 * found // 1:.0f} %; 80 % up to 7."
+            in text
+        )
+        assert "--forward-overlap:1:1: warning: a picture each 14.6 m" in answer.err
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({}, "--swath, or --altitude"),
+        (
+            {"--camera": "sony"},
+            "--camera:1:1: error: no camera sony; expected a camera file (.yaml), or one of canon-s100",
+        ),
+        ({"--camera": "sony-rx0"}, "--altitude:1:1: error: the camera needs --altitude too; expected --gsd or"),
+        ({**PHANTOM, "--gsd": 2, "--altitude": 73}, "--gsd:1:1: error: the size of a pixel beside the altitude"),
+        (
+            {**PHANTOM, "--gsd": 0.02},
+            "--gsd:1:1: error: 0.02 cm a pixel; expected centimetres from 0.1 to 1000: 0.02 m",
+        ),
+        ({**PHANTOM, "--gsd": "nan"}, "--gsd:1:1: error: nan cm a pixel"),
+        ({"--gsd": 2, "--swath": 30}, "--sensor-width-mm:1:1: error: the camera needs --sensor-width-mm too"),
+        ({**CAMERA, "--image-width-px": 0}, "--image-width-px:1:1: error: 0 is out of range; expected from 1"),
+        ({"--swath": 30, "--side-overlap": 70}, "one of the two"),
+        ({**CAMERA, "--focal-length-mm": 0}, "--focal-length-mm:1:1: error: 0 is out of range"),
+        ({**CAMERA, "--side-overlap": 0.7}, "--side-overlap:1:1: error: 0.7 %; expected percent"),
+        ({**CAMERA, "--side-overlap": 100}, "percent from 1 to 99"),
+        ({**CAMERA, "--side-overlap": "60:70"}, "wanted and acceptable, as 70:60"),
+        ({**CAMERA, "--side-overlap": "70:60:50"}, "wanted and acceptable, as 70:60"),
+        ({**CAMERA, "--side-overlap": "much"}, "wanted and acceptable, as 70:60"),
+        ({**CAMERA, "--forward-overlap": 80}, "the camera needs --sensor-height-mm too"),
+        ({"--swath": 30, "--forward-overlap": 80, "--sensor-height-mm": 9}, "the camera needs --altitude too"),
+        ({"--swath": 30, "--altitude": "nan"}, "--altitude:1:1"),
+    ],
+)
+def test_a_camera_that_is_none_is_refused(eadp, options, words):
+    assert refused(eadp("cover", "plans/meadow.geojson", "--min-radius", "30", *flags(options)), words)
+
+
+def test_without_a_file_the_plan_is_on_standard_output(eadp, tmp_path, box):
+    answer = eadp("cover", box, *FLAGS)
+    path = tmp_path / "out.plan"
+    path.write_text(answer.out)
+    assert eadp("plan", path, "--check").code == 0
+    assert "error" not in answer.err
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        ("--pattern", "zamboni", "--profile", "profiles/pednet-letter.yaml"),
+        ("--home", "55.4665,10.325", "--altitude", "80"),
+        ("--landing", "55.4665,10.325,60", "--wind", "4,200"),
+    ],
+)
+def test_its_energy_is_that_of_the_forecast(eadp, tmp_path, options):
+    """At both ends of the spacing, with a vehicle beside the shell's folder and not the scenario's."""
+    plan, scenario = tmp_path / "meadow.plan", "scenarios/rising-wind.yaml"
+    words = ("cover", "plans/meadow.geojson", "--swath", 30, "--scenario", scenario, "--airspeed", 19, *options)
+    answer = eadp(*words, "--vehicle", "vehicles/mapper.yaml", "-o", plan, "--format", "json")
+    assert answer.code == 0, answer.err
+    document = json.loads(answer.out)
+    stated = [document["energy_wh"], document["at_lowest_c1"]["energy_wh"]]
+    keys = {"vehicle": "vehicles/mapper.yaml", "vehicle.airframe.airspeed_mps": 19, "planner.name": "static"}
+    if "--wind" in options:
+        keys |= {"wind.speed_mps": 4, "wind.from_deg": 200}
+    profile = options[3] if "--profile" in options else None
+    whole = load_flight(plan, scenario=scenario, profile=profile, overrides=keys).world.plan
+    lowest = {"parameters.c1": whole.hull(0).lo} if "zamboni" in options else {}
+    for energy_wh, own in zip(stated, ({}, lowest), strict=True):
+        flight = load_flight(plan, scenario=scenario, profile=profile, overrides=keys | own)
+        assert energy_wh == pytest.approx(flight.preflight().forecast.energy_wh, rel=1e-6)
+    assert (stated[0] > stated[1]) == ("zamboni" in options)
+
+
+def test_a_scenario_of_another_plan_serves_for_the_vehicle_and_leaves_the_energy_out(eadp):
+    answer = eadp(
+        "cover", "plans/meadow.geojson", *FLAGS, "--scenario", "scenarios/paper-drained.yaml", "--format", "json"
+    )
+    assert answer.code == 0
+    assert "note: no energy is stated: the plan has no parameter c2" in answer.err
+    assert "energy_wh" not in json.loads(answer.out)
+
+
+def test_a_profile_that_does_not_measure_whole_settings_is_refused_and_nothing_written(eadp, tmp_path):
+    profile, plan = tmp_path / "p.csv", tmp_path / "p.plan"
+    profile.write_text("fps,qp,power_w\n2,1,1\n4,2,2\n6,5,4\n7,1,3\n")
+    answer = eadp("cover", "plans/meadow.geojson", *FLAGS, "--profile", profile, "-o", plan)
+    refused(answer, "outside the hull of the measured ones")
+    assert not plan.exists()
+
+
+def test_a_profile_brings_computations_that_stop_on_turns(eadp, tmp_path, box):
+    plan = tmp_path / "p.plan"
+    profile = ("--profile", "profiles/pednet-jetson-nano.yaml")
+    answer = eadp("cover", box, *FLAGS, "--pattern", "zamboni", "--turns-off", *profile, "-o", plan, "--format", "json")
+    document = json.loads(answer.out)
+    assert document["energy_wh"] > document["at_lowest_c1"]["energy_wh"] > 0
+    stages = json.loads(eadp("plan", plan, "--format", "json").out)["stages"]
+    for stage in stages:
+        computation = stage["sets"][-1]
+        assert computation["kind"] == "computation"
+        assert stage["kind"] == "line" or computation["max"] == 0  # a straight between blocks is a turn, too
+    assert {(stage["kind"], stage["sets"][-1]["max"]) for stage in stages} >= {("line", 10), ("circle", 0)}
+    assert eadp("simulate", plan, *profile, "--planner", "static", "--set", "step_s=0.05").code == 0
+
+
+def test_turns_off_without_computations_is_noted(eadp, box):
+    answer = eadp("cover", box, *FLAGS, "--turns-off")
+    assert answer.code == 0
+    assert "no computations to stop" in answer.err
+
+
+def test_repairs_are_noted(eadp, tmp_path):
+    path = tmp_path / "field.csv"
+    path.write_text("x_m,y_m\n0,0\n0,300\n400,300\n400,300\n400,0\n")
+    answer = eadp("cover", path, *FLAGS)
+    assert answer.code == 0
+    assert "winding" in answer.err
+    document = json.loads(eadp("cover", path, *FLAGS, "--format", "json").out)
+    assert len(document["normalised"]) == 2
+
+
+def test_start_and_home_in_the_fields_coordinates(eadp, tmp_path):
+    plan = tmp_path / "p.plan"
+    where = ("--start", "55.4710,10.3290", "--home", "55.4712 10.3295")
+    assert eadp("cover", "plans/meadow.geojson", *FLAGS, *where, "-o", plan).code == 0
+    document = json.loads(eadp("plan", plan, "--check", "--format", "json").out)
+    assert document["findings"] == []
+    x, y = to_local_m(55.4712, 10.3295, tuple(document["origin_deg"]))
+    assert (document["final"]["x"], document["final"]["y"]) == pytest.approx((x, y), abs=1e-6)
+
+
+def test_a_smaller_spacing_needs_more_lines(eadp, box):
+    lines = [
+        json.loads(eadp("cover", box, *FLAGS, "--pattern", pattern, *extra, "--format", "json").out)["lines"]
+        for pattern in ("zamboni", "dubins")
+        for extra in ((), ("--spacing", "12"))
+    ]
+    assert lines[1] > lines[0]
+    assert lines[3] > lines[2]
+
+
+def test_wind_makes_the_flight_longer(eadp, box):
+    times = [
+        json.loads(eadp("cover", box, *FLAGS, *wind, "--format", "json").out)["time_s"]
+        for wind in ((), ("--wind", "8,180"))
+    ]
+    assert times[1] > times[0]
+
+
+def test_headings_are_compass_bearings(eadp, tmp_path):
+    """A field 200 m wide and 800 m long from south to north, flown along its length: heading 0 or 180."""
+    path = tmp_path / "long.csv"
+    path.write_text("x_m,y_m\n0,0\n200,0\n200,800\n0,800\n")
+    document = json.loads(eadp("cover", path, *FLAGS, "--format", "json").out)
+    assert document["heading_deg"] in (0, 180)
+    assert f"heading {document['heading_deg']:.1f} deg." in document["plan"]
+    assert f"heading {document['heading_deg']:.1f}°" in eadp("cover", path, *FLAGS, "--format", "text").out
+    for bearing, across in ((0, "x"), (90, "y"), (270, "y")):
+        answer = eadp("cover", path, *FLAGS, "--pattern", "dubins", "--heading", bearing, "--format", "json")
+        document = json.loads(answer.out)
+        assert document["heading_deg"] == bearing
+        first_line = re.search(r"; ([xy]) - ", document["plan"])
+        assert first_line[1] == across
+
+
+def test_wind_is_a_speed_and_the_bearing_it_blows_from():
+    assert wind_vector_mps("5,270") == pytest.approx((5, 0))  # a west wind drifts east
+    assert wind_vector_mps("5,0") == pytest.approx((0, -5))
+
+
+def test_the_pictures(eadp, tmp_path, box):
+    for name in ("field.svg", "field.png"):
+        assert eadp("cover", box, *FLAGS, "--pattern", "zamboni", "--plot", tmp_path / name).code == 0
+        assert (tmp_path / name).stat().st_size > 10_000
+
+
+def test_a_field_too_narrow_for_the_pattern_is_a_no(eadp, tmp_path):
+    path = tmp_path / "narrow.csv"
+    path.write_text("x_m,y_m\n0,0\n120,0\n120,60\n0,60\n")
+    answer = eadp("cover", path, *FLAGS, "--pattern", "zamboni", "-o", tmp_path / "p.plan")
+    assert answer.code == 1
+    assert "too narrow" in answer.err
+    assert answer.out == ""
+    assert not (tmp_path / "p.plan").exists()
+    assert eadp("cover", path, *FLAGS).code == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "where"),
+    [
+        (("--min-radius", "0", "--swath", "30"), "--min-radius:1:1"),
+        (("--min-radius", "1e-9", "--swath", "30"), "--min-radius:1:1"),
+        ((*FLAGS, "--start", "1e9,0"), "--start:1:1"),
+        ((*FLAGS, "--plot", "nowhere/at/all.svg"), "--plot:1:1"),
+        (("--min-radius", "30", "--swath", "nan"), "--swath:1:1"),
+        (("--min-radius", "30", "--swath", "-3"), "--swath:1:1"),
+        ((*FLAGS, "--radius", "20"), "--radius:1:1"),
+        ((*FLAGS, "--spacing", "31"), "--spacing:1:1"),
+        ((*FLAGS, "--wind", "5"), "--wind:1:1"),
+        ((*FLAGS, "--wind", "-5,90"), "--wind:1:1"),
+        ((*FLAGS, "--wind", "15,0"), "--wind:1:1"),
+        ((*FLAGS, "--heading", "inf"), "--heading:1:1"),
+        ((*FLAGS, "--start", "here"), "--start:1:1"),
+        ((*FLAGS, "--home", "1,2,3"), "--home:1:1"),
+        ((*FLAGS, "--plot", "picture.gif"), "picture.gif:1:1"),
+    ],
+)
+def test_options_out_of_range_are_refused(eadp, box, tmp_path, arguments, where):
+    out = tmp_path / "p.plan"
+    answer = eadp("cover", box, *arguments, "-o", out)
+    assert answer.code == 2
+    assert answer.err.startswith(f"{where}: error: ")
+    assert answer.out == ""
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("x_m,y_m\n0,0\n10,0\n", "three"),
+        ("x_m,y_m\n0,0\n400,300\n400,0\n0,300\n", "crosses itself"),
+        ('{"type": "Polygon", "coordinates": [[[0,0],[400,0],[400,NaN],[0,0]]]}', "NaN"),
+        ("", ""),
+    ],
+)
+def test_outlines_that_are_none_are_refused(eadp, tmp_path, body, message):
+    path = tmp_path / "bad.txt"
+    path.write_text(body)
+    answer = eadp("cover", path, *FLAGS)
+    assert answer.code == 2
+    assert message in answer.err
+    assert answer.out == ""
+    assert answer.err.startswith(f"{path}:")
+
+
+def test_the_coarsest_spacing_that_is_printed_can_be_set(eadp, tmp_path):
+    plan = tmp_path / "m.plan"
+    text = eadp("cover", "plans/meadow.geojson", *FLAGS, "--pattern", "zamboni", "-o", plan).out
+    coarsest = text.split("with lines ")[2].split()[0]
+    lines = int(text.split(f"with lines {coarsest} m apart: ")[1].split()[0])
+    trace = eadp("plan", plan, "--trace", "50", "--set", f"spacing={coarsest}")
+    assert trace.code == 0
+    runs = [row.split(",")[:2] for row in trace.out.splitlines()[1:]]
+    changes = [a for a, b in zip(runs, [None, *runs], strict=False) if a != b]
+    # the first line is two stages, and a straight between two blocks may be one more
+    assert lines <= sum(kind == "line" for _, kind in changes) <= lines + 3
+
+
+def test_standard_output_takes_one_document(eadp, box):
+    assert eadp("cover", box, *FLAGS, "-o", "-").out.startswith("%")
+    answer = eadp("cover", box, *FLAGS, "-o", "-", "--format", "json")
+    assert answer.code == 2
+    assert answer.out == ""
+
+
+def test_the_fields_own_file_is_not_overwritten(eadp, box, tmp_path):
+    assert eadp("cover", box, *FLAGS, "-o", box).code == 2
+    assert box.read_text() == BOX
+    same = tmp_path / "same.svg"
+    assert eadp("cover", box, *FLAGS, "-o", same, "--plot", same).code == 2
+    assert not same.exists()
+
+
+def test_a_field_of_too_many_lines_is_a_no(eadp, box):
+    answer = eadp("cover", box, "--min-radius", "30", "--swath", "0.05")
+    assert answer.code == 1
+    assert "lines" in answer.err
+
+
+def test_auto_says_what_a_fixed_spacing_gives_up(eadp):
+    import json
+
+    arguments = ("cover", "plans/meadow.geojson", "--min-radius", "30", "--swath", "30")
+    document = json.loads(eadp(*arguments, "--format", "json").out)
+    laps = json.loads(eadp(*arguments, "--pattern", "zamboni", "--format", "json").out)
+    assert (document["pattern"], laps["pattern"]) == ("dubins", "zamboni")
+    assert document["zamboni_time_s"] == [pytest.approx(laps["at_lowest_c1"]["time_s"]), pytest.approx(laps["time_s"])]
+    assert laps["zamboni_time_s"] is None
+    text = eadp(*arguments, "--format", "text").out
+    assert "spacing    fixed: a planner cannot save lines in flight. --pattern zamboni takes 1082 s" in text
+    assert "save 522 s of them, down to 560 s (+26 %)" in text
+    plan = eadp(*arguments)
+    assert "note: line spacing fixed" in plan.err
+    assert "fixed" not in plan.out
+    assert "spacing  " not in eadp(*arguments, "--pattern", "zamboni", "--format", "text").out
+
+
+LIMITS = {
+    "field": "x_m,y_m\n0,0\n600,0\n600,400\n0,400\n",
+    "avoid": "x_m,y_m\n250,150\n330,150\n330,260\n250,260\n",
+    "inside": "x_m,y_m\n-60,-60\n660,-60\n660,460\n-60,460\n",
+}
+
+
+@pytest.fixture
+def limits(tmp_path):
+    """Files of a field, an obstacle and a boundary, and the options that all commands have."""
+    for name, text in LIMITS.items():
+        (tmp_path / f"{name}.csv").write_text(text)
+    return (tmp_path / "field.csv", "--metres", "--min-radius", "25", "--swath", "40")
+
+
+def test_obstacles_and_a_boundary(eadp, limits, tmp_path):
+    out, picture = tmp_path / "p.plan", tmp_path / "p.png"
+    more = ("--avoid", tmp_path / "avoid.csv", "--inside", tmp_path / "inside.csv")
+    answer = eadp("cover", *limits, *more, "-o", out, "--plot", picture)
+    assert answer.code == 0
+    assert "stays      out of 1 obstacle and inside the boundary\nleft       " in answer.out
+    assert eadp("plan", out, "--check").code == 0
+    # the plan as it is flown, point by point
+    rows = [row.split(",") for row in eadp("plan", out, "--trace", "1").out.splitlines()[1:]]
+    for x, y in ((float(row[2]), float(row[3])) for row in rows):
+        assert not (250.6 < x < 329.4 and 150.6 < y < 259.4)
+        assert -60.6 < x < 660.6
+        assert -60.6 < y < 460.6
+    document = json.loads(eadp("cover", *limits, *more, "--format", "json").out)
+    assert (document["obstacles"], document["boundary"]) == (1, True)
+    assert sum(each["area_m2"] for each in document["left"]) == pytest.approx(
+        (1 - document["coverage"]) * 240_000, rel=0.01
+    )
+    assert document["left"][0]["at_deg"] is None
+
+
+@pytest.mark.parametrize(
+    ("altitude", "home", "avoided"),
+    few_rows([(55, "-50,-50", False), (102, "-50,-50", False), (54, "-50,-50", True), (102, "220,210", False)], 3),
+)
+def test_an_obstacle_that_is_low_enough_is_flown_over(eadp, limits, tmp_path, altitude, home, avoided):
+    """By its height and the clearance of 20 m; from a home beside it after circles."""
+    w, s, e, n = 290, 170, 310, 190
+    (tmp_path / "pole.geojson").write_text(
+        json.dumps(
+            {
+                "type": "Feature",
+                "units": "m",
+                "properties": {"name": "pole", "height": 35},
+                "geometry": {"type": "Polygon", "coordinates": [[(w, s), (e, s), (e, n), (w, n), (w, s)]]},
+            }
+        )
+    )
+    plan = tmp_path / "field.plan"
+    wing = ("--vehicle", "vehicles/foam-wing.yaml", "--altitude", altitude, "--heading", "90", "--pattern", "dubins")
+    answer = eadp("cover", *limits, *wing, f"--home={home}", "--avoid", tmp_path / "pole.geojson", "-o", plan)
+    assert answer.code == 0, answer.err
+    assert ("out of 1 obstacle" in answer.out) == avoided
+    assert ("an obstacle is flown over at" in answer.err) != avoided
+    rows = [row.split(",") for row in eadp("plan", plan, "--trace", "5").out.splitlines()[1:]]
+    assert any(w < float(row[2]) < e and s < float(row[3]) < n for row in rows) != avoided
+    assert eadp("plan", plan, "--check").code == 0
+    fences = json.loads(eadp("export", plan, "--to", "qgc", "--origin", "55,10").out)["geoFence"]["polygons"]
+    assert len(fences) == avoided, "a fence has no height"
+
+
+@pytest.mark.slow
+def test_obstacles_in_the_fields_own_file(eadp, tmp_path):
+    path = tmp_path / "field.geojson"
+    box = [[10.0, 55.0], [10.01, 55.0], [10.01, 55.004], [10.0, 55.004], [10.0, 55.0]]
+    mast = [[10.004, 55.0015], [10.0052, 55.0015], [10.0052, 55.0025], [10.004, 55.0025], [10.004, 55.0015]]
+    features = [
+        {"type": "Feature", "properties": {"name": name}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+        for name, ring in (("my field", box), ("avoid: mast", mast))
+    ]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
+    document = json.loads(eadp("cover", path, "--min-radius", "25", "--swath", "40", "--format", "json").out)
+    assert document["obstacles"] == 1
+    assert 0.8 < document["coverage"] < 0.9999
+
+
+def test_holes_that_are_not_flown_over(eadp, tmp_path):
+    path = tmp_path / "field.csv"
+    path.write_text("x_m,y_m,ring\n0,0,0\n600,0,0\n600,400,0\n0,400,0\n250,150,1\n330,150,1\n330,260,1\n250,260,1\n")
+    arguments = ("cover", path, "--metres", "--min-radius", "25", "--swath", "40", "--format", "json")
+    over, round_them = (json.loads(eadp(*arguments, "--holes", holes).out) for holes in ("cover", "avoid"))
+    assert (over["obstacles"], round_them["obstacles"]) == (0, 1)
+    assert over["coverage"] > 0.9999
+
+
+def test_bad_limits(eadp, limits, tmp_path):
+    answer = eadp("cover", *limits, "--avoid", "plans/meadow.geojson")
+    assert (answer.code, answer.out) == (2, "")
+    assert answer.err.startswith("plans/meadow.geojson:6:21: error: an obstacle of 0.0")
+    assert "if these are metres and not degrees" in answer.err
+    (tmp_path / "bow.csv").write_text("x_m,y_m\n0,0\n100,100\n100,0\n0,100\n")
+    answer = eadp("cover", *limits, "--inside", tmp_path / "bow.csv")
+    assert answer.code == 2
+    assert "bow.csv:2:1: error: a polygon crosses itself at (50.00, 50.00) m" in answer.err
+    (tmp_path / "all.csv").write_text("x_m,y_m\n-99,-99\n999,-99\n999,999\n-99,999\n")
+    answer = eadp("cover", *limits, "--avoid", tmp_path / "all.csv")
+    assert (answer.code, answer.out) == (1, "")
+    assert "no line of the field has room for a turn" in answer.err
+
+
+def test_a_wanted_and_an_acceptable_overlap(eadp, tmp_path):
+    """Laps are flown at the wanted overlap, and widen up to the acceptable one."""
+    path = tmp_path / "field.csv"
+    path.write_text("x_m,y_m\n0,0\n600,0\n600,400\n0,400\n")
+    camera = {**CAMERA, "--side-overlap": "70:60", "--pattern": "zamboni"}
+    options = [part for pair in camera.items() for part in map(str, pair)]
+    answer = eadp("cover", path, "--metres", *options, "--format", "json")
+    document = json.loads(answer.out)
+    # of a footprint of 120 m, 40 % and 30 %
+    stated = ("--swath", "48", "--spacing", "36", "--pattern", "zamboni", "--altitude", "80")
+    same = json.loads(eadp("cover", path, "--metres", *stated, "--format", "json").out)
+    assert document["plan"].replace("%: camera altitude 80\n", "") == same["plan"]
+    assert document["lines"] > document["at_lowest_c1"]["lines"]
+
+
+@pytest.mark.slow
+def test_limits_that_turn_the_choice_of_lines_off_say_so(eadp, limits, tmp_path):
+    answer = eadp("cover", *limits, "--avoid", tmp_path / "avoid.csv", "-o", tmp_path / "p.plan")
+    assert "spacing    fixed: a planner cannot save lines in flight" in answer.out
+
+
+def rectangle(west, south, east, north):
+    return "x_m,y_m\n" + "".join(f"{x},{y}\n" for x, y in ((west, south), (east, south), (east, north), (west, north)))
+
+
+@pytest.mark.parametrize("option", ["--start", "--home"])
+@pytest.mark.parametrize("limit", ["avoid", "inside"])
+def test_a_start_or_a_home_where_none_may_fly_is_refused(eadp, limits, tmp_path, option, limit):
+    outline = rectangle(-60, -60, -40, -40) if limit == "avoid" else rectangle(-30, -30, 650, 450)
+    (tmp_path / "limit.csv").write_text(outline)
+    answer = eadp("cover", *limits, f"--{limit}", tmp_path / "limit.csv", option, "-50,-50")
+    assert (answer.code, answer.out) == (2, "")
+    assert f"{option}:1:1: error: lies in an obstacle or beyond the boundary" in answer.err
+
+
+def test_an_obstacle_across_a_line_cuts_it(eadp, limits, tmp_path):
+    (tmp_path / "hedge.csv").write_text(rectangle(-10, 180, 610, 220))
+    document = json.loads(eadp("cover", *limits, "--avoid", tmp_path / "hedge.csv", "--format", "json").out)
+    assert 0.7 < document["coverage"] < 0.92
+
+
+@pytest.mark.slow
+def test_a_boundary_that_cuts_the_field_in_two_is_a_no(eadp, limits, tmp_path):
+    parts = [rectangle(-60, -60, 250, 460), rectangle(350, -60, 660, 460)]
+    rings = [[[float(number) for number in row.split(",")] for row in part.splitlines()[1:]] for part in parts]
+    features = [
+        {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}}
+        for ring in rings
+    ]
+    document = {"type": "FeatureCollection", "units": "m", "features": features}
+    (tmp_path / "two.geojson").write_text(json.dumps(document))
+    answer = eadp("cover", *limits, "--inside", tmp_path / "two.geojson", "--heading", "90", "--swath", "60")
+    assert (answer.code, answer.out) == (1, "")
+    assert "no order of the lines has turns that stay out" in answer.err
+
+
+@pytest.mark.parametrize(("height", "code"), few_rows([(-5, 2), (5, 0)], 1))
+def test_obstacles_that_touch_or_overlap_and_one_below_the_ground(eadp, limits, tmp_path, height, code):
+    corners = [(200, 100, 250, 160), (250, 100, 300, 160), (280, 120, 330, 180)]
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"name": f"house {i}", "height": height},
+            "geometry": {"type": "Polygon", "coordinates": [[(w, s), (e, s), (e, n), (w, n), (w, s)]]},
+        }
+        for i, (w, s, e, n) in enumerate(corners)
+    ]
+    document = {"type": "FeatureCollection", "units": "m", "features": features}
+    (tmp_path / "houses.geojson").write_text(json.dumps(document))
+    plan = tmp_path / "around.plan"
+    answer = eadp("cover", *limits, "--avoid", tmp_path / "houses.geojson", "-o", plan)
+    assert answer.code == code
+    if code:
+        assert "no height; expected metres above the field" in answer.err
+        return
+    assert "stays      out of 3 obstacles" in answer.out
+    assert eadp("simulate", plan).code == 0
+
+
+@pytest.mark.slow
+def test_thousands_of_obstacles(eadp, limits, tmp_path):
+    places = [(650 + 30 * (i % 50), 30 * (i // 50)) for i in range(2_500)]
+    features = [
+        {
+            "type": "Feature",
+            "properties": {"name": f"tree {i}"},
+            "geometry": {"type": "Polygon", "coordinates": [[(x, y), (x + 2, y), (x + 2, y + 2), (x, y + 2), (x, y)]]},
+        }
+        for i, (x, y) in enumerate(places)
+    ]
+    document = {"type": "FeatureCollection", "units": "m", "features": features}
+    (tmp_path / "trees.geojson").write_text(json.dumps(document))
+    answer = eadp("cover", *limits, "--avoid", tmp_path / "trees.geojson", "-o", tmp_path / "far.plan")
+    assert "stays      out of 2500 obstacles" in answer.out
+    flight = eadp("simulate", tmp_path / "far.plan", "--set", "home.position_m=[300, 200]", "--set", "log_every_s=1")
+    assert flight.code == 0
+
+
+@pytest.mark.parametrize(
+    ("extra", "words"),
+    [
+        (("--lead-in", "-1"), "--lead-in:1:1: error: -1 is out of range"),
+        (("--overshoot", "nan"), "--overshoot"),
+    ],
+)
+def test_lengths_out_of_range_are_refused(eadp, tmp_path, extra, words):
+    field = tmp_path / "field.csv"
+    field.write_text("x_m,y_m\n0,0\n500,0\n500,300\n")
+    answer = eadp("cover", field, "--min-radius", "25", "--swath", "40", *extra)
+    assert answer.code == 2
+    assert words in answer.err
+    assert answer.out == ""
+
+
+def test_pictures_are_taken_on_the_line_alone(eadp, box):
+    """Between the lead-in and the overshoot, which the flight has besides."""
+    given = ("--min-radius", "30", "--pattern", "dubins", *flags(CAMERA | PICTURES))
+    bare, led = (
+        json.loads(eadp("cover", box, *given, "--lead-in", lead, "--overshoot", over, "--format", "json").out)
+        for lead, over in ((0, 0), (60, 25))
+    )
+    assert (led["pictures"], led["lines"], led["coverage"]) == (bare["pictures"], bare["lines"], bare["coverage"])
+    assert led["length_m"] >= bare["length_m"] + led["lines"] * 85 - 1e-6
+    assert (led["lead_in_m"], led["overshoot_m"]) == (60, 25)
+    on = [line for line in led["plan"].splitlines() if line.startswith("%: command 206")]
+    assert len(on) == 2 * led["lines"]

@@ -1,0 +1,1157 @@
+"""Fields: what is read and what is mended, and every refusal at its line and column."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
+from eadp.core.geometry.polygons import signed_area_m2, tidy
+from eadp.errors import FAULTS_SHOWN, InputError
+from eadp.io.text.json import NESTING_LIMIT
+from eadp.io.text.streams import Text
+from eadp.models.field import Field
+from eadp.survey.field import VERTICES_LIMIT
+from eadp.survey.field_reader import HOLES_LIMIT, RING_LIMIT, ZONES_M, read_field, read_zones
+
+MICROMETRE, MILLIMETRE = 1e-6, 1e-3
+ODENSE = (55.37, 10.43)
+BOX = ((0.0, 0.0), (100.0, 0.0), (100.0, 80.0), (0.0, 80.0))
+POND = ((20.0, 20.0), (20.0, 40.0), (40.0, 40.0), (40.0, 20.0))  # clockwise, as holes are
+WIDE = "a field of at most 50 km either way"
+NOT_DEGREES = "expected longitude within ±180 and latitude within ±90 degrees"
+
+
+def read(body, **options) -> tuple[Field, list[str]]:
+    return read_field(Text("f", body), **options)
+
+
+def field_of(body, **options) -> Field:
+    """The field of a file that nothing had to be mended in."""
+    field, mended = read(body, **options)
+    assert mended == []
+    return field
+
+
+def faults_of(body, **options) -> list[str]:
+    with pytest.raises(InputError) as caught:
+        read(body, **options)
+    return [str(fault).splitlines()[0].removeprefix("f:") for fault in caught.value.faults]
+
+
+def fault_of(body, **options) -> str:
+    (fault,) = faults_of(body, **options)
+    return fault
+
+
+def polygon(*rings, **members) -> str:
+    """A Polygon with a vertex in each line, its first ring's first in line 2; a line between two rings."""
+    bodies = [",\n".join(json.dumps(position) for position in ring) for ring in rings]
+    more = "".join(f", {json.dumps(key)}: {json.dumps(value)}" for key, value in members.items())
+    return '{"type": "Polygon", "coordinates": [[\n' + "\n],\n[".join(bodies) + "\n]]" + more + "}\n"
+
+
+def in_metres(*rings) -> str:
+    return polygon(*([*ring, ring[0]] for ring in rings), units="m, local frame")
+
+
+def table(*rings, header="x_m,y_m,ring", mark=",") -> str:
+    rows = [[*map(repr, vertex), str(i)] for i, ring in enumerate(rings) for vertex in ring]
+    return "\n".join([header, *(mark.join(row) for row in rows)]) + "\n"
+
+
+def around(ring, origin=ODENSE) -> list[tuple[float, float]]:
+    """Longitudes and latitudes of points of the plane, closed."""
+    degrees = [to_geodetic_deg(x, y, origin)[::-1] for x, y in ring]
+    return [*degrees, degrees[0]]
+
+
+def kml(*placemarks) -> str:
+    return (
+        '<?xml version="1.0" encoding="UTF-8"?>\n<kml xmlns="http://www.opengis.net/kml/2.2"><Document>\n'
+        + "\n".join(placemarks)
+        + "\n</Document></kml>\n"
+    )
+
+
+def placemark(*rings, name="") -> str:
+    """A Placemark: the outline's coordinates begin two lines below it, those of a hole two lines after."""
+    text = f"<Placemark><name>{name}</name><Polygon>"
+    for i, ring in enumerate(rings):
+        tag = "innerBoundaryIs" if i else "outerBoundaryIs"
+        text += f"\n<{tag}><LinearRing><coordinates>\n" + " ".join(",".join(map(repr, vertex)) for vertex in ring)
+        text += f"\n</coordinates></LinearRing></{tag}>"
+    return text + "</Polygon></Placemark>"
+
+
+def same_ring(left, right) -> bool:
+    """Whether two rings are the same up to the vertex they start at."""
+    return any(tuple(left[i:] + left[:i]) == tuple(right) for i in range(len(left)))
+
+
+@st.composite
+def stars(draw):
+    """A ring that does not cross itself, counter-clockwise, each of its vertices a corner: to a centimetre."""
+    n = draw(st.integers(3, 10))
+    angles = [2 * math.pi * (i + draw(st.floats(0.05, 0.45))) / n for i in range(n)]
+    radii = [draw(st.floats(20, 200)) for _ in angles]
+    ring = tuple(
+        (round(r * math.cos(a), 2) + 0.0, round(r * math.sin(a), 2) + 0.0) for r, a in zip(radii, angles, strict=True)
+    )
+    assume(len(tidy(ring).kept) == n)
+    return ring
+
+
+# --- the formats ------------------------------------------------------------------------------------------------------
+
+
+def test_a_field_is_read_from_each_format():
+    rings = [[(x - 50, y - 40) for x, y in ring] for ring in (BOX, POND)]
+    degrees = [around(ring) for ring in rings]
+    rows = [(lon, lat, i) for i, ring in enumerate(degrees) for lon, lat in ring[:-1]]
+    for body in (
+        polygon(*degrees),
+        kml(placemark(*degrees)),
+        "lon,lat,ring\n" + "".join(f"{lon!r},{lat!r},{i}\n" for lon, lat, i in rows),
+        "ring;Latitude [deg];Longitude [deg]\n" + "".join(f"{i};{lat!r};{lon!r}\n" for lon, lat, i in rows),
+    ):
+        field = field_of(body)
+        assert field.origin_deg == ODENSE
+        for ring, expected in zip((field.outline, *field.holes), rings, strict=True):
+            assert sum(ring, ()) == pytest.approx(sum(expected, ()), abs=MICROMETRE)
+    for body in (in_metres(BOX, POND), table(BOX, POND)):
+        assert field_of(body) == Field(BOX, (POND,))
+    assert Field(BOX, (POND,)).area_m2 == 100 * 80 - 20 * 20
+
+
+def test_the_first_vertex_stays_the_first_where_it_is_a_corner():
+    field, mended = read(table(BOX[::-1], POND[::-1]))
+    assert (field.outline, field.holes) == ((BOX[3], *BOX[:3]), ((POND[3], *POND[:3]),))
+    assert mended == ["winding of the outline reversed", "winding of 1 hole reversed"]
+
+
+@given(stars(), st.data())
+def test_the_same_polygon_reads_to_the_same_field(ring, data):
+    start = data.draw(st.integers(0, len(ring) - 1))
+    written = [*ring[start:], *ring[:start]]
+    for i in sorted(data.draw(st.lists(st.integers(0, len(ring) - 1), max_size=4)), reverse=True):
+        written.insert(i, written[i])
+    written += written[:1] * data.draw(st.integers(0, 2))
+    written = written[:: data.draw(st.sampled_from([1, -1]))]
+    for body, options in (
+        (table(written), {}),
+        (polygon(written, units="m"), {}),
+        ("".join(f"{x} {y}\n" for x, y in written), {"metres": True}),
+    ):
+        assert same_ring(read(body, **options)[0].outline, ring)
+
+
+@given(stars(), st.floats(-80, 80), st.one_of(st.floats(-180, 180), st.sampled_from([-180.0, 179.9999, -179.9999])))
+def test_degrees_are_those_of_the_vertices(ring, latitude, longitude):
+    degrees = around(ring, (latitude, longitude))
+    field, _ = read(polygon(degrees))
+    assert abs(field.origin_deg[1]) <= 180
+    assert field.origin_deg == tuple(round(value, 7) for value in field.origin_deg)
+    assert len(field.outline) == len(ring)
+    for (x, y), (lon, lat) in zip(field.outline, degrees, strict=False):
+        back = to_geodetic_deg(x, y, field.origin_deg)
+        # 400 m from the origin the way back is d³/2R² = 1 µm short
+        assert to_local_m(*back, (lat, lon)) == pytest.approx((0, 0), abs=2 * MICROMETRE)
+
+
+def test_across_the_antimeridian():
+    field, mended = read(polygon(around(BOX, (-16.5, 179.9996))))
+    assert mended == ["longitudes counted on across the antimeridian"]
+    assert field.area_m2 == pytest.approx(8000, abs=0.01)
+    assert field.origin_deg[1] == pytest.approx(-180 + (50 - 0.0004 * 106_730) / 106_730, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "wrap",
+    [
+        '{"type": "MultiPolygon", "coordinates": [%s]}',
+        '{"type": "Feature", "properties": null, "geometry": {"type": "Polygon", "coordinates": %s}}',
+        '{"type": "FeatureCollection", "features": [{"type": "Feature", "geometry": null}, {"type": "Feature", '
+        '"geometry": {"type": "MultiPolygon", "coordinates": [%s]}}]}',
+        '{"type": "GeometryCollection", "geometries": [{"type": "Point", "coordinates": [1, 2]}, '
+        '{"type": "Polygon", "coordinates": %s}]}',
+    ],
+)
+def test_geojson_of_every_type(wrap):
+    coordinates = json.loads(polygon([*BOX, BOX[0]]))["coordinates"]
+    assert field_of(wrap % json.dumps(coordinates), metres=True).outline == BOX
+
+
+def test_altitudes_are_left_out():
+    assert field_of(polygon([(*v, 12.5) for v in (*BOX, BOX[0])], units="m")).outline == BOX
+    raised = [(*v, 7) for v in around(BOX)]
+    assert field_of(kml(placemark(raised))) == field_of(polygon(raised)) == field_of(polygon(around(BOX)))
+
+
+@pytest.mark.parametrize(
+    ("body", "options"),
+    [
+        ("x,y\n0,0\n100,0\n100,80\n0,80\n", {}),
+        ("Y [m];id;X [m]\n0;a;0\n0;b;100\n80;c;100\n80;d;0\n", {}),
+        ('"East"\t"North"\n0\t0\n"100"\t0\n100\t80\n0\t 80\n', {}),
+        ("# a box\n\nx_m y_m\n 0   0\n100 0\n\n# half\n100 80\n0 80", {}),
+        ("0,0\n100, 0\n 100,80\n0,80\n", {"metres": True}),
+        ("1e2 0\n100 80\n0 80\n0 0\n", {"metres": True}),
+    ],
+)
+def test_tables(body, options):
+    assert same_ring(field_of(body, **options).outline, BOX)
+
+
+def test_numbers_beyond_degrees_are_metres():
+    field, mended = read("0,0\n200,0\n200,80\n0,80\n")
+    assert field.outline[2] == (200, 80)
+    assert mended == ["taken as metres, since there are values beyond the ±180 and ±90 of degrees"]
+
+
+def test_holes_of_a_table_are_told_by_their_numbers():
+    rows = "2,30,50\n2,30,60\n2,40,60\n0,0,0\n0,100,0\n0,100,80\n0,0,80\n1,20,20\n1,20,40\n1,40,40\n"
+    field = field_of("ring,x,y\n" + rows)
+    assert field == Field(BOX, (((20, 20), (20, 40), (40, 40)), ((30, 50), (30, 60), (40, 60))))
+
+
+def test_kml_of_any_namespace_with_entities_and_comments():
+    body = kml(placemark(around(BOX), name="Søndre &amp; &#78;ord"))
+    plain = body.replace("<kml xmlns", "<k:kml xmlns:k").replace("</kml>", "</k:kml>")
+    field = field_of(plain)
+    assert field.name == "Søndre & Nord"
+    start = body.index("<coordinates>") + len("<coordinates>\n")
+    comma = body.index(",", start)
+    odd = body[:start] + "<!-- , -->" + body[start:comma] + "&#44;" + body[comma + 1 :]
+    odd = odd.replace("\n</coordinates>", "<![CDATA[ ]]></coordinates>")
+    assert field_of(odd) == field
+    assert field_of(body.replace(" ", "\n" * (VERTICES_LIMIT + 1)).replace("<kml\n", "<kml ")).outline == field.outline
+
+
+# --- units ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("units", ["m", "metres", "Meters", " metre ", "m, local frame", "m (east, north)"])
+def test_units_in_metres(units):
+    plain = polygon([*BOX, BOX[0]])
+    assert field_of(polygon([*BOX, BOX[0]], units=units)).outline == BOX
+    feature = '{"type": "Feature", "properties": {"units": %s}, "geometry": %s}'
+    assert field_of(feature % (json.dumps(units), plain)).outline == BOX
+    collection = '{"type": "FeatureCollection", "units": %s, "features": [{"type": "Feature", "geometry": %s}]}'
+    assert field_of(collection % (json.dumps(units), plain)).outline == BOX
+
+
+@pytest.mark.parametrize("units", ["mm2", "m/s", "m²", "mg", "minutes", "degrees", "", 5, None])
+def test_units_that_do_not_say_metres(units):
+    degrees = around(BOX)
+    assert field_of(polygon(degrees, units=units)) == field_of(polygon(degrees))
+
+
+@pytest.mark.parametrize("units", ["ft", "Feet", "km", "us-ft"])
+def test_units_of_another_length_are_refused(units):
+    body = polygon([*BOX, BOX[0]], units=units)
+    fault = f"7:14: error: units of {units}; expected metres, or longitude and latitude in degrees"
+    assert fault_of(body) == fault
+    assert field_of(body, metres=True).outline == BOX
+
+
+def named(name):
+    return {"type": "name", "properties": {"name": name}}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "urn:ogc:def:crs:OGC:1.3:CRS84",
+        "urn:ogc:def:crs:OGC::CRS84h",
+        "EPSG:4326",
+        "urn:ogc:def:crs:EPSG::4258",
+        "http://www.opengis.net/def/crs/EPSG/0/4326",
+        "http://www.opengis.net/gml/srs/epsg.xml#4326",
+    ],
+)
+def test_systems_in_degrees(name):
+    assert field_of(polygon(around(BOX), crs=named(name))) == field_of(polygon(around(BOX)))
+
+
+def test_the_innermost_system_counts():
+    feature = {"type": "Feature", "crs": named("EPSG:4326"), "geometry": json.loads(polygon(around(BOX)))}
+    collection = {"type": "FeatureCollection", "crs": named("EPSG:25832"), "features": [feature]}
+    assert field_of(json.dumps(collection)) == field_of(polygon(around(BOX)))
+
+
+def test_without_a_system_or_with_one_that_is_null_degrees_are_wgs_84():
+    assert field_of(polygon(around(BOX), crs=None)) == field_of(polygon(around(BOX)))
+
+
+@pytest.mark.parametrize(
+    ("crs", "named_so"),
+    [
+        (named("EPSG:25899"), "EPSG:25899"),
+        (named("urn:ogc:def:crs:EPSG::4978"), "urn:ogc:def:crs:EPSG::4978"),
+        (named("local"), "local"),
+        (named(7), "without a name"),
+        ({"type": "link"}, "without a name"),
+        (12, "without a name"),
+    ],
+)
+def test_an_unknown_system_asks_for_metres(crs, named_so):
+    body = polygon([*BOX, BOX[0]], crs=crs)
+    expected = "longitude and latitude (WGS-84), or --metres"
+    assert fault_of(body) == f"7:12: error: the reference system {named_so} is not known; expected {expected}"
+    assert field_of(body, metres=True).outline == BOX
+
+
+def test_web_mercator_is_not_in_metres():
+    message = "EPSG:3857 is Web Mercator, whose metres are longer than metres away from the equator"
+    body = polygon([*BOX, BOX[0]], crs=named("EPSG:3857"))
+    fault = f"7:12: error: {message}; expected no --metres, which converts it to degrees"
+    assert fault_of(body, metres=True) == fault
+
+
+def test_degrees_taken_for_metres():
+    degrees = [(10.43, 55.37), (10.4316, 55.37), (10.4316, 55.3707), (10.43, 55.3707)]
+    message = "a field of 0.0016 m by 0.0007 m, if these are metres and not degrees; expected a larger field, or "
+    assert fault_of(polygon(degrees), metres=True) == f"2:1: error: {message}no --metres"
+    said = f"2:1: error: {message}a file without units in metres"
+    assert fault_of(polygon(degrees, units="m")) == said
+    assert fault_of(table(degrees)) == f"2:1: error: {message}columns called lon and lat"
+    bare = "".join(f"{x},{y}\n" for x, y in degrees)
+    assert fault_of(bare, metres=True) == f"1:1: error: {message}a header lon,lat and no --metres"
+
+
+def test_metres_taken_for_degrees():
+    far = [(x + 550_000, y + 6_130_000) for x, y in (*BOX, BOX[0])]
+    message = "a longitude of 550000 is beyond ±180, as in 5 of 5 vertices"
+    assert fault_of(polygon(far)) == f"2:1: error: {message}; {NOT_DEGREES}, or --metres"
+    message = "a latitude of 120 is beyond ±90, as in 1 of 4 vertices"
+    assert fault_of(polygon([(0, 0), (100, 0), (100, 80), (0, 120)])) == (
+        f"5:1: error: {message}; {NOT_DEGREES}, or --metres"
+    )
+    message = "100° of longitude and 0° of latitude from the first vertex"
+    assert fault_of(polygon([*BOX, BOX[0]])) == f"3:1: error: {message}; expected {WIDE}, or --metres"
+    message = "a longitude of 550000 is beyond ±180, as in 5 of 5 vertices"
+    assert fault_of(table(far, header="lon,lat,ring")) == (
+        f"2:1: error: {message}; {NOT_DEGREES}, or columns called x_m and y_m"
+    )
+    assert fault_of(kml(placemark(far))) == f"5:1: error: {message}; {NOT_DEGREES}"
+
+
+def test_longitude_and_latitude_in_each_others_place():
+    swapped = [(lat, lon) for lon, lat in around(BOX, (-33.9, 151.2))]
+    latitude = f"{swapped[0][1]:.10g}"
+    message = f"a latitude of {latitude} is beyond ±90: longitude and latitude seem to be swapped"
+    assert fault_of(polygon(swapped)) == f"2:1: error: {message}; {NOT_DEGREES}, or --metres"
+    high = [(lat, lon) for lon, lat in around(BOX, (23.7, 86.4))]
+    assert "near a pole: longitude and latitude seem to be swapped" in fault_of(table(high, header="lon,lat,ring"))
+
+
+def test_some_vertices_in_each_others_place():
+    right = around(BOX, ODENSE)
+    for i in range(4):
+        some = [place[::-1] if k == i else place for k, place in enumerate(right)]
+        for body in (polygon(some), kml(placemark(some)), table(some, header="lon,lat,ring")):
+            assert "from the first vertex: longitude and latitude seem to be swapped in some vertices" in fault_of(body)
+    # as large as a country, and no vertex swapped
+    assert "swapped" not in fault_of(polygon([(8, 54.5), (13, 54.5), (13, 57.5), (8, 57.5)]))
+
+
+def test_zones_that_mirrored_lie_near_the_field():
+    field = field_of(polygon(around(BOX)))
+    swapped = polygon([place[::-1] for place in around(BOX)])
+    for inside in (False, True):
+        with pytest.raises(
+            InputError, match="near the field or plan if longitude and latitude are swapped; expected the o"
+        ):
+            read_zones(Text("z", swapped), field.origin_deg, inside=inside)
+    # or it is the field's file that is
+    with pytest.raises(InputError, match="in which they may be swapped instead"):
+        read_zones(Text("z", polygon(around(BOX))), read(swapped)[0].origin_deg)
+
+
+@pytest.mark.parametrize(
+    ("body", "fault"),
+    [
+        (
+            "0,0\n100,0\n100,80\n",
+            "1:1: error: columns without names, which may be degrees or metres; expected --metres",
+        ),
+        ("0 0 0\n1 1 0\n", "1:5: error: 3 columns without names; expected two, or a header such as x_m,y_m or lon,lat"),
+        ("12\n13\n", "1:3: error: 1 column without names; expected two, or a header such as x_m,y_m or lon,lat"),
+        ("x,z\n0,0\n", "1:4: error: no column y beside x; expected a header such as x_m,y_m or lon,lat"),
+        ("lat,y\n0,0\n", "1:6: error: no column x beside y; expected a header such as x_m,y_m or lon,lat"),
+        ("lat;z\n0;0\n", "1:6: error: no column lon beside lat; expected a header such as x_m,y_m or lon,lat"),
+        (
+            "x_ft,y_ft\n0,0\n",
+            "1:1: error: no columns of vertices; expected a header such as x_m,y_m or lon,lat, or two ",
+        ),
+        ("x,y,x_m\n0,0,0\n", "1:5: error: x_m after x; expected one of each"),
+        ("x,y,lon,lat\n", "1:5: error: columns of degrees and of metres; expected x_m,y_m or lon,lat, not both"),
+        ("x,y\n", "2:1: error: no vertices; expected a row for each vertex"),
+        ("# nothing\n\n", "1:1: error: no vertices; expected a header such as x_m,y_m or lon,lat, and a row for each"),
+        (" \n\n", "1:1: error: is empty; expected a field as GeoJSON, KML or a CSV of vertices"),
+        ("x,y,ring\n1,1,1\n2,1,1\n2,2,1\n", "2:1: error: no outline; expected rows of ring 0"),
+    ],
+)
+def test_tables_that_cannot_be_told(body, fault):
+    assert fault_of(body).startswith(fault.replace("one of each", "one column of each"))
+
+
+# --- the options ------------------------------------------------------------------------------------------------------
+
+
+def features(*members, kind="Polygon") -> str:
+    """A collection with a feature in each line, from line 2."""
+    lines = []
+    for i, more in enumerate(members):
+        ring = [[x + 1000 * i, y] for x, y in (*BOX, BOX[0])]
+        geometry = {"type": kind, "coordinates": [ring]}
+        lines.append(json.dumps({"type": "Feature", **more, "geometry": geometry}))
+    return '{"type": "FeatureCollection", "units": "m", "features": [\n' + ",\n".join(lines) + "\n]}"
+
+
+THREE = features(
+    {"id": 7, "properties": {"name": "North", "id": "n1"}}, {"id": "s", "properties": {"name": " 1 "}}, {"id": 2.5}
+)
+
+
+@pytest.mark.parametrize(
+    ("feature", "index", "name"),
+    [
+        (" North ", 0, "North"),
+        ("n1", 0, "North"),
+        ("7", 0, "North"),
+        ("s", 1, "1"),
+        ("1", 1, "1"),  # its name comes before a number
+        ("2", 1, "1"),
+        (" 3 ", 2, "2.5"),
+        ("2.5", 2, "2.5"),
+    ],
+)
+def test_a_feature_by_its_name_its_id_or_its_number(feature, index, name):
+    field = field_of(THREE, feature=feature)
+    assert (field.name, field.outline[0]) == (name, (1000 * index, 0))
+
+
+def test_one_of_several_features_has_to_be_asked_for():
+    listed = "1 North; 2 1; 3 2.5"
+    message = f"3:1: error: 3 features with polygons; expected one, or --feature with a name or number of {listed}"
+    assert fault_of(THREE) == message
+    many = features(*({"properties": {"name": f"field {i}"}} if i % 2 else {} for i in range(12)))
+    listed = "; ".join(f"{i + 1} " + (f"field {i}" if i % 2 else "without a name") for i in range(10))
+    assert fault_of(many).endswith(f"--feature with a name or number of {listed}; and 2 more")
+
+
+@pytest.mark.parametrize(
+    ("feature", "message"),
+    [
+        ("West", "no feature West with a polygon"),
+        ("0", "no feature 0 with a polygon"),
+        ("4", "no feature 4 with a polygon"),
+        ("", "no feature  with a polygon"),
+        ("1" * 5000, f"no feature {'1' * 80}… with a polygon"),
+    ],
+)
+def test_a_feature_that_is_not_there(feature, message):
+    expected = "expected a name or number of 1 North; 2 1; 3 2.5"
+    assert fault_of(THREE, feature=feature) == f"--feature:1:1: error: {message}; {expected}"
+
+
+def test_a_name_of_two_features_is_not_enough():
+    twins = features({"id": 1, "properties": {"name": "twin"}}, {"id": 2, "properties": {"name": "twin"}})
+    message = "2 features have the name twin; expected a name or number of 1 twin; 2 twin"
+    assert fault_of(twins, feature="twin") == f"--feature:1:1: error: {message}"
+    assert field_of(twins, feature="2").outline[0] == (1000, 0)
+
+
+def test_features_of_kml():
+    one, two = placemark(around(BOX), name="one"), placemark(around(POND[::-1]), name="two")
+    point = "<Placemark><name>home</name><Point><coordinates>1,2</coordinates></Point></Placemark>"
+    both = kml(point, one.replace("<Placemark>", '<Placemark id="p7">'), two)
+    assert field_of(both, feature="two") == field_of(both, feature="2")
+    assert field_of(both, feature="two").area_m2 == pytest.approx(400, abs=0.01)
+    assert field_of(both, feature="p7").name == "one"
+    expected = "expected one, or --feature with a name or number of 1 one; 2 two"
+    assert fault_of(both) == f"8:1: error: 2 features with polygons; {expected}"
+    assert fault_of(both, feature="home").startswith("--feature:1:1: error: no feature home with a polygon")
+
+
+def test_options_that_do_not_go_with_the_format():
+    degrees = kml(placemark(around(BOX)))
+    expected = "a KML file is in degrees (WGS-84); expected KML without --metres"
+    assert fault_of(degrees, metres=True) == f"--metres:1:1: error: {expected}"
+    expected = "a table of vertices has no features; expected a table without --feature"
+    assert fault_of(table(BOX), feature="1") == f"--feature:1:1: error: {expected}"
+    assert (
+        fault_of("ring,lat,lon\n", metres=True) == "1:10: error: a column of degrees; expected x_m,y_m, or no --metres"
+    )
+    assert field_of(in_metres(BOX), feature="1").outline == BOX
+
+
+def test_a_name_is_fit_for_a_line_of_text():
+    field = field_of(features({"properties": {"name": "a\nb\x00\ud800" + "c" * 500}}))
+    assert field.name == "a\\nb\\x00\\ud800" + "c" * 186 + "…"
+    field.name.encode()
+
+
+# --- what is mended ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("body", "mended"),
+    [
+        (table([*BOX, BOX[0]]), ["1 closing vertex dropped"]),
+        (table([*BOX, BOX[0]], [*POND, POND[0]]), ["2 closing vertices dropped"]),
+        (polygon(BOX, units="m"), ["1 open ring closed"]),
+        (polygon(BOX, POND, units="m"), ["2 open rings closed"]),
+        (table([BOX[0], *BOX]), ["1 repeated vertex dropped"]),
+        (table([BOX[0], BOX[0], *BOX, BOX[0]]), ["1 closing vertex dropped", "2 repeated vertices dropped"]),
+        (table([*BOX[:3], (99.9995, 80.0005), BOX[3]]), ["1 repeated vertex dropped"]),
+        (table([BOX[0], (50, 0), *BOX[1:]]), ["1 vertex in line with its neighbours dropped"]),
+        (
+            table([BOX[0], (50, 0), (60, 0.0004), *BOX[1:], (0, 40)]),
+            ["3 vertices in line with their neighbours dropped"],
+        ),
+        (table([*BOX[:3], (150, 130), *BOX[2:]]), ["1 spike dropped"]),
+        (table([*BOX[:2], (100, 95), *BOX[2:], (-7, 80), BOX[3]]), ["2 spikes dropped"]),
+        (in_metres((BOX[0], *BOX[:0:-1])), ["winding of the outline reversed"]),
+        (in_metres(BOX, POND[::-1], ((70, 70), (72, 70), (72, 72))), ["winding of 2 holes reversed"]),
+    ],
+)
+def test_what_is_mended_is_said(body, mended):
+    field, said = read(body)
+    assert said == mended
+    assert field.outline == BOX
+    assert all(signed_area_m2(hole) < 0 for hole in field.holes)
+
+
+# --- faults of shape --------------------------------------------------------------------------------------------------
+
+SIMPLE = "expected a ring that neither crosses nor touches itself"
+APART = "expected holes within the outline and apart from one another"
+
+
+@pytest.mark.parametrize(
+    ("rings", "fault"),
+    [
+        ([[]], "1:37: error: the outline has 0 vertices; expected three or more that differ"),
+        ([BOX[:1]], "2:1: error: the outline has 1 vertex; expected three or more that differ"),
+        ([BOX[:2]], "2:1: error: the outline has 2 vertices; expected three or more that differ"),
+        ([[*BOX[:2], BOX[0]]], "2:1: error: the outline has 2 vertices; expected three or more that differ"),
+        (
+            [[(0, 0), (50, 0), (100, 0)]],
+            "2:1: error: the outline has no area; expected vertices that do not lie on one line",
+        ),
+        ([[(0, 0), (1.5, 0), (0, 1)]], "2:1: error: an area of 0.75 m²; expected 1 m² or more"),
+        (
+            [[(0, 0), (100, 80), (99, 0), (1, 70)]],
+            f"5:1: error: the outline crosses itself at (46.70, 37.36) m; {SIMPLE}",
+        ),
+        (
+            [BOX, [(20, 20), (40, 41), (40, 20), (21, 41)]],
+            f"10:1: error: hole 1 crosses itself at (30.26, 30.77) m; {SIMPLE}",
+        ),
+        (
+            [BOX, POND, [(20, 50), (41, 70), (40, 50), (20, 70)]],
+            f"14:1: error: hole 2 crosses itself at (30.24, 59.76) m; {SIMPLE}",
+        ),
+    ],
+)
+def test_rings_that_are_none(rings, fault):
+    if rings == [[]]:
+        assert fault_of('{"type": "Polygon", "coordinates": [[]], "units": "m"}') == fault
+        return
+    found = fault_of(polygon(*rings, units="m"))
+    assert found == fault
+
+
+def moved(ring, dx, dy):
+    return [(x + dx, y + dy) for x, y in ring]
+
+
+@pytest.mark.parametrize(
+    ("holes", "message"),
+    [
+        ([moved(POND, 500, 0)], "hole 1 lies outside the outline"),
+        ([POND, moved(POND, 70, 10)], "hole 2 crosses the outline or runs along it"),
+        ([POND, moved(POND, 10, 10)], "hole 2 crosses hole 1 or runs along it"),
+        ([POND, [(25, 25), (30, 25), (30, 30)]], "hole 2 lies within hole 1 or around it"),
+        ([POND, POND], "hole 2 repeats hole 1"),
+        ([BOX], "hole 1 repeats the outline"),
+    ],
+)
+def test_holes_that_are_none(holes, message):
+    body = polygon(BOX, *holes, units="m")
+    found = fault_of(body)
+    line, column, _, rest = found.split(":", 3)
+    at = rest.split(" at (")[1].split(")")[0]
+    point = tuple(map(float, at.split(", ")))
+    assert found == f"{line}:{column}: error: {message} at ({at}) m; {APART}"
+    # at the vertex of the hole that is nearest to what is named
+    named_vertex = tuple(float(word) for word in body.splitlines()[int(line) - 1].strip("[],").split(","))
+    hole = holes[int(message.split()[1]) - 1]
+    assert math.dist(named_vertex, point) == min(math.dist(vertex, point) for vertex in hole)
+    first = 2 + len(BOX) + 1 + sum(len(hole) + 1 for hole in holes[: int(message.split()[1]) - 1])
+    assert first <= int(line) < first + len(hole)
+    assert column == ("2" if int(line) == first else "1")
+
+
+def test_a_crossing_is_told_in_degrees_too():
+    found = fault_of(polygon(around([(0, 0), (100, 100), (100, 0), (0, 90)])))
+    assert found.startswith("5:1: error: the outline crosses itself at longitude ")
+    longitude, latitude = found.split("longitude ")[1].split(", which")[0].split(", latitude ")
+    crossing = (9000 / 190, 9000 / 190)  # y = x and y = 0.9 (100 − x)
+    assert to_local_m(float(latitude), float(longitude), ODENSE) == pytest.approx(crossing, abs=0.01)
+    # the field's own origin is at (50, 50)
+    assert found.endswith(f", which is (-2.63, -2.63) m; {SIMPLE}")
+
+
+def test_a_hole_may_touch_at_a_point():
+    corner = ((20.0, 20.0), (30.0, 0.0), (25.0, 20.0))
+    field, _ = read(table(BOX, corner))
+    assert len(field.holes) == 1
+
+
+@pytest.mark.parametrize(
+    ("body", "fault"),
+    [
+        (
+            table([(0, 0), (60_000, 0), (60_000, 10)]),
+            f"4:1: error: 60 km by 0.01 km; expected {WIDE}, or columns called lon and lat",
+        ),
+        (
+            polygon([(10, 55), (11, 55), (11, 55.1)]),
+            f"4:1: error: 63.99 km by 11.13 km; expected {WIDE}, or --metres",
+        ),
+        (
+            polygon([(10, 55), (10.1, 55), (10.1, 56.5)]),
+            f"4:1: error: 0.1° of longitude and 1.5° of latitude from the first vertex; expected {WIDE}, or --metres",
+        ),
+        (
+            polygon([(-100, 5), (100, 5), (100, 5.1)]),
+            f"3:1: error: 200° of longitude and 0° of latitude from the first vertex; expected {WIDE}, or --metres",
+        ),
+        # the far side of the earth, which the plane would fold onto the field
+        (
+            polygon(around(BOX), [(-169.57, -55.37), (-169.57, -55.3701), (-169.5701, -55.3701)]),
+            f"8:2: error: 180° of longitude and 110.74° of latitude from the first vertex; expected {WIDE}",
+        ),
+        (table([*BOX, (2e8, 0)]), "6:1: error: a vertex at (2e+08, 0) m; expected coordinates of at most 1e+08 m"),
+        (table([*BOX[:3], (1e300, -1e300)]), "5:1: error: a vertex at (1e+300, -1e+300) m; expected coordinates of "),
+        (
+            polygon([(10, 84.9999), (10.01, 85.0001), (10, 85.0001)]),
+            "3:1: error: a latitude of 85.0001, near a pole: longitude and latitude seem to be swapped; "
+            "expected latitudes within ±85",
+        ),
+    ],
+)
+def test_fields_that_are_too_large_or_too_far(body, fault):
+    assert fault_of(body).startswith(fault)
+
+
+def ring_of(n):
+    return [
+        (round(5000 * math.cos(2 * math.pi * i / n), 4), round(5000 * math.sin(2 * math.pi * i / n), 4))
+        for i in range(n)
+    ]
+
+
+@pytest.mark.slow
+def test_as_many_vertices_as_allowed_and_one_more():
+    ring = ring_of(VERTICES_LIMIT)
+    field, repaired = read(table(ring))
+    # a chord's height is at most the tolerance: 0.1 m of 5 km
+    assert field.area_m2 == pytest.approx(math.pi * 5000**2, rel=2 * 0.1 / 5000)
+    assert f"the outline simplified within 0.1 m: {len(field.outline)} of {VERTICES_LIMIT} vertices" in repaired
+    assert len(field.outline) <= RING_LIMIT
+    expected = f"more than {VERTICES_LIMIT} vertices; expected at most {VERTICES_LIMIT}: a simpler outline"
+    assert fault_of(table([*ring, ring[0]])) == f"20002:1: error: {expected}"
+    assert fault_of(polygon([*ring, ring[0]], units="m")) == f"20002:1: error: {expected}"
+    words = "1,2\n" * (VERTICES_LIMIT + 100)
+    body = kml(placemark(around(BOX))).replace("<coordinates>\n", f"<coordinates>\n{words}")
+    assert fault_of(body) == f"20005:1: error: {expected}"
+
+
+def test_a_ring_that_needs_too_many_vertices():
+    saw = [*[(x, 40 * (x % 2)) for x in range(RING_LIMIT - 1)], (RING_LIMIT, 900), (0, 900)]
+    assert len(field_of(table(saw[1:])).outline) == RING_LIMIT
+    what = f"the outline has {len(saw)} vertices, and needs {len(saw)} to be right within 1 m"
+    assert fault_of(table(saw)) == f"2:1: error: {what}; expected at most {RING_LIMIT}"
+
+
+MENDED = "1 outline that crossed or touched itself repaired, by less than 0.1 % of the area"
+
+
+@pytest.mark.parametrize(
+    ("rings", "areas_m2", "notes"),
+    [
+        ([[(0, 0), (100, 0), (100, 80), (50, 0), (0, 80)]], [2000, 2000], [MENDED]),
+        ([BOX, [(0, 40), (50, 45), (100, 40), (50, 35)]], [3750, 3750], [MENDED]),
+        ([[(0, 0), (100, 0), (100, 80), (0, 80), (0.1, -1), (-1, 1)]], [8000], [MENDED]),
+    ],
+)
+def test_what_hardly_changes_the_area_is_mended(rings, areas_m2, notes):
+    field, found = read(polygon(*([*ring, ring[0]] for ring in rings), units="m"))
+    assert found == notes
+    assert sorted(abs(signed_area_m2(part[0])) for part in field.parts) == pytest.approx(areas_m2, rel=1e-3)
+
+
+def parts(*rings) -> str:
+    return json.dumps({"type": "MultiPolygon", "coordinates": [[[*r, r[0]]] for r in rings], "units": "m"})
+
+
+def test_parts_that_overlap_count_once_and_those_without_an_area_are_left_out():
+    field, found = read(parts(BOX[:2], moved(POND, 0.5, 0), BOX, moved(BOX, 50, 0), [(0, 0), (1, 0), (0, 1)]))
+    assert found == ["2 polygons of less than 1 m² left out", "polygons that overlap joined: ground counts once"]
+    assert field.area_m2 == pytest.approx(150 * 80)
+    beside, found = read(parts(BOX, moved(BOX, 100, 0)))
+    assert (len(beside.parts), found) == (2, [])
+
+
+def test_a_feature_by_a_property():
+    fields = features({"properties": {"plot": "A-1", "crop": "rice"}}, {"properties": {"plot": "A-2", "crop": "rice"}})
+    assert field_of(fields, feature="plot=A-2").outline[0] == (1000, 0)
+    assert fault_of(fields).endswith("number of 1 plot=A-1; 2 plot=A-2; or KEY=VALUE by plot")
+    assert "2 features have crop=rice" in fault_of(fields, feature="crop=rice")
+    data = "<ExtendedData><Data name='plot'><value>A-2</value></Data></ExtendedData><Polygon>"
+    one = placemark([(10, 55), (10.001, 55), (10, 55.001)])
+    both = kml(one, one.replace("<Polygon>", data))
+    assert read(both, feature="plot=A-2")[0].area_m2 == read(kml(one))[0].area_m2
+
+
+@pytest.mark.parametrize("form", ["kml", "geojson"])
+def test_closed_lines_are_outlines_where_there_is_no_polygon(form):
+    ring = [(10.0, 55.0), (10.01, 55.0), (10.01, 55.01), (10.0, 55.0)]
+    bodies = {
+        "kml": lambda line: (
+            "<kml><Placemark><name>n</name><LineString><coordinates>"
+            + " ".join(f"{x},{y},0" for x, y in line)
+            + "</coordinates></LineString></Placemark></kml>"
+        ),
+        "geojson": lambda line: "var fields =\n" + json.dumps({"type": "LineString", "coordinates": line}) + ";\n",
+    }
+    assert field_of(bodies[form](ring)).outline == field_of(polygon(ring)).outline
+    assert "no polygon, only" in fault_of(bodies[form](ring[:3]))
+
+
+def test_zones_far_from_the_field_are_left_out_and_large_ones_cut():
+    field = field_of(polygon(around([(0, 0), (900, 0), (900, 900), (0, 900)])))
+    latitude, longitude = ODENSE
+    far = [(longitude + 30 + x / 100, latitude + y / 100) for x, y in ((0, 0), (1, 0), (0, 1), (0, 0))]
+    wide = [(longitude + x, latitude + y) for x, y in ((-40, -20), (40, -20), (40, 0.05), (-40, 0.05), (-40, -20))]
+    both = json.dumps({"type": "MultiPolygon", "coordinates": [[wide], [far]]})
+    near, notes = read_zones(Text("z", both), field.origin_deg)
+    assert [str(note) for note in notes] == ["z:1:1: note: 1 polygon farther than 100 km left out"]
+    x, y = zip(*near[0].outline, strict=True)
+    assert (min(x), max(x), min(y)) == pytest.approx((-ZONES_M, ZONES_M, -ZONES_M))
+    assert max(y) == pytest.approx(5600, rel=0.2)
+    assert read_zones(Text("z", polygon(far)), field.origin_deg) == ((), notes)
+    with pytest.raises(InputError, match=r"1 polygon farther than 100 km left out; expected a polygon within 100 km"):
+        read_zones(Text("z", polygon(far)), field.origin_deg, inside=True)
+
+
+def test_fences_are_zones():
+    rows = "QGC WPL 110\n" + "".join(
+        f"{i}\t0\t0\t{5001 if i < 4 else 5004}\t{4 if i < 4 else 20}\t0\t0\t0\t{lat}\t{lon}\t0\t1\n"
+        for i, (lat, lon) in enumerate([(55, 10), (55, 10.01), (55.01, 10.01), (55.01, 10), (55.005, 10.005)])
+    )
+    field = field_of(polygon([(10, 55), (10.01, 55), (10.01, 55.01), (10, 55.01), (10, 55)]))
+    (inside,), _ = read_zones(Text("z", rows), field.origin_deg, inside=True)
+    assert np.array(sorted(inside.outline)) == pytest.approx(np.array(sorted(field.outline)), abs=MILLIMETRE)
+    (circle,), _ = read_zones(Text("z", rows), field.origin_deg)
+    assert len(circle.outline) == 32
+    plan = {"fileType": "Plan", "geoFence": {"version": 2, "polygons": [], "circles": [
+        {"inclusion": False, "circle": {"center": [55.005, 10.005], "radius": 20}}]}}  # fmt: skip
+    (same,), _ = read_zones(Text("z", json.dumps(plan)), field.origin_deg)
+    assert np.array(sorted(same.outline)) == pytest.approx(np.array(sorted(circle.outline)), abs=MILLIMETRE)
+    with pytest.raises(InputError, match=r"no fence to keep inside; expected a fence; those of this file belong to"):
+        read_zones(Text("z", json.dumps(plan)), field.origin_deg, inside=True)
+    assert "is a mission or a fence" in fault_of(rows)
+    rally = "QGC WPL 110\n0\t0\t0\t5100\t8\t0\t0\t0\t55\t10\t0\t1\n"
+    with pytest.raises(InputError, match=r"no fence to keep out of; expected a fence; places to rally are none"):
+        read_zones(Text("z", rally), field.origin_deg)
+
+
+def test_as_many_holes_as_allowed_and_one_more():
+    side = 40
+    holes = [[(3 * i, 3 * j), (3 * i, 3 * j + 1), (3 * i + 1, 3 * j)] for i in range(side) for j in range(side)]
+    outline = [(-5, -5), (200, -5), (200, 200), (-5, 200)]
+    assert len(field_of(table(outline, *holes[:HOLES_LIMIT])).holes) == HOLES_LIMIT
+    expected = f"{5 + 3 * HOLES_LIMIT + 1}:1: error: more than {HOLES_LIMIT} holes; expected at most {HOLES_LIMIT}"
+    assert fault_of(table(outline, *holes[: HOLES_LIMIT + 1])) == expected
+
+
+def test_faults_beyond_the_twentieth_are_counted_or_left_out():
+    rows = "x,y\n" + "0,a\n" * 50
+    faults = faults_of(rows)
+    assert len(faults) == FAULTS_SHOWN + 1
+    assert faults[0] == "2:3: error: a is not a number; expected a number"
+    assert faults[-1] == "22:3: error: 30 more faults from here on"
+    outside = [moved(POND, 200 * i, 0) for i in range(1, 40)]
+    assert len(faults_of(table(BOX, *outside))) == FAULTS_SHOWN
+
+
+# --- faults of text ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("position", "fault"),
+    [
+        (
+            "[1]",
+            "3:1: error: a position of 1 number; expected longitude, latitude and perhaps altitude, or x and y in ",
+        ),
+        ("[]", "3:1: error: a position of 0 numbers"),
+        ("[1, 2, 3, 4]", "3:1: error: a position of 4 numbers"),
+        ("[1, true]", "3:5: error: true is no number; expected a number"),
+        ("[null, 1]", "3:2: error: null is no number; expected a number"),
+        ('[1,  "2"]', "3:6: error: a string is no number; expected a number"),
+        ("[1, 2, [3]]", "3:8: error: a list is no number; expected a number"),
+        ("[1, [2, 3]]", "3:5: error: a list of numbers is no number; expected a number"),
+        ("[1e999, 2]", "3:2: error: a number too large; expected a finite number"),
+        (f"[2, -{'9' * 400}]", "3:5: error: a number too large; expected a finite number"),
+        ("7", "3:1: error: a number where a position belongs; expected a list: longitude, latitude"),
+        ("{}", "3:1: error: an object where a position belongs"),
+        ("[NaN, 2]", "3:2: error: NaN is no number of JSON; expected a finite number"),
+        ("[1, -Infinity]", "3:5: error: -Infinity is no number of JSON; expected a finite number"),
+        ("[1, 02]", "3:6: error: is not JSON: 2 cannot stand here; expected a comma or ]"),
+        ("[1, +2]", "3:5: error: is not JSON: + cannot stand here; expected a value"),
+        ("[1, .5]", "3:5: error: is not JSON: . cannot stand here; expected a value"),
+        ("[1, 2,]", "3:7: error: is not JSON: ] cannot stand here; expected a value"),
+        ("[1, 2", "4:9: error: is not JSON: } cannot stand here; expected a comma or ]"),
+        ("[1, 2]\x00", "3:7: error: is not JSON: \\x00 cannot stand here; expected a comma or ]"),
+    ],
+)
+def test_faults_of_a_position(position, fault):
+    body = f'{{"type": "Polygon", "coordinates": [[\n[0, 0],\n{position},\n[5, 5]]]}}'
+    assert fault_of(body).startswith(fault)
+
+
+def test_all_faults_of_positions_are_told():
+    body = polygon([(0, 0), (True, "x"), (5, 5), (1,), (0, 1)])
+    assert [fault.split(" error: ")[0] + fault.split("error: ")[1][:8] for fault in faults_of(body)] == [
+        "3:2:true is ",
+        "3:8:a string",
+        "5:1:a positi",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("body", "fault"),
+    [
+        ("[]", "1:1: error: a list where an object of GeoJSON belongs; expected a Polygon, or a Feature or "),
+        ("[[0, 0], [1, 0], [1, 1]]", "1:1: error: a list where an object of GeoJSON belongs"),
+        ("{}", "1:1: error: an object of GeoJSON without a type"),
+        ('\n {"type": 5}', "2:2: error: an object of GeoJSON without a type"),
+        ('{"type": "Point", "coordinates": [1, 2]}', "1:1: error: no polygon, only a Point; expected a Polygon, or "),
+        (
+            '{"type": "FeatureCollection", "features": [{"type": "Feature", "geometry": null}]}',
+            "1:1: error: no polygon, only a Feature without a geometry",
+        ),
+        ('{"type": "FeatureCollection", "features": []}', "1:1: error: no polygon; expected a Polygon"),
+        ('{"type": "FeatureCollection"}', "1:1: error: no list of features; expected features with a list"),
+        ('{"type": "FeatureCollection",\n"features": {}}', "2:13: error: no list of features"),
+        (
+            '{"type": "FeatureCollection", "features": [\n3]}',
+            "2:1: error: a number where an object of GeoJSON belongs",
+        ),
+        ('{"type": "Feature", "geometry":\n [1, 2]}', "2:2: error: no geometry; expected an object with a type and "),
+        ('{"type": "GeometryCollection", "geometries": [\n{}]}', "2:1: error: no geometry"),
+        ('{"type": "Polygon"}', "1:1: error: no list of coordinates; expected coordinates with a list"),
+        ('{"type": "Polygon", "coordinates": null}', "1:36: error: no list of coordinates"),
+        ('{"type": "Polygon", "coordinates": [1, 2]}', "1:36: error: no list of coordinates"),
+        ('{"type": "Polygon", "coordinates": []}', "1:36: error: a polygon without rings; expected a ring of "),
+        ('{"type": "Polygon", "coordinates": [[0, 0], [1, 0]]}', "1:37: error: a list of numbers where a ring belongs"),
+        (
+            '{"type": "Polygon", "coordinates": ["a"]}',
+            "1:37: error: a string where a ring belongs; expected a list of ",
+        ),
+        ('{"type": "MultiPolygon", "coordinates": []}', "1:41: error: a MultiPolygon of no polygons; expected one"),
+        (
+            '{"type": "MultiPolygon", "coordinates": [\n{}]}',
+            "2:1: error: an object where a polygon belongs; expected a",
+        ),
+        (
+            '{"type": "MultiPolygon", "coordinates": [[],\n[]]}',
+            "1:42: error: a polygon without rings; expected a ring of positions",
+        ),
+        ('{"type": "Polygon", "type": "Polygon"}', "1:21: error: the key type stands twice; expected each key once"),
+        ('{"a": {"b": 1,\n "b": 2}}', "2:2: error: the key b stands twice"),
+        ('{"a": NaN}', "1:7: error: NaN is no number of JSON; expected a finite number"),
+        ('{"a": nul}', "1:7: error: is not JSON: n cannot stand here; expected a value"),
+        ('{"a" 1}', "1:6: error: is not JSON: 1 cannot stand here; expected a colon"),
+        ("{a: 1}", "1:2: error: is not JSON: a cannot stand here; expected a key in quotes"),
+        ('{"a": 1 "b"}', '1:9: error: is not JSON: " cannot stand here; expected a comma or }'),
+        ('{"a": 1,}', "1:9: error: is not JSON: } cannot stand here; expected a key in quotes"),
+        ('{"a": 1', "1:8: error: is not JSON: the end of the file cannot stand here; expected a comma or }"),
+        ('{"a": 1}\n\n{', "3:1: error: is not JSON: { cannot stand here; expected the end of the file"),
+        ('{"a": "b\nc"}', "1:9: error: is not JSON: invalid control character at; expected a string in quotes"),
+        ('{"a": "b', "1:7: error: is not JSON: unterminated string starting at; expected a string in quotes"),
+        ('{"a": "\\x"}', "1:8: error: is not JSON: invalid \\\\escape; expected a string in quotes"),
+    ],
+)
+def test_faults_of_geojson(body, fault):
+    found = fault_of(body)
+    assert found.replace("\\\\", "\\").startswith(fault.replace("\\\\", "\\"))
+
+
+@pytest.mark.parametrize(
+    ("body", "faults"),
+    [
+        ("x,y\n0,0\n1\n", ["3:2: error: 1 field; expected 2, as in the first row"]),
+        ("x,y\n0,0\n1,2,3\n1,2,,\n", ["3:5: error: 3 fields; expected 2, as in the first row"]),
+        ("x y\n0 0\n 1  b\n", ["3:5: error: b is not a number; expected a number"]),
+        (
+            "x;y\n0;0\n1,5m; \n",
+            [
+                "3:1: error: 1,5m is not a number; expected a number",
+                "3:6: error: an empty field is not a number; expected a number",
+            ],
+        ),
+        (
+            "x\ty\nnan\t1e999\n",
+            [
+                "2:1: error: nan is not finite; expected a finite number",
+                "2:5: error: 1e999 is too large; expected a finite number",
+            ],
+        ),
+        (
+            "nan,0\n1,-inf\n",
+            [
+                "1:1: error: nan is not finite; expected a finite number",
+                "2:3: error: -inf is not finite; expected a finite number",
+            ],
+        ),
+        ("x,y\n0,\x00\n", ["2:3: error: \\x00 is not a number; expected a number"]),
+        (
+            "ring,x,y\na,0,0\n-1,0,0\n,0,0\n1.0,0,0\n",
+            [
+                "2:1: error: a is no ring; expected 0 for the outline, 1, 2, … for the holes",
+                "3:1: error: -1 is no ring; expected 0 for the outline, 1, 2, … for the holes",
+                "4:1: error: an empty field is no ring; expected 0 for the outline, 1, 2, … for the holes",
+                "5:1: error: 1.0 is no ring; expected 0 for the outline, 1, 2, … for the holes",
+            ],
+        ),
+        (
+            "x,y,ring\n0,0,0\n1,1,1\n0,1,0\n0,2,0\n",
+            [
+                "4:5: error: ring 0 goes on after ring 1; expected the vertices of a ring together",
+            ],
+        ),
+    ],
+)
+def test_faults_of_rows(body, faults):
+    assert faults_of(body) == faults
+
+
+RING = "<LinearRing><coordinates>10,55 10.001,55 10.001,55.001</coordinates></LinearRing>"
+
+
+@pytest.mark.parametrize(
+    ("body", "fault"),
+    [
+        ("<kml>\n</kml>", "1:1: error: no polygon; expected KML with a Polygon, or a closed line, in"),
+        ("<kml>\n<a></b>", "2:6: error: is not XML: mismatched tag; expected a KML file"),
+        ("<kml>ø</b>", "1:9: error: is not XML: mismatched tag; expected a KML file"),
+        ("<kml>\n", "2:1: error: is not XML: no element found; expected a KML file"),
+        ("<kml>\x00</kml>", "1:6: error: is not XML: not well-formed (invalid token); expected a KML file"),
+        ("<kml>&lol;</kml>", "1:6: error: is not XML: undefined entity; expected a KML file"),
+        (
+            f"<Polygon><outerBoundaryIs>{RING.replace('10,55 ', '<Polygon/>1')}</outerBoundaryIs></Polygon>",
+            "1:52: error: an element within coordinates; expected vertices alone",
+        ),
+        ("<Polygon/>", "1:1: error: a Polygon without an outline; expected one outerBoundaryIs with a LinearRing of "),
+        (
+            f"<Polygon><innerBoundaryIs>{RING}</innerBoundaryIs></Polygon>",
+            "1:1: error: a Polygon without an outline",
+        ),
+        (
+            f"<Polygon><outerBoundaryIs>{RING}\n{RING}</outerBoundaryIs></Polygon>",
+            "2:13: error: a second outline; expected one outerBoundaryIs",
+        ),
+        (
+            f"<Placemark><Polygon/><Polygon><outerBoundaryIs>{RING}</outerBoundaryIs></Polygon></Placemark>",
+            "1:12: error: a Polygon without an outline",
+        ),
+        (kml(placemark([(10, 55)])), "5:1: error: the outline has 1 vertex; expected three or more that differ"),
+        (kml(placemark([])), "4:30: error: the outline has 0 vertices; expected three or more that differ"),
+    ],
+)
+def test_faults_of_kml(body, fault):
+    assert fault_of(body).startswith(fault)
+
+
+def test_faults_of_coordinates_in_kml():
+    body = kml(placemark([(10, 55)])).replace("10,55\n", "10,55 10.1\n\t1,2,3,4 ø,55 10,nan,x  10,&#101;,1 10, 55\n")
+    without = "is no position; expected longitude,latitude or longitude,latitude,altitude without blanks"
+    assert faults_of(body) == [
+        f"5:7: error: 10.1 {without}",
+        f"6:2: error: 1,2,3,4 {without}",
+        "6:10: error: ø is not a number; expected a number",
+        "6:18: error: nan is not finite; expected a finite number",
+        "6:22: error: x is not a number; expected a number",
+        "6:28: error: e is not a number; expected a number",
+        "6:40: error: an empty field is not a number; expected a number",
+        f"6:41: error: 55 {without}",
+    ]
+
+
+# --- hostile texts ----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "doctype",
+    [
+        '<!DOCTYPE a [<!ENTITY l "lol"><!ENTITY m "&l;&l;&l;&l;&l;&l;&l;&l;">]>',
+        '<!DOCTYPE a [<!ENTITY x SYSTEM "file:///a.txt">]>',
+        '<!DOCTYPE a SYSTEM "http://localhost/a.dtd">',
+    ],
+)
+def test_a_document_type_is_refused_before_it_is_read(doctype):
+    found = fault_of(f'<?xml version="1.0"?>\n{doctype}\n<a>&m;&x;</a>')
+    line, column, rest = found.split(":", 2)
+    assert (line, rest) == (
+        "2",
+        " error: a document type, which may refer to other files; expected a KML file without <!DOCTYPE>",
+    )
+    assert 1 <= int(column) <= len(doctype)
+
+
+def test_depth_is_limited():
+    deep = '{"type": "Polygon", "coordinates": ' + "[" * 100_000
+    # the document is the first level, so that the list at column 36 is the second
+    assert fault_of(deep) == f"1:{36 + NESTING_LIMIT - 1}: error: nested deeper than {NESTING_LIMIT} levels"
+    assert fault_of('{"a":' * 100_000) == f"1:{1 + 5 * NESTING_LIMIT}: error: nested deeper than {NESTING_LIMIT} levels"
+    inner = '{"type": "GeometryCollection", "geometries": [' * 10 + polygon([*BOX, BOX[0]]) + "]}" * 10
+    assert field_of(inner, metres=True).outline == BOX
+    assert fault_of("<a>" * 100_000) == "1:300001: error: is not XML: no element found; expected a KML file"
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        '{"type": "Polygon", "coordinates": [[[' + "1" * 1_000_000 + "x",
+        '{"type": "Polygon", "coordinates": [[[1' + " " * 1_000_000 + "x",
+        '{"type": "Polygon", "coordinates": [[[0.' + "1" * 1_000_000 + "e",
+        '{"a": "' + "\\u00" * 300_000,
+        "<name>" + "\n" * 1_000_000,
+        "<Placemark><name>" + "a\n" * 500_000,
+        "x" * 1_000_000,
+        "x,y\n" + "1" * 1_000_000,
+        "x,y\n" + "," * 1_000_000,
+        "x;y\n" + " " * 1_000_000 + ";",
+    ],
+    ids=lambda body: f"{body[:12]!r}…",
+)
+def test_long_texts_are_refused_as_fast_as_short_ones(body):
+    """Each would take minutes where time grew with the square of the length."""
+    with pytest.raises(InputError):
+        read(body)
+
+
+words = [
+    '"type"',
+    '"Polygon"',
+    '"coordinates"',
+    "[[[0, 0], [9, 0], [9, 9]]]",
+    "x,y",
+    "lon lat",
+    "0 0\n",
+    "5,5\n",
+    "7;0\n",
+]
+pieces = st.sampled_from('{}[]<>/,:1-&"\n\x00') | st.sampled_from(
+    [*words, "<kml>", "<Polygon>", "<coordinates>", "nan"]
+)
+
+
+@given(
+    st.one_of(st.text(max_size=40), st.lists(pieces, max_size=30).map("".join)), st.booleans(), st.none() | st.text()
+)
+def test_any_text_is_a_field_or_a_named_fault(body, metres, feature):
+    try:
+        field, mended = read(body, metres=metres, feature=feature)
+    except InputError as error:
+        lines = body.split("\n")
+        for fault in error.faults:
+            assert fault.message
+            if fault.file == "f":
+                assert 1 <= fault.line <= len(lines)
+                assert 1 <= fault.column <= len(lines[fault.line - 1]) + 1
+    else:
+        assert field.area_m2 >= 1
+        assert all(mended)
+
+
+EXAMPLES = [
+    polygon(around(BOX), around(POND)),
+    features({"id": 7, "properties": {"name": "North", "units": "m"}}),
+    kml(placemark(around(BOX), around(POND), name="A")),
+    table(BOX, POND),
+]
+
+
+@given(st.sampled_from(EXAMPLES), st.data())
+def test_a_text_with_a_slip_is_a_field_or_a_named_fault(body, data):
+    for _ in range(data.draw(st.integers(1, 3))):
+        at = data.draw(st.integers(0, len(body) - 1))
+        end = data.draw(st.integers(at, min(at + 3, len(body))))
+        body = (
+            body[:at]
+            + data.draw(st.sampled_from(["", "", "0", "9", "-", ".", "e", ",", "]", "[", '"', "<", " "]))
+            + body[end:]
+        )
+        assume(body)
+    try:
+        field, _ = read(body)
+    except InputError:
+        pass  # the test above looks at the places
+    else:
+        assert signed_area_m2(field.outline) > 0
+        assert all(signed_area_m2(hole) < 0 for hole in field.holes)
+        assert all(
+            math.isfinite(value) for ring in (field.outline, *field.holes) for vertex in ring for value in vertex
+        )
+
+
+def test_decimal_commas_between_semicolons():
+    field, _ = read("x_m;y_m\n0,0;0\n100,5;0\n100,5;80,25\n")
+    assert field.outline == ((0.0, 0.0), (100.5, 0.0), (100.5, 80.25))
+
+
+def squares(*lefts):
+    return [[[[x, 0.0], [x + 100, 0.0], [x + 100, 80.0], [x, 80.0], [x, 0.0]]] for x in lefts]
+
+
+def test_a_field_of_several_parts():
+    text = json.dumps({"type": "MultiPolygon", "coordinates": squares(0.0, 300.0)})
+    field, _ = read(text, metres=True)
+    assert len(field.parts) == 2
+    assert field.area_m2 == pytest.approx(16_000)
+    assert field.others[0][0][0] == (300.0, 0.0)
+
+
+def test_all_features_are_the_parts_of_one_field():
+    features = [
+        {"type": "Feature", "properties": {"name": name}, "geometry": {"type": "Polygon", "coordinates": square}}
+        for name, square in zip(("west", "avoid a mast", "east"), squares(0.0, 150.0, 300.0), strict=True)
+    ]
+    text = json.dumps({"type": "FeatureCollection", "features": features})
+    field, _ = read(text, metres=True, feature="all")
+    assert [part[0][0] for part in field.parts] == [(0.0, 0.0), (300.0, 0.0)]
+    assert [(each.name, each.outline[0]) for each in field.airspace.obstacles] == [("a mast", (150.0, 0.0))]
+    assert len(read(text, metres=True, feature="east")[0].parts) == 1
+    with pytest.raises(InputError, match="2 features with polygons"):
+        read(text, metres=True)
+
+
+def test_faults_of_a_second_part():
+    bow = [[[0.0, 0.0], [100.0, 100.0], [100.0, 0.0], [0.0, 100.0], [0.0, 0.0]]]
+    text = json.dumps({"type": "MultiPolygon", "coordinates": [*squares(200.0), bow]})
+    with pytest.raises(InputError, match="a polygon crosses itself at"):
+        read(text, metres=True)

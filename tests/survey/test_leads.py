@@ -1,0 +1,69 @@
+"""Straight ways before and after lines, by hand and by shapely."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from common import few
+
+from eadp.models.airspace import CLEARANCE_SHARE, Airspace, Obstacle
+from eadp.models.field import Field
+from eadp.models.performance import roll_out_m
+from eadp.models.vehicle import FixedWing, PaperVehicle
+from eadp.survey.coverage import CoverageRequest, cover
+from eadp.survey.swaths import MotionLimits
+
+BOX = ((0.0, 0.0), (600.0, 0.0), (600.0, 400.0), (0.0, 400.0))
+MOTION = MotionLimits(40.0, 25.0, 37.5, 20.0)
+LED = replace(MOTION, lead_in_m=35.0, overshoot_m=12.0)
+MAST = ((250.0, 150.0), (330.0, 150.0), (330.0, 260.0), (250.0, 260.0))
+
+
+@pytest.mark.parametrize("limits", [Airspace(), Airspace((Obstacle(MAST, "mast"),))])
+@pytest.mark.parametrize("wind", few([(3.0, 4.0), (0.0, 0.0)], 1))
+def test_each_line_has_its_straight_ways(limits, wind):
+    field, motion = Field(BOX, airspace=limits), replace(LED, wind_mps=wind)
+    legs = cover(CoverageRequest(field, motion, "dubins")).path(0.0).legs
+    lines = [i for i, leg in enumerate(legs) if leg.sensing]
+    for i in lines:
+        before, line, after = legs[i - 1 : i + 2]
+        assert (before.piece.length_m, after.piece.length_m) == (pytest.approx(35.0), pytest.approx(12.0))
+        assert before.piece.turn == after.piece.turn == 0
+        assert before.start[2] == pytest.approx(line.start[2]) == pytest.approx(after.end[2])
+        assert not before.sensing
+        assert not after.sensing
+    mast = shapely.Polygon(MAST)
+    clear_m = CLEARANCE_SHARE * 25.0 - 0.05
+    for leg in legs if any(limits) else ():
+        points = [leg.piece.pose_at(s)[:2] for s in np.linspace(0, leg.piece.length_m, 60)]
+        assert shapely.LineString(points).distance(mast) > clear_m
+
+
+def test_the_lines_are_the_same_and_the_flight_is_longer():
+    field = Field(BOX)
+    bare, led = (cover(CoverageRequest(field, m, "dubins", 0.0)).path(0.0) for m in (MOTION, LED))
+    assert bare.lines == led.lines == 10
+    assert sorted(leg.piece.length_m for leg in led.legs if leg.sensing) == pytest.approx([600.0] * 10)
+    # a turn of the order joins lines whose ends lie 35 − 12 = 23 m apart along them
+    more_m = led.length_m - bare.length_m
+    assert 10 * 47 <= more_m <= 10 * 47 + 9 * 23
+
+
+def test_laps_turn_as_far_out_as_the_longer_of_the_two_needs():
+    field = Field(BOX)
+    bare, led = (cover(CoverageRequest(field, m, "zamboni", 0.0)).path(0.0) for m in (MOTION, LED))
+    lengths = [[leg.piece.length_m for leg in path.legs if leg.sensing] for path in (bare, led)]
+    assert np.array(lengths[1]) - lengths[0] == pytest.approx(np.full(len(lengths[0]), 70.0))
+
+
+def test_an_aircraft_rolls_out_of_its_steepest_turn():
+    airframe = FixedWing(mass_kg=2, wing_area_m2=0.4, aspect_ratio=8, zero_lift_drag_coefficient=0.03,
+                         max_bank_deg=40, roll_time_constant_s=0.5)  # fmt: skip
+    bank, flown_m, step_s = 40.0, 0.0, 1e-4
+    while bank > 2:  # φ̇ = −φ/τ
+        bank, flown_m = bank * (1 - step_s / 0.5), flown_m + 20 * step_s
+    assert roll_out_m(airframe, 20.0) == pytest.approx(flown_m, rel=1e-3)
+    assert roll_out_m(PaperVehicle(), 20.0) == 0

@@ -1,0 +1,341 @@
+"""Orders of lines: against every order there is, against the exact one, and against what no order can beat."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from common import few
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from eadp.core.geometry.dubins import lengths_m, times_s
+from eadp.survey import line_order
+from eadp.survey.line_order import best_order, quick_order
+
+ROUNDING = 1e-9
+WELL, QUICK = 1.02, 1.12  # of the whole flight's cost, to the exact order's
+AIRSPEED, WIND = 18.0, (6.0, -5.0)
+SHAPES = ("rectangle", "trapezoid", "slanted", "triangle", "two arms")
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+# --- problems ---------------------------------------------------------------------------------------------------------
+
+
+def lines_of(shape, count, spacing):
+    """Lines from west to east over a field, numbered from south to north: y and both ends of each."""
+    height = count * spacing
+    found = []
+    for i in range(count):
+        y = (i + 0.5) * spacing
+        up = y / height
+        spans = {
+            "rectangle": [(0.0, height)],
+            "trapezoid": [(0.2 * up * height, (2 - 0.7 * up) * height)],
+            "slanted": [(0.8 * y, 0.8 * y + 1.1 * height)],
+            "triangle": [(0.9 * y, 0.9 * y + 1.3 * (1 - up) * height)],
+            "two arms": [(0.0, 0.5 * height), (1.1 * height, 1.5 * height)] if up > 0.4 else [(0.0, 1.5 * height)],
+        }
+        found += [(y, *span) for span in spans[shape]]
+    return found
+
+
+def field(shape, count, *, spacing=30.0, radius=45.0, wind=None, home=None):
+    """Costs of the lines of a field: lengths, or times in wind; ends free, or from and to a pose."""
+    starts, ends, own = [], [], []
+    for y, west, east in lines_of(shape, count, spacing):
+        starts += [(west, y, 0.0), (east, y, math.pi)]
+        ends += [(east, y, 0.0), (west, y, math.pi)]
+        own += [east - west] * 2
+    free = np.zeros(len(own))
+
+    def cost(a, b):
+        return times_s(a, b, radius, AIRSPEED, wind) if wind else lengths_m(a, b, radius)
+
+    if wind:
+        own = [times_s([a], [b], radius, AIRSPEED, wind)[0, 0] for a, b in zip(starts, ends, strict=True)]
+    first = cost([home], starts)[0] if home else free
+    last = cost(ends, [home])[:, 0] if home else free
+    return cost(ends, starts), np.array(own), first, last
+
+
+def arbitrary(seed, count):
+    """Costs without any structure: other there than back, and other the other way."""
+    rng = np.random.default_rng(seed)
+    directions = 2 * count
+    return (
+        rng.uniform(0, 10, (directions, directions)),
+        rng.uniform(0, 10, directions),
+        rng.uniform(0, 10, directions),
+        rng.uniform(0, 10, directions),
+    )
+
+
+def total(order, problem):
+    """An order's cost, added up one by one."""
+    costs, own, first, last = problem
+    return (
+        first[order[0]]
+        + sum(own[directed] for directed in order)
+        + sum(costs[order[i]][order[i + 1]] for i in range(len(order) - 1))
+        + last[order[-1]]
+    )
+
+
+def assert_sound(answer, problem):
+    order, cost = answer
+    assert sorted(directed // 2 for directed in order) == list(range(len(problem[1]) // 2)), "each line once"
+    assert all(isinstance(directed, int) for directed in order)
+    assert cost == pytest.approx(total(order, problem), rel=ROUNDING)
+
+
+def exact_order(*arguments):
+    """The order of least cost, by dynamic programming, whatever `EXACT_LINES`."""
+    problem = line_order._problem(*arguments)
+    return problem.with_cost(line_order._held_karp(problem))
+
+
+def searched(monkeypatch, problem):
+    """The answer of the local search, also where there are few lines."""
+    with monkeypatch.context() as patch:
+        patch.setattr(line_order, "EXACT_LINES", 1)
+        answer = best_order(*problem)
+    assert_sound(answer, problem)
+    return answer
+
+
+# --- exactly ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_exact_is_the_least_of_every_order_and_direction(count, seed):
+    problem = arbitrary(seed, count)
+    every = [
+        [2 * line + directed for line, directed in zip(lines, directions, strict=True)]
+        for lines in itertools.permutations(range(count))
+        for directions in itertools.product((0, 1), repeat=count)
+    ]
+    answer = exact_order(*problem)
+    assert_sound(answer, problem)
+    assert answer[1] == pytest.approx(min(total(order, problem) for order in every), rel=ROUNDING)
+
+
+def test_best_is_exact_where_that_is_quick():
+    problem = field("slanted", 10, wind=WIND)
+    assert best_order(*problem) == exact_order(*problem)
+
+
+def test_one_line_is_flown_the_cheaper_way():
+    own, first, last = [3.0, 2.0], [1.0, 0.0], [0.0, 3.0]
+    for order in (best_order, quick_order, exact_order):
+        assert order(np.zeros((2, 2)), own, first, last) == ([0], 4.0)
+        assert order(np.zeros((2, 2)), own, first, [0.0, 0.0]) == ([1], 2.0)
+
+
+def test_two_lines_side_by_side():
+    # 40 m apart with turns of 20 m: half a turn between them, whichever comes first
+    problem = field("rectangle", 2, spacing=40.0, radius=20.0)
+    for order in (best_order, quick_order, exact_order):
+        (one, two), cost = order(*problem)
+        assert {one // 2, two // 2} == {0, 1}
+        assert one % 2 != two % 2
+        assert cost == pytest.approx(2 * 80 + math.pi * 20)
+
+
+def test_no_lines():
+    nothing = np.zeros((0, 0)), [], [], []
+    for order in (best_order, quick_order, exact_order):
+        assert order(*nothing) == ([], 0.0)
+
+
+def test_home_decides_where_to_begin():
+    free = field("rectangle", 6, radius=10.0)
+    south = field("rectangle", 6, radius=10.0, home=(-60.0, -60.0, 0.0))
+    assert best_order(*south)[1] > best_order(*free)[1]
+    order, _ = best_order(*south)
+    assert 0 in (order[0] // 2, order[-1] // 2)
+
+
+def test_collinear_pieces_are_flown_straight_through():
+    # three lines, each in two pieces with a gap of 20 m that costs 20 m
+    places = [(y, west, west + 200) for y in (0.0, 100.0, 200.0) for west in (0.0, 220.0)]
+    starts = [pose for y, west, east in places for pose in ((west, y, 0.0), (east, y, math.pi))]
+    ends = [pose for y, west, east in places for pose in ((east, y, 0.0), (west, y, math.pi))]
+    free = np.zeros(12)
+    order, cost = best_order(lengths_m(ends, starts, 50.0), np.full(12, 200.0), free, free)
+    assert cost == pytest.approx(6 * 200 + 3 * 20 + 2 * math.pi * 50)
+    assert [directed // 4 for directed in order[::2]] == [directed // 4 for directed in order[1::2]]
+
+
+# --- by search --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", few(SHAPES, 2))
+@pytest.mark.parametrize("wind", few([WIND, None], 1))
+@pytest.mark.parametrize(
+    ("count", "spacing", "radius", "home"),
+    [(2, 30.0, 45.0, None), (5, 20.0, 75.0, (-90.0, -60.0, 0.4)), (7, 40.0, 20.0, None), (9, 25.0, 45.0, None)],
+)
+def test_search_against_the_exact_order(monkeypatch, shape, wind, count, spacing, radius, home):
+    problem = field(shape, count, spacing=spacing, radius=radius, wind=wind, home=home)
+    least = exact_order(*problem)[1]
+    _, cost = searched(monkeypatch, problem)
+    assert least * (1 - ROUNDING) <= cost <= WELL * least
+    jitted = quick_order(*problem)
+    assert_sound(jitted, problem)
+    assert least * (1 - ROUNDING) <= jitted[1] <= QUICK * least
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_search_where_nothing_has_structure(monkeypatch, seed):
+    problem = arbitrary(seed, 9)
+    least = exact_order(*problem)[1]
+    _, cost = searched(monkeypatch, problem)
+    assert least * (1 - ROUNDING) <= cost <= 1.05 * least
+
+
+@pytest.mark.parametrize(("count", "radius"), [(20, 45.0), (40, 75.0), (60, 20.0)])
+def test_a_large_rectangle_against_what_no_order_can_beat(count, radius):
+    problem = field("rectangle", count, radius=radius)
+    answer = best_order(*problem)
+    assert_sound(answer, problem)
+    # each way between lines turns half a turn at least
+    least = problem[1][::2].sum() + (count - 1) * math.pi * radius
+    assert least <= answer[1] <= WELL * least
+
+
+def test_it_finds_a_cheap_order_that_is_hidden():
+    rng = np.random.default_rng(4)
+    count = 40
+    hidden = (2 * rng.permutation(count) + rng.integers(0, 2, count)).tolist()
+    costs = rng.uniform(50, 100, (2 * count, 2 * count))
+    costs[hidden[:-1], hidden[1:]] = 1.0
+    free = np.zeros(2 * count)
+    assert best_order(costs, free, free, free)[1] <= 1.5 * (count - 1)
+
+
+@pytest.mark.parametrize("wind", [None, WIND])
+def test_the_search_beats_back_and_forth(wind):
+    problem = field("trapezoid", 24, radius=60.0, wind=wind)
+    in_turn = [2 * line + line % 2 for line in range(24)]
+    best, jitted = best_order(*problem), quick_order(*problem)
+    assert_sound(best, problem)
+    assert best[1] <= jitted[1] * (1 + ROUNDING) < 0.92 * total(in_turn, problem)
+
+
+def test_the_same_again():
+    problem = field("two arms", 14, wind=WIND, home=(-90.0, -60.0, 0.4))
+    assert len(problem[1]) // 2 > line_order.EXACT_LINES
+    assert best_order(*problem) == best_order(*problem)
+    assert quick_order(*problem) == quick_order(*problem)
+
+
+@pytest.mark.parametrize("wind", [None, WIND])
+def test_numbers_and_directions_are_names(wind):
+    problem = field("triangle", 11, wind=wind)
+    count = len(problem[1]) // 2
+    rng = np.random.default_rng(2)
+    lines, directions = rng.permutation(count), rng.integers(0, 2, count)
+    names = np.stack([2 * lines + directions, 2 * lines + 1 - directions], axis=1).ravel()
+    renamed = problem[0][np.ix_(names, names)], *(row[names] for row in problem[1:])
+    order, cost = exact_order(*renamed)
+    assert cost == pytest.approx(exact_order(*problem)[1], rel=ROUNDING)
+    assert total(names[order].tolist(), problem) == pytest.approx(cost, rel=ROUNDING)
+
+
+def test_a_search_whose_lines_are_numbered_anyhow():
+    problem = field("slanted", 26, radius=60.0)
+    rng = np.random.default_rng(3)
+    names = (2 * rng.permutation(26)[:, np.newaxis] + np.arange(2)).ravel()
+    renamed = problem[0][np.ix_(names, names)], *(row[names] for row in problem[1:])
+    answer = best_order(*renamed)
+    assert_sound(answer, renamed)
+    assert answer[1] <= WELL * best_order(*problem)[1]
+
+
+@given(SEEDS, st.integers(2, 14), st.booleans())
+def test_what_the_search_says_it_saves_is_saved(seed, count, windless):
+    # the running total is of differences alone until it is added up again
+    costs, own, first, last = arbitrary(seed, count)
+    if windless:
+        other = np.arange(2 * count) ^ 1
+        costs, own = costs + costs[np.ix_(other, other)].T, own + own[other]
+    problem = line_order._problem(costs, own, first, last)
+    search = line_order._Search(problem)
+    assert search.symmetric == windless
+    start = (2 * np.random.default_rng(seed).permutation(count)).tolist()
+    order = search.best_of([start])
+    least_own = np.minimum(own[::2], own[1::2]).sum()
+    assert search.total + least_own == pytest.approx(total(order, (costs, own, first, last)), abs=1e-6)
+    assert total(order, (costs, own, first, last)) <= total(start, (costs, own, first, last)) + 1e-9
+    assert [search.tour[search.position[line]] // 2 for line in range(count)] == list(range(count))
+
+
+@given(SEEDS, st.integers(2, 6))
+@example(2760, 4)  # after the last improvement a way far from it pays for another
+@example(41743, 6)
+def test_without_wind_no_stretch_is_better_turned_round(seed, count):
+    costs, own, first, last = arbitrary(seed, count)
+    other = np.arange(2 * count) ^ 1
+    problem = costs + costs[np.ix_(other, other)].T, own + own[other], first, last
+    search = line_order._Search(line_order._problem(*problem))
+    order = search.best_of([list(range(0, 2 * count, 2))])
+    for begin, end in itertools.combinations(range(count + 1), 2):
+        turned = order[:begin] + [directed ^ 1 for directed in reversed(order[begin:end])] + order[end:]
+        assert total(order, problem) <= total(turned, problem) + 1e-6
+
+
+@given(SEEDS, st.integers(1, 6))
+def test_directions_are_the_best_for_a_sequence(seed, count):
+    problem = arbitrary(seed, count)
+    sequences = np.stack([np.arange(count), np.arange(count)[::-1]])
+    totals, directions = line_order._best_directions(line_order._problem(*problem), sequences)
+    for sequence, cost, directed in zip(sequences, totals, directions, strict=True):
+        every = [total((2 * sequence + np.array(w)).tolist(), problem) for w in itertools.product((0, 1), repeat=count)]
+        assert cost == pytest.approx(min(every), rel=ROUNDING)
+        assert total((2 * sequence + directed).tolist(), problem) == pytest.approx(cost, rel=ROUNDING)
+
+
+@pytest.mark.parametrize("count", [2, 3, 4, 7, 12, 25, 31, 60])
+def test_orders_in_use_have_each_line_once(count):
+    found = line_order._sequences(count)
+    assert np.all(np.sort(found, axis=1) == np.arange(count))
+    assert np.array_equal(found[0], np.arange(count))
+    have = {tuple(row) for row in found.tolist()}
+    assert have == {tuple(count - 1 - line for line in row) for row in have}, "from the other side"
+    assert have == {row[::-1] for row in have}, "backwards"
+    # a block of all: half the field is skipped each time
+    half = (count + 1) // 2
+    assert any(list(row[:2]) == [0, half] for row in found)
+
+
+# --- what cannot be ordered -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("costs", "own", "message"),
+    [
+        (np.zeros((4, 4)), np.zeros(6), "2n"),
+        (np.zeros((3, 3)), np.zeros(3), "2n"),
+        (np.zeros(16), np.zeros(4), "2n"),
+        (np.full((4, 4), np.nan), np.zeros(4), "finite"),
+        (np.full((4, 4), np.inf), np.zeros(4), "finite"),
+        (np.zeros((4, 4)), np.array([0, 0, np.inf, 0]), "finite"),
+    ],
+)
+def test_costs_that_are_none(costs, own, message):
+    for order in (best_order, quick_order, exact_order):
+        with pytest.raises(ValueError, match=message):
+            order(costs, own, np.zeros(len(own)), np.zeros(len(own)))
+
+
+def test_a_lines_way_to_itself_is_not_used():
+    problem = field("slanted", 16)
+    blocked = problem[0].copy()
+    for line in range(16):
+        blocked[2 * line : 2 * line + 2, 2 * line : 2 * line + 2] = np.inf
+    assert best_order(blocked, *problem[1:]) == best_order(*problem)

@@ -1,0 +1,416 @@
+"""`eadp cover --sorties`, and the doors that its folder goes through: simulate, sweep, export, resume."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import itertools
+import json
+import math
+import re
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from common import ROOT, without_figures
+from common.answers import refused
+
+import eadp as library
+from eadp.cli.main import main
+from eadp.io.flight import planned_lines
+from eadp.survey.airspace import NotFree
+from eadp.survey.cover import CoverageOptions
+from eadp.survey.resume import _heading_of_lines_rad
+from eadp.survey.sorties import SortieOptions, SortiePlanner
+
+MEADOW, WING = "plans/meadow.geojson", "vehicles/foam-wing.yaml"
+HOME = "55.4715,10.333"
+SCENARIO = {
+    "schema": "eadp.scenario/1",
+    "vehicle": str(ROOT / WING),
+    "battery": {"capacity_ah": 1.0},
+    "wind": {"speed_mps": 3, "from_deg": 240, "gust_std_mps": 0.3},
+    "step_s": 0.05,
+}
+COVER = ("cover", MEADOW, "--swath", "20", "--home", HOME, "--pattern", "dubins", "--heading", "94")
+
+
+@pytest.fixture(scope="module")
+def scenario(tmp_path_factory):
+    path = tmp_path_factory.mktemp("given") / "given.yaml"
+    path.write_text(json.dumps(SCENARIO))
+    return str(path)
+
+
+def run(*arguments):
+    """A command in the repository's root, for fixtures of the module."""
+    with contextlib.chdir(ROOT):
+        return main([str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def folder(scenario, tmp_path_factory):
+    """The sorties of the meadow."""
+    target = tmp_path_factory.mktemp("job") / "job"
+    assert run(*COVER, "--scenario", scenario, "--sorties", "auto", "-o", target, "--export", "qgc") == 0
+    return target
+
+
+@pytest.fixture(scope="module")
+def document(folder):
+    return json.loads((folder / "sorties.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def flown(folder, tmp_path_factory):
+    """The job, flown."""
+    target = tmp_path_factory.mktemp("flown") / "flown"
+    with without_figures():
+        assert run("simulate", folder, "-o", target) == 0
+    return target
+
+
+def test_the_folder_has_what_it_says(folder, document):
+    names = {path.name for path in folder.iterdir()}
+    count = document["count"]
+    assert count >= 2
+    assert {"scenario.yaml", "sorties.csv", "sorties.json", "sorties.svg", "sorties.png", "index.html"} <= names
+    assert {f"sortie-{i:02d}{end}" for i in range(1, count + 1) for end in (".plan", "-qgc.plan")} <= names
+    with (folder / "sorties.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["sortie"] for row in rows] == [row["sortie"] for row in document["sorties"]]
+    assert document["min_count"] <= count
+    assert document["min_energy_wh"] < document["energy_wh"]
+
+
+def test_each_sortie_starts_and_ends_at_home_and_keeps_the_reserve(folder, document):
+    home = tuple(document["home_m"])
+    for row in document["sorties"]:
+        plan = library.read_plan(folder / row["plan"])
+        x, y = (point.value([0.0] * 9) if hasattr(point, "value") else point for point in plan.site.home_m)
+        assert (x, y) == pytest.approx(home, abs=1e-3)
+        assert row["reserve_probability"] >= 0.95
+        forecast = library.forecast(folder / row["plan"], folder / "scenario.yaml")
+        assert forecast["energy_wh"] == pytest.approx(row["energy_wh"], rel=1e-9)
+        assert forecast["batteries"] == 1
+
+
+def test_lines_cover_the_field_once(folder, document):
+    assert document["coverage"] >= 0.9999
+    parts = [
+        shapely.union_all(
+            [shapely.Polygon(ring[0]) for ring in library.read_plan(folder / row["plan"]).site.field.parts]
+        )
+        for row in document["sorties"]
+    ]
+    whole = shapely.union_all([shapely.Polygon(ring[0]) for ring in document["parts"]])
+    assert shapely.union_all(parts).area == pytest.approx(whole.area, rel=1e-3)
+    # no ground twice but for the overlap of lines that are cut
+    assert sum(part.area for part in parts) <= whole.area * 1.02
+
+
+def test_the_exported_missions_are_the_plans(folder, document):
+    for row in document["sorties"]:
+        mission = library.read_mission(folder / f"{row['sortie']}-qgc.plan", warn=lambda _: None)
+        assert mission.site.origin_deg is not None
+        lines = json.loads((folder / f"{row['sortie']}-qgc.plan").read_text())["mission"]["items"]
+        assert len(lines) > 2 * row["lines"]
+
+
+def test_all_sorties_are_flown_with_a_fresh_pack_each(flown, document):
+    target = flown
+    job = json.loads((target / "job.json").read_text())
+    assert job["completed"]
+    assert job["batteries"] == document["count"]
+    assert job["reserve_kept"]
+    assert job["coverage"] > 0.99
+    for row in job["flights"]:
+        summary = json.loads((target / row["sortie"] / "summary.json").read_text())
+        assert summary["energy_wh"] == row["energy_wh"]
+        start = float((target / row["sortie"] / "flight.csv").read_text().splitlines()[1].split(",")[8])
+        assert start > 0.999, "a fresh pack"
+    rows = sorted(job["flights"], key=lambda row: row["take_off_s"])
+    for earlier, later in itertools.pairwise(rows):
+        assert later["take_off_s"] >= earlier["take_off_s"] + earlier["duration_s"] + 120
+
+
+def test_a_heading_of_which_no_order_is_free_gives_way_to_one_that_is(tmp_path, monkeypatch):
+    (tmp_path / "field.csv").write_text("x,y\n0,0\n600,0\n600,200\n0,200\n")
+    options = CoverageOptions(swath_m=60, min_radius_m=30, metres=True, home=(-30, 0), pattern="dubins")
+
+    def planned(**given):
+        chosen = replace(options, **given)
+        return library.cover_in_sorties(str(tmp_path / "field.csv"), chosen, SortieOptions(), warn=lambda _: None)
+
+    free_rad, in_pattern = planned().planner.heading_rad, SortiePlanner._in_pattern
+
+    def blocked_elsewhere(planner, ground):
+        if math.cos(planner.heading_rad - free_rad) < 0.99:
+            raise NotFree("no order of the lines")
+        return in_pattern(planner, ground)
+
+    monkeypatch.setattr(SortiePlanner, "_in_pattern", blocked_elsewhere)
+    monkeypatch.setattr("eadp.survey.sorties.pattern_and_heading", lambda _: ("dubins", free_rad + 0.5))
+    again = planned()
+    assert again.planner.heading_rad == pytest.approx(free_rad)
+    assert all(each.solution.heading_rad == pytest.approx(free_rad) for each in again.sorties)
+    with pytest.raises(NotFree):
+        planned(heading_deg=45.0)  # one that is asked for stays
+
+
+def test_a_rest_is_planned_whatever_the_rates_of_take_off(tmp_path):
+    """The forecast of a sortie holds each rate at its minimum; one that is set is of the flight."""
+    (tmp_path / "field.csv").write_text("x,y\n0,0\n300,0\n300,200\n0,200\n")
+    options = CoverageOptions(swath_m=60, min_radius_m=30, metres=True, home=(-30, 0), turns_off=True)
+    profile = str(ROOT / "profiles/pednet-letter.yaml")
+    job = library.cover_in_sorties(str(tmp_path / "field.csv"), options, SortieOptions(), profile)
+    energies = [
+        [sortie.spare for sortie in replace(job.planner, overrides=keys).plan().divided.sorties]
+        for keys in ({}, {"parameters.fps": 10.0})
+    ]
+    assert energies[0] == energies[1]
+
+
+def test_the_camera_goes_with_the_sorties(eadp, tmp_path):
+    """The size of a pixel is that asked for, not that from the aircraft's cruise altitude."""
+    field, out, camera = tmp_path / "field.csv", tmp_path / "job", tmp_path / "own.yaml"
+    field.write_text("x_m,y_m\n0,0\n600,0\n600,400\n0,400\n")
+    camera.write_text(
+        "{schema: eadp.camera/1, name: mine, sensor_width_mm: 12, sensor_height_mm: 8, image_width_px: 6000, "
+        "focal_length_mm: 10, picture_interval_s: 1}"
+    )
+    given = ("cover", field, "--metres", "--vehicle", WING, "--home", "-50,0", "--sorties", "2", "--pattern", "dubins")
+    pictures = ("--camera", camera, "--gsd", "1", "--side-overlap", "50", "--forward-overlap", "75", "-o", out)
+    text = eadp(*given, *pictures).out
+    document = json.loads((out / "sorties.json").read_text())
+    # 6000 pixels of 1 cm are 60 m, 12 mm by 10 mm from 50 m; a quarter of 40 m
+    assert document["gsd_cm"] == pytest.approx(1)
+    shot = {"name": "mine", "altitude_m": 50, "width_m": 60, "distance_m": 10, "max_forward_overlap": 1 - 15 / 40}
+    assert document["camera"] == pytest.approx(shot)
+    assert document["pictures"] == sum(row["pictures"] for row in document["sorties"])
+    assert document["pictures"] == pytest.approx(600 * 400 / (30 * 10), rel=0.15)
+    said = "camera     mine from 50 m: pictures of 60.0 m across; 1 cm a pixel; one each 10.0 m, forward overlap 75 %; "
+    assert f"{said}{document['pictures']} in all\n" in text
+    assert said[11:].strip() in (out / "index.html").read_text()
+    for row in document["sorties"]:
+        assert library.read_plan(out / row["plan"]).site.camera == ("mine", 50, 1)
+
+
+@pytest.mark.slow
+def test_a_windy_day_leaves_ground_that_a_resumed_job_covers(eadp, folder, scenario, document, tmp_path):
+    windy, wind = tmp_path / "windy", ("--set", "wind.speed_mps=9")
+    answer = eadp("simulate", folder, *wind, "--format", "json", "--seed", "2", "-o", windy)
+    job = json.loads(answer.out)
+    assert (answer.code, job["completed"], job["batteries"]) == (1, False, document["count"])
+    assert job["reason"] == "ground is left; eadp cover --resume plans it"
+    assert sum(each["share"] for each in job["left"]) == pytest.approx(
+        job["planned_coverage"] - job["coverage"], abs=0.01
+    )
+    rest = ("--scenario", scenario, "--wind", "9,240", "--sorties", "auto", "--resume", windy, "-o", tmp_path / "rest")
+    answer = eadp(*COVER, *rest)
+    assert answer.code == 0, answer.err
+    again = json.loads(eadp("simulate", tmp_path / "rest", *wind, "--format", "json").out)
+    assert again["completed"]
+    assert job["coverage"] + again["coverage"] > 0.99
+
+
+@pytest.mark.slow
+def test_a_sweep_says_how_often_the_job_is_done(eadp, folder, document, tmp_path):
+    sweep = tmp_path / "job.yaml"
+    sweep.write_text(f"schema: eadp.sweep/1\nplan: {folder}\ngrid:\n  wind.speed_mps: [1, 9]\n")
+    kept = ("sweep", sweep, "-o", tmp_path / "job.db", "--jobs", "1")
+    answer = eadp(*kept, "--format", "csv")
+    assert answer.code == 0, answer.err
+    batteries = [int(row["batteries"]) for row in csv.DictReader(answer.out.splitlines())]
+    assert batteries == [document["count"]] * 2
+    text = eadp(*kept).out
+    assert f"batteries  {batteries[0]}: the job is done, with all reserves kept, in 50.0 %" in text
+    refusal = tmp_path / "other.yaml"
+    refusal.write_text(f"schema: eadp.sweep/1\nplan: {folder}\nscenario: {folder}/scenario.yaml\n")
+    assert refused(eadp("sweep", refusal), "a file beside a folder of sorties")
+
+
+def log_of(flight, path, share=1.0):
+    """A flight's folder as telemetry, up to a share of it."""
+    with (flight / "flight.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    kept = rows[: int(share * len(rows))]
+    path.write_text(
+        "".join(json.dumps({key: float(row[key]) for key in ("time_s", "x_m", "y_m")}) + "\n" for row in kept)
+    )
+    return path
+
+
+FLOWN_SHARE = 0.4
+"""Where the second flight stops: within a line, so that what it leaves of it is more than 1 % of the field."""
+
+
+def test_a_job_goes_on_where_it_stopped(eadp, scenario, flown, document, tmp_path):
+    target = flown
+    first, second = target / "sortie-01", log_of(target / "sortie-02", tmp_path / "log.jsonl", FLOWN_SHARE)
+    out = tmp_path / "rest"
+    answer = eadp(*COVER, "--scenario", scenario, "--sorties", "auto", "-o", out, "--resume", first, "--resume", second)
+    assert answer.code == 0, answer.err
+    rest = json.loads((out / "sorties.json").read_text())
+    assert rest["count"] <= document["count"]
+    whole = shapely.union_all([shapely.Polygon(ring[0]) for ring in document["parts"]])
+    ground = shapely.union_all(
+        [
+            shapely.Polygon(ring[0])
+            for row in rest["sorties"]
+            for ring in library.read_plan(out / row["plan"]).site.field.parts
+        ]
+    )
+    lines = []
+    for source, share in ((first, 1.0), (target / "sortie-02", FLOWN_SHARE)):
+        with (source / "flight.csv").open() as stream:
+            rows = list(csv.DictReader(stream))
+        kept = rows[: int(share * len(rows))]
+        plan = library.read_plan(next((source / "inputs").glob("sortie-*.plan")))
+        kinds = [plan.stages[int(row["stage"]) - 1].kind for row in kept]
+        run = []
+        for row, kind in zip(kept, kinds, strict=True):
+            if kind == "line":
+                run.append((float(row["x_m"]), float(row["y_m"])))
+            elif len(run) > 1:
+                lines.append(run)
+                run = []
+        lines += [run] if len(run) > 1 else []
+    seen = shapely.union_all([shapely.LineString(line).buffer(10, cap_style="flat") for line in lines])
+    missed = whole.difference(seen).difference(ground.buffer(0.5))
+    assert missed.area <= 0.002 * whole.area
+    assert ground.intersection(seen).area <= 0.05 * whole.area
+    # as shares of the whole field, what is planned and what is flown of it
+    summary = library.simulate_sorties(out, warn=lambda _: None).summary
+    assert summary["planned_coverage"] == pytest.approx(ground.area / whole.area, abs=0.02)
+    assert summary["coverage"] == pytest.approx(summary["planned_coverage"], abs=0.01)
+
+
+def test_laps_keep_their_spacing_free(eadp, tmp_path, scenario):
+    out = tmp_path / "laps"
+    answer = eadp("cover", MEADOW, "--swath", "20", "--min-radius", "30", "--radius", "31", "--home", HOME,
+                  "--pattern", "zamboni", "--scenario", scenario, "--sorties", "auto", "-o", out)  # fmt: skip
+    assert answer.code == 0, answer.err
+    document = json.loads((out / "sorties.json").read_text())
+    assert document["pattern"] == "zamboni"
+    for row in document["sorties"]:
+        plan = library.read_plan(out / row["plan"])
+        assert plan.path_count == 1
+        assert row["spacing_m"] <= 20 + 1e-6
+
+
+@pytest.mark.slow
+def test_one_answer_first(eadp, tmp_path, scenario):
+    plan = tmp_path / "whole.plan"
+    assert eadp(*COVER, "--scenario", scenario, "-o", plan).code == 0
+    answer = eadp("simulate", plan, "--scenario", scenario, "--planner", "static")
+    assert answer.code == 1
+    assert "one pack   covers" in answer.out
+    summary = json.loads(eadp("simulate", plan, "--scenario", scenario, "--planner", "static", "--format", "json").out)[
+        "energy_forecast"
+    ]
+    assert summary["batteries"] == 2
+    assert 0.3 < summary["reach_share"] < 0.95
+    assert 0 < summary["reach_s"] < summary["time_s"]
+    # a flight that stops there keeps its reserve, with the probability asked for
+    flown = library.simulate(plan, scenario, planner="static", warn=lambda _: None).columns
+    at = int(np.searchsorted(flown["time_s"], summary["reach_s"]))
+    assert flown["soc"][at] > 0.05
+    assert np.hypot(flown["x_m"][at] - summary["reach_m"][0], flown["y_m"][at] - summary["reach_m"][1]) < 250
+
+
+@pytest.mark.parametrize(
+    ("extra", "code", "words"),
+    [
+        (("--sorties", "0"), 2, "--sorties:1:1: error: 0 is out of range; expected from 1 to 200"),
+        (("--sorties", "many"), 2, "auto, or a whole number"),
+        (("--sorties", "auto", "--export", "paper"), 2, "--export:1:1: error: is no format"),
+        (("--sorties", "auto", "--home", "55.9,10.333"), 1, "km from home, and a pack"),
+        (("--sorties", "auto", "--resume", "plans/nothing"), 2, "cannot be read"),
+        (("--sorties", "auto", "--resume", "plans"), 2, "has no flight"),
+        (("--sorties", "auto", "--set-battery", "1"), 2, "No such option"),
+    ],
+)
+def test_bad_input(eadp, scenario, tmp_path, extra, code, words):
+    out = tmp_path / "out"
+    answer = eadp(*COVER, "--scenario", scenario, "-o", out, *extra)
+    assert answer.code == code, answer.err
+    assert words in answer.err
+    assert "Traceback" not in answer.err
+    assert not out.exists()
+
+
+def test_too_few_sorties_are_told_how_short_they_are(eadp, scenario, folder, document):
+    count = document["count"]
+    few = eadp(*COVER, "--scenario", scenario, "--sorties", str(count - 1))
+    assert refused(few, "error: too few for the packs: a pack lands with ", f"expected {count} or more")
+    share = float(re.search(r"lasts for (\d+) % of its sortie", few.err)[1])
+    assert 50 <= share < 100
+    enough = eadp(*COVER, "--scenario", scenario, "--sorties", str(count)).out
+    few = document["min_count"]
+    words = "no fewer are enough" if count == few else f"as asked for, {few} at least"
+    assert f"sorties    {count}, {words}: " in enough
+
+
+def test_no_home_and_a_home_in_an_obstacle(eadp, scenario, tmp_path):
+    bare = ("cover", MEADOW, "--swath", "20", "--scenario", scenario, "--sorties", "auto")
+    assert refused(eadp(*bare), "--home:1:1: error: sorties start and end at home")
+    lat, lon = map(float, HOME.split(","))
+    ring = [
+        [lon + dx, lat + dy] for dx, dy in ((-1e-3, -1e-3), (1e-3, -1e-3), (1e-3, 1e-3), (-1e-3, 1e-3), (-1e-3, -1e-3))
+    ]
+    avoid = tmp_path / "avoid.geojson"
+    avoid.write_text(json.dumps({"type": "Polygon", "coordinates": [ring]}))
+    assert refused(eadp(*bare, "--home", HOME, "--avoid", avoid), "lies in an obstacle")
+
+
+def test_a_pack_that_cannot_lift_off(eadp, tmp_path):
+    weak = tmp_path / "weak.yaml"
+    weak.write_text(json.dumps(SCENARIO | {"battery": {"capacity_ah": 1.0, "resistance_ohm": 5.0}}))
+    assert refused(eadp(*COVER, "--scenario", weak, "--sorties", "auto"), "level flight: 80.5 W exceeds the")
+
+
+def test_the_heading_of_the_lines_is_not_that_of_a_way_from_afar(tmp_path):
+    field = tmp_path / "field.csv"
+    field.write_text("x_m,y_m\n0,0\n300,0\n300,200\n0,200\n")
+    options = CoverageOptions(
+        metres=True, min_radius_m=30, swath_m=40, heading_deg=90, pattern="dubins", start=(-3000, 2500)
+    )
+    plan = library.cover(field, options, warn=lambda _: None).plan
+    assert max(math.dist(*line) for line in planned_lines(plan, ())) > 3000
+    assert math.sin(_heading_of_lines_rad(plan, ())) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_resume_refuses_what_is_not_of_this_field(eadp, scenario, flown, tmp_path):
+    target = flown
+    log = log_of(target / "sortie-01", tmp_path / "log.jsonl")
+    twice = eadp(*COVER, "--scenario", scenario, "--sorties", "auto", "--resume", target / "sortie-01", "--resume", log)
+    assert refused(twice, "has the same minutes as")
+    away = tmp_path / "away.jsonl"
+    away.write_text("".join(json.dumps({"time_s": t, "x_m": 9000 + 15 * t, "y_m": 9000}) + "\n" for t in range(60)))
+    assert refused(eadp(*COVER, "--scenario", scenario, "--sorties", "auto", "--resume", away), "covers no ground")
+    other = tmp_path / "other"
+    library.simulate(ROOT / "plans/survey.plan", ROOT / "scenarios/survey.yaml",
+                     overrides={"time_limit_s": 30}, warn=lambda _: None).write(other)  # fmt: skip
+    assert refused(eadp(*COVER, "--scenario", scenario, "--sorties", "auto", "--resume", other), "is of another field")
+    done = eadp(*COVER, "--scenario", scenario, "--sorties", "auto", "--resume", target)
+    assert refused(done, "nothing is left to cover")
+
+
+def test_a_damaged_folder_is_a_fault_of_its_file(eadp, folder, tmp_path):
+    damaged = tmp_path / "damaged"
+    shutil.copytree(folder, damaged)
+    (damaged / "sorties.json").write_text('{"schema": "eadp.sorties/1"}')
+    assert refused(eadp("simulate", damaged), "sorties.json:1:1: error: is damaged")
+    (damaged / "sorties.json").write_text('{"schema": "eadp.sorties/9"}')
+    assert refused(eadp("simulate", damaged), "schema is eadp.sorties/9")
+    assert refused(eadp("simulate", folder, "--scenario", "scenarios/survey.yaml"), "beside a folder of sorties")
+
+
+@pytest.mark.slow
+def test_the_library_plans_the_same(folder, scenario, document):
+    options = CoverageOptions(swath_m=20, home=HOME, pattern="dubins", heading_deg=94)
+    plan = library.cover_in_sorties(ROOT / MEADOW, options, SortieOptions(), scenario=scenario, warn=lambda _: None)
+    assert plan.document()["sorties"] == document["sorties"]

@@ -1,0 +1,577 @@
+"""`eadp cover --terrain`: plans that are flown over the ground as said, exported and divided; and refusals."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from common import ROOT, few
+from common.answers import refused
+from common.pages import Page
+from common.terrains import from_corner, write_degrees, write_geotiff, write_hgt
+from scipy.ndimage import gaussian_filter
+
+import eadp
+from eadp.api.inputs import load_flight
+from eadp.api.plan import read_plan
+from eadp.api.simulate import forecast
+from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
+from eadp.core.geometry.polygons import holding
+from eadp.survey.terrain import read_terrain
+
+pytest.importorskip("rasterio")
+
+ORIGIN = (55.5, 10.5)
+METRES = 111_320 * math.cos(math.radians(ORIGIN[0])), 111_330.0
+"""Of a degree of longitude and of latitude, about [m]."""
+WING = ("--vehicle", str(ROOT / "vehicles/survey-wing.yaml"))
+ENERGY_SHARE = 0.015
+ROUNDING_M = 1e-6
+FOLLOWED_M = 0.5
+"""Difference of a height as planned and as flown, on ground of 60 %: a metre of the path, and the climb's steps [m]."""
+
+
+def write_field(path, centre_deg, width_m, depth_m):
+    """A rectangle round a place, as GeoJSON."""
+    corners = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5)]
+    places = [to_geodetic_deg(u * width_m, v * depth_m, centre_deg)[::-1] for u, v in corners]
+    path.write_text(json.dumps({"type": "Polygon", "coordinates": [places]}))
+    return str(path)
+
+
+def ground(path, height):
+    """A GeoTIFF of a function of x and y from the origin [m], of cells of 10 m by 15 m."""
+
+    def of_degrees(latitudes, longitudes):
+        return 100 + height((longitudes - ORIGIN[1]) * METRES[0], (latitudes - ORIGIN[0]) * METRES[1])
+
+    return write_degrees(path, of_degrees, (55.47, 10.45), (55.53, 10.55), 1 / 7200)
+
+
+def _noise(seed, cells, height_m):
+    heights_m = gaussian_filter(np.random.default_rng(seed).normal(0, 1, (400, 400)), cells)
+    heights_m *= height_m / heights_m.std()
+    return lambda x, y: heights_m[(y / 15 + 200).astype(int) % 400, (x / 15 + 200).astype(int) % 400]
+
+
+GROUNDS = {
+    **{f"{100 * s:.0f} % to the east": lambda x, y, s=s: s * x + 0 * y for s in (0.03, -0.08, 0.15, 0.3)},
+    **{f"{100 * s:.0f} % to the north": lambda x, y, s=s: s * y + 0 * x for s in (0.05, 0.12)},
+    **{
+        f"hills of {h} m, {w} m apart": lambda x, y, h=h, w=w: h * np.sin(2 * np.pi * x / w) * np.cos(2 * np.pi * y / w)
+        for h, w in ((10, 300), (20, 400), (40, 500), (15, 150))
+    },
+    **{
+        f"a ridge of {h} m, {w} m wide": lambda x, y, h=h, w=w: h * np.exp(-(((x - 50) / w) ** 2)) + 0 * y
+        for h, w in ((20, 100), (40, 150), (60, 80))
+    },
+    **{f"a step of {h} m": lambda x, y, h=h: np.where(x + 0.5 * y > 0, h, 0.0) for h in (10, 30)},
+    "a valley": lambda x, y: np.abs(x) / 6 + 0 * y,
+    **{f"noise {c} {h}": _noise(c, c, h) for c, h in ((3, 2), (6, 5), (10, 10), (2, 3))},
+}
+GENTLE = ("3 % to the east", "5 % to the north", "noise 3 2", "noise 6 5", "noise 10 10")
+"""What the wing follows everywhere."""
+
+
+def flown_as_planned(field, terrain, wind, *, altitude_m=80.0, gentle=False, folder):
+    """Plan a field over terrain, fly it, and compare heights above ground and energy with what was said."""
+    plan = folder / "over.plan"
+    options = eadp.CoverageOptions(swath_m=60.0, altitude_m=altitude_m, wind=wind, terrain=[terrain])
+    found = eadp.cover(field, options, vehicle=WING[1], warn=lambda _: None)
+    plan.write_text(found.text)
+    speed, from_deg = map(float, wind.split(","))
+    overrides = {"vehicle": WING[1], "wind.speed_mps": speed, "wind.from_deg": from_deg, "battery.capacity_ah": 30.0}
+    flight = eadp.simulate(str(plan), overrides=overrides, warn=lambda _: None)
+    assert flight.summary["completed"]
+    profile, limits = found.heights.profile, found.heights.profile.ground.limits
+    columns = flight.columns
+    points = np.column_stack([columns["x_m"], columns["y_m"]])
+    site = found.plan.site
+    # the ground by the file again
+    again = read_terrain([terrain], points[::50], site.origin_deg)
+    above_m = columns["altitude_m"] + site.ground_m - again.heights_m(points)
+    straight = np.array([stage.kind == "line" for stage in found.plan.stages])[columns["stage"].astype(int) - 1]
+    on_line = straight & holding([found.report.field.outline], points)[0]
+    assert on_line.sum() > 100
+    assert above_m[on_line].min() >= limits.line_m - ROUNDING_M
+    assert above_m.min() >= limits.clearance_m
+    assert above_m[on_line].min() == pytest.approx(profile.above_m.min(), abs=FOLLOWED_M)
+    assert above_m[on_line].max() == pytest.approx(profile.above_m.max(), abs=FOLLOWED_M)
+    assert above_m[~on_line].min() == pytest.approx(profile.elsewhere_m, abs=2 * FOLLOWED_M)
+    if gentle:
+        assert above_m[on_line].max() <= limits.line_m + limits.tolerance_m
+        assert profile.high_share == 0
+    said = flight.summary["energy_forecast"]["energy_wh"]
+    assert said == pytest.approx(flight.summary["energy_wh"], rel=ENERGY_SHARE)
+    return found, flight
+
+
+@pytest.mark.parametrize("name", few(GROUNDS, 2))
+def test_heights_are_flown_as_planned(tmp_path, name):
+    winds = ("0,0", "4,240", "7,100")
+    wind = winds[list(GROUNDS).index(name) % 3]
+    field = write_field(tmp_path / "field.geojson", ORIGIN, 600, 400)
+    terrain = ground(tmp_path / "ground.tif", GROUNDS[name])
+    flown_as_planned(field, terrain, wind, gentle=name in GENTLE, folder=tmp_path)
+
+
+def _jacksboro(path):
+    """The elevation model that matplotlib brings along: the Jacksboro fault, Tennessee."""
+    from matplotlib import cbook
+
+    sample = cbook.get_sample_data("jacksboro_fault_dem.npz")
+    step = float(sample["dx"])
+    north = max(float(sample["ymin"]), float(sample["ymax"]))
+    corner = from_corner(float(sample["xmin"]), north, step)
+    return write_geotiff(path, sample["elevation"].astype("int16"), corner), sample["elevation"]
+
+
+@pytest.mark.parametrize("centre", few([(36.533, -84.328), (36.60, -84.25), (36.66, -84.15)], 1))
+def test_real_ground_is_flown_over_as_planned(tmp_path, centre):
+    terrain, _ = _jacksboro(tmp_path / "fault.tif")
+    field = write_field(tmp_path / "field.geojson", centre, 500, 350)
+    found, _ = flown_as_planned(field, terrain, "4,240", altitude_m=90.0, folder=tmp_path)
+    # the mountain is steeper than the wing climbs, which is said
+    assert found.heights.profile.high_share > 0.1
+    assert any("of the lines higher than 99 m" in line for line in found.lines)
+
+
+def test_a_narrow_ridge_of_a_fine_terrain_is_flown_over_as_planned(tmp_path):
+    from rasterio.warp import transform
+
+    heights_m = np.full((600, 900), 100.0)
+    for wall in range(4, 900, 37):  # 4 m wide, of cells of 2 m: most of them lie between two places 10 m apart
+        heights_m[:, wall : wall + 2] += 12
+    terrain = write_geotiff(tmp_path / "fine.tif", heights_m, from_corner(500000, 6150000, 2.0), "EPSG:32632")
+    (longitude,), (latitude,) = transform("EPSG:32632", "EPSG:4326", [500900], [6149400])
+    field = write_field(tmp_path / "field.geojson", (latitude, longitude), 500, 350)
+    flown_as_planned(field, terrain, "4,240", folder=tmp_path)
+
+
+@pytest.fixture(scope="module")
+def slope(tmp_path_factory):
+    """A field on a slope of 5 %, by a GeoTIFF and by an .hgt."""
+    folder = tmp_path_factory.mktemp("slope")
+    field = write_field(folder / "field.geojson", ORIGIN, 600, 400)
+    return field, ground(folder / "slope.tif", lambda x, y: 0.05 * x + 0 * y)
+
+
+CAMERA = (
+    "--sensor-width-mm",
+    "13.2",
+    "--focal-length-mm",
+    "8.8",
+    "--side-overlap",
+    "70:60",
+    "--image-width-px",
+    "4000",
+)
+
+
+def test_json_text_and_picture_have_the_heights(eadp, slope, tmp_path):
+    field, terrain = slope
+    plan, plot = tmp_path / "slope.plan", tmp_path / "slope.png"
+    given = (field, *WING, *CAMERA, "--altitude", "80", "--terrain", terrain)
+    document = json.loads(eadp("cover", *given, "--format", "json", "-o", plan, "--plot", plot).out)
+    heights = document["terrain"]
+    least, mean, most = heights["height_m"]
+    assert 80 - ROUNDING_M <= least < mean < most <= 88 + ROUNDING_M
+    # a picture is 13.2/8.8 as wide as its height above ground, of 4000 pixels
+    assert heights["gsd_cm"] == pytest.approx([100 * 1.5 * each / 4000 for each in heights["height_m"]])
+    apart_m = document["spacing_m"][0]
+    assert heights["side_overlap"][0] == pytest.approx(1 - apart_m / (1.5 * least), abs=0.002)
+    assert heights["side_overlap"][0] >= 0.6
+    assert heights["zero_m"] == pytest.approx(float(plan.read_text().split("%: ground ")[1].split()[0]), abs=0.01)
+    # straight ways home over a plane: its highest place, and the clearance
+    assert heights["home_altitude_m"] == pytest.approx(heights["ground_m"][1] + 20, abs=1)
+    assert plot.stat().st_size > 10_000
+    text = eadp("cover", *given, "--format", "text").out
+    assert f"height     {least:.1f} to {most:.1f} m above ground on lines, mean {mean:.1f} m" in text
+    assert f"way home   clear of ground and obstacles at {heights['home_altitude_m']} m" in text
+
+
+def test_laps_have_one_altitude_where_they_are_asked_for(eadp, slope):
+    field, terrain = slope
+    given = (field, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain)
+    laps = json.loads(eadp("cover", *given, "--pattern", "zamboni", "--format", "json").out)
+    assert laps["terrain"]["altitudes"] == 1
+    assert laps["plan"].count("%: altitude ") == 1
+    assert "laps have one altitude" in eadp("cover", *given, "--pattern", "zamboni", "--format", "text").out
+    assert json.loads(eadp("cover", *given, "--format", "json").out)["pattern"] == "dubins"
+
+
+def test_an_export_is_above_home_and_read_back_as_written(eadp, slope, tmp_path):
+    field, terrain = slope
+    plan, out = tmp_path / "slope.plan", tmp_path / "slope.waypoints"
+    eadp("cover", field, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain, "-o", plan)
+    assert eadp("export", plan, "--to", "ardupilot", "-o", out).code == 0
+    assert {row.split("\t")[2] for row in out.read_text().splitlines()[2:]} == {"2", "3"}
+    again = eadp("plan", out, "--format", "plan").out
+    commanded = {
+        line.split()[2] for text in (plan.read_text(), again) for line in text.splitlines() if "altitude" in line
+    }
+    assert commanded == {line.split()[2] for line in plan.read_text().splitlines() if "%: altitude" in line}
+
+
+LANDING = (-450.0, 100.0, 90.0)
+"""Where flights over the slope land, and how [m, °]: 35 m below home."""
+HOME = (250.0, -280.0)
+SLOPE_M = 0.2
+"""Error of the slope's heights by the origin's distance: a degree of longitude is 0.2 % longer on the ellipsoid [m]."""
+
+
+@pytest.fixture(scope="module")
+def landing(slope):
+    """A flight over the slope that takes off, and lands elsewhere: its plan."""
+    field, terrain = slope
+    place, home = (",".join(map(repr, to_geodetic_deg(*each[:2], ORIGIN))) for each in (LANDING, HOME))
+    ends = {"home": home, "takeoff_deg": 45.0, "landing": f"{place},{LANDING[2]}", "wind": "0,0"}
+    options = eadp.CoverageOptions(swath_m=60.0, altitude_m=80.0, terrain=[terrain], **ends)
+    found = eadp.cover(field, options, vehicle=WING[1], warn=lambda _: None)
+    plan = Path(field).parent / "landing.plan"
+    plan.write_text(found.text)
+    return plan, found
+
+
+def test_a_flight_over_terrain_lands_on_the_ground_as_planned_and_forecast(landing):
+    plan, found = landing
+    *_, before, last = found.plan.stages
+    down_m = 0.05 * (LANDING[0] - HOME[0])
+    assert last.altitude_m == pytest.approx(down_m, abs=SLOPE_M)
+    # as high above the ground where it lands as the known ground is long enough for; commands are quarters of a metre
+    length_m = math.dist(before.trigger_at(()), last.trigger_at(()))
+    assert before.altitude_m == pytest.approx(down_m + length_m * math.tan(math.radians(5)), abs=SLOPE_M + 0.25)
+    assert 30 <= before.altitude_m - last.altitude_m <= 80 + 0.25
+    overrides = {"vehicle": WING[1], "battery.capacity_ah": 30.0}
+    flight = eadp.simulate(str(plan), overrides=overrides, warn=lambda _: None)
+    assert flight.summary["completed"]
+    assert flight.summary["energy_forecast"]["energy_wh"] == pytest.approx(flight.summary["energy_wh"], rel=0.015)
+    columns = flight.columns
+    up_m, above_m = columns["altitude_m"], columns["altitude_m"] - 0.05 * (columns["x_m"] - HOME[0])
+    assert up_m[0] < 1
+    # of an altitude commanded a model is so far behind at its greatest rate
+    climbing = found.heights.climbing
+    assert up_m[-1] == pytest.approx(down_m, abs=climbing.down_mps / climbing.gain_per_s)
+    stages = columns["stage"].astype(int)
+    approach = stages == len(found.plan.stages)
+    climbed = np.maximum.accumulate(above_m >= 20)
+    assert above_m[climbed & ~approach].min() >= 20
+    assert above_m[climbed & ~approach].min() == pytest.approx(found.heights.profile.elsewhere_m, abs=2 * FOLLOWED_M)
+    # the ground rises towards the approach by 5 %, which descends more
+    height_m = up_m[approach] - down_m
+    assert (above_m[approach] >= np.minimum(20, height_m / 2) - FOLLOWED_M).all()
+
+
+@pytest.mark.parametrize("to", ["qgc", "px4", "ardupilot"])
+def test_a_landing_over_terrain_is_exported_and_read_back(eadp, landing, tmp_path, to):
+    plan, found = landing
+    out = tmp_path / ("mission.waypoints" if to == "ardupilot" else "mission.plan")
+    assert eadp("export", plan, "--to", to, "-o", out).code == 0
+    overrides = {"vehicle": WING[1]}
+    there, here = (load_flight(str(file), overrides=overrides) for file in (plan, out))
+    assert here.world.plan.stages[-1].altitude_m == pytest.approx(found.plan.stages[-1].altitude_m, abs=0.01)
+    assert here.world.plan.stages[-2].altitude_m == found.plan.stages[-2].altitude_m
+    forecasts = [each.preflight().forecast for each in (there, here)]
+    assert forecasts[1].energy_wh == pytest.approx(forecasts[0].energy_wh, rel=0.01)
+    assert forecasts[1].remaining_s == pytest.approx(forecasts[0].remaining_s, rel=0.01)
+
+
+def written_above_ground(eadp, plan, terrain, to, file):
+    """A mission as other software has it: its altitudes above the ground of `slope`."""
+    zero_m = float(plan.read_text().split("%: ground ")[1].split()[0])
+    model = read_terrain([str(terrain)], np.array([HOME]), ORIGIN)
+
+    def ground_m(latitude, longitude):
+        return float(model.known_m(np.array([to_local_m(latitude, longitude, ORIGIN)]))[0])
+
+    text = eadp("export", plan, "--to", to).out
+    if to == "qgc":
+        mission = json.loads(text)
+        mission["mission"]["plannedHomePosition"][2] = zero_m
+        for item in mission["mission"]["items"]:
+            if item.get("frame") == 3 and item["params"][4]:
+                sea_m = zero_m + item["Altitude"]
+                item["params"][6] = item["Altitude"] = sea_m - ground_m(*item["params"][4:6])
+                item |= {"frame": 10, "AltitudeMode": 4, "AMSLAltAboveTerrain": sea_m}
+        file.write_text(json.dumps(mission))
+        return
+    first, home, *lines = text.splitlines()
+    rows = [line.split("\t") for line in lines]
+    for row in rows:
+        if row[2] == "3" and float(row[8]):
+            row[2] = "10"
+            row[10] = repr(float(row[10]) + zero_m - ground_m(float(row[8]), float(row[9])))
+    file.write_text("\n".join([first, home, *("\t".join(row) for row in rows)]) + "\n")
+
+
+@pytest.mark.parametrize(("to", "known"), [("qgc", False), ("ardupilot", True), ("ardupilot", False)])
+def test_altitudes_above_ground_are_read_back_above_home(eadp, landing, slope, tmp_path, to, known):
+    """Of QGroundControl with heights above the sea, too, as its `SimpleMissionItem::save` writes them."""
+    plan, terrain, above, again = landing[0], slope[1], tmp_path / "above", tmp_path / "again"
+    written_above_ground(eadp, plan, terrain, to, above)
+    given = ("--terrain", terrain) if known else ()
+    answer = eadp("plan", above, "--format", "plan", *given)
+    again.write_text(answer.out)
+    relative = tmp_path / "relative"
+    eadp("export", plan, "--to", to, "-o", relative)
+    there, here = (read_plan(file, warn=lambda _: None) for file in (relative, again))
+    altitudes = [[stage.altitude_m for stage in each.stages] for each in (there, here)]
+    if to == "ardupilot" and not known:
+        assert "item 3: an altitude above ground, taken as above home; --terrain has the ground" in answer.err
+        assert altitudes[1] != pytest.approx(altitudes[0], abs=1)
+        return
+    assert "above ground" not in answer.err
+    assert altitudes[1] == altitudes[0]
+    assert here.site.ground_m == pytest.approx(float(plan.read_text().split("%: ground ")[1].split()[0]), abs=0.05)
+    # forecast, flight and export read it as well
+    wing = {"vehicle": WING[1]}
+    files = [terrain] if known else []
+    forecasts = [
+        forecast(relative, overrides=wing, warn=lambda _: None),
+        forecast(above, overrides=wing, terrain=files),
+    ]
+    assert forecasts[1]["energy_wh"] == pytest.approx(forecasts[0]["energy_wh"], rel=1e-3)
+    out = eadp("export", above, "--to", "ardupilot", *given).out
+    rows = [
+        [line.split("\t")[10] for line in text.splitlines()[2:]]
+        for text in (out, eadp("export", relative, "--to", "ardupilot").out)
+    ]
+    assert rows[0] == rows[1]
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_a_flight_above_ground_is_kept_as_the_plan_that_it_is(eadp, landing, slope, tmp_path):
+    above, flown = tmp_path / "above.waypoints", tmp_path / "flown"
+    terrain = ("--terrain", slope[1])
+    written_above_ground(eadp, landing[0], slope[1], "ardupilot", above)
+    given = ("--set", f"vehicle={WING[1]}", "--set", "step_s=0.05")
+    answer = eadp("simulate", above, *terrain, *given, "-o", flown)
+    assert answer.code == 0, answer.err
+    kept = read_plan(flown / "inputs" / "above.waypoints")
+    assert kept.stages[-1].altitude_m == pytest.approx(landing[1].plan.stages[-1].altitude_m, abs=0.05)
+    assert eadp("report", flown, "-o", tmp_path / "page.html").code == 0
+
+
+@pytest.mark.parametrize(("west_m", "works"), [(700, True), (200, False)])
+def test_an_approach_that_meets_the_ground_names_a_heading_that_does_not(eadp, tmp_path, west_m, works):
+    # a ridge across the final approach to the east, which begins about 950 m before its end
+    terrain = ground(tmp_path / "ridge.tif", lambda x, y: 45 * np.exp(-(((x + 410 + west_m) / 80) ** 2)) + 0 * y)
+    field = write_field(tmp_path / "field.geojson", ORIGIN, 600, 400)
+    given = ("cover", field, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain)
+    place = ",".join(map(repr, to_geodetic_deg(-410.0, 0.0, ORIGIN)))
+    answer = eadp(*given, "--landing", f"{place},90")
+    if works:
+        assert answer.code == 0
+        return
+    assert answer.code == 1
+    assert "the final approach towards 90° leads into the ground at 55.5" in answer.err
+    heading = answer.err.split("a heading of ")[1].split("°")[0]
+    assert eadp(*given, "--landing", f"{place},{heading}").code == 0
+    laps = eadp(*given, "--landing", f"{place},{heading}", "--pattern", "zamboni")
+    assert "laps have one altitude, and over terrain the final approach another" in laps.err
+
+
+def test_maps_have_altitudes_above_the_sea(eadp, landing):
+    plan, found = landing
+    zero_m = found.plan.site.ground_m
+    points = json.loads(eadp("export", plan, "--to", "geojson").out)["features"][0]["geometry"]["coordinates"]
+    assert points[-1][2] == pytest.approx(zero_m + found.plan.stages[-1].altitude_m)
+    assert f"<ele>{points[-1][2]:g}</ele>" in eadp("export", plan, "--to", "gpx").out
+    kml = eadp("export", plan, "--to", "kml").out
+    assert "<altitudeMode>absolute</altitudeMode>" in kml
+    assert f",{points[-1][2]:g}<" in kml
+
+
+def test_a_home_at_another_height_is_warned_of(eadp, slope, tmp_path):
+    field, terrain = slope
+    plan = tmp_path / "slope.plan"
+    eadp("cover", field, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain, "-o", plan)
+    answer = eadp("export", plan, "--to", "qgc", "--home", "55.501,10.501")
+    assert "the ground at the plan's home or start" in answer.err
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_results_and_page_have_the_ground_below_the_flight(eadp, landing, slope, tmp_path):
+    flown = tmp_path / "flown"
+    words = ("--terrain", slope[1], "--set", f"vehicle={WING[1]}", "--set", "step_s=0.05", "-o", flown)
+    assert eadp("simulate", landing[0], *words).code == 0
+    header, *rows = (line.split(",") for line in (flown / "flight.csv").read_text().splitlines())
+    x, ground_m = (np.array([float(row[header.index(name)]) for row in rows]) for name in ("x_m", "ground_m"))
+    assert ground_m == pytest.approx(0.05 * (x - HOME[0]), abs=SLOPE_M)
+    assert eadp("report", flown, "-o", tmp_path / "page.html").code == 0
+    for page in (flown / "report.html", tmp_path / "page.html"):
+        shown = Page(page.read_text(encoding="utf-8")).data["altitude"]
+        assert len(shown["ground_m"]) == len(shown["m"]) == len(shown["t"])
+        assert (min(shown["ground_m"]), max(shown["ground_m"])) == pytest.approx(
+            (ground_m.min(), ground_m.max()), abs=0.5
+        )
+
+
+@pytest.mark.slow
+def test_sorties_over_terrain_land_on_the_ground(eadp, slope, tmp_path):
+    field, terrain = slope
+    place, home = (",".join(map(repr, to_geodetic_deg(*each[:2], ORIGIN))) for each in (LANDING, HOME))
+    given = ("--swath", "60", "--altitude", "80", "--terrain", terrain, "--home", home, "--sorties", "2")
+    answer = eadp("cover", field, *WING, *given, "--landing", f"{place},{LANDING[2]}", "-o", tmp_path / "sorties")
+    assert answer.code == 0
+    for name in ("sortie-01", "sortie-02"):
+        last = load_flight(str(tmp_path / "sorties" / f"{name}.plan")).world.plan.stages[-1]
+        assert last.altitude_m == pytest.approx(0.05 * (LANDING[0] - HOME[0]), abs=SLOPE_M)
+    assert (tmp_path / "sorties/sorties.svg").read_text().count("sortie after sortie") == 1
+    assert eadp("simulate", tmp_path / "sorties", "-o", tmp_path / "flown").code == 0
+    assert (tmp_path / "flown/sortie-02/flight.csv").read_text().partition("\n")[0].endswith(",ground_m")
+
+
+def test_sorties_say_of_the_ground_what_one_flight_says(eadp, slope, tmp_path):
+    field, terrain = slope
+    given = (
+        field,
+        *WING,
+        *CAMERA,
+        "--altitude",
+        "80",
+        "--terrain",
+        terrain,
+        "--home",
+        "55.4975,10.494",
+        "--heading",
+        "0",
+    )
+    alone, divided = (
+        json.loads(eadp("cover", *given, *more, "--format", "json").out)["terrain"] for more in ((), ("--sorties", "2"))
+    )
+    assert divided.keys() == alone.keys()
+    assert divided["zero_m"] == alone["zero_m"]
+    # the same lines over the same ground, but for the climbs from home
+    for key, tolerance in (("height_m", 2), ("gsd_cm", 0.1), ("side_overlap", 0.02)):
+        assert divided[key][1:] == pytest.approx(alone[key][1:], abs=tolerance)
+    assert divided["lower_share"] == 0
+    assert alone["higher_share"] == divided["higher_share"] == 0
+    text = eadp("cover", *given, "--sorties", "2", "--format", "text").out
+    least, mean, most = (100 * share for share in divided["side_overlap"])
+    assert f"overlap {least:.0f} to {most:.0f} %, mean {mean:.0f} %" in text
+    assert f"way home   clear of ground and obstacles at {divided['home_altitude_m']} m" in text
+
+
+def test_sorties_follow_the_ground_from_home(eadp, slope, tmp_path):
+    field, terrain = slope
+    folder = tmp_path / "sorties"
+    given = ("--swath", "60", "--altitude", "80", "--terrain", terrain, "--home", "55.4975,10.494", "--sorties", "auto")
+    answer = eadp("cover", field, *WING, *given, "-o", folder)
+    assert answer.code == 0
+    assert " m above ground on lines, mean " in answer.out
+    heights = json.loads((folder / "sorties.json").read_text())["terrain"]
+    assert 80 - ROUNDING_M <= heights["height_m"][0] <= heights["height_m"][2] <= 88 + ROUNDING_M
+    assert heights["higher_share"] == 0
+    assert f'home: {{"altitude_m": {heights["home_altitude_m"]}}}' in (folder / "scenario.yaml").read_text()
+    assert eadp("simulate", folder, "--set", "step_s=0.05").code == 0
+
+
+def test_a_mast_whose_top_is_below_home_is_in_a_plan_that_can_be_read(eadp, tmp_path):
+    # home is 40 m above the ground at the mast
+    terrain = ground(tmp_path / "slope.tif", lambda x, y: 0.08 * x)
+    field = write_field(tmp_path / "field.geojson", ORIGIN, 500, 400)
+    mast = write_field(tmp_path / "mast.geojson", to_geodetic_deg(-200, 0, ORIGIN), 10, 10)
+    text = json.dumps({"type": "Feature", "properties": {"height": 10}, "geometry": json.loads(Path(mast).read_text())})
+    (tmp_path / "mast.geojson").write_text(text)
+    latitude, longitude = to_geodetic_deg(300, 0, ORIGIN)
+    plan = tmp_path / "mast.plan"
+    given = ("--swath", "60", "--altitude", "80", "--avoid", mast, "--terrain", terrain)
+    assert eadp("cover", field, *WING, *given, "--home", f"{latitude},{longitude}", "-o", plan).code == 0
+    assert " height 0" in plan.read_text()
+    assert eadp("plan", plan).code == 0
+
+
+def test_flat_ground_is_said_of_large_fields_alone(eadp, slope, tmp_path):
+    small, terrain = slope
+    large = write_field(tmp_path / "large.geojson", ORIGIN, 1010, 300)
+    note = "the ground is taken as flat over 1.0 km; --terrain has its heights"
+    given = ("--min-radius", "30", "--swath", "60")
+    assert note in eadp("cover", large, *given).err
+    assert note not in eadp("cover", small, *given).err
+    assert note not in eadp("cover", large, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain).err
+
+
+def test_srtm_serves_without_the_extra(eadp, slope, tmp_path):
+    field, _ = slope
+    tile = write_hgt(tmp_path / "N55E010.hgt", np.full((1201, 1201), 40))
+    given = (*WING, "--swath", "60", "--altitude", "80", "--terrain", tile, "--format", "json")
+    assert json.loads(eadp("cover", field, *given).out)["terrain"]["zero_m"] == 40
+
+
+def test_what_is_refused(eadp, slope, tmp_path):
+    field, terrain = slope
+    given = (*WING, "--swath", "60", "--altitude", "80")
+    far = write_field(tmp_path / "far.geojson", (56.5, 10.5), 600, 400)
+    metres = tmp_path / "metres.csv"
+    metres.write_text("x_m,y_m\n0,0\n400,0\n400,300\n0,300\n")
+    over = ("--terrain", terrain)
+    paper = ("--scenario", "scenarios/paper-I-static.yaml")
+    for answer, message in (
+        (eadp("cover", far, *given, *over), r"no height at 56.49820,10.49513: the field is in 56.4982,10.4951 to"),
+        (eadp("cover", field, *given, "--terrain", tmp_path / "no.tif"), "no such file"),
+        (eadp("cover", metres, *given, *over), "the field has no place on the earth"),
+        (eadp("cover", field, *WING, "--swath", "60", *over), "no height to keep above the ground"),
+        (eadp("cover", field, *given, "--height-tolerance", "5"), "no ground to be above"),
+        (eadp("cover", field, *given, *over, "--height-tolerance", "0.5"), "height-tolerance"),
+        (eadp("cover", field, *given, *over, "--clearance", "90"), "80 m, less than the clearance"),
+        (eadp("cover", field, *paper, "--swath", "60", "--altitude", "80", *over), "holds its own altitude"),
+    ):
+        refused(answer, message)
+
+
+def test_computations_stop_on_turns_at_any_altitude(eadp, slope):
+    field, terrain = slope
+    profile = ("--profile", "profiles/pednet-jetson-nano.yaml", "--turns-off")
+    given = (field, *WING, *profile, "--swath", "60", "--altitude", "80", "--format", "json")
+    flat, over = (json.loads(eadp("cover", *given, *more).out) for more in ((), ("--terrain", terrain)))
+    assert over["lines"] == flat["lines"]
+    assert over["terrain"]["altitudes"] > 1
+
+
+@pytest.mark.parametrize("bearing", few([20, 110], 1))
+def test_the_heading_along_the_contours_is_said_and_needs_less(eadp, tmp_path, bearing):
+    # 25 % up across a bearing
+    towards = math.radians(bearing + 90)
+    terrain = ground(tmp_path / "steep.tif", lambda x, y: 0.25 * (x * math.sin(towards) + y * math.cos(towards)))
+    field = write_field(tmp_path / "field.geojson", ORIGIN, 500, 500)
+    given = (field, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain)
+    text = eadp("cover", *given, "--heading", bearing + 90, "--format", "text").out
+    assert f"; --heading {bearing} is along the contours" in text
+    means = [
+        json.loads(eadp("cover", *given, "--heading", each, "--format", "json").out)["terrain"]["height_m"][1]
+        for each in (bearing, bearing + 90)
+    ]
+    assert means[0] < 90 < means[1]
+
+
+PILOT = ROOT.parent / "shared/reference/pilot"
+
+
+@pytest.mark.skipif(not PILOT.exists(), reason="no inputs of a pilot")
+def test_a_return_is_clear_of_a_pole_on_the_way(eadp, tmp_path):
+    """Its top is 123.5 m above home: the way home, and the parameters, are 20 m above that."""
+    for path in PILOT.iterdir():
+        if path.is_file():
+            (tmp_path / path.name).write_bytes(path.read_bytes())
+    plan, terrain = tmp_path / "p.plan", tmp_path / "ground.tif"
+    camera = "--camera sony-a6000-20mm --gsd 2 --side-overlap 65 --forward-overlap 70"
+    ends = "--home 48.6973022,8.8904725 --landing 48.6976619,8.8907447,260"
+    scenario = ("--scenario", tmp_path / "day.yaml")
+    made = eadp("cover", tmp_path / "field-pole75.geojson", *scenario, *camera.split(), *ends.split(),
+                "--terrain", terrain, "-o", plan)  # fmt: skip
+    assert made.code == 0
+    assert "way home   clear of ground and obstacles at 144 m" in made.out
+    assert "%: home-altitude 144\n" in plan.read_text()
+    for to, ending, names in (
+        ("ardupilot", ".param", ("RTL_ALTITUDE,144", "# of older versions: ALT_HOLD_RTL,14400", "RTL_AUTOLAND,2")),
+        ("qgc", ".param", ("RTL_ALTITUDE,144",)),
+    ):
+        wanted = tmp_path / f"wanted{ending}"
+        written = eadp("export", plan, "--to", to, *scenario, "--parameters", wanted, "-o", tmp_path / "m")
+        assert written.code == 0, written.err
+        assert "while RTL_AUTOLAND is 0" in written.err
+        assert set(names) <= set(wanted.read_text().splitlines())

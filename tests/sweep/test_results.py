@@ -1,0 +1,270 @@
+"""The results file: each run once, whoever writes; what happens to it when things go wrong."""
+
+from __future__ import annotations
+
+import errno
+import os
+import random
+import sqlite3
+import subprocess
+import sys
+from contextlib import closing
+from pathlib import Path
+
+import pytest
+from common import few
+
+from eadp.errors import InputError
+from eadp.sweep import results as results_file
+from eadp.sweep.results import COLUMNS, Results
+from eadp.sweep.runs import Result, Run
+
+RUNS = [Run(f"key{i}", {"plan": "p"}, {"seed": i, "wind.speed_mps": 1}) for i in range(6)]
+SUMMARY = {"completed": True, "reason": "r", "duration_s": 2.5, "soc_final": 0.25, "quality": None, "more": [1]}
+SUMMARY |= {"reserve_kept": True, "energy_wh": 6.5, "distance_m": 1200.0, "batteries": 1}
+
+
+@pytest.fixture
+def path(tmp_path):
+    return str(tmp_path / "deep/results.db")
+
+
+def expecting(results, runs=RUNS):
+    results.expect(run.key for run in runs)
+    return results
+
+
+def keys(runs):
+    return [run.key for run in runs]
+
+
+OTHER = """
+import sys
+from eadp.io.sweep.results import Results
+from eadp.models.sweep import Result, Run
+runs = [Run(f"key{i}", {}, {"seed": i}) for i in range(3)]
+results = Results(sys.argv[1])
+mine, theirs = results.claim(runs)
+print(len(mine), len(theirs), flush=True)
+sys.stdin.readline()
+results.store([(runs[0], Result(None, "theirs"))])
+print("stored", flush=True)
+sys.stdin.readline()
+"""
+
+
+@pytest.fixture
+def other(path, root):
+    """Another process that has claimed the first three runs, and stores one when asked to; killed at the end."""
+    Results(path).close()
+    command = [sys.executable, "-c", OTHER, path]
+    with subprocess.Popen(command, cwd=root, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout.readline() == "3 0\n"
+        yield process
+        process.kill()
+
+
+def killed(process):
+    process.kill()
+    process.wait()
+
+
+def test_results_are_kept_in_order_of_what_is_expected(path):
+    with closing(expecting(Results(path))) as results:
+        assert results.missing() == [0, 1, 2, 3, 4, 5]
+        results.store([(RUNS[4], Result(SUMMARY)), (RUNS[1], Result(None, "cannot", 0.1))])
+        assert results.missing() == [0, 2, 3, 5]
+    with closing(expecting(Results(path))) as results:
+        first, second = results.rows()
+        assert first == {**dict.fromkeys(COLUMNS), "error": "cannot", "took_s": 0.1}
+        assert second == {key: SUMMARY[key] for key in SUMMARY if key != "more"} | {"error": None, "took_s": 0.0}
+        assert [row["error"] for row in results.rows(summaries=True)] == ["cannot", None]
+        results.forget_failures()
+        assert results.missing() == [0, 1, 2, 3, 5]
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "duration_s = duration_s + 1",
+        "seed = 8",
+        f"key = '{RUNS[1].key}'",
+        "summary = '{'",
+        "reason = CAST(x'ff' AS TEXT)",
+        "digest = ''",
+    ],
+)
+def test_a_damaged_result_is_refused(path, damage):
+    with closing(expecting(Results(path))) as results:
+        results.store([(RUNS[0], Result(SUMMARY))])
+    with closing(sqlite3.connect(path)) as connection:
+        connection.execute(f"UPDATE runs SET {damage}")
+        connection.commit()
+    with closing(expecting(Results(path))) as results, pytest.raises(InputError, match=r"damaged|cannot be used"):
+        [*results.rows(), *results.rows(summaries=True)]
+
+
+def test_a_file_that_could_not_be_started_is_removed(path, monkeypatch):
+    monkeypatch.setattr(results_file, "_TABLES", "CREATE TABLE;")
+    with pytest.raises(InputError, match="cannot be used"):
+        Results(path)
+    assert not os.listdir(os.path.dirname(path))
+
+
+def test_a_session_that_could_not_be_started_leaves_no_lock(path, monkeypatch):
+    def fails(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(results_file.fcntl, "lockf", fails)
+    with pytest.raises(InputError, match=r"results\.db\.lock:1:1: error: cannot be written: No space left"):
+        Results(path)
+    assert os.listdir(os.path.dirname(path)) in ([], ["results.db"])
+
+
+def test_a_damaged_index_is_refused(path):
+    with closing(expecting(Results(path))) as results:
+        results.store([(run, Result(SUMMARY)) for run in RUNS])
+    damaged = bytearray(Path(path).read_bytes())
+    at = damaged.rindex(RUNS[3].key.encode())  # the index is after the table
+    damaged[at : at + 1] = b"x"
+    Path(path).write_bytes(damaged)
+    for read_only in (False, True):
+        with pytest.raises(InputError, match=r"results\.db:1:1: error: is damaged; expected a copy of the file"):
+            Results(path, read_only=read_only)
+
+
+@pytest.mark.parametrize("seed", few(range(40), 12))
+def test_a_file_with_a_flipped_bit_is_read_or_refused(path, seed):
+    with closing(expecting(Results(path))) as results:
+        results.store([(run, Result(SUMMARY)) for run in RUNS])
+        whole = [list(results.rows(summaries=each)) for each in (False, True)]
+    damaged = bytearray(Path(path).read_bytes())
+    bit = random.Random(seed).randrange(8 * len(damaged))
+    damaged[bit // 8] ^= 1 << bit % 8
+    Path(path).write_bytes(damaged)
+    try:
+        with closing(expecting(Results(path))) as results:
+            assert results.missing() == []
+            assert [list(results.rows(summaries=each)) for each in (False, True)] == whole
+    except InputError:
+        pass
+
+
+def test_a_name_that_sqlite_takes_for_no_file_is_one(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with closing(expecting(Results(":memory:"))) as results:
+        results.store([(RUNS[0], Result(SUMMARY))])
+    with closing(expecting(Results(":memory:", read_only=True))) as results:
+        assert len(list(results.rows())) == 1
+    with pytest.raises(InputError, match="the name is empty"):
+        Results("")
+
+
+def test_a_run_that_is_expected_twice_is_missing_once():
+    with closing(Results(None)) as results:
+        expecting(results, [RUNS[0], RUNS[1], RUNS[0]])
+        assert results.missing() == [0, 1]
+        results.store([(run, Result(SUMMARY)) for run in RUNS[:2]])
+        assert len(list(results.rows())) == 3
+
+
+def test_a_result_that_is_there_stays(path):
+    with closing(expecting(Results(path))) as results:
+        results.store([(RUNS[0], Result(None, "first"))])
+        results.store([(RUNS[0], Result(None, "second"))])
+        assert [row["error"] for row in results.rows()] == ["first"]
+    with closing(sqlite3.connect(path)) as connection:
+        assert connection.execute("SELECT stored, repeated FROM sessions").fetchall() == [(1, 1)]
+
+
+def test_what_a_living_process_has_claimed_is_not_ours(path, other):
+    with closing(Results(path)) as results:
+        mine, theirs = results.claim(RUNS)
+        assert (keys(mine), keys(theirs)) == (["key3", "key4", "key5"], ["key0", "key1", "key2"])
+        other.stdin.write("go on\n")
+        other.stdin.flush()
+        assert other.stdout.readline() == "stored\n"
+        mine, theirs = results.claim(RUNS[:3])
+        assert (keys(mine), keys(theirs)) == ([], ["key1", "key2"])
+
+
+def test_what_a_killed_process_had_claimed_is_ours(path, other):
+    killed(other)
+    with closing(Results(path)) as results:
+        mine, theirs = results.claim(RUNS)
+        assert (keys(mine), keys(theirs)) == (keys(RUNS), [])
+
+
+def test_the_last_one_out_removes_the_lock(path, other, tmp_path):
+    lock = tmp_path / "deep/results.db.lock"
+    Results(path).close()
+    assert lock.exists(), "another process lives"
+    killed(other)
+    Results(path).close()
+    assert sorted(item.name for item in lock.parent.iterdir()) == ["results.db"]
+
+
+def test_claims_are_let_go_at_the_end(path):
+    with closing(Results(path)) as results:
+        results.claim(RUNS)
+    with closing(sqlite3.connect(path)) as connection:
+        assert connection.execute("SELECT count(*) FROM claims").fetchone() == (0,)
+        assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+
+
+def test_a_full_disk_is_an_error_and_leaves_a_file_that_can_be_continued(path):
+    large = Result({**SUMMARY, "more": "x" * 3000})
+    stored = []
+    with closing(Results(path)) as results:
+        (pages,) = results._connection.execute("PRAGMA page_count").fetchone()
+        results._connection.execute(f"PRAGMA max_page_count = {pages + 3}")
+        runs = [Run(f"k{i}", {}, {"seed": 0}) for i in range(20)]
+
+        def store_all():
+            for run in runs:
+                results.store([(run, large)])
+                stored.append(run)
+
+        with pytest.raises(InputError, match=r"results\.db:1:1: error: the disk is full"):
+            store_all()
+    assert 0 < len(stored) < 20
+    with closing(expecting(Results(path), runs)) as results:
+        assert results.missing() == list(range(len(stored), 20))
+        results.store([(run, large) for run in runs])
+        assert results.missing() == []
+
+
+@pytest.mark.parametrize("kind", ["text", "database", "folder"])
+def test_another_file_is_refused_and_unchanged(tmp_path, kind):
+    path = tmp_path / "results.db"
+    if kind == "folder":
+        path.mkdir()
+    elif kind == "text":
+        path.write_text("not a database, but some text that is longer than a header of SQLite would be " * 3)
+    else:
+        with closing(sqlite3.connect(path)) as connection:
+            connection.execute("CREATE TABLE mine (x)")
+    before = None if kind == "folder" else path.read_bytes()
+    with pytest.raises(InputError, match=r"results\.db:1:1: error: "):
+        Results(str(path))
+    assert before is None or path.read_bytes() == before
+    assert [item.name for item in tmp_path.iterdir()] == ["results.db"]
+
+
+def test_what_sqlite_says_of_a_damaged_schema_is_printable(path):
+    """Found by fuzzing: the message quotes the schema's bytes."""
+    with closing(expecting(Results(path))):
+        pass
+    data = Path(path).read_bytes()
+    at = data.index(b"CREATE TABLE sessions")
+    Path(path).write_bytes(data[: at + 13] + b"\x01\x1b" + data[at + 15 :])
+    with pytest.raises(InputError) as error:
+        Results(path)
+    assert all(line.isprintable() for line in str(error.value).splitlines())
+
+
+@pytest.mark.parametrize("name", [":memory:", "file:a?mode=memory"])
+def test_names_that_mean_something_to_sqlite_are_names_of_files(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    with closing(Results(name)):
+        assert (tmp_path / name).is_file()

@@ -1,0 +1,116 @@
+"""Shares, medians and tables, beside independent countings."""
+
+from __future__ import annotations
+
+import math
+import statistics
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import brentq
+from scipy.stats import binomtest, norm
+
+from eadp.sweep.statistics import Z_95, KeyBins, SweepFlight, marginal, table, totals, wilson_interval
+
+EXACT = 1e-9
+
+
+@given(st.integers(1, 400), st.data())
+def test_the_interval_is_where_the_score_test_does_not_refuse(trials, data):
+    successes = data.draw(st.integers(0, trials))
+    low, high = wilson_interval(successes, trials)
+    share = successes / trials
+
+    def refused(p):
+        return (share - p) ** 2 * trials - Z_95**2 * p * (1 - p)
+
+    # the oracle: the zeros of the test's statistic on either side of the share
+    expected_low = brentq(refused, 0.0, share, xtol=1e-13) if successes > 0 else 0.0
+    expected_high = brentq(refused, share, 1.0, xtol=1e-13) if successes < trials else 1.0
+    if 0 < successes < trials:
+        assert low == pytest.approx(expected_low, abs=EXACT)
+        assert high == pytest.approx(expected_high, abs=EXACT)
+    interval = binomtest(successes, trials).proportion_ci(0.95, method="wilson")
+    assert (low, high) == pytest.approx((interval.low, interval.high), abs=EXACT)
+
+
+def test_the_quantile():
+    assert norm.ppf(0.975) == pytest.approx(Z_95, abs=1e-14)
+
+
+def flight(index, values, completed=True, duration=100.0, soc=0.5, quality=0.7, error=None, seed=0):
+    if error is not None:
+        return SweepFlight(index, values, seed, error=error)
+    return SweepFlight(index, values, seed, completed, "reason", duration, soc, quality)
+
+
+FLIGHTS = [
+    flight(0, {"w": 1, "p": "a"}, True, 10.0, 0.1, 0.9),
+    flight(1, {"w": 2, "p": "a"}, False, 20.0, 0.2, 0.8),
+    flight(2, {"w": 1, "p": "b"}, True, 40.0, 0.4, None),
+    flight(3, {"w": 2, "p": "b"}, error="cannot"),
+    flight(4, {"w": 1, "p": "a"}, False, 30.0, 0.0, 0.5, seed=1),
+]
+
+
+def test_totals_count_what_could_not_be_made_apart():
+    whole = totals(FLIGHTS)
+    assert (whole.runs, whole.failed, whole.flights, whole.completed) == (5, 1, 4, 2)
+    assert whole.interval == wilson_interval(2, 4)
+    assert totals([FLIGHTS[3]]).interval is None
+
+
+def test_copies_of_a_flight_are_in_no_interval():
+    copies = [flight(i, {"w": i % 2, "seed": i}, soc=0.5 + i % 2, seed=i) for i in range(8)]
+    whole = totals([*copies, flight(8, {"w": 0, "seed": 8}, False, seed=8)])
+    assert (whole.flights, whole.completed, whole.distinct) == (9, 8, 3)
+    assert whole.interval == wilson_interval(2, 3)
+
+
+def test_marginals_by_value():
+    one, two = marginal(FLIGHTS, "w", [1, 2])
+    assert (one.label, one.flights, one.completed) == ("1", 3, 2 / 3)
+    assert (one.duration_s, one.soc_final) == (25.0, 0.25), "of those that complete"
+    assert (two.label, two.flights, two.completed) == ("2", 1, 0.0)
+    assert math.isnan(two.duration_s)
+    assert [group.flights for group in marginal(FLIGHTS, "seed")] == [3, 1]
+
+
+def test_a_value_without_a_flight_is_listed_empty():
+    *_, three = marginal(FLIGHTS, "w", [1, 2, 3])
+    assert three.flights == 0
+    assert math.isnan(three.completed)
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=20, max_size=200, unique=True))
+def test_many_numbers_are_put_into_bins_of_alike_many(values):
+    flights = [flight(i, {"w": value}, duration=value) for i, value in enumerate(values)]
+    groups = marginal(flights, "w")
+    assert len(groups) == 5
+    assert sum(group.flights for group in groups) == len(values)
+    assert max(group.flights for group in groups) - min(group.flights for group in groups) <= 2
+    medians = [group.duration_s for group in groups]
+    assert medians == sorted(medians)
+    ordered = sorted(values)
+    assert medians[0] == pytest.approx(statistics.median(ordered[: groups[0].flights]))
+
+
+def test_texts_and_lists_are_values_too():
+    bins = KeyBins([[1, 2], "x", [1, 2], None])
+    assert bins.labels == ("[1, 2]", "x", "null")
+    assert bins.index("x") == 1
+
+
+def test_a_table_of_means():
+    means = table(FLIGHTS, ("w", "p"), "duration_s", {"w": [1, 2], "p": ["a", "b"]})
+    assert (means.rows, means.columns) == (("1", "2"), ("a", "b"))
+    assert means.means == ((10.0, 40.0), (None, None))
+    assert means.flights == ((1, 1), (0, 0))
+    assert means.crashed == ((1, 0), (1, 0))
+    assert [means.text(i, j, 1) for i in range(2) for j in range(2)] == ["10.0 ×1", "40.0", "×1", ""]
+    share = table(FLIGHTS, ("p", "w"), "completed", {})
+    assert share.means == ((0.5, 0.0), (1.0, None))
+    assert share.crashed == ((0, 0), (0, 0))
+    quality = table(FLIGHTS, ("w", "p"), "quality", {"p": ["a", "b"]})
+    assert quality.means[0] == (0.9, None)

@@ -1,0 +1,266 @@
+"""The sweep file: what it means, what it refuses and where, and what a run's key depends on."""
+
+from __future__ import annotations
+
+import pickle
+
+import pytest
+
+from eadp.api.inputs import load_flight
+from eadp.errors import EadpError, InputError
+from eadp.io.text.streams import read_text
+from eadp.sweep import sweep_file
+from eadp.sweep.run import FlyRun
+from eadp.sweep.sweep_file import read_sweep
+
+LINE = "0.1; 90; x\n0, 400\n"
+PARAMETERS = "0.1; 90; x - c1\n0, 400\n[-10, 10]\n"
+SCENARIO = "schema: eadp.scenario/1\nseed: 5\nstep_s: 0.1\n"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "line.plan").write_text(LINE)
+    (tmp_path / "other.plan").write_text(PARAMETERS)
+    (tmp_path / "calm.yaml").write_text(SCENARIO)
+    return tmp_path
+
+
+def written(folder, body, name="sweep.yaml"):
+    path = folder / name
+    path.write_text(f"schema: eadp.sweep/1\n{body}")
+    return str(path)
+
+
+def sweep_of(path, overrides=None):
+    return read_sweep(read_text(path), overrides)
+
+
+def runs(sweep):
+    return [sweep.run(i) for i in range(len(sweep.design))]
+
+
+def test_all_parts_together(folder):
+    body = """plan: line.plan
+scenario: calm.yaml
+grid:
+  wind.speed_mps: [0, 1.5]
+  planner: [static, paper]
+zip: {battery.capacity_ah: [1, 2, 3], battery.soc: [1, 0.9, 0.8]}
+sample: {runs: 4, seed: 3, method: latin, keys: {wind.towards_deg: {uniform: [0, 360]}, step_s: {choice: [0.1, 0.2]}}}
+seeds: 2
+"""
+    sweep = sweep_of(written(folder, body))
+    assert len(sweep.design) == 2 * 2 * 3 * 4 * 2
+    last = runs(sweep)[-1]
+    assert last.files == {"plan": str(folder / "line.plan"), "scenario": str(folder / "calm.yaml")}
+    fixed = {key: value for key, value in last.overrides.items() if key not in ("wind.towards_deg", "step_s")}
+    assert fixed == {
+        "wind.speed_mps": 1.5,
+        "planner.name": "paper",
+        "battery.capacity_ah": 3,
+        "battery.soc": 0.8,
+        "seed": 1,
+    }
+    assert 0 < last.overrides["wind.towards_deg"] < 360
+    assert len({run.key for run in runs(sweep)}) == 96
+
+
+def test_the_seed_is_the_designs_else_the_keys_else_the_scenarios(folder):
+    head = "plan: line.plan\nscenario: calm.yaml\n"
+    assert [run.overrides["seed"] for run in runs(sweep_of(written(folder, head)))] == [5]
+    varied = sweep_of(written(folder, f"{head}grid: {{seed: [8, 9]}}\n"))
+    assert [run.overrides["seed"] for run in runs(varied)] == [8, 9]
+    assert [run.overrides["seed"] for run in runs(sweep_of(written(folder, f"{head}seeds: 3\n")))] == [0, 1, 2]
+    assert runs(sweep_of(written(folder, "plan: line.plan\n")))[0].overrides == {"seed": 0}
+    fixed = sweep_of(written(folder, head), {"seed": 4})
+    assert runs(fixed)[0].overrides == {"seed": 4}
+
+
+def test_files_may_be_varied(folder):
+    (folder / "windy.yaml").write_text(SCENARIO.replace("5", "6") + "wind: {speed_mps: 3}\n")
+    body = "grid: {plan: [line.plan, other.plan], scenario: [calm.yaml, windy.yaml]}\n"
+    sweep = sweep_of(written(folder, body))
+    assert [run.files["plan"].rpartition("/")[2] for run in runs(sweep)] == ["line.plan"] * 2 + ["other.plan"] * 2
+    assert [run.overrides["seed"] for run in runs(sweep)] == [5, 6] * 2
+
+
+def test_c1_is_short_for_a_parameter(folder):
+    sweep = sweep_of(written(folder, "plan: other.plan\ngrid: {c1: [-5, 5]}\n"))
+    assert [run.overrides["parameters.c1"] for run in runs(sweep)] == [-5, 5]
+
+
+def test_a_key_depends_on_contents_and_values_alone(folder):
+    body = "plan: {}\nscenario: {}\ngrid: {{wind.speed_mps: [1]}}\n"
+
+    def key(plan="line.plan", scenario="calm.yaml", text=body):
+        return runs(sweep_of(written(folder, text.format(plan, scenario))))[0].key
+
+    first = key()
+    (folder / "deep").mkdir()
+    (folder / "deep/copy.plan").write_bytes(LINE.replace("\n", "\r\n").encode())
+    assert key("deep/copy.plan") == first
+    assert key(text=body + "seeds: 6\n") != first
+    assert key(text=body.replace("[1]", "[2]")) != first
+    (folder / "calm.yaml").write_text(SCENARIO + "time_limit_s: 60\n")
+    changed = key()
+    assert changed != first
+    (folder / "line.plan").write_text(LINE.replace("400", "401"))
+    assert key() not in (changed, first)
+
+
+def test_the_key_depends_on_the_profile_that_the_scenario_names(folder, root):
+    profile = (root / "profiles/pednet-letter.csv").read_text()
+    (folder / "p.csv").write_text(profile)
+    (folder / "calm.yaml").write_text(f"{SCENARIO}profile: p.csv\n")
+    path = written(folder, "plan: line.plan\nscenario: calm.yaml\n")
+    first = runs(sweep_of(path))[0].key
+    (folder / "p.csv").write_text(profile + "\n")
+    assert runs(sweep_of(path))[0].key != first
+    (folder / "p.csv").unlink()
+    with pytest.raises(InputError, match=r"p\.csv:1:1: error: cannot be read"):
+        sweep_of(path)
+
+
+def test_the_key_depends_on_the_version(folder, monkeypatch):
+    path = written(folder, "plan: line.plan\n")
+    first = runs(sweep_of(path))[0].key
+    monkeypatch.setattr(sweep_file, "__version__", "99")
+    assert runs(sweep_of(path))[0].key != first
+
+
+def test_a_run_is_the_flight_of_simulate_and_needs_no_files(folder, root):
+    from eadp.api.flight import summarise
+    from eadp.simulation.loop import Outcome, fly
+
+    body = f"plan: {root}/plans/survey.plan\nscenario: {root}/scenarios/survey.yaml\ngrid: {{wind.speed_mps: [4]}}\n"
+    sweep = sweep_of(written(folder, body), {"time_limit_s": 30, "wind.gust_std_mps": 1})
+    run = sweep.run(0)
+    make = pickle.loads(pickle.dumps(FlyRun(sweep.kept)))
+    summary = make(run).summary
+    inputs = load_flight(run.files["plan"], scenario=run.files["scenario"], overrides=run.overrides)
+    pilot, outcome = inputs.flight(), Outcome()
+    list(fly(inputs.world, pilot, outcome))
+    expected = summarise(inputs.world, pilot, outcome, inputs.scenario.planner)
+    expected["solver"] = {key: value for key, value in expected["solver"].items() if not key.endswith("_ms")}
+    assert summary == expected
+    assert make(run).summary == summary, "a second run from what is kept is the same"
+
+
+def test_what_goes_wrong_is_the_runs_error(folder):
+    sweep = sweep_of(written(folder, "plan: other.plan\ngrid: {c1: [0, 11]}\n"))
+    make = FlyRun(sweep.kept)
+    result = make(sweep.run(1))
+    assert result.summary is None
+    assert result.error == "c1 = 11 is outside its set; expected a value in [-10, 10]"
+
+
+# --- what is refused
+
+HEAD = "plan: line.plan\nscenario: calm.yaml\n"
+BAD = {
+    "no plan": ("scenario: calm.yaml\n", "1:1", "no plan to fly"),
+    "unknown key": ("plan: line.plan\nplam: x\n", "3:1", "unknown key plam"),
+    "missing plan": ("plan: none.plan\n", "2:1", "none.plan cannot be read"),
+    "missing file of many": ("grid: {plan: [line.plan, none.plan]}\n", "2:26", "none.plan cannot be read"),
+    "file no name": ("grid: {plan: [3]}\n", "2:15", "not a file name"),
+    "no such scenario key": (HEAD + "grid:\n  wind.speed: [1]\n", "5:16", "unknown key wind.speed"),
+    "value refused": (HEAD + "grid:\n  wind.speed_mps: [1, -1, x]\n", "5:23", "wind.speed_mps cannot be -1"),
+    "second value refused": (HEAD + "grid:\n  wind.speed_mps: [1, -1, x]\n", "5:27", "a number"),
+    "unknown planner": (HEAD + "grid: {planner: [static, best]}\n", "4:26", "unknown planner best"),
+    "no key": (HEAD + "grid: {wind speed: [1]}\n", "4:8", "wind speed is not a key"),
+    "no values": (HEAD + "grid: {wind.speed_mps: []}\n", "4:8", "cannot be a list of 0"),
+    "no list": (HEAD + "grid: {wind.speed_mps: 3}\n", "4:8", "a list"),
+    "zip lengths": (HEAD + "zip: {battery.soc: [1, 1], wind.speed_mps: [1]}\n", "4:28", "has 1 values"),
+    "twice": (HEAD + "grid: {c1: [1]}\nzip: {parameters.c1: [2]}\n", "5:7", "set the same key"),
+    "within": (HEAD + "grid: {wind: [{}], wind.speed_mps: [2]}\n", "4:20", "set the same key"),
+    "both directions of the wind": (
+        HEAD + "grid: {wind.from_deg: [0, 90]}\nzip: {wind.towards_deg: [10]}\n",
+        "5:7",
+        "wind.towards_deg and wind.from_deg set the same key",
+    ),
+    "seeds and seed": (HEAD + "grid: {seed: [1]}\nseeds: 2\n", "5:1", "the key seed too"),
+    "no seeds": (HEAD + "seeds: 0\n", "4:1", "seeds cannot be 0"),
+    "drawn twice": (
+        HEAD + "sample: {runs: 2, keys: {battery.soc: {uniform: [0.5, 1], choice: [1]}}}\n",
+        "4:26",
+        "has 2 distributions",
+    ),
+    "drawn out of range": (
+        HEAD + "sample: {runs: 2, keys: {battery.soc: {uniform: [0.5, 1.5]}}}\n",
+        "4:55",
+        "battery.soc cannot be 1.5",
+    ),
+    "whole number drawn": (
+        HEAD + "sample: {runs: 2, keys: {seed: {uniform: [0, 9]}}}\n",
+        "4:43",
+        "a whole number",
+    ),
+    "upside down": (HEAD + "sample: {runs: 2, keys: {battery.soc: {uniform: [1, 0.5]}}}\n", "4:40", "lower end"),
+    "deviation": (HEAD + "sample: {runs: 2, keys: {battery.soc: {normal: [1, -1]}}}\n", "4:40", "below 0"),
+    "file drawn": ("sample: {runs: 2, keys: {plan: {uniform: [1, 2]}}}\n", "2:26", "plan is a file"),
+    "too many": (HEAD + "seeds: 1000\nsample: {runs: 1001, keys: {step_s: {uniform: [0.1, 1]}}}\n", "1:1", "1000000"),
+    "alias": ("plan: &a line.plan\n", "2:7", "alias"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_faults_have_their_places(folder, name):
+    body, place, words = BAD[name]
+    path = written(folder, body)
+    with pytest.raises(InputError) as caught:
+        sweep_of(path)
+    found = [fault for fault in caught.value.faults if f"{fault.line}:{fault.column}" == place]
+    assert found, str(caught.value)
+    assert any(words in str(fault) for fault in found), str(caught.value)
+    assert all(fault.file == path for fault in caught.value.faults)
+
+
+def test_faults_of_other_files_are_theirs(folder):
+    (folder / "bad.plan").write_text("0.1; 45; x\n0, 400\n")
+    with pytest.raises(InputError, match=r"bad\.plan:1:6: error: 45 cannot stand here"):
+        sweep_of(written(folder, "grid: {plan: [line.plan, bad.plan]}\n"))
+    (folder / "calm.yaml").write_text(SCENARIO + "wind: 3\n")
+    with pytest.raises(InputError, match=r"calm\.yaml:4:1: error"):
+        sweep_of(written(folder, HEAD))
+
+
+@pytest.mark.parametrize("body", ["", "- 1\n", "schema: eadp.scenario/1\n"])
+def test_what_is_no_sweep_file(folder, body):
+    (folder / "sweep.yaml").write_text(body)
+    with pytest.raises(InputError, match=r"sweep\.yaml:1:1: error"):
+        sweep_of(str(folder / "sweep.yaml"))
+
+
+@pytest.mark.parametrize("key", ["wind.speed_mps", "plan", "seed", "wind"])
+def test_what_is_set_in_every_run_is_not_varied(folder, key):
+    path = written(folder, HEAD + "grid: {wind.speed_mps: [1]}\nseeds: 2\n")
+    with pytest.raises(InputError, match="--set:1:1: error"):
+        sweep_of(path, {key: 1})
+
+
+def test_another_versions_work_is_refused(folder, monkeypatch):
+    import eadp.api.inputs as module
+
+    pickled = pickle.dumps(FlyRun(sweep_of(written(folder, "plan: line.plan\n")).kept))
+    monkeypatch.setattr(module, "__version__", "99")
+    with pytest.raises(EadpError, match="this is eadp 99"):
+        pickle.loads(pickled)
+
+
+def test_vehicle_files_are_read_once_and_told_apart(folder):
+    """A sweep over the vehicle, and over keys of one; the content of the file is part of a run's key."""
+    (folder / "fast.yaml").write_text("schema: eadp.vehicle/1\nairframe: {airspeed_mps: 20}\n")
+    (folder / "slow.yaml").write_text("schema: eadp.vehicle/1\nairframe: {airspeed_mps: 12}\n")
+    content = f"plan: line.plan\ngrid: {{vehicle: [{folder}/fast.yaml, {folder}/slow.yaml]}}\n"
+    sweep = sweep_of(written(folder, content))
+    files = pickle.loads(pickle.dumps(sweep.kept))
+    keys = [sweep.run(k).key for k in range(2)]
+    (folder / "slow.yaml").write_text("schema: eadp.vehicle/1\nairframe: {airspeed_mps: 13}\n")
+    assert [files.load(sweep.run(k)).world.vehicle.airspeed_mps for k in range(2)] == [20, 12]
+    again = sweep_of(written(folder, content))
+    assert [again.run(k).key == keys[k] for k in range(2)] == [True, False]
+    masses = sweep_of(written(folder, "plan: line.plan\ngrid: {vehicle.airframe.mass_kg: [1, 1.5]}\n"))
+    assert masses.kept.load(masses.run(1)).world.vehicle.mass_kg == 1.5
+    with pytest.raises(InputError, match=r"unknown key vehicle\.mass_kg; expected vehicle\.airframe\.mass_kg"):
+        sweep_of(written(folder, "plan: line.plan\ngrid: {vehicle.mass_kg: [1, 1.5]}\n"))
