@@ -22,6 +22,7 @@ import random
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import shapely
@@ -29,7 +30,7 @@ from measured import add_option, head, line, recorded
 from pyproj import Geod
 
 import eadp
-from eadp.api.inputs import load_flight
+from eadp.api.inputs import Files, load_flight
 from eadp.check.check import check_plan
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import InputError
@@ -101,7 +102,7 @@ def reference(folder: Path) -> None:
             continue
         length, straight = sum(leg.length_m for leg in nominal_legs(plan, ())), geodesic_m(text.body)
         calm = {"step_s": 0.05, "wind.speed_mps": 0.0}
-        summary = eadp.simulate(path, overrides=calm, laps=LAPS, warn=lambda _: None).summary
+        summary = eadp.simulate(plan, overrides=calm, warn=lambda _: None).summary
         figures = length, straight, summary["distance_m"], summary["duration_s"]
         lengths = f"{length / straight:.3f}", *(f"{figure:.0f}" for figure in figures)
         print(line(path.name, len(plan.stages), *lengths))
@@ -126,9 +127,11 @@ def plant(folder: Path) -> None:
     print(head("mission", "time in the plant [s]", "simulated", "energy in the plant [Wh]", "forecast", "simulated"))
     owner = {"vehicle": str(HERE / "twin/owner.yaml"), "vehicle.airframe.max_climb_rate_mps": 2.5}
     keys = {**owner, "battery.capacity_ah": 20.0, "wind.speed_mps": 0.0, "planner.name": "static", "step_s": 0.02}
+    keys_of = Files().scenario(None, keys).keys
+    reader = replace(PlanReader.of(keys_of.vehicle.airframe, keys_of.battery), laps=LAPS)
     for path in sorted(folder.iterdir()):
         try:
-            inputs = load_flight(str(path), overrides={**keys, "laps": LAPS})
+            inputs = load_flight(reader(read_text(str(path)))[0], overrides=keys)
         except InputError:
             continue
         forecast, outcome = inputs.preflight().forecast, Outcome()

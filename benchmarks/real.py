@@ -26,6 +26,7 @@ import statistics
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -36,11 +37,11 @@ from shapely import make_valid, unary_union
 from shapely.geometry import shape
 
 from eadp.api.flight import forecast_values
-from eadp.api.inputs import load_flight
+from eadp.api.inputs import Files, load_flight
 from eadp.core import compiled
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import EadpError, InputError
-from eadp.io.plan.sources import is_mission
+from eadp.io.plan.sources import PlanReader, is_mission
 from eadp.io.profile.configurations import as_trace
 from eadp.io.text.streams import read_text
 from eadp.measure.formats import read_power_log
@@ -109,7 +110,10 @@ class Compared(NamedTuple):
 
 def compared(path: Path, keys: Mapping[str, Any]) -> Compared | None:
     """A mission forecast, and flown on a battery that lasts; None where the forecast is that it never ends."""
-    inputs = load_flight(path, overrides={"laps": 1, "battery.capacity_ah": 100.0, **keys})
+    given = {"battery.capacity_ah": 100.0, **keys}
+    known = Files().scenario(None, given).keys
+    plan, _ = replace(PlanReader.of(known.vehicle.airframe, known.battery), laps=1)(read_text(str(path)))
+    inputs = load_flight(plan, overrides=given)
     before = time.perf_counter()
     expected = inputs.preflight()
     took_s = time.perf_counter() - before

@@ -4,6 +4,9 @@
 |---|---|---|
 | `commands` | of `eadp NAME` | a function: typer's annotations, returns the exit code |
 | `plan_sources` | any | a `PlanSource`: it recognises texts and reads them as plans |
+| `plan_changes` | of an option of `eadp plan` | a function from a plan and the option's file to the plan and notes |
+| `grounds` | `files` | a function from `--terrain`'s files to a `Ground`, the heights of points |
+| `fences` | any | a function from a text to the fences in it as (inside, corners °, place); None where it has no such |
 | `plan_writers` | of `eadp plan --format` | the function from a plan and its name to a text |
 | `checks` | any | what `eadp plan --check` runs: a function as `check.check.checked`, to a `CheckReport` |
 | `planners` | of `planner.name` and `--planner` | a `Planner` |
@@ -37,6 +40,9 @@ OWN: dict[str, dict[str, str]] = {
         "schema": "eadp.cli.schema:command",
     },
     "plan_sources": {"mission": "eadp.exchange.reader:MISSION"},
+    "plan_changes": {"avoid": "eadp.survey.fences:avoid", "inside": "eadp.survey.fences:inside"},
+    "grounds": {"files": "eadp.survey.terrain:ground_of"},
+    "fences": {"mission": "eadp.exchange.reader:mission_fences"},
     "plan_writers": {
         "sympy": "eadp.check.worker:sympy_text",
         "latex": "eadp.check.worker:latex_text",

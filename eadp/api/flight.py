@@ -29,7 +29,6 @@ from eadp.planning.base import DecisionRecord, Ending, PlannerSettings
 from eadp.planning.flight import PlannedFlight
 from eadp.planning.forecast.held import Preflight
 from eadp.simulation.loop import RETURNED, Outcome, fly
-from eadp.survey.fences import FENCES
 
 SCHEMA = "eadp.flight/1"
 TIMINGS = "eadp.timings/1"
@@ -279,22 +278,12 @@ class Flight:
 
     @cached_property
     def _rows(self) -> list[list[float]]:
-        rows = [*map(self._row, self.steps)]
-        return rows if self._ground_m is None else [[*row, m] for row, m in zip(rows, self._ground_m, strict=True)]
-
-    @cached_property
-    def _ground_m(self) -> list[float] | None:
-        """Heights of the ground below above the altitude 0 [m]; None where one is not known."""
-        if self.inputs.ground is None or not self.steps:
-            return None
-        heights_m = self.inputs.ground(np.array([(step.x_m, step.y_m) for step in self.steps]))
-        return None if np.isnan(heights_m).any() else np.round(heights_m, 2).tolist()
+        return [*map(self._row, self.steps)]
 
     @property
     def _names(self) -> list[str]:
         world = self.inputs.world
         earth = [] if world.plan.site.origin_deg is None else ["lat_deg", "lon_deg"]
-        earth += [] if self._ground_m is None else ["ground_m"]
         return [*Step._fields[:-1], *world.plan.names, *(f"{name}_actual" for name in world.rates), *earth]
 
     def _row(self, step: Step) -> list[float]:
@@ -389,17 +378,14 @@ def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _copy_inputs(folder: Path, sources: Mapping[str, Source], overrides: Sequence[str]) -> None:
-    """Copy inputs into a folder, fences into one of their kind there: what else they are, their content says."""
+    """Copy inputs into a folder: what they are, their content says."""
     folder.mkdir()
-    for kind in sources.keys() & FENCES:
-        (folder / kind).mkdir()
     for kind, text in sources.items():
-        target = folder / kind if kind in FENCES else folder
         name = Path(text.name).name if text.name != "<stdin>" else f"stdin.{kind}"
-        while (target / name).exists() or name == OVERRIDES:
+        while (folder / name).exists() or name == OVERRIDES:
             # with another file's name, its kind comes first, and stands alone where the name would be too long
             name = f"{kind}-{name}" if len(os.fsencode(name)) < LONGEST_NAME else kind
-        (target / name).write_text(text.body, encoding="utf-8")
+        (folder / name).write_text(text.body, encoding="utf-8")
     if overrides:
         lines = "".join(f"{line}\n" for line in overrides)
         (folder / OVERRIDES).write_text(lines, encoding="utf-8", errors="surrogateescape")

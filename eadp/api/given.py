@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
-from typing import Annotated, Any, TypedDict
+from typing import Annotated, Any
 
 from eadp.errors import Fault, InputError
 from eadp.io.text.options import Flag
@@ -15,21 +15,6 @@ File = str | PathLike[str]
 Overrides = Mapping[str, Any] | Iterable[str]
 Warn = Callable[[Sequence[Fault]], None]
 """Takes warnings."""
-
-
-class Around(TypedDict, total=False):
-    """Files of what lies around a flight, besides what its plan has: of fences, and of the ground."""
-
-    avoid: File | None
-    inside: File | None
-    terrain: Sequence[str]
-
-
-class FlightKeywords(Around, total=False):
-    """The `FlightOptions` that are keywords of the functions that fly a plan, or forecast it."""
-
-    planner: str | None
-    laps: int | None
 
 
 @dataclass(frozen=True)
@@ -53,18 +38,6 @@ class FlightOptions:
 
     set_: Annotated[Sequence[str], Flag(metavar="KEY=VALUE")] = ()
     """Set a scenario key, as in wind.speed_mps=8, spacing=20 or fps=5."""
-
-    laps: Annotated[int | None, Flag(metavar="N", low=1, high=10_000)] = None
-    """How many times a mission that repeats for ever is flown."""
-
-    avoid: Annotated[str | None, Flag(metavar="FILE")] = None
-    """Polygons that the flight stays out of: a fence, GeoJSON, KML or CSV."""
-
-    inside: Annotated[str | None, Flag(metavar="FILE")] = None
-    """Polygons that the flight stays inside of, as --avoid."""
-
-    terrain: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
-    """Heights of the ground, as of eadp cover, for a mission whose altitudes are above it, and for the page."""
 
     @property
     def overrides(self) -> list[str]:

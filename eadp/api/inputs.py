@@ -15,8 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from eadp import __version__
-from eadp.api.given import Around, File
-from eadp.core.arrays import FloatArray
+from eadp.api.given import File
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined, refuse
 from eadp.io.energy import energy_yaml, parse_energy
@@ -50,9 +49,6 @@ from eadp.planning.registry import planner_class
 from eadp.planning.state.climb import ClimbFollower
 from eadp.simulation.nominal import NominalFlight, Overshoot
 from eadp.simulation.turns import MOST, overshoot_findings
-from eadp.survey.fences import fenced
-from eadp.survey.field_reader import read_field_text
-from eadp.survey.terrain import read_terrain
 from eadp.sweep.runs import Run
 
 LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
@@ -160,8 +156,6 @@ class FlightInputs:
     sources: Mapping[str, Source]
     never_past: str = ""
     """The item or stage with a turn that the aircraft never gets past; the plan has no forecast then."""
-    ground: Callable[[FloatArray], FloatArray] | None = None
-    """Height of the ground at points, shape (n, 2), above the altitude 0 [m], where it is known."""
 
     def flight(self) -> PlannedFlight:
         """A new flight with its planner."""
@@ -196,7 +190,6 @@ def load_flight(
     scenario: File | Mapping[str, Any] | None = None,
     profile: File | AnyProfile | None = None,
     energy: File | EnergyModel | None = None,
-    around: Around | None = None,
     overrides: Mapping[str, Any] | None = None,
     files: Files | None = None,
 ) -> FlightInputs:
@@ -207,13 +200,10 @@ def load_flight(
     InputError
         With every fault found in the first file that has any.
     """
-    files, around = files or Files(), around or Around()
+    files = files or Files()
     setting = files.scenario(scenario, overrides)
-    given = {"avoid": around.get("avoid"), "inside": around.get("inside")}
-    fences = {kind: files.text(str(path), read_field_text) for kind, path in given.items() if path is not None}
-    terrain = around.get("terrain", ())
-    plan_source, flown, warnings = _plan(files, plan, setting, fences, terrain)
-    sources: dict[str, Source] = {"plan": plan_source, **fences}
+    plan_source, flown, warnings = _plan(files, plan, setting)
+    sources: dict[str, Source] = {"plan": plan_source}
     if isinstance(scenario, Mapping):
         sources["scenario"] = Given(setting.document.value, "given-keys.yaml", value_text)
     elif scenario is not None:
@@ -258,14 +248,11 @@ def load_flight(
         message = f"{stated_m:g} m is not clear of all that is below ways home: {home_m:g} m is taken"
         warnings.append(replace(setting.fault("home.altitude_m", message, "a higher one"), severity="warning"))
     never_past = next((one.first.label for one in overshoots if math.isinf(one.excess_s)), "")
-    ground = _ground(flown, parameters, start[0], terrain)
-    return FlightInputs(world, mission, setting, tuple(warnings), sources, never_past, ground)
+    return FlightInputs(world, mission, setting, tuple(warnings), sources, never_past)
 
 
-def _plan(
-    files: Files, given: File | Plan, scenario: Scenario, fences: Mapping[str, Text], terrain: Sequence[str]
-) -> tuple[Source, Plan, list[Fault]]:
-    """Where a plan or a mission comes from, the plan as it is flown, beside fences by kind, and warnings."""
+def _plan(files: Files, given: File | Plan, scenario: Scenario) -> tuple[Source, Plan, list[Fault]]:
+    """Where a plan or a mission comes from, the plan as it is flown, and warnings."""
     keys, vehicle = scenario.keys, scenario.keys.vehicle.airframe
     text: Source
     findings: list[Finding] = []
@@ -273,17 +260,14 @@ def _plan(
     if isinstance(given, Plan):
         text, plan = Given(given, "given.plan", plan_text), given
     else:
-        reader = PlanReader.of(vehicle, keys.battery, keys.laps) if foreign else PlanReader()
-        text, (plan, findings) = files.read(str(given), replace(reader, terrain=tuple(terrain)))
-        if foreign and terrain:
-            text = Given(plan, text.name, plan_text)  # with a flight's results is the plan, which needs no terrain
-    plan, notes = fenced(plan, **fences)
+        reader = PlanReader.of(vehicle, keys.battery) if foreign else PlanReader()
+        text, (plan, findings) = files.read(str(given), reader)
     if keys.obstacles == IGNORE:
         plan = replace(plan, site=plan.site._replace(airspace=EVERYWHERE))
-    warnings = [*(finding.fault(text.name) for finding in findings), *notes]
+    warnings = [finding.fault(text.name) for finding in findings]
     radius_m, wind_mps = plan.min_radius_m, keys.wind.speeds_mps[1]
     if not foreign and radius_m and (tight := too_tight(vehicle, vehicle.airspeed_mps, radius_m, wind_mps)):
-        expected = "a path of eadp cover with --wind, or less wind"
+        expected = "a path of eadp cover with --wind, or of eadp plan with --min-radius, or less wind"
         warnings.append(Fault(text.name, 1, 1, tight, expected, severity="warning"))
     made = plan.site.made_for
     if made is not None and f"{made.airspeed_mps:g}" != f"{vehicle.airspeed_mps:g}":
@@ -296,47 +280,7 @@ def _plan(
         warnings.append(Fault(text.name, plan.stages[0].line, 1, message, severity="note"))
         level = [replace(stage, altitude_m=None, airspeed_mps=None) for stage in plan.stages]
         plan = replace(plan, stages=tuple(level))
-    return text, at_height(plan, terrain), warnings
-
-
-def at_height(
-    plan: Plan, terrain: Sequence[str], origin_deg: tuple[float, float] | None = None, home_m: Point | None = None
-) -> Plan:
-    """A plan whose altitude 0 has the ground's height above the sea at home, by files, where it has none.
-
-    Parameters
-    ----------
-    plan : Plan
-    terrain : sequence of str
-    origin_deg : (float, float), optional
-        Where the plan lies [°]; by default its own.
-    home_m : (float, float), optional
-        Where home is [m]; by default the plan's, or where it starts.
-
-    Raises
-    ------
-    InputError
-        As `read_terrain`.
-    """
-    site = plan.site
-    origin_deg, zero_m = origin_deg or site.origin_deg, np.array([home_m or site.home_m or site.start_m or (0.0, 0.0)])
-    if not terrain or origin_deg is None or site.above_sea_m is not None:
-        return plan
-    height_m = float(read_terrain(terrain, zero_m, origin_deg).heights_m(zero_m)[0])
-    return replace(plan, site=site._replace(height_m=height_m))
-
-
-def _ground(
-    plan: Plan, parameters: Vector, start_m: Point, terrain: Sequence[str]
-) -> Callable[[FloatArray], FloatArray] | None:
-    """The ground of a plan by files, above that at home or at the start; None without files, or of a plan in metres."""
-    if not terrain or plan.site.origin_deg is None:
-        return None
-    ends = [start_m, *(leg.end_m for leg in nominal_legs(plan, parameters, start_m))]
-    model, zero_m = read_terrain(terrain, np.array(ends), plan.site.origin_deg), plan.site.ground_m
-    if zero_m is None:
-        zero_m = float(model.heights_m(np.array([plan.site.home_m or start_m]))[0])
-    return lambda points_m: model.heights_m(points_m) - zero_m
+    return text, plan, warnings
 
 
 def _named(plan: Plan, text: Source, profile: AnyProfile | None, scenario: Scenario) -> tuple[Plan, Scenario]:

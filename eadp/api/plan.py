@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
 from typing import NamedTuple
+
+import numpy as np
 
 from eadp.api.given import File, Warn, python_warnings
 from eadp.errors import Fault, InputError
-from eadp.io.plan.sources import PlanReader, is_mission
+from eadp.io.plan.sources import Ground, PlanReader, is_mission
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.plan import CheckReport, Finding, Plan
-from eadp.plug_ins import plug_ins
+from eadp.plug_ins import plug_in, plug_ins
 from eadp.simulation.turns import calm_findings, is_tight
-from eadp.survey.fences import fenced_by
 
 
 class CheckedPlan(NamedTuple):
@@ -54,10 +57,8 @@ def check_plan(
 
     Parameters
     ----------
-    file, min_radius_m, laps, terrain
+    file, min_radius_m, laps, avoid, inside, terrain
         As for `read_plan`; turns that are tighter than the radius are found, too.
-    avoid, inside : path, optional
-        Files of polygons or fences that the path stays out of, and inside of, besides those of the plan.
     geometry : bool, optional
         Whether the geometry is checked.
 
@@ -67,14 +68,13 @@ def check_plan(
         With every fault of the file.
     """
     text = read_text(str(file))
-    plan, findings = _read(text, min_radius_m or None, laps, terrain)
-    plan, notes = fenced_by(plan, avoid, inside)
+    read = _read(text, min_radius_m or None, laps, terrain, {"avoid": avoid, "inside": inside})
     if not geometry:
-        return CheckedPlan(plan, text.name, findings, notes=notes)
+        return read
     # a mission's coordinates are rounded, and it has no parameters: there is nothing to prove
-    reports = [check(plan, min_radius_m, proven=not is_mission(text)) for check in plug_ins("checks")]
-    findings = [*findings, *(finding for report in reports for finding in report.findings)]
-    return CheckedPlan(plan, text.name, findings, reports, notes)
+    reports = [check(read.plan, min_radius_m, proven=not is_mission(text)) for check in plug_ins("checks")]
+    findings = [*read.findings, *(finding for report in reports for finding in report.findings)]
+    return read._replace(findings=findings, reports=reports)
 
 
 def read_plan(
@@ -82,10 +82,12 @@ def read_plan(
     *,
     min_radius_m: float | None = None,
     laps: int | None = None,
+    avoid: File | None = None,
+    inside: File | None = None,
     terrain: Sequence[str] = (),
     warn: Warn = python_warnings,
 ) -> Plan:
-    """Read a plan, or a mission of other software.
+    """Read a plan, or a mission of other software, with what lies around it.
 
     Parameters
     ----------
@@ -95,8 +97,10 @@ def read_plan(
         Radius of a mission's turns [m]; by default the default aircraft's.
     laps : int, optional
         How many times a mission that repeats for ever is flown.
+    avoid, inside : path, optional
+        Files of polygons or fences that the path stays out of, and inside of, besides those of the plan.
     terrain : sequence of str, optional
-        Files of the ground, for a mission whose altitudes are above it.
+        Files of the ground: for a mission whose altitudes are above it, and for the height of a plan's home.
     warn : function, optional
 
     Raises
@@ -104,16 +108,13 @@ def read_plan(
     InputError
         With every fault of the file.
     """
-    return plan_of(file, min_radius_m, laps, warn, terrain)[0]
+    read = _read(read_text(str(file)), min_radius_m, laps, terrain, {"avoid": avoid, "inside": inside})
+    warn(read.faults)
+    return read.plan
 
 
 def read_mission(
-    file: File,
-    *,
-    min_radius_m: float | None = None,
-    laps: int | None = None,
-    terrain: Sequence[str] = (),
-    warn: Warn = python_warnings,
+    file: File, *, min_radius_m: float | None = None, laps: int | None = None, warn: Warn = python_warnings
 ) -> Plan:
     """Read a mission of other software as a plan: as `read_plan`, which also reads plans.
 
@@ -125,31 +126,47 @@ def read_mission(
     text = read_text(str(file))
     if not is_mission(text):
         raise InputError.at(text.name, 1, 1, "is no mission", "a QGroundControl plan or a WPL file")
-    return _of_text(text, min_radius_m, laps, warn, terrain)
+    read = _read(text, min_radius_m, laps)
+    warn(read.faults)
+    return read.plan
 
 
-def plan_of(
-    given: File | Plan, min_radius_m: float | None, laps: int | None, warn: Warn, terrain: Sequence[str] = ()
-) -> tuple[Plan, str]:
+def plan_of(given: File | Plan, min_radius_m: float | None, warn: Warn) -> tuple[Plan, str]:
     """A plan that is given, and its name in messages."""
     if isinstance(given, Plan):
         return given, given.name
-    text = read_text(str(given))
-    return _of_text(text, min_radius_m, laps, warn, terrain), text.name
-
-
-def _of_text(text: Text, min_radius_m: float | None, laps: int | None, warn: Warn, terrain: Sequence[str]) -> Plan:
-    plan, findings = _read(text, min_radius_m, laps, terrain)
-    warn([finding.fault(text.name) for finding in findings])
-    return plan
+    read = _read(read_text(str(given)), min_radius_m)
+    warn(read.faults)
+    return read.plan, read.name
 
 
 def _read(
-    text: Text, min_radius_m: float | None, laps: int | None, terrain: Sequence[str]
-) -> tuple[Plan, list[Finding]]:
-    """A plan or a mission, and what was found in it: of a mission, also what is flown where it turns too tightly."""
-    reader = PlanReader(laps=laps, terrain=tuple(terrain)).turning(min_radius_m)
+    text: Text,
+    min_radius_m: float | None,
+    laps: int | None = None,
+    terrain: Sequence[str] = (),
+    changes: Mapping[str, File | None] = MappingProxyType({}),
+) -> CheckedPlan:
+    """A plan or a mission, changed by files, and what was found: also what is flown where it turns too tightly."""
+    ground = plug_in("grounds", "files")(terrain) if terrain else None
+    reader = PlanReader(laps=laps, ground=ground).turning(min_radius_m)
     plan, findings = reader(text)
     if is_mission(text) and is_tight(plan, reader.turn_radius_m):
         findings = [*findings, *calm_findings(plan, reader.turn_radius_m)]
-    return plan, findings
+    notes: list[Fault] = []
+    for name, file in changes.items():
+        if file is not None:
+            plan, more = plug_in("plan_changes", name)(plan, file)
+            notes += more
+    return CheckedPlan(plan if ground is None else _at_height(plan, ground), text.name, findings, notes=notes)
+
+
+def _at_height(plan: Plan, ground: Ground) -> Plan:
+    """A plan whose altitude 0 has the ground's height above the sea, at home or where it starts, if it has none."""
+    site = plan.site
+    if site.origin_deg is None:
+        raise InputError.at("--terrain", 1, 1, "the plan has no place on the earth", "a plan with %: origin")
+    if site.above_sea_m is not None:
+        return plan
+    home_m = np.array([site.home_m or site.start_m or (0.0, 0.0)])
+    return replace(plan, site=site._replace(height_m=round(float(ground(home_m, site.origin_deg)[0]), 2)))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Unpack
+from typing import Any
 
 from eadp.api.flight import Flight, fly_flight, forecast_values
-from eadp.api.given import File, FlightKeywords, Overrides, Warn, python_warnings
+from eadp.api.given import File, Overrides, Warn, python_warnings
 from eadp.api.inputs import load_flight
 from eadp.io.scenario import override_texts, read_overrides
 from eadp.models.energy import EnergyModel
@@ -22,10 +22,10 @@ def simulate(
     energy: File | EnergyModel | None = None,
     overrides: Overrides = (),
     *,
+    planner: str | None = None,
     seed: int | None = None,
     on_step: Callable[[Step], None] = lambda _step: None,
     warn: Warn = python_warnings,
-    **given: Unpack[FlightKeywords],
 ) -> Flight:
     """Fly a plan in simulation, re-planning on the way.
 
@@ -40,13 +40,13 @@ def simulate(
     energy : path or EnergyModel, optional
     overrides : mapping, or iterable of str, optional
         Values by the scenario's dotted keys, as in {"wind.speed_mps": 8}, or texts, as in "wind.speed_mps=8".
+    planner : str, optional
+        Name of the planner, by default the scenario's.
     seed : int, optional
         Seed of gusts and noise, by default the scenario's.
     on_step : function, optional
         Called with each logged step, such as for a progress bar.
     warn : function, optional
-    planner, laps, avoid, inside, terrain
-        As of `FlightOptions`.
 
     Returns
     -------
@@ -58,9 +58,8 @@ def simulate(
     InputError
         With every fault of the first file that has any.
     """
-    texts = override_texts(overrides, given.get("planner"), seed, given.get("laps"))
-    keys = read_overrides(texts)
-    inputs = load_flight(plan, scenario=scenario, profile=profile, energy=energy, around=given, overrides=keys)
+    texts = override_texts(overrides, planner, seed)
+    inputs = load_flight(plan, scenario=scenario, profile=profile, energy=energy, overrides=read_overrides(texts))
     warn(inputs.warnings)
     return fly_flight(inputs, inputs.preflight(), on_step, texts)
 
@@ -72,14 +71,14 @@ def forecast(
     energy: File | EnergyModel | None = None,
     overrides: Overrides = (),
     *,
+    planner: str | None = None,
     warn: Warn = python_warnings,
-    **given: Unpack[FlightKeywords],
 ) -> dict[str, Any] | None:
     """Forecast a flight before take-off, without flying it.
 
     Parameters
     ----------
-    plan, scenario, profile, energy, overrides, warn, planner, laps, avoid, inside, terrain
+    plan, scenario, profile, energy, overrides, planner, warn
         As `simulate`.
 
     Returns
@@ -93,8 +92,8 @@ def forecast(
     InputError
         As `simulate`.
     """
-    keys = read_overrides(override_texts(overrides, given.get("planner"), laps=given.get("laps")))
-    inputs = load_flight(plan, scenario=scenario, profile=profile, energy=energy, around=given, overrides=keys)
+    keys = read_overrides(override_texts(overrides, planner))
+    inputs = load_flight(plan, scenario=scenario, profile=profile, energy=energy, overrides=keys)
     warn(inputs.warnings)
     found = inputs.preflight()
     return None if found is None else forecast_values(found)

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from eadp.models.plan.stage import PointExpression, Stage
 
 
+CHANGES = ("laps", "avoid", "inside", "terrain")
+"""Options that change the plan, which other commands read through a pipe."""
 STAGE_SETTINGS = ("altitude_m", "airspeed_mps", "commands")
 """Attributes of a stage that JSON has where they are set."""
 
@@ -32,9 +34,9 @@ class PlanOptions:
     verbose: Annotated[bool, Flag("-v --verbose")] = False
     """Say more: the papers' quantities, the solver's runs."""
 
-    format: Literal["text", "json", "plan", "sympy", "latex"] = "text"
-    """What to print: a table, JSON, the plan in canonical text, or the stages' path functions, gradients, Hessians and
-    triggers as sympy or LaTeX expressions."""
+    format: Literal["text", "json", "plan", "sympy", "latex"] | None = None
+    """What to print: a table (text), JSON, the plan in canonical text, or the stages' path functions, gradients,
+    Hessians and triggers as sympy or LaTeX expressions [text; plan with --laps, --avoid, --inside or --terrain]."""
 
     check: bool = False
     """Check the geometry over the whole range of every path parameter, by value and by proof."""
@@ -64,7 +66,13 @@ class PlanOptions:
     """Polygons that the path stays inside of, as --avoid."""
 
     terrain: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
-    """Heights of the ground, as of eadp cover, for a mission whose altitudes are above it."""
+    """Heights of the ground, as of eadp cover, for a mission whose altitudes are above it, and for that of home."""
+
+    @property
+    def printed(self) -> str:
+        """What is printed: by default a plan that is changed, or what is found in it."""
+        changed = not self.check and any(getattr(self, name) for name in CHANGES)
+        return self.format or ("plan" if changed else "text")
 
 
 def command(
@@ -80,7 +88,8 @@ def command(
 ) -> int:
     """Example: eadp plan plans/survey.plan --check
 
-    Parse a plan into its stages.
+    Parse a plan into its stages; or change it for other commands, as in eadp plan mission.waypoints --avoid
+    zones.geojson | eadp simulate -
 
     Exit code 0 if the plan can be read, 1 if --check finds an error, 2 if it cannot be read.
     """
@@ -124,13 +133,13 @@ def command(
     if points is not None:
         warn(lines)
         emit(points)
-    elif options.format == "json":
+    elif options.printed == "json":
         emit_json(document(plan, read.findings, read.reports))
-    elif options.format == "plan":
+    elif options.printed == "plan":
         warn(lines)
         emit(plan_text(plan))
-    elif options.format in ("sympy", "latex"):
-        expressions = plug_in("plan_writers", options.format)(plan, read.name)
+    elif options.printed in ("sympy", "latex"):
+        expressions = plug_in("plan_writers", options.printed)(plan, read.name)
         warn(lines)
         emit(expressions)
     elif options.check:

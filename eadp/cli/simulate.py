@@ -18,7 +18,6 @@ from eadp.io.text.options import Flag
 from eadp.io.text.streams import check_new_folder, output_file, write_text
 from eadp.models.airspace import BOUNDARY, risk_text
 from eadp.survey import is_sorties
-from eadp.survey.fences import FENCES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -82,7 +81,7 @@ def command(
     if output.out is not None:
         check_new_folder(output.out, force=output.force)
     if is_sorties(plan):
-        names = ("scenario", "profile", "energy", "laps", "terrain", *FENCES)
+        names = ("scenario", "profile", "energy")
         alone = {name: getattr(options, name) or None for name in names}
         for name, value in {**alone, "figure": output.figure, "junit": output.junit}.items():
             if value is not None:
@@ -106,10 +105,6 @@ def command(
         options.overrides,
         planner=options.planner,
         seed=seed,
-        laps=options.laps,
-        avoid=options.avoid,
-        inside=options.inside,
-        terrain=options.terrain,
         on_step=show,
         warn=warn,
     )

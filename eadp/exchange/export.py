@@ -9,8 +9,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
-from eadp.api.given import Around, File, Warn, python_warnings
-from eadp.api.inputs import FlightInputs, at_height, load_flight
+from eadp.api.given import File, Warn, python_warnings
+from eadp.api.inputs import FlightInputs, load_flight
 from eadp.api.plan import plan_of
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
@@ -38,17 +38,16 @@ from eadp.io.text.options import Flag
 from eadp.io.text.streams import write_text
 from eadp.models.airspace import BOUNDARY, Airspace, entered, risk_text
 from eadp.models.autopilot import PX4, Autopilot
+from eadp.models.landing import Air, approach, approach_slopes, behind_warning, landing_pose
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.pieces import with_landing
 from eadp.models.plan.plan import MadeFor, Plan
 from eadp.models.plan.route import PlannedLegs
-from eadp.models.plan.stage import LAND, TAKEOFF
+from eadp.models.plan.stage import LAND, RETURN, TAKEOFF
 from eadp.models.plan.trace import nominal_route
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.planning.forecast.held import Preflight
-from eadp.survey.fences import fenced_by
-from eadp.survey.ground import Air, approach, approach_slopes, behind_warning, landing_pose
 
 NEAR_M = 1.0
 """Distance up to which the path starts or ends at home [m]."""
@@ -70,9 +69,6 @@ class PartOptions:
     scenario: Annotated[str | None, Flag(metavar="FILE")] = None
     """Scenario (YAML): parameters are those that the forecast before take-off chooses."""
 
-    laps: Annotated[int | None, Flag(metavar="N", low=1, high=10_000)] = None
-    """How many times a mission that repeats for ever is flown."""
-
     start: Annotated[str | None, Flag("--from", metavar="STAGE,LAP")] = None
     """Write the rest, from this stage of this lap on."""
 
@@ -85,13 +81,10 @@ class PartOptions:
 
 @dataclass(frozen=True)
 class PlaceOptions:
-    """Where an exported plan lies, and what is around it."""
+    """Where an exported plan lies, and where it lands."""
 
     altitude_m: float | None = None
     """Altitude above home [m], where the plan has none; by default the aircraft's."""
-
-    terrain: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
-    """Heights of the ground, as of eadp cover: for a mission whose altitudes are above it."""
 
     home_deg: Annotated[Position | None, Flag(metavar="POINT")] = None
     """Where to take off and return to: LAT,LON [°]; by default the plan's home, if it has one."""
@@ -101,12 +94,6 @@ class PlaceOptions:
 
     landing: Annotated[str | Pose | None, Flag(metavar="LAT,LON,HEADING")] = None
     """Land there instead of returning to home, on this heading [°], from where the plan ends."""
-
-    avoid: Annotated[str | None, Flag(metavar="FILE")] = None
-    """Polygons that the path stays out of: a fence, GeoJSON, KML or CSV."""
-
-    inside: Annotated[str | None, Flag(metavar="FILE")] = None
-    """Polygons that the path stays inside of, as --avoid."""
 
 
 RISK = 0.05
@@ -244,10 +231,7 @@ class _Chosen(NamedTuple):
 
 def _stated(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
     """A plan at the parameters that are stated."""
-    plan, name = plan_of(given, options.min_radius_m, options.laps, warn, options.terrain)
-    plan, notes = fenced_by(plan, options.avoid, options.inside)
-    warn(notes)
-    plan = _at_height(plan, name, options)
+    plan, name = plan_of(given, options.min_radius_m, warn)
     made = plan.site.made_for
     airframe = FixedWing() if made is None else FixedWing(airspeed_mps=made.airspeed_mps)
     planned = _planned(plan, name, parameters_of(plan, options.overrides))
@@ -261,17 +245,15 @@ def _stated(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
 
 def _forecast(given: File | Plan, autopilot: Autopilot, options: ExportOptions, warn: Warn) -> _Chosen:
     """A plan at the parameters that its forecast in a scenario chooses, or the rest of it by telemetry."""
-    overrides = read_overrides(override_texts(options.overrides, laps=options.laps))
+    overrides = read_overrides(override_texts(options.overrides))
     if autopilot.kind == PX4:  # by whose own rules it flies, stated or not
         overrides = {**overrides, "autopilot.kind": PX4}
-    around = Around(avoid=options.avoid, inside=options.inside, terrain=options.terrain)
-    inputs = load_flight(given, scenario=options.scenario, around=around, overrides=overrides)
+    inputs = load_flight(given, scenario=options.scenario, overrides=overrides)
     warn(inputs.warnings)
     plan, airframe = inputs.world.plan, inputs.world.vehicle
     name = inputs.sources["plan"].name if options.landing is None else plan.name
-    plan = _at_height(plan, name, options)
     if isinstance(airframe, PaperVehicle) and options.altitude_m is None:
-        stated, _ = plan_of(given, options.min_radius_m, options.laps, lambda _: None, options.terrain)
+        stated, _ = plan_of(given, options.min_radius_m, lambda _: None)
         if any(stage.altitude_m is not None for stage in stated.stages):
             message = f"the plan commands altitudes, and the airframe {airframe.model} holds its own"
             raise _fault("--scenario", str(options.scenario), message, "another airframe, or --altitude")
@@ -353,9 +335,9 @@ def autopilot_of(to: str, options: ExportOptions) -> Autopilot:
 
 def _landed(given: File | Plan, to: str, options: ExportOptions, warn: Warn) -> Plan:
     """A plan that lands where `--landing` says, from where it ends."""
-    plan, name = plan_of(given, options.min_radius_m, options.laps, lambda _: None, options.terrain)
+    plan, name = plan_of(given, options.min_radius_m, lambda _: None)
     raw = options.landing or ""
-    if plan.stages[-1].item or plan.stages[-1].command(LAND):
+    if plan.stages[-1].item or any(map(plan.stages[-1].command, (LAND, RETURN))):
         raise _fault(
             "--landing", str(raw), "the plan has a landing, or is a mission with an end of its own", "no --landing"
         )
@@ -375,7 +357,7 @@ def _landed(given: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     final = approach(pose, height_m, airframe, Air(airframe.airspeed_mps, wind_mps), slope)
     warn(behind_warning(pose[2], wind_mps))
     try:
-        return with_landing(plan, final.piece, plan.min_radius_m or airframe.turn_radius_m, (LAND, *(0.0,) * 7))
+        return with_landing(plan, final, plan.min_radius_m or airframe.turn_radius_m, (LAND, *(0.0,) * 7))
     except Infeasible as error:
         raise _fault("--landing", str(raw), str(error), "eadp cover --landing, which plans for it") from None
 
@@ -451,14 +433,6 @@ def _places(plan: Plan, name: str, options: ExportOptions) -> tuple[tuple[float,
     if plan.site.home_m is None or plan.site.home_m == plan.site.start_m:
         return place, None
     return place, to_geodetic_deg(*plan.site.home_m, place)
-
-
-def _at_height(plan: Plan, name: str, options: ExportOptions) -> Plan:
-    """A plan at the height of `--terrain` where it has none, by which airspeeds are calibrated."""
-    if not options.terrain:
-        return plan
-    place, home_deg = _places(plan, name, options)
-    return at_height(plan, options.terrain, place, None if home_deg is None else to_local_m(*home_deg, place))
 
 
 def _near(option: str, given: Position, place: Point) -> Point:

@@ -26,7 +26,6 @@ from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.plan.pieces import LOITER, TRIGGER_RADIUS_M, piece_path
 from eadp.models.plan.plan import Finding, Plan, Site
 from eadp.models.plan.stage import Stage
-from eadp.survey.terrain import ElevationModel, read_terrain
 
 LOW_M = 50.0
 """Height below home beyond which an altitude above the sea may be one above home [m]."""
@@ -316,16 +315,17 @@ class MissionPlan:
         return visits
 
     @cached_property
-    def _terrain(self) -> ElevationModel | None:
-        """The ground around the items and home."""
+    def _ground_m(self) -> dict[Point, float]:
+        """Height of the ground above the sea at home and the items [m]; empty where it is not known."""
         points = [(0.0, 0.0), *filter(None, self.points.values())]
-        return read_terrain(self.motion.terrain, np.array(points), self._origin_deg) if self.motion.terrain else None
+        ground = self.motion.ground
+        return {} if ground is None else dict(zip(points, ground(np.array(points), self._origin_deg), strict=True))
 
     @cached_property
     def _zero_m(self) -> float | None:
         """Height of home above the sea [m], where altitudes are above a ground that is known."""
-        if self._terrain is not None:
-            return round(float(self._terrain.known_m(np.zeros((1, 2)))[0]), 2)
+        if self._ground_m:
+            return round(float(self._ground_m[0.0, 0.0]), 2)
         return None if all(item.above_sea_m is None for item in self.draft.items) else self.draft.home[2]
 
     @property
@@ -346,8 +346,8 @@ class MissionPlan:
             return before
         frame = d.GLOBAL_FRAMES[item.frame]
         if frame == d.TERRAIN and self._zero_m is not None:
-            if self._terrain is not None:
-                return round(altitude + float(self._terrain.known_m(np.array([place]))[0]) - self._zero_m, 2)
+            if self._ground_m:
+                return round(altitude + float(self._ground_m[place]) - self._zero_m, 2)
             if item.above_sea_m is not None:
                 return round(item.above_sea_m - self._zero_m, 2)
         if frame == d.TERRAIN and not any(finding.code == "terrain" for finding in self.findings):

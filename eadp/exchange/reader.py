@@ -20,10 +20,11 @@ from eadp.exchange.items import (
     MissionItem,
     command_text,
 )
-from eadp.exchange.qgc import read_qgc
+from eadp.exchange.qgc import is_qgc, qgc_fences, read_qgc
 from eadp.io.plan.reader import LIMIT_CHARACTERS
 from eadp.io.plan.sources import PlanReader
 from eadp.io.text.csv import Row, number_fault, read_rows
+from eadp.io.text.kinds import HEAD
 from eadp.io.text.streams import Location, SourceText, Text
 from eadp.models.plan.plan import Finding, Plan
 from eadp.plug_ins import plug_ins
@@ -67,9 +68,12 @@ def read_wpl(source: SourceText) -> MissionDraft:
     return draft
 
 
-def wpl_fences(source: SourceText) -> list[Fence]:
-    """The fences of a file alone; raises InputError."""
-    return _fences(source, _rows(source)[0])
+def mission_fences(source: SourceText) -> list[Fence] | None:
+    """The fences of a mission, or of a file of fences alone; None of another text. Raises InputError."""
+    head = source.body.lstrip()[:HEAD]
+    if is_qgc(head):
+        return qgc_fences(source)
+    return _fences(source, _rows(source)[0]) if head.startswith(VERSION[:7]) else None
 
 
 def _is_fence(item: DraftItem) -> bool:
@@ -190,9 +194,6 @@ FORMATS = (
     MissionFormat("WPL", lambda head: head.startswith("QGC WPL"), read_wpl),
 )
 """Formats of missions; the first that recognises a text reads it, and those of other packages where it has no stage."""
-
-HEAD = 200
-"""Characters from the start of a text by which its format is recognised."""
 
 
 class _Missions:

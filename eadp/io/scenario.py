@@ -208,9 +208,6 @@ class ScenarioFile:
     seed: Annotated[int, Ge(0), Lt(2**63)] = 0
     """Seed of gusts and noise."""
 
-    laps: Annotated[int, Ge(1), Le(10_000)] | None = None
-    """Times that a mission is flown which repeats for ever; by default for longer than the battery lasts."""
-
 
 def json_schema() -> dict[str, Any]:
     """JSON Schema of a scenario file."""
@@ -537,13 +534,12 @@ def override_texts(
     given: Mapping[str, Any] | Iterable[str],
     planner: str | None = None,
     seed: int | None = None,
-    laps: int | None = None,
 ) -> list[str]:
-    """Overrides as key=value, of a mapping or as they are given; a planner, a seed and laps are more of them."""
+    """Overrides as key=value, of a mapping or as they are given; a planner and a seed are more of them."""
     pairs = given.items() if isinstance(given, Mapping) else ()
     texts = [f"{key}={value_text(value)}" for key, value in pairs] or [str(text) for text in given]
     texts += [f"planner.name={planner}"] if planner is not None else []
-    return texts + [f"{key}={value}" for key, value in (("seed", seed), ("laps", laps)) if value is not None]
+    return texts + ([] if seed is None else [f"seed={seed}"])
 
 
 def read_overrides(texts: Iterable[str]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
-from eadp.api.given import Around, File, FlightOptions, Warn, python_warnings
+from eadp.api.given import File, FlightOptions, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
 from eadp.errors import Fault, InputError
 from eadp.exchange.item_map import read_items
@@ -101,11 +101,10 @@ def replan(
     """
     flight, link = flight or FlightOptions(), link or LinkOptions()
     given = {name: getattr(flight, name) for name in ("scenario", "profile", "energy")}
-    around = Around(avoid=flight.avoid, inside=flight.inside, terrain=flight.terrain)
-    options.check(link, {"plan": plan, **given, "avoid": flight.avoid, "inside": flight.inside})
+    options.check(link, {"plan": plan, **given})
     home = ["on_infeasible=home"] if link.return_home else []
-    overrides = read_overrides(override_texts([*flight.overrides, *home], flight.planner, laps=flight.laps))
-    inputs = load_flight(plan, **given, around=around, overrides=overrides)
+    overrides = read_overrides(override_texts([*flight.overrides, *home], flight.planner))
+    inputs = load_flight(plan, **given, overrides=overrides)
     if link.items is not None:
         inputs = _of_items(inputs, link.items)
     warn(inputs.warnings)

@@ -139,7 +139,7 @@ def _wind_rows(wind: Wind, times_s: Sequence[float], altitudes_m: Sequence[float
 
 
 def _series(columns: Mapping[str, Sequence[float]]) -> dict[str, Any]:
-    """Position, power, charge, altitude and the ground below, thinned."""
+    """Position, power, charge and altitude, thinned."""
     times = columns["time_s"]
     path = {"x": columns["x_m"], "y": columns["y_m"], "heading": np.unwrap(columns["heading_rad"]).tolist()}
     errors = {"x": POSITION_M, "y": POSITION_M, "heading": HEADING_RAD}
@@ -154,10 +154,9 @@ def _series(columns: Mapping[str, Sequence[float]]) -> dict[str, Any]:
         "power": thinned(times, power, dict.fromkeys(power, error_w)),
         "charge": thinned(times, {"soc": columns["soc"]}, {"soc": SOC}),
     }
-    altitude, ground = columns.get("altitude_m", [0.0]), columns.get("ground_m")
-    if ground is not None or max(altitude) - min(altitude) > 2 * ALTITUDE_M:
-        heights = {"m": altitude} if ground is None else {"m": altitude, "ground_m": ground}
-        data["altitude"] = thinned(times, heights, dict.fromkeys(heights, ALTITUDE_M))
+    altitude = columns.get("altitude_m", [0.0])
+    if max(altitude) - min(altitude) > 2 * ALTITUDE_M:
+        data["altitude"] = thinned(times, {"m": altitude}, {"m": ALTITUDE_M})
     return data
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from eadp.api.flight import REPORT
-from eadp.api.given import Around, File
+from eadp.api.given import File
 from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.errors import EadpError, Fault, InputError, printable, refuse
 from eadp.io.plan.reader import read_plan
@@ -25,7 +25,6 @@ from eadp.live.log_page import log_data
 from eadp.report.flight import FlownFlight, flight_data
 from eadp.report.flights import DrawnFlight, comparison, draw_flights, flights_data, table_text
 from eadp.report.page import check_page, page_html
-from eadp.survey.fences import FENCES
 from eadp.sweep.page import sweep_data
 
 SQLITE = b"SQLite format 3\0"
@@ -235,13 +234,12 @@ def _inputs(folder: Path) -> FlightInputs:
         if named is not None:
             files.texts[named] = files.text(paths["vehicle"])
     chosen: dict[str, Any] = {kind: paths.get(kind) for kind in ("scenario", "profile", "energy")}
-    around = Around(avoid=paths.get("avoid"), inside=paths.get("inside"))
-    return load_flight(paths["plan"], **chosen, around=around, overrides=overrides, files=files)
+    return load_flight(paths["plan"], **chosen, overrides=overrides, files=files)
 
 
 def _paths(folder: Path) -> dict[str, str]:
     """The paths of the inputs by kind."""
-    paths = {kind: str(path) for kind in FENCES for path in (folder / kind).glob("*")}
+    paths: dict[str, str] = {}
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():
         if path.name != OVERRIDES and path.is_file():
             paths[_kind(read_text(str(path)))] = str(path)

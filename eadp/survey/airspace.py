@@ -21,11 +21,11 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.geometry.dubins import Piece, Pose, ordered_each, polyline_m
+from eadp.core.geometry.dubins import Piece, Pose, ordered_each, polyline_m, straight
 from eadp.core.geometry.polygons import FreeSpace
 from eadp.errors import Infeasible
 from eadp.survey.line_order import best_order, quick_order
-from eadp.survey.swaths import MIN_LINE_M, CoverageLeg, MotionLimits, half_circle, straight
+from eadp.survey.swaths import MIN_LINE_M, CoverageLeg, MotionLimits, half_circle
 
 TRIM_SHARE = 0.25
 """Step by which the end of a line is shortened, as a share of the turning radius."""

@@ -30,6 +30,16 @@ from eadp.models.autopilot import FACTORY, LANDING_ANGLE, PX4, Autopilot
 from eadp.models.battery import Battery
 from eadp.models.doubts import NEAR_DEG, Doubt, Shots, angle_doubts, interval_doubts, shot_doubts
 from eadp.models.field import Field
+from eadp.models.landing import (
+    Air,
+    approach,
+    approach_slopes,
+    behind_mps,
+    behind_warning,
+    climb_out,
+    course_rad,
+    landing_pose,
+)
 from eadp.models.performance import PATH_MARGIN, ground_radius_m, roll_out_m, too_tight
 from eadp.models.plan.pieces import CLIMB_OUT_M
 from eadp.models.plan.plan import MadeFor, Plan, Site, SurveyCamera
@@ -56,19 +66,11 @@ from eadp.survey.field_reader import read_airspace, read_field, read_field_text
 from eadp.survey.ground import (
     FLAT_M,
     HOME_TEXT,
-    Air,
     HeightReport,
     Heights,
     TerrainOptions,
     TerrainTask,
-    approach,
-    approach_slopes,
-    behind_mps,
-    behind_warning,
-    climb_out,
     climbing_over,
-    course_rad,
-    landing_pose,
     with_heights,
 )
 from eadp.survey.heights import Ground, clear_circle, climb_lack, late_over_s
@@ -592,7 +594,7 @@ class CoverageTask:
             raise _fault("--takeoff", f"{given}", "no home to take off from", "--home, and no --start")
         east, north = self.motion.wind_mps
         course = math.atan2(-north, -east) if given is None else course_rad("--takeoff", given)
-        return climb_out(self.home_m, course, min(CLIMB_OUT_M, self._altitude_m), self.airframe, self._air)
+        return CoverageLeg(climb_out(self.home_m, course, min(CLIMB_OUT_M, self._altitude_m), self.airframe, self._air))
 
     @cached_property
     def final(self) -> FinalApproach | None:
@@ -640,7 +642,8 @@ class CoverageTask:
         """A final approach that is free, reached and clear of the ground, with a circle if one is. Raises."""
         assert self.landing is not None
         x, y, _ = self.landing
-        final = FinalApproach(approach((x, y, course), height_m, self.airframe, self._air, slope), height_m)
+        way = approach((x, y, course), height_m, self.airframe, self._air, slope)
+        final = FinalApproach(CoverageLeg(way), height_m)
         request = self._request(final)
         request.check()
         check_access(request)

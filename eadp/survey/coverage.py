@@ -24,7 +24,7 @@ import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Pose, centre_m, ordered, polyline_m
+from eadp.core.geometry.dubins import Pose, centre_m, ordered, polyline_m, straight
 from eadp.core.geometry.geodesy import compass_deg, point_text
 from eadp.core.geometry.polygons import FreeSpace, hull, strip_extents
 from eadp.errors import Infeasible
@@ -33,16 +33,7 @@ from eadp.models.field import Field
 from eadp.plug_ins import plug_in
 from eadp.survey.airspace import FreeTurns, LineCosts, NotFree, free_lines, free_order
 from eadp.survey.line_order import best_order, quick_order
-from eadp.survey.swaths import (
-    MIN_LINE_M,
-    CoverageLeg,
-    CoveragePath,
-    MotionLimits,
-    StripFrame,
-    frame_of,
-    half_circle,
-    straight,
-)
+from eadp.survey.swaths import MIN_LINE_M, CoverageLeg, CoveragePath, MotionLimits, StripFrame, frame_of, half_circle
 from eadp.survey.zamboni import Block, BlockBounds, BlockLayout, build_block, layouts, summarise_block
 
 ZAMBONI, DUBINS, AUTO = PATTERNS = "zamboni", "dubins", "auto"

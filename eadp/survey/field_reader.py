@@ -1,4 +1,4 @@
-"""Fences of autopilots as zones of a field: those in a WPL file and those in a plan of QGroundControl, in degrees."""
+"""Fields, obstacles and boundaries from files, in the metres of a field: read, repaired and checked."""
 
 from __future__ import annotations
 
@@ -7,50 +7,23 @@ import os
 import zipfile
 import zlib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import chain, islice
 from typing import NamedTuple
 
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_local_m
 from eadp.errors import FAULTS_SHOWN, Fault, InputError, printable, refuse
-from eadp.exchange.items import Fence
-from eadp.exchange.qgc import is_qgc, qgc_fences
-from eadp.exchange.reader import wpl_fences
 from eadp.io.text.kinds import HEAD
-from eadp.io.text.streams import SourceText, Text, limit_bytes, read_text
+from eadp.io.text.streams import Location, SourceText, Text, limit_bytes, read_text
 from eadp.models.airspace import Airspace, Obstacle
 from eadp.models.doubts import NEAR_DEG
 from eadp.models.field import Field
+from eadp.plug_ins import plug_ins
 from eadp.survey.field import NAME_LIMIT, FieldDraft, Ring, Vertex, Zones, counted
 from eadp.survey.geojson import GEOJSON, is_geojson
 from eadp.survey.kml import KML, read_table
-
-
-def no_field(source: SourceText, metres: bool, feature: str | None) -> FieldDraft:
-    """Refuse a mission in the place of a field; raises InputError."""
-    expected = "a field; the fences of a mission belong to --inside FILE and --avoid FILE"
-    raise source.error((1, 1), "is a mission or a fence, not a field", expected)
-
-
-def _mission_zones(read: Callable[[SourceText], list[Fence]], source: SourceText, metres: bool, inside: bool) -> Zones:
-    """The fences to keep in or out of, and that they are in degrees; raises InputError."""
-    if metres:
-        raise InputError.at("--metres", 1, 1, "a fence is in degrees (WGS-84)", "a fence without --metres")
-    fences = read(source)
-    wanted = [fence for fence in fences if fence.inclusion is inside]
-    if not wanted:
-        other = "--avoid" if inside else "--inside"
-        expected = f"a fence; those of this file belong to {other}" if fences else "a fence; places to rally are none"
-        raise source.error((1, 1), f"no fence to keep {'inside' if inside else 'out of'}", expected)
-    corners = [[Vertex(lon, lat, fence.location) for lat, lon in fence.corners_deg] for fence in wanted]
-    return Zones([Ring(each, fence.location) for each, fence in zip(corners, wanted, strict=True)], degrees=True)
-
-
-wpl_zones, qgc_zones = partial(_mission_zones, wpl_fences), partial(_mission_zones, qgc_fences)
-
 
 HOLES_LIMIT = 1_000
 """Most holes of a field."""
@@ -87,6 +60,10 @@ _SWAPPED = "longitude and latitude seem to be swapped"
 _DEGREES = "longitude within ±180 and latitude within ±90 degrees"
 
 
+Fences = Sequence[tuple[bool, Sequence[Point], Location]]
+"""Whether to keep in or out of each, its corners as latitude and longitude [°], and where it stands in its file."""
+
+
 @dataclass(frozen=True)
 class FieldFormat:
     """A format of fields: its name, whether a text that starts so has it, and its reader."""
@@ -104,8 +81,6 @@ def _table_zones(source: SourceText, metres: bool, inside: bool) -> Zones:
 
 
 FORMATS = (
-    FieldFormat("QGroundControl plan", is_qgc, no_field, qgc_zones),
-    FieldFormat("WPL", lambda head: head.startswith("QGC WPL"), no_field, wpl_zones),
     FieldFormat("GeoJSON", is_geojson, GEOJSON.read, GEOJSON.zones),
     FieldFormat("KML", lambda head: head[0] == "<", KML.read, KML.zones),
     FieldFormat("CSV of vertices", lambda head: True, read_table, _table_zones),
@@ -140,6 +115,9 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
         With the faults of the file, each at its line and column, or of the options.
     """
     source = SourceText(text)
+    if _fences(source) is not None:
+        expected = "a field; the fences of a mission belong to --inside FILE and --avoid FILE"
+        raise source.error((1, 1), "is a mission or a fence, not a field", expected)
     return _field(_format(source).read(source, metres, feature), source)
 
 
@@ -197,7 +175,11 @@ def _zones(
 ) -> tuple[tuple[Obstacle, ...], tuple[Obstacle, ...], list[Fault]]:
     """As `read_zones`, and the obstacles within a boundary: its holes, and what is named so."""
     source = SourceText(text)
-    rings, degrees, within = _format(source).zones(source, metres, inside)
+    fences = _fences(source)
+    if fences is None:
+        rings, degrees, within = _format(source).zones(source, metres, inside)
+    else:
+        rings, degrees, within = _fence_zones(fences, source, metres, inside)
     if degrees != (frame.origin_deg is not None):
         units = ("metres", "degrees")
         message = f"is in {units[degrees]}, and what it lies beside is in {units[not degrees]}"
@@ -391,6 +373,25 @@ def _note(counts: Counter[str], notes: list[str], **others: tuple[str, str, str]
 
 def _small(smallest_m2: float) -> tuple[str, str, str]:
     return "polygon", "polygons", f"of less than {smallest_m2:g} m² left out"
+
+
+def _fences(source: SourceText) -> Fences | None:
+    """The fences of a mission; None where a text is none."""
+    found: Iterator[Fences | None] = (read(source) for read in plug_ins("fences"))
+    return next((each for each in found if each is not None), None)
+
+
+def _fence_zones(fences: Fences, source: SourceText, metres: bool, inside: bool) -> Zones:
+    """The fences to keep in or out of; raises InputError."""
+    if metres:
+        raise InputError.at("--metres", 1, 1, "a fence is in degrees (WGS-84)", "a fence without --metres")
+    wanted = [(corners, location) for inclusion, corners, location in fences if inclusion is inside]
+    if not wanted:
+        other = "--avoid" if inside else "--inside"
+        expected = f"a fence; those of this file belong to {other}" if fences else "a fence; places to rally are none"
+        raise source.error((1, 1), f"no fence to keep {'inside' if inside else 'out of'}", expected)
+    rings = [Ring([Vertex(lon, lat, location) for lat, lon in corners], location) for corners, location in wanted]
+    return Zones(rings, degrees=True)
 
 
 def _format(source: SourceText) -> FieldFormat:

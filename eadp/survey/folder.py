@@ -98,7 +98,7 @@ def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
 class PlannedJob(NamedTuple):
     """Sorties of a folder: the path of each one's plan by its name, and the field that they cover.
 
-    `parts` are the field's, each its outline and its holes [m], and `terrain` the files of its ground.
+    `parts` are the field's, each its outline and its holes [m].
     """
 
     plans: dict[str, str]
@@ -106,7 +106,6 @@ class PlannedJob(NamedTuple):
     origin_deg: Point | None
     swath_m: float
     swap_s: float
-    terrain: Sequence[str]
 
 
 def read_sorties(folder: str) -> PlannedJob:
@@ -122,14 +121,12 @@ def read_sorties(folder: str) -> PlannedJob:
     try:
         if document["schema"] != SCHEMA:
             raise InputError.at(str(path), 1, 1, f"schema is {document['schema']}", SCHEMA)
-        terrain = document["options"].get("terrain", ())
         return PlannedJob(
             {row["sortie"]: str(Path(folder) / row["plan"]) for row in document["sorties"]},
             [[tuple((float(x), float(y)) for x, y in ring) for ring in part] for part in document["parts"]],
             document["origin_deg"] and tuple(map(float, document["origin_deg"])),
             float(document["swath_m"]),
             float(document["swap_s"]),
-            [terrain] if isinstance(terrain, str) else terrain,
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise InputError.at(str(path), 1, 1, f"is damaged: {error!r}", "a file of eadp cover --sorties") from None

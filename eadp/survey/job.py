@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from eadp.api.flight import Flight, fly_flight
-from eadp.api.given import Around, File, Overrides, Warn, python_warnings
+from eadp.api.given import File, Overrides, Warn, python_warnings
 from eadp.api.inputs import Files, load_flight
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.polygons import covered_shares, ground_m2, inner_point, strips, uncovered
@@ -110,11 +109,10 @@ def simulate_sorties(
     """
     folder, texts = str(folder), override_texts(overrides)
     job, scenario, given = read_sorties(folder), str(Path(folder) / SORTIES_SCENARIO), {**read_overrides(texts)}
-    around, files = Around(terrain=job.terrain if all(map(os.path.isfile, job.terrain)) else ()), Files()
-    flights, rows, warned, at_s = dict[str, Flight](), list[dict[str, Any]](), set[str](), 0.0
+    files, flights, rows, warned, at_s = Files(), dict[str, Flight](), list[dict[str, Any]](), set[str](), 0.0
     lines, planned = list[Sequence[Point]](), list[Sequence[Point]]()
     for number, (name, plan) in enumerate(job.plans.items(), seed):
-        inputs = load_flight(plan, scenario=scenario, overrides={**given, "seed": number}, files=files, around=around)
+        inputs = load_flight(plan, scenario=scenario, overrides={**given, "seed": number}, files=files)
         warn([fault for fault in inputs.warnings if fault.message not in warned])  # each in its first flight
         warned |= {fault.message for fault in inputs.warnings}
         on_flight(name)

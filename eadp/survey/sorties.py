@@ -16,6 +16,7 @@ import numpy as np
 from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
+from eadp.core.geometry.dubins import straight
 from eadp.core.geometry.geodesy import compass_deg, heading_rad, place_text
 from eadp.core.geometry.polygons import hull
 from eadp.errors import Infeasible, InputError
@@ -43,7 +44,7 @@ from eadp.survey.coverage import (
 from eadp.survey.ground import HeightReport
 from eadp.survey.packs import MAX_SORTIES, Divided, Divider, Division, min_sorties, min_time_s
 from eadp.survey.report import FULL, LeftGround, covered_by_lines, left_ground, left_text, rounded_deg
-from eadp.survey.swaths import CoveragePath, straight
+from eadp.survey.swaths import CoveragePath
 
 SCHEMA = "eadp.sorties/1"
 OVERLAP_M, SWAP_S = 20.0, 120.0

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from eadp.core.arrays import FloatArray
 from eadp.core.flight.wind import ground_speeds_mps
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, lengths_m, times_s
+from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, lengths_m, straight, times_s
 from eadp.models.plan.pieces import direction_cosine
 
 SAME_M = 1e-9
@@ -381,12 +381,6 @@ class CoveragePath:
     def lines(self) -> int:
         """The number of lines."""
         return len(self.runs)
-
-
-def straight(start: Point, end: Point) -> Piece:
-    """The straight piece between two points [m]."""
-    heading = math.atan2(end[1] - start[1], end[0] - start[0])
-    return Piece(0, (*start, heading), (*end, heading), math.dist(start, end), None)
 
 
 def half_circle(start: Pose, radius_m: float, turn: int) -> Piece:

@@ -17,6 +17,7 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import point_text, to_geodetic_deg
 from eadp.errors import Infeasible, InputError, printable
+from eadp.io.plan.sources import Ground
 
 
 class Tile(NamedTuple):
@@ -170,6 +171,11 @@ def read_terrain(files: Sequence[str], points_m: FloatArray, origin_deg: tuple[f
         message = f"no height at {terrain.place_text(missing[0])}: the field is in {_bounds_text(field)}, {has}"
         raise InputError.at(files[0], 1, 1, message, "a terrain without voids that holds the field; several are joined")
     return terrain
+
+
+def ground_of(files: Sequence[str]) -> Ground:
+    """The heights of files, those between which they do not know refused as `read_terrain` does."""
+    return lambda points_m, origin_deg: read_terrain(files, points_m, origin_deg).heights_m(points_m)
 
 
 def _bounds_text(bounds: Bounds) -> str:

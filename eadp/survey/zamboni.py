@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.geometry.dubins import Pose
+from eadp.core.geometry.dubins import Pose, straight
 from eadp.errors import Infeasible
 from eadp.survey.swaths import (
     MIN_LINE_M,
@@ -35,7 +35,6 @@ from eadp.survey.swaths import (
     StripFrame,
     half_circle,
     levels_above,
-    straight,
     upper_envelope,
 )
 

@@ -419,7 +419,7 @@ def test_an_autopilot_gets_calibrated_airspeeds(eadp, tmp_path, ground, density,
     if beside is not None:
         pytest.importorskip("rasterio")
         write_degrees(tmp_path / "ground.tif", lambda *_: float(beside), (46.98, 7.98), (47.04, 8.02))
-        given += ["--terrain", tmp_path / "ground.tif"]
+        plan.write_text(eadp("plan", plan, "--terrain", tmp_path / "ground.tif").out)
     for to, ending, name in (("ardupilot", ".param", "AIRSPEED_CRUISE"), ("px4", ".params", "FW_AIRSPD_TRIM")):
         out, parameters = tmp_path / f"m-{to}", tmp_path / f"p{ending}"
         answer = eadp("export", plan, *given, "--to", to, "-o", out, "--parameters", parameters)

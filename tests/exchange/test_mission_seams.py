@@ -12,7 +12,7 @@ from common.answers import refused
 
 from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_local_m
-from eadp.exchange.reader import wpl_fences
+from eadp.exchange.reader import mission_fences
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import SourceText, read_text
 
@@ -51,6 +51,14 @@ def moved(plan, tmp_path, corners, name="house"):
     text = plan.read_text()
     path = tmp_path / "moved.plan"
     path.write_text(text.replace(headers(text)["avoid"], f"%: avoid {name} {corners}"))
+    return path
+
+
+def planned(eadp, path, *given):
+    """The file of a plan that `eadp plan` changes, as it stands in a pipe."""
+    answer = eadp("plan", *given)
+    assert answer.code == 0, answer.err
+    path.write_text(answer.out)
     return path
 
 
@@ -241,7 +249,7 @@ def test_fences_go_out_and_come_in(eadp, covered, tmp_path):
     rows = tmp_path / "m.waypoints"
     answer = eadp("export", covered, "--to", "ardupilot", "--origin", "55.37,10.43", "-o", rows)
     assert f"ArduPilot's fence, {rows}.fence.waypoints" in answer.err
-    fence = wpl_fences(SourceText(read_text(f"{rows}.fence.waypoints")))
+    fence = mission_fences(SourceText(read_text(f"{rows}.fence.waypoints")))
     assert [(each.inclusion, len(each.corners_deg)) for each in fence] == [(False, 4), (True, 4)]
     circle = {"circle": {"center": [55.37, 10.43], "radius": 40}, "inclusion": False, "version": 1}
     document = json.loads(mission.read_text())
@@ -304,21 +312,22 @@ def test_a_mission_flies_beside_a_fence_of_its_own_file(eadp, leg, tmp_path, for
     fence = tmp_path / "fence"
     fence.write_text(texts[form])
     wide = (leg, "--inside", fence)
-    assert "%: inside" in eadp("plan", *wide, "--format", "plan").out
+    inside = planned(eadp, tmp_path / "inside.plan", *wide)
+    assert "%: inside" in inside.read_text()
     assert eadp("plan", *wide, "--check").code == 0
     narrow = (*wide, "--avoid", fence)
     assert "enters obstacle 1" in eadp("plan", *narrow, "--check").out
-    told = json.loads(eadp("simulate", *wide, *COARSE, "--format", "json").out)
+    told = json.loads(eadp("simulate", inside, *COARSE, "--format", "json").out)
     assert (told["completed"], told["obstacles"], told["energy_forecast"]["obstacles"]) == (True, [], [])
-    flown = json.loads(eadp("simulate", *narrow, *COARSE, "--format", "json", "-o", tmp_path / "flown").out)
+    both = planned(eadp, tmp_path / "both.plan", *narrow)
+    flown = json.loads(eadp("simulate", both, *COARSE, "--format", "json", "-o", tmp_path / "flown").out)
     assert [each["name"] for each in flown["obstacles"]] == ["obstacle 1"]
     assert flown["energy_forecast"]["obstacles"] == [{"name": "obstacle 1", "probability": 1.0}]
     # the folder has them, too
     page = tmp_path / "page.html"
     assert eadp("report", tmp_path / "flown", "-o", page).code == 0
     assert "obstacle 1" in page.read_text()
-    for kind in ("avoid", "inside"):
-        assert (tmp_path / "flown/inputs" / kind / "fence").read_text() == texts[form]
+    assert (tmp_path / "flown/inputs/both.plan").read_text() == both.read_text()
 
 
 @pytest.mark.parametrize("forecast", [False, True])
@@ -327,7 +336,8 @@ def test_a_mission_is_exported_with_a_fence_of_its_own_file(eadp, leg, tmp_path,
     fence.write_text(fence_rows((5001, AROUND), (5002, ACROSS)))
     scenario.write_text("schema: eadp.scenario/1\nbattery: {capacity_ah: 2.0}\n")
     more = ("--scenario", scenario) if forecast else ()
-    given = ("export", leg, "--to", "qgc", "--inside", fence, "--avoid", fence, *more)
+    plan = planned(eadp, tmp_path / "both.plan", leg, "--inside", fence, "--avoid", fence)
+    given = ("export", plan, "--to", "qgc", *more)
     if forecast:  # it flies through one
         out = tmp_path / "m.plan"
         no = eadp(*given, "-o", out, "--parameters", tmp_path / "p.param")
@@ -364,12 +374,17 @@ def test_boundaries_of_a_plan_and_beside_it_both_hold(eadp, covered, tmp_path):
             "expected a fence; those of this file belong to --inside",
         ),
         ("--inside", [(5001, [(0, 0), (0, 1), (1, 1)])], "1 polygon farther than 100 km left out"),
-        ("--inside", [(5001, ACROSS)], "the start (0, 0) lies in an obstacle or beyond the boundary"),
     ],
 )
 def test_a_fence_that_is_of_no_use_is_refused(eadp, leg, tmp_path, option, rings, message):
     (tmp_path / "fence.txt").write_text(fence_rows(*rings))
-    assert refused(eadp("simulate", leg, option, tmp_path / "fence.txt"), message)
+    assert refused(eadp("plan", leg, option, tmp_path / "fence.txt"), message)
+
+
+def test_a_start_beyond_a_fence_is_refused(eadp, leg, tmp_path):
+    (tmp_path / "fence.txt").write_text(fence_rows((5001, ACROSS)))
+    plan = planned(eadp, tmp_path / "fenced.plan", leg, "--inside", tmp_path / "fence.txt")
+    assert refused(eadp("simulate", plan), "the start (0, 0) lies in an obstacle or beyond the boundary")
 
 
 def test_a_fence_in_degrees_beside_a_plan_in_metres_is_refused(eadp, tmp_path):

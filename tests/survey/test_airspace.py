@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from common import few
 
-from eadp.core.geometry.dubins import polyline_m
+from eadp.core.geometry.dubins import polyline_m, straight
 from eadp.core.geometry.polygons import FreeSpace
 from eadp.errors import Infeasible
 from eadp.models.airspace import CLEARANCE_SHARE, Airspace, Obstacle
@@ -18,7 +18,7 @@ from eadp.models.field import Field
 from eadp.survey.airspace import FreeTurns, free_lines
 from eadp.survey.coverage import CoverageRequest, cover
 from eadp.survey.report import covered_by_lines
-from eadp.survey.swaths import CoverageLeg, MotionLimits, half_circle, straight
+from eadp.survey.swaths import CoverageLeg, MotionLimits, half_circle
 
 ESTATE = (
     (-429, 44), (198, -36), (865, 4), (1067, 487), (1007, 1092), (481, 1253), (-126, 1212), (-409, 810)

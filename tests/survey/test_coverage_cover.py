@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from eadp.api.inputs import load_flight
 from eadp.check.check import check_plan
 from eadp.core.geometry.curves import wrap_angle_rad
+from eadp.core.geometry.dubins import straight
 from eadp.errors import Infeasible
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.writer import plan_text
@@ -30,7 +31,7 @@ from eadp.survey.coverage import AUTO, DUBINS, PATTERNS, ZAMBONI, CoverageReques
 from eadp.survey.field_reader import read_field
 from eadp.survey.plan_builder import FieldComputations, build_plan
 from eadp.survey.report import covered_by_lines, rounded_deg
-from eadp.survey.swaths import CoverageLeg, MotionLimits, straight
+from eadp.survey.swaths import CoverageLeg, MotionLimits
 
 MOTION = MotionLimits(swath_m=30.0, min_radius_m=30.0, radius_m=45.0, spacing_m=15.0)
 

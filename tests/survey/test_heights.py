@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from common.planes import FIELD, LIMITS, MOTION, WING, ground
 
+from eadp.core.geometry.dubins import straight
 from eadp.errors import Infeasible
 from eadp.models.airspace import Obstacle
 from eadp.survey.coverage import CoverageRequest, cover
 from eadp.survey.ends import FinalApproach
 from eadp.survey.heights import over_terrain
-from eadp.survey.swaths import CoverageLeg, straight
+from eadp.survey.swaths import CoverageLeg
 
 ROUNDING_M = 1e-5
 

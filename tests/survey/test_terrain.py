@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from common import ROOT, few
 from common.answers import refused
-from common.pages import Page
 from common.terrains import from_corner, write_degrees, write_geotiff, write_hgt
 from scipy.ndimage import gaussian_filter
 
@@ -282,7 +281,7 @@ def test_a_landing_over_terrain_is_exported_and_read_back(eadp, landing, tmp_pat
 def written_above_ground(eadp, plan, terrain, to, file):
     """A mission as other software has it: its altitudes above the ground of `slope`."""
     zero_m = float(plan.read_text().split("%: ground ")[1].split()[0])
-    model = read_terrain([str(terrain)], np.array([HOME]), ORIGIN)
+    model = read_terrain([str(terrain)], np.array([HOME, LANDING[:2], (-1000.0, 0.0)]), ORIGIN)
 
     def ground_m(latitude, longitude):
         return float(model.known_m(np.array([to_local_m(latitude, longitude, ORIGIN)]))[0])
@@ -312,8 +311,7 @@ def test_altitudes_above_ground_are_read_back_above_home(eadp, landing, slope, t
     """Of QGroundControl with heights above the sea, too, as its `SimpleMissionItem::save` writes them."""
     plan, terrain, above, again = landing[0], slope[1], tmp_path / "above", tmp_path / "again"
     written_above_ground(eadp, plan, terrain, to, above)
-    given = ("--terrain", terrain) if known else ()
-    answer = eadp("plan", above, "--format", "plan", *given)
+    answer = eadp("plan", above, *(("--terrain", terrain) if known else ("--format", "plan")))
     again.write_text(answer.out)
     relative = tmp_path / "relative"
     eadp("export", plan, "--to", to, "-o", relative)
@@ -327,32 +325,14 @@ def test_altitudes_above_ground_are_read_back_above_home(eadp, landing, slope, t
     assert altitudes[1] == altitudes[0]
     assert here.site.ground_m == pytest.approx(float(plan.read_text().split("%: ground ")[1].split()[0]), abs=0.05)
     # forecast, flight and export read it as well
-    wing = {"vehicle": WING[1]}
-    files = [terrain] if known else []
-    forecasts = [
-        forecast(relative, overrides=wing, warn=lambda _: None),
-        forecast(above, overrides=wing, terrain=files),
-    ]
+    forecasts = [forecast(file, overrides={"vehicle": WING[1]}, warn=lambda _: None) for file in (relative, again)]
     assert forecasts[1]["energy_wh"] == pytest.approx(forecasts[0]["energy_wh"], rel=1e-3)
-    out = eadp("export", above, "--to", "ardupilot", *given).out
+    out = eadp("export", again, "--to", "ardupilot").out
     rows = [
         [line.split("\t")[10] for line in text.splitlines()[2:]]
         for text in (out, eadp("export", relative, "--to", "ardupilot").out)
     ]
     assert rows[0] == rows[1]
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_a_flight_above_ground_is_kept_as_the_plan_that_it_is(eadp, landing, slope, tmp_path):
-    above, flown = tmp_path / "above.waypoints", tmp_path / "flown"
-    terrain = ("--terrain", slope[1])
-    written_above_ground(eadp, landing[0], slope[1], "ardupilot", above)
-    given = ("--set", f"vehicle={WING[1]}", "--set", "step_s=0.05")
-    answer = eadp("simulate", above, *terrain, *given, "-o", flown)
-    assert answer.code == 0, answer.err
-    kept = read_plan(flown / "inputs" / "above.waypoints")
-    assert kept.stages[-1].altitude_m == pytest.approx(landing[1].plan.stages[-1].altitude_m, abs=0.05)
-    assert eadp("report", flown, "-o", tmp_path / "page.html").code == 0
 
 
 @pytest.mark.parametrize(("west_m", "works"), [(700, True), (200, False)])
@@ -393,23 +373,6 @@ def test_a_home_at_another_height_is_warned_of(eadp, slope, tmp_path):
     assert "the ground at the plan's home or start" in answer.err
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_results_and_page_have_the_ground_below_the_flight(eadp, landing, slope, tmp_path):
-    flown = tmp_path / "flown"
-    words = ("--terrain", slope[1], "--set", f"vehicle={WING[1]}", "--set", "step_s=0.05", "-o", flown)
-    assert eadp("simulate", landing[0], *words).code == 0
-    header, *rows = (line.split(",") for line in (flown / "flight.csv").read_text().splitlines())
-    x, ground_m = (np.array([float(row[header.index(name)]) for row in rows]) for name in ("x_m", "ground_m"))
-    assert ground_m == pytest.approx(0.05 * (x - HOME[0]), abs=SLOPE_M)
-    assert eadp("report", flown, "-o", tmp_path / "page.html").code == 0
-    for page in (flown / "report.html", tmp_path / "page.html"):
-        shown = Page(page.read_text(encoding="utf-8")).data["altitude"]
-        assert len(shown["ground_m"]) == len(shown["m"]) == len(shown["t"])
-        assert (min(shown["ground_m"]), max(shown["ground_m"])) == pytest.approx(
-            (ground_m.min(), ground_m.max()), abs=0.5
-        )
-
-
 @pytest.mark.slow
 def test_sorties_over_terrain_land_on_the_ground(eadp, slope, tmp_path):
     field, terrain = slope
@@ -422,7 +385,6 @@ def test_sorties_over_terrain_land_on_the_ground(eadp, slope, tmp_path):
         assert last.altitude_m == pytest.approx(0.05 * (LANDING[0] - HOME[0]), abs=SLOPE_M)
     assert (tmp_path / "sorties/sorties.svg").read_text().count("sortie after sortie") == 1
     assert eadp("simulate", tmp_path / "sorties", "-o", tmp_path / "flown").code == 0
-    assert (tmp_path / "flown/sortie-02/flight.csv").read_text().partition("\n")[0].endswith(",ground_m")
 
 
 def test_sorties_say_of_the_ground_what_one_flight_says(eadp, slope, tmp_path):

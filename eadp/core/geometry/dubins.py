@@ -63,6 +63,12 @@ class Piece:
         return _advanced(self.start, self.turn, self.radius_m, distance_m)
 
 
+def straight(start: Point, end: Point) -> Piece:
+    """The straight piece between two points [m]."""
+    heading = math.atan2(end[1] - start[1], end[0] - start[0])
+    return Piece(0, (*start, heading), (*end, heading), math.dist(start, end), None)
+
+
 @dataclass(frozen=True, slots=True)
 class DubinsPath:
     """A path of three pieces from one pose to another: its word, and the length of each piece [m], some 0."""

@@ -58,6 +58,7 @@ _HEADERS = (
     "made-for",
     "camera",
     "ground",
+    "height",
 )
 _RING_HEADERS, _LIMIT_HEADERS = ("field", "hole"), ("avoid", "inside")
 """Headers of the field's parts, each an outline and the holes in it; of obstacles and of the boundary. They may stand
@@ -479,6 +480,7 @@ class _Reader:
             made_for=self._of("made-for", _made_for),
             camera=self._of("camera", _camera),
             ground_m=self._of("ground", lambda text: _numbers(text, 1, "metres above the sea, like 120")[0]),
+            height_m=self._of("height", lambda text: _numbers(text, 1, "metres above the sea, like 120")[0]),
             home_altitude_m=self._of("home-altitude", lambda text: _numbers(text, 1, "metres, like 120")[0]),
             clearance_m=CLEARANCE_M if clearance_m is None else clearance_m,
         )

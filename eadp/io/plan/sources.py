@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from eadp.core.arrays import FloatArray
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.kinds import refuse_others
 from eadp.io.text.streams import Text
@@ -17,6 +19,10 @@ from eadp.plug_ins import plug_ins
 
 _STAGES = re.compile(r"^[^\S\n]*path\s*:|^[^;\n]*;[^;\n]*;[^;\n]*[xy]", re.MULTILINE)
 """What a text of the plan language has: a section of stages, or a stage."""
+
+
+Ground = Callable[[FloatArray, tuple[float, float]], FloatArray]
+"""Heights above the sea, shape (n,) [m], at points, shape (n, 2) [m], round an origin [°]; raises InputError."""
 
 
 @dataclass(frozen=True)
@@ -33,8 +39,8 @@ class PlanReader:
         Distance after which a mission that repeats for ever goes on, if no number of laps is given [m].
     laps : int or None
         How many times it is flown.
-    terrain : tuple of str
-        Files of the ground, above which altitudes may be.
+    ground : function, optional
+        The ground, above which altitudes may be.
     calibrated : float
         Calibrated over true airspeed, where home has no height.
     """
@@ -45,18 +51,18 @@ class PlanReader:
     descent_rate_mps: float = FixedWing().climb_rates_mps(FixedWing.airspeed_mps)[1]
     repeated_m: float = 100_000.0
     laps: int | None = None
-    terrain: tuple[str, ...] = ()
+    ground: Ground | None = None
     calibrated: float = 1.0
 
     @classmethod
-    def of(cls, airframe: Airframe, battery: Battery, laps: int | None = None) -> PlanReader:
+    def of(cls, airframe: Airframe, battery: Battery) -> PlanReader:
         """The reader for an aircraft: what repeats for ever is longer than the battery lasts."""
         wing = FixedWing() if isinstance(airframe, PaperVehicle) else airframe
         rates_mps = wing.climb_rates_mps(wing.airspeed_mps)
         endurance_s = battery.endurance_s(airframe.cruise_power_w)
         repeated_m = min(1.25 * endurance_s * airframe.airspeed_mps, 1e6)
         calibrated = calibrated_over_true(Site(), airframe)
-        return cls(airframe.turn_radius_m, airframe.airspeed_mps, *rates_mps, repeated_m, laps, calibrated=calibrated)
+        return cls(airframe.turn_radius_m, airframe.airspeed_mps, *rates_mps, repeated_m, calibrated=calibrated)
 
     def turning(self, radius_m: float | None) -> PlanReader:
         """The reader for turns of a radius [m]; the same for None."""

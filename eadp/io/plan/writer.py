@@ -92,6 +92,8 @@ def _mission_lines(site: Site) -> list[str]:
         lines.append(f"%: camera {name}altitude {number_text(camera.altitude_m)}{size}")
     if site.ground_m is not None:
         lines.append(f"%: ground {number_text(site.ground_m)}")
+    if site.height_m is not None:
+        lines.append(f"%: height {number_text(site.height_m)}")
     return lines
 
 

@@ -174,10 +174,8 @@ function buildCharts() {
     if (winds.some((wind) => wind)) chart("Wind", "m/s", decisionTimes, lines, { height: 150, value: () => { const wind = decided("wind_mps", state.decision); return wind ? windText(wind) : ""; } });
   }
   if (data.altitude) {
-    const up = (name, t) => at(data.altitude, name, t), heights = [{ label: "altitude", colour: "blue", y: data.altitude.m, width: 2 }];
-    if (data.altitude.ground_m) heights.push({ label: "ground", colour: "brown", y: data.altitude.ground_m, fill: true });
-    const above = (t) => (data.altitude.ground_m ? `, ${number(up("m", t) - up("ground_m", t))} m above ground` : "");
-    chart("Altitude", "m", data.altitude.t, heights, { value: (t) => `${number(up("m", t))} m${above(t)}` });
+    const heights = [{ label: "altitude", colour: "blue", y: data.altitude.m, width: 2 }];
+    chart("Altitude", "m", data.altitude.t, heights, { value: (t) => `${number(at(data.altitude, "m", t))} m` });
   }
   waiting[waiting.length - 1][4].last = true;
   for (const parts of waiting) drawChart(...parts);

@@ -254,7 +254,8 @@ def test_metres_of_a_grid(eadp, tmp_path):
     pole.write_text("x_m,y_m\n492140,5393790\n492160,5393790\n492150,5393810\n")
     assert eadp("cover", tmp_path / "field.csv", *MEADOW[1:], "-o", plan).code == 0
     # lines pass through a pole that was not known
-    flown = eadp("simulate", plan, "--avoid", pole, "--planner", "static")
+    plan.write_text(eadp("plan", plan, "--avoid", pole).out)
+    flown = eadp("simulate", plan, "--planner", "static")
     assert (flown.code, "entered obstacle 1" in flown.out + flown.err) == (1, True)
     for to in EXPORTS:
         far = eadp("export", plan, "--to", to, "--origin", "48.7,8.9")

@@ -9,6 +9,7 @@ from common import ROOT, few
 import eadp
 from eadp.core.geometry.geodesy import compass_deg
 from eadp.models.plan.stage import LOITER_TO_ALTITUDE
+from eadp.survey.terrain import read_terrain
 
 PILOT = ROOT.parent / "shared/reference/pilot"
 pytestmark = pytest.mark.skipif(not PILOT.exists(), reason="the pilot's inputs are not here")
@@ -56,10 +57,10 @@ def test_headings_near_the_wind_are_landed_on_over_the_slope(turn_deg):
     assert above_m[np.maximum.accumulate(above_m >= 20) & before].min() >= 20 - 0.01
     (x0, y0), (x1, y1) = circle.trigger_at(()), approach.trigger_at(())
     assert compass_deg(np.arctan2(y1 - y0, x1 - x0)) % 360 == pytest.approx(WIND_DEG + turn_deg, abs=0.01)
-    flight = eadp.simulate(
-        found.plan, scenario=PILOT / "day.yaml", seed=1, warn=lambda _: None, terrain=[str(PILOT / "ground.tif")]
-    )
-    up_m = flight.columns["altitude_m"] - flight.columns["ground_m"]
+    flight = eadp.simulate(found.plan, scenario=PILOT / "day.yaml", seed=1, warn=lambda _: None)
+    points_m = np.column_stack([flight.columns["x_m"], flight.columns["y_m"]])
+    ground = read_terrain([str(PILOT / "ground.tif")], points_m, found.plan.site.origin_deg)
+    up_m = flight.columns["altitude_m"] + found.plan.site.ground_m - ground.heights_m(points_m)
     there = flight.columns["stage"].astype(int)
     begins = there == len(found.plan.stages)
     climbed = np.maximum.accumulate(up_m >= 20)
