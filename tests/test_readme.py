@@ -6,6 +6,9 @@
 from __future__ import annotations
 
 import os
+import re
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -41,6 +44,20 @@ def test_the_blocks_show_what_their_commands_print_in_this_order(page, tmp_path,
     console.write_files(page.read_text(encoding="utf-8"))
     for block in blocks(page):
         assert console.fresh(block) == block
+
+
+def test_the_pipe_of_the_readme_flies_a_mission_beside_zones(tmp_path):
+    (pipe,) = re.findall(r"^\| `(eadp plan .*?\| eadp simulate -)`", README.read_text(encoding="utf-8"), re.MULTILINE)
+    items = "0 16 0 0 0 0 55.5 10.5 0", "3 16 0 0 0 0 55.505 10.5 60", "3 16 0 0 0 0 55.505 10.51 60"
+    rows = (f"{i} 0 {item} 1" for i, item in enumerate(items))
+    (tmp_path / "mission.waypoints").write_text("\n".join(["QGC WPL 110", *rows, ""]))
+    (tmp_path / "zones.geojson").write_text(
+        '{"type": "Polygon", "coordinates": [[[10.503, 55.504], [10.504, 55.504], [10.504, 55.506], [10.503, 55.504]]]}'
+    )
+    typed = re.sub(r"\beadp\b", f"{sys.executable} -m eadp", pipe.replace("\\|", "|"))
+    answer = subprocess.run(typed, shell=True, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (answer.returncode, answer.stderr) == (1, "")
+    assert "NOT completed: entered obstacle 1" in answer.stdout
 
 
 def test_the_readme_stops_where_a_newcomer_stops():
