@@ -44,7 +44,7 @@ from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.pieces import with_landing
 from eadp.models.plan.plan import MadeFor, Plan
 from eadp.models.plan.route import PlannedLegs
-from eadp.models.plan.stage import LAND, RETURN, TAKEOFF
+from eadp.models.plan.stage import LAND, TAKEOFF
 from eadp.models.plan.trace import nominal_route
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.planning.forecast.held import Preflight
@@ -337,7 +337,7 @@ def _landed(given: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     """A plan that lands where `--landing` says, from where it ends."""
     plan, name = plan_of(given, options.min_radius_m, lambda _: None)
     raw = options.landing or ""
-    if plan.stages[-1].item or any(map(plan.stages[-1].command, (LAND, RETURN))):
+    if plan.stages[-1].item or plan.stages[-1].command(LAND):
         raise _fault(
             "--landing", str(raw), "the plan has a landing, or is a mission with an end of its own", "no --landing"
         )

@@ -351,7 +351,7 @@ class MissionPlan:
             if item.above_sea_m is not None:
                 return round(item.above_sea_m - self._zero_m, 2)
         if frame == d.TERRAIN and not any(finding.code == "terrain" for finding in self.findings):
-            message = f"{item.label}: an altitude above ground, taken as above home; --terrain has the ground"
+            message = f"{item.label}: an altitude above ground, taken as above home; eadp plan --terrain has the ground"
             self._find(item.locations[1], "terrain", message)
         if frame != d.ABSOLUTE:
             return altitude

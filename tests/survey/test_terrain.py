@@ -318,7 +318,7 @@ def test_altitudes_above_ground_are_read_back_above_home(eadp, landing, slope, t
     there, here = (read_plan(file, warn=lambda _: None) for file in (relative, again))
     altitudes = [[stage.altitude_m for stage in each.stages] for each in (there, here)]
     if to == "ardupilot" and not known:
-        assert "item 3: an altitude above ground, taken as above home; --terrain has the ground" in answer.err
+        assert "item 3: an altitude above ground, taken as above home; eadp plan --terrain has the ground" in answer.err
         assert altitudes[1] != pytest.approx(altitudes[0], abs=1)
         return
     assert "above ground" not in answer.err
