@@ -82,7 +82,7 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.sweep import sweep_file
     from eadp.sweep.results import Results
     from eadp.sweep.runs import Result, Run
-    from eadp.sweep.sweep_file import read_sweep
+    from eadp.sweep.sweep_file import load_run, read_sweep
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.append(str(ROOT / "tests/support"))
@@ -162,7 +162,7 @@ def vehicle(data: bytes) -> None:
 def sweep(data: bytes) -> None:
     read = read_sweep(replace(text_of(data), name=str(ROOT / "scenarios/fuzz.yaml")))
     for index in (0, len(read.design) // 2, len(read.design) - 1):
-        read.kept.load(read.run(index))
+        load_run(read.kept, read.run(index))
 
 
 def profile(data: bytes) -> None:

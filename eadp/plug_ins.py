@@ -5,6 +5,8 @@
 | `commands` | of `eadp NAME` | a function: typer's annotations, returns the exit code |
 | `plan_sources` | any | a `PlanSource`: it recognises texts and reads them as plans |
 | `plan_writers` | of `eadp plan --format` | the function from a plan and its name to a text |
+| `measurers` | `command` | what `eadp profile --measure` runs |
+| `jobs` | any | a `JobKind`: folders that stand for several flights |
 | `checks` | any | what `eadp plan --check` runs: a function as `check.check.checked`, to a `CheckReport` |
 | `planners` | of `planner.name` and `--planner` | a `Planner` |
 | `airframes` | of `airframe.model` | a dataclass that inherits from `FixedWing` or `PowerCurve` |
@@ -31,7 +33,7 @@ OWN: dict[str, dict[str, str]] = {
         "export": "eadp.exchange.command:command",
         "sweep": "eadp.sweep.command:command",
         "replan": "eadp.live.command:command",
-        "init": "eadp.cli.init:command",
+        "init": "eadp.survey.init:command",
         "vehicle": "eadp.cli.vehicle:command",
         "report": "eadp.report.command:command",
         "schema": "eadp.cli.schema:command",
@@ -41,6 +43,8 @@ OWN: dict[str, dict[str, str]] = {
         "sympy": "eadp.check.worker:sympy_text",
         "latex": "eadp.check.worker:latex_text",
     },
+    "measurers": {"command": "eadp.measure.measuring:measure_profile"},
+    "jobs": {"sorties": "eadp.survey.job:SORTIE_JOBS"},
     "checks": {"geometry": "eadp.check.check:checked"},
     "planners": {
         "static": "eadp.planning.registry:Planner",

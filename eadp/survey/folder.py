@@ -20,9 +20,12 @@ from eadp.io.text.json import json_lines
 from eadp.io.text.streams import new_folder, read_text
 from eadp.models.autopilot import ARDUPILOT, PX4
 from eadp.report.page import page_html
-from eadp.survey import SORTIES, SORTIES_SCENARIO
 from eadp.survey.figures import write_sorties_figure
 from eadp.survey.sorties import SCHEMA, SortiePlan
+
+SORTIES: str = "sorties.json"
+SORTIES_SCENARIO: str = "scenario.yaml"
+"""Files of a folder of sorties: what was planned, and the scenario that flies it."""
 
 TABLE, FIGURE, PAGE = "sorties.csv", "sorties", "index.html"
 
