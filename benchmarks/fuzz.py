@@ -50,6 +50,8 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.exchange.item_map import parse_items
     from eadp.io import scenario as scenario_file
     from eadp.io.energy import energy_yaml, parse_energy
+    from eadp.io.logs import autopilot_process
+    from eadp.io.logs import tables as messages
     from eadp.io.plan.reader import read_plan
     from eadp.io.plan.sources import PlanReader, is_mission
     from eadp.io.plan.writer import plan_text
@@ -66,8 +68,6 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.live.replanner import replan_lines
     from eadp.live.telemetry import TelemetryLine
     from eadp.live.telemetry_log import ReplanLog
-    from eadp.measure import autopilot_log as autopilot_process
-    from eadp.measure import messages
     from eadp.measure.csv_log import read_csv_log
     from eadp.measure.energy_fit import fit_energy
     from eadp.measure.formats import read_power_log

@@ -7,6 +7,7 @@
 | `plan_writers` | of `eadp plan --format` | the function from a plan and its name to a text |
 | `measurers` | `command` | what `eadp profile --measure` runs |
 | `jobs` | any | a `JobKind`: folders that stand for several flights |
+| `exporters`, `message_readers`, `rests`, `tracks` | one each | what rooms ask of one another: see `OWN` |
 | `checks` | any | what `eadp plan --check` runs: a function as `check.check.checked`, to a `CheckReport` |
 | `planners` | of `planner.name` and `--planner` | a `Planner` |
 | `airframes` | of `airframe.model` | a dataclass that inherits from `FixedWing` or `PowerCurve` |
@@ -44,6 +45,10 @@ OWN: dict[str, dict[str, str]] = {
         "latex": "eadp.check.worker:latex_text",
     },
     "measurers": {"command": "eadp.measure.measuring:measure_profile"},
+    "exporters": {"mission": "eadp.exchange.export:MISSION_EXPORTER"},
+    "message_readers": {"tlog": "eadp.live.mavlink:tlog_messages"},
+    "rests": {"telemetry": "eadp.live.replanner:rest_after"},
+    "tracks": {"recorded": "eadp.live.tracks:flown_track"},
     "jobs": {"sorties": "eadp.survey.job:SORTIE_JOBS"},
     "checks": {"geometry": "eadp.check.check:checked"},
     "planners": {
