@@ -184,10 +184,10 @@ class LinkFlight:
             pilot.note("the autopilot returns")
         if mission is not None and self._uploads:
             self._lines.decided = self._decided_path if mission.gets(self._decided_path) else None
-        restarts = self._lines.restarts
+        restarts = self._lines.heard.restarts
         self.update(values)
         self._watch_mode()
-        if begins or self._lines.restarts > restarts:
+        if begins or self._lines.heard.restarts > restarts:
             autopilot.ask()
             if mission is not None:
                 self._do(mission.read(now_s))
