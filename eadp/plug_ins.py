@@ -8,6 +8,9 @@
 | `grounds` | `files` | a function from `--terrain`'s files to a `Ground`, the heights of points |
 | `fences` | any | a function from a text to the fences in it as (inside, corners °, place); None where it has no such |
 | `plan_writers` | of `eadp plan --format` | the function from a plan and its name to a text |
+| `measurers` | `command` | what `eadp profile --measure` runs |
+| `jobs` | any | a `JobKind`: folders that stand for several flights |
+| `exporters`, `message_readers`, `rests`, `tracks` | one each | what rooms ask of one another: see `OWN` |
 | `checks` | any | what `eadp plan --check` runs: a function as `check.check.checked`, to a `CheckReport` |
 | `planners` | of `planner.name` and `--planner` | a `Planner` |
 | `airframes` | of `airframe.model` | a dataclass that inherits from `FixedWing` or `PowerCurve` |
@@ -34,7 +37,7 @@ OWN: dict[str, dict[str, str]] = {
         "export": "eadp.exchange.command:command",
         "sweep": "eadp.sweep.command:command",
         "replan": "eadp.live.command:command",
-        "init": "eadp.cli.init:command",
+        "init": "eadp.survey.init:command",
         "vehicle": "eadp.cli.vehicle:command",
         "report": "eadp.report.command:command",
         "schema": "eadp.cli.schema:command",
@@ -47,6 +50,12 @@ OWN: dict[str, dict[str, str]] = {
         "sympy": "eadp.check.worker:sympy_text",
         "latex": "eadp.check.worker:latex_text",
     },
+    "measurers": {"command": "eadp.measure.measuring:measure_profile"},
+    "exporters": {"mission": "eadp.exchange.export:MISSION_EXPORTER"},
+    "message_readers": {"tlog": "eadp.live.mavlink:tlog_messages"},
+    "rests": {"telemetry": "eadp.live.replanner:rest_after"},
+    "tracks": {"recorded": "eadp.live.tracks:flown_track"},
+    "jobs": {"sorties": "eadp.survey.job:SORTIE_JOBS"},
     "checks": {"geometry": "eadp.check.check:checked"},
     "planners": {
         "static": "eadp.planning.registry:Planner",

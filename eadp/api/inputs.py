@@ -49,7 +49,6 @@ from eadp.planning.registry import planner_class
 from eadp.planning.state.climb import ClimbFollower
 from eadp.simulation.nominal import NominalFlight, Overshoot
 from eadp.simulation.turns import MOST, overshoot_findings
-from eadp.sweep.runs import Run
 
 LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
 """Time limit of a flight as a multiple of its forecast time, and where there is no forecast [s]."""
@@ -133,11 +132,6 @@ class Files:
             return Given(given, "given-profile.yaml", profile_yaml), given, []
         text, (profile, found) = self.read(str(given), profile_of, reference)
         return text, profile, found
-
-    def load(self, run: Run) -> FlightInputs:
-        """The flight of a run, ready to be flown."""
-        given: dict[str, Any] = {**run.files}  # plan, scenario, profile and energy, as far as there are any
-        return load_flight(**given, overrides=run.overrides, files=self)
 
 
 def profile_of(text: Text) -> tuple[AnyProfile, list[Fault]]:

@@ -55,9 +55,7 @@ def read_wpl(source: SourceText) -> MissionDraft:
     if len(items) < len(rows) and not moved:
         if not fences:
             raise source.error(rows[0].locations[0], "places to rally, and no mission", "a mission")
-        expected = (
-            "a mission; a fence belongs to --inside or --avoid of eadp plan, or into the mission's file"
-        )
+        expected = "a mission; a fence belongs to --inside or --avoid of eadp plan, or into the mission's file"
         raise source.error(rows[0].locations[0], "a fence, and no mission", expected)
     if rally := [each for each in rows if each.command == RALLY]:
         doubts.append((rally[0].locations[0], "rally", RALLY_LEFT_OUT))
