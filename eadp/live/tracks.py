@@ -13,10 +13,10 @@ from eadp.errors import InputError
 from eadp.live.recorded import CAMERA, PICTURE, form_of, log_values
 from eadp.live.telemetry import TelemetryReader, open_telemetry
 from eadp.live.telemetry_log import telemetry_lines
-from eadp.models.track import FlownTrack
+from eadp.models.track import PictureTrack
 
 
-def flown_track(source: str, origin_deg: Point | None, warn: Warn) -> FlownTrack:
+def flown_track(source: str, origin_deg: Point | None, warn: Warn) -> PictureTrack:
     """The track of a flight, in a frame with an origin; of telemetry, which has no camera, all of it.
 
     Raises
@@ -36,7 +36,7 @@ def flown_track(source: str, origin_deg: Point | None, warn: Warn) -> FlownTrack
     return _of_telemetry(source, origin_deg, warn) if form is None else _of_log(source, form, origin_deg)
 
 
-def _of_telemetry(source: str, origin_deg: Point | None, warn: Warn) -> FlownTrack:
+def _of_telemetry(source: str, origin_deg: Point | None, warn: Warn) -> PictureTrack:
     reader, rows = TelemetryReader(source, origin_deg=origin_deg), []
     with open_telemetry(source) as stream:
         for number, raw in telemetry_lines(stream, source):
@@ -46,10 +46,10 @@ def _of_telemetry(source: str, origin_deg: Point | None, warn: Warn) -> FlownTra
                 rows.append((sample.time_s, *sample.position_m))
     if len(rows) < 2:
         raise InputError.at(source, 1, 1, "has no positions", "telemetry with x_m and y_m, or lat_deg and lon_deg")
-    return FlownTrack(rows, [True] * len(rows))
+    return PictureTrack(rows, [True] * len(rows))
 
 
-def _of_log(source: str, form: str, origin_deg: Point | None) -> FlownTrack:
+def _of_log(source: str, form: str, origin_deg: Point | None) -> PictureTrack:
     if origin_deg is None:
         raise InputError.at(source, 1, 1, "has positions on the earth, and the field has none", "a field in degrees")
     rows: list[tuple[float, float, float]] = []
@@ -68,4 +68,4 @@ def _of_log(source: str, form: str, origin_deg: Point | None) -> FlownTrack:
     if len(rows) < 2:
         raise InputError.at(source, 1, 1, "has no positions in the air", "a log of a flight")
     # on throughout where the log does not say; else off until it is switched on
-    return FlownTrack(rows, [CAMERA not in known if each is None else each for each in camera], pictures)
+    return PictureTrack(rows, [CAMERA not in known if each is None else each for each in camera], pictures)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 
-class FlownTrack(NamedTuple):
+class PictureTrack(NamedTuple):
     """Where a recorded flight was, and where it took pictures.
 
     Attributes

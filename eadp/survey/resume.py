@@ -20,7 +20,7 @@ from eadp.io.flight import flown_lines, flown_of_plan, planned_lines
 from eadp.models.autopilot import PX4
 from eadp.models.field import Field
 from eadp.models.plan.plan import Plan
-from eadp.models.track import FlownTrack
+from eadp.models.track import PictureTrack
 from eadp.plug_ins import plug_in
 from eadp.report.report import SUMMARY, read_folder
 from eadp.survey.cover import CoverageOptions, coverage_task, flight_keys, picture_warnings
@@ -196,7 +196,7 @@ def _heading_of_lines_rad(plan: Plan, parameters: Sequence[float]) -> float | No
 def _of_track(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurvey:
     """A flight of telemetry or a log: photographed within half a picture's length of each; else with the camera on."""
     options, swath_m = planner.task.options, planner.task.motion.swath_m
-    track: FlownTrack = plug_in("tracks", "recorded")(source, planner.task.field.origin_deg, warn)
+    track: PictureTrack = plug_in("tracks", "recorded")(source, planner.task.field.origin_deg, warn)
     rows, pictures = track.rows, track.pictures
     if not pictures:
         return _survey_of_track(source, rows, np.array(track.camera_on, dtype=bool), planner)
