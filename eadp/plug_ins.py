@@ -6,6 +6,7 @@
 | `plan_sources` | any | a `PlanSource`: it recognises texts and reads them as plans |
 | `plan_writers` | of `eadp plan --format` | the function from a plan and its name to a text |
 | `checks` | any | what `eadp plan --check` runs: a function as `check.check.checked`, to a `CheckReport` |
+| `estimators` | `power` | a `PowerEstimator`, of the settings in `estimator:`, for the log and planners that ask it |
 | `planners` | of `planner.name` and `--planner` | a `Planner` |
 | `airframes` | of `airframe.model` | a dataclass that inherits from `FixedWing` or `PowerCurve` |
 | `batteries` | of `battery.chemistry` | a function: open-circuit voltage of a cell [V] of the state of charge, 0 to 1 |
@@ -42,6 +43,7 @@ OWN: dict[str, dict[str, str]] = {
         "latex": "eadp.check.worker:latex_text",
     },
     "checks": {"geometry": "eadp.check.check:checked"},
+    "estimators": {"power": "eadp.papers.power:PowerTracker"},
     "planners": {
         "static": "eadp.planning.registry:Planner",
         "paper": "eadp.papers.planner:PaperPlanner",
