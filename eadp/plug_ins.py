@@ -6,7 +6,12 @@
 | `plan_sources` | any | a `PlanSource`: it recognises texts and reads them as plans |
 | `plan_writers` | of `eadp plan --format` | the function from a plan and its name to a text |
 | `checks` | any | what `eadp plan --check` runs: a function as `check.check.checked`, to a `CheckReport` |
-| `estimators` | `power` | a `PowerEstimator`, of the settings in `estimator:`, for the log and planners that ask it |
+| `estimators` | `power`, `log` | a `PowerEstimator`, with the settings in `estimator:`; the same over a log |
+| `result_writers` | any | writes into the folder of a flight: a function of a `Flight` and its path |
+| `result_figures` | of `--figure` | the same, where its name is asked for |
+| `pages` | any | a `PageSource`: what `eadp report` makes pages of |
+| `results` | `flight` | reads the folder of a flight again |
+| `charts` | `periodogram` | what a figure of another room draws into its axes |
 | `planners` | of `planner.name` and `--planner` | a `Planner` |
 | `airframes` | of `airframe.model` | a dataclass that inherits from `FixedWing` or `PowerCurve` |
 | `batteries` | of `battery.chemistry` | a function: open-circuit voltage of a cell [V] of the state of charge, 0 to 1 |
@@ -43,7 +48,16 @@ OWN: dict[str, dict[str, str]] = {
         "latex": "eadp.check.worker:latex_text",
     },
     "checks": {"geometry": "eadp.check.check:checked"},
-    "estimators": {"power": "eadp.papers.power:PowerTracker"},
+    "estimators": {"power": "eadp.papers.power:PowerTracker", "log": "eadp.papers.power:over_log"},
+    "result_writers": {"page": "eadp.report.flight:write_page"},
+    "result_figures": {"paper": "eadp.papers.figures:write_figure"},
+    "pages": {
+        "flight": "eadp.report.report:FOLDER",
+        "sweep": "eadp.sweep.page:PAGE",
+        "log": "eadp.live.log_page:PAGE",
+    },
+    "results": {"flight": "eadp.report.report:read_folder"},
+    "charts": {"periodogram": "eadp.measure.figures:draw_periodogram"},
     "planners": {
         "static": "eadp.planning.registry:Planner",
         "paper": "eadp.papers.planner:PaperPlanner",

@@ -184,6 +184,21 @@ def test_a_mission_is_read_and_written(capsys, tmp_path):
 
 
 @pytest.mark.usefixtures("installed")
+def test_a_command_and_a_file_of_results(capsys, tmp_path):
+    plan = tmp_path / "lines.plan"
+    plan.write_text("0.1; 90; x - 100\n100, 100\n0.1; 270; -y + 100\n0, 100\n")
+    flight = simulate(str(plan), warn=lambda _: None)  # its turn is tight
+    flight.write(tmp_path / "flight")
+    head, *rows = (tmp_path / "flight/stages.csv").read_text().splitlines()
+    assert head == "stage,energy_wh"
+    assert [int(row.split(",")[0]) for row in rows] == [1, 2]
+    assert sum(float(row.split(",")[1]) for row in rows) == pytest.approx(flight.summary["energy_wh"], rel=0.01)
+    assert "stages.csv" in (tmp_path / "flight/files.json").read_text()
+    assert main(["stages", str(plan)]) == 0
+    assert capsys.readouterr().out.splitlines() == [head, *rows]
+
+
+@pytest.mark.usefixtures("installed")
 def test_a_log_is_fitted(capsys, tmp_path):
     log = tmp_path / "log.bars"
     log.write_text("bars\n" + "".join(f"{i / 10}|{36 + 2 * math.cos(math.pi * i / 100)}\n" for i in range(2000)))

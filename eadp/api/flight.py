@@ -27,14 +27,13 @@ from eadp.models.world import Step, World
 from eadp.planning.base import DecisionRecord, Ending, PlannerSettings
 from eadp.planning.flight import PlannedFlight
 from eadp.planning.forecast.held import Preflight
-from eadp.plug_ins import plug_in
+from eadp.plug_ins import plug_in, plug_ins
 from eadp.simulation.loop import RETURNED, Outcome, fly
 from eadp.survey.fences import FENCES
 
 SCHEMA = "eadp.flight/1"
 TIMINGS = "eadp.timings/1"
-OVERRIDES = "overrides.txt"
-REPORT = "report.html"
+SUMMARY, OVERRIDES = "summary.json", "overrides.txt"
 CLOCKED = ("median_ms", "max_ms")
 """Keys of a summary's solver that depend on the machine and its load."""
 WHOLE = 0.995
@@ -311,7 +310,7 @@ class Flight:
             row += [round(each, 9) for each in to_geodetic_deg(step.x_m, step.y_m, world.plan.site.origin_deg)]
         return row
 
-    def write(self, folder: str | Path, *, force: bool = False, paper_figure: bool = False) -> None:
+    def write(self, folder: str | Path, *, force: bool = False, figure: str | None = None) -> None:
         """Write the result folder, whole or not at all.
 
         Parameters
@@ -319,8 +318,8 @@ class Flight:
         folder : str or Path
         force : bool, optional
             Whether a folder of this name is replaced.
-        paper_figure : bool, optional
-            Whether `paper.svg` and `.png` are drawn, too: the letter's Figs. 6b and 1.
+        figure : str, optional
+            One more figure: `paper`, the letter's Figs. 6b and 1, as `paper.svg` and `.png`.
 
         Raises
         ------
@@ -328,8 +327,6 @@ class Flight:
             If the name is taken and `force` is not set, or the folder cannot be written.
         """
         from eadp.io.figures.flight import write_flight_figure
-        from eadp.report.flight import FlownFlight, flight_data
-        from eadp.report.page import page_html
 
         world = self.inputs.world
         with new_folder(str(folder), force=force) as target:
@@ -337,7 +334,7 @@ class Flight:
             _write_csv(target / "estimate.csv", self.estimate_rows)
             solver = self.summary["solver"]
             for name, content in (
-                ("summary.json", repeatable(self.summary)),
+                (SUMMARY, repeatable(self.summary)),
                 ("timings.json", {"schema": TIMINGS, "solver": {key: solver[key] for key in CLOCKED}}),
             ):
                 text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
@@ -347,12 +344,9 @@ class Flight:
                 lines = (json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n" for row in rows)
                 (target / "decisions.jsonl").write_text("".join(lines), encoding="utf-8")
             write_flight_figure(target / "flight", world, self.steps, self.summary, self.decisions)
-            if paper_figure:
-                from eadp.papers.figures import write_paper_figure
-
-                write_paper_figure(target / "paper.svg", world, self.steps, self.estimates)
-            flown = FlownFlight(world, self.inputs.scenario, self.summary, self.lists, self.estimate_rows, rows)
-            (target / REPORT).write_text(page_html("flight", flight_data(flown)), encoding="utf-8")
+            figures = [] if figure is None else [plug_in("result_figures", figure)]
+            for write in (*figures, *plug_ins("result_writers")):
+                write(self, target)
             _copy_inputs(target / "inputs", self.inputs.sources, self.overrides)
 
 

@@ -268,3 +268,19 @@ def _nominal_lap_s(mission: Mission) -> float | None:
 def _horizon(one: PowerEstimate) -> tuple[float | None, ...]:
     """What the forecasts of estimates are the same function of their states for."""
     return one.period_s, one.disturbance_s, one.horizon_s
+
+
+def over_log(
+    model: EnergyModel, times_s: FloatArray, power_w: FloatArray, gate_w: float
+) -> tuple[FloatArray, FloatArray]:
+    """The exact estimator over the readings of a log, from the period of the model fitted to it and with a gate [W].
+
+    Returns the forecast of each reading [W], shape (n,), and α0, α1, β1, … after it [W], shape (n, 2r + 1).
+    """
+    settings = EstimatorSettings(order=model.order, gate_w=gate_w, every_s=float(np.median(np.diff(times_s))))
+    estimator = ExactEstimator(settings, model.period_s, period_std_s=model.period_std_s)
+    forecasts, states = [], []
+    for time_s, reading_w in zip(times_s.tolist(), power_w.tolist(), strict=True):
+        forecasts.append(estimator.observe(time_s, reading_w))
+        states.append(estimator.state_w)
+    return np.array(forecasts), np.array(states)

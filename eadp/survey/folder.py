@@ -16,10 +16,10 @@ from eadp.errors import InputError, one_of
 from eadp.exchange.export import ExportOptions, exported
 from eadp.exchange.formats import ENDINGS, EXPORT_NAMES, WITH_ITEMS
 from eadp.exchange.writer import writer_of
+from eadp.io.page import page_html
 from eadp.io.text.json import json_lines
 from eadp.io.text.streams import new_folder, read_text
 from eadp.models.autopilot import ARDUPILOT, PX4
-from eadp.report.page import page_html
 from eadp.survey import SORTIES, SORTIES_SCENARIO
 from eadp.survey.figures import write_sorties_figure
 from eadp.survey.sorties import SCHEMA, SortiePlan
