@@ -90,9 +90,9 @@ class PowerTracker:
         self._lap_from_s = math.inf  # when the lap being flown started [s]; infinite before the first
         self._segment = 0  # in which it started
         self._through_gap = False  # whether a gap of the telemetry lies in it
-        # readings, and steps of the level [W]; whether the first has begun, and how many of its readings are taken
+        # readings, and steps of the level [W]; whether the first has started, and how many of its readings are taken
         self._waiting: deque[Powers | float] = deque()
-        self._begun, self._within = False, 0
+        self._started, self._within = False, 0
 
     # --- readings in
 
@@ -141,13 +141,13 @@ class PowerTracker:
         while self._waiting:
             each = self._waiting[0]
             if isinstance(each, Powers):
-                if not self._begun and each.lap:
+                if not self._started and each.lap:
                     (self._estimator.end_lap if each.lap == LAP_ENDS else self._estimator.start_lap)(each.lap_s)
-                self._begun = True
+                self._started = True
                 self._observe(each, until_s)
                 if self._within < len(each.times_s):
                     return  # the rest of its readings is later
-                self._begun, self._within = False, 0
+                self._started, self._within = False, 0
             else:
                 self._estimator.shift_level(each)
             self._waiting.popleft()
