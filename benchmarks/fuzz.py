@@ -50,6 +50,8 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.exchange.item_map import parse_items
     from eadp.io import scenario as scenario_file
     from eadp.io.energy import energy_yaml, parse_energy
+    from eadp.io.logs import autopilot_process
+    from eadp.io.logs import tables as messages
     from eadp.io.plan.reader import read_plan
     from eadp.io.plan.sources import PlanReader, is_mission
     from eadp.io.plan.writer import plan_text
@@ -66,8 +68,6 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.live.replanner import replan_lines
     from eadp.live.telemetry import TelemetryLine
     from eadp.live.telemetry_log import ReplanLog
-    from eadp.measure import autopilot_log as autopilot_process
-    from eadp.measure import messages
     from eadp.measure.csv_log import read_csv_log
     from eadp.measure.energy_fit import fit_energy
     from eadp.measure.formats import read_power_log
@@ -82,7 +82,7 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.sweep import sweep_file
     from eadp.sweep.results import Results
     from eadp.sweep.runs import Result, Run
-    from eadp.sweep.sweep_file import read_sweep
+    from eadp.sweep.sweep_file import load_run, read_sweep
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.append(str(ROOT / "tests/support"))
@@ -162,7 +162,7 @@ def vehicle(data: bytes) -> None:
 def sweep(data: bytes) -> None:
     read = read_sweep(replace(text_of(data), name=str(ROOT / "scenarios/fuzz.yaml")))
     for index in (0, len(read.design) // 2, len(read.design) - 1):
-        read.kept.load(read.run(index))
+        load_run(read.kept, read.run(index))
 
 
 def profile(data: bytes) -> None:

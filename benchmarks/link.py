@@ -1,6 +1,6 @@
 """Flights over MAVLink on the loopback, beside the same flights over JSON lines; latency, processor and memory.
 
-usage: python benchmarks/link.py [--flights 30] [--px4 20] [--speed 1] [--jobs 20] [--write]
+usage: python benchmarks/link.py [--flights 30] [--px4 20] [--speed 1] [--jobs 20] [--lines 5] [--write]
 
 - **Flights**: `docs/examples/vehicle.py` and `eadp replan --mavlink --upload`, two processes, `--speed` times as
   fast as the clock. `--flights` are as ArduPilot, `--px4` as PX4, with the parameters that `eadp export --parameters`
@@ -12,7 +12,7 @@ usage: python benchmarks/link.py [--flights 30] [--px4 20] [--speed 1] [--jobs 2
   it the same vehicle, take-off, pack, gusts and losses of charge by JSON lines once a second through the re-planner of
   `eadp replan`: nothing is lost, and what is decided is flown at once. U of both is that of the stages and parameters
   that their lines of telemetry report. A decision near a threshold depends on when in the second a line comes: the
-  flight by JSON lines is flown five times, with lines that begin up to 0.8 s later.
+  flight by JSON lines is flown `--lines` times, with lines that begin up to 0.8 s later.
 - **Latency and processor**: `eadp replan --mavlink` gets a recorded flight at 5 positions a second, alone, amid 50 Hz
   of ten kinds of messages, and amid as many messages of another sender as can be sent. Latency is the time from sending
   a position to receiving the decision about it.
@@ -27,6 +27,7 @@ Needs jsbsim and pymavlink: pip install 'eadp[bench,mavlink]'.
 from __future__ import annotations
 
 import argparse
+import functools
 import itertools
 import json
 import math
@@ -384,19 +385,19 @@ def quality(inputs: FlightInputs, lines: Iterable[bytes]) -> float:
     return log.quality({}) or 0.0
 
 
-def by_lines(mission: Mission) -> list[Flown]:
-    """A flight by JSON lines, five times."""
-    return [Bridge(mission, step).fly() for step in range(0, SECOND_STEPS, TELEMETRY_STEPS)]
+def by_lines(mission: Mission, count: int) -> list[Flown]:
+    """A flight by JSON lines, so many times, up to five."""
+    return [Bridge(mission, step).fly() for step in range(0, SECOND_STEPS, TELEMETRY_STEPS)[:count]]
 
 
-def flights(found: list[Mission], speed: float, jobs: int) -> None:
+def flights(found: list[Mission], speed: float, jobs: int, count: int) -> None:
     """All flights, both ways, as a table."""
     spare = ProcessPoolExecutor(os.cpu_count(), initializer=os.nice, initargs=(10,))
     with spare as processes, ThreadPoolExecutor(jobs) as pool:
-        fives = processes.map(by_lines, found)
+        fives = processes.map(functools.partial(by_lines, count=count), found)
         linked = list(pool.map(lambda mission: over_link(mission, speed), found))
         reference = list(fives)
-    own, lines = ("MAVLink: completed", "SoC", "U", "uploads"), ("JSON lines: completed", "SoC", "U", "U, all five")
+    own, lines = ("MAVLink: completed", "SoC", "U", "uploads"), ("JSON lines: completed", "SoC", "U", "U, all")
     print(
         head(
             "#",
@@ -411,7 +412,7 @@ def flights(found: list[Mission], speed: float, jobs: int) -> None:
             *own,
             *lines,
             "U apart",
-            "from all five",
+            "from all",
         )
     )
     apart, beyond, both = [], [], []
@@ -449,7 +450,7 @@ def flights(found: list[Mission], speed: float, jobs: int) -> None:
         f"completed: over MAVLink {sum(a for a, _ in both)} of {len(both)}, over JSON lines {sum(b for _, b in both)}"
     )
     within = f"U apart by at most 0.02: {int((size <= 0.02).sum())} of {len(both)}"
-    near = f"U within 0.02 of the five by JSON lines: {sum(abs(each) <= 0.02 for each in beyond)} of {len(both)}"
+    near = f"U within 0.02 of those by JSON lines: {sum(abs(each) <= 0.02 for each in beyond)} of {len(both)}"
     print(f"{near}; most {np.abs(beyond).max():.3f}")
     print(f"{within}; mean {np.mean(apart):+.4f}, median size {np.median(size):.4f}, most {size.max():.3f}")
     as_real(found, linked)
@@ -742,6 +743,7 @@ def main() -> None:
     parser.add_argument("--alone", action="store_true", help="flights, and nothing else")
     parser.add_argument("--speed", type=float, default=1.0)
     parser.add_argument("--jobs", type=int, default=20)
+    parser.add_argument("--lines", type=int, default=5, help="how often each is flown by JSON lines")
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--hours", type=float, default=24.0)
     parser.add_argument("--keep", type=Path, help="a folder for the flights' files")
@@ -755,7 +757,7 @@ def main() -> None:
         name = str(options.keep or own)
         found = missions(max(options.flights, 1), Path(name), options.px4)
         print("## Flights")
-        flights(found[options.flights == 0 :], options.speed, options.jobs)
+        flights(found[options.flights == 0 :], options.speed, options.jobs, options.lines)
         if options.alone:
             return
         print("## Latency and processor")

@@ -71,7 +71,7 @@ from eadp.sweep.registry import SerialEngine
 from eadp.sweep.results import Results
 from eadp.sweep.run import FlyRun, make_runs
 from eadp.sweep.runs import Result, Run
-from eadp.sweep.sweep_file import Sweep, read_sweep
+from eadp.sweep.sweep_file import Sweep, load_run, read_sweep
 
 ROOT = Path(__file__).resolve().parent.parent
 SWEEP = """schema: eadp.sweep/1
@@ -247,7 +247,7 @@ def breakdown(folder: Path, planner: str, count: int, seed: int) -> None:
                 fly(run)
         each = {name: 1e3 * clocks.spent[name] / count for name in (*parts, "rest")}
         print(f"\n    {'compiled' if fast else 'plain':8}", *(f"{name} {ms:.1f}" for name, ms in each.items()), end="")
-        share = trigger_share(sweep.kept.load(runs[0]).world, fast)
+        share = trigger_share(load_run(sweep.kept, runs[0]).world, fast)
         print(f"; of the inner loop the triggers take {100 * share:.0f} %", end="")
     print()
 

@@ -5,6 +5,9 @@
 | `commands` | of `eadp NAME` | a function: typer's annotations, returns the exit code |
 | `plan_sources` | any | a `PlanSource`: it recognises texts and reads them as plans |
 | `plan_writers` | of `eadp plan --format` | the function from a plan and its name to a text |
+| `measurers` | `command` | what `eadp profile --measure` runs |
+| `jobs` | any | a `JobKind`: folders that stand for several flights |
+| `exporters`, `message_readers`, `rests`, `tracks` | one each | what rooms ask of one another: see `OWN` |
 | `checks` | any | what `eadp plan --check` runs: a function as `check.check.checked`, to a `CheckReport` |
 | `estimators` | `power`, `log` | a `PowerEstimator`, with the settings in `estimator:`; the same over a log |
 | `result_writers` | any | writes into the folder of a flight: a function of a `Flight` and its path |
@@ -37,7 +40,7 @@ OWN: dict[str, dict[str, str]] = {
         "export": "eadp.exchange.command:command",
         "sweep": "eadp.sweep.command:command",
         "replan": "eadp.live.command:command",
-        "init": "eadp.cli.init:command",
+        "init": "eadp.survey.init:command",
         "vehicle": "eadp.cli.vehicle:command",
         "report": "eadp.report.command:command",
         "schema": "eadp.cli.schema:command",
@@ -47,6 +50,12 @@ OWN: dict[str, dict[str, str]] = {
         "sympy": "eadp.check.worker:sympy_text",
         "latex": "eadp.check.worker:latex_text",
     },
+    "measurers": {"command": "eadp.measure.measuring:measure_profile"},
+    "exporters": {"mission": "eadp.exchange.export:MISSION_EXPORTER"},
+    "message_readers": {"tlog": "eadp.live.mavlink:tlog_messages"},
+    "rests": {"telemetry": "eadp.live.replanner:rest_after"},
+    "tracks": {"recorded": "eadp.live.tracks:flown_track"},
+    "jobs": {"sorties": "eadp.survey.job:SORTIE_JOBS"},
     "checks": {"geometry": "eadp.check.check:checked"},
     "estimators": {"power": "eadp.papers.power:PowerTracker", "log": "eadp.papers.power:over_log"},
     "result_writers": {"page": "eadp.report.flight:write_page"},

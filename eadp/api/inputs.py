@@ -53,7 +53,6 @@ from eadp.simulation.turns import MOST, overshoot_findings
 from eadp.survey.fences import fenced
 from eadp.survey.field_reader import read_field_text
 from eadp.survey.terrain import read_terrain
-from eadp.sweep.runs import Run
 
 LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
 """Time limit of a flight as a multiple of its forecast time, and where there is no forecast [s]."""
@@ -137,11 +136,6 @@ class Files:
             return Given(given, "given-profile.yaml", profile_yaml), given, []
         text, (profile, found) = self.read(str(given), profile_of, reference)
         return text, profile, found
-
-    def load(self, run: Run) -> FlightInputs:
-        """The flight of a run, ready to be flown."""
-        given: dict[str, Any] = {**run.files}  # plan, scenario, profile and energy, as far as there are any
-        return load_flight(**given, overrides=run.overrides, files=self)
 
 
 def profile_of(text: Text) -> tuple[AnyProfile, list[Fault]]:

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from eadp.api.profile import MeasureOptions, measure_profile
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, printable, refuse
+from eadp.io.profile.measure_options import MeasureOptions
 from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag, option_name
+from eadp.plug_ins import plug_in
 
 if TYPE_CHECKING:
     from eadp.models.profile import AnyProfile, Profile
@@ -119,7 +120,7 @@ def _measure(command: list[str], options: MeasureOptions, output: str) -> int:
 
     progress = Progress("measuring")
     try:
-        table, notes = measure_profile(command, options, lambda note: warn([note]), progress.show)
+        table, notes = plug_in("measurers", "command")(command, options, lambda note: warn([note]), progress.show)
     finally:
         progress.close()
     write_text(output or "-", table)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from typer import Argument, Option
 
 from eadp.api.given import FlightOptions
+from eadp.api.jobs import JobKind, job_in
 from eadp.api.simulate import simulate
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
 from eadp.errors import one_of
@@ -18,7 +19,6 @@ from eadp.io.text.options import Flag
 from eadp.io.text.streams import check_new_folder, output_file, write_text
 from eadp.models.airspace import BOUNDARY, risk_text
 from eadp.plug_ins import OWN, added_names, plug_in
-from eadp.survey import is_sorties
 from eadp.survey.fences import FENCES
 
 if TYPE_CHECKING:
@@ -76,14 +76,14 @@ def command(
     """
     if output.out is not None:
         check_new_folder(output.out, force=output.force)
-    if is_sorties(plan):
+    if job := job_in(plan):
         names = ("scenario", "profile", "energy", "laps", "terrain", *FENCES)
         alone = {name: getattr(options, name) or None for name in names}
         for name, value in {**alone, "figure": output.figure, "junit": output.junit}.items():
             if value is not None:
                 raise usage_fault(f"--{name}", str(value), "beside a folder of sorties", "its scenario, or --set")
         named = [f"planner.name={options.planner}"] if options.planner else []
-        return _sorties(plan, [*options.overrides, *named], seed, output)
+        return _job(job, plan, [*options.overrides, *named], seed, output)
     if output.figure is not None and output.out is None:
         raise usage_fault("--figure", output.figure, "a figure without a folder for it", "-o DIR")
     if output.figure is not None and plug_in("result_figures", output.figure) is None:
@@ -138,12 +138,10 @@ def command(
     return 0 if passed else 1
 
 
-def _sorties(folder: str, texts: list[str], seed: int | None, output: SimulateOutputs) -> int:
-    """Fly all sorties of a folder."""
-    from eadp.survey.job import simulate_sorties
-
+def _job(kind: JobKind, folder: str, texts: list[str], seed: int | None, output: SimulateOutputs) -> int:
+    """Fly all flights of a folder that stands for a job."""
     progress = Progress("flying")
-    job = simulate_sorties(folder, texts, seed or 0, on_flight=progress.show, warn=warn)
+    job = kind.simulate(folder, texts, seed or 0, on_flight=progress.show, warn=warn)
     progress.close()
     if output.out is not None:
         job.write(output.out, force=output.force)

@@ -26,7 +26,7 @@ from eadp.core.geometry.geodesy import (
 )
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined, one_of, printable
 from eadp.exchange.autopilot import PARAMETER_FILES, stated_parameters, wanted_parameters
-from eadp.exchange.formats import FENCE_ENDING, ITEMS_ENDING, WITH_ITEMS
+from eadp.exchange.formats import ENDINGS, FENCE_ENDING, ITEMS_ENDING, WITH_ITEMS
 from eadp.exchange.item_map import items_text, mapped_items
 from eadp.exchange.items import LAND_START, MissionItem
 from eadp.exchange.path import PlannedPath, planned_sections
@@ -37,7 +37,7 @@ from eadp.io.scenario import override_texts, read_overrides, read_scenario
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import write_text
 from eadp.models.airspace import BOUNDARY, Airspace, entered, risk_text
-from eadp.models.autopilot import PX4, Autopilot
+from eadp.models.autopilot import ARDUPILOT, PX4, Autopilot
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.pieces import with_landing
@@ -47,6 +47,7 @@ from eadp.models.plan.stage import LAND, TAKEOFF
 from eadp.models.plan.trace import nominal_route
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.planning.forecast.held import Preflight
+from eadp.plug_ins import plug_in
 from eadp.survey.fences import fenced_by
 from eadp.survey.ground import Air, approach, approach_slopes, behind_warning, landing_pose
 
@@ -485,9 +486,8 @@ def _forecast_text(forecast: Preflight, plan: Plan, legs: Sequence[Leg]) -> str:
 
 def _after(inputs: FlightInputs, telemetry: str, name: str, warn: Warn) -> PlannedLegs:
     """The legs that are left after telemetry; what was decided is said."""
-    from eadp.live.replanner import rest_after
-
-    planned, decision = rest_after(inputs, telemetry, lambda fault: warn([fault]))
+    planned: PlannedLegs | None
+    planned, decision = plug_in("rests", "telemetry")(inputs, telemetry, lambda fault: warn([fault]))
     if planned is None or decision is None:
         raise _fault("--telemetry", telemetry, "leaves nothing to fly", "telemetry of a flight that goes on")
     parameters = inputs.world.plan.parameters
@@ -575,3 +575,30 @@ def export(
         message = f"obstacles and boundary are ArduPilot's fence, {where}: send it besides"
         warn([Fault(str(plan) if isinstance(plan, str | PathLike) else "plan", 1, 1, message, severity="note")])
     return mission.text
+
+
+class _MissionExporter:
+    """What sorties are written with besides."""
+
+    @staticmethod
+    def check(to: str) -> None:
+        """Raise InputError where a format of `--export` is none."""
+        if writer_of(to) is None:
+            raise _fault("--export", to, "is no format", one_of(EXPORTS, to))
+
+    @staticmethod
+    def autopilot(to: str, scenario: str | None) -> Autopilot:
+        """The autopilot of a format, with a scenario's parameters; raises InputError where that has another one."""
+        return autopilot_of(to, ExportOptions(scenario=scenario))
+
+    @staticmethod
+    def write(plan: str, to: str, scenario: str, kind: str | None, stem: str) -> None:
+        """Write a plan for a scenario, whose autopilot is of a kind, as the file `stem` with the format's ending."""
+        # of sorties for PX4, a mission for ArduPilot ends by its own rules
+        other = to in WITH_ITEMS and (to == PX4) != (kind == PX4)
+        overrides = (f"autopilot.kind={ARDUPILOT}",) if other else ()
+        mission = exported(plan, to, ExportOptions(overrides, scenario=scenario), lambda _: None)
+        mission.write(f"{stem}{ENDINGS.get(to, '.' + to)}")
+
+
+MISSION_EXPORTER = _MissionExporter()

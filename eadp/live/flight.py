@@ -92,6 +92,32 @@ class Advice(NamedTuple):
     home_by_s: float | None = None
 
 
+class _Schedule:
+    """When advice is due: each `every_s`, at once where it is said so; that the battery is empty, once.
+
+    Attributes
+    ----------
+    empty : bool
+        Whether there has been advice that the battery is empty.
+    """
+
+    def __init__(self, every_s: float) -> None:
+        self.every_s, self.empty = every_s, False
+        self._next_s = -math.inf
+
+    def is_due(self, time_s: float) -> bool:
+        """Whether advice is due at a time [s]."""
+        return time_s >= self._next_s - 1e-9
+
+    def give(self, time_s: float) -> None:
+        """Advice is given at a time [s]."""
+        self._next_s = next_multiple(time_s, self.every_s)
+
+    def hurry(self) -> None:
+        """Advice is due at once."""
+        self._next_s = -math.inf
+
+
 class LiveFlight:
     """A flight tracked through its plan by telemetry, and its planner.
 
@@ -120,7 +146,7 @@ class LiveFlight:
     ) -> None:
         self._mission = mission
         self._make, self._make_forecast = make, make_forecast
-        self._every_s = every_s
+        self._schedule = _Schedule(every_s)
         self._messages = Messages()
         self._ground = _GroundVelocity(mission.cruise_mps)
         self._started = False
@@ -128,16 +154,12 @@ class LiveFlight:
         self._tracker: PlanTracker
         self._climbs: InitialClimb
         self._departure = Departure()
-        self._rejoins = False  # whether the plan is taken up again, and its path not reached yet
         # made once the stage is known, by `_plan_with`
         self._flight: PlannedFlight | None = None
         self._held: HeldForecast
-        self._failure = ""  # the last one of the planner that there was a notice of
         self._origin_s = 0.0  # the flight's time 0 on the samples' clock [s]
         # time [s] and state of charge of the last sample
         self._last: tuple[float, float] = (0.0, 1.0)
-        self._next_s = -math.inf
-        self._empty = False  # whether there has been advice that the battery is empty
         self.forecast_completes = False
 
     def know(self, autopilot: Autopilot) -> None:
@@ -180,7 +202,7 @@ class LiveFlight:
             return None, ()
         if not tracker.complete and sample.soc is not None and sample.soc <= 0:
             return self._advise_empty(sample), ()
-        self._empty = False
+        self._schedule.empty = False
         advice = self._track_and_advise(sample, to)
         # past the end only what comes with advice is of use
         return advice, () if advice is None and tracker.complete else tuple(self._messages.notices)
@@ -225,10 +247,10 @@ class LiveFlight:
         now = flight.decision
         changed = (now.parameters, now.reason) != (before.parameters, before.reason)
         replanned = now.record is not before.record or changed
-        if not (replanned or time_s >= self._next_s - 1e-9):
+        if not (replanned or self._schedule.is_due(time_s)):
             return None
         advice = self._advise(flight, sample, observation)
-        self._next_s = next_multiple(time_s, self._every_s)
+        self._schedule.give(time_s)
         self.forecast_completes = not observation.returns_home and (
             tracker.end_uncertain or (advice.ending.soc_end or 0.0) > 0
         )
@@ -325,14 +347,14 @@ class LiveFlight:
         if self._departure.away_s > BY_HAND_S:
             tracker.locator.through_gap = True
         back = bool(to.flies_mission) and was_away
-        self._rejoins = (self._rejoins or back) and (tracker.is_behind or mismatch > FAR)
+        self._departure.rejoins = (self._departure.rejoins or back) and (tracker.is_behind or mismatch > FAR)
 
     def _observation(self, to: Sample, position: Point, soc: float) -> Observation:
         """A sample as an observation, see `PlanTracker.observation`."""
         return self._tracker.observation(to, position, soc)._replace(
             on_plan=self._climbs.on_plan and not self._departure.away,
             returns_home=to.returns_home or self._decision.returns_home,
-            rejoins_at_start=self._tracker.is_behind if self._rejoins else None,
+            rejoins_at_start=self._tracker.is_behind if self._departure.rejoins else None,
         )
 
     # --- the planner
@@ -354,8 +376,8 @@ class LiveFlight:
             flight.planner.report.solve_ms.clear()
         except Exception as error:  # in flight, a failure of the planner must not stop the advice
             what = f"the planner failed, and parameters stay: {type(error).__name__}: {printable(str(error))}"
-            if what != self._failure:
-                self._failure = what
+            if what != self._messages.failure:
+                self._messages.failure = what
                 self._messages.notices.append(Notice("time_s", what))
             return
         if now.parameters != before.parameters:
@@ -396,7 +418,7 @@ class LiveFlight:
 
     def _is_old(self, time_s: float, now_s: float) -> bool:
         """Whether a record of a time [s] is no forecast any more."""
-        return now_s - time_s > max(RECENT_S, 3 * self._every_s)
+        return now_s - time_s > max(RECENT_S, 3 * self._schedule.every_s)
 
     def _forecast(self, state: FlightState, parameters: Vector) -> Ending | None:
         """The end of the plan at parameters that are held; None where it is unknown."""
@@ -406,18 +428,18 @@ class LiveFlight:
 
     def _advise_unknown(self, sample: Sample, time_s: float) -> Advice | None:
         """Advice, when it is due, that the parameters stay: stage and lap are not known yet."""
-        if time_s < self._next_s - 1e-9:
+        if not self._schedule.is_due(time_s):
             return None
-        self._next_s = next_multiple(time_s, self._every_s)
+        self._schedule.give(time_s)
         return self._advice(sample, SEARCHED, sample.wind_mps, Ending())
 
     def _advise_empty(self, sample: Sample) -> Advice | None:
         """Advice that the battery is empty by its gauge, once; None after it, until charge is measured again."""
         self.forecast_completes = False
-        if self._empty:
+        if self._schedule.empty:
             return None
-        self._empty = True
-        self._next_s = -math.inf  # advice at once when it is
+        self._schedule.empty = True
+        self._schedule.hurry()
         return self._advice(sample, EMPTY, sample.wind_mps, Ending(soc_end=0.0, completes_probability=0.0))
 
     def _advice(self, sample: Sample, reason: str, wind_mps: Point | None, ending: Ending) -> Advice:

@@ -309,10 +309,12 @@ class Departure:
         Whether the plan is not flown.
     away_s : float
         For how long [s].
+    rejoins : bool
+        Whether the plan is taken up again, and its path not reached yet.
     """
 
     def __init__(self) -> None:
-        self.away, self.away_s = False, 0.0
+        self.away, self.away_s, self.rejoins = False, 0.0, False
         self._far, self._near_s = False, 0.0  # whether the path was left, and for how long it has been near again [s]
         # mean airspeeds as shares of the plan's: of the last seconds, and the usual one
         self._airspeed, self._usual = 1.0, 1.0

@@ -25,7 +25,7 @@ STALE_S = 5.0
 
 PASSING = frozenset(
     (
-        *("time_s", "home_is_item", "named", "answer", "parameter", "reached", "said", "valid", "mission_id"),
+        *("time_s", "named", "answer", "parameter", "reached", "said", "valid", "mission_id"),
         *("lat_deg", "lon_deg", "velocity_mps", "heading_deg", "altitude_m"),
     )
 )
@@ -37,6 +37,45 @@ STILL_MPS = 5.0
 CURVE_SHARE, RESISTANCE_SHARE = 0.2, 0.5
 """By how much a voltage may differ from the battery's: a share of the rise from empty to full, by which the curves of
 usual cells differ from a straight line; and a share of the drop at the inner resistance, which is known roughly."""
+
+
+class Heard:
+    """What was heard, by name: the value, and when it came.
+
+    Attributes
+    ----------
+    now_s : float
+        The autopilot's time [s]; −∞ before the first.
+    restarts : int
+        How often that time started again.
+    """
+
+    def __init__(self) -> None:
+        self.now_s = -math.inf
+        self.restarts = 0
+        self._known: dict[str, tuple[float, Any]] = {}
+
+    def starts(self, time_s: float) -> bool:
+        """Go on to a time; whether an autopilot starts with it, whose values so far are of that time then."""
+        # one that starts again counts from 0; messages that overtake one another are no new start
+        starts = self.now_s == -math.inf or time_s < self.now_s - STALE_S
+        if starts:
+            self.restarts += self.now_s > -math.inf
+            self._known = {key: (time_s, value) for key, (_, value) in self._known.items()}
+        self.now_s = time_s if starts else max(self.now_s, time_s)
+        return starts
+
+    def keep(self, key: str, value: Any) -> None:
+        """Keep a value that came now."""
+        self._known[key] = self.now_s, value
+
+    def value(self, *keys: str, ages: bool = True) -> Any:
+        """The value of the first key that has one that is not old, with `ages=False` of any age; None without."""
+        for key in keys:
+            at_s, value = self._known.get(key, (0.0, None))
+            if value is not None and (not ages or self.now_s - at_s <= STALE_S):
+                return value
+        return None
 
 
 class LineMaker:
@@ -63,8 +102,8 @@ class LineMaker:
         taken as a pilot's refusal of them. Else None.
     flown : bool
         Whether the aircraft has been in the air.
-    restarts : int
-        How often the autopilot's time started again.
+    heard : Heard
+        What the autopilot said last.
     count : int
         The number of lines made.
     """
@@ -73,22 +112,16 @@ class LineMaker:
         self, reader: TelemetryReader, mission: Mission, items: Sequence[MappedItem] | None, warn: Callable[[str], None]
     ) -> None:
         self._reader, self.items, self._warn = reader, items, warn
-        self._plan, self._battery = mission.plan, mission.battery
-        self._calibrated = calibrated_over_true(mission.plan.site, mission.vehicle)
+        self._mission, self._calibrated = mission, calibrated_over_true(mission.plan.site, mission.vehicle)
+        self.heard = Heard()
         self.count = 0
-        # by name, when a value came [s] and the value: the last of messages, and of the computations' parameters
-        self._known: dict[str, tuple[float, Any]] = {}
-        self._parameters: dict[str, tuple[float, float]] = {}
-        self._now_s = self._line_s = -math.inf  # the autopilot's time, and the time of the last line [s]
+        self._line_s = -math.inf  # the time of the last line [s]
         self._ground: dict[str, Any] | None = None  # the last line on the ground
-        self._home_is_item = False  # whether the autopilot's item 0 is home
-        self._gauged = self.flown = False  # `_gauged`: whether the charge drawn was ever reported
-        self.restarts = 0
+        self.flown = False
         self.autopilot: dict[str, float] = {}
         self._said: dict[str, Any] = {}  # of the autopilot, in the last line that has it
         self.decided: tuple[float, ...] | None = None
         self._reached = -1  # the number of the item reached last
-        self._speed_mps = 0.0  # the last ground speed
 
     def update(self, values: Mapping[str, Any]) -> list[Reading]:
         """Take what a message says; return the lines that are due: one, or two where the aircraft takes off."""
@@ -108,17 +141,12 @@ class LineMaker:
         time_s = values.get("time_s")
         if time_s is None:
             return []
-        # an autopilot that starts again counts from 0; messages that overtake one another are no new start. The first
-        # time counts as a start, too
-        restarted = self._now_s == -math.inf or time_s < self._now_s - STALE_S
-        if restarted:
-            self.restarts += self._now_s > -math.inf
-            self._known = {key: (time_s, value) for key, (_, value) in self._known.items()}
-        elif time_s < self._now_s:
+        before_s = self.heard.now_s
+        starts = self.heard.starts(time_s)  # the first time counts as a start, too
+        if not starts and time_s < before_s:
             return []
-        self._now_s = time_s
         placed = "lat_deg" in values  # a line without a position is made where none has come for `BLIND_S`
-        if not restarted and time_s - self._line_s < (LINE_S - 1e-6 if placed else BLIND_S):
+        if not starts and time_s - self._line_s < (LINE_S - 1e-6 if placed else BLIND_S):
             return []
         line = self._line(values)
         self._line_s = time_s
@@ -133,23 +161,22 @@ class LineMaker:
 
     def _keep(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
         """Keep what a message says for the lines to come; return it, for an item that is reached see `_after`."""
-        if "home_is_item" in values:
-            self._home_is_item = values["home_is_item"]
         if values.get("named") is not None:
             self._report(*values["named"])
         if "reached" in values:
             values = self._after(values["reached"])
         for key, value in values.items():
             if key not in PASSING:
-                self._known[key] = self._now_s, value
+                self.heard.keep(key, value)
         if velocity := values.get("velocity_mps"):
-            self._speed_mps = math.hypot(*velocity)
+            self.heard.keep("speed_mps", math.hypot(*velocity))
         return values
 
     @property
     def landed(self) -> bool:
         """Whether the flight is over: the aircraft has flown, is disarmed, and does not move."""
-        return self.flown and self._speed_mps < STILL_MPS and self._value("armed") is False
+        speed_mps = self._value("speed_mps", ages=False) or 0.0
+        return self.flown and speed_mps < STILL_MPS and self._value("armed") is False
 
     @property
     def flies_by_itself(self) -> bool:
@@ -185,7 +212,7 @@ class LineMaker:
         """The line of telemetry at a message's time: what the message says, and earlier values that are not old."""
         volts = self._value("voltage_v", "status_voltage_v")
         amps = self._value("current_a", "status_current_a")
-        line: dict[str, Any] = {"time_s": self._now_s}
+        line: dict[str, Any] = {"time_s": self.heard.now_s}
         for key in ("lat_deg", "lon_deg", "velocity_mps", "heading_deg"):
             line[key] = values.get(key)
         line["power_w"] = None if volts is None or amps is None else round(volts * amps, 4)
@@ -201,9 +228,9 @@ class LineMaker:
         line |= {} if wind_mps is None else {"wind_mps": wind_mps}
         # parameters in force: computations' as their processes report them, the path's as the item flown to has them
         item = self._item()
-        parameters: dict[str, float | None] = {
-            name: value for name, (at_s, value) in self._parameters.items() if self._is_fresh(at_s)
-        }
+        plan = self._mission.plan
+        reported = {each.name: self._value(f"parameter {each.name}") for each in plan.parameters[plan.path_count :]}
+        parameters: dict[str, float | None] = {name: value for name, value in reported.items() if value is not None}
         flies = self.flies_mission
         if self.items is not None or flies is False:
             line["flies_mission"] = flies
@@ -215,7 +242,7 @@ class LineMaker:
             # None where the mission is about to get other values: a value is on its way to the aircraft
             on_its_way = self.decided not in (None, item.parameters)
             path = (None if on_its_way else value for value in item.parameters)
-            parameters |= dict(zip(self._plan.names, path, strict=False))
+            parameters |= dict(zip(plan.names, path, strict=False))
         if parameters:
             line["parameters"] = parameters
         kind = self._value("kind", ages=False)
@@ -225,15 +252,13 @@ class LineMaker:
 
     def _charge(self) -> dict[str, Any]:
         """The charge of a line: the charge drawn, in finer steps, if it was ever reported; else the share left."""
-        consumed = self._value("consumed_ah")
-        self._gauged |= consumed is not None
-        return (
-            {"current_consumed_ah": consumed} if self._gauged else {"soc": self._value("remaining", "status_remaining")}
-        )
+        if self._value("consumed_ah", ages=False) is not None:
+            return {"current_consumed_ah": self._value("consumed_ah")}
+        return {"soc": self._value("remaining", "status_remaining")}
 
     def _check_voltage(self, volts: float | None, amps: float | None, line: Mapping[str, Any]) -> None:
         """Warn where the voltage does not fit the charge: another battery, or one that was not full."""
-        battery, soc = self._battery, line.get("soc")
+        battery, soc = self._mission.battery, line.get("soc")
         if (drawn := line.get("current_consumed_ah")) is not None:
             soc = max(battery.soc - battery.drain_per_as * 3600 * drawn, 0.0)
         if volts is None or soc is None or battery.voltage_empty_v is None:
@@ -268,9 +293,10 @@ class LineMaker:
 
     def _report(self, name: str, value: float) -> None:
         """Note the value of a computation's parameter that its process reports to be in force."""
-        for parameter in self._plan.parameters[self._plan.path_count :]:
+        plan = self._mission.plan
+        for parameter in plan.parameters[plan.path_count :]:
             if name in (parameter.name, parameter.label[:10]):  # NAMED_VALUE_FLOAT has 10 characters for a name
-                self._parameters[parameter.name] = self._now_s, value
+                self.heard.keep(f"parameter {parameter.name}", value)
 
     def _flies(self) -> bool:
         """Whether the aircraft is in the air: as the autopilot says, else if it is armed and active."""
@@ -280,13 +306,10 @@ class LineMaker:
         return bool(self._value("armed", ages=False)) and bool(self._value("active", ages=False))
 
     def _value(self, *keys: str, ages: bool = True) -> Any:
-        """The value of the first key that has one that is not old, with `ages=False` of any age; None without."""
-        for key in keys:
-            at_s, value = self._known.get(key, (0.0, None))
-            if value is not None and (not ages or self._is_fresh(at_s)):
-                return value
-        return None
+        """As `Heard.value`."""
+        return self.heard.value(*keys, ages=ages)
 
-    def _is_fresh(self, at_s: float) -> bool:
-        """Whether a value that came at a time [s] is not old."""
-        return self._now_s - at_s <= STALE_S
+    @property
+    def _home_is_item(self) -> bool:
+        """Whether the autopilot's item 0 is home."""
+        return bool(self._value("home_is_item", ages=False))

@@ -62,6 +62,33 @@ class LinkOptions:
     """Passphrase of MAVLink's signatures: others' messages are ignored, ours signed."""
 
 
+@dataclass
+class _WayHome:
+    """Where a flight home stands: whether it may be commanded yet, is decided, and is accepted by the autopilot."""
+
+    may_command: bool
+    decided: bool = False
+    accepted: bool = False
+
+
+class _ExportedMap:
+    """The map of the items of the mission as exported, and whether it is that of the mission that a log has."""
+
+    def __init__(self, items: Sequence[MappedItem]) -> None:
+        self.items = items
+        self._mission_id: float | None = None  # in a ULog
+
+    def fits(self, count: int | None) -> bool:
+        """Whether a mission has as many items."""
+        return count == len(self.items)
+
+    def fits_id(self, mission_id: float, count: int | None) -> bool:
+        """Whether the mission of a ULog with a number is ours: the first one with as many items is."""
+        if self._mission_id is None and self.fits(count):
+            self._mission_id = mission_id
+        return mission_id == self._mission_id
+
+
 class LinkFlight:
     """The planner on an autopilot's messages.
 
@@ -100,15 +127,14 @@ class LinkFlight:
             )
         self._inputs, self._emit, self._send, self._log = inputs, emit, send, log
         # the map of the mission's items, as exported; None without --items
-        exported = self._exported = None if options.items is None else read_items(options.items, self._path_names)
+        exported = None if options.items is None else read_items(options.items, self._path_names)
+        self._exported = None if exported is None else _ExportedMap(exported)
         inputs = self._inputs = with_mission(inputs, exported)
         if options.upload and exported is None:
             raise InputError.at("--upload", 1, 1, "the mission is unknown", "--items, as eadp export writes them")
         # path parameters that the mission shall have; None before the first plan, and once only home can be reached
         self._decided_path: tuple[float, ...] | None = None
-        # whether a return may be commanded yet; whether only home can be reached
-        self._may_return, self._returns = options.return_home, False
-        self._accepted = False  # whether the autopilot has accepted a return
+        self._home = _WayHome(may_command=options.return_home)
         # whether the mission is flown, and whether the autopilot flies home, as the pilot has read last
         self._mode: tuple[bool | None, bool] = (True, False)
         self._pilot = Pilot(name, plan, inputs.mission.parameters, warn, self._give, lambda: self._lines.count)
@@ -124,7 +150,6 @@ class LinkFlight:
             calibrated = calibrated_over_true(plan.site, inputs.mission.vehicle)
             self._mission = HeldMission(plan, inputs.mission.cruise_mps, exported, self._lines.items, calibrated)
         self._uploads = options.upload
-        self._mission_id: float | None = None  # of the mission of the map, in a ULog
         self._check: ParameterCheck | None = None  # from the first heartbeat on
 
     @property
@@ -180,14 +205,14 @@ class LinkFlight:
             if (value := self._check.take(name, *number)) is not None:
                 self._lines.autopilot[name] = value
         if values.get("answer") == (RETURN, ACCEPTED) and autopilot.was_commanded:
-            self._may_return, self._accepted = False, True
+            self._home.may_command, self._home.accepted = False, True
             pilot.note("the autopilot returns")
         if mission is not None and self._uploads:
             self._lines.decided = self._decided_path if mission.gets(self._decided_path) else None
-        restarts = self._lines.restarts
+        restarts = self._lines.heard.restarts
         self.update(values)
         self._watch_mode()
-        if begins or self._lines.restarts > restarts:
+        if begins or self._lines.heard.restarts > restarts:
             autopilot.ask()
             if mission is not None:
                 self._do(mission.read(now_s))
@@ -227,7 +252,7 @@ class LinkFlight:
         if self._mission is not None:
             self._do(self._mission.count(count, now_s))
         elif self._exported is not None and count is not None:
-            same = count == len(self._exported)
+            same = self._exported.fits(count)
             if not (same and self._lines.flown):  # in flight as many items may be those of another mission
                 self._follow_map(same=same)
 
@@ -244,10 +269,12 @@ class LinkFlight:
         """Take what a message, or a row of a log, says, and re-plan with the lines that are due."""
         if MISSION in values:
             if self._exported is not None:
-                self._follow_map(same=same_items([each.item for each in self._exported], values[MISSION]))
+                self._follow_map(same=same_items([each.item for each in self._exported.items], values[MISSION]))
             return
         if values.get("mission_id") is not None and self._exported is not None:
-            self._take_mission_id(values["mission_id"], values["item_count"])
+            fits = self._exported.fits_id(values["mission_id"], values["item_count"])
+            if values["item_count"] is not None:
+                self._follow_map(same=fits)
         for reading in self._lines.update(values):
             self._replanner.take(reading)
 
@@ -260,8 +287,9 @@ class LinkFlight:
         if autopilot.beat(now_s):
             autopilot.ask_again()
             self._check_parameters()
-            if self._returns and self._may_return and not autopilot.lost and self._lines.flies_by_itself:
-                self._may_return = not autopilot.command_return()
+            home = self._home
+            if home.decided and home.may_command and not autopilot.lost and self._lines.flies_by_itself:
+                home.may_command = not autopilot.command_return()
         if self._mission is not None:
             self._do(self._mission.tick(now_s, self._lines.item))
 
@@ -289,16 +317,9 @@ class LinkFlight:
         if differences := self._check.result():
             self._pilot.tell(f"the forecast does not hold: {differences}")
 
-    def _take_mission_id(self, mission_id: float, count: int | None) -> None:
-        """Take the number that the mission of a ULog has alone: the first one with as many items as the map is ours."""
-        if self._mission_id is None and self._exported is not None and count == len(self._exported):
-            self._mission_id = mission_id
-        if count is not None:
-            self._follow_map(same=mission_id == self._mission_id)
-
     def _follow_map(self, *, same: bool) -> None:
         """Find stages by the map from here on if the mission of a log is the `same`, else, with a warning, not."""
-        self._lines.items = self._exported if same else None
+        self._lines.items = self._exported.items if same and self._exported is not None else None
         if not same:
             self._pilot.say(OTHER_MISSION)
 
@@ -332,13 +353,15 @@ class LinkFlight:
     def _decided(self, line: dict[str, Any]) -> None:
         """Take a line of decisions: emit it, note the path that the mission shall have, show it to the pilot."""
         self._emit(line)
-        if self._replanner.planned and not self._returns:  # before the first plan the parameters are those of take-off
+        if (
+            self._replanner.planned and not self._home.decided
+        ):  # before the first plan the parameters are those of take-off
             self._decided_path = tuple([line["parameters"][name] for name in self._path_names])
-        if line["returns_home"] and not (self._returns or self._lines.returns):
-            self._returns, self._decided_path = True, None
+        if line["returns_home"] and not (self._home.decided or self._lines.returns):
+            self._home.decided, self._decided_path = True, None
             self._pilot.show("only home can be reached: fly home", CRITICAL)
         flown = self._lines.flies_mission is not False
-        returns = self._accepted or self._lines.returns
+        returns = self._home.accepted or self._lines.returns
         self._pilot.decision(line, completes=self._replanner.completes, flown=flown, returns=returns)
 
     def _give(self, kind: str, values: Mapping[str, Any]) -> None:

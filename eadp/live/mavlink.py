@@ -19,6 +19,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from eadp.errors import InputError, printable
+from eadp.io.text.kinds import MARKS, TLOG_HEAD
 from eadp.io.text.streams import read_text
 
 COMPONENT = 191
@@ -28,8 +29,6 @@ ALLOWED = ("udpin:", "udpout:", "tcp:", "tcpin:")
 CLIENT_S = 10.0
 """Time after which a sender that says no more is written to no more [s]."""
 
-MARKS = {0xFD: (12, 10), 0xFE: (8, 6)}
-"""First bytes of frames of MAVLink 2 and 1: the bytes of a frame beside its payload, and of these the header's."""
 MARK = re.compile(b"[%b]" % bytes(MARKS))
 SIGNED_BYTES = 13
 """Bytes of a signature, at the end of a frame."""
@@ -44,8 +43,6 @@ SHARE, SAVED_S = 0.05, 1.0
 a core's time that is saved up [s], see `Throttle`."""
 MAX_SENDERS = 8
 """Most addresses that are written to: each that sends to a port that listens is one."""
-TLOG_HEAD = 8
-"""Bytes of the time before each frame of a telemetry log."""
 
 
 class Message(NamedTuple):

@@ -14,6 +14,8 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.errors import InputError
 from eadp.exchange.items import NO_POSITION, MissionItem
+from eadp.io.logs.tables import check_readable, read_tables
+from eadp.io.text.kinds import is_tlog
 from eadp.live.mavlink import tlog_messages
 from eadp.live.messages import (
     COPTER_MISSION,
@@ -27,7 +29,6 @@ from eadp.live.messages import (
     is_autopilot,
     values_of,
 )
-from eadp.measure.messages import check_readable, is_tlog, read_tables
 from eadp.models.plan.stage import TRIGGER_DISTANCE
 
 Row = dict[str, float]

@@ -29,6 +29,8 @@ class Messages:
     notices: list[Notice] = field(default_factory=list)
     noticed: set[str] = field(default_factory=set)
     """What there has been a notice about, over the flight."""
+    failure: str = ""
+    """The last one of the planner that there was a notice of."""
 
     def clear(self) -> None:
         """Begin another sample, without reasons and notices; `noticed` stays."""

@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-import sys
-from array import array
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cache
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +13,7 @@ from eadp.core.flight.guidance import SEA_LEVEL_KGPM3, air_density_kgpm3, calibr
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import Fault, InputError, printable
-from eadp.measure.messages import Tables, at_times
+from eadp.io.logs.tables import Tables, at_times
 from eadp.measure.power_log import (
     AIRSPEED,
     BANK,
@@ -286,101 +280,3 @@ def _table(tables: Tables, topic: str, label: str) -> dict[str, FloatArray]:
             first = slice(None) if instances is None else instances == instances[0]
             return {"time_us": table[times[0]][first]} | {key: values[first] for key, values in table.items()}
     return {}
-
-
-MEMORY_BYTES, MEMORY_PER_BYTE = 400_000_000, 8
-"""Address space of the process: a constant, and more for each byte of the file."""
-CPU_S, BYTES_PER_S = 10, 500_000
-"""CPU time of the process [s], and one more second for so many bytes of the file."""
-CAPACITIES = ("BATT_CAPACITY", "BAT1_CAPACITY", "BAT_CAPACITY")
-"""Parameters with the capacity of the first battery [mAh]."""
-MAX_FIELDS = 10_000
-"""Most fields of a topic, nested ones included."""
-
-
-def main(form: str, path: str, topics: list[str], output: int) -> None:
-    """Read a log and write its columns to a file descriptor."""
-    size = os.path.getsize(path)
-    with contextlib.suppress(ImportError):  # a system without such limits
-        import resource
-
-        memory, cpu_s = MEMORY_BYTES + MEMORY_PER_BYTE * size, CPU_S + size // BYTES_PER_S
-        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
-        resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s))
-    import numpy as np
-
-    columns = _ulog(path, topics) if form == "ulog" else _dataflash(form, path, topics)
-    with open(output, "wb") as stream:
-        np.savez(stream, **columns)
-
-
-def _ulog(path: str, topics: list[str]) -> dict[str, Any]:
-    from pyulog import ULog
-
-    # pyulog lays out every topic field by field, those that are not asked for too
-    formats = {name: each.fields for name, each in ULog(path, parse_header_only=True).message_formats.items()}
-
-    @cache
-    def fields(kind: str) -> int:
-        return sum(max(1, count) * fields(nested) for nested, count, _ in formats[kind]) if kind in formats else 1
-
-    for name in formats:
-        if (count := fields(name)) > MAX_FIELDS:
-            raise ValueError(f"{name} has {count} fields; at most {MAX_FIELDS} are read")
-    log = ULog(path, topics)
-    columns = {f"{data.name} {data.multi_id}/{label}": v for data in log.data_list for label, v in data.data.items()}
-    stated = [log.initial_parameters[name] for name in CAPACITIES if name in log.initial_parameters]
-    columns |= {"parameters/capacity_mah": stated[:1]} if stated else {}
-    return columns | {"notes": ["messages that are damaged left out"] * bool(log.file_corruption)}
-
-
-def _dataflash(form: str, path: str, topics: list[str]) -> dict[str, Any]:
-    import numpy as np
-    from pymavlink import DFReader
-
-    binary = form == "dataflash"
-    log = (DFReader.DFReader_binary if binary else DFReader.DFReader_text)(path, zero_time_base=True)
-    rows: dict[tuple[str, tuple[str, ...]], array[float]] = {}
-    stated: list[float] = []
-    while (message := log.recv_match(type=[*topics, "PARM"], strict=True)) is not None:
-        if message.get_type() == "PARM":
-            stated += [_number(message, "Value")] if getattr(message, "Name", "") in CAPACITIES else []
-            continue
-        fields = tuple(message.get_fieldnames())
-        rows.setdefault((message.get_type(), fields), array("d")).extend(_numbers(message, fields))
-    columns: dict[str, Any] = {"parameters/capacity_mah": stated} if stated else {}
-    # where the fields of a topic change on the way, the longest part is kept
-    for (topic, fields), flat in sorted(rows.items(), key=lambda item: len(item[1])):
-        table = np.array(flat).reshape(-1, len(fields))
-        columns |= {f"{topic}/{field}": table[:, i] for i, field in enumerate(fields)}
-    read = sum(len(log.offsets[number]) * each.len for number, each in log.formats.items()) if binary else log.data_len
-    skipped = log.data_len - read
-    return columns | {"notes": [f"{skipped} bytes that are no message skipped"] * (skipped > 0)}
-
-
-def _numbers(message: Any, fields: tuple[str, ...]) -> list[float]:
-    """The values of fields; volts and amperes that old firmware wrote as whole numbers are in hundredths."""
-    letters = dict(zip(message.fmt.columns, message.fmt.format, strict=False))
-    return [
-        _number(message, field) / (100 if field in ("Volt", "Curr") and letters.get(field) in tuple("bBhHiI") else 1)
-        for field in fields
-    ]
-
-
-def _number(message: Any, field: str) -> float:
-    try:
-        return float(getattr(message, field))
-    except (TypeError, ValueError):
-        return float("nan")
-
-
-if __name__ == "__main__":
-    output, reason = os.dup(1), os.dup(2)
-    nothing = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nothing, 1)
-    os.dup2(nothing, 2)
-    try:
-        main(sys.argv[1], sys.argv[2], sys.argv[3].split(","), output)
-    except Exception as error:
-        os.write(reason, f"{type(error).__name__}: {error}".encode(errors="replace"))
-        sys.exit(1)

@@ -10,11 +10,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 from eadp.errors import InputError
+from eadp.io.logs.tables import read_tables
+from eadp.io.text.kinds import is_tlog
 from eadp.io.text.streams import Text, read_text
 from eadp.measure.autopilot_log import DATAFLASH_TOPICS, MOTION_TOPICS, ULOG_TOPICS, battery_log
 from eadp.measure.csv_log import read_csv_log
-from eadp.measure.messages import is_tlog, read_tables, tlog_tables
 from eadp.measure.power_log import Columns, PowerLog
+from eadp.measure.tlog import tlog_tables
 from eadp.plug_ins import plug_ins
 
 HEAD = 20_000

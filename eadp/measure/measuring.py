@@ -6,15 +6,18 @@ import os
 import signal
 import subprocess
 import tempfile
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import IO, Protocol
 
 from eadp.core.harmonics import SampleMean, average
-from eadp.errors import CommandError, InputError, printable
+from eadp.errors import CommandError, Fault, InputError, printable
+from eadp.io.profile.configurations import configurations_to_measure
+from eadp.io.profile.measure_options import MeasurementSettings, MeasureOptions
 from eadp.io.profile.measurements import Configuration
-from eadp.measure.power_sensor import Meter, Sensor
+from eadp.measure.power_sensor import Meter, Sensor, choose_sensor
 from eadp.models.profile import shortest, titles
 
 MIN_SAMPLES = 30
@@ -63,27 +66,6 @@ class RunningCommand:
 
 Launch = Callable[[Sequence[str], Clock], AbstractContextManager[RunningCommand]]
 """Starts a command; the end of the block ends it and all that it started."""
-
-
-@dataclass(frozen=True)
-class MeasurementSettings:
-    """Accuracy and duration of a measurement."""
-
-    warmup_s: float = 5.0
-    """Time before the first sample."""
-
-    interval_s: float = 0.2
-    """Time from one sample to the next."""
-
-    accuracy_w: float = 0.05
-    """Standard error to measure to [W]."""
-
-    longest_s: float = 120.0
-    """Longest time at a configuration."""
-
-    def reached(self, found: SampleMean) -> bool:
-        """Whether a mean is accurate enough; never where all samples are equal, as of a slow sensor."""
-        return found.std > 0 and found.standard_error <= self.accuracy_w
 
 
 @dataclass(frozen=True)
@@ -325,3 +307,49 @@ def mean_text(found: SampleMean) -> str:
     """A mean power with its standard error and number of samples, as text."""
     effective = f"{found.effective:.3g} independent" if found.samples > 1 else "standard deviation unknown"
     return f"{found.mean:.4f} W ± {found.standard_error:.4f} W ({found.samples} samples, {effective})"
+
+
+def measure_profile(
+    command: Sequence[str], options: MeasureOptions, chosen: Callable[[Fault], None], report: Callable[[str], None]
+) -> tuple[str, list[Fault]]:
+    """Run a command at each configuration and sample a power sensor.
+
+    Parameters
+    ----------
+    command : sequence of str
+        Program and arguments, see `measure`.
+    options : MeasureOptions
+    chosen : function
+        Called with a note of the sensor, before anything runs.
+    report : function
+        Called with the progress, as a short text.
+
+    Returns
+    -------
+    str
+        The table of measurements; see `measurements_csv`.
+    list of Fault
+        Notes of the results, and warnings of configurations that were not measured accurately.
+
+    Raises
+    ------
+    InputError
+        Of the options, the sensor or the command.
+    """
+    configurations = configurations_to_measure(options.config)
+    check_command(command, configurations[0].names)
+    options.check()
+    sensor = choose_sensor(options.sysfs, options.sensor)
+    chosen(_note("--sensor", f"{printable(sensor.label)} at {printable(str(sensor.path))}"))
+    results, notes = measure(command, configurations, sensor, options, time, launched, report), []
+    for each in results:
+        notes.append(_note("--measure", f"{each.configuration}: {mean_text(each.average)}"))
+        if not each.accurate:
+            what = "not as accurate as asked" if each.average.std else "the sensor showed one value only"
+            message = f"{each.configuration}: {what} within {options.longest_s:g} s"
+            notes.append(_note("--longest", message, "warning"))
+    return measurements_csv(results, command, sensor, options), notes
+
+
+def _note(option: str, message: str, severity: str = "note") -> Fault:
+    return Fault(option, 1, 1, message, severity=severity)

@@ -10,7 +10,6 @@ from eadp.core.geometry.curves import Point
 from eadp.models.battery import Battery, BatteryFault
 from eadp.models.vehicle import Airframe, PaperVehicle, PowerCurve
 from eadp.models.weather import Wind
-from eadp.survey.camera import Pictures
 
 MAX_WH_PER_KG = 500.0
 """Energy of a battery over the mass of the whole aircraft [Wh/kg]: the best cells alone have about 450 Wh/kg."""
@@ -25,17 +24,6 @@ LATE_S = 30_000.0
 """Time after which batteries are empty; most times in ms are above it [s]."""
 NEAR_DEG = 1.0
 """Distance of two positions that are one place [°]."""
-
-
-LEGAL_M = 120.0
-"""Height above ground up to which most rules let unmanned aircraft fly: 120 m in Europe, 400 ft elsewhere [m]."""
-FOOT_M = 0.3048
-SMALL_SENSOR_MM = 3.0
-"""Width of a sensor below that of a 1/4-inch one (3.6 mm); a few thermal ones are smaller [mm]."""
-LONG_LENS = 3.0
-"""Focal length over the sensor's width, from which on a picture spans less than 19°."""
-QUICK_S = 0.5
-"""Time between pictures below which most cameras for mapping take none [s]."""
 
 
 SMALLER = {
@@ -92,59 +80,6 @@ def angle_doubts(key: str, angle_deg: float | None) -> Iterator[Doubt]:
     if angle_deg is not None and abs(angle_deg) <= 2 * math.pi and angle_deg != round(angle_deg):
         expected = f"degrees: {angle_deg:g} rad are {math.degrees(angle_deg):.4g}°"
         yield Doubt(key, f"{angle_deg:g}°, an angle of a few degrees", expected)
-
-
-class Shots(NamedTuple):
-    """A camera's pictures as options have them; None where they do not.
-
-    Attributes
-    ----------
-    altitude_m : float or None
-        Above ground [m].
-    sensor_width_mm, focal_length_mm : float or None
-        [mm].
-    gsd_cm : float or None
-        Size of a pixel on the ground, where the altitude follows from it [cm].
-    """
-
-    altitude_m: float | None = None
-    sensor_width_mm: float | None = None
-    focal_length_mm: float | None = None
-    gsd_cm: float | None = None
-
-
-def shot_doubts(shots: Shots) -> Iterator[Doubt]:
-    """Doubts about the altitude and the camera of a survey."""
-    altitude_m, width_mm, focal_mm, gsd_cm = shots
-    if altitude_m is not None and altitude_m > LEGAL_M:
-        message = f"{altitude_m:.4g} m, above the {LEGAL_M:g} m that most rules allow"
-        if gsd_cm is None:
-            yield Doubt("--altitude", message, f"metres: {altitude_m:g} ft are {altitude_m * FOOT_M:.4g} m")
-        else:
-            lower_cm = math.floor(100 * gsd_cm * LEGAL_M / altitude_m) / 100
-            expected = f"at most {lower_cm:g} cm a pixel, or another lens"
-            yield Doubt("--gsd", f"{gsd_cm:g} cm a pixel are seen from {message}", expected)
-    if width_mm is not None and width_mm < SMALL_SENSOR_MM:
-        expected = "as 6.2 mm of 1/2.3 inch, 13.2 of 1 inch, 23.5 of APS-C, 35.9 of full frame"
-        yield Doubt("--sensor-width-mm", f"{width_mm:g} mm, smaller than a 1/4-inch sensor", expected)
-    if width_mm is not None and focal_mm is not None and focal_mm > LONG_LENS * width_mm:
-        message = f"{focal_mm:g} mm with a sensor of {width_mm:g} mm, which spans {_span_deg(width_mm, focal_mm):.2g}°"
-        expected = f"the lens's own: as full-frame equivalent it is {focal_mm * width_mm / 36:.3g} mm"
-        yield Doubt("--focal-length-mm", message, expected)
-
-
-def interval_doubts(pictures: Pictures) -> Iterator[Doubt]:
-    """A doubt about pictures that follow one another too fast on the fastest lines."""
-    distance_m, speed_mps, shortest_s = pictures.distance_m, pictures.speed_mps, pictures.interval_s
-    if distance_m is not None and distance_m < (shortest_s or QUICK_S) * speed_mps:
-        message = f"a picture each {distance_m:.3g} m, which are {distance_m / speed_mps:.2g} s on the fastest lines"
-        whose = f"the camera's {shortest_s:g} s" if shortest_s else f"{QUICK_S:g} s, as most cameras have"
-        yield Doubt("--forward-overlap", message, f"{whose}: less overlap, a slower flight, or more altitude")
-
-
-def _span_deg(width_mm: float, focal_mm: float) -> float:
-    """Angle of view across [°]."""
-    return math.degrees(2 * math.atan(width_mm / 2 / focal_mm))
 
 
 def position_doubts(key: str, position_m: Point | None, first_m: Point, origin_deg: Point | None) -> Iterator[Doubt]:

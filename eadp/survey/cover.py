@@ -28,7 +28,7 @@ from eadp.io.vehicle import read_vehicle
 from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, Airspace, Obstacle
 from eadp.models.autopilot import FACTORY, LANDING_ANGLE, PX4, Autopilot
 from eadp.models.battery import Battery
-from eadp.models.doubts import NEAR_DEG, Doubt, Shots, angle_doubts, interval_doubts, shot_doubts
+from eadp.models.doubts import NEAR_DEG, Doubt, angle_doubts
 from eadp.models.field import Field
 from eadp.models.performance import PATH_MARGIN, ground_radius_m, roll_out_m, too_tight
 from eadp.models.plan.pieces import CLIMB_OUT_M
@@ -37,7 +37,18 @@ from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE, RETURN, TAKEOFF, TR
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.profile import AnyProfile
 from eadp.models.vehicle import Airframe, PaperVehicle
-from eadp.survey.camera import MAX_LENGTH_MM, MAX_PIXELS, MIN_LENGTH_MM, Camera, Pictures, ground_m, pictures_document
+from eadp.survey.camera import (
+    MAX_LENGTH_MM,
+    MAX_PIXELS,
+    MIN_LENGTH_MM,
+    Camera,
+    Pictures,
+    Shots,
+    ground_m,
+    interval_doubts,
+    pictures_document,
+    shot_doubts,
+)
 from eadp.survey.camera_file import read_camera
 from eadp.survey.coverage import AUTO, PATTERNS, CoverageRequest, CoverageSolution, check_access, has_pattern
 from eadp.survey.coverage import cover as cover_field

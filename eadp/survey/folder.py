@@ -12,17 +12,17 @@ from typing import Any, NamedTuple
 
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.polygons import Ring
-from eadp.errors import InputError, one_of
-from eadp.exchange.export import ExportOptions, exported
-from eadp.exchange.formats import ENDINGS, EXPORT_NAMES, WITH_ITEMS
-from eadp.exchange.writer import writer_of
+from eadp.errors import InputError
 from eadp.io.page import page_html
 from eadp.io.text.json import json_lines
 from eadp.io.text.streams import new_folder, read_text
-from eadp.models.autopilot import ARDUPILOT, PX4
-from eadp.survey import SORTIES, SORTIES_SCENARIO
+from eadp.plug_ins import plug_in
 from eadp.survey.figures import write_sorties_figure
 from eadp.survey.sorties import SCHEMA, SortiePlan
+
+SORTIES: str = "sorties.json"
+SORTIES_SCENARIO: str = "scenario.yaml"
+"""Files of a folder of sorties: what was planned, and the scenario that flies it."""
 
 TABLE, FIGURE, PAGE = "sorties.csv", "sorties", "index.html"
 
@@ -44,9 +44,9 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
     InputError
         If the name is taken, a format is unknown, or the folder cannot be written.
     """
+    exporter = plug_in("exporters", "mission")
     for name in exports:
-        if writer_of(name) is None:
-            raise InputError.at("--export", 1, 1, "is no format", one_of(EXPORT_NAMES, name), name)
+        exporter.check(name)
     document, rows = plan.document(), plan.rows()
     with new_folder(folder, force=force) as target:
         profile = None
@@ -58,12 +58,8 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
         for row, sortie in zip(rows, plan.sorties, strict=True):
             (target / row["plan"]).write_text(sortie.plan.text, encoding="utf-8")
         for to, row in ((to, row) for to in exports for row in rows):
-            # of those for PX4, a mission for ArduPilot ends by its own rules
-            other = to in WITH_ITEMS and (to == PX4) != (plan.planner.task.autopilot.kind == PX4)
-            kind = (f"autopilot.kind={ARDUPILOT}",) if other else ()
-            options = ExportOptions(kind, scenario=str(target / SORTIES_SCENARIO))
-            mission = exported(str(target / row["plan"]), to, options, lambda _: None)
-            mission.write(str(target / f"{row['sortie']}-{to}{ENDINGS.get(to, '.' + to)}"))
+            stem, kind = str(target / f"{row['sortie']}-{to}"), plan.planner.task.autopilot.kind
+            exporter.write(str(target / row["plan"]), to, str(target / SORTIES_SCENARIO), kind, stem)
         (target / SORTIES).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         (target / TABLE).write_text(_csv(rows), encoding="utf-8")
         heights = [sortie.plan.heights and sortie.plan.heights.profile for sortie in plan.sorties]

@@ -17,8 +17,7 @@ from eadp.core.geometry.polygons import covered_shares, ground_m2, inner_point, 
 from eadp.io.flight import flown_lines, flown_of_plan, planned_lines
 from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.streams import new_folder
-from eadp.survey import SORTIES_SCENARIO
-from eadp.survey.folder import read_sorties
+from eadp.survey.folder import SORTIES, SORTIES_SCENARIO, read_sorties
 from eadp.survey.report import MIN_SHARE, LeftGround, left_text
 from eadp.survey.resume import MIN_PART_SHARE, SLIVER_SHARE
 
@@ -149,3 +148,13 @@ def simulate_sorties(
         "seed": seed,
     }
     return JobFlight(summary, flights, left)
+
+
+class _SortieJobs:
+    """Folders of sorties as jobs."""
+
+    document, scenario, plan = SORTIES, SORTIES_SCENARIO, "sortie-01.plan"
+    simulate = staticmethod(simulate_sorties)
+
+
+SORTIE_JOBS = _SortieJobs()

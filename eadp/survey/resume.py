@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,17 +14,14 @@ from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import Files
 from eadp.core.arrays import BoolArray, FloatArray
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.geodesy import compass_deg, to_near_local_m
+from eadp.core.geometry.geodesy import compass_deg
 from eadp.core.geometry.polygons import covered_shares, ground_m2, uncovered
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined
-from eadp.exchange.export import ExportOptions, autopilot_of
 from eadp.io.flight import flown_lines, flown_of_plan, planned_lines
-from eadp.live.recorded import CAMERA, PICTURE, form_of, log_values
-from eadp.live.telemetry import TelemetryReader, open_telemetry
-from eadp.live.telemetry_log import telemetry_lines
 from eadp.models.autopilot import PX4
 from eadp.models.field import Field
 from eadp.models.plan.plan import Plan
+from eadp.models.track import FlownTrack
 from eadp.plug_ins import plug_in
 from eadp.survey.cover import CoverageOptions, coverage_task, flight_keys, picture_warnings
 from eadp.survey.coverage import DUBINS, ZAMBONI
@@ -151,15 +146,7 @@ def _read(source: str, planner: SortiePlanner, warn: Warn) -> list[FlownSurvey]:
     """The flights of a source: a result folder, a folder of result folders, telemetry, or a log."""
     path = Path(source)
     if not path.is_dir():
-        form = None  # of a log; None for telemetry
-        if path.is_file() and os.access(path, os.R_OK):
-            with path.open("rb") as stream:
-                head = stream.read(16)
-                form = form_of(head)
-            if form is None and head.strip() and not head.lstrip().startswith(b"{"):
-                expected = "a folder of eadp simulate -o DIR, telemetry as JSON lines, or a log"
-                raise InputError.at(source, 1, 1, "is no flight", expected)
-        return [_of_telemetry(source, planner, warn) if form is None else _of_log(source, form, planner)]
+        return [_of_track(source, planner, warn)]
     folders = [path] if (path / SUMMARY).exists() else sorted(each.parent for each in path.glob(f"*/{SUMMARY}"))
     if not folders:
         raise InputError.at(source, 1, 1, "has no flight", "a folder of eadp simulate -o DIR, telemetry, or a log")
@@ -206,50 +193,17 @@ def _heading_of_lines_rad(plan: Plan, parameters: Sequence[float]) -> float | No
     return math.atan2(north, east)
 
 
-def _of_telemetry(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurvey:
-    """A flight of telemetry, all of it taken as photographed, since it does not say when the camera was on."""
-    reader, rows = TelemetryReader(source, origin_deg=planner.task.field.origin_deg), []
-    with open_telemetry(source) as stream:
-        for number, raw in telemetry_lines(stream, source):
-            sample, _, found, _ = reader.read(number, raw)
-            warn([each for each in found if "missing" not in each.message])
-            if sample is not None and sample.position_m is not None:
-                rows.append((sample.time_s, *sample.position_m))
-    if len(rows) < 2:
-        raise InputError.at(source, 1, 1, "has no positions", "telemetry with x_m and y_m, or lat_deg and lon_deg")
-    photographed = np.ones(len(rows), dtype=bool)
-    return _survey_of_track(source, rows, photographed, planner)
-
-
-def _of_log(source: str, form: str, planner: SortiePlanner) -> FlownSurvey:
-    """A flight of a log: photographed within half a picture's length of each; without any, where the camera was on."""
-    origin_deg, options = planner.task.field.origin_deg, planner.task.options
-    if origin_deg is None:
-        raise InputError.at(source, 1, 1, "has positions on the earth, and the field has none", "a field in degrees")
-    rows: list[tuple[float, float, float]] = []
-    camera, pictures = list[bool | None](), list[int]()  # whether it is on at each row; rows at which it took a picture
-    known: dict[str, Any] = {}  # the last value of each key
-    for values in log_values(source, form):
-        known |= {key: value for key, value in values.items() if value is not None}
-        if PICTURE in values:
-            pictures.append(max(len(rows) - 1, 0))
-        lat_deg, lon_deg = values.get("lat_deg"), values.get("lon_deg")
-        if lat_deg is not None and lon_deg is not None and known.get("in_air", known.get("armed", True)):
-            point = to_near_local_m(lat_deg, lon_deg, origin_deg)
-            if point is not None:
-                rows.append((values["time_s"], *point))
-                camera.append(known.get(CAMERA))
-    if len(rows) < 2:
-        raise InputError.at(source, 1, 1, "has no positions in the air", "a log of a flight")
+def _of_track(source: str, planner: SortiePlanner, warn: Warn) -> FlownSurvey:
+    """A flight of telemetry or a log: photographed within half a picture's length of each; else with the camera on."""
+    options, swath_m = planner.task.options, planner.task.motion.swath_m
+    track: FlownTrack = plug_in("tracks", "recorded")(source, planner.task.field.origin_deg, warn)
+    rows, pictures = track.rows, track.pictures
     if not pictures:
-        # on throughout where the log does not say; else off until it is switched on
-        on = np.array([CAMERA not in known if each is None else each for each in camera])
-        return _survey_of_track(source, rows, on, planner)
+        return _survey_of_track(source, rows, np.array(track.camera_on, dtype=bool), planner)
     # of each row: the way flown up to it; and the pictures before and after it
     way_m = np.cumsum([0.0, *np.linalg.norm(np.diff(np.array(rows)[:, 1:], axis=0), axis=1)])
-    # a picture's length on the ground; where the camera is not stated, that of a square one
-    length_m = options.picture_length_m or planner.task.motion.swath_m
-    taken_m = np.unique(way_m[pictures])
+    length_m = options.picture_length_m or swath_m  # on the ground; where the camera is not stated, of a square picture
+    taken_m = np.unique(way_m[list(pictures)])
     after = np.searchsorted(taken_m, way_m)
     nearest_m = np.stack([taken_m[np.clip(after + k, 0, len(taken_m) - 1)] for k in (-1, 0)])
     return _survey_of_track(source, rows, np.abs(nearest_m - way_m).min(axis=0) <= length_m / 2, planner)
@@ -329,7 +283,7 @@ def cover_in_sorties(
     if task.circled is not None:
         task, _ = task.best()
     overrides = {"start": {"altitude_m": 0.0}} | flight_keys(task, vehicle)
-    if any(autopilot_of(to, ExportOptions(scenario=scenario_path)).kind == PX4 for to in exports):
+    if any(plug_in("exporters", "mission").autopilot(to, scenario_path).kind == PX4 for to in exports):
         task = replace(task, autopilot=replace(task.autopilot, kind=PX4))
         overrides["autopilot.kind"] = PX4
     profile_path = None if profile is None else str(profile)

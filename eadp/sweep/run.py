@@ -17,19 +17,19 @@ from typing import Any
 from eadp.api.flight import fly_flight, repeatable
 from eadp.api.given import File, Overrides, Warn, python_warnings
 from eadp.api.inputs import Files, FlightInputs
+from eadp.api.jobs import job_of
 from eadp.core.compiled import enable, enabled
 from eadp.errors import EadpError, Fault, InputError, printable
 from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.json import AnyTable, frame, html_table
 from eadp.io.text.streams import read_text
 from eadp.simulation.loop import Outcome, fly
-from eadp.survey import SORTIES
 from eadp.sweep.engines import EngineOptions
 from eadp.sweep.registry import open_engine
 from eadp.sweep.results import COLUMNS, Results
 from eadp.sweep.runs import Engine, Result, Run, interleaved
 from eadp.sweep.statistics import SweepFlight, totals
-from eadp.sweep.sweep_file import Sweep, read_sweep
+from eadp.sweep.sweep_file import Sweep, load_run, read_sweep
 
 DIED = "the process that made it died, alone and twice (out of memory?)"
 COLLECTED_AFTER = 100_000
@@ -73,19 +73,17 @@ class FlyRun:
 
     def _inputs(self, run: Run) -> FlightInputs:
         """The inputs of a run, without a log where its folder is not kept."""
-        inputs = self._files.load(run)
+        inputs = load_run(self._files, run)
         if self._keep is not None:
             return inputs
         clock = inputs.world.clock._replace(log_every_s=math.inf)
         return replace(inputs, world=replace(inputs.world, clock=clock))
 
     def _summary(self, run: Run) -> dict[str, Any]:
-        folder, plan = os.path.split(run.files["plan"])
-        if plan == SORTIES:
-            from eadp.survey.job import simulate_sorties
-
+        if kind := job_of(run.files["plan"]):
             overrides = {key: value for key, value in run.overrides.items() if key != "seed"}
-            job = simulate_sorties(folder, overrides, run.overrides["seed"], warn=lambda _: None)
+            folder = os.path.dirname(run.files["plan"])
+            job = kind.simulate(folder, overrides, run.overrides["seed"], on_flight=lambda _: None, warn=lambda _: None)
             if self._keep is not None:
                 job.write(Path(self._keep) / run.key, force=True)
             return job.summary

@@ -15,7 +15,8 @@ from pydantic import Field
 
 from eadp import __version__
 from eadp.api.flight import SCHEMA as FLIGHT_SCHEMA
-from eadp.api.inputs import Files, profile_of
+from eadp.api.inputs import Files, FlightInputs, load_flight, profile_of
+from eadp.api.jobs import job_in, job_of
 from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.energy import parse_energy
 from eadp.io.plan.sources import PlanReader
@@ -25,7 +26,6 @@ from eadp.io.text.schema_faults import STRICT, validated
 from eadp.io.text.streams import SourceText, Text
 from eadp.io.text.yaml import Document, read_yaml
 from eadp.io.text.yaml import Path as KeyPath
-from eadp.survey import SORTIES, SORTIES_SCENARIO, is_sorties
 from eadp.sweep.runs import RUNS_LIMIT, Count, Design, DesignPoint, Run, SampleDesign
 from eadp.sweep.statistics import SweepFlight
 
@@ -297,14 +297,14 @@ def _paths(document: Document, keys: SweepKeys) -> list[tuple[str, str, KeyPath]
 def _with_sorties(document: Document, paths: list[tuple[str, str, KeyPath]]) -> list[tuple[str, str, KeyPath]]:
     """The files with those of a folder of sorties, which stands for a plan and has a scenario of its own."""
     for kind, path, location in paths:
-        if kind == "plan" and is_sorties(path):
+        if kind == "plan" and (job := job_in(path)):
             if location != ("plan",):
                 raise InputError(document.fault(location, "a folder of sorties", "plan: FOLDER, and no other plan"))
             own = [each for each in paths if each[0] == "plan"]
             if own != [(kind, path, location)] or len(paths) > 1:
                 expected = "no scenario, profile or energy: the folder has its own"
                 raise InputError(document.fault(paths[-1][2], "a file beside a folder of sorties", expected))
-            return [(kind, f"{path}/{SORTIES}", location), ("scenario", f"{path}/{SORTIES_SCENARIO}", ("scenario",))]
+            return [(kind, f"{path}/{job.document}", location), ("scenario", f"{path}/{job.scenario}", ("scenario",))]
     return paths
 
 
@@ -375,8 +375,8 @@ def _read_all(
     parsers: dict[str, Callable[[Text], Any]] = {"plan": PlanReader(), "profile": profile_of, "energy": parse_energy}
     named: set[str] = set()
     for kind, path, location in paths:
-        if path.endswith(f"/{SORTIES}"):
-            path = f"{path.removesuffix(SORTIES)}sortie-01.plan"
+        if job := job_of(path):
+            path = path.removesuffix(job.document) + job.plan
         if kind in parsers:
             _, content = sweep.kept.read(path, parsers[kind], document.fault(location, ""))
             if kind != "energy":
@@ -384,6 +384,12 @@ def _read_all(
                 named |= {item.title for item in read.parameters} if kind == "plan" else set(read.names)
     _check_titles(document, keys, named)
     try:
-        return sweep.kept.load(sweep.run(0)).warnings
+        return load_run(sweep.kept, sweep.run(0)).warnings
     except InputError:
         return ()  # a run that cannot be made is a row of the results
+
+
+def load_run(files: Files, run: Run) -> FlightInputs:
+    """The flight of a run, ready to be flown."""
+    given: dict[str, Any] = {**run.files}  # plan, scenario, profile and energy, as far as there are any
+    return load_flight(**given, overrides=run.overrides, files=files)

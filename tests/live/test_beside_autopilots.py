@@ -196,10 +196,10 @@ def test_its_echo_is_no_report(inputs, missions, lines):
     """PX4 sends NAMED_VALUE_FLOAT back as its own: a detector that does not obey would look obedient."""
     flown = flown_by(PX4, inputs, missions).fly(lines)
     assert "NAMED_VALUE_FLOAT" in flown.holder.kinds
-    assert flown.flight._lines._parameters == {}
+    assert flown.flight._lines.heard.value("parameter c2") is None
     detector = Autopilot(component=192)
     flown._give(detector.frame("named_value_float", 1, b"c2", 4.0))
-    assert flown.flight._lines._parameters["c2"][1] == 4.0
+    assert flown.flight._lines.heard.value("parameter c2", ages=False) == 4.0
 
 
 def ground(flown, seconds, *frames):

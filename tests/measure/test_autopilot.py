@@ -14,7 +14,7 @@ import pytest
 from common import few
 
 from eadp.errors import InputError
-from eadp.measure import messages
+from eadp.io.logs import tables as messages
 from eadp.measure.battery import BatteryOptions, read_battery_fit
 from eadp.measure.formats import is_dataflash_text, read_power_log
 from eadp.measure.power_log import Columns, PowerLog

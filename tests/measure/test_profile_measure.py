@@ -55,7 +55,7 @@ class Computer:
 @pytest.fixture
 def computer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Computer:
     made = Computer(tmp_path / "sys")
-    monkeypatch.setattr("eadp.api.profile.time", made)
+    monkeypatch.setattr("eadp.measure.measuring.time", made)
     monkeypatch.setattr("eadp.measure.measuring.launched", made.launched)
     return made
 

@@ -8,8 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eadp.models.doubts import interval_doubts
-from eadp.survey.camera import Camera, Pictures, ground_m, pictures_document
+from eadp.survey.camera import Camera, Pictures, ground_m, interval_doubts, pictures_document
 
 SURVEY = Pictures(
     camera="a camera", altitude_m=100.0, width_m=120.0, gsd_cm=2.0, distance_m=16.0, forward_overlap=0.8, number=40,

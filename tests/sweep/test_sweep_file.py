@@ -11,7 +11,7 @@ from eadp.errors import EadpError, InputError
 from eadp.io.text.streams import read_text
 from eadp.sweep import sweep_file
 from eadp.sweep.run import FlyRun
-from eadp.sweep.sweep_file import read_sweep
+from eadp.sweep.sweep_file import load_run, read_sweep
 
 LINE = "0.1; 90; x\n0, 400\n"
 PARAMETERS = "0.1; 90; x - c1\n0, 400\n[-10, 10]\n"
@@ -257,10 +257,10 @@ def test_vehicle_files_are_read_once_and_told_apart(folder):
     files = pickle.loads(pickle.dumps(sweep.kept))
     keys = [sweep.run(k).key for k in range(2)]
     (folder / "slow.yaml").write_text("schema: eadp.vehicle/1\nairframe: {airspeed_mps: 13}\n")
-    assert [files.load(sweep.run(k)).world.vehicle.airspeed_mps for k in range(2)] == [20, 12]
+    assert [load_run(files, sweep.run(k)).world.vehicle.airspeed_mps for k in range(2)] == [20, 12]
     again = sweep_of(written(folder, content))
     assert [again.run(k).key == keys[k] for k in range(2)] == [True, False]
     masses = sweep_of(written(folder, "plan: line.plan\ngrid: {vehicle.airframe.mass_kg: [1, 1.5]}\n"))
-    assert masses.kept.load(masses.run(1)).world.vehicle.mass_kg == 1.5
+    assert load_run(masses.kept, masses.run(1)).world.vehicle.mass_kg == 1.5
     with pytest.raises(InputError, match=r"unknown key vehicle\.mass_kg; expected vehicle\.airframe\.mass_kg"):
         sweep_of(written(folder, "plan: line.plan\ngrid: {vehicle.mass_kg: [1, 1.5]}\n"))

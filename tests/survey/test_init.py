@@ -8,11 +8,11 @@ import re
 import pytest
 from common import few
 
-from eadp.api.init import PRESETS
 from eadp.io.scenario import read_scenario
 from eadp.io.text.streams import Text, read_text
 from eadp.io.vehicle import read_vehicle
 from eadp.models.performance import performance
+from eadp.survey.init import PRESETS
 
 
 def test_there_are_three_classes_of_aircraft_beside_the_default_one():

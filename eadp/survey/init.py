@@ -1,11 +1,17 @@
-"""Aircraft that are shipped, and the files that `eadp init` starts a folder with."""
+"""`eadp init`: aircraft that are shipped, and the files that a folder starts with."""
 
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from importlib.resources import files
+from typing import Annotated
 
+from typer import Argument
+
+from eadp.cli.output import emit
 from eadp.errors import Fault, InputError, printable, refuse
+from eadp.io.text.options import Flag
 from eadp.io.text.streams import Text, write_text
 from eadp.io.vehicle import read_vehicle
 from eadp.survey.camera_file import FOLDER as CAMERAS_FOLDER
@@ -68,3 +74,32 @@ def write_new(texts: dict[str, str], *, force: bool) -> None:
         except OSError as error:
             raise InputError.at(path, 1, 1, f"cannot be written: {error.strerror}", "a writable location") from None
         write_text(path, text)
+
+
+@dataclass(frozen=True)
+class InitOptions:
+    """The aircraft, and what becomes of files that exist."""
+
+    preset: Annotated[str, Flag(metavar="NAME")] = "foam-wing"
+    """Aircraft: small-wing (1.2 kg), foam-wing (2 kg), mapper (4 kg), survey-wing."""
+
+    force: bool = False
+    """Replace files that exist."""
+
+
+def command(
+    options: InitOptions,
+    folder: Annotated[str, Argument(metavar="DIR", help="Folder for the files, which may exist.")] = ".",
+) -> int:
+    """Example: eadp init runs/mine --preset foam-wing
+
+    Start a folder: a commented vehicle file and scenario, a field, and a plan that covers it, which fly as they are.
+    A camera file lies beside them.
+
+    Exit code 0 if the files are written, 2 on bad input; a file that exists is replaced with --force alone.
+    """
+    texts = start_texts(folder, options.preset)
+    write_new(texts, force=options.force)
+    plan, scenario = (os.path.join(folder, name) for name in (PLAN, SCENARIO))
+    emit("\n".join([f"written  {', '.join(texts)}", f"next     eadp simulate {plan} --scenario {scenario}"]))
+    return 0
