@@ -55,7 +55,6 @@ from eadp.papers.horizon import Horizon, HorizonForecast, HorizonSolution
 from eadp.papers.planner import PaperPlanner, PaperSettings
 from eadp.planning.base import Mission, Observation, PlannerSettings, Sample
 from eadp.planning.qp import OsqpSolver, QuadraticProgram
-from eadp.planning.state.flight_state import FlightState
 
 try:
     import casadi
@@ -131,7 +130,6 @@ class Ours:
         mission = Mission(plan, join_profile(plan, profile), BATTERY, PaperVehicle(), (0.0, HIGH), (-100.0, 220.0))
         settings = PaperSettings(horizon_s=float(steps), constraint_at="end")
         self._planner = PaperPlanner(PlannerSettings(), mission, settings)
-        self._planner._state = FlightState(mission, horizon_s=settings.horizon_s)
         cursor = PlanCursor.start(plan, mission.parameters)
         self._observation = Observation(Sample(0.0, (0.0, 0.0), None, 1.0), 1.0, cursor, (-100.0, 220.0), 1)
         self._horizon = self._planner._horizon(self._observation, (0.0,))
@@ -140,7 +138,7 @@ class Ours:
 
     def prepare(self, instance: Instance) -> Observation:
         """Make the planner's estimate that of an instance."""
-        self._planner._state._power.estimator = ExactEstimator(EstimatorSettings(), PERIOD_S, instance.state_w)
+        self._planner.power._estimator = ExactEstimator(EstimatorSettings(), PERIOD_S, instance.state_w)
         return self._observation._replace(soc=instance.soc)
 
     def solve(self, observation: Observation) -> tuple[HorizonForecast, HorizonSolution]:

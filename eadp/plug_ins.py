@@ -12,6 +12,12 @@
 | `jobs` | any | a `JobKind`: folders that stand for several flights |
 | `exporters`, `message_readers`, `rests`, `tracks` | one each | what rooms ask of one another: see `OWN` |
 | `checks` | any | what `eadp plan --check` runs: a function as `check.check.checked`, to a `CheckReport` |
+| `estimators` | `power`, `log` | a `PowerEstimator`, with the settings in `estimator:`; the same over a log |
+| `result_writers` | any | writes into the folder of a flight: a function of a `Flight` and its path |
+| `result_figures` | of `--figure` | the same, where its name is asked for |
+| `pages` | any | a `PageSource`: what `eadp report` makes pages of |
+| `results` | `flight` | reads the folder of a flight again |
+| `charts` | `periodogram` | what a figure of another room draws into its axes |
 | `planners` | of `planner.name` and `--planner` | a `Planner` |
 | `airframes` | of `airframe.model` | a dataclass that inherits from `FixedWing` or `PowerCurve` |
 | `batteries` | of `battery.chemistry` | a function: open-circuit voltage of a cell [V] of the state of charge, 0 to 1 |
@@ -57,6 +63,16 @@ OWN: dict[str, dict[str, str]] = {
     "tracks": {"recorded": "eadp.live.tracks:flown_track"},
     "jobs": {"sorties": "eadp.survey.job:SORTIE_JOBS"},
     "checks": {"geometry": "eadp.check.check:checked"},
+    "estimators": {"power": "eadp.papers.power:PowerTracker", "log": "eadp.papers.power:over_log"},
+    "result_writers": {"page": "eadp.report.flight:write_page"},
+    "result_figures": {"paper": "eadp.papers.figures:write_figure"},
+    "pages": {
+        "flight": "eadp.report.report:FOLDER",
+        "sweep": "eadp.sweep.page:PAGE",
+        "log": "eadp.live.log_page:PAGE",
+    },
+    "results": {"flight": "eadp.report.report:read_folder"},
+    "charts": {"periodogram": "eadp.measure.figures:draw_periodogram"},
     "planners": {
         "static": "eadp.planning.registry:Planner",
         "paper": "eadp.papers.planner:PaperPlanner",

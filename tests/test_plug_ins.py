@@ -74,6 +74,7 @@ def test_a_planner_decides_by_its_own_settings():
         ("planner.thrift.full_soc=much", "planner.thrift.full_soc cannot be 'much'; expected a number"),
         ("planner.thift.full_soc=1", "unknown key planner.thift"),
         ("planner.plug_in=1", "unknown key planner.plug_in; expected a section of the planner's name"),
+        ("planner.estimator=1", "unknown key planner.estimator; expected estimator"),
         ("vehicle.airframe.aspect_ratio=wide", "vehicle.airframe.aspect_ratio cannot be 'wide'; expected a number"),
         ("vehicle.airframe.span_m=2", "unknown key vehicle.airframe.span_m"),
     ],
@@ -180,6 +181,21 @@ def test_a_mission_is_read_and_written(capsys, tmp_path):
     mission.write_text(CORNERS.replace("55.372", "north", 1))
     assert main(["plan", str(mission)]) == 2
     assert "m.txt:3:1: error: is no place; expected latitude longitude altitude" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("installed")
+def test_a_command_and_a_file_of_results(capsys, tmp_path):
+    plan = tmp_path / "lines.plan"
+    plan.write_text("0.1; 90; x - 100\n100, 100\n0.1; 270; -y + 100\n0, 100\n")
+    flight = simulate(str(plan), warn=lambda _: None)  # its turn is tight
+    flight.write(tmp_path / "flight")
+    head, *rows = (tmp_path / "flight/stages.csv").read_text().splitlines()
+    assert head == "stage,energy_wh"
+    assert [int(row.split(",")[0]) for row in rows] == [1, 2]
+    assert sum(float(row.split(",")[1]) for row in rows) == pytest.approx(flight.summary["energy_wh"], rel=0.01)
+    assert "stages.csv" in (tmp_path / "flight/files.json").read_text()
+    assert main(["stages", str(plan)]) == 0
+    assert capsys.readouterr().out.splitlines() == [head, *rows]
 
 
 @pytest.mark.usefixtures("installed")

@@ -19,21 +19,20 @@ import numpy as np
 from eadp.api.inputs import FlightInputs, Source
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_geodetic_deg
-from eadp.io.flight import estimate_rows, flown_coverage, flown_of_plan
+from eadp.io.flight import flown_coverage, flown_of_plan
 from eadp.io.text.json import AnyTable, frame, html_table
 from eadp.io.text.streams import new_folder
 from eadp.models.plan.stage import PATH
 from eadp.models.world import Step, World
-from eadp.papers.estimator import PowerEstimate
 from eadp.planning.base import DecisionRecord, Ending, PlannerSettings
 from eadp.planning.flight import PlannedFlight
 from eadp.planning.forecast.held import Preflight
+from eadp.plug_ins import plug_in, plug_ins
 from eadp.simulation.loop import RETURNED, Outcome, fly
 
 SCHEMA = "eadp.flight/1"
 TIMINGS = "eadp.timings/1"
-OVERRIDES = "overrides.txt"
-REPORT = "report.html"
+SUMMARY, OVERRIDES = "summary.json", "overrides.txt"
 CLOCKED = ("median_ms", "max_ms")
 """Keys of a summary's solver that depend on the machine and its load."""
 WHOLE = 0.995
@@ -95,7 +94,7 @@ def summarise(
         },
         "soc_final": outcome.soc_final,
         "soc_reserve": settings.reserve_soc,
-        "period_s": flight.state.period_s,
+        "period_s": None if flight.power is None else flight.power.period_s,
         "lap_times_s": _lap_times_s(world, outcome),
         "parameters": parameters,
         "quality": log.quality(settings.weights),
@@ -214,8 +213,8 @@ class Flight:
         The logged moments, the rows of `flight.csv`.
     decisions : list of DecisionRecord
         The re-plannings, the lines of `decisions.jsonl`; empty for a planner that records none.
-    estimates : list of PowerEstimate
-        The planner's estimate of the power at each step, the rows of `estimate.csv`.
+    estimates : sequence of estimates
+        That of the power at each step, the rows of `estimate.csv`.
     overrides : sequence of str
         The overrides of the scenario's keys, each as key=value.
     """
@@ -225,7 +224,7 @@ class Flight:
     steps: list[Step]
     decisions: Sequence[DecisionRecord] = ()
     overrides: Sequence[str] = ()
-    estimates: Sequence[PowerEstimate] = ()
+    estimates: Sequence[Any] = ()
 
     def table(self, of: Literal["steps", "decisions", "estimates"] = "steps") -> AnyTable:
         """A table of pandas, polars or Arrow, whichever is installed; else a dict of lists.
@@ -240,7 +239,7 @@ class Flight:
                 row |= row.pop("parameters")
             return frame({key: [row[key] for row in rows] for key in (rows[0] if rows else ())})
         if of == "estimates":
-            head, *lines = estimate_rows(self.steps, self.estimates, world.battery) if self.estimates else [()]
+            head, *lines = self.estimate_rows or [()]
             values = zip(*lines, strict=True) if lines else [()] * len(head)
             cells = ([None if cell == "" else cell for cell in column] for column in values)
             return frame(dict(zip(map(str, head), cells, strict=True)))
@@ -249,6 +248,12 @@ class Flight:
             if parameter.title:
                 columns[parameter.title] = [parameter.shown(value) for value in self.lists[parameter.name]]
         return frame(columns)
+
+    @cached_property
+    def estimate_rows(self) -> list[Sequence[str | float]]:
+        """Header and rows of `estimate.csv`; empty without a log."""
+        table = plug_in("estimators", "power").table
+        return list(table(self.steps, self.estimates, self.inputs.world.battery)) if self.estimates else []
 
     def __repr__(self) -> str:
         """One line, not the log."""
@@ -294,7 +299,7 @@ class Flight:
             row += [round(each, 9) for each in to_geodetic_deg(step.x_m, step.y_m, world.plan.site.origin_deg)]
         return row
 
-    def write(self, folder: str | Path, *, force: bool = False, paper_figure: bool = False) -> None:
+    def write(self, folder: str | Path, *, force: bool = False, figure: str | None = None) -> None:
         """Write the result folder, whole or not at all.
 
         Parameters
@@ -302,8 +307,8 @@ class Flight:
         folder : str or Path
         force : bool, optional
             Whether a folder of this name is replaced.
-        paper_figure : bool, optional
-            Whether `paper.svg` and `.png` are drawn, too: the letter's Figs. 6b and 1.
+        figure : str, optional
+            One more figure: `paper`, the letter's Figs. 6b and 1, as `paper.svg` and `.png`.
 
         Raises
         ------
@@ -311,17 +316,14 @@ class Flight:
             If the name is taken and `force` is not set, or the folder cannot be written.
         """
         from eadp.io.figures.flight import write_flight_figure
-        from eadp.report.flight import FlownFlight, flight_data
-        from eadp.report.page import page_html
 
         world = self.inputs.world
         with new_folder(str(folder), force=force) as target:
             _write_csv(target / "flight.csv", [self._names, *self._rows])
-            estimates = list(estimate_rows(self.steps, self.estimates, world.battery))
-            _write_csv(target / "estimate.csv", estimates)
+            _write_csv(target / "estimate.csv", self.estimate_rows)
             solver = self.summary["solver"]
             for name, content in (
-                ("summary.json", repeatable(self.summary)),
+                (SUMMARY, repeatable(self.summary)),
                 ("timings.json", {"schema": TIMINGS, "solver": {key: solver[key] for key in CLOCKED}}),
             ):
                 text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
@@ -331,12 +333,9 @@ class Flight:
                 lines = (json.dumps(row, ensure_ascii=False, allow_nan=False) + "\n" for row in rows)
                 (target / "decisions.jsonl").write_text("".join(lines), encoding="utf-8")
             write_flight_figure(target / "flight", world, self.steps, self.summary, self.decisions)
-            if paper_figure:
-                from eadp.papers.figures import write_paper_figure
-
-                write_paper_figure(target / "paper.svg", world, self.steps, self.estimates)
-            flown = FlownFlight(world, self.inputs.scenario, self.summary, self.lists, estimates, rows)
-            (target / REPORT).write_text(page_html("flight", flight_data(flown)), encoding="utf-8")
+            figures = [] if figure is None else [plug_in("result_figures", figure)]
+            for write in (*figures, *plug_ins("result_writers")):
+                write(self, target)
             _copy_inputs(target / "inputs", self.inputs.sources, self.overrides)
 
 

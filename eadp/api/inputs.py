@@ -153,7 +153,7 @@ class FlightInputs:
 
     def flight(self) -> PlannedFlight:
         """A new flight with its planner."""
-        return make_flight(self.scenario.planner, self.scenario.estimator, self.mission)
+        return make_flight(self.scenario.planner, self.mission, logged=True)
 
     def preflight(self, *, whole: bool = True) -> Preflight | None:
         """The forecast of the flight before take-off, with its wind as the weather forecast.
@@ -595,7 +595,7 @@ def _check_planner(scenario: Scenario, mission: Mission) -> None:
         raise InputError(
             scenario.fault("on_infeasible", f"home, with planner {name}", "planner joint, which forecasts")
         )
-    if found := planner_class(name).faults(scenario.planner, scenario.estimator, mission):
+    if found := planner_class(name).faults(scenario.planner, mission):
         raise InputError(*(scenario.fault(f"planner.{name}.{key}", what, hint) for key, what, hint in found))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import enum
 import sys
 import time
 from dataclasses import dataclass
@@ -10,25 +9,21 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from eadp.api.flight import REPORT
 from eadp.api.given import FlightOptions
 from eadp.api.jobs import JobKind, job_in
 from eadp.api.simulate import simulate
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
+from eadp.errors import one_of
+from eadp.io.page import REPORT
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import check_new_folder, output_file, write_text
 from eadp.models.airspace import BOUNDARY, risk_text
+from eadp.plug_ins import OWN, added_names, plug_in
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from eadp.models.world import Step
-
-
-class FigureName(enum.StrEnum):
-    """Figures of `--figure`."""
-
-    paper = enum.auto()
 
 
 @dataclass(frozen=True)
@@ -41,8 +36,8 @@ class SimulateOutputs:
     force: bool = False
     """Replace the folder, if it holds a result and nothing else."""
 
-    figure: FigureName | None = None
-    """Draw one more figure into the folder: the letter's Figs. 6b and 1."""
+    figure: Annotated[str | None, Flag(metavar="NAME")] = None
+    """Draw one more figure into the folder: paper, the letter's Figs. 6b and 1."""
 
     require_reserve: bool = False
     """Exit 1 also where the flight ends below the reserve."""
@@ -90,6 +85,9 @@ def command(
         return _job(job, plan, [*options.overrides, *named], seed, output)
     if output.figure is not None and output.out is None:
         raise usage_fault("--figure", output.figure, "a figure without a folder for it", "-o DIR")
+    if output.figure is not None and plug_in("result_figures", output.figure) is None:
+        figures = [*OWN["result_figures"], *added_names("result_figures")]
+        raise usage_fault("--figure", output.figure, "is no figure", one_of(figures, output.figure))
     if output.junit is not None:
         output_file(output.junit)
     progress, start_s = Progress("flying"), time.perf_counter()
@@ -111,7 +109,7 @@ def command(
     progress.close()
     summary = flight.summary
     if output.out is not None:
-        flight.write(output.out, force=output.force, paper_figure=output.figure == FigureName.paper)
+        flight.write(output.out, force=output.force, figure=output.figure)
     if output.format == "json":
         emit_json(summary)
     else:

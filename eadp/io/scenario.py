@@ -45,9 +45,9 @@ from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import Box, Parameter
 from eadp.models.vehicle import Guidance, PaperVehicle
 from eadp.models.weather import Sensors, Wind
-from eadp.papers.estimator import EstimatorSettings
 from eadp.planning.base import PlannerSettings
 from eadp.planning.registry import DEFAULT, PLANNERS, is_planner, planner_class
+from eadp.plug_ins import plug_in
 
 SCHEMA = "eadp.scenario/1"
 MAX_STEPS = 100_000_000
@@ -56,7 +56,7 @@ ParameterName = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
 Pair = tuple[Coordinate, Coordinate]
 TextSource = Callable[[str], Text]
 
-UNWRITTEN = {"reserve_soc": "reserve_soc", "plug_in": "a section of the planner's name"}
+UNWRITTEN = {"reserve_soc": "reserve_soc", "plug_in": "a section of the planner's name", "estimator": "estimator"}
 """Keys of the planner's settings that no file has, and what stands for them."""
 
 
@@ -90,8 +90,10 @@ def _planner_section() -> type[PlannerSettings]:
 
 if TYPE_CHECKING:
     PlannerSection = PlannerSettings
+    EstimatorSettings = Any
 else:
     PlannerSection = _planner_section()
+    EstimatorSettings = plug_in("estimators", "power").own_settings
 
 
 @dataclass(frozen=True)
@@ -258,14 +260,9 @@ class Scenario:
         return Rules(self.keys.parameter_changes, self.keys.vehicle.airframe.published_triggers)
 
     @property
-    def estimator(self) -> EstimatorSettings:
-        """The estimator's settings."""
-        return self.keys.estimator
-
-    @property
     def planner(self) -> PlannerSettings:
         """The planner's settings."""
-        return replace(self.keys.planner, reserve_soc=self.keys.reserve_soc)
+        return replace(self.keys.planner, reserve_soc=self.keys.reserve_soc, estimator=self.keys.estimator)
 
     @property
     def bounds(self) -> dict[str, Box]:

@@ -13,19 +13,19 @@ from eadp.core.expressions.reader import read_expression
 from eadp.core.geometry.geodesy import heading_rad, to_near_local_m
 from eadp.errors import InputError
 from eadp.io.flight import percent_text, time_text, times_text
+from eadp.io.page import Decisions, PageSource, Series, Steps
 from eadp.io.text.json import json_lines
-from eadp.io.text.streams import Text
+from eadp.io.text.streams import Text, read_text
 from eadp.live.telemetry_log import APPLIED, MISSION, SCHEMA, START, TELEMETRY
 from eadp.models.plan.stage import PATH, Parameter
-from eadp.report.flight import HEADING_RAD, NO_HORIZONS, POSITION_M, POWER_SHARE, SOC, decisions_data
-from eadp.report.page import changes, thinned
 
-DRAWN_AH = 1e-3
-"""Error of a thinned charge drawn [Ah]."""
 GAP_S, GAP_INTERVALS = 10.0, 10.0
 """A line breaks where samples are farther apart than this time [s], and than so many of the usual intervals."""
 
 Row = Mapping[str, Any]
+
+NOWHERE = {"start": None, "final": None, "home": None}
+NO_PLAN: Row = {"stages": [], "shown": 0, "turns": 0, "faint": [], "routes": [], **NOWHERE}
 
 
 def log_data(text: Text) -> dict[str, Any]:
@@ -51,8 +51,6 @@ def log_data(text: Text) -> dict[str, Any]:
     position = _series(telemetry, ("x_m", "y_m"))
     drawn = _series(telemetry, ("current_consumed_ah",))
     power = _series(telemetry, ("power_w",))
-    known = [value for value in power[1] if value is not None]
-    error_w = max((max(known) - min(known)) * POWER_SHARE, 0.01) if known else 0.01
     charge = _series(telemetry, ("soc",))
     return {
         "title": text.name.rpartition("/")[2],
@@ -68,31 +66,18 @@ def log_data(text: Text) -> dict[str, Any]:
         "reserve": head.get("reserve_soc"),
         "reserve_kept": None,
         "parameters": _parameters(decisions, {each.label: each.unit for each in names.values()}),
-        "stage": changes(times, [row["stage"] for row in decisions]),
-        "lap": changes(times, [row["lap"] for row in decisions]),
-        "path": thinned(
-            position[0],
-            {"x": position[1], "y": position[2], "heading": _headings(telemetry, position)},
-            {"x": POSITION_M, "y": POSITION_M, "heading": HEADING_RAD},
-        ),
-        "power": thinned(power[0], {"w": power[1]}, {"w": error_w}),
-        "charge": thinned(charge[0], {"soc": charge[1]}, {"soc": SOC}),
-        "drawn": None if charges or not drawn[0] else thinned(drawn[0], {"ah": drawn[1]}, {"ah": DRAWN_AH}),
-        "horizons": NO_HORIZONS,
+        "stage": Steps(times, [row["stage"] for row in decisions]),
+        "lap": Steps(times, [row["lap"] for row in decisions]),
+        "path": Series(position[0], {"x": position[1], "y": position[2], "heading": _headings(telemetry, position)}),
+        "power": Series(power[0], {"w": power[1]}),
+        "charge": Series(charge[0], {"soc": charge[1]}),
+        "drawn": None if charges or not drawn[0] else Series(drawn[0], {"ah": drawn[1]}),
+        "horizons": {"t": [], "s": [], "w": []},
         "wind": None,
         "faults": [],
         "field": None,
-        "plan": {
-            "stages": [],
-            "shown": 0,
-            "turns": 0,
-            "faint": [],
-            "routes": [],
-            "start": None,
-            "final": None,
-            "home": None,
-        },
-        "decisions": decisions_data(decisions, {"time_s": [], "power_w": []}),
+        "plan": NO_PLAN,
+        "decisions": Decisions(decisions, {"time_s": [], "power_w": []}),
         "facts": [["lines of telemetry", str(len(telemetry))], ["decisions", str(len(decisions))]],
     }
 
@@ -211,9 +196,8 @@ def _parameters(decisions: Sequence[Row], units: Mapping[str, str]) -> list[dict
         values = [row["in_force"].get(name) for row in decisions]
         seen = [*filter(lambda value: value is not None, values), *(row["parameters"][name] for row in decisions)]
         range_ = {"low": min(seen), "high": max(seen)}
-        parameters.append(
-            {"name": name, "title": "range decided", "unit": units.get(name, ""), **range_, **changes(times, values)}
-        )
+        unit, steps = units.get(name, ""), Steps(times, values)
+        parameters.append({"name": name, "title": "range decided", "unit": unit, **range_, "steps": steps})
     return parameters
 
 
@@ -238,3 +222,7 @@ def log_words(
         if warned:
             words.append(f"Warnings: {', '.join(f'{code} {times_text(count)}' for code, count in warned.items())}.")
     return words
+
+
+PAGE = PageSource("flight", lambda _: True, lambda path, page, keep: log_data(read_text(str(path))))
+"""It takes what no other takes, and says what is wrong with it."""

@@ -93,11 +93,11 @@ class Replanner:
     """
 
     def __init__(self, inputs: FlightInputs, name: str, log: ReplanLog | None, emit: Emit, warn: Warn) -> None:
-        settings, estimator = inputs.scenario.planner, inputs.scenario.estimator
+        settings = inputs.scenario.planner
         self._mission = inputs.mission
         self._flight = LiveFlight(
             inputs.mission,
-            lambda mission: make_flight(settings, estimator, mission),
+            lambda mission: make_flight(settings, mission),
             lambda mission: HeldForecast(settings, mission),
             settings.every_s,
         )

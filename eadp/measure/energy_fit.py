@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.disturbance import fit_disturbance
 from eadp.core.harmonics import design_matrix, output_row
 from eadp.errors import InputError
 from eadp.measure.robust import spikes
 from eadp.measure.spectrum import Spectrum, analyse
-from eadp.models.energy import Disturbance, EnergyModel, energy_model
+from eadp.models.energy import Disturbance, EnergyModel, Harmonic
 from eadp.models.plan.legs import Leg, leg_points
-from eadp.papers.estimator import EstimatorSettings, ExactEstimator
-from eadp.papers.forecasting import fit_disturbance
+from eadp.plug_ins import plug_in
 
 MIN_VARIANCE_SHARE = 0.05
 """Smallest share of the noise's variance that counts as a disturbance."""
@@ -81,6 +81,32 @@ def fit_energy(
     model = energy_model(spectrum)
     model = replace(model, disturbance=_disturbance(times, power, model))
     return EnergyFit(model, spectrum, times, power, np.flatnonzero(out))
+
+
+def energy_model(spectrum: Spectrum) -> EnergyModel:
+    """The energy model of a spectral analysis; a period that is not significant is left out.
+
+    Parameters
+    ----------
+    spectrum : Spectrum
+
+    Returns
+    -------
+    EnergyModel
+    """
+    terms = zip(spectrum.amplitude_w.tolist(), spectrum.phase_rad.tolist(), strict=True)
+    return EnergyModel(
+        period_s=spectrum.period_s if spectrum.periodic else None,
+        mean_w=spectrum.mean_w,
+        harmonics=tuple(Harmonic(amplitude, phase) for amplitude, phase in terms),
+        noise_std_w=spectrum.noise_std_w,
+        period_std_s=spectrum.period_std_s if spectrum.periodic else None,
+        cv_r2=spectrum.cv_r2,
+        samples=spectrum.samples,
+        span_s=spectrum.span_s,
+        mean_std_w=spectrum.mean_std_w,
+        amplitude_std_w=tuple(spectrum.amplitude_std_w.tolist()),
+    )
 
 
 def _disturbance(times_s: FloatArray, power_w: FloatArray, model: EnergyModel) -> Disturbance | None:
@@ -155,14 +181,8 @@ def filtered(fitted: EnergyFit, gate_w: float = 0.0) -> FilteredLog:
 
     Source: draft 002, Fig. 3 and Algorithm l. 9-16.
     """
-    model, times_s = fitted.model, fitted.times_s
-    settings = EstimatorSettings(order=model.order, gate_w=gate_w, every_s=float(np.median(np.diff(times_s))))
-    estimator = ExactEstimator(settings, model.period_s, period_std_s=model.period_std_s)
-    forecasts, states = [], []
-    for time_s, power_w in zip(times_s.tolist(), fitted.power_w.tolist(), strict=True):
-        forecasts.append(estimator.observe(time_s, power_w))
-        states.append(estimator.state_w)
-    return FilteredLog(model.period_s, gate_w, times_s, fitted.power_w, np.array(forecasts), np.array(states))
+    found = plug_in("estimators", "log")(fitted.model, fitted.times_s, fitted.power_w, gate_w)
+    return FilteredLog(fitted.model.period_s, gate_w, fitted.times_s, fitted.power_w, *found)
 
 
 def _table(rows: Sequence[Sequence[object]]) -> str:

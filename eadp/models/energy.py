@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from annotated_types import Ge, Gt, Le
@@ -11,9 +11,6 @@ from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray
 from eadp.core.harmonics import coefficients_of_state, signal_w, state_of_phases
-
-if TYPE_CHECKING:
-    from eadp.measure.spectrum import Spectrum
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,29 +131,3 @@ class EnergyModel:
         if self.period_s is None:
             return np.full(times.shape, self.mean_w)
         return signal_w(times, self.coefficients.a, self.coefficients.b, self.period_s)
-
-
-def energy_model(spectrum: Spectrum) -> EnergyModel:
-    """The energy model of a spectral analysis; a period that is not significant is left out.
-
-    Parameters
-    ----------
-    spectrum : Spectrum
-
-    Returns
-    -------
-    EnergyModel
-    """
-    terms = zip(spectrum.amplitude_w.tolist(), spectrum.phase_rad.tolist(), strict=True)
-    return EnergyModel(
-        period_s=spectrum.period_s if spectrum.periodic else None,
-        mean_w=spectrum.mean_w,
-        harmonics=tuple(Harmonic(amplitude, phase) for amplitude, phase in terms),
-        noise_std_w=spectrum.noise_std_w,
-        period_std_s=spectrum.period_std_s if spectrum.periodic else None,
-        cv_r2=spectrum.cv_r2,
-        samples=spectrum.samples,
-        span_s=spectrum.span_s,
-        mean_std_w=spectrum.mean_std_w,
-        amplitude_std_w=tuple(spectrum.amplitude_std_w.tolist()),
-    )

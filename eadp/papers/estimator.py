@@ -17,9 +17,10 @@ from annotated_types import Ge, Le
 from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray, NotNegative, Positive
+from eadp.core.disturbance import fit_disturbance, subsampled
 from eadp.core.harmonics import output_row
 from eadp.papers import forecasting
-from eadp.papers.forecasting import fit_disturbance, rate_per_s, stationary_covariance, subsampled
+from eadp.papers.forecasting import rate_per_s, stationary_covariance
 
 PUBLISHED = "published"
 
@@ -147,7 +148,7 @@ class ExactEstimator:
 
     The period is the last lap's time; its standard deviation is that of the changes between laps, and harmonics drift
     at the rate at which it turns them. White noise and disturbance are estimated in flight by maximum likelihood, see
-    `eadp.papers.forecasting.fit_disturbance`.
+    `eadp.core.disturbance.fit_disturbance`.
 
     Parameters
     ----------

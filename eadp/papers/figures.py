@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from eadp.api.flight import Flight
 from eadp.core.arrays import FloatArray
 from eadp.io.figures.canvas import COLOURS, Axes, figure_pair, legend_above, write_none
-from eadp.measure.figures import draw_periodogram
 from eadp.models.world import Step, World
 from eadp.papers.estimator import PowerEstimate
+from eadp.plug_ins import plug_in
 
 DETAIL_PERIODS = 4
 DETAIL_S = 120.0
@@ -28,6 +29,11 @@ MIN_SAMPLES = 100
 
 MAX_HARMONICS = 6
 """Frequencies up to this multiple of 1/T are shown, or up to as many tenths of a hertz without a period."""
+
+
+def write_figure(flight: Flight, folder: Path) -> None:
+    """Draw the figure of a flight into its result folder, see `write_paper_figure`."""
+    write_paper_figure(folder / "paper.svg", flight.inputs.world, flight.steps, flight.estimates)
 
 
 def write_paper_figure(path: Path, world: World, steps: Sequence[Step], estimates: Sequence[PowerEstimate]) -> None:
@@ -155,7 +161,7 @@ def _draw_spectra(left: Axes, right: Axes, time: FloatArray, motion: FloatArray,
     order = (len(last.state) - 3) // 2
     shown = (frequency > 0) & (frequency <= MAX_HARMONICS / (last.period_s or 10.0))
     left.plot(frequency[shown], density[shown], color=COLOURS[0], linewidth=1.1)
-    draw_periodogram(right, time, motion, order or 1)
+    plug_in("charts", "periodogram")(right, time, motion, order or 1)
     if last.period_s:
         for j in range(1, order + 1):
             label = f"j/T, j = 1 … {order}"

@@ -17,9 +17,9 @@ from eadp.models.battery import Battery
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.stage import Box
 from eadp.models.plan.trace import nominal_legs
-from eadp.papers.estimator import EstimatorSettings
 from eadp.papers.forecasting import scaling_factors
 from eadp.papers.horizon import ComputationLevels, Horizon, HorizonCost, HorizonForecast
+from eadp.papers.power import PowerTracker
 from eadp.planning.base import (
     FALLBACK,
     INFEASIBLE,
@@ -129,11 +129,13 @@ class PaperPlanner(Planner):
     """
 
     own_settings = PaperSettings
-    _state: FlightState
+    power: PowerTracker
 
     def __init__(self, settings: PlannerSettings, mission: Mission, own: PaperSettings | None = None) -> None:
         super().__init__(settings, mission)
         self._own = own = own or PaperSettings()
+        horizon_s = None if own.horizon_s == "period" else own.horizon_s
+        self.power = PowerTracker(settings.estimator, mission, horizon_s)
         if own.solver != SUBROUTINE:
             require_osqp()
         self._rho = mission.plan.path_count
@@ -150,17 +152,15 @@ class PaperPlanner(Planner):
         self._computing_plan_w: FloatArray = np.zeros(0)
 
     @classmethod
-    def faults(
-        cls, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission
-    ) -> list[tuple[str, str, str]]:
+    def faults(cls, settings: PlannerSettings, mission: Mission) -> list[tuple[str, str, str]]:
         """Settings that the mission contradicts; see `Planner.faults`."""
-        found, own = super().faults(settings, estimator, mission), settings.own
+        found, own = super().faults(settings, mission), settings.own
         if own.horizon_s != "period" and own.horizon_s > MAX_STEPS * settings.every_s:
             message = f"more than {MAX_STEPS} steps of {settings.every_s:g} s in {own.horizon_s:g} s"
             found.append(
                 ("horizon_s", message, f"at most {MAX_STEPS * settings.every_s:g} s, or a larger planner.every_s")
             )
-        sizes = (2 * estimator.order + 1, len(mission.plan.names))
+        sizes = (2 * settings.estimator.order + 1, len(mission.plan.names))
         for i, (name, weight, size) in enumerate(zip("QR", own.cost_weights, sizes, strict=True)):
             problem = "" if isinstance(weight, float | int) else _matrix_fault(weight, size)
             if problem:
@@ -175,11 +175,11 @@ class PaperPlanner(Planner):
 
     def update(self, state: FlightState) -> Decision:
         """Re-plan when due, and at once when the state of charge jumps."""
-        self._state, self._laps, o = state, state.laps, state.now
+        self._laps, o = self.power.laps, state.now
         path = o.parameters[: self._rho]
         if path != self._flown_path:
             # α0 steps by Ω (c − c⁻): 002, Eq. 7
-            state.shift_level(self._gained_w(path))
+            self.power.shift_level(self._gained_w(path))
             self._flown_path = path
         jumped = state.soc_before is not None and abs(o.soc - state.soc_before) > SOC_JUMP
         if not self._laps_known() or o.time_s < self._own.start_after_s - 1e-9:
@@ -233,7 +233,7 @@ class PaperPlanner(Planner):
         nothing = NOTHING_TO_CHOOSE, 0, 0, None, NOTHING_TO_CHOOSE
         record = DecisionRecord(o.time_s, TIME, o.stage, o.cursor.lap, decided, *nothing)
         if not free:
-            self._computing_plan_w = np.full(self._steps(), self._state.computing_w)
+            self._computing_plan_w = np.full(self._steps(), self.power.computing_w)
             return decided, record
         horizon, forecast = self._horizon(o, decided[: self._rho]), self._horizon_forecast(o)
         values, powers_w = [sets[i].lo for i in free], None
@@ -277,7 +277,7 @@ class PaperPlanner(Planner):
 
     def _steps(self) -> int:
         """Number of steps of the horizon."""
-        return min(max(1, round(self._state.horizon_s / self._settings.every_s)), MAX_STEPS)
+        return min(max(1, round(self.power.horizon_s / self._settings.every_s)), MAX_STEPS)
 
     def _horizon(self, o: Observation, path: Vector) -> Horizon:
         """The optimal control problem on the stage being flown, built once for each key.
@@ -330,10 +330,10 @@ class PaperPlanner(Planner):
         steps, every_s = self._steps(), self._settings.every_s
         instants_s = np.arange(1.0, steps * SAMPLES_PER_STEP + 1) * (every_s / SAMPLES_PER_STEP)
         worst = self._own.constraint_at == "worst"
-        motion = self._state.estimator.forecast(instants_s).reshape(steps, SAMPLES_PER_STEP)
+        motion = self.power.estimator.forecast(instants_s).reshape(steps, SAMPLES_PER_STEP)
         limit = motion.max(axis=1) if worst else motion[:, -1]
         mean = np.maximum(motion.sum(axis=1) / SAMPLES_PER_STEP, 0.0)
-        return HorizonForecast(limit, mean, o.soc, every_s, self._state.estimator.state_w, self._state.period_s)
+        return HorizonForecast(limit, mean, o.soc, every_s, self.power.estimator.state_w, self.power.period_s)
 
     # --- path
 
@@ -440,10 +440,10 @@ class PaperPlanner(Planner):
         # `head` steps of the horizon, then the steps of one period; `of_step` is the horizon's step that gives each one
         # its computations
         head = max(1, round(len(computing_w) * every_s / step_s))
-        count = head + max(1, round((self._state.period_s or step_s) / step_s))
+        count = head + max(1, round((self.power.period_s or step_s) / step_s))
         at_s = np.arange(count, dtype=np.float64) * step_s
         of_step = np.minimum(at_s // every_s, len(computing_w) - 1).astype(int)
-        motion_w = self._state.estimator.forecast(at_s + 0.5 * step_s)
+        motion_w = self.power.estimator.forecast(at_s + 0.5 * step_s)
         power_w = np.maximum(motion_w + gained_w, 0.0) + computing_w[of_step]
         battery = self._mission.battery.near((o.soc + self._settings.reserve_soc) / 2)
         return _lasting_s(power_w, head, step_s, spare, battery)

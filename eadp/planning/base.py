@@ -27,6 +27,7 @@ from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import Route
 from eadp.models.plan.stage import Box
 from eadp.models.vehicle import Airframe
+from eadp.plug_ins import plug_in
 
 SOC_JUMP = 0.01
 Levels = Annotated[tuple[NotNegative, ...], Len(1, 1000)]
@@ -326,6 +327,9 @@ class PlannerSettings:
 
     plug_in: Any = None
     """Settings of the planner that is named, where it is another package's."""
+
+    estimator: Any = field(default_factory=lambda: plug_in("estimators", "power").own_settings())
+    """Settings of the estimator of the power."""
 
     @property
     def own(self) -> Any:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from eadp.models.plan.cursor import Vector
-from eadp.papers.estimator import EstimatorSettings
 from eadp.planning.base import Decision, Mission, Observation, PlannerSettings, Readings
-from eadp.planning.registry import Planner, planner_class
+from eadp.planning.registry import Planner, PowerEstimator, planner_class
 from eadp.planning.state.flight_state import FlightState
+from eadp.planning.state.queue import Seen
+from eadp.plug_ins import plug_in
 
 
 class PlannedFlight:
@@ -20,10 +21,14 @@ class PlannedFlight:
     state : FlightState
     parameters : tuple of float
         Those of take-off.
+    power : PowerEstimator, optional
+        For the log; by default the planner's, if it has one.
     """
 
-    def __init__(self, planner: Planner, state: FlightState, parameters: Vector) -> None:
-        self.planner, self.state = planner, state
+    def __init__(
+        self, planner: Planner, state: FlightState, parameters: Vector, power: PowerEstimator | None = None
+    ) -> None:
+        self.planner, self.state, self.power = planner, state, planner.power or power
         self.decision = Decision(parameters)
 
     def take(self, seen: Readings | Observation) -> Decision:
@@ -33,10 +38,13 @@ class PlannedFlight:
         """
         if isinstance(seen, Readings):
             self.state.ingest(seen)
+            taken: Readings | Seen = seen
         else:
-            self.state.observe(seen)
-            if seen.on_plan:
-                self.decision = self.planner.update(self.state)
+            taken = self.state.observe(seen)
+        if self.power is not None:
+            self.power.take(taken)
+        if isinstance(taken, Seen) and taken.observation.on_plan:
+            self.decision = self.planner.update(self.state)
         return self.decision
 
     def keep(self, parameters: Vector, held: Mapping[int, float]) -> None:
@@ -46,10 +54,10 @@ class PlannedFlight:
         self.planner.hold(held)
 
 
-def make_flight(settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission) -> PlannedFlight:
+def make_flight(settings: PlannerSettings, mission: Mission, *, logged: bool = False) -> PlannedFlight:
     """A new flight with the planner that the settings name, with its own section of them, if they have it.
 
-    Where that section has a number `horizon_s`, the power is estimated so far ahead.
+    `logged` is whether its power is estimated for a log, where the planner does not ask for it.
 
     Raises
     ------
@@ -57,6 +65,6 @@ def make_flight(settings: PlannerSettings, estimator: EstimatorSettings, mission
         On an unknown name.
     """
     planner = planner_class(settings.name)(settings, mission, settings.own)
-    horizon_s = getattr(settings.own, "horizon_s", None)
-    state = FlightState(mission, settings.weights, estimator, horizon_s if isinstance(horizon_s, float | int) else None)
-    return PlannedFlight(planner, state, mission.parameters)
+    state = FlightState(mission, settings.weights, settings.estimator.every_s)
+    power = plug_in("estimators", "power")(settings.estimator, mission) if logged and planner.power is None else None
+    return PlannedFlight(planner, state, mission.parameters, power)

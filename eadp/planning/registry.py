@@ -3,16 +3,48 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, ClassVar
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, ClassVar, Protocol
 
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, printable
-from eadp.papers.estimator import EstimatorSettings
-from eadp.planning.base import Decision, Mission, PlannerSettings, SolverReport, trade_off_faults
+from eadp.models.battery import Battery
+from eadp.models.world import Step
+from eadp.planning.base import Decision, Mission, PlannerSettings, Readings, SolverReport, trade_off_faults
 from eadp.planning.forecast.held import Preflight, held_preflight
 from eadp.planning.state.flight_state import FlightState
+from eadp.planning.state.queue import Seen
 from eadp.plug_ins import OWN, plug_in
+
+
+class PowerEstimator(Protocol):
+    """Estimates the power of a flight, for a planner that asks it and for the log; made of its settings and a mission.
+
+    Attributes
+    ----------
+    period_s : float or None
+        Period of the power [s]; None if there is none.
+    """
+
+    own_settings: ClassVar[type]
+    """Dataclass of its settings."""
+
+    @property
+    def period_s(self) -> float | None: ...
+
+    def __init__(self, settings: Any, mission: Mission) -> None: ...
+
+    def take(self, seen: Readings | Seen) -> None:
+        """Take what the state of the flight has taken."""
+
+    def estimates(self, times_s: Sequence[float]) -> tuple[list[float], Sequence[Any]]:
+        """Forecasts of the last reading before each instant since the last call [W], and the estimates after it."""
+        ...
+
+    @staticmethod
+    def table(steps: Sequence[Step], estimates: Sequence[Any], battery: Battery) -> Iterator[Sequence[str | float]]:
+        """Header and rows of a table of the estimates at steps."""
+        ...
 
 
 class Planner:
@@ -35,6 +67,9 @@ class Planner:
     own_settings: ClassVar[type | None] = None
     """Dataclass of this planner's own settings, if it has any."""
 
+    power: PowerEstimator | None = None
+    """Its estimator of the power, where it asks one: it takes what the state takes, and the log has its estimates."""
+
     optimises_to_end: ClassVar[bool] = False
     """Whether the planner chooses its parameters so that they last to the end of the mission."""
 
@@ -44,9 +79,7 @@ class Planner:
         self._decision = Decision(mission.parameters)
 
     @classmethod
-    def faults(
-        cls, settings: PlannerSettings, estimator: EstimatorSettings, mission: Mission
-    ) -> list[tuple[str, str, str]]:
+    def faults(cls, settings: PlannerSettings, mission: Mission) -> list[tuple[str, str, str]]:
         """Own settings that the mission contradicts: the key within them, what is wrong, and what was expected."""
         return trade_off_faults(getattr(settings.own, "trade_offs", ()), mission.plan)
 
@@ -75,9 +108,6 @@ class Planner:
     def hold(self, held: Mapping[int, float]) -> None:
         """Take the parameters, by index, that stay at a value whatever is decided; all others may change."""
 
-
-if TYPE_CHECKING:
-    pass
 
 PLANNERS = tuple(OWN["planners"])
 """The planners of eadp. Their settings are sections of their names."""

@@ -6,13 +6,16 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from eadp.api.flight import Flight, record_row
 from eadp.core.geometry.curves import LINE, Point
 from eadp.errors import EadpError
 from eadp.io.flight import flight_facts, flown_coverage, flown_of_plan, setting_text
+from eadp.io.page import REPORT, Decisions, Series, Steps, page_html, significant
 from eadp.io.scenario import Scenario
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.legs import Leg, leg_points
@@ -23,14 +26,11 @@ from eadp.models.plan.trace import nominal_legs
 from eadp.models.weather import Wind
 from eadp.models.world import World
 from eadp.planning.base import FALLBACK, INFEASIBLE, TIME, TURNS_BACK
-from eadp.report.page import changes, evenly, significant, thinned
+from eadp.report.series import changes, evenly, of_errors
 from eadp.report.words import flight_words
 
-POSITION_M, HEADING_RAD, SOC, ALTITUDE_M = 0.3, 0.05, 5e-4, 0.5
-"""Errors of thinned positions [m], headings [rad], charges and altitudes [m]."""
-
-POWER_SHARE = 1 / 400
-"""Error of thinned powers, as a share of their range."""
+LEVEL_M = 1.0
+"""Range of altitudes above which they are drawn [m]."""
 
 MAX_DECISIONS, MAX_HORIZONS, MAX_ROUTES = 3000, 300, 40
 MAX_POINTS, LEG_POINTS = 60_000, 4
@@ -43,7 +43,6 @@ WIND_ROWS = 200
 CURVE_PARTS = 24
 """Most parts in which a leg that is no line is drawn, of 1 m at least."""
 
-NO_HORIZONS: dict[str, Any] = {"t": [], "s": [], "w": []}
 Row = Mapping[str, Any]
 
 
@@ -71,6 +70,14 @@ class FlownFlight:
     columns: Mapping[str, Sequence[float]]
     estimates: Sequence[Sequence[Any]]
     decisions: Sequence[Row]
+
+
+def write_page(flight: Flight, folder: Path) -> None:
+    """Write the page of a flight into its result folder."""
+    rows = [record_row(record, flight.inputs.world.plan.names) for record in flight.decisions]
+    inputs, table = flight.inputs, flight.estimate_rows
+    flown = FlownFlight(inputs.world, inputs.scenario, flight.summary, flight.lists, table, rows)
+    (folder / REPORT).write_text(page_html("flight", flight_data(flown)), encoding="utf-8")
 
 
 def flight_data(flight: FlownFlight) -> dict[str, Any]:
@@ -142,29 +149,24 @@ def _series(columns: Mapping[str, Sequence[float]]) -> dict[str, Any]:
     """Position, power, charge and altitude, thinned."""
     times = columns["time_s"]
     path = {"x": columns["x_m"], "y": columns["y_m"], "heading": np.unwrap(columns["heading_rad"]).tolist()}
-    errors = {"x": POSITION_M, "y": POSITION_M, "heading": HEADING_RAD}
-    if "lat_deg" in columns:  # a millionth of a degree is 0.1 m
+    if "lat_deg" in columns:
         path |= {"lat": columns["lat_deg"], "lon": columns["lon_deg"]}
-        errors |= {"lat": 1e-5, "lon": 1e-5}
-    power = {"w": columns["power_w"], "forecast_w": columns["power_forecast_w"]}
-    known = [*power["w"], *power["forecast_w"]]
-    error_w = max((max(known) - min(known)) * POWER_SHARE, 0.01)
-    data = {
-        "path": thinned(times, path, errors),
-        "power": thinned(times, power, dict.fromkeys(power, error_w)),
-        "charge": thinned(times, {"soc": columns["soc"]}, {"soc": SOC}),
+    series = {
+        "path": path,
+        "power": {"w": columns["power_w"], "forecast_w": columns["power_forecast_w"]},
+        "charge": {"soc": columns["soc"]},
     }
     altitude = columns.get("altitude_m", [0.0])
-    if max(altitude) - min(altitude) > 2 * ALTITUDE_M:
-        data["altitude"] = thinned(times, {"m": altitude}, {"m": ALTITUDE_M})
-    return data
+    if max(altitude) - min(altitude) > LEVEL_M:
+        series["altitude"] = {"m": altitude}
+    return {name: of_errors(Series(times, values)) for name, values in series.items()}
 
 
 def _horizons(rows: Sequence[Sequence[Any]]) -> dict[str, Any]:
     """Forecasts of the power over the planner's horizon, some of them: times, horizons [s] and values [W]."""
     head, *body = rows or [[]]
     if not body:
-        return NO_HORIZONS
+        return {"t": [], "s": [], "w": []}
     first, horizon = head.index("forecast_0_w"), head.index("horizon_s")
     chosen = [body[i] for i in evenly(len(body), MAX_HORIZONS)]
     return {
@@ -184,6 +186,22 @@ def _field(plan: Plan, columns: Mapping[str, Sequence[float]]) -> dict[str, Any]
         "swath_m": plan.site.swath_m,
         "covered": covered and {"t": covered[0], "share": [significant(share) for share in covered[1]]},
     }
+
+
+def finished(data: Mapping[str, Any]) -> dict[str, Any]:
+    """The data of a `PageSource` as a page has them."""
+    steps: dict[str, Any] = _finished(data.get("steps", {}))
+    return {name: _finished(value) for name, value in data.items() if name != "steps"} | steps
+
+
+def _finished(value: Any) -> Any:
+    if isinstance(value, list):
+        return [finished(each) if isinstance(each, dict) else each for each in value]
+    if isinstance(value, Series):
+        return of_errors(value)
+    if isinstance(value, Steps):
+        return changes(*value)
+    return decisions_data(*value) if isinstance(value, Decisions) else value
 
 
 # --- decisions

@@ -10,10 +10,11 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-from eadp.api.flight import REPORT
+from eadp.api.flight import OVERRIDES, SUMMARY
 from eadp.api.given import File
 from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.errors import EadpError, Fault, InputError, printable, refuse
+from eadp.io.page import PageSource, check_page, page_html, page_of
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.sources import is_mission
 from eadp.io.scenario import read_overrides, vehicle_path
@@ -21,13 +22,10 @@ from eadp.io.text.csv import number_fault, read_rows
 from eadp.io.text.json import json_lines
 from eadp.io.text.streams import Text, output_file, read_text, write_bytes, write_text
 from eadp.io.text.yaml import read_yaml
-from eadp.live.log_page import log_data
-from eadp.report.flight import FlownFlight, flight_data
+from eadp.plug_ins import plug_ins
+from eadp.report.flight import FlownFlight, finished, flight_data
 from eadp.report.flights import DrawnFlight, comparison, draw_flights, flights_data, table_text
-from eadp.report.page import check_page, page_html
-from eadp.sweep.page import sweep_data
 
-SQLITE = b"SQLite format 3\0"
 COMPARISON = "comparison.html"
 
 
@@ -66,23 +64,12 @@ def write_comparison(folders: Sequence[str], out: str | None = None) -> tuple[st
     return str(page), table
 
 
-def page_of(result: str) -> Path:
-    """Where the page of a result goes by default."""
-    path = Path(result)
-    if os.path.isdir(path):
-        return path / REPORT
-    return path.with_name(f"{path.name}.html") if path.suffix == ".html" else path.with_suffix(".html")
-
-
 def _data(path: Path, page: Path, keep: str | None) -> tuple[str, dict[str, Any]]:
     """The kind of a result's page, and its data."""
     faulty = path / SUMMARY if os.path.isdir(path) else path
     with _whole(str(faulty)):
-        if os.path.isdir(path):
-            return "flight", flight_data(read_folder(path))
-        if _is_database(path):
-            return "sweep", sweep_data(str(path), page, keep)
-        return "flight", log_data(read_text(str(path)))
+        source: PageSource = next(each for each in plug_ins("pages") if each.recognises(path))
+        return source.kind, finished(source.data(path, page, keep))
 
 
 @contextmanager
@@ -95,14 +82,6 @@ def _whole(name: str) -> Iterator[None]:
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         what = f"is damaged: {type(error).__name__}: {printable(str(error))}"
         raise InputError.at(name, 1, 1, what, "a result of eadp, whole") from None
-
-
-def _is_database(path: Path) -> bool:
-    try:
-        with path.open("rb") as stream:
-            return stream.read(len(SQLITE)) == SQLITE
-    except (OSError, ValueError):  # its fault is that of a text
-        return False
 
 
 def report(result: File | Sequence[File], out: File | None = None, keep: File | None = None) -> str:
@@ -139,9 +118,6 @@ def report(result: File | Sequence[File], out: File | None = None, keep: File | 
     return target
 
 
-SUMMARY, OVERRIDES = "summary.json", "overrides.txt"
-
-
 def read_folder(folder: Path) -> FlownFlight:
     """The flight of a result folder.
 
@@ -164,6 +140,10 @@ def read_folder(folder: Path) -> FlownFlight:
         estimates=_table(estimates) if estimates.exists() else [],
         decisions=json_lines(read_text(str(decisions))) if decisions.exists() else [],
     )
+
+
+FOLDER = PageSource("flight", os.path.isdir, lambda path, page, keep: flight_data(read_folder(path)))
+"""The page of a result folder."""
 
 
 def read_flights(folders: Sequence[str]) -> list[DrawnFlight]:

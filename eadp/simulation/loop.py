@@ -19,7 +19,6 @@ from eadp.models.battery import CUT_OFF
 from eadp.models.plan.cursor import Rules, Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.world import Step, World
-from eadp.papers.estimator import PowerEstimate
 from eadp.planning.base import DecisionRecord, Observation, Readings, Sample
 from eadp.planning.flight import PlannedFlight
 from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, home_plan, state_of
@@ -69,8 +68,8 @@ class Outcome:
     turned_back_m: Point | None = None
     """When [s] and where [m] the plan was given up for home."""
     records: list[DecisionRecord] = field(default_factory=list)
-    estimates: list[PowerEstimate] = field(default_factory=list)
-    """The planner's estimate of the power at each step of the log."""
+    estimates: list[Any] = field(default_factory=list)
+    """The flight's estimate of the power at each step of the log."""
 
 
 def fly(world: World, flight: PlannedFlight, outcome: Outcome) -> Iterator[Step]:
@@ -331,14 +330,15 @@ class _SensorBridge:
             self._outcome.records.append(decision.record)
 
     def log_rows(self, rows: list[list[float]], k: int, stage: int, parameters: Vector) -> list[Step]:
-        """Pass readings up to step `k` on; return rows of the inner loop with what the planner forecast, as steps.
+        """Pass readings up to step `k` on; return rows of the inner loop with the power that was forecast, as steps.
 
-        The planner's estimates go into the outcome.
+        The estimates of the power go into the outcome.
         """
         self.ingest(k)
         self.logged_to = int(rows[-1][0])
         times_s = [row[0] * self._step_s for row in rows]
-        forecasts_w, estimates = self._flight.state.estimates(times_s)
+        assert self._flight.power is not None
+        forecasts_w, estimates = self._flight.power.estimates(times_s)
         self._outcome.estimates += estimates
         return [
             Step(time_s, stage, x, y, altitude, heading, power_w, forecast_w, soc, parameters)

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.polygons import Ring
 from eadp.errors import InputError
+from eadp.io.page import page_html
 from eadp.io.text.json import json_lines
 from eadp.io.text.streams import new_folder, read_text
 from eadp.plug_ins import plug_in
-from eadp.report.page import page_html
 from eadp.survey.figures import write_sorties_figure
 from eadp.survey.sorties import SCHEMA, SortiePlan
 

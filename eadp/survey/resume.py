@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from eadp.api.flight import SUMMARY
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import Files
 from eadp.core.arrays import BoolArray, FloatArray
@@ -22,7 +23,6 @@ from eadp.models.field import Field
 from eadp.models.plan.plan import Plan
 from eadp.models.track import PictureTrack
 from eadp.plug_ins import plug_in
-from eadp.report.report import SUMMARY, read_folder
 from eadp.survey.cover import CoverageOptions, coverage_task, flight_keys, picture_warnings
 from eadp.survey.coverage import DUBINS, ZAMBONI
 from eadp.survey.packs import whole_lines
@@ -155,7 +155,7 @@ def _read(source: str, planner: SortiePlanner, warn: Warn) -> list[FlownSurvey]:
 
 def _of_folder(folder: Path, planner: SortiePlanner, warn: Warn) -> FlownSurvey:
     """The flight of a result folder. Raises InputError where its plan has another origin than the field."""
-    flight, field = read_folder(folder), planner.task.field
+    flight, field = plug_in("results", "flight")(folder), planner.task.field
     plan = flight.world.plan
     origin, own = plan.site.origin_deg, field.origin_deg
     if (origin is None) != (own is None) or (origin and own and math.dist(origin, own) > 1e-6):

@@ -97,11 +97,11 @@ def command(
     Exit code 0 if every run was made, whether its flight completes or not; 1 if some could not be made, or are not what
     --require asks for; 2 on bad input.
     """
+    from eadp.io.page import check_page, page_of
     from eadp.io.scenario import read_overrides
     from eadp.io.text.streams import output_file, read_text, write_text
-    from eadp.report.page import check_page
-    from eadp.report.report import page_of, report
     from eadp.sweep import text as sweep_text
+    from eadp.sweep.page import write_page
     from eadp.sweep.results import Results
     from eadp.sweep.statistics import totals
     from eadp.sweep.sweep_file import read_sweep
@@ -125,7 +125,7 @@ def command(
             results.forget_failures()
         _make(sweep, results, options)
         if out is not None:
-            report(out, keep=options.keep)
+            write_page(out, options.keep)
         flights = sweep.flights(results.rows())
         whole = totals(flights)
         if whole.distinct < whole.flights:

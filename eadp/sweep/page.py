@@ -16,7 +16,8 @@ import numpy as np
 from eadp.errors import printable
 from eadp.io.figures.canvas import COLOURS, Axes, figure_file
 from eadp.io.flight import percent_text
-from eadp.report.page import significant
+from eadp.io.page import PageSource, page_html, page_of, significant
+from eadp.io.text.streams import write_text
 from eadp.sweep.results import COLUMNS, Results
 from eadp.sweep.statistics import SweepFlight, Table, completed_interval, distinct, label_of, marginal, wilson_interval
 
@@ -100,6 +101,26 @@ def sweep_data(path: str, page: Path, keep: str | None = None) -> dict[str, Any]
         "folder": None if keep is None else Path(os.path.relpath(keep, page.parent)).as_posix(),
         "runs": runs,
     }
+
+
+def write_page(path: str, keep: str | None = None) -> None:
+    """Write the page of a results file beside it. `keep` is where the runs' folders are."""
+    page = page_of(path)
+    write_text(str(page), page_html("sweep", sweep_data(path, page, keep)))
+
+
+SQLITE = b"SQLite format 3\0"
+
+
+def _is_database(path: Path) -> bool:
+    try:
+        with path.open("rb") as stream:
+            return stream.read(len(SQLITE)) == SQLITE
+    except (OSError, ValueError):  # its fault is that of a text
+        return False
+
+
+PAGE = PageSource("sweep", _is_database, lambda path, page, keep: sweep_data(str(path), page, keep))
 
 
 def _figures(row: Mapping[str, Any]) -> dict[str, Any]:

@@ -12,8 +12,8 @@ from typing import Any
 
 from eadp.cli.output import emit, json_text
 from eadp.errors import printable
+from eadp.io.page import page_of
 from eadp.io.text.json import aligned
-from eadp.report.report import page_of
 from eadp.sweep.results import COLUMNS, Results
 from eadp.sweep.statistics import (
     Group,

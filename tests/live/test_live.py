@@ -53,7 +53,7 @@ def live(inputs):
     scenario = inputs.scenario
     return LiveFlight(
         inputs.mission,
-        lambda mission: make_flight(scenario.planner, scenario.estimator, mission),
+        lambda mission: make_flight(scenario.planner, mission),
         lambda mission: HeldForecast(scenario.planner, mission),
         scenario.planner.every_s,
     )

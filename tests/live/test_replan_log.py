@@ -15,6 +15,7 @@ from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.live.log_page import log_data
+from eadp.report.flight import finished
 
 PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
 TELEMETRY = ROOT / "scenarios/example-telemetry.jsonl"
@@ -71,7 +72,7 @@ def test_the_page_of_a_flight_over_a_link(eadp, tmp_path):
 
     def shown(head):
         text = "".join(f"{json.dumps(line)}\n" for line in (head, *lines))
-        return log_data(Text("flight.log", text))
+        return finished(log_data(Text("flight.log", text)))
 
     page = shown(head)
     for name, i in (("x", 0), ("y", 1)):
@@ -99,7 +100,7 @@ def test_pages_of_flights_beside_an_autopilot(flight):
     path = ROOT.parent / "shared/reference/autopilot" / flight / "log.jsonl"
     if not path.is_file():
         pytest.skip("the recordings are not there")
-    page = log_data(read_text(str(path)))
+    page = finished(log_data(read_text(str(path))))
     assert np.ptp([x for x in page["path"]["x"] if x is not None]) > 100
     assert page["charge"]["soc"] or page["drawn"]["ah"]
 

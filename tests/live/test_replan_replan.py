@@ -11,8 +11,8 @@ from eadp.io.text.streams import Text
 from eadp.live.flight import NOT_FLOWN, RETURNS
 from eadp.live.gate import APPLY_S
 from eadp.live.replanner import Replanner
+from eadp.papers.power import LAP_ENDS, PowerTracker
 from eadp.planning.state.known import TimeRatio
-from eadp.planning.state.power import LAP_ENDS, PowerTracker
 from eadp.simulation.loop import Outcome, fly
 
 START_S = 60.0

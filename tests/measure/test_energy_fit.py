@@ -7,10 +7,10 @@ import pytest
 from common import few
 from scipy.signal import lfilter
 
+from eadp.core.disturbance import DisturbanceFit
 from eadp.measure import energy_fit
 from eadp.measure.energy_fit import fit_energy
 from eadp.models.energy import EnergyModel
-from eadp.papers.forecasting import DisturbanceFit
 
 PERIOD_S, STEP_S = 46.0, 0.5
 TIMES = np.arange(0, 5 * PERIOD_S, STEP_S)

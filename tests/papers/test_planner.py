@@ -18,7 +18,6 @@ from eadp.models.vehicle import PowerCurve
 from eadp.papers.estimator import EstimatorSettings
 from eadp.papers.planner import PaperPlanner, PaperSettings, _crossing_s, _lasting_s, _matrix_fault
 from eadp.planning.base import Mission, PlannerSettings, TradeOff
-from eadp.planning.state.flight_state import FlightState
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.0, 12.0]))
@@ -26,14 +25,15 @@ VEHICLE = PowerCurve(cruise_altitude_m=0.0)
 MISSION = Mission(PLAN, join_profile(PLAN, PROFILE), Battery(), VEHICLE, (0.0, 10.0), (-100.0, 220.0))
 
 
-def settings(**own):
+def settings(order=3, **own):
     shared = PlannerSettings(every_s=0.5)
     # the registry gives settings classes that hold each planner's section
-    return type("Settings", (), {"own": PaperSettings(**own), "every_s": shared.every_s})()
+    estimator = EstimatorSettings(order=order)
+    return type("Settings", (), {"own": PaperSettings(**own), "every_s": shared.every_s, "estimator": estimator})()
 
 
 def faults(order=3, **own):
-    return PaperPlanner.faults(settings(**own), EstimatorSettings(order=order), MISSION)
+    return PaperPlanner.faults(settings(order, **own), MISSION)
 
 
 def test_horizons_of_more_than_400_steps_are_a_fault():
@@ -138,7 +138,6 @@ def test_stages_with_other_fixed_computations_have_powers_of_their_own():
         plan, _ = read_plan(Text("two", text.format(fixed, fixed)))
         mission = Mission(plan, join_profile(plan, profile), Battery(), VEHICLE, (10.0, float(fixed)), (100.0, 0.0))
         pilot = PaperPlanner(PlannerSettings(), mission)
-        pilot._state = FlightState(mission)
         stages = [SimpleNamespace(stage=k, parameters=mission.parameters, soc=0.8) for k in (1, 2)]
         first, second = (pilot._horizon(o, ()) for o in stages)
         assert [first.powers_w[0], first.powers_w[-1]] == pytest.approx([lowest_w, lowest_w + 8.0])

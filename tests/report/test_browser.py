@@ -8,7 +8,7 @@ import re
 import pytest
 from common.pages import Page
 
-from eadp.report.page import page_html
+from eadp.io.page import page_html
 
 SIZES = [(1440, 900, False), (820, 1100, False), (390, 844, True)]
 

@@ -9,7 +9,7 @@ from common import ROOT
 from common.pages import Page
 
 from eadp.errors import InputError
-from eadp.report.page import check_page, data_json, page_html
+from eadp.io.page import check_page, data_json, page_html
 
 NASTY = [
     "</script><script>alert(1)</script>",
@@ -51,7 +51,7 @@ def test_the_library_has_its_licence():
 
 
 def test_scripts_insert_text_alone():
-    for path in (ROOT / "eadp/io/report/assets").glob("*.js"):
+    for path in (ROOT / "eadp/io/assets").glob("*.js"):
         text = path.read_text(encoding="utf-8")
         for word in (
             "innerHTML",

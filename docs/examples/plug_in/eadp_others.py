@@ -1,11 +1,14 @@
-"""What another package adds beside a planner: an airframe, cells, a coverage pattern, formats of logs and missions."""
+"""What another package adds beside a planner: an airframe, cells, a pattern, formats, a file of results, a command."""
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from typer import Option
 
+from eadp.api.simulate import simulate
+from eadp.cli.output import emit, warn
 from eadp.errors import InputError
 from eadp.exchange.items import RELATIVE, WAYPOINT, DraftItem, MissionDraft
 from eadp.exchange.reader import MissionFormat
@@ -68,3 +71,25 @@ CORNERS = MissionFormat("corners", lambda head: head.startswith("corners\n"), re
 def corners_text(path):
     """The path as the format of `read_corners`."""
     return "corners\n" + "".join(f"{lat:.7f} {lon:.7f} {altitude:g}\n" for lat, lon, altitude in path.drawn())
+
+
+def stage_lines(flight):
+    """The energy of each stage of a flight, as lines of a table."""
+    columns = flight.columns
+    energies_wh = columns["power_w"] * np.diff(columns["time_s"], prepend=0.0) / 3600
+    stages = np.unique(columns["stage"]).astype(int).tolist()
+    return ["stage,energy_wh", *(f"{stage},{energies_wh[columns['stage'] == stage].sum():.3f}" for stage in stages)]
+
+
+def write_stages(flight, folder):
+    """Write `stages.csv` into the folder of a flight."""
+    (folder / "stages.csv").write_text("\n".join(stage_lines(flight)) + "\n")
+
+
+def stages(plan: str, profile: Annotated[str | None, Option(help="Computation profile.")] = None) -> int:
+    """Example: eadp stages plans/survey.plan --profile profiles/pednet-letter.yaml
+
+    Fly a plan, and print the energy of each stage.
+    """
+    emit("\n".join(stage_lines(simulate(plan, profile=profile, warn=warn))))
+    return 0

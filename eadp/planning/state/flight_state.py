@@ -1,37 +1,39 @@
-"""The state of a flight, the one recipient of its readings: wind, power, times, charge, navigation, climb, ground seen.
+"""The state of a flight, of its readings: wind, power, times, charge, navigation, climb, ground seen.
 
-Planners and forecasts ask it what is known. Readings and observations wait in one queue until it is asked, and are
-processed in their order: the filters as far as all of it, the estimator of the power as far as the time that it is
-asked for. A planner that never asks costs nothing, and what it answers does not depend on when it is asked.
+Planners and forecasts ask it what is known. Readings and observations wait in a queue until it is asked, and are
+processed in their order. A planner that never asks costs nothing, and what it answers does not depend on when it is
+asked.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.errors import PathUndefined
-from eadp.models.plan.cursor import PlanCursor
+from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.ground import GroundLog
 from eadp.models.plan.route import Route, RoutePredictor
 from eadp.models.vehicle import PaperVehicle
-from eadp.papers.estimator import Estimator, EstimatorSettings, PowerEstimate
 from eadp.planning.base import Mission, Observation, Readings, Sample
 from eadp.planning.state.charge import MAX_STEP_S, ChargeFilter, DrainModel
 from eadp.planning.state.climb import ClimbFollower
 from eadp.planning.state.known import ChargeKnown, Known, TimeKnown, TimeRatio
 from eadp.planning.state.motion import MotionPower
-from eadp.planning.state.power import MAX_OF_MOTOR, PowerGate, PowerTracker
+from eadp.planning.state.power import PowerGate, max_reading_w
 from eadp.planning.state.queue import SAME_TIME_S, ReadingQueue, Seen
 from eadp.planning.state.voltage import VoltageWatch
 from eadp.planning.state.wind import HEADING_DISBELIEVED, FlightWind
 
 MAX_AIRSPEEDS = 5.0
 """Ratio of a measured airspeed to that of cruise, or the inverse, above which it is false."""
+
+READ_S = 0.1
+"""Default least time between readings [s]."""
 
 NAVIGATION_M = 0.25, 10.0
 """Least and greatest standard deviation of how far the aircraft reaches [m]."""
@@ -52,10 +54,8 @@ class FlightState:
     mission : Mission
     weights : mapping of name to float, optional
         Weights of the parameters in U.
-    estimator : EstimatorSettings, optional
-        Of the power; its `every_s` is the least time between readings: an observation sooner after one is none.
-    horizon_s : float, optional
-        How far ahead the planner looks at the power [s]; by default one period.
+    every_s : float, optional
+        Least time between readings [s]: an observation sooner after one is none.
 
     Attributes
     ----------
@@ -65,14 +65,8 @@ class FlightState:
         That flies; whoever reads its parameters in flight replaces it.
     """
 
-    def __init__(
-        self,
-        mission: Mission,
-        weights: Mapping[str, float] | None = None,
-        estimator: EstimatorSettings | None = None,
-        horizon_s: float | None = None,
-    ) -> None:
-        settings, self._mission = estimator or EstimatorSettings(), mission
+    def __init__(self, mission: Mission, weights: Mapping[str, float] | None = None, every_s: float = READ_S) -> None:
+        self._mission = mission
         self._place = _Place(mission)
         self._ground = GroundLog(mission.plan, weights or {})
         self._wind = FlightWind(mission.gust_time_s)
@@ -84,11 +78,10 @@ class FlightState:
         self._motion = MotionPower(level_w, climb_j_per_m=climb_j_per_m)
         battery = mission.battery
         full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)
-        # no reading of the power exceeds this
-        limit_w = min(float(battery.max_power_w(battery.voltage_v)), MAX_OF_MOTOR * vehicle.max_motion_w)
-        self._gate = PowerGate(vehicle.cruise_power_w, limit_w)
-        self._power = PowerTracker(settings, mission, horizon_s, limit_w)
-        self._queue = ReadingQueue(self._power, settings.every_s)
+        self._gate = PowerGate(vehicle.cruise_power_w, max_reading_w(mission))
+        self._queue = ReadingQueue(every_s)
+        self._computing_w = 0.0  # power of the computations in force [W]
+        self._computing_for: tuple[Vector, int] | None = None  # the parameters and the stage that it is of
         drain_model = DrainModel(
             empty_v=empty_v,
             rise_v=full_v - empty_v,
@@ -107,15 +100,13 @@ class FlightState:
 
     def ingest(self, readings: Readings) -> None:
         """Take readings since the last observation, all on its stage and with its parameters; they wait."""
-        self._make_room()
         self._queue.ingest(readings)
 
-    def observe(self, observation: Observation) -> None:
+    def observe(self, observation: Observation) -> Seen:
         """Take an observation, which is a reading, too, unless it is too soon after the last one; it waits.
 
         The voltage is compared at once: charge that it shows to be lost is taken off the gauge's.
         """
-        self._make_room()
         sample = observation.sample
         if sample.soc is not None:
             if sample.voltage_v is not None and sample.power_w is not None:
@@ -123,21 +114,13 @@ class FlightState:
             if self._voltage.lost > 0:
                 soc = max(sample.soc - self._voltage.lost, 0.0)
                 observation = observation._replace(sample=sample._replace(soc=soc), soc=soc)
-        self._queue.observe(observation)
         if not observation.on_plan:
             self.reached_s = observation.time_s
-
-    def shift_level(self, by_w: float) -> None:
-        """Take a known change of the power of level flight [W], see `ExactEstimator.shift_level`."""
-        self._queue.step_level(by_w)
-
-    def _make_room(self) -> None:
-        """Before something joins a full queue, have the estimator process what waits in it.
-
-        What joins is not processed: `estimates` may be asked for instants within it.
-        """
-        if self._queue.full:
-            self._queue.estimate()
+        if self._computing_for != (observation.parameters, observation.stage):
+            self._computing_for = observation.parameters, observation.stage
+            sets = observation.cursor.stage.sets
+            self._computing_w = self._mission.computing.power_w(observation.parameters, sets)
+        return self._queue.observe(observation, self._computing_w)
 
     def assume(self, wind_mps: Point, gust_std_mps: float) -> None:
         """Before take-off: take the wind of the weather forecast, and the standard deviation of its gusts [m/s]."""
@@ -151,7 +134,7 @@ class FlightState:
         place in the plan of this observation counts after them, as they were made on the stage before.
         """
         readings: Readings | None = None
-        for each in self._queue.take_unfiltered():
+        for each in self._queue.take():
             if isinstance(each, Seen):
                 if each.is_reading:
                     readings = _with_reading(readings, each.observation.sample)
@@ -162,7 +145,7 @@ class FlightState:
             else:
                 if readings is not None:
                     self._read(readings)
-                readings = each.readings
+                readings = each
         if readings is not None:
             self._read(readings)
 
@@ -179,7 +162,7 @@ class FlightState:
         elif (o.cursor.parameters, o.cursor.decided) != (place.cursor.parameters, place.cursor.decided):
             self._ground.hold(o.time_s, o.cursor, o.parameters)
         place.cursor, place.flies_mission = o.cursor, bool(o.sample.flies_mission)
-        place.computing_w = seen.powers.computing_w
+        place.computing_w = seen.computing_w
         place.returns_home, place.rejoins_at_start = o.returns_home, o.rejoins_at_start
         if o.sample.wind_mps is not None:
             self._wind.measure(o.sample.wind_mps, o.time_s)
@@ -324,45 +307,6 @@ class FlightState:
         """The wind to plan with [m/s]: measured, else estimated."""
         self._process()
         return self._wind.mps
-
-    @property
-    def laps(self) -> int:
-        """Laps flown whole."""
-        return self._power.laps
-
-    @property
-    def computing_w(self) -> float:
-        """Power of the computations in force [W]."""
-        return self._power.computing_w
-
-    @property
-    def period_s(self) -> float | None:
-        """Period of the power [s]; None if there is none."""
-        # the time of the last lap is known at once, while readings wait
-        return self._power.lap_time_s if self._power.estimator.follows_laps else self.estimator.period_s
-
-    @property
-    def horizon_s(self) -> float:
-        """How far ahead the planner forecasts the power [s]."""
-        return self._power.horizon_of_s(self.period_s)
-
-    @property
-    def estimator(self) -> Estimator:
-        """The estimator of the power, after all readings; for reading: what updates it is the queue."""
-        self._queue.estimate()
-        return self._power.estimator
-
-    def estimates(self, times_s: Sequence[float]) -> tuple[list[float], list[PowerEstimate]]:
-        """At instants since the last call [s]: forecasts of the last reading before each [W], and estimates after it.
-
-        For the rows of a simulation's log, in ascending order.
-        """
-        forecasts_w, estimates = [], []
-        for time_s in times_s:
-            self._queue.estimate(time_s + SAME_TIME_S)
-            forecasts_w.append(self._power.forecast_w)
-            estimates.append(self._power.estimate())
-        return forecasts_w, estimates
 
     @property
     def soc(self) -> float:

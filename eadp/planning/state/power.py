@@ -1,189 +1,16 @@
-"""The power of a flight as its estimator knows it, and the laps by which it does.
-
-`FlightState` feeds it from the queue of what waits, as far as it is asked. Laps are counted at once: they are known
-with the stage.
-"""
+"""Readings of the power that are false, and what no reading exceeds."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import MutableSequence, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from eadp.core.arrays import Column, FloatArray, columns
 from eadp.core.compiled import enabled, jitted
-from eadp.errors import PathUndefined
-from eadp.models.energy import EnergyModel
-from eadp.models.plan.cursor import Vector
-from eadp.models.plan.trace import nominal_legs
-from eadp.papers.estimator import (
-    MIN_NOISE_W,
-    ONE_LAP_SHARE,
-    PUBLISHED,
-    SHORTEST_DISTURBANCE_S,
-    Estimator,
-    EstimatorSettings,
-    ExactEstimator,
-    PowerEstimate,
-    PublishedEstimator,
-)
-from eadp.planning.base import Mission, Observation
-
-UNKNOWN_PERIOD_S = 6.0
-"""Horizon in place of one period if there is none [s]."""
-
-NO_LAP, LAP_STARTS, LAP_ENDS = 0, 1, 2
-"""What has happened to the laps at the start of a stage; where one ends, the next one starts."""
-
-
-class Powers(NamedTuple):
-    """Readings of the power [W], None or NaN where there is none, beside one power of the computations [W].
-
-    `lap` is what has started or ended just before the first of them, at `lap_s` [s].
-    """
-
-    times_s: Column
-    powers_w: Sequence[float | None] | FloatArray
-    computing_w: float
-    lap: int = NO_LAP
-    lap_s: float = 0.0
-
-
-class PowerTracker:
-    """Counts laps, and has the estimator of the power.
-
-    Parameters
-    ----------
-    settings : EstimatorSettings
-    mission : Mission
-    horizon_s : float, optional
-        How far ahead the planner forecasts the power [s]; by default one period.
-    limit_w : float
-        What motor and battery can deliver [W]: a reading above it is none.
-
-    Attributes
-    ----------
-    laps : int
-        Laps flown whole.
-    lap_time_s : float or None
-        Time of the last lap, known before its readings are processed [s]; before the first one the estimator's period.
-    computing_w : float
-        Power of the computations in force [W].
-    forecast_w : float
-        Forecast of the last reading [W].
-    """
-
-    def __init__(self, settings: EstimatorSettings, mission: Mission, horizon_s: float | None, limit_w: float) -> None:
-        self.estimator: Estimator = _estimator(settings, mission)
-        self.lap_time_s = self.estimator.period_s
-        self.laps, self.computing_w, self.forecast_w = 0, 0.0, 0.0
-        self._mission, self._horizon_s, self._limit_w = mission, horizon_s, limit_w
-        self._lap_from_s = math.inf  # when the lap being flown started [s]; infinite before the first
-        self._segment = 0  # in which it started
-        self._through_gap = False  # whether a gap of the telemetry lies in it
-        self._computing_for: tuple[Vector, int] | None = None  # parameters and stage that `computing_w` is of
-
-    def horizon_of_s(self, period_s: float | None) -> float:
-        """How far ahead the planner looks, by the period [s]."""
-        return self._horizon_s or period_s or UNKNOWN_PERIOD_S
-
-    def locate(self, o: Observation, *, entered: bool) -> int:
-        """Update the laps and the power of the computations by where an observation is in the plan.
-
-        Returns what has happened to the laps: `NO_LAP`, `LAP_STARTS` or `LAP_ENDS`. `entered` is whether the stage of
-        the observation has just started.
-        """
-        self._through_gap |= o.through_gap
-        if self._computing_for != (o.parameters, o.stage):
-            self._computing_for = (o.parameters, o.stage)
-            self.computing_w = self._mission.computing.power_w(o.parameters, o.cursor.stage.sets)
-        return self._count_lap(o) if entered else NO_LAP
-
-    def _count_lap(self, o: Observation) -> int:
-        """Count the lap that ends where the stage of an observation starts, if one does; return as `locate` does.
-
-        A lap counts if it was flown whole within one segment; after a gap, or in a new segment, a lap only starts.
-        """
-        before, self._segment = self._segment, o.cursor.segment
-        segment = o.cursor.table.segments[self._segment]
-        plan = self._mission.plan
-        # stages of a lap; None where nothing repeats
-        lap_stages = None if plan.segments else plan.primitive_stages
-        if segment.repeats:
-            lap_stages = segment.count
-        if lap_stages is None or (o.stage - 1 - segment.first) % lap_stages:
-            return NO_LAP
-        through_gap, self._through_gap = self._through_gap, o.through_gap
-        whole = self._segment == before and not through_gap
-        if whole:
-            self.laps += 1
-            if o.time_s > self._lap_from_s:
-                self.lap_time_s = o.time_s - self._lap_from_s
-        self._lap_from_s = o.time_s
-        return LAP_ENDS if whole else LAP_STARTS
-
-    def begin(self, powers: Powers) -> Powers:
-        """Tell the estimator of the lap that starts or ends before some readings; return the readings as arrays."""
-        if powers.lap:
-            (self.estimator.end_lap if powers.lap == LAP_ENDS else self.estimator.start_lap)(powers.lap_s)
-        times_s, powers_w = np.asarray(powers.times_s, dtype=float), np.array(powers.powers_w, dtype=float)
-        return powers._replace(times_s=times_s, powers_w=powers_w)
-
-    def observe(self, powers: Powers, first: int, until_s: float = math.inf) -> int:
-        """Update the estimator with readings as arrays, from the index `first` up to a time; return the next index."""
-        times_s, computing_w = np.asarray(powers.times_s), powers.computing_w
-        end = int(np.searchsorted(times_s, until_s, "right"))
-        motions_w = np.asarray(powers.powers_w)[first:end] - computing_w
-        for time_s, value in zip(times_s[first:end].tolist(), motions_w.tolist(), strict=True):
-            motion_w = value if value + computing_w <= self._limit_w else None  # not a number is none, too
-            self.forecast_w = self.estimator.observe(time_s, motion_w) + computing_w
-        return end
-
-    def estimate(self) -> PowerEstimate:
-        """The power as estimated after the last reading processed, beside the computations in force."""
-        return self.estimator.estimate(self.computing_w, self.horizon_of_s(self.estimator.period_s))
-
-
-def _estimator(settings: EstimatorSettings, mission: Mission) -> Estimator:
-    """The estimator that the settings name, initialised with what the mission knows of the power."""
-    if settings.kind == PUBLISHED:
-        return PublishedEstimator(settings)
-    if mission.energy is not None:
-        return _estimator_of_fit(settings, mission.energy)
-    if not mission.plan.primitive_stages:
-        return ExactEstimator(settings, None)
-    return ExactEstimator(settings, _nominal_lap_s(mission))
-
-
-def _estimator_of_fit(settings: EstimatorSettings, fitted: EnergyModel) -> ExactEstimator:
-    """An estimator initialised with a model fitted to a log, whose noise replaces the settings'."""
-    std_s, disturbance = None, fitted.disturbance
-    if fitted.period_s is not None and fitted.period_std_s is not None:
-        std_s = max(fitted.period_std_s, ONE_LAP_SHARE * fitted.period_s)  # the model is of another flight
-    if disturbance is not None:
-        white_w = math.sqrt(max(fitted.noise_std_w**2 - disturbance.std_w**2, 0.0))
-        settings = replace(
-            settings,
-            noise_w=max(white_w, MIN_NOISE_W),
-            disturbance_std_w=disturbance.std_w,
-            disturbance_time_s=max(disturbance.time_s, SHORTEST_DISTURBANCE_S),
-        )
-    return ExactEstimator(settings, fitted.period_s, fitted.state_w(settings.order), period_std_s=std_s)
-
-
-def _nominal_lap_s(mission: Mission) -> float | None:
-    """Time of a nominal lap at cruise speed without wind [s]: the initial period."""
-    try:
-        legs = nominal_legs(mission.plan, mission.parameters, mission.start_m)
-    except PathUndefined:
-        return None
-    lap = max(legs[-1].lap - 1, 0)  # the last but one is whole: the last may be cut short, the first starts anywhere
-    length_m = sum(leg.length_m for leg in legs if leg.lap == lap)
-    return length_m / mission.cruise_mps if length_m > 0 and math.isfinite(length_m) else None
-
+from eadp.planning.base import Mission
 
 MAX_RATIO, PERSISTENT_S = 5.0, 5.0
 """A reading above this multiple of the mean is an outlier, unless readings stay there for this long [s]."""
@@ -193,6 +20,12 @@ MAX_OF_MOTOR = 20.0
 
 MEAN_S = 60.0
 """Time constant of the mean [s]."""
+
+
+def max_reading_w(mission: Mission) -> float:
+    """What motor and battery can deliver [W]: a reading above it is none."""
+    battery = mission.battery
+    return min(float(battery.max_power_w(battery.voltage_v)), MAX_OF_MOTOR * mission.vehicle.max_motion_w)
 
 
 class PowerBounds(NamedTuple):

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from eadp.measure.energy_fit import energy_model
 from eadp.measure.spectrum import Spectrum
-from eadp.models.energy import EnergyModel, Harmonic, energy_model
+from eadp.models.energy import EnergyModel, Harmonic
 
 PERIOD_S = 46.05
 MODEL = EnergyModel(PERIOD_S, 36.4, (Harmonic(2.1, 0.8), Harmonic(1.4, -1.9), Harmonic(0.6, 2.6)), noise_std_w=0.5)

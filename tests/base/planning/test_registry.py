@@ -22,15 +22,13 @@ from eadp.models.computing import join_profile
 from eadp.models.energy import Disturbance, EnergyModel, Harmonic
 from eadp.models.profile import Profile
 from eadp.models.vehicle import FixedWing, PowerCurve
-from eadp.papers.estimator import EstimatorSettings
 from eadp.papers.horizon import Horizon
 from eadp.papers.planner import PaperPlanner, PaperSettings, _coverage
+from eadp.papers.power import _nominal_lap_s
 from eadp.planning.base import Mission, PlannerSettings, Readings, TradeOff
 from eadp.planning.flight import make_flight
 from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.registry import PLANNERS, Planner, planner_class
-from eadp.planning.state.flight_state import FlightState
-from eadp.planning.state.power import _nominal_lap_s
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.75376, 9.75462]))
@@ -86,16 +84,17 @@ def test_static_never_changes_and_forecasts():
     pilot = planner(settings=replace(SETTINGS, name="static"))
     assert run(pilot, 30, soc=lambda t: 1 - t / 40) == [(0.1, (0.0, 10.0))]
     pilot.take(observation(31.0))
-    assert pilot.state.estimates([31.0])[0] == pytest.approx([36.0], abs=0.05)
+    assert pilot.power.estimates([31.0])[0] == pytest.approx([36.0], abs=0.05)
     assert pilot.report.replans == 0
 
 
 def test_readings_are_taken_as_often_as_the_sensor_has_them():
-    state = FlightState(mission(), {}, EstimatorSettings(every_s=0.1))
-    state.observe(observation(1.0, power_w=30.0))
+    pilot = planner()
+    state = pilot.state
+    pilot.take(observation(1.0, power_w=30.0))
     assert state.next_reading_s == pytest.approx(1.1)
-    state.observe(observation(1.05, power_w=90.0))
-    assert state.estimates([1.05])[0] == pytest.approx([30.0])
+    pilot.take(observation(1.05, power_w=90.0))
+    assert pilot.power.estimates([1.05])[0] == pytest.approx([30.0])
     assert state.next_reading_s == pytest.approx(1.1)
     zeros = [0.0] * 3
     state.ingest(Readings([1.1, 1.15, 1.2], zeros, zeros, [30.0] * 3, [1.0] * 3, zeros, zeros, zeros, zeros))
@@ -180,7 +179,7 @@ def test_time_to_the_reserve_of_a_battery_whose_voltage_falls():
 def test_time_to_an_empty_battery_follows_a_periodic_power():
     """Readings of a level and a harmonic of the lap's period: the closed form against a plain sum of seconds."""
     pilot = planner()
-    period = pilot.state.period_s
+    period = pilot.power.period_s
     power = lambda t: 30 + 4 * np.sin(2 * np.pi * t / period)  # noqa: E731
     for k in range(1, 2000):
         pilot.take(observation(0.1 * k, power_w=float(power(0.1 * k)) + 9.75462))
@@ -409,10 +408,10 @@ def test_gains_step_the_level_when_the_path_changes():
     pilot = planner(replace(OWN, gains={"c1": 0.002}), settings=replace(SETTINGS, every_s=60.0))
     for k in range(1, 200):
         pilot.take(observation(0.1 * k))
-    before = pilot.state.estimator.state_w[0]
+    before = pilot.power.estimator.state_w[0]
     for k in (200, 201):
         pilot.take(observation(0.1 * k, power_w=None, parameters=(-500.0, 10.0)))
-        assert pilot.state.estimator.state_w[0] == pytest.approx(before - 1.0, abs=0.01)
+        assert pilot.power.estimator.state_w[0] == pytest.approx(before - 1.0, abs=0.01)
     longer = pilot._time_to_reserve_s(observation(20.2), pilot._gained_w((-1000.0,)))
     assert longer > pilot._time_to_reserve_s(observation(20.2), pilot._gained_w((-500.0,)))
 
@@ -422,7 +421,7 @@ def test_a_sensor_without_readings_is_lived_with():
     for k in range(1, 50):
         power = 36.0 if k < 20 else None
         pilot.take(observation(0.1 * k, power_w=power))
-    assert pilot.state.estimates([4.9])[0] == pytest.approx([36.0], abs=0.1)
+    assert pilot.power.estimates([4.9])[0] == pytest.approx([36.0], abs=0.1)
 
 
 def test_coverage_times_without_being_told_are_those_of_the_nominal_flight():
@@ -438,16 +437,16 @@ def test_coverage_times_without_being_told_are_those_of_the_nominal_flight():
 
 def test_a_fit_is_what_the_estimator_starts_from():
     fitted = EnergyModel(46.0, 31.0, (Harmonic(2.0, 0.3),), 0.5, 0.1, disturbance=Disturbance(0.3, 7.0))
-    pilot = make_flight(SETTINGS, EstimatorSettings(), replace(mission(), energy=fitted))
-    estimator = pilot.state.estimator
+    pilot = make_flight(SETTINGS, replace(mission(), energy=fitted))
+    estimator = pilot.power.estimator
     assert estimator.state_w == pytest.approx(fitted.state_w(3))
     assert estimator.noise_w == pytest.approx(0.4), "0.5 in all, of which 0.3 stays a while"
     assert estimator.disturbance == (0.3, 7.0)
     assert estimator.period_std_s == pytest.approx(0.02 * 46.0), "another flight's period is not as sure as its fit"
-    white = make_flight(SETTINGS, EstimatorSettings(), replace(mission(), energy=replace(fitted, disturbance=None)))
-    assert white.state.estimator.disturbance == (0.5, 5.0)
-    mean = make_flight(SETTINGS, EstimatorSettings(), replace(mission(), energy=EnergyModel(None, 31.0)))
-    assert mean.state.estimator.state_w.tolist() == [31.0]
+    white = make_flight(SETTINGS, replace(mission(), energy=replace(fitted, disturbance=None)))
+    assert white.power.estimator.disturbance == (0.5, 5.0)
+    mean = make_flight(SETTINGS, replace(mission(), energy=EnergyModel(None, 31.0)))
+    assert mean.power.estimator.state_w.tolist() == [31.0]
 
 
 def test_the_first_period_of_a_single_lap_is_the_lap():

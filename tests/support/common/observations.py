@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from eadp.models.plan.cursor import PlanCursor
+from eadp.papers.power import PowerTracker
 from eadp.planning.base import Observation, Sample
 from eadp.planning.flight import PlannedFlight
 from eadp.planning.state.flight_state import FlightState
@@ -33,11 +34,11 @@ def seen_at(time_s, position_m, course_rad=None, stage=None, stages_started=None
 class Piloted(PlannedFlight):
     """A planner with the state of its flight; what is asked of it beside is asked of the planner."""
 
-    def __init__(self, planner, estimator=None):
-        mission, horizon_s = planner._mission, getattr(planner._own, "horizon_s", "period")
-        horizon_s = None if horizon_s == "period" else horizon_s
-        state = FlightState(mission, planner._settings.weights, estimator, horizon_s)
-        super().__init__(planner, state, mission.parameters)
+    def __init__(self, planner):
+        mission, settings = planner._mission, planner._settings
+        power = PowerTracker(settings.estimator, mission)
+        state = FlightState(mission, settings.weights, settings.estimator.every_s)
+        super().__init__(planner, state, mission.parameters, power)
 
     def __getattr__(self, name):
         return getattr(self.planner, name)

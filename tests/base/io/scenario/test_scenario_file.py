@@ -21,12 +21,12 @@ from eadp.simulation.loop import Outcome, fly
 
 
 def test_the_estimators_defaults_are_its_own():
-    assert read_scenario(None).estimator == EstimatorSettings()
+    assert read_scenario(None).planner.estimator == EstimatorSettings()
 
 
 def test_keys_reach_the_estimator():
     keys = {"disturbance_std_w": 0.0, "disturbance_time_s": 12.5, "learn_noise": False, "noise_w": 0.2, "gate_w": 0.1}
-    found = read_scenario(None, {f"estimator.{key}": value for key, value in keys.items()}).estimator
+    found = read_scenario(None, {f"estimator.{key}": value for key, value in keys.items()}).planner.estimator
     assert {key: getattr(found, key) for key in keys} == keys
 
 

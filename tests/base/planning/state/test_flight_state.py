@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -35,13 +34,13 @@ class Tape(FlightState):
 
     def observe(self, observation):
         self.taken.append(observation)
-        super().observe(observation)
+        return super().observe(observation)
 
 
 def recorded(inputs):
     """A flight: its inputs, what its state took, and its outcome."""
     flight, outcome = inputs.flight(), Outcome()
-    flight.state = tape = Tape(inputs.mission, inputs.scenario.planner.weights, inputs.scenario.estimator)
+    flight.state = tape = Tape(inputs.mission, inputs.scenario.planner.weights)
     steps = list(fly(inputs.world, flight, outcome))
     return inputs, tape.taken, outcome, steps
 
@@ -56,11 +55,9 @@ def time_of(each):
     return each.time_s if isinstance(each, Observation) else float(each.times_s[-1])
 
 
-def state_of(inputs, taken, *, every=0, every_s=None, weights=None):
+def state_of(inputs, taken, *, every=0, every_s=0.1, weights=None):
     """A state that took all of it, asked at every so many items."""
-    estimator = inputs.scenario.estimator
-    estimator = estimator if every_s is None else replace(estimator, every_s=every_s)
-    state = FlightState(inputs.mission, weights or {}, estimator)
+    state = FlightState(inputs.mission, weights or {}, every_s)
     for i, each in enumerate(taken):
         state.observe(each) if isinstance(each, Observation) else state.ingest(each)
         if every and i % every == 0:
@@ -202,7 +199,7 @@ def test_the_ground_it_has_seen_is_that_of_the_metrics():
 
 def test_time_since_the_stage_was_joined_is_of_the_flight():
     inputs, taken, outcome, _ = survey_flight()
-    state = FlightState(inputs.mission, {}, inputs.scenario.estimator)
+    state = FlightState(inputs.mission)
     starts = [0.0, *outcome.stage_times_s]
     for each in taken:
         if not isinstance(each, Observation):
@@ -301,7 +298,7 @@ def test_an_observation_sooner_than_a_reading_is_due_is_none():
     inputs, taken, *_ = survey_flight()
     observations = [each for each in taken if isinstance(each, Observation)]
     one = observations[3]
-    state = FlightState(inputs.mission, {}, replace(inputs.scenario.estimator, every_s=0.5))
+    state = FlightState(inputs.mission, every_s=0.5)
     state.observe(one)
     before = state.known(one.time_s, one.position_m)
     state.observe(measured(one, time_s=one.time_s + 0.2, power_w=500.0, soc=0.2))
@@ -360,7 +357,7 @@ def test_altitudes_are_followed_and_their_power_is_not_that_of_level_flight(tmp_
     keys = {"start.position_m": [0, 0], "wind.speed_mps": 0.0, "planner.name": "joint", "battery.capacity_ah": 2.0}
     inputs, taken, outcome, steps = recorded(plan_inputs(tmp_path, STAIRS, **keys))
     assert outcome.completed
-    state = FlightState(inputs.mission, {}, inputs.scenario.estimator)
+    state = FlightState(inputs.mission)
     altitude_at = {round(step.time_s, 2): step.altitude_m for step in steps}
     errors = []
     for each in taken:

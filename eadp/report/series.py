@@ -1,87 +1,21 @@
-"""One self-contained HTML page: the data as JSON that is never executed, style, scripts, the chart library."""
+"""Series of a page, thinned within errors that it states."""
 
 from __future__ import annotations
 
-import base64
-import hashlib
-import json
 import math
-import re
 from collections.abc import Mapping, Sequence
-from functools import cache
-from importlib.resources import files
-from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
-from eadp import __version__
-from eadp.errors import InputError
+from eadp.io.page import Series
 
-SCHEMA = "eadp.report/1"
-GENERATOR = b'<meta name="generator" content="eadp'
-HEAD_BYTES = 1000
-"""The mark of a page of eadp is within its first bytes."""
+ERRORS = dict.fromkeys(("x", "y"), 0.3) | dict.fromkeys(("lat", "lon"), 1e-5) | dict.fromkeys(("m", "ground_m"), 0.5)
+ERRORS |= {"heading": 0.05, "soc": 5e-4, "ah": 1e-3}
+"""Errors of thinned positions [m] and [°], altitudes [m], headings [rad], charges and charges drawn [Ah]."""
 
-_ESCAPES = {ord("<"): "\\u003c", ord(">"): "\\u003e", ord("&"): "\\u0026"}
-
-
-def page_html(kind: str, data: Mapping[str, Any]) -> str:
-    """The page of a `kind`, flight or sweep, with its data.
-
-    The page's policy for contents names its own scripts by their hashes, so that a browser runs no other.
-    """
-    scripts = [_asset("uPlot.iife.min.js"), _asset("common.js"), _asset(f"{kind}.js")]
-    styles = [_asset("uPlot.min.css"), _asset("page.css")]
-    policy = f"default-src 'none'; script-src {_hashes(scripts)}; style-src {_hashes(styles)}; img-src data: blob:"
-    return _filled(
-        _asset("page.html"),
-        version=__version__,
-        policy=policy,
-        styles="".join(f"<style>{style}</style>\n" for style in styles),
-        licence=_asset("uPlot.LICENSE"),
-        body=_asset(f"{kind}.html"),
-        data=data_json({"schema": SCHEMA, "kind": kind, "version": __version__, **data}),
-        scripts="".join(f"<script>{script}</script>\n" for script in scripts),
-    )
-
-
-def data_json(data: Mapping[str, Any]) -> str:
-    """JSON in ASCII without <, > and &, which means the same and ends no block of HTML."""
-    return json.dumps(data, allow_nan=False, separators=(",", ":")).translate(_ESCAPES)
-
-
-def check_page(path: Path) -> None:
-    """Refuse a name that a file has which is no page of eadp.
-
-    Raises
-    ------
-    InputError
-        At 1:1.
-    """
-    try:
-        with path.open("rb") as stream:
-            ours = GENERATOR in stream.read(HEAD_BYTES)
-    except (OSError, ValueError):  # no file, or one whose writing will fail
-        return
-    if not ours:
-        raise InputError.at(str(path), 1, 1, "exists already, and is no page of eadp", "another name")
-
-
-@cache
-def _asset(name: str) -> str:
-    return (files("eadp.report") / "assets" / name).read_text(encoding="utf-8")
-
-
-def _hashes(blocks: Sequence[str]) -> str:
-    digests = (base64.b64encode(hashlib.sha256(block.encode()).digest()).decode() for block in blocks)
-    return " ".join(f"'sha256-{digest}'" for digest in digests)
-
-
-def _filled(template: str, **parts: str) -> str:
-    """A template with its `{{parts}}`, which are not searched for more."""
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
-
+POWER_SHARE, MIN_POWER_W = 1 / 400, 0.01
+"""Error of thinned powers, as a share of their range, and at least [W]."""
 
 MAX_SAMPLES = 10_000
 """Most samples of a series: one that needs more is reduced to the extremes of equal intervals."""
@@ -217,6 +151,8 @@ def evenly(count: int, limit: int) -> list[int]:
     return [*range((count - 1) % every, count, every)]
 
 
-def significant(value: float | None, digits: int = 6) -> float | None:
-    """A number rounded to significant digits; None where there is none."""
-    return None if value is None or not math.isfinite(value) else float(f"{value:.{digits}g}")
+def of_errors(series: Series) -> dict[str, Any]:
+    """A series thinned within `ERRORS`, by its columns; those without an error there are powers."""
+    known = [value for values in series.columns.values() for value in values if value is not None]
+    power_w = max((max(known) - min(known)) * POWER_SHARE, MIN_POWER_W) if known else MIN_POWER_W
+    return thinned(*series, {name: ERRORS.get(name, power_w) for name in series.columns})

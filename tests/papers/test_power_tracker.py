@@ -1,10 +1,10 @@
-"""The power in the state of a flight: as an estimator that takes all as it comes has it, whenever it is asked."""
+"""The power of a flight: as an estimator that takes all as it comes has it, whenever it is asked."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from common import ROOT, few_rows
+from common import ROOT, few
 from common.observations import observation
 
 from eadp.io.plan.reader import read_plan
@@ -14,10 +14,9 @@ from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
 from eadp.models.vehicle import FixedWing
 from eadp.papers.estimator import EstimatorSettings, ExactEstimator
+from eadp.papers.power import PowerTracker, _estimator
 from eadp.planning.base import Mission, Readings
-from eadp.planning.state import queue as module
 from eadp.planning.state.flight_state import FlightState
-from eadp.planning.state.power import _estimator
 
 ROUNDING = 1e-9
 LAP_S, EVERY_S = 11.3, 0.1
@@ -35,6 +34,21 @@ def readings(times_s, powers_w):
 
 def seen(time_s, power_w, started=1, fps=10.0):
     return observation(PLAN, (0.0, fps), time_s, 0.0, 0.0, started=started, power_w=power_w)
+
+
+class Waiting(PowerTracker):
+    """The power of a flight, which takes what its state takes."""
+
+    def __init__(self, settings=KINDS[0], horizon_s=None):
+        super().__init__(settings, MISSION, horizon_s)
+        self.state = FlightState(MISSION)
+
+    def observe(self, o):
+        self.take(self.state.observe(o))
+
+    def ingest(self, readings):
+        self.state.ingest(readings)
+        self.take(readings)
 
 
 def computing_w(fps):
@@ -59,12 +73,9 @@ def story(seed=0):
 
 
 @pytest.mark.parametrize("settings", KINDS, ids=lambda settings: settings.kind)
-@pytest.mark.parametrize(
-    ("asked_every", "most_waiting"), few_rows([(1, 40), (1, 10_000), (7, 10_000), (250, 10_000)], 2)
-)
-def test_it_answers_as_one_that_does_not_wait(settings, asked_every, most_waiting, monkeypatch):
-    monkeypatch.setattr(module, "MAX_WAITING", most_waiting)
-    eager, waiting = _estimator(settings, MISSION), FlightState(MISSION, {}, settings, 20.0)
+@pytest.mark.parametrize("asked_every", few([1, 7, 250], 2))
+def test_it_answers_as_one_that_does_not_wait(settings, asked_every):
+    eager, waiting = _estimator(settings, MISSION), Waiting(settings, 20.0)
     forecast_w, expected = 0.0, {}
 
     def ask():
@@ -101,14 +112,12 @@ def test_it_answers_as_one_that_does_not_wait(settings, asked_every, most_waitin
         if n % asked_every == asked_every - 1:
             ask()
     assert waiting.laps == laps > 5
-    assert waiting.soc <= 1.0, "the filters have taken all, too"
-    assert len(waiting._queue) <= most_waiting
     assert waiting.estimator.state_w == pytest.approx(eager.state_w, abs=1e-6)
     assert waiting.computing_w == pytest.approx(computing_w(6.0))
 
 
 def test_before_any_reading_there_is_an_estimate_all_the_same():
-    forecasts_w, (estimate,) = FlightState(MISSION, {}, EstimatorSettings(), 6.0).estimates([0.05])
+    forecasts_w, (estimate,) = Waiting(horizon_s=6.0).estimates([0.05])
     assert forecasts_w == [0.0]
     assert (estimate.computing_w, estimate.horizon_s) == (0.0, 6.0)
 
@@ -117,7 +126,7 @@ def test_before_any_reading_there_is_an_estimate_all_the_same():
 def test_a_batch_is_its_readings_one_by_one(settings):
     times_s = np.arange(0.1, 4.0, 0.1)
     powers_w = [None if k in (0, 7, 8) else 30.0 + np.sin(time_s) for k, time_s in enumerate(times_s)]
-    together, apart = FlightState(MISSION, {}, settings), _estimator(settings, MISSION)
+    together, apart = Waiting(settings), _estimator(settings, MISSION)
     together.ingest(readings(times_s.tolist(), powers_w))
     for time_s, reading in zip(times_s.tolist(), powers_w, strict=True):
         expected_w = apart.observe(time_s, reading)
@@ -126,34 +135,25 @@ def test_a_batch_is_its_readings_one_by_one(settings):
 
 
 def test_an_instant_has_the_last_reading_before_it():
-    waiting = FlightState(MISSION)
+    waiting = Waiting()
     waiting.ingest(readings([1.0, 1.1, 1.2, 1.3], [30.0] * 4))
     _, estimates = waiting.estimates([0.9, 1.0, 1.15, 1.2, 9.0])
     assert [one.time_s for one in estimates] == [0.0, 1.0, 1.1, 1.2, 1.3]
     assert waiting.estimates([9.5])[1][0].time_s == 1.3
 
 
-def test_instants_among_the_last_readings_keep_theirs_where_too_many_wait(monkeypatch):
-    monkeypatch.setattr(module, "MAX_WAITING", 1)
-    waiting = FlightState(MISSION)
-    waiting.ingest(readings([0.1, 0.2, 0.3], [30.0] * 3))
-    waiting.ingest(readings([1.0, 1.1, 1.2, 1.3], [30.0] * 4))
-    _, estimates = waiting.estimates([1.05, 1.25])
-    assert [one.time_s for one in estimates] == [1.0, 1.2]
-
-
 def test_where_it_is_not_asked_nothing_is_processed(monkeypatch):
     monkeypatch.setattr(ExactEstimator, "observe", lambda *_: pytest.fail("processed"))
-    waiting = FlightState(MISSION)
+    waiting = Waiting()
     waiting.ingest(readings([1.0, 1.1], [30.0, 31.0]))
     waiting.observe(seen(1.2, 30.0, started=2))
-    assert waiting.known(1.2, (0.0, 0.0)).soc <= 1.0, "the filters are asked, and not the estimator"
+    assert waiting.state.known(1.2, (0.0, 0.0)).soc <= 1.0, "the filters are asked, and not the estimator"
     assert waiting.period_s is not None
 
 
 @pytest.mark.parametrize("false_w", [1e5, np.inf, np.nan])
 def test_what_nothing_delivers_is_no_reading(false_w):
-    one, other = FlightState(MISSION), FlightState(MISSION)
+    one, other = Waiting(), Waiting()
     for k in range(1, 200):
         one.observe(seen(0.1 * k, 40.0))
         other.observe(seen(0.1 * k, false_w if 100 < k < 150 else 40.0))
@@ -161,7 +161,7 @@ def test_what_nothing_delivers_is_no_reading(false_w):
 
 
 def test_a_lap_ends_once_however_often_it_is_asked_before_its_reading():
-    once, often = (FlightState(MISSION, {}, EstimatorSettings(), 6.0) for _ in range(2))
+    once, often = (Waiting(horizon_s=6.0) for _ in range(2))
     for state in (once, often):
         for k in range(9):
             state.observe(seen(10.0 * k, 40.0, started=4 * k + 1))
