@@ -15,7 +15,6 @@ from eadp.io.plan.sources import Ground, PlanReader, is_mission
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.plan import CheckReport, Finding, Plan
 from eadp.plug_ins import plug_in, plug_ins
-from eadp.simulation.turns import calm_findings, is_tight
 
 
 class CheckedPlan(NamedTuple):
@@ -151,8 +150,11 @@ def _read(
     ground = plug_in("grounds", "files")(terrain) if terrain else None
     reader = PlanReader(laps=laps, ground=ground).turning(min_radius_m)
     plan, findings = reader(text)
-    if is_mission(text) and is_tight(plan, reader.turn_radius_m):
-        findings = [*findings, *calm_findings(plan, reader.turn_radius_m)]
+    if is_mission(text):
+        from eadp.simulation.turns import calm_findings, is_tight  # slow to import
+
+        if is_tight(plan, reader.turn_radius_m):
+            findings = [*findings, *calm_findings(plan, reader.turn_radius_m)]
     notes: list[Fault] = []
     for name, file in changes.items():
         if file is not None:

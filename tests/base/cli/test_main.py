@@ -114,6 +114,33 @@ def test_a_flight_imports_what_it_uses(planner, unused, root):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.parametrize(
+    ("command", "unused"),
+    [
+        ("--version", "numpy pydantic yaml eadp.api eadp.models eadp.core"),
+        (
+            "profile profiles/pednet-jetson-nano.csv --at fps=5",
+            "eadp.planning eadp.simulation eadp.io.scenario eadp.io.vehicle eadp.io.plan eadp.models.plan",
+        ),
+        ("plan plans/survey.plan", "yaml eadp.planning eadp.simulation eadp.io.scenario eadp.io.profile"),
+        ("vehicle vehicles/foam-wing.yaml", "eadp.planning eadp.simulation eadp.io.scenario eadp.io.plan"),
+        ("simulate plans/survey.plan --set time_limit_s=5 --planner static", "eadp.io.figures"),
+    ],
+)
+def test_a_command_imports_what_its_answer_needs(command, unused, root):
+    """None needs a room but for what it is asked: the log of a flight has the estimator of papers."""
+    code = (
+        "import sys; from eadp.cli.main import main; main(sys.argv[2:]);"
+        "names = {'.'.join(m.split('.')[:k]) for m in sys.modules for k in range(1, 4)};"
+        "found = set(sys.argv[1].split()) & names; sys.exit(str(found) if found else 0)"
+    )
+    rooms = {"survey", "exchange", "live", "measure", "papers", "sweep", "report", "check"}
+    rooms -= {"papers"} if command.startswith("simulate") else set()
+    words = [code, f"{unused} {' '.join(f'eadp.{room}' for room in rooms)}", *command.split()]
+    done = subprocess.run([sys.executable, "-c", *words], capture_output=True, text=True, check=False, cwd=root)
+    assert done.returncode == 0, done.stderr
+
+
 def test_linear_algebra_keeps_to_one_thread_unless_asked():
     """numpy reads the variable once, when it is first imported."""
     code = (
