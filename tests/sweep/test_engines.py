@@ -7,6 +7,7 @@ import math
 import operator
 import os
 import signal
+import sys
 import time
 from collections import Counter
 
@@ -101,7 +102,7 @@ def test_there_are_cores():
 
 def test_no_scheduler_is_an_error_at_the_option(monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("eadp.sweep.dask.CLUSTER_WAIT_S", 0.2)
+    monkeypatch.setattr(sys.modules[DaskEngine.__module__], "CLUSTER_WAIT_S", 0.2)
     with pytest.raises(InputError, match="--scheduler:1:1: error: no scheduler answers"):
         DaskEngine(operator.call, "tcp://127.0.0.1:1")
 

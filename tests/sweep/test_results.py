@@ -40,8 +40,8 @@ def keys(runs):
 
 OTHER = """
 import sys
-from eadp.io.sweep.results import Results
-from eadp.models.sweep import Result, Run
+from eadp.sweep.results import Results
+from eadp.sweep.runs import Result, Run
 runs = [Run(f"key{i}", {}, {"seed": i}) for i in range(3)]
 results = Results(sys.argv[1])
 mine, theirs = results.claim(runs)

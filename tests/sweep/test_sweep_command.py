@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import importlib
 import io
 import itertools
 import json
@@ -148,7 +149,7 @@ def test_every_run_made_is_exit_0_whether_it_completes_or_not(eadp, folder):
 def test_it_says_that_it_compiles_where_no_machine_code_is_kept(eadp, folder, monkeypatch, kept):
     monkeypatch.setattr(compiled, "why_off", lambda: None)
     monkeypatch.setattr(compiled, "kept", lambda: kept)
-    monkeypatch.setattr("eadp.sweep.run.enable", lambda _on: False)
+    monkeypatch.setattr(importlib.import_module("eadp.sweep.run"), "enable", lambda _on: False)
     answer = eadp("sweep", folder / "sweep.yaml", "--jobs", 1, "--set", "time_limit_s=0.1")
     assert answer.err.count("compiling") == (not kept)
 
