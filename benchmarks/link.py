@@ -417,7 +417,7 @@ def flights(found: list[Mission], speed: float, jobs: int, count: int) -> None:
     )
     apart, beyond, both = [], [], []
     for mission, one, five in zip(found, linked, reference, strict=True):
-        other, (least, *_, most) = five[0], sorted(flown.u for flown in five)
+        other, least, most = five[0], min(flown.u for flown in five), max(flown.u for flown in five)
         lost = mission.drop or mission.cell
         loss = "-" if lost is None else f"{lost[1]:.1%}@{lost[0]:.0f}{' (cell)' * (mission.cell is not None)}"
         cells = [
