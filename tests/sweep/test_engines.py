@@ -145,6 +145,7 @@ def test_a_worker_that_cannot_make_runs_is_an_error(scheduler):
     engine.close()
 
 
+@pytest.mark.xfail(run=False, reason="may wait for ever after a worker is killed: seen in some runs")
 @pytest.mark.slow
 def test_a_run_that_kills_its_workers_is_given_back_and_the_rest_is_made(scheduler):
     engine = DaskEngine(operator.call, scheduler)
@@ -152,6 +153,7 @@ def test_a_run_that_kills_its_workers_is_given_back_and_the_rest_is_made(schedul
     engine.close()
 
 
+@pytest.mark.xfail(run=False, reason="may wait for ever after a worker is killed: seen in some runs")
 @pytest.mark.slow
 def test_runs_of_many_a_task_outlive_their_worker(scheduler):
     from distributed import Client
