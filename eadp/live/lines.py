@@ -175,13 +175,13 @@ class LineMaker:
     @property
     def landed(self) -> bool:
         """Whether the flight is over: the aircraft has flown, is disarmed, and does not move."""
-        speed_mps = self._value("speed_mps", ages=False) or 0.0
-        return self.flown and speed_mps < STILL_MPS and self._value("armed") is False
+        speed_mps = self.heard.value("speed_mps", ages=False) or 0.0
+        return self.flown and speed_mps < STILL_MPS and self.heard.value("armed") is False
 
     @property
     def flies_by_itself(self) -> bool:
         """Whether the autopilot flies its mission, and not the pilot."""
-        return bool(self._value("automatic", ages=False))
+        return bool(self.heard.value("automatic", ages=False))
 
     @property
     def flies_mission(self) -> bool | None:
@@ -190,28 +190,28 @@ class LineMaker:
         None where that is unknown: without a map an autopilot of unknown modes, or one that a computer guides, may fly
         any way.
         """
-        automatic = self._value("automatic", ages=False)
-        if self.items is not None or not (automatic is None or self._value("guided", ages=False)):
+        automatic = self.heard.value("automatic", ages=False)
+        if self.items is not None or not (automatic is None or self.heard.value("guided", ages=False)):
             return automatic is not False
         return None
 
     @property
     def returns(self) -> bool:
         """Whether the autopilot flies home, by its mode."""
-        return bool(self._value("returns", ages=False))
+        return bool(self.heard.value("returns", ages=False))
 
     @property
     def item(self) -> int | None:
         """The number of the item that is flown to, as the autopilot counts."""
-        number: int | None = self._value("item", ages=False)
+        number: int | None = self.heard.value("item", ages=False)
         return number
 
     # --- one line
 
     def _line(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """The line of telemetry at a message's time: what the message says, and earlier values that are not old."""
-        volts = self._value("voltage_v", "status_voltage_v")
-        amps = self._value("current_a", "status_current_a")
+        volts = self.heard.value("voltage_v", "status_voltage_v")
+        amps = self.heard.value("current_a", "status_current_a")
         line: dict[str, Any] = {"time_s": self.heard.now_s}
         for key in ("lat_deg", "lon_deg", "velocity_mps", "heading_deg"):
             line[key] = values.get(key)
@@ -221,7 +221,7 @@ class LineMaker:
         self._check_voltage(volts, amps, line)
         if (altitude_m := values.get("altitude_m")) is not None:
             line["altitude_m"] = altitude_m
-        calibrated_mps, true_mps, wind_mps = map(self._value, ("airspeed_mps", "true_mps", "wind_mps"))
+        calibrated_mps, true_mps, wind_mps = map(self.heard.value, ("airspeed_mps", "true_mps", "wind_mps"))
         if true_mps is None and calibrated_mps is not None:
             true_mps = round(calibrated_mps / self._calibrated, 4)
         line |= {} if true_mps is None else {"airspeed_mps": true_mps}
@@ -229,7 +229,7 @@ class LineMaker:
         # parameters in force: computations' as their processes report them, the path's as the item flown to has them
         item = self._item()
         plan = self._mission.plan
-        reported = {each.name: self._value(f"parameter {each.name}") for each in plan.parameters[plan.path_count :]}
+        reported = {each.name: self.heard.value(f"parameter {each.name}") for each in plan.parameters[plan.path_count :]}
         parameters: dict[str, float | None] = {name: value for name, value in reported.items() if value is not None}
         flies = self.flies_mission
         if self.items is not None or flies is False:
@@ -245,16 +245,16 @@ class LineMaker:
             parameters |= dict(zip(plan.names, path, strict=False))
         if parameters:
             line["parameters"] = parameters
-        kind = self._value("kind", ages=False)
+        kind = self.heard.value("kind", ages=False)
         if kind is not None and (own := {"kind": kind, **self.autopilot}) != self._said:
             line["autopilot"] = self._said = own
         return line
 
     def _charge(self) -> dict[str, Any]:
         """The charge of a line: the charge drawn, in finer steps, if it was ever reported; else the share left."""
-        if self._value("consumed_ah", ages=False) is not None:
-            return {"current_consumed_ah": self._value("consumed_ah")}
-        return {"soc": self._value("remaining", "status_remaining")}
+        if self.heard.value("consumed_ah", ages=False) is not None:
+            return {"current_consumed_ah": self.heard.value("consumed_ah")}
+        return {"soc": self.heard.value("remaining", "status_remaining")}
 
     def _check_voltage(self, volts: float | None, amps: float | None, line: Mapping[str, Any]) -> None:
         """Warn where the voltage does not fit the charge: another battery, or one that was not full."""
@@ -300,16 +300,12 @@ class LineMaker:
 
     def _flies(self) -> bool:
         """Whether the aircraft is in the air: as the autopilot says, else if it is armed and active."""
-        in_air = self._value("in_air", ages=False)
+        in_air = self.heard.value("in_air", ages=False)
         if in_air is not None:
             return bool(in_air)
-        return bool(self._value("armed", ages=False)) and bool(self._value("active", ages=False))
-
-    def _value(self, *keys: str, ages: bool = True) -> Any:
-        """As `Heard.value`."""
-        return self.heard.value(*keys, ages=ages)
+        return bool(self.heard.value("armed", ages=False)) and bool(self.heard.value("active", ages=False))
 
     @property
     def _home_is_item(self) -> bool:
         """Whether the autopilot's item 0 is home."""
-        return bool(self._value("home_is_item", ages=False))
+        return bool(self.heard.value("home_is_item", ages=False))

@@ -319,7 +319,7 @@ class LinkFlight:
 
     def _follow_map(self, *, same: bool) -> None:
         """Find stages by the map from here on if the mission of a log is the `same`, else, with a warning, not."""
-        self._lines.items = self._exported.items if same and self._exported is not None else None
+        self._lines.items = self._exported.items if same and self._exported else None
         if not same:
             self._pilot.say(OTHER_MISSION)
 
@@ -353,9 +353,8 @@ class LinkFlight:
     def _decided(self, line: dict[str, Any]) -> None:
         """Take a line of decisions: emit it, note the path that the mission shall have, show it to the pilot."""
         self._emit(line)
-        if (
-            self._replanner.planned and not self._home.decided
-        ):  # before the first plan the parameters are those of take-off
+        # before the first plan the parameters are those of take-off
+        if self._replanner.planned and not self._home.decided:
             self._decided_path = tuple([line["parameters"][name] for name in self._path_names])
         if line["returns_home"] and not (self._home.decided or self._lines.returns):
             self._home.decided, self._decided_path = True, None

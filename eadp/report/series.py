@@ -10,7 +10,7 @@ import numpy as np
 
 from eadp.io.page import Series
 
-ERRORS = dict.fromkeys(("x", "y"), 0.3) | dict.fromkeys(("lat", "lon"), 1e-5) | dict.fromkeys(("m", "ground_m"), 0.5)
+ERRORS = dict.fromkeys(("x", "y"), 0.3) | dict.fromkeys(("lat", "lon"), 1e-5) | {"m": 0.5}
 ERRORS |= {"heading": 0.05, "soc": 5e-4, "ah": 1e-3}
 """Errors of thinned positions [m] and [°], altitudes [m], headings [rad], charges and charges drawn [Ah]."""
 
