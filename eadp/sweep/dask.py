@@ -6,6 +6,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
+from queue import Empty
 from typing import Any
 
 from eadp import __version__
@@ -18,6 +19,9 @@ CLUSTER_WAIT_S = 10
 
 WORKERS_S = 1.0
 """Time between two questions for the number of its workers [s]."""
+
+ALONE_S = 120.0
+"""Longest time without a worker [s]: those that died are started again within some 10 s, by a loaded machine too."""
 
 
 class DaskEngine(QueueEngine):
@@ -54,11 +58,27 @@ class DaskEngine(QueueEngine):
     @property
     def workers(self) -> int:  # type: ignore[override]
         """The number of threads of all workers that the scheduler has, 1 or more; not older than `WORKERS_S`."""
+        return max(1, self._count())
+
+    def _count(self) -> int:
+        """The number of threads of all workers; not older than `WORKERS_S`."""
         if time.monotonic() >= self._asked_s + WORKERS_S:
             with self._connection_errors():
                 self._threads = int(sum(self._client.nthreads().values()))
             self._asked_s = time.monotonic()
-        return max(1, self._threads)
+        return self._threads
+
+    def _next_done(self) -> Any:
+        """As `QueueEngine._next_done`; an error once the scheduler has had no worker for `ALONE_S`."""
+        seen_s = time.monotonic()
+        while True:
+            with suppress(Empty):
+                return self._done.get(timeout=WORKERS_S)
+            if self._count():
+                seen_s = time.monotonic()
+            elif time.monotonic() > seen_s + ALONE_S:
+                what = f"the scheduler at {self._address} has had no workers for {ALONE_S:g} s"
+                raise EadpError(f"{what}; the results so far are kept: start workers, and the same command goes on")
 
     def _send(self, runs: list[Run]) -> Any:
         """The future of a task on the cluster."""

@@ -1,6 +1,6 @@
 """What engines share. There is no scheduling here: an engine holds a few runs more than it has workers.
 
-`Make` is a function of a run that can be pickled; it reaches each worker once.
+`Make` is a function of a run that can be pickled.
 """
 
 from __future__ import annotations
@@ -116,13 +116,17 @@ class QueueEngine:
 
         The time that the task took sets the size of the tasks to come.
         """
-        future = self._done.get()
+        future = self._next_done()
         runs, done = self._under_way.pop(future), self._result(future)
         if done is None:
             return [(run, None) for run in runs]
         results, took_s = done
         self._size = max(1, int(min(TASK_S * len(runs) / max(took_s, 1e-9), self.largest_task)))
         return [*zip(runs, results, strict=True)]
+
+    def _next_done(self) -> Any:
+        """Wait for a future that is done."""
+        return self._done.get()
 
     def _send(self, runs: list[Run]) -> Any:
         """A future of the results of runs, as `make_task` gives them."""
