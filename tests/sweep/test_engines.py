@@ -119,7 +119,7 @@ def scheduler():
     """The address of a scheduler with two workers on this machine."""
     # a local cluster gives up a worker that a loaded machine does not start again within 15 s
     with (
-        pytest.importorskip("dask").config.set({"distributed.deploy.lost-worker-timeout": "10 min"}),
+        pytest.importorskip("dask").config.set({"distributed.deploy.lost-worker-timeout": "600 s"}),
         local_cluster(2) as cluster,
     ):
         yield cluster.scheduler_address
