@@ -14,15 +14,15 @@ import pytest
 from common import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
-from measured import MEASURES, age
+from measured import PAGES, age
 
 README, FOLDER = ROOT / "README.md", ROOT / "docs/measured"
 QUOTING = README, ROOT / "docs/joint.md"
 FIGURE = re.compile(r"([+-]?[\d.,?]+(?: ± [\d.]+)?)<!-- (\w+\.md): ([^;]+); (.+?) -->")
 MAX_FIGURES = 6
-PAGES = [README, *sorted(ROOT.glob("docs/*.md"))]
+LINKING = [README, *sorted(ROOT.glob("docs/*.md"))]
 LINKED = sorted(
-    {name for page in PAGES for name in re.findall(r"measured/(\w+\.md)", page.read_text(encoding="utf-8"))}
+    {name for page in LINKING for name in re.findall(r"measured/(\w+\.md)", page.read_text(encoding="utf-8"))}
 )
 
 
@@ -96,13 +96,13 @@ def test_the_age_of_a_page_is_that_of_its_code(monkeypatch, tmp_path):
     assert age("replan") == "with code that was not recorded"
 
 
-@pytest.mark.parametrize("path", sorted({path for paths in MEASURES.values() for path in paths}))
+@pytest.mark.parametrize("path", sorted({path for _, paths in PAGES.values() for path in paths}))
 def test_the_code_that_a_page_measures_exists(path):
     assert (ROOT / "eadp" / path).exists()
 
 
-def test_every_measured_file_is_linked():
-    assert {path.name for path in FOLDER.glob("*.md")} == set(LINKED)
+def test_every_measured_file_is_linked_and_has_its_command():
+    assert {path.name for path in FOLDER.glob("*.md")} == set(LINKED) == {f"{name}.md" for name in PAGES}
 
 
 if __name__ == "__main__":
