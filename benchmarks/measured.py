@@ -2,8 +2,8 @@
 
     python benchmarks/measured.py [--run] [NAME …]
 
-lists the pages whose code (`PAGES`) has changed since they were written, or was not recorded then. With `--run` it makes
-these again, or the pages named, by their commands, one after the other, and prints how long each takes. Some take hours.
+lists the pages whose code (`PAGES`) has changed since they were written, or was not recorded then. With `--run` it
+makes these again, or the pages named, one after the other, and prints how long each takes. Some take hours.
 
 Benchmarks have their options, tables and statistics from here. They print tables as Markdown; other lines become items
 of a list. Progress belongs on standard error.
@@ -26,7 +26,7 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -94,6 +94,18 @@ def mean_text(values: Sequence[float]) -> str:
     """The mean of differences and its standard error."""
     error = statistics.stdev(values) / math.sqrt(len(values)) if len(values) > 1 else math.nan
     return f"{statistics.fmean(values):+.4f} ± {error:.4f}"
+
+
+def covered(folder: Path, fields: Mapping[str, list[list[float]]], profile: object, metres: int) -> dict[str, str]:
+    """Plans of laps that cover fields, by corners [m]: files in a folder; swath and smallest turning radius [m]."""
+    found = {}
+    for name, corners in fields.items():
+        outline, found[name] = folder / f"{name}.csv", str(folder / f"{name}.plan")
+        outline.write_text("x_m,y_m\n" + "\n".join(f"{x},{y}" for x, y in corners) + "\n")
+        command = [sys.executable, "-m", "eadp", "cover", str(outline), "--metres", "--pattern", "zamboni"]
+        command += ["--min-radius", str(metres), "--swath", str(metres), "--profile", str(profile), "-o", found[name]]
+        subprocess.run(command, check=True, capture_output=True)
+    return found
 
 
 def machine() -> str:
