@@ -18,7 +18,6 @@ one can know of the gauge.
 - `--log DIR` keeps the files of each mission: plan, scenario, the flight as CSV, log and messages of `eadp replan`; and
   the CSV of a flight at several airspeeds, banks and climbs.
 - `--cache DIR` keeps the flights with constant parameters for other runs.
-- `--picture FILE` draws U and the forecasts of charge.
 - `--ablate` flies `joint` with one concept left out, and with other rates of expected losses, in place of all this.
 - Each mission is a line on standard error. An interrupt ends the flights; the table is of those that are complete.
 
@@ -725,29 +724,6 @@ def report_forecasts(done: list[dict[str, Any]]) -> Iterator[list[str]]:
         yield [*cells, f"{statistics.fmean(inside):.3f}" if inside else ""]
 
 
-def picture(results: list[dict[str, Any]], file: str) -> None:
-    """U beside the best constants, and the errors of the forecasts of charge over the flight."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10, 4), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    for place in dict.fromkeys(r["mission"].place for r in results):
-        of = [r for r in results if r["mission"].place == place and r["best"].completed]
-        left.plot(
-            [r["best"].u for r in of], [r["joint"].u if r["joint"].completed else 0 for r in of], "o", label=place
-        )
-    left.axline((0, 0), slope=1, color="0.6", lw=1)
-    left.set(xlabel="U, best constants", ylabel="U, joint (0: not completed)", xlim=(0, 1.02), ylim=(-0.02, 1.02))
-    left.legend(frameon=False)
-    for r in results:
-        if r["joint"].completed:
-            errors = [e for e in forecasts(r["joint"]) if e["known"]]
-            right.plot([e["part"] for e in errors], [100 * e["charge"] for e in errors], color="C0", lw=0.6, alpha=0.6)
-    right.axhline(0, color="0.6", lw=1)
-    right.set(xlabel="share of the flight", ylabel="error of the charge at the end [% of full]")
-    figure.savefig(file, dpi=120)
-
-
 def main() -> None:
     """Fly, and print the tables."""
     parser = options(__doc__, "twin, of another seed twin_SEED, of variants ablation_twin")
@@ -757,7 +733,6 @@ def main() -> None:
     parser.add_argument("--only", type=int, nargs="+", metavar="INDEX")
     parser.add_argument("--log", metavar="DIR")
     parser.add_argument("--cache", metavar="DIR")
-    parser.add_argument("--picture", metavar="FILE")
     parser.add_argument("--ablate", action="store_true")
     asked = parser.parse_args()
     page = "ablation_twin" if asked.ablate else "twin"
@@ -788,8 +763,6 @@ def fly_all(asked: argparse.Namespace) -> None:
         report_ablated(results)
         return
     report(results)
-    if asked.picture:
-        picture(results, asked.picture)
 
 
 if __name__ == "__main__":
