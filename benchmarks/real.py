@@ -74,7 +74,7 @@ NEAR, EQUATOR_M, SQUARED_ECCENTRICITY = 1e-3, 6_378_137.0, 0.00669438
 WARNED = "right, with a true warning"
 VERDICTS = ("right", WARNED, "refused, with the reason", "refused wrongly", "wrong")
 WINDS: dict[str, dict[str, Any]] = {
-    "calm": {},
+    "no wind": {},
     "5 m/s": {"wind.speed_mps": 5.0, "wind.from_deg": 250.0},
     "gusts": {"wind.speed_mps": 3.0, "wind.from_deg": 30.0, "wind.gust_std_mps": 1.0, "seed": 1},
 }
