@@ -12,7 +12,6 @@ is the program `eadp` with a variant.
 from __future__ import annotations
 
 import contextlib
-import math
 import statistics
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -22,7 +21,7 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-from measured import head, line
+from measured import mean_text, table
 
 from eadp.__main__ import run
 from eadp.planning.base import NEW_STAGE, SOLVED
@@ -65,7 +64,7 @@ trig:
 """
 """The survey with more path parameters: c2 shortens its lines at the top, c3 at the bottom."""
 
-AS_IT_IS = "as it is"
+AS_IT_IS = "all rules"
 must_search, along = JointPlanner._must_search, Search._along
 
 
@@ -147,54 +146,31 @@ def value(flight: Mapping[str, Any]) -> float:
     return float(flight["u"]) if flight["completed"] else 0.0
 
 
-def row(name: str, flights: list[dict[str, Any]], beside: list[dict[str, Any]]) -> str:
+def row(name: str, flights: list[dict[str, Any]], beside: list[dict[str, Any]]) -> list[object]:
     """A variant's row: differences to other flights of the same missions, their mean and its standard error."""
     pairs = list(zip(flights, beside, strict=True))
     apart = [value(own) - value(other) for own, other in pairs]
     both = [own["u"] - other["u"] for own, other in pairs if own["completed"] and other["completed"]]
     cpu = sum(flight["cpu_s"] for flight in flights) / sum(flight["cpu_s"] for flight in beside)
-    return line(
-        name,
-        f"{statistics.fmean(map(value, flights)):.4f}",
-        _mean_text(apart),
-        _mean_text(both),
-        sum(abs(one) > 1e-9 for one in apart),
-        sum(flight["completed"] for flight in flights),
-        sum(flight["kept"] for flight in flights),
-        f"{statistics.fmean(flight['changes'] for flight in flights):.2f}",
+    return [
+        *(name, f"{statistics.fmean(map(value, flights)):.4f}", mean_text(apart), mean_text(both) if both else ""),
+        *(sum(abs(one) > 1e-9 for one in apart), sum(one["completed"] for one in flights)),
+        *(sum(one["kept"] for one in flights), f"{statistics.fmean(one['changes'] for one in flights):.2f}"),
         f"{cpu:.2f}",
-    )
-
-
-def _mean_text(values: list[float]) -> str:
-    """The mean of differences and its standard error."""
-    error = statistics.stdev(values) / math.sqrt(len(values)) if len(values) > 1 else math.nan
-    return f"{statistics.fmean(values):+.4f} ± {error:.4f}"
+    ]
 
 
 TITLES = (
-    "U, all",
-    "difference",
-    "where both complete",
-    "missions that differ",
-    "completed",
-    "reserve kept",
-    "changes",
-    "CPU, ratio",
+    *("U, all", "difference", "where both complete", "missions that differ"),
+    *("completed", "reserve kept", "changes", "CPU, ratio"),
 )
 
 
-def table_of(title: str, names: Iterable[str], beside: str, missions: list[dict[str, dict[str, Any]]]) -> Iterator[str]:
-    """Flights of the same missions, each kind beside one of them; U counts 0 where a mission is not completed."""
-    yield head(title, *TITLES)
-    for name in names:
-        yield row(name, [mission[name] for mission in missions], [mission[beside] for mission in missions])
-
-
-def rates_table(kind: str, beside: str, missions: list[dict[str, dict[str, Any]]]) -> Iterator[str]:
-    """Missions of a kind, by the rates at which they were flown, beside one of these; nothing without missions."""
+def compare(title: str, names: Iterable[str], beside: str, missions: list[dict[str, dict[str, Any]]]) -> None:
+    """Print flights of the same missions, each kind beside one of them; U counts 0 where a mission is not completed."""
     if missions:
-        yield from table_of(f"losses expected an hour; {len(missions)} missions {kind}", missions[0], beside, missions)
+        own = [mission[beside] for mission in missions]
+        table((title, *TITLES), (row(name, [mission[name] for mission in missions], own) for name in names))
 
 
 if __name__ == "__main__":

@@ -1,32 +1,29 @@
 """`eadp replan` on flights of ArduPlane and PX4 that were recorded: take-offs, pilots, a draw that rises, a lost cell.
 
-    python benchmarks/autopilot.py [--folder ../shared/reference] [--flights 24] [--write]
+    python benchmarks/autopilot.py [--folder ../shared/reference] [--write]
 
 The folder has `autopilot/`, flights of ArduPlane and of PX4 in their own simulators, and `logs/`. Each log is replayed;
 what is decided now is not flown. The logs of `eadp replan` have no voltage and altitude: where a ground station's track
 has them, they are added, and so are modes where a row says so. The power of `level` is scaled from an instant on, for
-lasting steps of several sizes. Without the folder this part is left out, with a note.
-
-The forecasts of the first seconds are those of so many flights of the plant of benchmarks/twin.py with parameters that
-are kept, each with its charge at the end. Needs jsbsim: pip install 'eadp[bench]'.
+lasting steps of several sizes.
 """
 
 from __future__ import annotations
 
-import argparse
 import csv
 import itertools
 import json
 import math
 import re
 import statistics
+import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from measured import add_option, head, line, recorded
+from measured import options, recorded, table
 
 from eadp import read_plan
 from eadp.api.given import FlightOptions
@@ -46,9 +43,6 @@ RESERVE, AIRSPEED_MPS, TURN_RADIUS_M = 0.2, 15.0, 27.4
 """Of the scenarios: the reserve, and the aeroplane's airspeed and radius at 40° of bank."""
 CAPACITY_AH, PX4_AH = 0.95, 5.0
 PX4_RETURNS_AH = 1.2
-FIRST_S, WITHIN = (5, 6, 12, 25), (0.8, 1.2)
-"""Times of forecasts on the plant [s], and the aim of their errors' root mean square to the stated deviations."""
-START = '{"kind": "start", "schema": "eadp.replan-log/1", "eadp": "", "inputs": ""}'
 LAP_STAGES = 6
 """Stages up to the end of the first lap."""
 
@@ -324,82 +318,6 @@ def returns(folder: Path) -> Iterator[Row]:
     yield Row(name, what, f"{true:.3f} ± 0.03", f"{told:.3f}", bool(abs(told - true) <= 0.03))
 
 
-# --- the first seconds, on the plant
-
-
-class First(NamedTuple):
-    """Forecasts of the final charge at a time of flights: errors, and stated deviations."""
-
-    time_s: int
-    errors: list[float]
-    stds: list[float]
-
-    @property
-    def ratio(self) -> float:
-        """Root mean square of the errors to that of the deviations."""
-        return math.sqrt(sum(e * e for e in self.errors) / sum(s * s for s in self.stds))
-
-
-def first_seconds(count: int) -> list[First]:
-    """Flights of the plant with parameters that are kept, and what is forecast of them at `FIRST_S`."""
-    import twin
-    from plant import SAMPLE_S, battery_w
-
-    found = {time_s: First(time_s, [], []) for time_s in FIRST_S}
-    with tempfile.TemporaryDirectory() as place:
-        for mission in twin.missions(count, 0, twin.plans(Path(place)), ""):
-            plan = read_plan(mission.plan_file, warn=lambda _: None)
-            rng, (lo, hi) = np.random.default_rng([mission.seed, 24]), twin.ends(plan, 0)
-            parameters = lo + rng.uniform(0.3, 1) * (hi - lo), float(rng.integers(2, 11))
-            samples = list(twin.plan_flight(mission, plan, parameters).samples())
-            noise = mission.noise(len(samples))
-            shafts_w, fps = np.array([each.shaft_w for each in samples]), [each.parameters[1] for each in samples]
-            powers_w = battery_w(shafts_w) + np.interp(fps, twin.LEVELS, twin.LEVELS_W) * noise * (np.array(fps) > 0)
-            capacity_ah, left = needed_ah(mission, powers_w, rng.uniform(0.08, 0.35), SAMPLE_S)
-            telemetry, pack, log = (
-                twin.Telemetry(mission, plan.names),
-                mission.lipo(capacity_ah),
-                Path(place) / "log.jsonl",
-            )
-            rows: list[Line] = [json.loads(START)]
-            for k, sample in enumerate(samples[: round((FIRST_S[-1] + 1) / SAMPLE_S)]):
-                pack.step(powers_w[k], SAMPLE_S)
-                telemetry.gauge(pack, 0.0)
-                if (k + 1) % twin.PER_LINE == 0:
-                    row = telemetry.line(sample, float(powers_w[k]), float(pack.voltage_v))
-                    rows.append({"kind": "telemetry"} | (row or {}))
-            log.write_text("".join(json.dumps(row) + "\n" for row in rows))
-            scenario, efficiency = twin.owner(mission, capacity_ah)
-            file = Path(place) / "scenario.yaml"
-            file.write_text(json.dumps(scenario | {"parameters": dict(zip(plan.names, parameters, strict=True))}))
-            decisions: list[Line] = []
-            options = FlightOptions(
-                scenario=str(file), planner="static", set_=[f"vehicle.airframe.propulsive_efficiency={efficiency}"]
-            )
-            replan(
-                mission.plan_file,
-                ReplanOptions(replay=str(log)),
-                options,
-                decided=decisions.append,
-                warn=lambda _faults: None,
-            )
-            for each in decisions:
-                if (first := found.get(round(each["time_s"]))) is not None:
-                    first.errors.append(left - each["soc_end_forecast"])
-                    first.stds.append(each["soc_end_std"])
-    return list(found.values())
-
-
-def needed_ah(mission: Any, powers_w: np.ndarray, left: float, step_s: float) -> tuple[float, float]:
-    """The capacity with which powers leave a charge, and the charge that it leaves."""
-    capacities_ah = np.linspace(0.2, 6.0, 600)
-    pack = mission.lipo(capacities_ah)
-    for power_w in powers_w.tolist():
-        pack.step(power_w, step_s)
-    enough = int(np.argmax(~np.asarray(pack.empty) & (pack.soc >= left)))
-    return float(capacities_ah[enough]), float(pack.soc[enough])
-
-
 def cells(folder: Path) -> Iterator[Row]:
     """A loss that the voltage alone shows, and flights without one."""
     name = "lost-cell-and-outage"
@@ -471,41 +389,23 @@ def stepped(lines: Sequence[Line], rise_s: float, share: float) -> Iterator[Line
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "autopilot")
     parser.add_argument("--folder", type=Path, default=FOLDER)
-    parser.add_argument("--flights", type=int, default=24, help="flights of the plant")
-    add_option(parser, "autopilot")
-    options = parser.parse_args()
-    folder = options.folder / "autopilot"
-    with recorded("autopilot", write=options.write):
-        if folder.is_dir():
-            report(folder)
-        else:
-            print(f"{folder} is absent: no flights to replay")
-        print(head(f"{options.flights} flights of the plant: after", "errors [% of full]", "stated", "ratio", "aim"))
-        for first in first_seconds(options.flights) if options.flights else []:
-            rms = (100 * math.sqrt(statistics.fmean(value**2 for value in some)) for some in first[1:])
-            print(
-                line(
-                    f"{first.time_s} s",
-                    *(f"{value:.1f}" for value in rms),
-                    f"{first.ratio:.2f}",
-                    "{} to {}".format(*WITHIN),
-                )
-            )
+    asked = parser.parse_args()
+    folder = asked.folder / "autopilot"
+    if not folder.is_dir():
+        sys.exit(f"{folder} is absent: no flights to replay")
+    with recorded("autopilot", write=asked.write):
+        kinds = (take_off, drawn, starts, pilots, returns, rises, cells)
+        table(("flight", "", "aim", "measured", "met"), (row for rows in kinds for row in rows(folder)))
+        titles = "lasting step of the power of `level`", "mean within 2 σ at 30 s", "mean error at 90 s", "largest"
+        table(titles, (step_row(step_of(folder, share)) for share in STEPS))
 
 
-def report(folder: Path) -> None:
-    """The tables of recorded flights."""
-    print(head("flight", "", "aim", "measured", "met"))
-    for rows in (take_off, drawn, starts, pilots, returns, rises, cells):
-        for row in rows(folder):
-            print(line(*row[:-1], "yes" if row.met else "no"))
-    print(head("lasting step of the power of `level`", "mean within 2 σ at 30 s", "mean error at 90 s", "largest"))
-    for share in STEPS:
-        step = step_of(folder, share)
-        errors = f"{statistics.fmean(step.errors):.1%}", f"{max(step.errors):.1%}"
-        print(line(f"{share:+.0%}", f"{step.within} of {len(step.errors)}", *errors))
+def step_row(step: Step) -> list[str]:
+    """A row of lasting steps of one size."""
+    errors = f"{statistics.fmean(step.errors):.1%}", f"{max(step.errors):.1%}"
+    return [f"{step.share:+.0%}", f"{step.within} of {len(step.errors)}", *errors]
 
 
 if __name__ == "__main__":

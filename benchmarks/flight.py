@@ -1,6 +1,6 @@
 """Flight I: steps per CPU second with filter and log, beside a direct transcription with matrices.
 
-usage: python benchmarks/flight.py [--runs 5] [--peer-steps 5000]
+    python benchmarks/flight.py [--runs 5] [--peer-steps 5000] [--write]
 
 The peer is the published step written down as the papers print it: numpy matrices for the guidance and the filter, one
 step after the other. It flies the first steps of the same flight in the same process, so that the ratio of CPU time per
@@ -12,18 +12,18 @@ battery drained. At last flight I with filter and log, compiled, beside that loo
 
 from __future__ import annotations
 
-import argparse
 import math
 import resource
 import statistics
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import eadp.cli  # noqa: F401 - first: its environment is one thread for linear algebra
 
 # isort: split
 import numpy as np
-from measured import add_option, head, line, recorded
+from measured import options, recorded, table
 
 from eadp.api.inputs import load_flight
 from eadp.core import compiled
@@ -31,7 +31,7 @@ from eadp.simulation.loop import Outcome, fly
 
 ROOT = Path(__file__).resolve().parent.parent
 TARGET_STEPS_PER_S = 50_000
-TARGET_MB = 300
+TARGET_MB, STEPS = 300, 72_471
 
 
 def ours(*, fast: bool = False) -> tuple[float, int, list[tuple[float, float]]]:
@@ -129,47 +129,48 @@ def transcribed(count: int) -> tuple[float, list[tuple[float, float]]]:
 
 def main() -> None:
     """Print the figures of median runs."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser = options(__doc__, "flight")
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--peer-steps", type=int, default=5000)
-    add_option(parser, "flight")
-    arguments = parser.parse_args()
-    with recorded("flight", write=arguments.write):
-        _print(arguments)
+    asked = parser.parse_args()
+    with recorded("flight", write=asked.write):
+        title = f"flight I, {STEPS} steps with filter and log, median of {asked.runs} runs"
+        table((title, "value", "aim"), measures(asked.runs, asked.peer_steps))
 
 
-def _print(arguments: argparse.Namespace) -> None:
-    mine, peer, gap, steps = [], [], 0.0, 0
-    for _ in range(arguments.runs):  # in turn, so that a noisy machine is noisy for both
+def measures(runs: int, peer_steps: int) -> Iterator[list[str]]:
+    """The rows of the table."""
+    mine, peer, gap = [], [], 0.0
+    for _ in range(runs):  # in turn, so that a noisy machine is noisy for both
         spent, steps, track = ours()
+        assert steps == STEPS
         mine.append(spent / steps)
-        theirs, positions = transcribed(arguments.peer_steps)
-        peer.append(theirs / arguments.peer_steps)
+        theirs, positions = transcribed(peer_steps)
+        peer.append(theirs / peer_steps)
         gap = max(gap, max(math.dist(a, b) for a, b in zip(track, positions, strict=False)))
     per_step, per_peer_step = statistics.median(mine), statistics.median(peer)
     memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    print(head(f"flight I, {steps} steps with filter and log, median of {arguments.runs} runs", "value", "aim"))
-    print(line("eadp", f"{1 / per_step:,.0f} steps per CPU s", f"{TARGET_STEPS_PER_S:,}"))
-    print(line("transcription", f"{1 / per_peer_step:,.0f} steps per CPU s", ""))
-    print(line("ratio", f"{per_peer_step / per_step:.1f}", ""))
-    print(line(f"apart, over the first {arguments.peer_steps} steps", f"{gap:.2g} m at most", ""))
-    print(line("memory", f"{memory_mb:.0f} MB at most", f"{TARGET_MB} MB"))
+    yield ["eadp", f"{1 / per_step:,.0f} steps per CPU s", f"{TARGET_STEPS_PER_S:,}"]
+    yield ["transcription", f"{1 / per_peer_step:,.0f} steps per CPU s", ""]
+    yield ["ratio", f"{per_peer_step / per_step:.1f}", ""]
+    yield [f"apart, over the first {peer_steps} steps", f"{gap:.2g} m at most", ""]
+    yield ["memory", f"{memory_mb:.0f} MB at most", f"{TARGET_MB} MB"]
     bare: dict[bool, float] = {}
     for fast in (True, False) if compiled.available() else (False,):
         alone(fast=fast)  # compiled
-        times, lasted = zip(*(alone(fast=fast) for _ in range(arguments.runs)), strict=True)
+        times, lasted = zip(*(alone(fast=fast) for _ in range(runs)), strict=True)
         spent = bare[fast] = statistics.median(times)
-        name = "compiled" if fast else "plain"
-        step_ns = 1e9 * spent / (lasted[0] / 0.01)
-        print(
-            line(f"the loop alone, {name}", f"{1e3 * spent:.1f} ms for {lasted[0]:.0f} s, {step_ns:.0f} ns a step", "")
-        )
+        yield [f"the loop alone, {'compiled' if fast else 'plain'}", cost(spent, lasted[0] / 0.01), ""]
     if compiled.available():
         ours(fast=True)  # compiled
-        spent = statistics.median(ours(fast=True)[0] for _ in range(arguments.runs))
-        cpu = f"{1e3 * spent:.1f} ms for {steps * 0.01:.0f} s, {1e9 * spent / steps:.0f} ns a step"
-        print(line("flight I with filter and log, compiled", cpu, ""))
-        print(line("by the loop's", f"{spent / bare[True]:.1f}", "10"))
+        spent = statistics.median(ours(fast=True)[0] for _ in range(runs))
+        yield ["flight I with filter and log, compiled", cost(spent, STEPS), ""]
+        yield ["by the loop's", f"{spent / bare[True]:.1f}", "10"]
+
+
+def cost(spent_s: float, steps: float) -> str:
+    """CPU time of a flight and of one of its steps."""
+    return f"{1e3 * spent_s:.1f} ms for {steps * 0.01:.0f} s, {1e9 * spent_s / steps:.0f} ns a step"
 
 
 if __name__ == "__main__":

@@ -25,14 +25,16 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from measured import covered
+
 ROOT = Path(__file__).resolve().parents[1]
 PROFILE = ROOT / "profiles/pednet-jetson-nano.yaml"
 LETTER = ROOT / "profiles/pednet-letter.yaml"
 SURVEY = ROOT / "plans/survey.plan"
 PLANNERS = "static", "paper", "joint"
-FIELDS: Mapping[str, list[tuple[float, float]]] = {
-    "oblong": [(0, 0), (620, 60), (600, 420), (-20, 360)],
-    "corner": [(0, 0), (700, 0), (700, 300), (350, 300), (350, 520), (0, 520)],
+FIELDS: Mapping[str, list[list[float]]] = {
+    "oblong": [[0, 0], [620, 60], [600, 420], [-20, 360]],
+    "corner": [[0, 0], [700, 0], [700, 300], [350, 300], [350, 520], [0, 520]],
 }
 TWO = """schema: eadp.profile/1
 source: "made up: two computations"
@@ -92,8 +94,6 @@ def cases() -> list[Case]:
 
 def write_files(folder: Path) -> dict[str, str]:
     """Plans and profiles by name."""
-    from eadp.cli.main import main
-
     two, climbs = folder / "two.plan", folder / "climbs.plan"
     (folder / "two.yaml").write_text(TWO)
     survey = SURVEY.read_text()
@@ -103,12 +103,7 @@ def write_files(folder: Path) -> dict[str, str]:
     at = next(i for i, line in enumerate(lines) if line.startswith("0.1; 270"))
     climbs.write_text("\n".join([*lines[:at], "%: altitude 60", "%: airspeed 16", *lines[at:]]) + "\n")
     found = {"survey": SURVEY, "two": two, "climbs": climbs}
-    for name, corners in FIELDS.items():
-        field, found[name] = folder / f"{name}.csv", folder / f"{name}.plan"
-        field.write_text("x_m,y_m\n" + "\n".join(f"{x},{y}" for x, y in corners) + "\n")
-        options = ["--pattern", "zamboni", "--metres", "--min-radius", "30", "--swath", "30", "--profile", str(PROFILE)]
-        if main(["cover", str(field), *options, "-o", str(found[name])]):
-            raise SystemExit(f"{name}: not covered")
+    found |= covered(folder, FIELDS, PROFILE, 30)
     profiles = {"pednet": PROFILE, "letter": LETTER, "two profile": folder / "two.yaml"}
     return {name: str(path) for name, path in (found | profiles).items()}
 

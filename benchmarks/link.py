@@ -1,18 +1,17 @@
 """Flights over MAVLink on the loopback, beside the same flights over JSON lines; latency, processor and memory.
 
-usage: python benchmarks/link.py [--flights 30] [--px4 20] [--speed 1] [--jobs 20] [--lines 5] [--write]
+    python benchmarks/link.py [--flights 30] [--px4 20] [--speed 1] [--jobs 20] [--lines 5] [--alone] [--write]
 
 - **Flights**: `docs/examples/vehicle.py` and `eadp replan --mavlink --upload`, two processes, `--speed` times as
   fast as the clock. `--flights` are as ArduPilot, `--px4` as PX4, with the parameters that `eadp export --parameters`
-  writes.
-  Each is launched by hand at 5 to 18 times the power of level flight. Every message is lost with 5 %, with 15 % in the
-  flights as PX4 and in some of the others, either way, and comes up to 0.05 s late, so that messages overtake one
-  another. Some flights lose a cell, which the voltage alone shows; in some the link is silent amid an upload,
-  which the vehicle gives up; in some a pilot flies for a minute. Beside
-  it the same vehicle, take-off, pack, gusts and losses of charge by JSON lines once a second through the re-planner of
-  `eadp replan`: nothing is lost, and what is decided is flown at once. U of both is that of the stages and parameters
-  that their lines of telemetry report. A decision near a threshold depends on when in the second a line comes: the
-  flight by JSON lines is flown `--lines` times, with lines that begin up to 0.8 s later.
+  writes. Each is launched by hand at 5 to 18 times the power of level flight. Every message is lost with 5 %, with
+  15 % in the flights as PX4 and in some others, either way, and comes up to 0.05 s late, so that messages overtake one
+  another. Some flights lose a cell, which the voltage alone shows; in some the link is silent amid an upload, which the
+  vehicle gives up; in some a pilot flies for a minute. Beside it the same vehicle, take-off, pack, gusts and losses of
+  charge by JSON lines once a second through the re-planner of `eadp replan`: nothing is lost, and what is decided is
+  flown at once. U of both is that of the stages and parameters that their lines of telemetry report. A decision near a
+  threshold depends on when in the second a line comes: the flight by JSON lines is flown `--lines` times, with lines
+  that begin up to 0.8 s later.
 - **Latency and processor**: `eadp replan --mavlink` gets a recorded flight at 5 positions a second, alone, amid 50 Hz
   of ten kinds of messages, and amid as many messages of another sender as can be sent. Latency is the time from sending
   a position to receiving the decision about it.
@@ -38,14 +37,15 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measured import add_option, head, line, recorded
+from measured import options, recorded, table, yes
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path += [str(ROOT / "tests/support"), str(ROOT / "docs/examples")]
@@ -391,102 +391,65 @@ def by_lines(mission: Mission, count: int) -> list[Flown]:
 
 
 def flights(found: list[Mission], speed: float, jobs: int, count: int) -> None:
-    """All flights, both ways, as a table."""
+    """All flights, both ways: a line of each on standard error, and what they show."""
     spare = ProcessPoolExecutor(os.cpu_count(), initializer=os.nice, initargs=(10,))
     with spare as processes, ThreadPoolExecutor(jobs) as pool:
         fives = processes.map(functools.partial(by_lines, count=count), found)
         linked = list(pool.map(lambda mission: over_link(mission, speed), found))
         reference = list(fives)
-    own, lines = ("MAVLink: completed", "SoC", "U", "uploads"), ("JSON lines: completed", "SoC", "U", "U, all")
-    print(
-        head(
-            "#",
-            "autopilot",
-            "place",
-            "wind [m/s]",
-            "Ah",
-            "take-off",
-            "loss",
-            "messages lost",
-            "by hand",
-            *own,
-            *lines,
-            "U apart",
-            "from all",
-        )
-    )
-    apart, beyond, both = [], [], []
+    apart, beyond = [], []
     for mission, one, five in zip(found, linked, reference, strict=True):
-        other, least, most = five[0], min(flown.u for flown in five), max(flown.u for flown in five)
-        lost = mission.drop or mission.cell
-        loss = "-" if lost is None else f"{lost[1]:.1%}@{lost[0]:.0f}{' (cell)' * (mission.cell is not None)}"
-        cells = [
-            mission.index,
-            "PX4" if mission.px4 else "ArduPilot",
-            mission.place,
-            f"{math.hypot(*mission.wind_mps):.1f}",
-            mission.capacity_ah,
-        ]
-        by_hand = "-" if mission.by_hand is None else f"{mission.by_hand[1]:.0f} s@{mission.by_hand[0]:.0f}"
-        cells += [f"× {mission.take_off}", loss, f"{mission.loss:.0%}", by_hand]
-        cells += [
-            "yes" if one.completed else "no",
-            f"{one.soc:.3f}",
-            f"{one.u:.3f}",
-            f"{one.uploads} of {one.accepted}",
-        ]
-        cells += [
-            "yes" if other.completed else "no",
-            f"{other.soc:.3f}",
-            f"{other.u:.3f}",
-            f"{least:.3f} to {most:.3f}",
-        ]
-        apart.append(one.u - other.u)
+        least, most = min(flown.u for flown in five), max(flown.u for flown in five)
+        apart.append(one.u - five[0].u)
         beyond.append(one.u - min(max(one.u, least), most))
-        print(line(*cells, f"{apart[-1]:+.3f}", f"{beyond[-1]:+.3f}"), flush=True)
-        both.append((one.completed, all(flown.completed for flown in five)))
-    size = np.abs(apart)
-    print(
-        f"completed: over MAVLink {sum(a for a, _ in both)} of {len(both)}, over JSON lines {sum(b for _, b in both)}"
-    )
-    within = f"U apart by at most 0.02: {int((size <= 0.02).sum())} of {len(both)}"
-    near = f"U within 0.02 of those by JSON lines: {sum(abs(each) <= 0.02 for each in beyond)} of {len(both)}"
-    print(f"{near}; most {np.abs(beyond).max():.3f}")
-    print(f"{within}; mean {np.mean(apart):+.4f}, median size {np.median(size):.4f}, most {size.max():.3f}")
-    as_real(found, linked)
+        kind = "PX4" if mission.px4 else "ArduPilot"
+        text = f"{mission.index} {kind} {mission.place}, {mission.capacity_ah} Ah, lost {mission.drop or mission.cell}"
+        text += f": {yes(one.completed)}, SoC {one.soc:.3f}, U {one.u:.3f}; by lines {least:.3f} to {most:.3f}"
+        print(text, file=sys.stderr)
+    table(("flights", "value"), shown(found, linked, reference, np.abs(apart), np.abs(beyond)))
 
 
-def as_real(found: list[Mission], linked: list[Flown]) -> None:
-    """What became of take-offs, lost cells and interrupted uploads, and what was warned of."""
-    pairs = list(zip(found, linked, strict=True))
+def shown(
+    found: list[Mission], linked: list[Flown], reference: list[list[Flown]], apart: Any, beyond: Any
+) -> Iterator[tuple[str, object]]:
+    """What flights show: U beside those by JSON lines, take-offs, lost cells, uploads, pilots, and warnings."""
+    count, pairs = len(found), list(zip(found, linked, strict=True))
+    completed = sum(one.completed for one in linked), sum(all(one.completed for one in five) for five in reference)
+    yield "completed over MAVLink, over JSON lines", f"{completed[0]}, {completed[1]} of {count}"
+    yield "U within 0.02 of those by JSON lines; most apart", f"{(beyond <= 0.02).sum()} of {count}; {beyond.max():.3f}"
+    sizes = f"{(apart <= 0.02).sum()} of {count}; {np.median(apart):.4f}; {apart.max():.3f}"
+    yield "U within 0.02 of the first of them; median apart; most", sizes
     hopeless = sum(one.infeasible > 0 for one in linked)
-    print(f"“infeasible” within a minute of the launch: {hopeless} of {len(linked)} flights")
+    yield "“infeasible” within a minute of the launch", f"{hopeless} of {count}"
     reported = [None if one.cell_s is None else one.cell_s - mission.cell[0] for mission, one in pairs if mission.cell]
-    after = ", ".join("not" if each is None else f"{each:.0f} s" for each in reported)
+    yield "a lost cell is reported after", ", ".join("not" if each is None else f"{each:.0f} s" for each in reported)
     false = sum(one.cell_s is not None for mission, one in pairs if not mission.cell)
-    others = len(linked) - len(reported)
-    print(f"a lost cell is reported after: {after}; in flights without one, reported: {false} of {others}")
-    print(f"uploads interrupted: {sum(one.interrupted for one in linked)}")
+    yield "a lost cell is reported that is none", f"{false} of {count - len(reported)}"
+    yield "uploads interrupted", sum(one.interrupted for one in linked)
     uploads = sum(one.uploads for one in linked), sum(one.accepted for one in linked)
-    print(f"uploads verified, of those that the autopilot accepted: {uploads[0]} of {uploads[1]}")
+    yield "uploads verified, of those that the autopilot accepted", f"{uploads[0]} of {uploads[1]}"
     by_hand = [one.decided_by_hand for mission, one in pairs if mission.by_hand]
-    print(f"other parameters decided while a pilot flies: {sum(by_hand)}, in {len(by_hand)} flights")
+    yield "other parameters decided while a pilot flies", f"{sum(by_hand)}, in {len(by_hand)} flights"
     turned = [one.turned_back for mission, one in pairs if mission.px4]
-    print(f"PX4 has turned back by itself: {sum(turned)} of {len(turned)} flights")
-    print(head("warning", "flights"))
-    for text in sorted({text for one in linked for text in one.warned}):
-        print(line(text, sum(text in one.warned for one in linked)))
+    yield "PX4 has turned back by itself", f"{sum(turned)} of {len(turned)}"
+    warned = Counter(text for one in linked for text in one.warned)
+    for text, flown in sorted(warned.items()):
+        yield f"flights with the warning “{text}”", flown
 
 
 # --- latency and processor
 
 
-def load(folder: Path, seconds: float) -> None:
+LATENCY = (
+    *("beside 5 positions a second", "messages a second", "share of a core", "latency, median [ms]"),
+    *("99th percentile [ms]", "decisions"),
+)
+
+
+def load(folder: Path, seconds: float) -> Iterator[list[str]]:
     """Latency and processor time, alone and amid floods."""
-    latency = ("latency, median [ms]", "99th percentile [ms]", "decisions")
-    print(head("beside 5 positions a second", "messages a second", "share of a core", *latency))
     for port, (name, rate) in enumerate((("nothing", 0), ("50 Hz of ten kinds", 500), ("another sender", 1e6)), 15_000):
-        print(line(name, *loaded(folder, port, rate, seconds)), flush=True)
+        yield [name, *loaded(folder, port, rate, seconds)]
 
 
 def loaded(folder: Path, port: int, rate: float, seconds: float) -> list[str]:
@@ -684,11 +647,9 @@ def memory(folder: Path, hours: float) -> None:
     for _ in simulate(inputs.world, flight, Outcome()):
         pass
     rows = linked.rows
-    print(head("hours flown", "memory [MB]", "decisions"))
-    for time_s, mb, count in rows[:: max(1, len(rows) // 8)] + rows[-1:]:
-        print(line(f"{time_s / 3600:.0f}", f"{mb:.1f}", count))
     hours_flown, used = np.array([[row[0] / 3600, row[1]] for row in rows[len(rows) // 2 :]]).T
     slope = np.polyfit(hours_flown, used, 1)[0] if len(used) > 1 else math.nan
+    print(f"{hours:g} hours flown, {rows[-1][2]} decisions: {rows[0][1]:.1f} MB at first, {used[-1]:.1f} MB at the end")
     print(f"growth over the second half: {1000 * slope:.1f} kB an hour; from {used[0]:.1f} to {used[-1]:.1f} MB")
 
 
@@ -716,14 +677,17 @@ def computing(mission: Mission, speed: float) -> None:
         if re.match(r"[0-9]", row):
             rate, power = map(float, row.split(","))
             watts.setdefault(rate, []).append(power)
-    print(head("fps", *(f"{rate:g}" for rate in watts)))
-    print(line("power by `eadp profile --measure` [W]", *(f"{np.mean(each):.2f}" for each in watts.values())))
+    table(
+        ("fps", *(f"{rate:g}" for rate in watts)),
+        [("power by `eadp profile --measure` [W]", *(f"{np.mean(each):.2f}" for each in watts.values()))],
+    )
     lines = ("rate reached is within 1 of it [% of the lines]", "`not-applied` [% of the lines]")
-    print(head("detector", "rates decided", *lines, "completed", "SoC", "SoC forecast half-way"))
-    for port, (name, options) in enumerate((("obeys", ()), ("does not", ("--deaf",))), 15_050):
+    titles = "detector", "rates decided", *lines, "completed", "SoC", "SoC forecast half-way"
+    flown = []
+    for port, (name, deaf) in enumerate((("obeys", ()), ("does not", ("--deaf",))), 15_050):
         rates = str(mission.file(f"{port}.json"))
         process = replan(mission, port, "--publish", rates)
-        end = vehicle(mission, port, speed, "--rates", rates, *options)
+        end = vehicle(mission, port, speed, "--rates", rates, *deaf)
         process.wait(30)
         rows = [json.loads(row) for row in mission.file("out.jsonl").read_text().splitlines()]
         asked = np.array([row["parameters"]["c2"] for row in rows])
@@ -732,12 +696,13 @@ def computing(mission: Mission, speed: float) -> None:
         half = rows[len(rows) // 2]["soc_end_forecast"]
         refused = 100 * np.mean(["not-applied" in row["warnings"] for row in rows])
         rates_asked = [f"{rate:g}" for rate, _ in itertools.groupby(asked)]
-        cells = [name, ", ".join(rates_asked), f"{near:.0f}", f"{refused:.0f}"]
-        print(line(*cells, "yes" if end["completed"] else "no", f"{end['soc']:.3f}", f"{half:.3f}"), flush=True)
+        flown.append([name, ", ".join(rates_asked), f"{near:.0f}", f"{refused:.0f}", yes(end["completed"])])
+        flown[-1] += [f"{end['soc']:.3f}", f"{half:.3f}"]
+    table(titles, flown)
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = options(__doc__, "link")
     parser.add_argument("--flights", type=int, default=30)
     parser.add_argument("--px4", type=int, default=20)
     parser.add_argument("--alone", action="store_true", help="flights, and nothing else")
@@ -748,24 +713,19 @@ def main() -> None:
     parser.add_argument("--hours", type=float, default=24.0)
     parser.add_argument("--keep", type=Path, help="a folder for the flights' files")
     parser.add_argument("--day", help=argparse.SUPPRESS)
-    add_option(parser, "link")
-    options = parser.parse_args()
-    if options.day:
-        answer(Path(options.day))
+    asked = parser.parse_args()
+    if asked.day:
+        answer(Path(asked.day))
         return
-    with recorded("link", write=options.write), tempfile.TemporaryDirectory() as own:
-        name = str(options.keep or own)
-        found = missions(max(options.flights, 1), Path(name), options.px4)
-        print("## Flights")
-        flights(found[options.flights == 0 :], options.speed, options.jobs, options.lines)
-        if options.alone:
-            return
-        print("## Latency and processor")
-        load(Path(name), options.seconds)
-        print("## Memory")
-        memory(Path(name), options.hours)
-        print("## Computations")
-        computing(found[0], 4.0)
+    with recorded("link", write=asked.write), tempfile.TemporaryDirectory() as own:
+        folder = Path(asked.keep or own)
+        found = missions(max(asked.flights, 1), folder, asked.px4)
+        if flown := found[asked.flights == 0 :]:
+            flights(flown, asked.speed, asked.jobs, asked.lines)
+        if not asked.alone:
+            table(LATENCY, load(folder, asked.seconds))
+            memory(folder, asked.hours)
+            computing(found[0], 4.0)
 
 
 if __name__ == "__main__":

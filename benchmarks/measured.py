@@ -1,11 +1,12 @@
 """Writes what a benchmark prints to docs/measured/NAME.md, beside its command, the date and the machine.
 
-Benchmarks print their tables as Markdown, so that the page holds what was printed. Other lines become items of a list.
-Pages of the documentation link to these files and copy nothing from them.
+    python benchmarks/measured.py [--run] [NAME …]
 
-    python benchmarks/measured.py
+lists the pages whose code (`PAGES`) has changed since they were written, or was not recorded then. With `--run` it
+makes these again, or the pages named, one after the other, and prints how long each takes. Some take hours.
 
-lists the pages whose code (`MEASURES`) has changed since they were written, or whose code was not recorded then.
+Benchmarks have their options, tables and statistics from here. They print tables as Markdown; other lines become items
+of a list. Progress belongs on standard error.
 """
 
 from __future__ import annotations
@@ -16,52 +17,95 @@ import contextlib
 import datetime
 import hashlib
 import io
+import math
 import os
 import platform
 import re
 import shlex
+import statistics
+import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+import time
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+
+import numpy as np
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs/measured"
 
 
 PLANNED = "planning/joint", "planning/forecast", "planning/state"
-MEASURES: dict[str, tuple[str, ...]] = {
-    "ablation": PLANNED,
-    "ablation_twin": PLANNED,
-    "ablation_twin_1": PLANNED,
-    "autopilot": ("planning/state", "live"),
-    "exchange": ("exchange",),
-    "fit": ("measure/spectrum.py", "measure/noise.py"),
-    "flight": ("simulation/inner_loop.py", "simulation/aircraft.py", "core/flight/guidance.py"),
-    "link": ("live",),
-    "quality": PLANNED,
-    "real": ("exchange", "measure", "survey", "simulation/nominal.py"),
-    "replan": ("papers/horizon.py", "planning/qp.py"),
-    "sorties": ("survey",),
-    "sweep": ("sweep", "simulation/inner_loop.py"),
-    "twin": PLANNED,
-    "twin_1": PLANNED,
+PAGES: dict[str, tuple[str, tuple[str, ...]]] = {
+    "ablation": ("quality.py --ablate --jobs 2", PLANNED),
+    "ablation_twin": ("twin.py --ablate --jobs 2", PLANNED),
+    "ablation_twin_1": ("twin.py --ablate --seed 1 --missions 28 --jobs 2", PLANNED),
+    "autopilot": ("autopilot.py", ("planning/state", "live")),
+    "exchange": ("exchange.py", ("exchange",)),
+    "fit": ("fit.py", ("measure/spectrum.py", "measure/noise.py")),
+    "flight": ("flight.py", ("simulation/inner_loop.py", "simulation/aircraft.py", "core/flight/guidance.py")),
+    "link": ("link.py", ("live",)),
+    "quality": ("quality.py --jobs 2", PLANNED),
+    "real": ("real.py", ("exchange", "measure", "survey", "simulation/nominal.py")),
+    "replan": ("replan.py", ("papers/horizon.py", "planning/qp.py")),
+    "sorties": ("sorties.py", ("survey",)),
+    "sweep": ("sweep.py", ("sweep", "simulation/inner_loop.py")),
+    "twin": ("twin.py --jobs 2", PLANNED),
+    "twin_1": ("twin.py --seed 1 --missions 28 --jobs 2", PLANNED),
 }
-"""The modules and packages of eadp that decide the figures of a page: what its benchmark is about, not all that runs.
-Other pages measure all of eadp, its tests, or the plant that they are flown on."""
+"""Of each page its command, and the modules and packages of eadp that decide its figures: what its benchmark is about,
+not all that runs."""
 
 
-def add_option(parser: argparse.ArgumentParser, name: str) -> None:
-    """The option --write, which writes docs/measured/NAME.md."""
-    parser.add_argument("--write", action="store_true", help=f"write docs/measured/{name}.md")
+def options(text: str | None, page: str) -> argparse.ArgumentParser:
+    """The options of a benchmark: its help, and --write."""
+    parser = argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--write", action="store_true", help=f"write docs/measured/{page}.md")
+    return parser
 
 
 def line(*cells: object) -> str:
     """A row of a Markdown table."""
-    return "| " + " | ".join(str(cell) for cell in cells) + " |"
+    return "| " + " | ".join(yes(cell) if isinstance(cell, bool | np.bool_) else str(cell) for cell in cells) + " |"
 
 
 def head(*titles: str) -> str:
     """The first two rows of a Markdown table: titles, and the rule below."""
     return f"{line(*titles)}\n|{'---|' * len(titles)}"
+
+
+def table(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Print a Markdown table, each row as it comes."""
+    print(head(*titles))
+    for row in rows:
+        print(line(*row), flush=True)
+
+
+def yes(met: object) -> str:
+    """Whether something is so."""
+    return "yes" if met else "no"
+
+
+def rms(values: Iterable[float]) -> float:
+    """Root mean square."""
+    return math.sqrt(statistics.fmean(value**2 for value in values))
+
+
+def mean_text(values: Sequence[float]) -> str:
+    """The mean of differences and its standard error."""
+    error = statistics.stdev(values) / math.sqrt(len(values)) if len(values) > 1 else math.nan
+    return f"{statistics.fmean(values):+.4f} ± {error:.4f}"
+
+
+def covered(folder: Path, fields: Mapping[str, list[list[float]]], profile: object, metres: int) -> dict[str, str]:
+    """Plans of laps that cover fields, by corners [m]: files in a folder; swath and smallest turning radius [m]."""
+    found = {}
+    for name, corners in fields.items():
+        outline, found[name] = folder / f"{name}.csv", str(folder / f"{name}.plan")
+        outline.write_text("x_m,y_m\n" + "\n".join(f"{x},{y}" for x, y in corners) + "\n")
+        command = [sys.executable, "-m", "eadp", "cover", str(outline), "--metres", "--pattern", "zamboni"]
+        command += ["--min-radius", str(metres), "--swath", str(metres), "--profile", str(profile), "-o", found[name]]
+        subprocess.run(command, check=True, capture_output=True)
+    return found
 
 
 def machine() -> str:
@@ -97,20 +141,21 @@ def digest(paths: Sequence[str]) -> str:
 
 def age(name: str) -> str:
     """Why a page may not be of the present code; empty where it is, or where it has no modules of its own."""
-    if name not in MEASURES:
+    if name not in PAGES:
         return ""
     known = re.search(r"^Code `(\w+)` of", (FOLDER / f"{name}.md").read_text(encoding="utf-8"), re.MULTILINE)
     if known is None:
         return "with code that was not recorded"
-    return "" if known[1] == digest(MEASURES[name]) else "with code that has changed"
+    return "" if known[1] == digest(PAGES[name][1]) else "with code that has changed"
 
 
 def page(name: str, text: str) -> str:
     """The page of a benchmark that printed a text."""
     today = datetime.datetime.now(tz=datetime.UTC).date()
     top = [f"# Measured: {name}", "", f"    {command()}", "", f"{today}, {machine()}.", ""]
-    if measures := MEASURES.get(name):
-        top += [f"Code `{digest(measures)}` of {', '.join(f'`{path}`' for path in measures)}.", ""]
+    if name in PAGES:
+        paths = PAGES[name][1]
+        top += [f"Code `{digest(paths)}` of {', '.join(f'`{path}`' for path in paths)}.", ""]
     return "\n".join([*top, *_body(text)]).rstrip("\n") + "\n"
 
 
@@ -152,7 +197,25 @@ def recorded(name: str, *, write: bool = True) -> Iterator[None]:
         (FOLDER / f"{name}.md").write_text(page(name, tee.kept.getvalue()), encoding="utf-8")
 
 
+def main() -> None:
+    """List the pages, or make them again."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="pages, whatever their age")
+    parser.add_argument("--run", action="store_true", help="make them again")
+    asked = parser.parse_args()
+    for name in asked.names or sorted(path.stem for path in FOLDER.glob("*.md")):
+        file = FOLDER / f"{name}.md"
+        written = re.search(r"^\d{4}-\d\d-\d\d", file.read_text("utf-8") if file.exists() else "", re.MULTILINE)
+        why = age(name) if written else "not written"
+        print(f"{name:16} {written[0] if written else '':10}  {why}".rstrip(), flush=True)
+        if asked.run and (why or asked.names):
+            script, *words = shlex.split(PAGES[name][0])
+            started = time.perf_counter()
+            command = [sys.executable, str(FOLDER.parents[1] / "benchmarks" / script), *words, "--write"]
+            code = subprocess.run(command, stdout=subprocess.DEVNULL, cwd=FOLDER.parents[1], check=False).returncode
+            ended = "written" if code == 0 else f"exit code {code}"
+            print(f"{name:16} {ended} after {time.perf_counter() - started:.0f} s", flush=True)
+
+
 if __name__ == "__main__":
-    for file in sorted(FOLDER.glob("*.md")):
-        measured = re.search(r"^\d{4}-\d\d-\d\d", file.read_text(encoding="utf-8"), re.MULTILINE)
-        print(f"{file.stem:14} {measured[0] if measured else 'no date':10}  {age(file.stem)}".rstrip())
+    main()

@@ -3,11 +3,11 @@
 usage: python benchmarks/mutants.py [--count 200] [--seed 0] [--layers core models planning] [--only TEXT ...] [--slow]
 
 The operators are mutmut's (pip install mutmut coverage), and `return x` to `return None`. The rest is our own: mutmut
-leaves properties alone and runs all tests. A mutant of `eadp/core` has to fail a test of `tests/core`, and so on, of
-the quick tier or, with `--slow`, of both. Coverage records once which test executes which line, and keeps it in
-`build/mutants` until the sources change. A mutant meets the tests that execute its statement, the quickest first,
-until one fails; a hang is a failure. Processes are forked with the libraries imported. Prints the mutants that survive
-or hang and the counts of each layer.
+leaves properties alone and runs all tests. A mutant of `eadp/core` has to fail a test of `tests/base/core`, one of a
+room a test of `tests/ROOM`, of the quick tier or, with `--slow`, of both. Coverage records once which test executes
+which line, and keeps it in `build/mutants` until the sources change. A mutant meets the tests that execute its
+statement, the quickest first, until one fails; a hang is a failure. Processes are forked with the libraries imported.
+Prints the mutants that survive or hang and the counts of each layer.
 """
 
 from __future__ import annotations
@@ -48,48 +48,18 @@ LIBRARIES = (
 )
 
 # Mutants that survived, and why, so that a new run need not look into them again.
-# They change something that no test notices:
-# - core/signals/spectrum.py: _RELATED without the fifth multiple of a peak's frequency: the same period in each of
-#   150 made logs
-# - core/signals/spectrum.py: step_hz * index[0] → /: orders beyond the sampling are tried near short periods: the
-#   same period in these logs
-# - core/signals/spectrum.py: _ZOOMS 6 → 7: 24 made logs in coloured noise took 5 at most
-# - planning/paper/planner.py, _path: range(10, 0, -1) → -2: a path between, in fifths of the change instead of
-#   tenths
-# - planning/track/live.py: no usual step before the first sample → 1 s: differs where the first sample comes 5 s or
-#   more after the start
-# - planning/track/locator.py: len(self.hypotheses) > 1 → >=: one hypothesis is weighed against none
-# - planning/paper/planner.py, _path: stages[o.stage - 1] → - 2: differs where trade-offs bind and the stage before
-#   has other free computations
-# - planning/paper/horizon.py, _raised: soc - now.cumsum() → +: not yet looked into: the charge on the way while a
-#   step is raised
-# They change nothing, or nothing that can be observed:
 # - planning/state/charge.py: after a jump no outlier → one: no reading is an outlier until four more have come
-# - planning/estimation/power_filter.py: abs(step_s - …) → +: the same matrices are computed at each step
 # - models/plan/structure.py: > 1e-6 * (1 + …) → >=: differs where a rounded difference is the tolerance to the last
 #   digit
 # - models/plan/structure.py: samples at 1 + 0.1 i → 1 + 1.1 i: any distinct samples do
-# - models/plan/leg_ends.py: bisection from found - 1 → found - 2: the first sample beyond is found: the bisection
-#   starts with a longer interval, and ends at the same millimetre
 # - models/plan/triggers.py: turned < -π → <=: a half turn within one step, which has no direction
 # - models/plan/triggers.py: abs(dy) < 1e-9 → <=: a shift of exactly 1e-9 m
-# - core/signals/spectrum.py: chance > _EVIDENT → >=: differs at one value of a real number
-# - core/signals/coloured_noise.py: arange(3, m + 1, 2) → m + 2: m is odd
 # - core/geometry/dubins.py: ceil(36 / fall) → 37: one harmonic more than is needed for rounding
 # - core/flight/wind.py: a crosswind < the airspeed → <=: differs where both are the same to the last digit
-# - core/signals/spectrum.py: where(apart < 0, …) → < 1: the sum of harmonic 0 is real: its conjugate is itself
 # - core/expressions/derivatives.py: a zero depends on the point, False → True: the value is the same, computed later
 # - core/flight/wind.py: INITIAL_GUST_MPS**2 → **3: it is 1
-# - planning/estimation/estimator.py: period_s or 1.0 → or 2.0: without a period there are no harmonics
-# - core/signals/averaging.py: pairs <= 0 → <: a sum of rounded terms is not exactly 0
-# - core/signals/disturbance.py: the span of one sample 0 → 1 s: it is used as span_s or 1.0
-# - core/signals/lap_time.py: a peak >= its neighbour before → >: of equal values the first is a peak in both, and
-#   the first counts
 # - core/expressions/algebra.py: probes at 1 + 0.07 … → 2 + …: any distinct points do
-# - planning/estimation/estimator.py: _turned_by at first (0, −1) → (1, −1): no step is −1 s
 # - planning/state/motion.py: UNKNOWN_W 1000 → 1001: a prior that says nothing either way
-# - planning/paper/planner.py: longest >= shortest → >: both times are the same, so the path changes nothing
-# - planning/paper/horizon.py: places of the matrix > 0 → >= 0: zeros are stored with the rest
 
 
 def _returned(node: cst.Return) -> list[cst.Return]:
@@ -269,7 +239,8 @@ def recorded(layer: str, jobs: int) -> tuple[dict[str, float], dict[str, dict[in
     """CPU seconds of each test of a layer, and the tests of each line of each file."""
     KEPT.mkdir(parents=True, exist_ok=True)
     shared = digest([*(ROOT / "eadp").rglob("*.py"), *(ROOT / "tests/support").rglob("*.py")])
-    files = sorted((ROOT / "tests" / layer).rglob("test_*.py"))
+    own = ROOT / "tests/base" / layer
+    files = sorted((own if own.is_dir() else ROOT / "tests" / layer).rglob("test_*.py"))
     tier = "quick" if TIER[0] else "slow"
     kept = {file: KEPT / f"{file.stem}-{tier}-{shared}-{digest([file])}.json" for file in files}
     missing = [
@@ -378,10 +349,11 @@ def _run(options: argparse.Namespace) -> None:
     for mutant in untested:
         report(mutant, "no test")
     print(f"{options.count} mutants, seed {options.seed}")
-    print(measured.head("layer", "mutants", "fall", "hang", "survive", "no test"))
-    for layer in options.layers:
-        of = {result: counts[layer, result] for result in ("falls", "hangs", "survives", "no test")}
-        print(measured.line(layer, sum(of.values()), *of.values()))
+    of = {layer: [counts[layer, one] for one in ("falls", "hangs", "survives", "no test")] for layer in options.layers}
+    measured.table(
+        ("layer", "mutants", "fall", "hang", "survive", "no test"),
+        ([layer, sum(each), *each] for layer, each in of.items()),
+    )
     fallen = sum(n for (_, result), n in counts.items() if result in ("falls", "hangs"))
     print(f"{fallen} of {counts.total()} fall, {100 * fallen / max(1, counts.total()):.1f} %")
 

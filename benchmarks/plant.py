@@ -97,8 +97,6 @@ class Lipo:
     capacity_ah: float
     resistance_ohm: float
     cells: int = 4
-    sag: float = 0.0
-    """Share of the open-circuit voltage that is lost at every charge."""
 
     soc: float | np.ndarray = 1.0
     empty: bool | np.ndarray = False
@@ -111,7 +109,7 @@ class Lipo:
     @property
     def open_v(self) -> float | np.ndarray:
         """Open-circuit voltage."""
-        return self.cells * np.interp(self.soc, CELL_SOC, CELL_V) * (1 - self.sag)
+        return self.cells * np.interp(self.soc, CELL_SOC, CELL_V)
 
     def step(self, power_w: float | np.ndarray, seconds: float, loss: float = 0.0) -> None:
         """Deliver a power, after a `loss` of charge. Below the cut-off for CUTOFF_S, the pack is empty for good."""

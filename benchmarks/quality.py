@@ -13,22 +13,20 @@ covered fields, with the vehicles `paper` and `fixed-wing`, by
 - `hindsight`: the best constant parameters of a grid, each flown, with wind and losses known beforehand. It
   keeps the reserve where any constant parameters do, and else completes where any do.
 
-    python benchmarks/quality.py --missions 200 --jobs 2
-    python benchmarks/quality.py --ablate --missions 200 --jobs 2
+    python benchmarks/quality.py [--missions 200] [--seed 1] [--jobs 2] [--ablate] [--write]
 
-`--ablate` is that of `ablation.py`. `--write` writes what is printed to docs/measured.
+`--ablate` flies the variants of `ablation.py` instead.
 """
 
 from __future__ import annotations
 
 import argparse
-import contextlib
-import io
 import itertools
 import json
 import math
 import multiprocessing
 import statistics
+import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
@@ -37,8 +35,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ablation import AS_IT_IS, VARIANTS, ablated, plans_of_several, table_of, value
-from measured import head, line, recorded
+from ablation import AS_IT_IS, VARIANTS, ablated, compare, plans_of_several, value
+from measured import covered, options, recorded, table
 
 from eadp.api.inputs import FlightInputs, load_flight
 from eadp.core.compiled import enable
@@ -78,20 +76,7 @@ class Case:
 
 def plans(folder: Path) -> dict[str, str]:
     """The survey, and plans that cover the fields, with c1 and the computations free."""
-    from eadp.cli.main import main
-
-    found = {"survey": str(ROOT / "plans/survey.plan")}
-    for name, corners in FIELDS.items():
-        field = folder / f"{name}.csv"
-        field.write_text("x_m,y_m\n" + "\n".join(f"{x},{y}" for x, y in corners) + "\n")
-        out = folder / f"{name}.plan"
-        options = ["--pattern", "zamboni", "--metres", "--min-radius", "30", "--swath", "30", "--profile", PROFILE]
-        with contextlib.redirect_stdout(io.StringIO()):
-            code = main(["cover", str(field), *options, "-o", str(out)])
-        if code:
-            raise SystemExit(f"{name}: not covered")
-        found[name] = str(out)
-    return found
+    return {"survey": str(ROOT / "plans/survey.plan")} | covered(folder, FIELDS, PROFILE, 30)
 
 
 def load(plan: str, keys: Mapping[str, Any], **more: Any) -> FlightInputs:
@@ -371,31 +356,18 @@ def run(task: tuple[dict[str, str], Case]) -> dict[str, Any]:
     return result
 
 
-def again(task: tuple[dict[str, str], dict[str, Any]]) -> dict[str, Any]:
-    """A mission that all have flown, by `joint` once more."""
-    found, before = task
-    plan, case = found[before["place"]], Case(before["index"], before["place"], before["vehicle"], before["keys"])
-    result = {key: value for key, value in before.items() if key != "could"}
-    result["joint"] = flown(load(plan, case.keys, **{"planner.name": "joint"}))
-    if not result["joint"]["completed"]:
-        result["could"] = could(plan, case, "joint")
-    return result
-
-
 NAMES = ("highest", "lowest", "paper", "lap budget", "before take-off", "joint", "hindsight")
+TITLES = ("completed", "reserve kept", "U, mean", "U, worst", "changes", "CPU [s]", "U, all")
 
 
-def table(title: str, results: list[dict[str, Any]]) -> Iterator[str]:
-    """What came of them: U of completed flights, and in the last column the others as 0."""
-    yield head(title, "completed", "reserve kept", "U, mean", "U, worst", "changes", "CPU [s]", "U, all")
-    for name in NAMES:
-        rows = [r[name] for r in results]
-        us = [row["u"] for row in rows if row["completed"]]
-        changes = statistics.mean([row.get("changes", 0) for row in rows])
-        cpu = statistics.median([row.get("cpu_s", 0.0) for row in rows])
-        counts = sum(row["completed"] for row in rows), sum(row["kept"] for row in rows)
-        figures = f"{statistics.mean(us) if us else 0:.3f}", f"{min(us, default=0):.3f}", f"{changes:.1f}", f"{cpu:.2f}"
-        yield line(name, *counts, *figures, f"{statistics.mean(value(row) for row in rows):.3f}")
+def row(name: str, flights: list[dict[str, Any]]) -> list[object]:
+    """What came of a planner's flights: U of those completed, and in the last column the others as 0."""
+    us = [flight["u"] for flight in flights if flight["completed"]]
+    changes = statistics.mean([flight.get("changes", 0) for flight in flights])
+    cpu = statistics.median([flight.get("cpu_s", 0.0) for flight in flights])
+    figures = f"{statistics.mean(us) if us else 0:.3f}", f"{min(us, default=0):.3f}", f"{changes:.1f}", f"{cpu:.2f}"
+    counts = (sum(flight[key] for flight in flights) for key in ("completed", "kept"))
+    return [name, *counts, *figures, f"{statistics.mean(map(value, flights)):.3f}"]
 
 
 def verdict(results: list[dict[str, Any]]) -> Iterator[str]:
@@ -412,126 +384,66 @@ def verdict(results: list[dict[str, Any]]) -> Iterator[str]:
         ratio = [u(r, "joint") / u(r, "hindsight") if u(r, "hindsight") else 1.0 for r in rows]
         total = sum(u(r, "joint") for r in rows) / sum(u(r, "hindsight") for r in rows)
         yield f"U of joint over hindsight, {which}: mean of ratios {statistics.mean(ratio):.3f}, of means {total:.3f}"
-    shortfall = [
-        r["index"]
-        for r in done
-        if u(r, "joint") < 0.93 * u(r, "hindsight") and u(r, "joint") < u(r, "hindsight") - 0.03
-    ]
-    lost = [index for index in shortfall if index not in {r["index"] for r in could_be}]
-    yield f"below 0.93 of hindsight and by more than 0.03: {len(shortfall)} {shortfall or ''}"
-    yield f"of these, not to be completed once a loss was known: {lost or '-'}"
-    for name in ("lap budget", "paper"):
-        worse = [r["index"] for r in results if u(r, "joint") < u(r, name) - 1e-9]
-        mean = statistics.mean(u(r, name) for r in results)
-        ours = statistics.mean(u(r, "joint") for r in results)
-        yield f"U, not completed as 0: joint {ours:.3f}, {name} {mean:.3f}; worse in {len(worse)} {worse[:20] or '-'}"
+    limits = ((r, min(0.93 * u(r, "hindsight"), u(r, "hindsight") - 0.03)) for r in done)
+    shortfall = [r for r, limit in limits if u(r, "joint") < limit]
+    hopeless = sum(r not in could_be for r in shortfall)
+    yield f"below 0.93 of hindsight and by more than 0.03: {len(shortfall)}, of these {hopeless} not to be completed"
 
 
-def gained(results: list[dict[str, Any]]) -> Iterator[str]:
+def gained(results: list[dict[str, Any]]) -> None:
     """What re-planning gains of what it can, where hindsight keeps the reserve: U, 0 without the reserve."""
     kept = [r for r in results if r["hindsight"]["kept"]]
     before, ours = (
         statistics.mean(r[name]["u"] * r[name]["kept"] for r in kept) for name in ("before take-off", "joint")
     )
     bound = statistics.mean(r["hindsight"]["clairvoyant"] for r in kept)
-    yield head(
-        f"{len(kept)} missions whose reserve hindsight keeps", "before take-off", "joint", "clairvoyant", "share gained"
-    )
-    figures = f"{before:.3f}", f"{ours:.3f}", f"{bound:.3f}", f"{(ours - before) / (bound - before):.2f}"
-    yield line("U, 0 without the reserve", *figures)
+    share = f"{(ours - before) / (bound - before):.2f}" if bound > before else ""
+    title = f"{len(kept)} missions whose reserve hindsight keeps"
+    figures = f"{before:.3f}", f"{ours:.3f}", f"{bound:.3f}", share
+    table((title, "before take-off", "joint", "clairvoyant", "share gained"), [("U, 0 without the reserve", *figures)])
 
 
 def main() -> None:
     """Run and print."""
-    options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("--missions", type=int, default=200)
-    options.add_argument("--seed", type=int, default=1)
-    options.add_argument("--jobs", type=int, default=1)
-    options.add_argument("--only", type=int, nargs="*", help="indices of missions")
-    options.add_argument("--out", help="JSON lines, one mission each")
-    options.add_argument("--again", help="such a file: its missions by joint once more, the others as they flew")
-    options.add_argument("--table", help="print the tables of such a file")
-    options.add_argument("--ablate", action="store_true", help="fly variants of joint that leave a concept out")
-    options.add_argument("--write", action="store_true", help="write what is printed to docs/measured")
-    given = options.parse_args()
-    with recorded(_page(given), write=given.write):
-        _print(given)
+    parser = options(__doc__, "quality or ablation, of another seed than 1 with it")
+    parser.add_argument("--missions", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--only", type=int, nargs="*", help="indices of missions")
+    parser.add_argument("--out", help="JSON lines, one mission each")
+    parser.add_argument("--ablate", action="store_true", help="fly variants of joint that leave a concept out")
+    asked = parser.parse_args()
+    page = "ablation" if asked.ablate else "quality"
+    with recorded(page if asked.seed == 1 else f"{page}_{asked.seed}", write=asked.write):
+        fly_all(asked)
 
 
-def _page(given: argparse.Namespace) -> str:
-    """The page in docs/measured that the options fill."""
-    page = "ablation" if given.ablate else "quality"
-    return page if given.seed == 1 else f"{page}_{given.seed}"
-
-
-def _print(given: argparse.Namespace) -> None:
-    if given.table:
-        read = [json.loads(line) for line in Path(given.table).read_text().splitlines()]
-        if given.ablate:
-            print_variants(given, read)
-        else:
-            report(given.seed, read)
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        found = plans(Path(folder))
-        if given.ablate:
-            variants(given, found | plans_of_several(Path(folder)))
-            return
-        if given.again:
-            work, missions = again, [json.loads(line) for line in Path(given.again).read_text().splitlines()]
-        else:
-            work, missions = run, cases(given.missions, given.seed, found)
-        if given.only:
-            missions = [missions[i] for i in given.only]
-        results = _flown_by_all(given, work, [(found, mission) for mission in missions])
-    report(given.seed, results)
-
-
-def variants(given: argparse.Namespace, found: dict[str, str]) -> None:
-    """Fly variants of `joint`, and print how they compare."""
-    missions = cases(given.missions, given.seed, found)
-    tasks = [(found, missions[i]) for i in (given.only or range(len(missions)))]
-    print_variants(given, _flown_by_all(given, _ablated, tasks))
-
-
-def print_variants(given: argparse.Namespace, results: list[Any]) -> None:
-    """Print how variants compare."""
-    print(f"seed {given.seed}, {len(results)} missions; U is 0 where a mission is not completed")
-    print("\n".join(table_of("planner `joint`", VARIANTS, AS_IT_IS, results)))
-
-
-def _flown_by_all(given: argparse.Namespace, work: Any, tasks: list[Any]) -> list[Any]:
-    """What came of each task, written to a file of JSON lines as it comes."""
+def fly_all(asked: argparse.Namespace) -> None:
+    """Fly the missions, and print the tables."""
     results = []
-    with multiprocessing.get_context("spawn").Pool(given.jobs) as pool:
-        for result in pool.imap_unordered(work, tasks):
-            results.append(result)
-            if given.out:
-                with open(given.out, "a") as file:
-                    file.write(json.dumps(result) + "\n")
-    return results
+    with tempfile.TemporaryDirectory() as folder:
+        found = plans(Path(folder)) | (plans_of_several(Path(folder)) if asked.ablate else {})
+        missions = cases(asked.missions, asked.seed, found)
+        tasks = [(found, missions[i]) for i in (asked.only or range(len(missions)))]
+        with multiprocessing.get_context("spawn").Pool(asked.jobs) as pool:
+            for result in pool.imap_unordered(_ablated if asked.ablate else run, tasks):
+                results.append(result)
+                print(f"{len(results)} of {len(tasks)}", file=sys.stderr)
+                if asked.out:
+                    with open(asked.out, "a") as file:
+                        file.write(json.dumps(result) + "\n")
+    print(f"seed {asked.seed}, {len(results)} missions; U, all, is 0 where a mission is not completed")
+    if asked.ablate:
+        compare("planner `joint`", VARIANTS, AS_IT_IS, results)
+    else:
+        table(("all", *TITLES), (row(name, [r[name] for r in results]) for name in NAMES))
+        print("\n".join(verdict(results)))
+        gained(results)
 
 
 def _ablated(task: tuple[dict[str, str], Case]) -> dict[str, dict[str, Any]]:
-    return ablated(lambda keys: _joint(task, keys))
-
-
-def _joint(task: tuple[dict[str, str], Case], keys: Mapping[str, Any]) -> dict[str, Any]:
-    """A mission by `joint`, with some more keys."""
     found, case = task
-    return flown(load(found[case.place], {**case.keys, "planner.name": "joint", **keys}))
-
-
-def report(seed: int, results: list[dict[str, Any]]) -> None:
-    """Print what came of missions."""
-    results.sort(key=lambda r: r["index"])
-    print(f"seed {seed}, {len(results)} missions")
-    print("\n".join(table("all", results)))
-    print("\n".join(verdict(results)))
-    print("\n".join(gained(results)))
-    for group in sorted({(r["place"], r["vehicle"]) for r in results}):
-        rows = [r for r in results if (r["place"], r["vehicle"]) == group]
-        print("\n".join(table(f"{group[0]}, {group[1]}: {len(rows)} missions", rows)))
+    return ablated(lambda keys: flown(load(found[case.place], {**case.keys, "planner.name": "joint", **keys})))
 
 
 if __name__ == "__main__":

@@ -16,8 +16,8 @@ mission's forecast by its flight. A warning is true where a mission with one is 
 
 from __future__ import annotations
 
-import argparse
 import contextlib
+import itertools
 import json
 import math
 import random
@@ -25,13 +25,13 @@ import re
 import statistics
 import tempfile
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from measured import add_option, head, line, recorded
+from measured import options, recorded, rms, table
 from pymavlink import mavutil
 from shapely import make_valid, unary_union
 from shapely.geometry import shape
@@ -74,7 +74,7 @@ NEAR, EQUATOR_M, SQUARED_ECCENTRICITY = 1e-3, 6_378_137.0, 0.00669438
 WARNED = "right, with a true warning"
 VERDICTS = ("right", WARNED, "refused, with the reason", "refused wrongly", "wrong")
 WINDS: dict[str, dict[str, Any]] = {
-    "calm": {},
+    "no wind": {},
     "5 m/s": {"wind.speed_mps": 5.0, "wind.from_deg": 250.0},
     "gusts": {"wind.speed_mps": 3.0, "wind.from_deg": 30.0, "wind.gust_std_mps": 1.0, "seed": 1},
 }
@@ -180,9 +180,8 @@ def judged(path: Path) -> tuple[str, str]:
 def files_table(folder: Path) -> None:
     """A row for each class of the files of a folder."""
     found = [judged(path) for path in sorted(folder.iterdir()) if path.name != "SOURCES.txt"]
-    print(head("files", *VERDICTS))
-    for kind in ("missions", *SUFFIXES):
-        print(line(kind, *(found.count((kind, verdict)) for verdict in VERDICTS)))
+    kinds = ("missions", *SUFFIXES)
+    table(("files", *VERDICTS), ([kind, *(found.count((kind, one)) for one in VERDICTS)] for kind in kinds))
 
 
 def random_mission(seed: int) -> str:
@@ -213,9 +212,8 @@ def missions(folders: Sequence[Path]) -> list[Path]:
     return found
 
 
-def flights(title: str, paths: Sequence[Path]) -> list[float]:
-    """A row for each wind, and the missions that are forecast wrongly; returns misses in gusts over what turns add."""
-    shares: list[float] = []
+def flights(title: str, paths: Sequence[Path], shares: list[float]) -> Iterator[list[object]]:
+    """A row for each wind, and the missions that are forecast wrongly; adds misses in gusts over what turns add."""
     for wind, keys in WINDS.items():
         found, endless = dict[str, Compared](), 0
         for path in paths:
@@ -226,39 +224,38 @@ def flights(title: str, paths: Sequence[Path]) -> list[float]:
                 else:
                     found[path.name] = one
         all_ = list(found.values())
-        right, impossible = sum(one.right for one in all_), sum(one.power_w > one.limit_w for one in all_)
-        spread = math.sqrt(statistics.fmean(one.misses**2 for one in all_))
-        wrong = ", ".join(name for name, one in found.items() if not one.right)
-        slowest = f"{1000 * max(one.took_s for one in all_):.0f}"
         if wind == "gusts":
-            shares = [
+            shares += [
                 abs(one.outcome.duration_s - one.forecast["time_s"]) / one.excess_s for one in all_ if one.excess_s
             ]
-        print(line(title, wind, len(all_), right, impossible, endless, f"{spread:.2f}", slowest, wrong))
-    return shares
+        yield [
+            *(title, wind, len(all_), sum(one.right for one in all_), sum(one.power_w > one.limit_w for one in all_)),
+            *(endless, f"{rms(one.misses for one in all_):.2f}" if all_ else ""),
+            *(f"{1000 * max((one.took_s for one in all_), default=0):.0f}",),
+            ", ".join(name for name, one in found.items() if not one.right),
+        ]
+
+
+TITLES = "missions", "wind", "flown", "right", "impossible power", "never end", "miss/σ", "slowest [ms]", "wrong"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = options(__doc__, "real")
     parser.add_argument("--real", nargs="*", type=Path, default=list(FOLDERS))
     parser.add_argument("--random", type=int, default=60)
-    add_option(parser, "real")
-    args = parser.parse_args()
+    asked = parser.parse_args()
     compiled.enable()
-    with tempfile.TemporaryDirectory() as folder, recorded("real", write=args.write):
+    with tempfile.TemporaryDirectory() as folder, recorded("real", write=asked.write):
         made = []
-        for seed in range(args.random):
+        for seed in range(asked.random):
             made.append(Path(folder) / f"random-{seed:02}.waypoints")
             made[-1].write_text(random_mission(seed), encoding="utf-8")
-        if args.real and args.real[0].is_dir():
-            files_table(args.real[0])
+        if asked.real and asked.real[0].is_dir():
+            files_table(asked.real[0])
             print()
-        print(
-            head(
-                "missions", "wind", "flown", "right", "impossible power", "never end", "miss/σ", "slowest [ms]", "wrong"
-            )
-        )
-        shares = flights("real", missions(args.real)) + flights("random", made)
+        shares: list[float] = []
+        rows = flights("real", missions(asked.real), shares), flights("random", made, shares)
+        table(TITLES, itertools.chain(*rows))
         share = f"{1.48 * statistics.median(shares):.2f}" if shares else "-"
         print(f"σ of overshoots: {share} of what they add in {len(shares)} flights in gusts; taken {OVERSHOOT_SHARE}")
 

@@ -22,23 +22,19 @@ levels; our largest gap to the bound; and our worst violation in an independent 
 
 from __future__ import annotations
 
-import argparse
 import itertools
 import os
 import sys
 import time
-from collections import defaultdict
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 os.environ["OMP_NUM_THREADS"] = "1"  # threads of the linear algebra only wait for each other in problems of ten
 
 import numpy as np
-from measured import add_option, head, line, recorded
+from measured import options, recorded, table
 
 from eadp.core import compiled
 from eadp.core.harmonics import design_matrix, output_row, rotation_matrix
@@ -51,10 +47,9 @@ from eadp.models.profile import Profile
 from eadp.models.vehicle import PaperVehicle
 from eadp.papers import horizon
 from eadp.papers.estimator import EstimatorSettings, ExactEstimator
-from eadp.papers.horizon import Horizon, HorizonForecast, HorizonSolution
+from eadp.papers.horizon import HorizonForecast, HorizonSolution
 from eadp.papers.planner import PaperPlanner, PaperSettings
 from eadp.planning.base import Mission, Observation, PlannerSettings, Sample
-from eadp.planning.qp import OsqpSolver, QuadraticProgram
 
 try:
     import casadi
@@ -289,17 +284,6 @@ OPTIONS = {
 
 # --- measures
 
-PARTS = {
-    "forecast": (PaperPlanner, "_horizon_forecast"),
-    "table of levels": (Horizon, "table"),
-    "data of the QP": (horizon._Mixture, "problem"),
-    "checks of the data": (QuadraticProgram, "_check"),
-    "update": (OsqpSolver, "update"),
-    "warm start, solve, copies": (OsqpSolver, "run"),
-    "levels": (Horizon, "_rounded"),
-}
-"""What a re-planning consists of: methods, none within another."""
-
 
 @dataclass(frozen=True)
 class Speed:
@@ -380,74 +364,39 @@ def excess_w(c: np.ndarray, forecast: HorizonForecast) -> float:
     return float(most)
 
 
-def parts(rng: np.random.Generator, count: int, steps: int) -> dict[str, float]:
-    """Median of each part [us], of OSQP's own clock, and of what is left; clocks add about 0.2 us to each."""
-    spent: dict[str, list[float]] = defaultdict(list)
-    now = dict.fromkeys(PARTS, 0.0)
-
-    def clocked(name: str, method: Callable[..., Any]) -> Callable[..., Any]:
-        def call(*arguments: Any, **named: Any) -> Any:
-            started = time.thread_time()
-            result = method(*arguments, **named)
-            now[name] += time.thread_time() - started
-            return result
-
-        return call
-
-    with ExitStack() as patches:
-        for name, (owner, method) in PARTS.items():
-            patches.enter_context(mock.patch.object(owner, method, clocked(name, getattr(owner, method))))
-        ours = Ours(steps)
-        for instance in instances(rng, count, steps, related=True):
-            observation = ours.prepare(instance)
-            started = time.thread_time()
-            ours.solve(observation)
-            spent["all"].append(time.thread_time() - started)
-            for name in PARTS:
-                spent[name].append(now[name])
-                now[name] = 0.0
-            (mixture,) = ours._horizon._mixtures.values()
-            spent["of it OSQP's solve in C"].append(mixture.program._solver._osqp._solver.info.solve_time)
-    each = {name: 1e6 * float(np.median(times)) for name, times in spent.items()}
-    each["the rest"] = each["all"] - sum(each[name] for name in PARTS)
-    return each
+TITLES = "horizon, order, peer", "ours, all [ms]", "peer, reals [ms]", "ratio", "active", "peer failed"
+LEVELS = "horizon", "ahead of the peer: least", "mean", "largest", "gap, median", "violation [W]"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--instances", type=int, default=200, help="how many of each kind (default 200)")
-    parser.add_argument("--seed", type=int, default=0, help="of the instances (default 0)")
+    parser = options(__doc__, "replan")
+    parser.add_argument("--instances", type=int, default=200, help="how many of each kind")
+    parser.add_argument("--seed", type=int, default=0, help="of the instances")
     parser.add_argument("--plain", action="store_true", help="without compiled code")
-    add_option(parser, "replan")
-    options = parser.parse_args()
-    with recorded("replan", write=options.write):
-        _print(options)
+    asked = parser.parse_args()
+    fast = compiled.enable(not asked.plain)
+    with recorded("replan", write=asked.write):
+        print(f"{asked.instances} instances of each kind, seed {asked.seed}, {'compiled' if fast else 'plain'}")
+        table(TITLES, speeds(asked.instances, asked.seed))
+        table(LEVELS, (levels(asked.instances, asked.seed + 1, steps) for steps in (10, round(PERIOD_S))))
 
 
-def _print(options: argparse.Namespace) -> None:
-    form = "compiled" if compiled.enable(not options.plain) else "plain"
-    print(f"{options.instances} instances of each kind, seed {options.seed}, {form}")
-    print(head("horizon, order, peer", "ours, all [ms]", "peer, reals [ms]", "ratio", "active", "peer failed"))
-    for name, kind in {"IPOPT": Peer, "OSQP as plug-in": QpPeer}.items():
-        _print_speed(options, name, kind)
-    for steps in (10, round(PERIOD_S)):
-        print(head(f"where it goes, {steps} s", "µs"))
-        for name, us in parts(np.random.default_rng(options.seed), options.instances, steps).items():
-            print(line(name, f"{us:.1f}"))
-    print(head("horizon", "ahead of the peer: least", "mean", "largest", "gap, median", "violation [W]"))
-    for steps in (10, round(PERIOD_S)):
-        q = quality(np.random.default_rng(options.seed + 1), options.instances, steps)
-        figures = min(q.ahead), np.mean(q.ahead), max(q.ahead), np.median(q.gaps), q.violation_w
-        print(line(f"{steps} s", *(f"{figure:.1e}" for figure in figures)))
-
-
-def _print_speed(options: argparse.Namespace, name: str, kind: type[Peer]) -> None:
-    for steps, block in itertools.product((10, round(PERIOD_S)), (BLOCK, 1)):
-        s = speed(np.random.default_rng(options.seed), options.instances, steps, block, kind)
+def speeds(count: int, seed: int) -> Iterator[list[str]]:
+    """The rows of speeds."""
+    peers, horizons = {"IPOPT": Peer, "OSQP as plug-in": QpPeer}, (10, round(PERIOD_S))
+    for (name, kind), steps, block in itertools.product(peers.items(), horizons, (BLOCK, 1)):
+        s = speed(np.random.default_rng(seed), count, steps, block, kind)
         ours, peer = float(np.median(s.ours_ms)), float(np.median(s.peer_ms))
         order = "in turn" if block == 1 else "in blocks"
         cells = f"{ours:.3f}", f"{peer:.3f}", f"{peer / ours:.1f}", f"{s.active:.0%}", f"{s.failed:.1%}"
-        print(line(f"{steps} s, {order}, {name}", *cells))
+        yield [f"{steps} s, {order}, {name}", *cells]
+
+
+def levels(count: int, seed: int, steps: int) -> list[str]:
+    """A row of how good the levels are."""
+    q = quality(np.random.default_rng(seed), count, steps)
+    figures = min(q.ahead), np.mean(q.ahead), max(q.ahead), np.median(q.gaps), q.violation_w
+    return [f"{steps} s", *(f"{figure:.1e}" for figure in figures)]
 
 
 if __name__ == "__main__":

@@ -13,19 +13,19 @@ pack of 0.6 to 2 Ah, a wind of 0 to 6 m/s from anywhere, gusts of 0.5 m/s, and a
 
 from __future__ import annotations
 
-import argparse
 import json
-import math
 import multiprocessing
 import statistics
+import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measured import add_option, head, line, recorded
+from measured import options, recorded, table
 
 import eadp
 from eadp.core.geometry.polygons import covered_shares
@@ -36,6 +36,7 @@ from eadp.survey.folder import write_sorties
 from eadp.survey.sorties import SortieOptions, SortiePlan
 
 ROOT = Path(__file__).resolve().parents[1]
+FIELDS = ROOT.parent / "shared/reference/fields/real_outlines_m.geojson"
 SCALES = (1.0, 2.0, 3.0)
 OWN = [[0, 0], [900, 0], [900, 350], [400, 350], [400, 800], [0, 800]]
 VEHICLE = ROOT / "vehicles/foam-wing.yaml"
@@ -191,97 +192,49 @@ def interrupted(
 
 
 def main() -> None:
-    """Print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("fields", type=Path, nargs="?")
+    """Print the table."""
+    parser = options(__doc__, "sorties")
+    parser.add_argument("fields", type=Path, nargs="?", default=FIELDS)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--seconds", type=int, default=10, help="of OR-tools for each field; 0 leaves it out")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--only", type=int, nargs="*")
-    add_option(parser, "sorties")
-    options = parser.parse_args()
-    with recorded("sorties", write=options.write):
-        given = jobs(options.fields, options.seed)
-        chosen = [(job, i, options.seconds) for i, job in enumerate(given) if not options.only or i in options.only]
-        with multiprocessing.Pool(options.jobs) as pool:
+    asked = parser.parse_args()
+    with recorded("sorties", write=asked.write):
+        given = jobs(asked.fields, asked.seed)
+        chosen = [(job, i, asked.seconds) for i, job in enumerate(given) if not asked.only or i in asked.only]
+        with multiprocessing.Pool(asked.jobs) as pool:
             rows = pool.starmap(measure, chosen, chunksize=1)
-        print(
-            head(
-                "field",
-                "sorties",
-                "bound",
-                "energy / bound",
-                "OR-tools",
-                "time / OR-tools",
-                "planned in [s]",
-                "covered",
-                "home, reserve",
-                "resumed: missed, twice",
-            )
-        )
         for row in rows:
-            if "error" in row:
-                print(line(row["name"], row["error"], *[""] * 8))
-                continue
-            routing = row["routing"]
-            print(
-                line(
-                    row["name"],
-                    row["count"],
-                    row["least"],
-                    f"{row['energy']:.3f}",
-                    "–" if routing is None else routing[0],
-                    "–" if routing is None else f"{row['time_s'] / routing[1]:.3f}",
-                    f"{row['took_s']:.1f}",
-                    f"{row['covered']:.4f}",
-                    f"{'yes' if row['home'] else 'NO'}, {'yes' if row['reserve'] else 'NO'}",
-                    row.get("resume_error")
-                    or (f"{100 * row['missed']:.2f} %, {100 * row['twice']:.2f} %" if "missed" in row else ""),
-                )
-            )
-        made = [row for row in rows if "error" not in row]
-        beside = [row for row in made if row["routing"] is not None]
-        over = [row["count"] - row["least"] for row in made]
-        print()
-        print(head("figure", "value"))
-        print(line("fields", len(made)))
-        print(line("sorties equal to the bound", f"{100 * sum(each == 0 for each in over) / len(made):.0f} %"))
-        print(line("most sorties above the bound", max(over)))
-        print(
-            line(
-                "energy over the bound's, median and largest",
-                f"{statistics.median(row['energy'] for row in made):.3f}, {max(row['energy'] for row in made):.3f}",
-            )
-        )
-        if beside:
-            print(
-                line(
-                    "sorties fewer, as many, more than OR-tools",
-                    ", ".join(
-                        str(sum(sign(row["count"] - row["routing"][0]) == s for row in beside)) for s in (-1, 0, 1)
-                    ),
-                )
-            )
-            same = [row["time_s"] / row["routing"][1] for row in beside if row["count"] == row["routing"][0]]
-            print(line("time over OR-tools', same number, median", f"{statistics.median(same):.3f}" if same else "–"))
-        print(
-            line(
-                "all flights home, with the reserve",
-                f"{sum(row['home'] and row['reserve'] for row in made)} of {len(made)}",
-            )
-        )
-        print(line("least ground covered", f"{min(row['covered'] for row in made):.4f}"))
-        cut = [row for row in made if "missed" in row]
-        if cut:
-            print(line("resumed jobs", len(cut)))
-            print(line("missed, largest", f"{100 * max(row['missed'] for row in cut):.2f} %"))
-            twice = [100 * row["twice"] for row in cut]
-            print(line("covered twice, median and largest", f"{statistics.median(twice):.2f} %, {max(twice):.2f} %"))
+            print(json.dumps(row), file=sys.stderr)
+        table(("figure", "value"), figures([row for row in rows if "error" not in row]))
 
 
-def sign(value: float) -> int:
-    """−1, 0 or 1."""
-    return int(math.copysign(1, value)) if value else 0
+def figures(made: list[dict[str, Any]]) -> Iterator[tuple[str, object]]:
+    """The figures of all jobs."""
+    over = [row["count"] - row["least"] for row in made]
+    energy = [row["energy"] for row in made]
+    yield "fields", len(made)
+    yield "sorties equal to the bound", f"{100 * sum(each == 0 for each in over) / len(made):.0f} %"
+    yield "most sorties above the bound", max(over)
+    yield (
+        "energy over the bound's, median and largest",
+        f"{statistics.median(energy):.3f}, {max(energy):.3f}",
+    )
+    beside = [row for row in made if row["routing"] is not None]
+    if beside:
+        more = [int(np.sign(row["count"] - row["routing"][0])) for row in beside]
+        yield "sorties fewer, as many, more than OR-tools", ", ".join(str(more.count(sign)) for sign in (-1, 0, 1))
+        same = [row["time_s"] / row["routing"][1] for row in beside if row["count"] == row["routing"][0]]
+        yield "time over OR-tools', same number, median", f"{statistics.median(same):.3f}" if same else "–"
+    yield "all flights home, with the reserve", f"{sum(row['home'] and row['reserve'] for row in made)} of {len(made)}"
+    yield "least ground covered", f"{min(row['covered'] for row in made):.4f}"
+    cut = [row for row in made if "missed" in row]
+    if cut:
+        twice = [100 * row["twice"] for row in cut]
+        yield "resumed jobs", len(cut)
+        yield "missed, largest", f"{100 * max(row['missed'] for row in cut):.2f} %"
+        yield "covered twice, median and largest", f"{statistics.median(twice):.2f} %, {max(twice):.2f} %"
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """`joint` by `eadp replan` on an aeroplane that knows nothing of eadp, beside the best constant parameters.
 
-usage: python benchmarks/twin.py [--missions 40] [--seed 0] [--jobs 2] [--only INDEX …] [--trouble NAME]
+    python benchmarks/twin.py [--missions 40] [--seed 0] [--jobs 2] [--only INDEX …] [--write]
 
 The plant is benchmarks/plant.py: JSBSim, an autopilot, gusts, lithium cells and a gauge. `eadp replan` runs as a
 process. Each second it gets one line of telemetry, and the autopilot takes the parameters of the line that answers it;
@@ -15,15 +15,11 @@ stand beside it: `before`, the constants that the forecast before take-off choos
 `clairvoyant`, the best c1 with computations mixed in time, with all losses known, that leaves above the reserve what no
 one can know of the gauge.
 
-- `--trouble NAME` adds one to each mission: a false peak of power, a gauge that sticks, a voltage that sags, a capacity
-  15 % below what is stated, a gap, a position that freezes, a power that is unknown, an autopilot that is deaf to c1.
 - `--log DIR` keeps the files of each mission: plan, scenario, the flight as CSV, log and messages of `eadp replan`; and
   the CSV of a flight at several airspeeds, banks and climbs.
-- `--cache DIR` keeps the flights with constant parameters for other runs, with `--trouble` and without.
-- `--picture FILE` draws U and the forecasts of charge.
-- An interrupt ends the flights; the table is of those that are complete.
-- `--ablate FILE` flies `joint` with one concept left out, and with other rates of expected losses, in place of all
-  this; the file of JSON lines gets each mission. `--table FILE` prints the tables of such a file.
+- `--cache DIR` keeps the flights with constant parameters for other runs.
+- `--ablate` flies `joint` with one concept left out, and with other rates of expected losses, in place of all this.
+- Each mission is a line on standard error. An interrupt ends the flights; the table is of those that are complete.
 
 Needs jsbsim: pip install 'eadp[bench]'.
 """
@@ -43,7 +39,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TextIO
@@ -55,7 +51,7 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "benchmarks"))
 
 import ablation  # noqa: E402
-from measured import head, line, recorded  # noqa: E402
+from measured import line, options, recorded, rms, table  # noqa: E402
 from plant import (  # noqa: E402
     CONTROL_S,
     SAMPLE_S,
@@ -94,7 +90,6 @@ GAUGE_MARGIN = 0.9 * GAUGE_ERROR * (1 - RESERVE)
 """Charge to leave above the reserve for it to be kept in 95 % of flights, whoever plans: the 0.95 quantile of what the
 gauge is off."""
 ANSWER_S = 20.0
-TROUBLES = ("peak", "gauge", "sag", "capacity", "gap", "frozen", "unknown", "deaf")
 LEVELS, LEVELS_W = zip(
     *((p["at"][0], p["power_w"]) for p in yaml.safe_load(PROFILE.read_text())["points"]), strict=True
 )
@@ -121,13 +116,10 @@ class Mission:
     resistance_factor: float
     computing_factor: float
     gauge_factor: float
-    trouble: str
 
     def lipo(self, capacity_ah: float | np.ndarray) -> Lipo:
         """A full pack of this mission."""
-        sags = self.trouble == "sag"
-        ohm = OHM_AH / capacity_ah * self.resistance_factor * (3 if sags else 1)
-        return Lipo(capacity_ah, ohm, sag=0.05 if sags else 0.0)
+        return Lipo(capacity_ah, OHM_AH / capacity_ah * self.resistance_factor)
 
     def noise(self, count: int) -> np.ndarray:
         """Factors of the computations' power, a sample each."""
@@ -149,8 +141,8 @@ def plans(folder: Path) -> dict[str, str]:
     return found
 
 
-def missions(count: int, seed: int, found: dict[str, str], trouble: str) -> list[Mission]:
-    """Random missions: one is the same whatever the number of missions, and with any trouble."""
+def missions(count: int, seed: int, found: dict[str, str]) -> list[Mission]:
+    """Random missions: one is the same whatever the number of missions."""
     made = []
     for index in range(count):
         rng = np.random.default_rng([seed, index])
@@ -168,11 +160,10 @@ def missions(count: int, seed: int, found: dict[str, str], trouble: str) -> list
                 losses,
                 capacity_share=rng.uniform(-0.02, 1.1),
                 level_factor=rng.uniform(0.9, 1.1),
-                capacity_factor=0.85 if trouble == "capacity" else rng.uniform(0.95, 1.02),
+                capacity_factor=rng.uniform(0.95, 1.02),
                 resistance_factor=rng.uniform(0.8, 1.5),
                 computing_factor=rng.uniform(0.97, 1.03),
                 gauge_factor=rng.uniform(1 - GAUGE_ERROR, 1 + GAUGE_ERROR),
-                trouble=trouble,
             )
         )
     return made
@@ -467,10 +458,10 @@ def fly_joint(
             break
         if (k + 1) % PER_LINE == 0:
             line = telemetry.line(sample, power_w, float(pack.voltage_v))
-            decision = None if line is None else replan.ask(line)
+            decision = replan.ask(line)
             if decision is not None:
                 result.decisions.append(decision)
-                flight.decide(taken(decision, plan.names, mission, highest))
+                flight.decide(tuple(float(decision["parameters"][name]) for name in plan.names))
     replan.close()
     result.completed, result.soc = flight.executor.complete and not pack.empty, float(pack.soc)
     result.u = seen.quality(samples[-1])
@@ -481,23 +472,13 @@ def fly_joint(
     return result
 
 
-def taken(
-    decision: dict[str, Any], names: Sequence[str], mission: Mission, highest: Sequence[float]
-) -> tuple[float, ...]:
-    """The parameters that the autopilot takes from a decision."""
-    values = [float(decision["parameters"][name]) for name in names]
-    if mission.trouble == "deaf":
-        values[0] = highest[0]
-    return tuple(values)
-
-
 class Telemetry:
-    """What the autopilot measures and sends: noise, the gauge's steps, and the mission's trouble."""
+    """What the autopilot measures and sends: noise, and the gauge's steps."""
 
     def __init__(self, mission: Mission, names: Sequence[str]) -> None:
         self._mission, self._names = mission, names
         self._rng, self._volts = (np.random.default_rng(mission.seed + 2 + k) for k in range(2))
-        self._soc, self._last_ah, self._sent = 1.0, 0.0, {}
+        self._soc, self._last_ah = 1.0, 0.0
 
     def gauge(self, pack: Lipo, loss: float) -> None:
         """Count the charge: by the current, with an error of gain; a loss is seen."""
@@ -505,10 +486,10 @@ class Telemetry:
         self._soc -= (consumed - self._last_ah) / pack.capacity_ah * self._mission.gauge_factor + loss
         self._last_ah = consumed
 
-    def line(self, sample: Sample, power_w: float, voltage_v: float) -> dict[str, Any] | None:
-        """A line of telemetry; None where none is sent."""
+    def line(self, sample: Sample, power_w: float, voltage_v: float) -> dict[str, Any]:
+        """A line of telemetry."""
         rng = self._rng
-        line: dict[str, Any] = {
+        return {
             "time_s": round(sample.time_s, 3),
             "x_m": round(sample.x_m + rng.normal(0, 0.8), 2),
             "y_m": round(sample.y_m + rng.normal(0, 0.8), 2),
@@ -519,22 +500,6 @@ class Telemetry:
             "heading_deg": round(sample.heading_deg + rng.normal(0, 1.5), 1) % 360,
             "parameters": dict(zip(self._names, sample.parameters, strict=True)),
         }
-        return self._troubled(line)
-
-    def _troubled(self, line: dict[str, Any]) -> dict[str, Any] | None:
-        name, time_s, before = self._mission.trouble, line["time_s"], self._sent
-        if name == "peak" and time_s in (60.0, 150.0):
-            line["power_w"] = 1e5 if time_s < 100 else 20 * line["power_w"]
-        elif name == "gauge" and time_s > 100:
-            line["soc"] = before["soc"]
-        elif name == "gap" and 150 < time_s <= 180:
-            return None
-        elif name == "frozen" and 150 < time_s <= 170:
-            line |= {key: before[key] for key in ("x_m", "y_m")}
-        elif name == "unknown" and 100 < time_s <= 160:
-            line["power_w"] = None
-        self._sent = line
-        return line
 
 
 # --- logs
@@ -672,31 +637,17 @@ def implied_std(decision: dict[str, Any]) -> float | None:
 
 # --- tables
 
-HEADER = head(
-    *("#", "place", "wind [m/s]", "Ah", "losses", "SoC: lowest", "highest"),
-    *("before take-off: SoC", "U", "best constants: c1", "c2", "SoC", "U", "clairvoyant: U"),
-    *("joint: SoC", "U", "time [s]", "changes c1/c2", "warnings", ""),
-)
-
 
 def row(result: dict[str, Any]) -> str:
     """A mission's line; D: not completed though the lowest parameters complete, u: behind the best constants."""
     mission, best, joint = result["mission"], result["best"], result["joint"]
     losses = " ".join(f"{100 * drop:.0f}%@{at}" for at, drop in result["losses"].items()) or "-"
     marks = ("D" if result["lowest"].completed and not joint.completed else "") + ("u" if behind(result) else "")
-    wind_mps, soc = math.hypot(*mission.wind_mps), ended(joint.soc, completed=joint.completed)
     return line(
-        *(mission.index, mission.place, f"{wind_mps:.1f}", f"{result['capacity_ah']:.3f}", losses),
-        *(f"{result['lowest'].soc:.3f}", f"{result['highest'].soc:.3f}"),
-        *(ended(result["before"].soc, completed=result["before"].completed), f"{result['before'].u:.3f}"),
-        *(f"{best.c[0]:.0f}", f"{best.c[1]:.0f}", f"{best.soc:.3f}", f"{best.u:.3f}", f"{result['clairvoyant']:.3f}"),
-        *(soc, f"{joint.u:.3f}", f"{joint.time_s:.0f}", "/".join(map(str, joint.changes)), joint.warnings, marks),
+        *(mission.index, mission.place, f"{math.hypot(*mission.wind_mps):.1f} m/s"),
+        *(f"{result['capacity_ah']:.3f} Ah", losses, f"best {best.c[0]:.0f}, {best.c[1]:.0f}: {best.soc:.3f}"),
+        *(f"U {best.u:.3f}", f"joint {joint.soc:.3f}", f"U {joint.u:.3f}", f"{joint.time_s:.0f} s", marks),
     )
-
-
-def ended(soc: float, *, completed: bool) -> str:
-    """The charge at the end of a flight."""
-    return f"{soc:.3f}{'' if completed else ', not completed'}"
 
 
 def value(result: dict[str, Any]) -> float:
@@ -715,7 +666,7 @@ def report(results: list[dict[str, Any]]) -> None:
     done = [r for r in results if r["joint"].completed]
     lowest = [r for r in results if r["lowest"].completed]
     kept = [r for r in lowest if r["lowest"].rank[0]]
-    print(f"\ncompletes where the lowest parameters do: {sum(r['joint'].completed for r in lowest)} of {len(lowest)}")
+    print(f"completes where the lowest parameters do: {sum(r['joint'].completed for r in lowest)} of {len(lowest)}")
     print(f"keeps the reserve where they do: {sum(r['joint'].soc >= RESERVE for r in kept)} of {len(kept)}")
     ratios = [value(r) / r["best"].u for r in results if r["best"].completed and r["best"].u > 0]
     if ratios:
@@ -725,8 +676,9 @@ def report(results: list[dict[str, Any]]) -> None:
     us = {who: statistics.fmean(r[who].u * r[who].rank[0] for r in kept) for who in ("before", "joint")}
     bound = statistics.fmean(r["clairvoyant"] for r in kept)
     print(f"U, 0 without the reserve: before take-off {us['before']:.3f}, a clairvoyant {bound:.3f}")
-    print(f"of what re-planning can gain, {(us['joint'] - us['before']) / (bound - us['before']):.0%} is gained")
-    print(f"below 0.95 of them and more than 0.03 behind: {[r['mission'].index for r in results if behind(r)]}")
+    if bound > us["before"]:
+        print(f"of what re-planning can gain, {(us['joint'] - us['before']) / (bound - us['before']):.0%} is gained")
+    print(f"below 0.95 of them and more than 0.03 behind: {sum(map(behind, results))} missions")
     left = [r["joint"].soc - RESERVE for r in done if not r["highest"].rank[0]]
     if left:
         print(f"charge above the reserve where it binds: median {statistics.median(left):.3f} (aim 0.04)")
@@ -735,122 +687,82 @@ def report(results: list[dict[str, Any]]) -> None:
     print(f"missions with a loss by the voltage alone, of which there is none: {sum(lost)}")
     few = [sum(most <= 6 for most in r["joint"].changes) == 2 for r in results]
     print(f"missions with at most 6 changes of each parameter: {sum(few)} of {len(few)} (aim 95 %)")
-    titles = "from 10 % of the flight on", "and after the last loss of charge", "and the last change of parameters"
-    for since, title in enumerate(titles):
-        flights = [[e for e in forecasts(r["joint"]) if e["known"] >= since] for r in done]
-        report_forecasts(title, [errors for errors in flights if errors])
+    table(FORECASTS, report_forecasts(done))
 
 
 def report_ablated(results: list[dict[str, Any]]) -> None:
     """Variants beside `joint` as it is, and rates of expected losses beside the default."""
-    print(f"{len(results)} missions; U is 0 where a mission is not completed")
     flights = [result["flights"] for result in results]
-    names = [name for name in LEFT_OUT if name in flights[0]]
-    print("\n".join(ablation.table_of("planner `joint`", names, ablation.AS_IT_IS, flights)))
+    ablation.compare("planner `joint`", LEFT_OUT, ablation.AS_IT_IS, flights)
     for losses, kind in ((False, "without losses"), (True, "with losses")):
-        flown = [
-            {rate: result["flights"][rate] for rate in RATES if rate in result["flights"]}
-            for result in results
-            if result["losses"] == losses
-        ]
-        print("\n".join(ablation.rates_table(kind, DEFAULT_RATE, flown)))
+        flown = [result["flights"] for result in results if result["losses"] == losses]
+        ablation.compare(f"losses expected an hour; {len(flown)} missions {kind}", RATES, DEFAULT_RATE, flown)
 
 
-def report_forecasts(title: str, flights: list[list[dict[str, float]]]) -> None:
+FORECASTS = (
+    *("forecasts from 10 % of the flight on", "time at the end [%]: bias (aim 2)", "rms"),
+    *("charge [% of full]: bias (aim 2)", "rms", "within 2 σ (aim 0.90 to 0.99)"),
+)
+
+
+def report_forecasts(done: list[dict[str, Any]]) -> Iterator[list[str]]:
     """Bias and spread of the forecasts, each flight with the same weight."""
-    if not flights:
-        return
-    print(f"forecasts {title}:")
-    for key, name in (("time", "time at the end [%]"), ("charge", "charge at the end [% of full]")):
-        bias = statistics.fmean(statistics.fmean(e[key] for e in errors) for errors in flights)
-        rms = math.sqrt(statistics.fmean(statistics.fmean(e[key] ** 2 for e in errors) for errors in flights))
-        print(f"  {name:<30} bias {100 * bias:+.2f} (aim 2), rms {100 * rms:.2f}")
-    z = [[e["z"] for e in errors if not math.isnan(e["z"])] for errors in flights]
-    z = [values for values in z if values]
-    if z:
-        inside = statistics.fmean(statistics.fmean(abs(v) <= 2 for v in values) for values in z)
-        print(f"  charge within 2 σ              {inside:.3f} (aim 0.90 to 0.99)")
-
-
-def picture(results: list[dict[str, Any]], file: str) -> None:
-    """U beside the best constants, and the errors of the forecasts of charge over the flight."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10, 4), layout="constrained")
-    left, right = figure.subplots(1, 2)
-    for place in dict.fromkeys(r["mission"].place for r in results):
-        of = [r for r in results if r["mission"].place == place and r["best"].completed]
-        left.plot(
-            [r["best"].u for r in of], [r["joint"].u if r["joint"].completed else 0 for r in of], "o", label=place
-        )
-    left.axline((0, 0), slope=1, color="0.6", lw=1)
-    left.set(xlabel="U, best constants", ylabel="U, joint (0: not completed)", xlim=(0, 1.02), ylim=(-0.02, 1.02))
-    left.legend(frameon=False)
-    for r in results:
-        if r["joint"].completed:
-            errors = [e for e in forecasts(r["joint"]) if e["known"]]
-            right.plot([e["part"] for e in errors], [100 * e["charge"] for e in errors], color="C0", lw=0.6, alpha=0.6)
-    right.axhline(0, color="0.6", lw=1)
-    right.set(xlabel="share of the flight", ylabel="error of the charge at the end [% of full]")
-    figure.savefig(file, dpi=120)
+    titles = "all", "after the last loss of charge", "after the last change of parameters"
+    for since, title in enumerate(titles):
+        flights = [[e for e in forecasts(r["joint"]) if e["known"] >= since] for r in done]
+        flights = [errors for errors in flights if errors]
+        if not flights:
+            continue
+        cells = [title]
+        for key in ("time", "charge"):
+            cells.append(
+                f"{100 * statistics.fmean(statistics.fmean(e[key] for e in errors) for errors in flights):+.2f}"
+            )
+            cells.append(f"{100 * rms(rms(e[key] for e in errors) for errors in flights):.2f}")
+        z = [[e["z"] for e in errors if not math.isnan(e["z"])] for errors in flights]
+        inside = [statistics.fmean(abs(v) <= 2 for v in values) for values in z if values]
+        yield [*cells, f"{statistics.fmean(inside):.3f}" if inside else ""]
 
 
 def main() -> None:
     """Fly, and print the tables."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
+    parser = options(__doc__, "twin, of another seed twin_SEED, of variants ablation_twin")
     parser.add_argument("--missions", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--only", type=int, nargs="+", metavar="INDEX")
-    parser.add_argument("--trouble", choices=TROUBLES, default="")
     parser.add_argument("--log", metavar="DIR")
     parser.add_argument("--cache", metavar="DIR")
-    parser.add_argument("--picture", metavar="FILE")
-    parser.add_argument(
-        "--write", action="store_true", help="write docs/measured/twin.md, of another seed twin_SEED.md"
-    )
-    parser.add_argument("--ablate", metavar="FILE")
-    parser.add_argument("--table", metavar="FILE")
-    options = parser.parse_args()
-    page = "ablation_twin" if options.ablate or options.table else "twin"
-    page += f"_{options.seed}" if options.seed else ""
-    with recorded(page, write=options.write):
-        if options.table:
-            report_ablated([json.loads(line) for line in Path(options.table).read_text().splitlines()])
-        else:
-            fly_all(options)
+    parser.add_argument("--ablate", action="store_true")
+    asked = parser.parse_args()
+    page = "ablation_twin" if asked.ablate else "twin"
+    with recorded(page + (f"_{asked.seed}" if asked.seed else ""), write=asked.write):
+        fly_all(asked)
 
 
-def fly_all(options: argparse.Namespace) -> None:
+def fly_all(asked: argparse.Namespace) -> None:
     """Fly the missions, and print the tables."""
-    for made_folder in filter(None, (options.log, options.cache)):
+    for made_folder in filter(None, (asked.log, asked.cache)):
         Path(made_folder).mkdir(parents=True, exist_ok=True)
-    if options.log:
-        write_identification(Path(options.log) / "identification.csv")
+    if asked.log:
+        write_identification(Path(asked.log) / "identification.csv")
     with tempfile.TemporaryDirectory() as passing:
-        folder = options.log or passing
-        made = missions(options.missions, options.seed, plans(Path(folder)), options.trouble)
-        tasks = [(m, folder, options.cache) for m in made if not options.only or m.index in options.only]
-        print(f"seed {options.seed}{', trouble ' + options.trouble if options.trouble else ''}")
-        if not options.ablate:
-            print(HEADER)
+        folder = asked.log or passing
+        made = missions(asked.missions, asked.seed, plans(Path(folder)))
+        tasks = [(m, folder, asked.cache) for m in made if not asked.only or m.index in asked.only]
         results = []
-        with multiprocessing.Pool(options.jobs) as pool:
-            each: Callable[..., Any] = pool.imap if options.jobs > 1 else map
-            with contextlib.suppress(KeyboardInterrupt):  # the table of those that are flown
-                for result in each(ablated if options.ablate else run, tasks):
-                    results.append(result)
-                    if options.ablate:
-                        with Path(options.ablate).open("a") as file:
-                            file.write(json.dumps(result) + "\n")
-                    else:
-                        print(row(result), flush=True)
-    if options.ablate:
+        with multiprocessing.Pool(asked.jobs) as pool, contextlib.suppress(KeyboardInterrupt):
+            for result in pool.imap(ablated if asked.ablate else run, tasks):
+                results.append(result)
+                text = f"{len(results)} of {len(tasks)}" if asked.ablate else row(result)
+                print(text, file=sys.stderr, flush=True)
+    print(
+        f"seed {asked.seed}, {len(results)} missions; U{', all,' * asked.ablate} is 0 where a mission is not completed"
+    )
+    if asked.ablate:
         report_ablated(results)
         return
     report(results)
-    if options.picture:
-        picture(results, options.picture)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The ROS 2 node of docs/companion.md, run against stand-ins for rclpy and its messages, with a real `eadp replan`."""
+"""The ROS 2 node of docs/examples, run against stand-ins for rclpy and its messages, with a real `eadp replan`."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def modules(spin):
 
 def test_the_node_of_the_page_runs(tmp_path, monkeypatch):
     placed_survey(tmp_path)
-    (source,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/companion.md").read_text(), re.S)
+    source = (ROOT / "docs/examples/ros_node.py").read_text()
     names = {"/opt/eadp/bin/eadp": "-m", "/etc/eadp/survey.plan": str(tmp_path / "survey.plan")}
     names["/etc/eadp/scenario.yaml"] = str(ROOT / "scenarios/survey.yaml")
     for name, own in names.items():
@@ -121,7 +121,7 @@ def test_the_node_of_the_page_runs(tmp_path, monkeypatch):
 
     for name, module in modules(spin).items():
         monkeypatch.setitem(sys.modules, name, module)
-    exec(compile(source, "docs/companion.md", "exec"), names_of_node)
+    exec(compile(source, "docs/examples/ros_node.py", "exec"), names_of_node)
     published = names_of_node["node"].publisher.got
     assert len(published) == len(LINES)
     assert published[-1]["parameters"]["c1"] < 0

@@ -1,7 +1,7 @@
-"""Measured figures stand in docs/measured, which benchmarks write; pages link there, and two of them quote a few.
+"""Measured figures stand in docs/measured, which benchmarks write; pages link there, and the README quotes a few.
 
 A figure is followed there by a comment with its file, row and column: `0.9<!-- quality.md: joint; U, all -->`.
-`PYTHONPATH=tests/support python tests/test_measured.py` writes the present figures into these pages.
+`PYTHONPATH=tests/support python tests/test_measured.py` writes the present figures into it.
 """
 
 from __future__ import annotations
@@ -14,15 +14,14 @@ import pytest
 from common import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
-from measured import MEASURES, age
+from measured import PAGES, age
 
 README, FOLDER = ROOT / "README.md", ROOT / "docs/measured"
-QUOTING = README, ROOT / "docs/joint.md"
 FIGURE = re.compile(r"([+-]?[\d.,?]+(?: ± [\d.]+)?)<!-- (\w+\.md): ([^;]+); (.+?) -->")
 MAX_FIGURES = 6
-PAGES = [README, *sorted(ROOT.glob("docs/*.md"))]
+LINKING = [README, *sorted(ROOT.glob("docs/*.md"))]
 LINKED = sorted(
-    {name for page in PAGES for name in re.findall(r"measured/(\w+\.md)", page.read_text(encoding="utf-8"))}
+    {name for page in LINKING for name in re.findall(r"measured/(\w+\.md)", page.read_text(encoding="utf-8"))}
 )
 
 
@@ -57,9 +56,9 @@ def test_the_readme_quotes_few_figures():
 
 @pytest.mark.parametrize(
     ("figure", "name", "row", "column"),
-    [found for page in QUOTING for found in FIGURE.findall(page.read_text(encoding="utf-8"))],
+    FIGURE.findall(README.read_text(encoding="utf-8")),
 )
-def test_a_figure_of_a_page_is_that_of_its_file(figure, name, row, column):
+def test_a_figure_of_the_readme_is_that_of_its_file(figure, name, row, column):
     assert figure == cell(name, row, column), f"docs/measured/{name} has another figure: see this test's module"
 
 
@@ -96,16 +95,15 @@ def test_the_age_of_a_page_is_that_of_its_code(monkeypatch, tmp_path):
     assert age("replan") == "with code that was not recorded"
 
 
-@pytest.mark.parametrize("path", sorted({path for paths in MEASURES.values() for path in paths}))
+@pytest.mark.parametrize("path", sorted({path for _, paths in PAGES.values() for path in paths}))
 def test_the_code_that_a_page_measures_exists(path):
     assert (ROOT / "eadp" / path).exists()
 
 
-def test_every_measured_file_is_linked():
-    assert {path.name for path in FOLDER.glob("*.md")} == set(LINKED)
+def test_every_measured_file_is_linked_and_has_its_command():
+    assert {path.name for path in FOLDER.glob("*.md")} == set(LINKED) == {f"{name}.md" for name in PAGES}
 
 
 if __name__ == "__main__":
-    for page in QUOTING:
-        text = page.read_text(encoding="utf-8")
-        page.write_text(FIGURE.sub(lambda m: cell(*m.groups()[1:]) + m[0][len(m[1]) :], text), encoding="utf-8")
+    text = README.read_text(encoding="utf-8")
+    README.write_text(FIGURE.sub(lambda m: cell(*m.groups()[1:]) + m[0][len(m[1]) :], text), encoding="utf-8")

@@ -25,7 +25,7 @@ def test_a_mission_of_others_is_forecast_as_it_is_flown(path):
         with pytest.raises(InputError, match=real.REFUSED[path.name]):
             real.compared(path, {})
         return
-    found = real.compared(path, real.WINDS["calm"])
+    found = real.compared(path, real.WINDS["no wind"])
     assert found.outcome.completed
     assert found.right
     assert found.power_w <= found.limit_w

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import math
 import re
@@ -18,12 +19,19 @@ PAGE = ROOT / "docs/results.md"
 PLAN, SCENARIO = ROOT / "plans/survey.plan", ROOT / "scenarios/survey.yaml"
 
 
+def expanded(name):
+    """The names that a name with braces stands for: `a.{b,c}` for `a.b` and `a.c`."""
+    parts = re.split(r"\{([^}]*)\}", name)
+    return ["".join(one) for one in itertools.product(*(part.split(",") for part in parts))]
+
+
 def documented(section):
-    """The names in the first column of a section's table, in order; of the text before the first section for ""."""
+    """The names at the head of a section's items, in order; of the text before the first section for ""."""
     text = PAGE.read_text(encoding="utf-8")
     sections = dict(re.findall(r"^## `(\S+)`\n(.*?)(?=^## |\Z)", text, re.DOTALL | re.MULTILINE))
     rows = (sections[section] if section else text.split("\n## ")[0]).splitlines()
-    return [name for row in rows if row.startswith("| `") for name in re.findall(r"`([^`]+)`", row.split("|")[1])]
+    heads = [row.split(": ")[0] for row in rows if row.startswith("- `")]
+    return [own for row in heads for name in re.findall(r"`([^`]+)`", row) for own in expanded(name)]
 
 
 def keys(value, names, prefix=""):

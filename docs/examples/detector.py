@@ -66,7 +66,7 @@ def main() -> None:
     if options.meter:
         threading.Thread(target=meter, args=(options.meter,), daemon=True).start()
     rng, rate = np.random.default_rng(0), options.rate
-    begun = due = time.monotonic()
+    started = due = time.monotonic()
     count = 0
     while True:
         if options.rates:
@@ -74,9 +74,9 @@ def main() -> None:
         frame(rng)
         count += 1
         now = time.monotonic()
-        if now - begun >= 1:
-            print(f"{count / (now - begun):.2f}", flush=True)
-            begun, count = now, 0
+        if now - started >= 1:
+            print(f"{count / (now - started):.2f}", flush=True)
+            started, count = now, 0
         due = max(due + 1 / rate, now)
         time.sleep(due - now)
 

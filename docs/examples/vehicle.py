@@ -464,8 +464,8 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
         wire.send(position(autopilot, now_s, plane, vehicle.origin_deg, None))
         time.sleep(CONTROL_S * TELEMETRY_STEPS / options.speed)
         wire.flush()
-    begun, interrupt_s = time.monotonic(), options.interrupt
-    asked_s, written = begun, 0
+    started, interrupt_s = time.monotonic(), options.interrupt
+    asked_s, written = started, 0
     while vehicle.flies:
         now_s = 100 + plane.time_s
         vehicle.fps = vehicle.fps if runs is None else runs.rate
@@ -510,7 +510,7 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
             wire.send(holder.request)
         wire.flush()
         step += 1
-        ahead_s = plane.time_s / options.speed - (time.monotonic() - begun)
+        ahead_s = plane.time_s / options.speed - (time.monotonic() - started)
         if ahead_s > 0.005:
             time.sleep(ahead_s)
     if runs is not None:

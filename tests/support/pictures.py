@@ -2,7 +2,7 @@
 
     PYTHONPATH=tests/support python tests/support/pictures.py
 
-Pictures of benchmarks and of vehicles' power are made by the scripts that measure them.
+The picture of an aircraft's power is that of docs/aircraft.md.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""docs/scenario.md from the schemas: python tests/support/settings_page.py > docs/scenario.md"""
+"""docs/scenario.md from the schemas and the cameras: python tests/support/settings_page.py > docs/scenario.md"""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 from eadp.io import scenario as scenario_file
 from eadp.io.text.schema_faults import properties, schema_of
 from eadp.io.vehicle import VehicleFile
+from eadp.survey.camera_file import CAMERAS, read_camera
 
 HEAD = """\
 # Scenario and vehicle files
@@ -38,6 +39,19 @@ def pages() -> Iterator[str]:
     scenario, vehicle = scenario_file.json_schema(), schema_of(VehicleFile)
     yield from section("Scenario", scenario, scenario, (), OF_THE_VEHICLE)
     yield from section("Vehicle", vehicle, vehicle, (), ())
+    yield from cameras()
+
+
+def cameras() -> Iterator[str]:
+    """A table of the cameras that have a name."""
+    yield "\n## Cameras\n\nWhat `eadp cover --camera NAME` knows; each file in `eadp/presets/cameras` has its source.\n"
+    yield "| camera | sensor [mm] | picture [pixels] | lens [mm] | interval [s] |\n|---|---|---|---|---|"
+    for name in CAMERAS:
+        known = read_camera(name)
+        interval = "" if known.picture_interval_s is None else f"{known.picture_interval_s:g}"
+        size = f"{known.sensor_width_mm:g} × {known.sensor_height_mm:g}"
+        pixels = f"{known.image_width_px} × {known.image_height_px}"
+        yield f"| `{name}` | {size} | {pixels} | {known.focal_length_mm:g} | {interval} |"
 
 
 def section(

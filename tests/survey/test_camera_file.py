@@ -6,7 +6,6 @@ import math
 import re
 
 import pytest
-from common import ROOT
 
 from eadp.errors import InputError
 from eadp.survey.camera import Camera
@@ -83,15 +82,3 @@ def test_a_fault_of_a_file_has_its_place(tmp_path, keys, message):
     with pytest.raises(InputError) as error:
         read_camera(path)
     assert re.match(re.escape(path) + message, str(error.value))
-
-
-def test_the_page_lists_the_cameras():
-    """docs/coverage.md, by the files; where it differs, its rows are these."""
-    rows = []
-    for name in CAMERAS:
-        known = read_camera(name)
-        interval = "" if known.picture_interval_s is None else f"{known.picture_interval_s:g}"
-        size = f"{known.sensor_width_mm:g} × {known.sensor_height_mm:g}"
-        pixels = f"{known.image_width_px} × {known.image_height_px}"
-        rows.append(f"| `{name}` | {size} | {pixels} | {known.focal_length_mm:g} | {interval} |")
-    assert "\n".join(rows) in (ROOT / "docs/coverage.md").read_text(), "\n".join(rows)

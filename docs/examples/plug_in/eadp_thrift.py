@@ -1,4 +1,4 @@
-"""A planner of another package: computations fall as the charge does, and the path stays as it is."""
+"""A planner of another package: computations fall as the charge does, and the path stays."""
 
 from dataclasses import dataclass
 
