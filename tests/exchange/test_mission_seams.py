@@ -81,7 +81,7 @@ def test_a_flight_keeps_out_and_says_so(eadp, covered):
     assert summary["obstacles"] == []
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("drawn")
 def test_a_flight_into_an_obstacle_is_not_completed(eadp, covered, tmp_path):
     plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500")
     folder = tmp_path / "out"
@@ -302,7 +302,6 @@ def leg(tmp_path):
     return path
 
 
-@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("form", ["rows", "plan"])
 def test_a_mission_flies_beside_a_fence_of_its_own_file(eadp, leg, tmp_path, form):
     texts = {

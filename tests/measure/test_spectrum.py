@@ -201,13 +201,13 @@ def test_a_log_without_noise_gives_the_period_and_the_phases_exactly(terms: tupl
 
 
 @pytest.mark.parametrize("periods", [2.1, 4, 9])
-@pytest.mark.parametrize("seed", few(range(3), 1))
+@pytest.mark.parametrize("seed", few(range(2), 1))
 def test_a_stronger_second_harmonic_is_not_the_period(periods: float, seed: int) -> None:
     times = sampled(periods)
     assert_found(analyse(times, noisy(times, seed=seed, terms=((0.6, 0.3), (4.0, 1.0), (1.0, -2.0)))))
 
 
-@pytest.mark.parametrize("seed", few(range(8), 1))
+@pytest.mark.parametrize("seed", few(range(3), 1))
 def test_never_a_multiple_of_the_period(seed: int) -> None:
     rng = np.random.default_rng(seed)
     times = sampled(rng.uniform(4, 20), step_s=1.0)
@@ -362,7 +362,7 @@ def test_correlated_noise_widens_the_standard_deviation() -> None:
     assert spread[1] > 1.5 * spread[0]
 
 
-@pytest.mark.parametrize("seed", few(range(5), 2))
+@pytest.mark.parametrize("seed", few(range(3), 1))
 def test_a_period_in_slow_noise_as_strong_as_the_signal(seed: int) -> None:
     rng = np.random.default_rng(seed)
     times = sampled(6)

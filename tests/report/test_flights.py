@@ -6,7 +6,7 @@ import re
 import shutil
 
 import pytest
-from common import ROOT, without_figures
+from common import ROOT
 from common.answers import refused
 
 from eadp import simulate
@@ -26,8 +26,7 @@ def folders(tmp_path_factory):
         ("fallen", {"planner.name": "static", "battery.capacity_ah": 0.05}),
     ):
         flight = simulate(PLAN, scenario=SCENARIO, overrides={"step_s": 0.05, **keys}, warn=lambda _: None)
-        with without_figures():
-            flight.write(place / name)
+        flight.write(place / name)
         found.append(str(place / name))
     return found
 

@@ -61,7 +61,6 @@ def test_the_plan_is_checked_traced_and_flown(eadp, tmp_path, pattern):
     assert eadp("simulate", plan, "--planner", "static", "--set", "step_s=0.05").code == 0
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_the_fields_name_and_area_go_with_the_plan(eadp, tmp_path):
     plan, folder = tmp_path / "meadow.plan", tmp_path / "flight"
     answer = eadp("cover", "plans/meadow.geojson", *FLAGS, "--pattern", "dubins", "--format", "json", "-o", plan)

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from common import ROOT, without_figures
+from common import ROOT
 from common.answers import refused
 
 import eadp as library
@@ -67,8 +67,7 @@ def document(folder):
 def flown(folder, tmp_path_factory):
     """The job, flown."""
     target = tmp_path_factory.mktemp("flown") / "flown"
-    with without_figures():
-        assert run("simulate", folder, "-o", target) == 0
+    assert run("simulate", folder, "-o", target) == 0
     return target
 
 
