@@ -1,6 +1,7 @@
 """What several tests need: plans, a planner that is watched."""
 
 from collections.abc import Iterable
+from importlib import import_module
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
@@ -51,8 +52,11 @@ def _no_picture(path: Path, *_: Any) -> None:
 
 def draw_nothing(patch: pytest.MonkeyPatch) -> None:
     """Result folders whose figures and page, which take longer than a short flight, are empty files."""
-    patch.setattr("eadp.io.figures.flight.write_flight_figure", _no_picture)
-    patch.setattr("eadp.report.flight.write_page", lambda _, folder: (folder / "report.html").touch())
+    for module, name, nothing in (
+        ("eadp.io.figures.flight", "write_flight_figure", _no_picture),
+        ("eadp.report.flight", "write_page", lambda _, folder: (folder / "report.html").touch()),
+    ):
+        patch.setattr(import_module(module), name, nothing)  # the package's own names are functions
 
 
 def draws(share: float) -> int:
