@@ -27,7 +27,7 @@ run()
 
 
 @pytest.mark.parametrize(
-    "module", few(["eadp.cli.main", "typer", "numpy", "pydantic", "scipy", "eadp.measure.power"], 3)
+    "module", few(["eadp.cli.main", "typer", "numpy", "pydantic", "scipy", "eadp.measure.power"], 1)
 )
 @pytest.mark.parametrize("signal", few(["SIGINT", "SIGTERM"], 1))
 def test_an_interrupt_of_an_import_is_130(tmp_path, module, signal):
