@@ -71,6 +71,7 @@ BOTH = pytest.mark.parametrize("kind", [ARDUPILOT, PX4])
 # --- in force
 
 
+@pytest.mark.quick(1)
 @BOTH
 def test_a_plan_without_altitudes_is_replaced_above_the_take_off(inputs, missions, lines, kind):
     """The take-off climbs to 50 m, which is no altitude of the plan: new items are at that of the others."""
@@ -290,6 +291,7 @@ def in_mode(flown, lines, mode):
     return flown
 
 
+@pytest.mark.quick(1)
 @BOTH
 def test_nothing_is_uploaded_while_the_mission_is_not_flown(inputs, missions, kind):
     """That, and that it is flown again, is told once each time; then what was decided before is uploaded."""
@@ -319,6 +321,7 @@ def test_a_mission_that_was_checked_before_a_pilot_flew_is_checked_again(inputs,
     assert flown.holder.items[-1] == land
 
 
+@pytest.mark.quick(1)
 @BOTH
 def test_nothing_of_the_survey_is_sent_while_the_autopilot_returns(inputs, missions, kind):
     flown = in_mode(flown_by(kind, inputs, missions, return_home=False), recorded()[:20], "mission")
@@ -331,6 +334,7 @@ def test_nothing_of_the_survey_is_sent_while_the_autopilot_returns(inputs, missi
     assert flown.texts == ["eadp: the autopilot flies home: nothing of the survey is sent"]
 
 
+@pytest.mark.quick(1)
 @BOTH
 def test_what_is_read_of_the_autopilot_counts_and_is_in_the_log(inputs, missions, kind):
     """Its kind by the first heartbeat, then its parameters; telemetry has them when they are new."""

@@ -203,6 +203,7 @@ def test_advice_comes_once_a_second_and_when_parameters_change(recorded):
     assert len(times) < 35
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planner", few(["static", "paper"], 1))
 def test_planners_without_a_forecast_have_one_of_held_parameters(planner):
     calm = {"wind.speed_mps": 0, "battery.capacity_ah": 0.7, "parameters.c1": -250.0}

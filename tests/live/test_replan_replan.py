@@ -53,7 +53,7 @@ def test_the_undisturbed_flight_has_no_warnings(undisturbed):
     assert all(answer["warnings"] == [] for answer in undisturbed.answers)
 
 
-@pytest.mark.parametrize("disturbance", few(DISTURBANCES, 3), ids=lambda disturbance: disturbance.name)
+@pytest.mark.parametrize("disturbance", few(DISTURBANCES, 1), ids=lambda disturbance: disturbance.name)
 def test_a_disturbance_costs_little_and_the_stage_is_found_again(undisturbed, disturbance):
     disturbed = flown(short_survey(), disturbance, START_S)
     assert disturbed.outcome.completed
@@ -104,6 +104,7 @@ def test_parameters_that_are_not_applied_are_forecast_as_they_are():
     ]
 
 
+@pytest.mark.slow
 def test_what_is_applied_makes_up_for_what_is_not():
     """With c1 unchanged, the lowest computations last where the highest do not."""
     battery = {"battery.capacity_ah": 0.32}
@@ -194,6 +195,7 @@ def answered(lines, warnings=None):
     return {answer["time_s"]: answer for answer in answers}
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("modes", [True, False])
 def test_while_a_pilot_flies_nothing_is_learned_and_nothing_decided(lines, modes):
     alone = answered([line | {"flies_mission": True} if modes else line for line in lines])
@@ -210,6 +212,7 @@ def test_while_a_pilot_flies_nothing_is_learned_and_nothing_decided(lines, modes
         assert powers_w[0] == pytest.approx(powers_w[1], rel=0.03)
 
 
+@pytest.mark.slow
 def test_a_mission_that_is_taken_up_again_is_forecast_from_the_start_of_the_leg_that_was_left(lines):
     """PX4 flies to the item before, whose stage is behind; ArduPilot straight on to the end of the leg."""
     alone = answered([line | {"flies_mission": True} for line in lines])
@@ -249,6 +252,7 @@ def test_of_an_autopilot_that_returns_no_parameters_are_decided(lines):
     assert not any(each["returns_home"] for each in after)
 
 
+@pytest.mark.slow
 def test_times_in_a_reason_are_of_the_telemetrys_clock(lines):
     """A clock that showed 5,000 s at the start."""
     late = [line | {"time_s": line["time_s"] + 5000, "soc": line["soc"] / 3} for line in lines]

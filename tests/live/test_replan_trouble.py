@@ -150,6 +150,7 @@ def test_an_uncertain_end_is_one_where_the_aircraft_flies_elsewhere(replan):
     assert decisions[-1]["time_s"] < lines[last]["time_s"] + 10
 
 
+@pytest.mark.slow
 def test_an_end_that_a_wrong_position_declares_is_taken_back(replan):
     lines = survey_lines(16, x_m=-1.0)
     wrong = next(k for k, line in enumerate(lines) if line["x_m"] > 165 and line["y_m"] > 165)

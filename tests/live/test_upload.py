@@ -69,6 +69,7 @@ def replaced(inputs, mission, lines):
     return Flying(inputs, mission).fly(lines)
 
 
+@pytest.mark.slow
 def test_a_mission_that_is_held_is_read_again_each_minute(inputs, mission, monkeypatch):
     """While decisions go on, too: somebody may have changed it."""
     read_s, download = [], MissionClient.download
@@ -117,6 +118,7 @@ def test_nothing_is_uploaded_before_the_first_plan(eadp, inputs, plan, lines, tm
     assert any("holds the mission" in text for text in flown.said)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("refuses", [(), ("MISSION_COUNT", "MISSION_WRITE_PARTIAL_LIST")])
 def test_items_before_an_upload_are_no_refusal(inputs, mission, lines, tmp_path, refuses):
     """The items flown are of c1 = 0: in force where the new mission is refused, else those of before it."""
@@ -140,6 +142,7 @@ def test_another_mission_is_left_alone(inputs, mission, lines):
     assert flown.holder.writes == []
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("lost", [1, 4])
 def test_messages_that_are_lost_are_sent_again(inputs, mission, lines, lost):
     flown = Flying(inputs, mission, lost=lost).fly(lines)
@@ -330,6 +333,7 @@ def test_a_mission_that_the_pilot_changes_in_flight_is_left_alone(inputs, missio
     assert flown.holder.writes == []
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("counts", [True, False])
 def test_another_number_of_items_is_read_at_once(inputs, mission, lines, counts):
     """Without an upload, too: old autopilots report 0 items, and it is noticed at the next arming."""
@@ -355,6 +359,7 @@ def test_an_upload_of_our_own_is_not_read_again(inputs, mission, lines):
     assert flown.holder.kinds.count("MISSION_REQUEST_LIST") == 2 + 2 * uploads
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -541,6 +546,7 @@ class Tears(MissionHolder):
         return super().answer(frame)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("after", [30, 60])
 def test_an_upload_that_is_interrupted_is_sent_again(inputs, mission, after):
     """What is held is the first items of the new mission before the rest of the old one: eadp's own."""
@@ -559,6 +565,7 @@ def test_an_upload_that_is_interrupted_is_sent_again(inputs, mission, after):
     assert {each.parameters[0] for each in flown.flight._lines.items if each.first > 4} == {decided}
 
 
+@pytest.mark.slow
 def test_the_right_mission_sent_again_is_known(inputs, mission):
     """As many items as before: other ones, and then those of --items again, from a ground station."""
 

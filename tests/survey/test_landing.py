@@ -200,6 +200,7 @@ def test_home_is_where_a_flight_takes_off_so_that_forecast_and_mission_agree(ead
     assert plan.preflight().forecast.energy_wh == pytest.approx(mission.preflight().forecast.energy_wh, rel=0.01)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("to", ENDINGS)
 def test_circles_up_to_the_first_line_are_in_plan_flight_and_mission(eadp, tmp_path, to):
     flight, out = tmp_path / "p.plan", tmp_path / f"m.{ENDINGS[to]}"

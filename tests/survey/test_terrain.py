@@ -335,6 +335,7 @@ def test_altitudes_above_ground_are_read_back_above_home(eadp, landing, slope, t
     assert rows[0] == rows[1]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("west_m", "works"), [(700, True), (200, False)])
 def test_an_approach_that_meets_the_ground_names_a_heading_that_does_not(eadp, tmp_path, west_m, works):
     # a ridge across the final approach to the east, which begins about 950 m before its end
@@ -387,6 +388,7 @@ def test_sorties_over_terrain_land_on_the_ground(eadp, slope, tmp_path):
     assert eadp("simulate", tmp_path / "sorties", "-o", tmp_path / "flown").code == 0
 
 
+@pytest.mark.slow
 def test_sorties_say_of_the_ground_what_one_flight_says(eadp, slope, tmp_path):
     field, terrain = slope
     given = (

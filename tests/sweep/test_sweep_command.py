@@ -307,6 +307,7 @@ def test_a_dry_run_prints_runs_and_makes_none(eadp, folder):
     assert results.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_the_shipped_sweep(eadp):
     rows = table_of(eadp("sweep", SHIPPED, "--dry-run", "--format", "csv").out)
     assert len(rows) == 400

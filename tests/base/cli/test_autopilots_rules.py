@@ -7,7 +7,6 @@ import shutil
 from pathlib import Path
 
 import pytest
-from common import few_rows
 from common.answers import refused
 
 from eadp import forecast
@@ -84,9 +83,8 @@ def test_px4s_own_return_counts_in_its_missions_and_what_is_stated_of_it_is_writ
 SORTIES = ("--swath", "40", "--altitude", "60", "--home", HOME, "--sorties", "auto")
 
 
-@pytest.mark.parametrize(
-    ("stated", "exports"), few_rows([("px4", ()), ("none", ("--export", "px4")), ("ardupilot", ())], 2)
-)
+@pytest.mark.quick(2)
+@pytest.mark.parametrize(("stated", "exports"), [("px4", ()), ("none", ("--export", "px4")), ("ardupilot", ())])
 def test_sorties_end_above_what_makes_the_autopilot_turn_back_and_count_its_return(eadp, place, stated, exports):
     """What each states is the forecast of its own file, with the circle at home, and keeps the reserve there."""
     scenario, out = place / f"{stated}.yaml", place / "job"

@@ -47,7 +47,7 @@ def test_version(eadp):
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "replan")) for name in COMMANDS]
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name == "replan" else name for name in COMMANDS]
 )
 def test_help_starts_with_an_example_that_works(eadp, tmp_path, name):
     out = eadp(name, "--help").out
@@ -89,7 +89,8 @@ def test_a_key_of_the_scenario_that_is_no_option_says_how_it_is_set(eadp, argume
 
 def test_help_imports_nothing_slow():
     code = (
-        "import sys; from eadp.cli.main import main; [main([*name.split(), '--help']) for name in ('', 'plan', 'simulate')];"
+        "import sys; from eadp.cli.main import main; "
+        "[main([*name.split(), '--help']) for name in ('', 'plan', 'simulate')];"
         "slow = {'sympy', 'scipy', 'osqp', 'matplotlib'} & set(sys.modules); sys.exit(str(slow) if slow else 0)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
