@@ -167,6 +167,7 @@ def test_the_old_map_holds_again_where_the_old_mission_is_read_back(inputs, miss
     assert set(back) == {0.0}
 
 
+@pytest.mark.quick(1)
 @BOTH
 def test_an_empty_autopilot_is_no_other_mission(inputs, missions, lines, kind):
     """It is before a ground station has sent it; PX4 then has 65535 items, and the item of this number."""
@@ -263,6 +264,7 @@ def test_what_ardupilot_says_against_a_mission_is_told(inputs, missions, text, t
     assert any(each.severity == "note" and "holds the mission" in each.message for each in flown.faults) is not told
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("mps", "said"), [(9.0, ""), (18.0, "AIRSPEED_MIN is 18, more than 15")])
 def test_a_speed_below_the_autopilots_is_not_assumed(inputs, missions, lines, mps, said):
     flown = flown_by(ARDUPILOT, inputs, missions)

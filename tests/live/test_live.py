@@ -99,16 +99,14 @@ MEASURED = ("velocity_mps", "heading_rad")
     ("rate_hz", "keys", "shift_s"),
     few_rows(
         [
-            (1, (), 0),
-            (5, (), 0),
-            (10, (), 0),
-            (5, ("stage",), 0),
-            (1, MEASURED, 0),
+            (1, MEASURED, EPOCH_S),
             (1, (*MEASURED, "stage"), 0),
             (0.5, MEASURED, 0),
-            (1, MEASURED, EPOCH_S),
+            (5, ("stage",), 0),
+            (1, (), 0),
+            (10, (), 0),
         ],
-        2,
+        1,
     ),
 )
 def test_the_stages_are_the_simulations_and_the_decisions_nearly(recorded, rate_hz, keys, shift_s):

@@ -244,6 +244,7 @@ def test_a_lost_answer_does_not_lose_the_item(inputs, mission, lines):
     assert flown.holder.current == 3
 
 
+@pytest.mark.slow
 def test_what_is_uploaded_is_what_was_laid_out(inputs, mission, lines, monkeypatch):
     """While a parameter is held the rest is laid out with that, which is not the one decided: it is sent again."""
     held, rest = -100.0, Replanner.rest
@@ -295,6 +296,7 @@ def test_item_0_on_the_ground_is_that_of_home(inputs, mission):
     assert not any("no item" in text for text in flown.said)
 
 
+@pytest.mark.slow
 def test_commands_come_back_as_ardupilot_keeps_them(eadp, inputs, plan, lines, tmp_path):
     """A return, pictures and loiters: without a frame, and with whole radii."""
     path = tmp_path / "m.waypoints"
@@ -379,6 +381,7 @@ def test_altitudes_that_cannot_be_kept_are_no_upload(inputs, mission, lines, cha
     assert flown.holder.writes == []
 
 
+@pytest.mark.slow
 def test_acks_of_others_end_no_upload(inputs, mission, lines):
     """That of a fence, and that for a ground station."""
 
@@ -393,6 +396,7 @@ def test_acks_of_others_end_no_upload(inputs, mission, lines):
     assert any("uploaded and verified" in text for text in flown.said)
 
 
+@pytest.mark.slow
 def test_after_a_kill_before_the_upload_it_is_made(inputs, mission, lines, tmp_path):
     path, kept = str(tmp_path / "flight.jsonl"), hash_of(inputs.sources, {})
     log = ReplanLog(path, kept)
@@ -635,6 +639,7 @@ def wanted_of(inputs):
     return read_parameters(wanted, ardupilot=True)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("older", [False, True])
 def test_parameters_that_disagree_are_said_once(inputs, mission, lines, older):
     """And by how much; an older autopilot has them by other names, in other units."""

@@ -86,6 +86,7 @@ def test_without_limits_an_obstacle_is_crossed():
     assert any(within(MAST, x, y, 1.0) for x, y in points(path))
 
 
+@pytest.mark.slow
 def test_laps_keep_a_boundary_and_not_an_obstacle_within_them():
     field = Field(BOX, airspace=airspace(boundary=(ROOM,)))
     solution = cover(CoverageRequest(field, MOTION, "zamboni"))

@@ -98,6 +98,7 @@ def test_an_approach_is_as_steep_as_the_autopilot_accepts_and_longer_with_the_wi
     )
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("to", ENDINGS)
 def test_the_forecast_of_a_mission_is_that_of_the_plan(landing, to):
     """A mission that is read back has its take-off, its approach and its landing."""
@@ -259,6 +260,7 @@ def test_sorties_land(eadp, tmp_path):
     assert row["energy_wh"] == pytest.approx(again.energy_wh, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_an_approach_that_leaves_the_boundary_is_none_and_one_over_a_low_wall_is(eadp, tmp_path):
     files = {
         "field": FIELD,

@@ -287,6 +287,7 @@ def test_a_job_goes_on_where_it_stopped(eadp, scenario, flown, document, tmp_pat
     assert summary["coverage"] == pytest.approx(summary["planned_coverage"], abs=0.01)
 
 
+@pytest.mark.slow
 def test_laps_keep_their_spacing_free(eadp, tmp_path, scenario):
     out = tmp_path / "laps"
     answer = eadp("cover", MEADOW, "--swath", "20", "--min-radius", "30", "--radius", "31", "--home", HOME,
@@ -341,6 +342,7 @@ def test_bad_input(eadp, scenario, tmp_path, extra, code, words):
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_too_few_sorties_are_told_how_short_they_are(eadp, scenario, folder, document):
     count = document["count"]
     few = eadp(*COVER, "--scenario", scenario, "--sorties", str(count - 1))
