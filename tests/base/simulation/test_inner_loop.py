@@ -133,6 +133,7 @@ def test_compiled_flights_of_the_letter_are_the_plain_ones(scenario, no_longer_c
     same(*(flown({"time_limit_s": 120.0}, scenario=file, on=on) for on in (True, False)))
 
 
+@pytest.mark.quick(2)
 @fast
 @pytest.mark.parametrize("text", [PARTS, CURVED])
 @pytest.mark.parametrize("vehicle", few(["paper", "power-curve", "fixed-wing"], 2))
@@ -162,6 +163,7 @@ def test_a_planner_that_is_asked_when_due_flies_as_one_that_is_asked_at_every_st
     same(flown(overrides), often)
 
 
+@pytest.mark.quick(1)
 @fast
 @pytest.mark.skipif(sys.platform != "linux", reason="numba may call another C library than Python")
 @pytest.mark.parametrize("vehicle", ["paper", "fixed-wing", "power-curve"])
@@ -192,6 +194,7 @@ def logged_every(world, every_s):
     return replace(world, clock=world.clock._replace(log_every_s=every_s))
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("on", [pytest.param(True, marks=fast), False])
 @pytest.mark.parametrize("planner", few(["joint", "static"], 1))
 def test_without_a_log_the_flight_is_the_same(planner, on, no_longer_compiled):

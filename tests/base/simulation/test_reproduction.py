@@ -68,6 +68,7 @@ def test_laps_after_the_first_take_the_published_time(scenario, shortest_s, long
     assert max(laps) == pytest.approx(longest_s, abs=LAP_S)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("scenario", "duration_s", "changes", "means", "metric"),
     [
@@ -132,6 +133,7 @@ def test_drained_flights_reach_the_known_quality(case, published, corrected):
         assert reached == pytest.approx(quality, abs=SAME_QUALITY)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("case", DRAINED)
 def test_the_highest_parameters_drain_the_battery(case):
     outcome, _ = drained(case, (("planner.name", "static"),))

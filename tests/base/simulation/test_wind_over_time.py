@@ -73,6 +73,7 @@ def test_compiled_flights_are_the_same():
     assert flown(profile, time_limit_s=100).steps == plain.steps
 
 
+@pytest.mark.slow
 def test_joint_answers_a_rising_wind_and_static_does_not():
     joint = eadp.simulate(SURVEY, scenario=RISING, overrides=COARSE)
     assert joint.summary["energy_forecast"]["completes"]

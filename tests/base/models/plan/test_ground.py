@@ -195,6 +195,7 @@ def test_ground_of_a_mission_is_the_same_over_the_set_of_c1():
     assert np.abs(found / found.mean() - 1).max() < GROUND
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", FIELDS)
 def test_ground_of_a_covered_field_is_the_same_over_the_set_of_c1(covered, name):
     inputs = covered[name]
@@ -236,6 +237,7 @@ def from_rows(rows):
     return ground, value, (0.0, 0.0, 0.0)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("wind", "capacity_ah"),
     few_rows(

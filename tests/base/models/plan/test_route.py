@@ -161,6 +161,7 @@ def test_the_survey_at_take_off_is_the_nominal_flight(c1):
     assert [leg.stage.index for leg in later[:4]] == [1, 2, 3, 4]
 
 
+@pytest.mark.quick(6)
 @pytest.mark.parametrize("share", np.linspace(0, 1, 9))
 @pytest.mark.parametrize("with_profile", [False, True])
 def test_plans_of_parts_at_take_off(share, with_profile):
@@ -580,6 +581,7 @@ def test_a_wind_stronger_than_the_airspeed_is_never_flown_through(wind_mps):
     assert not np.isnan(times).any()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("wind", [Wind(), Wind(4.0, towards_deg=90.0), Wind(6.0, towards_deg=200.0)])
 def test_a_simulated_flight_takes_the_times_told(wind):
     plan, parameters = survey(), (-1000.0, 10.0)
@@ -804,6 +806,7 @@ def test_an_end_that_is_passed_by_less_than_the_margin_is_not_counted_on():
     assert 0 < told[1] - told[0] < 10
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("c1", [0.0, -500.0, -1000.0])
 def test_as_it_is_set_the_margin_tells_no_less_than_is_flown_and_at_most_a_lap_more(c1):
     stages, seconds = flown_survey(c1)

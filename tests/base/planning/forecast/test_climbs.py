@@ -79,6 +79,7 @@ def test_the_forecast_of_a_power_curve_has_its_climbs_and_airspeeds(text, inputs
     assert abs(outcome.totals.energy_j - level_s) > 0.05 * level_s, "they matter"
 
 
+@pytest.mark.quick(5)
 @pytest.mark.parametrize("wind", [{}, WIND])
 @pytest.mark.parametrize("text", [CLIMB, DESCENT, STAIRS, FASTER])
 @pytest.mark.parametrize("planner", ["static", "joint"])
@@ -91,6 +92,7 @@ def test_the_forecast_is_what_is_flown(text, wind, planner, inputs_of):
     assert forecast.remaining_s == pytest.approx(outcome.duration_s, rel=0.015)
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(("text", "within"), [(CLIMB, 0.025), (DESCENT, 0.025), (STAIRS, 0.025), (FASTER, 0.05)])
 def test_in_flight_too(text, within, inputs_of):
     """Climbs that are flown are not learned as power of level flight; changes of the airspeed are, a little."""

@@ -78,6 +78,7 @@ def test_osqp_decides_and_certifies_itself(gusty):
     assert sum(report.outdone for report in reports) < 0.01 * sum(report.solved for report in reports)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("at_s", "drop"), [(60.0, 0.08), (93.0, 0.06), (200.0, 0.1)])
 def test_a_loss_is_answered_at_once(at_s, drop):
     keys = {"battery.capacity_ah": 0.5, "faults": [{"at_s": at_s, "soc_drop": drop}]}
@@ -139,6 +140,7 @@ def test_it_is_a_pure_function_of_its_readings():
 # --- home -------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("altitude_m", few([75.0, 25.0], 1))
 def test_it_turns_home_where_the_plan_cannot_be_completed_and_home_can_be_reached(altitude_m):
     """The way home may be higher than the plan: its climb counts."""

@@ -133,6 +133,7 @@ def test_a_drain_whose_power_was_not_measured_teaches_little():
     assert found[False] == (pytest.approx(0.03, abs=0.01), pytest.approx(1.0, abs=0.1))
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("count", "seeds"), [(10, 100), (100, 100), (600, 40)])
 def test_the_variance_of_a_noisy_gauge_is_calibrated(count, seeds):
     squares = []
@@ -207,6 +208,7 @@ def test_the_variance_of_the_charge_to_be_used_is_that_of_a_kalman_filter_with_m
     assert variance == pytest.approx(covariance[0, 0], rel=1e-3)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("quantum", [0.0, 0.01, 0.02])
 def test_a_gauge_that_is_stuck_is_disbelieved_and_the_integral_holds(quantum):
     charges, readings = battery(lambda _: 1.05, quantum=quantum)

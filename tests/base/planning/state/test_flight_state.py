@@ -79,6 +79,7 @@ def known_at_end(state, taken):
     return state.known(time_of(taken[-1]), last.position_m)
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("faults", [False, True])
 @pytest.mark.parametrize("every", [1, 7])
 def test_what_it_knows_does_not_depend_on_when_it_is_asked(every, faults):
@@ -103,6 +104,7 @@ def singles(readings):
     return [Readings(*(column[i : i + 1] for column in columns)) for i in range(len(readings.times_s))]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("faults", [False, True])
 def test_a_batch_is_its_readings_one_by_one(faults):
     inputs, taken, *_ = survey_flight(faults)

@@ -28,6 +28,7 @@ def flown(rng, count, level_w=LEVEL_W, motion=None):
     return motion
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("share", few(STEPS, 3))
 def test_a_lasting_step_is_followed(share):
     """Within 2 σ after 30 s and within 5 % after 90 s, wherever it falls in a window."""
