@@ -65,14 +65,6 @@ def test_a_stream_that_cannot_be_used_is_exit_2(command, message):
     assert done.stdout == ""
 
 
-@pytest.mark.slow
-def test_without_standard_error_nothing_else_is_printed():
-    done = shell("plan nosuch.plan 2>&-")
-    assert (done.returncode, done.stdout) == (2, "")
-    done = shell("fit scenarios/example-power-log.csv --format json 2>&-")
-    assert json.loads(done.stdout)["periodic"]
-
-
 def test_a_closed_stream_is_no_place_for_a_file(tmp_path):
     out = tmp_path / "model.yaml"
     assert shell(f"fit scenarios/example-power-log.csv --to 110 -o {out} <&- >&- 2>&-").returncode == 2

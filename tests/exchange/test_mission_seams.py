@@ -16,7 +16,6 @@ from eadp.exchange.reader import mission_fences
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import SourceText, read_text
 
-BOX = "0 0, 600 0, 600 400, 0 400"
 LIMITS = {
     "field": "x_m,y_m\n0,0\n600,0\n600,400\n0,400\n",
     "avoid": "x_m,y_m\n250,150\n330,150\n330,260\n250,260\n",
@@ -108,15 +107,6 @@ def test_check_finds_a_path_into_an_obstacle(eadp, covered, tmp_path):
     (found,) = [each for each in json.loads(answer.out)["findings"] if each["code"] == "airspace"]
     assert found["severity"] == "error"
     assert found["message"] == "the path enters house"
-
-
-@pytest.mark.slow
-def test_an_obstacle_lower_than_the_flight_is_flown_over(eadp, covered, tmp_path):
-    plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500", "house height 12")
-    high = eadp("simulate", plan, *PROFILE)  # at the aircraft's own altitude
-    plan.write_text("%: altitude 11\n" + plan.read_text())
-    low = eadp("simulate", plan, *PROFILE)
-    assert (low.code, high.code) == (1, 0)
 
 
 def test_a_flight_beyond_the_boundary_is_not_completed(eadp, covered, tmp_path):

@@ -11,9 +11,6 @@ from eadp.io.text.streams import Text
 from eadp.live.flight import NOT_FLOWN, RETURNS
 from eadp.live.gate import APPLY_S
 from eadp.live.replanner import Replanner
-from eadp.papers.power import LAP_ENDS, PowerTracker
-from eadp.planning.state.known import TimeRatio
-from eadp.simulation.loop import Outcome, fly
 
 START_S = 60.0
 MAX_WRONG_S, MAX_LOSS = 20.0, 0.03
@@ -102,48 +99,6 @@ def test_parameters_that_are_not_applied_are_forecast_as_they_are():
         f"c1 = {asked:g} is not applied",
         "c2 = 2 is not applied",
     ]
-
-
-@pytest.mark.slow
-def test_what_is_applied_makes_up_for_what_is_not():
-    """With c1 unchanged, the lowest computations last where the highest do not."""
-    battery = {"battery.capacity_ah": 0.32}
-    deaf = flown(short_survey(**battery), UNDISTURBED, deaf_to=("c1",))
-    answers, _ = after_hold(deaf)
-    assert deaf.outcome.completed
-    assert {answer["parameters"]["c2"] for answer in answers} == {2.0}
-    held, outcome = short_survey(**battery, **{"planner.name": "static"}), Outcome()
-    for _ in fly(held.world, held.flight(), outcome):
-        pass
-    assert outcome.reason == "battery empty"
-
-
-@pytest.mark.slow
-def test_a_stage_flown_through_a_gap_teaches_nothing(monkeypatch):
-    """The times learned are those of whole stages and laps: no gap over a start or an end makes one longer."""
-    learned, periods_s = [], []
-    learn, lap = TimeRatio.learn, PowerTracker._count_lap
-
-    def recorded(self, forecast_s, flown_s, *others):
-        learned.append((forecast_s, flown_s))
-        learn(self, forecast_s, flown_s, *others)
-
-    def recorded_lap(self, o):
-        found = lap(self, o)
-        if found == LAP_ENDS:
-            periods_s.append(self.lap_time_s)
-        return found
-
-    monkeypatch.setattr(TimeRatio, "learn", recorded)
-    monkeypatch.setattr(PowerTracker, "_count_lap", recorded_lap)
-    flown(short_survey(), UNDISTURBED)
-    whole, lap_s = len(learned), periods_s[-1]
-    for disturbance in DISTURBANCES[:2]:
-        learned.clear()
-        flown(short_survey(), disturbance, START_S)
-        assert 0 < len(learned) < whole
-        assert all(abs(flown_s - forecast_s) < 1.5 for forecast_s, flown_s in learned)
-        assert max(periods_s) < 1.15 * lap_s
 
 
 HAND_S, FLOWN_BY_HAND_S, ITS_POWER_W = 72, 60, 150.0

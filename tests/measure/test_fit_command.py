@@ -290,18 +290,6 @@ def test_what_is_left_out_is_said(run: Run, tmp_path: Path) -> None:
     assert (code, json.loads(out)["log"]) == (0, counts)
 
 
-@pytest.mark.slow
-def test_a_picture_of_the_fit(run: Run, tmp_path: Path) -> None:
-    picture = tmp_path / "fit.svg"
-    code, out, err = run("fit", EXAMPLE, "--plot", str(picture), "--format", "json")
-    assert (code, err, json.loads(out)["order"]) == (0, "", 3)
-    assert picture.read_text().startswith("<?xml")
-    code, out, err = run("fit", EXAMPLE, "--plot", str(tmp_path / "fit.pdf"), "-o", str(tmp_path / "m.yaml"))
-    assert (code, out) == (2, "")
-    assert "expected a name that ends in .svg or .png" in err
-    assert not (tmp_path / "m.yaml").exists(), "nothing is written on an error"
-
-
 def test_correlated_noise_goes_into_the_model(run: Run, tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     log = Path(flight(tmp_path, "time_s,power_w", "{t},{w}", noise_w=0.0))

@@ -10,7 +10,7 @@ from common import ROOT
 from common.answers import refused
 
 from eadp import simulate
-from eadp.report.flights import comparison, draw_flights, table_text
+from eadp.report.flights import comparison, table_text
 from eadp.report.report import read_flights
 
 PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
@@ -50,12 +50,6 @@ def test_the_page_has_the_table_and_the_figure(eadp, folders, tmp_path):
     assert page.with_suffix(".png").stat().st_size > 10_000
     assert table_text(data["table"]) in answer.out
     assert data["plans"] == ["survey.plan"]
-
-
-@pytest.mark.slow
-def test_the_same_flights_are_the_same_figure(folders):
-    flights = read_flights(folders[:2])
-    assert draw_flights(flights) == draw_flights(flights)
 
 
 def test_the_table_is_the_summaries(folders):

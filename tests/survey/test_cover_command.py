@@ -520,21 +520,6 @@ def test_an_obstacle_that_is_low_enough_is_flown_over(eadp, limits, tmp_path, al
 
 
 @pytest.mark.slow
-def test_obstacles_in_the_fields_own_file(eadp, tmp_path):
-    path = tmp_path / "field.geojson"
-    box = [[10.0, 55.0], [10.01, 55.0], [10.01, 55.004], [10.0, 55.004], [10.0, 55.0]]
-    mast = [[10.004, 55.0015], [10.0052, 55.0015], [10.0052, 55.0025], [10.004, 55.0025], [10.004, 55.0015]]
-    features = [
-        {"type": "Feature", "properties": {"name": name}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
-        for name, ring in (("my field", box), ("avoid: mast", mast))
-    ]
-    path.write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-    document = json.loads(eadp("cover", path, "--min-radius", "25", "--swath", "40", "--format", "json").out)
-    assert document["obstacles"] == 1
-    assert 0.8 < document["coverage"] < 0.9999
-
-
-@pytest.mark.slow
 def test_holes_that_are_not_flown_over(eadp, tmp_path):
     path = tmp_path / "field.csv"
     path.write_text("x_m,y_m,ring\n0,0,0\n600,0,0\n600,400,0\n0,400,0\n250,150,1\n330,150,1\n330,260,1\n250,260,1\n")
@@ -572,12 +557,6 @@ def test_a_wanted_and_an_acceptable_overlap(eadp, tmp_path):
     same = json.loads(eadp("cover", path, "--metres", *stated, "--format", "json").out)
     assert document["plan"].replace("%: camera altitude 80\n", "") == same["plan"]
     assert document["lines"] > document["at_lowest_c1"]["lines"]
-
-
-@pytest.mark.slow
-def test_limits_that_turn_the_choice_of_lines_off_say_so(eadp, limits, tmp_path):
-    answer = eadp("cover", *limits, "--avoid", tmp_path / "avoid.csv", "-o", tmp_path / "p.plan")
-    assert "spacing    fixed: a planner cannot save lines in flight" in answer.out
 
 
 def rectangle(west, south, east, north):
@@ -636,25 +615,6 @@ def test_obstacles_that_touch_or_overlap_and_one_below_the_ground(eadp, limits, 
         return
     assert "stays      out of 3 obstacles" in answer.out
     assert eadp("simulate", plan).code == 0
-
-
-@pytest.mark.slow
-def test_thousands_of_obstacles(eadp, limits, tmp_path):
-    places = [(650 + 30 * (i % 50), 30 * (i // 50)) for i in range(2_500)]
-    features = [
-        {
-            "type": "Feature",
-            "properties": {"name": f"tree {i}"},
-            "geometry": {"type": "Polygon", "coordinates": [[(x, y), (x + 2, y), (x + 2, y + 2), (x, y + 2), (x, y)]]},
-        }
-        for i, (x, y) in enumerate(places)
-    ]
-    document = {"type": "FeatureCollection", "units": "m", "features": features}
-    (tmp_path / "trees.geojson").write_text(json.dumps(document))
-    answer = eadp("cover", *limits, "--avoid", tmp_path / "trees.geojson", "-o", tmp_path / "far.plan")
-    assert "stays      out of 2500 obstacles" in answer.out
-    flight = eadp("simulate", tmp_path / "far.plan", "--set", "home.position_m=[300, 200]", "--set", "log_every_s=1")
-    assert flight.code == 0
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,6 @@ import re
 import shutil
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import shapely
 from common import ROOT
@@ -301,26 +300,6 @@ def test_laps_keep_their_spacing_free(eadp, tmp_path, scenario):
         assert row["spacing_m"] <= 20 + 1e-6
 
 
-@pytest.mark.slow
-def test_one_answer_first(eadp, tmp_path, scenario):
-    plan = tmp_path / "whole.plan"
-    assert eadp(*COVER, "--scenario", scenario, "-o", plan).code == 0
-    answer = eadp("simulate", plan, "--scenario", scenario, "--planner", "static")
-    assert answer.code == 1
-    assert "one pack   covers" in answer.out
-    summary = json.loads(eadp("simulate", plan, "--scenario", scenario, "--planner", "static", "--format", "json").out)[
-        "energy_forecast"
-    ]
-    assert summary["batteries"] == 2
-    assert 0.3 < summary["reach_share"] < 0.95
-    assert 0 < summary["reach_s"] < summary["time_s"]
-    # a flight that stops there keeps its reserve, with the probability asked for
-    flown = library.simulate(plan, scenario, planner="static", warn=lambda _: None).columns
-    at = int(np.searchsorted(flown["time_s"], summary["reach_s"]))
-    assert flown["soc"][at] > 0.05
-    assert np.hypot(flown["x_m"][at] - summary["reach_m"][0], flown["y_m"][at] - summary["reach_m"][1]) < 250
-
-
 @pytest.mark.parametrize(
     ("extra", "code", "words"),
     [
@@ -408,10 +387,3 @@ def test_a_damaged_folder_is_a_fault_of_its_file(eadp, folder, tmp_path):
     (damaged / "sorties.json").write_text('{"schema": "eadp.sorties/9"}')
     assert refused(eadp("simulate", damaged), "schema is eadp.sorties/9")
     assert refused(eadp("simulate", folder, "--scenario", "scenarios/survey.yaml"), "beside a folder of sorties")
-
-
-@pytest.mark.slow
-def test_the_library_plans_the_same(folder, scenario, document):
-    options = CoverageOptions(swath_m=20, home=HOME, pattern="dubins", heading_deg=94)
-    plan = library.cover_in_sorties(ROOT / MEADOW, options, SortieOptions(), scenario=scenario, warn=lambda _: None)
-    assert plan.document()["sorties"] == document["sorties"]

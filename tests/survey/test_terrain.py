@@ -393,38 +393,6 @@ def test_sorties_over_terrain_land_on_the_ground(eadp, slope, tmp_path):
 
 
 @pytest.mark.slow
-def test_sorties_say_of_the_ground_what_one_flight_says(eadp, slope, tmp_path):
-    field, terrain = slope
-    given = (
-        field,
-        *WING,
-        *CAMERA,
-        "--altitude",
-        "80",
-        "--terrain",
-        terrain,
-        "--home",
-        "55.4975,10.494",
-        "--heading",
-        "0",
-    )
-    alone, divided = (
-        json.loads(eadp("cover", *given, *more, "--format", "json").out)["terrain"] for more in ((), ("--sorties", "2"))
-    )
-    assert divided.keys() == alone.keys()
-    assert divided["zero_m"] == alone["zero_m"]
-    # the same lines over the same ground, but for the climbs from home
-    for key, tolerance in (("height_m", 2), ("gsd_cm", 0.1), ("side_overlap", 0.02)):
-        assert divided[key][1:] == pytest.approx(alone[key][1:], abs=tolerance)
-    assert divided["lower_share"] == 0
-    assert alone["higher_share"] == divided["higher_share"] == 0
-    text = eadp("cover", *given, "--sorties", "2", "--format", "text").out
-    least, mean, most = (100 * share for share in divided["side_overlap"])
-    assert f"overlap {least:.0f} to {most:.0f} %, mean {mean:.0f} %" in text
-    assert f"way home   clear of ground and obstacles at {divided['home_altitude_m']} m" in text
-
-
-@pytest.mark.slow
 def test_sorties_follow_the_ground_from_home(eadp, slope, tmp_path):
     field, terrain = slope
     folder = tmp_path / "sorties"

@@ -6,7 +6,6 @@ import itertools
 
 import numpy as np
 import pytest
-from common import few
 from common.forecasts import survey_inputs
 from common.recorder import watched
 
@@ -138,16 +137,3 @@ def test_it_is_a_pure_function_of_its_readings():
 
 
 # --- home -------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("altitude_m", few([75.0, 25.0], 1))
-def test_it_turns_home_where_the_plan_cannot_be_completed_and_home_can_be_reached(altitude_m):
-    """The way home may be higher than the plan: its climb counts."""
-    home = {"home.position_m": [-60.0, -400.0], "home.altitude_m": altitude_m, "on_infeasible": "home"}
-    outcome, rows, _ = flown(**{"battery.capacity_ah": 0.25, "wind.speed_mps": 0.0}, **home)
-    assert outcome.records[-1].reason.startswith("home: ")
-    assert outcome.records[-1].status == INFEASIBLE
-    assert np.hypot(rows[-1].x_m + 60, rows[-1].y_m + 400) < 100
-    assert rows[-1].altitude_m == pytest.approx(altitude_m, abs=5)
-    assert outcome.soc_final >= 0.05 - 0.01
