@@ -3,7 +3,7 @@
 usage: python benchmarks/mutants.py [--count 200] [--seed 0] [--layers core models planning] [--only TEXT ...] [--slow]
 
 The operators are mutmut's (pip install mutmut coverage), and `return x` to `return None`. The rest is our own: mutmut
-leaves properties alone and runs all tests. A mutant of `eadp/core` has to fail a test of `tests/core`, and so on, of
+leaves properties alone and runs all tests. A mutant of `eadp/core` has to fail a test of `tests/base/core`, and so on, of
 the quick tier or, with `--slow`, of both. Coverage records once which test executes which line, and keeps it in
 `build/mutants` until the sources change. A mutant meets the tests that execute its statement, the quickest first,
 until one fails; a hang is a failure. Processes are forked with the libraries imported. Prints the mutants that survive
@@ -269,7 +269,7 @@ def recorded(layer: str, jobs: int) -> tuple[dict[str, float], dict[str, dict[in
     """CPU seconds of each test of a layer, and the tests of each line of each file."""
     KEPT.mkdir(parents=True, exist_ok=True)
     shared = digest([*(ROOT / "eadp").rglob("*.py"), *(ROOT / "tests/support").rglob("*.py")])
-    files = sorted((ROOT / "tests" / layer).rglob("test_*.py"))
+    files = sorted((ROOT / "tests/base" / layer).rglob("test_*.py"))
     tier = "quick" if TIER[0] else "slow"
     kept = {file: KEPT / f"{file.stem}-{tier}-{shared}-{digest([file])}.json" for file in files}
     missing = [

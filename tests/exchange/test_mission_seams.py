@@ -118,6 +118,7 @@ def test_a_flight_beyond_the_boundary_is_not_completed(eadp, covered, tmp_path):
     assert "NOT completed: left the boundary at " in answer.out
 
 
+@pytest.mark.slow
 def test_a_sweep_judges_its_flights_alike(eadp, covered, tmp_path):
     plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500")
     sweep = tmp_path / "sweep.yaml"
@@ -174,6 +175,7 @@ FORECAST = ("--set", "time_limit_s=1")
 """A flight of a second, for its forecast alone."""
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("capacity_ah", [0.9, 1.2])
 @pytest.mark.parametrize("to", ["qgc", "ardupilot"])
 def test_the_mission_is_the_forecast(eadp, blocks, tmp_path, capacity_ah, to):
@@ -292,6 +294,7 @@ def leg(tmp_path):
     return path
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("form", ["rows", "plan"])
 def test_a_mission_flies_beside_a_fence_of_its_own_file(eadp, leg, tmp_path, form):
     texts = {

@@ -151,7 +151,7 @@ def alike(found, expected, tolerance=MICROMETRE):
 # --- at take-off ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("c1", np.linspace(-1000, 0, 23))
+@pytest.mark.parametrize("c1", np.linspace(-1000, 0, 8))
 def test_the_survey_at_take_off_is_the_nominal_flight(c1):
     follower, start = begun(survey(), (0.0, 10.0))
     fresh, begin = begun(survey(), (c1, 10.0))
@@ -816,7 +816,7 @@ def test_as_it_is_set_the_margin_tells_no_less_than_is_flown_and_at_most_a_lap_m
     assert -0.005 * seconds <= told[1] - seconds <= 1.1 * lap_s
 
 
-@pytest.mark.parametrize("c1", [0.0, -110.0, -335.0, -500.0, -640.0, -805.0, -1000.0])
+@pytest.mark.parametrize("c1", [0.0, -110.0, -335.0, -1000.0])
 def test_uncertain_ends_are_where_the_plan_ends_for_each_margin(c1):
     """Beside a route for every margin: the first end that is cleared by as much, or the certain one."""
     follower, _ = begun(survey(), (c1, 10.0))
@@ -861,7 +861,7 @@ class _EachLap(RoutePredictor):
 
 
 @pytest.mark.parametrize("c1", [0.0, -311.7, -1000.0])
-@pytest.mark.parametrize("passed", [0, 1, 4, 9])
+@pytest.mark.parametrize("passed", [0, 9])
 @pytest.mark.parametrize("now", [-500.0, -1000.0])
 def test_laps_that_are_alike_are_those_laid_out_one_by_one(c1, passed, now):
     """Also from the middle of a lap, and of another c1 than the one decided."""
