@@ -20,7 +20,7 @@ from eadp.core import compiled
 # ones. A loaded machine makes the generation of inputs slow, which is no fault of a test. None depends on the clock.
 settings.register_profile("base", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("quick", settings.get_profile("base"), max_examples=25, derandomize=True)
-settings.register_profile("slow", settings.get_profile("base"), max_examples=200)
+settings.register_profile("slow", settings.get_profile("base"), max_examples=100)
 settings.load_profile("quick")
 
 # Machine code is compiled once for each version of the sources: by all tests, their processes and pytest's workers

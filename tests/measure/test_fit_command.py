@@ -330,6 +330,7 @@ def test_published_logs(run: Run, tmp_path: Path, name: str, period_s: object) -
     assert (code, found["period_s"] if found["periodic"] else None) == (period_s is None, period_s)
 
 
+@pytest.mark.slow
 def test_what_a_period_may_hide_is_stated(run: Run, tmp_path: Path) -> None:
     times = np.arange(0.0, 1800.0, 0.5)
     period = 46 * (0.92 + 0.16 * times / 1800)
