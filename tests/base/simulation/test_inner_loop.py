@@ -120,6 +120,7 @@ def drawn(seed):
     }
 
 
+@pytest.mark.quick(1)
 @fast
 @pytest.mark.parametrize("seed", few(range(6), 2))
 def test_compiled_flights_are_the_plain_ones(seed, no_longer_compiled):
@@ -147,6 +148,7 @@ def test_plans_of_parts_and_curves_too(tmp_path, text, vehicle, no_longer_compil
     same(one, other)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", few(range(100, 103), 1))
 def test_a_planner_that_is_asked_when_due_flies_as_one_that_is_asked_at_every_step(seed):
     overrides = drawn(seed)
@@ -219,7 +221,7 @@ def test_what_is_logged_does_not_change_the_flight():
     assert every[1][-1] == never[1][-1]
 
 
-@settings(max_examples=draws(0.5))
+@settings(max_examples=draws(0.3))
 @given(
     planner=st.sampled_from(["static", "paper", "joint"]),
     every_s=st.sampled_from([0.05, 0.1, 0.5]),

@@ -42,6 +42,7 @@ def flown(scenario, overrides=()):
     return summary, shares, steps
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("scenario", "duration_s", "mean_w", "min_w", "max_w"),
     [
@@ -162,6 +163,7 @@ def test_path_and_power_follow_the_published_data(reference, flight):
     assert np.sqrt(np.mean(power**2)) < 0.25
 
 
+@pytest.mark.slow
 def test_the_states_of_the_published_filter_follow_the_published_data(reference):
     """Flight I from 100 s on. The letter's α0 is that of the whole power, ours of the motion's."""
     inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario=str(ROOT / "scenarios/paper-I-static.yaml"))
@@ -245,6 +247,7 @@ def test_the_pages_table_of_drained_flights_is_what_is_flown():
             assert as_printed(value, text), (row[0], value)
 
 
+@pytest.mark.slow
 def test_other_figures_of_the_page_are_what_is_flown():
     changes = {flight: flown(SCENARIOS[flight])[0]["parameters"]["c1"]["changes_at"] for flight in ("i", "ii")}
     (first, _), (second, _) = changes["i"]

@@ -130,6 +130,7 @@ def test_ground_that_is_not_reached_counts_0(name, share):
     assert on_paper(plan, start, lambda *_: lower, stop_s)[0].quality({}) < found
 
 
+@pytest.mark.slow
 def test_a_flight_whose_battery_is_empty_at_a_share_of_the_ground_has_no_more():
     inputs = survey_inputs("static", **{"wind.speed_mps": 0.0, "battery.capacity_ah": 0.4})
     outcome, _ = flown(inputs)

@@ -548,6 +548,7 @@ def integrated(leg, airspeed_mps, wind_mps, step_m=0.05):
     return seconds.sum(), ((airspeed_mps * rates / GRAVITY_MPS2) ** 2 * seconds).sum()
 
 
+@pytest.mark.quick(4)
 @pytest.mark.parametrize("wind_mps", [(0.0, 0.0), (5.0, 3.0), (-8.0, 2.0)])
 @pytest.mark.parametrize("make", [survey, lambda: plan_of(A_CURVE), lambda: plan_of(TWO_PARAMETERS)])
 def test_times_and_turning_against_fine_steps(make, wind_mps):
@@ -735,6 +736,7 @@ def test_a_short_stretch_on_a_circle_is_where_the_plan_is_over():
 # --- the margin at the end --------------------------------------------------------------------------------------------
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("slack_m", [3.0, -3.0])
 @pytest.mark.parametrize("seed", few(range(4), 2))
 def test_slack_moves_the_end_along_the_shift(seed, slack_m):

@@ -69,6 +69,7 @@ CURVE = {
 }
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("text", [CLIMB, DESCENT, FASTER])
 def test_the_forecast_of_a_power_curve_has_its_climbs_and_airspeeds(text, inputs_of):
     inputs = inputs_of(text, **CURVE)
@@ -131,6 +132,7 @@ def test_a_climb_is_no_slow_flight(inputs_of):
     assert forecast.power_w == pytest.approx(0, abs=1e-3)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("text", "within"), [(STAIRS, 0.1), (FASTER, 1.0)])
 def test_neither_climbs_nor_airspeeds_are_taken_for_wind(text, within, inputs_of):
     _, outcome = flown(inputs_of(text, "joint"))

@@ -91,6 +91,7 @@ def test_the_smaller_the_battery_the_less_likely_the_end():
     assert shares[-1] < 1e-6
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("planner", ["static", "joint"])
 def test_a_battery_that_is_too_small_is_told_before_take_off(planner):
     inputs = inputs_of(ROOT / "plans/survey.plan", planner, **{"battery.capacity_ah": 0.15})

@@ -167,6 +167,7 @@ def battery(ratio, count=4000, quantum=0.0, drained=2e-4):
     return charges, np.ceil(charges / quantum - 1e-9) * quantum if quantum else charges
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("quantum", [0.0, 0.01])
 @pytest.mark.parametrize(
     "ratio", [lambda _: 1.0, lambda _: 1 / 0.85, lambda b: 1 / (0.9 + 0.2 * b)], ids=["stated", "15 % less", "falls"]
@@ -342,6 +343,7 @@ def test_the_first_steps_of_a_coarse_gauge_are_not_the_capacity(rounded):
     assert max(abs(value - 0.5) for value in used) < 0.02
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("noise", [0.0, 0.002])
 @pytest.mark.parametrize("rounded", [math.floor, round, math.ceil])
 def test_a_gauge_that_rounds_is_above_its_readings_by_what_a_full_battery_shows(rounded, noise):
@@ -399,6 +401,7 @@ def either(function, compiled_code):
         compiled.enable(False)
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("compiled_code", [False, pytest.param(True, marks=fast)])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_drain_is_a_kalman_filters_prediction_with_matrices(seed, compiled_code):
@@ -425,6 +428,7 @@ def test_beyond_empty_the_ratio_stays(seed):
         assert variance == pytest.approx(row @ matrix(then) @ row, rel=1e-12)
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("compiled_code", [False, pytest.param(True, marks=fast)])
 @pytest.mark.parametrize("seed", range(3))
 def test_a_reading_is_a_kalman_filters_correction_with_matrices(seed, compiled_code):

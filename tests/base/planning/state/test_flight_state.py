@@ -91,6 +91,7 @@ def test_what_it_knows_does_not_depend_on_when_it_is_asked(every, faults):
     assert once.losses == faults
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
 def test_nor_in_the_middle_of_a_flight(share):
     inputs, taken, *_ = survey_flight(True)
@@ -147,6 +148,7 @@ def test_a_batch_of_a_climb_is_its_readings_one_by_one(tmp_path):
     assert math.hypot(*whole.wind.mps) < 0.1
 
 
+@pytest.mark.slow
 def test_batches_joined_are_those_apart():
     """Readings between two observations in one batch, or in several."""
     inputs, taken, *_ = survey_flight()
@@ -231,6 +233,7 @@ def with_holes(taken, names, rng, share=0.5):
     return found
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("names", [["powers_w"], ["charges"], ["headings_rad"], ["vx_mps", "vy_mps"]])
 def test_what_is_not_measured_is_left_out(names):
     inputs, taken, *_ = survey_flight()

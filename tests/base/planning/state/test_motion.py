@@ -102,6 +102,7 @@ def test_the_slope_is_never_below_0():
     assert motion.known().slope_w == 0
 
 
+@pytest.mark.slow
 def test_forecasts_of_energy_are_calibrated():
     squares = []
     for seed in range(300):
