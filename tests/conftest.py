@@ -131,6 +131,7 @@ def _machine_code(request: pytest.FixtureRequest):
 
 
 DRAWN = {
+    "base/io/figures/test_flight.py",
     "base/api/test_flight.py",
     "report/test_flight.py",
     "report/test_browser.py",
