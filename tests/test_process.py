@@ -46,6 +46,7 @@ def shell(command, **environment):
     )
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize(
     ("command", "message"),
     [
@@ -71,6 +72,7 @@ def test_a_closed_stream_is_no_place_for_a_file(tmp_path):
     assert out.read_text().startswith("schema: eadp.energy/1")
 
 
+@pytest.mark.slow
 def test_what_a_terminal_cannot_show_is_escaped(tmp_path):
     done = shell("fit scenarios/example-power-log.csv --to 110", PYTHONIOENCODING="ascii")
     assert done.returncode == 0

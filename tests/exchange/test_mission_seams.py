@@ -72,6 +72,7 @@ def test_cover_writes_the_mission_and_plan_keeps_it(eadp, covered):
     assert headers(again.out) == found
 
 
+@pytest.mark.slow
 def test_a_flight_keeps_out_and_says_so(eadp, covered):
     answer = eadp("simulate", covered, *PROFILE, *COARSE, "--set", "wind.speed_mps=3", "--format", "json")
     summary = json.loads(answer.out)
@@ -99,6 +100,7 @@ def test_a_flight_into_an_obstacle_is_not_completed(eadp, covered, tmp_path):
     assert ignored.code == 0
 
 
+@pytest.mark.slow
 def test_check_finds_a_path_into_an_obstacle(eadp, covered, tmp_path):
     assert eadp("plan", covered, "--check").code == 0
     plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500")
@@ -109,6 +111,7 @@ def test_check_finds_a_path_into_an_obstacle(eadp, covered, tmp_path):
     assert found["message"] == "the path enters house"
 
 
+@pytest.mark.slow
 def test_a_flight_beyond_the_boundary_is_not_completed(eadp, covered, tmp_path):
     text = covered.read_text()
     plan = tmp_path / "small.plan"
@@ -420,6 +423,7 @@ def test_the_rest_of_a_flight_is_exported_from_where_its_telemetry_ends(eadp, tm
     assert length == pytest.approx(decided["remaining_s"] * 14.0, rel=0.06)  # at the airspeed, in a wind of 5 m/s
 
 
+@pytest.mark.slow
 def test_telemetry_that_leaves_nothing_or_has_no_planner_is_refused(eadp, tmp_path):
     telemetry = ("--telemetry", "scenarios/example-telemetry.jsonl")
     place = ("export", "plans/survey.plan", "--to", "qgc", "--origin", "55.37,10.43", *telemetry)

@@ -140,6 +140,7 @@ def read_back_late(inputs, missions, lines, **ways):
     return flown.fly(lines)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("loses_end", [False, True])
 def test_the_map_of_what_was_sent_holds_from_its_acknowledgement_on(inputs, missions, lines, loses_end):
     """Not only once it is read back. Where the acknowledgement is lost, the number of items says so."""

@@ -239,6 +239,7 @@ def test_an_empty_battery_is_a_no_until_it_is_measured_not_to_be(recorded):
     assert advice.reason != EMPTY
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("place", [(0.0, 0.0), (5e3, -5e3), (-1e7, 1e7), (35.0, 146.0), (-40.0, 11.0)])
 def test_the_first_fix_may_be_anywhere(recorded, place):
     inputs = recorded[0]

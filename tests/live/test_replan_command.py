@@ -181,6 +181,7 @@ def test_a_value_that_is_invalid_costs_that_value_alone(replan, whole, old, new,
     assert all(line.startswith("<stdin>:3:") for line in err.splitlines())
 
 
+@pytest.mark.slow
 def test_a_gap_gives_a_warning_and_is_flown_through(replan, whole):
     code, advice, err = replan(b"".join(LINES[:40] + LINES[52:150]))
     assert code == 0

@@ -59,6 +59,7 @@ def test_a_disturbance_costs_little_and_the_stage_is_found_again(undisturbed, di
     assert {code for answer in disturbed.answers for code in answer["warnings"]} == CODES.get(disturbance.name, set())
 
 
+@pytest.mark.slow
 def test_the_end_of_an_autopilots_mission_is_certain(undisturbed):
     """Whether one more lap is flown is in doubt at 6 s where the aircraft follows the plan itself."""
     of_items = flown(short_survey(), Disturbance("items", 0.0, through(lambda line: line | {"flies_mission": True})))
@@ -68,6 +69,7 @@ def test_the_end_of_an_autopilots_mission_is_certain(undisturbed):
     assert of_items.warnings == []
 
 
+@pytest.mark.slow
 def test_a_gauge_that_rises_and_a_false_power_are_warned_of():
     def rising(line):
         return line | {"soc": 0.8 + line["time_s"] / 1e4, "power_w": 1e5 if line["time_s"] == 100 else line["power_w"]}
@@ -85,6 +87,7 @@ def after_hold(flight):
     return flight.answers[first:], flight.answers[first]["time_s"]
 
 
+@pytest.mark.slow
 def test_parameters_that_are_not_applied_are_forecast_as_they_are():
     """c1 takes effect with the lap that starts at 39 s; without it the battery ends before the plan does."""
     flight = flown(short_survey(), UNDISTURBED, deaf_to=("c1", "c2"))
@@ -150,7 +153,7 @@ def answered(lines, warnings=None):
     return {answer["time_s"]: answer for answer in answers}
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("modes", [True, False])
 def test_while_a_pilot_flies_nothing_is_learned_and_nothing_decided(lines, modes):
     alone = answered([line | {"flies_mission": True} if modes else line for line in lines])

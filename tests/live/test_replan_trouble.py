@@ -72,6 +72,7 @@ def check_headings(decisions, wind, within_s):
     assert max(abs(complex(*line["wind_mps"]) - wind) for line in later) < 2.0
 
 
+@pytest.mark.slow
 def test_mathematical_headings_are_disbelieved_and_the_wind_is_found_without(replan):
     code, right, _ = replan(EXAMPLE)
     assert not any("heading-disbelieved" in line["warnings"] for line in right)
@@ -108,6 +109,7 @@ def survey(path):
     return read_plan(read_text(str(path)))[0]
 
 
+@pytest.mark.slow
 def test_an_end_that_is_passed_by_little_is_uncertain_and_the_flight_goes_on(replan):
     # lap 14 ends at x = 175, where the plan does; 0.5 m to the east it passes the end, by less than the error
     code, decisions, err = replan(survey_lines(16, x_m=0.5))
@@ -159,6 +161,7 @@ def known(decisions):
     }
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("begins_s", "reports"),
     few_rows(

@@ -111,6 +111,7 @@ def test_a_log_without_a_period_in_words(run: Run, noise: str, tmp_path: Path) -
     )
 
 
+@pytest.mark.slow
 def test_model_written_is_the_document_printed(run: Run, tmp_path: Path) -> None:
     model = tmp_path / "model.yaml"
     short = ("fit", EXAMPLE, "--to", "110")
@@ -125,6 +126,7 @@ def test_model_written_is_the_document_printed(run: Run, tmp_path: Path) -> None
     assert (code, out) == (0, model.read_text()), "the model alone on standard output"
 
 
+@pytest.mark.slow
 def test_log_from_standard_input(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     body = Path(EXAMPLE).read_bytes()
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(body)))

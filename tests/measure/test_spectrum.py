@@ -113,6 +113,7 @@ def test_a_periodogram_of_many_samples_is_that_of_2000_bins() -> None:
     assert share == pytest.approx(binned_share, abs=0.01)
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("periods", [2, 2.5, 7.4])
 def test_period_of_a_clean_log(periods: float) -> None:
     times = sampled(periods)
@@ -132,6 +133,7 @@ def test_a_period_below_the_range_is_not_given_as_its_multiple(period_s: float, 
     assert (found.period_s, len(found.amplitude_w)) == (pytest.approx(period_s, rel=1e-4), 1)
 
 
+@pytest.mark.slow
 def test_a_fundamental_that_is_weak_is_kept_where_its_evidence_is_strong() -> None:
     times = np.arange(0.0, 1500.0, 1.5)
     found = analyse(times, noisy(times, 0.5, terms=((0.3, 0.3), (0.0, 0.0), (2.0, 1.0)), period_s=12.0))
@@ -140,6 +142,7 @@ def test_a_fundamental_that_is_weak_is_kept_where_its_evidence_is_strong() -> No
     assert (lost.period_s, lost.multiple) == (pytest.approx(4.0, rel=1e-3), 1)
 
 
+@pytest.mark.slow
 def test_the_search_ends_where_the_likelihood_goes_back_to_the_multiple(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 55 s, whose first harmonic may be zero in noise of 15 s, 28 s is half; of 28 s, 55 s is likelier again."""
     calls, assess = [0], spectrum._assess
@@ -161,6 +164,7 @@ def test_the_search_ends_where_the_likelihood_goes_back_to_the_multiple(monkeypa
     assert found.period_s == pytest.approx(period_s, rel=0.03)
 
 
+@pytest.mark.slow
 def test_a_prior_reaches_below_the_range_and_keeps_what_is_asked_for() -> None:
     times = np.arange(0.0, 1300.0, 0.7)
     power = noisy(times, terms=((2.0, 0.3),), period_s=3.0)
@@ -169,6 +173,7 @@ def test_a_prior_reaches_below_the_range_and_keeps_what_is_asked_for() -> None:
     assert (multiple.period_s, multiple.multiple) == (pytest.approx(9.0, rel=1e-4), 3)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("share", [0.0, 0.05])
 def test_a_period_that_drifts_is_stated(share: float) -> None:
     times = sampled(13)
@@ -188,6 +193,7 @@ def test_a_period_that_drifts_is_stated(share: float) -> None:
 FOURTH_AND_FIFTH = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (3.0, 1.0), (2.0, 0.5))
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("terms", [THREE, ((2.1, 0.8),), ((0.0, 0.0), (3.0, 1.0), (2.0, 0.0)), FOURTH_AND_FIFTH])
 def test_a_log_without_noise_gives_the_period_and_the_phases_exactly(terms: tuple[tuple[float, float], ...]) -> None:
     times = sampled(3.3)
@@ -198,6 +204,7 @@ def test_a_log_without_noise_gives_the_period_and_the_phases_exactly(terms: tupl
         assert amplitude * np.exp(1j * phase) == pytest.approx(a * np.exp(1j * f), abs=1e-6)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("periods", [2.1, 9])
 def test_a_stronger_second_harmonic_is_not_the_period(periods: float) -> None:
     times = sampled(periods)
@@ -212,6 +219,7 @@ def test_never_a_multiple_of_the_period(seed: int) -> None:
     assert_found(analyse(times, signal(times) + 0.5 * slow))
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("shape", ["square", "saw", "pulse"])
 def test_periods_of_signals_with_edges(shape: str) -> None:
     times = np.arange(0, 240, 0.5)
@@ -222,6 +230,7 @@ def test_periods_of_signals_with_edges(shape: str) -> None:
     assert found.period_s == pytest.approx(30, rel=0.002)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("kept", few(["irregular", "30 % dropped", "gap of 40 %", "bursts", "a date"], 3))
 def test_sampling_of_any_kind(kept: str) -> None:
     rng = np.random.default_rng(3)
@@ -412,6 +421,7 @@ def test_noise_has_no_period(kind: str, share: float) -> None:
     assert sum(found) <= 0.05 * trials, "in 95 % and more of the trials"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", few(["drift", "decay", "step", "one bump"], 1))
 def test_what_happens_once_has_no_period(kind: str) -> None:
     part = np.linspace(0, 1, 120)
@@ -466,6 +476,7 @@ def test_odd_samples_are_survived(kind: str) -> None:
 # what is asked for
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("order", [1, 2, 5])
 def test_order_asked_for(order: int) -> None:
     times = sampled(4)

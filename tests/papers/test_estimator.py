@@ -119,6 +119,7 @@ def test_prediction_does_not_depend_on_how_time_is_cut():
     assert covariance(fine) == pytest.approx(covariance(coarse), abs=ROUNDING)
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("gate_w", [0.0, 0.3])
 @pytest.mark.parametrize("seed", range(3))
 def test_the_covariance_stays_symmetric_and_positive(seed, gate_w):

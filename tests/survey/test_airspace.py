@@ -51,6 +51,7 @@ def gaps(path):
     return [math.dist(a.end[:2], b.start[:2]) for a, b in itertools.pairwise(pieces)]
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     ("limits", "least"),
     [
@@ -141,6 +142,7 @@ def test_a_turn_goes_around_a_corner():
     assert not any(within(wall, x, y, 0.01) for x, y in polyline_m(pieces))
 
 
+@pytest.mark.slow
 def test_parts_of_a_field_are_covered_by_one_path():
     other = ((900.0, 100.0), (1200.0, 100.0), (1200.0, 500.0), (900.0, 500.0))
     field = Field(BOX, others=((other,),))

@@ -302,6 +302,7 @@ def test_repairs_are_noted(eadp, tmp_path):
     assert len(document["normalised"]) == 2
 
 
+@pytest.mark.slow
 def test_start_and_home_in_the_fields_coordinates(eadp, tmp_path):
     plan = tmp_path / "p.plan"
     where = ("--start", "55.4710,10.3290", "--home", "55.4712 10.3295")

@@ -363,6 +363,7 @@ def test_the_heading_of_the_lines_is_not_that_of_a_way_from_afar(tmp_path):
     assert math.sin(_heading_of_lines_rad(plan, ())) == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_resume_refuses_what_is_not_of_this_field(eadp, scenario, flown, tmp_path):
     target = flown
     log = log_of(target / "sortie-01", tmp_path / "log.jsonl")

@@ -470,6 +470,7 @@ def test_computations_stop_on_turns_at_any_altitude(eadp, slope):
     assert over["terrain"]["altitudes"] > 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bearing", few([20, 110], 1))
 def test_the_heading_along_the_contours_is_said_and_needs_less(eadp, tmp_path, bearing):
     # 25 % up across a bearing

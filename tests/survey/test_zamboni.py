@@ -131,6 +131,7 @@ def test_no_gap_at_any_parameter_of_any_lap(seed, shares):
 # --- the plan ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.quick(4)
 @pytest.mark.parametrize("heading", [math.pi / 2, 0.3, 2.9])
 @pytest.mark.parametrize("seed", range(4))
 def test_the_plan_is_the_path_at_both_ends_of_its_parameter(seed, heading):

@@ -24,6 +24,7 @@ def flown(**overrides):
     )
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("r1", "r2", "least"), [(1 / 200, -1.0, -10.0), (1 / 250, 1.0, 3.0)])
 def test_every_row_of_a_flight_keeps_to_the_trade_offs(r1, r2, least):
     row = {"coefficients": {"c1": r1, "c2": r2}, "at_least": least}
@@ -79,6 +80,7 @@ def test_settings_that_contradict_the_mission_are_named(key, value, message):
         flown(**{f"planner.paper.{key}": value, "time_limit_s": 1})
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("planner", ["paper", "joint"])
 def test_a_trade_off_of_a_stage_holds_in_that_stage_alone(planner):
     row = {"coefficients": {"c2": -1.0}, "at_least": -4.0, "stages": [2]}

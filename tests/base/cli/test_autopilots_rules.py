@@ -83,7 +83,7 @@ def test_px4s_own_return_counts_in_its_missions_and_what_is_stated_of_it_is_writ
 SORTIES = ("--swath", "40", "--altitude", "60", "--home", HOME, "--sorties", "auto")
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("stated", "exports"), [("px4", ()), ("none", ("--export", "px4")), ("ardupilot", ())])
 def test_sorties_end_above_what_makes_the_autopilot_turn_back_and_count_its_return(eadp, place, stated, exports):
     """What each states is the forecast of its own file, with the circle at home, and keeps the reserve there."""
@@ -110,6 +110,7 @@ def test_sorties_for_px4_are_not_for_an_aircraft_with_ardupilot(eadp, place):
     assert not (place / "job").exists()
 
 
+@pytest.mark.slow
 def test_batteries_of_a_plan_are_used_up_to_what_makes_the_autopilot_turn_back(eadp, place):
     packs = {}
     for kind in ("none", "px4"):
@@ -122,6 +123,7 @@ def test_batteries_of_a_plan_are_used_up_to_what_makes_the_autopilot_turn_back(e
     assert packs["none"] < 1 < packs["px4"]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("clearance_m", "top_m"), [(35, 50), (5, 50)])
 def test_the_clearance_asked_for_is_that_of_the_way_home_at_every_door(eadp, place, clearance_m, top_m):
     """The altitude that the plan has is what its forecast and its parameters have; obstacles beside it count alike."""

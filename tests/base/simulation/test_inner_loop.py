@@ -127,6 +127,7 @@ def test_compiled_flights_are_the_plain_ones(seed, no_longer_compiled):
     same(flown(drawn(seed), on=True), flown(drawn(seed)))
 
 
+@pytest.mark.slow
 @fast
 @pytest.mark.parametrize("scenario", few(["paper-i-dynamic", "paper-I-static", "paper-ii-dynamic", "paper-drained"], 1))
 def test_compiled_flights_of_the_letter_are_the_plain_ones(scenario, no_longer_compiled):
@@ -214,6 +215,7 @@ def test_without_a_log_the_flight_is_the_same(planner, on, no_longer_compiled):
     assert [record.parameters for record in logged.records] == [record.parameters for record in unlogged.records]
 
 
+@pytest.mark.slow
 def test_what_is_logged_does_not_change_the_flight():
     every, never = (flown({**drawn(3), "log_every_s": every_s}) for every_s in (0.03, 1e9))
     assert every[0].totals == never[0].totals

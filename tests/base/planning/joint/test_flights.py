@@ -106,6 +106,7 @@ def test_computations_do_not_rise_soon_after_they_fell(gusty):
                 fell_s = time_s
 
 
+@pytest.mark.slow
 def test_parameters_that_are_held_stay():
     def held(inputs):
         flight = inputs.flight()
