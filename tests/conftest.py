@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from common import ROOT, without_figures
+from common import ROOT, draw_nothing, evenly
 from common.browser import ABSENT, CHROMIUM, Browser
 from hypothesis import HealthCheck, settings
 
@@ -20,7 +20,7 @@ from eadp.core import compiled
 # ones. A loaded machine makes the generation of inputs slow, which is no fault of a test. None depends on the clock.
 settings.register_profile("base", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("quick", settings.get_profile("base"), max_examples=25, derandomize=True)
-settings.register_profile("slow", settings.get_profile("base"), max_examples=200)
+settings.register_profile("slow", settings.get_profile("base"), max_examples=100)
 settings.load_profile("quick")
 
 # Machine code is compiled once for each version of the sources: by all tests, their processes and pytest's workers
@@ -62,13 +62,6 @@ def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str
     return call
 
 
-@pytest.fixture
-def undrawn():
-    """For tests of result folders whose subject is no figure."""
-    with without_figures():
-        yield
-
-
 @pytest.fixture(autouse=True)
 def _code_as_before():
     """What a test switches, as a sweep in this process does, is switched back for the next one."""
@@ -89,7 +82,6 @@ COMPILED = [
     "base/simulation/test_fixed_wing.py",
     "base/simulation/test_reproduction.py",
     "base/simulation/test_wind_over_time.py",
-    "exchange/test_mission_seams.py",
     "live/test_acquisition.py",
     "live/test_apply.py",
     "live/test_beside_autopilots.py",
@@ -119,7 +111,6 @@ COMPILED = [
     "survey/test_sorties_command.py",
     "survey/test_survey_job.py",
     "survey/test_terrain.py",
-    "sweep/test_report_sweep.py",
     "sweep/test_sweep_command.py",
     "sweep/test_sweep_file.py",
     "test_notebook.py",
@@ -139,16 +130,56 @@ def _machine_code(request: pytest.FixtureRequest):
     compiled.enable(False)
 
 
+DRAWN = {
+    "base/io/figures/test_flight.py",
+    "base/api/test_flight.py",
+    "report/test_flight.py",
+    "report/test_browser.py",
+    "test_library_page.py",
+    "test_notebook.py",
+    "test_pictures.py",
+    "test_results_page.py",
+}
+"""Tests whose subject is a figure or a page of a result folder: elsewhere these are empty files."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _undrawn(request: pytest.FixtureRequest):
+    """No figures and pages in result folders, where they are not the subject."""
+    with pytest.MonkeyPatch.context() as patch:
+        if request.path.relative_to(ROOT / "tests").as_posix() not in DRAWN:
+            draw_nothing(patch)
+        yield patch
+
+
+@pytest.fixture
+def drawn(_undrawn: pytest.MonkeyPatch):
+    """Figures and pages for one test of another file."""
+    _undrawn.undo()
+    yield
+    draw_nothing(_undrawn)
+
+
 @pytest.hookimpl(tryfirst=True)  # before -m chooses by the marker
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files of whole flights and pages come first, so that no worker is left alone with them at the end.
 
     Behind the first of them is a long one without flights: machine code is then made by one of two workers.
 
+    Of a test marked `quick(n)`, cases beyond n, spread evenly, are slow.
+
     Tests in a browser are marked, and skipped where there is none, unless `EADP_BROWSER=required`.
     """
     first = ["test_public.py", "test_spectrum.py", *sorted(path.name for path in (ROOT / "tests").glob("test_*.py"))]
     items.sort(key=lambda item: first.index(item.path.name) if item.path.name in first else len(first))
+    cases: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        if item.get_closest_marker("quick") and not item.get_closest_marker("slow"):
+            cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    for each in cases.values():
+        (count,) = each[0].get_closest_marker("quick").args  # type: ignore[union-attr]
+        for i in {*range(len(each))} - evenly(len(each), count):
+            each[i].add_marker(pytest.mark.slow)
     for item in items:
         if "browser" in getattr(item, "fixturenames", ()):
             item.add_marker(pytest.mark.browser)

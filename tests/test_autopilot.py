@@ -23,6 +23,7 @@ def folder(reference):
     return reference / "autopilot"
 
 
+@pytest.mark.slow
 def test_a_take_off_is_not_what_the_plan_draws(autopilot, folder):
     """With half of the power that the aircraft file states, and at full throttle."""
     rows = {row.what: row for row in autopilot.take_off(folder)}
@@ -56,8 +57,8 @@ def test_a_lost_cell_is_found_and_no_other(autopilot, folder):
     assert all(row.met for row in rows), rows
 
 
-@pytest.mark.parametrize("share", [-0.2, pytest.param(0.3, marks=pytest.mark.slow)])
-def test_a_lasting_step_of_the_power_is_learned(autopilot, folder, share):
-    step = autopilot.step_of(folder, share, [300.0])
+@pytest.mark.slow
+def test_a_lasting_step_of_the_power_is_learned(autopilot, folder):
+    step = autopilot.step_of(folder, -0.2, [300.0])
     assert step.within == 1
     assert max(step.errors) <= 0.05

@@ -11,7 +11,7 @@ import tomllib
 import pytest
 from common import ROOT
 
-EXAMPLES = [("detector.py", ()), ("vehicle.py", ("bench", "mavlink"))]
+EXAMPLES = [("detector.py", ()), pytest.param("vehicle.py", ("bench", "mavlink"), marks=pytest.mark.slow)]
 REFUSING = """
 import importlib.abc, runpy, sys
 class Refusing(importlib.abc.MetaPathFinder):
@@ -38,7 +38,7 @@ def installed(requirements):
     return found
 
 
-@pytest.mark.parametrize(("example", "extras"), EXAMPLES, ids=[name for name, _ in EXAMPLES])
+@pytest.mark.parametrize(("example", "extras"), EXAMPLES)
 def test_an_example_runs_with_what_it_asks_for(example, extras):
     for extra in extras:
         for needed in {"bench": "jsbsim", "mavlink": "pymavlink"}[extra].split():

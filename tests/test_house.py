@@ -12,6 +12,12 @@ import grimp
 import pytest
 from common import ROOT
 
+
+@functools.cache
+def tree_of(path):
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 SOURCES = sorted((ROOT / "eadp").rglob("*.py"))
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
@@ -29,7 +35,7 @@ FIELD_TERMS = {
 def test_no_two_public_classes_share_a_name():
     found = defaultdict(list)
     for path in SOURCES:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 found[node.name].append(path.relative_to(ROOT).as_posix())
     assert {name: places for name, places in found.items() if len(places) > 1} == {}
@@ -65,7 +71,7 @@ def test_no_pattern_tries_blanks_from_each_of_them():
     r"""A pattern that starts with `\s*` is matched at a place: searched, it takes the square of the blanks."""
     for path in SOURCES:
         text = path.read_text(encoding="utf-8")
-        for node in ast.walk(ast.parse(text)):
+        for node in ast.walk(tree_of(path)) if "re.compile(" in text else ():
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "compile":
                 source = ast.get_source_segment(text, node) or ""
                 name = re.match(r"\s*(\w+)", text.splitlines()[node.lineno - 1])
@@ -91,7 +97,7 @@ def _modules():
     names = {}
     for path in SOURCES:
         *packages, last = path.relative_to(ROOT).with_suffix("").parts
-        names[".".join(packages if last == "__init__" else [*packages, last])] = ast.parse(path.read_text("utf-8"))
+        names[".".join(packages if last == "__init__" else [*packages, last])] = tree_of(path)
     return names
 
 

@@ -121,6 +121,7 @@ def test_an_airframe_flies_with_its_own_formulas(tmp_path):
     assert flight.summary["power_w"]["min"] == pytest.approx(expected_w + computing_w, abs=0.2)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.usefixtures("installed")
 @pytest.mark.parametrize("fast", [False, True])
 def test_cells_are_drained_and_forecast_by_their_own_law(fast, monkeypatch):

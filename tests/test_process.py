@@ -27,7 +27,7 @@ run()
 
 
 @pytest.mark.parametrize(
-    "module", few(["eadp.cli.main", "typer", "numpy", "pydantic", "scipy", "eadp.measure.power"], 3)
+    "module", few(["eadp.cli.main", "typer", "numpy", "pydantic", "scipy", "eadp.measure.power"], 1)
 )
 @pytest.mark.parametrize("signal", few(["SIGINT", "SIGTERM"], 1))
 def test_an_interrupt_of_an_import_is_130(tmp_path, module, signal):
@@ -46,6 +46,7 @@ def shell(command, **environment):
     )
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize(
     ("command", "message"),
     [
@@ -65,20 +66,13 @@ def test_a_stream_that_cannot_be_used_is_exit_2(command, message):
     assert done.stdout == ""
 
 
-@pytest.mark.slow
-def test_without_standard_error_nothing_else_is_printed():
-    done = shell("plan nosuch.plan 2>&-")
-    assert (done.returncode, done.stdout) == (2, "")
-    done = shell("fit scenarios/example-power-log.csv --format json 2>&-")
-    assert json.loads(done.stdout)["periodic"]
-
-
 def test_a_closed_stream_is_no_place_for_a_file(tmp_path):
     out = tmp_path / "model.yaml"
     assert shell(f"fit scenarios/example-power-log.csv --to 110 -o {out} <&- >&- 2>&-").returncode == 2
     assert out.read_text().startswith("schema: eadp.energy/1")
 
 
+@pytest.mark.slow
 def test_what_a_terminal_cannot_show_is_escaped(tmp_path):
     done = shell("fit scenarios/example-power-log.csv --to 110", PYTHONIOENCODING="ascii")
     assert done.returncode == 0

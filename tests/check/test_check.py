@@ -223,6 +223,7 @@ def many(count, trigger, sets="[0, 8]\n"):
     return "\n".join([*lines, f"0.1; 90; x - ({total})", f"{total} + {trigger}, 500\n" + sets * count])
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("count", [9, 24, 111, pytest.param(999, marks=pytest.mark.slow)])
 def test_of_many_parameters_corners_are_sampled_and_the_worst_place_is_found_from_there(count):
     report = checked(many(count, "c1 - c2"))
@@ -233,6 +234,7 @@ def test_of_many_parameters_corners_are_sampled_and_the_worst_place_is_found_fro
     assert f"2^{count} combinations" in sampled[0].message
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("count", [24, 111])
 def test_the_worst_of_many_parameters_lies_at_a_corner_that_is_not_drawn(count):
     weights = [1 if i % 3 else -1 for i in range(count)]

@@ -31,6 +31,7 @@ def line(path, x, y="500", box="[0, 5]"):
     return f"0.1; 90; {path}\n{x}, {y}\n{box}\n"
 
 
+@pytest.mark.slow
 def test_the_appendix_as_corrected_is_proven():
     proofs = prove_plan(plan(APPENDIX_RIGHT))
     assert proofs == (*[StageProof("0", "0", True)] * 4, StageProof("0"))
@@ -55,6 +56,7 @@ def test_the_misprints_come_out_as_formulas():
     assert {item.proven for item in report.findings if item.code == "rejoin"} == {False}
 
 
+@pytest.mark.slow
 def test_the_survey_meets_its_own_next_lap(root):
     proofs = prove_plan(read_plan(read_text(str(root / "plans/survey.plan")))[0])
     assert proofs[0] == StageProof("0", "0", True)
@@ -70,6 +72,7 @@ def test_laps_are_proven_for_every_value_of_their_variables():
     assert [item.next for item in proofs] == [None, "0", "0", "0", None, None]
 
 
+@pytest.mark.slow
 def test_a_wave_meets_its_line_nowhere():
     found = plan(WAVES)
     assert prove_plan(found)[0].own == "0"
@@ -152,6 +155,7 @@ def test_a_missing_sympy_is_named(monkeypatch):
         prove_plan(plan("0.1; 90; x\n0, 200\n"))
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("options", few([(), ("--check",), ("--format", "sympy"), ("--format", "latex")], 2))
 def test_a_broken_sympy_is_bad_input_not_a_bug(tmp_path, root, options):
     (tmp_path / "sympy.py").write_text("raise ImportError('no such thing')\n")

@@ -594,21 +594,6 @@ def test_the_command_writes_every_format_at_the_parameters_given(eadp, tmp_path)
     assert printed.out == (tmp_path / "out0.gpx").read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
-def test_small_gaps_that_triggers_leave_are_one_waypoint(eadp, tmp_path):
-    """The survey's triggers lie up to 3.2 m off its paths."""
-    out = tmp_path / "survey.plan"
-    for c1 in ("0", "-1000"):
-        answer = eadp("export", "plans/survey.plan", "--to", "qgc", "--origin", "47,8", "--set", f"c1={c1}", "-o", out)
-        assert answer.code == 0
-        check = eadp("plan", out, "--check")
-        assert (check.code, check.err) == (0, "")
-        assert "0 errors, 0 warnings" in check.out
-        plan, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
-        there, here = drawn(plan, HOME, (float(c1), 10.0)), drawn(READER(read_text(str(out)))[0], HOME)
-        assert shapely.distance(shapely.points(there.coords), here).max() < 3.2 / 2 + TOLERANCE_M
-
-
 def test_with_a_scenario_the_forecast_chooses(eadp):
     options = ("--scenario", "scenarios/survey.yaml", "--origin", "47,8", "--to", "geojson")
     full = eadp("export", "plans/survey.plan", *options)

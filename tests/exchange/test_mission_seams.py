@@ -16,7 +16,6 @@ from eadp.exchange.reader import mission_fences
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import SourceText, read_text
 
-BOX = "0 0, 600 0, 600 400, 0 400"
 LIMITS = {
     "field": "x_m,y_m\n0,0\n600,0\n600,400\n0,400\n",
     "avoid": "x_m,y_m\n250,150\n330,150\n330,260\n250,260\n",
@@ -73,6 +72,7 @@ def test_cover_writes_the_mission_and_plan_keeps_it(eadp, covered):
     assert headers(again.out) == found
 
 
+@pytest.mark.slow
 def test_a_flight_keeps_out_and_says_so(eadp, covered):
     answer = eadp("simulate", covered, *PROFILE, *COARSE, "--set", "wind.speed_mps=3", "--format", "json")
     summary = json.loads(answer.out)
@@ -81,7 +81,7 @@ def test_a_flight_keeps_out_and_says_so(eadp, covered):
     assert summary["obstacles"] == []
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.usefixtures("drawn")
 def test_a_flight_into_an_obstacle_is_not_completed(eadp, covered, tmp_path):
     plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500")
     folder = tmp_path / "out"
@@ -100,6 +100,7 @@ def test_a_flight_into_an_obstacle_is_not_completed(eadp, covered, tmp_path):
     assert ignored.code == 0
 
 
+@pytest.mark.slow
 def test_check_finds_a_path_into_an_obstacle(eadp, covered, tmp_path):
     assert eadp("plan", covered, "--check").code == 0
     plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500")
@@ -111,14 +112,6 @@ def test_check_finds_a_path_into_an_obstacle(eadp, covered, tmp_path):
 
 
 @pytest.mark.slow
-def test_an_obstacle_lower_than_the_flight_is_flown_over(eadp, covered, tmp_path):
-    plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500", "house height 12")
-    high = eadp("simulate", plan, *PROFILE)  # at the aircraft's own altitude
-    plan.write_text("%: altitude 11\n" + plan.read_text())
-    low = eadp("simulate", plan, *PROFILE)
-    assert (low.code, high.code) == (1, 0)
-
-
 def test_a_flight_beyond_the_boundary_is_not_completed(eadp, covered, tmp_path):
     text = covered.read_text()
     plan = tmp_path / "small.plan"
@@ -128,6 +121,7 @@ def test_a_flight_beyond_the_boundary_is_not_completed(eadp, covered, tmp_path):
     assert "NOT completed: left the boundary at " in answer.out
 
 
+@pytest.mark.slow
 def test_a_sweep_judges_its_flights_alike(eadp, covered, tmp_path):
     plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500")
     sweep = tmp_path / "sweep.yaml"
@@ -184,6 +178,7 @@ FORECAST = ("--set", "time_limit_s=1")
 """A flight of a second, for its forecast alone."""
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("capacity_ah", [0.9, 1.2])
 @pytest.mark.parametrize("to", ["qgc", "ardupilot"])
 def test_the_mission_is_the_forecast(eadp, blocks, tmp_path, capacity_ah, to):
@@ -302,7 +297,7 @@ def leg(tmp_path):
     return path
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("form", ["rows", "plan"])
 def test_a_mission_flies_beside_a_fence_of_its_own_file(eadp, leg, tmp_path, form):
     texts = {
@@ -428,6 +423,7 @@ def test_the_rest_of_a_flight_is_exported_from_where_its_telemetry_ends(eadp, tm
     assert length == pytest.approx(decided["remaining_s"] * 14.0, rel=0.06)  # at the airspeed, in a wind of 5 m/s
 
 
+@pytest.mark.slow
 def test_telemetry_that_leaves_nothing_or_has_no_planner_is_refused(eadp, tmp_path):
     telemetry = ("--telemetry", "scenarios/example-telemetry.jsonl")
     place = ("export", "plans/survey.plan", "--to", "qgc", "--origin", "55.37,10.43", *telemetry)

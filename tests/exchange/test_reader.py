@@ -413,6 +413,7 @@ def test_a_fault_of_the_file_is_named(body, place, words):
     assert (fault.line, fault.column) == place
 
 
+@pytest.mark.slow
 def test_too_many_items_are_an_error():
     body = HEAD + "".join(f"{i} 0 3 16 0 0 0 0 47.001 8.001 50 1\n" for i in range(1, 100_001))
     assert fault_of(body).line == ITEMS_LIMIT + 3

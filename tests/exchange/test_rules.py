@@ -12,6 +12,7 @@ VEHICLES = ("foam-wing", "survey-wing", "mapper", "small-wing")
 FIELD = ("plans/meadow.geojson", "--swath", "60", "--pattern", "dubins", "--heading", "94", "--wind", "4,240")
 
 
+@pytest.mark.quick(4)
 @pytest.mark.parametrize("vehicle", VEHICLES)
 @pytest.mark.parametrize("ends", [("--landing", f"{PLACE},250"), ("--home", PLACE)])
 def test_exports_of_the_presets_are_armed_or_it_is_said_what_to_set(eadp, tmp_path, vehicle, ends):
@@ -85,6 +86,7 @@ def test_missions_of_others_that_px4_refuses(eadp, tmp_path, last, message):
     assert eadp("export", given, "--to", "ardupilot", "-o", tmp_path / "m.waypoints").code == 0
 
 
+@pytest.mark.slow
 def test_a_circle_that_leads_down_is_a_loiter_to_altitude_in_each_format_and_read_back(eadp, tmp_path):
     """In a boundary that has no room for an approach from 120 m."""
     (tmp_path / "field.csv").write_text("lat_deg,lon_deg\n47,8\n47,8.008\n47.003,8.008\n47.003,8\n")

@@ -37,6 +37,7 @@ def found(c1, begins, in_force, **reported):
     return None
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("c1", few([0.0, -190.0, -700.0], 2))
 @pytest.mark.parametrize("begins", few([40, 95, 160], 2))
 def test_the_lap_is_found(c1, begins):

@@ -71,6 +71,7 @@ BOTH = pytest.mark.parametrize("kind", [ARDUPILOT, PX4])
 # --- in force
 
 
+@pytest.mark.quick(1)
 @BOTH
 def test_a_plan_without_altitudes_is_replaced_above_the_take_off(inputs, missions, lines, kind):
     """The take-off climbs to 50 m, which is no altitude of the plan: new items are at that of the others."""
@@ -139,6 +140,7 @@ def read_back_late(inputs, missions, lines, **ways):
     return flown.fly(lines)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("loses_end", [False, True])
 def test_the_map_of_what_was_sent_holds_from_its_acknowledgement_on(inputs, missions, lines, loses_end):
     """Not only once it is read back. Where the acknowledgement is lost, the number of items says so."""
@@ -166,6 +168,7 @@ def test_the_old_map_holds_again_where_the_old_mission_is_read_back(inputs, miss
     assert set(back) == {0.0}
 
 
+@pytest.mark.quick(1)
 @BOTH
 def test_an_empty_autopilot_is_no_other_mission(inputs, missions, lines, kind):
     """It is before a ground station has sent it; PX4 then has 65535 items, and the item of this number."""
@@ -262,6 +265,7 @@ def test_what_ardupilot_says_against_a_mission_is_told(inputs, missions, text, t
     assert any(each.severity == "note" and "holds the mission" in each.message for each in flown.faults) is not told
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("mps", "said"), [(9.0, ""), (18.0, "AIRSPEED_MIN is 18, more than 15")])
 def test_a_speed_below_the_autopilots_is_not_assumed(inputs, missions, lines, mps, said):
     flown = flown_by(ARDUPILOT, inputs, missions)
@@ -290,6 +294,7 @@ def in_mode(flown, lines, mode):
     return flown
 
 
+@pytest.mark.quick(1)
 @BOTH
 def test_nothing_is_uploaded_while_the_mission_is_not_flown(inputs, missions, kind):
     """That, and that it is flown again, is told once each time; then what was decided before is uploaded."""
@@ -319,6 +324,7 @@ def test_a_mission_that_was_checked_before_a_pilot_flew_is_checked_again(inputs,
     assert flown.holder.items[-1] == land
 
 
+@pytest.mark.quick(1)
 @BOTH
 def test_nothing_of_the_survey_is_sent_while_the_autopilot_returns(inputs, missions, kind):
     flown = in_mode(flown_by(kind, inputs, missions, return_home=False), recorded()[:20], "mission")
@@ -331,6 +337,7 @@ def test_nothing_of_the_survey_is_sent_while_the_autopilot_returns(inputs, missi
     assert flown.texts == ["eadp: the autopilot flies home: nothing of the survey is sent"]
 
 
+@pytest.mark.quick(1)
 @BOTH
 def test_what_is_read_of_the_autopilot_counts_and_is_in_the_log(inputs, missions, kind):
     """Its kind by the first heartbeat, then its parameters; telemetry has them when they are new."""

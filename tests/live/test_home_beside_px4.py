@@ -46,6 +46,7 @@ def test_a_loss_is_no_rate():
         assert line["home_reachable"]
 
 
+@pytest.mark.slow
 @recordings
 def test_the_time_left_at_which_px4_turns_back_is_known():
     """It did with 594 mAh used of 1200, by a mean of 10.2 A, at 270 s: 1.1 times the way and 100 s."""
@@ -60,6 +61,7 @@ def test_the_time_left_at_which_px4_turns_back_is_known():
     assert needed_s == pytest.approx((1.2 - 0.594) * 3600 / 10.2, rel=0.03)
 
 
+@pytest.mark.slow
 @recordings
 def test_before_it_turns_back_that_is_forecast_and_after_it_the_way_home():
     """Not to complete, minutes before; then, by the mode, what is left at home: 36.5 %, of which it glided some."""

@@ -786,6 +786,7 @@ def test_a_take_off_is_told_without_a_warning(plan):
     assert severities[b"eadp: take-off"] == 5
 
 
+@pytest.mark.slow
 def test_the_pilot_is_told_of_a_cell_that_is_lost(plan):
     """Once, within 30 s; the charge drawn does not show it."""
     overrides = {"battery.cells": 4, "battery.capacity_ah": 1.0}

@@ -99,16 +99,14 @@ MEASURED = ("velocity_mps", "heading_rad")
     ("rate_hz", "keys", "shift_s"),
     few_rows(
         [
-            (1, (), 0),
-            (5, (), 0),
-            (10, (), 0),
-            (5, ("stage",), 0),
-            (1, MEASURED, 0),
+            (1, MEASURED, EPOCH_S),
             (1, (*MEASURED, "stage"), 0),
             (0.5, MEASURED, 0),
-            (1, MEASURED, EPOCH_S),
+            (5, ("stage",), 0),
+            (1, (), 0),
+            (10, (), 0),
         ],
-        2,
+        1,
     ),
 )
 def test_the_stages_are_the_simulations_and_the_decisions_nearly(recorded, rate_hz, keys, shift_s):
@@ -203,6 +201,7 @@ def test_advice_comes_once_a_second_and_when_parameters_change(recorded):
     assert len(times) < 35
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("planner", few(["static", "paper"], 1))
 def test_planners_without_a_forecast_have_one_of_held_parameters(planner):
     calm = {"wind.speed_mps": 0, "battery.capacity_ah": 0.7, "parameters.c1": -250.0}
@@ -240,6 +239,7 @@ def test_an_empty_battery_is_a_no_until_it_is_measured_not_to_be(recorded):
     assert advice.reason != EMPTY
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("place", [(0.0, 0.0), (5e3, -5e3), (-1e7, 1e7), (35.0, 146.0), (-40.0, 11.0)])
 def test_the_first_fix_may_be_anywhere(recorded, place):
     inputs = recorded[0]

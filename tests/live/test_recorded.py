@@ -156,6 +156,7 @@ def test_the_item_gives_the_stage(eadp, plan, lines, tmp_path, form, made):
         assert line["stages_started"] == item.first
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("name", "form", "made"), [("f.ulg", "ulog", px4), ("f.bin", "dataflash", ardupilot)])
 def test_decisions_are_those_of_the_flight(eadp, plan, lines, tmp_path, name, form, made):
     log, other, unsaid = tmp_path / name, tmp_path / "flight.tlog", ("wind", "XKF2", "airspeed_validated", "ARSP")
@@ -171,6 +172,7 @@ def test_decisions_are_those_of_the_flight(eadp, plan, lines, tmp_path, name, fo
     assert is_near(one[-1]["soc_end_forecast"], two[-1]["soc_end_forecast"], 1e-4)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("moved_deg", [0.0, 0.001])
 def test_the_mission_of_a_log_is_the_one_that_is_held(eadp, plan, lines, tmp_path, moved_deg):
     """Another one comes in flight, of as many items: what was uploaded then is in no file of --items."""

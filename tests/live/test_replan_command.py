@@ -76,7 +76,7 @@ def test_degrees_and_the_charge_drawn_lead_to_the_same_advice(eadp, whole, tmp_p
     plan, telemetry = tmp_path / "survey.plan", tmp_path / "flight.jsonl"
     plan.write_text(f"%: origin {origin[0]} {origin[1]}\n" + (ROOT / PLAN).read_text())
     lines = []
-    for line in map(dict, LINES_OF[:120]):
+    for line in map(dict, LINES_OF[:40]):
         lat, lon = to_geodetic_deg(line.pop("x_m"), line.pop("y_m"), origin)
         drawn_ah = (1 - line.pop("soc")) * 0.5
         lines.append(json.dumps({**line, "lat_deg": lat, "lon_deg": lon, "current_consumed_ah": drawn_ah}) + "\n")
@@ -160,6 +160,7 @@ def test_lines_that_are_invalid_give_a_warning_and_are_skipped(replan, whole):
     assert all(line.split(":")[3] == " warning" for line in emitted)
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     ("old", "new", "warnings"),
     [
@@ -180,6 +181,7 @@ def test_a_value_that_is_invalid_costs_that_value_alone(replan, whole, old, new,
     assert all(line.startswith("<stdin>:3:") for line in err.splitlines())
 
 
+@pytest.mark.slow
 def test_a_gap_gives_a_warning_and_is_flown_through(replan, whole):
     code, advice, err = replan(b"".join(LINES[:40] + LINES[52:150]))
     assert code == 0
@@ -219,6 +221,7 @@ def test_the_page_shows_real_lines(whole):
     assert set(answer) == set(whole[0])
 
 
+@pytest.mark.slow
 def test_the_example_is_followed_whatever_the_planner_would_have_flown(eadp):
     answer = eadp(*ARGUMENTS[:-1], "static", "--telemetry", EXAMPLE)
     advice = [json.loads(line) for line in answer.out.splitlines()]
@@ -246,6 +249,7 @@ def test_a_flight_goes_on_from_its_log(replan, whole, tmp_path):
     assert kinds == ["start"] + ["telemetry", "decision"] * 180
 
 
+@pytest.mark.slow
 def test_a_recorded_flight_may_be_given_again_from_its_start(replan, whole, tmp_path):
     log = tmp_path / "flight.jsonl"
     replan(b"".join(LINES[:100]), "--log", log)
@@ -330,6 +334,7 @@ def test_a_process_that_is_killed_goes_on_where_it_was(tmp_path, whole):
     assert emitted == whole[:60]
 
 
+@pytest.mark.slow
 def test_two_processes_cannot_share_a_log(tmp_path, replan):
     log = tmp_path / "flight.jsonl"
     with started("--log", log) as process:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from common.answers import refused
 from common.pages import Page
 from common.plans import ORIGIN, placed_survey
 
+from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
@@ -21,19 +24,26 @@ PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.y
 TELEMETRY = ROOT / "scenarios/example-telemetry.jsonl"
 
 
-@pytest.fixture
-def log(eadp, tmp_path):
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
     """A log of the first 200 lines, without power and position in some of them, and with a gap."""
     lines = [json.loads(line) for line in TELEMETRY.read_text().splitlines()[:200]]
     for line in lines[20:30]:
         line["power_w"] = None
     for line in lines[40:50]:
         line["x_m"] = line["y_m"] = None
-    flown = tmp_path / "telemetry.jsonl"
+    folder = tmp_path_factory.mktemp("log")
+    flown = folder / "telemetry.jsonl"
     flown.write_text("".join(f"{json.dumps(line)}\n" for line in lines[:100] + lines[130:]))
-    target = tmp_path / "flight.log"
-    eadp("replan", PLAN, "--scenario", SCENARIO, "--telemetry", flown, "--log", target)
+    target = folder / "flight.log"
+    main(["replan", PLAN, "--scenario", SCENARIO, "--telemetry", str(flown), "--log", str(target)])
     return target
+
+
+@pytest.fixture
+def log(made, tmp_path):
+    """A copy of it."""
+    return Path(shutil.copy(made, tmp_path))
 
 
 def test_the_page_of_a_log(eadp, log):

@@ -69,6 +69,7 @@ def replaced(inputs, mission, lines):
     return Flying(inputs, mission).fly(lines)
 
 
+@pytest.mark.slow
 def test_a_mission_that_is_held_is_read_again_each_minute(inputs, mission, monkeypatch):
     """While decisions go on, too: somebody may have changed it."""
     read_s, download = [], MissionClient.download
@@ -117,6 +118,7 @@ def test_nothing_is_uploaded_before_the_first_plan(eadp, inputs, plan, lines, tm
     assert any("holds the mission" in text for text in flown.said)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("refuses", [(), ("MISSION_COUNT", "MISSION_WRITE_PARTIAL_LIST")])
 def test_items_before_an_upload_are_no_refusal(inputs, mission, lines, tmp_path, refuses):
     """The items flown are of c1 = 0: in force where the new mission is refused, else those of before it."""
@@ -140,6 +142,7 @@ def test_another_mission_is_left_alone(inputs, mission, lines):
     assert flown.holder.writes == []
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("lost", [1, 4])
 def test_messages_that_are_lost_are_sent_again(inputs, mission, lines, lost):
     flown = Flying(inputs, mission, lost=lost).fly(lines)
@@ -241,6 +244,7 @@ def test_a_lost_answer_does_not_lose_the_item(inputs, mission, lines):
     assert flown.holder.current == 3
 
 
+@pytest.mark.slow
 def test_what_is_uploaded_is_what_was_laid_out(inputs, mission, lines, monkeypatch):
     """While a parameter is held the rest is laid out with that, which is not the one decided: it is sent again."""
     held, rest = -100.0, Replanner.rest
@@ -292,6 +296,7 @@ def test_item_0_on_the_ground_is_that_of_home(inputs, mission):
     assert not any("no item" in text for text in flown.said)
 
 
+@pytest.mark.slow
 def test_commands_come_back_as_ardupilot_keeps_them(eadp, inputs, plan, lines, tmp_path):
     """A return, pictures and loiters: without a frame, and with whole radii."""
     path = tmp_path / "m.waypoints"
@@ -330,6 +335,7 @@ def test_a_mission_that_the_pilot_changes_in_flight_is_left_alone(inputs, missio
     assert flown.holder.writes == []
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("counts", [True, False])
 def test_another_number_of_items_is_read_at_once(inputs, mission, lines, counts):
     """Without an upload, too: old autopilots report 0 items, and it is noticed at the next arming."""
@@ -355,6 +361,7 @@ def test_an_upload_of_our_own_is_not_read_again(inputs, mission, lines):
     assert flown.holder.kinds.count("MISSION_REQUEST_LIST") == 2 + 2 * uploads
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -374,6 +381,7 @@ def test_altitudes_that_cannot_be_kept_are_no_upload(inputs, mission, lines, cha
     assert flown.holder.writes == []
 
 
+@pytest.mark.slow
 def test_acks_of_others_end_no_upload(inputs, mission, lines):
     """That of a fence, and that for a ground station."""
 
@@ -388,6 +396,7 @@ def test_acks_of_others_end_no_upload(inputs, mission, lines):
     assert any("uploaded and verified" in text for text in flown.said)
 
 
+@pytest.mark.slow
 def test_after_a_kill_before_the_upload_it_is_made(inputs, mission, lines, tmp_path):
     path, kept = str(tmp_path / "flight.jsonl"), hash_of(inputs.sources, {})
     log = ReplanLog(path, kept)
@@ -541,6 +550,7 @@ class Tears(MissionHolder):
         return super().answer(frame)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("after", [30, 60])
 def test_an_upload_that_is_interrupted_is_sent_again(inputs, mission, after):
     """What is held is the first items of the new mission before the rest of the old one: eadp's own."""
@@ -559,6 +569,7 @@ def test_an_upload_that_is_interrupted_is_sent_again(inputs, mission, after):
     assert {each.parameters[0] for each in flown.flight._lines.items if each.first > 4} == {decided}
 
 
+@pytest.mark.slow
 def test_the_right_mission_sent_again_is_known(inputs, mission):
     """As many items as before: other ones, and then those of --items again, from a ground station."""
 
@@ -628,6 +639,7 @@ def wanted_of(inputs):
     return read_parameters(wanted, ardupilot=True)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("older", [False, True])
 def test_parameters_that_disagree_are_said_once(inputs, mission, lines, older):
     """And by how much; an older autopilot has them by other names, in other units."""

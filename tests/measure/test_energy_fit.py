@@ -28,7 +28,7 @@ def white(seed: int = 1) -> np.ndarray:
     return np.random.default_rng(seed).normal(size=len(TIMES))
 
 
-@pytest.mark.parametrize("seed", few(range(1, 5), 2))
+@pytest.mark.parametrize("seed", few(range(1, 4), 1))
 def test_white_noise_is_no_disturbance(seed: int) -> None:
     model = fit_energy(TIMES, WAVE + 0.3 * white(seed)).model
     assert model.disturbance is None
@@ -77,10 +77,10 @@ def test_a_log_without_a_period_has_a_mean_its_spread_and_a_disturbance() -> Non
 
 
 # nominally 95 % of twice as many; plain least squares' would hold for half
-@pytest.mark.parametrize(("trials", "least"), [(4, 6), pytest.param(12, 19, marks=pytest.mark.slow)])
-def test_standard_deviations_hold_under_correlated_noise(trials: int, least: int) -> None:
+@pytest.mark.slow
+def test_standard_deviations_hold_under_correlated_noise() -> None:
     inside = []
-    for seed in range(trials):
+    for seed in range(12):
         noise = np.asarray(
             lfilter([np.sqrt(1 - 0.9**2)], [1, -0.9], np.random.default_rng(seed).normal(size=960))[-460:]
         )
@@ -88,7 +88,7 @@ def test_standard_deviations_hold_under_correlated_noise(trials: int, least: int
         assert model.mean_std_w is not None
         inside.append(abs(model.mean_w - 36) < 1.96 * model.mean_std_w)
         inside.append(abs(model.harmonics[0].amplitude_w - 2) < 1.96 * model.amplitude_std_w[0])
-    assert sum(inside) >= least
+    assert sum(inside) >= 19
 
 
 def test_spikes_are_left_out_unless_they_are_to_be_kept() -> None:

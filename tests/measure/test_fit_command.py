@@ -111,6 +111,7 @@ def test_a_log_without_a_period_in_words(run: Run, noise: str, tmp_path: Path) -
     )
 
 
+@pytest.mark.slow
 def test_model_written_is_the_document_printed(run: Run, tmp_path: Path) -> None:
     model = tmp_path / "model.yaml"
     short = ("fit", EXAMPLE, "--to", "110")
@@ -125,6 +126,7 @@ def test_model_written_is_the_document_printed(run: Run, tmp_path: Path) -> None
     assert (code, out) == (0, model.read_text()), "the model alone on standard output"
 
 
+@pytest.mark.slow
 def test_log_from_standard_input(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     body = Path(EXAMPLE).read_bytes()
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(body)))
@@ -290,18 +292,6 @@ def test_what_is_left_out_is_said(run: Run, tmp_path: Path) -> None:
     assert (code, json.loads(out)["log"]) == (0, counts)
 
 
-@pytest.mark.slow
-def test_a_picture_of_the_fit(run: Run, tmp_path: Path) -> None:
-    picture = tmp_path / "fit.svg"
-    code, out, err = run("fit", EXAMPLE, "--plot", str(picture), "--format", "json")
-    assert (code, err, json.loads(out)["order"]) == (0, "", 3)
-    assert picture.read_text().startswith("<?xml")
-    code, out, err = run("fit", EXAMPLE, "--plot", str(tmp_path / "fit.pdf"), "-o", str(tmp_path / "m.yaml"))
-    assert (code, out) == (2, "")
-    assert "expected a name that ends in .svg or .png" in err
-    assert not (tmp_path / "m.yaml").exists(), "nothing is written on an error"
-
-
 def test_correlated_noise_goes_into_the_model(run: Run, tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     log = Path(flight(tmp_path, "time_s,power_w", "{t},{w}", noise_w=0.0))
@@ -342,6 +332,7 @@ def test_published_logs(run: Run, tmp_path: Path, name: str, period_s: object) -
     assert (code, found["period_s"] if found["periodic"] else None) == (period_s is None, period_s)
 
 
+@pytest.mark.slow
 def test_what_a_period_may_hide_is_stated(run: Run, tmp_path: Path) -> None:
     times = np.arange(0.0, 1800.0, 0.5)
     period = 46 * (0.92 + 0.16 * times / 1800)

@@ -55,6 +55,7 @@ def test_the_filter_finds_the_harmonics_and_a_gate_holds_them(eadp, tmp_path):
     assert [row["power_w"] for row in found["0"]] == [row["power_w"] for row in held]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("degrees", [False, True])
 def test_the_track_beside_the_plan(eadp, tmp_path, degrees):
     plan, out = tmp_path / "round.plan", tmp_path / "track.csv"

@@ -338,6 +338,7 @@ def assert_wing(document):
 # the independent plant
 
 
+@pytest.mark.slow
 def test_the_independent_plant(eadp, tmp_path, monkeypatch):
     """Level power within 3 % between the airspeeds flown, bank within 10 %, in a light wind with gusts."""
     pytest.importorskip("jsbsim")

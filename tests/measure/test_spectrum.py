@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from common import draws, few
+from common import few, few_rows
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
@@ -113,7 +113,8 @@ def test_a_periodogram_of_many_samples_is_that_of_2000_bins() -> None:
     assert share == pytest.approx(binned_share, abs=0.01)
 
 
-@pytest.mark.parametrize("periods", [2, 2.5, 3, 7.4, 40])
+@pytest.mark.quick(2)
+@pytest.mark.parametrize("periods", [2, 2.5, 7.4])
 def test_period_of_a_clean_log(periods: float) -> None:
     times = sampled(periods)
     found = analyse(times, noisy(times))
@@ -124,8 +125,7 @@ def test_period_of_a_clean_log(periods: float) -> None:
     assert (found.samples, found.span_s) == (len(times), times[-1])
 
 
-@pytest.mark.parametrize("period_s", few([3.0, 4.0, 5.0], 1))
-@pytest.mark.parametrize("noise_w", [0.0, 0.5])
+@pytest.mark.parametrize(("period_s", "noise_w"), few_rows([(3.0, 0.5), (5.0, 0.0)], 1))
 def test_a_period_below_the_range_is_not_given_as_its_multiple(period_s: float, noise_w: float) -> None:
     times = np.arange(0.0, 2400.0, 0.8)
     found = analyse(times, noisy(times, noise_w, terms=((2.0, 0.3),), period_s=period_s))
@@ -133,6 +133,7 @@ def test_a_period_below_the_range_is_not_given_as_its_multiple(period_s: float, 
     assert (found.period_s, len(found.amplitude_w)) == (pytest.approx(period_s, rel=1e-4), 1)
 
 
+@pytest.mark.slow
 def test_a_fundamental_that_is_weak_is_kept_where_its_evidence_is_strong() -> None:
     times = np.arange(0.0, 1500.0, 1.5)
     found = analyse(times, noisy(times, 0.5, terms=((0.3, 0.3), (0.0, 0.0), (2.0, 1.0)), period_s=12.0))
@@ -141,6 +142,7 @@ def test_a_fundamental_that_is_weak_is_kept_where_its_evidence_is_strong() -> No
     assert (lost.period_s, lost.multiple) == (pytest.approx(4.0, rel=1e-3), 1)
 
 
+@pytest.mark.slow
 def test_the_search_ends_where_the_likelihood_goes_back_to_the_multiple(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 55 s, whose first harmonic may be zero in noise of 15 s, 28 s is half; of 28 s, 55 s is likelier again."""
     calls, assess = [0], spectrum._assess
@@ -162,6 +164,7 @@ def test_the_search_ends_where_the_likelihood_goes_back_to_the_multiple(monkeypa
     assert found.period_s == pytest.approx(period_s, rel=0.03)
 
 
+@pytest.mark.slow
 def test_a_prior_reaches_below_the_range_and_keeps_what_is_asked_for() -> None:
     times = np.arange(0.0, 1300.0, 0.7)
     power = noisy(times, terms=((2.0, 0.3),), period_s=3.0)
@@ -170,10 +173,10 @@ def test_a_prior_reaches_below_the_range_and_keeps_what_is_asked_for() -> None:
     assert (multiple.period_s, multiple.multiple) == (pytest.approx(9.0, rel=1e-4), 3)
 
 
-@pytest.mark.parametrize("laps", few([13, 26], 1))
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("share", [0.0, 0.05])
-def test_a_period_that_drifts_is_stated(laps: int, share: float) -> None:
-    times = sampled(laps)
+def test_a_period_that_drifts_is_stated(share: float) -> None:
+    times = sampled(13)
     period = PERIOD_S * (1 + share * (2 * times / times[-1] - 1))
     turns = np.cumsum(0.5 / period) * PERIOD_S  # the time at which a constant period is at the same phase
     found = analyse(times, noisy(turns))
@@ -190,6 +193,7 @@ def test_a_period_that_drifts_is_stated(laps: int, share: float) -> None:
 FOURTH_AND_FIFTH = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (3.0, 1.0), (2.0, 0.5))
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("terms", [THREE, ((2.1, 0.8),), ((0.0, 0.0), (3.0, 1.0), (2.0, 0.0)), FOURTH_AND_FIFTH])
 def test_a_log_without_noise_gives_the_period_and_the_phases_exactly(terms: tuple[tuple[float, float], ...]) -> None:
     times = sampled(3.3)
@@ -200,14 +204,14 @@ def test_a_log_without_noise_gives_the_period_and_the_phases_exactly(terms: tupl
         assert amplitude * np.exp(1j * phase) == pytest.approx(a * np.exp(1j * f), abs=1e-6)
 
 
-@pytest.mark.parametrize("periods", [2.1, 4, 9])
-@pytest.mark.parametrize("seed", few(range(3), 1))
-def test_a_stronger_second_harmonic_is_not_the_period(periods: float, seed: int) -> None:
+@pytest.mark.quick(1)
+@pytest.mark.parametrize("periods", [2.1, 9])
+def test_a_stronger_second_harmonic_is_not_the_period(periods: float) -> None:
     times = sampled(periods)
-    assert_found(analyse(times, noisy(times, seed=seed, terms=((0.6, 0.3), (4.0, 1.0), (1.0, -2.0)))))
+    assert_found(analyse(times, noisy(times, terms=((0.6, 0.3), (4.0, 1.0), (1.0, -2.0)))))
 
 
-@pytest.mark.parametrize("seed", few(range(8), 1))
+@pytest.mark.parametrize("seed", few(range(3), 1))
 def test_never_a_multiple_of_the_period(seed: int) -> None:
     rng = np.random.default_rng(seed)
     times = sampled(rng.uniform(4, 20), step_s=1.0)
@@ -215,6 +219,7 @@ def test_never_a_multiple_of_the_period(seed: int) -> None:
     assert_found(analyse(times, signal(times) + 0.5 * slow))
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("shape", ["square", "saw", "pulse"])
 def test_periods_of_signals_with_edges(shape: str) -> None:
     times = np.arange(0, 240, 0.5)
@@ -225,6 +230,7 @@ def test_periods_of_signals_with_edges(shape: str) -> None:
     assert found.period_s == pytest.approx(30, rel=0.002)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("kept", few(["irregular", "30 % dropped", "gap of 40 %", "bursts", "a date"], 3))
 def test_sampling_of_any_kind(kept: str) -> None:
     rng = np.random.default_rng(3)
@@ -261,7 +267,7 @@ def in_its_units() -> Spectrum:
     return analyse(*UNITS)
 
 
-@settings(max_examples=draws(0.12))
+@settings(max_examples=3)
 @given(st.floats(0.01, 100), st.floats(0.01, 1000), st.floats(-1e6, 1e6))
 def test_units_do_not_matter(per_second: float, per_watt: float, start: float) -> None:
     (times, power), one = UNITS, in_its_units()
@@ -270,13 +276,6 @@ def test_units_do_not_matter(per_second: float, per_watt: float, start: float) -
     assert other.period_std_s == pytest.approx(per_second * one.period_std_s, rel=1e-2)
     assert other.mean_w == pytest.approx(per_watt * one.mean_w - 7, rel=1e-5, abs=1e-5 * per_watt)
     assert other.amplitude_w == pytest.approx(per_watt * one.amplitude_w, rel=1e-3)
-
-
-def test_same_samples_same_answer() -> None:
-    times = sampled(3)
-    power = noisy(times)
-    one, other = analyse(times, power), analyse(times.copy(), power.copy())
-    assert (one.period_s, one.period_std_s, one.cv_r2) == (other.period_s, other.period_std_s, other.cv_r2)
 
 
 # the fit, against other ways to it
@@ -341,16 +340,16 @@ def test_grid_has_the_normal_equations_of_the_samples() -> None:
 
 
 # nominally 15 of 16; of white noise the standard deviation would be half as large, and 9 of 16 inside
-@pytest.mark.parametrize(("trials", "least"), [(6, 5), pytest.param(16, 13, marks=pytest.mark.slow)])
-def test_standard_deviation_holds_under_correlated_noise(trials: int, least: int) -> None:
+@pytest.mark.slow
+def test_standard_deviation_holds_under_correlated_noise() -> None:
     times = sampled(4, step_s=1.0)
     deviations = []
-    for seed in range(trials):
+    for seed in range(16):
         rng = np.random.default_rng(seed)
         slow = lfilter([math.sqrt(1 - 0.8**2)], [1, -0.8], rng.normal(size=len(times)))
         found = analyse(times, signal(times) + 0.6 * slow)
         deviations.append((found.period_s - PERIOD_S) / found.period_std_s)
-    assert sum(abs(deviation) < 1.96 for deviation in deviations) >= least
+    assert sum(abs(deviation) < 1.96 for deviation in deviations) >= 13
 
 
 def test_correlated_noise_widens_the_standard_deviation() -> None:
@@ -362,7 +361,7 @@ def test_correlated_noise_widens_the_standard_deviation() -> None:
     assert spread[1] > 1.5 * spread[0]
 
 
-@pytest.mark.parametrize("seed", few(range(5), 2))
+@pytest.mark.parametrize("seed", few(range(3), 1))
 def test_a_period_in_slow_noise_as_strong_as_the_signal(seed: int) -> None:
     rng = np.random.default_rng(seed)
     times = sampled(6)
@@ -404,16 +403,13 @@ NOISES = {
     "random walk": (walk, 60),
     "smooth": (smooth, 60),
     "long first order, 0.95": (first_order(0.95), 300),
-    "first order, 0.7": (first_order(0.7), 60),
-    "first order, 0.95": (first_order(0.95), 60),
-    "long random walk": (walk, 300),
 }
 
 
 @pytest.mark.parametrize(
     ("kind", "share"),
     [
-        *((kind, 0.25) for kind in list(NOISES)[:4]),
+        *((kind, 0.25) for kind in list(NOISES)[:2]),
         *(pytest.param(kind, 1.0, marks=pytest.mark.slow) for kind in NOISES),
     ],
 )
@@ -425,6 +421,7 @@ def test_noise_has_no_period(kind: str, share: float) -> None:
     assert sum(found) <= 0.05 * trials, "in 95 % and more of the trials"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", few(["drift", "decay", "step", "one bump"], 1))
 def test_what_happens_once_has_no_period(kind: str) -> None:
     part = np.linspace(0, 1, 120)
@@ -434,9 +431,8 @@ def test_what_happens_once_has_no_period(kind: str) -> None:
         "step": np.where(part > 0.4, 35.0, 30.0),
         "one bump": 30 + 5 * np.exp(-(((part - 0.5) / 0.1) ** 2)),
     }[kind]
-    for std_w in (0.02, 0.5):
-        rng = np.random.default_rng(2)
-        assert not analyse(300 * part, power + rng.normal(0, std_w, len(part))).periodic
+    noise_w = np.random.default_rng(2).normal(0, 0.02, len(part))
+    assert not analyse(300 * part, power + noise_w).periodic
 
 
 @pytest.mark.parametrize("level_w", [0.0, 12.3, -5e8])
@@ -480,6 +476,7 @@ def test_odd_samples_are_survived(kind: str) -> None:
 # what is asked for
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("order", [1, 2, 5])
 def test_order_asked_for(order: int) -> None:
     times = sampled(4)
@@ -512,26 +509,22 @@ def test_a_prior_of_which_only_a_sliver_fits_into_the_log() -> None:
     assert not found.periodic
 
 
-# at 95 %, fewer inside come with a chance of 0.1 %: of 40 less than 33, of 8 less than 5
-@pytest.mark.parametrize(
-    ("time_s", "trials", "least"),
-    [(15.0, 8, 5), *(pytest.param(time_s, 40, 33, marks=pytest.mark.slow) for time_s in (15.0, 0.0))],
-)
-def test_the_mean_of_noise_is_known_as_well_as_is_said(time_s: float, trials: int, least: int) -> None:
-    n, memory = 400, math.exp(-0.5 / time_s) if time_s else 0.0
+# at 95 %, of 40 fewer inside than 33 come with a chance of 0.1 %
+@pytest.mark.slow
+def test_the_mean_of_noise_is_known_as_well_as_is_said() -> None:
+    n, memory = 400, math.exp(-0.5 / 15)
     inside = []
-    for seed in range(trials):
+    for seed in range(40):
         draws = np.random.default_rng([7, seed]).normal(size=n + 2000)
         noise = np.asarray(lfilter([math.sqrt(1 - memory**2)], [1, -memory], draws))[-n:]
         found = analyse(0.5 * np.arange(n), MEAN_W + noise)
         inside.append(abs(found.mean_w - MEAN_W) <= 1.96 * found.mean_std_w or found.periodic)
-    assert sum(inside) >= least
+    assert sum(inside) >= 33
 
 
-@pytest.mark.parametrize("std_w", [0.2, 2.0])
-def test_standard_deviations_of_mean_and_amplitudes_in_white_noise(std_w: float) -> None:
+def test_standard_deviations_of_mean_and_amplitudes_in_white_noise() -> None:
     # of n samples over whole periods: σ/√n of the mean, σ√(2/n) of an amplitude
-    times = sampled(8)
+    times, std_w = sampled(8), 2.0
     found = analyse(times, noisy(times, std_w, seed=3))
     assert found.mean_std_w == pytest.approx(std_w / math.sqrt(len(times)), rel=0.25)
     assert found.amplitude_std_w == pytest.approx(3 * [std_w * math.sqrt(2 / len(times))], rel=0.25)

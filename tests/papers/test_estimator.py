@@ -119,6 +119,7 @@ def test_prediction_does_not_depend_on_how_time_is_cut():
     assert covariance(fine) == pytest.approx(covariance(coarse), abs=ROUNDING)
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("gate_w", [0.0, 0.3])
 @pytest.mark.parametrize("seed", range(3))
 def test_the_covariance_stays_symmetric_and_positive(seed, gate_w):
@@ -338,6 +339,7 @@ def gaussian(times_s, first, settings):
 SURE = 1e-4  # probability of each bound's failing by chance
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("runs", [20, pytest.param(40, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("learn", [True, False])
 def test_forecasts_are_as_sure_as_they_say(learn, runs):
@@ -482,6 +484,7 @@ class Transcribed:
         return expected_w
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("order", [0, 1, 3])
 def test_the_published_filter_is_its_transcription(order):
     """Step by step at 100 Hz over two laps, readings missing here and there."""

@@ -273,6 +273,7 @@ def test_without_the_letters_limit_the_charge_is_not_below_zero():
 # --- levels
 
 
+@pytest.mark.quick(6)
 @pytest.mark.parametrize(("shape", "cost", "terminal"), pairwise(SHAPES, COSTS, [0.0, 3.0]))
 @pytest.mark.parametrize("count", [20, pytest.param(30, marks=pytest.mark.slow)])
 def test_levels_of_one_computation_against_brute_force(shape, cost, terminal, count, record_property):
@@ -298,6 +299,7 @@ def test_levels_of_one_computation_against_brute_force(shape, cost, terminal, co
     assert max(gaps) <= 0.16
 
 
+@pytest.mark.quick(4)
 @pytest.mark.parametrize("traded", [False, True], ids=["free", "trade-offs"])
 @pytest.mark.parametrize("cost", COSTS)
 def test_levels_of_two_computations_against_brute_force(cost, traded, record_property):
@@ -323,6 +325,7 @@ def test_levels_of_two_computations_against_brute_force(cost, traded, record_pro
     assert max(gaps) <= 0.03
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("count", [20, pytest.param(45, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("cost", COSTS)
 def test_levels_of_ten_steps_against_branch_and_bound(cost, count, record_property):
@@ -404,6 +407,7 @@ def relaxed(found):
     return -result.fun
 
 
+@pytest.mark.quick(6)
 @pytest.mark.parametrize("cost", COSTS)
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_bound_is_that_of_a_linear_program(shape, cost):

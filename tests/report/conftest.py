@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from common import ROOT, without_figures
+from common import ROOT
 
 import eadp
 
@@ -14,6 +14,5 @@ PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.y
 def folder(tmp_path_factory):
     """The result folder of the survey with the planner joint: it completes, and c1 changes."""
     target = tmp_path_factory.mktemp("pages") / "survey"
-    with without_figures():
-        eadp.simulate(PLAN, SCENARIO, overrides={"step_s": 0.05}).write(target)
+    eadp.simulate(PLAN, SCENARIO, overrides={"step_s": 0.05}).write(target)
     return target

@@ -26,6 +26,7 @@ def picture(browser):
     return browser.run("$('map').toDataURL()")
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(("width", "height", "phone"), SIZES)
 @pytest.mark.parametrize("dark", [False, True])
 def test_it_opens_without_a_fault_at_every_size(browser, folder, tmp_path, width, height, phone, dark):

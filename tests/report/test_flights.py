@@ -6,11 +6,11 @@ import re
 import shutil
 
 import pytest
-from common import ROOT, without_figures
+from common import ROOT
 from common.answers import refused
 
 from eadp import simulate
-from eadp.report.flights import comparison, draw_flights, table_text
+from eadp.report.flights import comparison, table_text
 from eadp.report.report import read_flights
 
 PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
@@ -26,8 +26,7 @@ def folders(tmp_path_factory):
         ("fallen", {"planner.name": "static", "battery.capacity_ah": 0.05}),
     ):
         flight = simulate(PLAN, scenario=SCENARIO, overrides={"step_s": 0.05, **keys}, warn=lambda _: None)
-        with without_figures():
-            flight.write(place / name)
+        flight.write(place / name)
         found.append(str(place / name))
     return found
 
@@ -51,12 +50,6 @@ def test_the_page_has_the_table_and_the_figure(eadp, folders, tmp_path):
     assert page.with_suffix(".png").stat().st_size > 10_000
     assert table_text(data["table"]) in answer.out
     assert data["plans"] == ["survey.plan"]
-
-
-@pytest.mark.slow
-def test_the_same_flights_are_the_same_figure(folders):
-    flights = read_flights(folders[:2])
-    assert draw_flights(flights) == draw_flights(flights)
 
 
 def test_the_table_is_the_summaries(folders):

@@ -20,13 +20,6 @@ from eadp.survey.coverage import CoverageRequest, cover
 from eadp.survey.report import covered_by_lines
 from eadp.survey.swaths import CoverageLeg, MotionLimits, half_circle
 
-ESTATE = (
-    (-429, 44), (198, -36), (865, 4), (1067, 487), (1007, 1092), (481, 1253), (-126, 1212), (-409, 810)
-)  # fmt: skip
-POND = ((400, 668), (540, 628), (600, 728), (520, 818), (410, 788))
-AROUND = (
-    (-531, -43), (-508, 842), (-180, 1309), (493, 1354), (1100, 1168), (1170, 472), (934, -92), (195, -137)
-)  # fmt: skip
 BOX = ((0.0, 0.0), (600.0, 0.0), (600.0, 400.0), (0.0, 400.0))
 MAST = ((250.0, 150.0), (330.0, 150.0), (330.0, 260.0), (250.0, 260.0))
 ROOM = ((-60.0, -60.0), (660.0, -60.0), (660.0, 460.0), (-60.0, 460.0))
@@ -58,6 +51,7 @@ def gaps(path):
     return [math.dist(a.end[:2], b.start[:2]) for a, b in itertools.pairwise(pieces)]
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     ("limits", "least"),
     [
@@ -86,6 +80,7 @@ def test_without_limits_an_obstacle_is_crossed():
     assert any(within(MAST, x, y, 1.0) for x, y in points(path))
 
 
+@pytest.mark.slow
 def test_laps_keep_a_boundary_and_not_an_obstacle_within_them():
     field = Field(BOX, airspace=airspace(boundary=(ROOM,)))
     solution = cover(CoverageRequest(field, MOTION, "zamboni"))
@@ -147,6 +142,7 @@ def test_a_turn_goes_around_a_corner():
     assert not any(within(wall, x, y, 0.01) for x, y in polyline_m(pieces))
 
 
+@pytest.mark.slow
 def test_parts_of_a_field_are_covered_by_one_path():
     other = ((900.0, 100.0), (1200.0, 100.0), (1200.0, 500.0), (900.0, 500.0))
     field = Field(BOX, others=((other,),))
@@ -216,13 +212,3 @@ def test_a_draft_keeps_the_limits_and_takes_little_longer():
     assert draft.heading_rad == full.heading_rad
     assert full.time_s <= draft.time_s <= 1.05 * full.time_s
     assert not any(within(MAST, x, y, 0.05 - CLEAR_M) for x, y in points(draft.path(0.0)))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("angle_deg", [20, 70])
-def test_an_order_whose_turns_are_dear_takes_as_many_tries_as_it_needs(angle_deg):
-    # turns of 154 m between lines 42 m apart, within 100 m around: most of those that look quick are not free
-    limits = airspace((POND,), (AROUND,))
-    motion = MotionLimits(42.0, 77.0, 115.5, 17.0, wind_mps=(5.0, 0.0))
-    request = CoverageRequest(Field(ESTATE, airspace=limits), motion, "dubins", math.radians(angle_deg))
-    assert covered_by_lines(cover(request).path(0.0), request.field, 42.0) > 0.93

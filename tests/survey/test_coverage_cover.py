@@ -61,7 +61,8 @@ def whole(legs):
         assert abs(wrap_angle_rad(a.piece.end[2] - b.piece.start[2])) < math.radians(1e-3)
 
 
-@pytest.mark.parametrize(("name", "pattern"), few_rows(product(FIELDS, PATTERNS), 10))
+@pytest.mark.quick(3)
+@pytest.mark.parametrize(("name", "pattern"), few_rows(product(FIELDS, PATTERNS), 5))
 def test_every_shape_is_covered(name, pattern):
     field = FIELDS[name]
     try:
@@ -77,6 +78,7 @@ def test_every_shape_is_covered(name, pattern):
         whole(path.legs)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("pattern", [ZAMBONI, DUBINS])
 @pytest.mark.parametrize("name", few(["hole", "L", "star"], 1))
 def test_the_plan_passes_its_check_and_reads_back(name, pattern):
@@ -152,12 +154,6 @@ def test_the_path_over_a_field_moved_is_the_path_moved(name, pattern, angle, shi
 
 
 @pytest.mark.slow
-def test_auto_is_not_plainly_longer_than_either():
-    for name in ("rectangle", "T", "hole"):
-        times = {pattern: cover(CoverageRequest(FIELDS[name], MOTION, pattern)).time_s for pattern in (AUTO, DUBINS)}
-        assert times[AUTO] <= 1.02 * times[DUBINS]
-
-
 def test_wide_turns_and_close_lines_are_left_to_the_zamboni_like_motion():
     """Lines much closer than a turn is wide: skipping lines costs as much as the laps do, and laps can vary."""
     field = Field(((0.0, 0.0), (1200.0, 0.0), (1200.0, 3000.0), (0.0, 3000.0)))
@@ -256,6 +252,7 @@ def flown_share(field, solution, path, wind_deg, c1):
     return outcome.completed, 1 - rest.area / field.area_m2
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("c1_at", ["highest", "lowest"])
 @pytest.mark.parametrize("pattern", [ZAMBONI, DUBINS])
 def test_what_the_aircraft_flies_covers_the_field(pattern, c1_at, tmp_path):
@@ -267,7 +264,7 @@ def test_what_the_aircraft_flies_covers_the_field(pattern, c1_at, tmp_path):
     assert share >= 0.99
 
 
-@pytest.mark.parametrize("index", few(range(13), 2))
+@pytest.mark.parametrize("index", few(range(0, 13, 4), 0))
 def test_real_outlines_are_covered_by_what_is_flown(index, reference, tmp_path):
     """Without wind and in wind from one of eight directions each; the benchmark flies them all in all."""
     features = json.loads((reference / "fields" / "real_outlines_m.geojson").read_text())["features"]

@@ -100,6 +100,7 @@ def test_laps_without_room_for_a_circle_are_refused():
         climbed_first(laps, MOTION, nowhere, lambda each: level_lack(each, MOTION, 60.0))
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("slope", [0.0, 0.06])
 def test_over_terrain_lines_have_their_height_and_ways_their_clearance_once_they_had_it(slope):
     """On a plane by its own heights; on lines none is lower, where before some were."""

@@ -1032,6 +1032,7 @@ def test_depth_is_limited():
     assert fault_of("<a>" * 100_000) == "1:300001: error: is not XML: no element found; expected a KML file"
 
 
+@pytest.mark.quick(4)
 @pytest.mark.parametrize(
     "body",
     [

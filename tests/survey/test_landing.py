@@ -98,6 +98,7 @@ def test_an_approach_is_as_steep_as_the_autopilot_accepts_and_longer_with_the_wi
     )
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("to", ENDINGS)
 def test_the_forecast_of_a_mission_is_that_of_the_plan(landing, to):
     """A mission that is read back has its take-off, its approach and its landing."""
@@ -200,6 +201,7 @@ def test_home_is_where_a_flight_takes_off_so_that_forecast_and_mission_agree(ead
     assert plan.preflight().forecast.energy_wh == pytest.approx(mission.preflight().forecast.energy_wh, rel=0.01)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("to", ENDINGS)
 def test_circles_up_to_the_first_line_are_in_plan_flight_and_mission(eadp, tmp_path, to):
     flight, out = tmp_path / "p.plan", tmp_path / f"m.{ENDINGS[to]}"
@@ -258,6 +260,7 @@ def test_sorties_land(eadp, tmp_path):
     assert row["energy_wh"] == pytest.approx(again.energy_wh, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_an_approach_that_leaves_the_boundary_is_none_and_one_over_a_low_wall_is(eadp, tmp_path):
     files = {
         "field": FIELD,

@@ -22,6 +22,7 @@ LED = replace(MOTION, lead_in_m=35.0, overshoot_m=12.0)
 MAST = ((250.0, 150.0), (330.0, 150.0), (330.0, 260.0), (250.0, 260.0))
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("limits", [Airspace(), Airspace((Obstacle(MAST, "mast"),))])
 @pytest.mark.parametrize("wind", few([(3.0, 4.0), (0.0, 0.0)], 1))
 def test_each_line_has_its_straight_ways(limits, wind):

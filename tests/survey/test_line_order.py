@@ -190,7 +190,7 @@ def test_search_against_the_exact_order(monkeypatch, shape, wind, count, spacing
     assert least * (1 - ROUNDING) <= jitted[1] <= QUICK * least
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_search_where_nothing_has_structure(monkeypatch, seed):
     problem = arbitrary(seed, 9)
     least = exact_order(*problem)[1]

@@ -39,6 +39,7 @@ def mast(tmp_path):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pattern", ["dubins", "zamboni"])
 def test_a_climb_circles_above_a_mast_near_home_that_the_altitude_clears(eadp, mast, tmp_path, pattern):
     """As it is covered without the mast; and above the mast flights keep half of the clearance."""

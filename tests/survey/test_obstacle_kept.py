@@ -81,6 +81,7 @@ def texts(origin, system, other):
     yield table(utm["field"], "easting,northing"), geojson({"pole": utm["avoid pole"]}), True
 
 
+@pytest.mark.quick(4)
 @pytest.mark.parametrize(("origin", "system", "other"), PLACES.values(), ids=PLACES)
 def test_an_obstacle_in_the_field_is_kept(origin, system, other):
     for field_text, zones, metres in texts(origin, system, other):

@@ -101,6 +101,7 @@ def station(rows, *, pictures):
     return data
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     ("made", "pictures", "lines"),
     [

@@ -108,6 +108,7 @@ def flown_as_planned(field, terrain, wind, *, altitude_m=80.0, gentle=False, fol
     return found, flight
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("name", few(GROUNDS, 2))
 def test_heights_are_flown_as_planned(tmp_path, name):
     winds = ("0,0", "4,240", "7,100")
@@ -192,6 +193,7 @@ def test_json_text_and_picture_have_the_heights(eadp, slope, tmp_path):
     assert f"way home   clear of ground and obstacles at {heights['home_altitude_m']} m" in text
 
 
+@pytest.mark.slow
 def test_laps_have_one_altitude_where_they_are_asked_for(eadp, slope):
     field, terrain = slope
     given = (field, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain)
@@ -264,6 +266,7 @@ def test_a_flight_over_terrain_lands_on_the_ground_as_planned_and_forecast(landi
     assert (above_m[approach] >= np.minimum(20, height_m / 2) - FOLLOWED_M).all()
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("to", ["qgc", "px4", "ardupilot"])
 def test_a_landing_over_terrain_is_exported_and_read_back(eadp, landing, tmp_path, to):
     plan, found = landing
@@ -306,6 +309,7 @@ def written_above_ground(eadp, plan, terrain, to, file):
     file.write_text("\n".join([first, home, *("\t".join(row) for row in rows)]) + "\n")
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("to", "known"), [("qgc", False), ("ardupilot", True), ("ardupilot", False)])
 def test_altitudes_above_ground_are_read_back_above_home(eadp, landing, slope, tmp_path, to, known):
     """Of QGroundControl with heights above the sea, too, as its `SimpleMissionItem::save` writes them."""
@@ -335,6 +339,7 @@ def test_altitudes_above_ground_are_read_back_above_home(eadp, landing, slope, t
     assert rows[0] == rows[1]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("west_m", "works"), [(700, True), (200, False)])
 def test_an_approach_that_meets_the_ground_names_a_heading_that_does_not(eadp, tmp_path, west_m, works):
     # a ridge across the final approach to the east, which begins about 950 m before its end
@@ -387,37 +392,7 @@ def test_sorties_over_terrain_land_on_the_ground(eadp, slope, tmp_path):
     assert eadp("simulate", tmp_path / "sorties", "-o", tmp_path / "flown").code == 0
 
 
-def test_sorties_say_of_the_ground_what_one_flight_says(eadp, slope, tmp_path):
-    field, terrain = slope
-    given = (
-        field,
-        *WING,
-        *CAMERA,
-        "--altitude",
-        "80",
-        "--terrain",
-        terrain,
-        "--home",
-        "55.4975,10.494",
-        "--heading",
-        "0",
-    )
-    alone, divided = (
-        json.loads(eadp("cover", *given, *more, "--format", "json").out)["terrain"] for more in ((), ("--sorties", "2"))
-    )
-    assert divided.keys() == alone.keys()
-    assert divided["zero_m"] == alone["zero_m"]
-    # the same lines over the same ground, but for the climbs from home
-    for key, tolerance in (("height_m", 2), ("gsd_cm", 0.1), ("side_overlap", 0.02)):
-        assert divided[key][1:] == pytest.approx(alone[key][1:], abs=tolerance)
-    assert divided["lower_share"] == 0
-    assert alone["higher_share"] == divided["higher_share"] == 0
-    text = eadp("cover", *given, "--sorties", "2", "--format", "text").out
-    least, mean, most = (100 * share for share in divided["side_overlap"])
-    assert f"overlap {least:.0f} to {most:.0f} %, mean {mean:.0f} %" in text
-    assert f"way home   clear of ground and obstacles at {divided['home_altitude_m']} m" in text
-
-
+@pytest.mark.slow
 def test_sorties_follow_the_ground_from_home(eadp, slope, tmp_path):
     field, terrain = slope
     folder = tmp_path / "sorties"
@@ -447,6 +422,7 @@ def test_a_mast_whose_top_is_below_home_is_in_a_plan_that_can_be_read(eadp, tmp_
     assert eadp("plan", plan).code == 0
 
 
+@pytest.mark.slow
 def test_flat_ground_is_said_of_large_fields_alone(eadp, slope, tmp_path):
     small, terrain = slope
     large = write_field(tmp_path / "large.geojson", ORIGIN, 1010, 300)
@@ -494,6 +470,7 @@ def test_computations_stop_on_turns_at_any_altitude(eadp, slope):
     assert over["terrain"]["altitudes"] > 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bearing", few([20, 110], 1))
 def test_the_heading_along_the_contours_is_said_and_needs_less(eadp, tmp_path, bearing):
     # 25 % up across a bearing
@@ -513,6 +490,7 @@ def test_the_heading_along_the_contours_is_said_and_needs_less(eadp, tmp_path, b
 PILOT = ROOT.parent / "shared/reference/pilot"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not PILOT.exists(), reason="no inputs of a pilot")
 def test_a_return_is_clear_of_a_pole_on_the_way(eadp, tmp_path):
     """Its top is 123.5 m above home: the way home, and the parameters, are 20 m above that."""

@@ -47,6 +47,7 @@ def test_a_plane_in_utm_is_that_plane(tmp_path):
     assert read_terrain([file], POINTS, ORIGIN).heights_m(POINTS) == pytest.approx(expected, abs=FLOAT32)
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("posts", [1201, 3601])
 @pytest.mark.parametrize(("name", "origin"), [("N55E010", ORIGIN), ("S13W071", (-12.5, -70.5))])
 def test_a_degree_of_srtm(tmp_path, posts, name, origin):

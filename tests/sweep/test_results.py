@@ -133,7 +133,7 @@ def test_a_damaged_index_is_refused(path):
             Results(path, read_only=read_only)
 
 
-@pytest.mark.parametrize("seed", few(range(40), 12))
+@pytest.mark.parametrize("seed", few(range(8), 3))
 def test_a_file_with_a_flipped_bit_is_read_or_refused(path, seed):
     with closing(expecting(Results(path))) as results:
         results.store([(run, Result(SUMMARY)) for run in RUNS])

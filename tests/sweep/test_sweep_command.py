@@ -307,6 +307,7 @@ def test_a_dry_run_prints_runs_and_makes_none(eadp, folder):
     assert results.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_the_shipped_sweep(eadp):
     rows = table_of(eadp("sweep", SHIPPED, "--dry-run", "--format", "csv").out)
     assert len(rows) == 400
@@ -320,6 +321,7 @@ def test_the_shipped_sweep(eadp):
 # --- engines agree, files go on
 
 
+@pytest.mark.slow
 def test_engines_agree(eadp, folder):
     common = ("sweep", folder / "sweep.yaml", "--set", "wind.gust_std_mps=1", "--format", "jsonl")
     alone = eadp(*common, "--jobs", 1).out
@@ -364,6 +366,7 @@ def test_an_existing_file_goes_on(eadp, folder):
     assert whole(results) == (36 + 8, 0), "a sweep that has grown makes what is new"
 
 
+@pytest.mark.slow
 def test_killed_and_started_again_it_makes_what_is_missing(folder, eadp):
     results = folder / "results.db"
     arguments = ("sweep", folder / "quick.yaml", "--jobs", 2, "-o", results, "--format", "csv")
@@ -382,6 +385,7 @@ def test_killed_and_started_again_it_makes_what_is_missing(folder, eadp):
     assert sorted(item.name for item in folder.glob("results*")) == ["results.db", "results.html"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", few([signal.SIGINT, signal.SIGTERM], 1))
 def test_an_interrupt_is_130_and_leaves_a_file_that_goes_on(folder, number):
     results = folder / "results.db"

@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import json
+import shutil
+from pathlib import Path
 
 import pytest
 from common.answers import refused
 
 from eadp import forecast
+from eadp.cli.main import main
 
 HOME = "-33.9998197,149.9993505"
 CORNERS = [[150.0, -34.0], [150.0032473, -34.0], [150.0032473, -33.9981969], [150.0, -33.9981969], [150.0, -34.0]]
 WIND = "wind: {speed_mps: 4, from_deg: 200}\n"
 
 
-@pytest.fixture
-def place(eadp, tmp_path):
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
     """A folder with a field, its plan from home, a tower beside it on the way home, and scenarios by kind."""
+    tmp_path = tmp_path_factory.mktemp("made")
     (tmp_path / "field.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [CORNERS]}))
     tower = {"type": "Point", "coordinates": [149.99965, -33.99955]}
     feature = {"type": "Feature", "properties": {"name": "avoid tower", "height": 90}, "geometry": tower}
@@ -24,9 +28,15 @@ def place(eadp, tmp_path):
     for kind in ("none", "ardupilot", "px4"):
         stated = "" if kind == "none" else f"autopilot: {{kind: {kind}}}\n"
         (tmp_path / f"{kind}.yaml").write_text(f"schema: eadp.scenario/1\n{WIND}{stated}")
-    made = ("--swath", "40", "--altitude", "60", "--home", HOME, "--scenario", tmp_path / "none.yaml")
-    assert eadp("cover", tmp_path / "field.geojson", *made, "-o", tmp_path / "a.plan").code == 0
+    given = ("--swath", "40", "--altitude", "60", "--home", HOME, "--scenario", tmp_path / "none.yaml")
+    assert main(["cover", str(tmp_path / "field.geojson"), *map(str, given), "-o", str(tmp_path / "a.plan")]) == 0
     return tmp_path
+
+
+@pytest.fixture
+def place(made, tmp_path):
+    """A copy of it."""
+    return Path(shutil.copytree(made, tmp_path / "place"))
 
 
 @pytest.mark.parametrize(
@@ -73,6 +83,7 @@ def test_px4s_own_return_counts_in_its_missions_and_what_is_stated_of_it_is_writ
 SORTIES = ("--swath", "40", "--altitude", "60", "--home", HOME, "--sorties", "auto")
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("stated", "exports"), [("px4", ()), ("none", ("--export", "px4")), ("ardupilot", ())])
 def test_sorties_end_above_what_makes_the_autopilot_turn_back_and_count_its_return(eadp, place, stated, exports):
     """What each states is the forecast of its own file, with the circle at home, and keeps the reserve there."""
@@ -99,6 +110,7 @@ def test_sorties_for_px4_are_not_for_an_aircraft_with_ardupilot(eadp, place):
     assert not (place / "job").exists()
 
 
+@pytest.mark.slow
 def test_batteries_of_a_plan_are_used_up_to_what_makes_the_autopilot_turn_back(eadp, place):
     packs = {}
     for kind in ("none", "px4"):
@@ -111,8 +123,8 @@ def test_batteries_of_a_plan_are_used_up_to_what_makes_the_autopilot_turn_back(e
     assert packs["none"] < 1 < packs["px4"]
 
 
-@pytest.mark.parametrize("clearance_m", [20, 35, 5])
-@pytest.mark.parametrize("top_m", [50, 90])
+@pytest.mark.quick(1)
+@pytest.mark.parametrize(("clearance_m", "top_m"), [(35, 50), (5, 50)])
 def test_the_clearance_asked_for_is_that_of_the_way_home_at_every_door(eadp, place, clearance_m, top_m):
     """The altitude that the plan has is what its forecast and its parameters have; obstacles beside it count alike."""
     tower = place / "tower.geojson"

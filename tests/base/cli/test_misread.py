@@ -277,6 +277,7 @@ def test_degrees_for_metres(eadp, tmp_path):
 # --- numbers that are printed as edges
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(("radius", "swath"), [("30", "30"), ("12", "25"), ("40", "21"), ("20", "30")])
 def test_laps_are_saved_at_the_numbers_that_are_printed(eadp, tmp_path, radius, swath):
     field, file = tmp_path / "field.csv", tmp_path / "field.plan"
@@ -335,6 +336,7 @@ def test_texts_that_mean_something_else(eadp, tmp_path, command, body, message):
     assert refused(eadp(command, file), message)
 
 
+@pytest.mark.quick(6)
 @pytest.mark.parametrize(
     ("command", "body", "message"),
     [

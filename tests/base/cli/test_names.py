@@ -109,7 +109,6 @@ def test_the_mean_of_what_is_shown_is_over_the_time_of_the_flight(eadp):
     assert shown["last"] > shown["mean"] > shown["first"]
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_settings_name_parameters_as_people_do(eadp, tmp_path):
     """A scenario with titles flies as one with c-numbers, to the last bit, and says what it decided in titles."""
     text = (ROOT / SCENARIO).read_text().replace("../profiles", str(ROOT / "profiles"))

@@ -67,29 +67,6 @@ def test_canonical_text_reads_as_itself(eadp, tmp_path):
     assert documents[0] == documents[1]
 
 
-def test_every_error_of_a_file_at_once(eadp, tmp_path):
-    path = tmp_path / "bad.plan"
-    path.write_text("0.05; 270; x+(115\n-115, 1\n[2, 1]\n-1; 45; y\n0, 0\n[1, 2]\n")
-    answer = eadp("plan", path)
-    assert answer.code == 2
-    assert answer.out == ""
-    places = [line.split(": error:")[0] for line in answer.err.splitlines() if ": error:" in line]
-    assert places == [f"{path}:1:18", f"{path}:3:1", f"{path}:4:1", f"{path}:4:5"]
-
-
-def test_a_missing_file_a_folder_and_bytes(eadp, tmp_path):
-    for name, make in (
-        ("missing", lambda path: None),
-        ("folder", lambda path: path.mkdir()),
-        ("bytes", lambda path: path.write_bytes(b"\xff\xfe")),
-    ):
-        path = tmp_path / name
-        make(path)
-        answer = eadp("plan", path)
-        assert answer.code == 2
-        assert answer.err.startswith(f"{path}:1:1: error: ")
-
-
 def test_a_file_that_is_too_large_is_refused_by_its_size(eadp, tmp_path, monkeypatch):
     path = tmp_path / "large.plan"
     path.write_text("% " + "x" * 1000 + "\n")

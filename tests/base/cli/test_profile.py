@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import io
 import json
 import re
 import shlex
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -249,31 +246,6 @@ def test_model_is_written_and_read_back(run: Run, tmp_path: Path) -> None:
     assert smooth["values"][0]["power_w"] > straight["values"][0]["power_w"] + 0.01
 
 
-def test_standard_input(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Stdin:
-        buffer = io.BytesIO(b"2,5\n4,7\n")
-
-    monkeypatch.setattr(sys, "stdin", Stdin())
-    code, out, _ = run("profile", "-", "--at", "c=3")
-    assert (code, out) == (0, "c=3: 6 W\n")
-
-
-def test_faults_of_the_file(run: Run, measured: PowerMeasurement, tmp_path: Path) -> None:
-    file = measured("fps,power_w\n2,nan\n4,-1\n")
-    model = tmp_path / "m.yaml"
-    code, out, err = run("profile", file, "-o", str(model), "--format", "json")
-    assert (code, out) == (2, "")
-    assert err.splitlines() == [
-        f"{file}:2:3: error: nan is not finite; expected a finite number",
-        "    2,nan",
-        "      ^",
-        f"{file}:3:3: error: a power of -1 W; expected a power of 0 or more",
-        "    4,-1",
-        "      ^",
-    ]
-    assert not model.exists()
-
-
 def test_warnings_are_on_stderr(run: Run, measured: PowerMeasurement) -> None:
     file = measured("fps,power_w\n2,5\n4,7\n6,6\n")
     code, out, err = run("profile", file, "--at", "fps=4", "--format", "json")
@@ -309,16 +281,6 @@ def test_pchip_of_two_parameters(run: Run, measured: PowerMeasurement) -> None:
     assert err.startswith("--interpolation:1:1: error: pchip needs one changing parameter, and 2 change")
 
 
-def test_help_imports_nothing_heavy() -> None:
-    program = (
-        "import sys; from eadp.cli.main import main; main(['profile', '--help']);"
-        "heavy = {'scipy', 'sympy', 'osqp', 'matplotlib', 'shapely'};"
-        "print(sorted(heavy & set(sys.modules)), file=sys.stderr)"
-    )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stderr.strip() == "[]"
-
-
 # eadp schema
 
 
@@ -339,22 +301,6 @@ def test_the_device_and_its_overall_energy(run: Run, measured: PowerMeasurement)
         f"{file}:1:1: error: no power of the cpu; expected powprofiler's flag 101",
     )
     assert run("profile", PEDNET_MODEL, "--device", "gpu")[2].startswith("--device:1:1: error: a model has its device")
-
-
-def test_schema_of_a_profile(run: Run) -> None:
-    code, out, err = run("schema", "profile")
-    schema = json.loads(out)
-    assert (code, err) == (0, "")
-    assert schema["title"] == "eadp.profile/1"
-    keys = {"schema", "source", "device", "parameters", "interpolation", "points", "leave_one_out", "parts"}
-    assert set(schema["properties"]) == keys
-
-
-def test_schema_of_an_unknown_format_lists_the_known(run: Run) -> None:
-    code, out, err = run("schema", "plans")
-    assert (code, out) == (2, "")
-    known = "profile, energy, scenario, vehicle, camera, sweep, telemetry, decision, summary, decisions"
-    assert err.startswith(f"NAME:1:1: error: no such file format; expected {known}\n")
 
 
 @pytest.mark.parametrize("name", ["x y", "fps,frame-rate", "1a", "ä"])

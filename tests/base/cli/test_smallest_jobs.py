@@ -50,7 +50,7 @@ def done(eadp):
 
 
 @pytest.mark.parametrize("name", FIELDS)
-def test_a_field_of_one_line_is_covered_with_every_option(done, eadp, undrawn, tmp_path, name):
+def test_a_field_of_one_line_is_covered_with_every_option(done, eadp, tmp_path, name):
     field, home, landing = field_file(tmp_path, name)
     profile = tmp_path / "profile.csv"
     profile.write_text("fps,power_w\n2,5\n10,9\n")
@@ -76,7 +76,7 @@ def test_a_field_of_one_line_is_covered_with_every_option(done, eadp, undrawn, t
 
 
 @pytest.mark.parametrize("name", few_rows(((name,) for name in ("a line", "a landing", *PLANS)), 4))
-def test_every_command_on_a_plan_of_one(done, eadp, undrawn, tmp_path, name):
+def test_every_command_on_a_plan_of_one(done, eadp, tmp_path, name):
     plan = tmp_path / "a.plan"
     if name in PLANS:
         text, placed = PLANS[name]

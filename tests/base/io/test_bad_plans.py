@@ -34,27 +34,24 @@ def test_there_are_plans_and_nothing_is_left_over():
     assert sorted(path.stem for path in BAD.glob("*.expected")) == PLANS
 
 
-@pytest.mark.parametrize("name", PLANS)
-def test_the_error_is_the_golden_one(name, monkeypatch):
-    assert said(name, monkeypatch) + "\n" == golden(name)
-
-
-@pytest.mark.parametrize("name", PLANS)
-def test_each_error_has_its_place_in_the_file(name, monkeypatch):
-    lines = (BAD / f"{name}.plan").read_bytes().decode("utf-8-sig", errors="replace").split("\n")
-    places = []
-    for line in said(name, monkeypatch).split("\n"):
-        assert line.isprintable()
-        if line.startswith("    "):  # the line itself, and a caret under the column
-            continue
-        match = PLACE.fullmatch(line)
-        assert match, f"no FILE:LINE:COL: error: at the start of {line}"
-        assert match["file"] == f"tests/bad/{name}.plan"
-        place = int(match["line"]), int(match["column"])
-        assert place[0] <= len(lines)
-        assert place[1] <= len(lines[place[0] - 1]) + 1
-        places.append(place)
-    assert places == sorted(places), "first by line"
+def test_each_error_is_the_golden_one_and_has_its_place_in_the_file(monkeypatch):
+    for name in PLANS:
+        error = said(name, monkeypatch)
+        assert f"{error}\n" == golden(name)
+        lines = (BAD / f"{name}.plan").read_bytes().decode("utf-8-sig", errors="replace").split("\n")
+        places = []
+        for line in error.split("\n"):
+            assert line.isprintable()
+            if line.startswith("    "):  # the line itself, and a caret under the column
+                continue
+            match = PLACE.fullmatch(line)
+            assert match, f"no FILE:LINE:COL: error: at the start of {line}"
+            assert match["file"] == f"tests/bad/{name}.plan"
+            place = int(match["line"]), int(match["column"])
+            assert place[0] <= len(lines)
+            assert place[1] <= len(lines[place[0] - 1]) + 1
+            places.append(place)
+        assert places == sorted(places), f"{name}: first by line"
 
 
 @pytest.mark.parametrize("name", ["stage-of-two-parts", "constant-not-real", "not-utf-8"])

@@ -27,6 +27,7 @@ def field(eadp, tmp_path):
     return str(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("keys", "quality"), few_rows([({"capacity_ah": 0.7}, 0.6), ({"voltage_v": 22.2, "capacity_ah": 5}, 0.99)], 1)
 )
@@ -57,6 +58,7 @@ BINDING = [
 ]
 
 
+@pytest.mark.quick(4)
 @pytest.mark.parametrize("planner", ["joint", "paper"])
 @pytest.mark.parametrize(("keys", "limit", "words"), BINDING)
 def test_a_limit_that_binds_is_named(root, planner, keys, limit, words):

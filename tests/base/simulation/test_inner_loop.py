@@ -120,12 +120,14 @@ def drawn(seed):
     }
 
 
+@pytest.mark.quick(1)
 @fast
-@pytest.mark.parametrize("seed", few(range(24), 4))
+@pytest.mark.parametrize("seed", few(range(6), 2))
 def test_compiled_flights_are_the_plain_ones(seed, no_longer_compiled):
     same(flown(drawn(seed), on=True), flown(drawn(seed)))
 
 
+@pytest.mark.slow
 @fast
 @pytest.mark.parametrize("scenario", few(["paper-i-dynamic", "paper-I-static", "paper-ii-dynamic", "paper-drained"], 1))
 def test_compiled_flights_of_the_letter_are_the_plain_ones(scenario, no_longer_compiled):
@@ -133,6 +135,7 @@ def test_compiled_flights_of_the_letter_are_the_plain_ones(scenario, no_longer_c
     same(*(flown({"time_limit_s": 120.0}, scenario=file, on=on) for on in (True, False)))
 
 
+@pytest.mark.quick(2)
 @fast
 @pytest.mark.parametrize("text", [PARTS, CURVED])
 @pytest.mark.parametrize("vehicle", few(["paper", "power-curve", "fixed-wing"], 2))
@@ -146,7 +149,8 @@ def test_plans_of_parts_and_curves_too(tmp_path, text, vehicle, no_longer_compil
     same(one, other)
 
 
-@pytest.mark.parametrize("seed", few(range(100, 112), 1))
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", few(range(100, 103), 1))
 def test_a_planner_that_is_asked_when_due_flies_as_one_that_is_asked_at_every_step(seed):
     overrides = drawn(seed)
     if overrides["planner.name"] == "paper":  # it would see other jumps in the noise when it looks at every step
@@ -162,6 +166,7 @@ def test_a_planner_that_is_asked_when_due_flies_as_one_that_is_asked_at_every_st
     same(flown(overrides), often)
 
 
+@pytest.mark.quick(1)
 @fast
 @pytest.mark.skipif(sys.platform != "linux", reason="numba may call another C library than Python")
 @pytest.mark.parametrize("vehicle", ["paper", "fixed-wing", "power-curve"])
@@ -192,6 +197,7 @@ def logged_every(world, every_s):
     return replace(world, clock=world.clock._replace(log_every_s=every_s))
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("on", [pytest.param(True, marks=fast), False])
 @pytest.mark.parametrize("planner", few(["joint", "static"], 1))
 def test_without_a_log_the_flight_is_the_same(planner, on, no_longer_compiled):
@@ -209,6 +215,7 @@ def test_without_a_log_the_flight_is_the_same(planner, on, no_longer_compiled):
     assert [record.parameters for record in logged.records] == [record.parameters for record in unlogged.records]
 
 
+@pytest.mark.slow
 def test_what_is_logged_does_not_change_the_flight():
     every, never = (flown({**drawn(3), "log_every_s": every_s}) for every_s in (0.03, 1e9))
     assert every[0].totals == never[0].totals
@@ -216,7 +223,7 @@ def test_what_is_logged_does_not_change_the_flight():
     assert every[1][-1] == never[1][-1]
 
 
-@settings(max_examples=draws(0.5))
+@settings(max_examples=draws(0.3))
 @given(
     planner=st.sampled_from(["static", "paper", "joint"]),
     every_s=st.sampled_from([0.05, 0.1, 0.5]),

@@ -42,6 +42,7 @@ def flown(scenario, overrides=()):
     return summary, shares, steps
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("scenario", "duration_s", "mean_w", "min_w", "max_w"),
     [
@@ -68,6 +69,7 @@ def test_laps_after_the_first_take_the_published_time(scenario, shortest_s, long
     assert max(laps) == pytest.approx(longest_s, abs=LAP_S)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("scenario", "duration_s", "changes", "means", "metric"),
     [
@@ -132,6 +134,7 @@ def test_drained_flights_reach_the_known_quality(case, published, corrected):
         assert reached == pytest.approx(quality, abs=SAME_QUALITY)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("case", DRAINED)
 def test_the_highest_parameters_drain_the_battery(case):
     outcome, _ = drained(case, (("planner.name", "static"),))
@@ -160,6 +163,7 @@ def test_path_and_power_follow_the_published_data(reference, flight):
     assert np.sqrt(np.mean(power**2)) < 0.25
 
 
+@pytest.mark.slow
 def test_the_states_of_the_published_filter_follow_the_published_data(reference):
     """Flight I from 100 s on. The letter's α0 is that of the whole power, ours of the motion's."""
     inputs = load_flight(str(ROOT / "plans/survey.plan"), scenario=str(ROOT / "scenarios/paper-I-static.yaml"))
@@ -243,6 +247,7 @@ def test_the_pages_table_of_drained_flights_is_what_is_flown():
             assert as_printed(value, text), (row[0], value)
 
 
+@pytest.mark.slow
 def test_other_figures_of_the_page_are_what_is_flown():
     changes = {flight: flown(SCENARIOS[flight])[0]["parameters"]["c1"]["changes_at"] for flight in ("i", "ii")}
     (first, _), (second, _) = changes["i"]

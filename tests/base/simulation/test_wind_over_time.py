@@ -37,6 +37,7 @@ def test_components_are_linear_between_rows():
     assert wind.speeds_mps == (0.0, 5.0)
 
 
+@pytest.mark.slow
 def test_a_profile_of_one_row_is_a_steady_wind():
     still = flown(None, **{"wind.speed_mps": 5, "wind.from_deg": 180, "time_limit_s": 150})
     assert flown([[0, 5, 180]], time_limit_s=150).steps == still.steps
@@ -73,6 +74,7 @@ def test_compiled_flights_are_the_same():
     assert flown(profile, time_limit_s=100).steps == plain.steps
 
 
+@pytest.mark.slow
 def test_joint_answers_a_rising_wind_and_static_does_not():
     joint = eadp.simulate(SURVEY, scenario=RISING, overrides=COARSE)
     assert joint.summary["energy_forecast"]["completes"]
@@ -114,6 +116,7 @@ def test_one_way_to_give_the_wind_removes_the_other(eadp):
     assert len({flight["distance_m"] for flight in flights}) == 1
 
 
+@pytest.mark.slow
 def test_a_sweep_varies_it(eadp, tmp_path):
     sweep = tmp_path / "sweep.yaml"
     winds = "[[[0, 2, 180]], [[0, 2, 180], [60, 8, 180]]]"
@@ -135,6 +138,7 @@ def test_it_changes_with_the_altitude_too():
     assert wind.steady_at_mps(900.0, 250.0) == pytest.approx((0.0, 10.0), abs=1e-12)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("altitude_m", [0.0, 40.0, 100.0])
 def test_a_flight_has_the_wind_of_its_altitude(altitude_m):
     start = {"vehicle.airframe.cruise_altitude_m": altitude_m, "time_limit_s": 60}

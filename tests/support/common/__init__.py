@@ -1,7 +1,7 @@
 """What several tests need: plans, a planner that is watched."""
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
+from importlib import import_module
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
@@ -21,8 +21,12 @@ def few(values: Iterable[Any], count: int) -> list[Any]:
 def few_rows(rows: Iterable[tuple[Any, ...]], count: int) -> list[Any]:
     """The same for several names."""
     cases = list(rows)
-    kept = {round(i * (len(cases) - 1) / max(count - 1, 1)) for i in range(count)}
-    return _slow_but(kept, cases)
+    return _slow_but(evenly(len(cases), count), cases)
+
+
+def evenly(size: int, count: int) -> set[int]:
+    """So many of the indices of a list, spread evenly."""
+    return {round(i * (size - 1) / max(count - 1, 1)) for i in range(min(size, count))}
 
 
 def _slow_but(kept: set[int], rows: list[tuple[Any, ...]]) -> list[Any]:
@@ -41,12 +45,18 @@ def pairwise(*factors: Iterable[Any]) -> list[Any]:
     return _slow_but(kept, cases)
 
 
-@contextmanager
-def without_figures() -> Iterator[None]:
-    """Result folders without their figures, which take longer than a short flight."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("eadp.io.figures.flight.write_flight_figure", lambda *_: None)
-        yield
+def _no_picture(path: Path, *_: Any) -> None:
+    for ending in (".svg", ".png"):
+        path.with_suffix(ending).touch()
+
+
+def draw_nothing(patch: pytest.MonkeyPatch) -> None:
+    """Result folders whose figures and page, which take longer than a short flight, are empty files."""
+    for module, name, nothing in (
+        ("eadp.io.figures.flight", "write_flight_figure", _no_picture),
+        ("eadp.report.flight", "write_page", lambda _, folder: (folder / "report.html").touch()),
+    ):
+        patch.setattr(import_module(module), name, nothing)  # the package's own names are functions
 
 
 def draws(share: float) -> int:

@@ -365,6 +365,7 @@ def test_a_parameter_without_a_value():
     assert bind(read_expression("x - c2"), (1.0, 2.0, 3.0))(5, 0)[0] == 3
 
 
+@pytest.mark.slow
 def test_more_shapes_than_are_kept_can_be_flown():
     for k in range(600):
         terms = ["x", *(["y"] if k % 2 else []), *["x*y"] * (k // 2 % 25), *["sin(x)"] * (k // 50)]

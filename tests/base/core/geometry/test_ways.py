@@ -49,6 +49,7 @@ def grid_length_m(start, end, space, step=5.0):
     return float(dijkstra(graph, indices=nearest[0])[nearest[1]])
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("start", few([(0.0, 0.0), (40.0, 100.0), (140.0, -100.0), (140.0, 0.0), (190.0, 180.0)], 1))
 @pytest.mark.parametrize("avoid", [(HOUSE,), (HOUSE, BARN), (HOUSE, BARN, WALL)], ids=["house", "barn", "wall"])
 def test_the_way_is_about_the_shortest_that_keeps_clear(start, avoid):

@@ -116,14 +116,6 @@ def test_a_flight_without_a_period_has_its_figures(tmp_path, monkeypatch, overri
     assert [text.get_text() for text in panels["Periodogram of the motion"].texts] == ["no spectrum"]
 
 
-@pytest.mark.slow
-def test_same_flight_same_figure(tmp_path, flight):
-    for name in "ab":
-        write_paper_figure(tmp_path / name, flight.inputs.world, flight.steps[:900], flight.estimates[:900])
-    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
-    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
-
-
 @pytest.mark.parametrize(
     ("headers", "sets", "panels"),
     [

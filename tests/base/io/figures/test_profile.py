@@ -71,6 +71,7 @@ def test_scattered_points_are_contours_or_predictions() -> None:
     assert drawn(SPACE).axes[0].get_xlabel() == "measured power [W]"
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("profile", [LINE, added([LINE, SCATTER])], ids=["one", "two"])
 def test_files_are_the_same_each_time(tmp_path: Path, profile: Profile) -> None:
     files = [tmp_path / f"{i}.svg" for i in (1, 2)]

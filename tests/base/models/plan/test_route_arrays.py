@@ -95,6 +95,7 @@ def by_cursors(name, started, share):
     return last_of
 
 
+@pytest.mark.quick(4)
 @pytest.mark.parametrize("started", [0, 1, 6])
 @pytest.mark.parametrize("name", PLANS)
 def test_runs_and_scales_against_cursors_moved_stage_by_stage(name, started):

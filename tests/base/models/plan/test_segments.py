@@ -174,6 +174,7 @@ def test_a_shift_that_the_laps_do_not_have_is_a_finding():
     assert [item.code for item in findings] == ["header-shift"]
 
 
+@pytest.mark.slow
 def test_laps_without_end_are_found_once_and_not_taken_for_stages_never_flown():
     findings = check_plan(plan(PARTS.replace("next - s", "0"))).findings
     assert sum("10000 laps" in item.message for item in findings) == 1

@@ -47,6 +47,7 @@ def entered_share(tmp_path, name, flights, **case):
     return count / flights
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("radius", "clear", "wind"),
     few_rows(

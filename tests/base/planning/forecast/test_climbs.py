@@ -69,6 +69,7 @@ CURVE = {
 }
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("text", [CLIMB, DESCENT, FASTER])
 def test_the_forecast_of_a_power_curve_has_its_climbs_and_airspeeds(text, inputs_of):
     inputs = inputs_of(text, **CURVE)
@@ -79,6 +80,7 @@ def test_the_forecast_of_a_power_curve_has_its_climbs_and_airspeeds(text, inputs
     assert abs(outcome.totals.energy_j - level_s) > 0.05 * level_s, "they matter"
 
 
+@pytest.mark.quick(5)
 @pytest.mark.parametrize("wind", [{}, WIND])
 @pytest.mark.parametrize("text", [CLIMB, DESCENT, STAIRS, FASTER])
 @pytest.mark.parametrize("planner", ["static", "joint"])
@@ -91,6 +93,7 @@ def test_the_forecast_is_what_is_flown(text, wind, planner, inputs_of):
     assert forecast.remaining_s == pytest.approx(outcome.duration_s, rel=0.015)
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(("text", "within"), [(CLIMB, 0.025), (DESCENT, 0.025), (STAIRS, 0.025), (FASTER, 0.05)])
 def test_in_flight_too(text, within, inputs_of):
     """Climbs that are flown are not learned as power of level flight; changes of the airspeed are, a little."""
@@ -129,6 +132,7 @@ def test_a_climb_is_no_slow_flight(inputs_of):
     assert forecast.power_w == pytest.approx(0, abs=1e-3)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("text", "within"), [(STAIRS, 0.1), (FASTER, 1.0)])
 def test_neither_climbs_nor_airspeeds_are_taken_for_wind(text, within, inputs_of):
     _, outcome = flown(inputs_of(text, "joint"))

@@ -47,6 +47,7 @@ def own_parts(evaluation, place):
     yield np.array([*e.ends[place].probabilities, *itertools.chain(*e.ends[place].unflown)])
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("battery", BATTERIES)
 def test_many_places_at_once_are_those_one_by_one(battery):
     inputs = survey_inputs()
@@ -108,6 +109,7 @@ def stepped_s(leg, airspeed_mps, wind_mps, step_m=0.02):
     return total
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("wind_mps", few([(0.0, 0.0), WIND, (-6.0, 5.0)], 2))
 def test_times_against_a_fine_integration(wind_mps):
     forecasting = Forecasting(survey_inputs(), wind_mps=wind_mps)
@@ -265,6 +267,7 @@ def test_standard_deviations_against_draws(seed):
     assert forecast.soc_end_std == pytest.approx(std, rel=0.05)
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("share", [0.0, 0.7])
 @pytest.mark.parametrize("wind_mps", [(0.0, 0.0), (5.0, 0.0), (0.0, -6.0), (4.0, 4.0)])
 def test_an_uncertain_wind_against_draws_of_winds(wind_mps, share):

@@ -162,6 +162,7 @@ def test_each_stage_takes_its_share(calm):
 # --- before take-off --------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("wind", [CALM, {"wind.speed_mps": 5.0, "wind.towards_deg": 60.0}])
 @pytest.mark.parametrize("c1", [-1000.0, -400.0])
 def test_before_take_off_time_and_energy_are_those_flown_without_gusts(wind, c1):

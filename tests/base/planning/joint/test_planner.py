@@ -244,6 +244,7 @@ def test_between_two_configurations_both_are_flown_and_the_charge_is_used(capaci
     assert left < RESERVE + 0.01 + unused or decisions[-1].parameters == (10.0,)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("capacity_ah", [0.255, 0.275, 0.3])
 def test_what_was_saved_at_first_is_spent_after_all(capacity_ah):
     """The margin shrinks on the way, and with it what is left over beyond the reserve."""
@@ -297,6 +298,7 @@ def test_inhibited_stages_take_nothing_and_leave_the_charge_to_the_others():
     assert left >= RESERVE - 0.002
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("every_s", [0.1, 5.0])
 @pytest.mark.parametrize("noise", [0.0, 0.01])
 def test_it_re_plans_each_second_where_it_is_asked_to_however_seldom_and_noisy_the_gauge(every_s, noise):
@@ -314,6 +316,7 @@ def test_before_it_starts_a_jump_alone_is_answered_and_looks_stay_rare():
     assert len(flight.pilot.seen) < 80
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("stuck", [True, False])
 def test_a_gauge_that_is_stuck_is_warned_of(stuck):
     inputs = load_flight(
@@ -339,6 +342,7 @@ def test_a_gauge_that_is_stuck_is_warned_of(stuck):
     assert outcome.soc_final < held - 0.09
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("capacity_ah", few([0.76, 0.8, 0.84, 0.88], 2))
 def test_two_computations_in_gusts_change_seldom_at_measured_levels_and_use_the_charge(capacity_ah):
     rates, sizes = (2.0, 4.0, 6.0, 8.0, 10.0), (1.0, 2.0, 3.0, 4.0)
@@ -387,6 +391,7 @@ def test_where_the_plan_is_infeasible_it_turns_back_at_the_last_moment(home_m):
     assert all(record.home_reachable for record in flight.records[:-1])
 
 
+@pytest.mark.slow
 def test_the_way_home_goes_round_an_obstacle(tmp_path):
     """A barn across the straight way home: it turns back earlier, goes round, and keeps the reserve all the same."""
     barn = "%: avoid barn -500,-420 400,-420 400,-330 -500,-330"
@@ -408,6 +413,7 @@ def test_the_way_home_goes_round_an_obstacle(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_a_plan_that_is_feasible_or_continues_is_flown_to_its_end():
     home = {"home.position_m": [0.0, -1000.0]}
     assert flown(**HOME | {"battery.capacity_ah": 0.9}, **home).outcome.completed
@@ -437,6 +443,7 @@ def test_an_autopilot_returns_and_circles_at_the_end_of_the_plan():
     assert 0 < forecast.energy_wh / (own.outcome.totals.energy_j / 3600) - 1 < 0.06
 
 
+@pytest.mark.slow
 def test_a_home_farther_than_what_is_left_of_the_plan_is_no_way_out():
     """A loss of charge on the way, from which neither end keeps the reserve: the nearer one is flown to."""
     fault = {"faults": [{"at_s": 200, "soc_drop": 0.3}], "home.position_m": [0.0, -3500.0]}

@@ -48,6 +48,7 @@ def flown(inputs):
 FLIGHTS = [(plan, battery_ah, wind) for plan, battery_ah in (("survey", 0.45), ("meadow", 1.2)) for wind in ({}, WIND)]
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(("plan", "battery_ah", "wind"), few_rows(FLIGHTS, 2))
 @pytest.mark.parametrize("planner", ["static", "joint"])
 def test_the_forecast_is_what_is_flown(plan, planner, battery_ah, wind, meadow):
@@ -90,6 +91,7 @@ def test_the_smaller_the_battery_the_less_likely_the_end():
     assert shares[-1] < 1e-6
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("planner", ["static", "joint"])
 def test_a_battery_that_is_too_small_is_told_before_take_off(planner):
     inputs = inputs_of(ROOT / "plans/survey.plan", planner, **{"battery.capacity_ah": 0.15})

@@ -164,6 +164,7 @@ def test_what_is_found_is_what_the_place_has():
         assert found.feasible == bool(alone.filled().feasible[0])
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("until", [0.05, 0.45, 0.95])
 @pytest.mark.parametrize("start", few([0.0, 0.5, 1.0], 1))
 def test_a_plan_that_cannot_be_flown_at_some_parameters(until, start):
@@ -247,6 +248,7 @@ def test_a_place_is_evaluated_once():
 # --- on routes --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("capacity_ah", few([0.28, 0.34, 0.42, 0.6], 2))
 @pytest.mark.parametrize("wind_mps", few([(0.0, 0.0), (5.0, -3.0)], 1))
 def test_the_survey_against_every_place(capacity_ah, wind_mps):
@@ -310,6 +312,7 @@ def of_places(inputs, shares):
     return places, forecasting.evaluator, partial(places.evaluate, known)
 
 
+@pytest.mark.slow
 def test_two_parameters_against_a_grid(tmp_path):
     inputs = mission_of(tmp_path, TWO_PARAMETERS, **{"battery.capacity_ah": 0.45, **CALM})
     inputs = replace(inputs, mission=replace(inputs.mission, nominal=None))  # its turns are tighter than the aircraft's

@@ -133,6 +133,7 @@ def test_a_drain_whose_power_was_not_measured_teaches_little():
     assert found[False] == (pytest.approx(0.03, abs=0.01), pytest.approx(1.0, abs=0.1))
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("count", "seeds"), [(10, 100), (100, 100), (600, 40)])
 def test_the_variance_of_a_noisy_gauge_is_calibrated(count, seeds):
     squares = []
@@ -166,6 +167,7 @@ def battery(ratio, count=4000, quantum=0.0, drained=2e-4):
     return charges, np.ceil(charges / quantum - 1e-9) * quantum if quantum else charges
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("quantum", [0.0, 0.01])
 @pytest.mark.parametrize(
     "ratio", [lambda _: 1.0, lambda _: 1 / 0.85, lambda b: 1 / (0.9 + 0.2 * b)], ids=["stated", "15 % less", "falls"]
@@ -207,6 +209,7 @@ def test_the_variance_of_the_charge_to_be_used_is_that_of_a_kalman_filter_with_m
     assert variance == pytest.approx(covariance[0, 0], rel=1e-3)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("quantum", [0.0, 0.01, 0.02])
 def test_a_gauge_that_is_stuck_is_disbelieved_and_the_integral_holds(quantum):
     charges, readings = battery(lambda _: 1.05, quantum=quantum)
@@ -340,6 +343,7 @@ def test_the_first_steps_of_a_coarse_gauge_are_not_the_capacity(rounded):
     assert max(abs(value - 0.5) for value in used) < 0.02
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("noise", [0.0, 0.002])
 @pytest.mark.parametrize("rounded", [math.floor, round, math.ceil])
 def test_a_gauge_that_rounds_is_above_its_readings_by_what_a_full_battery_shows(rounded, noise):
@@ -397,8 +401,9 @@ def either(function, compiled_code):
         compiled.enable(False)
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("compiled_code", [False, pytest.param(True, marks=fast)])
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_drain_is_a_kalman_filters_prediction_with_matrices(seed, compiled_code):
     rng = np.random.default_rng(seed)
     charge, d = some_charge(rng), float(rng.uniform(0, 0.1))
@@ -412,7 +417,7 @@ def test_a_drain_is_a_kalman_filters_prediction_with_matrices(seed, compiled_cod
     assert matrix(found) == pytest.approx(f @ matrix(charge) @ f.T + q, rel=1e-12, abs=1e-15)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_beyond_empty_the_ratio_stays(seed):
     charge = some_charge(np.random.default_rng(seed))
     drains = charge.soc * np.array([0.2, 1.0, 3.0, 20.0])
@@ -423,8 +428,9 @@ def test_beyond_empty_the_ratio_stays(seed):
         assert variance == pytest.approx(row @ matrix(then) @ row, rel=1e-12)
 
 
+@pytest.mark.quick(3)
 @pytest.mark.parametrize("compiled_code", [False, pytest.param(True, marks=fast)])
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_reading_is_a_kalman_filters_correction_with_matrices(seed, compiled_code):
     rng = np.random.default_rng(seed)
     charge, error, noise = some_charge(rng), float(rng.normal(0, 0.01)), float(rng.uniform(1e-6, 1e-3))

@@ -79,6 +79,7 @@ def known_at_end(state, taken):
     return state.known(time_of(taken[-1]), last.position_m)
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("faults", [False, True])
 @pytest.mark.parametrize("every", [1, 7])
 def test_what_it_knows_does_not_depend_on_when_it_is_asked(every, faults):
@@ -90,6 +91,7 @@ def test_what_it_knows_does_not_depend_on_when_it_is_asked(every, faults):
     assert once.losses == faults
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("share", [0.2, 0.5, 0.9])
 def test_nor_in_the_middle_of_a_flight(share):
     inputs, taken, *_ = survey_flight(True)
@@ -103,6 +105,7 @@ def singles(readings):
     return [Readings(*(column[i : i + 1] for column in columns)) for i in range(len(readings.times_s))]
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("faults", [False, True])
 def test_a_batch_is_its_readings_one_by_one(faults):
     inputs, taken, *_ = survey_flight(faults)
@@ -145,6 +148,7 @@ def test_a_batch_of_a_climb_is_its_readings_one_by_one(tmp_path):
     assert math.hypot(*whole.wind.mps) < 0.1
 
 
+@pytest.mark.slow
 def test_batches_joined_are_those_apart():
     """Readings between two observations in one batch, or in several."""
     inputs, taken, *_ = survey_flight()
@@ -229,6 +233,7 @@ def with_holes(taken, names, rng, share=0.5):
     return found
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("names", [["powers_w"], ["charges"], ["headings_rad"], ["vx_mps", "vy_mps"]])
 def test_what_is_not_measured_is_left_out(names):
     inputs, taken, *_ = survey_flight()

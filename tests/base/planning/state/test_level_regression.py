@@ -28,6 +28,7 @@ def flown(rng, count, level_w=LEVEL_W, motion=None):
     return motion
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("share", few(STEPS, 3))
 def test_a_lasting_step_is_followed(share):
     """Within 2 σ after 30 s and within 5 % after 90 s, wherever it falls in a window."""
@@ -52,6 +53,7 @@ def test_a_step_widens_the_variance():
     assert motion.known().var_level > 4 * before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("flights", "most"), [(60, 1), pytest.param(480, 3, marks=pytest.mark.slow)])
 def test_false_alarms_are_as_rare_as_stated(flights, most):
     """In 80 hours of 480 flights at most 3, with 1.6 times the noise assumed: the design is one in 100 hours."""

@@ -102,6 +102,7 @@ def test_the_slope_is_never_below_0():
     assert motion.known().slope_w == 0
 
 
+@pytest.mark.slow
 def test_forecasts_of_energy_are_calibrated():
     squares = []
     for seed in range(300):
@@ -127,6 +128,7 @@ def test_a_first_window_in_a_gust_is_not_believed():
     assert 80 < motion.known().level_w < 88
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("windows", [12, 20])
 def test_gusts_that_last_are_learned(windows):
     """Windows that scatter by 3 to 17 % of the level, each half of the one before: the energy of 600 s to come."""

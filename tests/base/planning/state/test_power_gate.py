@@ -91,6 +91,7 @@ def undisturbed():
     return quality(lambda _, power_w: power_w)
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     "false_w",
     [
@@ -106,7 +107,7 @@ def test_false_readings_of_power_cost_no_quality(undisturbed, false_w):
 
 
 @pytest.mark.parametrize("compiled_code", [False, pytest.param(True, marks=fast)])
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_readings_in_a_batch_pass_as_one_by_one(seed, compiled_code):
     rng = np.random.default_rng(seed)
     times_s = np.cumsum(rng.uniform(0.05, 1.0, 200)).tolist()
