@@ -47,7 +47,7 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.check.check import check_plan
     from eadp.core.compiled import enable
     from eadp.errors import EadpError, InputError
-    from eadp.exchange.item_map import parse_items
+    from eadp.exchange.writer import parse_items
     from eadp.io import scenario as scenario_file
     from eadp.io.energy import energy_yaml, parse_energy
     from eadp.io.logs import autopilot_process
@@ -60,17 +60,16 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.io.profile.measurements import Configuration, Trace, read_measurements
     from eadp.io.profile.model_file import parse_profile, profile_yaml
     from eadp.io.text.streams import Text
-    from eadp.live.decisions import json_line
     from eadp.live.link import LinkFlight, LinkOptions
     from eadp.live.mavlink import Codec, tlog_messages
     from eadp.live.messages import WANTED
     from eadp.live.recorded import MAGICS, log_values
     from eadp.live.replanner import replan_lines
-    from eadp.live.telemetry import TelemetryLine
+    from eadp.live.telemetry import TelemetryLine, json_line
     from eadp.live.telemetry_log import ReplanLog
     from eadp.measure.csv_log import read_csv_log
-    from eadp.measure.energy_fit import fit_energy
     from eadp.measure.formats import read_power_log
+    from eadp.measure.power import fit_energy
     from eadp.measure.power_log import Columns
     from eadp.models.plan.plan import Site
     from eadp.models.plan.trace import nominal_legs

@@ -67,9 +67,8 @@ from eadp.simulation.inner_loop import InnerLoop
 from eadp.simulation.loop import Outcome, fly
 from eadp.sweep.engines import Make
 from eadp.sweep.pool import PoolEngine
-from eadp.sweep.registry import SerialEngine
 from eadp.sweep.results import Results
-from eadp.sweep.run import FlyRun, make_runs
+from eadp.sweep.run import FlyRun, SerialEngine, make_runs
 from eadp.sweep.runs import Result, Run
 from eadp.sweep.sweep_file import Sweep, load_run, read_sweep
 

@@ -8,7 +8,7 @@ import math
 import os
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -24,12 +24,64 @@ from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.json import AnyTable, frame, html_table
 from eadp.io.text.streams import read_text
 from eadp.simulation.loop import Outcome, fly
-from eadp.sweep.engines import EngineOptions
-from eadp.sweep.registry import open_engine
+from eadp.sweep.dask import DaskEngine
+from eadp.sweep.engines import EngineOptions, Make
+from eadp.sweep.pool import PoolEngine
 from eadp.sweep.results import COLUMNS, Results
 from eadp.sweep.runs import Engine, Result, Run, interleaved
 from eadp.sweep.statistics import SweepFlight, totals
 from eadp.sweep.sweep_file import Sweep, load_run, read_sweep
+
+
+class SerialEngine:
+    """Runs made in this process, one at a time."""
+
+    workers = 1
+
+    def __init__(self, make: Make) -> None:
+        self._make = make
+        self._runs: deque[Run] = deque()
+
+    @classmethod
+    def chosen(cls, make: Make, options: EngineOptions) -> SerialEngine:
+        """The engine; any options will do."""
+        return cls(make)
+
+    @property
+    def room(self) -> int:
+        """The number of runs that it takes now."""
+        return 1 - len(self._runs)
+
+    @property
+    def busy(self) -> int:
+        """The number of runs taken and not given back."""
+        return len(self._runs)
+
+    def submit(self, run: Run) -> None:
+        """Take a run."""
+        self._runs.append(run)
+
+    def finished(self) -> list[tuple[Run, Result | None]]:
+        """Make the run."""
+        run = self._runs.popleft()
+        return [(run, self._make(run))]
+
+    def close(self) -> None:
+        """Nothing is left to close."""
+
+
+ENGINES: dict[str, Callable[[Make, EngineOptions], Engine | None]] = {
+    "dask": DaskEngine.chosen,
+    "pool": PoolEngine.chosen,
+    "serial": SerialEngine.chosen,
+}
+"""Engines by name, in the order in which they are asked; each is None where the options are not for it."""
+
+
+def open_engine(make: Make, options: EngineOptions) -> Engine:
+    """The first engine that the options are for."""
+    return next(engine for choose in ENGINES.values() if (engine := choose(make, options)) is not None)
+
 
 DIED = "the process that made it died, alone and twice (out of memory?)"
 COLLECTED_AFTER = 100_000

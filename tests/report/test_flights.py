@@ -10,8 +10,7 @@ from common import ROOT, without_figures
 from common.answers import refused
 
 from eadp import simulate
-from eadp.report.flights import comparison, draw_flights, table_text
-from eadp.report.report import read_flights
+from eadp.report.report import comparison, draw_flights, read_flights, table_text
 
 PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
 
