@@ -352,7 +352,7 @@ def results(data: bytes) -> None:
     with closing(Results(str(SCRATCH))) as own:
         own.expect([run.key])
         if own.missing():
-            own.store([(each, Result(None, "no", 1.0)) for each in own.claim([run])[0]])
+            own.store([(each, Result(None, "no", 1.0)) for each in own.unmade([run])])
             assert not own.missing(), "a stored result is missing"
         assert len(list(own.rows())) == 1
 
