@@ -18,13 +18,10 @@ from eadp.io.flight import (
     flight_facts,
     flown_coverage,
     flown_of_plan,
-    label_of,
     percent_text,
     reserve_text,
     setting_text,
     time_text,
-    times_text,
-    value_of,
 )
 from eadp.io.page import REPORT, Decisions, Series, Steps, page_html, significant
 from eadp.io.scenario import Scenario
@@ -486,22 +483,15 @@ def _polyline(legs: Sequence[Leg], parts: int) -> list[float]:
     return [value for point, _ in itertools.groupby(rounded) for value in point]
 
 
-SHOWN = 3
-"""Most changes that are named one by one."""
-
-
 def flight_words(
     summary: Mapping[str, Any], decisions: Sequence[Mapping[str, Any]], faults: Sequence[BatteryFault]
 ) -> list[str]:
-    """Sentences on a flight: how it ended, its charge, what was forecast, what decided, what it cost."""
+    """Sentences on a flight: how it ended, its charge, what was forecast, and a return; `flight_facts` has the rest."""
     return [
         _end(summary),
         *_charge(summary, faults),
         *_forecast(summary),
-        *_changes(summary, decisions),
         *_turned_back(decisions),
-        *_quality(summary),
-        *_coverage(summary),
     ]
 
 
@@ -555,32 +545,6 @@ def _difference(value: float, digits: int) -> str:
     return f"{round(value, digits) + 0.0:+.{digits}f}".replace("-", "−")
 
 
-def _changes(summary: Mapping[str, Any], decisions: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What the planner decided: how often, what changed and when, and what was never feasible."""
-    planner, parameters = summary["planner"], summary["parameters"]
-    changed = {name: values for name, values in parameters.items() if values["changes"]}
-    if not parameters:
-        return ["The plan has no parameters to choose."]
-    if not changed:
-        return [f"Planner {planner} kept all parameters{_often(decisions)}."]
-    parts = [
-        f"{label_of(name, values)} {times_text(values['changes'])}, from {value_of(values, 'first')} to "
-        f"{value_of(values, 'last')}"
-        for name, values in changed.items()
-    ]
-    words = [f"Planner {planner} changed {', and '.join(parts)}{_often(decisions)}."]
-    named = [row for row in decisions if row["reason"] not in ("", "kept") and "→" in row["reason"]]
-    for row in named[:SHOWN]:
-        words.append(f"At {row['time_s']:g} s it decided: {row['reason']}.")
-    if len(named) > SHOWN:
-        more = len(named) - SHOWN
-        words.append(f"{more} more decision{'s' if more > 1 else ''} changed parameters.")
-    infeasible = sum(row["status"] == INFEASIBLE for row in decisions)
-    if infeasible:
-        words.append(f"Nothing was feasible in {infeasible} of {len(decisions)} re-plannings.")
-    return words
-
-
 def _turned_back(decisions: Sequence[Mapping[str, Any]]) -> list[str]:
     """The decision to fly home, if there was one."""
     return [
@@ -588,20 +552,3 @@ def _turned_back(decisions: Sequence[Mapping[str, Any]]) -> list[str]:
         for row in decisions
         if str(row["reason"]).startswith(TURNS_BACK)
     ]
-
-
-def _often(decisions: Sequence[Mapping[str, Any]]) -> str:
-    return f" in {len(decisions)} re-plannings" if decisions else ""
-
-
-def _quality(summary: Mapping[str, Any]) -> list[str]:
-    if summary["quality"] is None:
-        return []
-    parameters = summary["parameters"].items()
-    means = ", ".join(f"{label_of(name, values)} {value_of(values, 'mean')}" for name, values in parameters)
-    return [f"The quality U was {summary['quality']:.3f} of 1, at mean parameters {means}."]
-
-
-def _coverage(summary: Mapping[str, Any]) -> list[str]:
-    share = summary["coverage"]
-    return [] if share is None else [f"Its lines covered {percent_text(share)} of the field."]

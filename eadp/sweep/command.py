@@ -25,7 +25,7 @@ from eadp.io.scenario import read_overrides
 from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import output_file, read_text, write_text
-from eadp.sweep.page import write_page, write_table_figure
+from eadp.sweep.page import write_page
 from eadp.sweep.results import COLUMNS, Results
 from eadp.sweep.run import missing_runs
 from eadp.sweep.runs import Result
@@ -90,9 +90,6 @@ class SweepOutputs:
     )
     """The table's figure."""
 
-    plot: Annotated[str | None, Flag(metavar="FILE")] = None
-    """The table as a heat map, .svg or .png."""
-
     require: Literal["completed", "reserve"] | None = None
     """Exit 1 unless every flight completes; or keeps the reserve, too."""
 
@@ -148,7 +145,7 @@ def command(
         if output.format == "jsonl" and table is None:
             print_summaries(sweep, results)
     if table is not None:
-        print_table(sweep, flights, table, output.value, output.format, output.plot)
+        print_table(sweep, flights, table, output.value, output.format)
     elif output.format == "csv":
         print_csv(sweep, flights)
     elif output.format == "text":
@@ -169,17 +166,13 @@ def command(
 
 
 def _check_options(options: SweepOptions, output: SweepOutputs) -> None:
-    scheduler, plot = options.scheduler, output.plot
+    scheduler = options.scheduler
     if options.out == "-":
         raise usage_fault("--out", "-", "results cannot go to standard output", "a file; --format prints them")
     if scheduler is not None and options.jobs is not None:
         raise usage_fault("--jobs", str(options.jobs), "a scheduler has its own workers", "--jobs or --scheduler")
     if scheduler is not None and not re.match(r"[a-z]+://.", scheduler):
         raise usage_fault("--scheduler", scheduler, f"{printable(scheduler)} is no address", "as in tcp://host:8786")
-    if plot is not None and output.table is None:
-        raise usage_fault("--plot", plot, "a picture of no table", "--table KEY1 KEY2 too")
-    if plot is not None and os.path.splitext(plot)[1].lower() not in (".svg", ".png"):
-        raise usage_fault("--plot", plot, "is no picture's name", "a name that ends in .svg or .png")
 
 
 def _check_table(table: tuple[str, str] | None, sweep: Sweep) -> None:
@@ -429,12 +422,10 @@ def _marginal_lines(key: str, groups: Sequence[Group]) -> list[str]:
 
 
 def print_table(
-    sweep: Sweep, all_flights: Sequence[SweepFlight], keys: tuple[str, str], value: str, format_: str, plot: str | None
+    sweep: Sweep, all_flights: Sequence[SweepFlight], keys: tuple[str, str], value: str, format_: str
 ) -> None:
-    """Print means by two keys, and draw them."""
+    """Print means by two keys."""
     means = table(all_flights, keys, value, {key: sweep.design.listed(key) for key in keys})
-    if plot is not None:
-        write_table_figure(plot, means)
     if format_ == "text":
         emit("\n".join(_table_lines(means)))
         return

@@ -207,19 +207,16 @@ def test_the_answer_for_people(eadp, folder):
     assert lines["11"] == ["0"], "a value without a flight"
 
 
-def test_a_table_and_its_picture(eadp, folder):
+def test_a_table(eadp, folder):
     results = folder / "results.db"
     common = ("sweep", folder / "sweep.yaml", "--jobs", 1, "-o", results)
     options = ("--table", "wind.speed_mps", "wind.towards_deg", "--value", "duration_s")
-    answer = eadp(*common, *options, "--plot", folder / "map.svg")
+    answer = eadp(*common, *options)
     title, head, *rows = answer.out.splitlines()
     assert title == "duration_s, mean; wind.speed_mps downwards, wind.towards_deg to the right"
     assert head.split() == ["90", "270"]
     means = {row.split()[0]: [float(cell) for cell in row.split()[1:]] for row in rows}
     assert means["4"] == pytest.approx([80 / 19, 80 / 11], abs=0.1)
-    assert (folder / "map.svg").read_text().startswith("<?xml")
-    eadp(*common, *options, "--plot", folder / "map.png")
-    assert (folder / "map.png").read_bytes().startswith(b"\x89PNG")
     rows = table_of(eadp(*common, "--table", "c1", "seed", "--format", "csv").out)
     assert rows[0] == {"c1": "0", "seed": "0", "completed": "1.0", "flights": "6", "not_completed": "0"}
     assert rows[2] == {"c1": "11", "seed": "0", "completed": "", "flights": "0", "not_completed": "0"}
@@ -239,7 +236,7 @@ def test_flights_that_do_not_complete_are_shown_and_in_no_mean(eadp, folder):
     assert len(fell) == 4
     assert all(float(row["energy_wh"]) > 0 and float(row["distance_m"]) > 0 for row in rows)
     keys = ("--table", "wind.speed_mps", "battery.capacity_ah", "--value", "distance_m")
-    title, _, *lines = eadp(*common, *keys, "--plot", folder / "short.svg").out.splitlines()
+    title, _, *lines = eadp(*common, *keys).out.splitlines()
     assert title.endswith("to the right; ×: flights not completed, in no mean")
     done = [float(row["distance_m"]) for row in rows if row["completed"] == "true"]
     for line in lines:
@@ -424,7 +421,7 @@ def test_a_full_disk_is_an_error_and_the_file_goes_on(eadp, folder, monkeypatch)
 
     def small(*arguments):
         connection = connect(*arguments)
-        connection.execute("PRAGMA max_page_count = 10")
+        connection.execute("PRAGMA max_page_count = 7")
         return connection
 
     connect = module._connect
@@ -447,8 +444,6 @@ def test_a_full_disk_is_an_error_and_the_file_goes_on(eadp, folder, monkeypatch)
     [
         (("--table", "c1", "c2"), ("--table:1:1: error: the sweep does not vary c2", "wind.speed_mps")),
         (("--table", "c1", "c1"), ("--table:1:1: error",)),
-        (("--plot", "map.svg"), ("--plot:1:1: error", "--table")),
-        (("--plot", "map.jpg", "--table", "c1", "seed"), ("--plot:1:1: error", ".svg or .png")),
         (("--scheduler", "host"), ("--scheduler:1:1: error: host is no address",)),
         (("--scheduler", "tcp://host:1", "--jobs", "2"), ("--jobs:1:1: error",)),
         (("--set", "c1=3"), ("--set:1:1: error: parameters.c1 is varied",)),
