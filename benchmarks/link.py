@@ -58,13 +58,12 @@ from vehicle import DETECTOR, GROUND_S, SECOND_STEPS, TELEMETRY_STEPS, Vehicle, 
 
 from eadp.api.inputs import FlightInputs, load_flight  # noqa: E402
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m  # noqa: E402
-from eadp.exchange.item_map import read_items  # noqa: E402
+from eadp.exchange.writer import read_items  # noqa: E402
 from eadp.live.link import LinkFlight, LinkOptions  # noqa: E402
 from eadp.live.mavlink import Codec  # noqa: E402
 from eadp.live.messages import WANTED  # noqa: E402
-from eadp.live.mission import PROTOCOL, Outgoing  # noqa: E402
+from eadp.live.mission import PROTOCOL, HeldMission, Mapped, Outgoing, Output, Warned  # noqa: E402  # noqa: E402
 from eadp.live.replanner import Replanner  # noqa: E402
-from eadp.live.upload import HeldMission, Mapped, Output, Warned  # noqa: E402
 from eadp.planning.base import Decision  # noqa: E402
 from eadp.planning.registry import Planner  # noqa: E402
 from eadp.planning.state.flight_state import FlightState  # noqa: E402

@@ -36,6 +36,7 @@ from pathlib import Path
 import eadp.cli  # noqa: F401 - first: its environment is one thread for linear algebra
 
 # isort: split
+from eadp.sweep.registry import SerialEngine
 from measured import options, recorded, table
 
 from eadp.core import compiled
@@ -43,7 +44,6 @@ from eadp.io.text.streams import read_text
 from eadp.sweep.dask import DaskEngine
 from eadp.sweep.engines import Make
 from eadp.sweep.pool import PoolEngine
-from eadp.sweep.registry import SerialEngine
 from eadp.sweep.results import Results
 from eadp.sweep.run import FlyRun, make_runs
 from eadp.sweep.runs import Engine, Result, Run

@@ -14,7 +14,7 @@ __version__ = "0.1.0"
 _MODULES = {
     "eadp.survey.cover": ("CoverageOptions", "CoveragePlan", "cover"),
     "eadp.exchange.export": ("ExportOptions", "export"),
-    "eadp.measure.power": ("fit_power",),
+    "eadp.measure.power": ("EnergyFit", "fit_power"),
     "eadp.measure.vehicle": ("fit_vehicle",),
     "eadp.api.flight": ("Flight",),
     "eadp.api.given": ("FlightOptions",),
@@ -31,7 +31,6 @@ _MODULES = {
     "eadp.api.vehicle": ("vehicle",),
     "eadp.errors": ("EadpError", "Infeasible", "InputError"),
     "eadp.models.energy": ("EnergyModel",),
-    "eadp.measure.energy_fit": ("EnergyFit",),
     "eadp.models.plan.plan": ("Plan",),
     "eadp.models.profile": ("Profile", "ProfileSum"),
     "eadp.sweep.statistics": ("SweepFlight",),

@@ -8,8 +8,7 @@ from eadp.errors import EadpError, Infeasible, InputError
 from eadp.exchange.export import ExportOptions, export
 from eadp.live.link import LinkOptions
 from eadp.live.replan import ReplanOptions, replan
-from eadp.measure.energy_fit import EnergyFit
-from eadp.measure.power import fit_power
+from eadp.measure.power import EnergyFit, fit_power
 from eadp.measure.vehicle import fit_vehicle
 from eadp.models.energy import EnergyModel
 from eadp.models.plan.plan import Plan

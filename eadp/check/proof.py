@@ -1,26 +1,235 @@
 """What sympy proves of a plan's triggers for every value of the parameters, where a check by value samples them.
 
 For each stage: φ at its trigger, of its own path and of the next one (0: the trigger lies on it), and whether the two
-are travelled in one direction there. A proof that takes longer, or an expression that is larger, than the limits of
-`worker` and `algebra.SIZE_LIMIT` is given up. In segments that repeat, the variables that change from lap to lap are
-symbols: what holds, holds in every lap. From one lap of theirs to the next, and between segments, nothing is proven.
+are travelled in one direction there. A proof that takes longer, or an expression that is larger, than `ANSWER_LIMIT_S`
+and `algebra.SIZE_LIMIT` is given up. In segments that repeat, the variables that change from lap to lap are symbols:
+what holds, holds in every lap. From one lap of theirs to the next, and between segments, nothing is proven.
+
+sympy knows no limit of time: a text of a hundred characters can keep it busy for hours. Only a process can be ended at
+any moment, on every platform and from every thread. Its watchdog is a timer of the system, or a thread of C, which a
+long operation on a large number does not hold up.
 
 Source: draft 002, Def. III.1; draft 003, Def. IV.1.
 """
 
 from __future__ import annotations
 
+import contextlib
+import faulthandler
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from types import TracebackType
+from typing import IO, Any
 
-from eadp.check.worker import AlgebraProcess, texts_of
-from eadp.core.expressions.algebra import SIZE_LIMIT
+from eadp.core.expressions import algebra
+from eadp.core.expressions.algebra import SIZE_LIMIT, SymbolicStage
+from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import PARAMETER, Expression, difference, substituted
-from eadp.errors import ExpressionError
+from eadp.errors import EadpError, ExpressionError, InputError
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import PointExpression, Stage
 
+ANSWER_LIMIT_S = 2.0
+"""Processor time for one answer [s]: what is proven does not depend on what else the machine does."""
+
+WAITED = 30
+"""An answer waits at most so many times its processor time; once, on a platform without a timer of that."""
+
+MEMORY_LIMIT_BYTES = 2 << 30
+"""Memory of the other process, where the platform can limit it."""
+
+_READY = "ready"
+
+
+class AlgebraProcess:
+    """A process that computes with sympy: started by the first question, ended on leaving the context.
+
+    Attributes
+    ----------
+    spent_s : float
+        Processor time of all answers [s].
+    """
+
+    def __init__(self) -> None:
+        self.spent_s = 0.0
+        self._process: subprocess.Popen[str] | None = None
+
+    def __enter__(self) -> AlgebraProcess:
+        return self
+
+    def __exit__(self, *_: type[BaseException] | BaseException | TracebackType | None) -> None:
+        self._end()
+
+    def ask(self, question: str, *arguments: Any) -> Any:
+        """The answer to one of `QUESTIONS`; None where there is none within the limits of size, time and memory.
+
+        Raises
+        ------
+        EadpError
+            If sympy cannot be imported.
+        """
+        try:
+            process = self._process or self._started()
+            _write(process.stdin, [question, ANSWER_LIMIT_S, *arguments])
+            line = _read(process.stdout)
+        except OSError:  # no process can be started, or it has ended
+            line = ""
+        if not line:
+            self._end()
+            self.spent_s += ANSWER_LIMIT_S
+            return None
+        answer, spent_s = json.loads(line)
+        self.spent_s += spent_s
+        return answer
+
+    def _started(self) -> subprocess.Popen[str]:
+        if importlib.util.find_spec("sympy") is None:
+            algebra.load_sympy()
+        if getattr(sys, "frozen", False) or not sys.executable:  # there is no interpreter to start
+            raise OSError
+        code = "from eadp.check.proof import serve; serve()"
+        self._process = process = subprocess.Popen(
+            [sys.executable, "-P", "-c", code],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(part or os.getcwd() for part in sys.path)},
+            encoding="utf-8",
+        )
+        greeting = _read(process.stdout)
+        if greeting and json.loads(greeting) != _READY:
+            self._end()
+            raise EadpError(json.loads(greeting))
+        return process
+
+    def _end(self) -> None:
+        process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            with contextlib.suppress(OSError):
+                process.communicate()
+
+
+def _write(stream: IO[str] | None, message: Any) -> None:
+    assert stream is not None
+    stream.write(json.dumps(message) + "\n")
+    stream.flush()
+
+
+def _read(stream: IO[str] | None) -> str:
+    assert stream is not None
+    return stream.readline()
+
+
+# --- the other process ------------------------------------------------------------------------------------------------
+
+
+def serve() -> None:
+    """Answer questions, one a line, until there are no more."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is for the process that asks: it ends this one
+    with contextlib.suppress(ImportError, ValueError, OSError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY_LIMIT_BYTES, MEMORY_LIMIT_BYTES))
+    try:
+        algebra.load_sympy()
+    except EadpError as error:
+        _write(sys.stdout, str(error))
+        return
+    _write(sys.stdout, _READY)
+    for line in sys.stdin:
+        question, limit_s, *arguments = json.loads(line)
+        start_s = time.process_time()
+        with _limited(limit_s):
+            try:
+                answer = QUESTIONS[question](*arguments)
+            except Exception:  # whatever sympy raises, there is no answer
+                answer = None
+        _write(sys.stdout, [answer, time.process_time() - start_s])
+
+
+@contextlib.contextmanager
+def _limited(limit_s: float) -> Iterator[None]:
+    """Within it this process ends once it has taken so much processor time [s], by a signal that nothing holds up."""
+    timed = hasattr(signal, "setitimer")
+    if timed:
+        signal.setitimer(signal.ITIMER_PROF, limit_s)
+    faulthandler.dump_traceback_later(WAITED * limit_s if timed else limit_s, exit=True)
+    yield
+    faulthandler.cancel_dump_traceback_later()
+    if timed:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+
+
+def _remainder(text: str, names: Sequence[str]) -> str | None:
+    return algebra.remainder(read_expression(text, names))
+
+
+def _same_direction(
+    here: Sequence[str],
+    there: Sequence[str],
+    names: Sequence[str],
+    sense: int,
+    ranges: Mapping[str, tuple[float, float]],
+) -> bool | None:
+    return algebra.same_direction(_stage(here, names), _stage(there, names), sense, ranges)
+
+
+def _lines(stage: Sequence[str], names: Sequence[str], index: int, style: str) -> list[str]:
+    return _stage(stage, names).lines(index, style)
+
+
+def _stage(texts: Sequence[str], names: Sequence[str]) -> SymbolicStage:
+    path, x, y = (read_expression(text, names) for text in texts)
+    return SymbolicStage.of(path, (x, y))
+
+
+QUESTIONS: Mapping[str, Callable[..., Any]] = {
+    "remainder": _remainder,
+    "same_direction": _same_direction,
+    "lines": _lines,
+}
+
+
+def texts_of(path: Expression, trigger: tuple[Expression, Expression]) -> list[str]:
+    """A stage as questions have it."""
+    return [path.text, trigger[0].text, trigger[1].text]
+
+
+def sympy_text(plan: Plan, file: str) -> str:
+    """Path functions, gradients, Hessians and triggers in sympy's syntax; raises InputError at a stage of `file`."""
+    return _expressions(plan, file, "sympy")
+
+
+def latex_text(plan: Plan, file: str) -> str:
+    """As `sympy_text`, in LaTeX."""
+    return _expressions(plan, file, "latex")
+
+
+def _expressions(plan: Plan, file: str, style: str) -> str:
+    """Every stage as sympy has it, printed by the process that may be ended."""
+    lines = []
+    with AlgebraProcess() as process:
+        for stage in plan.stages:
+            names = [q.name for q in stage.segment.variables] if stage.segment else []
+            printed = process.ask("lines", texts_of(stage.path, stage.trigger), names, stage.index, style)
+            if printed is None:
+                message = f"sympy gives no expressions of stage {stage.index}"
+                expected = f"expressions of at most {SIZE_LIMIT} parts, printed within {ANSWER_LIMIT_S:g} s"
+                raise InputError.at(file, stage.line, 1, message, expected)
+            lines += printed
+    return "\n".join(lines)
+
+
 PROOFS_LIMIT_S = 10.0
-"""Processor time for all proofs of a plan [s]; each has `worker.ANSWER_LIMIT_S`."""
+"""Processor time for all proofs of a plan [s]; each has `ANSWER_LIMIT_S`."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +264,10 @@ def prove_plan(plan: Plan) -> tuple[StageProof, ...]:
 def _proof(process: AlgebraProcess, plan: Plan, stage: Stage) -> StageProof:
     try:
         here, there = _meeting(plan, stage)
-        own = _remainder(process, here)
+        own = _off_path(process, here)
         if there is None:
             return StageProof(own)
-        return StageProof(own, _remainder(process, there[0]), _direction(process, stage, here, there))
+        return StageProof(own, _off_path(process, there[0]), _direction(process, stage, here, there))
     except ExpressionError:  # too large, once substituted
         return StageProof()
 
@@ -88,7 +297,7 @@ def _in_a_lap(stage: Stage) -> _Placed:
     )
 
 
-def _remainder(process: AlgebraProcess, placed: _Placed) -> str | None:
+def _off_path(process: AlgebraProcess, placed: _Placed) -> str | None:
     path, (x, y) = placed
     value = substituted(path, {"x": x, "y": y})
     if value.size > SIZE_LIMIT or process.spent_s > PROOFS_LIMIT_S:

@@ -19,7 +19,7 @@ _FORMATS = {
     "camera": "eadp.survey.camera_file:CameraFile",
     "sweep": "eadp.sweep.sweep_file:SweepKeys",
     "telemetry": "eadp.live.telemetry:TelemetryLine",
-    "decision": "eadp.live.decisions:DecisionLine",
+    "decision": "eadp.live.telemetry:DecisionLine",
     "summary": "eadp.api.flight_schemas:summary",
     "decisions": "eadp.api.flight_schemas:decisions",
 }

@@ -9,7 +9,7 @@ from typer import Argument, Option
 from eadp.cli.output import emit, warn
 from eadp.errors import Fault, Infeasible, printable
 from eadp.exchange.export import ExportOptions, export
-from eadp.exchange.formats import EXPORT_NAMES, ITEMS_ENDING, WITH_ITEMS
+from eadp.exchange.path import EXPORT_NAMES, ITEMS_ENDING, WITH_ITEMS
 
 
 def command(

@@ -25,13 +25,17 @@ from eadp.core.geometry.geodesy import (
     velocity_mps,
 )
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined, one_of, printable
-from eadp.exchange.autopilot import PARAMETER_FILES, stated_parameters, wanted_parameters
-from eadp.exchange.formats import ENDINGS, FENCE_ENDING, ITEMS_ENDING, WITH_ITEMS
-from eadp.exchange.item_map import items_text, mapped_items
+from eadp.exchange.autopilot import (
+    ENDS_REQUIRED,
+    PARAMETER_FILES,
+    check_landing,
+    lacking_ends,
+    stated_parameters,
+    wanted_parameters,
+)
 from eadp.exchange.items import LAND_START, MissionItem
-from eadp.exchange.path import PlannedPath, planned_sections
-from eadp.exchange.rules import ENDS_REQUIRED, check_landing, lacking_ends
-from eadp.exchange.writer import EXPORTS, FENCED, files_beside, mission_items, writer_of
+from eadp.exchange.path import ENDINGS, FENCE_ENDING, ITEMS_ENDING, WITH_ITEMS, PlannedPath, planned_sections
+from eadp.exchange.writer import EXPORTS, FENCED, files_beside, items_text, mapped_items, mission_items, writer_of
 from eadp.io.plan.writer import parameters_of
 from eadp.io.scenario import override_texts, read_overrides, read_scenario
 from eadp.io.text.options import Flag

@@ -9,9 +9,9 @@ from typer import Argument
 
 from eadp.api.given import FlightOptions
 from eadp.cli.output import warn
-from eadp.live.decisions import json_line
 from eadp.live.link import LinkOptions
 from eadp.live.replan import ReplanOptions, replan
+from eadp.live.telemetry import json_line
 
 
 def command(

@@ -17,9 +17,8 @@ import numpy as np
 
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, printable
-from eadp.live.acquisition import Acquisition, InitialClimb
 from eadp.live.gate import BY_HAND_S, FAR, SLACK_M, SPEED_FACTOR, Departure, Notice
-from eadp.live.locator import path_mismatch
+from eadp.live.locator import Acquisition, InitialClimb, path_mismatch
 from eadp.live.tracker import Messages, PlanTracker
 from eadp.models.autopilot import Autopilot
 from eadp.models.plan.cursor import Vector

@@ -7,15 +7,12 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from eadp.core.geometry.curves import Point
-from eadp.live.locator import ALIKE, INDEPENDENT_S, MAX_STDS, path_mismatch
+from eadp.live.locator import ALIKE, GAP_S, GAP_STEPS, INDEPENDENT_S, MAX_STDS, path_mismatch
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import MARGIN_M
 from eadp.planning.base import Sample
-
-GAP_S, GAP_STEPS = 5.0, 3.0
-"""A gap: minimum length [s], and in multiples of the step before."""
 
 MAX_GAP_S = 3600.0
 SPEED_FACTOR, SLACK_M = 3.0, 50.0

@@ -14,18 +14,16 @@ from eadp.api.inputs import FlightInputs
 from eadp.core.geometry.geodesy import to_near_local_m
 from eadp.errors import Fault, InputError
 from eadp.exchange.autopilot import read_parameters, speed_limits, stated_parameters, wanted_parameters
-from eadp.exchange.item_map import MappedItem, items_text, parse_items, read_items, same_items
+from eadp.exchange.writer import MappedItem, items_text, parse_items, read_items, same_items
 from eadp.io.text.options import Flag
 from eadp.live.autopilot import CRITICAL, NOTICE, HeardAutopilot, Pilot
-from eadp.live.lines import LINE_S, LineMaker
 from eadp.live.mavlink import COMPONENT, SHARE, Link, Message, Throttle, read_key, require_pymavlink, tlog_messages
-from eadp.live.messages import TIMED, WANTED, ParameterCheck, values_of
-from eadp.live.mission import PROTOCOL, Outgoing
+from eadp.live.messages import LINE_S, TIMED, WANTED, LineMaker, ParameterCheck, values_of
+from eadp.live.mission import PROTOCOL, HeldMission, Holds, Mapped, Noted, Outgoing, Output, Warned
 from eadp.live.recorded import MISSION, TLOG, form_of, log_values
 from eadp.live.replanner import Emit, Replanner, Warn
 from eadp.live.telemetry import numbered_lines, open_telemetry
 from eadp.live.telemetry_log import START, TELEMETRY, ReplanLog
-from eadp.live.upload import HeldMission, Holds, Mapped, Noted, Output, Warned
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import RETURN

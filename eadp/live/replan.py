@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from eadp.api.given import File, FlightOptions, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
 from eadp.errors import Fault, InputError
-from eadp.exchange.item_map import read_items
+from eadp.exchange.writer import read_items
 from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.options import Flag
 from eadp.live.link import LinkOptions, fly, replay_flight

@@ -12,10 +12,9 @@ from typing import Any, BinaryIO
 from eadp.api.inputs import FlightInputs
 from eadp.errors import Fault, InputError, printable
 from eadp.io.text.streams import output_file, write_text
-from eadp.live.decisions import decision_line, json_line
 from eadp.live.flight import UNDECIDED, Advice, LiveFlight
 from eadp.live.gate import Notice, OutlierGate
-from eadp.live.telemetry import Reading, TelemetryReader, numbered_lines, open_telemetry
+from eadp.live.telemetry import Reading, TelemetryReader, decision_line, json_line, numbered_lines, open_telemetry
 from eadp.live.telemetry_log import ReplanLog
 from eadp.models.plan.route import PlannedLegs
 from eadp.models.plan.stage import Parameter

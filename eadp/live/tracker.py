@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, printable
-from eadp.live.acquisition import Acquisition
-from eadp.live.gate import GAP_S, GAP_STEPS, AppliedParameters, Continuation, Notice, is_certain
-from eadp.live.locator import Hypothesis, Locator
+from eadp.live.gate import AppliedParameters, Continuation, Notice, is_certain
+from eadp.live.locator import GAP_S, GAP_STEPS, Acquisition, Hypothesis, Locator
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.planning.base import Mission, Observation, Sample

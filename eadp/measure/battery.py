@@ -16,8 +16,8 @@ from eadp.core.flight.battery import interpolated
 from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.text.options import Flag, check_range
 from eadp.measure.formats import read_power_log
+from eadp.measure.noise import regressed
 from eadp.measure.power_log import Columns
-from eadp.measure.robust import regressed
 from eadp.models.battery import cell_v
 
 NO_CHARGE, RESTING = 0.01, 0.05

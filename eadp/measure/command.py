@@ -108,7 +108,7 @@ def _write_pictures(fit: LogFit, options: FitOptions, out: FitOutputs) -> None:
     from eadp.io.figures.canvas import check_figure_name
     from eadp.io.text.streams import write_text
     from eadp.measure import figures
-    from eadp.measure.energy_fit import filtered
+    from eadp.measure.power import filtered
 
     for name in (out.plot, out.spectrum, *(name for name in (out.filter_, options.track) if not _is_table(name))):
         if name:

@@ -20,7 +20,7 @@ from eadp.io.figures.canvas import (
     write_headline,
     write_none,
 )
-from eadp.measure.energy_fit import EnergyFit, FilteredLog, FlownTrack
+from eadp.measure.power import EnergyFit, FilteredLog, FlownTrack
 from eadp.measure.spectrum import amplitudes, periodogram
 
 POINTS = 4000

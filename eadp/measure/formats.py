@@ -1,23 +1,342 @@
-"""The list of log formats, and the reader of a power log in any of them."""
+"""Power logs in any format: the battery and the motion in logs of autopilots, and the list of formats."""
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from pathlib import Path
+from typing import Any
 
-from eadp.errors import InputError
-from eadp.io.logs.tables import read_tables
+import numpy as np
+from numpy.typing import NDArray
+
+from eadp.core.arrays import FloatArray
+from eadp.core.flight.guidance import SEA_LEVEL_KGPM3, air_density_kgpm3, calibrated_share
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.geodesy import to_local_m
+from eadp.errors import Fault, InputError, printable
+from eadp.io.logs.tables import Tables, at_times, check_readable, read_tables
 from eadp.io.text.kinds import is_tlog
 from eadp.io.text.streams import Text, read_text
-from eadp.measure.autopilot_log import DATAFLASH_TOPICS, MOTION_TOPICS, ULOG_TOPICS, battery_log
 from eadp.measure.csv_log import read_csv_log
-from eadp.measure.power_log import Columns, PowerLog
-from eadp.measure.tlog import tlog_tables
-from eadp.plug_ins import plug_ins
+from eadp.measure.power_log import (
+    AIRSPEED,
+    BANK,
+    CLIMB,
+    DENSITY,
+    LARGEST_W,
+    Columns,
+    LogReadings,
+    PowerLog,
+    in_order,
+    rows_text,
+)
+from eadp.plug_ins import plug_in, plug_ins
+
+# names changed from version to version: the first that has readings is taken
+_VOLTAGE = ("voltage_v", "voltage_filtered_v", "Volt")
+_CURRENT = ("current_a", "current_filtered_a", "Curr")
+_TIME_US = ("timestamp", "TimeUS")
+_TIME_MS = ("TimeMS",)
+ULOG_TOPICS = ("battery_status", "vehicle_local_position")
+DATAFLASH_TOPICS = ("BAT", "BAT2", "CURR", "CUR2", "POS", "GPS")
+_USED = ("discharged_mah", "CurrTot")
+PARAMETERS, LARGEST_MAH = "parameters", 1e6
+"""The topic of the parameters; no battery holds so much."""
+_INSTANCE = ("Instance", "Inst", "I")
+
+
+def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
+    """The power log of one battery, voltage times current, with positions if there are any; raises InputError."""
+    if columns.power:
+        raise InputError.at("--power", 1, 1, "an autopilot's log has no such columns", "none of it", columns.power)
+    if columns.also:
+        raise InputError.at(name, 1, 1, f"an autopilot's log has no column {columns.also[0]}", "a CSV file")
+    time_us, factors, notes = battery_table(name, tables, columns.instance, columns.voltage, columns.current)
+    position_m = _position_m(name, tables, time_us, columns.origin_deg)
+    warnings = [Fault(name, 1, 1, note, severity="warning") for note in notes]
+    counts: dict[str, int | float] = {"rows": len(time_us)}
+    known = _is_known(factors) & (factors[:, 0] > 0) & (np.abs(factors) <= LARGEST_W).all(axis=1)
+    if len(factors) and not (known & (factors[:, 1] != 0)).any():
+        raise InputError.at(name, 1, 1, "no current is measured: it is -1 or 0 throughout", "a log of a power module")
+    if unknown := int(np.count_nonzero(~known)):
+        counts["unknown"] = unknown
+        message = f"{rows_text(unknown)} with an unknown voltage (0 or -1) or current (-1) left out"
+        warnings.append(Fault(name, 1, 1, message, severity="warning"))
+    motion = autopilot_motion(tables, time_us) if columns.motion else {}
+    others = np.stack([*(() if position_m is None else position_m.T), *motion.values(), time_us], axis=1)[:, :-1]
+    readings = LogReadings(time_us, factors, others, np.ones(len(time_us), dtype=np.int64)).at(known)
+    log = in_order(name, readings, 1e6, warnings, counts, position=position_m is not None, also=tuple(motion))
+    return replace(log, battery=_of_battery(tables, columns.instance))
+
+
+def _of_battery(tables: Tables, instance: int | None) -> dict[str, float]:
+    """The capacity among the parameters, and the charge used before the first reading [Ah]."""
+    found = {}
+    capacity_mah = tables.columns.get(PARAMETERS, {}).get("capacity_mah")
+    if capacity_mah is not None and len(capacity_mah) and capacity_mah[-1] > 0:
+        found["capacity_ah"] = float(capacity_mah[-1]) / 1e3
+    batteries = dict(_batteries(tables))
+    table = batteries.get(min(batteries) if instance is None else instance, {})
+    used_mah = next((table[label] for label in _USED if label in table), None)
+    if used_mah is not None and len(used_mah) and 0 < used_mah[0] < LARGEST_MAH:
+        found["used_ah"] = float(used_mah[0]) / 1e3
+    return found
+
+
+def battery_table(
+    name: str, tables: Tables, instance: int | None = None, voltage: str = "", current: str = ""
+) -> tuple[FloatArray, FloatArray, list[str]]:
+    """The readings of one battery.
+
+    Parameters
+    ----------
+    name : str
+        The file, for messages.
+    tables : Tables
+        The log's messages of `ULOG_TOPICS` or `DATAFLASH_TOPICS`.
+    instance : int, optional
+        Which battery. Default: the one with the most readings of a voltage and a current, the first of equals.
+    voltage, current : str
+        Fields to read; default: those of the names known.
+
+    Returns
+    -------
+    time_us : array, shape (n,)
+    readings : array, shape (n, 2)
+        Voltage [V] and current [A] as logged, with unknown readings.
+    notes : list of str
+        Comments on how it was read.
+
+    Raises
+    ------
+    InputError
+        If there is no battery, none of that instance, or no such field.
+    """
+    batteries = dict(_batteries(tables))
+    if not batteries:
+        raise InputError.at(name, 1, 1, "no messages of a battery", "battery_status, BAT or CURR")
+    if instance is not None and instance not in batteries:
+        known = ", ".join(map(str, sorted(batteries)))
+        raise InputError.at("--instance", 1, 1, f"no battery {instance} in {printable(name)}", known, str(instance))
+    found = {
+        number: np.stack(
+            [
+                _column(name, "--voltage", table, voltage, _VOLTAGE),
+                _column(name, "--current", table, current, _CURRENT),
+            ],
+            axis=1,
+        )
+        for number, table in sorted(batteries.items())
+        if instance in (None, number)
+    }
+    number = max(found, key=lambda key: (np.count_nonzero(_is_known(found[key])), -key))
+    notes = []
+    if instance is None and len(batteries) > 1:
+        others = ", ".join(str(other) for other in sorted(batteries) if other != number)
+        notes.append(f"battery {number} of several is read; --instance takes another: {others}")
+    return _time_us(name, batteries[number]), found[number], [*notes, *tables.notes]
+
+
+def _batteries(tables: Tables) -> Iterator[tuple[int, dict[str, FloatArray]]]:
+    """Each battery's number and columns."""
+    modern = any(kind == "BAT" for kind in tables.columns)
+    for kind, table in tables.columns.items():
+        if kind.startswith("battery_status "):
+            yield int(kind.split(" ")[1]), table
+        elif kind in ("BAT", "BAT2") or (kind in ("CURR", "CUR2") and not modern):
+            column = next((table[label] for label in _INSTANCE if label in table), None)
+            numbers = np.zeros(len(next(iter(table.values()), ())))
+            numbers = numbers + (kind[-1] == "2") if column is None else column
+            for number in np.unique(numbers[np.isfinite(numbers)]).tolist():
+                yield int(number), {label: values[numbers == number] for label, values in table.items()}
+
+
+def _column(name: str, option: str, table: dict[str, FloatArray], asked: str, names: tuple[str, ...]) -> FloatArray:
+    """The field `asked` for, or the first known one with a reading."""
+    if asked:
+        if asked not in table:
+            known = ", ".join(printable(label, 40) for label in list(table)[:20])
+            raise InputError.at(option, 1, 1, f"no field {printable(asked, 80)}", f"one of {known}", asked)
+        return table[asked]
+    there = [table[label] for label in names if label in table]
+    if not there:
+        raise InputError.at(name, 1, 1, f"the battery has no {option.strip('-')}", " or ".join(names))
+    return next((values for values in there if np.any(np.isfinite(values) & (values != 0) & (values != -1))), there[0])
+
+
+def _is_known(readings: FloatArray) -> NDArray[np.bool_]:
+    """Rows whose values are all known: autopilots write −1 for unknown, and 0 for a voltage. 0 A is a motor at rest."""
+    known: NDArray[np.bool_] = (np.isfinite(readings) & (readings != -1)).all(axis=1) & (readings[:, 0] != 0)
+    return known
+
+
+def _time_us(name: str, table: dict[str, FloatArray]) -> FloatArray:
+    for labels, factor in ((_TIME_US, 1.0), (_TIME_MS, 1e3)):
+        for label in labels:
+            if label in table:
+                return table[label] * factor
+    raise InputError.at(name, 1, 1, "messages of the battery have no time", "timestamp, TimeUS or TimeMS")
+
+
+def _position_m(name: str, tables: Tables, time_us: FloatArray, origin_deg: Point | None) -> FloatArray | None:
+    """x, east, and y, north, at the battery's times."""
+    for kind, table in tables.columns.items():
+        if kind.startswith("vehicle_local_position ") and {"x", "y"} <= set(table) and len(table["x"]):
+            return _at(_time_us(name, table), np.stack([table["y"], table["x"]], axis=1), time_us)
+    for kind in ("POS", "GPS"):
+        table = tables.columns.get(kind, {})
+        longitude = next((table[label] for label in ("Lng", "Lon") if label in table), None)
+        if longitude is None or "Lat" not in table or not any(label in table for label in _TIME_US + _TIME_MS):
+            continue
+        degrees = np.stack([table["Lat"], longitude], axis=1)
+        fixed = (np.abs(degrees) <= (90, 180)).all(axis=1) & (degrees != 0).any(axis=1)
+        if not np.any(fixed):
+            continue
+        origin = origin_deg or (float(degrees[fixed][0, 0]), float(degrees[fixed][0, 1]))
+        metres = np.array([to_local_m(float(lat), float(lon), origin) for lat, lon in degrees[fixed]])
+        return _at(_time_us(name, table)[fixed], metres, time_us)
+    return None
+
+
+def _at(known_us: FloatArray, position_m: FloatArray, time_us: FloatArray) -> FloatArray:
+    return np.stack([at_times(known_us, column, time_us) for column in position_m.T], axis=1)
+
+
+_TRUE = (("airspeed_validated", "true_airspeed_m_s"), ("airspeed", "true_airspeed_m_s"))
+_CALIBRATED = (
+    ("airspeed_validated", "calibrated_airspeed_m_s"),
+    ("airspeed", "indicated_airspeed_m_s"),
+    ("ARSP", "Airspeed"),
+    ("CTUN", "As"),
+    ("VFR_HUD", "airspeed"),
+)
+_TRUE_OVER_CALIBRATED = (("CTUN", "E2T"),)
+_HEIGHTS = (("vehicle_global_position", "alt"), ("POS", "Alt"), ("GPS", "Alt"))
+"""Above the sea [m]."""
+_CLIMBS = (
+    ("vehicle_local_position", "vz", -1.0),
+    ("XKF1", "VD", -1.0),
+    ("NKF1", "VD", -1.0),
+    ("BARO", "CRt", 1.0),
+    ("GPS", "VZ", -1.0),
+)
+"""Topics and fields, the first that a log has is taken; −1 turns down into up."""
+
+_OF_THE_AIR = (*_TRUE, *_CALIBRATED, *_TRUE_OVER_CALIBRATED, *_HEIGHTS)
+MOTION_TOPICS = ("vehicle_attitude", "ATT", *dict.fromkeys(topic for topic, *_ in (*_OF_THE_AIR, *_CLIMBS)))
+
+
+def autopilot_motion(tables: Tables, time_us: FloatArray) -> dict[str, FloatArray]:
+    """Columns of the motion that a log has, by their names; NaN before its first message and after its last.
+
+    Parameters
+    ----------
+    tables : Tables
+        Messages of `MOTION_TOPICS`.
+    time_us : array, shape (n,)
+        Times [µs].
+    """
+    found = _air(tables, time_us)
+    attitude = _table(tables, "vehicle_attitude", "q[3]")
+    if attitude:
+        w, x, y, z = (attitude[f"q[{i}]"] for i in range(4))
+        # roll of a quaternion, body to earth
+        found[BANK] = at_times(attitude["time_us"], np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), time_us)
+    elif table := _table(tables, "ATT", "Roll"):
+        found[BANK] = at_times(table["time_us"], np.radians(table["Roll"]), time_us)
+    for topic, label, sign in _CLIMBS:
+        if table := _table(tables, topic, label):
+            found[CLIMB] = at_times(table["time_us"], sign * table[label], time_us)
+            break
+    return found
+
+
+def _air(tables: Tables, time_us: FloatArray) -> dict[str, FloatArray]:
+    """True airspeed and density of the air, by which a calibrated airspeed becomes true; without a density it is."""
+
+    def first(fields: tuple[tuple[str, str], ...]) -> FloatArray | None:
+        for topic, label in fields:
+            table = _table(tables, topic, label)
+            if table and (table[label] > 0).any():
+                return at_times(table["time_us"], table[label], time_us)
+        return None
+
+    true, calibrated, ratio, height_m = map(first, (_TRUE, _CALIBRATED, _TRUE_OVER_CALIBRATED, _HEIGHTS))
+    share = None  # calibrated over true
+    if ratio is not None:
+        share = 1 / np.maximum(ratio, 0.1)
+    elif true is not None and calibrated is not None:
+        share = np.where(true > 1.0, calibrated / np.maximum(true, 1.0), np.nan)
+    elif height_m is not None:
+        share = calibrated_share(air_density_kgpm3(height_m))
+    if true is None and calibrated is not None:
+        true = calibrated if share is None else calibrated / share
+    found = {} if true is None else {AIRSPEED: true}
+    # ρ = ρ0 (V_c/V)²
+    return found if share is None else found | {DENSITY: SEA_LEVEL_KGPM3 * share**2}
+
+
+def _table(tables: Tables, topic: str, label: str) -> dict[str, FloatArray]:
+    """A topic's first instance that has a field; empty if there is none."""
+    for name, table in tables.columns.items():
+        times = [time for time in ("timestamp", "TimeUS") if time in table]
+        if name.split(" ")[0] == topic and label in table and times and len(table[label]) > 1:
+            instances = next((table[key] for key in ("C", "I", "Instance") if key in table), None)
+            first = slice(None) if instances is None else instances == instances[0]
+            return {"time_us": table[times[0]][first]} | {key: values[first] for key, values in table.items()}
+    return {}
+
+
+_CLOCKS = ("ATTITUDE", "GLOBAL_POSITION_INT", "SYSTEM_TIME")
+"""Messages with the autopilot's time, which those of the battery do not have."""
+_WANTED = frozenset((*_CLOCKS, "SYS_STATUS", "BATTERY_STATUS", "VFR_HUD"))
+
+
+def tlog_tables(path: str) -> Tables:
+    """The messages of a telemetry log by the topics and names that autopilots' logs have; raises InputError."""
+    check_readable(path, path, "pymavlink", "a telemetry log")
+    rows: dict[str, list[dict[str, float]]] = {}
+    time_us, system = math.nan, None
+    for message in plug_in("message_readers", "tlog")(Path(path).read_bytes(), _WANTED):
+        fields = message.fields
+        if message.kind == "SYS_STATUS" and system is None:
+            system = message.system  # that of the first vehicle with a battery
+        if system not in (None, message.system):
+            continue
+        if message.kind in _CLOCKS:
+            time_us = fields["time_boot_ms"] * 1e3
+        for topic, row in _rows(message.kind, fields) if math.isfinite(time_us) else ():
+            rows.setdefault(topic, []).append({"timestamp": time_us, "TimeUS": time_us, **row})
+    columns = {
+        topic: {name: np.array([row[name] for row in found]) for name in found[0]} for topic, found in rows.items()
+    }
+    return Tables(columns)
+
+
+def _rows(kind: str, fields: Any) -> Iterator[tuple[str, dict[str, float]]]:
+    """What a message says, as rows of topics of autopilots' logs; −1 and 0 are unknown there, too."""
+    if kind == "SYS_STATUS":
+        amps = fields["current_battery"]
+        volts = fields["voltage_battery"] % 65535  # 65535 is unknown
+        yield "battery_status 0", {"voltage_v": volts / 1e3, "current_a": -1.0 if amps < 0 else amps / 100}
+    elif kind == "BATTERY_STATUS" and fields["id"] > 0:
+        volts, amps = sum(cell for cell in fields["voltages"] if cell != 65535), fields["current_battery"]
+        row = {"voltage_v": volts / 1e3, "current_a": -1.0 if amps < 0 else amps / 100}
+        yield f"battery_status {fields['id']}", row
+    elif kind == "VFR_HUD":
+        yield "VFR_HUD", {"airspeed": fields["airspeed"]}
+        yield "BARO", {"CRt": fields["climb"]}
+    elif kind == "ATTITUDE":
+        yield "ATT", {"Roll": math.degrees(fields["roll"])}
+    elif kind == "GLOBAL_POSITION_INT" and (fields["lat"] or fields["lon"]):
+        yield "POS", {"Lat": fields["lat"] / 1e7, "Lng": fields["lon"] / 1e7, "Alt": fields["alt"] / 1e3}
+
 
 HEAD = 20_000
 """Bytes from the start of a file by which its format is recognised."""

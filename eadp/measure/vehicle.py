@@ -16,9 +16,9 @@ from eadp.io.text.streams import read_text
 from eadp.io.vehicle import SCHEMA, read_vehicle
 from eadp.measure.battery import BatteryLogFit
 from eadp.measure.formats import read_power_log
+from eadp.measure.noise import regressed
 from eadp.measure.power import FitOptions, log_part
 from eadp.measure.power_log import AIRSPEED, ALTITUDE, BANK, CLIMB, DENSITY, Columns, PowerLog
-from eadp.measure.robust import regressed
 from eadp.models.vehicle import FixedWing, PaperVehicle, PowerCurve
 
 POINTS = 5

@@ -1,4 +1,4 @@
-"""The data of a flight's page: what was flown, forecast and decided, thinned, and the plan that it was flown on."""
+"""The data of a flight's page: what was flown, forecast and decided, in words and as thinned series."""
 
 from __future__ import annotations
 
@@ -7,16 +7,26 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from eadp.api.flight import Flight, record_row
 from eadp.core.geometry.curves import LINE, Point
 from eadp.errors import EadpError
-from eadp.io.flight import flight_facts, flown_coverage, flown_of_plan, setting_text
+from eadp.io.flight import (
+    flight_facts,
+    flown_coverage,
+    flown_of_plan,
+    percent_text,
+    reserve_text,
+    setting_text,
+    time_text,
+)
 from eadp.io.page import REPORT, Decisions, Series, Steps, page_html, significant
 from eadp.io.scenario import Scenario
+from eadp.models.airspace import risk_text
+from eadp.models.battery import LIMITS, BatteryFault
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import Plan
@@ -26,8 +36,154 @@ from eadp.models.plan.trace import nominal_legs
 from eadp.models.weather import Wind
 from eadp.models.world import World
 from eadp.planning.base import FALLBACK, INFEASIBLE, TIME, TURNS_BACK
-from eadp.report.series import changes, evenly, of_errors
-from eadp.report.words import flight_words
+
+ERRORS = dict.fromkeys(("x", "y"), 0.3) | dict.fromkeys(("lat", "lon"), 1e-5) | {"m": 0.5}
+ERRORS |= {"heading": 0.05, "soc": 5e-4, "ah": 1e-3}
+"""Errors of thinned positions [m] and [°], altitudes [m], headings [rad], charges and charges drawn [Ah]."""
+
+POWER_SHARE, MIN_POWER_W = 1 / 400, 0.01
+"""Error of thinned powers, as a share of their range, and at least [W]."""
+
+MAX_SAMPLES = 10_000
+"""Most samples of a series: one that needs more is reduced to the extremes of equal intervals."""
+
+Values = Sequence[float | None]
+
+
+def kept_samples(times_s: Sequence[float], columns: Sequence[Values], errors: Sequence[float]) -> list[int] | None:
+    """Indices of samples between which linear interpolation gives all others, each column within its error.
+
+    Parameters
+    ----------
+    times_s : sequence of float, length n
+        Ascending.
+    columns : sequence of sequences of float or None, each of length n
+        Of samples in a row of which some value is missing, the first and the last are kept.
+    errors : sequence of float
+        Above 0, one for each column.
+
+    Returns
+    -------
+    list of int
+        In order; the first and the last sample are kept. None if they are more than `MAX_SAMPLES`.
+
+    Source: the swinging door of E. H. Bristol (1990), with every end on a sample.
+    """
+    count, anchor, indices = len(times_s), 0, [0] if times_s else []
+    gap = _gaps(columns)
+    while anchor < count - 1:
+        if gap[anchor]:
+            after = next((i for i in range(anchor + 1, count) if not gap[i]), count)
+            end = max(anchor + 1, after - 1)
+        else:
+            end = _farthest(times_s, columns, errors, anchor, gap)
+        indices.append(end)
+        if len(indices) > MAX_SAMPLES:
+            return None
+        anchor = end
+    return indices
+
+
+def _gaps(columns: Sequence[Values]) -> list[bool]:
+    """Where the value of a column is missing."""
+    return [None in values for values in zip(*columns, strict=True)]
+
+
+def _farthest(
+    times_s: Sequence[float], columns: Sequence[Values], errors: Sequence[float], anchor: int, gap: Sequence[bool]
+) -> int:
+    """The last sample in a row that a straight line from `anchor` reaches within the errors of those between."""
+    start_s = times_s[anchor]
+    known = [cast(Sequence[float], column) for column in columns]
+    lows, highs = [-math.inf] * len(known), [math.inf] * len(known)
+    for i in range(anchor + 1, len(times_s)):
+        after_s = times_s[i] - start_s
+        if gap[i] or after_s <= 0:
+            return max(anchor + 1, i - 1)
+        for k, (column, error) in enumerate(zip(known, errors, strict=True)):
+            rise = column[i] - column[anchor]
+            if not lows[k] <= rise / after_s <= highs[k]:
+                return i - 1
+            lows[k], highs[k] = max(lows[k], (rise - error) / after_s), min(highs[k], (rise + error) / after_s)
+    return len(times_s) - 1
+
+
+def thinned(times_s: Sequence[float], columns: Mapping[str, Values], errors: Mapping[str, float]) -> dict[str, Any]:
+    """Columns on fewer common times.
+
+    Returns
+    -------
+    dict
+        `t`, the columns by name, and `error`, the bound that holds for each; values are rounded within it. Where
+        `MAX_SAMPLES` are too few for the given errors, there is `extremes_s`, too: the lowest and the highest values
+        of each interval of this length are kept, and `error` is what that amounts to.
+    """
+    indices = kept_samples(times_s, [*columns.values()], [0.9 * errors[name] for name in columns])
+    extremes: dict[str, float] = {}
+    if indices is None:
+        indices, extremes["extremes_s"] = _extremes(times_s, columns)
+    series: dict[str, Any] = {"t": [round(times_s[i], 6) for i in indices]}
+    for name, values in columns.items():
+        digits = max(0, math.ceil(-math.log10(0.2 * errors[name])))
+        series[name] = [None if (value := values[i]) is None else round(value, digits) for i in indices]
+    if extremes:
+        errors = {name: _error(times_s, columns[name], series["t"], series[name]) for name in columns}
+    return {**series, **extremes, "error": dict(errors)}
+
+
+def _extremes(times_s: Sequence[float], columns: Mapping[str, Values]) -> tuple[list[int], float]:
+    """Samples with the lowest and the highest values of each column in equal intervals, and their length [s]."""
+    gap = np.array(_gaps([*columns.values()]))
+    times = np.array(times_s)
+    known = np.flatnonzero(~gap)
+    every_s = float(times[-1] - times[0]) / (MAX_SAMPLES // (2 * len(columns)))
+    interval = ((times[known] - times[0]) / every_s).astype(int)
+    starts = np.flatnonzero(np.diff(interval, prepend=-1))
+    kept = {0, len(times) - 1, *(np.flatnonzero(np.diff(gap)) + 1).tolist(), *np.flatnonzero(np.diff(gap)).tolist()}
+    for values in columns.values():
+        numbers = np.array(values, dtype=float)[known]
+        order = np.lexsort((numbers, interval))
+        kept |= {*known[order[starts]].tolist(), *known[order[np.append(starts[1:], len(known)) - 1]].tolist()}
+    return sorted(kept), every_s
+
+
+def _error(times_s: Sequence[float], values: Values, kept_s: Sequence[float], kept: Values) -> float:
+    """The largest difference of values from the lines between those that are kept, rounded up."""
+    given, shown = (np.array(each, dtype=float) for each in (values, kept))
+    error = float(np.nanmax(np.abs(np.interp(times_s, kept_s, shown) - given), initial=0.0))
+    return float(f"{1.001 * error:.4g}")
+
+
+def changes(times_s: Sequence[float], values: Sequence[Any]) -> dict[str, Any]:
+    """A series that is constant between its changes: `t`, when each value starts, and `v`, the values.
+
+    `error_s` is how late a change may be shown: 0, but for a series of more than `MAX_SAMPLES` changes.
+    """
+    late_s = 0.0
+    while True:
+        shown_s: list[float] = []
+        shown: list[Any] = []
+        for time_s, value in zip(times_s, values, strict=True):
+            if not shown or (value != shown[-1] and time_s >= shown_s[-1] + late_s):
+                shown_s.append(round(time_s, 6))
+                shown.append(value)
+        if len(shown) <= MAX_SAMPLES:
+            return {"t": shown_s, "v": shown, "error_s": late_s}
+        late_s = 2 * late_s or (times_s[-1] - times_s[0]) / MAX_SAMPLES
+
+
+def evenly(count: int, limit: int) -> list[int]:
+    """At most `limit` of the indices below `count`, evenly, the last among them."""
+    every = max(1, math.ceil(count / limit))
+    return [*range((count - 1) % every, count, every)]
+
+
+def of_errors(series: Series) -> dict[str, Any]:
+    """A series thinned within `ERRORS`, by its columns; those without an error there are powers."""
+    known = [value for values in series.columns.values() for value in values if value is not None]
+    power_w = max((max(known) - min(known)) * POWER_SHARE, MIN_POWER_W) if known else MIN_POWER_W
+    return thinned(*series, {name: ERRORS.get(name, power_w) for name in series.columns})
+
 
 LEVEL_M = 1.0
 """Range of altitudes above which they are drawn [m]."""
@@ -325,3 +481,74 @@ def _polyline(legs: Sequence[Leg], parts: int) -> list[float]:
         points += [(p.x_m, p.y_m) for p in leg_points(leg, max(step_m, 1.0))]
     rounded = [(round(x, 1), round(y, 1)) for x, y in points]
     return [value for point, _ in itertools.groupby(rounded) for value in point]
+
+
+def flight_words(
+    summary: Mapping[str, Any], decisions: Sequence[Mapping[str, Any]], faults: Sequence[BatteryFault]
+) -> list[str]:
+    """Sentences on a flight: how it ended, its charge, what was forecast, and a return; `flight_facts` has the rest."""
+    return [
+        _end(summary),
+        *_charge(summary, faults),
+        *_forecast(summary),
+        *_turned_back(decisions),
+    ]
+
+
+def _end(summary: Mapping[str, Any]) -> str:
+    verb = "completed" if summary["completed"] else "did not complete"
+    after = f"after {time_text(summary['duration_s'])} and {summary['distance_m'] / 1000:.2f} km"
+    return f"The flight {verb}: {summary['reason']} {after}."
+
+
+def _charge(summary: Mapping[str, Any], faults: Sequence[BatteryFault]) -> list[str]:
+    soc, reserve, power = summary["soc_final"], summary["soc_reserve"], summary["power_w"]["mean"]
+    kept = reserve_text(summary)
+    mean = f", {power:.1f} W on average" if power is not None else ""
+    words = [
+        f"It used {summary['energy_wh']:.2f} Wh{mean}. The charge at the end was {percent_text(soc)}; "
+        f"the reserve of {percent_text(reserve)} was {kept}."
+    ]
+    for fault in faults:
+        if fault.at_s <= summary["duration_s"]:
+            words.append(f"At {fault.at_s:g} s the battery lost {percent_text(fault.soc_drop)} of its charge at once.")
+    if summary["battery_limit"]:
+        words.append(f"Of the battery's limits, {LIMITS[summary['battery_limit']]} bound.")
+    return words
+
+
+def _forecast(summary: Mapping[str, Any]) -> list[str]:
+    expected = summary["energy_forecast"]
+    if expected is None:
+        stuck = summary["never_past"]
+        return [f"There was no forecast before take-off: {stuck} has a turn that is never got past."] if stuck else []
+    came = ""
+    if summary["completed"]:
+        took_s, used_wh = summary["duration_s"] - expected["time_s"], summary["energy_wh"] - expected["energy_wh"]
+        came = f"; the flight differed by {_difference(used_wh, 2)} Wh and {_difference(took_s, 0)} s"
+    home = []
+    if expected["turn_back_s"] is not None:
+        x, y = expected["turn_back_m"]
+        until = f"{expected['turn_back_s']:.0f} s, at ({x:.0f}, {y:.0f}) m"
+        home = [f"By it, home was within reach with the reserve until {until}."]
+    return [
+        f"The forecast before take-off was {expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh in "
+        f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s, and to complete with a probability of "
+        f"{percent_text(expected['completes_probability'])}{came}.",
+        *home,
+        *(f"By it, the flight {risk_text(*each.values())}." for each in expected["obstacles"]),
+    ]
+
+
+def _difference(value: float, digits: int) -> str:
+    """A difference with its sign."""
+    return f"{round(value, digits) + 0.0:+.{digits}f}".replace("-", "−")
+
+
+def _turned_back(decisions: Sequence[Mapping[str, Any]]) -> list[str]:
+    """The decision to fly home, if there was one."""
+    return [
+        f"At {row['time_s']:g} s it decided: {row['reason']}."
+        for row in decisions
+        if str(row["reason"]).startswith(TURNS_BACK)
+    ]

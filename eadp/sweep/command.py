@@ -1,25 +1,46 @@
-"""`eadp sweep`."""
+"""`eadp sweep`: its options, progress, and what it prints: its runs, a row for each, and summaries."""
 
 from __future__ import annotations
 
 import contextlib
+import csv
+import itertools
+import math
 import os
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from typer import Argument
 
-from eadp.cli.output import Progress, emit, usage_fault, warn
+from eadp.cli.junit import Case, junit_text
+from eadp.cli.output import Progress, emit, json_text, usage_fault, warn
+from eadp.core import compiled
 from eadp.errors import printable
+from eadp.io.page import check_page, page_of
+from eadp.io.scenario import read_overrides
+from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag
-
-if TYPE_CHECKING:
-    from eadp.sweep.results import Results
-    from eadp.sweep.runs import Result
-    from eadp.sweep.sweep_file import Sweep
+from eadp.io.text.streams import output_file, read_text, write_text
+from eadp.sweep.page import write_page
+from eadp.sweep.results import COLUMNS, Results
+from eadp.sweep.run import missing_runs
+from eadp.sweep.runs import Result
+from eadp.sweep.statistics import (
+    Group,
+    SweepFlight,
+    Table,
+    distinct,
+    label_of,
+    marginal,
+    table,
+    totals,
+    wilson_interval,
+)
+from eadp.sweep.sweep_file import Sweep, read_sweep
 
 PROGRESS_S = 60.0
 """Time between two lines of progress without a terminal [s]."""
@@ -69,9 +90,6 @@ class SweepOutputs:
     )
     """The table's figure."""
 
-    plot: Annotated[str | None, Flag(metavar="FILE")] = None
-    """The table as a heat map, .svg or .png."""
-
     require: Literal["completed", "reserve"] | None = None
     """Exit 1 unless every flight completes; or keeps the reserve, too."""
 
@@ -97,15 +115,6 @@ def command(
     Exit code 0 if every run was made, whether its flight completes or not; 1 if some could not be made, or are not what
     --require asks for; 2 on bad input.
     """
-    from eadp.io.page import check_page, page_of
-    from eadp.io.scenario import read_overrides
-    from eadp.io.text.streams import output_file, read_text, write_text
-    from eadp.sweep import text as sweep_text
-    from eadp.sweep.page import write_page
-    from eadp.sweep.results import Results
-    from eadp.sweep.statistics import totals
-    from eadp.sweep.sweep_file import read_sweep
-
     _check_options(options, output)
     out, table, require = options.out, output.table, output.require
     if out is not None and not options.dry_run:
@@ -117,7 +126,7 @@ def command(
     warn(sweep.warnings)
     keys = sweep.keys()
     if options.dry_run:
-        sweep_text.print_runs(sweep, output.format, _already_made(out, keys))
+        print_runs(sweep, output.format, _already_made(out, keys))
         return 0
     with contextlib.closing(Results(out)) as results:
         results.expect(keys)
@@ -132,16 +141,16 @@ def command(
             few = f"{whole.flights} flights are {whole.distinct} distinct ones"
             sys.stderr.write(f"sweep: warning: {few}: seeds change nothing where wind and sensors have no noise\n")
         if output.junit is not None:
-            write_text(output.junit, sweep_text.junit_of(sweep, flights, require or "completed"))
+            write_text(output.junit, junit_of(sweep, flights, require or "completed"))
         if output.format == "jsonl" and table is None:
-            sweep_text.print_summaries(sweep, results)
+            print_summaries(sweep, results)
     if table is not None:
-        sweep_text.print_table(sweep, flights, table, output.value, output.format, output.plot)
+        print_table(sweep, flights, table, output.value, output.format)
     elif output.format == "csv":
-        sweep_text.print_csv(sweep, flights)
+        print_csv(sweep, flights)
     elif output.format == "text":
-        sweep_text.print_answer(sweep, flights, out)
-    short = [] if require is None else [flight for flight in flights if not sweep_text.meets(flight, require)]
+        print_answer(sweep, flights, out)
+    short = [] if require is None else [flight for flight in flights if not meets(flight, require)]
     if output.format == "text" and table is None:
         if require is not None:
             met = f"NO, not in {len(short)} of" if short else "yes, in all"
@@ -157,17 +166,13 @@ def command(
 
 
 def _check_options(options: SweepOptions, output: SweepOutputs) -> None:
-    scheduler, plot = options.scheduler, output.plot
+    scheduler = options.scheduler
     if options.out == "-":
         raise usage_fault("--out", "-", "results cannot go to standard output", "a file; --format prints them")
     if scheduler is not None and options.jobs is not None:
         raise usage_fault("--jobs", str(options.jobs), "a scheduler has its own workers", "--jobs or --scheduler")
     if scheduler is not None and not re.match(r"[a-z]+://.", scheduler):
         raise usage_fault("--scheduler", scheduler, f"{printable(scheduler)} is no address", "as in tcp://host:8786")
-    if plot is not None and output.table is None:
-        raise usage_fault("--plot", plot, "a picture of no table", "--table KEY1 KEY2 too")
-    if plot is not None and os.path.splitext(plot)[1].lower() not in (".svg", ".png"):
-        raise usage_fault("--plot", plot, "is no picture's name", "a name that ends in .svg or .png")
 
 
 def _check_table(table: tuple[str, str] | None, sweep: Sweep) -> None:
@@ -185,8 +190,6 @@ def _check_table(table: tuple[str, str] | None, sweep: Sweep) -> None:
 
 def _already_made(out: str | None, keys: Iterable[str]) -> int | None:
     """The number of the runs that a results file has; None without such a file."""
-    from eadp.sweep.results import Results
-
     if out is None or not os.path.exists(out):
         return None
     with contextlib.closing(Results(out, read_only=True)) as results:
@@ -196,9 +199,6 @@ def _already_made(out: str | None, keys: Iterable[str]) -> int | None:
 
 def _make(sweep: Sweep, results: Results, options: SweepOptions) -> None:
     """Make the runs that are missing, with the progress on stderr."""
-    from eadp.core import compiled
-    from eadp.sweep.run import missing_runs
-
     with missing_runs(sweep, results, options.jobs, options.scheduler, options.keep) as (missing, workers, made):
         if missing and options.scheduler is None:
             why = compiled.why_off()
@@ -252,8 +252,6 @@ class _SweepProgress(Progress):
 
     def _estimate(self) -> None:
         """Print the time of the other runs, estimated from the first, which are distributed over the sweep."""
-        from eadp.core import compiled
-
         if self.left_s >= MIN_ESTIMATE_S:
             left, times = self._total - self.done, f"{self._took_s / self.done:.2g} s each, {self._workers} at a time"
             sys.stderr.write(f"sweep: {left} more runs take about {_time_text(self.left_s)} ({times})\n")
@@ -266,3 +264,199 @@ def _time_text(time_s: float) -> str:
     if time_s < 90:
         return f"{time_s:.0f} s"
     return f"{time_s / 60:.0f} min" if time_s < 5400 else f"{time_s / 3600:.1f} h"
+
+
+SHOWN = 10
+"""Number of runs that a dry run prints, and of kinds of errors in the summary."""
+
+MAX_WIDTH = 40
+
+
+# --- a dry run
+
+
+def print_runs(sweep: Sweep, format_: str, made: int | None) -> None:
+    """The runs that a sweep would make."""
+    indices = range(len(sweep.design))
+    names = _varied(sweep)
+    if format_ == "csv":
+        _write_csv((*names, "seed"), (_cells(sweep, names, index) for index in indices))
+    elif format_ == "jsonl":
+        for index in indices:
+            _print_line(_head(sweep, index))
+    else:
+        emit(_runs_text(sweep, names, made))
+
+
+def _runs_text(sweep: Sweep, names: Sequence[str], made: int | None) -> str:
+    indices = range(len(sweep.design))
+    lines = [f"{len(indices)} runs" + ("" if made is None else f", {made} made already")]
+    shown = [_cells(sweep, names, index) for index in indices[:SHOWN]]
+    rows = [[str(index), *map(_short, cells)] for index, cells in zip(indices, shown, strict=False)]
+    lines += aligned([["run", *map(_short, names), "seed"], *rows], "<")
+    if len(indices) > SHOWN:
+        lines.append(f"… {len(indices) - SHOWN} more; --format csv prints all")
+    return "\n".join(lines)
+
+
+def _varied(sweep: Sweep) -> list[str]:
+    """The varied keys without the seed, which every run has."""
+    return [name for name in sweep.design.names if name != "seed"]
+
+
+def _cells(sweep: Sweep, names: Sequence[str], index: int) -> list[str]:
+    point = sweep.design.point(index)
+    return [*(label_of(point.values[name]) for name in names), str(sweep.seed(point))]
+
+
+def _head(sweep: Sweep, index: int) -> dict[str, Any]:
+    point = sweep.design.point(index)
+    return {"run": index, "varied": dict(point.values), "seed": sweep.seed(point)}
+
+
+# --- a row for each run
+
+
+def print_csv(sweep: Sweep, all_flights: Iterable[SweepFlight]) -> None:
+    """Print a row for each run; values that are neither numbers nor text are JSON."""
+    names = _varied(sweep)
+    columns = (*COLUMNS, "seed", "error")
+    rows = (
+        [*(each.values[name] for name in names), *(getattr(each, name) for name in columns)] for each in all_flights
+    )
+    _write_csv((*names, *columns), rows)
+
+
+def _write_csv(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
+    writer = csv.writer(sys.stdout, lineterminator="\n")
+    writer.writerow(head)
+    writer.writerows(["" if value is None else label_of(value) for value in row] for row in rows)
+
+
+def junit_of(sweep: Sweep, all_flights: Sequence[SweepFlight], require: str) -> str:
+    """The runs as a JUnit report: a test for each, which fails where it is not what is required."""
+    cases = []
+    for flight in all_flights:
+        values = [f"{key}={label_of(flight.values[key])}" for key in _varied(sweep)]
+        kept = "" if flight.soc_final is None else f"; state of charge {flight.soc_final:.3f} at the end"
+        wrong = None if meets(flight, require) else f"{flight.reason or 'not completed'}{kept}"
+        title = ", ".join([*values, f"seed={flight.seed}"])
+        kind = "failure" if flight.error is None else "error"
+        cases.append(Case(title, flight.took_s, flight.error or wrong, kind))
+    return junit_text(sweep.name, cases)
+
+
+def meets(flight: SweepFlight, require: str) -> bool:
+    """Whether a run is what is required: that it completes, and with `reserve` that it keeps the reserve."""
+    return bool(flight.completed and (require != "reserve" or flight.reserve_kept))
+
+
+def print_summaries(sweep: Sweep, results: Results) -> None:
+    """Print a JSON object a line for each run, with its whole summary."""
+    for index, row in enumerate(results.rows(summaries=True)):
+        _print_line({**_head(sweep, index), "error": row["error"], "summary": row["summary"]})
+
+
+def _print_line(document: dict[str, Any]) -> None:
+    emit(json_text(document))
+
+
+# --- summaries
+
+
+def print_answer(sweep: Sweep, all_flights: Sequence[SweepFlight], out: str | None) -> None:
+    """Print counts, the share that completes, and the figures for each value of each varied key."""
+    whole = totals(all_flights)
+    lines = [f"runs       {whole.runs}" + (f", {whole.failed} could not be made" if whole.failed else "")]
+    if whole.interval is not None:
+        low, high = (_percent(end) for end in whole.interval)
+        share = _percent(whole.completed / whole.flights)
+        of = "" if whole.distinct == whole.flights else f" of {whole.distinct} distinct flights"
+        lines.append(
+            f"completed  {whole.completed} of {whole.flights}: {share} % (95 % interval{of} {low} to {high} %)"
+        )
+    lines += _batteries(all_flights)
+    if out is not None:
+        lines.append(f"results    {printable(out)}, {printable(page_of(out).name)}")
+    lines += _errors(all_flights)
+    keys = list(dict.fromkeys((*sweep.design.names, *(["seed"] if sweep.design.seeds else []))))
+    for key in keys if whole.flights else []:
+        lines += ["", *_marginal_lines(key, marginal(all_flights, key, sweep.design.listed(key)))]
+    emit("\n".join(lines))
+
+
+def _batteries(all_flights: Sequence[SweepFlight]) -> list[str]:
+    """Of jobs of several sorties, with what probability they are done with so many batteries."""
+    made = [flight for flight in all_flights if flight.batteries is not None]
+    if all(flight.batteries == 1 for flight in made):
+        return []
+    own = distinct(made)
+    done = Counter(flight.batteries for flight in own if flight.completed and flight.reserve_kept)
+    lines, so_far = [], 0
+    for count in sorted(filter(None, done)):
+        so_far += done[count]
+        low, high = (_percent(end) for end in wilson_interval(so_far, len(own)))
+        share = _percent(so_far / len(own))
+        lines.append(f"batteries  {count}: the job is done, with all reserves kept, in {share} % ({low} to {high} %)")
+    return lines or ["batteries  no job is done with all reserves kept"]
+
+
+def _errors(all_flights: Sequence[SweepFlight]) -> list[str]:
+    """The kinds of errors, with the first run of each."""
+    first: dict[str, int] = {}
+    for flight in all_flights:
+        if flight.error is not None:
+            first.setdefault(flight.error, flight.index)
+    lines = [f"error      run {index}: {error}" for error, index in itertools.islice(first.items(), SHOWN)]
+    return [*lines, f"error      … {len(first) - SHOWN} more kinds"] if len(first) > SHOWN else lines
+
+
+def _marginal_lines(key: str, groups: Sequence[Group]) -> list[str]:
+    rows = [[_short(key), "flights", "completed [%]", "of these: duration, median [s]", "SoC at the end, median"]]
+    for group in groups:
+        share = "" if math.isnan(group.completed) else _percent(group.completed)
+        duration = "" if math.isnan(group.duration_s) else f"{group.duration_s:.1f}"
+        charge = "" if math.isnan(group.soc_final) else f"{group.soc_final:.3f}"
+        rows.append([_short(group.label), str(group.flights), share, duration, charge])
+    return aligned(rows, "<")
+
+
+def print_table(
+    sweep: Sweep, all_flights: Sequence[SweepFlight], keys: tuple[str, str], value: str, format_: str
+) -> None:
+    """Print means by two keys."""
+    means = table(all_flights, keys, value, {key: sweep.design.listed(key) for key in keys})
+    if format_ == "text":
+        emit("\n".join(_table_lines(means)))
+        return
+    columns = (*keys, value, "flights", "not_completed")
+    if format_ == "csv":
+        _write_csv(columns, _table_rows(means))
+    else:
+        for line in _table_rows(means):
+            _print_line(dict(zip(columns, line, strict=True)))
+
+
+def _table_rows(means: Table) -> Iterator[tuple[str, str, float | None, int, int]]:
+    for i, row in enumerate(means.rows):
+        for j, column in enumerate(means.columns):
+            yield row, column, means.means[i][j], means.flights[i][j], means.crashed[i][j]
+
+
+def _table_lines(means: Table) -> list[str]:
+    digits = 1 if means.value in ("duration_s", "distance_m") else 3
+    rows = [
+        [_short(label), *(means.text(i, j, digits) for j in range(len(means.columns)))]
+        for i, label in enumerate(means.rows)
+    ]
+    title = f"{means.value}, mean; {printable(means.keys[0])} downwards, {printable(means.keys[1])} to the right"
+    fell = "; ×: flights not completed, in no mean" if any(map(any, means.crashed)) else ""
+    return [title + fell, *aligned([["", *map(_short, means.columns)], *rows], "<")]
+
+
+def _short(text: str) -> str:
+    return printable(text, MAX_WIDTH)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f}"

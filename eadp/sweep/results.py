@@ -1,27 +1,22 @@
 """Results of a sweep: one SQLite file that any number of processes of one machine may write to at once.
 
 Guarantees: A result is in the file whole or not at all, and once: the table's primary key is the run's key, a hash of
-all that it depends on. A process that is killed at any moment leaves a readable file; the next process makes the runs
-that were under way and does not repeat those that were stored. Two sweeps at once do not make the same run: each claims
-runs before it makes them. A claim is valid as long as its process lives, which shows in a lock on a byte of
-`FILE.lock`, not in a clock. A file whose structure is damaged is refused when it is opened, and a row that is not as
-it was stored, by its digest, when it is read.
+all that it depends on, and the first result of a run stays. A process that is killed at any moment leaves a readable
+file; the next process makes the runs that are not in it. A file whose structure is damaged is refused when it is
+opened, and a row that is not as it was stored, by its digest, when it is read.
 """
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
 import sqlite3
-import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 from urllib.parse import quote
 
-from eadp import __version__
 from eadp.errors import InputError, printable
 from eadp.io.text.streams import output_file
 from eadp.sweep.runs import Result, Run
@@ -29,12 +24,9 @@ from eadp.sweep.runs import Result, Run
 APPLICATION_ID = 0x65616470
 """`eadp` in ASCII, as SQLite's identifier of an application's files."""
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 BUSY_S = 60.0
 """Longest time that another process may lock the file [s]."""
-
-WAIT_S = 0.2
-"""Interval of polling for the results of other processes [s]."""
 
 PAGE_BYTES = 4096
 """Size of a file without tables."""
@@ -47,12 +39,7 @@ CREATE TABLE runs (
     key TEXT PRIMARY KEY, files TEXT NOT NULL, overrides TEXT NOT NULL, seed INTEGER NOT NULL,
     completed INTEGER, reason TEXT, duration_s REAL, soc_final REAL, quality REAL,
     reserve_kept INTEGER, energy_wh REAL, distance_m REAL, batteries INTEGER,
-    error TEXT, summary TEXT, took_s REAL NOT NULL, digest TEXT NOT NULL, session INTEGER NOT NULL
-);
-CREATE TABLE claims (key TEXT PRIMARY KEY, session INTEGER NOT NULL) WITHOUT ROWID;
-CREATE TABLE sessions (
-    id INTEGER PRIMARY KEY AUTOINCREMENT, version TEXT NOT NULL, stored INTEGER NOT NULL DEFAULT 0,
-    repeated INTEGER NOT NULL DEFAULT 0
+    error TEXT, summary TEXT, took_s REAL NOT NULL, digest TEXT NOT NULL
 );
 """
 COLUMNS = (
@@ -60,13 +47,13 @@ COLUMNS = (
     "batteries",
 )
 _ROW = ("key", "files", "overrides", "seed", *COLUMNS, "error", "summary", "took_s")
-"""Columns of a row that its digest is of, which follows them; the session is the last."""
+"""Columns of a row that its digest is of, which is the last."""
 
 
 class Results:
     """An open results file; without a path a temporary one.
 
-    With `read_only` nothing is claimed or written.
+    With `read_only` nothing is written.
     """
 
     def __init__(self, path: str | None, *, read_only: bool = False) -> None:
@@ -75,15 +62,13 @@ class Results:
             path = self._path = str(output_file(path))
         new = path is not None and not os.path.exists(path)
         self._connection = _connect(path, self._path, read_only)
-        self._lock: int | None = None
-        self._session = 0
         try:
             with self._sqlite_errors():
                 self._open(path, read_only)
         except BaseException:
             self.close()
             if new and os.path.exists(self._path) and os.path.getsize(self._path) <= PAGE_BYTES:
-                for ending in ("", "-wal", "-shm", ".lock"):
+                for ending in ("", "-wal", "-shm"):
                     with suppress(OSError):
                         os.unlink(f"{self._path}{ending}")
             raise
@@ -95,7 +80,6 @@ class Results:
             _check_ours(self._connection, self._path)
         else:
             self._prepare(shared=path is not None)
-            self._start_session(path)
 
     # --- opening and closing
 
@@ -114,50 +98,11 @@ class Results:
             query(f"PRAGMA application_id = {APPLICATION_ID}")
             query(f"PRAGMA user_version = {SCHEMA_VERSION}")
 
-    def _start_session(self, path: str | None) -> None:
-        """Start a session, alive as long as it holds the lock on its byte."""
-        with self._transaction():
-            row = self._connection.execute("INSERT INTO sessions (version) VALUES (?)", (__version__,))
-            self._session = int(row.lastrowid or 0)
-            if path is not None:
-                try:
-                    self._lock = os.open(f"{path}.lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-                    fcntl.lockf(self._lock, fcntl.LOCK_EX, 1, self._session)
-                except OSError as error:
-                    what = f"cannot be written: {error.strerror}"
-                    raise InputError.at(f"{path}.lock", 1, 1, what, "a writable place") from None
-
     def close(self) -> None:
-        """Release the claims that are left; the last session removes the lock file."""
-        with suppress(sqlite3.Error, OSError):
-            self._roll_back()  # Ctrl-C may have come just after its start
-            if self._session:
-                self._release()
+        """Close the file; a transaction that is open, as Ctrl-C may have come just after its start, is rolled back."""
         with suppress(sqlite3.Error):
+            self._roll_back()
             self._connection.close()
-        if self._lock is not None:
-            os.close(self._lock)
-            self._lock = None
-
-    def _release(self) -> None:
-        with self._transaction():
-            self._connection.execute("DELETE FROM claims WHERE session = ?", (self._session,))
-            if self._lock is not None:
-                (last,) = self._connection.execute("SELECT coalesce(max(id), 0) FROM sessions").fetchone()
-                # sessions start within a transaction, so none starts between this check and the removal
-                if not any(self._alive(other) for other in range(1, last + 1)):
-                    os.unlink(f"{self._path}.lock")
-
-    def _alive(self, session: int) -> bool:
-        """Whether another session's process lives, which is when its byte is locked."""
-        if self._lock is None or session == self._session:
-            return False
-        try:
-            fcntl.lockf(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, session)
-        except OSError:
-            return True
-        fcntl.lockf(self._lock, fcntl.LOCK_UN, 1, session)
-        return False
 
     # --- expected runs and their results
 
@@ -206,45 +151,28 @@ class Results:
     def _whole_rows(self, query: str) -> Iterator[tuple[Any, ...]]:
         """Rows of the results; raises InputError at one that is not as it was stored."""
         for row in self._connection.execute(query):
-            if _digest(row[:-2]) != row[-2]:
+            if _digest(row[:-1]) != row[-1]:
                 raise _damaged(self._path)
             yield row
 
-    # --- the ledger of `simulation.sweep`
+    # --- results that come
 
-    def claim(self, runs: Sequence[Run]) -> tuple[Sequence[Run], Sequence[Run]]:
-        """Claim runs: those that are now ours, and those that another process is making; made ones are in neither."""
-        mine: list[Run] = []
-        theirs: list[Run] = []
-        with self._sqlite_errors(), self._transaction():
-            keys = [run.key for run in runs]
-            made = {key for (key,) in self._select("SELECT key FROM runs", keys)}
-            holders: Mapping[str, int] = dict(self._select("SELECT key, session FROM claims", keys))
-            living = {session for session in set(holders.values()) if self._alive(session)}
-            for run in runs:
-                if run.key not in made:
-                    (theirs if holders.get(run.key) in living else mine).append(run)
-            claims = [(run.key, self._session) for run in mine]
-            self._connection.executemany("INSERT OR REPLACE INTO claims VALUES (?, ?)", claims)
-        return mine, theirs
-
-    def _select(self, query: str, keys: Sequence[str]) -> Iterator[tuple[Any, ...]]:
-        for i in range(0, len(keys), KEYS_PER_QUERY):
-            some = keys[i : i + KEYS_PER_QUERY]
-            yield from self._connection.execute(f"{query} WHERE key IN ({', '.join('?' * len(some))})", some)
+    def unmade(self, runs: Sequence[Run]) -> list[Run]:
+        """Those of some runs that are not made yet."""
+        made: set[str] = set()
+        with self._sqlite_errors():
+            for i in range(0, len(runs), KEYS_PER_QUERY):
+                some = [run.key for run in runs[i : i + KEYS_PER_QUERY]]
+                query = f"SELECT key FROM runs WHERE key IN ({', '.join('?' * len(some))})"
+                made.update(key for (key,) in self._connection.execute(query, some))
+        return [run for run in runs if run.key not in made]
 
     def store(self, results: Sequence[tuple[Run, Result]]) -> None:
-        """Store results and release their claims."""
+        """Store results; the first of each run stays."""
         with self._sqlite_errors(), self._transaction():
             rows = [self._row(run, result) for run, result in results]
-            marks = ", ".join("?" * len(rows[0]))
-            cursor = self._connection.executemany(f"INSERT OR IGNORE INTO runs VALUES ({marks})", rows)
-            kept = cursor.rowcount
-            self._connection.executemany("DELETE FROM claims WHERE key = ?", [(run.key,) for run, _ in results])
-            self._connection.execute(
-                "UPDATE sessions SET stored = stored + ?, repeated = repeated + ? WHERE id = ?",
-                (kept, len(rows) - kept, self._session),
-            )
+            marks = ", ".join("?" * (len(_ROW) + 1))
+            self._connection.executemany(f"INSERT OR IGNORE INTO runs VALUES ({marks})", rows)
 
     def _row(self, run: Run, result: Result) -> tuple[Any, ...]:
         summary = result.summary
@@ -254,11 +182,7 @@ class Results:
         files, overrides = (json.dumps(dict(part), sort_keys=True) for part in (run.files, run.overrides))
         seed = run.overrides["seed"]
         row = (run.key, files, overrides, seed, *figures, result.error, text, result.took_s)
-        return (*row, _digest(row), self._session)
-
-    def wait(self) -> None:
-        """Wait a moment for other processes."""
-        time.sleep(WAIT_S)
+        return (*row, _digest(row))
 
     # --- failures
 

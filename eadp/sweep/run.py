@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import gc
+import itertools
 import json
 import math
 import os
+import random
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -24,12 +26,64 @@ from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.json import AnyTable, frame, html_table
 from eadp.io.text.streams import read_text
 from eadp.simulation.loop import Outcome, fly
-from eadp.sweep.engines import EngineOptions
-from eadp.sweep.registry import open_engine
+from eadp.sweep.dask import DaskEngine
+from eadp.sweep.engines import EngineOptions, Make
+from eadp.sweep.pool import PoolEngine
 from eadp.sweep.results import COLUMNS, Results
-from eadp.sweep.runs import Engine, Result, Run, interleaved
+from eadp.sweep.runs import Engine, Result, Run
 from eadp.sweep.statistics import SweepFlight, totals
 from eadp.sweep.sweep_file import Sweep, load_run, read_sweep
+
+
+class SerialEngine:
+    """Runs made in this process, one at a time."""
+
+    workers = 1
+
+    def __init__(self, make: Make) -> None:
+        self._make = make
+        self._runs: deque[Run] = deque()
+
+    @classmethod
+    def chosen(cls, make: Make, options: EngineOptions) -> SerialEngine:
+        """The engine; any options will do."""
+        return cls(make)
+
+    @property
+    def room(self) -> int:
+        """The number of runs that it takes now."""
+        return 1 - len(self._runs)
+
+    @property
+    def busy(self) -> int:
+        """The number of runs taken and not given back."""
+        return len(self._runs)
+
+    def submit(self, run: Run) -> None:
+        """Take a run."""
+        self._runs.append(run)
+
+    def finished(self) -> list[tuple[Run, Result | None]]:
+        """Make the run."""
+        run = self._runs.popleft()
+        return [(run, self._make(run))]
+
+    def close(self) -> None:
+        """Nothing is left to close."""
+
+
+ENGINES: dict[str, Callable[[Make, EngineOptions], Engine | None]] = {
+    "dask": DaskEngine.chosen,
+    "pool": PoolEngine.chosen,
+    "serial": SerialEngine.chosen,
+}
+"""Engines by name, in the order in which they are asked; each is None where the options are not for it."""
+
+
+def open_engine(make: Make, options: EngineOptions) -> Engine:
+    """The first engine that the options are for."""
+    return next(engine for choose in ENGINES.values() if (engine := choose(make, options)) is not None)
+
 
 DIED = "the process that made it died, alone and twice (out of memory?)"
 COLLECTED_AFTER = 100_000
@@ -112,48 +166,28 @@ def missing_runs(
     if not missing:
         yield 0, 1, iter(())
         return
+    # at random: the first runs, from which the time is estimated, are of all the sweep, and two sweeps that write to
+    # one file rarely make the same run at once
+    random.shuffle(missing)
     engine = open_engine(FlyRun(sweep.kept, keep=keep), EngineOptions(len(missing), jobs, scheduler))
     try:
-        runs = (sweep.run(index) for index in interleaved(missing))
-        yield len(missing), engine.workers, make_runs(runs, engine, results)
+        yield len(missing), engine.workers, make_runs(map(sweep.run, missing), engine, results)
     finally:
         engine.close()
 
 
 def make_runs(runs: Iterable[Run], engine: Engine, results: Results) -> Iterator[tuple[Run, Result]]:
-    """Make every run that is not made yet; each result is stored before it is yielded.
-
-    Ends when every run is made, here or by another process with the same results: runs that it has claimed are waited
-    for, and made here if it dies.
-    """
+    """Make every run that is not made yet, here or by another process; each result is stored before it is yielded."""
     pending = iter(runs)
-    others: deque[Run] = deque()
     while True:
-        others.extend(_fill(engine, results, pending))
-        if engine.busy:
-            made = [(run, result or Result(None, DIED)) for run, result in engine.finished()]
-            if made:
-                results.store(made)
-                yield from made
-        elif others:
-            results.wait()
-            pending, others = iter(tuple(others)), deque()
-        else:
+        while (room := engine.room) > 0 and (batch := [*itertools.islice(pending, room)]):
+            for run in results.unmade(batch):
+                engine.submit(run)
+        if not engine.busy:
             return
-
-
-def _fill(engine: Engine, results: Results, pending: Iterator[Run]) -> list[Run]:
-    """Give an engine the runs it has room for; return those that another process is making."""
-    others: list[Run] = []
-    while (room := engine.room) > 0:
-        batch = [run for _, run in zip(range(room), pending, strict=False)]
-        if not batch:
-            break
-        mine, theirs = results.claim(batch)
-        others += theirs
-        for run in mine:
-            engine.submit(run)
-    return others
+        made = [(run, result or Result(None, DIED)) for run, result in engine.finished()]
+        results.store(made)
+        yield from made
 
 
 def _message(error: Exception) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from statistics import NormalDist
@@ -136,22 +136,6 @@ class Design:
         """The values that are listed for a key; none if it is drawn from a distribution."""
         law = self.sample.keys.get(name) if self.sample else None
         return tuple((law and law.choice) or self.grid.get(name, ()) or self.zipped.get(name, ()))
-
-
-# --- order
-
-
-def interleaved(items: Sequence[int]) -> Iterator[int]:
-    """All items, each once, in an order whose every part is distributed over the whole.
-
-    The first runs of a sweep, from which its time is estimated, are then no corner of its grid.
-    """
-    count = len(items)
-    # steps of the golden ratio, made coprime to the count so that every item is reached
-    stride = max(1, round(count * (math.sqrt(5) - 1) / 2))
-    while math.gcd(stride, count) > 1:
-        stride += 1
-    return (items[i * stride % count] for i in range(count))
 
 
 # --- engines

@@ -11,10 +11,9 @@ import sympy
 from common import few
 from common.plans import APPENDIX_PRINTED, APPENDIX_RIGHT, PARTS, WAVES
 
-from eadp.check import proof, worker
+from eadp.check import proof
 from eadp.check.check import check_plan
-from eadp.check.proof import StageProof, prove_plan
-from eadp.check.worker import AlgebraProcess
+from eadp.check.proof import AlgebraProcess, StageProof, prove_plan
 from eadp.errors import EadpError
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
@@ -111,7 +110,7 @@ def test_identities_that_need_more_than_multiplying_out(path):
 
 
 def test_a_proof_that_takes_too_long_is_given_up_and_the_next_one_made(monkeypatch):
-    monkeypatch.setattr(worker, "ANSWER_LIMIT_S", 0.5)
+    monkeypatch.setattr(proof, "ANSWER_LIMIT_S", 0.5)
     with AlgebraProcess() as process:
         assert process.ask("lines", HOSTILE, [], 1, "sympy") is None
         assert process.ask("remainder", "c1 - c1", []) == "0"
@@ -136,7 +135,7 @@ def test_an_interrupt_ends_the_process(monkeypatch):
     process = AlgebraProcess()
     assert process.ask("remainder", "c1", []) == "c1"
     other = process._process
-    monkeypatch.setattr(worker, "_read", interrupted)
+    monkeypatch.setattr(proof, "_read", interrupted)
     with pytest.raises(KeyboardInterrupt), process:
         process.ask("lines", HOSTILE, [], 1, "sympy")
     assert other.returncode == -signal.SIGKILL, "it did not wait for the answer"

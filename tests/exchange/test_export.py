@@ -21,8 +21,7 @@ from hypothesis import strategies as st
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import InputError
 from eadp.exchange.autopilot import wanted_parameters
-from eadp.exchange.formats import NUMBER_LIMIT, WITH_ITEMS
-from eadp.exchange.path import PlannedPath, planned_sections
+from eadp.exchange.path import NUMBER_LIMIT, WITH_ITEMS, PlannedPath, planned_sections
 from eadp.exchange.writer import EXPORTS, SWITCH_S, held_radius_m, mission_items
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.sources import PlanReader

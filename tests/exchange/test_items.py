@@ -10,10 +10,9 @@ import pytest
 from eadp import read_plan
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import InputError
-from eadp.exchange.item_map import items_text, mapped_items, parse_items, same_items
 from eadp.exchange.items import WAYPOINT
 from eadp.exchange.path import PlannedPath, planned_sections
-from eadp.exchange.writer import mission_items
+from eadp.exchange.writer import items_text, mapped_items, mission_items, parse_items, same_items
 from eadp.io.text.streams import Text
 from eadp.models.plan.trace import nominal_route
 

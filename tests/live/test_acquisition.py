@@ -8,7 +8,7 @@ from common.observations import seen_at
 
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
-from eadp.live.acquisition import SETTLE_S, Acquisition
+from eadp.live.locator import SETTLE_S, Acquisition
 from eadp.models.plan.cursor import PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.legs import leg_points

@@ -22,8 +22,7 @@ from eadp.exchange.items import MissionItem
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 from eadp.live.messages import values_of
-from eadp.live.mission import RestLayout
-from eadp.live.upload import State
+from eadp.live.mission import RestLayout, State
 
 SCENARIO = "scenarios/survey.yaml"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from eadp.live.acquisition import MAX_S, STAYS_S, InitialClimb
+from eadp.live.locator import MAX_S, STAYS_S, InitialClimb
 from eadp.planning.base import Sample
 
 

@@ -11,9 +11,9 @@ import pytest
 
 pytest.importorskip("pymavlink")
 
-from eadp.exchange.item_map import same_items
 from eadp.exchange.items import MissionItem
-from eadp.live.upload import equal_items
+from eadp.exchange.writer import same_items
+from eadp.live.mission import equal_items
 
 
 def item(values):

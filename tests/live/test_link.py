@@ -27,11 +27,9 @@ from mavlink_vehicle import Autopilot, frames, is_near, recorded, tlog
 from eadp.api.inputs import load_flight
 from eadp.errors import InputError
 from eadp.exchange.autopilot import AT_MOST, AutopilotParameter
-from eadp.exchange.item_map import read_items
+from eadp.exchange.writer import read_items
 from eadp.live import mavlink
 from eadp.live.autopilot import INTERVALS
-from eadp.live.decisions import json_line
-from eadp.live.lines import LINE_S, STALE_S, LineMaker
 from eadp.live.link import LinkFlight, LinkOptions
 from eadp.live.mavlink import (
     MAX_SENDERS,
@@ -44,8 +42,8 @@ from eadp.live.mavlink import (
     read_key,
     tlog_messages,
 )
-from eadp.live.messages import WANTED, ParameterCheck, values_of
-from eadp.live.telemetry import TelemetryReader
+from eadp.live.messages import LINE_S, STALE_S, WANTED, LineMaker, ParameterCheck, values_of
+from eadp.live.telemetry import TelemetryReader, json_line
 
 SCENARIO = "scenarios/survey.yaml"
 

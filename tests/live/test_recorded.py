@@ -17,10 +17,9 @@ from mavlink_vehicle import VOLTS, Autopilot, frames, is_near, recorded, tlog
 
 from eadp.api.inputs import load_flight
 from eadp.core.geometry.geodesy import to_geodetic_deg
-from eadp.exchange.item_map import read_items
-from eadp.live.lines import LineMaker
+from eadp.exchange.writer import read_items
 from eadp.live.mavlink import Codec
-from eadp.live.messages import WANTED, values_of
+from eadp.live.messages import WANTED, LineMaker, values_of
 from eadp.live.recorded import log_values
 from eadp.live.telemetry import TelemetryReader
 

@@ -21,20 +21,18 @@ from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import InputError
 from eadp.exchange.autopilot import read_parameters, speed_limits, wanted_parameters
-from eadp.exchange.item_map import MappedItem, mapped_items, read_items
 from eadp.exchange.items import ITEMS_LIMIT, MissionItem
 from eadp.exchange.path import PlannedPath, planned_sections
-from eadp.exchange.writer import mission_items
+from eadp.exchange.writer import MappedItem, mapped_items, mission_items, read_items
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.sources import PlanReader
 from eadp.io.text.streams import Text
 from eadp.live.link import LinkFlight, LinkOptions
 from eadp.live.mavlink import Codec
 from eadp.live.messages import ASKED, WANTED
-from eadp.live.mission import ITEM_TRIES, MissionClient, Outgoing, Received, RestLayout
+from eadp.live.mission import ITEM_TRIES, RECHECK_S, MissionClient, Outgoing, Received, RestLayout, equal_items
 from eadp.live.replanner import Replanner
 from eadp.live.telemetry_log import ReplanLog, hash_of
-from eadp.live.upload import RECHECK_S, equal_items
 from eadp.models.plan.trace import nominal_legs, nominal_route
 
 SCENARIO = "scenarios/survey.yaml"

@@ -8,8 +8,8 @@ from common import few
 from scipy.signal import lfilter
 
 from eadp.core.disturbance import DisturbanceFit
-from eadp.measure import energy_fit
-from eadp.measure.energy_fit import fit_energy
+from eadp.measure import power
+from eadp.measure.power import fit_energy
 from eadp.models.energy import EnergyModel
 
 PERIOD_S, STEP_S = 46.0, 0.5
@@ -47,21 +47,21 @@ def test_a_disturbance_is_told_from_noise(seeds: int) -> None:
 
 @pytest.mark.parametrize(
     ("std_w", "time_s", "of_whole", "share"),
-    [(3.0, 4.0, False, energy_fit.MIN_VARIANCE_SHARE), (0.03, 100.0, True, energy_fit.MIN_VARIANCE_SHARE_LONG)],
+    [(3.0, 4.0, False, power.MIN_VARIANCE_SHARE), (0.03, 100.0, True, power.MIN_VARIANCE_SHARE_LONG)],
 )
 def test_a_disturbance_counts_from_a_share_of_the_variance(monkeypatch, std_w, time_s, of_whole, share) -> None:
     """σ² beyond a share of σ² + ν²; the share of a long disturbance is another one, and a short one is noise."""
-    assert (time_s > energy_fit.LONG_SHARE * TIMES[-1]) == of_whole
+    assert (time_s > power.LONG_SHARE * TIMES[-1]) == of_whole
 
     def found(noise_share: float, time_s: float = time_s, mean_w: float = 36.0) -> bool:
         noise_w = np.sqrt(noise_share * (std_w**2 / share - std_w**2))
         known = DisturbanceFit(std_w, time_s, noise_w, 0.0)
-        monkeypatch.setattr(energy_fit, "fit_disturbance", lambda *args, **keys: known)
-        return energy_fit._disturbance(TIMES, WAVE, EnergyModel(None, mean_w)) is not None
+        monkeypatch.setattr(power, "fit_disturbance", lambda *args, **keys: known)
+        return power._disturbance(TIMES, WAVE, EnergyModel(None, mean_w)) is not None
 
     assert found(0.99)
     assert not found(1.01)
-    assert not found(0.5, time_s=0.99 * energy_fit.MIN_TIME_STEPS * STEP_S)
+    assert not found(0.5, time_s=0.99 * power.MIN_TIME_STEPS * STEP_S)
     assert found(0.1, mean_w=0.99e6 * std_w)
     assert not found(0.1, mean_w=1.01e6 * std_w)
 

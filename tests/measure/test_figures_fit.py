@@ -9,8 +9,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from eadp.errors import InputError
-from eadp.measure.energy_fit import fit_energy
 from eadp.measure.figures import _broken, _draw_log, write_fit_figure
+from eadp.measure.power import fit_energy
 from eadp.measure.spectrum import analyse, periodogram
 
 TIMES = np.arange(0, 200, 0.5)

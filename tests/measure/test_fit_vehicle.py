@@ -18,7 +18,7 @@ from eadp import fit_vehicle
 from eadp.io.logs.tables import Tables
 from eadp.io.text.streams import read_text
 from eadp.io.vehicle import read_vehicle
-from eadp.measure.autopilot_log import autopilot_motion
+from eadp.measure.formats import autopilot_motion
 from eadp.measure.power_log import AIRSPEED, DENSITY
 from eadp.models.vehicle import FixedWing, PowerCurve
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eadp.measure.robust import MAX_SHARE, WINDOW, spikes
+from eadp.measure.noise import MAX_SHARE, WINDOW, spikes
 
 
 def wavy(n: int = 600, noise_w: float = 0.5) -> np.ndarray:

@@ -10,8 +10,7 @@ from common import ROOT
 from common.answers import refused
 
 from eadp import simulate
-from eadp.report.flights import comparison, table_text
-from eadp.report.report import read_flights
+from eadp.report.report import comparison, read_flights, table_text
 
 PLAN, SCENARIO = str(ROOT / "plans/survey.plan"), str(ROOT / "scenarios/survey.yaml")
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.io.page import significant
-from eadp.report import series as thinning
-from eadp.report.series import changes, evenly, kept_samples, thinned
+from eadp.report import flight as thinning
+from eadp.report.flight import changes, evenly, kept_samples, thinned
 
 STEPS = st.lists(st.tuples(st.floats(0.01, 5), st.floats(-100, 100), st.floats(-1, 1)), min_size=1, max_size=60)
 

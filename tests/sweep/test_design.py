@@ -6,12 +6,10 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scipy import stats
 
 from eadp.sweep.run import DIED, make_runs
-from eadp.sweep.runs import Design, Law, Result, Run, SampleDesign, interleaved
+from eadp.sweep.runs import Design, Law, Result, Run, SampleDesign
 
 LAWS = {"u": Law(uniform=(2.0, 4.0)), "n": Law(normal=(10.0, 3.0)), "c": Law(choice=("a", "b", "c"))}
 
@@ -68,17 +66,6 @@ def test_draws_are_the_seeds_and_stay_when_keys_or_runs_are_added():
     assert SampleDesign(20, first, 3).draws["u"] == draws["u"]
 
 
-@given(st.lists(st.integers(), unique=True, max_size=300))
-def test_spread_meets_every_item_once(items):
-    assert sorted(interleaved(items)) == sorted(items)
-
-
-def test_the_first_runs_of_a_grid_are_no_column_of_it():
-    some = [*itertools.islice(interleaved(range(400)), 20)]
-    assert len({index % 20 for index in some}) > 10
-    assert len({index // 20 for index in some}) > 10
-
-
 # --- the loop
 
 
@@ -109,28 +96,20 @@ class Engine:
 
 
 class Ledger:
-    """Knows what is made; keys of `theirs` are another's until it has been waited for."""
+    """Knows what is made."""
 
-    def __init__(self, made=(), theirs=(), theirs_made=()):
-        self.made, self.theirs, self._theirs_made = set(made), set(theirs), set(theirs_made)
+    def __init__(self, made=()):
+        self.made = set(made)
         self.stored = {}
-        self.waited = 0
 
-    def claim(self, runs):
-        left = [run for run in runs if run.key not in self.made]
-        return [run for run in left if run.key not in self.theirs], [run for run in left if run.key in self.theirs]
+    def unmade(self, runs):
+        return [run for run in runs if run.key not in self.made]
 
     def store(self, results):
         for run, result in results:
             assert run.key not in self.stored
             self.stored[run.key] = result
             self.made.add(run.key)
-
-    def wait(self):
-        self.waited += 1
-        if self.waited == 3:
-            self.theirs.clear()
-            self.made |= self._theirs_made
 
 
 RUNS = [Run(str(i), {}, {"seed": 0}) for i in range(10)]
@@ -142,14 +121,6 @@ def test_every_run_is_made_once_and_stored_before_it_is_told(room):
     for run, result in make_runs(RUNS, engine, ledger):
         assert ledger.stored[run.key] is result
     assert sorted(engine.seen) == [run.key for run in RUNS if run.key not in "25"]
-
-
-def test_what_another_makes_is_waited_for_and_made_if_it_dies():
-    engine, ledger = Engine(4), Ledger(theirs=["0", "1", "2"], theirs_made=["1"])
-    made = [run.key for run, _ in make_runs(RUNS, engine, ledger)]
-    assert ledger.waited == 3
-    assert sorted(made) == [run.key for run in RUNS if run.key != "1"]
-    assert sorted(made[-2:]) == ["0", "2"]
 
 
 def test_a_run_that_kills_its_process_is_a_result():

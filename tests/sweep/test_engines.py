@@ -17,7 +17,7 @@ from eadp.errors import EadpError, InputError
 from eadp.sweep.dask import DaskEngine
 from eadp.sweep.engines import QUEUED, TASK_S, EngineOptions
 from eadp.sweep.pool import PoolEngine, cores
-from eadp.sweep.registry import ENGINES, SerialEngine, open_engine
+from eadp.sweep.run import ENGINES, SerialEngine, open_engine
 
 DEATH = functools.partial(os._exit, 3)
 

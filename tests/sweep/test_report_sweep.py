@@ -125,7 +125,6 @@ def many(tmp_path):
     end |= {"reserve_kept": True, "energy_wh": 1.5, "distance_m": 700.0}
     with closing(Results(str(path))) as results:
         results.expect(run.key for run in runs)
-        results.claim(runs)
         results.store([(run, Result(None, "<i>") if i % 10 == 3 else Result(end)) for i, run in enumerate(runs)])
     return path
 

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import random
 import sqlite3
-import subprocess
-import sys
 from contextlib import closing
 from pathlib import Path
 
@@ -32,41 +29,6 @@ def path(tmp_path):
 def expecting(results, runs=RUNS):
     results.expect(run.key for run in runs)
     return results
-
-
-def keys(runs):
-    return [run.key for run in runs]
-
-
-OTHER = """
-import sys
-from eadp.sweep.results import Results
-from eadp.sweep.runs import Result, Run
-runs = [Run(f"key{i}", {}, {"seed": i}) for i in range(3)]
-results = Results(sys.argv[1])
-mine, theirs = results.claim(runs)
-print(len(mine), len(theirs), flush=True)
-sys.stdin.readline()
-results.store([(runs[0], Result(None, "theirs"))])
-print("stored", flush=True)
-sys.stdin.readline()
-"""
-
-
-@pytest.fixture
-def other(path, root):
-    """Another process that has claimed the first three runs, and stores one when asked to; killed at the end."""
-    Results(path).close()
-    command = [sys.executable, "-c", OTHER, path]
-    with subprocess.Popen(command, cwd=root, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout.readline() == "3 0\n"
-        yield process
-        process.kill()
-
-
-def killed(process):
-    process.kill()
-    process.wait()
 
 
 def test_results_are_kept_in_order_of_what_is_expected(path):
@@ -109,16 +71,6 @@ def test_a_file_that_could_not_be_started_is_removed(path, monkeypatch):
     with pytest.raises(InputError, match="cannot be used"):
         Results(path)
     assert not os.listdir(os.path.dirname(path))
-
-
-def test_a_session_that_could_not_be_started_leaves_no_lock(path, monkeypatch):
-    def fails(*_):
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(results_file.fcntl, "lockf", fails)
-    with pytest.raises(InputError, match=r"results\.db\.lock:1:1: error: cannot be written: No space left"):
-        Results(path)
-    assert os.listdir(os.path.dirname(path)) in ([], ["results.db"])
 
 
 def test_a_damaged_index_is_refused(path):
@@ -173,43 +125,16 @@ def test_a_result_that_is_there_stays(path):
         results.store([(RUNS[0], Result(None, "first"))])
         results.store([(RUNS[0], Result(None, "second"))])
         assert [row["error"] for row in results.rows()] == ["first"]
-    with closing(sqlite3.connect(path)) as connection:
-        assert connection.execute("SELECT stored, repeated FROM sessions").fetchall() == [(1, 1)]
 
 
-def test_what_a_living_process_has_claimed_is_not_ours(path, other):
-    with closing(Results(path)) as results:
-        mine, theirs = results.claim(RUNS)
-        assert (keys(mine), keys(theirs)) == (["key3", "key4", "key5"], ["key0", "key1", "key2"])
-        other.stdin.write("go on\n")
-        other.stdin.flush()
-        assert other.stdout.readline() == "stored\n"
-        mine, theirs = results.claim(RUNS[:3])
-        assert (keys(mine), keys(theirs)) == ([], ["key1", "key2"])
-
-
-def test_what_a_killed_process_had_claimed_is_ours(path, other):
-    killed(other)
-    with closing(Results(path)) as results:
-        mine, theirs = results.claim(RUNS)
-        assert (keys(mine), keys(theirs)) == (keys(RUNS), [])
-
-
-def test_the_last_one_out_removes_the_lock(path, other, tmp_path):
-    lock = tmp_path / "deep/results.db.lock"
-    Results(path).close()
-    assert lock.exists(), "another process lives"
-    killed(other)
-    Results(path).close()
-    assert sorted(item.name for item in lock.parent.iterdir()) == ["results.db"]
-
-
-def test_claims_are_let_go_at_the_end(path):
-    with closing(Results(path)) as results:
-        results.claim(RUNS)
-    with closing(sqlite3.connect(path)) as connection:
-        assert connection.execute("SELECT count(*) FROM claims").fetchone() == (0,)
-        assert connection.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+def test_what_another_process_has_stored_is_not_made_again(path):
+    with closing(Results(path)) as results, closing(Results(path)) as other:
+        assert results.unmade(RUNS) == RUNS
+        other.store([(RUNS[2], Result(None, "theirs"))])
+        assert results.unmade(RUNS) == [*RUNS[:2], *RUNS[3:]]
+        results.store([(run, Result(SUMMARY)) for run in RUNS])
+        assert [row["error"] for row in expecting(results).rows()] == [None, None, "theirs", None, None, None]
+    assert os.listdir(os.path.dirname(path)) == ["results.db"]
 
 
 def test_a_full_disk_is_an_error_and_leaves_a_file_that_can_be_continued(path):
@@ -256,7 +181,7 @@ def test_what_sqlite_says_of_a_damaged_schema_is_printable(path):
     with closing(expecting(Results(path))):
         pass
     data = Path(path).read_bytes()
-    at = data.index(b"CREATE TABLE sessions")
+    at = data.index(b"CREATE TABLE runs")
     Path(path).write_bytes(data[: at + 13] + b"\x01\x1b" + data[at + 15 :])
     with pytest.raises(InputError) as error:
         Results(path)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from eadp.measure.energy_fit import energy_model
+from eadp.measure.power import energy_model
 from eadp.measure.spectrum import Spectrum
 from eadp.models.energy import EnergyModel, Harmonic
 
