@@ -71,15 +71,15 @@ LIBRARIES = (
 # - models/plan/structure.py: samples at 1 + 0.1 i → 1 + 1.1 i: any distinct samples do
 # - models/plan/leg_ends.py: bisection from found - 1 → found - 2: the first sample beyond is found: the bisection
 #   starts with a longer interval, and ends at the same millimetre
-# - models/plan/triggers.py: turned < -π → <=: a half turn within one step, which has no direction
-# - models/plan/triggers.py: abs(dy) < 1e-9 → <=: a shift of exactly 1e-9 m
+# - models/plan/executor.py: turned < -π → <=: a half turn within one step, which has no direction
+# - models/plan/executor.py: abs(dy) < 1e-9 → <=: a shift of exactly 1e-9 m
 # - core/signals/spectrum.py: chance > _EVIDENT → >=: differs at one value of a real number
 # - core/signals/coloured_noise.py: arange(3, m + 1, 2) → m + 2: m is odd
 # - core/geometry/dubins.py: ceil(36 / fall) → 37: one harmonic more than is needed for rounding
-# - core/flight/wind.py: a crosswind < the airspeed → <=: differs where both are the same to the last digit
+# - core/flight.py: a crosswind < the airspeed → <=: differs where both are the same to the last digit
 # - core/signals/spectrum.py: where(apart < 0, …) → < 1: the sum of harmonic 0 is real: its conjugate is itself
 # - core/expressions/derivatives.py: a zero depends on the point, False → True: the value is the same, computed later
-# - core/flight/wind.py: INITIAL_GUST_MPS**2 → **3: it is 1
+# - core/flight.py: INITIAL_GUST_MPS**2 → **3: it is 1
 # - planning/estimation/estimator.py: period_s or 1.0 → or 2.0: without a period there are no harmonics
 # - core/signals/averaging.py: pairs <= 0 → <: a sum of rounded terms is not exactly 0
 # - core/signals/disturbance.py: the span of one sample 0 → 1 s: it is used as span_s or 1.0

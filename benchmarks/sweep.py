@@ -57,8 +57,7 @@ from measured import add_option, head, line, recorded
 from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.core import compiled
 from eadp.io.text.streams import read_text
-from eadp.models.plan.executor import PlanExecutor
-from eadp.models.plan.triggers import ENDS, FIRES_IN, PASS_Q, RADIUS_SQUARED
+from eadp.models.plan.executor import ENDS, FIRES_IN, PASS_Q, RADIUS_SQUARED, PlanExecutor
 from eadp.models.world import World
 from eadp.papers.estimator import ExactEstimator
 from eadp.planning.flight import PlannedFlight

@@ -34,10 +34,9 @@ from eadp.models.doubts import aircraft_doubts, angle_doubts, fault_doubts, posi
 from eadp.models.energy import EnergyModel
 from eadp.models.performance import too_tight
 from eadp.models.plan.cursor import Vector
-from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.route import MARGIN_M
-from eadp.models.plan.stage import COMPUTATION, LAND, TAKEOFF, Stage
+from eadp.models.plan.stage import COMPUTATION, LAND, TAKEOFF, Leg, Stage, leg_points
 from eadp.models.plan.trace import KEPT_ROUTES, default_start, nominal_legs, whole_route
 from eadp.models.profile import AnyProfile, configuration_text
 from eadp.models.vehicle import Aeroplane, Airframe, PaperVehicle
@@ -341,7 +340,7 @@ def _way_home(plan: Plan, scenario: Scenario, parameters: Vector, start_m: Point
     way_home = WayHome(home_m, turn_radius_m, turns_back, None, altitude_m, landing)
     if not any(airspace):
         return way_home
-    from eadp.core.geometry.ways import WaysTo
+    from eadp.core.geometry.polygons import WaysTo
 
     radius_m = HOME_RADII * turn_radius_m
     clear, near = airspace.free_space(CLEARANCE_SHARE * radius_m), airspace.free_space(0.0)

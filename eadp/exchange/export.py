@@ -38,13 +38,11 @@ from eadp.io.text.options import Flag
 from eadp.io.text.streams import write_text
 from eadp.models.airspace import BOUNDARY, Airspace, entered, risk_text
 from eadp.models.autopilot import ARDUPILOT, PX4, Autopilot
-from eadp.models.landing import Air, approach, approach_slopes, behind_warning, landing_pose
 from eadp.models.performance import calibrated_over_true
-from eadp.models.plan.legs import Leg, leg_points
-from eadp.models.plan.pieces import with_landing
+from eadp.models.plan.pieces import Air, approach, approach_slopes, behind_warning, landing_pose, with_landing
 from eadp.models.plan.plan import MadeFor, Plan
 from eadp.models.plan.route import PlannedLegs
-from eadp.models.plan.stage import LAND, TAKEOFF
+from eadp.models.plan.stage import LAND, TAKEOFF, Leg, leg_points
 from eadp.models.plan.trace import nominal_route
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.planning.forecast.held import Preflight

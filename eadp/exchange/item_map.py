@@ -15,8 +15,8 @@ from annotated_types import Ge, Le, MaxLen
 
 from eadp.errors import Fault
 from eadp.exchange.items import ITEMS_LIMIT, NO_POSITION, MissionItem
-from eadp.io.text.schema_faults import STRICT, keys_document, validated
 from eadp.io.text.streams import Text, read_text
+from eadp.io.text.yaml import STRICT, keys_document, validated
 from eadp.models.plan.route import PlannedLegs
 
 SCHEMA = "eadp.items/1"

@@ -24,8 +24,7 @@ from eadp.exchange.qgc import is_qgc, qgc_fences, read_qgc
 from eadp.io.plan.reader import LIMIT_CHARACTERS
 from eadp.io.plan.sources import PlanReader
 from eadp.io.text.csv import Row, number_fault, read_rows
-from eadp.io.text.kinds import HEAD
-from eadp.io.text.streams import Location, SourceText, Text
+from eadp.io.text.streams import HEAD, Location, SourceText, Text
 from eadp.models.plan.plan import Finding, Plan
 from eadp.plug_ins import plug_ins
 

@@ -23,18 +23,19 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, heading_rad, to_near_local_m
 from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.text.options import parse_named
-from eadp.io.text.schema_faults import (
+from eadp.io.text.streams import SourceText, Text, read_text
+from eadp.io.text.yaml import (
     STRICT,
+    Document,
     are_given,
     keys_document,
     never,
+    read_yaml,
     schema_of,
     validated,
     validated_at,
     without_nulls,
 )
-from eadp.io.text.streams import SourceText, Text, read_text
-from eadp.io.text.yaml import Document, read_yaml
 from eadp.io.vehicle import SCHEMA as VEHICLE_SCHEMA
 from eadp.io.vehicle import VehicleFile, airframe_faults, battery_faults, two_voltages, vehicle_of, without_plug_in
 from eadp.models.autopilot import Autopilot

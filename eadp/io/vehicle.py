@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 from pydantic import Discriminator, Tag
 
 from eadp.errors import Fault, printable, refuse
-from eadp.io.text.schema_faults import STRICT, keys_document, validated, validated_at, without_nulls
 from eadp.io.text.streams import Text
-from eadp.io.text.yaml import Document, Path
+from eadp.io.text.yaml import STRICT, Document, Path, keys_document, validated, validated_at, without_nulls
 from eadp.models.battery import Battery
 from eadp.models.doubts import aircraft_doubts
 from eadp.models.vehicle import AIRFRAMES, Airframe, FixedWing, airframe_class

@@ -17,8 +17,8 @@ from eadp.live.gate import GAP_S, GAP_STEPS
 from eadp.live.locator import ALIKE, INDEPENDENT_S, MAX_STDS, Hypothesis, best_match, likely, line_between
 from eadp.models.plan.cursor import PlanCursor, Vector, cursors
 from eadp.models.plan.executor import PlanExecutor
-from eadp.models.plan.legs import Leg
 from eadp.models.plan.route import RoutePredictor
+from eadp.models.plan.stage import Leg
 from eadp.planning.base import Sample
 
 VALUES = 49

@@ -15,7 +15,7 @@ from eadp.core.arrays import FloatArray
 from eadp.errors import InputError
 from eadp.exchange.items import NO_POSITION, MissionItem
 from eadp.io.logs.tables import check_readable, read_tables
-from eadp.io.text.kinds import is_tlog
+from eadp.io.text.streams import is_tlog
 from eadp.live.mavlink import tlog_messages
 from eadp.live.messages import (
     COPTER_MISSION,

@@ -13,7 +13,7 @@ from eadp.errors import InputError
 from eadp.live.recorded import CAMERA, PICTURE, form_of, log_values
 from eadp.live.telemetry import TelemetryReader, open_telemetry
 from eadp.live.telemetry_log import telemetry_lines
-from eadp.models.track import PictureTrack
+from eadp.models.plan.trace import PictureTrack
 
 
 def flown_track(source: str, origin_deg: Point | None, warn: Warn) -> PictureTrack:

@@ -9,13 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.disturbance import fit_disturbance
-from eadp.core.harmonics import design_matrix, output_row
+from eadp.core.signals import design_matrix, fit_disturbance, output_row
 from eadp.errors import InputError
 from eadp.measure.robust import spikes
 from eadp.measure.spectrum import Spectrum, analyse
 from eadp.models.energy import Disturbance, EnergyModel, Harmonic
-from eadp.models.plan.legs import Leg, leg_points
+from eadp.models.plan.stage import Leg, leg_points
 from eadp.plug_ins import plug_in
 
 MIN_VARIANCE_SHARE = 0.05

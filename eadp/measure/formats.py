@@ -11,8 +11,7 @@ from functools import cached_property, partial
 
 from eadp.errors import InputError
 from eadp.io.logs.tables import read_tables
-from eadp.io.text.kinds import is_tlog
-from eadp.io.text.streams import Text, read_text
+from eadp.io.text.streams import Text, is_tlog, read_text
 from eadp.measure.autopilot_log import DATAFLASH_TOPICS, MOTION_TOPICS, ULOG_TOPICS, battery_log
 from eadp.measure.csv_log import read_csv_log
 from eadp.measure.power_log import Columns, PowerLog

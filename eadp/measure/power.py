@@ -21,8 +21,8 @@ from eadp.measure.energy_fit import EnergyFit, FlownTrack, fit_energy, flown_tra
 from eadp.measure.formats import read_power_log
 from eadp.measure.power_log import Columns, PowerLog
 from eadp.measure.spectrum import MIN_PERIODS, MIN_SAMPLES, Spectrum, analyse, vertex
-from eadp.models.plan.legs import Leg
 from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import Leg
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.profile import AnyProfile
 

@@ -15,16 +15,14 @@ from pydantic import Field
 
 from eadp import __version__
 from eadp.api.flight import SCHEMA as FLIGHT_SCHEMA
+from eadp.api.given import job_in, job_of
 from eadp.api.inputs import Files, FlightInputs, load_flight, profile_of
-from eadp.api.jobs import job_in, job_of
 from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.energy import parse_energy
 from eadp.io.plan.sources import PlanReader
 from eadp.io.scenario import REPLACED, Scenario, ScenarioFile, beside, override_key, plain, vehicle_path
-from eadp.io.text.kinds import refuse_others
-from eadp.io.text.schema_faults import STRICT, validated
-from eadp.io.text.streams import SourceText, Text
-from eadp.io.text.yaml import Document, read_yaml
+from eadp.io.text.streams import SourceText, Text, refuse_others
+from eadp.io.text.yaml import STRICT, Document, read_yaml, validated
 from eadp.io.text.yaml import Path as KeyPath
 from eadp.sweep.runs import RUNS_LIMIT, Count, Design, DesignPoint, Run, SampleDesign
 from eadp.sweep.statistics import SweepFlight

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.harmonics import SampleMean, average
+from eadp.core.signals import SampleMean, average
 from eadp.errors import FAULTS_READ, Fault, Infeasible, InputError, printable, refuse
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated, separator
 from eadp.io.text.streams import Text

@@ -29,9 +29,8 @@ from eadp.io.profile.measurements import (
     read_measurements,
 )
 from eadp.io.text.csv import NUMBER
-from eadp.io.text.schema_faults import STRICT, schema_of, validated
 from eadp.io.text.streams import Text, read_text
-from eadp.io.text.yaml import Document, Path, read_yaml
+from eadp.io.text.yaml import STRICT, Document, Path, read_yaml, schema_of, validated
 from eadp.models.profile import ARRAYS, AnyProfile, Profile, ProfileSum, added, configuration_text, shortest
 
 SCHEMA = "eadp.profile/1"

@@ -45,7 +45,7 @@ def pairwise(*factors: Iterable[Any]) -> list[Any]:
 def without_figures() -> Iterator[None]:
     """Result folders without their figures, which take longer than a short flight."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("eadp.io.figures.flight.write_flight_figure", lambda *_: None)
+        patch.setattr("eadp.io.figures.plan.write_flight_figure", lambda *_: None)
         yield
 
 

@@ -15,7 +15,7 @@ from common import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eadp.core.harmonics import average
+from eadp.core.signals import average
 from eadp.errors import FAULTS_READ, FAULTS_SHOWN, Fault, Infeasible, InputError
 from eadp.io.profile.measurements import LARGEST, STD_LIMIT, Configuration, Trace, read_measurements
 from eadp.io.profile.model_file import (

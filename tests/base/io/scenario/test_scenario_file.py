@@ -14,7 +14,7 @@ from eadp.api.inputs import load_flight
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import InputError
 from eadp.io.scenario import json_schema, read_scenario
-from eadp.io.text.schema_faults import properties, schema_of
+from eadp.io.text.yaml import properties, schema_of
 from eadp.io.vehicle import VehicleFile
 from eadp.papers.estimator import EstimatorSettings
 from eadp.simulation.loop import Outcome, fly
