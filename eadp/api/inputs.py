@@ -6,7 +6,7 @@ import contextlib
 import itertools
 import math
 import statistics
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from os import PathLike
@@ -17,7 +17,7 @@ import numpy as np
 from eadp import __version__
 from eadp.api.given import File
 from eadp.core.geometry.curves import Point
-from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined, refuse
+from eadp.errors import EadpError, Fault, InputError, PathUndefined, refuse
 from eadp.io.energy import energy_yaml, parse_energy
 from eadp.io.plan.sources import PlanReader, is_mission
 from eadp.io.plan.writer import plan_text
@@ -276,6 +276,15 @@ def _plan(files: Files, given: File | Plan, scenario: Scenario) -> tuple[Source,
     return text, plan, warnings
 
 
+@contextlib.contextmanager
+def _at_key(scenario: Scenario, key: str, expected: str, what: str = "") -> Iterator[None]:
+    """What eadp raises within is a fault at a key of the scenario."""
+    try:
+        yield
+    except EadpError as error:
+        raise InputError(scenario.fault(key, f"{what}{error}", expected)) from None
+
+
 def _named(plan: Plan, text: Source, profile: AnyProfile | None, scenario: Scenario) -> tuple[Plan, Scenario]:
     """The plan as it is flown, its computations named as in the profile where they have no names, and its scenario."""
     columns = () if profile is None else tuple(zip(profile.names, profile.units, strict=True))
@@ -475,10 +484,8 @@ def _with_sets(plan: Plan, text: Source, scenario: Scenario) -> Plan:
             raise InputError(scenario.fault("bounds", "bounds for a plan whose stages carry sets", "one or the other"))
         return plan
     if scenario.bounds:
-        try:
+        with _at_key(scenario, "bounds", "bounds for every parameter"):
             return plan.with_bounds(scenario.bounds)
-        except EadpError as error:
-            raise InputError(scenario.fault("bounds", str(error), "bounds for every parameter")) from None
     if plan.path_count or plan.computations:
         what = "the stages carry no sets and the scenario no bounds"
         raise InputError.at(text.name, plan.stages[0].line, 1, what, "sets like [-1000, 0] after each trigger")
@@ -494,12 +501,8 @@ def _computing(plan: Plan, text: Source, profile: AnyProfile | None, place: str,
             scenario.fault("profile_at", f"a constant load beside {what}", "a profile, and a plan without")
         )
     if profile is not None and load_at:
-        try:
+        with _at_key(scenario, "profile_at", f"measured values of {', '.join(profile.names)}"):
             load_configuration(profile, load_at)
-        except EadpError as error:
-            raise InputError(
-                scenario.fault("profile_at", str(error), f"measured values of {', '.join(profile.names)}")
-            ) from None
     try:
         return join_profile(plan, profile, load_at)
     except EadpError as error:
@@ -550,11 +553,9 @@ def _check_rates(world: World, scenario: Scenario) -> None:
     refuse(faults)
     for stage in world.plan.stages if world.rates else ():
         for corner in zip(*((box.lo, box.hi) for box in stage.sets), strict=True):
-            try:
+            what = f"stage {stage.index}: the actual rates leave what was measured: "
+            with _at_key(scenario, "computations", "rates that the profile has measured", what):
                 world.computing_w(corner, stage)
-            except Infeasible as error:
-                what = f"stage {stage.index}: the actual rates leave what was measured: {error}"
-                raise InputError(scenario.fault("computations", what, "rates that the profile has measured")) from None
 
 
 def _check_names(plan: Plan, scenario: Scenario) -> None:

@@ -36,8 +36,16 @@ from eadp.io.text.yaml import (
     validated_at,
     without_nulls,
 )
+from eadp.io.vehicle import (
+    BESIDE,
+    VehicleFile,
+    airframe_faults,
+    battery_faults,
+    given_twice,
+    vehicle_of,
+    without_plug_in,
+)
 from eadp.io.vehicle import SCHEMA as VEHICLE_SCHEMA
-from eadp.io.vehicle import VehicleFile, airframe_faults, battery_faults, two_voltages, vehicle_of, without_plug_in
 from eadp.models.autopilot import Autopilot
 from eadp.models.battery import Battery, BatteryFault
 from eadp.models.computing import ComputationRate
@@ -215,18 +223,12 @@ class ScenarioFile:
 def json_schema() -> dict[str, Any]:
     """JSON Schema of a scenario file."""
     schema = schema_of(ScenarioFile)
-    both = [
-        {"if": are_given(one), "then": are_given(other)}
-        for one, other in itertools.permutations(("lat_deg", "lon_deg"))
-    ]
-    place = [*both, never("position_m", "lat_deg")]
-    wind = [
-        never("from_deg", "towards_deg"),
-        *(never(key, "profile") for key in ("speed_mps", "from_deg", "towards_deg")),
-    ]
-    battery = [never("cells", "voltage_v"), never("cells", "voltage_empty_v")]
-    for name, rules in {"Start": place, "Home": place, "Wind": wind, "Battery": battery}.items():
-        schema["$defs"][name]["allOf"] = rules
+    for section, pairs in BESIDE.items():
+        rules = [never(*pair) for pair in pairs]
+        if section in ("start", "home"):
+            ends = itertools.permutations(("lat_deg", "lon_deg"))
+            rules += [{"if": are_given(one), "then": are_given(other)} for one, other in ends]
+        schema["$defs"][section.capitalize()]["allOf"] = rules
     for node in schema["properties"].values():
         if "patternProperties" in node:
             node["additionalProperties"] = False
@@ -576,16 +578,8 @@ REPLACED = {
 def _raw_faults(value: dict[str, Any], document: Document) -> list[Fault]:
     """What shows in the keys given, and no longer in the settings."""
     faults = airframe_faults(document, value.get("vehicle"), ("vehicle",))
-    faults += two_voltages(document, value) + two_voltages(document, value.get("vehicle"), ("vehicle",))
-    wind, planner = value.get("wind"), value.get("planner")
-    if isinstance(wind, dict) and {"from_deg", "towards_deg"} <= wind.keys():
-        message = "wind.from_deg and wind.towards_deg are both given"
-        faults.append(document.fault(("wind", "towards_deg"), message, "one of the two"))
-    if isinstance(wind, dict) and wind.get("profile"):
-        for key in ("speed_mps", "from_deg", "towards_deg"):
-            if key in wind:
-                message = f"wind.{key} and wind.profile are both given"
-                faults.append(document.fault(("wind", key), message, "one of the two"))
+    faults += given_twice(document, value) + given_twice(document, value.get("vehicle"), ("vehicle",))
+    planner = value.get("planner")
     for key in UNWRITTEN.keys() & planner.keys() if isinstance(planner, dict) else ():
         faults.append(document.fault(("planner", key), f"unknown key planner.{key}", UNWRITTEN[key]))
     return faults
@@ -609,9 +603,6 @@ def _faults(keys: ScenarioFile, document: Document) -> list[Fault]:
     for key, place in {"start": keys.start, "home": keys.home}.items():
         if (place.lat_deg is None) != (place.lon_deg is None):
             faults.append(document.fault((key,), f"{key} has one of lat_deg and lon_deg", "both, or neither"))
-        elif place.lat_deg is not None and place.position_m is not None:
-            message = f"{key} has both position_m and lat_deg"
-            faults.append(document.fault((key, "lat_deg"), message, "one of the two"))
     for name, (lo, hi) in keys.bounds.items():
         if lo > hi:
             faults.append(document.fault(("bounds", name), f"bounds of {name}: {lo:g} is above {hi:g}", "[low, high]"))

@@ -69,7 +69,7 @@ def varied_legs(plan: Plan, parameters: Sequence[float], values: Sequence[float]
 
     Source: letter, Fig. 2 (the grey area).
     """
-    values, laps = tuple(values), []
+    values, laps, predictor = tuple(values), [], RoutePredictor()
     for before, legs in _laps(plan, parameters):
         following: PlanCursor | None = PlanCursor.start(plan, values)
         start = default_start(plan, values)[0]
@@ -78,7 +78,7 @@ def varied_legs(plan: Plan, parameters: Sequence[float], values: Sequence[float]
             following, start = varied.next(), varied.trigger_m()
         lap: list[Leg] = []
         while following is not None and len(lap) < legs:
-            lap.append(_leg(following, start))
+            lap.append(predictor.leg(following, start).first)
             following, start = following.next(), lap[-1].end_m
         laps.append(tuple(lap))
     return tuple(laps)
@@ -96,16 +96,6 @@ def _laps(plan: Plan, parameters: Sequence[float]) -> list[tuple[PlanCursor | No
         laps[-1] = laps[-1][0], laps[-1][1] + 1
         before, following = following, following.next()
     return laps
-
-
-def _leg(cursor: PlanCursor, start: Point) -> Leg:
-    """The whole of a stage from where it is joined."""
-    (ox, oy), goal = cursor.offset_m, cursor.trigger_m()
-    track = cursor.stage.track(cursor.path(), cursor.local_trigger_m())
-    length_m = abs(track.ahead_m((start[0] - ox, start[1] - oy)))
-    if not math.isfinite(length_m):
-        raise PathUndefined(f"the path of stage {cursor.stage.index} does not lead to its trigger")
-    return Leg(cursor.lap, cursor.stage, track, cursor.offset_m, start, goal, length_m)
 
 
 def default_start(plan: Plan, parameters: Sequence[float]) -> tuple[Point, float]:
