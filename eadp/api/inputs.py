@@ -22,7 +22,7 @@ from eadp.io.energy import energy_yaml, parse_energy
 from eadp.io.plan.sources import PlanReader, is_mission
 from eadp.io.plan.writer import plan_text
 from eadp.io.profile.model_file import parse_profile, profile_yaml
-from eadp.io.scenario import SCHEMA, Scenario, plain, scenario_document, scenario_of, value_text
+from eadp.io.scenario import SCHEMA, Scenario, by_parameter, plain, scenario_document, scenario_of, value_text
 from eadp.io.text.options import parse_named
 from eadp.io.text.streams import SourceText, Text, read_text
 from eadp.io.text.yaml import Document
@@ -560,15 +560,13 @@ def _check_rates(world: World, scenario: Scenario) -> None:
 
 def _check_names(plan: Plan, scenario: Scenario) -> None:
     """Parameters that the planner's settings name are the plan's."""
-    settings = scenario.planner
-    own = settings.own
-    named = {f"planner.{key}.{name}": name for key in ("weights", "levels") for name in getattr(settings, key)}
-    named |= {
-        f"planner.{settings.name}.{key}.{name}": name for key in ("delta", "gains") for name in getattr(own, key, ())
-    }
-    for i, row in enumerate(getattr(own, "trade_offs", ())):
-        named |= {f"planner.{settings.name}.trade_offs.{i}.coefficients.{name}": name for name in row.coefficients}
-    faults = [scenario.unknown_parameter(key, name, plan) for key, name in named.items() if name not in plan.names]
+    faults = [
+        scenario.unknown_parameter(".".join(map(str, (*path, name))), name, plan)
+        for path, values in by_parameter(scenario.document.value)
+        if path[0] == "planner" and path[1] in ("weights", "levels", scenario.planner.name)
+        for name in values
+        if name not in plan.names
+    ]
     if faults and plan.names:  # a plan without parameters may share a scenario with others
         raise InputError(*faults)
 

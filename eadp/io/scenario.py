@@ -283,7 +283,7 @@ class Scenario:
         titled = {item.title: i for i, item in enumerate(parameters) if item.title}
         changed = [
             (path, title, titled[title])
-            for path, values in _by_parameter(self.document.value)
+            for path, values in by_parameter(self.document.value)
             for title in values
             if title in titled
         ]
@@ -349,7 +349,7 @@ class Scenario:
         return self.document.fault(tuple(key.split(".")), message, expected)
 
 
-def _by_parameter(value: Any) -> Iterator[tuple[tuple[str | int, ...], Mapping[str, Any]]]:
+def by_parameter(value: Any) -> Iterator[tuple[tuple[str | int, ...], Mapping[str, Any]]]:
     """The mappings of a scenario whose keys are parameters, each with its path."""
     planner = value.get("planner") or {}
     paths: list[tuple[str | int, ...]] = [("parameters",), ("bounds",), ("computations",)]

@@ -334,37 +334,30 @@ class _Reader:
             self._fault(line, match.start(1), f"{name} cannot be the name of a coordinate", "another name")
         elif name in group.coordinates:
             self._fault(line, match.start(1), f"the coordinate {name} stands twice", "it once")
-        if group.conditional:  # it may name what stands below it: read once all names are known
-            group.coordinates[name] = (*_NOWHERE, line.after(start))
-            group.definitions.append((name, start, line))
-            return
-        pair = self._expressions(line, rest, start, "a first value and a shift, like -115, 10")
-        if pair is not None and any(part.names & {"x", "y"} for part in pair):
-            self._fault(line, start, f"the coordinate {name} depends on x or y", "numbers and parameters")
-            pair = None
-        if pair is None:  # the name stays defined: one mistake is one fault
-            pair = list(_NOWHERE)
-        group.coordinates[name] = (pair[0], pair[1], line.after(start))
+        # it may name what stands below it: read once all names are known
+        group.coordinates[name] = (*_NOWHERE, line.after(start))
+        group.definitions.append((name, start, line))
 
     def _read_definitions(self, group: _Group) -> None:
-        """The loop variables of a repeating segment: a first value and an increment, or a formula."""
+        """The coordinates, each a first value and a shift; of a segment that ends on a condition formulas, too."""
         formulas: set[str] = set()
-        names = {name for name, _, _ in group.definitions}
+        names = {name for name, _, _ in group.definitions} if group.conditional else set[str]()
+        expected = "" if group.conditional else "a first value and a shift, like -115, 10"
         if len(names) > VARIABLES_LIMIT:
             line = group.definitions[VARIABLES_LIMIT][2]
             self._fault(line, 0, f"{len(names)} loop variables in a segment", f"at most {VARIABLES_LIMIT}")
             return
         for name, start, line in group.definitions:
             rest = line.text[start:]
-            values = self._attempt(line, start, "", lambda rest=rest: read_expressions(rest, names))  # type: ignore[misc]
-            if values is None:
+            count = None if group.conditional else 2
+            values = self._attempt(line, start, expected, partial(read_expressions, rest, names, count=count))
+            if values is None:  # the name stays defined: one mistake is one fault
                 continue
             if len(values) > 2:
                 self._fault(line, start, f"{len(values)} values", "a first value and a shift, or a formula alone")
                 continue
             if any(part.names & {"x", "y"} for part in values):
-                what = f"the loop variable {name} depends on x or y"
-                self._fault(line, start, what, "numbers, parameters and loop variables")
+                self._fault(line, start, f"the coordinate {name} depends on x or y", "numbers and parameters")
                 continue
             place = group.coordinates[name][2]
             if len(values) == 2:
