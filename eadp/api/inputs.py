@@ -129,13 +129,8 @@ class Files:
         """A profile, a model or of measurements, where it comes from, and warnings."""
         if not isinstance(given, str | PathLike):
             return Given(given, "given-profile.yaml", profile_yaml), given, []
-        text, (profile, found) = self.read(str(given), profile_of, reference)
+        text, (profile, found) = self.read(str(given), parse_profile, reference)
         return text, profile, found
-
-
-def profile_of(text: Text) -> tuple[AnyProfile, list[Fault]]:
-    """A profile and its warnings: a model, or measurements."""
-    return parse_profile(text)
 
 
 @dataclass(frozen=True)

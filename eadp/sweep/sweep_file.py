@@ -16,10 +16,11 @@ from pydantic import Field
 from eadp import __version__
 from eadp.api.flight import SCHEMA as FLIGHT_SCHEMA
 from eadp.api.given import job_in, job_of
-from eadp.api.inputs import Files, FlightInputs, load_flight, profile_of
+from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.energy import parse_energy
 from eadp.io.plan.sources import PlanReader
+from eadp.io.profile.model_file import parse_profile
 from eadp.io.scenario import REPLACED, Scenario, ScenarioFile, beside, override_key, plain, vehicle_path
 from eadp.io.text.streams import SourceText, Text, refuse_others
 from eadp.io.text.yaml import STRICT, Document, read_yaml, validated
@@ -370,7 +371,7 @@ def _read_all(
     document: Document, keys: SweepKeys, paths: list[tuple[str, str, KeyPath]], sweep: Sweep
 ) -> tuple[Fault, ...]:
     """Read every plan, profile and energy model once; what the first run is warned about."""
-    parsers: dict[str, Callable[[Text], Any]] = {"plan": PlanReader(), "profile": profile_of, "energy": parse_energy}
+    parsers: dict[str, Callable[[Text], Any]] = {"plan": PlanReader(), "profile": parse_profile, "energy": parse_energy}
     named: set[str] = set()
     for kind, path, location in paths:
         if job := job_of(path):

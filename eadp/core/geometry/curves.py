@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -350,8 +349,8 @@ class Nodes(NamedTuple):
     curvature_per_m: FloatArray
 
 
-class Track(ABC):
-    """A path as travelled to a point.
+class Track:
+    """A path as travelled to a point: a general curve, followed numerically, or a line or circle of the classes below.
 
     Parameters
     ----------
@@ -374,39 +373,53 @@ class Track(ABC):
     turn_m: float = math.inf
     """Length of a whole turn [m]; infinite for what does not close."""
 
-    @abstractmethod
     def nearest(self, point: Point) -> Point:
         """The point of the path nearest to a point [m]; of a curve, the one that Newton's steps lead to."""
+        return project(self.path, point)
 
-    @abstractmethod
     def ahead_m(self, point: Point) -> float:
         """Distance along the path from a point to the end [m]; infinite for a curve that does not meet it.
 
         On a line it is negative where the end lies behind; on a circle it is above 0, up to a whole turn.
         """
+        return curve_length_m(self.path, self.nearest(point), self._end, self._sense)
 
-    @abstractmethod
     def radius_m(self) -> float:
         """Radius at the end [m]; infinite for a line."""
+        return radius_of_curvature_m(self.path, self.nearest(self._end))
 
-    @abstractmethod
     def approach(self) -> Point:
         """A point of the path [m] from which the end can be approached: 100 m, or a quarter of a circle, before it."""
+        back = points_along(self.path, self._end, -self._sense, 1.0)  # 1 m apart
+        return next(itertools.islice(back, int(APPROACH_M), None))
 
-    @abstractmethod
     def points(self, start: Point, distance_m: float, share: float, count: int) -> Iterator[tuple[Point, float]]:
         """`count` + 1 points from a start along a distance [m], with directions of travel [rad].
 
         `share` is the distance as a share of that to the end: at 1, the last point is that of the end.
         """
+        points = points_along(self.path, start, self._sense, distance_m / count or 1.0)
+        for point in itertools.islice(points, count):
+            yield point, self._heading_rad(point)
+        last = self.nearest(self._end) if share == 1 else next(points)
+        yield last, self._heading_rad(last)
 
     def remaining_m(self, point: Point, guess_m: float) -> float:
-        """`ahead_m`, the one nearest to a guess [m] where the path closes."""
-        return self.ahead_m(point)
+        """`ahead_m`, the one nearest to a guess [m] where the path closes; of a curve the guess."""
+        return guess_m
 
-    @abstractmethod
     def nodes(self, start: Point, distance_m: float, share: float) -> Nodes:
         """Quadrature over a distance [m] from a start; `share` as in `points`."""
+        count = max(1, math.ceil(distance_m / max(distance_m / CURVE_NODES, 1e-3) - 1e-9))
+        headings = np.unwrap([heading for _, heading in self.points(start, distance_m, share, count)])
+        middle = (headings[1:] + headings[:-1]) / 2
+        step_m = distance_m / count
+        curvature = np.diff(headings) / max(step_m, 1e-9)
+        return Nodes(np.full(count, step_m), np.cos(middle), np.sin(middle), curvature)
+
+    def _heading_rad(self, point: Point) -> float:
+        x, y = tangent(self.path, point, self._sense)
+        return math.atan2(y, x)
 
 
 class LineTrack(Track):
@@ -421,6 +434,9 @@ class LineTrack(Track):
 
     def ahead_m(self, point: Point) -> float:
         return -self._line.progress_m(point)
+
+    def remaining_m(self, point: Point, guess_m: float) -> float:
+        return self.ahead_m(point)
 
     def radius_m(self) -> float:
         return math.inf
@@ -485,46 +501,7 @@ class CircleTrack(Track):
         return Nodes(weights * distance_m, np.cos(course), np.sin(course), curvature)
 
 
-class CurveTrack(Track):
-    """A general curve, followed numerically."""
-
-    def nearest(self, point: Point) -> Point:
-        return project(self.path, point)
-
-    def ahead_m(self, point: Point) -> float:
-        return curve_length_m(self.path, self.nearest(point), self._end, self._sense)
-
-    def radius_m(self) -> float:
-        return radius_of_curvature_m(self.path, self.nearest(self._end))
-
-    def approach(self) -> Point:
-        back = points_along(self.path, self._end, -self._sense, 1.0)  # 1 m apart
-        return next(itertools.islice(back, int(APPROACH_M), None))
-
-    def points(self, start: Point, distance_m: float, share: float, count: int) -> Iterator[tuple[Point, float]]:
-        points = points_along(self.path, start, self._sense, distance_m / count or 1.0)
-        for point in itertools.islice(points, count):
-            yield point, self._heading_rad(point)
-        last = self.nearest(self._end) if share == 1 else next(points)
-        yield last, self._heading_rad(last)
-
-    def remaining_m(self, point: Point, guess_m: float) -> float:
-        return guess_m
-
-    def nodes(self, start: Point, distance_m: float, share: float) -> Nodes:
-        count = max(1, math.ceil(distance_m / max(distance_m / CURVE_NODES, 1e-3) - 1e-9))
-        headings = np.unwrap([heading for _, heading in self.points(start, distance_m, share, count)])
-        middle = (headings[1:] + headings[:-1]) / 2
-        step_m = distance_m / count
-        curvature = np.diff(headings) / max(step_m, 1e-9)
-        return Nodes(np.full(count, step_m), np.cos(middle), np.sin(middle), curvature)
-
-    def _heading_rad(self, point: Point) -> float:
-        x, y = tangent(self.path, point, self._sense)
-        return math.atan2(y, x)
-
-
-TRACKS: dict[str, type[Track]] = {LINE: LineTrack, CIRCLE: CircleTrack, CURVE: CurveTrack}
+TRACKS: dict[str, type[Track]] = {LINE: LineTrack, CIRCLE: CircleTrack, CURVE: Track}
 
 
 def radius_of_curvature_m(path: PathFunction, point: Point) -> float:

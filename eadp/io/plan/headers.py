@@ -29,6 +29,7 @@ _CAMERA = re.compile(r"(.*?) ?\baltitude (\S+)(?: gsd (\S+))?\Z")
 LARGEST = 1e9
 RADIUS: tuple[str, Callable[[float], bool]] = ("a radius above 0 m", lambda value: value > 0)
 _HEIGHT_M: tuple[str, Callable[[float], bool]] = ("metres, like 120", lambda value: abs(value) <= LARGEST)
+_ABOVE_SEA = "metres above the sea, like 120", _HEIGHT_M[1]
 
 
 class Header(NamedTuple):
@@ -305,8 +306,8 @@ HEADERS: dict[str, Header] = dict(
         ("inside", Header(lambda text: _area(text)[1], _boundary_lines)),
         _one("made-for", "site.made_for", _made_for, _made_for_text),
         _one("camera", "site.camera", _camera, _camera_text),
-        _metres("ground", "site.ground_m", _HEIGHT_M),
-        _metres("height", "site.height_m", _HEIGHT_M),
+        _metres("ground", "site.ground_m", _ABOVE_SEA),
+        _metres("height", "site.height_m", _ABOVE_SEA),
     ]
 )
 """By key, in the order in which they are written."""

@@ -553,10 +553,11 @@ def powers_at(profile: AnyProfile, asked: Sequence[str], clamp: bool) -> tuple[l
 
 def _configuration(raw: str, names: Sequence[str]) -> tuple[float, ...]:
     """Read `fps=5,keysize=32`: each parameter once."""
-    given = parse_configuration(raw, "--at")
+    expected = ",".join(f"{name}=VALUE" for name in names)
+    given = parse_configuration(raw, "--at", expected)
     unknown = [name for name in given.names if name not in names]
     missing = [name for name in names if name not in given.names]
     if unknown or missing:
         message = f"no parameter {', '.join(unknown)}" if unknown else f"no value for {', '.join(missing)}"
-        raise InputError.at("--at", 1, 1, message, ",".join(f"{name}=VALUE" for name in names), raw)
+        raise InputError.at("--at", 1, 1, message, expected, raw)
     return tuple(given.values[given.names.index(name)] for name in names)

@@ -91,7 +91,7 @@ def test_outside_is_clamped_when_asked(run: Run) -> None:
 @pytest.mark.parametrize(
     ("at", "starts"),
     [
-        ("5", ["--at:1:1: error: 5 is no name=value; expected NAME=VALUE, as in fps=0.5"]),
+        ("5", ["--at:1:1: error: 5 is no name=value; expected fps=VALUE"]),
         ("", ["--at:1:1: error: an empty text is no name=value"]),
         ("rate=5", ["--at:1:1: error: no parameter rate; expected fps=VALUE"]),
         ("=5", ["--at:1:1: error: an empty field is no name"]),
