@@ -9,13 +9,12 @@ from typing import NamedTuple
 
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import constant, number_text
-from eadp.core.geometry.curves import Point, tangent
-from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, ordered, straight
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, straight
 from eadp.core.geometry.geodesy import compass_deg, heading_rad
-from eadp.errors import Fault, Infeasible, InputError
+from eadp.errors import Fault, InputError
 from eadp.models.autopilot import FACTORY, LANDING_ANGLE, PX4, Autopilot
-from eadp.models.plan.plan import Plan
-from eadp.models.plan.stage import LOITER_TO_ALTITUDE, RETURN, Segment, Stage
+from eadp.models.plan.stage import LOITER_TO_ALTITUDE, Stage
 from eadp.models.vehicle import Airframe, PaperVehicle
 
 CLIMB_OUT_M = 50.0
@@ -119,40 +118,6 @@ def piece_stages(pieces: Sequence[Piece], like: Stage, first: int) -> tuple[Stag
         flown = replace(like, index=index, segment=None, commands=(), path=read_expression(function), trigger=(x, y))
         stages.append(replace(flown, gain=gain, rotation_deg=rotation_deg))
     return tuple(stages)
-
-
-def with_landing(plan: Plan, approach: Piece, radius_m: float, land: Command) -> Plan:
-    """A plan that lands from where it ends: the quickest turn to a final approach, and down it.
-
-    Parameters
-    ----------
-    plan : Plan
-    approach : Piece
-    radius_m : float
-        Of the turns [m].
-    land : tuple
-        The command of the landing, whose altitude its stage has.
-
-    Raises
-    ------
-    Infeasible
-        If where the plan ends depends on its laps or its path parameters.
-    """
-    last = plan.stages[-1]
-    laps = plan.repeats or (last.segment and last.segment.repeats)
-    if laps or any(part.max_parameter for part in (last.path, *last.trigger)):
-        raise Infeasible("where the plan ends depends on its laps or its path parameters")
-    x, y = last.trigger_at(())
-    dx, dy = tangent(last.path_at(()), (x, y), last.sense)
-    turn = ordered((x, y, math.atan2(dy, dx)), approach.start, radius_m)[0]
-    pieces = [each for each in (*turn.pieces, approach) if each.length_m >= MIN_STAGE_M]
-    *way, down = piece_stages(pieces, last, len(plan.stages) + 1)
-    landing = replace(down, altitude_m=land[-1], commands=(land,))
-    kept = replace(last, commands=tuple(each for each in last.commands if each[0] != RETURN))
-    segments = plan.segments and (*plan.segments, Segment(len(plan.stages), len(pieces)))
-    stages = (*plan.stages[:-1], kept, *way, landing)
-    # a plan whose stages were explicit laps has none any more
-    return replace(plan, stages=stages, segments=segments, primitive_stages=None, shift=None, final=None)
 
 
 def rounded_text(value: float) -> str:
