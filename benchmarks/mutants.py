@@ -52,12 +52,12 @@ LIBRARIES = (
 # - models/plan/structure.py: > 1e-6 * (1 + …) → >=: differs where a rounded difference is the tolerance to the last
 #   digit
 # - models/plan/structure.py: samples at 1 + 0.1 i → 1 + 1.1 i: any distinct samples do
-# - models/plan/triggers.py: turned < -π → <=: a half turn within one step, which has no direction
-# - models/plan/triggers.py: abs(dy) < 1e-9 → <=: a shift of exactly 1e-9 m
+# - models/plan/executor.py: turned < -π → <=: a half turn within one step, which has no direction
+# - models/plan/executor.py: abs(dy) < 1e-9 → <=: a shift of exactly 1e-9 m
 # - core/geometry/dubins.py: ceil(36 / fall) → 37: one harmonic more than is needed for rounding
-# - core/flight/wind.py: a crosswind < the airspeed → <=: differs where both are the same to the last digit
+# - core/flight.py: a crosswind < the airspeed → <=: differs where both are the same to the last digit
 # - core/expressions/derivatives.py: a zero depends on the point, False → True: the value is the same, computed later
-# - core/flight/wind.py: INITIAL_GUST_MPS**2 → **3: it is 1
+# - core/flight.py: INITIAL_GUST_MPS**2 → **3: it is 1
 # - core/expressions/algebra.py: probes at 1 + 0.07 … → 2 + …: any distinct points do
 # - planning/state/motion.py: UNKNOWN_W 1000 → 1001: a prior that says nothing either way
 

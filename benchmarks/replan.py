@@ -37,7 +37,7 @@ import numpy as np
 from measured import options, recorded, table
 
 from eadp.core import compiled
-from eadp.core.harmonics import design_matrix, output_row, rotation_matrix
+from eadp.core.signals import design_matrix, output_row, rotation_matrix
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
 from eadp.models.battery import Battery

@@ -36,7 +36,6 @@ from pathlib import Path
 import eadp.cli  # noqa: F401 - first: its environment is one thread for linear algebra
 
 # isort: split
-from eadp.sweep.registry import SerialEngine
 from measured import options, recorded, table
 
 from eadp.core import compiled
@@ -45,7 +44,7 @@ from eadp.sweep.dask import DaskEngine
 from eadp.sweep.engines import Make
 from eadp.sweep.pool import PoolEngine
 from eadp.sweep.results import Results
-from eadp.sweep.run import FlyRun, make_runs
+from eadp.sweep.run import FlyRun, SerialEngine, make_runs
 from eadp.sweep.runs import Engine, Result, Run
 from eadp.sweep.sweep_file import Sweep, read_sweep
 

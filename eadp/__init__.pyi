@@ -1,8 +1,7 @@
-from eadp.api.flight import Flight
+from eadp.api.flight import Flight, forecast, simulate
 from eadp.api.given import FlightOptions
 from eadp.api.plan import check_plan, read_mission, read_plan
 from eadp.api.profile import read_profile
-from eadp.api.simulate import forecast, simulate
 from eadp.api.vehicle import vehicle
 from eadp.errors import EadpError, Infeasible, InputError
 from eadp.exchange.export import ExportOptions, export

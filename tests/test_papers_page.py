@@ -11,7 +11,7 @@ from common import ROOT
 from common.console import missing_links
 
 from eadp.io import scenario as scenario_file
-from eadp.io.text.schema_faults import properties
+from eadp.io.text.yaml import properties
 
 PAGE = ROOT / "docs/papers.md"
 SECTIONS = re.split(r"^## ", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from common import ROOT
 
-from eadp.api.simulate import simulate
+from eadp.api.flight import simulate
 from eadp.cli.main import main
 from eadp.core import compiled
-from eadp.core.flight.battery import level
+from eadp.core.flight import level
 from eadp.models.battery import Battery
 from eadp.models.vehicle import FixedWing
 from eadp.plug_ins import plug_in

@@ -1,4 +1,4 @@
-"""Results of a flight: `flight.csv`, `estimate.csv`, `summary.json`, the figures, and a copy of the inputs."""
+"""A flight in simulation, its forecast before take-off, and its results: a folder, tables, figures."""
 
 from __future__ import annotations
 
@@ -16,13 +16,18 @@ from typing import Any, Literal
 
 import numpy as np
 
-from eadp.api.inputs import FlightInputs, Source
+from eadp.api.given import File, Overrides, Warn, python_warnings
+from eadp.api.inputs import FlightInputs, Source, load_flight
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.flight import flown_coverage, flown_of_plan
+from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.json import AnyTable, frame, html_table
 from eadp.io.text.streams import new_folder
+from eadp.models.energy import EnergyModel
+from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import PATH
+from eadp.models.profile import AnyProfile
 from eadp.models.world import Step, World
 from eadp.planning.base import DecisionRecord, Ending, PlannerSettings
 from eadp.planning.flight import PlannedFlight
@@ -315,7 +320,7 @@ class Flight:
         InputError
             If the name is taken and `force` is not set, or the folder cannot be written.
         """
-        from eadp.io.figures.flight import write_flight_figure
+        from eadp.io.figures.plan import write_flight_figure
 
         world = self.inputs.world
         with new_folder(str(folder), force=force) as target:
@@ -388,3 +393,87 @@ def _copy_inputs(folder: Path, sources: Mapping[str, Source], overrides: Sequenc
     if overrides:
         lines = "".join(f"{line}\n" for line in overrides)
         (folder / OVERRIDES).write_text(lines, encoding="utf-8", errors="surrogateescape")
+
+
+def simulate(
+    plan: File | Plan,
+    scenario: File | Mapping[str, Any] | None = None,
+    profile: File | AnyProfile | None = None,
+    energy: File | EnergyModel | None = None,
+    overrides: Overrides = (),
+    *,
+    planner: str | None = None,
+    seed: int | None = None,
+    on_step: Callable[[Step], None] = lambda _step: None,
+    warn: Warn = python_warnings,
+) -> Flight:
+    """Fly a plan in simulation, re-planning on the way.
+
+    Parameters
+    ----------
+    plan : path or Plan
+        A path may be that of a mission of other software.
+    scenario : path or mapping, optional
+        A scenario file, or its keys; by default the defaults.
+    profile : path or profile, optional
+        By default the scenario's.
+    energy : path or EnergyModel, optional
+    overrides : mapping, or iterable of str, optional
+        Values by the scenario's dotted keys, as in {"wind.speed_mps": 8}, or texts, as in "wind.speed_mps=8".
+    planner : str, optional
+        Name of the planner, by default the scenario's.
+    seed : int, optional
+        Seed of gusts and noise, by default the scenario's.
+    on_step : function, optional
+        Called with each logged step, such as for a progress bar.
+    warn : function, optional
+
+    Returns
+    -------
+    Flight
+        Its summary, columns and decisions; `write` writes the result folder.
+
+    Raises
+    ------
+    InputError
+        With every fault of the first file that has any.
+    """
+    texts = override_texts(overrides, planner, seed)
+    inputs = load_flight(plan, scenario=scenario, profile=profile, energy=energy, overrides=read_overrides(texts))
+    warn(inputs.warnings)
+    return fly_flight(inputs, inputs.preflight(), on_step, texts)
+
+
+def forecast(
+    plan: File | Plan,
+    scenario: File | Mapping[str, Any] | None = None,
+    profile: File | AnyProfile | None = None,
+    energy: File | EnergyModel | None = None,
+    overrides: Overrides = (),
+    *,
+    planner: str | None = None,
+    warn: Warn = python_warnings,
+) -> dict[str, Any] | None:
+    """Forecast a flight before take-off, without flying it.
+
+    Parameters
+    ----------
+    plan, scenario, profile, energy, overrides, planner, warn
+        As `simulate`.
+
+    Returns
+    -------
+    dict or None
+        The content of `energy_forecast` in `summary.json`: the probabilities to complete and to keep the reserve, time,
+        energy, charge at the end, parameters. None where the charge is prescribed.
+
+    Raises
+    ------
+    InputError
+        As `simulate`.
+    """
+    keys = read_overrides(override_texts(overrides, planner))
+    inputs = load_flight(plan, scenario=scenario, profile=profile, energy=energy, overrides=keys)
+    warn(inputs.warnings)
+    found = inputs.preflight()
+    return None if found is None else forecast_values(found)

@@ -6,7 +6,7 @@ import contextlib
 import itertools
 import math
 import statistics
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from os import PathLike
@@ -17,12 +17,12 @@ import numpy as np
 from eadp import __version__
 from eadp.api.given import File
 from eadp.core.geometry.curves import Point
-from eadp.errors import EadpError, Fault, Infeasible, InputError, PathUndefined, refuse
+from eadp.errors import EadpError, Fault, InputError, PathUndefined, refuse
 from eadp.io.energy import energy_yaml, parse_energy
 from eadp.io.plan.sources import PlanReader, is_mission
 from eadp.io.plan.writer import plan_text
 from eadp.io.profile.model_file import parse_profile, profile_yaml
-from eadp.io.scenario import SCHEMA, Scenario, plain, scenario_document, scenario_of, value_text
+from eadp.io.scenario import SCHEMA, Scenario, by_parameter, plain, scenario_document, scenario_of, value_text
 from eadp.io.text.options import parse_named
 from eadp.io.text.streams import SourceText, Text, read_text
 from eadp.io.text.yaml import Document
@@ -34,10 +34,9 @@ from eadp.models.doubts import aircraft_doubts, angle_doubts, fault_doubts, posi
 from eadp.models.energy import EnergyModel
 from eadp.models.performance import too_tight
 from eadp.models.plan.cursor import Vector
-from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.route import MARGIN_M
-from eadp.models.plan.stage import COMPUTATION, LAND, TAKEOFF, Stage
+from eadp.models.plan.stage import COMPUTATION, LAND, TAKEOFF, Leg, Stage, leg_points
 from eadp.models.plan.trace import KEPT_ROUTES, default_start, nominal_legs, whole_route
 from eadp.models.profile import AnyProfile, configuration_text
 from eadp.models.vehicle import Aeroplane, Airframe, PaperVehicle
@@ -130,13 +129,8 @@ class Files:
         """A profile, a model or of measurements, where it comes from, and warnings."""
         if not isinstance(given, str | PathLike):
             return Given(given, "given-profile.yaml", profile_yaml), given, []
-        text, (profile, found) = self.read(str(given), profile_of, reference)
+        text, (profile, found) = self.read(str(given), parse_profile, reference)
         return text, profile, found
-
-
-def profile_of(text: Text) -> tuple[AnyProfile, list[Fault]]:
-    """A profile and its warnings: a model, or measurements."""
-    return parse_profile(text)
 
 
 @dataclass(frozen=True)
@@ -277,6 +271,15 @@ def _plan(files: Files, given: File | Plan, scenario: Scenario) -> tuple[Source,
     return text, plan, warnings
 
 
+@contextlib.contextmanager
+def _at_key(scenario: Scenario, key: str, expected: str, what: str = "") -> Iterator[None]:
+    """What eadp raises within is a fault at a key of the scenario."""
+    try:
+        yield
+    except EadpError as error:
+        raise InputError(scenario.fault(key, f"{what}{error}", expected)) from None
+
+
 def _named(plan: Plan, text: Source, profile: AnyProfile | None, scenario: Scenario) -> tuple[Plan, Scenario]:
     """The plan as it is flown, its computations named as in the profile where they have no names, and its scenario."""
     columns = () if profile is None else tuple(zip(profile.names, profile.units, strict=True))
@@ -341,7 +344,7 @@ def _way_home(plan: Plan, scenario: Scenario, parameters: Vector, start_m: Point
     way_home = WayHome(home_m, turn_radius_m, turns_back, None, altitude_m, landing)
     if not any(airspace):
         return way_home
-    from eadp.core.geometry.ways import WaysTo
+    from eadp.core.geometry.polygons import WaysTo
 
     radius_m = HOME_RADII * turn_radius_m
     clear, near = airspace.free_space(CLEARANCE_SHARE * radius_m), airspace.free_space(0.0)
@@ -476,10 +479,8 @@ def _with_sets(plan: Plan, text: Source, scenario: Scenario) -> Plan:
             raise InputError(scenario.fault("bounds", "bounds for a plan whose stages carry sets", "one or the other"))
         return plan
     if scenario.bounds:
-        try:
+        with _at_key(scenario, "bounds", "bounds for every parameter"):
             return plan.with_bounds(scenario.bounds)
-        except EadpError as error:
-            raise InputError(scenario.fault("bounds", str(error), "bounds for every parameter")) from None
     if plan.path_count or plan.computations:
         what = "the stages carry no sets and the scenario no bounds"
         raise InputError.at(text.name, plan.stages[0].line, 1, what, "sets like [-1000, 0] after each trigger")
@@ -495,12 +496,8 @@ def _computing(plan: Plan, text: Source, profile: AnyProfile | None, place: str,
             scenario.fault("profile_at", f"a constant load beside {what}", "a profile, and a plan without")
         )
     if profile is not None and load_at:
-        try:
+        with _at_key(scenario, "profile_at", f"measured values of {', '.join(profile.names)}"):
             load_configuration(profile, load_at)
-        except EadpError as error:
-            raise InputError(
-                scenario.fault("profile_at", str(error), f"measured values of {', '.join(profile.names)}")
-            ) from None
     try:
         return join_profile(plan, profile, load_at)
     except EadpError as error:
@@ -551,24 +548,20 @@ def _check_rates(world: World, scenario: Scenario) -> None:
     refuse(faults)
     for stage in world.plan.stages if world.rates else ():
         for corner in zip(*((box.lo, box.hi) for box in stage.sets), strict=True):
-            try:
+            what = f"stage {stage.index}: the actual rates leave what was measured: "
+            with _at_key(scenario, "computations", "rates that the profile has measured", what):
                 world.computing_w(corner, stage)
-            except Infeasible as error:
-                what = f"stage {stage.index}: the actual rates leave what was measured: {error}"
-                raise InputError(scenario.fault("computations", what, "rates that the profile has measured")) from None
 
 
 def _check_names(plan: Plan, scenario: Scenario) -> None:
     """Parameters that the planner's settings name are the plan's."""
-    settings = scenario.planner
-    own = settings.own
-    named = {f"planner.{key}.{name}": name for key in ("weights", "levels") for name in getattr(settings, key)}
-    named |= {
-        f"planner.{settings.name}.{key}.{name}": name for key in ("delta", "gains") for name in getattr(own, key, ())
-    }
-    for i, row in enumerate(getattr(own, "trade_offs", ())):
-        named |= {f"planner.{settings.name}.trade_offs.{i}.coefficients.{name}": name for name in row.coefficients}
-    faults = [scenario.unknown_parameter(key, name, plan) for key, name in named.items() if name not in plan.names]
+    faults = [
+        scenario.unknown_parameter(".".join(map(str, (*path, name))), name, plan)
+        for path, values in by_parameter(scenario.document.value)
+        if path[0] == "planner" and path[1] in ("weights", "levels", scenario.planner.name)
+        for name in values
+        if name not in plan.names
+    ]
     if faults and plan.names:  # a plan without parameters may share a scenario with others
         raise InputError(*faults)
 

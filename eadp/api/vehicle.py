@@ -7,8 +7,8 @@ from dataclasses import asdict
 from typing import Any
 
 from eadp.api.given import File, Warn, python_warnings
-from eadp.io.text.schema_faults import keys_document
 from eadp.io.text.streams import read_text
+from eadp.io.text.yaml import keys_document
 from eadp.io.vehicle import SCHEMA, VehicleFile, vehicle_of, vehicle_warnings
 from eadp.models.performance import Performance, performance
 

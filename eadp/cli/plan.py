@@ -153,7 +153,7 @@ def command(
 def _trace_csv(plan: Plan, parameters: Sequence[float], step_m: float) -> str:
     """The nominal path as CSV, with latitude and longitude where the plan has an origin."""
     from eadp.core.geometry.geodesy import to_geodetic_deg
-    from eadp.models.plan.legs import TracePoint
+    from eadp.models.plan.stage import TracePoint
     from eadp.models.plan.trace import trace
 
     origin = plan.site.origin_deg

@@ -159,21 +159,17 @@ def _part_summary(part: Profile) -> str:
             f"{part.std_w[i]:.2g}" if part.samples[i] > 1 else "",
             _finite_text(part.standard_error_w[i], ".2g"),
             str(part.samples[i]),
-            _finite_text(part.energy_w_samples[i], ".6g"),
-            _finite_text(part.soc[i], ".4g"),
             _finite_text(part.leave_one_out_w[i] - part.power_w[i], "+.2g"),
         ]
         for i, at in enumerate(part.configurations.tolist())
     ]
-    optional = ["std. dev. [W]", "std. error [W]", "samples", "energy [W·samples]", "SoC", "leave-one-out error [W]"]
+    optional = ["std. dev. [W]", "std. error [W]", "samples", "leave-one-out error [W]"]
     columns = zip([*heads, *optional], *rows, strict=True)
     filled = [column for i, column in enumerate(columns) if i < len(heads) or any(column[1:])]
     title = f"{len(part.power_w)} configurations of {', '.join(part.names)}; {part.interpolation} between them"
     source = f"source: {printable(part.source, 1000)}"
     device = [f"device: {printable(part.device, 64)}"] if part.device else []
-    known = any(map(math.isfinite, part.energy_w_samples))
-    energy = ["energy: powprofiler's sum of power samples, no joules"] if known else []
-    return "\n".join([title, source, *device, *aligned([*zip(*filled, strict=True)]), *energy, *_error_summary(part)])
+    return "\n".join([title, source, *device, *aligned([*zip(*filled, strict=True)]), *_error_summary(part)])
 
 
 def _finite_text(value: float, form: str) -> str:

@@ -8,7 +8,7 @@ from typing import Annotated
 from typer import Argument
 
 from eadp.cli.output import emit_json, usage_fault
-from eadp.io.text.schema_faults import schema_of
+from eadp.io.text.yaml import schema_of
 
 # the dataclass or model of each format, or a function of its schema; its module is imported only for it
 _FORMATS = {

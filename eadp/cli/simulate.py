@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from eadp.api.given import FlightOptions
-from eadp.api.jobs import JobKind, job_in
-from eadp.api.simulate import simulate
+from eadp.api.flight import simulate
+from eadp.api.given import FlightOptions, JobKind, job_in
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
 from eadp.errors import one_of
 from eadp.io.page import REPORT

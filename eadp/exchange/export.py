@@ -12,8 +12,8 @@ from typing import Annotated, NamedTuple
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
 from eadp.api.plan import plan_of
-from eadp.core.geometry.curves import Point
-from eadp.core.geometry.dubins import Pose
+from eadp.core.geometry.curves import Point, tangent
+from eadp.core.geometry.dubins import Piece, Pose, ordered
 from eadp.core.geometry.geodesy import (
     FARTHEST_M,
     blowing_to_rad,
@@ -42,13 +42,19 @@ from eadp.io.text.options import Flag
 from eadp.io.text.streams import write_text
 from eadp.models.airspace import BOUNDARY, Airspace, entered, risk_text
 from eadp.models.autopilot import ARDUPILOT, PX4, Autopilot
-from eadp.models.landing import Air, approach, approach_slopes, behind_warning, landing_pose
 from eadp.models.performance import calibrated_over_true
-from eadp.models.plan.legs import Leg, leg_points
-from eadp.models.plan.pieces import with_landing
+from eadp.models.plan.pieces import (
+    MIN_STAGE_M,
+    Air,
+    approach,
+    approach_slopes,
+    behind_warning,
+    landing_pose,
+    piece_stages,
+)
 from eadp.models.plan.plan import MadeFor, Plan
 from eadp.models.plan.route import PlannedLegs
-from eadp.models.plan.stage import LAND, TAKEOFF
+from eadp.models.plan.stage import LAND, RETURN, TAKEOFF, Leg, Segment, leg_points
 from eadp.models.plan.trace import nominal_route
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.planning.forecast.held import Preflight
@@ -362,9 +368,44 @@ def _landed(given: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     final = approach(pose, height_m, airframe, Air(airframe.airspeed_mps, wind_mps), slope)
     warn(behind_warning(pose[2], wind_mps))
     try:
-        return with_landing(plan, final, plan.min_radius_m or airframe.turn_radius_m, (LAND, *(0.0,) * 7))
+        return _with_landing(plan, final, plan.min_radius_m or airframe.turn_radius_m, (LAND, *(0.0,) * 7))
     except Infeasible as error:
         raise _fault("--landing", str(raw), str(error), "eadp cover --landing, which plans for it") from None
+
+
+def _with_landing(plan: Plan, final: Piece, radius_m: float, land: tuple[float, ...]) -> Plan:
+    """A plan that lands from where it ends: the quickest turn to a final approach, and down it.
+
+    Parameters
+    ----------
+    plan : Plan
+    final : Piece
+        The final approach.
+    radius_m : float
+        Of the turns [m].
+    land : tuple
+        The command of the landing, whose altitude its stage has.
+
+    Raises
+    ------
+    Infeasible
+        If where the plan ends depends on its laps or its path parameters.
+    """
+    last = plan.stages[-1]
+    laps = plan.repeats or (last.segment and last.segment.repeats)
+    if laps or any(part.max_parameter for part in (last.path, *last.trigger)):
+        raise Infeasible("where the plan ends depends on its laps or its path parameters")
+    x, y = last.trigger_at(())
+    dx, dy = tangent(last.path_at(()), (x, y), last.sense)
+    turn = ordered((x, y, math.atan2(dy, dx)), final.start, radius_m)[0]
+    pieces = [each for each in (*turn.pieces, final) if each.length_m >= MIN_STAGE_M]
+    *way, down = piece_stages(pieces, last, len(plan.stages) + 1)
+    landing = replace(down, altitude_m=land[-1], commands=(land,))
+    kept = replace(last, commands=tuple(each for each in last.commands if each[0] != RETURN))
+    segments = plan.segments and (*plan.segments, Segment(len(plan.stages), len(pieces)))
+    stages = (*plan.stages[:-1], kept, *way, landing)
+    # a plan whose stages were explicit laps has none any more
+    return replace(plan, stages=stages, segments=segments, primitive_stages=None, shift=None, final=None)
 
 
 def _ends_text(path: PlannedPath, items: Sequence[MissionItem]) -> str:

@@ -13,8 +13,7 @@ from eadp.core.geometry.curves import CIRCLE, LINE, Point, circle_of
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import InputError
 from eadp.models.airspace import EVERYWHERE, Airspace
-from eadp.models.plan.legs import Leg, leg_points
-from eadp.models.plan.stage import LOITER_TO_ALTITUDE, Stage
+from eadp.models.plan.stage import LOITER_TO_ALTITUDE, Leg, Stage, leg_points
 
 TOLERANCE_M = 1.0
 """Distance of an exported path from the plan's, by default [m]."""

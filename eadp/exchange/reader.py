@@ -38,8 +38,7 @@ from eadp.io.plan.reader import LIMIT_CHARACTERS
 from eadp.io.plan.sources import PlanReader
 from eadp.io.text.csv import Row, number_fault, read_rows
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
-from eadp.io.text.kinds import HEAD
-from eadp.io.text.streams import Location, SourceText, Text
+from eadp.io.text.streams import HEAD, Location, SourceText, Text
 from eadp.models.plan.plan import Finding, Plan
 from eadp.plug_ins import plug_ins
 

@@ -33,8 +33,8 @@ from eadp.exchange.path import (
 )
 from eadp.exchange.reader import ARDUPILOT, PX4, fence_text, qgc_text, wpl_text
 from eadp.exchange.waypoints import ARC_RAD, TURNS_TOLERANCE
-from eadp.io.text.schema_faults import STRICT, keys_document, validated
 from eadp.io.text.streams import Text, read_text
+from eadp.io.text.yaml import STRICT, keys_document, validated
 from eadp.models.plan.pieces import CLIMB_OUT_M
 from eadp.models.plan.route import PlannedLegs
 from eadp.plug_ins import plug_in

@@ -12,9 +12,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from pydantic_core import to_jsonable_python
 
 from eadp.errors import Fault, InputError, refuse
-from eadp.io.text.schema_faults import STRICT, validated
 from eadp.io.text.streams import Text
-from eadp.io.text.yaml import Document, read_yaml
+from eadp.io.text.yaml import STRICT, Document, read_yaml, validated
 from eadp.models.energy import Coefficients, Disturbance, EnergyModel, Harmonic
 
 SCHEMA = "eadp.energy/1"

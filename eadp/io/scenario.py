@@ -23,20 +23,29 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, heading_rad, to_near_local_m
 from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.text.options import parse_named
-from eadp.io.text.schema_faults import (
+from eadp.io.text.streams import SourceText, Text, read_text
+from eadp.io.text.yaml import (
     STRICT,
+    Document,
     are_given,
     keys_document,
     never,
+    read_yaml,
     schema_of,
     validated,
     validated_at,
     without_nulls,
 )
-from eadp.io.text.streams import SourceText, Text, read_text
-from eadp.io.text.yaml import Document, read_yaml
+from eadp.io.vehicle import (
+    BESIDE,
+    VehicleFile,
+    airframe_faults,
+    battery_faults,
+    given_twice,
+    vehicle_of,
+    without_plug_in,
+)
 from eadp.io.vehicle import SCHEMA as VEHICLE_SCHEMA
-from eadp.io.vehicle import VehicleFile, airframe_faults, battery_faults, two_voltages, vehicle_of, without_plug_in
 from eadp.models.autopilot import Autopilot
 from eadp.models.battery import Battery, BatteryFault
 from eadp.models.computing import ComputationRate
@@ -214,18 +223,12 @@ class ScenarioFile:
 def json_schema() -> dict[str, Any]:
     """JSON Schema of a scenario file."""
     schema = schema_of(ScenarioFile)
-    both = [
-        {"if": are_given(one), "then": are_given(other)}
-        for one, other in itertools.permutations(("lat_deg", "lon_deg"))
-    ]
-    place = [*both, never("position_m", "lat_deg")]
-    wind = [
-        never("from_deg", "towards_deg"),
-        *(never(key, "profile") for key in ("speed_mps", "from_deg", "towards_deg")),
-    ]
-    battery = [never("cells", "voltage_v"), never("cells", "voltage_empty_v")]
-    for name, rules in {"Start": place, "Home": place, "Wind": wind, "Battery": battery}.items():
-        schema["$defs"][name]["allOf"] = rules
+    for section, pairs in BESIDE.items():
+        rules = [never(*pair) for pair in pairs]
+        if section in ("start", "home"):
+            ends = itertools.permutations(("lat_deg", "lon_deg"))
+            rules += [{"if": are_given(one), "then": are_given(other)} for one, other in ends]
+        schema["$defs"][section.capitalize()]["allOf"] = rules
     for node in schema["properties"].values():
         if "patternProperties" in node:
             node["additionalProperties"] = False
@@ -280,7 +283,7 @@ class Scenario:
         titled = {item.title: i for i, item in enumerate(parameters) if item.title}
         changed = [
             (path, title, titled[title])
-            for path, values in _by_parameter(self.document.value)
+            for path, values in by_parameter(self.document.value)
             for title in values
             if title in titled
         ]
@@ -346,7 +349,7 @@ class Scenario:
         return self.document.fault(tuple(key.split(".")), message, expected)
 
 
-def _by_parameter(value: Any) -> Iterator[tuple[tuple[str | int, ...], Mapping[str, Any]]]:
+def by_parameter(value: Any) -> Iterator[tuple[tuple[str | int, ...], Mapping[str, Any]]]:
     """The mappings of a scenario whose keys are parameters, each with its path."""
     planner = value.get("planner") or {}
     paths: list[tuple[str | int, ...]] = [("parameters",), ("bounds",), ("computations",)]
@@ -575,16 +578,8 @@ REPLACED = {
 def _raw_faults(value: dict[str, Any], document: Document) -> list[Fault]:
     """What shows in the keys given, and no longer in the settings."""
     faults = airframe_faults(document, value.get("vehicle"), ("vehicle",))
-    faults += two_voltages(document, value) + two_voltages(document, value.get("vehicle"), ("vehicle",))
-    wind, planner = value.get("wind"), value.get("planner")
-    if isinstance(wind, dict) and {"from_deg", "towards_deg"} <= wind.keys():
-        message = "wind.from_deg and wind.towards_deg are both given"
-        faults.append(document.fault(("wind", "towards_deg"), message, "one of the two"))
-    if isinstance(wind, dict) and wind.get("profile"):
-        for key in ("speed_mps", "from_deg", "towards_deg"):
-            if key in wind:
-                message = f"wind.{key} and wind.profile are both given"
-                faults.append(document.fault(("wind", key), message, "one of the two"))
+    faults += given_twice(document, value) + given_twice(document, value.get("vehicle"), ("vehicle",))
+    planner = value.get("planner")
     for key in UNWRITTEN.keys() & planner.keys() if isinstance(planner, dict) else ():
         faults.append(document.fault(("planner", key), f"unknown key planner.{key}", UNWRITTEN[key]))
     return faults
@@ -608,9 +603,6 @@ def _faults(keys: ScenarioFile, document: Document) -> list[Fault]:
     for key, place in {"start": keys.start, "home": keys.home}.items():
         if (place.lat_deg is None) != (place.lon_deg is None):
             faults.append(document.fault((key,), f"{key} has one of lat_deg and lon_deg", "both, or neither"))
-        elif place.lat_deg is not None and place.position_m is not None:
-            message = f"{key} has both position_m and lat_deg"
-            faults.append(document.fault((key, "lat_deg"), message, "one of the two"))
     for name, (lo, hi) in keys.bounds.items():
         if lo > hi:
             faults.append(document.fault(("bounds", name), f"bounds of {name}: {lo:g} is above {hi:g}", "[low, high]"))

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 from pydantic import Discriminator, Tag
 
 from eadp.errors import Fault, printable, refuse
-from eadp.io.text.schema_faults import STRICT, keys_document, validated, validated_at, without_nulls
 from eadp.io.text.streams import Text
-from eadp.io.text.yaml import Document, Path
+from eadp.io.text.yaml import STRICT, Document, Path, keys_document, validated, validated_at, without_nulls
 from eadp.models.battery import Battery
 from eadp.models.doubts import aircraft_doubts
 from eadp.models.vehicle import AIRFRAMES, Airframe, FixedWing, airframe_class
@@ -62,7 +61,7 @@ def vehicle_of(document: Document) -> VehicleFile:
         With every fault found.
     """
     value = without_nulls(document.value)
-    refuse(airframe_faults(document, value) + two_voltages(document, value))
+    refuse(airframe_faults(document, value) + given_twice(document, value))
     value, airframe = without_plug_in(document, document.value)
     keys = validated(VehicleFile, document, value, lambda keys: battery_faults(document, keys.battery))
     return keys if airframe is None else replace(keys, airframe=airframe)
@@ -93,14 +92,24 @@ def vehicle_warnings(document: Document, vehicle: VehicleFile) -> list[Fault]:
     ]
 
 
-def two_voltages(document: Document, value: Any, at: Path = ()) -> list[Fault]:
-    """A battery, below a path, whose voltage is given twice: by its cells, and as such."""
-    battery = value.get("battery") if isinstance(value, dict) else None
-    given = (
-        battery.keys() & {"voltage_v", "voltage_empty_v"} if isinstance(battery, dict) and "cells" in battery else ()
-    )
-    message = "battery.cells beside its voltage"
-    return [document.fault((*at, "battery", key), message, "one of the two") for key in sorted(given)]
+BESIDE: dict[str, tuple[tuple[str, str], ...]] = {
+    "battery": (("voltage_empty_v", "cells"), ("voltage_v", "cells")),
+    "wind": (("towards_deg", "from_deg"), *((key, "profile") for key in ("speed_mps", "from_deg", "towards_deg"))),
+    "start": (("lat_deg", "position_m"),),
+    "home": (("lat_deg", "position_m"),),
+}
+"""By section of a vehicle or a scenario, keys that give the same as others."""
+
+
+def given_twice(document: Document, value: Any, at: Path = ()) -> list[Fault]:
+    """What is given twice, by keys of `BESIDE` below a path."""
+    return [
+        document.fault((*at, section, one), f"{section}.{other} and {section}.{one} are both given", "one of the two")
+        for section, pairs in BESIDE.items()
+        if isinstance(value, dict) and isinstance(keys := value.get(section), dict)
+        for one, other in pairs
+        if keys.get(one) not in (None, []) and keys.get(other) not in (None, [])
+    ]
 
 
 def battery_faults(document: Document, battery: Battery) -> list[Fault]:

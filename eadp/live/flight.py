@@ -22,9 +22,8 @@ from eadp.live.locator import Acquisition, InitialClimb, path_mismatch
 from eadp.live.tracker import Messages, PlanTracker
 from eadp.models.autopilot import Autopilot
 from eadp.models.plan.cursor import Vector
-from eadp.models.plan.legs import rest_of
 from eadp.models.plan.route import PlannedLegs, RoutePredictor
-from eadp.models.plan.stage import Stage
+from eadp.models.plan.stage import Stage, rest_of
 from eadp.planning.base import Decision, Ending, Mission, Observation, Sample, next_multiple
 from eadp.planning.flight import PlannedFlight
 from eadp.planning.forecast.held import HeldForecast

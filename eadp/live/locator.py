@@ -19,8 +19,8 @@ from eadp.core.geometry.curves import Point, tangent
 from eadp.errors import EadpError, PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector, cursors
 from eadp.models.plan.executor import PlanExecutor
-from eadp.models.plan.legs import Leg, left_m, leg_points
 from eadp.models.plan.route import RoutePredictor
+from eadp.models.plan.stage import Leg, left_m, leg_points
 from eadp.planning.base import Sample
 
 GAP_S, GAP_STEPS = 5.0, 3.0

@@ -19,8 +19,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 from eadp.errors import InputError, printable
-from eadp.io.text.kinds import MARKS, TLOG_HEAD
-from eadp.io.text.streams import read_text
+from eadp.io.text.streams import MARKS, TLOG_HEAD, read_text
 
 COMPONENT = 191
 """MAVLink's number of a companion computer."""

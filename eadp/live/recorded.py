@@ -19,7 +19,7 @@ from eadp.core.geometry.geodesy import to_near_local_m
 from eadp.errors import InputError
 from eadp.exchange.items import NO_POSITION, MissionItem
 from eadp.io.logs.tables import check_readable, read_tables
-from eadp.io.text.kinds import is_tlog
+from eadp.io.text.streams import is_tlog
 from eadp.live.mavlink import tlog_messages
 from eadp.live.messages import (
     COPTER_MISSION,
@@ -36,7 +36,7 @@ from eadp.live.messages import (
 from eadp.live.telemetry import TelemetryReader, open_telemetry
 from eadp.live.telemetry_log import telemetry_lines
 from eadp.models.plan.stage import TRIGGER_DISTANCE
-from eadp.models.track import PictureTrack
+from eadp.models.plan.trace import PictureTrack
 
 Row = dict[str, float]
 Table = dict[str, FloatArray]

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
 from eadp.core.arrays import FloatArray
-from eadp.core.flight.battery import interpolated
+from eadp.core.flight import interpolated
 from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.text.options import Flag, check_range
 from eadp.measure.formats import read_power_log

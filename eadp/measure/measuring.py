@@ -12,7 +12,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import IO, Protocol
 
-from eadp.core.harmonics import SampleMean, average
+from eadp.core.signals import SampleMean, average
 from eadp.errors import CommandError, Fault, InputError, printable
 from eadp.io.profile.configurations import configurations_to_measure
 from eadp.io.profile.measure_options import MeasurementSettings, MeasureOptions

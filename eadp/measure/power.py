@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.disturbance import fit_disturbance
-from eadp.core.harmonics import design_matrix, output_row
+from eadp.core.signals import design_matrix, fit_disturbance, output_row
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined
 from eadp.io.energy import energy_document, energy_yaml
 from eadp.io.plan.sources import PlanReader
@@ -25,8 +24,8 @@ from eadp.measure.noise import spikes
 from eadp.measure.power_log import Columns, PowerLog
 from eadp.measure.spectrum import MIN_PERIODS, MIN_SAMPLES, Spectrum, analyse, vertex
 from eadp.models.energy import Disturbance, EnergyModel, Harmonic
-from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import Leg, leg_points
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.profile import AnyProfile
 from eadp.plug_ins import plug_in

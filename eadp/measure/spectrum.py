@@ -32,7 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import fft, optimize, special
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.harmonics import design_matrix, phases_of_state
+from eadp.core.signals import design_matrix, phases_of_state
 from eadp.errors import Infeasible
 from eadp.measure.noise import LikelihoodScan, NoiseModel, TimeBins, binned, tail
 

@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
 
 from eadp.core.arrays import Efficiency, Seconds, Share
-from eadp.core.flight.battery import drain_per_s, interpolated, max_power_w, replayed_soc, undeliverable
+from eadp.core.flight import drain_per_s, interpolated, max_power_w, replayed_soc, undeliverable
 from eadp.errors import EadpError, printable
 from eadp.plug_ins import plug_in
 
@@ -123,7 +123,7 @@ class Battery:
 
     @property
     def curve(self) -> tuple[float, ...]:
-        """Places of the voltage between empty and full, see `core.flight.battery.level`; empty where it is linear."""
+        """Places of the voltage between empty and full, see `core.flight.level`; empty where it is linear."""
         return () if self.chemistry is None else _curve(self.chemistry)
 
     def voltage_at(self, soc: Any) -> Any:

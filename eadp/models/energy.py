@@ -10,7 +10,7 @@ from annotated_types import Ge, Gt, Le
 from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray
-from eadp.core.harmonics import coefficients_of_state, signal_w, state_of_phases
+from eadp.core.signals import coefficients_of_state, signal_w, state_of_phases
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ WHOLE = 1e-9
 MIN_EFFECTIVE_SAMPLES = 10
 """Fewest independent samples of a repeated configuration for a reliable standard error."""
 
-ARRAYS = ("configurations", "power_w", "std_w", "samples", "standard_error_w", "energy_w_samples", "soc")
+ARRAYS = ("configurations", "power_w", "std_w", "samples", "standard_error_w")
 """Names of the arrays of a profile, one row for each configuration."""
 
 POINTS_SHOWN = 3
@@ -94,9 +94,6 @@ class Profile:
         Default: all NaN.
     device : str
         What the power is of: `total`, `cpu` or `gpu`; '' is not known. Source: letter, Def. III.1.
-    energy_w_samples, soc : array, shape (n,)
-        powprofiler's overall energy, a sum of power samples [W·samples], and state of charge, as measured: kept and not
-        used. NaN where they are not known. Default: all NaN.
 
     Raises
     ------
@@ -116,8 +113,6 @@ class Profile:
     source: str = ""
     standard_error_w: FloatArray = field(default_factory=lambda: np.empty(0))
     device: str = ""
-    energy_w_samples: FloatArray = field(default_factory=lambda: np.empty(0))
-    soc: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         points = np.array(self.configurations, dtype=np.float64)
@@ -125,15 +120,14 @@ class Profile:
         if points.shape != (n, len(self.names)) or len(self.units) != len(self.names):
             raise ValueError(f"{points.shape} configurations do not fit the names {self.names}")
         order = np.lexsort(points.T[::-1])
+        errors_w = self.standard_error_w if np.size(self.standard_error_w) else np.full(n, np.nan)
         columns = {
             "configurations": points,
             "power_w": np.array(self.power_w, dtype=np.float64),
             "std_w": np.array(self.std_w if np.size(self.std_w) else np.zeros(n), dtype=np.float64),
             "samples": np.array(self.samples if np.size(self.samples) else np.ones(n), dtype=np.int64),
+            "standard_error_w": np.array(errors_w, dtype=np.float64),
         }
-        for name in ("standard_error_w", "energy_w_samples", "soc"):
-            given = getattr(self, name)
-            columns[name] = np.array(given if np.size(given) else np.full(n, np.nan), dtype=np.float64)
         for name, column in columns.items():
             if len(column) != n:
                 raise ValueError(f"{len(column)} {name} do not fit {n} configurations")

@@ -12,7 +12,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
 
 from eadp.core.arrays import Altitude, Efficiency, NotNegative, Watts
-from eadp.core.flight.guidance import (
+from eadp.core.flight import (
     GRAVITY_MPS2,
     drag_n,
     induced_drag_factor,

@@ -1,6 +1,6 @@
 """Forecast model of a periodic power with a correlated disturbance: transition, process noise and output rows.
 
-The state is x = [α0, α1, β1, …, αr, βr, d, ḋ]: the Fourier state of `eadp.core.harmonics`, and the Matérn-3/2
+The state is x = [α0, α1, β1, …, αr, βr, d, ḋ]: the Fourier state of `eadp.core.signals`, and the Matérn-3/2
 process of `eadp.papers.forecasting` beside it. The power is C x with C = [1, 1, 0, …, 1, 0, 1, 0], and
 ẋ = A x + noise. The row of a forecast is C e^{At}.
 """
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray
-from eadp.core.harmonics import output_row, rotation_matrix
+from eadp.core.signals import output_row, rotation_matrix
 
 
 def output(order: int) -> FloatArray:

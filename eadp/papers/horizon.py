@@ -31,7 +31,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray, upper_envelope
-from eadp.core.harmonics import output_row, rotated
+from eadp.core.signals import output_row, rotated
 from eadp.errors import Infeasible, SolverFailed
 from eadp.models.battery import LETTER, Battery
 from eadp.papers.forecasting import scaling_factors

@@ -15,7 +15,7 @@ import numpy as np
 from annotated_types import Ge, Le, Len
 
 from eadp.core.arrays import Column, FloatArray, NotNegative, Reserve
-from eadp.core.flight.wind import GUST_TIME_S
+from eadp.core.flight import GUST_TIME_S
 from eadp.core.geometry.curves import Point
 from eadp.models.airspace import WayHome
 from eadp.models.autopilot import Autopilot

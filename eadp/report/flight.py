@@ -28,11 +28,9 @@ from eadp.io.scenario import Scenario
 from eadp.models.airspace import risk_text
 from eadp.models.battery import LIMITS, BatteryFault
 from eadp.models.plan.cursor import PlanCursor
-from eadp.models.plan.legs import Leg, leg_points
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.replay import PlanReplay, legs_from
-from eadp.models.plan.stage import point_at
-from eadp.models.plan.trace import nominal_legs
+from eadp.models.plan.stage import Leg, leg_points, point_at
+from eadp.models.plan.trace import PlanReplay, legs_from, nominal_legs
 from eadp.models.weather import Wind
 from eadp.models.world import World
 from eadp.planning.base import FALLBACK, INFEASIBLE, TIME, TURNS_BACK

@@ -15,11 +15,10 @@ import numpy as np
 
 from eadp.core import compiled
 from eadp.core.expressions.derivatives import Jet, PathFunction
-from eadp.core.flight.battery import level, replayed_soc
+from eadp.core.flight import level, replayed_soc
 from eadp.core.geometry.curves import Point
 from eadp.models.battery import Battery
-from eadp.models.plan.executor import PlanExecutor
-from eadp.models.plan.triggers import CurveProgress, watched
+from eadp.models.plan.executor import CurveProgress, PlanExecutor, watched
 from eadp.models.weather import Wind
 from eadp.simulation.aircraft import (
     AEROPLANE_MODEL,

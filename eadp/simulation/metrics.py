@@ -12,11 +12,9 @@ import numpy as np
 from eadp.core.geometry.curves import Point
 from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.ground import GroundLog
-from eadp.models.plan.legs import left_m
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.route import RoutePredictor
-from eadp.models.plan.route_arrays import RouteArrays
-from eadp.models.plan.stage import Box
+from eadp.models.plan.route import RouteArrays, RoutePredictor
+from eadp.models.plan.stage import Box, left_m
 from eadp.models.weather import Sensors
 
 

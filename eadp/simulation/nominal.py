@@ -21,11 +21,8 @@ from eadp.errors import PathUndefined
 from eadp.models.battery import Battery
 from eadp.models.plan.cursor import PlanCursor, cursors
 from eadp.models.plan.executor import PlanExecutor
-from eadp.models.plan.leg_table import LegTable, TightLegs, tight_legs
-from eadp.models.plan.legs import Leg, left_m
-from eadp.models.plan.route import Route
-from eadp.models.plan.route_arrays import RouteArrays
-from eadp.models.plan.stage import Stage
+from eadp.models.plan.route import LegTable, Route, RouteArrays, TightLegs, tight_legs
+from eadp.models.plan.stage import Leg, Stage, left_m
 from eadp.models.vehicle import FixedWing, Guidance, PowerCurve
 from eadp.models.weather import Wind
 from eadp.planning.base import FlownLegs

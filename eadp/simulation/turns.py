@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from eadp.core.flight.guidance import GRAVITY_MPS2
+from eadp.core.flight import GRAVITY_MPS2
 from eadp.core.geometry.curves import CIRCLE
 from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.trace import nominal_route

@@ -8,8 +8,8 @@ from os.path import exists
 from typing import Literal
 
 from eadp.errors import InputError, one_of, printable
-from eadp.io.text.schema_faults import STRICT, keys_document, validated, without_nulls
 from eadp.io.text.streams import Text, read_text
+from eadp.io.text.yaml import STRICT, keys_document, validated, without_nulls
 from eadp.survey.camera import Camera
 
 SCHEMA = "eadp.camera/1"

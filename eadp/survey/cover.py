@@ -25,12 +25,13 @@ from eadp.io.scenario import read_scenario
 from eadp.io.text.options import Flag, check_range, option_name
 from eadp.io.text.streams import read_text
 from eadp.io.vehicle import read_vehicle
-from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, Airspace, Obstacle
+from eadp.models.airspace import CLEARANCE_M, CLEARANCE_SHARE, Airspace, Field, Obstacle
 from eadp.models.autopilot import FACTORY, LANDING_ANGLE, PX4, Autopilot
 from eadp.models.battery import Battery
 from eadp.models.doubts import NEAR_DEG, Doubt, angle_doubts
-from eadp.models.field import Field
-from eadp.models.landing import (
+from eadp.models.performance import PATH_MARGIN, ground_radius_m, roll_out_m, too_tight
+from eadp.models.plan.pieces import (
+    CLIMB_OUT_M,
     Air,
     approach,
     approach_slopes,
@@ -40,8 +41,6 @@ from eadp.models.landing import (
     course_rad,
     landing_pose,
 )
-from eadp.models.performance import PATH_MARGIN, ground_radius_m, roll_out_m, too_tight
-from eadp.models.plan.pieces import CLIMB_OUT_M
 from eadp.models.plan.plan import MadeFor, Plan, Site, SurveyCamera
 from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE, RETURN, TAKEOFF, TRIGGER_DISTANCE, Box
 from eadp.models.plan.trace import nominal_legs

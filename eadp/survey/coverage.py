@@ -28,8 +28,7 @@ from eadp.core.geometry.dubins import Pose, centre_m, ordered, polyline_m, strai
 from eadp.core.geometry.geodesy import compass_deg, point_text
 from eadp.core.geometry.polygons import FreeSpace, hull, strip_extents
 from eadp.errors import Infeasible
-from eadp.models.airspace import CLEARANCE_SHARE, Airspace
-from eadp.models.field import Field
+from eadp.models.airspace import CLEARANCE_SHARE, Airspace, Field
 from eadp.plug_ins import plug_in
 from eadp.survey.airspace import FreeTurns, LineCosts, NotFree, free_lines, free_order
 from eadp.survey.line_order import best_order, quick_order

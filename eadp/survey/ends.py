@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray
-from eadp.core.flight.guidance import RATE_SHARE
+from eadp.core.flight import RATE_SHARE
 from eadp.core.geometry.dubins import Piece, Pose, centre_m, polyline_m
 from eadp.core.geometry.polygons import FreeSpace
 from eadp.errors import Infeasible, Unreachable

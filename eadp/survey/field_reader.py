@@ -15,11 +15,9 @@ from typing import NamedTuple
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_local_m
 from eadp.errors import FAULTS_SHOWN, Fault, InputError, printable, refuse
-from eadp.io.text.kinds import HEAD
-from eadp.io.text.streams import Location, SourceText, Text, limit_bytes, read_text
-from eadp.models.airspace import Airspace, Obstacle
+from eadp.io.text.streams import HEAD, Location, SourceText, Text, limit_bytes, read_text
+from eadp.models.airspace import Airspace, Field, Obstacle
 from eadp.models.doubts import NEAR_DEG
-from eadp.models.field import Field
 from eadp.plug_ins import plug_ins
 from eadp.survey.field import NAME_LIMIT, FieldDraft, Ring, Vertex, Zones, counted
 from eadp.survey.geojson import GEOJSON, is_geojson

@@ -21,7 +21,7 @@ from eadp.io.figures.canvas import (
     fit_legend,
     label_map,
 )
-from eadp.models.field import Field
+from eadp.models.airspace import Field
 from eadp.survey.heights import HeightProfile
 from eadp.survey.report import LeftGround
 from eadp.survey.swaths import CoverageLeg, CoveragePath

@@ -10,13 +10,12 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.flight.guidance import RATE_SHARE
+from eadp.core.flight import RATE_SHARE
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import compass_deg
 from eadp.errors import Infeasible, InputError
 from eadp.io.text.options import Flag, check_range
-from eadp.models.airspace import CLEARANCE_M
-from eadp.models.field import Field
+from eadp.models.airspace import CLEARANCE_M, Field
 from eadp.models.vehicle import Airframe, PaperVehicle
 from eadp.survey.coverage import AUTO, DUBINS, ZAMBONI, CoverageSolution
 from eadp.survey.ends import Climbing, FinalApproach

@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray, IntArray
-from eadp.core.flight.guidance import RATE_SHARE
-from eadp.core.flight.wind import ground_speeds_mps
+from eadp.core.flight import RATE_SHARE, ground_speeds_mps
 from eadp.core.geometry.polygons import FreeSpace, holding
 from eadp.errors import Infeasible, Unreachable
 from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace, Obstacle

@@ -22,7 +22,7 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.polygons import FAR_M, clipped, ground_m2
 from eadp.errors import Infeasible
-from eadp.models.field import Field
+from eadp.models.airspace import Field
 from eadp.survey.coverage import LineGrid
 
 ROUNDS = 12

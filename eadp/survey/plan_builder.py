@@ -27,8 +27,7 @@ from eadp.models.plan.pieces import (
     sum_text,
 )
 from eadp.models.plan.plan import Plan, Site
-from eadp.models.plan.segments import LoopVariable, Segment
-from eadp.models.plan.stage import LAND, Box, Stage, Title
+from eadp.models.plan.stage import LAND, Box, LoopVariable, Segment, Stage, Title
 from eadp.survey.coverage import CoverageSolution
 from eadp.survey.swaths import CoverageLeg, PiecewiseLinear, StripFrame
 from eadp.survey.zamboni import END_TOLERANCE_M, Block

@@ -23,8 +23,7 @@ from eadp.core.geometry.polygons import (
     inner_point,
     uncovered,
 )
-from eadp.models.airspace import BOUNDARY, CLEARANCE_SHARE
-from eadp.models.field import Field
+from eadp.models.airspace import BOUNDARY, CLEARANCE_SHARE, Field
 from eadp.survey.coverage import DUBINS, ZAMBONI, CoverageSolution
 from eadp.survey.swaths import CoveragePath, MotionLimits
 

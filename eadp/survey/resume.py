@@ -18,10 +18,10 @@ from eadp.core.geometry.geodesy import compass_deg
 from eadp.core.geometry.polygons import covered_shares, ground_m2, uncovered
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined
 from eadp.io.flight import flown_lines, flown_of_plan, planned_lines
+from eadp.models.airspace import Field
 from eadp.models.autopilot import PX4
-from eadp.models.field import Field
 from eadp.models.plan.plan import Plan
-from eadp.models.track import PictureTrack
+from eadp.models.plan.trace import PictureTrack
 from eadp.plug_ins import plug_in
 from eadp.survey.cover import CoverageOptions, coverage_task, flight_keys, picture_warnings
 from eadp.survey.coverage import DUBINS, ZAMBONI

@@ -23,7 +23,7 @@ from eadp.errors import Infeasible, InputError
 from eadp.io.scenario import value_text
 from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag, check_range
-from eadp.models.field import Field
+from eadp.models.airspace import Field
 from eadp.planning.forecast.evaluate import Objective
 from eadp.planning.forecast.held import Preflight
 from eadp.survey.airspace import NotFree, free_lines

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray
-from eadp.core.flight.wind import ground_speeds_mps
+from eadp.core.flight import ground_speeds_mps
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Piece, Pose, flight_time_s, lengths_m, straight, times_s
 from eadp.models.plan.pieces import direction_cosine

@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from eadp.api.flight import fly_flight, repeatable
-from eadp.api.given import File, Overrides, Warn, python_warnings
+from eadp.api.given import File, Overrides, Warn, job_of, python_warnings
 from eadp.api.inputs import Files, FlightInputs
-from eadp.api.jobs import job_of
 from eadp.core.compiled import enable, enabled
 from eadp.errors import EadpError, Fault, InputError, printable
 from eadp.io.scenario import override_texts, read_overrides

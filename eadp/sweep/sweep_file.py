@@ -15,16 +15,15 @@ from pydantic import Field
 
 from eadp import __version__
 from eadp.api.flight import SCHEMA as FLIGHT_SCHEMA
-from eadp.api.inputs import Files, FlightInputs, load_flight, profile_of
-from eadp.api.jobs import job_in, job_of
+from eadp.api.given import job_in, job_of
+from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.energy import parse_energy
 from eadp.io.plan.sources import PlanReader
+from eadp.io.profile.model_file import parse_profile
 from eadp.io.scenario import REPLACED, Scenario, ScenarioFile, beside, override_key, plain, vehicle_path
-from eadp.io.text.kinds import refuse_others
-from eadp.io.text.schema_faults import STRICT, validated
-from eadp.io.text.streams import SourceText, Text
-from eadp.io.text.yaml import Document, read_yaml
+from eadp.io.text.streams import SourceText, Text, refuse_others
+from eadp.io.text.yaml import STRICT, Document, read_yaml, validated
 from eadp.io.text.yaml import Path as KeyPath
 from eadp.sweep.runs import RUNS_LIMIT, Count, Design, DesignPoint, Run, SampleDesign
 from eadp.sweep.statistics import SweepFlight
@@ -372,7 +371,7 @@ def _read_all(
     document: Document, keys: SweepKeys, paths: list[tuple[str, str, KeyPath]], sweep: Sweep
 ) -> tuple[Fault, ...]:
     """Read every plan, profile and energy model once; what the first run is warned about."""
-    parsers: dict[str, Callable[[Text], Any]] = {"plan": PlanReader(), "profile": profile_of, "energy": parse_energy}
+    parsers: dict[str, Callable[[Text], Any]] = {"plan": PlanReader(), "profile": parse_profile, "energy": parse_energy}
     named: set[str] = set()
     for kind, path, location in paths:
         if job := job_of(path):

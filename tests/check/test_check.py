@@ -13,7 +13,7 @@ from eadp.check.check import check_plan
 from eadp.check.proof import StageProof
 from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
-from eadp.core.geometry.tracks import radius_of_curvature_m
+from eadp.core.geometry.curves import radius_of_curvature_m
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 

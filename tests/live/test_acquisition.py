@@ -11,8 +11,8 @@ from eadp.io.text.streams import read_text
 from eadp.live.locator import SETTLE_S, Acquisition
 from eadp.models.plan.cursor import PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
-from eadp.models.plan.legs import leg_points
 from eadp.models.plan.route import RoutePredictor
+from eadp.models.plan.stage import leg_points
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 START, SPEED = (-45.0, 216.0), 15.0

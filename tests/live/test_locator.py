@@ -15,8 +15,8 @@ from eadp.io.text.streams import Text, read_text
 from eadp.live.locator import COURSE_STD_RAD, DISTANCE_STD_M, Locator, allows, path_mismatch
 from eadp.models.plan.cursor import PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
-from eadp.models.plan.legs import leg_points
 from eadp.models.plan.route import RoutePredictor
+from eadp.models.plan.stage import leg_points
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 START, SPEED = (-100.0, 220.0), 15.0

@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import solve
 from scipy.stats import multivariate_normal
 
-from eadp.core.harmonics import design_matrix
+from eadp.core.signals import design_matrix
 from eadp.measure.noise import _COLOURED_PARTS, TimeBins, _errors, binned, tail
 
 N = 60

@@ -7,7 +7,7 @@ import pytest
 from common import few
 from scipy.signal import lfilter
 
-from eadp.core.disturbance import DisturbanceFit
+from eadp.core.signals import DisturbanceFit
 from eadp.measure import power
 from eadp.measure.power import fit_energy
 from eadp.models.energy import EnergyModel

@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from eadp.core.flight.battery import interpolated
+from eadp.core.flight import interpolated
 from eadp.measure.battery import CURVES_V
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eadp.core.harmonics import average
+from eadp.core.signals import average
 from eadp.errors import CommandError, InputError
 from eadp.io.profile.measurements import Configuration
 from eadp.io.profile.model_file import parse_profile

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_lyapunov
 from scipy.stats import multivariate_normal
 
-from eadp.core.disturbance import MIN_FREE_SAMPLES, DisturbanceFit, _innovations, fit_disturbance, subsampled
+from eadp.core.signals import MIN_FREE_SAMPLES, DisturbanceFit, _innovations, fit_disturbance, subsampled
 from eadp.papers.forecasting import _gamma_3, process_noise, stationary_covariance, transition
 
 ROUNDING = 1e-9

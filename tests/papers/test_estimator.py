@@ -12,7 +12,7 @@ from scipy.integrate import trapezoid
 from scipy.linalg import block_diag, expm
 from scipy.stats import chi2
 
-from eadp.core.harmonics import output_row
+from eadp.core.signals import output_row
 from eadp.papers import estimator as module
 from eadp.papers.estimator import STEPPING, EstimatorSettings, ExactEstimator, PublishedEstimator
 from eadp.papers.forecasting import process_noise as disturbance_noise

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from eadp.io import scenario as scenario_file
-from eadp.io.text.schema_faults import properties, schema_of
+from eadp.io.text.yaml import properties, schema_of
 from eadp.io.vehicle import VehicleFile
 from eadp.survey.camera_file import CAMERAS, read_camera
 

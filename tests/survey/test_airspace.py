@@ -13,8 +13,7 @@ from common import few
 from eadp.core.geometry.dubins import polyline_m, straight
 from eadp.core.geometry.polygons import FreeSpace
 from eadp.errors import Infeasible
-from eadp.models.airspace import CLEARANCE_SHARE, Airspace, Obstacle
-from eadp.models.field import Field
+from eadp.models.airspace import CLEARANCE_SHARE, Airspace, Field, Obstacle
 from eadp.survey.airspace import FreeTurns, free_lines
 from eadp.survey.coverage import CoverageRequest, cover
 from eadp.survey.report import covered_by_lines

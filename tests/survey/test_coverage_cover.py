@@ -23,7 +23,7 @@ from eadp.errors import Infeasible
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text
-from eadp.models.field import Field
+from eadp.models.airspace import Field
 from eadp.models.plan.stage import Box
 from eadp.models.plan.trace import default_start
 from eadp.simulation.loop import Outcome, fly

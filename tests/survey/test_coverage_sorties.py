@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.errors import Infeasible
-from eadp.models.field import Field
+from eadp.models.airspace import Field
 from eadp.survey.coverage import LineGrid
 from eadp.survey.packs import Divider, Division, min_sorties, min_time_s
 

@@ -15,7 +15,7 @@ from eadp.core.geometry.polygons import signed_area_m2, tidy
 from eadp.errors import FAULTS_SHOWN, InputError
 from eadp.io.text.json import NESTING_LIMIT
 from eadp.io.text.streams import Text
-from eadp.models.field import Field
+from eadp.models.airspace import Field
 from eadp.survey.field import VERTICES_LIMIT
 from eadp.survey.field_reader import HOLES_LIMIT, RING_LIMIT, ZONES_M, read_field, read_zones
 

@@ -10,8 +10,8 @@ import pytest
 from common import ROOT
 from common.answers import refused
 
+from eadp.api.flight import simulate as fly
 from eadp.api.inputs import load_flight
-from eadp.api.simulate import simulate as fly
 from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.io.plan.reader import read_plan

@@ -9,8 +9,7 @@ import pytest
 import shapely
 from common import few
 
-from eadp.models.airspace import CLEARANCE_SHARE, Airspace, Obstacle
-from eadp.models.field import Field
+from eadp.models.airspace import CLEARANCE_SHARE, Airspace, Field, Obstacle
 from eadp.models.performance import roll_out_m
 from eadp.models.vehicle import FixedWing, PaperVehicle
 from eadp.survey.coverage import CoverageRequest, cover

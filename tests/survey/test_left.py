@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eadp.models.airspace import Airspace, Obstacle
-from eadp.models.field import Field
+from eadp.models.airspace import Airspace, Field, Obstacle
 from eadp.survey.report import left_ground, left_text
 from eadp.survey.swaths import MotionLimits
 

@@ -14,9 +14,9 @@ from common.terrains import from_corner, write_degrees, write_geotiff, write_hgt
 from scipy.ndimage import gaussian_filter
 
 import eadp
+from eadp.api.flight import forecast
 from eadp.api.inputs import load_flight
 from eadp.api.plan import read_plan
-from eadp.api.simulate import forecast
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.core.geometry.polygons import holding
 from eadp.survey.terrain import read_terrain

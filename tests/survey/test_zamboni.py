@@ -14,7 +14,7 @@ from eadp.core.geometry.polygons import covered_share
 from eadp.io.plan.reader import read_plan
 from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text
-from eadp.models.field import Field
+from eadp.models.airspace import Field
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.trace import nominal_legs
 from eadp.survey.coverage import ZAMBONI, CoverageRequest, cover

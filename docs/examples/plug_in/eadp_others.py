@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from typer import Option
 
-from eadp.api.simulate import simulate
+from eadp.api.flight import simulate
 from eadp.cli.output import emit, warn
 from eadp.errors import InputError
 from eadp.exchange.items import RELATIVE, WAYPOINT, DraftItem, MissionDraft

@@ -14,8 +14,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import CIRCLE, CURVE, LINE
 from eadp.errors import InputError
 from eadp.io.text.streams import write_bytes
-from eadp.models.airspace import Airspace
-from eadp.models.field import Field
+from eadp.models.airspace import Airspace, Field
 from eadp.models.plan.stage import Stage
 
 if TYPE_CHECKING:

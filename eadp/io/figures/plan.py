@@ -1,34 +1,47 @@
-"""The figure of a plan: its nominal path, triggers, and the range of its path parameters."""
+"""The figures of a plan and of a flight: path, triggers, ranges; power and its forecast, charge, parameters."""
 
 from __future__ import annotations
 
+import bisect
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import LINE
-from eadp.errors import PathUndefined
+from eadp.errors import PathUndefined, printable
 from eadp.io.figures.canvas import (
     COLOURS,
+    GREY,
     START,
     Axes,
+    draw_area,
     draw_areas,
     draw_arrow,
     draw_circles,
     draw_ground,
     figure_file,
+    figure_pair,
     label_map,
+    legend_above,
     legend_below,
     span_text,
     stage_style,
+    write_callouts,
+    write_headline,
+    write_none,
 )
-from eadp.models.plan.legs import Leg, leg_points
+from eadp.io.flight import flown_lines, flown_of_plan
+from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.stage import point_at
-from eadp.models.plan.trace import nominal_legs, varied_legs
+from eadp.models.plan.stage import Leg, leg_points, point_at
+from eadp.models.plan.trace import PlanReplay, nominal_legs, varied_legs
+from eadp.models.world import Step, World
+from eadp.planning.base import INFEASIBLE, JUMPED, TURNS_BACK, DecisionRecord
 
 VALUES = 5
 """Values across the sets of the path parameters between which the range is filled."""
@@ -159,3 +172,220 @@ def _name_stages(axes: Axes, plan: Plan, legs: Sequence[Leg]) -> None:
         name = f"$\\varphi_{{{leg.stage.index}}}$"
         axes.annotate(name, middle, xytext=(7, 7), color=colour, bbox=back, **style)
         axes.annotate(f"$p_{{\\Gamma_{{{leg.stage.index}}}}}$", leg.end_m, xytext=(-20, 3), color="#444", **style)
+
+
+APART = 0.015
+"""Least distance of the marks of decisions, as a share of the path's extent or of the time."""
+
+_DECISION: dict[str, Any] = {"color": "black", "markersize": 4, "markerfacecolor": "gold"}
+
+
+def write_flight_figure(
+    path: Path, world: World, steps: Sequence[Step], summary: Mapping[str, Any], records: Sequence[DecisionRecord] = ()
+) -> None:
+    """Draw a flight: path by stage, power and its forecast, state of charge and reserve, parameters, decisions.
+
+    Where stages command altitudes, the altitude, too.
+
+    Written to `path` with the endings .svg and .png.
+    """
+    climbs = any(stage.altitude_m is not None for stage in world.plan.stages)
+    varies = bool(world.plan.parameters) or not climbs
+    rows = 2 + climbs + varies
+    with figure_pair(path, 11.5, 4.0 + rows) as figure:
+        grid = figure.add_gridspec(rows, 2, width_ratios=(1.15, 1))
+        map_axes = figure.add_subplot(grid[:, 0])
+        power = figure.add_subplot(grid[0, 1])
+        charge, *others = (figure.add_subplot(grid[row, 1], sharex=power) for row in range(1, rows))
+        time = np.array([step.time_s for step in steps])
+        lost = [record for record in records if record.cause == JUMPED]
+        _draw_path(map_axes, world, steps, summary["turned_back_s"])
+        if lost:
+            _draw_answer(map_axes, world, steps, lost)
+        if summary["turned_back_m"] is not None:
+            map_axes.plot(
+                *summary["turned_back_m"], "X", color=COLOURS[6], markersize=9, label="turned back home", zorder=6
+            )
+        _draw_power(power, time, steps)
+        _draw_charge(charge, time, steps, world, float(summary["soc_reserve"]))
+        if climbs:
+            others[0].plot(time, [step.altitude_m for step in steps], color=COLOURS[0], linewidth=1.3)
+            others[0].set(ylabel="altitude [m]", title="Altitude")
+        if varies:
+            _draw_parameters(others[-1], time, steps, world)
+        _draw_decisions(map_axes, others[-1], steps, records)
+        legend_below(map_axes)
+        if others[-1].get_legend_handles_labels()[1]:
+            legend_above(others[-1])
+        others[-1].set_xlabel("time [s]")
+        others[-1].tick_params(bottom=True, labelbottom=True)
+        for axes in (power, charge, *others[:-1]):
+            axes.tick_params(labelbottom=False)
+        write_headline(figure, _headline(summary))
+
+
+def _headline(summary: Mapping[str, Any]) -> list[str]:
+    state = "completed" if summary["completed"] else f"not completed: {printable(summary['reason'], 120)}"
+    parts = [state, f"{summary['duration_s']:.1f} s", f"{summary['energy_wh']:.2f} Wh"]
+    parts.append(f"SoC {100 * summary['soc_final']:.0f} % at the end")
+    quality = summary["quality"]
+    return parts if quality is None else [*parts, f"quality U = {quality:.2f}"]
+
+
+def _draw_path(axes: Axes, world: World, steps: Sequence[Step], turned_back_s: float | None = None) -> None:
+    x, y = [step.x_m for step in steps], [step.y_m for step in steps]
+    stages = np.array([step.stage for step in steps])
+    draw_ground(axes, world.plan.site.field, world.plan.site.airspace)
+    _draw_swath(axes, world.plan, steps, turned_back_s)
+    starts = [0, *(np.flatnonzero(np.diff(stages)) + 1).tolist()]
+    for start, end in itertools.pairwise([*starts, len(steps) - 1]):
+        colour, label = stage_style(world.plan.stages, int(stages[start]))
+        axes.plot(x[start : end + 1], y[start : end + 1], color=colour, linewidth=1.2, label=label)
+    axes.plot(x[0], y[0], **START)
+    final = point_at(world.plan.final_point, steps[-1].parameters, "the final point")
+    axes.plot(*final, "*", color="black", markersize=11, label="final point")
+    axes.plot(x[-1], y[-1], "s", color="black", markersize=4, markerfacecolor="white", label="end of the flight")
+    label_map(axes, "Path flown")
+    speed = world.wind.speeds_mps[1]
+    if speed:
+        wx, wy = world.wind.steady_mps
+        axes.annotate(
+            "",
+            xy=(0.93 + 0.05 * wx / speed, 0.05 + 0.05 * wy / speed),
+            xytext=(0.93, 0.05),
+            xycoords="axes fraction",
+            arrowprops={"arrowstyle": "->", "color": GREY, "linewidth": 1.5},
+        )
+        style: dict[str, Any] = {"color": GREY, "ha": "right", "va": "center"}
+        axes.text(0.90, 0.05, f"wind {span_text(world.wind.speeds_mps)} m/s", transform=axes.transAxes, **style)
+
+
+def _draw_answer(axes: Axes, world: World, steps: Sequence[Step], lost: Sequence[DecisionRecord]) -> None:
+    """What was decided at losses of charge, in its words, and the path that was planned before the last of them."""
+    rows = ((step.time_s, step.stage, step.x_m, step.y_m, step.parameters) for step in steps)
+    cursor = PlanCursor.start(world.plan, world.parameters, world.rules)
+    replay = PlanReplay(cursor, world.start.position_m, rows)
+    style: dict[str, Any] = {"color": GREY, "linewidth": 0.8, "dashes": (3, 3), "label": "plan before the loss"}
+    for leg in replay.before(lost[-1].time_s):
+        points = [(point.x_m, point.y_m) for point in leg_points(leg, max(leg.distance_m / 40, 1.0))]
+        axes.plot(*zip(*points, strict=True), zorder=1, **style)
+    callouts = []
+    for record in lost:
+        step = min(steps, key=lambda step: abs(step.time_s - record.time_s))
+        paths = [parameter.label for parameter in world.plan.parameters[: world.plan.path_count]]
+        later = "\n(the path from its next stage on)" if any(f"{name} " in record.reason for name in paths) else ""
+        text = f"{record.time_s:.0f} s: charge lost\n" + record.reason.replace(", ", "\n") + later
+        callouts.append((text, (step.x_m, step.y_m)))
+    write_callouts(axes, callouts)
+
+
+def _draw_swath(axes: Axes, plan: Plan, steps: Sequence[Step], turned_back_s: float | None) -> None:
+    """The ground of the field within half a swath of the lines flown."""
+    if plan.site.field is None or plan.site.swath_m is None:
+        return
+    from eadp.core.geometry.polygons import strips
+
+    columns = {name: [getattr(step, name) for step in steps] for name in ("time_s", "stage", "x_m", "y_m")}
+    label = f"ground covered, {plan.site.swath_m:g} m wide"
+    for outline, *holes in strips(
+        plan.site.field.parts, flown_lines(plan, flown_of_plan(columns, turned_back_s)), plan.site.swath_m
+    ):
+        draw_area(axes, (outline, *holes), facecolor=COLOURS[0], alpha=0.18, linewidth=0, zorder=1, label=label)
+
+
+def _draw_power(axes: Axes, time: Any, steps: Sequence[Step]) -> None:
+    power = [step.power_w for step in steps]
+    low, high = min(power), max(power)
+    margin = 0.1 * max(high - low, 1.0)
+    axes.plot(time, power, color=COLOURS[0], linewidth=2.4, alpha=0.45, label="measured")
+    forecast = [step.power_forecast_w for step in steps]
+    axes.plot(time, forecast, color=COLOURS[1], linewidth=0.8, label="one-step forecast")
+    axes.set(ylim=(low - margin, high + margin), ylabel="power [W]", title="Power")
+    legend_above(axes)
+
+
+def _draw_charge(axes: Axes, time: Any, steps: Sequence[Step], world: World, reserve: float) -> None:
+    soc = [100 * step.soc for step in steps]
+    axes.plot(time, soc, color=COLOURS[2], linewidth=1.3, label="state of charge")
+    axes.axhline(100 * reserve, color=COLOURS[6], linewidth=1.0, linestyle="--", label="reserve")
+    for i, fault in enumerate(world.faults):
+        if fault.at_s <= time[-1] and not world.battery.prescribed:
+            axes.axvline(fault.at_s, color=GREY, linewidth=0.8, linestyle=":")
+            side = "right" if fault.at_s > time[-1] / 2 else "left"
+            text = f" {100 * fault.soc_drop:.3g} % lost "
+            axes.annotate(text, (fault.at_s, 96 - 14 * (i % 4)), fontsize=8, color=GREY, va="top", ha=side)
+    axes.set(ylim=(0, 104), ylabel="state of charge [%]", title="Battery")
+    legend_above(axes)
+
+
+def _draw_parameters(axes: Axes, time: Any, steps: Sequence[Step], world: World) -> None:
+    """One or two parameters each on an axis of its own; more as 0 at the lower end of the set and 1 at the upper.
+
+    Of those each line is wider than the next, which is drawn on it: both show where they have one value.
+    """
+    plan = world.plan
+    axes.set_title("Parameters")
+    if not plan.parameters:
+        write_none(axes, "no parameters")
+    if len(plan.parameters) <= 2:
+        for i, parameter in enumerate(plan.parameters):
+            own = axes.twinx() if i else axes
+            own.grid(visible=not i)
+            own.step(
+                time,
+                [parameter.shown(step.parameters[i]) for step in steps],
+                where="post",
+                color=COLOURS[i],
+                linewidth=1.5,
+            )
+            own.set_ylabel(f"{parameter.label} [{parameter.unit}]" if parameter.unit else parameter.label)
+            own.yaxis.label.set_color(COLOURS[i])
+            ends = sorted(parameter.shown(end) for end in (plan.hull(i).lo, plan.hull(i).hi))
+            margin = 0.06 * (ends[1] - ends[0]) or 1.0
+            own.set_ylim(ends[0] - margin, ends[1] + margin)
+        return
+    for i, parameter in enumerate(plan.parameters):
+        box = plan.hull(i)
+        width = box.hi - box.lo
+        values = np.array([step.parameters[i] for step in steps])
+        normalised = (values - box.lo) / width if width else np.ones(len(values))
+        label = f"{parameter.label} {parameter.shown(box.lo):.4g} … {parameter.text(box.hi)}"
+        behind = min(len(plan.parameters) - 1 - i, 4)
+        style: dict[str, Any] = {"linewidth": 1.3 + 2.2 * behind, "alpha": 0.5 if behind else 1.0, "label": label}
+        axes.step(time, normalised, where="post", color=COLOURS[i % len(COLOURS)], **style)
+    axes.set(ylim=(-0.06, 1.06), ylabel="normalised value")
+
+
+def _draw_decisions(path: Axes, lower: Axes, steps: Sequence[Step], records: Sequence[DecisionRecord]) -> None:
+    """Where and when a re-planning changed parameters; in grey, the periods in which nothing was feasible."""
+    times = [step.time_s for step in steps]
+    before = [steps[0].parameters, *(record.parameters for record in records)]
+    changed_s = [
+        record.time_s
+        for old, record in zip(before, records, strict=False)
+        if record.parameters != old or record.reason.startswith(TURNS_BACK)
+    ]
+    if changed_s:
+        at = [steps[min(bisect.bisect_left(times, time_s), len(steps) - 1)] for time_s in changed_s]
+        size_m = max(np.ptp([(step.x_m, step.y_m) for step in steps], axis=0).max(), 1e-9)
+        places = _apart([((s.x_m / size_m, s.y_m / size_m), s) for s in at])
+        moments = _apart([((time_s / max(times[-1], 1e-9), 0.0), time_s) for time_s in changed_s])
+        count = f" ({len(at)}, some beside others left out)" if len(places) < len(at) else ""
+        path.plot(
+            [s.x_m for s in places], [s.y_m for s in places], "D", **_DECISION, label=f"decision{count}", zorder=5
+        )
+        top = lower.get_xaxis_transform()
+        lower.plot(moments, [1.0] * len(moments), "D", **_DECISION, transform=top, clip_on=False)
+    for record, after in itertools.pairwise(records):
+        if record.status == INFEASIBLE:
+            style: dict[str, Any] = {"color": GREY, "alpha": 0.2, "linewidth": 0, "label": "nothing was feasible"}
+            lower.axvspan(record.time_s, after.time_s, **style)
+
+
+def _apart(places: Sequence[tuple[tuple[float, float], Any]]) -> list[Any]:
+    """Those of places, in shares of the picture, whose marks do not fall together with one kept before."""
+    kept: list[tuple[tuple[float, float], Any]] = []
+    for place, item in places:
+        if all(math.dist(place, other) >= APART for other, _ in kept):
+            kept.append((place, item))
+    return [item for _, item in kept]

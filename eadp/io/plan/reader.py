@@ -12,63 +12,29 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from eadp.core.expressions.reader import read_expression, read_expressions
 from eadp.core.expressions.tree import FUNCTIONS, Expression, constant, difference, number_text, substituted, total
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M
 from eadp.errors import ExpressionError, Fault, InputError, PathUndefined, printable, refuse
+from eadp.io.plan.headers import HEADERS, RADIUS, REPEATED, STAGE_HEADERS, named_unit, read_box, read_number
 from eadp.io.plan.writer import parameters_of, point_text
 from eadp.io.text.streams import SourceText, Text
-from eadp.models.airspace import CLEARANCE_M, Airspace, Obstacle
-from eadp.models.field import Field
-from eadp.models.plan.plan import TRIGGER_RADIUS_M, Finding, MadeFor, Plan, ShortForm, Site, SurveyCamera
-from eadp.models.plan.segments import LoopVariable, Segment
-from eadp.models.plan.stage import ROTATIONS, Box, PointExpression, Stage, Title
+from eadp.models.airspace import Airspace, Field
+from eadp.models.plan.plan import Finding, Plan, ShortForm, Site
+from eadp.models.plan.stage import ROTATIONS, Box, LoopVariable, PointExpression, Segment, Stage, Title
 from eadp.models.plan.structure import equal, find_shift, find_structure, header_disagrees, tidy
 
 _NUMBERED = re.compile(r"\s*([0-9]{1,9})\s*:")
 _SECTION = re.compile(r"\s*(init|path|trig)\s*:\s*\Z")
 _DEFINITION = re.compile(r"\s*([A-Za-z][A-Za-z0-9]*)\s*=")
-_HEADER_SET = re.compile(r"\s*(c[1-9][0-9]{0,2})\s*(\[[^\]]*\])\s*(,|\Z)")
-_COMPUTATION = re.compile(r"[A-Za-z][A-Za-z0-9_]*\Z")
 _LIKE_DECIMALS = re.compile(r"\A[^,]*[0-9],[0-9]+,\s|,\s[^,]*[0-9],[0-9]+\s*\Z")
 """Three numbers of which two are written as one with a decimal comma: `0,5, 400`."""
 _RESERVED = re.compile(r"(x|y|pi|n|c[0-9]+)\Z")
 VARIABLES_LIMIT = 200
 """Most loop variables of a segment."""
-_HEADERS = (
-    "computations",
-    "paths",
-    "sets",
-    "trigger-radius",
-    "min-radius",
-    "origin",
-    "start",
-    "field",
-    "field-name",
-    "hole",
-    "swath",
-    "home",
-    "home-altitude",
-    "clearance",
-    "avoid",
-    "inside",
-    "made-for",
-    "camera",
-    "ground",
-    "height",
-)
-_RING_HEADERS, _LIMIT_HEADERS = ("field", "hole"), ("avoid", "inside")
-"""Headers of the field's parts, each an outline and the holes in it; of obstacles and of the boundary. They may stand
-more than once."""
-_CORNER = re.compile(r"{0},{0}\Z".format(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"))
-_HEIGHT = re.compile(r"(?:^|\s)height\s+(\S+)\Z")
-_MADE_FOR = re.compile(r"(.*?) ?airspeed (\S+) wind (\S+?),? (\S+)\Z")
-_CAMERA = re.compile(r"(.*?) ?\baltitude (\S+)(?: gsd (\S+))?\Z")
-_STAGE_HEADERS = ("altitude", "airspeed", "command")
-"""Headers of the stages after them, which may stand more than once."""
 LIMIT_CHARACTERS, LIMIT_STAGES = 10_000_000, 10_000
 """Longest plan, in characters and in stages: a survey has hundreds of stages."""
 
@@ -105,9 +71,7 @@ class _Draft:
     trigger: PointExpression | None = None
     trigger_line: _Line | None = None
     radius_m: float | None = None
-    altitude_m: float | None = None
-    airspeed_mps: float | None = None
-    commands: tuple[tuple[float, ...], ...] = ()
+    flown: dict[str, Any] = field(default_factory=dict)
     sets: list[Box | None] = field(default_factory=list)
     set_lines: list[_Line] = field(default_factory=list)
 
@@ -151,14 +115,14 @@ class _Reader:
         self._findings: list[Finding] = []
         self._drafts: list[_Draft] = []
         self._headers: dict[str, _Line] = {}
-        self._areas: list[tuple[str, _Line]] = []
+        self._values: dict[str, Any] = {}
+        self._areas: list[tuple[str, _Line, Any]] = []
         self._header_shift: PointExpression | None = None
         self._header_shift_line = _START
         self._section = ""
         self._groups: list[_Group] = []
         self._numbered = 0
-        self._altitude_m: float | None = None
-        self._airspeed_mps: float | None = None
+        self._flown: dict[str, float] = {}
         self._commands: list[tuple[float, ...]] = []
 
     @property
@@ -303,8 +267,8 @@ class _Reader:
     # --- lines of a stage
 
     def _read_head(self, line: _Line) -> None:
-        draft = _Draft(line, altitude_m=self._altitude_m, airspeed_mps=self._airspeed_mps)
-        draft.commands, self._commands = tuple(self._commands), []
+        draft = _Draft(line, flown=self._flown | {"commands": tuple(self._commands)})
+        self._commands = []
         self._drafts.append(draft)
         parts = line.text.split(";")
         if len(parts) != 3:
@@ -328,7 +292,7 @@ class _Reader:
         draft.trigger_line = line
         end = _second_comma(line.text)
         if end is not None:
-            draft.radius_m = self._number(line, line.text[end + 1 :], end + 1, *_RADIUS)
+            draft.radius_m = self._number(line, line.text[end + 1 :], end + 1, *RADIUS)
             if _LIKE_DECIMALS.search(line.text):
                 radius = printable(line.text[end + 1 :].strip(), 40)
                 message = f"a trigger with a radius of {radius} m, or a decimal comma"
@@ -346,7 +310,7 @@ class _Reader:
             self._fault(line, 0, what, "its trigger, like -115, 146")
             draft.trigger_line = _START  # one mistake is one fault; a trigger below is still read
         which = f" as set {len(draft.sets) + 1} of stage {len(self._drafts)}"
-        draft.sets.append(self._attempt(line, 0, "", partial(_box, line.text, which)))
+        draft.sets.append(self._attempt(line, 0, "", partial(read_box, line.text, which)))
         draft.set_lines.append(line)
 
     # --- sections of the short form
@@ -370,37 +334,30 @@ class _Reader:
             self._fault(line, match.start(1), f"{name} cannot be the name of a coordinate", "another name")
         elif name in group.coordinates:
             self._fault(line, match.start(1), f"the coordinate {name} stands twice", "it once")
-        if group.conditional:  # it may name what stands below it: read once all names are known
-            group.coordinates[name] = (*_NOWHERE, line.after(start))
-            group.definitions.append((name, start, line))
-            return
-        pair = self._expressions(line, rest, start, "a first value and a shift, like -115, 10")
-        if pair is not None and any(part.names & {"x", "y"} for part in pair):
-            self._fault(line, start, f"the coordinate {name} depends on x or y", "numbers and parameters")
-            pair = None
-        if pair is None:  # the name stays defined: one mistake is one fault
-            pair = list(_NOWHERE)
-        group.coordinates[name] = (pair[0], pair[1], line.after(start))
+        # it may name what stands below it: read once all names are known
+        group.coordinates[name] = (*_NOWHERE, line.after(start))
+        group.definitions.append((name, start, line))
 
     def _read_definitions(self, group: _Group) -> None:
-        """The loop variables of a repeating segment: a first value and an increment, or a formula."""
+        """The coordinates, each a first value and a shift; of a segment that ends on a condition formulas, too."""
         formulas: set[str] = set()
-        names = {name for name, _, _ in group.definitions}
+        names = {name for name, _, _ in group.definitions} if group.conditional else set[str]()
+        expected = "" if group.conditional else "a first value and a shift, like -115, 10"
         if len(names) > VARIABLES_LIMIT:
             line = group.definitions[VARIABLES_LIMIT][2]
             self._fault(line, 0, f"{len(names)} loop variables in a segment", f"at most {VARIABLES_LIMIT}")
             return
         for name, start, line in group.definitions:
             rest = line.text[start:]
-            values = self._attempt(line, start, "", lambda rest=rest: read_expressions(rest, names))  # type: ignore[misc]
-            if values is None:
+            count = None if group.conditional else 2
+            values = self._attempt(line, start, expected, partial(read_expressions, rest, names, count=count))
+            if values is None:  # the name stays defined: one mistake is one fault
                 continue
             if len(values) > 2:
                 self._fault(line, start, f"{len(values)} values", "a first value and a shift, or a formula alone")
                 continue
             if any(part.names & {"x", "y"} for part in values):
-                what = f"the loop variable {name} depends on x or y"
-                self._fault(line, start, what, "numbers, parameters and loop variables")
+                self._fault(line, start, f"the coordinate {name} depends on x or y", "numbers and parameters")
                 continue
             place = group.coordinates[name][2]
             if len(values) == 2:
@@ -430,100 +387,54 @@ class _Reader:
         key = stripped.partition(" ")[0]
         start = len(line.text) - len(line.text.lstrip()) + len(key)
         start = len(line.text) - len(line.text[start:].lstrip())
-        if key in (*_RING_HEADERS, *_LIMIT_HEADERS):
-            self._areas.append((key, line.after(start)))
-        elif key in _STAGE_HEADERS:
-            self._read_stage_header(key, line.after(start))
-        elif key not in _HEADERS:
-            known = ", ".join((*_HEADERS, *_STAGE_HEADERS))
+        own = line.after(start)
+        if key in STAGE_HEADERS:
+            attribute, read = STAGE_HEADERS[key]
+            value = self._attempt(own, 0, "", partial(read, own.text))
+            if value is not None and key == "command":
+                self._commands.append(value)
+            elif value is not None:
+                self._flown[attribute] = value
+        elif key not in HEADERS:
+            known = ", ".join((*HEADERS, *STAGE_HEADERS))
             message = f"unknown header {printable(key, 40)}; expected one of {known}"
             self._findings.append(Finding("warning", None, line.number, "unknown-header", message, line.column))
         else:
+            header = HEADERS[key]
+            value = self._attempt(own, 0, "", partial(header.read, own.text)) if header.read else None
+            if key in REPEATED:
+                self._areas.append((key, own, value))
+                return
             if key in self._headers:
                 self._fault(line, len(line.text) - len(line.text.lstrip()), f"the header {key} stands twice", "it once")
-            self._headers[key] = line.after(start)
+            self._headers[key] = own
+            if value is not None:
+                self._values[key] = value
 
-    def _read_stage_header(self, key: str, line: _Line) -> None:
-        """What holds from the next stage on, or a command as it starts."""
-        if key == "altitude":
-            self._altitude_m = self._number(line, line.text, 0, "an altitude within ±1e5 m", lambda v: abs(v) <= 1e5)
-        elif key == "airspeed":
-            self._airspeed_mps = self._number(
-                line, line.text, 0, "an airspeed from 0.1 to 1000 m/s", lambda v: 0.1 <= v <= 1000
-            )
-        elif values := self._attempt(
-            line, 0, "", partial(_numbers, line.text, 8, "a command and its seven parameters")
-        ):
-            self._commands.append(values)
-
-    def _of(self, key: str, read: Callable[[str], T]) -> T | None:
-        """What a header's text is read as; None where the plan has no such header, or it is faulty."""
-        line = self._headers.get(key)
-        return self._attempt(line, 0, "", partial(read, line.text)) if line else None
-
-    def _radius(self, key: str) -> float | None:
-        line = self._headers.get(key)
-        return self._number(line, line.text, 0, *_RADIUS) if line else None
+    def _of(self, place: str) -> dict[str, Any]:
+        """What headers state of the plan, or of its site, by attribute."""
+        found = ((HEADERS[key].attribute.rpartition("."), value) for key, value in self._values.items())
+        return {name: value for (of, _, name), value in found if of == place and name}
 
     def _site(self) -> Site:
-        line = self._headers.get("clearance")
-        clearance_m = (
-            self._number(line, line.text, 0, "metres from 0 to 1e5", lambda v: 0 <= v <= 1e5) if line else None
-        )
-        return Site(
-            origin_deg=self._of("origin", _origin),
-            start_m=self._of("start", _xy),
-            field=self._header_field(),
-            swath_m=self._radius("swath"),
-            home_m=self._of("home", _xy),
-            airspace=self._header_airspace(),
-            made_for=self._of("made-for", _made_for),
-            camera=self._of("camera", _camera),
-            ground_m=self._of("ground", lambda text: _numbers(text, 1, "metres above the sea, like 120")[0]),
-            height_m=self._of("height", lambda text: _numbers(text, 1, "metres above the sea, like 120")[0]),
-            home_altitude_m=self._of("home-altitude", lambda text: _numbers(text, 1, "metres, like 120")[0]),
-            clearance_m=CLEARANCE_M if clearance_m is None else clearance_m,
-        )
+        obstacles = [value for key, _, value in self._areas if key == "avoid" and value]
+        boundary = [value for key, _, value in self._areas if key == "inside" and value]
+        named = (each if each.name else each._replace(name=f"obstacle {i}") for i, each in enumerate(obstacles, 1))
+        return Site(field=self._field(), airspace=Airspace(tuple(named), tuple(boundary)), **self._of("site"))
 
-    def _header_airspace(self) -> Airspace:
-        """Obstacles, as NAME height H x,y x,y … with name and height left out or not, and the boundary."""
-        obstacles: list[Obstacle] = []
-        boundary: list[tuple[Point, ...]] = []
-        for key, line in self._areas:
-            if key not in _LIMIT_HEADERS:
-                continue
-            words = line.text.split()
-            # from the last word that is no corner on: a name may have commas, too
-            first = next((i for i in range(len(words), 0, -1) if not _CORNER.match(words[i - 1])), 0)
-            label, corners = " ".join(words[:first]), [tuple(map(float, word.split(","))) for word in words[first:]]
-            height = _HEIGHT.search(label) if key == "avoid" else None
-            height_m = self._number(line, height[1], 0, *_OBSTACLE_HEIGHT) if height else None
-            name = label[: height.start()] if height else label
-            ring = tuple((x, y) for x, y in corners if max(abs(x), abs(y)) <= 1e9)
-            if len(ring) < 3 or len(ring) < len(corners) or (key == "inside" and label):
-                expected = "three or more in metres, like 0,0 100,0 100,50" + " after a name" * (key == "avoid")
-                self._fault(line, 0, "no corners of an area", expected)
-            elif key == "inside":
-                boundary.append(ring)
-            else:
-                obstacles.append(Obstacle(ring, name or f"obstacle {len(obstacles) + 1}", height_m))
-        return Airspace(tuple(obstacles), tuple(boundary))
-
-    def _header_field(self) -> Field | None:
+    def _field(self) -> Field | None:
         """The field: the outline of each part counter-clockwise, and its holes clockwise."""
-        given = [(key == "field", line) for key, line in self._areas if key in _RING_HEADERS]
-        if given and not given[0][0]:
-            self._fault(given[0][1], 0, "a hole of no field", "a header field before it")
+        rings = [(key == "field", line, ring) for key, line, ring in self._areas if key in ("field", "hole")]
+        if rings and not rings[0][0]:
+            self._fault(rings[0][1], 0, "a hole of no field", "a header field before it")
             return None
-        found = [self._attempt(line, 0, "", partial(_ring, line.text)) for _, line in given]
-        rings = [ring for ring in found if ring]
-        if not given or len(rings) < len(given):
+        if not rings or not all(ring for _, _, ring in rings):
             return None
         from eadp.core.geometry.polygons import flaws, signed_area_m2
 
         parts: list[list[tuple[Point, ...]]] = []
         lines: list[list[_Line]] = []
-        for (outer, line), ring in zip(given, rings, strict=True):
+        for outer, line, ring in rings:
             if outer:
                 parts.append([])
                 lines.append([])
@@ -535,8 +446,7 @@ class _Reader:
                 message = f"the field is left out: a ring {flaw.message} at ({x:g}, {y:g})"
                 self._findings.append(Finding("warning", None, line.number, "field", message, line.column))
                 return None
-        name = self._headers.get("field-name")
-        return Field((), name=" ".join(name.text.split()) if name else "").with_parts(parts)
+        return Field((), **self._of("site.field")).with_parts(parts)
 
     def _paths(self, path_count: int, taken: Collection[str], sets: Mapping[int, Box]) -> tuple[Title, ...]:
         """Names of the path parameters, and what they stand for."""
@@ -547,7 +457,7 @@ class _Reader:
         offset = 0
         for part in line.text.split(","):
             head, equals, formula = part.partition("=")
-            name, unit = _named_unit(head)
+            name, unit = named_unit(head)
             if not name or _RESERVED.match(name) or name in [*taken, *(title.name for title in result)]:
                 expected = "names like spacing, spacing [m] = 150 - 2*sqrt(4900 + c1)"
                 self._fault(line, offset, "a path parameter without a name of its own", expected)
@@ -630,7 +540,7 @@ class _Reader:
     def _assembled(self) -> Plan:
         count = len(self._drafts[0].sets)
         path_count = max((part.max_parameter for _, part, _ in self._named()), default=0)
-        sets = self._of("sets", _sets) or {}
+        sets: Mapping[int, Box] = self._values.get("sets", {})
         if sets and count:
             self._fault(self._headers["sets"], 0, "a header sets beside stages that carry sets", "one or the other")
         elif sets:
@@ -641,7 +551,7 @@ class _Reader:
                 refuse(self._faults)
         if count:
             self._check_indices(count, path_count)
-        computations = self._of("computations", _computations) or ()
+        computations = self._values.get("computations", ())
         if count >= path_count and count and computations and len(computations) != count - path_count:
             message = f"{len(computations)} names for {count - path_count} computations"
             self._fault(self._headers["computations"], 0, message, "a name for each set after the paths'")
@@ -656,13 +566,11 @@ class _Reader:
             name=self._source.name,
             stages=stages,
             path_count=path_count,
-            computations=computations,
             titles=titles,
-            trigger_radius_m=self._radius("trigger-radius") or TRIGGER_RADIUS_M,
-            min_radius_m=self._radius("min-radius"),
             site=self._site(),
             header_shift=self._header_shift,
             segments=parts,
+            **self._of(""),
         )
         self._check_smoothness(plan)
         complete = self._with_laps if parts else self._repeating if self._groups else self._structured
@@ -711,8 +619,8 @@ class _Reader:
         firsts = {} if parts else {name: first for name, first, _ in self._short_form_coordinates()}
         path, trigger = self._placed(draft, firsts)
         part = next((part for part in parts if part.first < index <= part.first + part.count), None)
-        flown = (draft.radius_m, draft.altitude_m, draft.airspeed_mps, draft.commands)
-        return Stage(index, draft.line.number, draft.gain, draft.rotation, path, trigger, own or boxes, part, *flown)
+        place = index, draft.line.number, draft.gain, draft.rotation
+        return Stage(*place, path, trigger, own or boxes, part, draft.radius_m, **draft.flown)
 
     def _short_form_coordinates(self) -> list[tuple[str, Expression, Expression]]:
         """Name, first value and shift of the coordinates of the short form; none without sections."""
@@ -845,18 +753,7 @@ class _Reader:
     def _number(
         self, line: _Line, text: str, start: int, expected: str, valid: Callable[[float], bool]
     ) -> float | None:
-        expression = self._attempt(line, start, expected, lambda: read_expression(text))
-        if expression is None:
-            return None
-        offset = start + len(text) - len(text.lstrip())
-        if expression.names:
-            self._fault(line, offset, f"{printable(text.strip(), 40)} is not a number", expected)
-            return None
-        value = expression.at()
-        if not valid(value):
-            self._fault(line, offset, f"{number_text(value)} cannot stand here", expected)
-            return None
-        return value
+        return self._attempt(line, start, "", partial(read_number, text, expected, valid))
 
 
 def _is_monotonic(expression: Expression, name: str, box: Box) -> bool:
@@ -872,137 +769,6 @@ def _is_monotonic(expression: Expression, name: str, box: Box) -> bool:
 
 
 _NOWHERE: PointExpression = (constant(0.0), constant(0.0))
-_RADIUS: tuple[str, Callable[[float], bool]] = ("a radius above 0 m", lambda value: value > 0)
-_OBSTACLE_HEIGHT: tuple[str, Callable[[float], bool]] = (
-    "a height above the origin, from 0 to 1e5 m",
-    lambda value: 0 <= value <= 1e5,
-)
-
-
-# --- readers of texts, which raise ExpressionError
-
-
-def _numbers(text: str, count: int, expected: str) -> tuple[float, ...]:
-    """Numbers, separated by blanks or commas."""
-    words = text.replace(",", " ").split()
-    try:
-        values = tuple(float(word) for word in words)
-    except ValueError:
-        values = ()
-    if len(values) != count or not all(abs(value) <= 1e9 for value in values):
-        raise ExpressionError(0, f"{len(words)} words here, or no numbers", expected)
-    return values
-
-
-def _xy(text: str) -> Point:
-    x, y = _numbers(text, 2, "x and y in metres, like -100 220")
-    return x, y
-
-
-def _made_for(text: str) -> MadeFor:
-    found = _MADE_FOR.match(" ".join(text.split()))  # of runs of blanks each would be tried from everywhere
-    try:
-        numbers = [float(word) for word in found.groups()[1:]] if found else []
-    except ValueError:
-        numbers = []
-    if not found or not all(abs(value) <= 1e4 for value in numbers) or len(numbers) < 3:
-        raise ExpressionError(0, "no aircraft, airspeed and wind", "like survey wing airspeed 15 wind 6 270")
-    return MadeFor(found[1], *numbers)
-
-
-def _camera(text: str) -> SurveyCamera:
-    found = _CAMERA.match(" ".join(text.split()))
-    try:
-        altitude_m, gsd_cm = (None if word is None else float(word) for word in found.groups()[1:]) if found else (0, 0)
-    except ValueError:
-        altitude_m = gsd_cm = 0
-    if not found or not altitude_m or not all(0 < value <= 1e5 for value in (altitude_m, gsd_cm) if value is not None):
-        raise ExpressionError(0, "no camera, altitude and pixel size", "like Sony a6000 20 mm altitude 102.1 gsd 2")
-    return SurveyCamera(found[1], altitude_m, gsd_cm)
-
-
-def _ring(text: str) -> tuple[Point, ...]:
-    """The corners of a ring."""
-    corners: list[Point] = []
-    try:
-        for part in text.split(","):
-            x, y = map(float, part.split())
-            corners.append((x, y))
-    except ValueError:
-        corners.clear()
-    if len(corners) < 3 or not all(abs(value) <= 1e9 for corner in corners for value in corner):
-        raise ExpressionError(0, "no corners of an area", "three or more in metres, like 0 0, 100 0, 100 50")
-    return tuple(corners)
-
-
-def _computations(text: str) -> tuple[tuple[str, str], ...]:
-    """Names and units."""
-    result: dict[str, str] = {}
-    offset = 0
-    for part in text.split(","):
-        name, unit = _named_unit(part)
-        if not name or name in result:
-            raise ExpressionError(offset, "a computation without a name of its own", "names like fps, keysize [bit]")
-        result[name] = unit
-        offset += len(part) + 1
-    return tuple(result.items())
-
-
-def _sets(text: str) -> dict[int, Box]:
-    """Sets by the index of their parameter."""
-    result: dict[int, Box] = {}
-    position = 0
-    while text[position:].strip():
-        match = _HEADER_SET.match(text, position)
-        if not match:
-            raise ExpressionError(position, "no set", "sets like c1 [-1000, 0], c2 [2, 10]")
-        index = int(match[1][1:])
-        if index in result:
-            raise ExpressionError(match.start(1), f"{match[1]} stands twice", "it once")
-        result[index] = _box(match[2], start=match.start(2))
-        position = match.end()
-    return result
-
-
-def _box(text: str, which: str = "", start: int = 0) -> Box:
-    """A set; `start` is the offset of its text in the line."""
-    expected = f"a set like [2, 10]{which}"
-    stripped = text.strip()
-    offset = start + len(text) - len(text.lstrip())
-    if not (stripped.startswith("[") and stripped.endswith("]")):
-        raise ExpressionError(offset, "a set without its closing bracket", expected)
-    try:
-        values = [part.value({}) for part in read_expressions(stripped[1:-1], count=2)]
-    except ExpressionError as error:
-        raise ExpressionError(offset + 1 + error.offset, error.message, f"{error.expected} ({expected})") from None
-    except PathUndefined:
-        raise ExpressionError(offset + 1, "a set whose bounds are not numbers", expected) from None
-    if values[0] > values[1]:
-        low, high = map(number_text, values)
-        what = f"a set whose lower bound {low} is above its upper bound {high}"
-        raise ExpressionError(offset, what, "lower bound first")
-    return Box(*values)
-
-
-def _origin(text: str) -> tuple[float, float]:
-    words = text.replace(",", " ").split()
-    try:
-        latitude, longitude = (float(word) for word in words)
-    except ValueError:
-        latitude = longitude = math.nan
-    if not (-90 <= latitude <= 90 and -180 <= longitude <= 180):
-        swapped = 90 < abs(latitude) <= 180 and abs(longitude) <= 90
-        what = "no origin: latitude and longitude seem to be swapped" if swapped else "no origin"
-        raise ExpressionError(0, what, "a latitude and a longitude in degrees, like 55.37 10.43")
-    return latitude, longitude
-
-
-def _named_unit(text: str) -> tuple[str, str]:
-    """The name and the unit of `keysize [bit]`; no name where it is none, or a bracket is open."""
-    # no pattern for the whole: one with several runs of spaces backtracks for minutes over a long line
-    name, bracket, unit = text.strip().partition("[")
-    known = _COMPUTATION.match(name.rstrip()) and (not bracket or unit.endswith("]"))
-    return (name.rstrip() if known else "", unit.removesuffix("]").strip())
 
 
 def _second_comma(text: str) -> int | None:

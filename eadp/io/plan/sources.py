@@ -9,8 +9,7 @@ from typing import Protocol
 
 from eadp.core.arrays import FloatArray
 from eadp.io.plan.reader import read_plan
-from eadp.io.text.kinds import refuse_others
-from eadp.io.text.streams import Text
+from eadp.io.text.streams import Text, refuse_others
 from eadp.models.battery import Battery
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Finding, Plan, Site

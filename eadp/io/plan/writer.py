@@ -9,40 +9,15 @@ import math
 from collections.abc import Sequence
 
 from eadp.core.expressions.tree import Expression, number_text
-from eadp.core.geometry.curves import Point
 from eadp.errors import InputError
-from eadp.models.airspace import CLEARANCE_M
-from eadp.models.plan.plan import TRIGGER_RADIUS_M, Plan, Site
-from eadp.models.plan.segments import Segment
-from eadp.models.plan.stage import PointExpression, Stage, Title
+from eadp.io.plan.headers import header_lines
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import PointExpression, Segment, Stage
 
 
 def plan_text(plan: Plan) -> str:
     """Canonical text of a plan; reading it again gives the same plan."""
-    lines = []
-    if plan.computations:
-        names = [f"{name} [{unit}]" if unit else name for name, unit in plan.computations]
-        lines.append(f"%: computations {', '.join(names)}")
-    if plan.titles:
-        lines.append(f"%: paths {', '.join(map(_title_text, plan.titles))}")
-    if plan.trigger_radius_m != TRIGGER_RADIUS_M:
-        lines.append(f"%: trigger-radius {number_text(plan.trigger_radius_m)}")
-    if plan.min_radius_m is not None:
-        lines.append(f"%: min-radius {number_text(plan.min_radius_m)}")
-    if plan.site.origin_deg is not None:
-        lines.append(f"%: origin {plan.site.origin_deg[0]!r} {plan.site.origin_deg[1]!r}")
-    if plan.site.start_m is not None:
-        lines.append(f"%: start {number_text(plan.site.start_m[0])} {number_text(plan.site.start_m[1])}")
-    if plan.site.field is not None:
-        for outline, *holes in plan.site.field.parts:
-            for key, ring in (("field", outline), *(("hole", hole) for hole in holes)):
-                corners = (f"{number_text(x)} {number_text(y)}" for x, y in ring)
-                lines.append(f"%: {key} {', '.join(corners)}")
-        if plan.site.field.name:
-            lines.append(f"%: field-name {plan.site.field.name}")
-    if plan.site.swath_m is not None:
-        lines.append(f"%: swath {number_text(plan.site.swath_m)}")
-    lines += _mission_lines(plan.site)
+    lines = header_lines(plan)
     if plan.header_shift is not None:
         lines.append(point_text(plan.header_shift))
     if plan.segments:
@@ -62,43 +37,6 @@ def plan_text(plan: Plan) -> str:
     if short is not None and plan.final is not None:
         lines += ["trig:", point_text(plan.final)]
     return "\n".join([*lines, ""])
-
-
-def _title_text(title: Title) -> str:
-    unit = f" [{title.unit}]" if title.unit else ""
-    return f"{title.name}{unit}" + (f" = {title.stands_for.text}" if title.stands_for else "")
-
-
-def _mission_lines(site: Site) -> list[str]:
-    """The headers of home, of obstacles and boundary, of what the plan was made for, and of its camera."""
-    lines = []
-    if site.home_m is not None:
-        lines.append(f"%: home {_corners([site.home_m])}")
-    if site.home_altitude_m is not None:
-        lines.append(f"%: home-altitude {number_text(site.home_altitude_m)}")
-    if site.clearance_m != CLEARANCE_M:
-        lines.append(f"%: clearance {number_text(site.clearance_m)}")
-    for obstacle in site.airspace.obstacles:
-        height = "" if obstacle.height_m is None else f" height {number_text(obstacle.height_m)}"
-        lines.append(f"%: avoid {obstacle.name}{height} {_corners(obstacle.outline)}")
-    lines += [f"%: inside {_corners(ring)}" for ring in site.airspace.boundary]
-    if (made := site.made_for) is not None:
-        speed, wind, from_deg = (number_text(value) for value in made[1:])
-        name = f"{made.vehicle} " if made.vehicle else ""
-        lines.append(f"%: made-for {name}airspeed {speed} wind {wind} {from_deg}")
-    if (camera := site.camera) is not None:
-        name = f"{camera.name} " if camera.name else ""
-        size = "" if camera.gsd_cm is None else f" gsd {number_text(camera.gsd_cm)}"
-        lines.append(f"%: camera {name}altitude {number_text(camera.altitude_m)}{size}")
-    if site.ground_m is not None:
-        lines.append(f"%: ground {number_text(site.ground_m)}")
-    if site.height_m is not None:
-        lines.append(f"%: height {number_text(site.height_m)}")
-    return lines
-
-
-def _corners(points: Sequence[Point]) -> str:
-    return " ".join(f"{number_text(x)},{number_text(y)}" for x, y in points)
 
 
 def _part_lines(plan: Plan, part: Segment) -> list[str]:

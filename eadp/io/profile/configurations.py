@@ -33,18 +33,12 @@ class _Axis:
     values: list[float]
 
 
-def parse_configuration(raw: str) -> Configuration:
-    """Read `fps=0.5,keysize=32`, the configuration of a recorded trace: one value for each parameter.
-
-    Raises
-    ------
-    InputError
-        With the faults of the option `--config`.
-    """
-    axes = _axes(raw)
+def parse_configuration(raw: str, option: str = "--config", expected: str = _A_CONFIGURATION) -> Configuration:
+    """Read `fps=0.5,keysize=32`, a configuration: one value for each parameter; raises InputError at the option."""
+    axes = _axes(raw, option, expected)
     for axis in axes:
         if len(axis.values) > 1:
-            raise InputError.at("--config", 1, 1, f"{len(axis.values)} values of {axis.name}", "one for a trace", raw)
+            raise InputError.at(option, 1, 1, f"{len(axis.values)} values of {axis.name}", "one", raw)
     return next(iter(_product([axes])))
 
 
@@ -125,13 +119,13 @@ def _product(group: Iterable[Sequence[_Axis]]) -> Iterable[Configuration]:
             yield Configuration(names, units, values)
 
 
-def _axes(raw: str) -> list[_Axis]:
+def _axes(raw: str, option: str = "--config", form: str = _A_CONFIGURATION) -> list[_Axis]:
     """Read `fps=2,4,keysize=32`: a piece without a name is another value of the parameter before it."""
     axes: list[_Axis] = []
     column = 1
     for piece in raw.split(","):
         title, equals, text = piece.rpartition("=")
-        problem, expected = "", _A_CONFIGURATION
+        problem, expected = "", form
         if equals:
             heading = read_heading(title.strip())
             axes.append(_Axis(heading.name, heading.unit, []))
@@ -142,9 +136,9 @@ def _axes(raw: str) -> list[_Axis]:
             problem = f"{printable(piece.strip(), 80) or 'an empty text'} is no name=value"
         if not problem and not (NUMBER.match(text.strip()) and abs(float(text)) <= LARGEST):
             shown = printable(text.strip(), 80) or "empty"
-            problem, expected = f"{axes[-1].name} is {shown}, not a finite number", _A_CONFIGURATION
+            problem, expected = f"{axes[-1].name} is {shown}, not a finite number", form
         if problem:
-            raise InputError.at("--config", 1, column, problem, expected, raw)
+            raise InputError.at(option, 1, column, problem, expected, raw)
         axes[-1].values.append(float(text))
         column += len(piece) + 1
     return axes

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 from eadp.io.text.options import Flag, check_range, option_name
 
 if TYPE_CHECKING:
-    from eadp.core.harmonics import SampleMean
+    from eadp.core.signals import SampleMean
 
 SHORTEST_INTERVAL_S, MAX_TIME_S = 0.01, 86_400.0
 """Shortest time between two samples [s]: sensors do not change faster; and the longest time at a configuration."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from collections.abc import Iterable, Sequence
@@ -12,8 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.arrays import FloatArray
-from eadp.core.harmonics import SampleMean, average
+from eadp.core.signals import SampleMean, average
 from eadp.errors import FAULTS_READ, Fault, Infeasible, InputError, printable, refuse
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated, separator
 from eadp.io.text.streams import Text
@@ -147,8 +145,6 @@ def read_measurements(
             source=" + ".join(dict.fromkeys(sources)),
             standard_error_w=np.array([each.standard_error if each.samples > 1 else np.nan for each in averages]),
             device=layout.device if len({each.device for each in layouts}) == 1 else "",
-            energy_w_samples=_means(readings, 0),
-            soc=_means(readings, 1),
         )
     except Infeasible as error:
         row = next(iter(readings.values()))[0][0].row
@@ -172,7 +168,7 @@ class _Layout:
 
     `parameters` and `power` are indices of columns; the power has `per_watt` units to a watt; whether the
     first row is a `header`; and each row has `width` fields. A trace has no columns of parameters, but the
-    values `constant` of all of them. `overall` are the indices of powprofiler's energy and charge of the `device`.
+    values `constant` of all of them.
     """
 
     names: list[str]
@@ -185,7 +181,6 @@ class _Layout:
     warnings: Sequence[Fault] = ()
     constant: tuple[float, ...] = ()
     device: str = ""
-    overall: tuple[int | None, int | None] = (None, None)
 
 
 @dataclass(frozen=True)
@@ -211,10 +206,7 @@ def _layout(row: Row, names: Sequence[str], stated: Configuration | None, namele
     if len(layout.parameters) > PARAMETERS_LIMIT:
         message = f"{len(layout.parameters)} columns of parameters"
         raise InputError(row.fault(layout.parameters[PARAMETERS_LIMIT], message, f"at most {PARAMETERS_LIMIT}"))
-    if flags:
-        energy, soc = (row.fields.index(flag) if flag in row.fields else None for flag in (f"13{digit}", f"16{digit}"))
-        return replace(layout, device=DEVICES[digit], overall=(energy, soc))
-    return layout
+    return replace(layout, device=DEVICES[digit]) if flags else layout
 
 
 def _in_order_of(first: _Layout, layout: _Layout, row: Row) -> _Layout:
@@ -350,10 +342,9 @@ def _power_column(row: Row, headings: Sequence[ColumnHeading]) -> int:
 
 
 class _Reading(NamedTuple):
-    """Power [W], powprofiler's overall energy [W·samples] and state of charge, NaN where not known, and the row."""
+    """Power [W], and the row."""
 
     power_w: float
-    overall: tuple[float, float]
     row: Row
 
 
@@ -389,23 +380,10 @@ def _read_rows(rows: Iterable[Row], layout: _Layout, readings: _Readings) -> Row
         runs = readings.setdefault(point, [])
         if point != before:
             runs.append([])
-        energy, soc = (_known(row.fields[i]) if i is not None else math.nan for i in layout.overall)
-        runs[-1].append(_Reading(power_w, (energy, soc), row))
+        runs[-1].append(_Reading(power_w, row))
         before = point
     refuse(faults)
     return row
-
-
-def _known(field: str) -> float:
-    """A number that is kept and not used; NaN where there is none."""
-    return float(field) if number_fault(field, LARGEST) is None else math.nan
-
-
-def _means(readings: _Readings, which: int) -> FloatArray:
-    """The mean, of each configuration, of overall energy or charge where they are known; else NaN."""
-    values = [[reading.overall[which] for run in runs for reading in run] for runs in readings.values()]
-    known = [[value for value in own if math.isfinite(value)] for own in values]
-    return np.array([np.mean(own) if own else math.nan for own in known])
 
 
 def _check_agreement(readings: _Readings, averages: Sequence[SampleMean], layout: _Layout) -> list[Fault]:
@@ -418,8 +396,8 @@ def _check_agreement(readings: _Readings, averages: Sequence[SampleMean], layout
         if found.std <= STD_LIMIT * found.mean:
             continue
         group = [reading for run in runs for reading in run]
-        low_w, _, low = min(group, key=lambda reading: reading.power_w)
-        high_w, _, high = max(group, key=lambda reading: reading.power_w)
+        low_w, low = min(group, key=lambda reading: reading.power_w)
+        high_w, high = max(group, key=lambda reading: reading.power_w)
         where = configuration_text(layout.names, point)
         extremes = f"{where} draws {low_w:g} W in line {low.line} and {high_w:g} W in line {high.line}"
         deviation = f"a standard deviation of {100 * found.std / found.mean:.0f} % of the mean"

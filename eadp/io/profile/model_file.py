@@ -16,7 +16,7 @@ from pydantic import Field
 from eadp.core.arrays import FloatArray
 from eadp.core.interpolation import Kind
 from eadp.errors import Fault, Infeasible, InputError, printable, refuse
-from eadp.io.profile.configurations import as_trace, configuration_in_name
+from eadp.io.profile.configurations import as_trace, configuration_in_name, parse_configuration
 from eadp.io.profile.measurements import (
     A_NAME,
     LARGEST,
@@ -28,10 +28,8 @@ from eadp.io.profile.measurements import (
     is_trace,
     read_measurements,
 )
-from eadp.io.text.csv import NUMBER
-from eadp.io.text.schema_faults import STRICT, schema_of, validated
 from eadp.io.text.streams import Text, read_text
-from eadp.io.text.yaml import Document, Path, read_yaml
+from eadp.io.text.yaml import STRICT, Document, Path, read_yaml, schema_of, validated
 from eadp.models.profile import ARRAYS, AnyProfile, Profile, ProfileSum, added, configuration_text, shortest
 
 SCHEMA = "eadp.profile/1"
@@ -260,12 +258,6 @@ class _Point:
     standard_error_w: _Power | None = None
     """standard error of power_w, with the correlation of consecutive samples"""
 
-    energy_w_samples: _Value | None = None
-    """powprofiler's overall energy, a sum of power samples: no joules; not used"""
-
-    soc: _Value | None = None
-    """state of charge as powprofiler measured it; not used"""
-
     leave_one_out_error_w: _Value | None = None
     """prediction from the other points less power_w; written in JSON, not read"""
 
@@ -420,7 +412,7 @@ def _faults(document: Document, content: _PartFile, where: Path) -> list[Fault]:
 def profile_document(profile: AnyProfile) -> dict[str, Any]:
     """A profile as the JSON-ready document of its schema, with its leave-one-out errors.
 
-    Every key is written out but device, overall energy and state of charge where they are not known.
+    Every key is written out but the device where it is not known.
     """
     if isinstance(profile, ProfileSum):
         return {"schema": SCHEMA, "parts": [_part_document(part) for part in profile.parts]}
@@ -443,11 +435,9 @@ def _part_document(profile: Profile) -> dict[str, Any]:
                 "std_w": shortest(std_w),
                 "samples": samples,
                 "standard_error_w": shortest(standard_w) if math.isfinite(standard_w) else None,
-                **({"energy_w_samples": shortest(energy)} if math.isfinite(energy) else {}),
-                **({"soc": shortest(soc)} if math.isfinite(soc) else {}),
                 "leave_one_out_error_w": error_w if math.isfinite(error_w) else None,
             }
-            for at, power_w, std_w, samples, standard_w, energy, soc, error_w in zip(*columns, strict=True)
+            for at, power_w, std_w, samples, standard_w, error_w in zip(*columns, strict=True)
         ],
         "leave_one_out": found and {"points": found.points, "rms_w": found.rms_w, "largest_w": found.largest_w},
     }
@@ -563,29 +553,11 @@ def powers_at(profile: AnyProfile, asked: Sequence[str], clamp: bool) -> tuple[l
 
 def _configuration(raw: str, names: Sequence[str]) -> tuple[float, ...]:
     """Read `fps=5,keysize=32`: each parameter once."""
-    values: dict[str, float] = {}
-    faults, column = [], 1
     expected = ",".join(f"{name}=VALUE" for name in names)
-    for part in raw.split(","):
-        name, equals, text = (piece.strip() for piece in part.partition("="))
-        if problem := _problem(part, name, equals, text, names, values):
-            faults.append(Fault("--at", 1, column, problem, expected, raw))
-        else:
-            values[name] = float(text)
-        column += len(part) + 1
-    missing = [name for name in names if name not in values]
-    if missing and not faults:
-        faults.append(Fault("--at", 1, 1, f"no value for {', '.join(missing)}", expected, raw))
-    refuse(faults)
-    return tuple(values[name] for name in names)
-
-
-def _problem(part: str, name: str, equals: str, text: str, names: Sequence[str], values: dict[str, float]) -> str:
-    if not equals:
-        return f"{printable(part.strip(), 80) or 'an empty text'} is no name=value"
-    if name not in names:
-        return f"no parameter {printable(name, 80) or 'without a name'}"
-    if name in values:
-        return f"{name} stands twice"
-    finite = NUMBER.match(text) and math.isfinite(float(text))
-    return "" if finite else f"{name} is {printable(text, 80) or 'empty'}, not a finite number"
+    given = parse_configuration(raw, "--at", expected)
+    unknown = [name for name in given.names if name not in names]
+    missing = [name for name in names if name not in given.names]
+    if unknown or missing:
+        message = f"no parameter {', '.join(unknown)}" if unknown else f"no value for {', '.join(missing)}"
+        raise InputError.at("--at", 1, 1, message, expected, raw)
+    return tuple(given.values[given.names.index(name)] for name in names)

@@ -1,17 +1,29 @@
-"""Strict YAML: YAML 1.2's core scalars, no aliases, no duplicate keys, and the location of every value."""
+"""Strict YAML with the location of every value, and what a schema finds wrong with it, in this project's words.
+
+YAML 1.2's core scalars, no aliases, no duplicate keys. A schema is a dataclass or a pydantic model. Fields of
+dataclasses carry `annotated_types` bounds and docstrings.
+"""
 
 from __future__ import annotations
 
+import json
 import math
 import re
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import Any, TypeVar, get_origin
 
 import yaml
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic.json_schema import GenerateJsonSchema
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from eadp.errors import Fault, printable, refuse
-from eadp.io.text.streams import Location, SourceText, Text
+from eadp.errors import Fault, InputError, one_of, printable, refuse
+from eadp.io.text.csv import DECIMAL_COMMA
+from eadp.io.text.options import attribute_docstrings
+from eadp.io.text.streams import Location, SourceText, Text, refuse_others
+from eadp.models.doubts import meant
 
 Path = tuple[str | int, ...]
 NESTING_LIMIT = 50
@@ -183,3 +195,231 @@ def _scalar(node: ScalarNode, path: Path, document: Document, faults: list[Fault
         faults.append(document.fault(path, f"{raw} is too large for a number", "a finite number"))
         return 0.0
     return value
+
+
+STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+"""Configuration of a schema; it holds for the dataclasses in it, too."""
+
+Model = TypeVar("Model")
+_EXPECTED = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "bool_type": "true or false",
+    "string_type": "a text",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "model_type": "a mapping of keys",
+    "dict_type": "a mapping of keys",
+    "mapping_type": "a mapping of keys",
+    "dataclass_type": "a mapping of keys",
+}
+_UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
+SUGGESTIONS = 100
+"""Most unknown keys for which known ones are searched."""
+_INNER = re.compile(r"[a-z-]+(\[.*\])?\Z")  # pydantic's names of a union's members: float, literal['period']
+
+
+@cache
+def _adapter(model: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(model, config=STRICT if get_origin(model) is dict else None)
+
+
+class _Described(GenerateJsonSchema):
+    """JSON Schema with the docstrings of a dataclass's attributes as descriptions."""
+
+    def dataclass_schema(self, schema: Any) -> dict[str, Any]:
+        """The schema of a dataclass."""
+        found = super().dataclass_schema(schema)
+        texts = attribute_docstrings(schema["cls"])
+        for name, node in found["properties"].items():
+            if name in texts:
+                node.setdefault("description", texts[name])
+        return found
+
+
+@cache
+def schema_of(model: Any) -> dict[str, Any]:
+    """JSON Schema of a dataclass or model."""
+    return _adapter(model).json_schema(by_alias=True, schema_generator=_Described)
+
+
+def are_given(*keys: str) -> dict[str, Any]:
+    """JSON Schema: these keys are given; null and an empty list are not."""
+    values = {"not": {"anyOf": [{"type": "null"}, {"type": "array", "maxItems": 0}]}}
+    return {"required": list(keys), "properties": dict.fromkeys(keys, values)}
+
+
+def never(*keys: str) -> dict[str, Any]:
+    """JSON Schema: these keys are not given together."""
+    return {"not": are_given(*keys)}
+
+
+def keys_document(text: Text, schema: str) -> Document:
+    """A document that is a mapping with a key `schema`; its keys are not yet checked.
+
+    Raises
+    ------
+    InputError
+        If it is no YAML or no mapping, or has no key `schema`.
+    """
+    refuse_others(text, schema.removeprefix("eadp.").partition("/")[0])
+    document = read_yaml(text)
+    if document.value is None:
+        document.value = {}
+    if not isinstance(document.value, dict):
+        raise InputError(document.fault((), "is no mapping of keys", f"keys such as schema: {schema}"))
+    if "schema" not in document.value:
+        raise InputError(document.fault((), "has no key schema", f"schema: {schema}"))
+    return document
+
+
+def without_nulls(value: Any) -> Any:
+    """A copy of a value without the keys that are null: they are absent keys."""
+    if isinstance(value, dict):
+        return {key: without_nulls(inner) for key, inner in value.items() if inner is not None}
+    return [without_nulls(inner) for inner in value] if isinstance(value, list) else value
+
+
+def validated(
+    model: type[Model], document: Document, value: Any, check: Callable[[Model], list[Fault]] | None = None
+) -> Model:
+    """A value of a document as a schema's dataclass or model.
+
+    Parameters
+    ----------
+    model, document
+    value
+        What is validated, made of mappings, lists, strings and numbers. A known key that is null is an absent one.
+    check : function, optional
+        Finds what the schema alone cannot express.
+
+    Raises
+    ------
+    InputError
+        With every fault of the schema, or of `check`.
+    """
+    content: Model
+    content, problems = _content(model, value)
+    if problems:
+        problems = [each for each in problems if each["input"] is not None or each["type"] in _UNKNOWN]
+        if not problems:  # but of known keys that are null
+            value = without_nulls(value)
+            content, problems = _content(model, value)
+    if problems:
+        found = [_schema_fault(document, each, model, value, i < SUGGESTIONS) for i, each in enumerate(problems)]
+        raise InputError(*_merged(found))
+    faults = check(content) if check is not None else []
+    refuse(faults)
+    return content
+
+
+def validated_at(path: tuple[str, ...], kind: type[Model], document: Document, value: Any) -> Model:
+    """`validated` of what stands at a path of a document, as a dataclass that no schema of eadp has."""
+    model: Any = kind
+    for key in reversed(path):
+        model, value = dict[str, model], {key: value}
+    content: Any = validated(model, document, value)
+    for key in path:
+        content = content[key]
+    return content  # type: ignore[no-any-return]
+
+
+def _content(model: Any, value: Any) -> tuple[Any, list[Any]]:
+    """A value as a schema's dataclass or model; else None, and pydantic's complaints."""
+    try:
+        # in JSON, a list may be a tuple and a mapping a dataclass, where pydantic is strict about everything else
+        return _adapter(model).validate_json(json.dumps(value)), []
+    except ValidationError as error:
+        return None, error.errors()
+
+
+def _merged(faults: list[Fault]) -> list[Fault]:
+    """Faults of one value that fits no member of a union, as one: each member is what was expected."""
+    merged: dict[tuple[str, int, int, str], Fault] = {}
+    for fault in faults:
+        key = (fault.file, fault.line, fault.column, fault.message)
+        before = merged.get(key)
+        both = f"{before.expected} or {fault.expected}" if before and before.expected else fault.expected
+        merged[key] = replace(fault, expected=both)
+    return list(merged.values())
+
+
+def _schema_fault(document: Document, problem: Any, model: Any, value: Any, suggests: bool) -> Fault:
+    """One of pydantic's complaints about a value, with a suggestion for an unknown key if wanted."""
+    kind, wrong = problem["type"], problem["input"]
+    path = _path_in(value, problem["loc"])
+    key = ".".join(printable(str(part), 80) for part in path)
+    if kind in ("missing", "missing_argument"):
+        return document.fault(path, f"the key {key} is missing")
+    if kind in _UNKNOWN:
+        return document.fault(path, f"unknown key {key}", _instead(model, path) if suggests else "")
+    message = printable(str(problem["msg"]).removeprefix("Value error, "))
+    if kind == "value_error":
+        return document.fault(path, f"{key}: {message}" if key else message)
+    reworded = re.sub(r"^\w+ should (be|have|match) ", "", message).partition(" after validation")[0]
+    expected = _EXPECTED.get(kind, reworded)
+    if kind == "float_type" and isinstance(wrong, str) and DECIMAL_COMMA.match(wrong.strip()):
+        expected = f"a number with a decimal point, as in {wrong.strip().replace(',', '.')}"
+    if kind in ("less_than", "less_than_equal") and (otherwise := meant(str(path[-1]), wrong)):
+        expected += f": {otherwise}"
+    shown = printable(repr(wrong), 60)
+    if isinstance(wrong, dict | list | tuple):
+        shown = "a mapping" if isinstance(wrong, dict) else f"a list of {len(wrong)}"
+    return document.fault(path, f"{key} cannot be {shown}", expected)
+
+
+def _path_in(value: Any, location: tuple[str | int, ...]) -> Path:
+    """The part of pydantic's path that stands in the value: not the names of a union's members."""
+    path: Path = ()
+    for i, part in enumerate(location):
+        last = i == len(location) - 1
+        here = _at(value, path)
+        member = isinstance(part, str) and _INNER.match(part) and not isinstance(here, dict)
+        between = isinstance(here, dict) and part not in here
+        if part == "[key]" or (member if last else between):
+            continue
+        path = (*path, part)
+    return path
+
+
+def _at(value: Any, path: Path) -> Any:
+    """The value at a path, or None."""
+    for part in path:
+        try:
+            value = value[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return value
+
+
+def _instead(model: Any, path: Path) -> str:
+    """What to write for an unknown key: the paths of the key of its name, else the known keys."""
+    schema = schema_of(model)
+    nodes = [schema]
+    for part in path[:-1]:
+        nodes = [inner for node in nodes for name, inner in properties(schema, node) if name == part] or nodes
+    wanted = str(path[-1])
+    found = [".".join(map(str, (*path[:-1], *deeper))) for node in nodes for deeper in _paths_to(wanted, schema, node)]
+    if found:
+        return " or ".join(dict.fromkeys(found))
+    return one_of((name for node in nodes for name, _ in properties(schema, node)), wanted)
+
+
+def _paths_to(wanted: str, schema: Mapping[str, Any], node: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    """Paths from a node of a schema to the keys of a name."""
+    for name, inner in properties(schema, node):
+        if name == wanted:
+            yield (name,)
+        yield from ((name, *deeper) for deeper in _paths_to(wanted, schema, inner))
+
+
+def properties(schema: Mapping[str, Any], node: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """The keys of a node of a JSON Schema with their own nodes, of each member of a union or of a mapping by name."""
+    if "$ref" in node:
+        yield from properties(schema, schema["$defs"][node["$ref"].rpartition("/")[2]])
+    others = node.get("additionalProperties")
+    named = (*node.get("patternProperties", {}).values(), *([others] if isinstance(others, dict) else ()))
+    for member in (*node.get("oneOf", ()), *node.get("anyOf", ()), *named):
+        yield from properties(schema, member)
+    yield from node.get("properties", {}).items()

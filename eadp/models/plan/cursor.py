@@ -16,8 +16,7 @@ from eadp.core.expressions.derivatives import PathFunction
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, PathUndefined
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.segments import Segment, State
-from eadp.models.plan.stage import COMPUTATION, Stage, point_at
+from eadp.models.plan.stage import COMPUTATION, Segment, Stage, State, point_at
 
 LAP_LIMIT = 10_000
 KEPT_LAYOUTS = 1_000

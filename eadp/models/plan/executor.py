@@ -1,17 +1,419 @@
-"""The plan as it is flown: a cursor that goes on where triggers fire, and the path and trigger where they lie now."""
+"""When a stage ends, and one flight through a plan."""
 
 from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
+from collections.abc import MutableSequence, Sequence
 
+import numpy as np
+
+from eadp.core.arrays import FloatArray
+from eadp.core.compiled import jitted
 from eadp.core.expressions.derivatives import PathFunction
-from eadp.core.geometry.curves import CIRCLE, LINE, Point
+from eadp.core.geometry.curves import (
+    CIRCLE,
+    LINE,
+    CircleTrack,
+    Point,
+    circle_of,
+    curve_length_m,
+    line_of,
+    project,
+    tangent,
+)
+from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import LAP_LIMIT, PlanCursor, Rules, Vector
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.stage import Stage
-from eadp.models.plan.triggers import ENDED, FIRED, TriggerWatch
+from eadp.models.plan.stage import Leg, Stage, leg_points
+
+FIRED, ENDED = 1, 2
+"""What happens at a position, as bits: the trigger fires, the plan ends."""
+
+FIRES_IN, TRIGGER_X, TRIGGER_Y, RADIUS, RADIUS_SQUARED = range(5)
+"""Where the trigger fires (`BOX`, `DISC` or nowhere); its position, radius and the square of that."""
+
+ARMED, FLOWN, HALF_LENGTH, LAST_X, LAST_Y = range(5, 10)
+"""Whether it is armed, the distance flown until then, half the stage's length, the last position."""
+
+PASSED_BY, PASS_X, PASS_Y, PASS_P, PASS_Q, PROGRESS, BEARING, SEEN_X, SEEN_Y, REACH_SQUARED = range(10, 20)
+"""What passes it: `BY_LINE`, a point and the direction of travel (P, Q); `BY_CIRCLE`, the centre, the turn (P) and the
+angle to go (Q); the angle gone, and the last direction from the centre, at the position where it was computed; the
+square of the distance from there within which the angle cannot be gone."""
+
+ENDS, FINAL_X, FINAL_Y, SIDE_X, SIDE_Y, ACROSS = range(20, 26)
+"""Whether the plan ends beyond the final point; that point, the sides of it, the radius across them."""
+
+WATCHED = 26
+BOX, DISC = 1.0, 2.0
+NEVER, BY_LINE, BY_CIRCLE = 0.0, 1.0, 2.0
+
+
+def watched(w: MutableSequence[float], x: float, y: float, curve: CurveProgress | None) -> int:
+    """Whether at a position [m] the trigger fires (`FIRED`) and whether the plan ends (`ENDED`), as bits.
+
+    `w` is what is watched, a list or an array, and is updated. Compiled, `curve` is None. Nothing here may raise.
+    """
+    fires = False
+    dx, dy = x - w[TRIGGER_X], y - w[TRIGGER_Y]
+    if w[FIRES_IN] == DISC:
+        inside = dx * dx + dy * dy <= w[RADIUS_SQUARED]
+        if w[ARMED] == 0.0:
+            ex, ey = x - w[LAST_X], y - w[LAST_Y]
+            w[FLOWN] += math.sqrt(ex * ex + ey * ey)
+            w[LAST_X], w[LAST_Y] = x, y
+            if not inside or w[FLOWN] >= w[HALF_LENGTH]:
+                w[ARMED] = 1.0
+        fires = inside and w[ARMED] != 0.0
+        if not fires:
+            if w[PASSED_BY] == BY_LINE:
+                fires = (x - w[PASS_X]) * w[PASS_P] + (y - w[PASS_Y]) * w[PASS_Q] >= 0
+            elif w[PASSED_BY] == BY_CIRCLE:
+                ex, ey = x - w[SEEN_X], y - w[SEEN_Y]
+                if ex * ex + ey * ey >= w[REACH_SQUARED]:
+                    _turned(w, x, y)
+                    fires = w[PROGRESS] >= w[PASS_Q]
+            if curve is not None:
+                fires = curve(x, y)
+    elif w[FIRES_IN] == BOX:
+        fires = abs(dx) <= w[RADIUS] and abs(dy) <= w[RADIUS]
+    events = FIRED if fires else 0
+    if w[ENDS] != 0.0 and is_beyond(x - w[FINAL_X], y - w[FINAL_Y], w[SIDE_X], w[SIDE_Y], w[ACROSS]):
+        events += ENDED
+    return events
+
+
+def _turned(w: MutableSequence[float], x: float, y: float) -> None:
+    """Add the angle flown round a circle since the last position where it was computed.
+
+    Seen from the centre, at a distance r, a disc of radius r sin a has the half angle a. Within it an angle a cannot be
+    gone, and no turn is missed.
+    """
+    dx, dy = x - w[PASS_X], y - w[PASS_Y]
+    now = math.atan2(dy, dx)
+    turned = now - w[BEARING]
+    # the remainder by 2π, exactly: the difference of two directions is within ±2π
+    if turned > math.pi:
+        turned -= 2 * math.pi
+    elif turned < -math.pi:
+        turned += 2 * math.pi
+    w[PROGRESS] += w[PASS_P] * turned
+    w[BEARING], w[SEEN_X], w[SEEN_Y] = now, x, y
+    share = math.sin(max(min(w[PASS_Q] - w[PROGRESS], math.pi / 2), 0.0))
+    w[REACH_SQUARED] = (dx * dx + dy * dy) * share * share
+
+
+def is_beyond(dx: float, dy: float, sx: float, sy: float, radius: float) -> bool:
+    """Whether a position is strictly beyond the final point along the shift, of sides `sx` and `sy`, and within the
+    radius across it [m]."""
+    in_x = dx * sx > 0 if sx != 0.0 else abs(dx) <= radius
+    in_y = dy * sy > 0 if sy != 0.0 else abs(dy) <= radius
+    return in_x and in_y
+
+
+def signs(shift: Point) -> Point:
+    """The sides of the final point along a shift: ±1, and 0 across it."""
+    dx, dy = shift
+    return 0.0 if abs(dx) < 1e-9 else math.copysign(1.0, dx), 0.0 if abs(dy) < 1e-9 else math.copysign(1.0, dy)
+
+
+class TriggerWatch:
+    """What is watched along one stage.
+
+    Attributes
+    ----------
+    numbers : list or array of float, shape (26,)
+        What `watched` reads and updates; may be replaced by an array of the same numbers.
+    curve : CurveProgress or None
+        Progress along a general curve.
+    """
+
+    def __init__(
+        self,
+        cursor: PlanCursor,
+        path: PathFunction,
+        trigger: Point,
+        joined_m: Point,
+        position_m: Point,
+        before: TriggerWatch | None,
+    ) -> None:
+        """`joined_m` is where the stage was joined; `before` is the same stage's watch before its path was moved."""
+        plan, rules = cursor.table.plan, cursor.table.rules
+        radius = plan.radius_m(cursor.stage)
+        w = self.numbers = [0.0] * WATCHED
+        self.curve: CurveProgress | None = None
+        end = cursor.end()
+        if end is not None and not end.at_trigger:
+            w[ENDS : ACROSS + 1] = [1.0, *end.final_m, *signs(end.shift_m), plan.final_radius_m]
+        w[TRIGGER_X : RADIUS_SQUARED + 1] = [*trigger, radius, radius * radius]
+        if rules.box_triggers:
+            w[FIRES_IN] = BOX
+            return
+        w[FIRES_IN] = DISC
+        armed = math.dist(trigger, position_m) > radius
+        length_m = self._watch_passing(cursor, path, trigger, joined_m, position_m, before)
+        # armed once the robot has been outside the disc, or has flown half the stage
+        w[ARMED : LAST_Y + 1] = [float(armed), 0.0, length_m / 2, *position_m]
+
+    def events(self, x: float, y: float) -> int:
+        """`watched` at a position [m]."""
+        return watched(self.numbers, x, y, self.curve)
+
+    def without_end(self) -> TriggerWatch:
+        """The same watch, but the plan does not end on this stage."""
+        other = copy.copy(self)
+        other.numbers, other.curve = self.numbers.copy(), copy.copy(self.curve)
+        other.numbers[ENDS] = 0.0
+        return other
+
+    def resume(self, share: float) -> None:
+        """Go on with the stage where a share of it has been flown."""
+        w = self.numbers
+        if w[PASSED_BY] == BY_CIRCLE:
+            self._add_turns((share * w[PASS_Q] - w[PROGRESS]) / (2 * math.pi))
+        if self.curve is not None:
+            self.curve.resume(share)
+        w[FLOWN] = 2 * share * w[HALF_LENGTH]
+
+    def _add_turns(self, turns: float) -> None:
+        """Add whole turns round the circle to the angle gone."""
+        self.numbers[PROGRESS] += 2 * math.pi * round(turns)
+        self.numbers[REACH_SQUARED] = 0.0
+
+    def _watch_passing(
+        self,
+        cursor: PlanCursor,
+        path: PathFunction,
+        trigger: Point,
+        joined_m: Point,
+        position_m: Point,
+        before: TriggerWatch | None,
+    ) -> float:
+        """Watch the progress along the path that passes the trigger; return the stage's nominal length [m]."""
+        stage, (ox, oy), w = cursor.stage, cursor.offset_m, self.numbers
+        local = (trigger[0] - ox, trigger[1] - oy)
+        join = (joined_m[0] - ox, joined_m[1] - oy)
+        if stage.kind == LINE:
+            line = line_of(path, local, stage.sense)
+            w[PASSED_BY : PASS_Q + 1] = [BY_LINE, ox + local[0], oy + local[1], *line.direction]
+            return abs(line.progress_m(join))
+        if stage.kind == CIRCLE:
+            circle = circle_of(path, local, stage.sense)
+            sweep, (cx, cy) = circle.sweep_rad(join, local), circle.centre_m
+            w[PASSED_BY : PASS_Q + 1] = [BY_CIRCLE, cx + ox, cy + oy, circle.turn, sweep]
+            w[PROGRESS : BEARING + 1] = [0.0, circle.angle_rad(join)]
+            _turned(w, *position_m)  # from where the stage was joined in the plan to where the robot is
+            if before is not None and before.numbers[PASSED_BY] == BY_CIRCLE:
+                # the path has moved under the robot: whole turns flown stay flown; its angle is that of the last test
+                _turned(before.numbers, *position_m)
+                self._add_turns((before.numbers[PROGRESS] - w[PROGRESS]) / (2 * math.pi))
+            return circle.radius_m * sweep
+        start = project(path, join)
+        length_m = curve_length_m(path, start, local, stage.sense)
+        if math.isfinite(length_m):
+            self.curve = CurveProgress(path, stage.sense, length_m, cursor.offset_m, start)
+            self.curve(*position_m)
+            if before is not None and before.curve is not None:
+                self.curve.progress_m = before.curve.progress_m
+        return length_m
+
+
+class CurveProgress:
+    """Progress along a general curve of the point below the robot; called, whether it has passed the trigger."""
+
+    def __init__(self, path: PathFunction, sense: int, length_m: float, offset: Point, start: Point) -> None:
+        self.progress_m = 0.0
+        self._path, self._sense, self._length_m, self._offset = path, sense, length_m, offset
+        self._foot = start
+
+    def resume(self, share: float) -> None:
+        """Go on where a share of the length has been flown."""
+        self.progress_m = share * self._length_m
+
+    def __call__(self, x: float, y: float) -> bool:
+        try:
+            foot = project(self._path, (x - self._offset[0], y - self._offset[1]))
+            tx, ty = tangent(self._path, foot, self._sense)
+        except PathUndefined:  # no point of the path below the robot: it has not moved along it
+            return False
+        self.progress_m += (foot[0] - self._foot[0]) * tx + (foot[1] - self._foot[1]) * ty
+        self._foot = foot
+        return self.progress_m >= self._length_m
+
+
+STEP_M = 1.0
+"""Distance between the points of a curve [m]."""
+
+MIN_BEYOND_M, MIN_RATE = 1e-9, 1e-12
+AFTER_M = 1e-6
+"""Distance after a crossing at which it is beyond [m]."""
+
+CLEARANCE_STEP_M = 0.05
+"""Accuracy of an uncertain end's clearance [m]."""
+
+ON_LINE, ON_CIRCLE, ON_CURVE = 0.0, 1.0, 2.0
+
+LegNumbers = tuple[float, float, float, float, float, float, float]
+"""Kind and length [m]; of a line, its start and end [m]; of a circle, its centre and radius [m], turn, and the angle at
+its start [rad]."""
+
+NO_POINTS = np.zeros(0)
+
+
+def end_on(
+    leg: Leg, final: Point, shift: Point, radius_m: float, margin_m: float, reach_m: float
+) -> tuple[float, float]:
+    """Where the plan ends on a leg, and by how much the leg passes that end.
+
+    Parameters
+    ----------
+    leg : Leg
+    final, shift : (float, float)
+        Final point and shift [m].
+    radius_m : float
+        Radius across the shift [m].
+    margin_m : float
+        By how much the end has to be passed to be certain [m]; at 0 or below every end is, and the plan ends as much
+        before.
+    reach_m : float
+        Distance along the leg within which an uncertain end counts [m].
+
+    Returns
+    -------
+    flown_m : float
+        Distance flown along the leg [m]; infinite where the plan does not end on it.
+    clearance_m : float
+        Infinite for an end that is certain; else within ±`margin_m` [m], from below; −inf without an end.
+    """
+    compiled = jitted(_end_on, makes_arrays=False)
+    return compiled(*leg_numbers(leg), final, shift, radius_m, margin_m, reach_m)
+
+
+def leg_numbers(leg: Leg) -> tuple[LegNumbers, FloatArray, FloatArray]:
+    """A leg in numbers, and the points of a curve [m]."""
+    (ox, oy), (x, y), length_m = leg.offset_m, leg.start_m, leg.length_m
+    if leg.stage.kind == LINE:
+        return (ON_LINE, length_m, x, y, *leg.end_m, 0.0), NO_POINTS, NO_POINTS
+    if isinstance(leg.track, CircleTrack):
+        circle = leg.track.circle
+        (cx, cy), first = circle.centre_m, circle.angle_rad((x - ox, y - oy))
+        return (ON_CIRCLE, length_m, ox + cx, oy + cy, circle.radius_m, float(circle.turn), first), NO_POINTS, NO_POINTS
+    points = leg_points(leg, STEP_M) if math.isfinite(length_m) else ()
+    xs, ys = np.array([(point.x_m, point.y_m) for point in points]).reshape(-1, 2).T.copy()
+    return (ON_CURVE, length_m, 0.0, 0.0, 0.0, 0.0, 0.0), xs, ys
+
+
+def _end_on(
+    leg: LegNumbers,
+    xs: FloatArray,
+    ys: FloatArray,
+    final: Point,
+    shift: Point,
+    radius_m: float,
+    margin_m: float,
+    reach_m: float,
+) -> tuple[float, float]:
+    flown_m = beyond_m(leg, xs, ys, final, shift, radius_m, -margin_m)
+    if flown_m < math.inf:
+        return beyond_m(leg, xs, ys, final, shift, radius_m, 0.0) if margin_m > 0.0 else flown_m, math.inf
+    low, high = -margin_m, margin_m
+    if margin_m <= 0.0 or not beyond_m(leg, xs, ys, final, shift, radius_m, margin_m) <= reach_m:
+        return math.inf, -math.inf
+    while high - low > CLEARANCE_STEP_M:
+        middle = (low + high) / 2
+        if beyond_m(leg, xs, ys, final, shift, radius_m, -middle) <= reach_m:
+            low = middle
+        else:
+            high = middle
+    return beyond_m(leg, xs, ys, final, shift, radius_m, max(0.0, -low)), low
+
+
+def beyond_m(
+    leg: LegNumbers, xs: FloatArray, ys: FloatArray, final: Point, shift: Point, radius_m: float, slack_m: float
+) -> float:
+    """How far along a leg the plan is over [m], to a millimetre; infinite where it is not. See `triggers.is_beyond`.
+
+    `slack_m` before the final point counts as beyond it [m]; below 0, it has to be passed by as much.
+    """
+    kind, length_m = leg[0], leg[1]
+    if not length_m < math.inf:
+        return math.inf
+    sx, sy = signs(shift)
+    # a line along the bound is not beyond it by rounding
+    min_beyond_m = MIN_BEYOND_M if kind == ON_LINE else 0.0
+    fx, fy = final[0] - slack_m * sx + min_beyond_m * sx, final[1] - slack_m * sy + min_beyond_m * sy
+    if kind == ON_CURVE:
+        return _on_curve(xs, ys, length_m, fx, fy, sx, sy, radius_m)
+    # at its start, or just after it has crossed a bound of either axis
+    first = 0.0 if _is_over_after(0.0, leg, fx, fy, sx, sy, radius_m) else math.inf
+    for axis in range(2):
+        to, half = (fx, radius_m if sx == 0.0 else 0.0) if axis == 0 else (fy, radius_m if sy == 0.0 else 0.0)
+        for bound in (to - half, to + half):
+            for along_m in _crossings_m(leg, axis, bound):
+                if 0.0 <= along_m < first and _is_over_after(along_m, leg, fx, fy, sx, sy, radius_m):
+                    first = along_m
+    return first
+
+
+def _crossings_m(leg: LegNumbers, axis: int, bound: float) -> tuple[float, float]:
+    """The two distances along a line or a circle at which x or y, axis 0 or 1, has a value; infinite without."""
+    if leg[0] == ON_LINE:
+        _, length_m, ax, ay, bx, by, _ = leg
+        start, end = (ax, bx) if axis == 0 else (ay, by)
+        rate = (end - start) / length_m if length_m > 0.0 else 0.0
+        along_m = (bound - start) / rate if abs(rate) > MIN_RATE else math.inf
+        return along_m, along_m
+    _, _, cx, cy, r, turn, start_rad = leg
+    centre, quarter = (cx, 0.0) if axis == 0 else (cy, math.pi / 2)
+    if abs(bound - centre) > r:
+        return math.inf, math.inf
+    # on the axis at `quarter`, a bound is crossed at ± the arc cosine
+    half = math.acos((bound - centre) / r)
+    one, two = (quarter + half - start_rad) * turn, (quarter - half - start_rad) * turn
+    return one % (2 * math.pi) * r, two % (2 * math.pi) * r
+
+
+def _is_over_after(
+    along_m: float, leg: LegNumbers, fx: float, fy: float, sx: float, sy: float, radius_m: float
+) -> bool:
+    """Whether the plan is over just after a distance along a line or a circle [m]."""
+    kind, length_m = leg[0], leg[1]
+    after_m = min(along_m + AFTER_M, length_m)
+    if kind == ON_LINE:
+        _, _, ax, ay, bx, by, _ = leg
+        share = after_m / length_m if length_m > 0.0 else 0.0
+        x, y = ax + share * (bx - ax), ay + share * (by - ay)
+    else:
+        _, _, cx, cy, r, turn, start_rad = leg
+        angle = start_rad + turn * after_m / r
+        x, y = cx + r * math.cos(angle), cy + r * math.sin(angle)
+    return along_m <= length_m and is_beyond(x - fx, y - fy, sx, sy, radius_m)
+
+
+def _on_curve(
+    xs: FloatArray, ys: FloatArray, length_m: float, fx: float, fy: float, sx: float, sy: float, radius_m: float
+) -> float:
+    """Between the first of its points that is beyond and the one before it."""
+    count, found = len(xs) - 1, 0
+    while found <= count and not is_beyond(xs[found] - fx, ys[found] - fy, sx, sy, radius_m):
+        found += 1
+    if found > count:
+        return math.inf
+    if found == 0:
+        return 0.0
+    low, high = length_m * (found - 1) / count, length_m * found / count
+    while high - low > 1e-3:
+        middle = (low + high) / 2
+        at = middle / length_m * count
+        i = int(at)
+        share, after = at - i, min(i + 1, count)
+        x, y = xs[i] + share * (xs[after] - xs[i]), ys[i] + share * (ys[after] - ys[i])
+        if is_beyond(x - fx, y - fy, sx, sy, radius_m):
+            high = middle
+        else:
+            low = middle
+    return high
+
 
 Form = tuple[float, float, float, float, float, float]
 """A line or a circle: φ = q (u² + v²) + a u + b v + e at (u, v) = (x − x0, y − y0), as (q, x0, y0, a, b, e)."""

@@ -10,10 +10,8 @@ from typing import Any, NamedTuple
 from eadp.core.expressions.tree import Expression
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, one_of
-from eadp.models.airspace import CLEARANCE_M, EVERYWHERE, Airspace
-from eadp.models.field import Field
-from eadp.models.plan.segments import Segment
-from eadp.models.plan.stage import COMPUTATION, PATH, Box, Parameter, PointExpression, Stage, Title
+from eadp.models.airspace import CLEARANCE_M, EVERYWHERE, Airspace, Field
+from eadp.models.plan.stage import COMPUTATION, PATH, Box, Parameter, PointExpression, Segment, Stage, Title
 
 TRIGGER_RADIUS_M = 20.0
 

@@ -1,19 +1,158 @@
-"""A stage of a plan: its path, trigger and parameter sets. Source: letter, Defs. II.2-II.4."""
+"""A stage of a plan: its path, trigger and parameter sets; the laps that it belongs to; and a stage as flown.
+
+A segment is flown once, or lap by lap with loop variables that change from lap to lap. The letter's plans are laps of
+primitive stages moved by one shift (Def. II.5). A field with slanted ends needs laps whose length changes too, and a
+whole mission has stages before its laps and after them. A plan may therefore have several segments, one after the
+other, and the laps of a segment may be written in loop variables of their own.
+
+Source: letter, Defs. II.2-II.4.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
 from eadp.core.expressions.algebra import SymbolicStage
 from eadp.core.expressions.derivatives import PathFunction, bind
-from eadp.core.expressions.tree import Expression
-from eadp.core.geometry.curves import Point, path_kind
-from eadp.core.geometry.tracks import TRACKS, Track
+from eadp.core.expressions.tree import Expression, substituted
+from eadp.core.geometry.curves import TRACKS, Point, Track, path_kind
 from eadp.errors import PathUndefined
-from eadp.models.plan.segments import Segment, State
+
+State = tuple[float, ...]
+"""The values, in this lap, of a segment's loop variables that change from lap to lap."""
+
+MAX_KEPT = 10_000
+"""Most laps whose values a segment keeps."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoopVariable:
+    """A named number of a segment: a first value and an increment for each lap; without `shift`, a formula.
+
+    Formulas may name parameters, variables that change from lap to lap and formulas above them; a first value, only
+    parameters; a shift, all of them.
+    """
+
+    name: str
+    first: Expression
+    shift: Expression | None = None
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Stages `first` (from 0) to `first + count`, flown once, or lap by lap until `until` holds.
+
+    `until` is (a, b) for a ≥ b; it is evaluated before every lap, the first included.
+    """
+
+    first: int
+    count: int
+    variables: tuple[LoopVariable, ...] = ()
+    until: tuple[Expression, Expression] | None = None
+
+    @property
+    def repeats(self) -> bool:
+        """Whether the segment is flown lap by lap."""
+        return self.until is not None
+
+    def dependent(self, name: str) -> set[str]:
+        """A parameter, and the loop variables whose formula depends on it, through formulas of formulas."""
+        found = {name}
+        for q in self.variables:
+            if q.shift is None and q.first.names & found:
+                found.add(q.name)
+        return found
+
+    def start(self, parameters: Sequence[float]) -> State:
+        """The state of the first lap.
+
+        Raises
+        ------
+        PathUndefined
+            If a first value is no finite real number; so do the other methods for what they evaluate.
+        """
+        values = _named(parameters)
+        return tuple([q.first.value(values) for q in self.variables if q.shift is not None])
+
+    def values(self, parameters: Sequence[float], state: State) -> Mapping[str, float]:
+        """Every loop variable's value in a lap."""
+        if not self.variables:
+            return {}
+        known = self._known(parameters, state)
+        return {q.name: known[q.name] for q in self.variables}
+
+    def next(self, parameters: Sequence[float], state: State) -> State:
+        """The state of the next lap."""
+        known = self._known(parameters, state)
+        changing = [q for q in self.variables if q.shift is not None]
+        return tuple([value + q.shift.value(known) for q, value in zip(changing, state, strict=True) if q.shift])
+
+    def over(self, parameters: Sequence[float], state: State) -> bool:
+        """Whether no further lap is to be flown."""
+        if self.until is None:
+            return True
+        known = self._known(parameters, state)
+        return self.until[0].value(known) >= self.until[1].value(known)
+
+    def left(self, parameters: Sequence[float], state: State) -> float:
+        """How far the end of a repeated segment is at a state: b − a, 0 or less where no further lap is flown."""
+        assert self.until is not None
+        known = self._known(parameters, state)
+        return self.until[1].value(known) - self.until[0].value(known)
+
+    def first_lap(self) -> dict[str, Expression]:
+        """Every loop variable in the first lap, in parameters alone.
+
+        Raises
+        ------
+        ExpressionError
+            If formulas of formulas grow too large.
+        """
+        return self.formulas({q.name: q.first for q in self.variables if q.shift is not None})
+
+    def formulas(self, known: Mapping[str, Expression]) -> dict[str, Expression]:
+        """`known`, and every formula with what is known and the formulas above it substituted.
+
+        Raises
+        ------
+        ExpressionError
+            If formulas of formulas grow too large.
+        """
+        known = dict(known)
+        for q in self.variables:
+            if q.shift is None:
+                known[q.name] = substituted(q.first, known) if known else q.first
+        return known
+
+    def _known(self, parameters: Sequence[float], state: State) -> dict[str, float]:
+        """Every name's value: parameters, then what changes from lap to lap, then formulas in their order."""
+        key = (tuple(parameters), state)
+        if key in self._values:
+            return self._values[key]
+        known = _named(parameters)
+        changing = [q.name for q in self.variables if q.shift is not None]
+        known.update(zip(changing, state, strict=True))
+        for q in self.variables:
+            if q.shift is None:
+                known[q.name] = q.first.value(known)
+        if len(self._values) >= MAX_KEPT:
+            self._values.clear()
+        self._values[key] = known
+        return known
+
+    @cached_property
+    def _values(self) -> dict[tuple[tuple[float, ...], State], dict[str, float]]:
+        """Values by parameters and state: each lap asks for the same ones several times, and so do similar routes."""
+        return {}
+
+
+def _named(parameters: Sequence[float]) -> dict[str, float]:
+    return {f"c{i + 1}": value for i, value in enumerate(parameters)}
+
 
 PATH, COMPUTATION = "path", "computation"
 ROTATIONS = (90, 270)
@@ -213,3 +352,76 @@ def point_at(
         return point[0].at(parameters, variables=variables), point[1].at(parameters, variables=variables)
     except PathUndefined as error:
         raise PathUndefined(f"{what}: {error}") from None
+
+
+class Leg(NamedTuple):
+    """One stage of a route: from where it is joined to its trigger.
+
+    `track` is its path as travelled to its trigger, in the frame of lap 0. `flown_m` is less than `length_m` for the
+    leg on which the plan ends.
+    """
+
+    lap: int
+    stage: Stage
+    track: Track
+    offset_m: Point
+    start_m: Point
+    end_m: Point
+    length_m: float
+    flown_m: float = math.inf
+
+    @property
+    def path(self) -> PathFunction:
+        """Its path function, in the frame of lap 0."""
+        return self.track.path
+
+    @property
+    def distance_m(self) -> float:
+        """The distance flown along the leg [m]."""
+        return min(self.length_m, self.flown_m)
+
+
+class TracePoint(NamedTuple):
+    """A point of the nominal path [m] with its direction of travel [rad]."""
+
+    stage: int
+    kind: str
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+
+def leg_points(leg: Leg, step_m: float) -> Iterator[TracePoint]:
+    """The points of one stage, to where the plan ends on it; see `trace`."""
+    stage, (ox, oy) = leg.stage, leg.offset_m
+    start = (leg.start_m[0] - ox, leg.start_m[1] - oy)
+    share = leg.distance_m / leg.length_m if leg.length_m else 1.0
+    count = max(1, math.ceil(leg.distance_m / step_m - 1e-9))
+    for (x, y), heading in leg.track.points(start, leg.distance_m, share, count):
+        yield TracePoint(stage.index, stage.kind, x + ox, y + oy, heading)
+
+
+def left_m(leg: Leg, position: Point, flown_m: float, early_m: float = 0.0) -> float:
+    """The distance left of a leg at a position [m]; up to `early_m` more than the leg, where the last one ended early.
+
+    Parameters
+    ----------
+    leg : Leg
+    position : (float, float)
+        Where the aircraft is [m].
+    flown_m : float
+        Distance flown on it so far, roughly [m]: it resolves turns round a circle, and is the measure on a curve.
+    """
+    local = (position[0] - leg.offset_m[0], position[1] - leg.offset_m[1])
+    cut_m = leg.length_m - leg.distance_m
+    left = leg.track.remaining_m(local, leg.distance_m - flown_m + cut_m) - cut_m
+    return min(max(left, 0.0), leg.distance_m + early_m)
+
+
+def rest_of(leg: Leg, position: Point, flown_m: float) -> Leg:
+    """A leg from a position on [m], with about the distance flown on it so far [m]; see `left_m`."""
+    rest_m = min(left_m(leg, position, flown_m), leg.distance_m)
+    (ox, oy), (x, y) = leg.offset_m, position
+    nx, ny = leg.track.nearest((x - ox, y - oy))
+    cut_m = leg.length_m - leg.distance_m
+    return leg._replace(start_m=(nx + ox, ny + oy), length_m=rest_m + cut_m, flown_m=rest_m)

@@ -17,8 +17,7 @@ from eadp.core.expressions.tree import Expression, Symbol, constant, difference,
 from eadp.core.geometry.curves import is_zero_polynomial
 from eadp.errors import ExpressionError, PathUndefined
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.segments import LoopVariable, Segment, State
-from eadp.models.plan.stage import PointExpression, Stage
+from eadp.models.plan.stage import LoopVariable, PointExpression, Segment, Stage, State
 
 SAMPLES = (0.0, 0.137, 0.574, 0.911)
 """Sampled values of the parameters, as shares of their sets; without sets, the parameters themselves."""

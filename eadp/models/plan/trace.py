@@ -1,17 +1,18 @@
-"""The nominal flight as points: every stage followed exactly, at fixed parameters, to the end of the plan."""
+"""The nominal flight as points, and flights as they were flown: their positions in the plan and over the ground."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
+from typing import NamedTuple
 
 from eadp.core.geometry.curves import Point, tangent
-from eadp.errors import PathUndefined
+from eadp.errors import EadpError, PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Rules, Vector
-from eadp.models.plan.legs import Leg, TracePoint, leg_points
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import Route, RoutePredictor
+from eadp.models.plan.stage import Leg, TracePoint, leg_points
 
 MAX_POINTS = 5_000_000
 KEPT_ROUTES = 16
@@ -68,7 +69,7 @@ def varied_legs(plan: Plan, parameters: Sequence[float], values: Sequence[float]
 
     Source: letter, Fig. 2 (the grey area).
     """
-    values, laps = tuple(values), []
+    values, laps, predictor = tuple(values), [], RoutePredictor()
     for before, legs in _laps(plan, parameters):
         following: PlanCursor | None = PlanCursor.start(plan, values)
         start = default_start(plan, values)[0]
@@ -77,7 +78,7 @@ def varied_legs(plan: Plan, parameters: Sequence[float], values: Sequence[float]
             following, start = varied.next(), varied.trigger_m()
         lap: list[Leg] = []
         while following is not None and len(lap) < legs:
-            lap.append(_leg(following, start))
+            lap.append(predictor.leg(following, start).first)
             following, start = following.next(), lap[-1].end_m
         laps.append(tuple(lap))
     return tuple(laps)
@@ -95,16 +96,6 @@ def _laps(plan: Plan, parameters: Sequence[float]) -> list[tuple[PlanCursor | No
         laps[-1] = laps[-1][0], laps[-1][1] + 1
         before, following = following, following.next()
     return laps
-
-
-def _leg(cursor: PlanCursor, start: Point) -> Leg:
-    """The whole of a stage from where it is joined."""
-    (ox, oy), goal = cursor.offset_m, cursor.trigger_m()
-    track = cursor.stage.track(cursor.path(), cursor.local_trigger_m())
-    length_m = abs(track.ahead_m((start[0] - ox, start[1] - oy)))
-    if not math.isfinite(length_m):
-        raise PathUndefined(f"the path of stage {cursor.stage.index} does not lead to its trigger")
-    return Leg(cursor.lap, cursor.stage, track, cursor.offset_m, start, goal, length_m)
 
 
 def default_start(plan: Plan, parameters: Sequence[float]) -> tuple[Point, float]:
@@ -145,3 +136,85 @@ def trace(plan: Plan, parameters: Sequence[float], step_m: float, start: Point |
     if sum(leg.distance_m / step_m + 2 for leg in legs) > MAX_POINTS:
         raise PathUndefined(f"a trace of more than {MAX_POINTS} points")
     return [point for leg in legs for point in leg_points(leg, step_m)]
+
+
+Row = tuple[float, int, float, float, Vector]
+"""Time [s], stage from 1, position [m], and the parameters in force."""
+
+
+class PlanReplay:
+    """The positions in the plan along a flight, of the stages and parameters in its log.
+
+    Parameters
+    ----------
+    cursor : PlanCursor
+        At take-off.
+    joined_m : (float, float)
+        Where the first stage is joined [m].
+    rows : iterable of `Row`
+
+    Attributes
+    ----------
+    laps : list of int
+        The lap at each row.
+    turns : list of (float, PlanCursor, (float, float))
+        When the path parameters in force change: the time, the position in the plan, and where its stage was joined.
+    """
+
+    def __init__(self, cursor: PlanCursor, joined_m: Point, rows: Iterable[Row]) -> None:
+        rho = cursor.table.plan.path_count
+        self.laps: list[int] = []
+        self.turns = [(0.0, cursor, joined_m)]
+        for time_s, stage, x, y, parameters in rows:
+            if stage != cursor.stage.index:
+                cursor, joined_m = _next(cursor, stage), (x, y)
+            if parameters != cursor.parameters:
+                turned = parameters[:rho] != cursor.parameters[:rho]
+                cursor = cursor.decide(parameters).in_force(parameters)
+                if turned:
+                    self.turns.append((time_s, cursor, joined_m))
+            self.laps.append(cursor.lap)
+
+    def before(self, time_s: float) -> tuple[Leg, ...]:
+        """The legs that would have been flown without the first change of path from a time on; () without one."""
+        index = next((i for i, turn in enumerate(self.turns) if i and turn[0] >= time_s), None)
+        return () if index is None else legs_from(*self.turns[index - 1][1:])
+
+
+def legs_from(cursor: PlanCursor, joined_m: Point) -> tuple[Leg, ...]:
+    """The legs from a position in the plan to its end; () where they cannot be flown."""
+    try:
+        return RoutePredictor().route(cursor, joined_m).legs
+    except EadpError:
+        return ()
+
+
+def _next(cursor: PlanCursor, stage: int) -> PlanCursor:
+    """The next position at a stage; the same position where the plan has none."""
+    found: PlanCursor | None = cursor
+    for _ in cursor.table.plan.stages:
+        try:
+            found = found and found.next()
+        except EadpError:
+            break
+        if found is not None and found.stage.index == stage:
+            return found
+    return cursor
+
+
+class PictureTrack(NamedTuple):
+    """Where a recorded flight was, and where it took pictures.
+
+    Attributes
+    ----------
+    rows : sequence of (float, float, float)
+        Times [s] and positions x, y [m].
+    camera_on : sequence of bool
+        Whether the camera was on at each; on throughout where the recording does not say.
+    pictures : sequence of int
+        Rows at which pictures were taken; empty where the recording has none.
+    """
+
+    rows: Sequence[tuple[float, float, float]]
+    camera_on: Sequence[bool]
+    pictures: Sequence[int] = ()

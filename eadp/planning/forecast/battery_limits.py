@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray
-from eadp.core.flight.battery import drain_per_s, max_power_w, min_voltage_v
+from eadp.core.flight import drain_per_s, max_power_w, min_voltage_v
 from eadp.models.battery import Battery
-from eadp.models.plan.route_arrays import RouteArrays
+from eadp.models.plan.route import RouteArrays
 
 DELIVERABLE = 0.999
 """Share of the power that the battery can deliver at which computations are planned."""

@@ -13,11 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray
-from eadp.core.flight.wind import ground_speeds_mps
+from eadp.core.flight import ground_speeds_mps
 from eadp.core.geometry.curves import LINE, Point
 from eadp.models.airspace import BOUNDARY, HOME_RADII, Airspace, WayHome
-from eadp.models.plan.legs import Leg, TracePoint, leg_points
 from eadp.models.plan.route import Route
+from eadp.models.plan.stage import Leg, TracePoint, leg_points
 from eadp.models.vehicle import Airframe, FixedWing, Guidance
 from eadp.planning.state.climb import Climb, ClimbFollower
 from eadp.planning.state.known import Known

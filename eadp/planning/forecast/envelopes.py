@@ -18,7 +18,7 @@ from eadp.core.arrays import BoolArray, FloatArray, IntArray, upper_envelope
 from eadp.errors import Infeasible
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.ground import QualityShares
-from eadp.models.plan.leg_table import LegTable
+from eadp.models.plan.route import LegTable
 from eadp.models.plan.stage import Box, Stage
 from eadp.planning.base import Mission, PlannerSettings, TradeOff, allowed_levels, thinned
 

@@ -15,15 +15,12 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.flight.battery import current_slope_a_per_w, drain_per_s
+from eadp.core.flight import current_slope_a_per_w, drain_per_s
 from eadp.errors import PathUndefined
 from eadp.models.airspace import WayHome
 from eadp.models.autopilot import Autopilot
-from eadp.models.plan.leg_table import leg_times_s
-from eadp.models.plan.legs import Leg, left_m
-from eadp.models.plan.route import Route
-from eadp.models.plan.route_arrays import RouteArrays
-from eadp.models.plan.stage import Stage
+from eadp.models.plan.route import Route, RouteArrays, leg_times_s
+from eadp.models.plan.stage import Leg, Stage, left_m
 from eadp.planning.base import Ending, FlownLegs, Mission, PlannerSettings, TradeOff
 from eadp.planning.forecast.battery_limits import (
     LOSS,

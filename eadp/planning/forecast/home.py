@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.flight.battery import drain_per_s
+from eadp.core.flight import drain_per_s
 from eadp.core.geometry.curves import Point
-from eadp.models.plan.legs import leg_points
+from eadp.models.plan.stage import leg_points
 from eadp.planning.base import Ending
 from eadp.planning.forecast.battery_limits import LOSS, FinalCharge
 from eadp.planning.forecast.clearance import Homeward, after_leg

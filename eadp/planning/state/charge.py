@@ -9,7 +9,7 @@ import numpy as np
 
 from eadp.core.arrays import Column, FloatArray, columns
 from eadp.core.compiled import jitted
-from eadp.core.flight.battery import drain_per_s, level
+from eadp.core.flight import drain_per_s, level
 
 JUMP, JUMP_STDS, MIN_JUMP = 0.01, 6.0, 1e-3
 """Innovation, absolute and in standard deviations, beyond which a reading is an outlier; and that of an exact gauge."""

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.flight.wind import WindFilter
+from eadp.core.flight import WindFilter
 from eadp.core.geometry.curves import Point
 from eadp.planning.state.known import WindKnown
 

@@ -91,12 +91,12 @@ def test_outside_is_clamped_when_asked(run: Run) -> None:
         ("5", ["--at:1:1: error: 5 is no name=value; expected fps=VALUE"]),
         ("", ["--at:1:1: error: an empty text is no name=value"]),
         ("rate=5", ["--at:1:1: error: no parameter rate; expected fps=VALUE"]),
-        ("=5", ["--at:1:1: error: no parameter without a name"]),
+        ("=5", ["--at:1:1: error: an empty field is no name"]),
         ("fps=5,fps=6", ["--at:1:7: error: fps stands twice"]),
         ("fps=nan", ["--at:1:1: error: fps is nan, not a finite number"]),
         ("fps=1_0", ["--at:1:1: error: fps is 1_0, not a finite number"]),
         ("fps=", ["--at:1:1: error: fps is empty, not a finite number"]),
-        ("fps=1e999,a=1", ["--at:1:1: error: fps is 1e999", "--at:1:11: error: no parameter a"]),
+        ("fps=1e999,a=1", ["--at:1:1: error: fps is 1e999"]),
     ],
 )
 def test_configurations_that_are_refused(run: Run, at: str, starts: list[str]) -> None:
@@ -264,7 +264,7 @@ def test_warnings_are_on_stderr(run: Run, measured: PowerMeasurement) -> None:
         (["--names", ","], "--names:1:1: error: an empty text is no name"),
         (["--add", PEDNET], "--add:1:1: error: two of the profiles that are added have a parameter fps"),
         (["--config", "fps=2"], "--config:1:1: error: 1 configurations for 0 files without"),
-        (["--config", "fps=2,4"], "--config:1:1: error: 2 values of fps; expected one for a trace"),
+        (["--config", "fps=2,4"], "--config:1:1: error: 2 values of fps; expected one"),
         (["--longest", "3"], "--longest:1:1: error: has no effect here; expected it with --measure"),
     ],
 )
@@ -284,17 +284,12 @@ def test_pchip_of_two_parameters(run: Run, measured: PowerMeasurement) -> None:
 # eadp schema
 
 
-def test_the_device_and_its_overall_energy(run: Run, measured: PowerMeasurement) -> None:
+def test_the_device_of_powprofiler(run: Run, measured: PowerMeasurement) -> None:
     file = measured("200,100,102,130,132,160,162\n2,5,1,50,10,0.9,0.8\n4,7,2,70,20,0.9,0.7\n")
     code, out, _ = run("profile", file, "--device", "gpu")
     assert code == 0
     lines = out.splitlines()
-    assert lines[2:5] == [
-        "device: gpu",
-        "p200  power [W]  samples  energy [W·samples]  SoC",
-        "   2          1        1                  10  0.8",
-    ]
-    assert lines[-1] == "energy: powprofiler's sum of power samples, no joules"
+    assert lines[2:5] == ["device: gpu", "p200  power [W]  samples", "   2          1        1"]
     code, _, err = run("profile", file, "--device", "cpu")
     assert (code, err.splitlines()[0]) == (
         2,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from eadp.models.field import Field
+from eadp.models.airspace import Field
 
 
 def test_holes_are_no_part_of_the_area():

@@ -94,7 +94,7 @@ def test_joint_answers_a_rising_wind_and_static_does_not():
         ("{profile: [[-1, 2, 270]]}", "wind.profile"),
         ("{profile: [[0, .nan, 270]]}", ".nan is not a finite number"),
         ("{profile: [[0, 2, 270], [60, 20, 270]]}", "a wind of 20 m/s, at an airspeed of 15 m/s"),
-        ("{profile: [[0, 2, 270]], speed_mps: 3}", "wind.speed_mps and wind.profile are both given"),
+        ("{profile: [[0, 2, 270]], speed_mps: 3}", "wind.profile and wind.speed_mps are both given"),
     ],
 )
 def test_bad_profiles(eadp, tmp_path, wind, message):

@@ -53,7 +53,7 @@ def _no_picture(path: Path, *_: Any) -> None:
 def draw_nothing(patch: pytest.MonkeyPatch) -> None:
     """Result folders whose figures and page, which take longer than a short flight, are empty files."""
     for module, name, nothing in (
-        ("eadp.io.figures.flight", "write_flight_figure", _no_picture),
+        ("eadp.io.figures.plan", "write_flight_figure", _no_picture),
         ("eadp.report.flight", "write_page", lambda _, folder: (folder / "report.html").touch()),
     ):
         patch.setattr(import_module(module), name, nothing)  # the package's own names are functions

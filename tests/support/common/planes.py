@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from eadp.core.geometry.geodesy import to_local_m
-from eadp.models.airspace import Airspace
-from eadp.models.field import Field
+from eadp.models.airspace import Airspace, Field
 from eadp.survey.ends import Climbing
 from eadp.survey.heights import Ground, HeightLimits
 from eadp.survey.swaths import MotionLimits

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 from scipy.optimize import brentq
 
-from eadp.core.flight.battery import current_slope_a_per_w, drain_per_s, max_power_w, min_voltage_v, undeliverable
+from eadp.core.flight import current_slope_a_per_w, drain_per_s, max_power_w, min_voltage_v, undeliverable
 
 EXACT = 1e-12
 SECOND = 1.0

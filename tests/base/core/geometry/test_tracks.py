@@ -11,8 +11,7 @@ from scipy.optimize import brentq
 
 from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
-from eadp.core.geometry.curves import path_kind
-from eadp.core.geometry.tracks import TRACKS, radius_of_curvature_m
+from eadp.core.geometry.curves import TRACKS, path_kind, radius_of_curvature_m
 
 NANOMETRE, MILLIMETRE = 1e-9, 1e-3
 BACK = math.radians(30)

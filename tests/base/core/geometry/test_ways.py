@@ -11,8 +11,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from eadp.core.geometry.dubins import polyline_m
-from eadp.core.geometry.polygons import FreeSpace
-from eadp.core.geometry.ways import WaysTo
+from eadp.core.geometry.polygons import FreeSpace, WaysTo
 
 RADIUS_M, CLEAR_M = 20.0, 4.0
 HOUSE = ((80.0, -60.0), (120.0, -60.0), (120.0, 60.0), (80.0, 60.0))

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eadp.core.harmonics import average
+from eadp.core.signals import average
 
 sample = st.integers(-1000, 1000).map(lambda k: k / 16)
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from eadp.core.harmonics import (
+from eadp.core.signals import (
     coefficients_of_state,
     output_row,
     phases_of_state,

@@ -12,9 +12,9 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 import eadp
-from eadp.io.figures import flight as flight_figure
+from eadp.io.figures import plan as flight_figure
 from eadp.io.figures.canvas import COLOURS, figure_pair, fit_legend, stage_style
-from eadp.io.figures.flight import APART, _apart, _draw_decisions, _draw_parameters, _draw_path
+from eadp.io.figures.plan import APART, _apart, _draw_decisions, _draw_parameters, _draw_path
 from eadp.papers import figures as paper
 from eadp.papers.figures import write_paper_figure
 from eadp.planning.base import INFEASIBLE, JUMPED, DecisionRecord

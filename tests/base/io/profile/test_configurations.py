@@ -69,7 +69,7 @@ def test_combinations_are_the_product(first: list[float], second: list[float]) -
         ("fps=2,fps=4", "--config:1:7: error: fps stands twice; expected each once"),
         ("2nd=4", "--config:1:1: error: 2nd is no name"),
         ("power_w=4", "--config:1:1: error: a power is no parameter"),
-        ("fps=2,4", "--config:1:1: error: 2 values of fps; expected one for a trace"),
+        ("fps=2,4", "--config:1:1: error: 2 values of fps; expected one"),
     ],
 )
 def test_stated_wrongly(raw: str, start: str) -> None:

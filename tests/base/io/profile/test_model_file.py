@@ -15,7 +15,7 @@ from common import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eadp.core.harmonics import average
+from eadp.core.signals import average
 from eadp.errors import FAULTS_READ, FAULTS_SHOWN, Fault, Infeasible, InputError
 from eadp.io.profile.measurements import LARGEST, STD_LIMIT, Configuration, Trace, read_measurements
 from eadp.io.profile.model_file import (
@@ -162,25 +162,18 @@ def test_powprofilers_flags() -> None:
     assert parse(body, "fps", "keysize").names == ("fps", "keysize")
 
 
-def test_powprofilers_overall_energy_and_charge_are_those_of_the_device() -> None:
+def test_powprofilers_device_and_none_of_its_energy_and_charge() -> None:
     rows = "2,5,3,1,900,540,180,0.9,0.8,0.7\n2,6,3,1,1100,550,180,1,0.8,\n4,7,3,2,x,1,1,,0.8,0.6\n"
     body = Text("m.csv", f"200,100,101,102,130,131,132,160,161,162\n{rows}")
-    nan = float("nan")
-    known = {
-        "": ("total", [5.5, 7], [1000, nan], [0.95, nan]),
-        "cpu": ("cpu", [3, 3], [545, 1], [0.8, 0.8]),
-        "gpu": ("gpu", [1, 2], [180, 1], [0.7, 0.6]),
-    }
-    for chosen, (device, power_w, energy, soc) in known.items():
+    known = {"": ("total", [5.5, 7]), "cpu": ("cpu", [3, 3]), "gpu": ("gpu", [1, 2])}
+    for chosen, (device, power_w) in known.items():
         profile, _, _ = read_measurements([Trace(body)], [], device=chosen)
         assert profile.device == device
         assert profile.power_w.tolist() == power_w
-        assert profile.energy_w_samples.tolist() == pytest.approx(energy, nan_ok=True)
-        assert profile.soc.tolist() == pytest.approx(soc, nan_ok=True)
         assert parse(profile_yaml(profile)) == profile
     plain = parse("fps,power_w\n2,5\n4,7\n")
-    assert (plain.device, np.isnan(plain.energy_w_samples).all()) == ("", True)
-    assert not {"device", "energy_w_samples", "soc"} & {*profile_document(plain), *profile_document(plain)["points"][0]}
+    assert plain.device == ""
+    assert "device" not in profile_document(plain)
 
 
 def test_better_names_for_a_header_too() -> None:
@@ -676,8 +669,7 @@ def profiles(draw: st.DrawFn) -> Profile:
     units = tuple(draw(st.text(max_size=5)) for _ in range(d))
     errors_w = draw(st.lists(st.one_of(st.just(float("nan")), number.map(abs)), min_size=n, max_size=n).map(np.array))
     told, device = draw(st.text()), draw(st.sampled_from(["", "total", "gpu", "memory"]))
-    known = st.lists(st.one_of(st.just(float("nan")), number), min_size=n, max_size=n).map(np.array)
-    measured = (draw(column), draw(column), samples, "linear", told, errors_w, device, draw(known), draw(known))
+    measured = (draw(column), draw(column), samples, "linear", told, errors_w, device)
     return Profile(tuple(names), units, points, *measured)
 
 
@@ -751,10 +743,6 @@ def test_published_powprofiler_model() -> None:
     assert [warning.severity for warning in warnings] == ["warning"]
     with pytest.raises(Infeasible):
         profile.power_w_at((0.25,))
-    # its energy is the sum of the power samples: the traces have 1272 samples at 0.5 fps, 964 at 10
-    counts = profile.energy_w_samples / profile.power_w
-    assert counts == pytest.approx(np.round(counts), abs=0.01)
-    assert counts[[0, -1]] == pytest.approx([1272, 964], abs=0.01)
 
 
 TRACES = ("landing_trace_0.5fps.csv", "landing_trace_10fps.csv")

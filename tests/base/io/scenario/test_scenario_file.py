@@ -14,7 +14,7 @@ from eadp.api.inputs import load_flight
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import InputError
 from eadp.io.scenario import json_schema, read_scenario
-from eadp.io.text.schema_faults import properties, schema_of
+from eadp.io.text.yaml import properties, schema_of
 from eadp.io.vehicle import VehicleFile
 from eadp.papers.estimator import EstimatorSettings
 from eadp.simulation.loop import Outcome, fly
@@ -216,7 +216,11 @@ def test_start_and_home_are_latitudes_and_longitudes_too(line):
     ("key", "value", "words"),
     [
         ("start", {"lat_deg": 55.37}, "one of lat_deg and lon_deg"),
-        ("home", {"lat_deg": 55.37, "lon_deg": 10.4, "position_m": [0, 0]}, "both position_m and lat_deg"),
+        (
+            "home",
+            {"lat_deg": 55.37, "lon_deg": 10.4, "position_m": [0, 0]},
+            "home.position_m and home.lat_deg are both given",
+        ),
         ("home", {"lat_deg": 91, "lon_deg": 10.4}, "home.lat_deg cannot be 91"),
         ("home", {"lat_deg": 55.37, "lon_deg": -169.57}, "too far from the plan's origin"),
         ("start", {"lat_deg": 52.37, "lon_deg": 10.43}, "too far from the plan's origin"),

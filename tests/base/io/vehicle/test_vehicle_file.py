@@ -117,7 +117,10 @@ BAD = [
         ":2:21: error: battery.chemistry nicd is none of lipo, lihv, li-ion, lifepo4",
     ),
     ("battery: {chemistry: lipo}", ":2:11: error: battery.chemistry without cells"),
-    ("battery: {cells: 4, voltage_v: 16}", ":2:21: error: battery.cells beside its voltage; expected one of the two"),
+    (
+        "battery: {cells: 4, voltage_v: 16}",
+        ":2:21: error: battery.cells and battery.voltage_v are both given; expected one of the two",
+    ),
     ("wind: {}", ":2:1: error: unknown key wind"),
 ]
 

@@ -18,10 +18,19 @@ from eadp.errors import PathUndefined
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.cursor import LATCHED, LIVE, Rules, reaches, shift_at
-from eadp.models.plan.executor import PlanExecutor
+from eadp.models.plan.executor import (
+    FIRED,
+    PASS_P,
+    PASS_Q,
+    PASS_X,
+    PASS_Y,
+    PROGRESS,
+    RADIUS_SQUARED,
+    REACH_SQUARED,
+    PlanExecutor,
+)
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import default_start, nominal_legs
-from eadp.models.plan.triggers import FIRED, PASS_P, PASS_Q, PASS_X, PASS_Y, PROGRESS, RADIUS_SQUARED, REACH_SQUARED
 
 NANOMETRE = 1e-9
 MILLIMETRE = 1e-3

@@ -19,8 +19,7 @@ from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.ground import FlownGround, GroundLog, QualityShares, lap_scale
-from eadp.models.plan.route import RoutePredictor
-from eadp.models.plan.route_arrays import RouteArrays
+from eadp.models.plan.route import RouteArrays, RoutePredictor
 from eadp.simulation.loop import Outcome, fly
 from eadp.simulation.metrics import ParameterLog
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from common import ROOT
 
-from eadp.core.geometry.tracks import Nodes
+from eadp.core.geometry.curves import Nodes
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import read_text
-from eadp.models.plan.leg_table import LegTable, leg_times_s
+from eadp.models.plan.route import LegTable, leg_times_s
 
 WIND, AIRSPEED = (3.0, -4.0), 15.0
 

@@ -21,7 +21,7 @@ from scipy.integrate import quad
 
 from eadp.cli.main import main
 from eadp.core import compiled
-from eadp.core.flight.guidance import GRAVITY_MPS2
+from eadp.core.flight import GRAVITY_MPS2
 from eadp.core.geometry.curves import CIRCLE, LINE, circle_of, line_of, points_along
 from eadp.errors import PathUndefined
 from eadp.io.plan.reader import read_plan
@@ -29,13 +29,11 @@ from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing
 from eadp.models.plan.cursor import LIVE, PlanCursor, Rules
-from eadp.models.plan.executor import PlanExecutor
-from eadp.models.plan.leg_table import LegTable
-from eadp.models.plan.legs import Leg, left_m, leg_points
+from eadp.models.plan.executor import PlanExecutor, beyond_m, end_on, leg_numbers
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.route import MARGIN_M, Route, RoutePredictor
+from eadp.models.plan.route import MARGIN_M, LegTable, Route, RoutePredictor
+from eadp.models.plan.stage import Leg, left_m, leg_points
 from eadp.models.plan.trace import default_start, nominal_legs
-from eadp.models.plan.triggers import beyond_m, end_on, leg_numbers
 from eadp.models.vehicle import FixedWing, Guidance
 from eadp.models.weather import Wind
 from eadp.models.world import TakeOff, Timing, World

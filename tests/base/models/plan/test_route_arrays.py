@@ -14,8 +14,7 @@ from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.ground import FlownGround, RunTally, lap_scale
-from eadp.models.plan.route import RoutePredictor
-from eadp.models.plan.route_arrays import RouteArrays
+from eadp.models.plan.route import RouteArrays, RoutePredictor
 
 ALGEBRA = 1e-9
 SHARES = (0.0, 0.21, 0.5, 0.83, 1.0)

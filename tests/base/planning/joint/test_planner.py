@@ -16,7 +16,7 @@ from common.recorder import Recorder, watched
 
 from eadp.api.flight import record_row
 from eadp.api.inputs import load_flight
-from eadp.core.flight.battery import drain_per_s
+from eadp.core.flight import drain_per_s
 from eadp.errors import InputError
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from eadp.core import compiled
-from eadp.core.flight.battery import drain_per_s
+from eadp.core.flight import drain_per_s
 from eadp.planning.state.charge import (
     MAX_STEP_S,
     MAX_USE,

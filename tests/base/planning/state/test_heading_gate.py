@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from common import few
 
-from eadp.core.flight.wind import WindFilter
+from eadp.core.flight import WindFilter
 from eadp.planning.state.wind import RESTORE_S, HeadingGate
 
 LAP_S = 60.0

@@ -1,1 +1,0 @@
-"""Flight: aerodynamics, battery, wind triangle, guiding vector field."""
