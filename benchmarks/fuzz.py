@@ -2,7 +2,7 @@
 
     pip install atheris; python benchmarks/fuzz.py TARGET [SEEDS …] [--seconds 600]
 
-Whatever the bytes: nothing but eadp's own errors, in printable lines; no process started, no text of the input compiled;
+Whatever the bytes: only eadp's own errors, in printable lines; no process started, no text of the input compiled;
 10 s and 2 GB at most. The run ends at the first finding, which atheris keeps. SEEDS are folders of files to start from.
 """
 
