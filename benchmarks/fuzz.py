@@ -2,9 +2,8 @@
 
     pip install atheris; python benchmarks/fuzz.py TARGET [SEEDS …] [--seconds 600]
 
-Whatever the bytes: nothing but eadp's own errors, in printable lines; no process started, no connection, no text of the
-input compiled; 10 s and 2 GB at most. The run ends at the first finding, and atheris names the file that keeps it.
-SEEDS are folders of files that can be read.
+Whatever the bytes: only eadp's own errors, in printable lines; no process started, no text of the input compiled;
+10 s and 2 GB at most. The run ends at the first finding, which atheris keeps. SEEDS are folders of files to start from.
 """
 
 from __future__ import annotations
@@ -12,6 +11,7 @@ from __future__ import annotations
 import argparse
 import io
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -85,7 +85,7 @@ def main() -> None:
     enable(False)
     sys.addaudithook(audit)
     limits = [f"-max_total_time={asked.seconds}", "-timeout=10", "-rss_limit_mb=2048"]
-    atheris.Setup([sys.argv[0], *limits, *asked.seeds], one)
+    atheris.Setup([sys.argv[0], *limits, tempfile.mkdtemp(), *asked.seeds], one)  # the first folder gets what is new
     atheris.Fuzz()
 
 
