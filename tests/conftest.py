@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import tempfile
 from collections.abc import Callable
@@ -15,6 +16,8 @@ from hypothesis import HealthCheck, settings
 
 from eadp.cli.main import main
 from eadp.core import compiled
+
+gc.disable()  # until all tests are collected: nothing of them is garbage
 
 # The quick tier draws the same examples each time, so that more of them would find nothing new; the slow tier draws new
 # ones. A loaded machine makes the generation of inputs slow, which is no fault of a test. None depends on the clock.
@@ -170,7 +173,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
     Tests in a browser are marked, and skipped where there is none, unless `EADP_BROWSER=required`.
     """
-    first = ["test_public.py", "test_spectrum.py", *sorted(path.name for path in (ROOT / "tests").glob("test_*.py"))]
+    first = [
+        "test_public.py",
+        "test_spectrum.py",
+        "test_sweep_command.py",
+        *sorted(path.name for path in (ROOT / "tests").glob("test_*.py")),
+    ]
     items.sort(key=lambda item: first.index(item.path.name) if item.path.name in first else len(first))
     cases: dict[str, list[pytest.Item]] = {}
     for item in items:
@@ -185,6 +193,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.browser)
             if CHROMIUM is None and os.environ.get("EADP_BROWSER") != "required":
                 item.add_marker(pytest.mark.skip(reason=ABSENT))
+
+
+def pytest_collection_finish() -> None:
+    """Modules and tests, which live to the end, are looked through no more."""
+    gc.freeze()
+    gc.enable()
 
 
 def pytest_unconfigure(config: pytest.Config) -> None:

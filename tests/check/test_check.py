@@ -17,8 +17,6 @@ from eadp.core.geometry.curves import radius_of_curvature_m
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 
-R = "sqrt(4900 + c1)"
-
 
 def plan(text):
     return read_plan(Text("p", text))[0]

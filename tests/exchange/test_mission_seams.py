@@ -72,15 +72,6 @@ def test_cover_writes_the_mission_and_plan_keeps_it(eadp, covered):
     assert headers(again.out) == found
 
 
-@pytest.mark.slow
-def test_a_flight_keeps_out_and_says_so(eadp, covered):
-    answer = eadp("simulate", covered, *PROFILE, *COARSE, "--set", "wind.speed_mps=3", "--format", "json")
-    summary = json.loads(answer.out)
-    assert answer.code == 0
-    assert summary["completed"]
-    assert summary["obstacles"] == []
-
-
 @pytest.mark.usefixtures("drawn")
 def test_a_flight_into_an_obstacle_is_not_completed(eadp, covered, tmp_path):
     plan = moved(covered, tmp_path, "100,-20 120,-20 120,500 100,500")

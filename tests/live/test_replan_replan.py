@@ -9,7 +9,6 @@ from common.link import DISTURBANCES, UNDISTURBED, Disturbance, flown, through
 from eadp.api.inputs import Files, load_flight
 from eadp.io.text.streams import Text
 from eadp.live.flight import NOT_FLOWN, RETURNS
-from eadp.live.gate import APPLY_S
 from eadp.live.replanner import Replanner
 
 START_S = 60.0
@@ -60,16 +59,6 @@ def test_a_disturbance_costs_little_and_the_stage_is_found_again(undisturbed, di
 
 
 @pytest.mark.slow
-def test_the_end_of_an_autopilots_mission_is_certain(undisturbed):
-    """Whether one more lap is flown is in doubt at 6 s where the aircraft follows the plan itself."""
-    of_items = flown(short_survey(), Disturbance("items", 0.0, through(lambda line: line | {"flies_mission": True})))
-    doubtful, certain = ({a["time_s"]: a for a in flight.answers}[6.0] for flight in (undisturbed, of_items))
-    assert certain["energy_std_wh"] < 0.8 * doubtful["energy_std_wh"]
-    assert of_items.outcome.completed
-    assert of_items.warnings == []
-
-
-@pytest.mark.slow
 def test_a_gauge_that_rises_and_a_false_power_are_warned_of():
     def rising(line):
         return line | {"soc": 0.8 + line["time_s"] / 1e4, "power_w": 1e5 if line["time_s"] == 100 else line["power_w"]}
@@ -79,29 +68,6 @@ def test_a_gauge_that_rises_and_a_false_power_are_warned_of():
     assert codes[100.0] == ["gauge-rises", "power-outlier"]
     assert codes[101.0] == ["gauge-rises"]
     assert codes[START_S] == []
-
-
-def after_hold(flight):
-    """The answers from the first on that has the warning, and the time of that."""
-    first = next(i for i, answer in enumerate(flight.answers) if "not-applied" in answer["warnings"])
-    return flight.answers[first:], flight.answers[first]["time_s"]
-
-
-@pytest.mark.slow
-def test_parameters_that_are_not_applied_are_forecast_as_they_are():
-    """c1 takes effect with the lap that starts at 39 s; without it the battery ends before the plan does."""
-    flight = flown(short_survey(), UNDISTURBED, deaf_to=("c1", "c2"))
-    answers, time_s = after_hold(flight)
-    assert flight.outcome.reason == "battery empty"
-    assert 39 < time_s < 39 + 1 + APPLY_S + 1
-    assert {answer["in_force"]["c1"] for answer in answers} == {0.0}
-    assert all(answer["completes_probability"] < 0.01 for answer in answers[1:])
-    assert all(answer["parameters"]["c1"] < 0 for answer in answers), "they are asked for all the same"
-    asked = answers[0]["parameters"]["c1"]
-    assert [warning.split(": ")[2] for warning in flight.warnings] == [
-        f"c1 = {asked:g} is not applied",
-        "c2 = 2 is not applied",
-    ]
 
 
 HAND_S, FLOWN_BY_HAND_S, ITS_POWER_W = 72, 60, 150.0
@@ -208,12 +174,3 @@ def test_of_an_autopilot_that_returns_no_parameters_are_decided(lines):
     after = [answer for time_s, answer in answers.items() if time_s > 60]
     assert {each["reason"] for each in after} == {RETURNS}
     assert not any(each["returns_home"] for each in after)
-
-
-@pytest.mark.slow
-def test_times_in_a_reason_are_of_the_telemetrys_clock(lines):
-    """A clock that showed 5,000 s at the start."""
-    late = [line | {"time_s": line["time_s"] + 5000, "soc": line["soc"] / 3} for line in lines]
-    answers = answered(late)
-    first_s, first = next((time_s, a) for time_s, a in answers.items() if "infeasible" in a["reason"])
-    assert f"infeasible since {first_s:.1f} s" in first["reason"]

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import json
 import shlex
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -126,22 +124,6 @@ def test_model_written_is_the_document_printed(run: Run, tmp_path: Path) -> None
     assert (code, out) == (0, model.read_text()), "the model alone on standard output"
 
 
-@pytest.mark.slow
-def test_log_from_standard_input(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    body = Path(EXAMPLE).read_bytes()
-    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(body)))
-    code, out, _ = run("fit", "-", "--to", "110", "--format", "json")
-    assert (code, json.loads(out)["log"]["rows"]) == (0, 2303)
-
-
-def test_a_log_without_a_header_is_refused(run: Run, tmp_path: Path) -> None:
-    headerless = tmp_path / "log.csv"
-    headerless.write_text("".join(f"{line},1\n" for line in Path(EXAMPLE).read_text().splitlines()[1:]))
-    code, out, err = run("fit", str(headerless))
-    assert (code, out) == (2, "")
-    assert err.startswith(f"{headerless}:1:1: error: the first row has numbers, not the names of columns")
-
-
 def test_columns_units_order_and_prior_by_option(run: Run, tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     rows = [line.split(",") for line in Path(EXAMPLE).read_text().splitlines()[1:]]
@@ -181,14 +163,6 @@ def test_errors_leave_stdout_empty(run: Run, arguments: list[str], message: str)
     code, out, err = run("fit", *arguments)
     assert (code, out) == (2, "")
     assert err.startswith(message)
-
-
-def test_warnings_go_to_stderr(run: Run, tmp_path: Path) -> None:
-    log = tmp_path / "log.csv"
-    log.write_text(Path(EXAMPLE).read_text() + "230.3,nan\n")
-    code, out, err = run("fit", str(log), "--format", "json")
-    assert (code, json.loads(out)["samples"]) == (0, 2303)
-    assert err == f"{log}:2305:1: warning: 1 row with a cell that is not finite left out\n"
 
 
 def flight(tmp_path: Path, header: str, row: str, noise_w: float = 0.2, n: int = 500) -> str:

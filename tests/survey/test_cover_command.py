@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import re
 
 import pytest
 from common import few_rows
@@ -217,14 +216,6 @@ def test_a_camera_that_is_none_is_refused(eadp, options, words):
     assert refused(eadp("cover", "plans/meadow.geojson", "--min-radius", "30", *flags(options)), words)
 
 
-def test_without_a_file_the_plan_is_on_standard_output(eadp, tmp_path, box):
-    answer = eadp("cover", box, *FLAGS)
-    path = tmp_path / "out.plan"
-    path.write_text(answer.out)
-    assert eadp("plan", path, "--check").code == 0
-    assert "error" not in answer.err
-
-
 @pytest.mark.quick(1)
 @pytest.mark.parametrize(
     "options",
@@ -311,23 +302,6 @@ def test_start_and_home_in_the_fields_coordinates(eadp, tmp_path):
     assert document["findings"] == []
     x, y = to_local_m(55.4712, 10.3295, tuple(document["origin_deg"]))
     assert (document["final"]["x"], document["final"]["y"]) == pytest.approx((x, y), abs=1e-6)
-
-
-@pytest.mark.slow
-def test_headings_are_compass_bearings(eadp, tmp_path):
-    """A field 200 m wide and 800 m long from south to north, flown along its length: heading 0 or 180."""
-    path = tmp_path / "long.csv"
-    path.write_text("x_m,y_m\n0,0\n200,0\n200,800\n0,800\n")
-    document = json.loads(eadp("cover", path, *FLAGS, "--format", "json").out)
-    assert document["heading_deg"] in (0, 180)
-    assert f"heading {document['heading_deg']:.1f} deg." in document["plan"]
-    assert f"heading {document['heading_deg']:.1f}°" in eadp("cover", path, *FLAGS, "--format", "text").out
-    for bearing, across in ((0, "x"), (90, "y"), (270, "y")):
-        answer = eadp("cover", path, *FLAGS, "--pattern", "dubins", "--heading", bearing, "--format", "json")
-        document = json.loads(answer.out)
-        assert document["heading_deg"] == bearing
-        first_line = re.search(r"; ([xy]) - ", document["plan"])
-        assert first_line[1] == across
 
 
 def test_wind_is_a_speed_and_the_bearing_it_blows_from():
@@ -426,12 +400,6 @@ def test_the_fields_own_file_is_not_overwritten(eadp, box, tmp_path):
     same = tmp_path / "same.svg"
     assert eadp("cover", box, *FLAGS, "-o", same, "--plot", same).code == 2
     assert not same.exists()
-
-
-def test_a_field_of_too_many_lines_is_a_no(eadp, box):
-    answer = eadp("cover", box, "--min-radius", "30", "--swath", "0.05")
-    assert answer.code == 1
-    assert "lines" in answer.err
 
 
 @pytest.mark.slow

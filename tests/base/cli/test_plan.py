@@ -47,26 +47,6 @@ def test_a_trigger_with_a_radius_of_its_own(eadp, tmp_path):
     assert "trigger, radius 20 to 250 m" in figure.read_text()
 
 
-def test_the_published_plan_without_sets(eadp, reference):
-    document = json.loads(eadp("plan", reference / "plans/plan_specification.pln", "--format", "json").out)
-    assert len(document["stages"]) == 60
-    assert {stage["kind"] for stage in document["stages"]} == {"line", "circle"}
-    assert all(stage["sets"] == [] for stage in document["stages"])
-    assert document["final"] == {"x": 175, "y": 161}
-
-
-def test_canonical_text_reads_as_itself(eadp, tmp_path):
-    text = eadp("plan", "plans/survey.plan", "--format", "plan").out
-    copy = tmp_path / "copy.plan"
-    copy.write_text(text)
-    assert eadp("plan", copy, "--format", "plan").out == text
-    documents = [json.loads(eadp("plan", file, "--format", "json").out) for file in ("plans/survey.plan", copy)]
-    for document in documents:
-        for stage in document["stages"]:
-            stage.pop("line")
-    assert documents[0] == documents[1]
-
-
 def test_a_file_that_is_too_large_is_refused_by_its_size(eadp, tmp_path, monkeypatch):
     path = tmp_path / "large.plan"
     path.write_text("% " + "x" * 1000 + "\n")
@@ -282,15 +262,6 @@ def test_what_is_refused(eadp, arguments, word):
     assert answer.code == 2
     assert answer.out == ""
     assert word in answer.err
-
-
-def test_warnings_beyond_the_first_are_counted(eadp, tmp_path):
-    path = tmp_path / "a.plan"
-    path.write_text("%: nosuch 1\n" * 500 + "0.05; 90; y\n100, 0\n")
-    answer = eadp("plan", path)
-    assert answer.code == 0
-    assert answer.err.splitlines()[-1] == f"{path}:21:3: warning: 480 more warnings from here on"
-    assert answer.err.count("unknown header") == 20
 
 
 @pytest.mark.parametrize("step", ["inf", "nan", "0", "-1"])

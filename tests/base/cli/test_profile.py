@@ -54,15 +54,6 @@ def test_power_as_json(run: Run, file: str) -> None:
     }
 
 
-def test_several_parameters_in_any_order(run: Run, measured: PowerMeasurement) -> None:
-    file = measured("fps,keysize,power_w\n2,32,5\n2,448,6\n10,32,9\n10,448,14\n")
-    code, out, _ = run("profile", file, "--at", " keysize = 240 ,fps=6", "--format", "json")
-    assert code == 0
-    (value,) = json.loads(out)["values"]
-    assert list(value["configuration"].items()) == [("fps", 6), ("keysize", 240)]
-    assert value["power_w"] == pytest.approx((5 + 6 + 9 + 14) / 4)
-
-
 def test_outside_is_refused(run: Run, tmp_path: Path) -> None:
     model = tmp_path / "m.yaml"
     code, out, err = run("profile", PEDNET, "--at", "fps=5", "--at", "fps=12", "-o", str(model))
@@ -71,18 +62,6 @@ def test_outside_is_refused(run: Run, tmp_path: Path) -> None:
         "--at:1:1: error: fps=12 is outside the measured 2 to 10; expected a value inside, or --clamp for the nearest"
     )
     assert list(tmp_path.iterdir()) == []
-
-
-def test_outside_is_clamped_when_asked(run: Run) -> None:
-    code, out, err = run("profile", PEDNET, "--at", "fps=12", "--at", "fps=10", "--clamp", "--format", "json")
-    assert code == 0
-    assert [value["extrapolated"] for value in json.loads(out)["values"]] == [True, False]
-    assert json.loads(out)["values"][0] == {
-        "configuration": {"fps": 12},
-        "power_w": 10.2112,
-        "extrapolated": True,
-    }
-    assert err == "--at:1:1: warning: fps=12 is outside the measured 2 to 10: taken at fps=10\n"
 
 
 @pytest.mark.parametrize(
@@ -105,13 +84,6 @@ def test_configurations_that_are_refused(run: Run, at: str, starts: list[str]) -
     found = [line for line in err.splitlines() if line.startswith("--at")]
     assert len(found) == len(starts)
     assert all(line.startswith(start) for line, start in zip(found, starts, strict=True))
-
-
-def test_a_value_for_every_parameter(run: Run, measured: PowerMeasurement) -> None:
-    file = measured("fps,keysize,power_w\n2,32,5\n2,448,6\n10,32,9\n10,448,14\n")
-    code, out, err = run("profile", file, "--at", "fps=6")
-    assert (code, out) == (2, "")
-    assert err.startswith("--at:1:1: error: no value for keysize; expected fps=VALUE,keysize=VALUE\n")
 
 
 def test_summary_as_text(run: Run, measured: PowerMeasurement) -> None:
@@ -204,13 +176,6 @@ def test_computations_added_are_flown(run: Run, measured: PowerMeasurement, tmp_
     assert power["1"] - power["2"] == pytest.approx(1.0, abs=0.2)
 
 
-def test_pchip_of_every_part(run: Run, measured: PowerMeasurement) -> None:
-    other = measured("a,b,power_w\n2,32,5\n2,448,6\n10,32,9\n10,448,14\n")
-    code, out, err = run("profile", PEDNET, "--add", other, "--interpolation", "pchip")
-    assert (code, out) == (2, "")
-    assert err.startswith("--interpolation:1:1: error: pchip needs one changing parameter, and 2 change")
-
-
 @pytest.mark.parametrize("ending", ["svg", "png"])
 def test_plot(run: Run, tmp_path: Path, ending: str) -> None:
     picture = tmp_path / f"model.{ending}"
@@ -246,14 +211,6 @@ def test_model_is_written_and_read_back(run: Run, tmp_path: Path) -> None:
     assert smooth["values"][0]["power_w"] > straight["values"][0]["power_w"] + 0.01
 
 
-def test_warnings_are_on_stderr(run: Run, measured: PowerMeasurement) -> None:
-    file = measured("fps,power_w\n2,5\n4,7\n6,6\n")
-    code, out, err = run("profile", file, "--at", "fps=4", "--format", "json")
-    assert code == 0
-    assert json.loads(out)["values"][0]["power_w"] == 7
-    assert err.startswith(f"{file}:3:1: warning: power is not monotone in fps")
-
-
 @pytest.mark.parametrize(
     ("options", "start"),
     [
@@ -272,13 +229,6 @@ def test_usage_that_is_refused(run: Run, options: list[str], start: str) -> None
     code, out, err = run("profile", PEDNET, *options)
     assert (code, out) == (2, "")
     assert err.startswith(start)
-
-
-def test_pchip_of_two_parameters(run: Run, measured: PowerMeasurement) -> None:
-    file = measured("fps,keysize,power_w\n2,32,5\n2,448,6\n10,32,9\n10,448,14\n")
-    code, out, err = run("profile", file, "--interpolation", "pchip")
-    assert (code, out) == (2, "")
-    assert err.startswith("--interpolation:1:1: error: pchip needs one changing parameter, and 2 change")
 
 
 # eadp schema

@@ -11,7 +11,6 @@ import pytest
 
 from eadp.core import compiled
 
-SAME = 1e-9
 fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
 
 

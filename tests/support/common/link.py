@@ -16,8 +16,6 @@ from eadp.planning.state.flight_state import FlightState
 from eadp.simulation.loop import Outcome, fly
 
 LINES_EVERY_S = 1.0
-BARE = ("time_s", "x_m", "y_m", "power_w", "soc")
-
 Line = dict[str, Any]
 StageAndLap = tuple[int, int]
 Link = Callable[[float, Line], Iterator[Line]]

@@ -15,7 +15,6 @@ from eadp.planning.joint.policy import EARLY_S, SETTLED_S, Policy, sustained_w
 from eadp.planning.joint.program import Solution
 
 MIN_GAIN = 0.01
-ALGEBRA = 1e-9
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,6 @@ from eadp.planning.forecast.knapsack import FULL, Knapsack, fill_greedy
 from eadp.planning.joint import program as module
 from eadp.planning.joint.program import ComputationProgram
 
-LP = 1e-8
 ROUNDING = 1e-12
 
 
