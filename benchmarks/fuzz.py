@@ -64,13 +64,11 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.live.mavlink import Codec, tlog_messages
     from eadp.live.messages import WANTED
     from eadp.live.recorded import MAGICS, log_values
-    from eadp.live.replanner import replan_lines
+    from eadp.live.replanner import ReplanLog, replan_lines
     from eadp.live.telemetry import TelemetryLine, json_line
-    from eadp.live.telemetry_log import ReplanLog
-    from eadp.measure.csv_log import read_csv_log
     from eadp.measure.formats import read_power_log
     from eadp.measure.power import fit_energy
-    from eadp.measure.power_log import Columns
+    from eadp.measure.power_log import Columns, read_csv_log
     from eadp.models.plan.plan import Site
     from eadp.models.plan.trace import nominal_legs
     from eadp.simulation.loop import Outcome, fly

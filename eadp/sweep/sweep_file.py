@@ -26,8 +26,8 @@ from eadp.io.text.schema_faults import STRICT, validated
 from eadp.io.text.streams import SourceText, Text
 from eadp.io.text.yaml import Document, read_yaml
 from eadp.io.text.yaml import Path as KeyPath
+from eadp.sweep.results import SweepFlight
 from eadp.sweep.runs import RUNS_LIMIT, Count, Design, DesignPoint, Run, SampleDesign
-from eadp.sweep.statistics import SweepFlight
 
 SCHEMA = "eadp.sweep/1"
 FILES = ("plan", "scenario", "profile", "energy")
