@@ -31,8 +31,7 @@ with atheris.instrument_imports(include=["eadp"]):
     from eadp.live.mavlink import tlog_messages
     from eadp.live.messages import WANTED
     from eadp.live.replanner import replan_lines
-    from eadp.measure.csv_log import read_csv_log
-    from eadp.measure.power_log import Columns
+    from eadp.measure.power_log import Columns, read_csv_log
     from eadp.survey.field_reader import read_field
     from eadp.sweep.sweep_file import read_sweep
 

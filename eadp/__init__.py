@@ -32,7 +32,7 @@ _MODULES = {
     "eadp.models.energy": ("EnergyModel",),
     "eadp.models.plan.plan": ("Plan",),
     "eadp.models.profile": ("Profile", "ProfileSum"),
-    "eadp.sweep.statistics": ("SweepFlight",),
+    "eadp.sweep.results": ("SweepFlight",),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
 __all__ = sorted(_MODULE_OF)

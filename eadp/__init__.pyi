@@ -17,8 +17,8 @@ from eadp.survey.cover import CoverageOptions, CoveragePlan, cover
 from eadp.survey.job import JobFlight, simulate_sorties
 from eadp.survey.resume import cover_in_sorties
 from eadp.survey.sorties import SortieOptions, SortiePlan
+from eadp.sweep.results import SweepFlight
 from eadp.sweep.run import sweep
-from eadp.sweep.statistics import SweepFlight
 
 __version__: str
 __all__ = [

@@ -21,9 +21,8 @@ from eadp.live.mavlink import COMPONENT, SHARE, Link, Message, Throttle, read_ke
 from eadp.live.messages import LINE_S, TIMED, WANTED, LineMaker, ParameterCheck, values_of
 from eadp.live.mission import PROTOCOL, HeldMission, Holds, Mapped, Noted, Outgoing, Output, Warned
 from eadp.live.recorded import MISSION, TLOG, form_of, log_values
-from eadp.live.replanner import Emit, Replanner, Warn
+from eadp.live.replanner import START, TELEMETRY, Emit, ReplanLog, Replanner, Warn
 from eadp.live.telemetry import numbered_lines, open_telemetry
-from eadp.live.telemetry_log import START, TELEMETRY, ReplanLog
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import RETURN

@@ -16,7 +16,7 @@ from eadp.io.flight import percent_text, time_text, times_text
 from eadp.io.page import Decisions, PageSource, Series, Steps
 from eadp.io.text.json import json_lines
 from eadp.io.text.streams import Text, read_text
-from eadp.live.telemetry_log import APPLIED, MISSION, SCHEMA, START, TELEMETRY
+from eadp.live.replanner import APPLIED, MISSION, SCHEMA, START, TELEMETRY
 from eadp.models.plan.stage import PATH, Parameter
 
 GAP_S, GAP_INTERVALS = 10.0, 10.0

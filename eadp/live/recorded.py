@@ -33,8 +33,8 @@ from eadp.live.messages import (
     is_autopilot,
     values_of,
 )
+from eadp.live.replanner import telemetry_lines
 from eadp.live.telemetry import TelemetryReader, open_telemetry
-from eadp.live.telemetry_log import telemetry_lines
 from eadp.models.plan.stage import TRIGGER_DISTANCE
 from eadp.models.plan.trace import PictureTrack
 

@@ -14,9 +14,8 @@ from eadp.exchange.writer import read_items
 from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.options import Flag
 from eadp.live.link import LinkOptions, fly, replay_flight
-from eadp.live.replanner import Hook, ValuesFile, replan_lines
+from eadp.live.replanner import Hook, ReplanLog, ValuesFile, described, hash_of, replan_lines
 from eadp.live.telemetry import open_telemetry
-from eadp.live.telemetry_log import ReplanLog, described, hash_of
 from eadp.models.plan.plan import Plan
 
 

@@ -22,7 +22,6 @@ from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import Fault, InputError, printable
 from eadp.io.logs.tables import Tables, at_times, check_readable, read_tables
 from eadp.io.text.streams import Text, is_tlog, read_text
-from eadp.measure.csv_log import read_csv_log
 from eadp.measure.power_log import (
     AIRSPEED,
     BANK,
@@ -33,6 +32,7 @@ from eadp.measure.power_log import (
     LogReadings,
     PowerLog,
     in_order,
+    read_csv_log,
     rows_text,
 )
 from eadp.plug_ins import plug_in, plug_ins

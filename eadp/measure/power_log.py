@@ -1,21 +1,32 @@
-"""Power logs: times and watts, in order, with what was left out.
+"""Power logs: times and watts in order, with what was left out; and the CSV format, columns under their names.
 
-Rows out of order are sorted; of rows at one time the first is kept. Where the clock was set back, as by a restart, the
-longest run of rows is kept.
+A row that is no reading is left out and counted in a warning: an empty cell, NaN, an infinity; also a voltage of 0 or
+−1 and a current of −1, which autopilots write for unknown. A cell that is not a number is an error. Rows out of order
+are sorted; of rows at one time the first is kept. Where the clock was set back, as by a restart, the longest run of
+rows is kept.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, get_args
+import math
+import re
+from array import array
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
+from itertools import chain
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.errors import Fault, InputError, printable
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.geodesy import to_local_m
+from eadp.errors import FAULTS_READ, Fault, InputError, printable, refuse
+from eadp.io.text.csv import ISO_TIME, NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated
 from eadp.io.text.options import Flag
+from eadp.io.text.streams import Text
 from eadp.measure.spectrum import MIN_SAMPLES
 
 LARGEST_W = 1e9
@@ -260,3 +271,310 @@ def _count_gaps(times_s: FloatArray, counts: dict[str, int | float]) -> int:
     if gaps:
         counts["gaps"], counts["longest_gap_s"] = gaps, float(steps[longest])
     return longest
+
+
+LARGEST_S = 1e12
+SHORTEST_STEP_S, LONGEST_STEP_S = 5e-3, 60.0
+"""Shortest and longest time between the rows of a log whose times are taken for PX4's [s]."""
+
+PX4_TIME = "timestamp"
+"""The time of PX4's logs as CSV [µs]: the one name that is known without its unit."""
+USED = "discharged_mah"
+"""Column of the charge used since the battery was put in, as PX4 names it [mAh]."""
+_EXAMPLE = "time_s,power_w"
+
+
+class _Known(NamedTuple):
+    """What is known of a needed column: an example, its names without the unit, and how many of a unit make one in SI.
+
+    A division keeps the digits that a product with 0.001 would not.
+    """
+
+    example: str
+    stems: tuple[str, ...]
+    per: dict[str, float]
+    largest: float = LARGEST_W
+
+
+_NEEDED = {
+    "time": _Known(
+        "time_s",
+        ("time", PX4_TIME, "t", "elapsed", "elapsed_time"),
+        {
+            **dict.fromkeys(("s", "sec", "second", "seconds"), 1.0),
+            **dict.fromkeys(("ms", "millisecond", "milliseconds"), 1e3),
+            **dict.fromkeys(("us", "µs", "microsecond", "microseconds"), 1e6),
+            **dict.fromkeys(("min", "minute", "minutes"), 1 / 60),
+            "ns": 1e9,
+            "h": 1 / 3600,
+        },
+        LARGEST_S,
+    ),
+    "power": _Known("power_w", ("power", "total_power"), {"w": 1, "watt": 1, "watts": 1, "mw": 1e3, "kw": 1e-3}),
+    "voltage": _Known("voltage_v", ("voltage", "volt"), {"v": 1, "volt": 1, "volts": 1, "mv": 1e3}),
+    "current": _Known("current_a", ("current", "curr"), {"a": 1, "amp": 1, "amps": 1, "ma": 1e3}),
+}
+_POSITIONS = (("x_m", "y_m"), ("lat", "lon"), ("latitude", "longitude"), ("latitude_deg", "longitude_deg"))
+_MOTION: dict[str, dict[str, float]] = {
+    AIRSPEED: dict.fromkeys(("airspeed_mps", "true_airspeed_mps", "tas_mps", "true_airspeed_m_s", "airspeed"), 1.0),
+    BANK: {"bank_rad": 1.0, "roll_rad": 1.0, "bank_deg": math.pi / 180, "roll_deg": math.pi / 180},
+    CLIMB: {"climb_mps": 1.0, "climb_rate_mps": 1.0, "vertical_speed_mps": 1.0, "climb": 1.0, "vz_down_mps": -1.0},
+    ALTITUDE: dict.fromkeys(("altitude_m", "alt_m", "height_m", "altitude"), 1.0),
+}
+"""Columns of the motion: the names known, and their unit in SI."""
+
+
+def read_csv_log(text: Text, columns: Columns) -> PowerLog:
+    """Read a power log with a header.
+
+    Raises
+    ------
+    InputError
+        With the faults of the file or of `columns`.
+    """
+    if columns.instance is not None:
+        raise InputError.at("--instance", 1, 1, "a table has no batteries", "none of it", str(columns.instance))
+    rows = read_rows(text.name, text.body, None)
+    first = next(rows, None)
+    if first is None:
+        raise InputError.at(text.name, 1, 1, "no readings", f"a header such as {_EXAMPLE}, and a row for each")
+    second = next(rows, None)
+    layout = _layout(first, columns, second)
+    readings, warnings, counts = _readings(text.name, chain([second] if second else [], rows), layout)
+    per_second = layout.needed[0].per
+    if layout.px4 and len(readings.raw) > 1:
+        step_s = float(np.median(np.abs(np.diff(readings.raw)))) / per_second
+        if not SHORTEST_STEP_S <= step_s <= LONGEST_STEP_S and step_s > 0:
+            message = f"a row every {step_s:.3g} s, if {PX4_TIME} is in µs"
+            expected = "a name such as time_s or time_ms, or --time-unit"
+            raise InputError(first.fault(layout.needed[0].place, message, expected))
+    names, placed = [first.fields[each.place] for each in layout.needed[1:]], layout.degrees is not None
+    log = in_order(text.name, readings, per_second, warnings, counts, position=placed, also=layout.also, names=names)
+    return replace(log, battery={"used_ah": float(log.also[USED][0])}) if USED in log.also else log
+
+
+# ── columns ──
+
+
+class _Column(NamedTuple):
+    """A column of a table by its place; how many of its units make one in SI, and the largest value in its units."""
+
+    place: int
+    per: float
+    largest: float
+
+
+class _Layout(NamedTuple):
+    """Where a table has what.
+
+    `needed` are time and what makes the power; `others`, each with its unit in SI, may be empty: x and y or latitude
+    and longitude, if `degrees` is not None, and then those of `also`. A row has `width` fields. With `dates` times are
+    by ISO 8601, with `px4` PX4's.
+    """
+
+    needed: list[_Column]
+    others: list[tuple[int, float]]
+    also: tuple[str, ...]
+    width: int
+    dates: bool
+    px4: bool
+    degrees: bool | None
+    origin_deg: Point | None
+
+
+def _layout(header: Row, columns: Columns, second: Row | None) -> _Layout:
+    """The layout of a header; the second row shows whether the times are dates."""
+    if all(NUMBER.match(name) or NOT_FINITE.match(name) for name in header.fields):
+        message = "the first row has numbers, not the names of columns"
+        raise InputError(header.fault(0, message, f"a header such as {_EXAMPLE}"))
+    if twice := repeated(header.fields):
+        message = f"the name {printable(header.fields[twice[0]], 80)} stands twice"
+        raise InputError(header.fault(twice[0], message, "each column under a name of its own"))
+    roles = _power_roles(header, columns)
+    at = _find(header, "time", columns.time)
+    dates = bool(second and at < len(second.fields) and ISO_TIME.match(second.fields[at]))
+    time_unit = "s" if dates else columns.time_unit
+    needed = [_needed(header, at, "time", time_unit)]
+    needed += [_needed(header, _find(header, role, getattr(columns, role)), role, None) for role in roles]
+    px4 = not time_unit and _plain(header.fields[at]) == PX4_TIME
+    # a position, if there is one, and what is asked for by name, or by what it is
+    lower = [name.lower() for name in header.fields]
+    pair = next((pair for pair in _POSITIONS if all(name in lower for name in pair)), ())
+    others = [(lower.index(name), 1.0) for name in pair]
+    for name in columns.also:
+        if name not in header.fields:
+            raise InputError(header.fault(0, f"no column {printable(name, 80)}", f"one beside {_names_of(header)}"))
+        others.append((header.fields.index(name), 1.0))
+    known = {USED: {USED: 1e-3}} if columns.factors else {}
+    known |= _MOTION if columns.motion else {}
+    found = {role: next((name for name in names if name in lower), "") for role, names in known.items()}
+    others += [(lower.index(name), known[role][name]) for role, name in found.items() if name]
+    also = (*columns.also, *(role for role, name in found.items() if name))
+    degrees = pair[0] != "x_m" if pair else None
+    return _Layout(needed, others, also, len(header.fields), dates, px4, degrees, columns.origin_deg)
+
+
+def _power_roles(header: Row, columns: Columns) -> tuple[str, ...]:
+    """Power, or voltage and current: what is asked for, else what there is, power first."""
+    if columns.power and (columns.voltage or columns.current):
+        raise InputError.at("--power", 1, 1, "and --voltage or --current", "one way to the power", columns.power)
+    if columns.factors:
+        return ("voltage", "current")
+    if columns.power or (not columns.voltage and not columns.current and _named(header, "power")):
+        return ("power",)
+    if columns.voltage or columns.current or (_named(header, "voltage") and _named(header, "current")):
+        return ("voltage", "current")
+    message = "no column for the power"
+    raise InputError(header.fault(0, message, "power_w, or voltage_v and current_a, or --power NAME"))
+
+
+def _find(header: Row, role: str, asked: str) -> int:
+    """The column of a role."""
+    if asked:
+        if asked in header.fields:
+            return header.fields.index(asked)
+        message, expected = f"no column {printable(asked, 80)}", f"one of {_names_of(header)}"
+        raise InputError.at(f"--{role}", 1, 1, message, expected, asked)
+    found = _named(header, role)
+    if not found:
+        message, expected = f"no column for the {role}", f"{_NEEDED[role].example}, or --{role} NAME"
+        raise InputError(header.fault(0, message, expected))
+    if len(found) > 1:
+        several = ", ".join(header.fields[i] for i in found)
+        raise InputError(header.fault(found[1], f"several columns of {role}: {several}", f"one, or --{role} NAME"))
+    return found[0]
+
+
+def _names_of(header: Row) -> str:
+    return ", ".join(printable(name, 40) for name in header.fields[:20] if name)
+
+
+def _named(header: Row, role: str) -> list[int]:
+    """Columns with a known name of a role, with a unit (`power_w`, `Power [W]`) or without."""
+    names = [{_plain(name), _stem_and_unit(name, role)[0]} for name in header.fields]
+    return [i for i, either in enumerate(names) if either.intersection(_NEEDED[role].stems)]
+
+
+def _plain(name: str) -> str:
+    """A name in small letters: `Time [ms]` and `time_ms` are the same."""
+    return "_".join(filter(None, re.split(r"[\s_()\[\]-]+", name.lower())))
+
+
+def _stem_and_unit(name: str, role: str) -> tuple[str, str]:
+    """`time_ms` → time, ms; nothing where the ending is no unit of the role."""
+    stem, _, unit = _plain(name).rpartition("_")
+    return (stem, unit) if unit in _NEEDED[role].per else ("", "")
+
+
+def _needed(header: Row, index: int, role: str, unit: str | None) -> _Column:
+    """A needed column with the unit that is stated, or that of its name."""
+    name, known = header.fields[index], _NEEDED[role]
+    unit = unit or ("us" if role == "time" and _plain(name) == PX4_TIME else _stem_and_unit(name, role)[1])
+    if not unit:
+        option = f", or --time-unit {'|'.join(TIME_UNITS)}" if role == "time" else ""
+        message = f"{printable(name, 80)} has no unit of {role}"
+        raise InputError(header.fault(index, message, f"a name such as {known.example}{option}"))
+    return _Column(index, known.per[unit], known.largest * known.per[unit])
+
+
+# ── rows ──
+
+_REASONS = {
+    "empty": "with an empty cell",
+    "not_finite": "with a cell that is not finite",
+    "unknown": "with an unknown voltage (0 or -1) or current (-1)",
+}
+
+
+def _readings(
+    name: str, rows: Iterable[Row], layout: _Layout
+) -> tuple[LogReadings, list[Fault], dict[str, int | float]]:
+    """The rows that are readings; warnings for those that are not, and their numbers."""
+    lines, values, others = array("q"), array("d"), array("d")
+    faults: list[Fault] = []
+    dropped: dict[str, list[int]] = {}
+    count = 0
+    for row in rows:
+        if len(faults) >= FAULTS_READ:
+            break
+        count += 1
+        if any(row.fields[layout.width :]):
+            message = f"{len(row.fields)} fields"
+            faults.append(row.fault(layout.width, message, f"{layout.width}, as in the header"))
+            continue
+        found = _values(row, layout.needed, dates=layout.dates)
+        if isinstance(found, Fault):
+            faults.append(found)
+        elif isinstance(found, str):
+            dropped.setdefault(found, []).append(row.line)
+        else:
+            lines.append(row.line)
+            values.extend(found)
+            others.extend(_optional(row.fields, index) for index, _ in layout.others)
+    refuse(faults)
+    warnings = [rows_warning(name, numbers, f"{_REASONS[key]} left out") for key, numbers in dropped.items()]
+    counts: dict[str, int | float] = {"rows": count, **{key: len(numbers) for key, numbers in dropped.items()}}
+    table = np.array(values).reshape(len(lines), len(layout.needed))
+    rest = np.array(others).reshape(len(lines), len(layout.others)) * [unit for _, unit in layout.others]
+    if layout.degrees and len(rest):
+        rest[:, :2] = _metres(name, rest[:, :2], lines, layout.origin_deg)
+    factors = table[:, 1:] / [each.per for each in layout.needed[1:]]
+    return LogReadings(table[:, 0], factors, rest, np.array(lines, dtype=np.int64)), warnings, counts
+
+
+def _values(row: Row, columns: Sequence[_Column], *, dates: bool = False) -> list[float] | str | Fault:
+    """The values of the columns, up to a limit each; or why the row is no reading; or the fault of a cell."""
+    values: list[float] = []
+    reason = ""
+    for index, _, limit in columns:
+        raw = row.fields[index] if index < len(row.fields) else ""
+        if dates and not values and raw:
+            time_s = _seconds(raw)
+            if time_s is None:
+                return row.fault(index, f"{printable(raw, 40)} is no time by ISO 8601", "a time as in the first row")
+            values.append(time_s)
+        elif NUMBER.match(raw) and abs(value := float(raw)) <= limit:
+            values.append(value)
+        elif not raw:
+            reason = "empty"
+        elif NOT_FINITE.match(raw):
+            reason = "not_finite"
+        elif fault := number_fault(raw, limit):
+            return row.fault(index, *fault)
+    if not reason and len(values) == 3 and (values[1] <= 0 or values[2] == -1):
+        reason = "unknown"
+    return reason or values
+
+
+def _seconds(raw: str) -> float | None:
+    """Seconds since 1970 of a time by ISO 8601, or with slashes in its date, of UTC without a zone; None if none."""
+    try:
+        time = datetime.fromisoformat(raw.replace("/", "-", 2))
+    except ValueError:
+        return None
+    return (time if time.tzinfo else time.replace(tzinfo=UTC)).timestamp()
+
+
+def _optional(fields: Sequence[str], index: int) -> float:
+    """A cell that may be missing: NaN."""
+    return float(fields[index]) if index < len(fields) and NUMBER.match(fields[index]) else math.nan
+
+
+def _metres(name: str, degrees: FloatArray, lines: Sequence[int], origin_deg: Point | None) -> FloatArray:
+    """Latitude and longitude [°] as metres about an origin, the first of them for None; large numbers are 1e-7 °."""
+    known = np.flatnonzero(np.isfinite(degrees).all(axis=1))
+    if not len(known):
+        return degrees
+    scaled = degrees * (1e-7 if np.nanmax(np.abs(degrees)) > 1000 else 1.0)
+    beyond = known[(np.abs(scaled[known]) > (90, 180)).any(axis=1)]
+    if len(beyond):
+        latitude, longitude = scaled[beyond[0]]
+        message = f"a latitude of {latitude:.7g} and a longitude of {longitude:.7g}"
+        swapped = ": they seem to be swapped" if abs(latitude) <= 180 and abs(longitude) <= 90 else ""
+        expected = "latitude within ±90 and longitude within ±180 degrees"
+        raise InputError.at(name, lines[beyond[0]], 1, f"{message}{swapped}", expected)
+    origin = origin_deg or (float(scaled[known[0], 0]), float(scaled[known[0], 1]))
+    result = np.full_like(degrees, np.nan)
+    for i in known:
+        result[i] = to_local_m(float(scaled[i, 0]), float(scaled[i, 1]), origin)
+    return result

@@ -26,11 +26,10 @@ from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import output_file, read_text, write_text
 from eadp.sweep.page import write_page
-from eadp.sweep.results import COLUMNS, Results
-from eadp.sweep.run import missing_runs
-from eadp.sweep.runs import Result
-from eadp.sweep.statistics import (
+from eadp.sweep.results import (
+    COLUMNS,
     Group,
+    Results,
     SweepFlight,
     Table,
     distinct,
@@ -40,6 +39,8 @@ from eadp.sweep.statistics import (
     totals,
     wilson_interval,
 )
+from eadp.sweep.run import missing_runs
+from eadp.sweep.runs import Result
 from eadp.sweep.sweep_file import Sweep, read_sweep
 
 PROGRESS_S = 60.0

@@ -14,8 +14,16 @@ from eadp.errors import printable
 from eadp.io.flight import percent_text
 from eadp.io.page import PageSource, page_html, page_of, significant
 from eadp.io.text.streams import write_text
-from eadp.sweep.results import COLUMNS, Results
-from eadp.sweep.statistics import SweepFlight, completed_interval, distinct, label_of, marginal, wilson_interval
+from eadp.sweep.results import (
+    COLUMNS,
+    Results,
+    SweepFlight,
+    completed_interval,
+    distinct,
+    label_of,
+    marginal,
+    wilson_interval,
+)
 
 MAX_RUNS = 20_000
 MAX_BYTES = 2_500_000

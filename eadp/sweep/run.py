@@ -28,9 +28,8 @@ from eadp.simulation.loop import Outcome, fly
 from eadp.sweep.dask import DaskEngine
 from eadp.sweep.engines import EngineOptions, Make
 from eadp.sweep.pool import PoolEngine
-from eadp.sweep.results import COLUMNS, Results
+from eadp.sweep.results import COLUMNS, Results, SweepFlight, totals
 from eadp.sweep.runs import Engine, Result, Run
-from eadp.sweep.statistics import SweepFlight, totals
 from eadp.sweep.sweep_file import Sweep, load_run, read_sweep
 
 

@@ -25,8 +25,8 @@ from eadp.io.scenario import REPLACED, Scenario, ScenarioFile, beside, override_
 from eadp.io.text.streams import SourceText, Text, refuse_others
 from eadp.io.text.yaml import STRICT, Document, read_yaml, validated
 from eadp.io.text.yaml import Path as KeyPath
+from eadp.sweep.results import SweepFlight
 from eadp.sweep.runs import RUNS_LIMIT, Count, Design, DesignPoint, Run, SampleDesign
-from eadp.sweep.statistics import SweepFlight
 
 SCHEMA = "eadp.sweep/1"
 FILES = ("plan", "scenario", "profile", "energy")

@@ -31,8 +31,7 @@ from eadp.live.link import LinkFlight, LinkOptions
 from eadp.live.mavlink import Codec
 from eadp.live.messages import ASKED, WANTED
 from eadp.live.mission import ITEM_TRIES, RECHECK_S, MissionClient, Outgoing, Received, RestLayout, equal_items
-from eadp.live.replanner import Replanner
-from eadp.live.telemetry_log import ReplanLog, hash_of
+from eadp.live.replanner import ReplanLog, Replanner, hash_of
 from eadp.models.plan.trace import nominal_legs, nominal_route
 
 SCENARIO = "scenarios/survey.yaml"

@@ -11,9 +11,8 @@ from hypothesis import strategies as st
 
 from eadp.errors import FAULTS_READ, FAULTS_SHOWN, Fault, InputError
 from eadp.io.text.streams import Text
-from eadp.measure.csv_log import read_csv_log
 from eadp.measure.formats import read_power_log
-from eadp.measure.power_log import Columns, PowerLog
+from eadp.measure.power_log import Columns, PowerLog, read_csv_log
 from eadp.measure.spectrum import MIN_SAMPLES
 
 N = 25

@@ -10,9 +10,8 @@ from common.answers import refused
 from common.pages import Page
 
 from eadp.sweep import page as sweep_page
-from eadp.sweep.results import Results
+from eadp.sweep.results import Results, wilson_interval
 from eadp.sweep.runs import Result, Run
-from eadp.sweep.statistics import wilson_interval
 
 LINE = "0.1; 90; x\n0, 400\n"
 SWEEP = """schema: eadp.sweep/1

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 from scipy.stats import binomtest, norm
 
-from eadp.sweep.statistics import Z_95, KeyBins, SweepFlight, marginal, table, totals, wilson_interval
+from eadp.sweep.results import Z_95, KeyBins, SweepFlight, marginal, table, totals, wilson_interval
 
 EXACT = 1e-9
 
