@@ -71,8 +71,8 @@ class PlanExecutor:
         """The parameters in force."""
         return self.cursor.parameters
 
-    def decide(self, parameters: Sequence[float], position: Point, airspeeds_mps: Vector = ()) -> bool:
-        """Take new parameters at a position [m], and airspeeds; return whether those in force have changed.
+    def decide(self, parameters: Sequence[float], position: Point, airspeeds_mps: Vector | None = None) -> bool:
+        """Take new parameters at a position [m], and airspeeds, None for no others; return whether any has changed.
 
         Raises
         ------
@@ -80,7 +80,8 @@ class PlanExecutor:
             If the path has no value at the new parameters.
         """
         values, before = tuple(parameters), self.cursor.airspeed_mps
-        self.cursor = self.cursor._replace(airspeeds_mps=airspeeds_mps)
+        if airspeeds_mps is not None:
+            self.cursor = self.cursor._replace(airspeeds_mps=airspeeds_mps)
         changed = self.cursor.airspeed_mps != before
         if values == self.cursor.decided:
             return changed

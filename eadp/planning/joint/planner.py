@@ -132,8 +132,9 @@ class JointPlanner(Planner):
         self._home: tuple[float | None, float] = (None, 0.0)
         self._by_stage = any(row.stages for row in own.trade_offs)
         # re-planned every `planner.every_s`: where forecasts are shown live, and where a turn home depends on them
-        # in a live flight nothing commands an airspeed yet
-        self._paced = own.airspeed != "fixed" and mission.vehicle.airspeed_range_mps is not None and not mission.live
+        # in a live flight an airspeed counts as flown where it is measured, see `update`
+        self._paces = own.airspeed != "fixed" and mission.vehicle.airspeed_range_mps is not None
+        self._paced = self._paces and not mission.live
         self._thriftiest_mps = 0.0  # pace of the plan in force that leaves the most charge
         self._often = mission.live or (mission.way_home is not None and mission.way_home.turns_back)
 
@@ -168,6 +169,8 @@ class JointPlanner(Planner):
         o = state.now
         if self._decision.returns_home:
             return self._decision
+        if self._paces and self._mission.live:
+            self._paced = state.flies_commanded
         entered, self._stages_started = o.stages_started != self._stages_started, o.stages_started
         due = o.time_s >= self._next_s - 1e-9
         # a new stage counts where the path can change at it, where trade-offs differ by stage, and in a live flight
@@ -202,6 +205,8 @@ class JointPlanner(Planner):
     def _replan(self, o: Observation, known: Known, cause: str) -> None:
         """Forecast the plan in force, search the path where it is to be searched, and decide."""
         report, calls, started = self.report, self.report.calls, time.perf_counter()
+        if self._paces and not self._paced:  # what was commanded is not known to be flown
+            known = known._replace(cursor=known.cursor._replace(airspeeds_mps=()))
         self._places.enter(known)
         plan = self._kept_plan(known)
         search = self._searchable and self._must_search(o, plan, cause)

@@ -41,6 +41,13 @@ NAVIGATION_M = 0.25, 10.0
 SAME_MPS = 0.01
 """Airspeed's distance from the commanded one that counts as none [m/s]."""
 
+SLOWS_S, ERROR_S, UNMEASURED_S = 60.0, 10.0, 10.0
+"""Time in which an autopilot reaches another airspeed: PX4 takes 40 to 50 s of it; time constant of the mean error of
+the measured one; and its greatest age [s]."""
+
+NOT_OBEYED_MPS = 1.5
+"""Mean error from which on the commanded airspeed is not flown: more than that of a good calibration [m/s]."""
+
 OFF_PATH_S, MEDIAN_PER_STD = 30.0, 0.6745
 """Time constant of the median cross-track error [s], and the median of a normal variable's size per its deviation."""
 
@@ -80,6 +87,7 @@ class FlightState:
         climb_j_per_m = 0.0 if isinstance(vehicle, PaperVehicle) else vehicle.climb_j_per_m
         self._motion = MotionPower(level_w, vehicle, climb_j_per_m=climb_j_per_m)
         self._airspeed_mps = mission.cruise_mps  # as it follows the commanded one
+        self._obeyed = ObeyedAirspeed()
         battery = mission.battery
         full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)
         self._gate = PowerGate(vehicle.cruise_power_w, max_reading_w(mission))
@@ -229,13 +237,16 @@ class FlightState:
         powers_w = np.asarray(self._gate.ingest(times_s, readings.powers_w, self._place.computing_w, on_plan=on_plan))
         if on_plan and self._climb is not None:  # the take-off is over
             self._climb.climb = self._climb.climb._replace(take_off_j_per_m=0.0)
-        flown_mps = self._follow_airspeed(steps_s)
-        climb_w, level_mps = self._follow_climb(steps_s, flown_mps)
-        climb_mps = self._take_altitude(o, float(steps_s.sum()))
         # measured airspeeds; the commanded airspeed where none is measured, or the one measured cannot be true
         airspeeds_mps = _numbers(readings.airspeeds_mps)
         ratios = airspeeds_mps / self._mission.cruise_mps
         possible = (ratios > 1 / MAX_AIRSPEEDS) & (ratios < MAX_AIRSPEEDS)
+        flown_mps = self._follow_airspeed(steps_s)
+        if self._mission.vehicle.airspeed_range_mps is not None:
+            self._obeyed.take(times_s[possible], airspeeds_mps[possible], self._commanded_mps)
+            flown_mps = np.where(possible, airspeeds_mps, flown_mps)
+        climb_w, level_mps = self._follow_climb(steps_s, flown_mps)
+        climb_mps = self._take_altitude(o, float(steps_s.sum()))
         airspeeds_mps = np.where(possible, airspeeds_mps, level_mps)
         vx, vy, headings = (_numbers(column) for column in (readings.vx_mps, readings.vy_mps, readings.headings_rad))
         if not on_plan:  # the airspeed is another than commanded
@@ -251,9 +262,14 @@ class FlightState:
         drain_powers_w = np.where(steps_s > MAX_STEP_S, math.nan, powers_w)
         self._charge.ingest(_numbers(readings.charges), drain_powers_w, steps_s, measured=on_plan)
 
+    @property
+    def _commanded_mps(self) -> float:
+        """The airspeed that is commanded [m/s]."""
+        return self._place.cursor.airspeed_mps or self._mission.cruise_mps
+
     def _follow_airspeed(self, steps_s: FloatArray) -> FloatArray:
         """The airspeed over steps [s], as the throttle brings it to the commanded one, shape (n,) [m/s]."""
-        commanded_mps, before_mps = self._place.cursor.airspeed_mps or self._mission.cruise_mps, self._airspeed_mps
+        commanded_mps, before_mps = self._commanded_mps, self._airspeed_mps
         if commanded_mps == before_mps:
             return np.full(len(steps_s), commanded_mps)
         # V̇ = k (V_d − V)
@@ -335,6 +351,12 @@ class FlightState:
         return self._charge.is_ambiguous(soc)
 
     @property
+    def flies_commanded(self) -> bool:
+        """Whether the airspeed is measured, and is the one that is commanded."""
+        self._process()
+        return self._obeyed.holds(self._last_s or 0.0)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """Codes of what is wrong with the readings."""
         self._process()
@@ -379,6 +401,33 @@ class FlightState:
             returns_home=place.returns_home,
             rejoins_at_start=place.rejoins_at_start,
         )
+
+
+class ObeyedAirspeed:
+    """Whether the measured airspeed is the commanded one: its mean error, from `SLOWS_S` after each command on."""
+
+    def __init__(self) -> None:
+        self._commanded_mps = self._error_mps = 0.0
+        self._since_s = self._last_s = -math.inf
+        self._refused = False
+
+    def take(self, times_s: FloatArray, measured_mps: FloatArray, commanded_mps: float) -> None:
+        """Take measured airspeeds with their times, shape (n,), while one is commanded [m/s]."""
+        if not len(times_s):
+            return
+        if commanded_mps != self._commanded_mps:
+            self._commanded_mps, self._since_s, self._error_mps = commanded_mps, float(times_s[0]), 0.0
+        for time_s, airspeed_mps in zip(times_s.tolist(), measured_mps.tolist(), strict=True):
+            # e ← e + (1 − e^(−Δt/τ)) (v − v_c − e)
+            share = -math.expm1(min(self._last_s - time_s, 0.0) / ERROR_S)
+            self._error_mps += share * (airspeed_mps - commanded_mps - self._error_mps)
+            self._last_s = time_s
+        settled = self._last_s - self._since_s > SLOWS_S
+        self._refused |= settled and abs(self._error_mps) > NOT_OBEYED_MPS
+
+    def holds(self, time_s: float) -> bool:
+        """Whether an airspeed was measured not long before a time [s], and none that was commanded was not flown."""
+        return not self._refused and time_s - self._last_s < UNMEASURED_S
 
 
 class _Place:
