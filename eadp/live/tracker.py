@@ -265,7 +265,7 @@ class PlanTracker:
     # --- parameters
 
     def decide(self, parameters: Vector, position: Point, airspeeds_mps: Vector) -> None:
-        """Put decided parameters, as far as the aircraft applies them, and airspeeds into the plan at a position [m]."""
+        """Put decided parameters, as far as the aircraft applies them, and airspeeds into the plan at a place [m]."""
         self.applied.decide(parameters)
         if not self.lost:
             try:

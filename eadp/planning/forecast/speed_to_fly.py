@@ -107,14 +107,17 @@ class SpeedChoice(NamedTuple):
     def airspeeds_mps(self, legs: RouteArrays, value_w: float, stages: int) -> FloatArray:
         """The airspeed of each stage on the routes, by the value of a second [W], shape (routes, stages) [m/s]."""
         seconds, joules = self.seconds[:, self.row_of], self.joules[:, self.row_of]
-        shape = len(legs.first), stages
+        routes = len(legs.first)
         of_stage = legs.place * stages + legs.stages - 1
-        cost = [np.bincount(of_stage, e + value_w * t, math.prod(shape)) for e, t in zip(joules, seconds, strict=True)]
-        chosen: FloatArray = self.speeds_mps[np.argmin(cost, axis=0)].reshape(shape)
-        # a short stage keeps the airspeed before it, a lap's first ones that of the lap before; so does one not flown
-        counts = np.bincount(of_stage, minlength=math.prod(shape))
-        whole_s = np.bincount(of_stage, seconds[0], math.prod(shape))
-        short = (whole_s < SETTLE_S * np.maximum(counts, 1)).reshape(shape)
-        for stage in (*range(stages), *range(stages)):
-            chosen[:, stage] = np.where(short[:, stage], chosen[:, stage - 1], chosen[:, stage])
-        return chosen
+        whole = [np.bincount(of_stage, e + value_w * t, routes * stages) for e, t in zip(joules, seconds, strict=True)]
+        # a short stage, or one that is not flown, has the airspeed of the stage before it, its leader
+        counts = np.bincount(of_stage, minlength=routes * stages)
+        whole_s = np.bincount(of_stage, seconds[0], routes * stages)
+        short = (whole_s < SETTLE_S * np.maximum(counts, 1)).reshape(routes, stages)
+        leaders = np.zeros((routes, stages), dtype=np.intp)
+        for stage in (*range(stages), *range(stages)):  # twice, as the first stages follow the last ones of a lap
+            leaders[:, stage] = np.where(short[:, stage], leaders[:, stage - 1], stage)
+        leaders += np.arange(routes)[:, None] * stages
+        cost = [np.bincount(leaders.ravel(), of_stages, routes * stages) for of_stages in whole]
+        airspeeds: FloatArray = self.speeds_mps[np.argmin(cost, axis=0)[leaders]]
+        return airspeeds
