@@ -53,6 +53,7 @@ sys.path.append(str(ROOT / "benchmarks"))
 import ablation  # noqa: E402
 from measured import line, options, recorded, rms, table  # noqa: E402
 from plant import (  # noqa: E402
+    AIRSPEED_MPS,
     CONTROL_S,
     SAMPLE_S,
     Aeroplane,
@@ -438,7 +439,8 @@ def fly_joint(
     highest = (ends(plan, 0)[1], ends(plan, 1)[1])
     flight = plan_flight(mission, plan, highest)
     replan = Replan(mission, constants.capacity_ah, folder, keys or {}, eadp)
-    pack, telemetry = mission.lipo(constants.capacity_ah), Telemetry(mission, plan.names)
+    paced = "planner.joint.airspeed" in (keys or {})
+    pack, telemetry = mission.lipo(constants.capacity_ah), Telemetry(mission, plan.names, paced=paced)
     noise = mission.noise(round(7200 / SAMPLE_S))
     samples, result, seen = [], Flown(), Seen(plan, flight.executor)
     writer = csv.writer(log)
@@ -462,6 +464,7 @@ def fly_joint(
             if decision is not None:
                 result.decisions.append(decision)
                 flight.decide(tuple(float(decision["parameters"][name]) for name in plan.names))
+                flight.plane.airspeed_target_mps = decision["airspeed_mps"] or AIRSPEED_MPS
     replan.close()
     result.completed, result.soc = flight.executor.complete and not pack.empty, float(pack.soc)
     result.u = seen.quality(samples[-1])
@@ -475,9 +478,10 @@ def fly_joint(
 class Telemetry:
     """What the autopilot measures and sends: noise, and the gauge's steps."""
 
-    def __init__(self, mission: Mission, names: Sequence[str]) -> None:
-        self._mission, self._names = mission, names
+    def __init__(self, mission: Mission, names: Sequence[str], *, paced: bool = False) -> None:
+        self._mission, self._names, self._paced = mission, names, paced
         self._rng, self._volts = (np.random.default_rng(mission.seed + 2 + k) for k in range(2))
+        self._scale = 1 + np.random.default_rng(mission.seed + 4).normal(0, 0.02)
         self._soc, self._last_ah = 1.0, 0.0
 
     def gauge(self, pack: Lipo, loss: float) -> None:
@@ -500,6 +504,9 @@ class Telemetry:
             "heading_deg": round(sample.heading_deg + rng.normal(0, 1.5), 1) % 360,
             "parameters": dict(zip(self._names, sample.parameters, strict=True)),
         }
+        if self._paced:  # a pitot tube, of 2 % scale and its noise
+            line["airspeed_mps"] = round(sample.airspeed_mps * self._scale + rng.normal(0, 0.3), 2)
+        return line
 
 
 # --- logs

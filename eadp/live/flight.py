@@ -73,6 +73,8 @@ class Advice(NamedTuple):
         Whether home can be reached with the reserve kept; None where that is unknown.
     point_of_no_return_s, home_by_s : float or None
         Up to when, and when home is reached then at the latest [s]; see `DecisionRecord`.
+    airspeed_mps : float or None
+        True airspeed decided for this stage [m/s]; None where it is not.
     """
 
     time_s: float
@@ -88,6 +90,7 @@ class Advice(NamedTuple):
     home_reachable: bool | None = None
     point_of_no_return_s: float | None = None
     home_by_s: float | None = None
+    airspeed_mps: float | None = None
 
 
 class _Schedule:
@@ -381,8 +384,8 @@ class LiveFlight:
         if now.parameters != before.parameters:
             self._messages.reasons.append(now.reason)
         # also where a new decision has the same values
-        if now.parameters is not before.parameters:
-            self._tracker.decide(now.parameters, observation.position_m)
+        if now.parameters is not before.parameters or now.airspeeds_mps is not before.airspeeds_mps:
+            self._tracker.decide(now.parameters, observation.position_m, now.airspeeds_mps)
 
     # --- advice
 
@@ -455,6 +458,7 @@ class LiveFlight:
             reason=reason,
             warnings=self._warnings(sample),
             returns_home=self._decision.returns_home,
+            airspeed_mps=executor.cursor.airspeed_mps if self._decision.airspeeds_mps else None,
         )
 
     def _warnings(self, sample: Sample) -> tuple[str, ...]:

@@ -154,9 +154,11 @@ class Locator:
 
     # --- parameters
 
-    def decide(self, parameters: Sequence[float], position: Point) -> None:
+    def decide(
+        self, parameters: Sequence[float], position: Point, airspeeds_mps: tuple[float, ...] | None = None
+    ) -> None:
         """Put parameters decided into the plan of every hypothesis, see `PlanExecutor.decide`."""
-        self._each(lambda executor: executor.decide(parameters, position))
+        self._each(lambda executor: executor.decide(parameters, position, airspeeds_mps))
 
     def take_in_force(self, parameters: Sequence[float], position: Point) -> None:
         """Put parameters in force in every hypothesis, as reported, see `PlanExecutor.take_in_force`."""

@@ -392,6 +392,7 @@ class DecisionLine(BaseModel):
         description="up to when it can, as planned; or, if it cannot, when it could last: a time as time_s [s]"
     )
     home_by_s: float | None = Field(description="when home is reached at the latest: a time as time_s [s]")
+    airspeed_mps: float | None = Field(description="true airspeed decided for this stage [m/s]")
 
 
 def decision_line(advice: Advice) -> dict[str, Any]:

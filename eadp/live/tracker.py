@@ -263,12 +263,12 @@ class PlanTracker:
 
     # --- parameters
 
-    def decide(self, parameters: Vector, position: Point) -> None:
-        """Put parameters decided into the plan, as far as the aircraft applies them, at a position [m]."""
+    def decide(self, parameters: Vector, position: Point, airspeeds_mps: Vector) -> None:
+        """Put decided parameters, as far as the aircraft applies them, and airspeeds into the plan at a place [m]."""
         self.applied.decide(parameters)
         if not self.lost:
             try:
-                self.locator.decide(self.applied.effective, position)
+                self.locator.decide(self.applied.effective, position, airspeeds_mps)
             except EadpError as error:
                 self._lose(error)
 

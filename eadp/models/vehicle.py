@@ -6,7 +6,7 @@ import itertools
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
@@ -37,6 +37,19 @@ RollTime = Annotated[float, Gt(0), Le(30)]
 AirDensity = Annotated[float, Ge(0.01), Le(2)]
 """From that at 30 km, or of other planets' thin air, to that of the coldest air at sea level."""
 Rate = Annotated[float, Gt(0), Le(1e3)]
+
+
+class PowerTerms(NamedTuple):
+    """Power of level flight at another airspeed, by what is known of it at the airframe's own: a and b [W].
+
+    P = level · a + (flat + turn · tan² φ) · b + own_w, with a the power of straight flight at the own airspeed and b
+    what a bank of 45° adds there: `level` and `turn` are 1 at the own airspeed, `flat` and `own_w` are 0.
+    """
+
+    level: float = 1.0
+    flat: float = 0.0
+    turn: float = 1.0
+    own_w: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -82,6 +95,9 @@ class PaperVehicle:
     wind_in_lift: bool = False
     """Add the wind along the heading to the speed that lifts. Unphysical; the published flights do."""
 
+    airspeed_range_mps: ClassVar[None] = None
+    speed_gain_per_s: ClassVar[float] = math.inf
+
     published_triggers: bool = False
     """Triggers fire in a box of 20 m, neither armed nor passed, and the flight ends by position, as published."""
 
@@ -98,6 +114,10 @@ class PaperVehicle:
     def level_power_w(self, airspeed_mps: float, bank_rad: float = 0.0) -> float:
         """Motion power in level flight [W], the same at any bank; its airspeed is that of the throttle."""
         return self.idle_power_w + self.throttle_power_w * airspeed_mps / self.speed_per_throttle_mps / 100
+
+    def power_terms(self, airspeed_mps: float) -> PowerTerms:
+        """The power at its one airspeed."""
+        return PowerTerms()
 
     def level_speeds_mps(self) -> tuple[float, float]:
         """Least and greatest airspeed of level flight [m/s]: the one whose lift carries the weight."""
@@ -116,6 +136,12 @@ class PaperVehicle:
     def faults(self) -> list[str]:
         """Why the aircraft cannot hold its airspeed and bank: it has no limits of either."""
         return []
+
+
+STALL_MARGIN = 1.3
+"""Least airspeed over the stall's: that of approaches, which gusts and errors of the airspeed leave flying.
+
+Source: 14 CFR 23 (reference landing speed of at least 1.3 stall speeds)."""
 
 
 @dataclass(frozen=True)
@@ -158,6 +184,9 @@ class _Aeroplane:
     altitude_gain_per_s: Rate = 0.5
     """Rate at which climbing corrects an error of altitude [1/s]."""
 
+    airspeed_range_mps: tuple[Airspeed, Airspeed] | None = None
+    """Least and greatest true airspeed that a planner may command [m/s]; without it the airspeed is held."""
+
     published_triggers: ClassVar[bool] = False
 
     def drag_n(self, airspeed_mps: float, bank_rad: float = 0.0) -> float:
@@ -168,6 +197,19 @@ class _Aeroplane:
         """Electrical power in level flight [W]: D V/η and the avionics'."""
         # P = D V / η
         return self.drag_n(airspeed_mps, bank_rad) * airspeed_mps / self.propulsive_efficiency + self.avionics_w
+
+    def power_terms(self, airspeed_mps: float) -> PowerTerms:
+        """The power at another airspeed, by that at the own one: the curve of straight flight scaled, and b v₀/v."""
+        ratio = airspeed_mps / self.airspeed_mps
+        return PowerTerms(self.level_power_w(airspeed_mps) / self.cruise_power_w, 0.0, 1 / ratio)
+
+    def slowest_mps(self, bank_rad: float) -> float:
+        """Least airspeed that is flown on purpose, with turns of a bank [m/s]."""
+        return self.level_speeds_mps()[0]
+
+    def level_speeds_mps(self) -> tuple[float, float]:
+        """Least and greatest airspeed of level flight [m/s]."""
+        raise NotImplementedError
 
     @cached_property
     def weight_n(self) -> float:
@@ -191,6 +233,20 @@ class _Aeroplane:
         sink = self.drag_n(airspeed_mps) * airspeed_mps / self.weight_n
         excess = max(self.max_power_w * self.propulsive_efficiency / self.weight_n - sink, 0.0)
         return min(self.max_climb_rate_mps, excess), min(self.max_climb_rate_mps, sink)
+
+    def range_faults(self) -> list[str]:
+        """Why the range of airspeeds cannot be flown; empty if it can, or there is none."""
+        if self.airspeed_range_mps is None:
+            return []
+        low, high = self.airspeed_range_mps
+        if not low <= self.airspeed_mps <= high:
+            return [f"the airspeed of {self.airspeed_mps:g} m/s is not in its range, {low:g} to {high:g} m/s"]
+        found, (_, fastest) = [], self.level_speeds_mps()
+        if low < (slowest := self.slowest_mps(0.0)) * (1 - 1e-9):
+            found.append(f"the range begins at {low:g} m/s, and the least airspeed is {slowest:.1f} m/s")
+        if high > fastest * (1 + 1e-9):
+            found.append(f"the range ends at {high:g} m/s, and level flight at {fastest:.1f} m/s")
+        return found
 
     @property
     def cruise_power_w(self) -> float:
@@ -264,6 +320,19 @@ class FixedWing(_Aeroplane):
         real = [float(root.real) for root in roots if abs(root.imag) < 1e-9 * abs(root) and root.real > 0]
         return self.stall_mps, max([self.stall_mps, *real])
 
+    def power_terms(self, airspeed_mps: float) -> PowerTerms:
+        """The power at another airspeed, by that at the own one.
+
+        Source: drag polar, P = A v³ + B (1 + tan² φ)/v + P_av, with b = B/v₀ and a = A v₀³ + b + P_av.
+        """
+        ratio = airspeed_mps / self.airspeed_mps
+        cube = ratio**3
+        return PowerTerms(cube, 1 / ratio - cube, 1 / ratio, self.avionics_w * (1 - cube))
+
+    def slowest_mps(self, bank_rad: float) -> float:
+        """Least airspeed that is flown on purpose [m/s]: `STALL_MARGIN` times that of the stall in turns of a bank."""
+        return STALL_MARGIN * self.stall_mps * math.sqrt(load_factor(bank_rad))
+
     @property
     def glide_mps(self) -> float:
         """Airspeed of least drag [m/s]: where C_L² = C_D0/K, or the stall's above it. Source: Anderson 1999."""
@@ -289,7 +358,7 @@ class FixedWing(_Aeroplane):
 
     def faults(self) -> list[str]:
         """Why the aeroplane cannot hold its airspeed and bank; empty if it can."""
-        found = []
+        found = self.range_faults()
         if self.airspeed_mps <= self.stall_mps:
             found.append(f"an airspeed of {self.airspeed_mps:g} m/s is below the stall's {self.stall_mps:.1f} m/s")
         elif self.lift_coefficient(self.airspeed_mps, math.radians(self.max_bank_deg)) > self.max_lift_coefficient:
@@ -339,7 +408,7 @@ class PowerCurve(_Aeroplane):
 
     def faults(self) -> list[str]:
         """Why the aeroplane cannot fly so: its points, or its motor."""
-        found = []
+        found = self.range_faults()
         speeds = [speed for speed, _ in self.points]
         if any(later <= earlier for earlier, later in itertools.pairwise(speeds)):
             found.append("airspeeds of the points do not rise")

@@ -181,13 +181,15 @@ class Decision(NamedTuple):
     """The parameters to fly with, and the reason.
 
     `record` describes the last re-planning, a new object for each; None from planners without records. `returns_home`
-    is whether to give the plan up and fly home.
+    is whether to give the plan up and fly home. `airspeeds_mps` are to be held on each stage that has none of its own
+    [m/s]; empty for that of cruise.
     """
 
     parameters: Vector
     reason: str = ""
     record: DecisionRecord | None = None
     returns_home: bool = False
+    airspeeds_mps: Vector = ()
 
 
 class Ending(NamedTuple):
@@ -259,6 +261,8 @@ class DecisionRecord(NamedTuple):
         Last time at which it could be reached [s], if it cannot; in a live flight, else, up to when it can as planned.
     home_by_s : float or None
         When home is reached at the latest, from there or at the plan's end [s]; of a live flight.
+    airspeed_mps : float or None
+        Airspeed decided for this stage [m/s]; None where it is not.
     """
 
     time_s: float
@@ -277,6 +281,7 @@ class DecisionRecord(NamedTuple):
     home_reachable: bool | None = None
     point_of_no_return_s: float | None = None
     home_by_s: float | None = None
+    airspeed_mps: float | None = None
 
 
 TURNS_BACK = "home: "

@@ -303,7 +303,7 @@ class InnerLoop:
         if c[MODEL] == AEROPLANE_MODEL:
             altitude_m, airspeed_mps = self._cruise
             c[CRUISE_M] = altitude_m if stage.altitude_m is None else stage.altitude_m
-            c[SPEED_HELD] = airspeed_mps if stage.airspeed_mps is None else stage.airspeed_mps
+            c[SPEED_HELD] = executor.cursor.airspeed_mps or airspeed_mps
         if executor.form is not None:
             q, x, y, a, b, e = executor.form  # of the path function about (x, y), see `run_steps`
             c[Q], c[X0], c[Y0], c[A], c[B], c[E] = q, x + ox, y + oy, a, b, e  # moved by the offset

@@ -112,7 +112,7 @@ class _Flight:
         self._parameters = executor.parameters  # in force
         # the number of the plan's stage, which on the way home stays the last one flown
         self._plan_stage, self._stages_started = executor.stage.index, executor.stages_started
-        self._decided = flight.decision.parameters  # of the last decision put in force
+        self._decided = flight.decision  # the last decision put in force
         self._returning = False
         self._track: list[Step] = []  # what is checked for obstacles
         self._k, self._next_update = 0, 1  # the last step flown, and the step at which the planner is due
@@ -221,10 +221,11 @@ class _Flight:
             self._outcome.turned_back_m = self._pose()[:2]
             self._return()
             return True
-        if decision.parameters is self._decided:  # the same object: nothing was decided since
+        before, self._decided = self._decided, decision
+        # the same objects: nothing was decided since
+        if decision.parameters is before.parameters and decision.airspeeds_mps is before.airspeeds_mps:
             return False
-        self._decided = decision.parameters
-        return self._executor.decide(self._decided, self._pose()[:2])
+        return self._executor.decide(decision.parameters, self._pose()[:2], decision.airspeeds_mps)
 
     def _return(self) -> None:
         """Fly home from here on."""

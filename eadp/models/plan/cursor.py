@@ -67,6 +67,8 @@ class PlanCursor(NamedTuple):
         Index of the segment.
     decided, waiting : tuple of float
         Parameters as decided last; and as they are before clipping, where a path parameter may still be an older one.
+    airspeeds_mps : tuple of float
+        Airspeed decided for each stage [m/s]; empty where that is not decided.
     """
 
     stage: Stage
@@ -80,6 +82,7 @@ class PlanCursor(NamedTuple):
     base_m: Point
     shift_due: bool
     table: _Table
+    airspeeds_mps: Vector = ()
 
     @classmethod
     def start(cls, plan: Plan, parameters: Sequence[float], rules: Rules | None = None) -> PlanCursor:
@@ -97,6 +100,12 @@ class PlanCursor(NamedTuple):
         if first is None:
             raise PathUndefined("no segment of the plan has any lap to fly")
         return first
+
+    @property
+    def airspeed_mps(self) -> float | None:
+        """Airspeed that is commanded here [m/s]: the stage's own, else as decided; None for that of cruise."""
+        airspeeds = self.airspeeds_mps
+        return self.stage.airspeed_mps or (airspeeds[self.stage.index - 1] if airspeeds else None)
 
     # --- where the stage lies
 
@@ -211,9 +220,7 @@ class PlanCursor(NamedTuple):
             offsets.append((ox, oy))
             ox, oy = ox + dx, oy + dy
             _check_laps(self.lap + len(offsets))
-        stage, own, lap, _, state, segment, decided, waiting, _, due, table = self
-        at = ox, oy
-        return offsets, PlanCursor(stage, own, lap + len(offsets), at, state, segment, decided, waiting, at, due, table)
+        return offsets, self._replace(lap=self.lap + len(offsets), offset_m=(ox, oy), base_m=(ox, oy))
 
     def accepts_changes(self) -> bool:
         """Whether a path parameter decided during this stage takes effect with the next one, or at once."""
@@ -259,7 +266,8 @@ class PlanCursor(NamedTuple):
         stage = table.plan.stages[index]
         own = _clipped(stage, waiting)
         offset = self._offset(index, base_m, waiting, due=due)
-        return PlanCursor(stage, own, lap, offset, state, segment, self.decided, waiting, base_m, due, table)
+        decided, airspeeds = self.decided, self.airspeeds_mps
+        return PlanCursor(stage, own, lap, offset, state, segment, decided, waiting, base_m, due, table, airspeeds)
 
     def _is_last_lap(self, segment: int, index: int, state: State, base_m: Point, waiting: Vector) -> bool:
         """Whether the plan, or the segment, ends in the lap of a stage (from 0)."""
@@ -273,10 +281,10 @@ class PlanCursor(NamedTuple):
 
     def _moved(self, *, waiting: Vector, decided: Vector | None = None) -> PlanCursor:
         """The same stage with other parameters."""
-        stage, _, lap, _, state, segment, before, _, base_m, due, table = self
+        stage, _, lap, _, state, segment, before, _, base_m, due, table, airspeeds = self
         offset, own = self._offset(stage.index - 1, base_m, waiting, due=due), _clipped(stage, waiting)
         decided = before if decided is None else decided
-        return PlanCursor(stage, own, lap, offset, state, segment, decided, waiting, base_m, due, table)
+        return PlanCursor(stage, own, lap, offset, state, segment, decided, waiting, base_m, due, table, airspeeds)
 
     def _offset(self, index: int, base_m: Point, waiting: Vector, *, due: bool) -> Point:
         """Live, a lap lies where the parameters of the moment shift it to, but for its last stage."""

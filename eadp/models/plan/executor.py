@@ -473,18 +473,21 @@ class PlanExecutor:
         """The parameters in force."""
         return self.cursor.parameters
 
-    def decide(self, parameters: Sequence[float], position: Point) -> bool:
-        """Take new parameters at a position [m]; return whether the ones in force have changed.
+    def decide(self, parameters: Sequence[float], position: Point, airspeeds_mps: Vector | None = None) -> bool:
+        """Take new parameters at a position [m], and airspeeds, None for no others; return whether any has changed.
 
         Raises
         ------
         PathUndefined
             If the path has no value at the new parameters.
         """
-        values = tuple(parameters)
+        values, before = tuple(parameters), self.cursor.airspeed_mps
+        if airspeeds_mps is not None:
+            self.cursor = self.cursor._replace(airspeeds_mps=airspeeds_mps)
+        changed = self.cursor.airspeed_mps != before
         if values == self.cursor.decided:
-            return False
-        return self._change(self.cursor.decide(values), position)
+            return changed
+        return self._change(self.cursor.decide(values), position) or changed
 
     def take_in_force(self, parameters: Sequence[float], position: Point) -> bool:
         """Take parameters that are known to be in force, whatever was decided; return whether they are others.

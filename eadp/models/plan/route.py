@@ -189,7 +189,7 @@ def tight_legs(
 
 
 def leg_times_s(
-    rows: LegRows, order: IntArray, airspeed_mps: float, winds_mps: FloatArray
+    rows: LegRows, order: IntArray, airspeed_mps: float | FloatArray, winds_mps: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Time on each leg, infinite where it cannot be flown, and the time integral of tan² of its bank [s].
 
@@ -198,7 +198,7 @@ def leg_times_s(
     rows : LegRows
     order : array of int, shape (legs,)
         Row of each leg.
-    airspeed_mps : float
+    airspeed_mps : float, or array of shape (legs,)
         Airspeed where a stage has none of its own [m/s].
     winds_mps : array, shape (winds, 2)
         [m/s].
@@ -211,7 +211,11 @@ def leg_times_s(
     """
     if not len(order):
         return np.zeros((len(winds_mps), 0)), np.zeros((len(winds_mps), 0))
-    chosen, of_leg = np.unique(order, return_inverse=True)
+    if isinstance(airspeed_mps, float):
+        chosen, of_leg = np.unique(order, return_inverse=True)
+    else:  # legs of one row and one airspeed are alike
+        pairs, of_leg = np.unique(np.stack((order, airspeed_mps)), axis=1, return_inverse=True)
+        chosen, airspeed_mps = pairs[0].astype(np.intp), pairs[1]
     first, counts = rows.first[chosen], rows.first[chosen + 1] - rows.first[chosen]
     ends = np.cumsum(counts)
     at = np.arange(int(ends[-1])) + np.repeat(first - ends + counts, counts)

@@ -70,7 +70,8 @@ def entering(
     if climb is not None:
         ground_mps, _ = ground_speeds_mps(np.cos(courses), np.sin(courses), airframe.airspeed_mps, wind_mps)
         for i, step_s in enumerate((steps_m / np.maximum(ground_mps, 1.0)).tolist()):
-            climb.follow(points[i][0].stage, step_s)
+            stage = points[i][0].stage
+            climb.follow(stage, stage.airspeed_mps or airframe.airspeed_mps, step_s)
             altitudes_m[i] = climb.climb.altitude_m
     airspace = airspace.in_the_way(float(altitudes_m.min()))
     edges = [*(each.outline for each in airspace.obstacles), *airspace.boundary]
@@ -172,34 +173,37 @@ MAX_SLOWED = 0.9
 
 
 def with_climbs(
-    climb: Climb, route: Route, whole_s: FloatArray, times_s: FloatArray, motion_w: FloatArray, climb_j_per_m: float
+    climb: Climb,
+    route: Route,
+    airspeeds_mps: FloatArray,
+    whole_s: FloatArray,
+    times_s: FloatArray,
+    motion_w: FloatArray,
+    climb_j_per_m: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Times [s], mean and greatest motion powers [W] of a route's legs with climbs and airspeeds, shape (legs,).
+    """Times [s], mean and greatest motion powers [W] of a route's legs with climbs, shape (legs,).
 
     Parameters
     ----------
     climb : Climb
         Where the aircraft is now.
     route : Route
+    airspeeds_mps : array, shape (legs,)
+        Airspeed of each leg [m/s].
     whole_s : array, shape (legs,)
         Time of each leg from its start in level flight [s].
     times_s, motion_w : array, shape (legs,)
-        Time left of each leg [s] and motion power [W] in level flight at the airframe's airspeed.
+        Time left of each leg [s] and motion power [W] in level flight.
     climb_j_per_m : float
         Energy of a metre of climb [J/m].
 
     Source: energy of a climb m g Δh / η; ground speed by V cos γ.
     """
     times, added_w, peak_w = times_s.tolist(), [0.0] * len(times_s), [0.0] * len(times_s)
-    # of each airspeed: its power above the airframe's own [W], and its greatest rates of climb and descent [m/s]
-    rates: dict[float, tuple[float, float, float]] = {}
     here_m, j_per_m = climb.altitude_m, max(climb.take_off_j_per_m, climb_j_per_m)
-    for i, stage in enumerate(route.of_legs):
-        altitude_m, airspeed_mps = climb.commanded(stage)
-        if airspeed_mps not in rates:
-            rates[airspeed_mps] = climb.faster_w(airspeed_mps), *climb.rates_mps(airspeed_mps)
-        faster_w, up_mps, down_mps = rates[airspeed_mps]
-        added_w[i] = peak_w[i] = faster_w
+    for i, (stage, airspeed_mps) in enumerate(zip(route.of_legs, airspeeds_mps.tolist(), strict=True)):
+        altitude_m = climb.commanded_m(stage)
+        up_mps, down_mps = climb.rates_mps(airspeed_mps)
         rate_mps = up_mps if altitude_m > here_m else -down_mps
         if altitude_m == here_m or rate_mps == 0 or times[i] <= 0:
             continue
@@ -248,11 +252,8 @@ def homeward(known: Known, way_home: WayHome, cruise_altitude_m: float, computin
     computing_w : float
         Power of the computations [W].
     """
-    climb, airspeed_mps, faster_w = known.climb, known.airspeed_mps, 0.0
-    if climb is not None:
-        _, airspeed_mps = climb.commanded(known.cursor.stage)
-        faster_w = climb.faster_w(airspeed_mps)
-    level_w, per_m, landing = known.motion.level_w + faster_w, known.motion.climb_j_per_m, way_home.landing
+    climb, airspeed_mps = known.climb, known.cursor.stage.airspeed_mps or known.airspeed_mps
+    level_w, per_m, landing = known.motion.straight_w(airspeed_mps), known.motion.climb_j_per_m, way_home.landing
     seconds = 0.0
     if math.dist(known.position_m, way_home.end_m) > way_home.circle_radius_m:
         corners = np.array([known.position_m, *way_home.line(known.position_m)])
@@ -288,5 +289,5 @@ def _seconds(lines_m: FloatArray, airspeed_mps: float, wind_mps: Point) -> float
 def after_leg(known: Known, leg: Leg) -> Known:
     """What is known, as at the end of a leg: its place, and the altitude that is commanded there."""
     climb = known.climb
-    climb = climb and climb._replace(altitude_m=climb.commanded(leg.stage)[0])
+    climb = climb and climb._replace(altitude_m=climb.commanded_m(leg.stage))
     return known._replace(position_m=leg.end_m, climb=climb)

@@ -21,6 +21,7 @@ from eadp.models.airspace import WayHome
 from eadp.models.autopilot import Autopilot
 from eadp.models.plan.route import Route, RouteArrays, leg_times_s
 from eadp.models.plan.stage import Leg, Stage, left_m
+from eadp.models.vehicle import PaperVehicle
 from eadp.planning.base import Ending, FlownLegs, Mission, PlannerSettings, TradeOff
 from eadp.planning.forecast.battery_limits import (
     LOSS,
@@ -34,8 +35,9 @@ from eadp.planning.forecast.battery_limits import (
 from eadp.planning.forecast.clearance import Homeward, after_leg, homeward, with_climbs
 from eadp.planning.forecast.envelopes import Envelopes
 from eadp.planning.forecast.knapsack import Filling, Knapsack, fill_greedy
+from eadp.planning.forecast.speed_to_fly import SpeedChoice, airspeeds_of, paces_of
 from eadp.planning.state.charge import charge_at_end
-from eadp.planning.state.known import Known, WindKnown
+from eadp.planning.state.known import Known, WindKnown, terms_of
 from eadp.planning.state.level_regression import WINDOW_S
 
 PASSED_S = 3.0
@@ -181,6 +183,10 @@ class Evaluation:
         Of `std`, what will not be known when the computations change last.
     own : AutopilotsOwn
         What the autopilot does on its own.
+    airspeeds_mps : array, shape (places, stages), or None
+        Commanded on each stage that has none of its own [m/s]; None for that of cruise.
+    thriftiest : Evaluation or None
+        Of one place alone: the same at the pace that leaves the most charge; None where the airspeed is not decided.
     """
 
     evaluator: Evaluator
@@ -197,17 +203,20 @@ class Evaluation:
     knapsack: Knapsack
     final_std: FloatArray
     own: AutopilotsOwn
+    airspeeds_mps: FloatArray | None = None
+    thriftiest: Evaluation | None = None
 
     @property
     def adaptive(self) -> Knapsack:
-        """The knapsack with a smaller margin, for computations that can still fall later in the flight.
+        """The knapsack with a smaller margin, for computations and an airspeed that can still fall later in the flight.
 
         The margin covers only what will not be known yet when they change last, `final_std`. Where minimum power from
-        now on does not keep the reserve with its probability, the knapsack as it is.
+        now on, at the pace that leaves the most charge, does not keep the reserve with its probability, the knapsack
+        as it is.
         """
         learned = self.evaluator.quantile * (self.std - self.final_std)  # z (σ − σ₊)
-        knapsack = self.knapsack
-        return knapsack._replace(available=knapsack.available + np.where(knapsack.spare >= 0, learned, 0.0))
+        knapsack, spare = self.knapsack, (self.thriftiest or self).knapsack.spare
+        return knapsack._replace(available=knapsack.available + np.where(spare >= 0, learned, 0.0))
 
     def left_over(self, filling: Filling) -> float:
         """State of charge available in `adaptive` beyond the use of a filling; for an evaluation of one place."""
@@ -219,7 +228,7 @@ class Evaluation:
 
     def shortfall(self, place: int) -> float:
         """State of charge missing for minimum power at a place; 0 where it suffices."""
-        return max(0.0, -float(self.knapsack.spare[place]))
+        return max(0.0, -float((self.thriftiest or self).knapsack.spare[place]))
 
     def computing_w(self, shares: FloatArray) -> FloatArray:
         """Mean power of the computations on each leg with shares of the increments [W], shape (legs,)."""
@@ -254,7 +263,7 @@ class Evaluation:
     def forecast(self, place: int, filling: Filling) -> Ending:
         """Forecast at a place with computations as filled: means and deviations over all ends that it may have.
 
-        Probabilities are those with minimum power from now on.
+        Probabilities are those with minimum power from now on, at the pace that leaves the most charge.
         """
         ends, totals, charge = self.ends[place], self.totals, self.final_charge(place, filling)
         times_s, energies_j = self.load.times_s[self.legs.place == place], self._energies_j(place, filling)
@@ -264,7 +273,8 @@ class Evaluation:
         # means and variances of the time and energy that are not spent where the flight ends earlier
         early_s, early_var_s2 = moments(ends.all_probabilities, ends.unspent(times_s))
         unspent_j, unspent_var_j2 = moments(ends.all_probabilities, ends.unspent(energies_j))
-        safest = self.final_charge(place, self.knapsack.filling(np.zeros_like(filling.shares)))
+        least = self.thriftiest or self
+        safest = least.final_charge(place, least.knapsack.filling(np.zeros_like(least.knapsack.use)))
         # the cut-off voltage is reached, or the autopilot turns back
         empty_soc = max(float(self.limits.delivered_soc[place]), 0.0, float(self.own.turns_back_soc[place]))
         return Ending(
@@ -358,7 +368,20 @@ class Evaluator:
             self._way_home = known.autopilot, way_home.flown_by(known.autopilot)
         return self._way_home[1]
 
-    def evaluate(self, known: Known, routes: Sequence[Route]) -> Evaluation:
+    def speed_choice(self, known: Known, routes: Sequence[Route]) -> tuple[SpeedChoice, list[float], list[float]]:
+        """The choice of airspeeds on routes, the paces that there are [m/s], and the value of a second at each [W]."""
+        vehicle = self.mission.vehicle
+        assert not isinstance(vehicle, PaperVehicle)
+        legs = RouteArrays.of(routes)
+        groups = self.envelopes.groups(routes[0].table, legs.order)
+        computing_w = self.envelopes.extremes_w()[groups].mean(axis=1)
+        speeds_mps = airspeeds_of(vehicle, known, legs.rows)
+        choice = SpeedChoice.of(known, legs, computing_w, speeds_mps)
+        mean_w = float(choice.seconds[0, choice.row_of] @ computing_w / choice.seconds[0, choice.row_of].sum())
+        paces, values_w = paces_of(speeds_mps, known.motion, mean_w)
+        return choice, paces, values_w
+
+    def evaluate(self, known: Known, routes: Sequence[Route], airspeeds_mps: FloatArray | None = None) -> Evaluation:
         """Evaluate routes from a moment of a flight: times and powers of their legs, then charge and computations.
 
         Parameters
@@ -366,6 +389,8 @@ class Evaluator:
         known : Known
         routes : sequence of Route
             From the start of the stage being flown, with a common table.
+        airspeeds_mps : array, shape (routes, stages), optional
+            Commanded on each stage that has none of its own [m/s]; by default those in force.
 
         Raises
         ------
@@ -375,48 +400,67 @@ class Evaluator:
         legs = RouteArrays.of(routes)
         # times of whole legs, shape (winds, legs): the first row in the estimated wind, the others in winds around it
         winds_mps = _sigma_points(known.wind, known.airspeed_mps)
-        in_winds_s, turning_s = leg_times_s(legs.rows, legs.order, known.airspeed_mps, winds_mps)
+        in_force = known.cursor.airspeeds_mps
+        if airspeeds_mps is None and in_force:
+            airspeeds_mps = np.tile(in_force, (len(routes), 1))
+        # where a stage has none of its own
+        others_mps: float | FloatArray = known.airspeed_mps
+        if airspeeds_mps is not None:
+            others_mps = airspeeds_mps[legs.place, legs.stages - 1]
+        own_mps = legs.rows.airspeeds_mps[legs.order]
+        flown_mps = np.where(np.isnan(own_mps), others_mps, own_mps)
+        in_winds_s, turning_s = leg_times_s(legs.rows, legs.order, others_mps, winds_mps)
         # a leg that the aircraft cannot follow takes longer than its path: by as much in each wind as in the estimated
-        followed = FlownLegs(in_winds_s[0], turning_s[0])
+        # at another airspeed, too
+        followed = at_cruise = FlownLegs(in_winds_s[0], turning_s[0])
         nominal = self.mission.nominal
-        flown = followed if nominal is None else nominal.flown(routes, known.wind.mps, followed)
-        if flown is not followed:
-            finite = np.isfinite(followed.times_s)
-            in_winds_s = in_winds_s + np.where(finite, flown.times_s, 0.0) - np.where(finite, followed.times_s, 0.0)
+        if nominal is not None and airspeeds_mps is not None:
+            cruise = leg_times_s(legs.rows, legs.order, known.airspeed_mps, winds_mps[:1])
+            at_cruise = FlownLegs(cruise[0][0], cruise[1][0])
+        flown = at_cruise if nominal is None else nominal.flown(routes, known.wind.mps, at_cruise)
+        overshot = flown is not at_cruise
+        turning_s = flown.turning_s if at_cruise is followed else followed.turning_s
+        if overshot:
+            finite = np.isfinite(at_cruise.times_s)
+            in_winds_s = in_winds_s + np.where(finite, flown.times_s, 0.0) - np.where(finite, at_cruise.times_s, 0.0)
         # routes that cannot be flown are left out
         flyable = np.isfinite(legs.sums(in_winds_s[0]))
         if not flyable.all():
             index = np.flatnonzero(flyable)
             if not len(index):
                 raise PathUndefined("the rest of the plan cannot be flown in this wind")
-            rest = self.evaluate(known, [routes[i] for i in index.tolist()])
+            rest_mps = None if airspeeds_mps is None else airspeeds_mps[index]
+            rest = self.evaluate(known, [routes[i] for i in index.tolist()], rest_mps)
             return replace(rest, index=index[rest.index])
         # mean times over the wind's distribution; of the first leg of each route only a part is left
         factor, wind_var = _wind_effect(legs.sums(in_winds_s.T))
-        if flown is not followed:
+        if overshot:
             wind_var += (OVERSHOOT_SHARE * flown.excess_s / legs.sums(in_winds_s[0])) ** 2
-        whole_s, turning_s = in_winds_s[0] * factor[legs.place], flown.turning_s * factor[legs.place]
+        whole_s, turning_s = in_winds_s[0] * factor[legs.place], turning_s * factor[legs.place]
         left = self._left(known, legs, routes, whole_s)
         part = np.ones(len(whole_s))
         part[legs.first] = left
         times_s = whole_s * part * known.time.ratio
-        # y = a + b tan²φ, between 0 and the motor's maximum
+        # y = level · a + (flat + turn · tan²φ) b, between 0 and the motor's maximum
         slopes = turning_s / np.where(whole_s > 0.0, whole_s, 1.0)
-        motion_w = np.maximum(known.motion.level_w + known.motion.slope_w * slopes, 0.0)
-        motion_w = np.minimum(motion_w, np.maximum(known.motion.level_w, self.mission.vehicle.max_motion_w))
-        bank_s = legs.sums(turning_s * part) * known.time.ratio
+        motion, (level, flat, turn, own_w) = known.motion, terms_of(known.motion.airframe, flown_mps)
+        motion_w = level * motion.level_w + motion.slope_w * (flat + turn * slopes) + own_w
+        motion_w = np.minimum(np.maximum(motion_w, 0.0), np.maximum(motion.level_w, self.mission.vehicle.max_motion_w))
+        level_s = np.maximum(legs.sums(times_s * level), 1e-3)
+        bank_s = legs.sums(turning_s * turn * part) * known.time.ratio + legs.sums(times_s * flat)
         peak_w = motion_w
         if known.climb is not None:
             times_s, motion_w, peak_w = self._climbed(
-                known, routes, followed.times_s * factor[legs.place], times_s, motion_w
+                known, routes, flown_mps, followed.times_s * factor[legs.place], times_s, motion_w
             )
         # the peak is above the mean of a window by twice its standard deviation
         peak_w = np.maximum(peak_w, known.motion.max_w) + 2 * math.sqrt(known.motion.noise / WINDOW_S)
         groups = self.envelopes.groups(routes[0].table, legs.order)
         extremes_w = self.envelopes.extremes_w()[groups]
         load = RouteLoad(times_s, motion_w, peak_w, extremes_w[:, 0], extremes_w[:, 1])
-        totals = self._totals(known, legs, load, bank_s, wind_var)
-        return self._evaluation(known, routes, legs, groups, load, left, totals)
+        totals = self._totals(known, legs, load, (level_s, bank_s), wind_var)
+        found = self._evaluation(known, routes, legs, groups, load, left, totals)
+        return replace(found, airspeeds_mps=airspeeds_mps)
 
     def _evaluation(
         self,
@@ -494,7 +538,13 @@ class Evaluator:
             return 1.0 - flown
 
     def _climbed(
-        self, known: Known, routes: Sequence[Route], whole_s: FloatArray, times_s: FloatArray, motion_w: FloatArray
+        self,
+        known: Known,
+        routes: Sequence[Route],
+        airspeeds_mps: FloatArray,
+        whole_s: FloatArray,
+        times_s: FloatArray,
+        motion_w: FloatArray,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Times [s], mean and greatest motion powers [W] of all legs with climbs, shape (legs,); see `with_climbs`.
 
@@ -505,27 +555,33 @@ class Evaluator:
         for route in routes:
             mine = slice(first, first + len(route.order))
             whole = whole_s[mine] * known.time.ratio
-            of_routes.append(with_climbs(known.climb, route, whole, times_s[mine], motion_w[mine], per_m))
+            speeds = airspeeds_mps[mine]
+            of_routes.append(with_climbs(known.climb, route, speeds, whole, times_s[mine], motion_w[mine], per_m))
             first = mine.stop
         times, motion, peak = (np.concatenate(arrays) for arrays in zip(*of_routes, strict=True))
         return times, motion, np.maximum(peak, motion)
 
     def _totals(
-        self, known: Known, legs: RouteArrays, load: RouteLoad, bank_s: FloatArray, wind_var: FloatArray
+        self,
+        known: Known,
+        legs: RouteArrays,
+        load: RouteLoad,
+        by_power_s: tuple[FloatArray, FloatArray],
+        wind_var: FloatArray,
     ) -> Totals:
         """Sums over each route; `soc_per_j` is NaN until the voltage on the legs is known, see `_evaluation`.
 
-        `bank_s` is the time integral of tan² of the bank [s], and `wind_var` the variance of the time's logarithm due
-        to the wind, of each route.
+        `by_power_s` are the derivatives of each route's energy by a and b, at the airframe's own airspeed its time and
+        the time integral of tan² φ [s]; `wind_var` is the variance of the time's logarithm due to the wind.
         """
-        time, motion = known.time, known.motion
+        time, motion, (level_s, bank_s) = known.time, known.motion, by_power_s
         seconds = np.maximum(legs.sums(load.times_s), 1e-3)
         # var t = t² (var ratio + var log t) + noise t
         time_var = seconds**2 * (time.variance + wind_var) + time.noise_s * seconds
-        # var E = (t, ∫tan²φ) P (t, ∫tan²φ)ᵀ + v t, with P the covariance of a and b
+        # var E = (∂E/∂a, ∂E/∂b) P (∂E/∂a, ∂E/∂b)ᵀ + v t, with P the covariance of a and b
         energy_var = (
-            seconds**2 * motion.var_level
-            + 2 * seconds * bank_s * motion.cov_level_slope
+            level_s**2 * motion.var_level
+            + 2 * level_s * bank_s * motion.cov_level_slope
             + bank_s**2 * motion.var_slope
             + motion.noise * seconds
         )

@@ -39,6 +39,7 @@ from eadp.planning.base import (
 from eadp.planning.forecast.evaluate import LAST_CHANGE_S, ROUNDING, Evaluation, Evaluator, Objective
 from eadp.planning.forecast.held import Preflight, before_take_off
 from eadp.planning.forecast.home import IN_FLIGHT, can_fall, home_spare, latest_turn_back
+from eadp.planning.forecast.knapsack import fill_greedy
 from eadp.planning.joint.policy import Places, Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
 from eadp.planning.joint.search import Search, Shares
@@ -57,6 +58,9 @@ BETTER = 0.1
 GAUGE_DISBELIEVED = "; the gauge does not fall with the power: disbelieved, the charge is the integral of the power"
 """Warning in the reason of a decision."""
 
+SAME_VALUE = 1e-3
+"""A quality that is less by so much is as great: a faster pace is taken for it."""
+
 FULL_SHARE = 1 - 1e-6
 """Share above which an increment of the knapsack counts as taken."""
 
@@ -72,11 +76,21 @@ class Candidate(NamedTuple):
         Of this place alone.
     solution : Solution
         Its computations.
+    pace_mps, thriftiest_mps : float or None
+        Its pace, and the one that leaves the most charge [m/s]; None where the airspeed is not decided.
     """
 
     shares: Shares
     evaluation: Evaluation
     solution: Solution
+    pace_mps: float | None = None
+    thriftiest_mps: float | None = None
+
+    @property
+    def airspeeds_mps(self) -> Vector:
+        """Airspeed of each stage [m/s]; empty where that is not decided."""
+        of_stages = self.evaluation.airspeeds_mps
+        return () if of_stages is None else tuple(of_stages[0].tolist())
 
     @property
     def left_over(self) -> float:
@@ -118,6 +132,10 @@ class JointPlanner(Planner):
         self._home: tuple[float | None, float] = (None, 0.0)
         self._by_stage = any(row.stages for row in own.trade_offs)
         # re-planned every `planner.every_s`: where forecasts are shown live, and where a turn home depends on them
+        # in a live flight an airspeed counts as flown where it is measured, see `update`
+        self._paces = own.airspeed != "fixed" and mission.vehicle.airspeed_range_mps is not None
+        self._paced = self._paces and not mission.live
+        self._thriftiest_mps = 0.0  # pace of the plan in force that leaves the most charge
         self._often = mission.live or (mission.way_home is not None and mission.way_home.turns_back)
 
     @classmethod
@@ -128,13 +146,18 @@ class JointPlanner(Planner):
         planner = cls(settings, mission, settings.own)
         places, (_, known) = planner._places, before_take_off(settings, mission, wind_mps, gust_std_mps)
         places.enter(known)
-        plan = planner._plan(known, places.shares)
-        if places.open:
+        plan = planner._kept_plan(known)
+        if planner._searchable:
             plan = planner._search_plan(known, plan)
         if plan is None:
             return None
         solution = planner._program.solve(plan.evaluation.adaptive)
         return Preflight.of(plan.evaluation, solution.filling, places.parameters(plan.shares))
+
+    @property
+    def _searchable(self) -> bool:
+        """Whether there is a path or an airspeed to search."""
+        return bool(self._places.open) or self._paced
 
     @property
     def next_update_s(self) -> float:
@@ -146,6 +169,8 @@ class JointPlanner(Planner):
         o = state.now
         if self._decision.returns_home:
             return self._decision
+        if self._paces and self._mission.live:
+            self._paced = state.flies_commanded
         entered, self._stages_started = o.stages_started != self._stages_started, o.stages_started
         due = o.time_s >= self._next_s - 1e-9
         # a new stage counts where the path can change at it, where trade-offs differ by stage, and in a live flight
@@ -180,10 +205,14 @@ class JointPlanner(Planner):
     def _replan(self, o: Observation, known: Known, cause: str) -> None:
         """Forecast the plan in force, search the path where it is to be searched, and decide."""
         report, calls, started = self.report, self.report.calls, time.perf_counter()
+        if self._paces and not self._paced:  # what was commanded is not known to be flown
+            known = known._replace(cursor=known.cursor._replace(airspeeds_mps=()))
         self._places.enter(known)
-        plan = self._plan(known, self._places.shares)
-        search = bool(self._places.open) and self._must_search(o, plan, cause)
+        plan = self._kept_plan(known)
+        search = self._searchable and self._must_search(o, plan, cause)
         found = self._search_plan(known, plan) if search else plan
+        if search and found is not None:
+            self._searched = found.solution.value, found.left_over
         if found is None:
             report.infeasible += 1
             why = "infeasible: the rest of the plan cannot be flown in this wind"
@@ -194,32 +223,81 @@ class JointPlanner(Planner):
         report.solve_ms.append(1e3 * (time.perf_counter() - started))
         report.replans += report.calls > calls
 
-    def _plan(self, known: Known, shares: Shares) -> Candidate | None:
+    def _kept_plan(self, known: Known) -> Candidate | None:
+        """The plan at the place and the pace in force; None where it cannot be flown."""
+        shares, pace_mps = self._places.shares, self._places.pace_mps
+        if not self._paced:
+            return self._plan(known, shares)
+        if pace_mps is None:
+            return self._decide_pace(known, shares)
+        return self._at_pace(known, shares, pace_mps, self._thriftiest_mps)
+
+    def _plan(self, known: Known, shares: Shares, pace_mps: float | None = None) -> Candidate | None:
         """The plan at a place, with the computations in closed form; None where it cannot be flown."""
-        _, evaluation = self._places.evaluate(known, [shares])
+        _, evaluation = self._places.evaluate(known, [shares], pace_mps)
         if evaluation is None:
             return None
-        return Candidate(shares, evaluation, Solution(evaluation.filled(), ""))
+        return Candidate(shares, evaluation, Solution(evaluation.filled(), ""), pace_mps)
 
     def _search_plan(self, known: Known, kept: Candidate | None) -> Candidate | None:
-        """Search the path; return the plan with the best path, and set `_searched` to its value and charge.
+        """Search the path, then the airspeed; return the best plan.
 
-        The plan in force, `kept`, is returned where another gains little. None where neither can be flown.
+        The path is searched at the pace that leaves the most charge, as the fastest that allows its value is found for
+        it. The plan in force, `kept`, is returned where another gains little.
         """
-        places = self._places
+        if not self._paced:
+            return self._search_path(known, kept)
+        shares = self._places.shares
+        if self._places.open:
+            found = self._search_path(known, kept and self._plan(known, shares, kept.thriftiest_mps))
+            shares = shares if found is None else found.shares
+        return self._decide_pace(known, shares)
+
+    def _decide_pace(self, known: Known, shares: Shares) -> Candidate | None:
+        """The plan at a place and the best pace; None where it cannot be flown.
+
+        It is the fastest at which its value is as great, or its shortfall as small, as at any. It needs the smaller
+        margin of what can still change, see `Evaluation.adaptive`: where it proves too fast, the flight slows down.
+        That in force stays where it will do, see `Policy.pace`.
+        """
+        paces, evaluation = self._places.paces(known, shares)
+        if evaluation is None:
+            return None
+        filling, spare = evaluation.filled(), np.round(evaluation.knapsack.spare, 11)
+        pace_mps = thriftiest_mps = paces[int(np.argmax(spare))]
+        if self._own.airspeed == "least-energy":
+            pace_mps = paces[-1]
+        elif filling.feasible.any():
+            best = float(filling.value[filling.feasible].max())
+            learned = evaluation.evaluator.quantile * (evaluation.std - evaluation.final_std)
+            later = fill_greedy(evaluation.knapsack._replace(available=evaluation.knapsack.available + learned))
+            good = np.flatnonzero(later.feasible & (later.value >= best - SAME_VALUE)).tolist()
+            pace_mps = self._policy.pace(known.time_s, self._places.pace_mps, [paces[i] for i in good])
+        return self._at_pace(known, shares, pace_mps, thriftiest_mps)
+
+    def _at_pace(self, known: Known, shares: Shares, pace_mps: float, thriftiest_mps: float) -> Candidate | None:
+        """The plan at a place and a pace, beside the one that leaves the most charge; None where it cannot be flown."""
+        plan = least = self._plan(known, shares, pace_mps)
+        if thriftiest_mps != pace_mps:
+            least = self._plan(known, shares, thriftiest_mps)
+        if plan is None or least is None:
+            return None
+        evaluation = replace(plan.evaluation, thriftiest=least.evaluation)
+        return Candidate(shares, evaluation, Solution(fill_greedy(evaluation.adaptive), ""), pace_mps, thriftiest_mps)
+
+    def _search_path(self, known: Known, kept: Candidate | None) -> Candidate | None:
+        """Search the path at the pace of the plan in force, `kept`, which is returned where another gains little."""
+        places, pace_mps = self._places, kept and kept.pace_mps
         # the value to exceed, if the plan in force is feasible
         feasible = kept is not None and kept.solution.feasible
         threshold = -math.inf if kept is None or not feasible else kept.solution.value + self._policy.path_gain
-        search = Search(partial(places.evaluate, known), places.evaluator.path_weight, threshold)
-        best = search.best(places.shares)
+        evaluate = partial(places.evaluate, known, pace_mps=pace_mps)
+        best = Search(evaluate, places.evaluator.path_weight, threshold).best(places.shares)
         if best is None:
             return kept
         gains_little = feasible and best.value <= threshold
         as_short = kept is not None and not best.feasible and not self._less_short(kept, best.shortfall)
-        found = kept if gains_little or as_short else self._plan(known, best.shares) or kept
-        if found is not None:
-            self._searched = found.solution.value, found.left_over
-        return found
+        return kept if gains_little or as_short else self._plan(known, best.shares, pace_mps) or kept
 
     def _less_short(self, kept: Candidate, shortfall: float) -> bool:
         """Whether a shortfall of charge is less than the shortfall of the plan in force, by more than rounding."""
@@ -237,10 +315,10 @@ class JointPlanner(Planner):
         if kept.evaluation.totals.seconds[0] < LAST_CHANGE_S:
             return False
         if not kept.solution.feasible:
-            return self._infeasible_since_s is None or o.cursor.accepts_changes()
+            return self._infeasible_since_s is None or self._paced or o.cursor.accepts_changes()
         if self._is_free(o) and self._computations(o, kept).falls:
             return True
-        if not o.cursor.accepts_changes() or kept.evaluation.known.motion.in_doubt:
+        if not (self._paced or o.cursor.accepts_changes()) or kept.evaluation.known.motion.in_doubt:
             return False
         value, left_over = self._searched
         return max(abs(kept.solution.value - value), abs(kept.left_over - left_over)) > self._policy.path_gain
@@ -310,8 +388,11 @@ class JointPlanner(Planner):
             by_s = o.time_s + (record.ending.remaining_s or 0.0) if to_end else waits.home_s
             record = record._replace(point_of_no_return_s=waits.time_s, home_by_s=by_s)
         record = record._replace(battery_limit=limit, calls=self.report.calls - calls)
-        self._places.decide(plan.shares, chosen)
-        self._decision = Decision(chosen, reason, record, returns_home)
+        if plan.pace_mps is not None and plan.pace_mps < (self._places.pace_mps or math.inf):
+            self._policy.note_slower(o.time_s)
+        self._thriftiest_mps = plan.thriftiest_mps or 0.0
+        self._places.decide(plan.shares, chosen, plan.pace_mps, plan.airspeeds_mps)
+        self._decision = Decision(chosen, reason, record, returns_home, self._places.airspeeds_mps)
 
     def _power_w(self, evaluation: Evaluation, parameters: Vector) -> float:
         """Power of the computations among `parameters`, clipped to the sets of the stage being flown [W]."""
@@ -352,11 +433,14 @@ class JointPlanner(Planner):
             own = plan.evaluation.reserve_soc(0)
             turns = f"; the autopilot turns back below {own:.3f}" if own > self._settings.reserve_soc else ""
             return f"{since}short by {short:.4f} of the charge, {short_wh:.2f} Wh; {flown} configuration{turns}"
+        pace_mps, before_mps = plan.pace_mps, self._places.pace_mps or self._mission.cruise_mps
         moved = [
             f"{item.label} {item.text(old)} → {item.text(new)}"
             for item, old, new in zip(self._mission.plan.parameters, self._decision.parameters, chosen, strict=True)
             if old != new
         ]
+        if pace_mps is not None and pace_mps != before_mps:
+            moved.append(f"airspeed {before_mps:g} → {pace_mps:g} m/s")
         if moved:
             return ", ".join(moved)
         return "kept: no change gains enough" if searched else "kept"
@@ -409,6 +493,7 @@ class JointPlanner(Planner):
             wind_mps=known.wind.mps,
             home_reachable=None if spare is None else spare >= 0,
             point_of_no_return_s=None if spare is None or spare >= 0 else reached_s,
+            airspeed_mps=None if plan.pace_mps is None else plan.airspeeds_mps[o.stage - 1],
         )
 
 

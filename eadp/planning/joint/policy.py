@@ -7,15 +7,18 @@ the plan needs it, stay down for a while, and rise when they can stay up.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
+from typing import Any
 
 import numpy as np
 
+from eadp.core.arrays import FloatArray
 from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import Vector
-from eadp.models.plan.route import Route, RoutePredictor
+from eadp.models.plan.route import Route, RouteArrays, RoutePredictor
 from eadp.planning.forecast.evaluate import Evaluation, Evaluator
 from eadp.planning.forecast.held import margin_m
+from eadp.planning.forecast.speed_to_fly import SpeedChoice
 from eadp.planning.joint.program import Solution
 from eadp.planning.joint.search import Shares
 from eadp.planning.state.known import Known
@@ -30,13 +33,17 @@ EARLY_S, NO_TIME_S = 30.0, 1e-3
 the forecast halves in it; and a time that is rounding [s]."""
 
 
+LEAST_CHANGE_MPS = 1.0
+"""Least rise of the pace, and least change of a stage's airspeed at the pace in force [m/s]."""
+
+
 class Policy:
     """The hysteresis of one flight."""
 
     def __init__(self, min_gain: float) -> None:
         self._min_gain = min_gain
         self._path_changes = 0
-        self._fell_s = -SETTLED_S
+        self._fell_s = self._slowed_s = -SETTLED_S
 
     @property
     def path_gain(self) -> float:
@@ -50,6 +57,21 @@ class Policy:
     def note_fall(self, time_s: float) -> None:
         """Note that computations fall at a time [s]."""
         self._fell_s = time_s
+
+    def note_slower(self, time_s: float) -> None:
+        """Note that the airspeed falls at a time [s]."""
+        self._slowed_s = time_s
+
+    def pace(self, time_s: float, now_mps: float | None, good_mps: Sequence[float]) -> float:
+        """The pace to fly [m/s] of those that are as good, the fastest first; asking changes nothing.
+
+        That in force, `now_mps`, where it is among them and the fastest is little more, or it fell not long ago.
+        """
+        fastest_mps = good_mps[0]
+        if now_mps is None or now_mps not in good_mps:
+            return fastest_mps
+        waits = fastest_mps - now_mps < LEAST_CHANGE_MPS or time_s - self._slowed_s < SETTLED_S
+        return now_mps if waits else fastest_mps
 
     def computations(
         self, time_s: float, now_w: float, evaluation: Evaluation, solution: Solution, *, lost: bool
@@ -155,6 +177,10 @@ class Places:
         Parameters decided.
     shares : tuple of float
         The place decided.
+    pace_mps : float or None
+        The pace decided [m/s], see `eadp.planning.forecast.speed_to_fly`; None where the airspeed is not decided.
+    airspeeds_mps : tuple of float
+        Those of the stages at it [m/s].
     """
 
     def __init__(self, evaluator: Evaluator, decided: Vector, held: Collection[int] = ()) -> None:
@@ -164,6 +190,9 @@ class Places:
         self.open = [i for i, box in enumerate(self._boxes) if not box.fixed and i not in held]
         self.decided = decided
         self.shares: Shares = tuple([self._boxes[i].share(decided[i]) or 0.0 for i in self.open])
+        self.pace_mps: float | None = None
+        self.airspeeds_mps: Vector = ()
+        self._choice: tuple[Any, ...] = (None, None)  # of a moment and a route, see `_speed_choice`
         self._predictor = RoutePredictor()
         self._routes: dict[Shares, Route | None] = {}
         self._stage: tuple[object, ...] = ()
@@ -201,8 +230,10 @@ class Places:
                 self._routes[shares] = None
         return self._routes[shares]
 
-    def evaluate(self, known: Known, places: list[Shares]) -> tuple[list[Shares], Evaluation | None]:
-        """Evaluate places together; return those that can be flown, and their evaluation in this order.
+    def evaluate(
+        self, known: Known, places: list[Shares], pace_mps: float | None = None
+    ) -> tuple[list[Shares], Evaluation | None]:
+        """Evaluate places together, at a pace [m/s]; return those that can be flown, and their evaluation in order.
 
         An empty list and None where none can be flown.
         """
@@ -210,11 +241,52 @@ class Places:
         if not routes:
             return [], None
         try:
-            evaluation = self.evaluator.evaluate(known, [route for _, route in routes])
+            alone = [route for _, route in routes]
+            airspeeds_mps = None if pace_mps is None else self._airspeeds_mps(known, alone, pace_mps)
+            evaluation = self.evaluator.evaluate(known, alone, airspeeds_mps)
         except PathUndefined:
             return [], None
         return [routes[i][0] for i in evaluation.index.tolist()], evaluation
 
-    def decide(self, shares: Shares, parameters: Vector) -> None:
-        """Note the place and the parameters that the planner has decided."""
-        self.shares, self.decided = shares, parameters
+    def _airspeeds_mps(self, known: Known, routes: list[Route], pace_mps: float) -> FloatArray:
+        """The airspeed of each stage on routes at a pace, shape (routes, stages) [m/s].
+
+        At the pace decided, those in force stay where they differ by little: the estimate of the wind varies.
+        """
+        choice, paces, values_w = self._speed_choice(known, routes)
+        value_w = values_w[int(np.argmin(np.abs(np.array(paces) - pace_mps)))]
+        stages = len(self.evaluator.mission.plan.stages)
+        found = choice.airspeeds_mps(RouteArrays.of(routes), value_w, stages)
+        if pace_mps == self.pace_mps and self.airspeeds_mps:
+            kept = np.array(self.airspeeds_mps)
+            found = np.where(np.abs(found - kept) < LEAST_CHANGE_MPS, kept, found)
+        return found
+
+    def _speed_choice(self, known: Known, routes: list[Route]) -> tuple[SpeedChoice, list[float], list[float]]:
+        """As `Evaluator.speed_choice`; that of one route is kept for a re-planning."""
+        if len(routes) > 1:
+            return self.evaluator.speed_choice(known, routes)
+        if self._choice[0] is not known or self._choice[1] is not routes[0]:
+            self._choice = known, routes[0], self.evaluator.speed_choice(known, routes)
+        kept: tuple[SpeedChoice, list[float], list[float]] = self._choice[2]
+        return kept
+
+    def paces(self, known: Known, shares: Shares) -> tuple[list[float], Evaluation | None]:
+        """The paces that there are at a place, the fastest first [m/s], and their evaluation; None if none is flown."""
+        route = self.route(known, shares)
+        if route is None:
+            return [], None
+        choice, paces, values_w = self._speed_choice(known, [route])
+        legs, stages = RouteArrays.of([route]), len(self.evaluator.mission.plan.stages)
+        airspeeds_mps = np.concatenate([choice.airspeeds_mps(legs, value_w, stages) for value_w in values_w])
+        try:
+            evaluation = self.evaluator.evaluate(known, [route] * len(paces), airspeeds_mps)
+        except PathUndefined:
+            return [], None
+        return [paces[i] for i in evaluation.index.tolist()], evaluation
+
+    def decide(self, shares: Shares, parameters: Vector, pace_mps: float | None, airspeeds_mps: Vector) -> None:
+        """Note the place, the parameters, the pace and the airspeeds that the planner has decided."""
+        self.shares, self.decided, self.pace_mps = shares, parameters, pace_mps
+        if airspeeds_mps != self.airspeeds_mps:  # else the same object, which changes nothing
+            self.airspeeds_mps = airspeeds_mps

@@ -1,4 +1,4 @@
-"""Climbs, descents and airspeeds that stages command: followed in flight by dead reckoning."""
+"""Climbs and descents that stages command: followed in flight by dead reckoning."""
 
 from __future__ import annotations
 
@@ -28,16 +28,9 @@ class Climb(NamedTuple):
     altitude_m: float
     take_off_j_per_m: float = 0.0
 
-    def commanded(self, stage: Stage) -> tuple[float, float]:
-        """The altitude [m] and the airspeed [m/s] that a stage commands; those of cruise where it commands none."""
-        return (
-            self.airframe.cruise_altitude_m if stage.altitude_m is None else stage.altitude_m,
-            self.airframe.airspeed_mps if stage.airspeed_mps is None else stage.airspeed_mps,
-        )
-
-    def faster_w(self, airspeed_mps: float) -> float:
-        """Power of level flight above that at the airframe's own airspeed [W]."""
-        return _level_w(self.airframe, airspeed_mps) - _level_w(self.airframe, self.airframe.airspeed_mps)
+    def commanded_m(self, stage: Stage) -> float:
+        """The altitude that a stage commands [m]; that of cruise where it commands none."""
+        return self.airframe.cruise_altitude_m if stage.altitude_m is None else stage.altitude_m
 
     def rates_mps(self, airspeed_mps: float) -> tuple[float, float]:
         """Greatest rates of climb and descent [m/s]."""
@@ -45,12 +38,6 @@ class Climb(NamedTuple):
 
 
 # kept by airspeed: a plan commands few
-
-
-@lru_cache(256)
-def _level_w(airframe: Aeroplane, airspeed_mps: float) -> float:
-    """Power of level flight at an airspeed [W]."""
-    return airframe.level_power_w(airspeed_mps)
 
 
 @lru_cache(256)
@@ -75,7 +62,7 @@ class ClimbFollower:
     climb : Climb
         Now.
     power_w : float
-        What climbing and the airspeed added to the motion's power over the last step [W]; negative in a descent.
+        What climbing added to the motion's power over the last step [W]; negative in a descent.
     level_mps : float
         The airspeed's horizontal part over the last step [m/s].
     slowed_s : float
@@ -89,8 +76,8 @@ class ClimbFollower:
 
     @classmethod
     def of(cls, mission: Mission) -> ClimbFollower | None:
-        """A follower of a mission's climbs; None where it flies at one altitude and airspeed from its start on."""
-        commanded = any(s.altitude_m is not None or s.airspeed_mps is not None for s in mission.plan.stages)
+        """A follower of a mission's climbs; None where it flies at one altitude from its start on."""
+        commanded = any(stage.altitude_m is not None for stage in mission.plan.stages)
         vehicle = mission.vehicle
         if isinstance(vehicle, PaperVehicle) or not (commanded or mission.altitude_m != vehicle.cruise_altitude_m):
             return None
@@ -101,17 +88,16 @@ class ClimbFollower:
             take_off_j_per_m = (vehicle.max_motion_w - vehicle.cruise_power_w) / rate_mps
         return cls(Climb(vehicle, mission.altitude_m, take_off_j_per_m))
 
-    def follow(self, stage: Stage, step_s: float) -> None:
+    def follow(self, stage: Stage, airspeed_mps: float, step_s: float) -> None:
         """Update the altitude, and what climbing does to power and speed, by a step [s] along a stage."""
         airframe, here_m, take_off_j_per_m = self.climb
-        altitude_m, airspeed_mps = self.climb.commanded(stage)
         up_mps, down_mps = self.climb.rates_mps(airspeed_mps)
         # ḣ = k (h_d − h) over the step: Δh = (1 − e^(−k Δt)) (h_d − h), within the greatest rates
         closed = -math.expm1(-airframe.altitude_gain_per_s * step_s)
-        climb_m = min(max(closed * (altitude_m - here_m), -down_mps * step_s), up_mps * step_s)
+        climb_m = min(max(closed * (self.climb.commanded_m(stage) - here_m), -down_mps * step_s), up_mps * step_s)
         self.climb = Climb(airframe, here_m + climb_m, take_off_j_per_m)
         rate_mps = climb_m / step_s if step_s > 0 else 0.0
         # the horizontal part V cos γ, with sin γ = ḣ/V; and the delay by flying at it and not at V
         self.level_mps = math.sqrt(max(airspeed_mps**2 - rate_mps**2, 0.0))
         self.slowed_s += step_s * (1 - self.level_mps / airspeed_mps)
-        self.power_w = airframe.climb_j_per_m * rate_mps + self.climb.faster_w(airspeed_mps)
+        self.power_w = airframe.climb_j_per_m * rate_mps

@@ -38,6 +38,16 @@ READ_S = 0.1
 NAVIGATION_M = 0.25, 10.0
 """Least and greatest standard deviation of how far the aircraft reaches [m]."""
 
+SAME_MPS = 0.01
+"""Airspeed's distance from the commanded one that counts as none [m/s]."""
+
+SLOWS_S, ERROR_S, UNMEASURED_S = 60.0, 10.0, 10.0
+"""Time in which an autopilot reaches another airspeed: PX4 takes 40 to 50 s of it; time constant of the mean error of
+the measured one; and its greatest age [s]."""
+
+NOT_OBEYED_MPS = 1.5
+"""Mean error from which on the commanded airspeed is not flown: more than that of a good calibration [m/s]."""
+
 OFF_PATH_S, MEDIAN_PER_STD = 30.0, 0.6745
 """Time constant of the median cross-track error [s], and the median of a normal variable's size per its deviation."""
 
@@ -75,7 +85,9 @@ class FlightState:
         vehicle = mission.vehicle
         level_w = mission.energy.mean_w if mission.energy is not None else vehicle.cruise_power_w
         climb_j_per_m = 0.0 if isinstance(vehicle, PaperVehicle) else vehicle.climb_j_per_m
-        self._motion = MotionPower(level_w, climb_j_per_m=climb_j_per_m)
+        self._motion = MotionPower(level_w, vehicle, climb_j_per_m=climb_j_per_m)
+        self._airspeed_mps = mission.cruise_mps  # as it follows the commanded one
+        self._obeyed = ObeyedAirspeed()
         battery = mission.battery
         full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)
         self._gate = PowerGate(vehicle.cruise_power_w, max_reading_w(mission))
@@ -155,7 +167,9 @@ class FlightState:
         Readings before it are processed already, with the parameters that were in force then.
         """
         o, place = seen.observation, self._place
-        place.through_gap |= o.through_gap
+        # a leg whose airspeed changes on the way says nothing of times
+        slowed = o.stages_started == seen.stages_before and o.cursor.airspeed_mps != place.cursor.airspeed_mps
+        place.through_gap |= o.through_gap or slowed
         # a new stage; or no route yet: at take-off, or where it could not be laid out, which is tried again
         if o.stages_started != seen.stages_before or place.route is None:
             self._start_stage(o, seen.stages_before)
@@ -173,7 +187,7 @@ class FlightState:
         The time flown on the ended leg, beside its forecast, shows how long legs take, if the leg was flown whole and
         as planned. The first leg of a flight may be joined anywhere, so that it shows nothing.
         """
-        place, speed, gust_time_s = self._place, self._mission.cruise_mps, self._mission.gust_time_s
+        place, cruise_mps, gust_time_s = self._place, self._mission.cruise_mps, self._mission.gust_time_s
         slowed_s = 0.0  # by climbing, on the leg that ended
         if self._climb is not None:
             slowed_s, self._climb.slowed_s = self._climb.slowed_s, 0.0
@@ -182,16 +196,16 @@ class FlightState:
             # an autopilot whose line is changed during a turn leaves the turn elsewhere, up to a whole turn later
             diverted = place.flies_mission and o.cursor.waiting[:rho] != place.cursor.waiting[:rho]
             if stages_before > 1 and not place.through_gap and place.follows and not diverted:
-                times_s, _ = place.route.times_s(speed, self.wind_mps)
+                times_s, _ = place.route.times_s(place.cursor.airspeed_mps or cruise_mps, self.wind_mps)
                 flown_s = o.time_s - place.since_s - slowed_s
-                self._times.learn(float(times_s[0]), flown_s, self._wind.gust_std_mps, speed, gust_time_s)
+                self._times.learn(float(times_s[0]), flown_s, self._wind.gust_std_mps, cruise_mps, gust_time_s)
             # windows of the motion's power lie within one leg, of one bank
             self._motion.end_window(place.slope)
         place.start(o)
         route = place.route
         if route is not None:
             self._ground.start_leg(o.time_s, o.cursor, route.first.length_m)
-            times_s, turning_s = route.times_s(speed, self.wind_mps)
+            times_s, turning_s = route.times_s(o.cursor.airspeed_mps or cruise_mps, self.wind_mps)
             # mean tan² φ = ∫tan² φ dt / t
             slope = float(turning_s[0] / times_s[0]) if 0 < times_s[0] < math.inf else 0.0
             max_slope = math.inf if self._mission.nominal is None else self._mission.nominal.max_slope
@@ -223,12 +237,16 @@ class FlightState:
         powers_w = np.asarray(self._gate.ingest(times_s, readings.powers_w, self._place.computing_w, on_plan=on_plan))
         if on_plan and self._climb is not None:  # the take-off is over
             self._climb.climb = self._climb.climb._replace(take_off_j_per_m=0.0)
-        climb_w, level_mps = self._follow_climb(steps_s)
-        climb_mps = self._take_altitude(o, float(steps_s.sum()))
         # measured airspeeds; the commanded airspeed where none is measured, or the one measured cannot be true
         airspeeds_mps = _numbers(readings.airspeeds_mps)
         ratios = airspeeds_mps / self._mission.cruise_mps
         possible = (ratios > 1 / MAX_AIRSPEEDS) & (ratios < MAX_AIRSPEEDS)
+        flown_mps = self._follow_airspeed(steps_s)
+        if self._mission.vehicle.airspeed_range_mps is not None:
+            self._obeyed.take(times_s[possible], airspeeds_mps[possible], self._commanded_mps)
+            flown_mps = np.where(possible, airspeeds_mps, flown_mps)
+        climb_w, level_mps = self._follow_climb(steps_s, flown_mps)
+        climb_mps = self._take_altitude(o, float(steps_s.sum()))
         airspeeds_mps = np.where(possible, airspeeds_mps, level_mps)
         vx, vy, headings = (_numbers(column) for column in (readings.vx_mps, readings.vy_mps, readings.headings_rad))
         if not on_plan:  # the airspeed is another than commanded
@@ -236,26 +254,40 @@ class FlightState:
         self._wind.ingest((vx, vy), headings, steps_s, airspeeds_mps, self._last_s)
         if on_plan:
             # the power of a measured climb is a term of the regression; that of a commanded one is subtracted before
-            beside_w = self._place.computing_w + (climb_w if climb_mps is None else self._airspeed_w())
+            beside_w = self._place.computing_w + (climb_w if climb_mps is None else 0 * climb_w)
             # a reading after a long gap stands for MAX_STEP_S of it
             steps = np.minimum(steps_s, MAX_STEP_S)
-            # + 0 * steps: as an array, one value for each reading
-            self._motion.ingest(powers_w, beside_w + 0 * steps, steps, self._place.slope, climb_mps or 0.0)
+            self._motion.ingest(powers_w, beside_w, steps, self._place.slope, climb_mps or 0.0, flown_mps)
         # over a long gap the charge is drained by the power before it
         drain_powers_w = np.where(steps_s > MAX_STEP_S, math.nan, powers_w)
         self._charge.ingest(_numbers(readings.charges), drain_powers_w, steps_s, measured=on_plan)
 
-    def _follow_climb(self, steps_s: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Follow the commanded climb over steps [s], and return two arrays of shape (n,), one value for each step.
+    @property
+    def _commanded_mps(self) -> float:
+        """The airspeed that is commanded [m/s]."""
+        return self._place.cursor.airspeed_mps or self._mission.cruise_mps
 
-        The power that the climb and the stage's airspeed add to the motion's [W], and the horizontal part of the
-        airspeed [m/s].
+    def _follow_airspeed(self, steps_s: FloatArray) -> FloatArray:
+        """The airspeed over steps [s], as the throttle brings it to the commanded one, shape (n,) [m/s]."""
+        commanded_mps, before_mps = self._commanded_mps, self._airspeed_mps
+        if commanded_mps == before_mps:
+            return np.full(len(steps_s), commanded_mps)
+        # V̇ = k (V_d − V)
+        off_mps = (before_mps - commanded_mps) * np.exp(-self._mission.vehicle.speed_gain_per_s * np.cumsum(steps_s))
+        flown_mps: FloatArray = commanded_mps + np.where(np.abs(off_mps) < SAME_MPS, 0.0, off_mps)
+        self._airspeed_mps = float(flown_mps[-1])
+        return flown_mps
+
+    def _follow_climb(self, steps_s: FloatArray, airspeeds_mps: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Follow the commanded climb over steps [s] at airspeeds [m/s]; return two arrays of shape (n,).
+
+        The power that the climb adds to the motion's [W], and the horizontal part of the airspeed [m/s].
         """
         if self._climb is None:
-            return np.zeros(len(steps_s)), np.full(len(steps_s), self._mission.cruise_mps)
+            return np.zeros(len(steps_s)), airspeeds_mps
         of_steps = []
-        for step_s in steps_s.tolist():
-            self._climb.follow(self._place.cursor.stage, step_s)
+        for step_s, airspeed_mps in zip(steps_s.tolist(), airspeeds_mps.tolist(), strict=True):
+            self._climb.follow(self._place.cursor.stage, airspeed_mps, step_s)
             of_steps.append((self._climb.power_w, self._climb.level_mps))
         added_w, level_mps = np.array(of_steps).T
         return added_w, level_mps
@@ -272,13 +304,6 @@ class FlightState:
         if not o.on_plan and self._climb is not None:
             self._climb.climb = self._climb.climb._replace(altitude_m=altitude_m)
         return None if before_m is None or not 0 < seconds <= MAX_STEP_S else (altitude_m - before_m) / seconds
-
-    def _airspeed_w(self) -> float:
-        """Power of level flight at the stage's airspeed above that at the airframe's own [W]."""
-        if self._climb is None:
-            return 0.0
-        _, airspeed_mps = self._climb.climb.commanded(self._place.cursor.stage)
-        return self._climb.climb.faster_w(airspeed_mps)
 
     # --- what is known
 
@@ -326,6 +351,12 @@ class FlightState:
         return self._charge.is_ambiguous(soc)
 
     @property
+    def flies_commanded(self) -> bool:
+        """Whether the airspeed is measured, and is the one that is commanded."""
+        self._process()
+        return self._obeyed.holds(self._last_s or 0.0)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """Codes of what is wrong with the readings."""
         self._process()
@@ -370,6 +401,33 @@ class FlightState:
             returns_home=place.returns_home,
             rejoins_at_start=place.rejoins_at_start,
         )
+
+
+class ObeyedAirspeed:
+    """Whether the measured airspeed is the commanded one: its mean error, from `SLOWS_S` after each command on."""
+
+    def __init__(self) -> None:
+        self._commanded_mps = self._error_mps = 0.0
+        self._since_s = self._last_s = -math.inf
+        self._refused = False
+
+    def take(self, times_s: FloatArray, measured_mps: FloatArray, commanded_mps: float) -> None:
+        """Take measured airspeeds with their times, shape (n,), while one is commanded [m/s]."""
+        if not len(times_s):
+            return
+        if commanded_mps != self._commanded_mps:
+            self._commanded_mps, self._since_s, self._error_mps = commanded_mps, float(times_s[0]), 0.0
+        for time_s, airspeed_mps in zip(times_s.tolist(), measured_mps.tolist(), strict=True):
+            # e ← e + (1 − e^(−Δt/τ)) (v − v_c − e)
+            share = -math.expm1(min(self._last_s - time_s, 0.0) / ERROR_S)
+            self._error_mps += share * (airspeed_mps - commanded_mps - self._error_mps)
+            self._last_s = time_s
+        settled = self._last_s - self._since_s > SLOWS_S
+        self._refused |= settled and abs(self._error_mps) > NOT_OBEYED_MPS
+
+    def holds(self, time_s: float) -> bool:
+        """Whether an airspeed was measured not long before a time [s], and none that was commanded was not flown."""
+        return not self._refused and time_s - self._last_s < UNMEASURED_S
 
 
 class _Place:

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
+from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.models.autopilot import Autopilot
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.ground import FlownGround
+from eadp.models.vehicle import Airframe, PowerTerms
 from eadp.planning.state.charge import Charge
 from eadp.planning.state.climb import Climb
 
 
 class WindKnown(NamedTuple):
-    """Wind [m/s], and the variances of both components and their covariance [m²/s²]."""
+    """Wind [m/s], the variances of both components and their covariance [m²/s²], and its gusts' deviation [m/s]."""
 
     mps: Point = (0.0, 0.0)
     covariance: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    gust_std_mps: float = 0.0
 
 
 class TimeKnown(NamedTuple):
@@ -31,10 +35,12 @@ class TimeKnown(NamedTuple):
 
 
 class MotionKnown(NamedTuple):
-    """Power of the motion, a + b tan² φ, as learned in flight.
+    """Power of the motion as learned in flight: at the airframe's own airspeed a + b tan² φ.
 
     Attributes
     ----------
+    airframe : Airframe
+        Whose power it is; by it follows the power at other airspeeds, see `PowerTerms`.
     level_w, slope_w : float
         a, of level flight, and b [W].
     var_level, cov_level_slope, var_slope : float
@@ -49,6 +55,7 @@ class MotionKnown(NamedTuple):
         Whether a may have changed for good.
     """
 
+    airframe: Airframe
     level_w: float
     slope_w: float
     var_level: float
@@ -58,6 +65,25 @@ class MotionKnown(NamedTuple):
     max_w: float
     climb_j_per_m: float
     in_doubt: bool = False
+
+    def straight_w(self, airspeed_mps: float) -> float:
+        """Power of straight level flight at an airspeed [W]."""
+        level, flat, _, own_w = power_terms(self.airframe, airspeed_mps)
+        return level * self.level_w + flat * self.slope_w + own_w
+
+
+@lru_cache(512)
+def power_terms(airframe: Airframe, airspeed_mps: float) -> PowerTerms:
+    """As `airframe.power_terms`, kept by airspeed: a flight has few."""
+    return airframe.power_terms(airspeed_mps)
+
+
+def terms_of(airframe: Airframe, airspeeds_mps: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """`PowerTerms` for airspeeds [m/s], each an array of their shape, (n,)."""
+    speeds, of = np.unique(airspeeds_mps, return_inverse=True)
+    rows = np.array([power_terms(airframe, speed) for speed in speeds.tolist()]).reshape(-1, 4)
+    level, flat, turn, own_w = rows[of].T
+    return level, flat, turn, own_w
 
 
 class ChargeKnown(NamedTuple):

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from eadp.core.arrays import Column, columns
+import numpy as np
+
+from eadp.core.arrays import Column, FloatArray, columns
 from eadp.core.compiled import jitted
-from eadp.planning.state.known import MotionKnown
+from eadp.models.vehicle import Airframe
+from eadp.planning.state.known import MotionKnown, terms_of
 from eadp.planning.state.level_regression import (
     WINDOW_S,
     Prior,
@@ -21,6 +24,10 @@ from eadp.planning.state.level_regression import (
 TURN_SHARE = 0.3
 """Prior mean and standard deviation of the power per tan² φ, as a share of level flight's: induced drag is about a
 third of the drag at cruise."""
+
+POLAR_SHARE = 0.2
+"""Relative prior standard deviation of the power per tan² φ of an aircraft that states a range of airspeeds: with level
+flight's power known, by an Oswald efficiency known to 15 % and a C_D0 known to 20 %."""
 
 LEVEL_SHARE = 0.05
 """Relative prior standard deviation of level flight's power."""
@@ -40,11 +47,14 @@ POWER_SHARE, MIN_POWER_STD_W = 0.03, 0.2
 
 
 class MotionWindow(NamedTuple):
-    """Energy [J] of the window of readings that is open, its time [s], and its climb [m]."""
+    """The window of readings that is open: energy [J], time [s], climb [m], and time integrals of `PowerTerms` [s]."""
 
-    energy_j: float
-    seconds: float
-    climb_m: float
+    energy_j: float = 0.0
+    seconds: float = 0.0
+    climb_m: float = 0.0
+    level_s: float = 0.0
+    flat_s: float = 0.0
+    turn_s: float = 0.0
 
 
 class MotionState(NamedTuple):
@@ -57,12 +67,15 @@ class MotionState(NamedTuple):
 class MotionPower:
     """Regression of the motion power, a + b tan² φ + c v_z, on means over short windows; see `level_regression`.
 
-    Windows count as independent, which holds for gusts shorter than one.
+    At another airspeed it is level · a + (flat + turn · tan² φ) · b + c v_z by `PowerTerms`: divided by `level`, with
+    a weight by its square, a window of the same regression. Windows count as independent, which holds for gusts
+    shorter than one.
 
     Parameters
     ----------
     level_w : float
         Prior power of level flight [W]; 0 where it is not known.
+    airframe : Airframe
     level_share : float
         Its standard deviation, as a share of it.
     climb_j_per_m : float
@@ -71,21 +84,36 @@ class MotionPower:
     Source: induced drag grows with the square of the load factor (Anderson 1999); Bayesian linear regression.
     """
 
-    def __init__(self, level_w: float, level_share: float = LEVEL_SHARE, climb_j_per_m: float = 0.0) -> None:
+    def __init__(
+        self, level_w: float, airframe: Airframe, level_share: float = LEVEL_SHARE, climb_j_per_m: float = 0.0
+    ) -> None:
+        self._airframe = airframe
         level_std, slope_std = (level_share * level_w, TURN_SHARE * level_w) if level_w else UNKNOWN_W
+        slope_w = TURN_SHARE * level_w
+        if airframe.airspeed_range_mps is not None:  # its polar is stated, from which the speed to fly follows
+            slope_w = airframe.level_power_w(airframe.airspeed_mps, math.pi / 4) - airframe.cruise_power_w
+            slope_std = POLAR_SHARE * slope_w or slope_std
         climb_std = CLIMB_SHARE * climb_j_per_m or UNKNOWN_W[1]
         prior = Prior(
             a=level_w,
-            b=TURN_SHARE * level_w,
+            b=slope_w,
             c=climb_j_per_m,
             information_a=1 / level_std**2,
             information_b=1 / slope_std**2,
             information_c=1 / climb_std**2,
             noise=WINDOW_S * max(POWER_SHARE * level_w, MIN_POWER_STD_W) ** 2,
         )
-        self._state = MotionState(MotionWindow(0.0, 0.0, 0.0), started(prior))
+        self._state = MotionState(MotionWindow(), started(prior))
 
-    def ingest(self, powers_w: Column, beside_w: Column, steps_s: Column, slope: float, climb_mps: float = 0.0) -> None:
+    def ingest(
+        self,
+        powers_w: Column,
+        beside_w: Column,
+        steps_s: Column,
+        slope: float,
+        climb_mps: float = 0.0,
+        airspeeds_mps: FloatArray | None = None,
+    ) -> None:
         """Add readings on one leg, in order, to the window that is open, and full windows to the regression.
 
         Parameters
@@ -98,10 +126,14 @@ class MotionPower:
             Mean tan² φ of the leg.
         climb_mps : float
             Measured rate of climb [m/s].
+        airspeeds_mps : array, shape (n,), optional
+            Airspeeds [m/s]; by default the airframe's own.
         """
         ingested = jitted(_ingested)
-        powers_w, beside_w, steps_s = columns(powers_w, beside_w, steps_s)
-        self._state = ingested(self._state, powers_w, beside_w, steps_s, slope, climb_mps)
+        own = np.full(len(steps_s), self._airframe.airspeed_mps) if airspeeds_mps is None else airspeeds_mps
+        level, flat, turn, own_w = terms_of(self._airframe, own)
+        powers_w, beside_w, steps_s, *terms = columns(powers_w, own_w + beside_w, steps_s, level, flat, turn)
+        self._state = ingested(self._state, powers_w, beside_w, steps_s, slope, climb_mps, *terms)
 
     def end_window(self, slope: float) -> None:
         """End the window of readings at the end of a leg, of mean tan² φ `slope`, and update the regression with it."""
@@ -111,6 +143,7 @@ class MotionPower:
         """What is known of the power, which reaches at most this [W]."""
         fit = self._state.regression.fit
         return MotionKnown(
+            self._airframe,
             level_w=fit.a,
             slope_w=max(fit.b, 0.0),
             var_level=fit.aa,
@@ -127,15 +160,30 @@ class MotionPower:
 
 
 def _ingested(
-    state: MotionState, powers_w: Column, beside_w: Column, steps_s: Column, slope: float, climb_mps: float
+    state: MotionState,
+    powers_w: Column,
+    beside_w: Column,
+    steps_s: Column,
+    slope: float,
+    climb_mps: float,
+    levels: Column,
+    flats: Column,
+    turns: Column,
 ) -> MotionState:
     """The state after readings, see `MotionPower.ingest`: each adds to the window, which ends when it is full."""
     for i in range(len(powers_w)):
-        if steps_s[i] > 0.0 and not math.isnan(powers_w[i]):
+        step_s = steps_s[i]
+        if step_s > 0.0 and not math.isnan(powers_w[i]):
             window = state.window
-            energy_j = window.energy_j + (powers_w[i] - beside_w[i]) * steps_s[i]
-            climb_m = window.climb_m + climb_mps * steps_s[i]
-            state = MotionState(MotionWindow(energy_j, window.seconds + steps_s[i], climb_m), state.regression)
+            window = MotionWindow(
+                window.energy_j + (powers_w[i] - beside_w[i]) * step_s,
+                window.seconds + step_s,
+                window.climb_m + climb_mps * step_s,
+                window.level_s + levels[i] * step_s,
+                window.flat_s + flats[i] * step_s,
+                window.turn_s + turns[i] * step_s,
+            )
+            state = MotionState(window, state.regression)
             if state.window.seconds >= WINDOW_S - 1e-9:
                 state = _window_ended(state, slope)
     return state
@@ -149,7 +197,10 @@ def _window_ended(state: MotionState, slope: float) -> MotionState:
     window, regression = state
     seconds = window.seconds
     if seconds >= WINDOW_S / 2:
-        mean_w, climb_mps = window.energy_j / seconds, window.climb_m / seconds
+        level = window.level_s / seconds
+        # y/l = a + b x/l + c z/l, whose noise is that of y over l
+        mean_w, climb_mps = window.energy_j / seconds / level, window.climb_m / seconds / level
+        x = (window.flat_s / seconds + window.turn_s / seconds * slope) / level
         min_step_w = max(STEP_SHARE * abs(regression.fit.a), MIN_POWER_STD_W)
-        regression = with_window(regression, seconds, mean_w, slope, climb_mps, min_step_w)
-    return MotionState(MotionWindow(0.0, 0.0, 0.0), regression)
+        regression = with_window(regression, seconds * level * level, mean_w, x, climb_mps, min_step_w)
+    return MotionState(MotionWindow(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), regression)

@@ -252,4 +252,5 @@ class FlightWind:
     @property
     def known(self) -> WindKnown:
         """The wind, and how well it is known."""
-        return WindKnown(self.mps, self._filter.covariance if self._measured is None else (0.0, 0.0, 0.0))
+        covariance = self._filter.covariance if self._measured is None else (0.0, 0.0, 0.0)
+        return WindKnown(self.mps, covariance, self.gust_std_mps)

@@ -14,6 +14,7 @@ from common.forecasts import CALM, Forecasting, survey_inputs
 
 from eadp.errors import PathUndefined
 from eadp.models.plan.ground import FlownGround, RunTally
+from eadp.models.vehicle import FixedWing
 from eadp.planning.forecast import evaluate as module
 from eadp.planning.forecast.battery_limits import LOSS, LOSS_SQUARE
 from eadp.planning.forecast.evaluate import Objective
@@ -74,7 +75,7 @@ def uncertain(known):
     return known._replace(
         wind=WindKnown(known.wind.mps, (0.3, 0.2, -0.1)),
         time=TimeKnown(1.03, 1e-4, 0.01),
-        motion=MotionKnown(38.0, 40.0, 0.2, -0.3, 30.0, 60.0, 60.0, 20.0),
+        motion=MotionKnown(FixedWing(), 38.0, 40.0, 0.2, -0.3, 30.0, 60.0, 60.0, 20.0),
     )
 
 

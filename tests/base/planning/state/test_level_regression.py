@@ -10,6 +10,7 @@ from common import few
 from regression import posterior
 
 from eadp.core import compiled
+from eadp.models.vehicle import FixedWing
 from eadp.planning.state.level_regression import FADE_S, WINDOW_S, Prior, started, with_window
 from eadp.planning.state.motion import CLIMB_SHARE, LEVEL_SHARE, STEP_SHARE, TURN_SHARE, MotionPower
 
@@ -19,7 +20,7 @@ fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not in
 
 def flown(rng, count, level_w=LEVEL_W, motion=None):
     """The power after so many readings, one a second: with noise, and turns in a third of the time."""
-    motion = motion or MotionPower(LEVEL_W * (1 + rng.normal(0, LEVEL_SHARE)))
+    motion = motion or MotionPower(LEVEL_W * (1 + rng.normal(0, LEVEL_SHARE)), FixedWing())
     for second in range(count):
         slope = 0.2 if second // 10 % 3 == 2 else 0.0
         motion.ingest([level_w * (1 + 0.3 * slope) + rng.normal(0, NOISE_W * math.sqrt(WINDOW_S))], [0.0], [1.0], slope)
@@ -74,7 +75,7 @@ def test_the_power_of_a_climb_is_a_term_of_its_own(compiled_code):
     rates = np.where(np.arange(count) % 4 == 0, 2.5, 0.0)
     slopes = rng.choice([0.0, 0.2], count)
     powers = 40 + 12 * slopes + 50 * rates + rng.normal(0, 0.8, count)
-    motion = MotionPower(40.0, climb_j_per_m=45.0)
+    motion = MotionPower(40.0, FixedWing(), climb_j_per_m=45.0)
     compiled.enable(compiled_code)
     try:
         for power_w, slope, rate in zip(powers, slopes, rates, strict=True):
@@ -95,7 +96,7 @@ def test_the_power_of_a_climb_is_a_term_of_its_own(compiled_code):
 
 
 def test_without_climbs_the_prior_of_a_climb_stays():
-    motion = flown(np.random.default_rng(0), 100, motion=MotionPower(LEVEL_W, climb_j_per_m=37.3))
+    motion = flown(np.random.default_rng(0), 100, motion=MotionPower(LEVEL_W, FixedWing(), climb_j_per_m=37.3))
     assert motion.known().climb_j_per_m == 37.3
 
 

@@ -9,6 +9,7 @@ import pytest
 from regression import posterior
 
 from eadp.core import compiled
+from eadp.models.vehicle import FixedWing
 from eadp.planning.state import motion as power
 from eadp.planning.state.level_regression import FADE_S, WINDOW_S
 from eadp.planning.state.motion import MotionPower
@@ -37,7 +38,7 @@ def test_power_is_a_bayesian_regression():
     rng, count = np.random.default_rng(1), 30
     slopes = rng.choice([0.0, 0.2, 0.35], count)
     powers = 35 + 12 * slopes + rng.normal(0, 0.8, count)
-    motion = MotionPower(36.0)
+    motion = MotionPower(36.0, FixedWing())
     spells(motion, powers, slopes)
     ages = WINDOW_S * np.arange(count)[::-1]
     weights = WINDOW_S * np.exp(-ages / FADE_S)
@@ -55,7 +56,7 @@ def test_power_is_a_bayesian_regression():
 
 
 def test_power_before_anything_is_flown():
-    motion = MotionPower(36.0)
+    motion = MotionPower(36.0, FixedWing())
     assert motion.known().level_w == 36
     assert motion.known().slope_w == pytest.approx(0.3 * 36)
     level_j2 = (power.LEVEL_SHARE * 36 * 100) ** 2
@@ -63,13 +64,13 @@ def test_power_before_anything_is_flown():
 
 
 def test_power_that_nothing_is_known_of_is_what_is_flown():
-    motion = MotionPower(0.0)
+    motion = MotionPower(0.0, FixedWing())
     spells(motion, [42.0] * 3, [0.0] * 3)
     assert motion.known().level_w == pytest.approx(42, rel=1e-4)
 
 
 def test_short_spells_are_left_out_and_a_spell_ends_with_its_leg():
-    motion = MotionPower(36.0)
+    motion = MotionPower(36.0, FixedWing())
     observe(motion, 1000.0, 1.0, 0.0)
     motion.end_window(0.0)
     assert motion.known().level_w == 36
@@ -83,21 +84,21 @@ def test_before_the_first_window_the_variance_is_that_of_the_prior():
     """Of the level, and of windows of 3 % of it whose errors are independent."""
     level, noise = 36 * power.LEVEL_SHARE, 36 * power.POWER_SHARE
     expected = (level * 100) ** 2 + (100 / WINDOW_S) * (noise * power.WINDOW_S) ** 2
-    assert energy_variance_j2(MotionPower(36.0), 100.0, 0.0) == pytest.approx(expected)
+    assert energy_variance_j2(MotionPower(36.0, FixedWing()), 100.0, 0.0) == pytest.approx(expected)
 
 
 def test_a_slow_change_is_followed():
-    motion = MotionPower(36.0)
+    motion = MotionPower(36.0, FixedWing())
     for k in range(600):  # from 36 to 42 W in 50 minutes
         spells(motion, [36 + k / 100], [0.0])
     assert motion.known().level_w == pytest.approx(42, abs=3)
-    steady = MotionPower(36.0)
+    steady = MotionPower(36.0, FixedWing())
     spells(steady, [36.0] * 600, [0.0] * 600)
     assert energy_variance_j2(motion, 100, 0) > energy_variance_j2(steady, 100, 0)
 
 
 def test_the_slope_is_never_below_0():
-    motion = MotionPower(36.0)
+    motion = MotionPower(36.0, FixedWing())
     spells(motion, [36.0, 10.0] * 20, [0.0, 0.3] * 20)
     assert motion.known().slope_w == 0
 
@@ -111,7 +112,7 @@ def test_forecasts_of_energy_are_calibrated():
         slope = max(36 * power.TURN_SHARE * (1 + rng.normal()), 0.0)
         slopes = np.tile([0.0, 0.0, 0.25], 6)
         spread = rng.uniform(0.4, 1.6)
-        motion = MotionPower(36.0)
+        motion = MotionPower(36.0, FixedWing())
         spells(motion, level + slope * slopes + rng.normal(0, spread, len(slopes)), slopes)
         seconds, bank_s = 300.0, 25.0
         came = level * seconds + slope * bank_s + rng.normal(0, spread * math.sqrt(seconds * WINDOW_S))
@@ -123,7 +124,7 @@ def test_forecasts_of_energy_are_calibrated():
 
 def test_a_first_window_in_a_gust_is_not_believed():
     """25 % above a level that is known to 5 %."""
-    motion = MotionPower(80.0)
+    motion = MotionPower(80.0, FixedWing())
     spells(motion, [100.0], [0.0])
     assert 80 < motion.known().level_w < 88
 
@@ -138,7 +139,7 @@ def test_gusts_that_last_are_learned(windows):
         level, scatter_w = 80 * (1 + rng.normal(0, power.LEVEL_SHARE)), 80 * rng.uniform(0.03, 0.17)
         shocks = rng.normal(0, scatter_w / math.sqrt(2), windows + 121)
         gusts = shocks[1:] + shocks[:-1]  # of a correlation 1/2
-        motion = MotionPower(80.0)
+        motion = MotionPower(80.0, FixedWing())
         spells(motion, level + gusts[:windows], np.zeros(windows))
         came = WINDOW_S * float(np.sum(level + gusts[windows:]))
         variance_j2 = energy_variance_j2(motion, 600.0, 0.0)
@@ -155,7 +156,7 @@ def test_readings_in_a_batch_are_taken_as_one_by_one(seed, compiled_code):
     powers_w = (45.0 + rng.normal(0, 3, count)).tolist()
     for i in range(60, 80):
         powers_w[i] = math.nan
-    motion, together, at = MotionPower(40.0), MotionPower(40.0), 0
+    motion, together, at = MotionPower(40.0, FixedWing()), MotionPower(40.0, FixedWing()), 0
     for step_s, reading_w in zip(steps_s, powers_w, strict=True):
         if not math.isnan(reading_w):
             observe(motion, reading_w - 5.0, step_s, 0.1)

@@ -1,0 +1,122 @@
+"""Speed to fly: the airspeed of each stage in the wind, by the value of a second.
+
+    v(μ) = argmin (P(v, φ) + P_computing + μ)/g(v)
+
+with g the ground speed on the stage and μ ≥ 0 [W]. With μ = 0 the flight takes the least energy for its ground, with a
+large one the least time. All stages have one μ, so that no flight is both sooner and with less energy. It is named by
+its pace: the airspeed [m/s] that it gives on a straight line in still air.
+
+Source: MacCready 1949 (speed to fly); Lagrange multiplier of the time.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from eadp.core.arrays import FloatArray, IntArray
+from eadp.core.flight import GRAVITY_MPS2
+from eadp.models.plan.route import LegRows, RouteArrays, leg_times_s
+from eadp.models.vehicle import Aeroplane
+from eadp.planning.state.known import Known, MotionKnown, power_terms
+
+STEP_MPS = 0.5
+"""Airspeeds that are commanded differ by so much [m/s]."""
+
+SETTLE_S = 20.0
+"""A stage that takes less time has the airspeed of the stage before: the aircraft needs some of it to change its own
+[s]."""
+
+ABOVE_WIND_MPS, GUST_STDS = 2.0, 3.0
+"""The least airspeed is above the wind by so much [m/s], and by so many standard deviations of its gusts."""
+
+HURRY_W = 1e6
+"""A value of a second beside which the energy of a flight is nothing [W]."""
+
+
+def airspeeds_of(vehicle: Aeroplane, known: Known, rows: LegRows) -> FloatArray:
+    """Airspeeds that may be commanded, the greatest first [m/s]: in the vehicle's range, safe in wind and turns.
+
+    The least is at least the vehicle's `slowest_mps` in the tightest turn of the rows, flown with the wind, and above
+    wind and gusts.
+    """
+    assert vehicle.airspeed_range_mps is not None
+    low, high = vehicle.airspeed_range_mps
+    wind_mps = math.hypot(*known.wind.mps)
+    low = max(low, wind_mps + GUST_STDS * known.wind.gust_std_mps + ABOVE_WIND_MPS)
+    bend_per_m, greatest = float(rows.bends_per_m.max(initial=0.0)), math.radians(vehicle.max_bank_deg)
+    speeds = np.append(np.arange(high, low, -STEP_MPS), low) if low < high else np.array([high])
+    # tan φ = g_ground² κ / g
+    banks = np.minimum(np.arctan((speeds + wind_mps) ** 2 * bend_per_m / GRAVITY_MPS2), greatest)
+    safe = [speed >= vehicle.slowest_mps(bank) for speed, bank in zip(speeds.tolist(), banks.tolist(), strict=True)]
+    safe[0] = True  # the airspeed of the vehicle's own
+    chosen: FloatArray = speeds[np.array(safe)]
+    return chosen
+
+
+def paces_of(speeds_mps: FloatArray, motion: MotionKnown, computing_w: float) -> tuple[list[float], list[float]]:
+    """The paces that differ, the fastest first [m/s], and their values of a second [W]: from `HURRY_W` down to 0."""
+    paces = speeds_mps.tolist()
+    values = [HURRY_W, *(max(value_w(pace, motion, computing_w), 0.0) for pace in paces[1:])]
+    count = next((i + 1 for i, value in enumerate(values) if value == 0.0), len(paces))
+    return paces[:count], values[:count]
+
+
+def value_w(pace_mps: float, motion: MotionKnown, computing_w: float) -> float:
+    """The value μ of a second with which an airspeed is the best in still air [W]: v P'(v) − P(v) − P_computing."""
+    step = STEP_MPS / 10
+    slope = (motion.straight_w(pace_mps + step) - motion.straight_w(pace_mps - step)) / (2 * step)
+    return pace_mps * slope - motion.straight_w(pace_mps) - computing_w
+
+
+class SpeedChoice(NamedTuple):
+    """Times and energies of legs at the airspeeds that may be commanded, in the estimated wind.
+
+    Attributes
+    ----------
+    speeds_mps : array, shape (speeds,)
+        The greatest first.
+    row_of : array of int, shape (legs,)
+        Which of the rows below each leg has.
+    seconds, joules : array, shape (speeds, rows)
+        Of each row that is flown.
+    """
+
+    speeds_mps: FloatArray
+    row_of: IntArray
+    seconds: FloatArray
+    joules: FloatArray
+
+    @classmethod
+    def of(cls, known: Known, legs: RouteArrays, computing_w: FloatArray, speeds_mps: FloatArray) -> SpeedChoice:
+        """The choice for the legs of routes, with the power of the computations on each [W], shape (legs,)."""
+        rows, first, row_of = np.unique(legs.order, return_index=True, return_inverse=True)
+        wind, motion, beside_w = np.array([known.wind.mps]), known.motion, computing_w[first]
+        seconds, joules = [], []
+        for speed in speeds_mps.tolist():
+            times_s, turning_s = leg_times_s(legs.rows, rows, speed, wind)
+            level, flat, turn, own_w = power_terms(motion.airframe, speed)
+            straight_w = level * motion.level_w + flat * motion.slope_w + own_w + beside_w
+            seconds.append(times_s[0])
+            joules.append(straight_w * times_s[0] + motion.slope_w * turn * turning_s[0])
+        return cls(speeds_mps, row_of, np.array(seconds), np.array(joules))
+
+    def airspeeds_mps(self, legs: RouteArrays, value_w: float, stages: int) -> FloatArray:
+        """The airspeed of each stage on the routes, by the value of a second [W], shape (routes, stages) [m/s]."""
+        seconds, joules = self.seconds[:, self.row_of], self.joules[:, self.row_of]
+        routes = len(legs.first)
+        of_stage = legs.place * stages + legs.stages - 1
+        whole = [np.bincount(of_stage, e + value_w * t, routes * stages) for e, t in zip(joules, seconds, strict=True)]
+        # a short stage, or one that is not flown, has the airspeed of the stage before it, its leader
+        counts = np.bincount(of_stage, minlength=routes * stages)
+        whole_s = np.bincount(of_stage, seconds[0], routes * stages)
+        short = (whole_s < SETTLE_S * np.maximum(counts, 1)).reshape(routes, stages)
+        leaders = np.zeros((routes, stages), dtype=np.intp)
+        for stage in (*range(stages), *range(stages)):  # twice, as the first stages follow the last ones of a lap
+            leaders[:, stage] = np.where(short[:, stage], leaders[:, stage - 1], stage)
+        leaders += np.arange(routes)[:, None] * stages
+        cost = [np.bincount(leaders.ravel(), of_stages, routes * stages) for of_stages in whole]
+        airspeeds: FloatArray = self.speeds_mps[np.argmin(cost, axis=0)[leaders]]
+        return airspeeds
