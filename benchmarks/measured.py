@@ -35,7 +35,7 @@ MEASURES: dict[str, tuple[str, ...]] = {
     "autopilot": ("planning/state", "live"),
     "exchange": ("exchange",),
     "fit": ("measure/spectrum.py", "measure/noise.py"),
-    "flight": ("simulation/inner_loop.py", "simulation/aircraft.py", "core/flight.py"),
+    "flight": ("simulation/inner_loop.py", "simulation/aircraft.py", "core/guidance.py"),
     "link": ("live",),
     "quality": PLANNED,
     "real": ("exchange", "measure", "survey", "simulation/nominal.py"),
