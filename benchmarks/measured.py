@@ -42,7 +42,7 @@ PAGES: dict[str, tuple[str, tuple[str, ...]]] = {
     "autopilot": ("autopilot.py", ("planning/state", "live")),
     "exchange": ("exchange.py", ("exchange",)),
     "fit": ("fit.py", ("measure/spectrum.py", "measure/noise.py")),
-    "flight": ("flight.py", ("simulation/inner_loop.py", "simulation/aircraft.py", "core/flight.py")),
+    "flight": ("flight.py", ("simulation/inner_loop.py", "simulation/aircraft.py", "core/guidance.py")),
     "link": ("link.py", ("live",)),
     "quality": ("quality.py --jobs 2", PLANNED),
     "real": ("real.py", ("exchange", "measure", "survey", "simulation/nominal.py")),

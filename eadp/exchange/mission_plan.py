@@ -12,9 +12,9 @@ import numpy as np
 
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import Expression, constant
-from eadp.core.flight import RATE_SHARE, air_density_kgpm3, calibrated_share
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, to_local_m, to_near_local_m
+from eadp.core.guidance import RATE_SHARE, air_density_kgpm3, calibrated_share
 from eadp.errors import Fault, Unreachable, refuse
 from eadp.exchange import items as d
 from eadp.exchange.items import MOTIONLESS, DraftItem, MissionDraft, command_text

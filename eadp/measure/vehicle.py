@@ -10,7 +10,7 @@ import numpy as np
 
 from eadp.api.given import File, Warn, python_warnings
 from eadp.core.arrays import FloatArray
-from eadp.core.flight import GRAVITY_MPS2
+from eadp.core.guidance import GRAVITY_MPS2
 from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.text.streams import read_text
 from eadp.io.vehicle import SCHEMA, read_vehicle

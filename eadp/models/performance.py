@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.flight import air_density_kgpm3, calibrated_share
+from eadp.core.guidance import air_density_kgpm3, calibrated_share
 from eadp.models.battery import Battery
 from eadp.models.plan.plan import Site
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle

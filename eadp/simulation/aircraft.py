@@ -12,9 +12,9 @@ from dataclasses import replace
 from typing import Any
 
 from eadp.core.expressions.derivatives import Jet
-from eadp.core.flight import GRAVITY_MPS2, heading_rate_radps, normalised_jet, wind_factor
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
+from eadp.core.guidance import GRAVITY_MPS2, heading_rate_radps, normalised_jet, wind_factor
 from eadp.models.airspace import WayHome
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.pieces import piece_stages

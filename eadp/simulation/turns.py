@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from eadp.core.flight import GRAVITY_MPS2
 from eadp.core.geometry.curves import CIRCLE
+from eadp.core.guidance import GRAVITY_MPS2
 from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.trace import nominal_route
 from eadp.models.vehicle import FixedWing, Guidance

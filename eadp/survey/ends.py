@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray
-from eadp.core.flight import RATE_SHARE
 from eadp.core.geometry.dubins import Piece, Pose, centre_m, polyline_m
 from eadp.core.geometry.polygons import FreeSpace
+from eadp.core.guidance import RATE_SHARE
 from eadp.errors import Infeasible, Unreachable
 from eadp.survey.coverage import CoverageSolution, timed
 from eadp.survey.swaths import CoverageLeg, MotionLimits

@@ -10,9 +10,9 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray
-from eadp.core.flight import RATE_SHARE
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import compass_deg
+from eadp.core.guidance import RATE_SHARE
 from eadp.errors import Infeasible, InputError
 from eadp.io.text.options import Flag, check_range
 from eadp.models.airspace import CLEARANCE_M, Field

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import BoolArray, FloatArray, IntArray
-from eadp.core.flight import RATE_SHARE, ground_speeds_mps
+from eadp.core.flight import ground_speeds_mps
 from eadp.core.geometry.polygons import FreeSpace, holding
+from eadp.core.guidance import RATE_SHARE
 from eadp.errors import Infeasible, Unreachable
 from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace, Obstacle
 from eadp.survey.coverage import CoverageSolution

@@ -15,8 +15,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import eadp as library
-from eadp.core.flight import GRAVITY_MPS2
 from eadp.core.geometry.geodesy import to_geodetic_deg
+from eadp.core.guidance import GRAVITY_MPS2
 from eadp.errors import InputError
 from eadp.exchange.items import ITEMS_LIMIT, MOTIONLESS, NAMES
 from eadp.exchange.mission_plan import LOITER_RADIUS_M

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import linprog
 
-from eadp.core.flight import RATE_SHARE
+from eadp.core.guidance import RATE_SHARE
 from eadp.errors import Infeasible
 from eadp.survey.ends import LEVEL_M, Band, Climbing, banded, commanded, min_profile_m
 

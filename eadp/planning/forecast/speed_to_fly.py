@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.flight import GRAVITY_MPS2
+from eadp.core.guidance import GRAVITY_MPS2
 from eadp.models.plan.route import LegRows, RouteArrays, leg_times_s
 from eadp.models.vehicle import Aeroplane
 from eadp.planning.state.known import Known, MotionKnown, power_terms

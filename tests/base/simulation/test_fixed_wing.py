@@ -11,7 +11,7 @@ from common import ROOT
 from eadp.api.inputs import load_flight
 from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
-from eadp.core.flight import GRAVITY_MPS2
+from eadp.core.guidance import GRAVITY_MPS2
 from eadp.models.vehicle import AIRFRAMES, FixedWing, Guidance, PowerCurve
 from eadp.models.weather import Wind
 from eadp.simulation import loop

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eadp.core.flight import (
+from eadp.core.guidance import (
     GRAVITY_MPS2,
     drag_n,
     dynamic_pressure_pa,

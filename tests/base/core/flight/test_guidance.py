@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from eadp.core.expressions.derivatives import bind
 from eadp.core.expressions.reader import read_expression
-from eadp.core.flight import WIND_FACTOR_LIMIT, heading_rate_radps, normalised_jet, wind_factor
+from eadp.core.guidance import WIND_FACTOR_LIMIT, heading_rate_radps, normalised_jet, wind_factor
 
 RADPS = 1e-9
 DIFFERENCE_RADPS = 1e-5

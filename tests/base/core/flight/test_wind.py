@@ -13,7 +13,8 @@ from scipy.stats import chi2
 
 from eadp.core import compiled
 from eadp.core import flight as wind
-from eadp.core.flight import GRAVITY_MPS2, WindFilter, ground_speeds_mps, squared_bank_slopes
+from eadp.core.flight import WindFilter, ground_speeds_mps, squared_bank_slopes
+from eadp.core.guidance import GRAVITY_MPS2
 
 fast = pytest.mark.skipif(not compiled.available(), reason="eadp[fast] is not installed")
 AIRSPEED_MPS = 15.0

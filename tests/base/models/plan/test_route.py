@@ -21,8 +21,8 @@ from scipy.integrate import quad
 
 from eadp.cli.main import main
 from eadp.core import compiled
-from eadp.core.flight import GRAVITY_MPS2
 from eadp.core.geometry.curves import CIRCLE, LINE, circle_of, line_of, points_along
+from eadp.core.guidance import GRAVITY_MPS2
 from eadp.errors import PathUndefined
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text

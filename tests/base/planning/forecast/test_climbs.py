@@ -8,7 +8,7 @@ import pytest
 
 from eadp.api.inputs import load_flight
 from eadp.core import compiled
-from eadp.core.flight import GRAVITY_MPS2
+from eadp.core.guidance import GRAVITY_MPS2
 from eadp.errors import InputError
 from eadp.models.vehicle import FixedWing
 from eadp.planning.state.climb import ClimbFollower

@@ -9,7 +9,7 @@ import pytest
 from common.forecasts import Forecasting, survey_inputs
 from scipy.optimize import minimize_scalar
 
-from eadp.core.flight import load_factor
+from eadp.core.guidance import load_factor
 from eadp.models.plan.route import RouteArrays
 from eadp.models.vehicle import FixedWing, PaperVehicle, PowerCurve
 from eadp.planning.forecast.speed_to_fly import HURRY_W, STEP_MPS, airspeeds_of, value_w
