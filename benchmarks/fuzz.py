@@ -76,7 +76,7 @@ with atheris.instrument_imports(include=["eadp", "pyulog", "pymavlink.DFReader"]
     from eadp.models.plan.trace import nominal_legs
     from eadp.simulation.loop import Outcome, fly
     from eadp.survey.coverage import CoverageRequest, cover
-    from eadp.survey.field_reader import read_field, read_zones
+    from eadp.survey.field_reader import read_airspace, read_field
     from eadp.survey.plan_builder import build_plan
     from eadp.survey.swaths import MotionLimits
     from eadp.sweep import sweep_file
@@ -195,7 +195,8 @@ MEADOW = Text("meadow.csv", "lon,lat\n10,55\n10.01,55\n10.01,55.01\n10,55.01\n")
 def zones(data: bytes) -> None:
     """Read zones, as fences are, beside a field."""
     meadow, _ = read_field(MEADOW)
-    read_zones(text_of(data), meadow, inside=zlib.crc32(data) % 2 == 0)
+    avoid, inside = (text_of(data), None) if zlib.crc32(data) % 2 else (None, text_of(data))
+    read_airspace(avoid, inside, meadow.origin_deg, meadow.middle_m)
 
 
 ONE = Configuration(("fps",), ("",), (1.0,))

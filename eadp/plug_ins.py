@@ -49,7 +49,7 @@ OWN: dict[str, dict[str, str]] = {
         "schema": "eadp.cli.schema:command",
     },
     "plan_sources": {"mission": "eadp.exchange.reader:MISSION"},
-    "plan_changes": {"avoid": "eadp.survey.fences:avoid", "inside": "eadp.survey.fences:inside"},
+    "plan_changes": {"avoid": "eadp.survey.field_reader:avoid", "inside": "eadp.survey.field_reader:inside"},
     "grounds": {"files": "eadp.survey.terrain:ground_of"},
     "fences": {"mission": "eadp.exchange.reader:mission_fences"},
     "plan_writers": {

@@ -229,7 +229,9 @@ class LineMaker:
         # parameters in force: computations' as their processes report them, the path's as the item flown to has them
         item = self._item()
         plan = self._mission.plan
-        reported = {each.name: self.heard.value(f"parameter {each.name}") for each in plan.parameters[plan.path_count :]}
+        reported = {
+            each.name: self.heard.value(f"parameter {each.name}") for each in plan.parameters[plan.path_count :]
+        }
         parameters: dict[str, float | None] = {name: value for name, value in reported.items() if value is not None}
         flies = self.flies_mission
         if self.items is not None or flies is False:

@@ -72,7 +72,7 @@ from eadp.survey.ends import (
     level_lack,
     with_circles,
 )
-from eadp.survey.field import NAME_LIMIT
+from eadp.survey.features import NAME_LIMIT
 from eadp.survey.field_reader import read_airspace, read_field, read_field_text
 from eadp.survey.ground import (
     FLAT_M,
