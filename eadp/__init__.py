@@ -12,7 +12,9 @@ from typing import Any
 __version__ = "0.1.0"
 
 _MODULES = {
-    "eadp.survey.cover": ("CoverageOptions", "CoveragePlan", "cover"),
+    "eadp.survey.cover": ("cover",),
+    "eadp.survey.options": ("CoverageOptions",),
+    "eadp.survey.report": ("CoveragePlan",),
     "eadp.exchange.export": ("ExportOptions", "export"),
     "eadp.measure.power": ("fit_power",),
     "eadp.measure.vehicle": ("fit_vehicle",),
@@ -24,7 +26,7 @@ _MODULES = {
     "eadp.live.replan": ("ReplanOptions", "replan"),
     "eadp.report.report": ("report",),
     "eadp.api.simulate": ("forecast", "simulate"),
-    "eadp.survey.job": ("JobFlight", "simulate_sorties"),
+    "eadp.survey.folder": ("JobFlight", "simulate_sorties"),
     "eadp.survey.resume": ("cover_in_sorties",),
     "eadp.survey.sorties": ("SortieOptions", "SortiePlan"),
     "eadp.sweep.run": ("sweep",),

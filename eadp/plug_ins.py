@@ -61,7 +61,7 @@ OWN: dict[str, dict[str, str]] = {
     "message_readers": {"tlog": "eadp.live.mavlink:tlog_messages"},
     "rests": {"telemetry": "eadp.live.replanner:rest_after"},
     "tracks": {"recorded": "eadp.live.tracks:flown_track"},
-    "jobs": {"sorties": "eadp.survey.job:SORTIE_JOBS"},
+    "jobs": {"sorties": "eadp.survey.folder:SORTIE_JOBS"},
     "checks": {"geometry": "eadp.check.check:checked"},
     "estimators": {"power": "eadp.papers.power:PowerTracker", "log": "eadp.papers.power:over_log"},
     "result_writers": {"page": "eadp.report.flight:write_page"},

@@ -12,7 +12,7 @@ from common.answers import refused
 
 from eadp.api.inputs import load_flight
 from eadp.core.geometry.geodesy import to_local_m
-from eadp.survey.cover import wind_vector_mps
+from eadp.survey.options import wind_vector_mps
 
 FLAGS = ("--min-radius", "30", "--swath", "30")
 BOX = "x_m,y_m\n0,0\n400,0\n400,300\n0,300\n"

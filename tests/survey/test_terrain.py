@@ -494,22 +494,6 @@ def test_computations_stop_on_turns_at_any_altitude(eadp, slope):
     assert over["terrain"]["altitudes"] > 1
 
 
-@pytest.mark.parametrize("bearing", few([20, 110], 1))
-def test_the_heading_along_the_contours_is_said_and_needs_less(eadp, tmp_path, bearing):
-    # 25 % up across a bearing
-    towards = math.radians(bearing + 90)
-    terrain = ground(tmp_path / "steep.tif", lambda x, y: 0.25 * (x * math.sin(towards) + y * math.cos(towards)))
-    field = write_field(tmp_path / "field.geojson", ORIGIN, 500, 500)
-    given = (field, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain)
-    text = eadp("cover", *given, "--heading", bearing + 90, "--format", "text").out
-    assert f"; --heading {bearing} is along the contours" in text
-    means = [
-        json.loads(eadp("cover", *given, "--heading", each, "--format", "json").out)["terrain"]["height_m"][1]
-        for each in (bearing, bearing + 90)
-    ]
-    assert means[0] < 90 < means[1]
-
-
 PILOT = ROOT.parent / "shared/reference/pilot"
 
 

@@ -7,8 +7,7 @@ import numpy as np
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.models.airspace import Airspace
 from eadp.models.field import Field
-from eadp.survey.ends import Climbing
-from eadp.survey.heights import Ground, HeightLimits
+from eadp.survey.heights import Climbing, Ground, HeightLimits
 from eadp.survey.swaths import MotionLimits
 from eadp.survey.terrain import ElevationModel, Tile
 
