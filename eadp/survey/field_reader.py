@@ -90,26 +90,16 @@ class _Outlines:
 
         kept: Part = []
         for k, ring in enumerate(rings):
-            cleaned = self._tidied(ring)
+            cleaned, changes = _tidied(ring)
             if len(cleaned) >= 3 and ground_m2(cleaned) >= (NO_AREA_M2 if k else self.smallest_m2):
                 kept.append(cleaned)
+                self.counts.update(changes)
             elif k == 0:
                 self.counts["small"] += 1
                 return []
             elif ring:
                 self.thin.append(ring)
         return self._made_valid(kept, of)
-
-    def _tidied(self, ring: Line) -> tuple[Point, ...]:
-        """A ring that is open, without superfluous vertices."""
-        from eadp.core.geometry.polygons import TOLERANCE_M, tidy
-
-        closed = len(ring) > 1 and math.dist(ring[0], ring[-1]) < TOLERANCE_M
-        ring = ring[:-1] if closed else ring
-        found = tidy(ring)
-        self.counts["closed" if closed else "open"] += 1
-        self.counts.update(repeated=found.repeated, in_line=found.in_line, spikes=found.spikes)
-        return tuple(ring[i] for i in found.kept)
 
     def _made_valid(self, rings: Part, of: Feature) -> list[Part]:
         from eadp.core.geometry.polygons import flaws, ground_m2, made_valid, signed_area_m2
@@ -141,16 +131,26 @@ class _Outlines:
     def notes(self, **others: tuple[str, str, str]) -> list[str]:
         """Sentences on what was left out and repaired; `others` are counted too, as `_CHANGED`."""
         small = "polygon", "polygons", f"of less than {self.smallest_m2:g} m² left out"
-        counts = self.counts + Counter(holes=len(self.thin))
-        named = {"small": small} | others | _CHANGED
+        named, counts = {"small": small} | others | _CHANGED, self.counts
         return [f"{counted(counts[key], *names)} {what}" for key, (*names, what) in named.items() if counts[key]]
+
+
+def _tidied(ring: Line) -> tuple[tuple[Point, ...], Counter[str]]:
+    """A ring that is open, without superfluous vertices, and how many of each kind it had."""
+    from eadp.core.geometry.polygons import TOLERANCE_M, tidy
+
+    closed = len(ring) > 1 and math.dist(ring[0], ring[-1]) < TOLERANCE_M
+    ring = ring[:-1] if closed else ring
+    found = tidy(ring)
+    changes = Counter(repeated=found.repeated, in_line=found.in_line, spikes=found.spikes)
+    changes["closed" if closed else "open"] += 1
+    return tuple(ring[i] for i in found.kept), changes
 
 
 _CHANGED = {
     "repeated": ("repeated vertex", "repeated vertices", "dropped"),
     "in_line": ("vertex in line with its neighbours", "vertices in line with their neighbours", "dropped"),
     "spikes": ("spike", "spikes", "dropped"),
-    "holes": ("hole", "holes", "without an area left out"),
     "repaired": ("outline", "outlines", "that crossed or touched itself repaired, by less than 0.1 % of the area"),
 }
 """What is counted, one and several, and what was done with it."""
@@ -580,6 +580,8 @@ def _obstacles(
         found += [Obstacle(outline, name, of.height_m) for outline in own]
     far = "polygon", "polygons", f"farther than {ZONES_M / 1000:g} km left out"
     thin = "obstacle", "obstacles", f"without an area kept, with what lies within {THIN_M:g} m"
+    for key in ("repeated", "in_line", "spikes"):  # a line there and back is one spike
+        del counts[key]
     said = outlines.notes(far=far, thin=thin)
     if rings and not found:
         at = rings[0][1].location
