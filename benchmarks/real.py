@@ -61,7 +61,7 @@ REFUSED = {
     "ArduPilot_ce1e8_rally-110.txt": "places to rally, and no mission",
     "CubePilot_e2b1b_OldFileFormat.mission": "a mission of QGroundControl 3.1 or older, which is not read",
     "UCM-237_f748d_MAV08_no_fly_boundaries.kml": "no polygon, only 28 open lines",
-    "brainstable_8b436_forestbelts.geojson": "no polygon, only a MultiLineString",
+    "brainstable_8b436_forestbelts.geojson": "no polygon, only 3 open lines",
     "click-lhwan_f96b9_parcels.geojson": "5 features with polygons",
     "jschall_d5e63_test.tlog": "no current is measured",
     "mavlink_57f7f_qgroundcontrol_sample_with_structured_scan.plan": "a StructureScan",

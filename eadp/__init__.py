@@ -12,7 +12,9 @@ from typing import Any
 __version__ = "0.1.0"
 
 _MODULES = {
-    "eadp.survey.cover": ("CoverageOptions", "CoveragePlan", "cover"),
+    "eadp.survey.cover": ("cover",),
+    "eadp.survey.options": ("CoverageOptions",),
+    "eadp.survey.report": ("CoveragePlan",),
     "eadp.exchange.export": ("ExportOptions", "export"),
     "eadp.measure.power": ("EnergyFit", "fit_power"),
     "eadp.measure.vehicle": ("fit_vehicle",),
@@ -23,7 +25,7 @@ _MODULES = {
     "eadp.live.link": ("LinkOptions",),
     "eadp.live.replan": ("ReplanOptions", "replan"),
     "eadp.report.report": ("report",),
-    "eadp.survey.job": ("JobFlight", "simulate_sorties"),
+    "eadp.survey.folder": ("JobFlight", "simulate_sorties"),
     "eadp.survey.resume": ("cover_in_sorties",),
     "eadp.survey.sorties": ("SortieOptions", "SortiePlan"),
     "eadp.sweep.run": ("sweep",),

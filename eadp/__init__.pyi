@@ -13,8 +13,10 @@ from eadp.models.energy import EnergyModel
 from eadp.models.plan.plan import Plan
 from eadp.models.profile import Profile, ProfileSum
 from eadp.report.report import report
-from eadp.survey.cover import CoverageOptions, CoveragePlan, cover
-from eadp.survey.job import JobFlight, simulate_sorties
+from eadp.survey.cover import cover
+from eadp.survey.folder import JobFlight, simulate_sorties
+from eadp.survey.options import CoverageOptions
+from eadp.survey.report import CoveragePlan
 from eadp.survey.resume import cover_in_sorties
 from eadp.survey.sorties import SortieOptions, SortiePlan
 from eadp.sweep.results import SweepFlight

@@ -49,7 +49,7 @@ OWN: dict[str, dict[str, str]] = {
         "schema": "eadp.cli.schema:command",
     },
     "plan_sources": {"mission": "eadp.exchange.reader:MISSION"},
-    "plan_changes": {"avoid": "eadp.survey.fences:avoid", "inside": "eadp.survey.fences:inside"},
+    "plan_changes": {"avoid": "eadp.survey.field_reader:avoid", "inside": "eadp.survey.field_reader:inside"},
     "grounds": {"files": "eadp.survey.terrain:ground_of"},
     "fences": {"mission": "eadp.exchange.reader:mission_fences"},
     "plan_writers": {
@@ -61,7 +61,7 @@ OWN: dict[str, dict[str, str]] = {
     "message_readers": {"tlog": "eadp.live.mavlink:tlog_messages"},
     "rests": {"telemetry": "eadp.live.replanner:rest_after"},
     "tracks": {"recorded": "eadp.live.recorded:flown_track"},
-    "jobs": {"sorties": "eadp.survey.job:SORTIE_JOBS"},
+    "jobs": {"sorties": "eadp.survey.folder:SORTIE_JOBS"},
     "checks": {"geometry": "eadp.check.check:checked"},
     "estimators": {"power": "eadp.papers.power:PowerTracker", "log": "eadp.papers.power:over_log"},
     "result_writers": {"page": "eadp.report.flight:write_page"},

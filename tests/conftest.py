@@ -109,7 +109,6 @@ COMPILED = [
     "survey/test_cover_command.py",
     "survey/test_init.py",
     "survey/test_landing.py",
-    "survey/test_mast_near_home.py",
     "survey/test_resume.py",
     "survey/test_sorties_command.py",
     "survey/test_survey_job.py",

@@ -16,7 +16,7 @@ _FORMATS = {
     "energy": "eadp.io.energy:EnergyFile",
     "scenario": "eadp.io.scenario:json_schema",
     "vehicle": "eadp.io.vehicle:VehicleFile",
-    "camera": "eadp.survey.camera_file:CameraFile",
+    "camera": "eadp.survey.camera:CameraFile",
     "sweep": "eadp.sweep.sweep_file:SweepKeys",
     "telemetry": "eadp.live.telemetry:TelemetryLine",
     "decision": "eadp.live.telemetry:DecisionLine",

@@ -14,7 +14,8 @@ from typer import Argument
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, Infeasible
 from eadp.io.text.options import Flag
-from eadp.survey.cover import CoverageOptions, cover
+from eadp.survey.cover import cover
+from eadp.survey.options import CoverageOptions
 from eadp.survey.sorties import SortieOptions
 
 if TYPE_CHECKING:

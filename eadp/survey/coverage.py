@@ -60,9 +60,6 @@ MIN_LEFT = 0.05
 LOST_RATIO = 20.0
 """Time that a metre of a line left out counts, over the time that it takes."""
 
-SETS_ORDERED = 8
-"""Sets of lines that are ordered to choose a heading for sorties, those of the least bounds of their time."""
-
 FREE_CHAINS = 24
 """Most chains of blocks that are tried within obstacles and a boundary, the quickest first."""
 
@@ -300,30 +297,6 @@ def _laps_or_lines(
     if laps_s <= MAX_TIME_RATIO * lines_s:
         return replace(zamboni, other_share=lines_s / laps_s)
     return replace(order, other_share=laps_s / lines_s, laps=zamboni)
-
-
-def pattern_and_heading(request: CoverageRequest) -> tuple[str, float]:
-    """The pattern and the heading [rad] that `cover` would choose, sooner: turns of lines in an order need not be free.
-
-    Raises
-    ------
-    Infeasible
-        As `cover`.
-    """
-    request.check()
-    headings = _tried_headings(request) if request.heading_rad is None else [request.heading_rad]
-    zamboni = _best_zamboni(request, headings) if request.pattern == AUTO and not request.field.others else None
-    if request.pattern == ZAMBONI:
-        whole = cover(request)
-    elif zamboni is not None:
-        whole = _laps_or_lines(request, headings, zamboni)
-    else:
-        # the quickest set whose lines lie in one room of the free space
-        for each, _ in _quickest_sets(request, headings, SETS_ORDERED):
-            if request.space is None or not np.ptp(request.space.rooms([leg.start[:2] for leg in each.directed])):
-                return DUBINS, each.heading_rad
-        whole = _best_in_order(request, headings, draft=True)  # raises what is in the way
-    return whole.pattern, whole.heading_rad
 
 
 def has_pattern(name: str) -> bool:
@@ -593,14 +566,11 @@ def _best_in_order(request: CoverageRequest, headings: Sequence[float], draft: b
     return connected(request, DUBINS, best.heading_rad, [best.directed[i].with_leads(request.motion) for i in order])
 
 
-def _quickest_sets(
-    request: CoverageRequest, headings: Sequence[float], most: float = math.inf
-) -> Iterator[tuple[_LineSet, LineCosts]]:
+def _quickest_sets(request: CoverageRequest, headings: Sequence[float]) -> Iterator[tuple[_LineSet, LineCosts]]:
     """Sets of lines at some headings with their costs, by the time of a quick order, the quickest first.
 
     The queue holds all sets by their bounds. The one with the least bound is cut to the free space, then ordered, and
-    goes back with what is known of it; it comes out once it is ordered and still the first. `most` sets are ordered at
-    most.
+    goes back with what is known of it; it comes out once it is ordered and still the first.
     """
     motion, space = request.motion, request.space
     half_turn_s = math.pi * motion.min_radius_m / motion.ground_limit_mps
@@ -629,8 +599,7 @@ def _quickest_sets(
                 lost_s[each.number] = LOST_RATIO * (flown_m - left_m) / motion.airspeed_mps
                 time_s = bound_s(directed, each.places) + lost_s[each.number]
                 heapq.heappush(queue, each._replace(time_s=time_s, directed=directed, cut=True))
-        elif most > 0:
-            most -= 1
+        else:
             costs = line_costs(request, each.directed)
             time_s = quick_order(*costs)[1] + lost_s.get(each.number, 0.0)
             heapq.heappush(queue, each._replace(time_s=time_s, costs=costs))

@@ -1,4 +1,7 @@
-"""Fields, obstacles and boundaries from files, in the metres of a field: read, repaired and checked."""
+"""Fields, obstacles and boundaries from files, in the metres of a field: read, repaired and checked.
+
+All of them are the features of `features`, or the fences of a mission; `_Outlines` says what is wrong with an outline.
+"""
 
 from __future__ import annotations
 
@@ -7,26 +10,27 @@ import os
 import zipfile
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from typing import NamedTuple
 
+from eadp.api.given import File
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import FARTHEST_M, to_geodetic_deg, to_local_m
-from eadp.errors import FAULTS_SHOWN, Fault, InputError, printable, refuse
-from eadp.io.text.streams import HEAD, Location, SourceText, Text, limit_bytes, read_text
+from eadp.errors import FAULTS_SHOWN, Fault, InputError, printable
+from eadp.io.plan.writer import parameters_of
+from eadp.io.text.streams import Location, SourceText, Text, limit_bytes, read_text
 from eadp.models.airspace import Airspace, Field, Obstacle
 from eadp.models.doubts import NEAR_DEG
+from eadp.models.plan.plan import Plan
 from eadp.plug_ins import plug_ins
-from eadp.survey.field import NAME_LIMIT, FieldDraft, Ring, Vertex, Zones, counted
-from eadp.survey.geojson import GEOJSON, is_geojson
-from eadp.survey.kml import KML, read_table
+from eadp.survey.features import NAME_LIMIT, Feature, Features, Line, counted, read_features
 
 HOLES_LIMIT = 1_000
 """Most holes of a field."""
 EXTENT_LIMIT_M = 50_000.0
-"""Largest width and height [m]: beyond it the tangent plane is distorted."""
+"""Largest width and height of a field [m]: beyond it the tangent plane is distorted."""
 _SMALLER = f"a field of at most {EXTENT_LIMIT_M / 1000:g} km either way"
 _WIDEST_DEG, _HIGHEST_DEG = 10.0, 1.0
 """Longitudes and latitudes [°] that are always more than `EXTENT_LIMIT_M` apart, up to `LATITUDE_LIMIT_DEG`."""
@@ -34,22 +38,18 @@ LATITUDE_LIMIT_DEG = 85.0
 """Largest latitude [°], north or south."""
 LARGEST_M = 1e8
 """Largest coordinate in metres: grids have numbers of seven or eight digits."""
-SMALLEST_M2 = 1.0
-"""Smallest area of a field and of its parts [m²]."""
-NO_AREA_M2 = 0.01
-"""A hole or an obstacle that is smaller has no area [m²]."""
+SMALLEST_M2, NO_AREA_M2 = 1.0, 0.01
+"""Smallest area of a field and of its parts; a hole or an obstacle that is smaller than the second has no area [m²]."""
 DEGREE_M = 111_000.0
 """Length of a degree of latitude, roughly [m]."""
 ZONES_M = FARTHEST_M
 """How far from a field, or from the start of a plan, obstacles and boundaries are read [m]."""
 THIN_M = 10.0
 """How far around an obstacle without an area, as a mast or a power line, nothing is flown [m]."""
-_FAR = f"farther than {ZONES_M / 1000:g} km left out"
 VALID_SHARE = 1e-3
 """Share of its area by which a polygon that crosses or touches itself may change where it is made valid."""
-
 RING_LIMIT = 1000
-"""Most vertices of a ring: the time to find a path grows with their number."""
+"""Most vertices of a field's ring: the time to find a path grows with their number."""
 _TOLERANCES_M = (0.01, 0.03, 0.1, 0.3, 1.0)
 """Tolerances within which a ring of more vertices is simplified [m]."""
 
@@ -57,33 +57,109 @@ _MIRRORED = "longitude and latitude are swapped"
 _SWAPPED = "longitude and latitude seem to be swapped"
 _DEGREES = "longitude within ±180 and latitude within ±90 degrees"
 
-
-Fences = Sequence[tuple[bool, Sequence[Point], Location]]
-"""Whether to keep in or out of each, its corners as latitude and longitude [°], and where it stands in its file."""
-
-
-@dataclass(frozen=True)
-class FieldFormat:
-    """A format of fields: its name, whether a text that starts so has it, and its reader."""
-
-    name: str
-    recognise: Callable[[str], bool]
-    read: Callable[[SourceText, bool, str | None], FieldDraft]
-    zones: Callable[[SourceText, bool, bool], Zones]
+Part = list[tuple[Point, ...]]
+"""An outline and its holes [m]."""
 
 
-def _table_zones(source: SourceText, metres: bool, inside: bool) -> Zones:
-    draft = read_table(source, metres, None)
-    outlines = draft.rings[:1] if inside else draft.rings
-    return Zones(outlines, draft.degrees, [replace(hole, name="hole") for hole in draft.rings[len(outlines) :]])
+# --- what is wrong with an outline
 
 
-FORMATS = (
-    FieldFormat("GeoJSON", is_geojson, GEOJSON.read, GEOJSON.zones),
-    FieldFormat("KML", lambda head: head[0] == "<", KML.read, KML.zones),
-    FieldFormat("CSV of vertices", lambda head: True, read_table, _table_zones),
-)
-"""Formats of fields; the first that recognises a text reads it."""
+@dataclass
+class _Outlines:
+    """Makes polygons of a file, in metres, parts without flaws, and counts what it changes; `origin_deg` for messages.
+
+    What is smaller than `smallest_m2` is left out; holes without an area are collected in `thin`.
+    """
+
+    source: SourceText
+    smallest_m2: float
+    origin_deg: Point | None = None
+    counts: Counter[str] = field(default_factory=Counter)
+    thin: list[Line] = field(default_factory=list)
+
+    def parts(self, rings: Sequence[Line], of: Feature) -> list[Part]:
+        """A polygon without flaws, as parts; none where it has no area.
+
+        Raises
+        ------
+        InputError
+            Where its rings cross or touch one another, or themselves, so that repairing them would change the area.
+        """
+        from eadp.core.geometry.polygons import ground_m2
+
+        kept: Part = []
+        for k, ring in enumerate(rings):
+            cleaned, changes = _tidied(ring)
+            if len(cleaned) >= 3 and ground_m2(cleaned) >= (NO_AREA_M2 if k else self.smallest_m2):
+                kept.append(cleaned)
+                self.counts.update(changes)
+            elif k == 0:
+                self.counts["small"] += 1
+                return []
+            elif ring:
+                self.thin.append(ring)
+        return self._made_valid(kept, of)
+
+    def _made_valid(self, rings: Part, of: Feature) -> list[Part]:
+        from eadp.core.geometry.polygons import flaws, ground_m2, made_valid, signed_area_m2
+
+        found = list(islice(flaws(rings[0], rings[1:]), FAULTS_SHOWN))
+        if not found:
+            return [rings]
+        outline_m2, *holes_m2 = (abs(signed_area_m2(ring)) for ring in rings)
+        before_m2 = outline_m2 - sum(holes_m2)
+        parts = [part for part in made_valid(*rings) if ground_m2(*part) >= VALID_SHARE * before_m2]
+        after_m2 = sum(ground_m2(*part) for part in parts)
+        if abs(after_m2 - before_m2) < VALID_SHARE * before_m2:
+            self.counts["repaired"] += 1
+            return parts
+        faults = []
+        for flaw in found:
+            x, y = flaw.point_m
+            where = f"({x:.2f}, {y:.2f}) m"
+            if self.origin_deg is not None:
+                latitude, longitude = to_geodetic_deg(x, y, self.origin_deg)
+                where = f"longitude {longitude:.7f}, latitude {latitude:.7f}, which is {where}"
+            itself = flaw.message.endswith("itself")
+            expected = "a ring that neither crosses nor touches itself"
+            expected = expected if itself else "holes within the outline and apart from one another"
+            message = f"{_title(flaw.ring, of)} {flaw.message} at {where}"
+            faults.append(self.source.fault(of.location, message, expected))
+        raise InputError(*faults)
+
+    def notes(self, **others: tuple[str, str, str]) -> list[str]:
+        """Sentences on what was left out and repaired; `others` are counted too, as `_CHANGED`."""
+        small = "polygon", "polygons", f"of less than {self.smallest_m2:g} m² left out"
+        named, counts = {"small": small} | others | _CHANGED, self.counts
+        return [f"{counted(counts[key], *names)} {what}" for key, (*names, what) in named.items() if counts[key]]
+
+
+def _tidied(ring: Line) -> tuple[tuple[Point, ...], Counter[str]]:
+    """A ring that is open, without superfluous vertices, and how many of each kind it had."""
+    from eadp.core.geometry.polygons import TOLERANCE_M, tidy
+
+    closed = len(ring) > 1 and math.dist(ring[0], ring[-1]) < TOLERANCE_M
+    ring = ring[:-1] if closed else ring
+    found = tidy(ring)
+    changes = Counter(repeated=found.repeated, in_line=found.in_line, spikes=found.spikes)
+    changes["closed" if closed else "open"] += 1
+    return tuple(ring[i] for i in found.kept), changes
+
+
+_CHANGED = {
+    "repeated": ("repeated vertex", "repeated vertices", "dropped"),
+    "in_line": ("vertex in line with its neighbours", "vertices in line with their neighbours", "dropped"),
+    "spikes": ("spike", "spikes", "dropped"),
+    "repaired": ("outline", "outlines", "that crossed or touched itself repaired, by less than 0.1 % of the area"),
+}
+"""What is counted, one and several, and what was done with it."""
+
+
+def _title(ring: int, of: Feature) -> str:
+    return (f"hole {ring}" if ring else "the outline") + (f" of {printable(of.name, 40)}" if of.name else "")
+
+
+# --- a field
 
 
 def read_field(text: Text, *, metres: bool = False, feature: str | None = None) -> tuple[Field, list[str]]:
@@ -92,13 +168,13 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     Parameters
     ----------
     text : Text
-        GeoJSON (a Polygon, a MultiPolygon, or a Feature, FeatureCollection or GeometryCollection with one), KML
-        (a Placemark with a Polygon), or a CSV of vertices: columns `x_m,y_m` or `lon,lat` and perhaps `ring` (0 the
-        outline, 1.. the holes), or two columns without names.
+        GeoJSON, KML, or a CSV of vertices: columns `x_m,y_m` or `lon,lat` and perhaps `ring` (0 the outline, 1.. the
+        holes), or two columns without names.
     metres : bool, optional
         The file is in metres, x east and y north, whatever it states; default: as it states, or WGS-84 degrees.
     feature : str, optional
-        Of several features, the one to read: its id, its name, or its number from 1 among those with polygons.
+        Of several features, the one to read: its id, its name, KEY=VALUE of a property, its number from 1 among those
+        with polygons; or `all`.
 
     Returns
     -------
@@ -110,393 +186,197 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     Raises
     ------
     InputError
-        With the faults of the file, each at its line and column, or of the options.
+        With the faults of the file, or of the options.
     """
+    from eadp.core.geometry.polygons import joined, signed_area_m2
+
     source = SourceText(text)
     if _fences(source) is not None:
         expected = "a field; the fences of a mission belong to --inside FILE and --avoid FILE"
         raise source.error((1, 1), "is a mission or a fence, not a field", expected)
-    return _field(_format(source).read(source, metres, feature), source)
-
-
-def read_airspace(
-    avoid: Text | None,
-    inside: Text | None,
-    origin_deg: tuple[float, float] | None,
-    middle_m: Point,
-    *,
-    metres: bool = False,
-) -> tuple[Airspace, list[Fault]]:
-    """Read obstacles and a boundary, each from a file of its own, in the metres round an origin; with notes.
-
-    The boundary's holes, and what is named as an obstacle in its file, are obstacles, too.
-
-    Raises
-    ------
-    InputError
-        As `read_zones`.
-    """
-    frame = _Frame(origin_deg, middle_m)
-    (obstacles, _, notes), (outlines, own, more) = (
-        ((), (), []) if text is None else _zones(text, frame, metres=metres, inside=within)
-        for text, within in ((avoid, False), (inside, True))
-    )
-    return Airspace((*obstacles, *own), tuple(each.outline for each in outlines)), [*notes, *more]
-
-
-def read_zones(
-    text: Text,
-    origin_deg: tuple[float, float] | None,
-    middle_m: Point = (0.0, 0.0),
-    *,
-    metres: bool = False,
-    inside: bool = False,
-) -> tuple[tuple[Obstacle, ...], list[Fault]]:
-    """Read the outlines of all polygons of a file, as obstacles or as a boundary, in the metres round an origin.
-
-    Obstacles may be points and lines, too; those that have no name are numbered. Of fences, those to keep inside are
-    read, or those to keep out of. What lies farther than `ZONES_M` from the middle of a field, or of what the file lies
-    beside, is left out, which the notes say. Without an origin, latitude and longitude, that is in metres.
-
-    Raises
-    ------
-    InputError
-        With the faults of the file; also if it is in degrees and there is no origin, or the other way round, if
-        nothing is left of a boundary, or if no obstacle in metres is near.
-    """
-    obstacles, _, notes = _zones(text, _Frame(origin_deg, middle_m), metres=metres, inside=inside)
-    return obstacles, notes
-
-
-def _zones(
-    text: Text, frame: _Frame, *, metres: bool, inside: bool
-) -> tuple[tuple[Obstacle, ...], tuple[Obstacle, ...], list[Fault]]:
-    """As `read_zones`, and the obstacles within a boundary: its holes, and what is named so."""
-    source = SourceText(text)
-    fences = _fences(source)
-    if fences is None:
-        rings, degrees, within = _format(source).zones(source, metres, inside)
-    else:
-        rings, degrees, within = _fence_zones(fences, source, metres, inside)
-    if degrees != (frame.origin_deg is not None):
-        units = ("metres", "degrees")
-        message = f"is in {units[degrees]}, and what it lies beside is in {units[not degrees]}"
-        raise source.error(rings[0].location, message, "the units of the field or plan")
-    notes: list[str] = []
-    found = _obstacles(rings, frame, source, notes, inside=inside)
-    own = _obstacles(within, frame, source, notes)
-    return found, own, [Fault(source.name, 1, 1, note, severity="note") for note in notes]
-
-
-class _Frame(NamedTuple):
-    """The metres of a field: where they are from, latitude and longitude [°], or None; and the field's middle there."""
-
-    origin_deg: tuple[float, float] | None
-    middle_m: Point
-
-    def is_near(self, corners: Sequence[Point]) -> bool:
-        """Whether the box around corners comes within `ZONES_M` of the middle."""
-        return all(
-            min(values) <= middle + ZONES_M and max(values) >= middle - ZONES_M
-            for values, middle in zip(zip(*corners, strict=True), self.middle_m, strict=True)
-        )
-
-    def is_within(self, corners: Sequence[Point]) -> bool:
-        """Whether all corners are within `ZONES_M` of the middle, to the east and to the north."""
-        return all(abs(x - self.middle_m[0]) <= ZONES_M and abs(y - self.middle_m[1]) <= ZONES_M for x, y in corners)
-
-    @property
-    def window(self) -> tuple[Point, ...]:
-        """The square within `ZONES_M` of the middle."""
-        x, y = self.middle_m
-        return tuple((x + i * ZONES_M, y + j * ZONES_M) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
-
-
-def _obstacles(
-    rings: Sequence[Ring], frame: _Frame, source: SourceText, notes: list[str], *, inside: bool = False
-) -> tuple[Obstacle, ...]:
-    """Obstacles, or a boundary, in the metres of a field, checked; what is far away is left out, with notes.
-
-    An obstacle without an area, as a mast or a power line, becomes what lies within `THIN_M` of it.
-
-    Raises
-    ------
-    InputError
-        Where nothing is near that can be meant.
-    """
-    from eadp.core.geometry.polygons import clipped, near
-
-    found: list[Obstacle] = []
-    counts: Counter[str] = Counter()
-    for number, ring in enumerate(rings, 1):
-        corners = _near_corners(ring, frame, source) if ring.vertices else []
-        outlines: list[tuple[Point, ...]] = []
-        if not corners:
-            counts["far" if corners is None else "small"] += 1
-        else:
-            parts = _solid_parts([corners], ring, source, counts, NO_AREA_M2)
-            if not parts and not inside:
-                _check_thin(ring, frame, source)
-                counts["small"], counts["thin"] = counts["small"] - 1, counts["thin"] + 1
-                parts = near(corners, THIN_M)
-            outlines = [outline for outline, *_ in parts]
-            if not all(map(frame.is_within, outlines)):
-                outlines = [outline for outline, *_ in clipped([[each] for each in outlines], [frame.window])]
-                counts["far"] += not outlines
-        name = printable(" ".join(ring.name.replace(",", " ").split()), NAME_LIMIT) or f"obstacle {number}"
-        found += [Obstacle(outline, name, ring.height_m) for outline in outlines]
-    _note(
-        counts,
-        notes,
-        far=("polygon", "polygons", _FAR),
-        small=_small(NO_AREA_M2),
-        thin=("obstacle", "obstacles", f"without an area kept, with what lies within {THIN_M:g} m"),
-    )
-    if rings and not found:
-        at = rings[0].location
-        if any(_near_if_swapped(ring, frame, source) for ring in rings):
-            expected = "the order of the field or plan, in which they may be swapped instead"
-            raise source.error(at, f"lies near the field or plan if {_MIRRORED}", expected)
-        if inside or frame.origin_deg is None:  # in degrees a file may have the obstacles of a country
-            expected = f"a polygon within {ZONES_M / 1000:g} km, in the units and the grid of the field or plan"
-            raise source.error(at, "; ".join(notes), expected)
-    return tuple(found)
-
-
-def _check_thin(ring: Ring, frame: _Frame, source: SourceText) -> None:
-    """Refuse a polygon in metres whose numbers may be degrees."""
-    west, east, south, north = _extent(ring.vertices)
-    if frame.origin_deg is None and 0 < max(east - west, north - south) < 1:
-        message = f"an obstacle of {east - west:.3g} m by {north - south:.3g} m, if these are metres and not degrees"
-        raise source.error(ring.location, message, "the units of the field or plan, or a point")
-
-
-def _near_corners(ring: Ring, frame: _Frame, source: SourceText) -> list[Point] | None:
-    """The corners of a polygon in the metres of a field; None where all are far away to one side."""
-    origin_deg = frame.origin_deg
-    if origin_deg is None:
-        corners = [(vertex.x, vertex.y) for vertex in ring.vertices]
-    else:
-        for vertex in ring.vertices:
-            if not (abs(vertex.x) <= 180 and abs(vertex.y) <= 90):
-                raise source.error(vertex.location, f"a vertex at {vertex.y:.6g}, {vertex.x:.6g}", _DEGREES)
-        # the plane is that of the field, where it is far the scale of its parallel
-        latitude, longitude = origin_deg
-        east_m = DEGREE_M * math.cos(math.radians(latitude))
-        rough = [
-            (east_m * ((vertex.x - longitude + 180) % 360 - 180), DEGREE_M * (vertex.y - latitude))
-            for vertex in ring.vertices
-        ]
-        if not frame.is_near(rough):
-            return None
-        corners = [
-            to_local_m(vertex.y, vertex.x, origin_deg) if max(map(abs, point)) < 5 * ZONES_M else point
-            for vertex, point in zip(ring.vertices, rough, strict=True)
-        ]
-    return corners if frame.is_near(corners) else None
-
-
-def _near_if_swapped(ring: Ring, frame: _Frame, source: SourceText) -> bool:
-    """Whether a polygon that is far from a field is near it with its longitudes and latitudes swapped."""
-    if frame.origin_deg is None or any(abs(vertex.x) > 90 for vertex in ring.vertices):
-        return False
-    mirrored = replace(ring, vertices=[vertex._replace(x=vertex.y, y=vertex.x) for vertex in ring.vertices])
-    far, near = (_near_corners(each, frame, source) for each in (ring, mirrored))
-    return far is None and near is not None
-
-
-def _solid_parts(
-    corners: Sequence[Sequence[Point]], ring: Ring, source: SourceText, counts: Counter[str], smallest_m2: float
-) -> list[list[tuple[Point, ...]]]:
-    """A polygon's outline and holes as parts without flaws; none where it has no area. Counts what is left out.
-
-    Raises
-    ------
-    InputError
-        Where they cross or touch one another, or themselves, so that repairing them would change the area.
-    """
-    from eadp.core.geometry.polygons import flaws, ground_m2, tidy
-
-    kept: list[tuple[Point, ...]] = []
-    for k, closed in enumerate(corners):
-        open_ring = closed[:-1] if len(closed) > 1 and closed[0] == closed[-1] else closed
-        indices = tidy(open_ring).kept
-        outline = tuple(open_ring[i] for i in indices)
-        if len(indices) < 3 or ground_m2(outline) < (NO_AREA_M2 if k else smallest_m2):
-            counts["holes" if k else "small"] += 1
-            if k == 0:
-                return []
-        else:
-            kept.append(outline)
-    parts = _made_valid(kept, counts)
-    if parts is None:
-        flaw = next(flaws(kept[0], kept[1:]))
-        message = f"a polygon {flaw.message} at ({flaw.point_m[0]:.2f}, {flaw.point_m[1]:.2f}) m"
-        raise source.error(ring.location, message, "a ring that neither crosses nor touches itself")
-    return parts
-
-
-def _made_valid(rings: Sequence[tuple[Point, ...]], counts: Counter[str]) -> list[list[tuple[Point, ...]]] | None:
-    """Rings without flaws, made valid if need be, as parts; None where that would change their area."""
-    from eadp.core.geometry.polygons import flaws, ground_m2, made_valid, signed_area_m2
-
-    if next(flaws(rings[0], rings[1:]), None) is None:
-        return [list(rings)]
-    outline_m2, *holes_m2 = (abs(signed_area_m2(ring)) for ring in rings)
-    before_m2 = outline_m2 - sum(holes_m2)
-    parts = [part for part in made_valid(*rings) if ground_m2(*part) >= VALID_SHARE * before_m2]
-    after_m2 = sum(ground_m2(*part) for part in parts)
-    if not abs(after_m2 - before_m2) < VALID_SHARE * before_m2:
-        return None
-    counts["repaired"] += 1
-    return parts
-
-
-_DROPPED = {
-    "repeated": ("repeated vertex", "repeated vertices", "dropped"),
-    "in_line": ("vertex in line with its neighbours", "vertices in line with their neighbours", "dropped"),
-    "spikes": ("spike", "spikes", "dropped"),
-    "holes": ("hole", "holes", "without an area left out"),
-    "repaired": ("outline", "outlines", "that crossed or touched itself repaired, by less than 0.1 % of the area"),
-}
-"""What is counted, one and several, and what was done with it."""
-
-
-def _note(counts: Counter[str], notes: list[str], **others: tuple[str, str, str]) -> None:
-    """Add sentences on what was left out and repaired; `others` are counted too, as `_DROPPED`."""
-    for key, (one, several, what) in (others | _DROPPED).items():
-        if counts[key]:
-            notes.append(f"{counted(counts[key], one, several)} {what}")
-
-
-def _small(smallest_m2: float) -> tuple[str, str, str]:
-    return "polygon", "polygons", f"of less than {smallest_m2:g} m² left out"
-
-
-def _fences(source: SourceText) -> Fences | None:
-    """The fences of a mission; None where a text is none."""
-    found: Iterator[Fences | None] = (read(source) for read in plug_ins("fences"))
-    return next((each for each in found if each is not None), None)
-
-
-def _fence_zones(fences: Fences, source: SourceText, metres: bool, inside: bool) -> Zones:
-    """The fences to keep in or out of; raises InputError."""
-    if metres:
-        raise InputError.at("--metres", 1, 1, "a fence is in degrees (WGS-84)", "a fence without --metres")
-    wanted = [(corners, location) for inclusion, corners, location in fences if inclusion is inside]
-    if not wanted:
-        other = "--avoid" if inside else "--inside"
-        expected = f"a fence; those of this file belong to {other}" if fences else "a fence; places to rally are none"
-        raise source.error((1, 1), f"no fence to keep {'inside' if inside else 'out of'}", expected)
-    rings = [Ring([Vertex(lon, lat, location) for lat, lon in corners], location) for corners, location in wanted]
-    return Zones(rings, degrees=True)
-
-
-def _format(source: SourceText) -> FieldFormat:
-    head = source.body.lstrip()[:HEAD]
-    if not head:
-        raise source.error((1, 1), "is empty", "a field as GeoJSON, KML or a CSV of vertices")
-    return next(each for each in FORMATS if each.recognise(head))
-
-
-def _field(draft: FieldDraft, source: SourceText) -> tuple[Field, list[str]]:
-    """The field of a draft, repaired and checked, and the repairs."""
-    from eadp.core.geometry.polygons import joined, signed_area_m2
-
-    notes = list(draft.notes)
-    draft = _without_small(draft, notes)
-    _check_counts(draft, source)
-    rings, origin_deg = _in_metres([ring.vertices for ring in draft.rings], draft, source, notes)
-    rings = _simplified(rings, source, notes)
-    rings = _repaired(rings, draft, source, notes)
-    counts: Counter[str] = Counter()
-    parts = _sound(rings, origin_deg, source, counts)
-    frame = _Frame(origin_deg, _middle(rings[0]))
-    for part in draft.others:
-        parts += _part(part, frame, source, counts)
-    _note(counts, notes, small=_small(SMALLEST_M2))
+    found, notes = read_features(source, metres=metres), list[str]()
+    if found.is_table and feature is not None:
+        raise InputError.at("--feature", 1, 1, "a table of vertices has no features", "a table without --feature")
+    areas = found.areas(source)
+    chosen = _chosen([each for each in areas if not each.avoided] or areas, feature, source)
+    polygons = [(rings, each) for each in chosen for rings in each.polygons]
+    # those of three vertices or more; or one that is refused, as it has no area
+    wide = [each for each in polygons if len(set(each[0][0])) > 2] or polygons[:1]
+    local, origin_deg = _in_metres(wide, found, source, notes)
+    outlines = _Outlines(source, SMALLEST_M2, origin_deg)
+    outlines.counts["small"] = len(polygons) - len(wide)
+    parts = [part for rings, of in local for part in outlines.parts(_simplified(rings, of, source, notes), of)]
+    if not parts:
+        raise _no_area(local[0][0][0], chosen[0], source)
+    if sum(len(part) - 1 for part in parts) > HOLES_LIMIT:
+        raise source.error(chosen[0].location, f"more than {HOLES_LIMIT} holes", f"at most {HOLES_LIMIT}")
+    closing = {"closed": ("closing vertex", "closing vertices", "dropped")}
+    notes += outlines.notes(**closing if found.is_table else {"open": ("open ring", "open rings", "closed")})
     if len(parts) > 1 and (union := joined(parts, SMALLEST_M2)) is not None:
         parts = union
         notes.append("polygons that overlap joined: ground counts once")
-    counter_clockwise = [signed_area_m2(ring) > 0 for ring in parts[0]]
+    frame = _Frame(origin_deg, _middle(parts[0][0]))
+    taken = [id(each.names) for each in chosen]  # of closed lines, which stand twice, too
+    avoided = [each for each in found.features if each.avoided and id(each.names) not in taken]
+    thin = [Feature(chosen[0].location, ("hole",), lines=[ring]) for ring in outlines.thin]
+    airspace = Airspace(_obstacles([*avoided, *thin], frame, found.degrees, source, notes))
     # the outline runs counter-clockwise, the holes clockwise
+    counter_clockwise = [signed_area_m2(ring) > 0 for ring in parts[0]]
     wound = [
-        ring if up == (i == 0) else (ring[0], *ring[:0:-1])
-        for i, (ring, up) in enumerate(zip(parts[0], counter_clockwise, strict=True))
+        ring if up == (k == 0) else (ring[0], *ring[:0:-1])
+        for k, (ring, up) in enumerate(zip(parts[0], counter_clockwise, strict=True))
     ]
-    airspace = Airspace(_obstacles(draft.obstacles, frame, source, notes))
-    others = tuple(map(tuple, parts[1:]))
-    result = Field(wound[0], tuple(wound[1:]), printable(draft.name), origin_deg, airspace, others)
-    if result.area_m2 < SMALLEST_M2:
-        message = f"an area of {result.area_m2:.3g} m²"
-        raise source.error(rings[0][0].location, message, f"{SMALLEST_M2:g} m² or more")
-    if not counter_clockwise[0]:
-        notes.append("winding of the outline reversed")
+    notes += ["winding of the outline reversed"] * (not counter_clockwise[0])
     if holes := sum(counter_clockwise[1:]):
         notes.append(f"winding of {counted(holes, 'hole', 'holes')} reversed")
-    return result, notes
+    name = printable("".join(chosen[0].names[:1])) if len(chosen) == 1 else ""
+    result = Field(wound[0], tuple(wound[1:]), name, origin_deg, airspace, tuple(map(tuple, parts[1:])))
+    if result.area_m2 < SMALLEST_M2:
+        raise source.error(chosen[0].location, f"an area of {result.area_m2:.3g} m²", f"{SMALLEST_M2:g} m² or more")
+    return result, [*found.notes, *notes]
 
 
-def _without_small(draft: FieldDraft, notes: list[str]) -> FieldDraft:
-    """The draft without polygons that have no area, where another one has; holes without one become obstacles."""
-    counts: Counter[str] = Counter()
-    parts, thin = [], list[Ring]()
-    for part in (draft.rings, *draft.others):
-        if _is_small(part[0], draft.degrees, SMALLEST_M2):
-            counts["small"] += 1
-            continue
-        small = [ring for ring in part[1:] if _is_small(ring, draft.degrees, NO_AREA_M2)]
-        thin += [replace(ring, name="hole") for ring in small if ring.vertices]
-        parts.append([ring for ring in part if ring not in small])
-    if not parts:
-        return draft
-    _note(counts, notes, small=_small(SMALLEST_M2))
-    return replace(draft, rings=parts[0], others=parts[1:], obstacles=[*draft.obstacles, *thin])
+ALL = "all"
+"""In the place of a feature's name: all of them, as parts of one field."""
+NAMES_SHOWN = 10
+"""Most names that a message lists."""
 
 
-def _is_small(ring: Ring, degrees: bool, smallest_m2: float) -> bool:
-    """Whether a ring encloses less than an area."""
-    from eadp.core.geometry.polygons import ground_m2
+def _chosen(features: Sequence[Feature], asked: str | None, source: SourceText) -> list[Feature]:
+    """The feature that was asked for, by a name, by KEY=VALUE of a property, by its number from 1, or the only one.
 
-    if len({vertex[:2] for vertex in ring.vertices}) < 3:
-        return True
-    if max(max(abs(vertex.x), abs(vertex.y)) for vertex in ring.vertices) > LARGEST_M:
-        return False  # which is refused later
-    x, y, _ = ring.vertices[0]
-    north = DEGREE_M if degrees else 1.0
-    east = north * math.cos(math.radians(y)) if degrees else 1.0
-    return ground_m2([(east * (vertex.x - x), north * (vertex.y - y)) for vertex in ring.vertices]) < smallest_m2
+    Raises
+    ------
+    InputError
+        Of the file if there are several and none was asked for; of `--feature` if none or several have the name.
+    """
+    if asked is None and len(features) == 1:
+        return list(features)
+    # properties by which features without names of their own differ, those by which all do first
+    keys = dict.fromkeys(key for each in features for key in each.properties)
+    counts = {key: len({each.properties.get(key) for each in features}) for key in keys if key.lower() not in _NAMES}
+    named = len({each.names[0] for each in features if each.names}) == len(features)
+    differing = [] if named else sorted((key for key in counts if counts[key] > 1), key=lambda key: -counts[key])
+    shown = []
+    for i, each in enumerate(features[:NAMES_SHOWN], 1):
+        key = differing[0] if differing else ""
+        other = printable(f"{key}={each.properties[key]}", 60) if key in each.properties else "without a name"
+        shown.append(f"{i} {printable(each.names[0], 40) if each.names else other}")
+    known = "; ".join(shown) + (f"; and {len(features) - NAMES_SHOWN} more" if len(features) > NAMES_SHOWN else "")
+    if differing:
+        known += f"; or KEY=VALUE by {', '.join(printable(key, 40) for key in differing[:NAMES_SHOWN])}"
+    if asked is None:
+        expected = f"one, or --feature with a name or number of {known}"
+        raise source.error(features[1].location, f"{len(features)} features with polygons", expected)
+    asked = asked.strip()
+    if asked == ALL and len(features) > 1:
+        return list(features)
+    key, is_property, value = asked.partition("=")
+    found = [each for each in features if asked in each.names]
+    if is_property and not found:
+        found = [each for each in features if each.properties.get(key.strip()) == value.strip()]
+    if not found and asked.isascii() and asked.isdecimal() and len(asked) < 8 and 1 <= int(asked) <= len(features):
+        found = [features[int(asked) - 1]]
+    if len(found) == 1:
+        return found
+    message = f"no feature {printable(asked, 80)} with a polygon"
+    if found:
+        message = f"{len(found)} features have {'' if is_property else 'the name '}{printable(asked, 80)}"
+    raise InputError.at("--feature", 1, 1, message, f"a name or number of {known}", printable(asked, 80))
 
 
-def _sound(
-    rings: Sequence[Sequence[Vertex]], origin_deg: tuple[float, float] | None, source: SourceText, counts: Counter[str]
-) -> list[list[tuple[Point, ...]]]:
-    """An outline and its holes without flaws, made valid if that hardly changes their area; else raises the flaws."""
-    corners = [tuple((vertex.x, vertex.y) for vertex in ring) for ring in rings]
-    parts = _made_valid(corners, counts)
-    if parts is None:
-        _check_shape(rings, origin_deg, source)
-    return parts or [corners]
+_NAMES = ("name", "id")
 
 
-def _part(
-    part: Sequence[Ring], frame: _Frame, source: SourceText, counts: Counter[str]
-) -> list[list[tuple[Point, ...]]]:
-    """Another polygon of a field in its metres, as parts without flaws."""
-    moved = []
-    for ring in part:
-        corners = _near_corners(ring, frame, source)
-        if corners is None:
-            swapped = f", and near it if {_MIRRORED}" if _near_if_swapped(ring, frame, source) else ""
-            raise source.error(ring.location, f"is far from the field{swapped}", f"within {ZONES_M / 1000:g} km")
-        moved.append([Vertex(x, y, vertex.location) for (x, y), vertex in zip(corners, ring.vertices, strict=True)])
-    rings = _simplified(moved, source, [])
-    return _solid_parts(
-        [[(vertex.x, vertex.y) for vertex in ring] for ring in rings], part[0], source, counts, SMALLEST_M2
-    )
+def _in_metres(
+    polygons: list[tuple[list[Line], Feature]], found: Features, source: SourceText, notes: list[str]
+) -> tuple[list[tuple[list[Line], Feature]], Point | None]:
+    """Polygons in metres, checked; of those in degrees also the place of their origin [°], the middle of the first."""
+    (first, *_), of = polygons[0]
+    if len(set(first)) < 3:
+        raise _no_area(first, of, source)
+    origin_deg = None
+    if found.degrees:
+        polygons, origin_deg = _localised(polygons, found, source, notes)
+    vertices = [(vertex, of) for rings, of in polygons for ring in rings for vertex in ring]
+    for (x, y), of in vertices:
+        if max(abs(x), abs(y)) > LARGEST_M:
+            message = f"a vertex at ({x:.3g}, {y:.3g}) m"
+            raise source.error(of.location, message, f"coordinates of at most {LARGEST_M:g} m")
+    west, east, south, north = _extent(first)
+    wide_m, high_m = east - west, north - south
+    if not found.degrees and max(-west, east) <= 180 and max(-south, north) <= 90 and max(wide_m, high_m) < 1:
+        message = f"a field of {wide_m:.3g} m by {high_m:.3g} m, if these are metres and not degrees"
+        raise source.error(of.location, message, _or("a larger field", found.remedy))
+    west, east, south, north = _extent([vertex for vertex, _ in vertices])
+    if max(east - west, north - south) > EXTENT_LIMIT_M:
+        message = f"{(east - west) / 1000:.4g} km by {(north - south) / 1000:.4g} km"
+        raise source.error(of.location, message, _or(_SMALLER, found.remedy))
+    return polygons, origin_deg
 
 
-def _simplified(rings: list[list[Vertex]], source: SourceText, notes: list[str]) -> list[list[Vertex]]:
+def _localised(
+    polygons: Sequence[tuple[list[Line], Feature]], found: Features, source: SourceText, notes: list[str]
+) -> tuple[list[tuple[list[Line], Feature]], Point]:
+    """Metres east and north of the middle of the first outline, and that middle as latitude and longitude [°]."""
+    vertices = [(vertex, of) for rings, of in polygons for ring in rings for vertex in ring]
+    _check_degrees(vertices, found.remedy, source)
+    first = polygons[0][0][0]
+    west, east, south, north = _extent(first)
+    if east - west > 180:
+        on = [(x + 360 if x < 0 else x, y) for x, y in first]
+        if _extent(on)[1] - _extent(on)[0] < _WIDEST_DEG:
+            west, east = _extent(on)[:2]
+            notes.append("longitudes counted on across the antimeridian")
+    middle = (west + east) / 2
+    origin = (round((south + north) / 2, 7) + 0.0, round(middle - 360 if middle > 180 else middle, 7) + 0.0)
+    x0, y0 = first[0]
+    for (x, y), of in vertices:
+        # refused before the projection, which maps both sides of the earth to the same plane
+        dx, dy = abs((x - x0 + 180) % 360 - 180), abs(y - y0)
+        if dx > _WIDEST_DEG or dy > _HIGHEST_DEG:
+            message = f"a vertex at longitude {x:.7g}, latitude {y:.7g}: {dx:.6g}° of longitude and {dy:.6g}° of "
+            message += "latitude from the first vertex"
+            if all(min(math.dist(each, (x0, y0)) for each in (v, v[::-1])) < NEAR_DEG for v, _ in vertices):
+                message += f": {_SWAPPED} in some vertices"
+            raise source.error(of.location, message, _or(_SMALLER, found.remedy))
+    local = [([[to_local_m(y, x, origin) for x, y in ring] for ring in rings], of) for rings, of in polygons]
+    return local, origin
+
+
+def _check_degrees(vertices: Sequence[tuple[Point, Feature]], remedy: str, source: SourceText) -> None:
+    """Refuse what cannot be degrees: metres, or longitude and latitude swapped."""
+    beyond = [((x, y), of) for (x, y), of in vertices if abs(x) > 180 or abs(y) > 90]
+    if beyond:
+        (x, y), of = beyond[0]
+        which, value, limit = ("longitude", x, 180) if abs(x) > 180 else ("latitude", y, 90)
+        message = f"a {which} of {value:.10g} is beyond ±{limit}, as in {len(beyond)} of {len(vertices)} vertices"
+        if all(abs(x) <= 90 and abs(y) <= 180 for (x, y), _ in vertices):
+            message = f"a latitude of {value:.10g} is beyond ±90: {_SWAPPED}"
+        raise source.error(of.location, message, _or(_DEGREES, remedy))
+    for (_, y), of in vertices:
+        if abs(y) > LATITUDE_LIMIT_DEG:
+            message = f"a latitude of {y:.10g}, near a pole"
+            if all(abs(x) <= LATITUDE_LIMIT_DEG for (x, _), _ in vertices):
+                message += f": {_SWAPPED}"
+            raise source.error(of.location, message, f"latitudes within ±{LATITUDE_LIMIT_DEG:g}")
+
+
+def _no_area(ring: Line, of: Feature, source: SourceText) -> InputError:
+    """What is wrong with an outline without an area."""
+    from eadp.core.geometry.polygons import ground_m2, tidy
+
+    count, expected = len(set(ring)), f"{SMALLEST_M2:g} m² or more"
+    if count < 3:
+        message, expected = f"{_title(0, of)} has {counted(count, 'vertex', 'vertices')}", "three or more that differ"
+    elif len(tidy(ring).kept) < 3:
+        message, expected = f"{_title(0, of)} has no area", "vertices that do not lie on one line"
+    else:
+        message = f"an area of {ground_m2(ring):.3g} m²"
+    return source.error(of.location, message, expected)
+
+
+def _simplified(rings: list[Line], of: Feature, source: SourceText, notes: list[str]) -> list[Line]:
     """The rings, each of more than `RING_LIMIT` vertices within the smallest tolerance that is enough."""
     from eadp.core.geometry.polygons import simplified
 
@@ -505,184 +385,262 @@ def _simplified(rings: list[list[Vertex]], source: SourceText, notes: list[str])
         if len(ring) <= RING_LIMIT:
             continue
         for tolerance_m in _TOLERANCES_M:
-            kept = simplified([(vertex.x, vertex.y) for vertex in ring], tolerance_m)
+            kept = simplified(ring, tolerance_m)
             if len(kept) <= RING_LIMIT:
                 break
         else:
-            what = f"{_title(i)} has {len(ring)} vertices, and needs {len(kept)} to be right within {tolerance_m:g} m"
-            raise source.error(ring[0].location, what, f"at most {RING_LIMIT}")
+            what = f"{len(ring)} vertices, and needs {len(kept)} to be right within {tolerance_m:g} m"
+            raise source.error(of.location, f"{_title(i, of)} has {what}", f"at most {RING_LIMIT}")
         result[i] = [ring[j] for j in kept]
-        notes.append(f"{_title(i)} simplified within {tolerance_m:g} m: {len(kept)} of {len(ring)} vertices")
+        what = f"{tolerance_m:g} m: {len(kept)} of {len(ring)} vertices"
+        notes.append(f"{_title(i, replace(of, names=()))} simplified within {what}")
     return result
-
-
-def _check_counts(draft: FieldDraft, source: SourceText) -> None:
-    """Refuse rings without three vertices, and more holes than there may be."""
-    if len(draft.rings) - 1 > HOLES_LIMIT:
-        location = draft.rings[HOLES_LIMIT + 1].location
-        raise source.error(location, f"more than {HOLES_LIMIT} holes", f"at most {HOLES_LIMIT}")
-    faults = []
-    for i, ring in enumerate(draft.rings):
-        count = len({vertex[:2] for vertex in ring.vertices})
-        if count < 3:
-            location = ring.vertices[0].location if ring.vertices else ring.location
-            message = f"{_title(i)} has {counted(count, 'vertex', 'vertices')}"
-            faults.append(source.fault(location, message, "three or more that differ"))
-    refuse(faults)
-
-
-def _title(ring: int) -> str:
-    return f"hole {ring}" if ring else "the outline"
-
-
-def _in_metres(
-    rings: list[list[Vertex]], draft: FieldDraft, source: SourceText, notes: list[str]
-) -> tuple[list[list[Vertex]], tuple[float, float] | None]:
-    """The rings of a draft in metres, checked; of one in degrees also the place of its origin [°]."""
-    origin_deg: tuple[float, float] | None = None
-    if draft.degrees:
-        rings, origin_deg = _localised(rings, draft, source, notes)
-    else:
-        _check_metres(rings, draft, source)
-    _check_extent(rings, draft, source)
-    return rings, origin_deg
-
-
-def _localised(
-    rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: SourceText, notes: list[str]
-) -> tuple[list[list[Vertex]], tuple[float, float]]:
-    """Metres east and north of the middle of the outline, and that middle as latitude and longitude [°]."""
-    _check_degrees(rings, draft, source)
-    rings = [list(ring) for ring in rings]
-    west, east, south, north = _extent(rings[0])
-    if east - west > 180:
-        moved = [[v._replace(x=v.x + 360) if v.x < 0 else v for v in ring] for ring in rings]
-        from_west, to_east, *_ = _extent(moved[0])
-        if to_east - from_west < _WIDEST_DEG:
-            rings, west, east = moved, from_west, to_east
-            notes.append("longitudes counted on across the antimeridian")
-    middle = (west + east) / 2
-    origin = (round((south + north) / 2, 7) + 0.0, round(middle - 360 if middle > 180 else middle, 7) + 0.0)
-    start = rings[0][0]
-    for vertex in chain.from_iterable(rings):
-        # refused before the projection, which maps both sides of the earth to the same plane
-        dx, dy = abs(vertex.x - start.x), abs(vertex.y - start.y)
-        if dx > _WIDEST_DEG or dy > _HIGHEST_DEG:
-            message = f"{dx:.6g}° of longitude and {dy:.6g}° of latitude from the first vertex"
-            here = start.x, start.y
-            if all(min(math.dist(each, here) for each in (v[:2], v[1::-1])) < NEAR_DEG for v in chain(*rings)):
-                message += f": {_SWAPPED} in some vertices"
-            raise source.error(vertex.location, message, _or(_SMALLER, draft.remedy))
-    return [
-        [Vertex(*to_local_m(vertex.y, vertex.x, origin), vertex.location) for vertex in ring] for ring in rings
-    ], origin
 
 
 def _or(expected: str, remedy: str) -> str:
     return f"{expected}, or {remedy}" if remedy else expected
 
 
-def _extent(vertices: Sequence[Vertex]) -> tuple[float, float, float, float]:
+def _extent(vertices: Sequence[Point]) -> tuple[float, float, float, float]:
     """The smallest and the largest x, the smallest and the largest y."""
-    x, y, _ = zip(*vertices, strict=True)
+    x, y = zip(*vertices, strict=True)
     return min(x), max(x), min(y), max(y)
 
 
-def _middle(vertices: Sequence[Vertex]) -> Point:
+def _middle(vertices: Sequence[Point]) -> Point:
     """The middle of the box around them."""
     west, east, south, north = _extent(vertices)
     return (west + east) / 2, (south + north) / 2
 
 
-def _check_degrees(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: SourceText) -> None:
-    """Refuse what cannot be degrees: metres, or longitude and latitude swapped."""
-    vertices = [vertex for ring in rings for vertex in ring]
-    beyond = [vertex for vertex in vertices if abs(vertex.x) > 180 or abs(vertex.y) > 90]
-    if beyond:
-        first = beyond[0]
-        which, value, limit = ("longitude", first.x, 180) if abs(first.x) > 180 else ("latitude", first.y, 90)
-        message = f"a {which} of {value:.10g} is beyond ±{limit}, as in {len(beyond)} of {len(vertices)} vertices"
-        if all(abs(vertex.x) <= 90 and abs(vertex.y) <= 180 for vertex in vertices):
-            message = f"a latitude of {value:.10g} is beyond ±90: {_SWAPPED}"
-        raise source.error(first.location, message, _or(_DEGREES, draft.remedy))
-    for vertex in vertices:
-        if abs(vertex.y) > LATITUDE_LIMIT_DEG:
-            message = f"a latitude of {vertex.y:.10g}, near a pole"
-            if all(abs(each.x) <= LATITUDE_LIMIT_DEG for each in vertices):
-                message += f": {_SWAPPED}"
-            raise source.error(vertex.location, message, f"latitudes within ±{LATITUDE_LIMIT_DEG:g}")
+# --- obstacles and boundaries
 
 
-def _check_metres(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: SourceText) -> None:
-    """Refuse what cannot be metres: very large numbers, and degrees."""
-    far = [vertex for ring in rings for vertex in ring if max(abs(vertex.x), abs(vertex.y)) > LARGEST_M]
-    if far:
-        message = f"a vertex at ({far[0].x:.3g}, {far[0].y:.3g}) m"
-        raise source.error(far[0].location, message, f"coordinates of at most {LARGEST_M:g} m")
-    west, east, south, north = _extent(rings[0])
-    degrees = max(abs(west), abs(east)) <= 180 and max(abs(south), abs(north)) <= 90
-    if degrees and max(east - west, north - south) < 1:
-        message = f"a field of {east - west:.3g} m by {north - south:.3g} m, if these are metres and not degrees"
-        raise source.error(rings[0][0].location, message, _or("a larger field", draft.remedy))
+class _Frame(NamedTuple):
+    """The metres of a field: where they are from, latitude and longitude [°], or None; and the field's middle there."""
+
+    origin_deg: Point | None
+    middle_m: Point
+
+    def is_near(self, corners: Sequence[Point]) -> bool:
+        """Whether the box around corners comes within `ZONES_M` of the middle."""
+        west, east, south, north = _extent(corners)
+        x, y = self.middle_m
+        return west <= x + ZONES_M and east >= x - ZONES_M and south <= y + ZONES_M and north >= y - ZONES_M
+
+    @property
+    def window(self) -> tuple[Point, ...]:
+        """The square within `ZONES_M` of the middle."""
+        x, y = self.middle_m
+        return tuple((x + i * ZONES_M, y + j * ZONES_M) for i, j in ((-1, -1), (1, -1), (1, 1), (-1, 1)))
+
+    def near(self, ring: Line, of: Feature, source: SourceText) -> Line | None:
+        """The corners of an outline in the metres of the field; None where all are far away to one side."""
+        corners = ring
+        if self.origin_deg is not None:
+            if beyond := [(x, y) for x, y in ring if abs(x) > 180 or abs(y) > 90]:
+                raise source.error(of.location, f"a vertex at {beyond[0][1]:.6g}, {beyond[0][0]:.6g}", _DEGREES)
+            # the plane is that of the field, where it is far the scale of its parallel
+            latitude, longitude = self.origin_deg
+            east_m = DEGREE_M * math.cos(math.radians(latitude))
+            rough = [(east_m * ((x - longitude + 180) % 360 - 180), DEGREE_M * (y - latitude)) for x, y in ring]
+            if not self.is_near(rough):
+                return None
+            corners = [
+                to_local_m(y, x, self.origin_deg) if max(map(abs, point)) < 5 * ZONES_M else point
+                for (x, y), point in zip(ring, rough, strict=True)
+            ]
+        return corners if self.is_near(corners) else None
+
+    def near_if_swapped(self, ring: Line, of: Feature, source: SourceText) -> bool:
+        """Whether an outline that is far is near with its longitudes and latitudes swapped."""
+        if self.origin_deg is None or any(abs(x) > 90 for x, _ in ring):
+            return False
+        swapped = [(y, x) for x, y in ring]
+        return self.near(ring, of, source) is None and self.near(swapped, of, source) is not None
 
 
-def _check_extent(rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: SourceText) -> None:
-    """Refuse a field that is too large, at the vertex furthest from the first."""
-    vertices = [vertex for ring in rings for vertex in ring]
-    west, east, south, north = _extent(vertices)
-    if max(east - west, north - south) > EXTENT_LIMIT_M:
-        start = vertices[0]
-        furthest = max(vertices, key=lambda vertex: math.dist(vertex[:2], start[:2]))
-        message = f"{(east - west) / 1000:.4g} km by {(north - south) / 1000:.4g} km"
-        raise source.error(furthest.location, message, _or(_SMALLER, draft.remedy))
+def read_airspace(
+    avoid: Text | None,
+    inside: Text | None,
+    origin_deg: Point | None,
+    middle_m: Point,
+    *,
+    metres: bool = False,
+) -> tuple[Airspace, list[Fault]]:
+    """Read obstacles and a boundary, each from a file of its own, in the metres round an origin; with notes.
+
+    Obstacles may be points and lines, too. Of fences those to keep out of are read, or those to keep inside. The
+    boundary's holes, and what is named as an obstacle in its file, are obstacles. What lies farther than `ZONES_M` from
+    the middle of a field, or of what the files lie beside, is left out, which the notes say.
+
+    Raises
+    ------
+    InputError
+        With the faults of the file; also if it is in degrees and there is no origin, or the other way round, if
+        nothing is left of a boundary, or if no obstacle in metres is near.
+    """
+    frame, obstacles, boundary, notes = _Frame(origin_deg, middle_m), list[Obstacle](), list[Obstacle](), list[Fault]()
+    for text, within in ((avoid, False), (inside, True)):
+        if text is None:
+            continue
+        source, said = SourceText(text), list[str]()
+        found, bounds = _zones(source, within=within, metres=metres)
+        own = [each for each in found.features if each.avoided and each not in bounds] if within else []
+        holes = (hole for each in bounds for _, *inner in each.polygons for hole in inner)
+        own += [Feature(bounds[0].location, ("hole",), [[hole]]) for hole in holes] if within else []
+        zones = _obstacles(bounds, frame, found.degrees, source, said, inside=within)
+        (boundary if within else obstacles).extend(zones)
+        obstacles += _obstacles(own, frame, found.degrees, source, said)
+        notes += [Fault(source.name, 1, 1, note, severity="note") for note in said]
+    return Airspace(tuple(obstacles), tuple(each.outline for each in boundary)), notes
 
 
-def _repaired(
-    rings: Sequence[Sequence[Vertex]], draft: FieldDraft, source: SourceText, notes: list[str]
-) -> list[list[Vertex]]:
-    """The rings open and without superfluous vertices; raises the faults of those without an area."""
-    from eadp.core.geometry.polygons import TOLERANCE_M, tidy
-
-    counts: Counter[str] = Counter()
-    faults: list[Fault] = []
-    result = []
-    for i, ring in enumerate(rings):
-        closed = len(ring) > 1 and math.dist(ring[0][:2], ring[-1][:2]) < TOLERANCE_M
-        vertices = list(ring[:-1] if closed else ring)
-        counts["closed" if closed else "open"] += 1
-        tidied = tidy([(vertex.x, vertex.y) for vertex in vertices])
-        if len(tidied.kept) < 3:
-            message = f"{_title(i)} has no area"
-            faults.append(source.fault(ring[0].location, message, "vertices that do not lie on one line"))
-        counts.update(repeated=tidied.repeated, in_line=tidied.in_line, spikes=tidied.spikes)
-        result.append([vertices[j] for j in tidied.kept])
-    refuse(faults)
-    if draft.closes:
-        _note(counts, notes, open=("open ring", "open rings", "closed"))
-    else:
-        _note(counts, notes, closed=("closing vertex", "closing vertices", "dropped"))
-    return result
+Fences = Sequence[tuple[bool, Sequence[Point], Location]]
+"""Whether to keep in or out of each, its corners as latitude and longitude [°], and where it stands in its file."""
 
 
-def _check_shape(rings: Sequence[Sequence[Vertex]], origin_deg: tuple[float, float] | None, source: SourceText) -> None:
-    """Refuse rings that cross themselves or one another, at the nearest vertex of the ring."""
-    from eadp.core.geometry.polygons import flaws
+def _fences(source: SourceText) -> Fences | None:
+    """The fences of a mission; None where a text is none."""
+    found: Iterator[Fences | None] = (read(source) for read in plug_ins("fences"))
+    return next((each for each in found if each is not None), None)
 
-    outline, *holes = [[(vertex.x, vertex.y) for vertex in ring] for ring in rings]
-    faults = []
-    for flaw in islice(flaws(outline, holes), FAULTS_SHOWN):
-        x, y = flaw.point_m
-        where = f"({x:.2f}, {y:.2f}) m"
-        if origin_deg is not None:
-            latitude, longitude = to_geodetic_deg(x, y, origin_deg)
-            where = f"longitude {longitude:.7f}, latitude {latitude:.7f}, which is {where}"
-        nearest = min(rings[flaw.ring], key=lambda vertex: math.dist(vertex[:2], (x, y)))
-        expected = "holes within the outline and apart from one another"
-        if flaw.message.endswith("itself"):
-            expected = "a ring that neither crosses nor touches itself"
-        faults.append(source.fault(nearest.location, f"{_title(flaw.ring)} {flaw.message} at {where}", expected))
-    refuse(faults)
 
+def _zones(source: SourceText, *, within: bool, metres: bool) -> tuple[Features, list[Feature]]:
+    """All features of a file, and those that are zones to keep out of, or to stay `within`."""
+    fences = _fences(source)
+    if fences is None:
+        found = read_features(source, metres=metres)
+        if not within:
+            if found.is_table:  # each ring is an obstacle
+                (one,) = found.features
+                return found, [replace(one, polygons=[[ring] for ring in one.polygons[0]])]
+            if not any(each.outlines for each in found.features):
+                found.areas(source)
+            return found, found.features
+        areas = found.areas(source)
+        return found, [each for each in areas if not each.avoided] or areas
+    if metres:
+        raise InputError.at("--metres", 1, 1, "a fence is in degrees (WGS-84)", "a fence without --metres")
+    kept = [
+        Feature(location, polygons=[[[(lon, lat) for lat, lon in corners]]])
+        for inclusion, corners, location in fences
+        if inclusion is within
+    ]
+    if not kept:
+        other = "--avoid" if within else "--inside"
+        expected = f"a fence; those of this file belong to {other}" if fences else "a fence; places to rally are none"
+        raise source.error((1, 1), f"no fence to keep {'inside' if within else 'out of'}", expected)
+    return Features(kept, degrees=True), kept
+
+
+def _obstacles(
+    features: Sequence[Feature],
+    frame: _Frame,
+    degrees: bool,
+    source: SourceText,
+    notes: list[str],
+    *,
+    inside: bool = False,
+) -> tuple[Obstacle, ...]:
+    """Obstacles, or a boundary, in the metres of a field, checked; what is far away is left out, with notes.
+
+    An obstacle without an area, as a mast or a power line, becomes what lies within `THIN_M` of it. Those that have no
+    name are numbered.
+
+    Raises
+    ------
+    InputError
+        Where nothing is near that can be meant, or the units are not those of the field.
+    """
+    from eadp.core.geometry.polygons import clipped, near
+
+    outlines, found = _Outlines(source, NO_AREA_M2, frame.origin_deg), list[Obstacle]()
+    rings = [(ring, each) for each in features for ring in each.outlines if ring]
+    if rings and degrees != (frame.origin_deg is not None):
+        units = ("metres", "degrees")
+        message = f"is in {units[degrees]}, and what it lies beside is in {units[not degrees]}"
+        raise source.error(rings[0][1].location, message, "the units of the field or plan")
+    counts = outlines.counts
+    for number, (ring, of) in enumerate(rings, 1):
+        if (corners := frame.near(ring, of, source)) is None:
+            counts["far"] += 1
+            continue
+        parts = outlines.parts([corners], of)
+        if not parts and not inside:
+            _check_thin(ring, of, frame, source)
+            counts["small"], counts["thin"] = counts["small"] - 1, counts["thin"] + 1
+            parts = near(corners, THIN_M)
+        own = [outline for outline, *_ in parts]
+        if any(abs(x - frame.middle_m[0]) > ZONES_M or abs(y - frame.middle_m[1]) > ZONES_M for x, y in chain(*own)):
+            own = [outline for outline, *_ in clipped([[each] for each in own], [frame.window])]
+            counts["far"] += not own
+        name = printable(" ".join(of.name.replace(",", " ").split()), NAME_LIMIT) or f"obstacle {number}"
+        found += [Obstacle(outline, name, of.height_m) for outline in own]
+    far = "polygon", "polygons", f"farther than {ZONES_M / 1000:g} km left out"
+    thin = "obstacle", "obstacles", f"without an area kept, with what lies within {THIN_M:g} m"
+    for key in ("repeated", "in_line", "spikes"):  # a line there and back is one spike
+        del counts[key]
+    said = outlines.notes(far=far, thin=thin)
+    if rings and not found:
+        at = rings[0][1].location
+        if any(frame.near_if_swapped(ring, of, source) for ring, of in rings):
+            expected = "the order of the field or plan, in which they may be swapped instead"
+            raise source.error(at, f"lies near the field or plan if {_MIRRORED}", expected)
+        if inside or frame.origin_deg is None:  # in degrees a file may have the obstacles of a country
+            expected = f"a polygon within {ZONES_M / 1000:g} km, in the units and the grid of the field or plan"
+            raise source.error(at, "; ".join(said), expected)
+    notes += said
+    return tuple(found)
+
+
+def _check_thin(ring: Line, of: Feature, frame: _Frame, source: SourceText) -> None:
+    """Refuse an outline in metres whose numbers may be degrees."""
+    west, east, south, north = _extent(ring)
+    if frame.origin_deg is None and 0 < max(east - west, north - south) < 1:
+        message = f"an obstacle of {east - west:.3g} m by {north - south:.3g} m, if these are metres and not degrees"
+        raise source.error(of.location, message, "the units of the field or plan, or a point")
+
+
+# --- what `eadp plan --avoid` and `--inside` change
+
+
+def avoid(plan: Plan, file: File) -> tuple[Plan, list[Fault]]:
+    """A plan with the obstacles of a file besides its own, and notes. Raises InputError as `_fenced`."""
+    return _fenced(plan, read_field_text(str(file)), None)
+
+
+def inside(plan: Plan, file: File) -> tuple[Plan, list[Fault]]:
+    """A plan with the boundary of a file besides its own, and notes; both hold. Raises InputError as `_fenced`."""
+    return _fenced(plan, None, read_field_text(str(file)))
+
+
+def _fenced(plan: Plan, avoided: Text | None, boundary_file: Text | None) -> tuple[Plan, list[Fault]]:
+    """A plan beside files of obstacles and of a boundary.
+
+    Raises
+    ------
+    InputError
+        As `read_airspace`; or where the boundaries have no ground in common.
+    """
+    starts_m = plan.stages[0].trigger_at(parameters_of(plan, ()))
+    own, (given, notes) = plan.site.airspace, read_airspace(avoided, boundary_file, plan.site.origin_deg, starts_m)
+    boundary = own.boundary or given.boundary
+    if own.boundary and given.boundary:
+        assert boundary_file is not None
+        from eadp.core.geometry.polygons import clipped
+
+        # two outlines have no hole in common, as their unions may have
+        pairs = ((mine, each) for mine in own.boundary for each in given.boundary)
+        boundary = tuple(part[0] for mine, each in pairs for part in clipped([[mine]], [each]))
+        if not boundary:
+            message = "no ground in common with the plan's own boundary"
+            raise InputError.at(boundary_file.name, 1, 1, message, "a boundary round the plan")
+    airspace = Airspace((*own.obstacles, *given.obstacles), boundary)
+    return replace(plan, site=plan.site._replace(airspace=airspace)), notes
+
+
+# --- files
 
 _ZIP, _SHAPEFILE = b"PK\x03\x04", b"\x00\x00\x27\x0a"
 _AS_GEOJSON = "GeoJSON, as by ogr2ogr -t_srs EPSG:4326 field.geojson {}"
@@ -696,7 +654,13 @@ def read_field_text(path: str) -> Text:
     InputError
         As `read_text`; or of a shapefile, and if an archive is damaged, has no KML, or its KML is too large.
     """
-    head = _head(path)
+    head = b""
+    if os.path.isfile(path):
+        try:
+            with open(path, "rb") as stream:
+                head = stream.read(len(_ZIP))
+        except OSError:
+            pass  # which reading it as a text raises
     if head == _SHAPEFILE:
         raise InputError.at(path, 1, 1, "is a shapefile, which is not read", _AS_GEOJSON.format(path))
     if head != _ZIP:
@@ -706,8 +670,13 @@ def read_field_text(path: str) -> Text:
             # the first is the document that is shown, as doc.kml
             names = {os.path.splitext(name)[1].lower(): name for name in reversed(archive.namelist())}
             if ".kml" in names:
-                with archive.open(names[".kml"]) as stream:
-                    return _kml_text(path, stream.read(limit_bytes() + 1))
+                with archive.open(names[".kml"]) as document:
+                    data = document.read(limit_bytes() + 1)
+                if len(data) > limit_bytes():
+                    raise InputError.at(path, 1, 1, "its KML is too large", f"at most {limit_bytes()} bytes")
+                return Text(path, data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n"))
+    except UnicodeDecodeError:
+        raise InputError.at(path, 1, 1, "its KML is not UTF-8 text", "UTF-8 text") from None
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, EOFError) as error:
         message = f"cannot be read as an archive: {error}"
         raise InputError.at(path, 1, 1, message, "a KMZ file") from None
@@ -715,24 +684,3 @@ def read_field_text(path: str) -> Text:
         message, expected = "is an archive of a shapefile, which is not read", _AS_GEOJSON.format(f"/vsizip/{path}")
         raise InputError.at(path, 1, 1, message, expected)
     raise InputError.at(path, 1, 1, "an archive without a KML document", "a KMZ file")
-
-
-def _kml_text(path: str, data: bytes) -> Text:
-    if len(data) > limit_bytes():
-        raise InputError.at(path, 1, 1, "its KML is too large", f"at most {limit_bytes()} bytes")
-    try:
-        body = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise InputError.at(path, 1, 1, "its KML is not UTF-8 text", "UTF-8 text") from None
-    return Text(path, body.replace("\r\n", "\n").replace("\r", "\n"))
-
-
-def _head(path: str) -> bytes:
-    """The first bytes of a regular file; none where there is no such, whose reading as a text raises it."""
-    if not os.path.isfile(path):
-        return b""
-    try:
-        with open(path, "rb") as stream:
-            return stream.read(len(_ZIP))
-    except OSError:
-        return b""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -12,14 +12,11 @@ import numpy as np
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import compass_deg
-from eadp.core.guidance import RATE_SHARE
 from eadp.errors import Infeasible, InputError
 from eadp.io.text.options import Flag, check_range
 from eadp.models.airspace import CLEARANCE_M, Field
-from eadp.models.vehicle import Airframe, PaperVehicle
-from eadp.survey.coverage import AUTO, DUBINS, ZAMBONI, CoverageSolution
-from eadp.survey.ends import Climbing, FinalApproach
-from eadp.survey.heights import Ground, HeightLimits, HeightProfile, low_approach, over_terrain
+from eadp.survey.coverage import AUTO, DUBINS, ZAMBONI
+from eadp.survey.heights import FinalApproach, Ground, HeightLimits, HeightProfile, low_approach
 from eadp.survey.swaths import MotionLimits
 from eadp.survey.terrain import ElevationModel, read_terrain
 
@@ -76,18 +73,17 @@ class TerrainTask(NamedTuple):
         files = [options.terrain] if isinstance(options.terrain, str) else options.terrain
         if not files:
             if options.height_tolerance_m is not None:
-                raise _fault("--height-tolerance", "no ground to be above", "--terrain")
+                raise InputError.at("--height-tolerance", 1, 1, "no ground to be above", "--terrain")
             return None
         if altitude_m is None:
-            raise _fault("--terrain", "no height to keep above the ground", "--altitude")
+            raise InputError.at("--terrain", 1, 1, "no height to keep above the ground", "--altitude")
         if field.origin_deg is None:
-            raise _fault("--terrain", "the field has no place on the earth", "a field in degrees")
+            raise InputError.at("--terrain", 1, 1, "the field has no place on the earth", "a field in degrees")
         tolerance_m = TOLERANCE_SHARE * altitude_m if options.height_tolerance_m is None else options.height_tolerance_m
         check_range("--height-tolerance", tolerance_m, 1, 1000, closed=True)
         if altitude_m < clearance_m:
-            raise _fault(
-                "--altitude", f"{altitude_m:g} m, less than the clearance", f"--clearance {altitude_m:g} or less"
-            )
+            message = f"{altitude_m:g} m, less than the clearance"
+            raise InputError.at("--altitude", 1, 1, message, f"--clearance {altitude_m:g} or less")
         points = [*(vertex for part in field.parts for vertex in part[0]), *(end for end in ends if end is not None)]
         terrain = read_terrain(files, np.array(points), field.origin_deg)
         return cls(terrain, HeightLimits(altitude_m, tolerance_m, clearance_m))
@@ -124,15 +120,10 @@ class TerrainTask(NamedTuple):
 
 
 class Heights(NamedTuple):
-    """The heights of a flight over its ground: its profile, home [m], and how the aircraft climbs."""
+    """The heights of a flight over its ground: its profile, and home [m]."""
 
     profile: HeightProfile
     home_m: Point
-    climbing: Climbing
-
-    def on_ground(self, field: Field) -> Field:
-        """A field whose obstacles have heights above the altitude 0."""
-        return replace(field, airspace=self.profile.ground.airspace)
 
     @property
     def home_altitude_m(self) -> int:
@@ -143,33 +134,6 @@ class Heights(NamedTuple):
         ways_m = np.array(self.home_m) + np.linspace(0, 1, HOME_POINTS)[:, None, None] * ends_m
         top_m = max(float(ground.heights_m(ways_m.reshape(-1, 2)).max()), top_m)
         return math.ceil(top_m + ground.limits.clearance_m)
-
-
-def climbing_over(ground: Ground, airframe: Airframe) -> Climbing:
-    """How an aircraft climbs over a ground. Raises InputError of one that holds its own altitude."""
-    if isinstance(airframe, PaperVehicle):
-        raise _fault("--terrain", f"the airframe {airframe.model} holds its own altitude", "another --vehicle")
-    return Climbing(*airframe.climb_rates_mps(ground.motion.airspeed_mps), airframe.altitude_gain_per_s)
-
-
-def with_heights(
-    solution: CoverageSolution,
-    ground: Ground,
-    home_m: Point,
-    climbing: Climbing,
-    *,
-    from_ground: bool,
-    lands: FinalApproach | None,
-) -> tuple[CoverageSolution, Heights]:
-    """A path with its altitudes over a ground, see `over_terrain`, and its heights.
-
-    Raises
-    ------
-    Infeasible
-        As `over_terrain`.
-    """
-    flown, profile = over_terrain(solution, ground, climbing, 0.0 if from_ground else None, lands=lands)
-    return flown, Heights(profile, home_m, climbing)
 
 
 class HeightReport(NamedTuple):
@@ -192,20 +156,6 @@ class HeightReport(NamedTuple):
         """A share of the lines of all flights."""
         counts = [len(each.profile.above_m) for each in self.flights]
         return float(np.average([getattr(each.profile, name) for each in self.flights], weights=counts))
-
-    @property
-    def _contours_deg(self) -> float | None:
-        """Compass bearing, from 0 to 180, along which the ground under the lines changes least [°].
-
-        None where it has no direction: where slopes along it are more than half of those across it.
-        """
-        profiles = [each.profile for each in self.flights]
-        lines_m = np.concatenate([each.samples.points_m[each.samples.on_line] for each in profiles])
-        heights_m, (step_x, step_y) = profiles[0].ground.terrain.grid(lines_m, RELIEF_POINTS)
-        rises = np.array([each.ravel() for each in np.gradient(heights_m, step_y, step_x)[::-1]])
-        # least Σ (∇h · t)²: of the structure tensor, the eigenvector of the smaller eigenvalue
-        (along, across), vectors = np.linalg.eigh(np.nan_to_num(rises) @ np.nan_to_num(rises).T)
-        return None if along > across / 4 else compass_deg(math.atan2(vectors[1, 0], vectors[0, 0])) % 180
 
     @property
     def home_altitude_m(self) -> int:
@@ -233,8 +183,8 @@ class HeightReport(NamedTuple):
 
     def text(self) -> list[str]:
         """For people, of the same."""
-        values, (highest, _, climbing) = self.document(), max(self.flights, key=lambda each: each.profile.above_m.max())
-        limits, motion = highest.ground.limits, highest.ground.motion
+        values, highest = self.document(), max(self.flights, key=lambda each: each.profile.above_m.max()).profile
+        limits = highest.ground.limits
         (low, high), elsewhere_m = values["ground_m"], values["height_elsewhere_m"]
         (least, mean, most), single = values["height_m"], values["altitudes"] == len(self.flights)
         elsewhere = "" if elsewhere_m is None else f", {elsewhere_m:.0f} m or more elsewhere"
@@ -246,18 +196,9 @@ class HeightReport(NamedTuple):
         if (share := 100 * values["higher_share"]) and single:
             lines[1] += "; laps have one altitude, lines of --pattern dubins follow the ground"
         elif share:
-            up, down = (100 * RATE_SHARE * rate / motion.ground_limit_mps for rate in climbing[:2])
-            steepest = max(each.profile.steepest for each in self.flights)
-            lines.append(
-                f"           {share:.0f} % of the lines higher than "
-                f"{limits.line_m + limits.tolerance_m:g} m, most at {highest.max_place_text}: slopes are up to "
-                f"{100 * steepest:.0f} %, the aircraft follows {up:.0f} % up and {down:.0f} % down"
-                + (
-                    ""
-                    if (bearing := self._contours_deg) is None
-                    else f"; --heading {bearing:.0f} is along the contours"
-                )
-            )
+            limit_m = limits.line_m + limits.tolerance_m
+            place = highest.max_place_text
+            lines.append(f"           {share:.0f} % of the lines higher than {limit_m:g} m, most at {place}")
         said = []
         if (pixels := values["gsd_cm"]) is not None:
             said.append(f"pixels of {pixels[0]:.2g} to {pixels[2]:.2g} cm, mean {pixels[1]:.2g} cm")
@@ -271,7 +212,3 @@ class HeightReport(NamedTuple):
 def _range(values: FloatArray) -> list[float]:
     """Least, mean and greatest."""
     return [float(values.min()), float(values.mean()), float(values.max())]
-
-
-def _fault(option: str, message: str, expected: str) -> InputError:
-    return InputError.at(option, 1, 1, message, expected)

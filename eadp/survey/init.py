@@ -14,9 +14,10 @@ from eadp.errors import Fault, InputError, printable, refuse
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import Text, write_text
 from eadp.io.vehicle import read_vehicle
-from eadp.survey.camera_file import FOLDER as CAMERAS_FOLDER
-from eadp.survey.cover import CoverageOptions, CoverageTask
+from eadp.survey.camera import FOLDER as CAMERAS_FOLDER
+from eadp.survey.cover import CoverageTask
 from eadp.survey.coverage import cover
+from eadp.survey.options import CoverageOptions
 
 FOLDER = files("eadp") / "presets"
 PRESETS = tuple(sorted(file.name.removesuffix(".yaml") for file in (FOLDER / "vehicles").iterdir()))

@@ -2,8 +2,8 @@
 
 The lines of the field stand one after the other, as one length. A sortie has an interval of it: whole lines where that
 costs nothing, and part of one at either end where it saves a sortie. What a sortie leaves of its pack is the caller's
-forecast. The ends of as few sorties as a bound allows are moved until all leave the same. Where that is too little,
-sorties are filled one after the other.
+forecast. The ends of as few sorties as a bound allows are moved until all leave the same; where that is too little,
+there are more.
 
 Source: Prins 2004 (Computers & Operations Research 31) for a tour that is divided; the ends are found by secants.
 """
@@ -25,18 +25,9 @@ from eadp.errors import Infeasible
 from eadp.models.airspace import Field
 from eadp.survey.coverage import LineGrid
 
-ROUNDS = 12
-"""Most forecasts for the end of a sortie."""
-
 ALIKE_ROUNDS, BOUND_ROUNDS = 2, 4
 """Most times that the ends of all sorties are moved until all leave about the same; and more times for the least number
 of sorties, which no other division can beat."""
-
-FULL_SPARE = 0.02
-"""A sortie is full where it leaves no more than this share of a pack."""
-
-MIN_ON_LINES = 0.02
-"""Share of a pack that a sortie is taken to use on its lines at least, by which a step is divided."""
 
 MAX_SORTIES = 200
 SAME_M = 1e-2
@@ -118,11 +109,6 @@ class Division:
         """The end of the first line [m]."""
         return float(self._ends[1])
 
-    def next_line(self, place_m: float) -> float:
-        """The first place between two lines beyond one [m]; the end of the last line at most."""
-        beyond = self._ends[self._ends > place_m + SAME_M]
-        return float(beyond[0]) if len(beyond) else self.total_m
-
     def between_lines(self, place_m: float) -> float:
         """The nearest place between two lines [m]."""
         return float(self._ends[np.abs(self._ends - place_m).argmin()])
@@ -176,12 +162,6 @@ class Divided(NamedTuple, Generic[AnySortie]):
 
     intervals: list[Interval]
     sorties: list[AnySortie]
-
-    @property
-    def may_save_one(self) -> bool:
-        """Whether the lines of some sortie take no more charge than all other sorties leave together."""
-        total_spare = sum(max(sortie.spare, 0.0) for sortie in self.sorties)
-        return any(total_spare - sortie.spare >= sortie.used_on_lines for sortie in self.sorties)
 
     @property
     def lengths_m(self) -> FloatArray:
@@ -247,91 +227,18 @@ class Divider(Generic[AnySortie]):
         Infeasible
             If even a short part of a line is too far, or whole lines cannot be divided so where lines are not cut.
         """
-        count = min_count
-        found = self._alike(count, BOUND_ROUNDS)
-        while found.shortest.spare < 0:
+        count, rounds = min_count, BOUND_ROUNDS
+        while (found := self._alike(count, rounds)).shortest.spare < 0:
             needed = found.needed if self.cuts else count + 1
-            if not count < needed <= MAX_SORTIES:
-                return self._unlike(count)
-            count = needed
-            found = self._alike(count)
+            if max(count + 1, needed) > MAX_SORTIES:
+                far = "a pack does not last for the way to the field and back"
+                raise Infeasible(far if self.cuts else f"{MAX_SORTIES} sorties are too few")
+            count, rounds = max(count + 1, needed), ALIKE_ROUNDS
         return found
-
-    def _unlike(self, min_count: int) -> Divided[AnySortie]:
-        """As many sorties as filling one after the other takes: all alike where they can be flown so, else as filled.
-
-        Raises Infeasible as `fewest`, and where lines are not cut.
-        """
-        if not self.cuts:
-            raise Infeasible(f"{MAX_SORTIES} sorties are too few")
-        fullest = self._fullest(min_count)
-        found = self._alike(len(fullest.sorties))
-        return found if found.shortest.spare >= 0 else fullest
 
     def of_count(self, count: int) -> Divided[AnySortie]:
         """So many sorties of equal length of lines, whether they can be flown or not."""
         return self._divided_at(np.linspace(0.0, self.division.total_m, count + 1))
-
-    def _fullest(self, min_count: int) -> Divided[AnySortie]:
-        """Sorties that are filled one after the other: of whole lines, or cut ones where these may save a sortie."""
-        try:
-            found = self._filled(min_count, whole=True)
-        except Infeasible:
-            return self._filled(min_count, whole=False)
-        if not found.may_save_one:
-            return found
-        cut = self._filled(min_count, whole=False)
-        return cut if len(cut.sorties) < len(found.sorties) else found
-
-    def _filled(self, min_count: int, *, whole: bool) -> Divided[AnySortie]:
-        """Sorties that are filled one after the other, up to whole lines or to parts of them.
-
-        Raises
-        ------
-        Infeasible
-            If a pack lasts for no line, or no part of one, or `MAX_SORTIES` are too few.
-        """
-        total_m, place_m, ends = self.division.total_m, 0.0, [0.0]
-        length_m = total_m / min_count  # of each sortie, at first a guess
-        while total_m - place_m > SAME_M:
-            length_m = self._farthest_m(place_m, length_m, whole=whole) - place_m
-            if length_m <= SAME_M:
-                what = "a line flown whole" if whole else "the way to the field and back"
-                raise Infeasible(f"a pack does not last for {what}")
-            place_m += length_m
-            ends.append(place_m)
-            if len(ends) > MAX_SORTIES:
-                raise Infeasible(f"{MAX_SORTIES} sorties are too few")
-        return self._divided_at(np.array(ends))
-
-    def _farthest_m(self, start_m: float, guess_m: float, *, whole: bool) -> float:
-        """The farthest end found of a sortie that can be flown from a place [m]; the place itself where there is none.
-
-        `guess_m` is the length that is tried first; with `whole`, sorties end only between lines. A step aims at a
-        spare charge of half `FULL_SPARE`, by the charge that a metre of the lines takes in the sortie tried last. Where
-        it leaves the bracket, the bracket's middle is tried instead.
-        """
-        total_m = self.division.total_m
-        # the bracket: a sortie to low_m can be flown, one to high_m cannot
-        low_m, high_m, end_m = start_m, math.inf, min(start_m + guess_m, total_m)
-        for _ in range(ROUNDS):
-            if whole:
-                end_m = self.division.between_lines(end_m)
-            if not low_m + SAME_M < end_m < high_m - SAME_M:
-                # out of the bracket: its middle instead, or the end of the line after low_m
-                end_m = self.division.next_line(low_m) if whole else (low_m + min(high_m, total_m)) / 2
-                if not low_m + SAME_M < end_m < high_m - SAME_M:
-                    break  # nothing between the two is left to try
-            sortie = self._sortie((round(start_m, 3), round(end_m, 3)))
-            if sortie.spare >= 0:
-                low_m = end_m
-                if end_m >= total_m - SAME_M or (not whole and sortie.spare <= FULL_SPARE):
-                    break
-            else:
-                high_m = end_m
-            used_per_m = max(sortie.used_on_lines, MIN_ON_LINES) / (end_m - start_m)
-            end_m = min(end_m + (sortie.spare - FULL_SPARE / 2) / used_per_m, total_m)
-        return low_m
 
     def _alike(self, count: int, rounds: int = ALIKE_ROUNDS) -> Divided[AnySortie]:
         """The division into `count` sorties of about the same spare charge, with whole lines where that is enough.

@@ -7,6 +7,7 @@ import math
 import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from dataclasses import field as dataclass_field
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -24,7 +25,17 @@ from eadp.core.geometry.polygons import (
     uncovered,
 )
 from eadp.models.airspace import BOUNDARY, CLEARANCE_SHARE, Field
+from eadp.models.autopilot import FACTORY, LANDING_ANGLE, PX4, Autopilot
+from eadp.models.battery import Battery
+from eadp.models.plan.plan import Plan
+from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE
+from eadp.survey.camera import Pictures, pictures_document
 from eadp.survey.coverage import DUBINS, ZAMBONI, CoverageSolution
+from eadp.survey.ground import (
+    HOME_TEXT,
+    HeightReport,
+    Heights,
+)
 from eadp.survey.swaths import CoveragePath, MotionLimits
 
 FULL = 0.9999
@@ -372,3 +383,117 @@ def left_text(left: Sequence[LeftGround], share: float, origin_deg: Point | None
 def area_text(area_m2: float) -> str:
     """An area, for people."""
     return f"{area_m2 / 1e4:.2f} ha" if area_m2 >= 1000 else f"{area_m2:.0f} m²"
+
+
+# --- a plan
+
+
+class Pack(NamedTuple):
+    """A full pack, the state of charge kept in it, and that with less of which the autopilot turns back."""
+
+    battery: Battery
+    reserve_soc: float
+    turns_back_soc: float = 0.0
+
+    @property
+    def energy_wh(self) -> float:
+        """What it gives before [Wh]."""
+        kept = max(self.reserve_soc, self.turns_back_soc)
+        return float((1 - kept) * self.battery.capacity_ah * self.battery.voltage_at((1 + kept) / 2))
+
+
+@dataclass(frozen=True)
+class CoveragePlan:
+    """A plan that covers a field: its text, its report, the repairs made to the field, and the camera's pictures.
+
+    `pack` is a full one of the aircraft, if it has one.
+    """
+
+    plan: Plan
+    text: str
+    report: CoverageReport
+    repairs: Sequence[str]
+    pictures: Pictures | None = None
+    pack: Pack | None = None
+    heights: Heights | None = None
+    autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The values of `eadp.cover/1`."""
+        own = {"side_overlap": self._side_overlaps, "batteries": self._batteries}
+        ground = None if self.heights is None else HeightReport([self.heights], *self.on_ground).document()
+        shown = self.report.document(self.repairs, self.text)
+        return shown | own | pictures_document(self.pictures) | {"terrain": ground}
+
+    @property
+    def on_ground(self) -> tuple[float, float | None, float | None]:
+        """Width of a picture or of a line's ground [m], distance of the lines [m], and size of a pixel [cm]."""
+        shot, apart_m = self.pictures, self.report.least.spacing_m
+        if shot is None:
+            return self.report.motion.swath_m, apart_m, None
+        return shot.shot.width_m, apart_m, shot.shot.pixel_cm
+
+    @property
+    def _side_overlaps(self) -> list[float | None]:
+        """Share of a line's ground that the next line shows too, at the finest spacing and at the coarsest."""
+        return [self._overlap(end.spacing_m) for end in (self.report.full, self.report.least)]
+
+    def _overlap(self, apart_m: float | None) -> float | None:
+        return None if apart_m is None else 1 - apart_m / self.on_ground[0]
+
+    @property
+    def _batteries(self) -> list[float] | None:
+        """Full packs, down to what is kept in them, for the path at the finest spacing and at the coarsest."""
+        energies_wh = [end.energy_wh for end in (self.report.full, self.report.least) if end.energy_wh is not None]
+        return [energy_wh / self.pack.energy_wh for energy_wh in energies_wh] or None if self.pack else None
+
+    @property
+    def lines(self) -> list[str]:
+        """A summary for people, line by line."""
+        camera = [] if self.pictures is None else self.pictures.lines()
+        home_m = self.plan.site.home_altitude_m
+        ground = [] if home_m is None else [HOME_TEXT.format(home_m)]
+        if self.heights is not None:
+            ground = HeightReport([self.heights], *self.on_ground).text()
+        flight = [*self.report.text(), *self._climb_text(), *self._landing_text()]
+        return [*flight, *camera, *self._overlap_text(), *ground, *self._batteries_text()]
+
+    def _climb_text(self) -> list[str]:
+        """The circles of the climb before the first line."""
+        ways = itertools.takewhile(lambda leg: not leg.sensing, self.report.solution.path(0.0).legs)
+        radii_m = [leg.piece.radius_m for leg in ways if leg.whole_circle]
+        many = f"{len(radii_m)} circles" if len(radii_m) > 1 else "a circle"
+        return [f"climb      {many} of {radii_m[0]:.0f} m radius before the first line"] if radii_m else []
+
+    def _landing_text(self) -> list[str]:
+        """The final approach."""
+        last = self.plan.stages[-1]
+        if not last.command(LAND):
+            return []
+        before = self.plan.stages[-2]  # which leads to its start
+        length_m = math.dist(before.trigger_at(()), last.trigger_at(()))
+        down_m = (before.altitude_m or 0.0) - (last.altitude_m or 0.0)
+        ends = f" to {last.altitude_m:.0f} m" if last.altitude_m else ""
+        circle = ", after a circle down to it" if before.command(LOITER_TO_ALTITUDE) else ""
+        steep_deg = math.degrees(math.atan2(down_m, length_m))
+        steep = self.autopilot.kind is None and steep_deg > FACTORY[PX4][LANDING_ANGLE] + 0.05
+        px4 = f": PX4 needs {LANDING_ANGLE} {steep_deg:.1f}" if steep else ""
+        how = f"final approach of {length_m:.0f} m from {before.altitude_m:g} m{ends}, {steep_deg:.1f}°"
+        return [f"landing    {how}{circle}{px4}"]
+
+    def _overlap_text(self) -> list[str]:
+        """The overlap of neighbouring lines, and where it is always less."""
+        shares = [f"{100 * share:.0f} %" for share in self._side_overlaps if share is not None]
+        seam_m = self.report.seam_m
+        seam = self._overlap(seam_m)
+        where = "" if seam is None else f"; {100 * seam:.0f} %, {seam_m:.1f} m, in the middle of each block"
+        return [f"overlap    {' to '.join(dict.fromkeys(shares))} from line to line{where}"] if shares else []
+
+    def _batteries_text(self) -> list[str]:
+        """How many packs the path takes."""
+        if self._batteries is None or self.pack is None:
+            return []
+        packs = " to ".join(dict.fromkeys(f"{count:.2g}" for count in self._batteries))
+        until = "its reserve" if self.pack.turns_back_soc <= self.pack.reserve_soc else "the autopilot turns back"
+        return [f"batteries  {packs}; a full one gives {self.pack.energy_wh:.3g} Wh before {until}"]

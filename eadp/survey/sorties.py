@@ -17,7 +17,7 @@ from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import straight
-from eadp.core.geometry.geodesy import compass_deg, heading_rad, place_text
+from eadp.core.geometry.geodesy import heading_rad, place_text
 from eadp.core.geometry.polygons import hull
 from eadp.errors import Infeasible, InputError
 from eadp.io.scenario import value_text
@@ -26,9 +26,9 @@ from eadp.io.text.options import Flag, check_range
 from eadp.models.airspace import Field
 from eadp.planning.forecast.evaluate import Objective
 from eadp.planning.forecast.held import Preflight
-from eadp.survey.airspace import NotFree, free_lines
+from eadp.survey.airspace import free_lines
 from eadp.survey.camera import Pictures, pictures_document
-from eadp.survey.cover import CoveragePlan, CoverageTask, held_at
+from eadp.survey.cover import CoverageTask, held_at
 from eadp.survey.coverage import (
     AUTO,
     DUBINS,
@@ -39,11 +39,10 @@ from eadp.survey.coverage import (
     LineGrid,
     cover,
     line_costs,
-    pattern_and_heading,
 )
 from eadp.survey.ground import HeightReport
 from eadp.survey.packs import MAX_SORTIES, Divided, Divider, Division, min_sorties, min_time_s
-from eadp.survey.report import FULL, LeftGround, covered_by_lines, left_ground, left_text, rounded_deg
+from eadp.survey.report import FULL, CoveragePlan, LeftGround, covered_by_lines, left_ground, left_text, rounded_deg
 from eadp.survey.swaths import CoveragePath
 
 SCHEMA = "eadp.sorties/1"
@@ -200,8 +199,10 @@ class SortiePlanner:
         if self.lines is not None:
             request = replace(request, heading_rad=heading_rad(self.lines[0]), pattern=self.lines[1])
         if request.heading_rad is None or request.pattern == AUTO:
-            pattern, heading = pattern_and_heading(_alone(request))
-            request = replace(request, pattern=pattern, heading_rad=heading)
+            # as the whole field is covered, without the ways from and to home
+            alone = replace(request, start_m=None, home_m=None, climb_out=None, approach=None)
+            whole = cover(alone, draft=True)
+            request = replace(request, pattern=whole.pattern, heading_rad=whole.heading_rad)
         return replace(request, start_m=request.home_m)
 
     @property
@@ -241,26 +242,13 @@ class SortiePlanner:
             Of `--home`, and of a number of sorties that is too small.
         """
         ground = ground or self.task.field
-        tried_rad = self.heading_rad
-        try:
-            return self._in_pattern(ground)
-        except NotFree:
-            if self.lines is not None or self.task.request.heading_rad is not None:
-                raise
-            # the heading was chosen by turns that need not be free
-            whole = cover(_alone(self.task.request), draft=True)
-            if whole.heading_rad == tried_rad:
-                raise
-            return replace(self, lines=(compass_deg(whole.heading_rad), whole.pattern)).plan(ground)
-
-    def _in_pattern(self, ground: Field) -> SortiePlan:
-        """Sorties in laps, or along lines where no laps fit."""
-        if self._request.pattern == ZAMBONI:
+        if self.laps:
             try:
                 return self._planned(ground, self._request)
             except Infeasible as error:
                 if self.task.request.pattern == ZAMBONI:
                     raise Infeasible(f"{error}; in sorties, --pattern dubins") from None
+        # along lines where no laps fit
         return self._planned(ground, replace(self._request, pattern=DUBINS))
 
     def _planned(self, ground: Field, request: CoverageRequest) -> SortiePlan:
@@ -372,11 +360,6 @@ class SortiePlanner:
         to_line_s = np.where(own, np.inf, between_s).min(axis=0).reshape(lines, 2).min(axis=1)
         turns_s = np.where(np.isfinite(to_line_s), to_line_s, 0.0)
         return LeastSorties(lines_s, access_s, turns_s, power_w, pack_s)
-
-
-def _alone(request: CoverageRequest) -> CoverageRequest:
-    """A request without the ways from and to home."""
-    return replace(request, start_m=None, home_m=None, climb_out=None, approach=None)
 
 
 def _without_bays(part: Field) -> Field:

@@ -10,7 +10,7 @@ from typing import Any
 from eadp.io import scenario as scenario_file
 from eadp.io.text.yaml import properties, schema_of
 from eadp.io.vehicle import VehicleFile
-from eadp.survey.camera_file import CAMERAS, read_camera
+from eadp.survey.camera import CAMERAS, read_camera
 
 HEAD = """\
 # Scenario and vehicle files

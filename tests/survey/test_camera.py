@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eadp.survey.camera import Camera, Pictures, ground_m, interval_doubts, pictures_document
+from eadp.survey.camera import Camera, CameraOptions, Pictures, ground_m, pictures_document
 
-SURVEY = Pictures(
-    camera="a camera", altitude_m=100.0, width_m=120.0, gsd_cm=2.0, distance_m=16.0, forward_overlap=0.8, number=40,
-    interval_s=1.0, speed_mps=20.0,
+SHOT = CameraOptions(
+    altitude_m=100.0, camera="a camera", sensor_width_mm=12.0, sensor_height_mm=6.4, focal_length_mm=10.0,
+    forward_overlap=75.0, picture_interval_s=1.0, image_width_px=6000,
 )  # fmt: skip
+SURVEY = Pictures(SHOT, 40, 20.0)
 
 
 def test_a_picture_has_the_ground_that_qgroundcontrol_computes():
@@ -33,23 +35,23 @@ def test_a_picture_spans_the_angle_of_view(size_mm, focal_mm, altitude_m):
 @pytest.mark.parametrize("speed_mps", [10.0, 16.0, 20.0, 90.0])
 def test_the_overlap_that_the_interval_allows_is_that_of_pictures_taken_so(speed_mps):
     """Pictures as intervals of ground, one each interval."""
-    length_m = 16.0 / (1 - 0.8)
+    length_m = 16.0 / (1 - 0.75)
     first, second = (0.0, length_m), (speed_mps * 1.0, speed_mps * 1.0 + length_m)
     shared = (first[1] - second[0]) / length_m
     shot = SURVEY._replace(speed_mps=speed_mps)
     assert shot.max_forward_overlap == pytest.approx(shared)
     quick = speed_mps <= 16.0
-    assert (list(interval_doubts(shot)) == []) == quick
+    assert (list(shot.doubts()) == []) == quick
     (line,) = shot.lines()[1:]
     assert f"forward overlap up to {math.floor(100 * shared + 1e-9)} %" in line
-    assert line.endswith("; 80 % up to 16.0 m/s") != quick
+    assert line.endswith("; 75 % up to 16.0 m/s") != quick
 
 
 def test_what_is_not_known_is_not_said():
-    alone = SURVEY._replace(distance_m=None, forward_overlap=None, number=None, gsd_cm=None, camera="")
+    alone = Pictures(replace(SHOT, forward_overlap=None, image_width_px=None, camera=None), None, 20.0)
     assert alone.lines() == ["camera     from 100 m: pictures of 120.0 m across"]
-    assert list(interval_doubts(alone)) == []
-    assert SURVEY._replace(interval_s=None).lines()[1:] == []
+    assert list(alone.doubts()) == []
+    assert SURVEY._replace(shot=replace(SHOT, picture_interval_s=None)).lines()[1:] == []
     assert set(pictures_document(None).values()) == {None}
     assert pictures_document(None).keys() == pictures_document(SURVEY).keys()
 

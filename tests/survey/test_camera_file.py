@@ -8,8 +8,7 @@ import re
 import pytest
 
 from eadp.errors import InputError
-from eadp.survey.camera import Camera
-from eadp.survey.camera_file import CAMERAS, read_camera
+from eadp.survey.camera import CAMERAS, Camera, read_camera
 
 BODY = {"sensor_width_mm": 6.3, "sensor_height_mm": 4.7, "focal_length_mm": 4.5, "image_width_px": 4000}
 

@@ -10,8 +10,7 @@ from common.planes import FIELD, LIMITS, MOTION, WING, ground
 from eadp.core.geometry.polygons import FreeSpace
 from eadp.errors import Infeasible
 from eadp.survey.coverage import CoverageRequest, cover
-from eadp.survey.ends import REACHED_SHARE, climbed_first, held_up_m, level_lack
-from eadp.survey.heights import climb_lack, over_terrain
+from eadp.survey.heights import REACHED_SHARE, climb_lack, climbed_first, held_up_m, level_lack, over_terrain
 from eadp.survey.report import CoverageReport
 
 HOME = (-60.0, 60.0)

@@ -11,7 +11,7 @@ from scipy.optimize import linprog
 
 from eadp.core.guidance import RATE_SHARE
 from eadp.errors import Infeasible
-from eadp.survey.ends import LEVEL_M, Band, Climbing, banded, commanded, min_profile_m
+from eadp.survey.heights import LEVEL_M, Band, Climbing, banded, commanded, min_profile_m
 
 WING = Climbing(3.0, 1.6, 0.5)
 STEP_M, SPEED_MPS, TOLERANCE_M = 5.0, 15.0, 6.0

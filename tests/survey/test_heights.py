@@ -12,8 +12,7 @@ from eadp.core.geometry.dubins import straight
 from eadp.errors import Infeasible
 from eadp.models.airspace import Obstacle
 from eadp.survey.coverage import CoverageRequest, cover
-from eadp.survey.ends import FinalApproach
-from eadp.survey.heights import over_terrain
+from eadp.survey.heights import FinalApproach, over_terrain
 from eadp.survey.swaths import CoverageLeg
 
 ROUNDING_M = 1e-5

@@ -11,13 +11,21 @@ from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.core.geometry.polygons import signed_area_m2
 from eadp.errors import InputError
 from eadp.io.text.streams import Text
-from eadp.survey.field_reader import THIN_M, read_airspace, read_field, read_zones
+from eadp.survey.field_reader import THIN_M, read_airspace, read_field
 
 pyproj = pytest.importorskip("pyproj")
 
 FIELD = [(-300.0, -200.0), (300.0, -200.0), (300.0, 200.0), (-300.0, 200.0)]
 POLE = [(92.0, 42.0), (108.0, 42.0), (108.0, 58.0), (92.0, 58.0)]
 MIDDLE_M = (100.0, 50.0)
+
+
+def read_zones(text, origin_deg, middle_m=(0.0, 0.0), *, metres=False):
+    """The obstacles of a file, and the notes."""
+    found, notes = read_airspace(text, None, origin_deg, middle_m, metres=metres)
+    return found.obstacles, notes
+
+
 CENTIMETRES_M = 0.02  # of an origin in whole 1e-7 degrees
 PLACES = {  # latitude, longitude, a UTM zone of its own, another system
     "Germany": ((48.7, 8.9), "EPSG:25832", "EPSG:31467"),
@@ -188,10 +196,10 @@ def test_points_and_lines_are_obstacles_with_a_distance(kind):
     assert [each.outline for each in own] == [each.outline for each in obstacles]
     # what is not named so is none, and no field
     assert read_field(beside(geometry, "tea house"))[0].airspace.obstacles == ()
-    with pytest.raises(InputError, match="no polygon, only a"):
+    with pytest.raises(InputError, match="no polygon, only "):
         read_field(Text("f", json.dumps(geometry)))
     with pytest.raises(InputError, match="no polygon"):
-        read_zones(Text("z", json.dumps(geometry)), field.origin_deg, inside=True)
+        read_airspace(None, Text("z", json.dumps(geometry)), field.origin_deg, (0.0, 0.0))
     if kind in ("Point", "LineString"):
         texts = " ".join(f"{x!r},{y!r}" for x, y in positions[: 1 if kind == "Point" else 3])
         shape = f"<Placemark><name>avoid it</name><{kind}><coordinates>{texts}</coordinates></{kind}></Placemark>"

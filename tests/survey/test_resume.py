@@ -18,7 +18,8 @@ from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m
 from eadp.errors import InputError
 from eadp.models.airspace import Airspace
 from eadp.models.vehicle import PaperVehicle
-from eadp.survey.cover import CoverageOptions, CoverageTask
+from eadp.survey.cover import CoverageTask
+from eadp.survey.options import CoverageOptions
 from eadp.survey.resume import flown_again, left_of, resumed
 from eadp.survey.sorties import SortieOptions, SortiePlanner
 

@@ -19,10 +19,9 @@ from common.answers import refused
 import eadp as library
 from eadp.cli.main import main
 from eadp.io.flight import planned_lines
-from eadp.survey.airspace import NotFree
-from eadp.survey.cover import CoverageOptions
+from eadp.survey.options import CoverageOptions
 from eadp.survey.resume import _heading_of_lines_rad
-from eadp.survey.sorties import SortieOptions, SortiePlanner
+from eadp.survey.sorties import SortieOptions
 
 MEADOW, WING = "plans/meadow.geojson", "vehicles/foam-wing.yaml"
 HOME = "55.4715,10.333"
@@ -132,30 +131,6 @@ def test_all_sorties_are_flown_with_a_fresh_pack_each(flown, document):
     rows = sorted(job["flights"], key=lambda row: row["take_off_s"])
     for earlier, later in itertools.pairwise(rows):
         assert later["take_off_s"] >= earlier["take_off_s"] + earlier["duration_s"] + 120
-
-
-def test_a_heading_of_which_no_order_is_free_gives_way_to_one_that_is(tmp_path, monkeypatch):
-    (tmp_path / "field.csv").write_text("x,y\n0,0\n600,0\n600,200\n0,200\n")
-    options = CoverageOptions(swath_m=60, min_radius_m=30, metres=True, home=(-30, 0), pattern="dubins")
-
-    def planned(**given):
-        chosen = replace(options, **given)
-        return library.cover_in_sorties(str(tmp_path / "field.csv"), chosen, SortieOptions(), warn=lambda _: None)
-
-    free_rad, in_pattern = planned().planner.heading_rad, SortiePlanner._in_pattern
-
-    def blocked_elsewhere(planner, ground):
-        if math.cos(planner.heading_rad - free_rad) < 0.99:
-            raise NotFree("no order of the lines")
-        return in_pattern(planner, ground)
-
-    monkeypatch.setattr(SortiePlanner, "_in_pattern", blocked_elsewhere)
-    monkeypatch.setattr("eadp.survey.sorties.pattern_and_heading", lambda _: ("dubins", free_rad + 0.5))
-    again = planned()
-    assert again.planner.heading_rad == pytest.approx(free_rad)
-    assert all(each.solution.heading_rad == pytest.approx(free_rad) for each in again.sorties)
-    with pytest.raises(NotFree):
-        planned(heading_deg=45.0)  # one that is asked for stays
 
 
 def test_a_rest_is_planned_whatever_the_rates_of_take_off(tmp_path):

@@ -6,8 +6,7 @@ import numpy as np
 
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.models.airspace import Airspace, Field
-from eadp.survey.ends import Climbing
-from eadp.survey.heights import Ground, HeightLimits
+from eadp.survey.heights import Climbing, Ground, HeightLimits
 from eadp.survey.swaths import MotionLimits
 from eadp.survey.terrain import ElevationModel, Tile
 

@@ -1,0 +1,515 @@
+"""Files of fields and zones as features: polygons and lines with names, of GeoJSON, KML, or a table of vertices.
+
+Syntax alone is checked here; what is wrong with an outline is in `field_reader`. KML's elements are recognised by their
+names without a prefix. A document type is refused: it may refer to other files, or expand into more than the text.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.parsers.expat
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain
+from typing import Any
+from xml.etree.ElementTree import Element, TreeBuilder
+
+from eadp.core.geometry.curves import Point
+from eadp.errors import Fault, InputError, printable, refuse
+from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows
+from eadp.io.text.json import JsonList, JsonObject, JsonReader
+from eadp.io.text.streams import HEAD, Location, SourceText
+
+VERTICES_LIMIT = 20_000
+"""Most vertices of a polygon, those of its holes among them."""
+NAME_LIMIT = 100
+"""Most characters of a name."""
+NAME_KEYS = ("name", "Name", "NAME", "id")
+"""Properties that are names."""
+OBSTACLE = "avoid"
+"""Start of the name of a feature that is not flown over."""
+MAX_HEIGHT_M = 10_000.0
+"""Largest height of an obstacle [m]."""
+
+Line = list[Point]
+"""Vertices: x is east, or longitude; y is north, or latitude."""
+
+
+@dataclass(frozen=True)
+class Feature:
+    """What a file has under one name.
+
+    Attributes
+    ----------
+    location : (int, int)
+        Line and column where it begins.
+    names : sequence of str
+        Its name first, then its ids.
+    polygons : list of lists of lines
+        Each its outline and its holes.
+    lines : list of lines
+        Open and closed ones; a point is a line of one vertex.
+    height_m : float or None
+        Above the field's origin [m].
+    properties : dict
+        Its texts and numbers, by which it may be asked for.
+    """
+
+    location: Location
+    names: Sequence[str] = ()
+    polygons: list[list[Line]] = field(default_factory=list)
+    lines: list[Line] = field(default_factory=list)
+    height_m: float | None = None
+    properties: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def avoided(self) -> bool:
+        """Whether it is an obstacle: one of its names is "avoid", or starts so."""
+        return any(name.lower().startswith(OBSTACLE) for name in self.names)
+
+    @property
+    def name(self) -> str:
+        """Its name, as that of an obstacle; '' without one."""
+        name = "".join(self.names[:1])
+        return name[len(OBSTACLE) :].strip(" :-_") if self.avoided else name
+
+    @property
+    def outlines(self) -> list[Line]:
+        """The outlines of its polygons, and its lines, those that are open as outlines without an area."""
+        returning = (line if is_closed(line) else [*line, *line[-2:0:-1]] for line in self.lines)
+        return [*(rings[0] for rings in self.polygons), *returning]
+
+    @property
+    def as_polygons(self) -> Feature:
+        """Its closed lines as polygons."""
+        return replace(self, polygons=[[line] for line in self.lines if is_closed(line)], lines=[])
+
+
+@dataclass(frozen=True)
+class Features:
+    """The features of a file.
+
+    `degrees` is whether they are in degrees and not in metres; `remedy` is the advice where that is wrong; `is_table`
+    is whether the file is a table of vertices; `notes` are assumptions, a sentence each.
+    """
+
+    features: list[Feature]
+    degrees: bool
+    remedy: str = ""
+    is_table: bool = False
+    notes: tuple[str, ...] = ()
+
+    def areas(self, source: SourceText) -> list[Feature]:
+        """The features with polygons; where there are none, those with closed lines. Raises InputError without any."""
+        found = [each for each in self.features if each.polygons] or [
+            closed for each in self.features if (closed := each.as_polygons).polygons
+        ]
+        if not found:
+            lines = [line for each in self.features for line in each.lines]
+            count = sum(len(line) > 1 for line in lines)
+            kinds = [(count, "open line", "open lines"), (len(lines) - count, "point", "points")]
+            only = " and ".join(counted(*kind) for kind in kinds if kind[0])
+            expected = "a polygon, or a closed line: a Polygon of GeoJSON, alone or in a Feature, or of KML"
+            raise source.error((1, 1), f"no polygon{f', only {only}' if only else ''}", expected)
+        return found
+
+
+def is_closed(line: Sequence[Point]) -> bool:
+    """Whether a line ends where it starts, and may have an area."""
+    return len(line) > 3 and line[0] == line[-1]
+
+
+def counted(count: int, one: str, several: str) -> str:
+    """A count with its noun: "1 hole", "2 holes"."""
+    return f"1 {one}" if count == 1 else f"{count} {several}"
+
+
+def read_features(source: SourceText, *, metres: bool) -> Features:
+    """The features of a text; with `metres` it is in metres, whatever it states.
+
+    Raises
+    ------
+    InputError
+        If it is of no format, or of the option, if it does not fit.
+    """
+    head = source.body.lstrip()[:HEAD]
+    if not head:
+        raise source.error((1, 1), "is empty", "a field as GeoJSON, KML or a CSV of vertices")
+    if head[0] in "{[" or _ASSIGNED.match(head):
+        found = _GeoJson(source, metres).read()
+    else:
+        found = read_kml(source, metres) if head[0] == "<" else read_table(source, metres)
+    for each in found.features:
+        if any(sum(map(len, rings)) > VERTICES_LIMIT for rings in (*each.polygons, each.lines)):
+            expected = f"at most {VERTICES_LIMIT}: a simpler outline"
+            raise source.error(each.location, f"more than {VERTICES_LIMIT} vertices", expected)
+    return found
+
+
+def _height_m(raw: object, fault: Callable[[str, str], InputError]) -> float | None:
+    """A height as a file has it [m]; None where there is none."""
+    if raw in (None, ""):
+        return None
+    if isinstance(raw, bool) or number_fault(str(raw), MAX_HEIGHT_M) or float(str(raw)) < 0:
+        expected = f"metres above the field, from 0 to {MAX_HEIGHT_M:g}"
+        raise fault(f"a height of {printable(str(raw), 40)}", expected)
+    return float(str(raw))
+
+
+# --- GeoJSON
+
+_ASSIGNED = re.compile(r"\s*+(?:var|let|const|export default)?\s*+[\w.$]{1,80}\s*+=\s*+(?=\{)")
+"""A script that gives a name to an object."""
+_POSITION = "longitude, latitude and perhaps altitude, or x and y in metres"
+_DEPTHS = {"Point": 0, "MultiPoint": 1, "LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
+"""Lists in lists that the coordinates of a geometry are."""
+
+# the reference systems whose numbers are degrees as WGS-84 has them, to a metre; those whose metres are longer
+_GEOGRAPHIC = {"4326", "4979", "4258", "4937"}
+_WEB_MERCATOR = {"3857", "3785", "900913", "102100", "102113"}
+_CODE = re.compile(r".*(EPSG|ESRI).*?([0-9]+)", re.IGNORECASE | re.DOTALL)
+_IN_METRES = re.compile(r"\s*(?:m|met(?:re|er)s?)(?![\w/^*·])", re.IGNORECASE)
+_OTHER_LENGTH = re.compile(
+    r"\s*(?:ft|feet|foot|us-ft|yd|yards?|km|kilomet(?:re|er)s?|miles?|cm|mm)(?!\w)", re.IGNORECASE
+)
+
+ToDegrees = Callable[[float, float], Point]
+"""Longitude and latitude [°, WGS-84] of coordinates; not finite outside the system."""
+
+
+@dataclass
+class _GeoJson:
+    """A reader of a text of GeoJSON."""
+
+    source: SourceText
+    metres: bool
+
+    def read(self) -> Features:
+        source = self.source
+        if match := _ASSIGNED.match(source.body):  # blanks keep the places
+            source.body = " " * match.end() + source.body[match.end() :].rstrip().removesuffix(";")
+        start = source.location(len(source.body) - len(source.body.lstrip()))
+        found = list(self._features(JsonReader(source).document(), start, []))
+        for each, degrees in found:
+            if degrees != found[0][1]:
+                ours, theirs = ("degrees", "metres") if degrees else ("metres", "degrees")
+                message = f"a feature in {ours} beside one in {theirs}"
+                raise source.error(each.location, message, "units, or a reference system, for all features")
+        degrees = found[0][1] if found else not self.metres
+        in_metres = "no --metres" if self.metres else "a file without units in metres"
+        return Features([each for each, _ in found], degrees, "--metres" if degrees else in_metres)
+
+    def _features(self, node: Any, at: Location, outer: list[JsonObject]) -> Iterator[tuple[Feature, bool]]:
+        """The features at and below an object, and whether each is in degrees; `outer` are those that enclose it."""
+        kind = node.get("type") if isinstance(node, JsonObject) else None
+        if not isinstance(kind, str):
+            raise self.source.error(at, "no object of GeoJSON with a type", "a Polygon, Feature or FeatureCollection")
+        if kind == "FeatureCollection":
+            for item, start in self._members(node, "features", at):
+                yield from self._features(item, start, [*outer, node])
+            return
+        geometry, start = node, at
+        if kind == "Feature":
+            if (geometry := node.get("geometry")) is None:
+                return
+            start = self.source.location(node.offsets["geometry"])
+        given = node.get("properties") if kind == "Feature" else None
+        properties = given if isinstance(given, JsonObject) else JsonObject()
+        texts = {key: str(value).strip() for key, value in properties.items() if type(value) in (str, int, float)}
+        own_id = [str(node["id"]).strip()] if type(node.get("id")) in (str, int, float) else []
+        names = [name for name in (*(texts.get(key, "") for key in NAME_KEYS), *own_id) if name]
+        height_m = _height_m(properties.get("height"), lambda *wrong: self.source.error(at, *wrong))
+        found = Feature(at, [*dict.fromkeys(names)], height_m=height_m, properties=texts)
+        degrees, to_degrees = self._units([*outer, node] if geometry is node else [*outer, node, geometry])
+        self._add(found, geometry, start, to_degrees)
+        yield found, degrees
+
+    def _members(self, node: JsonObject, key: str, at: Location) -> list[tuple[Any, Location]]:
+        """The items of a list, each with its location."""
+        value = node.get(key)
+        if not isinstance(value, JsonList):
+            raise self.source.error(at, f"no list of {key}", f"{key} with a list")
+        return [(item, self.source.location(offset)) for item, offset in zip(value, value.offsets, strict=True)]
+
+    def _add(self, to: Feature, node: Any, at: Location, to_degrees: ToDegrees | None) -> None:
+        """Add the polygons and lines of a geometry to a feature."""
+        kind = node.get("type") if isinstance(node, JsonObject) else None
+        if kind == "GeometryCollection":
+            for item, start in self._members(node, "geometries", at):
+                self._add(to, item, start, to_degrees)
+            return
+        if kind not in _DEPTHS:
+            raise self.source.error(at, "no geometry", f"{', '.join(_DEPTHS)} or GeometryCollection, with coordinates")
+        found = self._nested(node.get("coordinates"), _DEPTHS[kind], at, to_degrees)
+        if kind.endswith("Polygon"):
+            polygons = [found] if kind == "Polygon" else found
+            if not all(polygons):
+                raise self.source.error(at, "a polygon without rings", "a ring of positions")
+            to.polygons.extend(polygons)
+        else:
+            lines = {"Point": [[found]], "LineString": [found], "MultiPoint": [[each] for each in found]}
+            to.lines.extend(lines.get(kind, found))
+
+    def _nested(self, value: Any, depth: int, at: Location, to_degrees: ToDegrees | None) -> Any:
+        """Positions, in so many lists."""
+        if depth == 0 and isinstance(value, tuple):
+            if to_degrees is None:
+                return value[:2]
+            place = to_degrees(*value[:2])
+            if not all(map(math.isfinite, place)):
+                message = f"a vertex at ({value[0]:.10g}, {value[1]:.10g}) lies outside the reference system"
+                raise self.source.error(at, message, "coordinates of that system")
+            return place
+        if depth == 0 or not isinstance(value, JsonList):
+            what = "position" if depth == 0 else "list of positions"
+            raise self.source.error(
+                at, f"no {what}", f"{'' if depth == 0 else 'a list of positions, each '}{_POSITION}"
+            )
+        return [
+            self._nested(each, depth - 1, at if isinstance(each, tuple) else self.source.location(offset), to_degrees)
+            for each, offset in zip(value, value.offsets, strict=True)
+        ]
+
+    def _units(self, outer: Sequence[Any]) -> tuple[bool, ToDegrees | None]:
+        """Whether coordinates are degrees, or become so by a function: by the option, `units`, or the innermost crs."""
+        objects = [each for each in outer if isinstance(each, JsonObject)]
+        holders = [*objects, *(each.get("properties") for each in objects)]
+        units = [str(each.get("units") or "") for each in holders if isinstance(each, JsonObject)]
+        in_metres = self.metres or any(map(_IN_METRES.match, units))
+        other = next(filter(_OTHER_LENGTH.match, units), None)
+        if other is not None and not in_metres:
+            expected = "metres, or longitude and latitude in degrees"
+            raise self.source.error((1, 1), f"units of {printable(other, 40)}", expected)
+        for node in reversed(objects):
+            if node.get("crs") is not None:
+                return self._system(node["crs"], self.source.location(node.offsets["crs"]), in_metres)
+        return not in_metres, None
+
+    def _system(self, crs: Any, at: Location, in_metres: bool) -> tuple[bool, ToDegrees | None]:
+        """As `_units` by a coordinate reference system."""
+        properties = crs.get("properties") if isinstance(crs, JsonObject) else None
+        holder = properties if isinstance(properties, JsonObject) else JsonObject()
+        given = holder.get("name", f"EPSG:{holder['code']}" if "code" in holder else None)
+        name = given[:200] if isinstance(given, str) else ""
+        codes = _CODE.fullmatch(name.rstrip().replace("EPSG/0/", "EPSG/"))
+        authority, code = (codes[1].upper(), codes[2]) if codes else ("", "")
+        if re.search(r"CRS84h?\Z", name, re.IGNORECASE) or (authority == "EPSG" and code in _GEOGRAPHIC):
+            return True, None
+        if self.metres and code in _WEB_MERCATOR:
+            message = (
+                f"{printable(name, 80)} is Web Mercator, whose metres are longer than metres away from the equator"
+            )
+            raise self.source.error(at, message, "no --metres, which converts it to degrees")
+        if self.metres or (in_metres and not codes):
+            return False, None
+        otherwise = "longitude and latitude (WGS-84), or --metres"
+        unknown = self.source.error(
+            at, f"the reference system {printable(name, 80) or 'without a name'} is not known", otherwise
+        )
+        if not codes:
+            raise unknown
+        try:
+            import pyproj
+            from pyproj.exceptions import ProjError
+        except ImportError:
+            message = "pyproj, which converts coordinates, is missing"
+            raise self.source.error(at, message, f"pip install 'eadp[fields]', or {otherwise}") from None
+        try:
+            known = pyproj.CRS.from_authority(authority, code)
+            if not (known.is_projected or known.is_geographic):
+                raise unknown
+            # without a known datum PROJ takes it as WGS-84, which may be hundreds of metres off
+            transform = pyproj.Transformer.from_crs(known, 4326, always_xy=True, allow_ballpark=False).transform
+        except ProjError:
+            raise unknown from None
+
+        def to_degrees(x: float, y: float) -> Point:
+            longitude, latitude = transform(x, y)
+            return round(longitude, 9), round(latitude, 9)
+
+        return True, to_degrees
+
+
+# --- KML
+
+_OUTER, _INNER = "outerBoundaryIs", "innerBoundaryIs"
+_MODE = "altitudeMode"
+_LINE = "line"
+"""Attribute that has the line of an element."""
+
+
+def read_kml(source: SourceText, metres: bool) -> Features:
+    """The Placemarks of KML, and polygons without one. Raises InputError as `read_features`."""
+    if metres:
+        raise InputError.at("--metres", 1, 1, "a KML file is in degrees (WGS-84)", "KML without --metres")
+    root, seen, found = _tree(source), set[Element](), list[Feature]()
+    for each in root.iter():
+        if each.tag == "Placemark" or (each.tag == "Polygon" and each not in seen):
+            seen.update(each.iter("Polygon"))
+            found.append(_placemark(each, source))
+    return Features(found, degrees=True)
+
+
+def _tree(source: SourceText) -> Element:
+    """The elements of XML by their local names, each with its line."""
+    builder, parser = TreeBuilder(), xml.parsers.expat.ParserCreate()
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        builder.start(tag.rpartition(":")[2], {**attributes, _LINE: str(parser.CurrentLineNumber)})
+
+    def refuse_type(*_: object) -> None:
+        message = "a document type, which may refer to other files"
+        raise source.error((parser.CurrentLineNumber, 1), message, "a KML file without <!DOCTYPE>")
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = lambda tag: builder.end(tag.rpartition(":")[2])
+    parser.CharacterDataHandler = builder.data
+    parser.StartDoctypeDeclHandler = refuse_type
+    try:
+        parser.Parse(source.body, True)
+    except xml.parsers.expat.ExpatError as error:
+        reason = xml.parsers.expat.ErrorString(error.code)
+        raise source.error((error.lineno, error.offset + 1), f"is not XML: {reason}", "a KML file") from None
+    return builder.close()
+
+
+def _placemark(holder: Element, source: SourceText) -> Feature:
+    """The feature of a Placemark, or of a Polygon alone."""
+    location = int(holder.attrib[_LINE]), 1
+    names = [name for name in ((holder.findtext("name") or "").strip(), holder.get("id", "")) if name]
+    data = {each.get("name", ""): each.findtext("value") or "" for each in holder.iter("Data")}
+    data |= {each.get("name", ""): each.text or "" for each in holder.iter("SimpleData")}
+    properties = {key[:NAME_LIMIT]: value.strip()[:NAME_LIMIT] for key, value in data.items()}
+    polygons, tops_m = list[list[Line]](), list[float]()
+    for polygon in holder.iter("Polygon"):
+        outer, inner = (polygon.findall(f"{role}/LinearRing/coordinates") for role in (_OUTER, _INNER))
+        if len(outer) != 1:
+            message = "a second outline" if outer else "a Polygon without an outline"
+            expected = f"one {_OUTER} with a LinearRing of coordinates"
+            raise source.error((int(polygon.attrib[_LINE]), 1), message, expected)
+        polygons.append([_coordinates(each, tops_m, source) for each in (*outer, *inner)])
+    lines = [
+        _coordinates(each, tops_m, source)
+        for kind in ("LineString", "Point")
+        for geometry in holder.iter(kind)
+        for each in geometry.findall("coordinates")
+    ]
+    height_m = _height_m(properties.get("height"), lambda *wrong: source.error(location, *wrong))
+    if height_m is None and any((each.text or "").strip() == "relativeToGround" for each in holder.iter(_MODE)):
+        height_m = max(tops_m, default=0.0) or None
+    return Feature(location, [*dict.fromkeys(names)], polygons, lines, height_m, properties)
+
+
+def _coordinates(element: Element, tops_m: list[float], source: SourceText) -> Line:
+    """The vertices of an element: tuples separated by blanks, each `longitude,latitude[,altitude]`; and altitudes."""
+    location, found = (int(element.attrib[_LINE]), 1), list[Point]()
+    if len(element):
+        raise source.error(location, "an element within coordinates", "vertices alone")
+    for token in (element.text or "").split():
+        parts = token.split(",")
+        if not 2 <= len(parts) <= 3 or any(map(number_fault, parts)):
+            expected = "longitude,latitude or longitude,latitude,altitude, finite numbers without blanks"
+            raise source.error(location, f"{printable(token, 40)} is no position", expected)
+        longitude, latitude, *altitude = map(float, parts)
+        found.append((longitude, latitude))
+        tops_m += altitude
+    return found
+
+
+# --- a table of vertices
+
+_ROLES = {
+    **dict.fromkeys(("x", "x_m", "east", "east_m", "easting", "easting_m"), "x"),
+    **dict.fromkeys(("y", "y_m", "north", "north_m", "northing", "northing_m"), "y"),
+    **dict.fromkeys(("lon", "lng", "long", "longitude", "lon_deg", "longitude_deg"), "lon"),
+    **dict.fromkeys(("lat", "latitude", "lat_deg", "latitude_deg"), "lat"),
+    "ring": "ring",
+}
+_A_HEADER = "a header such as x_m,y_m or lon,lat"
+
+
+def read_table(source: SourceText, metres: bool) -> Features:
+    """A table of vertices as one polygon.
+
+    Columns `x_m,y_m` or `lon,lat` and perhaps `ring` (0 the outline, 1.. the holes); or two columns without names, in
+    metres: with `metres`, or where values are beyond those of degrees. Raises InputError as `read_features`.
+    """
+    rows = read_rows(source.name, source.body, None)
+    head = next(rows, None)
+    if head is None:
+        raise source.error((1, 1), "no vertices", f"{_A_HEADER}, and a row for each vertex")
+    if not all(NUMBER.match(text) or NOT_FINITE.match(text) for text in head.fields):
+        columns, degrees = _header(head, metres)
+        remedy = f"columns called {'x_m and y_m' if degrees else 'lon and lat'}"
+        return Features([_table_feature(rows, columns, len(head.fields), source)], degrees, remedy, is_table=True)
+    if len(head.fields) != 2:
+        message = f"{counted(len(head.fields), 'column', 'columns')} without names"
+        raise InputError(head.fault(min(2, len(head.fields)), message, f"two, or {_A_HEADER}"))
+    found = _table_feature(chain([head], rows), (0, 1, -1), 2, source)
+    if metres:
+        return Features([found], degrees=False, remedy="a header lon,lat and no --metres", is_table=True)
+    if all(abs(x) <= 180 and abs(y) <= 90 for x, y in found.polygons[0][0]):
+        message = "columns without names, which may be degrees or metres"
+        raise InputError(head.fault(0, message, "--metres, or a header such as lon,lat or x_m,y_m"))
+    note = "taken as metres, since there are values beyond the ±180 and ±90 of degrees"
+    return Features([found], degrees=False, remedy="a header lon,lat", is_table=True, notes=(note,))
+
+
+def _header(head: Row, metres: bool) -> tuple[tuple[int, int, int], bool]:
+    """Which columns are east, north and the ring (−1 for none), and whether the first two are degrees."""
+    columns: dict[str, int] = {}
+    for i, name in enumerate(head.fields):
+        role = _ROLES.get(re.sub(r"[\s\[\]()°-]+", "_", name[:80].lower()).strip("_"))
+        if role in columns:
+            message = f"{printable(name, 40)} after {printable(head.fields[columns[role]], 40)}"
+            raise InputError(head.fault(i, message, "one column of each"))
+        if role is not None:
+            columns[role] = i
+    degrees = {"lon", "lat"} <= set(columns)
+    if degrees and {"x", "y"} <= set(columns):
+        message = "columns of degrees and of metres"
+        raise InputError(head.fault(max(columns["lon"], columns["x"]), message, "x_m,y_m or lon,lat, not both"))
+    if degrees and metres:
+        raise InputError(head.fault(columns["lon"], "a column of degrees", "x_m,y_m, or no --metres"))
+    for role, partner in (("x", "y"), ("y", "x"), ("lon", "lat"), ("lat", "lon")):
+        if role in columns and partner not in columns:
+            raise InputError(head.fault(len(head.fields), f"no column {partner} beside {role}", _A_HEADER))
+    if not degrees and "x" not in columns:
+        raise InputError(head.fault(0, "no columns of vertices", f"{_A_HEADER}, or two columns of numbers"))
+    east, north = ("lon", "lat") if degrees else ("x", "y")
+    return (columns[east], columns[north], columns.get("ring", -1)), degrees
+
+
+def _table_feature(rows: Iterable[Row], columns: tuple[int, int, int], width: int, source: SourceText) -> Feature:
+    """The polygon of a table: the outline, then the holes by their numbers."""
+    x, y, ring_column = columns
+    rings, faults, last, first = dict[int, Line](), list[Fault](), 0, None
+    for row in rows:
+        number = row.fields[ring_column] if 0 <= ring_column < len(row.fields) else "0"
+        if wrong := _row_faults(row, columns, width, number):
+            faults += wrong
+            continue
+        if int(number) in rings and int(number) != last:
+            message = f"ring {int(number)} goes on after ring {last}"
+            faults.append(row.fault(ring_column, message, "the vertices of a ring together"))
+        first, last = first or row.line, int(number)
+        rings.setdefault(last, []).append((float(row.fields[x]), float(row.fields[y])))
+    refuse(faults)
+    location = first or max(1, len(source.lines)), 1
+    if 0 not in rings:
+        what, expected = ("no outline", "rows of ring 0") if rings else ("no vertices", "a row for each vertex")
+        raise source.error(location, what, expected)
+    return Feature(location, polygons=[[rings[number] for number in sorted(rings)]])
+
+
+def _row_faults(row: Row, columns: tuple[int, int, int], width: int, ring: str) -> list[Fault]:
+    """The faults of a row as a vertex of a ring."""
+    if len(row.fields) < width or any(row.fields[width:]):
+        message = counted(len(row.fields), "field", "fields")
+        return [row.fault(min(len(row.fields), width), message, f"{width}, as in the first row")]
+    faults = [row.fault(i, *wrong) for i in columns[:2] if (wrong := number_fault(row.fields[i]))]
+    if not re.fullmatch("[0-9]{1,9}", ring):
+        shown = printable(ring, 40) or "an empty field"
+        faults.append(row.fault(columns[2], f"{shown} is no ring", "0 for the outline, 1, 2, … for the holes"))
+    return faults

@@ -1,0 +1,218 @@
+"""Options of a coverage, as the command `eadp cover` and the library take them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, Literal
+
+from eadp.core.geometry.curves import Point
+from eadp.core.geometry.dubins import Pose
+from eadp.core.geometry.geodesy import blowing_to_rad, place_text, to_local_m, velocity_mps
+from eadp.io.text.options import Flag, check_range
+from eadp.models.airspace import CLEARANCE_M, Field
+from eadp.models.doubts import NEAR_DEG
+from eadp.models.performance import PATH_MARGIN, ground_radius_m, roll_out_m
+from eadp.models.plan.pieces import course_rad
+from eadp.models.vehicle import Airframe
+from eadp.survey.camera import CameraOptions, option_fault
+from eadp.survey.coverage import AUTO, PATTERNS
+from eadp.survey.ground import (
+    TerrainOptions,
+)
+from eadp.survey.swaths import RADIUS_SHARE, SPACING_SHARE, MotionLimits
+
+MIN_RADIUS_M = 0.1
+MAX_LENGTH_M = 1e5
+MAX_AIRSPEED_MPS = 1e3
+MAX_DISTANCE_M = 50_000.0
+"""Largest distance of the start and home points from the field [m]."""
+
+Pair = str | Point
+"""Two numbers, or the text of two numbers."""
+
+
+@dataclass(frozen=True)
+class PathOptions:
+    """How the field is flown: turns and lines, where they start and end, and in which wind."""
+
+    min_radius_m: float | None = None
+    """Smallest turning radius [m]; by default what the aircraft needs in the wind."""
+
+    swath_m: float | None = None
+    """Width of ground that a line covers [m]; or it follows from the camera."""
+
+    radius_m: float | None = None
+    """Ideal turning radius [m]; by default 1.5 times the smallest."""
+
+    spacing_m: float | None = None
+    """Distance of the lines [m]. Of Zamboni-like laps the finest, by default half the swath, up to which a planner
+    widens it; of lines in an order by default the swath."""
+
+    heading_deg: float | None = None
+    """Heading of the lines [°], a compass bearing; the quickest by default."""
+
+    pattern: Annotated[str, Flag(metavar=f"[{'|'.join(PATTERNS)}]")] = AUTO
+    """Zamboni-like laps, lines in an order with Dubins turns, or the shorter."""
+
+    start: Annotated[Pair | None, Flag(metavar="POINT")] = None
+    """Where the flight starts: X,Y [m], or LAT,LON [°] of a field in degrees."""
+
+    home: Annotated[Pair | None, Flag(metavar="POINT")] = None
+    """Where the flight takes off, unless --start is another place, and where it returns to; as --start."""
+
+    takeoff_deg: Annotated[float | None, Flag("--takeoff", metavar="HEADING")] = None
+    """Heading of the take-off [°], straight ahead up to 50 m; with --landing by default into the wind."""
+
+    landing: Annotated[str | Pose | None, Flag(metavar="LAT,LON,HEADING")] = None
+    """Where to land, instead of returning to home, and the heading of the final approach [°]; X,Y,HEADING [m] of a
+    field in metres. Without --home it takes off there."""
+
+    wind: Annotated[Pair | None, Flag(metavar="SPEED,FROM_DEG")] = None
+    """Wind: speed [m/s] and the bearing it blows from [°]; by default the scenario's."""
+
+    airspeed_mps: float | None = None
+    """Airspeed [m/s]; by default that of the scenario's vehicle."""
+
+    turns_off: bool = False
+    """Computations stop on turns."""
+
+    lead_in_m: float | None = None
+    """Straight and level flight before each line [m]; by default, with --forward-overlap, what the aircraft needs to
+    roll out of a turn, else 0."""
+
+    overshoot_m: float = 0.0
+    """Straight and level flight after each line [m]."""
+
+
+@dataclass(frozen=True)
+class FieldOptions:
+    """How the field's file is read, and what lines and turns keep to."""
+
+    metres: bool = False
+    """The file is in local metres, not degrees."""
+
+    feature: str | None = None
+    """Which polygon of a file that holds several: id, name or number; or all, as parts."""
+
+    avoid: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Polygons that lines and turns stay out of: GeoJSON, KML or CSV."""
+
+    inside: Annotated[str | None, Flag(metavar="FILE")] = None
+    """Polygons that lines and turns stay inside of, as --avoid."""
+
+    holes: Literal["cover", "avoid"] = "cover"
+    """Whether the field's holes may be flown over; they are not covered."""
+
+    clearance_m: float = CLEARANCE_M
+    """Obstacles so far below the plan's altitude [m] are flown over, where their height is known."""
+
+
+@dataclass(frozen=True)
+class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, PathOptions):
+    """Options of a coverage: in order those of the path, the field, the camera and the ground.
+
+    Faults name them as the command `eadp cover` does.
+    """
+
+    @cached_property
+    def line_swath_m(self) -> float:
+        """Width of ground that a line covers beside its neighbours [m]: as given, or the camera's."""
+        camera = (self.sensor_width_mm, self.focal_length_mm, self.side_overlap)
+        if self.swath_m is None:
+            if camera == (None, None, None):
+                expected = "--swath, or --altitude or --gsd, and --camera"
+                raise option_fault("--swath", "", "no width of ground that a line covers", expected)
+            return self.camera_swath_m
+        if self.sensor_width_mm is not None or self.side_overlap is not None:
+            raise option_fault("--swath", f"{self.swath_m:g}", "a swath beside that of the camera", "one of the two")
+        return self.swath_m
+
+    def motion(self, airframe: Airframe, wind_mps: Point) -> MotionLimits:
+        """The limits of the motion of an aircraft; the wind given here holds where the options have none."""
+        swath = self.line_swath_m
+        apart = self.wanted_spacing_m or SPACING_SHARE * swath if self.spacing_m is None else self.spacing_m
+        speed = airframe.airspeed_mps if self.airspeed_mps is None else self.airspeed_mps
+        if self.wind is not None:
+            wind_mps = wind_vector_mps(self.wind)
+        least = self.min_radius_m
+        if least is None:
+            least = float(math.ceil(PATH_MARGIN * ground_radius_m(airframe, speed, math.hypot(*wind_mps))))
+        ideal = min(RADIUS_SHARE * least, MAX_LENGTH_M) if self.radius_m is None else self.radius_m
+        check_range("--airspeed", speed, 0.0, MAX_AIRSPEED_MPS)
+        check_range("--min-radius", least, MIN_RADIUS_M, MAX_LENGTH_M, closed=True)
+        check_range("--swath", swath, 0.0, MAX_LENGTH_M)
+        check_range("--radius", ideal, least, MAX_LENGTH_M, closed=True)
+        check_range("--spacing", apart, 0.0, swath)
+        if math.hypot(*wind_mps) >= speed:
+            message = f"a wind of {math.hypot(*wind_mps):g} m/s, no slower than the aircraft"
+            per_hour = f"{math.hypot(*wind_mps):g} km/h are {math.hypot(*wind_mps) / 3.6:.3g} m/s"
+            raise option_fault("--wind", _raw(self.wind or ""), message, f"less than its {speed:g} m/s; {per_hour}")
+        check_range("--overshoot", self.overshoot_m, 0.0, MAX_LENGTH_M, closed=True)
+        lead_in = self.lead_in_m
+        if lead_in is None:
+            rolls_m = 0.0 if self.forward_overlap is None else roll_out_m(airframe, speed + math.hypot(*wind_mps))
+            lead_in = float(math.ceil(rolls_m))
+        check_range("--lead-in", lead_in, 0.0, MAX_LENGTH_M, closed=True)
+        return MotionLimits(swath, least, ideal, apart, speed, wind_mps, lead_in, self.overshoot_m)
+
+    @property
+    def heading_rad(self) -> float | None:
+        """The mathematical heading (0 east, counter-clockwise) of the lines, if it is given."""
+        if self.heading_deg is None:
+            return None
+        return course_rad("--heading", self.heading_deg)
+
+
+def wind_vector_mps(given: Pair) -> Point:
+    """The wind's vector (east, north), of its speed and the compass bearing that it blows from."""
+    speed, from_deg = two_numbers("--wind", given, "a speed [m/s] and a bearing [°], like 5,270 for a west wind")
+    if speed < 0:
+        raise option_fault("--wind", _raw(given), f"a speed of {speed:g}", "0 or more")
+    if abs(from_deg) > 360:
+        raise option_fault("--wind", _raw(given), f"a bearing of {from_deg:g}°", "0 to 360: where the wind comes from")
+    return velocity_mps(speed, blowing_to_rad(from_deg))
+
+
+def point_of(option: str, given: Pair | None, field: Field) -> Point | None:
+    return None if given is None else place_of(option, given, field)
+
+
+def place_of(option: str, given: Pair, field: Field) -> Point:
+    """A point in the field's coordinates: metres, or latitude and longitude if the field was given in degrees."""
+    if field.origin_deg is None:
+        point = two_numbers(option, given, "X,Y in metres, like -50,20")
+    else:
+        expected = "LAT,LON in degrees, like 55.37,10.43"
+        lat, lon = two_numbers(option, given, expected)
+        if not (abs(lat) <= 90 and abs(lon) <= 180):
+            raise option_fault(option, _raw(given), "no latitude and longitude", expected)
+        point = to_local_m(lat, lon, field.origin_deg)
+    distance_m = min(math.dist(point, vertex) for part in field.parts for vertex in part[0])
+    if distance_m > MAX_DISTANCE_M:
+        message, expected = f"{distance_m / 1000:.0f} km from the field", f"{MAX_DISTANCE_M / 1000:g} km or less"
+        if field.origin_deg is not None:
+            message += f", which is at {place_text(field.origin_deg)}"
+            expected += "; LAT,LON in that order"
+            if math.dist((lon, lat), field.origin_deg) < NEAR_DEG:
+                expected = "LAT,LON in that order: here or in the field's file they are swapped"
+        raise option_fault(option, _raw(given), message, expected)
+    if not field.airspace.admits(point):
+        message = "lies in an obstacle or beyond the boundary"
+        raise option_fault(option, _raw(given), message, "a place that may be flown over")
+    return point
+
+
+def _raw(given: Pair) -> str:
+    return given if isinstance(given, str) else f"{given[0]},{given[1]}"
+
+
+def two_numbers(option: str, given: Pair, expected: str) -> Point:
+    try:
+        first, second = (float(word) for word in _raw(given).replace(",", " ").replace("@", " ").split())
+    except ValueError:
+        first = second = math.nan
+    if not (math.isfinite(first) and math.isfinite(second)):
+        raise option_fault(option, _raw(given), "not two numbers", expected)
+    return first, second
