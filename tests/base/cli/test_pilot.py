@@ -31,6 +31,7 @@ def scenario_of(folder, autopilot):
     return folder / "day.yaml"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pattern", few(["dubins", "zamboni"], 1))
 def test_no_picture_is_taken_in_the_climb(pattern):
     found = covered(pattern=pattern)
@@ -46,6 +47,7 @@ def lands(heading_deg, scenario=None):
     return covered(scenario, landing=f"{PLACE},{heading_deg}", terrain=[str(PILOT / "ground.tif")])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn_deg", few([15, -5, 0, -20, -15, -10, 5, 10, 20], 2))
 def test_headings_near_the_wind_are_landed_on_over_the_slope(turn_deg):
     """The ground rises by 5 % from where it lands; the flight comes down on a circle where the way is too short."""
