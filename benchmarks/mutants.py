@@ -3,8 +3,8 @@
 usage: python benchmarks/mutants.py [--count 200] [--seed 0] [--layers core models planning] [--only TEXT ...] [--slow]
 
 The operators are mutmut's (pip install mutmut coverage), and `return x` to `return None`. The rest is our own: mutmut
-leaves properties alone and runs all tests. A mutant of `eadp/core` has to fail a test of `tests/base/core`, and so on, of
-the quick tier or, with `--slow`, of both. Coverage records once which test executes which line, and keeps it in
+leaves properties alone and runs all tests. A mutant of `eadp/core` has to fail a test of `tests/base/core`, and so on,
+of the quick tier or, with `--slow`, of both. Coverage records once which test executes which line, and keeps it in
 `build/mutants` until the sources change. A mutant meets the tests that execute its statement, the quickest first,
 until one fails; a hang is a failure. Processes are forked with the libraries imported. Prints the mutants that survive
 or hang and the counts of each layer.
