@@ -63,6 +63,7 @@ def test_a_climb_circles_above_a_mast_near_home_that_the_altitude_clears(eadp, m
         assert min(above_m) > 60
 
 
+@pytest.mark.slow
 def test_sorties_circle_above_a_mast_near_home(eadp, mast, tmp_path):
     given = ("--vehicle", MAPPER, "--pattern", "dubins", "--sorties", 2, "-o", tmp_path / "job")
     answer = eadp("cover", *mast, *given)

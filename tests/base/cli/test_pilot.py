@@ -86,6 +86,7 @@ def test_an_advised_heading_is_one_on_which_it_lands(heading_deg, tmp_path):
     assert (before.altitude_m - last.altitude_m) / length_m <= np.tan(np.radians(5.1))
 
 
+@pytest.mark.slow
 def test_a_landing_with_the_wind_behind_is_a_warning():
     said = []
     covered(warn=said.extend, landing=f"{PLACE},70")
