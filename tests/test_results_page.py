@@ -75,6 +75,7 @@ def test_the_columns_of_the_flight(folder):
     assert rows["lon_deg"] == pytest.approx(10.43 + np.degrees(rows["x_m"] / across / math.cos(latitude)), abs=1e-6)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("planner", ["joint", "paper", "static"])
 def test_the_columns_of_the_estimate(folder, tmp_path, planner):
     if planner != "joint":

@@ -31,6 +31,7 @@ def replayed(folder, plan="field.plan", until_s=300.0, change=lambda line: None,
     return decisions, flight
 
 
+@pytest.mark.slow
 @recordings
 def test_a_loss_is_no_rate():
     """A quarter of the charge at 173 s, 150 m from home: home can wait, and the pilot reads for how long."""

@@ -196,6 +196,7 @@ def test_telemetry_that_begins_in_the_middle_of_the_flight(replan, begins_s, rep
     assert decisions[-1]["reason"] == REACHED or "parameters" not in reports
 
 
+@pytest.mark.slow
 def test_a_recorded_flight_that_begins_in_the_middle(replan):
     scenario, lines = recorded("late")
     code, decisions, _ = replan(lines, SURVEY, scenario)

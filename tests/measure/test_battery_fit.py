@@ -36,6 +36,7 @@ def test_a_battery_without_noise_is_found_exactly():
     assert fit.rms_v < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("runs", few([140, 200], 1))
 def test_intervals_hold_where_noise_is_alike_from_reading_to_reading(runs):
     inside = {"full": 0, "empty": 0, "ohm": 0}

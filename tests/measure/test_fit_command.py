@@ -200,6 +200,7 @@ def test_a_plan_without_laps_says_nothing(run: Run, tmp_path: Path) -> None:
     assert err.startswith(f"{plan}:1:1: error: the plan has no laps; expected a plan that repeats its stages")
 
 
+@pytest.mark.slow
 def test_positions_in_the_log_say_where_to_look(run: Run, tmp_path: Path) -> None:
     log = flight(tmp_path, "time_s,power_w,x_m,y_m", "{t},{w},{x},{y}", noise_w=0.5)
     code, out, _ = run("fit", log, "--format", "json")
@@ -285,6 +286,7 @@ def test_correlated_noise_goes_into_the_model(run: Run, tmp_path: Path) -> None:
     assert disturbance.std_w == pytest.approx(0.3 / np.sqrt(1 - 0.81), rel=0.4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "period_s"),
     few_rows(

@@ -274,6 +274,7 @@ def test_a_dataflash_log(eadp, tmp_path):
     assert_wing(json.loads(eadp("fit", path, "--vehicle", "--format", "json").out))
 
 
+@pytest.mark.slow
 def test_round_after_round_of_fit_and_export_flies_the_same(eadp, tmp_path):
     """The log has the calibrated airspeed that the autopilot was set to, at 2000 m: 0.9064 of the true one."""
     pytest.importorskip("pymavlink")

@@ -352,6 +352,7 @@ def test_standard_deviation_holds_under_correlated_noise() -> None:
     assert sum(abs(deviation) < 1.96 for deviation in deviations) >= 13
 
 
+@pytest.mark.slow
 def test_correlated_noise_widens_the_standard_deviation() -> None:
     times = sampled(6)
     white = np.random.default_rng(1).normal(size=len(times))
@@ -406,6 +407,7 @@ NOISES = {
 }
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("kind", "share"),
     [

@@ -82,6 +82,7 @@ def test_a_parameter_of_one_flight_alone_is_drawn_of_it(eadp, folders, tmp_path)
     assert f" {len(meadow.decisions)}, failed" in decisions
 
 
+@pytest.mark.slow
 def test_what_is_refused(eadp, folders, tmp_path):
     page = tmp_path / "page.html"
     assert refused(eadp("report", folders[0], folders[0], "-o", page), "stands twice")

@@ -35,6 +35,7 @@ def test_a_bug_ends_the_flight(planner):
         flown(planner)
 
 
+@pytest.mark.slow
 def test_the_fallback_starts_at_the_maximum_and_flies_nearly_as_well():
     """Lowered from the parameters in force, they would never rise: U = 0.37."""
     with broken_osqp(BROKEN["failing"]):

@@ -39,6 +39,7 @@ def place(made, tmp_path):
     return Path(shutil.copytree(made, tmp_path / "place"))
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("to", "ending", "name"), [("ardupilot", ".param", "RTL_ALTITUDE,"), ("px4", ".params", "RTL_RETURN_ALT\t")]
 )

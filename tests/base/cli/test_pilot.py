@@ -31,6 +31,7 @@ def scenario_of(folder, autopilot):
     return folder / "day.yaml"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pattern", few(["dubins", "zamboni"], 1))
 def test_no_picture_is_taken_in_the_climb(pattern):
     found = covered(pattern=pattern)
@@ -46,6 +47,7 @@ def lands(heading_deg, scenario=None):
     return covered(scenario, landing=f"{PLACE},{heading_deg}", terrain=[str(PILOT / "ground.tif")])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn_deg", few([15, -5, 0, -20, -15, -10, 5, 10, 20], 2))
 def test_headings_near_the_wind_are_landed_on_over_the_slope(turn_deg):
     """The ground rises by 5 % from where it lands; the flight comes down on a circle where the way is too short."""
@@ -84,6 +86,7 @@ def test_an_advised_heading_is_one_on_which_it_lands(heading_deg, tmp_path):
     assert (before.altitude_m - last.altitude_m) / length_m <= np.tan(np.radians(5.1))
 
 
+@pytest.mark.slow
 def test_a_landing_with_the_wind_behind_is_a_warning():
     said = []
     covered(warn=said.extend, landing=f"{PLACE},70")

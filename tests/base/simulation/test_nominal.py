@@ -129,6 +129,7 @@ def test_of_many_turns_the_worst_are_named_and_the_others_counted():
     assert len(overshoot_findings(overshoots[:4], 3)) == 4  # one is named in its own line as well as counted
 
 
+@pytest.mark.slow
 def test_turns_that_are_never_got_past_are_named_and_have_no_forecast(tmp_path):
     inputs = load_flight(mission(tmp_path, CIRCLED), overrides={"time_limit_s": 1000, "step_s": 0.05})
     assert inputs.preflight() is None

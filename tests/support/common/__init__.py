@@ -9,6 +9,8 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from eadp.io.page import GENERATOR, REPORT
+
 ROOT = Path(__file__).resolve().parents[3]
 """The repository's root."""
 
@@ -50,11 +52,15 @@ def _no_picture(path: Path, *_: Any) -> None:
         path.with_suffix(ending).touch()
 
 
+def _no_page(_: Any, folder: Path) -> None:
+    (folder / REPORT).write_bytes(GENERATOR)
+
+
 def draw_nothing(patch: pytest.MonkeyPatch) -> None:
-    """Result folders whose figures and page, which take longer than a short flight, are empty files."""
+    """Result folders whose figures and page, which take longer than a short flight, are empty."""
     for module, name, nothing in (
         ("eadp.io.figures.plan", "write_flight_figure", _no_picture),
-        ("eadp.report.flight", "write_page", lambda _, folder: (folder / "report.html").touch()),
+        ("eadp.report.flight", "write_page", _no_page),
     ):
         patch.setattr(import_module(module), name, nothing)  # the package's own names are functions
 

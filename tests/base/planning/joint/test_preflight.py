@@ -102,6 +102,7 @@ def test_a_battery_that_is_too_small_is_told_before_take_off(planner):
     assert not flown(inputs).completed
 
 
+@pytest.mark.slow
 def test_joint_is_planned_as_it_would_be_in_the_air():
     """With charge for all, the highest of both; with less, widest spacing before the least computations or the like."""
     plenty = inputs_of(ROOT / "plans/survey.plan", "joint", **{"battery.capacity_ah": 3.0}).preflight()
