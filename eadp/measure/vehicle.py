@@ -232,7 +232,7 @@ def _airframe(
         polar, stds, why = _polar(fit, wing)
         if not why:
             given = {item.name: getattr(wing, item.name) for item in fields(wing)}
-            return {key: _rounded(value) for key, value in (given | polar).items()}, stds, []
+            return {key: _rounded(value) for key, value in (given | polar).items() if value is not None}, stds, []
         notes = [why]
     else:
         notes = ["mass, wing and lift: --base FILE names what is known of the aircraft"] if wing is None else []
@@ -248,7 +248,7 @@ def _airframe(
         notes.append(note)
     if wing is not None:
         shared = {item.name for item in fields(wing)} & {item.name for item in fields(PowerCurve)} - curve.keys()
-        curve |= {key: getattr(wing, key) for key in shared if key != "airspeed_mps"}
+        curve |= {key: getattr(wing, key) for key in shared if key not in ("airspeed_mps", "airspeed_range_mps")}
     else:
         curve["max_power_w"] = max_w
         curve["avionics_w"] = min(max(fit.constant_w, 0.0), min_w / 2)

@@ -38,7 +38,7 @@ READ_S = 0.1
 NAVIGATION_M = 0.25, 10.0
 """Least and greatest standard deviation of how far the aircraft reaches [m]."""
 
-SAME_MPS = 0.01
+SAME_MPS = 0.02
 """Airspeed's distance from the commanded one that counts as none [m/s]."""
 
 SLOWS_S, ERROR_S, UNMEASURED_S = 60.0, 10.0, 10.0
@@ -85,7 +85,8 @@ class FlightState:
         vehicle = mission.vehicle
         level_w = mission.energy.mean_w if mission.energy is not None else vehicle.cruise_power_w
         climb_j_per_m = 0.0 if isinstance(vehicle, PaperVehicle) else vehicle.climb_j_per_m
-        self._motion = MotionPower(level_w, vehicle, climb_j_per_m=climb_j_per_m)
+        slowed = vehicle.airspeed_range_mps or any(stage.airspeed_mps for stage in mission.plan.stages)
+        self._motion = MotionPower(level_w, vehicle, climb_j_per_m=climb_j_per_m, by_polar=bool(slowed))
         self._airspeed_mps = mission.cruise_mps  # as it follows the commanded one
         self._obeyed = ObeyedAirspeed()
         battery = mission.battery
@@ -242,6 +243,8 @@ class FlightState:
         ratios = airspeeds_mps / self._mission.cruise_mps
         possible = (ratios > 1 / MAX_AIRSPEEDS) & (ratios < MAX_AIRSPEEDS)
         flown_mps = self._follow_airspeed(steps_s)
+        # while the airspeed changes, the power is that of the change, too
+        steady_w = np.where(np.abs(flown_mps - self._commanded_mps) > SAME_MPS, math.nan, powers_w)
         if self._mission.vehicle.airspeed_range_mps is not None:
             self._obeyed.take(times_s[possible], airspeeds_mps[possible], self._commanded_mps)
             flown_mps = np.where(possible, airspeeds_mps, flown_mps)
@@ -257,7 +260,7 @@ class FlightState:
             beside_w = self._place.computing_w + (climb_w if climb_mps is None else 0 * climb_w)
             # a reading after a long gap stands for MAX_STEP_S of it
             steps = np.minimum(steps_s, MAX_STEP_S)
-            self._motion.ingest(powers_w, beside_w, steps, self._place.slope, climb_mps or 0.0, flown_mps)
+            self._motion.ingest(steady_w, beside_w, steps, self._place.slope, climb_mps or 0.0, flown_mps)
         # over a long gap the charge is drained by the power before it
         drain_powers_w = np.where(steps_s > MAX_STEP_S, math.nan, powers_w)
         self._charge.ingest(_numbers(readings.charges), drain_powers_w, steps_s, measured=on_plan)

@@ -39,8 +39,6 @@ class MotionKnown(NamedTuple):
 
     Attributes
     ----------
-    airframe : Airframe
-        Whose power it is; by it follows the power at other airspeeds, see `PowerTerms`.
     level_w, slope_w : float
         a, of level flight, and b [W].
     var_level, cov_level_slope, var_slope : float
@@ -51,11 +49,12 @@ class MotionKnown(NamedTuple):
         The greatest power that was measured, up to the motor's [W].
     climb_j_per_m : float
         Energy of a metre of climb [J/m].
+    airframe : Airframe
+        Whose power it is; by it follows the power at other airspeeds, see `PowerTerms`.
     in_doubt : bool
         Whether a may have changed for good.
     """
 
-    airframe: Airframe
     level_w: float
     slope_w: float
     var_level: float
@@ -64,6 +63,7 @@ class MotionKnown(NamedTuple):
     noise: float
     max_w: float
     climb_j_per_m: float
+    airframe: Airframe
     in_doubt: bool = False
 
     def straight_w(self, airspeed_mps: float) -> float:

@@ -26,8 +26,8 @@ TURN_SHARE = 0.3
 third of the drag at cruise."""
 
 POLAR_SHARE = 0.2
-"""Relative prior standard deviation of the power per tan² φ of an aircraft that states a range of airspeeds: with level
-flight's power known, by an Oswald efficiency known to 15 % and a C_D0 known to 20 %."""
+"""Relative prior standard deviation of the power per tan² φ by the airframe's polar: with level flight's power known,
+by an Oswald efficiency known to 15 % and a C_D0 known to 20 %."""
 
 LEVEL_SHARE = 0.05
 """Relative prior standard deviation of level flight's power."""
@@ -80,17 +80,25 @@ class MotionPower:
         Its standard deviation, as a share of it.
     climb_j_per_m : float
         Prior energy of a metre of climb [J/m]: m g/η.
+    by_polar : bool
+        Whether the prior power of a bank is the airframe's own, as where other airspeeds are flown.
 
     Source: induced drag grows with the square of the load factor (Anderson 1999); Bayesian linear regression.
     """
 
     def __init__(
-        self, level_w: float, airframe: Airframe, level_share: float = LEVEL_SHARE, climb_j_per_m: float = 0.0
+        self,
+        level_w: float,
+        airframe: Airframe,
+        level_share: float = LEVEL_SHARE,
+        climb_j_per_m: float = 0.0,
+        *,
+        by_polar: bool = False,
     ) -> None:
         self._airframe = airframe
         level_std, slope_std = (level_share * level_w, TURN_SHARE * level_w) if level_w else UNKNOWN_W
         slope_w = TURN_SHARE * level_w
-        if airframe.airspeed_range_mps is not None:  # its polar is stated, from which the speed to fly follows
+        if by_polar:
             slope_w = airframe.level_power_w(airframe.airspeed_mps, math.pi / 4) - airframe.cruise_power_w
             slope_std = POLAR_SHARE * slope_w or slope_std
         climb_std = CLIMB_SHARE * climb_j_per_m or UNKNOWN_W[1]
@@ -143,7 +151,6 @@ class MotionPower:
         """What is known of the power, which reaches at most this [W]."""
         fit = self._state.regression.fit
         return MotionKnown(
-            self._airframe,
             level_w=fit.a,
             slope_w=max(fit.b, 0.0),
             var_level=fit.aa,
@@ -152,6 +159,7 @@ class MotionPower:
             noise=lasting_noise(self._state.regression),
             max_w=max_w,
             climb_j_per_m=max(fit.c, 0.0),
+            airframe=self._airframe,
             in_doubt=in_doubt(self._state.regression),
         )
 

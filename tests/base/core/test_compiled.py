@@ -53,7 +53,7 @@ def test_on_it_is_compiled_with_its_helpers(switched_on, tmp_path, monkeypatch):
 @fast
 def test_where_nothing_can_be_kept_it_is_compiled_all_the_same(tmp_path):
     code = (
-        "from eadp.core import compiled; import eadp.core.flight as g; compiled.enable();"
+        "from eadp.core import compiled; import eadp.core.guidance as g; compiled.enable();"
         "print(compiled.jitted(g.wind_factor)(3.0, 4.0, 3.0, 4.0))"
     )
     environment = {**os.environ, "NUMBA_CACHE_DIR": "/proc/nowhere"}

@@ -126,7 +126,7 @@ def test_a_climb_is_no_slow_flight(inputs_of):
     inputs = inputs_of(CLIMB)
     forecast, stage = ClimbFollower.of(inputs.mission), inputs.world.plan.stages[1]
     for _ in range(600):
-        forecast.follow(stage, 0.1)
+        forecast.follow(stage, 15.0, 0.1)
     assert forecast.slowed_s == pytest.approx(100 / 3 * (1 - math.sqrt(1 - (3 / 15) ** 2)), rel=0.05)
     assert forecast.level_mps == pytest.approx(15)
     assert forecast.power_w == pytest.approx(0, abs=1e-3)
@@ -143,7 +143,7 @@ def test_the_altitude_is_known_by_dead_reckoning(inputs_of):
     inputs = inputs_of(STAIRS)
     forecast = ClimbFollower.of(inputs.mission)
     for step in flown(inputs)[0]:
-        forecast.follow(inputs.world.plan.stages[step.stage - 1], 0.1)
+        forecast.follow(inputs.world.plan.stages[step.stage - 1], 15.0, 0.1)
         assert forecast.climb.altitude_m == pytest.approx(step.altitude_m, abs=0.35)
 
 

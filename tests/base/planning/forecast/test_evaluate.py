@@ -75,7 +75,7 @@ def uncertain(known):
     return known._replace(
         wind=WindKnown(known.wind.mps, (0.3, 0.2, -0.1)),
         time=TimeKnown(1.03, 1e-4, 0.01),
-        motion=MotionKnown(FixedWing(), 38.0, 40.0, 0.2, -0.3, 30.0, 60.0, 60.0, 20.0),
+        motion=MotionKnown(38.0, 40.0, 0.2, -0.3, 30.0, 60.0, 60.0, 20.0, FixedWing()),
     )
 
 
