@@ -63,6 +63,7 @@ from eadp.survey.heights import (
     climbed_first,
     free_circles,
     held_up_m,
+    late_over_s,
     level_lack,
     over_terrain,
     with_circles,
@@ -102,6 +103,9 @@ class CoverageTask:
     pack : Pack or None
     autopilot : Autopilot
         For the landings that it accepts.
+    circles_first : bool
+        Whether a climb circles up until it is above obstacles near home that the altitude clears; else the path stays
+        out of them.
     """
 
     file: str
@@ -114,6 +118,7 @@ class CoverageTask:
     profile: AnyProfile | None = None
     pack: Pack | None = None
     autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
+    circles_first: bool = False
 
     @classmethod
     def read(
@@ -266,15 +271,15 @@ class CoverageTask:
     @cached_property
     def airspace(self) -> Airspace:
         """What is in the way: not obstacles lower than the plan's altitude, and a climb from home, by the clearance."""
-        return self._airspace(self.final)
+        return self._airspace(self.final, circled=self.circles_first)
 
-    def _airspace(self, final: FinalApproach | None) -> Airspace:
-        """As `airspace`, with a final approach."""
+    def _airspace(self, final: FinalApproach | None, *, circled: bool = False) -> Airspace:
+        """As `airspace`, with a final approach; with `circled` after a climb on circles."""
         given, altitude_m, airframe = self.field.airspace, self.options.altitude_m, self.airframe
         if altitude_m is None or isinstance(airframe, PaperVehicle):
             return given
         reached_m, slopes = [altitude_m] * len(given.obstacles), list[tuple[Point, float]]()
-        if self.home_m is not None:
+        if self.home_m is not None and not circled:
             # a climb from home with the wind behind, straight to the obstacle
             climb_mps = airframe.climb_rates_mps(self.motion.airspeed_mps)[0]
             slopes.append((self.home_m, climb_mps / self.motion.ground_limit_mps))
@@ -324,7 +329,7 @@ class CoverageTask:
             options.heading_rad,
             *ends,
             apart,
-            airspace=self._airspace(final),
+            airspace=self._airspace(final, circled=self.circles_first),
             climb_out=self.climb_out,
             approach=None if final is None else final.leg,
             climb_s=self._climb_s,
@@ -355,14 +360,43 @@ class CoverageTask:
             solution = with_circles(solution, len(solution.sections) - 1, circle, count, motion)
         if not self._climb_s:
             return solution
+        free = self._airspace(self.final)  # where circles may lie before the altitude is reached
+        low = [each for each in free.obstacles if each not in self.airspace.obstacles]
 
         def lack(tried: CoverageSolution) -> Lack:
             """What the climb of a path lacks."""
             if ground is None:
-                return level_lack(tried, motion, self._climb_s)
+                late_s, until_m = level_lack(tried, motion, self._climb_s)
+                return Lack(max(late_s, late_over_s(tried, low, motion, climbing, self.options.clearance_m)), until_m)
             return climb_lack(tried, ground, climbing, 0.0)
 
-        return climbed_first(solution, motion, self.request.space, lack)
+        return climbed_first(solution, motion, replace(self.request, airspace=free).space, lack)
+
+    @cached_property
+    def circled(self) -> CoverageTask | None:
+        """The task with circles up to obstacles near home; None where these change nothing."""
+        if self.terrain is not None or not self._climb_s:
+            return None
+        found = replace(self, circles_first=True)
+        return None if found.airspace == self.airspace else found
+
+    def best(self) -> tuple[CoverageTask, CoveragePlan]:
+        """The plan of the quickest path found; it circles above obstacles near home where that covers more, or is less.
+
+        Raises
+        ------
+        Infeasible
+        """
+        found, failures = list[tuple[CoverageTask, CoveragePlan]](), list[Infeasible]()
+        for task in (self, self.circled):
+            try:
+                if task is not None:
+                    found.append((task, task.planned(task.solution())))
+            except Infeasible as error:
+                failures.append(error)
+        if not found:
+            raise failures[0]
+        return min(found, key=lambda each: (-round(each[1].report.least.coverage, 4), each[1].report.full.time_s))
 
     def solution(self) -> CoverageSolution:
         """The quickest path found. Raises Infeasible."""
@@ -545,7 +579,7 @@ def cover(
         With the faults of the files, or of an option under its name on the command line.
     """
     task = coverage_task(str(field), options, profile, scenario, vehicle, warn)
-    found = task.planned(task.solution())
+    task, found = task.best()
     if task.profile is not None or task.pack is not None:
         keys, given = flight_keys(task, vehicle) | {"parameters": None}, None if scenario is None else str(scenario)
         turns_back_soc = [0.0]

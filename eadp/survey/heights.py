@@ -20,7 +20,7 @@ from eadp.core.geometry.dubins import Piece, Pose, centre_m, polyline_m
 from eadp.core.geometry.polygons import FreeSpace, holding
 from eadp.core.guidance import RATE_SHARE
 from eadp.errors import Infeasible, Unreachable
-from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace
+from eadp.models.airspace import CLEARANCE_SHARE, EVERYWHERE, Airspace, Obstacle
 from eadp.survey.coverage import CoverageSolution, timed
 from eadp.survey.swaths import CoverageLeg, MotionLimits
 from eadp.survey.terrain import ElevationModel
@@ -615,6 +615,30 @@ def climb_lack(solution: CoverageSolution, ground: Ground, climbing: Climbing, s
     low = np.flatnonzero((lacks_m > ROUNDING_M) & samples.on_line)
     until_m = float(samples.places_m[min(low[-1] + 1, len(lacks_m) - 1)]) if len(low) else 0.0
     return Lack(max(float(lacks_m.max()), 0.0) / up_mps, until_m)
+
+
+def late_over_s(
+    solution: CoverageSolution,
+    obstacles: Sequence[Obstacle],
+    motion: MotionLimits,
+    climbing: Climbing,
+    clearance_m: float,
+) -> float:
+    """By how long a climb from level ground is too late over obstacles of known heights, at either end of c1 [s].
+
+    Source: `Climbing.reached_s` for the time of the climb.
+    """
+    late_s, aside_m = 0.0, CLEARANCE_SHARE * motion.min_radius_m
+    for c1 in {0.0, solution.min_c1} if obstacles else ():
+        samples = Samples.of(_legs(solution, c1), STEP_M)
+        flown_s = np.concatenate([[0.0], np.cumsum(_seconds(samples, motion))])
+        for each in obstacles:
+            needed_s = climbing.reached_s((each.height_m or 0.0) + clearance_m)
+            points_m = samples.points_m[: int(np.searchsorted(flown_s, needed_s)) + 1]
+            near = ~FreeSpace([each.outline], (), aside_m).sees(points_m[:-1], points_m[1:])
+            if near.any():
+                late_s = max(late_s, needed_s - float(flown_s[int(np.argmax(near))]))
+    return late_s
 
 
 def _seconds(samples: Samples, motion: MotionLimits) -> FloatArray:
