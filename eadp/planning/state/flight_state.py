@@ -38,6 +38,9 @@ READ_S = 0.1
 NAVIGATION_M = 0.25, 10.0
 """Least and greatest standard deviation of how far the aircraft reaches [m]."""
 
+OTHER_MPS = 0.25
+"""Distance of an airspeed from that of cruise from which on it is another one: half a step of `speed_to_fly` [m/s]."""
+
 SAME_MPS = 0.02
 """Airspeed's distance from the commanded one that counts as none [m/s]."""
 
@@ -85,8 +88,9 @@ class FlightState:
         vehicle = mission.vehicle
         level_w = mission.energy.mean_w if mission.energy is not None else vehicle.cruise_power_w
         climb_j_per_m = 0.0 if isinstance(vehicle, PaperVehicle) else vehicle.climb_j_per_m
-        slowed = vehicle.airspeed_range_mps or any(stage.airspeed_mps for stage in mission.plan.stages)
-        self._motion = MotionPower(level_w, vehicle, climb_j_per_m=climb_j_per_m, by_polar=bool(slowed))
+        speeds_mps = *(vehicle.airspeed_range_mps or ()), *(stage.airspeed_mps for stage in mission.plan.stages)
+        others = any(abs((speed or mission.cruise_mps) - mission.cruise_mps) > OTHER_MPS for speed in speeds_mps)
+        self._motion = MotionPower(level_w, vehicle, climb_j_per_m=climb_j_per_m, by_polar=others)
         self._airspeed_mps = mission.cruise_mps  # as it follows the commanded one
         self._obeyed = ObeyedAirspeed()
         battery = mission.battery
