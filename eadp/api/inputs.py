@@ -145,6 +145,13 @@ class FlightInputs:
     never_past: str = ""
     """The item or stage with a turn that the aircraft never gets past; the plan has no forecast then."""
 
+    def at_one_airspeed(self) -> FlightInputs:
+        """The same with an airspeed that is not decided, for what commands none: an autopilot's mission, a link."""
+        vehicle = self.mission.vehicle
+        if vehicle.airspeed_range_mps is None:
+            return self
+        return replace(self, mission=replace(self.mission, vehicle=replace(vehicle, airspeed_range_mps=None)))
+
     def flight(self) -> PlannedFlight:
         """A new flight with its planner."""
         return make_flight(self.scenario.planner, self.mission, logged=True)

@@ -259,7 +259,7 @@ def _forecast(given: File | Plan, autopilot: Autopilot, options: ExportOptions, 
     overrides = read_overrides(override_texts(options.overrides))
     if autopilot.kind == PX4:  # by whose own rules it flies, stated or not
         overrides = {**overrides, "autopilot.kind": PX4}
-    inputs = load_flight(given, scenario=options.scenario, overrides=overrides)
+    inputs = load_flight(given, scenario=options.scenario, overrides=overrides).at_one_airspeed()
     warn(inputs.warnings)
     plan, airframe = inputs.world.plan, inputs.world.vehicle
     name = inputs.sources["plan"].name if options.landing is None else plan.name

@@ -126,7 +126,7 @@ class LinkFlight:
         # the map of the mission's items, as exported; None without --items
         exported = None if options.items is None else read_items(options.items, self._path_names)
         self._exported = None if exported is None else _ExportedMap(exported)
-        inputs = self._inputs = _at_one_airspeed(with_mission(inputs, exported))
+        inputs = self._inputs = with_mission(inputs, exported).at_one_airspeed()
         if options.upload and exported is None:
             raise InputError.at("--upload", 1, 1, "the mission is unknown", "--items, as eadp export writes them")
         # path parameters that the mission shall have; None before the first plan, and once only home can be reached
@@ -364,14 +364,6 @@ class LinkFlight:
         """Send a message, where there is a link to send on: a flight that is replayed has none."""
         if self._send is not None:
             self._send(self._autopilot.system or 1, kind, values)
-
-
-def _at_one_airspeed(inputs: FlightInputs) -> FlightInputs:
-    """Inputs of a flight whose airspeed is not decided: nothing commands one on a link."""
-    vehicle = inputs.mission.vehicle
-    if vehicle.airspeed_range_mps is None:
-        return inputs
-    return replace(inputs, mission=replace(inputs.mission, vehicle=replace(vehicle, airspeed_range_mps=None)))
 
 
 def with_mission(inputs: FlightInputs, items: Sequence[MappedItem] | None) -> FlightInputs:

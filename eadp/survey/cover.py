@@ -587,7 +587,8 @@ def cover(
         def energy_wh(c1: float) -> float | None:
             """As forecast, with every computation at its highest."""
             plan = held_at(found.plan, "lo" if c1 < 0 else "hi", "hi")
-            forecast = load_flight(plan, scenario=given, profile=profile, overrides=keys).preflight(whole=False)
+            inputs = load_flight(plan, scenario=given, profile=profile, overrides=keys).at_one_airspeed()
+            forecast = inputs.preflight(whole=False)
             if forecast is None:
                 return None
             turns_back_soc.append(forecast.turns_back_soc)

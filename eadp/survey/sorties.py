@@ -305,7 +305,7 @@ class SortiePlanner:
         if held:  # the plan has its parameters, whatever the scenario sets at take-off
             given = {key: value for key, value in given.items() if key.partition(".")[0] != "parameters"}
         inputs = load_flight(plan, scenario=self.scenario, profile=self.profile, overrides=given, files=self.files)
-        found = inputs.preflight(whole=False)
+        found = inputs.at_one_airspeed().preflight(whole=False)
         if found is None or found.forecast.soc_end is None or found.forecast.soc_end_std is None:
             raise Infeasible("a sortie has no forecast: the battery's charge is prescribed, or the wind is too strong")
         reserve_soc = inputs.scenario.keys.reserve_soc

@@ -40,20 +40,20 @@ def airspeeds_of(vehicle: Aeroplane, known: Known, rows: LegRows) -> FloatArray:
     """Airspeeds that may be commanded, the greatest first [m/s]: in the vehicle's range, safe in wind and turns.
 
     The least is at least the vehicle's `slowest_mps` in the tightest turn of the rows, flown with the wind, and above
-    wind and gusts.
+    wind and gusts. One above the vehicle's own can be flown in that turn. Where none is safe, it is the vehicle's own.
     """
     assert vehicle.airspeed_range_mps is not None
     low, high = vehicle.airspeed_range_mps
     wind_mps = math.hypot(*known.wind.mps)
     low = max(low, wind_mps + GUST_STDS * known.wind.gust_std_mps + ABOVE_WIND_MPS)
     bend_per_m, greatest = float(rows.bends_per_m.max(initial=0.0)), math.radians(vehicle.max_bank_deg)
-    speeds = np.append(np.arange(high, low, -STEP_MPS), low) if low < high else np.array([high])
+    speeds = np.append(np.arange(high, low, -STEP_MPS), low) if low < high else np.zeros(0)
     # tan φ = g_ground² κ / g
-    banks = np.minimum(np.arctan((speeds + wind_mps) ** 2 * bend_per_m / GRAVITY_MPS2), greatest)
-    safe = [speed >= vehicle.slowest_mps(bank) for speed, bank in zip(speeds.tolist(), banks.tolist(), strict=True)]
-    safe[0] = True  # the airspeed of the vehicle's own
-    chosen: FloatArray = speeds[np.array(safe)]
-    return chosen
+    banks = np.arctan((speeds + wind_mps) ** 2 * bend_per_m / GRAVITY_MPS2)
+    turns = (speeds <= vehicle.airspeed_mps) | (banks <= greatest)
+    slowest = [vehicle.slowest_mps(bank) for bank in np.minimum(banks, greatest).tolist()]
+    chosen: FloatArray = speeds[turns & (speeds >= slowest)]
+    return chosen if len(chosen) else np.array([vehicle.airspeed_mps])
 
 
 def paces_of(speeds_mps: FloatArray, motion: MotionKnown, computing_w: float) -> tuple[list[float], list[float]]:

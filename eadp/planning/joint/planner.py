@@ -131,11 +131,9 @@ class JointPlanner(Planner):
         # charge to spare for the way home, None without a home; and when it sufficed last [s]
         self._home: tuple[float | None, float] = (None, 0.0)
         self._by_stage = any(row.stages for row in own.trade_offs)
+        # whether the airspeed is decided now; in a live flight where what is commanded is known to be flown
+        self._paced = self._decides_airspeed and not mission.live
         # re-planned every `planner.every_s`: where forecasts are shown live, and where a turn home depends on them
-        # in a live flight an airspeed counts as flown where it is measured, see `update`
-        self._paces = own.airspeed != "fixed" and mission.vehicle.airspeed_range_mps is not None
-        self._paced = self._paces and not mission.live
-        self._thriftiest_mps = 0.0  # pace of the plan in force that leaves the most charge
         self._often = mission.live or (mission.way_home is not None and mission.way_home.turns_back)
 
     @classmethod
@@ -155,6 +153,11 @@ class JointPlanner(Planner):
         return Preflight.of(plan.evaluation, solution.filling, places.parameters(plan.shares))
 
     @property
+    def _decides_airspeed(self) -> bool:
+        """Whether the settings and the aircraft leave the airspeed to be decided."""
+        return self._own.airspeed != "fixed" and self._mission.vehicle.airspeed_range_mps is not None
+
+    @property
     def _searchable(self) -> bool:
         """Whether there is a path or an airspeed to search."""
         return bool(self._places.open) or self._paced
@@ -169,7 +172,7 @@ class JointPlanner(Planner):
         o = state.now
         if self._decision.returns_home:
             return self._decision
-        if self._paces and self._mission.live:
+        if self._mission.live and self._decides_airspeed:
             self._paced = state.flies_commanded
         entered, self._stages_started = o.stages_started != self._stages_started, o.stages_started
         due = o.time_s >= self._next_s - 1e-9
@@ -205,7 +208,7 @@ class JointPlanner(Planner):
     def _replan(self, o: Observation, known: Known, cause: str) -> None:
         """Forecast the plan in force, search the path where it is to be searched, and decide."""
         report, calls, started = self.report, self.report.calls, time.perf_counter()
-        if self._paces and not self._paced:  # what was commanded is not known to be flown
+        if self._decides_airspeed and not self._paced:  # what was commanded is not known to be flown
             known = known._replace(cursor=known.cursor._replace(airspeeds_mps=()))
         self._places.enter(known)
         plan = self._kept_plan(known)
@@ -230,7 +233,7 @@ class JointPlanner(Planner):
             return self._plan(known, shares)
         if pace_mps is None:
             return self._decide_pace(known, shares)
-        return self._at_pace(known, shares, pace_mps, self._thriftiest_mps)
+        return self._at_pace(known, shares, pace_mps, self._places.thriftiest_mps or pace_mps)
 
     def _plan(self, known: Known, shares: Shares, pace_mps: float | None = None) -> Candidate | None:
         """The plan at a place, with the computations in closed form; None where it cannot be flown."""
@@ -390,8 +393,7 @@ class JointPlanner(Planner):
         record = record._replace(battery_limit=limit, calls=self.report.calls - calls)
         if plan.pace_mps is not None and plan.pace_mps < (self._places.pace_mps or math.inf):
             self._policy.note_slower(o.time_s)
-        self._thriftiest_mps = plan.thriftiest_mps or 0.0
-        self._places.decide(plan.shares, chosen, plan.pace_mps, plan.airspeeds_mps)
+        self._places.decide(plan.shares, chosen, (plan.pace_mps, plan.thriftiest_mps), plan.airspeeds_mps)
         self._decision = Decision(chosen, reason, record, returns_home, self._places.airspeeds_mps)
 
     def _power_w(self, evaluation: Evaluation, parameters: Vector) -> float:

@@ -177,8 +177,9 @@ class Places:
         Parameters decided.
     shares : tuple of float
         The place decided.
-    pace_mps : float or None
-        The pace decided [m/s], see `eadp.planning.forecast.speed_to_fly`; None where the airspeed is not decided.
+    pace_mps, thriftiest_mps : float or None
+        The pace decided, see `eadp.planning.forecast.speed_to_fly`, and the one that leaves the most charge [m/s]; None
+        where the airspeed is not decided.
     airspeeds_mps : tuple of float
         Those of the stages at it [m/s].
     """
@@ -191,6 +192,7 @@ class Places:
         self.decided = decided
         self.shares: Shares = tuple([self._boxes[i].share(decided[i]) or 0.0 for i in self.open])
         self.pace_mps: float | None = None
+        self.thriftiest_mps: float | None = None
         self.airspeeds_mps: Vector = ()
         self._choice: tuple[Any, ...] = (None, None)  # of a moment and a route, see `_speed_choice`
         self._predictor = RoutePredictor()
@@ -285,8 +287,11 @@ class Places:
             return [], None
         return [paces[i] for i in evaluation.index.tolist()], evaluation
 
-    def decide(self, shares: Shares, parameters: Vector, pace_mps: float | None, airspeeds_mps: Vector) -> None:
-        """Note the place, the parameters, the pace and the airspeeds that the planner has decided."""
-        self.shares, self.decided, self.pace_mps = shares, parameters, pace_mps
+    def decide(
+        self, shares: Shares, parameters: Vector, paces_mps: tuple[float | None, float | None], airspeeds_mps: Vector
+    ) -> None:
+        """Note the place, the parameters, the paces and the airspeeds that the planner has decided."""
+        self.shares, self.decided = shares, parameters
+        self.pace_mps, self.thriftiest_mps = paces_mps
         if airspeeds_mps != self.airspeeds_mps:  # else the same object, which changes nothing
             self.airspeeds_mps = airspeeds_mps

@@ -91,8 +91,7 @@ class FlightState:
         speeds_mps = *(vehicle.airspeed_range_mps or ()), *(stage.airspeed_mps for stage in mission.plan.stages)
         others = any(abs((speed or mission.cruise_mps) - mission.cruise_mps) > OTHER_MPS for speed in speeds_mps)
         self._motion = MotionPower(level_w, vehicle, climb_j_per_m=climb_j_per_m, by_polar=others)
-        self._airspeed_mps = mission.cruise_mps  # as it follows the commanded one
-        self._obeyed = ObeyedAirspeed()
+        self._airspeed = FlownAirspeed(mission)
         battery = mission.battery
         full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)
         self._gate = PowerGate(vehicle.cruise_power_w, max_reading_w(mission))
@@ -246,11 +245,11 @@ class FlightState:
         airspeeds_mps = _numbers(readings.airspeeds_mps)
         ratios = airspeeds_mps / self._mission.cruise_mps
         possible = (ratios > 1 / MAX_AIRSPEEDS) & (ratios < MAX_AIRSPEEDS)
-        flown_mps = self._follow_airspeed(steps_s)
+        flown_mps = self._airspeed.follow(self._commanded_mps, steps_s)
         # while the airspeed changes, the power is that of the change, too
         steady_w = np.where(np.abs(flown_mps - self._commanded_mps) > SAME_MPS, math.nan, powers_w)
         if self._mission.vehicle.airspeed_range_mps is not None:
-            self._obeyed.take(times_s[possible], airspeeds_mps[possible], self._commanded_mps)
+            self._airspeed.measure(self._commanded_mps, times_s[possible], airspeeds_mps[possible])
             flown_mps = np.where(possible, airspeeds_mps, flown_mps)
         climb_w, level_mps = self._follow_climb(steps_s, flown_mps)
         climb_mps = self._take_altitude(o, float(steps_s.sum()))
@@ -261,7 +260,7 @@ class FlightState:
         self._wind.ingest((vx, vy), headings, steps_s, airspeeds_mps, self._last_s)
         if on_plan:
             # the power of a measured climb is a term of the regression; that of a commanded one is subtracted before
-            beside_w = self._place.computing_w + (climb_w if climb_mps is None else 0 * climb_w)
+            beside_w = self._place.computing_w + (climb_w if climb_mps is None else 0.0)
             # a reading after a long gap stands for MAX_STEP_S of it
             steps = np.minimum(steps_s, MAX_STEP_S)
             self._motion.ingest(steady_w, beside_w, steps, self._place.slope, climb_mps or 0.0, flown_mps)
@@ -273,17 +272,6 @@ class FlightState:
     def _commanded_mps(self) -> float:
         """The airspeed that is commanded [m/s]."""
         return self._place.cursor.airspeed_mps or self._mission.cruise_mps
-
-    def _follow_airspeed(self, steps_s: FloatArray) -> FloatArray:
-        """The airspeed over steps [s], as the throttle brings it to the commanded one, shape (n,) [m/s]."""
-        commanded_mps, before_mps = self._commanded_mps, self._airspeed_mps
-        if commanded_mps == before_mps:
-            return np.full(len(steps_s), commanded_mps)
-        # V̇ = k (V_d − V)
-        off_mps = (before_mps - commanded_mps) * np.exp(-self._mission.vehicle.speed_gain_per_s * np.cumsum(steps_s))
-        flown_mps: FloatArray = commanded_mps + np.where(np.abs(off_mps) < SAME_MPS, 0.0, off_mps)
-        self._airspeed_mps = float(flown_mps[-1])
-        return flown_mps
 
     def _follow_climb(self, steps_s: FloatArray, airspeeds_mps: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Follow the commanded climb over steps [s] at airspeeds [m/s]; return two arrays of shape (n,).
@@ -361,7 +349,7 @@ class FlightState:
     def flies_commanded(self) -> bool:
         """Whether the airspeed is measured, and is the one that is commanded."""
         self._process()
-        return self._obeyed.holds(self._last_s or 0.0)
+        return self._airspeed.is_commanded(self._last_s or 0.0)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -410,15 +398,29 @@ class FlightState:
         )
 
 
-class ObeyedAirspeed:
-    """Whether the measured airspeed is the commanded one: its mean error, from `SLOWS_S` after each command on."""
+class FlownAirspeed:
+    """The airspeed as the throttle brings it to the commanded one, and whether the measured one gets there.
 
-    def __init__(self) -> None:
+    Its mean error counts from `SLOWS_S` after each command on.
+    """
+
+    def __init__(self, mission: Mission) -> None:
+        self._mps, self._gain_per_s = mission.cruise_mps, mission.vehicle.speed_gain_per_s
         self._commanded_mps = self._error_mps = 0.0
         self._since_s = self._last_s = -math.inf
         self._refused = False
 
-    def take(self, times_s: FloatArray, measured_mps: FloatArray, commanded_mps: float) -> None:
+    def follow(self, commanded_mps: float, steps_s: FloatArray) -> FloatArray:
+        """The airspeed after steps [s] while one is commanded, shape (n,) [m/s]."""
+        if commanded_mps == self._mps:
+            return np.full(len(steps_s), commanded_mps)
+        # V̇ = k (V_d − V)
+        off_mps = (self._mps - commanded_mps) * np.exp(-self._gain_per_s * np.cumsum(steps_s))
+        flown_mps: FloatArray = commanded_mps + np.where(np.abs(off_mps) < SAME_MPS, 0.0, off_mps)
+        self._mps = float(flown_mps[-1])
+        return flown_mps
+
+    def measure(self, commanded_mps: float, times_s: FloatArray, measured_mps: FloatArray) -> None:
         """Take measured airspeeds with their times, shape (n,), while one is commanded [m/s]."""
         if not len(times_s):
             return
@@ -432,7 +434,7 @@ class ObeyedAirspeed:
         settled = self._last_s - self._since_s > SLOWS_S
         self._refused |= settled and abs(self._error_mps) > NOT_OBEYED_MPS
 
-    def holds(self, time_s: float) -> bool:
+    def is_commanded(self, time_s: float) -> bool:
         """Whether an airspeed was measured not long before a time [s], and none that was commanded was not flown."""
         return not self._refused and time_s - self._last_s < UNMEASURED_S
 

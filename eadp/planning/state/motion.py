@@ -116,7 +116,7 @@ class MotionPower:
     def ingest(
         self,
         powers_w: Column,
-        beside_w: Column,
+        beside_w: Column | float,
         steps_s: Column,
         slope: float,
         climb_mps: float = 0.0,
@@ -140,8 +140,8 @@ class MotionPower:
         ingested = jitted(_ingested)
         own = np.full(len(steps_s), self._airframe.airspeed_mps) if airspeeds_mps is None else airspeeds_mps
         level, flat, turn, own_w = terms_of(self._airframe, own)
-        powers_w, beside_w, steps_s, *terms = columns(powers_w, own_w + beside_w, steps_s, level, flat, turn)
-        self._state = ingested(self._state, powers_w, beside_w, steps_s, slope, climb_mps, *terms)
+        powers_w, others_w, steps_s, *terms = columns(powers_w, own_w + beside_w, steps_s, level, flat, turn)
+        self._state = ingested(self._state, powers_w, others_w, steps_s, slope, climb_mps, tuple(terms))
 
     def end_window(self, slope: float) -> None:
         """End the window of readings at the end of a leg, of mean tan² φ `slope`, and update the regression with it."""
@@ -174,11 +174,13 @@ def _ingested(
     steps_s: Column,
     slope: float,
     climb_mps: float,
-    levels: Column,
-    flats: Column,
-    turns: Column,
+    terms: tuple[Column, Column, Column],
 ) -> MotionState:
-    """The state after readings, see `MotionPower.ingest`: each adds to the window, which ends when it is full."""
+    """The state after readings, see `MotionPower.ingest`: each adds to the window, which ends when it is full.
+
+    `terms` are the level, flat and turn of `PowerTerms` at each reading.
+    """
+    levels, flats, turns = terms
     for i in range(len(powers_w)):
         step_s = steps_s[i]
         if step_s > 0.0 and not math.isnan(powers_w[i]):

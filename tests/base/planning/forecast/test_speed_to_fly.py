@@ -13,6 +13,7 @@ from eadp.core.guidance import load_factor
 from eadp.models.plan.route import RouteArrays
 from eadp.models.vehicle import FixedWing, PaperVehicle, PowerCurve
 from eadp.planning.forecast.speed_to_fly import HURRY_W, STEP_MPS, airspeeds_of, value_w
+from eadp.planning.state.flight_state import FlownAirspeed
 from eadp.planning.state.motion import MotionPower
 from eadp.simulation.loop import Outcome, fly
 
@@ -131,6 +132,11 @@ def test_no_airspeed_is_below_the_stall_in_turns_the_wind_and_its_gusts():
     bank = min(math.atan((slowest + 6) ** 2 / (25 * 9.80665)), math.radians(45))
     assert slowest >= 1.3 * WING.stall_mps * math.sqrt(load_factor(bank))
     assert np.allclose(np.diff(speeds)[:-1], -STEP_MPS)
+    # faster than its own it flies where its bank allows the tightest turn
+    quick = FixedWing(airspeed_range_mps=(10.0, 20.0))
+    fastest = math.sqrt(9.80665 / rows.bends_per_m.max()) - 6.0  # at 45°, with the wind
+    assert 15.0 < fastest - STEP_MPS < airspeeds_of(quick, known, rows)[0] <= fastest
+    assert airspeeds_of(quick, known, tight)[0] == 15.0
     # a wind that leaves none slower
     fast = known._replace(wind=known.wind._replace(mps=(11.0, 0.0), gust_std_mps=1.0))
     assert airspeeds_of(WING, fast, rows).tolist() == [15.0]
@@ -186,3 +192,31 @@ def test_the_forecast_is_of_the_speed_that_is_flown():
     assert abs(ended.duration_s - forecast.remaining_s) < 2 * forecast.remaining_std_s < 0.08 * ended.duration_s
     assert abs(ended.totals.energy_j / 3600 - forecast.energy_wh) < 2 * forecast.energy_std_wh
     assert ended.duration_s > 1.1 * outcome(**{"battery.capacity_ah": 2.0}).duration_s
+
+
+def test_what_commands_no_airspeed_is_forecast_at_its_own():
+    fixed, slow = survey_inputs(**CALM), survey_inputs(**CALM, **{**SLOW, "planner.joint.airspeed": "least-energy"})
+    assert slow.preflight().forecast.remaining_s > 1.05 * fixed.preflight().forecast.remaining_s
+    assert slow.at_one_airspeed().preflight().forecast == fixed.preflight().forecast
+    assert fixed.at_one_airspeed() is fixed
+
+
+def flown_airspeeds(measured_mps):
+    """Whether 12 m/s is commanded and known to be flown, each second, while an airspeed is measured."""
+    airspeed, held = FlownAirspeed(survey_inputs().mission), []
+    for second, speed in enumerate(measured_mps):
+        if not math.isnan(speed):
+            airspeed.measure(12.0, np.array([float(second)]), np.array([speed]))
+        held.append(airspeed.is_commanded(float(second)))
+    return held
+
+
+def test_an_airspeed_that_is_commanded_counts_where_it_is_measured_and_flown():
+    slows = [15.0 - 3 * min(k / 45, 1.0) for k in range(200)]  # as slowly as an autopilot may
+    assert all(flown_airspeeds(slows))
+    refused = flown_airspeeds([15.0] * 200)
+    assert all(refused[:60])
+    assert not any(refused[62:])
+    lost = flown_airspeeds([12.0] * 50 + [math.nan] * 50)
+    assert all(lost[:59])
+    assert not any(lost[60:])
