@@ -281,12 +281,12 @@ def cover_in_sorties(
     """
     scenario_path = None if scenario is None else str(scenario)
     task = coverage_task(str(field), options, profile, scenario, vehicle, warn, cruises=True)
-    if task.circled is not None:
-        task, _ = task.best()
     overrides = {"start": {"altitude_m": 0.0}} | flight_keys(task, vehicle)
     if any(plug_in("exporters", "mission").autopilot(to, scenario_path).kind == PX4 for to in exports):
         task = replace(task, autopilot=replace(task.autopilot, kind=PX4))
         overrides["autopilot.kind"] = PX4
+    if task.circled is not None:
+        task, _ = task.best()
     profile_path = None if profile is None else str(profile)
     division, files = sorties or SortieOptions(), Files()
     planner = SortiePlanner(task, division, files, scenario_path, profile_path, overrides, on_part=on_part)
