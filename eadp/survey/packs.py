@@ -25,7 +25,7 @@ from eadp.errors import Infeasible
 from eadp.models.airspace import Field
 from eadp.survey.coverage import LineGrid
 
-ALIKE_ROUNDS, BOUND_ROUNDS = 2, 4
+ALIKE_ROUNDS, BOUND_ROUNDS = 3, 4
 """Most times that the ends of all sorties are moved until all leave about the same; and more times for the least number
 of sorties, which no other division can beat."""
 

@@ -255,7 +255,7 @@ def test_other_figures_of_the_page_are_what_is_flown():
     (first, _), (second, _) = changes["ii"]
     assert f"changes to −500 at {first:.2f} s and to 0 at {second:.2f} s" in " ".join(PAGE.split())
     discs = flown("paper-I-static", (("vehicle.airframe.published_triggers", False),))[0]["duration_s"]
-    assert f"With discs, flight I takes {discs:.2f} s" in PAGE
+    assert f"With discs, flight I takes {discs:.2f} s" in " ".join(PAGE.split())
     lowered = drained("towards 0", (("planner.paper.solver", "subroutine"),))[1]
     assert f"the mean share is {lowered:.3f} where OSQP has {drained('towards 0')[1]:.3f}" in " ".join(PAGE.split())
     endurance = flown("paper-I-static")[0]["endurance"]
