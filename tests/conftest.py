@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import importlib.util
 import os
 import tempfile
 from collections.abc import Callable
@@ -14,8 +15,10 @@ from common import ROOT, draw_nothing, evenly
 from common.browser import ABSENT, CHROMIUM, Browser
 from hypothesis import HealthCheck, settings
 
+from eadp.check.proof import AlgebraProcess
 from eadp.cli.main import main
 from eadp.core import compiled
+from eadp.io.text import yaml
 
 gc.disable()  # until all tests are collected: nothing of them is garbage
 
@@ -71,6 +74,58 @@ def _code_as_before():
     before = compiled.enabled()
     yield
     compiled.enable(before)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _yaml_parsed_once():
+    """Nodes of a document, which are never changed, are those of the same text before."""
+    nodes, parsed = {}, yaml._Loader.get_single_node
+
+    def known(loader):
+        body = loader._source.body
+        if len(nodes) > 100:  # most come once
+            nodes.clear()
+        if body not in nodes:
+            nodes[body] = parsed(loader)
+        return nodes[body]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(yaml._Loader, "get_single_node", known)
+        yield
+
+
+@pytest.fixture(scope="session")
+def _idle():
+    """Processes that have imported sympy and wait for questions."""
+    processes = []
+    yield processes
+    for process in processes:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _sympy_started_once(request: pytest.FixtureRequest, _idle):
+    """A check takes the process of the one before, but where the process is the subject."""
+    started, left = AlgebraProcess._started, AlgebraProcess.__exit__
+
+    def taken(self):
+        if _idle and importlib.util.find_spec("sympy") is not None:
+            self._process = _idle.pop()
+            return self._process
+        return started(self)
+
+    def put_back(self, kind=None, *why):
+        if self._process is not None and kind is None:
+            _idle.append(self._process)
+            self._process = None
+        left(self, kind, *why)
+
+    with pytest.MonkeyPatch.context() as patch:
+        if request.path.parent.name != "check":
+            patch.setattr(AlgebraProcess, "_started", taken)
+            patch.setattr(AlgebraProcess, "__exit__", put_back)
+        yield
 
 
 COMPILED = [

@@ -30,21 +30,22 @@ class Flying:
     def __init__(self, inputs, mission, log=None, upload=True, return_home=False, **given):
         self.path, items = mission
         self.holder, self.decisions, self.faults, self.now_s = MissionHolder(list(items), **given), [], [], 0.0
-        self._codec, self._queue, self.sent = Codec(frozenset()), [], []
+        self._codec, self._queue, self.sent = Codec(WANTED), [], []
+        self._heard = Codec(frozenset({"STATUSTEXT", "NAMED_VALUE_FLOAT", "COMMAND_LONG"}))
         self.autopilot = self.holder.autopilot
         options = LinkOptions(f"{self.path}.items.json", upload=upload, return_home=return_home)
         self.flight = LinkFlight(inputs, "link", options, log, self.decisions.append, self.faults.append, self._send)
 
     def _send(self, *message):
         self._queue.append(self._codec.encoded(*message))
-        self.sent += Codec(frozenset({"STATUSTEXT", "NAMED_VALUE_FLOAT", "COMMAND_LONG"})).decoded(self._queue[-1])
+        self.sent += self._heard.decoded(self._queue[-1])
 
     def _give(self, frame):
-        for message in Codec(WANTED).decoded(frame):
+        for message in self._codec.decoded(frame):
             self.flight.take(message, self.now_s)
         while self._queue:
             for answer in self.holder.answer(self._queue.pop(0)):
-                for message in Codec(WANTED).decoded(answer):
+                for message in self._codec.decoded(answer):
                     self.flight.take(message, self.now_s)
 
     def fly(self, lines, current=False):
