@@ -25,7 +25,7 @@ gc.disable()  # until all tests are collected: nothing of them is garbage
 # The quick tier draws the same examples each time, so that more of them would find nothing new; the slow tier draws new
 # ones. A loaded machine makes the generation of inputs slow, which is no fault of a test. None depends on the clock.
 settings.register_profile("base", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("quick", settings.get_profile("base"), max_examples=25, derandomize=True)
+settings.register_profile("quick", settings.get_profile("base"), max_examples=15, derandomize=True)
 settings.register_profile("slow", settings.get_profile("base"), max_examples=100)
 settings.load_profile("quick")
 

@@ -30,9 +30,9 @@ def command(start, port):
     return [sys.executable, "-m", *words] if words[0] == "eadp" else [sys.executable, str(ROOT / words[1]), *words[2:]]
 
 
-@pytest.mark.slow
-def test_the_flight_of_the_tutorial(tmp_path):
-    console = Console(tmp_path)
+def prepared(folder):
+    """The tutorial's files, plan and mission in a folder, a free port, and what runs a command there."""
+    console = Console(folder)
     console.write_files(TUTORIAL)
     (cover,) = re.findall(r"^\$ (eadp cover plans/meadow.geojson --wind.*)", TUTORIAL.replace("\\\n", " "), re.M)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
@@ -44,6 +44,12 @@ def test_the_flight_of_the_tutorial(tmp_path):
 
     run([sys.executable, "-m", *shlex.split(cover)])
     run(command("eadp export", port))
+    return console, port, run
+
+
+@pytest.mark.slow
+def test_the_flight_of_the_tutorial(tmp_path):
+    console, port, run = prepared(tmp_path)
     out, err = tmp_path / "out.jsonl", tmp_path / "err.txt"
     with (
         out.open("w") as stdout,
@@ -78,18 +84,7 @@ ROUGH = {
 @pytest.mark.parametrize("rough", ROUGH)
 def test_a_flight_as_rough_as_a_real_one(tmp_path, rough):
     """The vehicle leaves waypoints as ArduPlane does; nothing that it does stops the planner, or an upload halfway."""
-    console = Console(tmp_path)
-    console.write_files(TUTORIAL)
-    (cover,) = re.findall(r"^\$ (eadp cover plans/meadow.geojson --wind.*)", TUTORIAL.replace("\\\n", " "), re.M)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-
-    def run(words, **options):
-        return subprocess.run(words, cwd=console.folder, capture_output=True, text=True, check=True, **options)
-
-    run([sys.executable, "-m", *shlex.split(cover)])
-    run(command("eadp export", port))
+    console, port, run = prepared(tmp_path)
     err = tmp_path / "err.txt"
     with (
         err.open("w") as stderr,

@@ -46,7 +46,7 @@ def shell(command, **environment):
     )
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     ("command", "message"),
     [

@@ -11,11 +11,10 @@ pytest.importorskip("pymavlink")
 pytest.importorskip("pyulog")
 
 from common.autopilot_logs import ulog
-from common.plans import ORIGIN, placed_survey
+from common.plans import ORIGIN
 from linked_flight import Finely, Flying, qgc_items, wpl_items
 from mavlink_vehicle import ARDUPILOT, PX4, Autopilot, MissionHolder, recorded
 
-from eadp.api.inputs import load_flight
 from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.exchange.items import MissionItem
@@ -25,16 +24,6 @@ from eadp.live.messages import values_of
 from eadp.live.mission import RestLayout, State
 
 SCENARIO = "scenarios/survey.yaml"
-
-
-@pytest.fixture(scope="module")
-def plan(tmp_path_factory):
-    return placed_survey(tmp_path_factory.mktemp("plan"))
-
-
-@pytest.fixture(scope="module")
-def inputs(plan):
-    return load_flight(str(plan), scenario=SCENARIO)
 
 
 @pytest.fixture(scope="module")

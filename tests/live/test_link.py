@@ -21,7 +21,6 @@ import pytest
 
 pytest.importorskip("pymavlink")
 
-from common.plans import placed_survey
 from mavlink_vehicle import Autopilot, frames, is_near, recorded, tlog
 
 from eadp.api.inputs import load_flight
@@ -46,17 +45,6 @@ from eadp.live.messages import LINE_S, STALE_S, WANTED, LineMaker, ParameterChec
 from eadp.live.telemetry import TelemetryReader, json_line
 
 SCENARIO = "scenarios/survey.yaml"
-
-
-@pytest.fixture(scope="module")
-def plan(tmp_path_factory):
-    """The survey, with a place on the earth."""
-    return placed_survey(tmp_path_factory.mktemp("plan"))
-
-
-@pytest.fixture(scope="module")
-def inputs(plan):
-    return load_flight(str(plan), scenario=SCENARIO)
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ pytest.importorskip("pymavlink")
 pytest.importorskip("pyulog")
 
 from common.autopilot_logs import dataflash, ulog
-from common.plans import ORIGIN, placed_survey
+from common.plans import ORIGIN
 from mavlink_vehicle import VOLTS, Autopilot, frames, is_near, recorded, tlog
 
 from eadp.api.inputs import load_flight
@@ -24,12 +24,6 @@ from eadp.live.recorded import log_values
 from eadp.live.telemetry import TelemetryReader
 
 SCENARIO = "scenarios/survey.yaml"
-
-
-@pytest.fixture(scope="module")
-def plan(tmp_path_factory):
-    """The survey, with a place on the earth."""
-    return placed_survey(tmp_path_factory.mktemp("plan"))
 
 
 @pytest.fixture(scope="module")

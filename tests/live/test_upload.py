@@ -12,11 +12,10 @@ import pytest
 
 pytest.importorskip("pymavlink")
 
-from common.plans import ORIGIN, STADIUM, placed_survey
+from common.plans import ORIGIN, STADIUM
 from linked_flight import Finely, Flying, wpl_items
 from mavlink_vehicle import Autopilot, MissionHolder, frames, recorded
 
-from eadp.api.inputs import load_flight
 from eadp.cli.main import main
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import InputError
@@ -33,18 +32,6 @@ from eadp.live.messages import ASKED, WANTED
 from eadp.live.mission import ITEM_TRIES, RECHECK_S, MissionClient, Outgoing, Received, RestLayout, equal_items
 from eadp.live.replanner import ReplanLog, Replanner, hash_of
 from eadp.models.plan.trace import nominal_legs, nominal_route
-
-SCENARIO = "scenarios/survey.yaml"
-
-
-@pytest.fixture(scope="module")
-def plan(tmp_path_factory):
-    return placed_survey(tmp_path_factory.mktemp("plan"))
-
-
-@pytest.fixture(scope="module")
-def inputs(plan):
-    return load_flight(str(plan), scenario=SCENARIO)
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +126,7 @@ def test_another_mission_is_left_alone(inputs, mission, lines):
     assert flown.holder.writes == []
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("lost", [1, 4])
 def test_messages_that_are_lost_are_sent_again(inputs, mission, lines, lost):
     flown = Flying(inputs, mission, lost=lost).fly(lines)

@@ -113,7 +113,7 @@ def test_a_periodogram_of_many_samples_is_that_of_2000_bins() -> None:
     assert share == pytest.approx(binned_share, abs=0.01)
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("periods", [2, 2.5, 7.4])
 def test_period_of_a_clean_log(periods: float) -> None:
     times = sampled(periods)
@@ -193,7 +193,7 @@ def test_a_period_that_drifts_is_stated(share: float) -> None:
 FOURTH_AND_FIFTH = ((0.0, 0.0), (0.0, 0.0), (0.0, 0.0), (3.0, 1.0), (2.0, 0.5))
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("terms", [THREE, ((2.1, 0.8),), ((0.0, 0.0), (3.0, 1.0), (2.0, 0.0)), FOURTH_AND_FIFTH])
 def test_a_log_without_noise_gives_the_period_and_the_phases_exactly(terms: tuple[tuple[float, float], ...]) -> None:
     times = sampled(3.3)
@@ -267,7 +267,7 @@ def in_its_units() -> Spectrum:
     return analyse(*UNITS)
 
 
-@settings(max_examples=3)
+@settings(max_examples=1)
 @given(st.floats(0.01, 100), st.floats(0.01, 1000), st.floats(-1e6, 1e6))
 def test_units_do_not_matter(per_second: float, per_watt: float, start: float) -> None:
     (times, power), one = UNITS, in_its_units()

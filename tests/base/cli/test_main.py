@@ -95,7 +95,7 @@ def test_help_imports_nothing_slow():
 SHORT = "simulate plans/survey.plan --scenario scenarios/survey.yaml --set time_limit_s=5"
 
 
-@pytest.mark.quick(4)
+@pytest.mark.quick(2)
 @pytest.mark.parametrize(
     ("command", "unused"),
     [

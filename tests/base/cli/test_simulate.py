@@ -618,6 +618,7 @@ def test_a_flight_that_returns_home_has_one_account_in_text_page_picture_and_jso
     assert (float(at["x_m"]), float(at["y_m"])) == pytest.approx(tuple(summary["turned_back_m"]), abs=2)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("drawn")
 def test_repeats_are_the_same_bytes_but_for_the_timings(eadp, tmp_path):
     for name in ("one", "two"):

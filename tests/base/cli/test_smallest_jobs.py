@@ -76,7 +76,7 @@ def test_a_field_of_one_line_is_covered_with_every_option(done, eadp, tmp_path, 
     assert eadp("cover", field, *SWATH, "--pattern", "zamboni").code == 1  # too narrow for laps
 
 
-@pytest.mark.parametrize("name", few_rows(((name,) for name in ("a line", "a landing", *PLANS)), 2))
+@pytest.mark.parametrize("name", few_rows(((name,) for name in ("a line", "a landing", *PLANS)), 1))
 def test_every_command_on_a_plan_of_one(done, eadp, tmp_path, name):
     plan = tmp_path / "a.plan"
     if name in PLANS:

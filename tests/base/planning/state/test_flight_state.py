@@ -132,6 +132,7 @@ CLIMBING = """\
 """
 
 
+@pytest.mark.slow
 def test_a_batch_of_a_climb_is_its_readings_one_by_one(tmp_path):
     """A climb slows the aircraft reading by reading: the wind must not show it, whatever the batch."""
     path = tmp_path / "a.plan"
