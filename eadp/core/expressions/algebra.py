@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any
 
 from eadp.core.expressions import tree
@@ -27,7 +27,6 @@ _COMPARED = {*NON_SMOOTH_FUNCTIONS, "atan2"}
 _PROBES = (0.0, 0.37, -0.61, 1.73, 13.1, -17.9, 211.3, -397.7, 3007.1, -2503.9, 1e5, -9e4)
 
 
-@lru_cache(1024)  # laps are compared stage by stage, and a plan is read more than once
 def is_zero(node: Node) -> bool:
     """Whether a tree is zero for every value of its symbols.
 
