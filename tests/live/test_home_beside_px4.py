@@ -96,7 +96,7 @@ class Read:
         self.sent.append((kind, fields))
 
     def at(self, time_s, until_s, by_s=None):
-        line = {"time_s": time_s, "parameters": {}, "reason": "kept", "warnings": [], "soc_end_forecast": None}
+        line = {"time_s": time_s, "parameters": {}, "reason": "kept", "warnings": [], "soc_end_forecast": None, "airspeed_mps": None}
         line |= {"completes_probability": None, "point_of_no_return_s": until_s, "home_by_s": by_s}
         self.pilot.decision(line, completes=True)
 
