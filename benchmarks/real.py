@@ -42,7 +42,7 @@ from eadp.core import compiled
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import EadpError, InputError
 from eadp.io.plan.sources import PlanReader, is_mission
-from eadp.io.profile.configurations import as_trace
+from eadp.io.profile.recordings import read_recording
 from eadp.io.text.streams import read_text
 from eadp.measure.formats import read_power_log
 from eadp.measure.power_log import Columns
@@ -156,6 +156,12 @@ def mean_w(path: Path) -> float:
     return statistics.fmean(rows)
 
 
+def recorded_w(path: Path) -> list[float]:
+    """The readings of a recording of a computer's power [W]."""
+    found = read_recording(read_text(str(path)))
+    return [] if found is None else [each for each in found.powers_w() if each is not None]
+
+
 def judged(path: Path) -> tuple[str, str]:
     """The class of a file, and what became of it: right, right with a warning, refused, or wrong."""
     kinds = {suffix: kind for kind, own in SUFFIXES.items() for suffix in own}
@@ -169,8 +175,7 @@ def judged(path: Path) -> tuple[str, str]:
         elif kind == "logs":
             found, truth = float(read_power_log(str(path), Columns()).power_w.mean()), lambda: mean_w(path)
         else:
-            rows = as_trace(read_text(str(path))).body.split()[1:]
-            found, truth = statistics.fmean(map(float, rows)), lambda: mean_w(path)
+            found, truth = statistics.fmean(recorded_w(path)), lambda: mean_w(path)
         return kind, "right" if math.isclose(found, truth(), rel_tol=NEAR) else "wrong"
     except InputError as error:
         reason = REFUSED.get(path.name)

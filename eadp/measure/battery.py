@@ -159,7 +159,7 @@ def read_battery_fit(path: str, columns: Columns, options: BatteryOptions) -> Ba
     """
     if columns.power:
         message = "a power has no information on a battery"
-        raise InputError.at("--power", 1, 1, message, "voltage and current", columns.power)
+        raise InputError.at("--power", 1, 1, message, "voltage and current", columns.power[0])
     options.check()
     log = read_power_log(path, replace(columns, factors=True))
     assert log.voltage_v is not None

@@ -53,7 +53,7 @@ _INSTANCE = ("Instance", "Inst", "I")
 def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
     """The power log of one battery, voltage times current, with positions if there are any; raises InputError."""
     if columns.power:
-        raise InputError.at("--power", 1, 1, "an autopilot's log has no such columns", "none of it", columns.power)
+        raise InputError.at("--power", 1, 1, "an autopilot's log has no such columns", "none of it", columns.power[0])
     if columns.also:
         raise InputError.at(name, 1, 1, f"an autopilot's log has no column {columns.also[0]}", "a CSV file")
     time_us, factors, notes = battery_table(name, tables, columns.instance, columns.voltage, columns.current)

@@ -154,7 +154,7 @@ def test_ulog_fields_by_name(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--voltage:1:1: error: no field volts; expected one of timestamp, voltage_v"):
         read_power_log(file, Columns(voltage="volts"))
     with pytest.raises(InputError, match="--power:1:1: error: an autopilot's log has no such columns"):
-        read_power_log(file, Columns(power="power_w"))
+        read_power_log(file, Columns(power=["power_w"]))
 
 
 @pytest.mark.parametrize("lost", [1, 5, 30])
