@@ -115,7 +115,8 @@ class PowerLog:
     counts : dict of str to int or float
         Rows read, rows left out by reason, gaps, and the longest gap [s].
     battery : dict of str to float
-        What an autopilot says of its battery, as far as it does: `capacity_ah`, and `used_ah` before the first reading.
+        What an autopilot says of its battery, as far as it does: `capacity_ah`, `used_ah` before the first reading, and
+        `counted_ah` in the log.
     """
 
     name: str
@@ -354,7 +355,13 @@ def read_csv_log(text: Text, columns: Columns) -> PowerLog:
             raise InputError(first.fault(layout.needed[0].place, message, expected))
     names, placed = [first.fields[each.place] for each in layout.needed[1:]], layout.degrees is not None
     log = in_order(text.name, readings, per_second, warnings, counts, position=placed, also=layout.also, names=names)
-    return replace(log, battery={"used_ah": float(log.also[USED][0])}) if USED in log.also else log
+    return replace(log, battery=counted(log.also[USED])) if USED in log.also else log
+
+
+def counted(used_ah: FloatArray) -> dict[str, float]:
+    """The charge used before the first reading of a count, and in the log, of `PowerLog.battery` [Ah]."""
+    known = used_ah[np.isfinite(used_ah)]
+    return {"used_ah": float(known[0]), "counted_ah": float(known[-1] - known[0])} if len(known) else {}
 
 
 def _check_ways(columns: Columns) -> None:

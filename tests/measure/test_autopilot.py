@@ -395,7 +395,7 @@ def test_what_the_autopilot_says_of_its_battery(tmp_path: Path) -> None:
     lines = text_log(labels="TimeUS,Instance,Volt,Curr,CurrTot").replace(", 2, 0.5", ", 2, 1790").splitlines()
     head = ["FMT, 132, 31, PARM, QNff, TimeUS,Name,Value,Default", "PARM, 1, BATT_CAPACITY, 3300, 0"]
     log = read_power_log(stored(tmp_path, "flight.log", "\n".join([*lines[:3], *head, *lines[3:]]) + "\n"))
-    assert log.battery == {"capacity_ah": 3.3, "used_ah": 1.79}
+    assert log.battery == {"capacity_ah": 3.3, "used_ah": 1.79, "counted_ah": 0.0}
     path = tmp_path / "flight.log"
     found = read_battery_fit(str(path), Columns(), BatteryOptions(capacity_ah=3.3))
     assert found.fit.charge_from == pytest.approx(1 - 1.79 / 3.3)
