@@ -19,7 +19,7 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import Fault, InputError, printable, refuse
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
-from eadp.io.text.streams import HEAD, Location, SourceText
+from eadp.io.text.streams import HEAD, Location, SourceText, Text, refuse_wpml
 
 VERTICES_LIMIT = 20_000
 """Most vertices of a polygon, those of its holes among them."""
@@ -139,6 +139,7 @@ def read_features(source: SourceText, *, metres: bool) -> Features:
     if head[0] in "{[" or _ASSIGNED.match(head):
         found = _GeoJson(source, metres).read()
     else:
+        refuse_wpml(Text(source.name, source.body))
         found = read_kml(source, metres) if head[0] == "<" else read_table(source, metres)
     for each in found.features:
         if any(sum(map(len, rings)) > VERTICES_LIMIT for rings in (*each.polygons, each.lines)):

@@ -97,7 +97,7 @@ def test_the_charge_at_the_start_needs_evidence(eadp, flight):
 
 
 def test_a_count_and_a_voltage_that_disprove_what_is_given(eadp, flight):
-    """The log uses 1.33 Ah of 2 Ah: a count of a quarter of it, or of more than the capacity; a pack that was not full."""
+    """The log uses 1.33 Ah of 2 Ah: a count of a quarter of it, or more than a capacity; a pack that was not full."""
     lines = flight.read_text().splitlines()
     for of, said in ((0.25, True), (1.0, False)):
         count = [f"{line},{10 + of * 1333 / 1200 * i}" for i, line in enumerate(lines[1:])]
