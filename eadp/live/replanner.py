@@ -12,6 +12,7 @@ import fcntl
 import hashlib
 import json
 import os
+import re
 import shlex
 import subprocess
 import time
@@ -280,6 +281,9 @@ def replan_lines(
     flight = Replanner(inputs, name, log, emit, warn)
     flight.restore()
     for number, raw in numbered_lines(stream, name):
+        if number == 1 and re.match(rb"(?:\xef\xbb\xbf)?\s*[A-Za-z_][^{,;]*[,;]", raw):
+            expected = 'an object a line, as {"time_s": 0, "x_m": 0, …}; --replay reads .tlog, .bin and .ulg'
+            raise InputError.at(name, 1, 1, "is a table (CSV), and no telemetry", expected)
         flight.take(flight.reader.read(number, raw))
     if not flight.used:
         warn(Fault(name, 1, 1, "no line could be used", "telemetry as JSON lines", severity="warning"))

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.resources import files
 from os.path import exists
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 from annotated_types import Ge, Gt, Le
 
@@ -166,6 +166,8 @@ _CAMERA_KEYS = ("sensor_width_mm", "sensor_height_mm", "focal_length_mm", "pictu
 @dataclass(frozen=True)
 class CameraOptions:
     """The camera, and how its pictures overlap."""
+
+    SECTION: ClassVar = "Camera"
 
     altitude_m: float | None = None
     """Altitude above the ground [m], which the plan holds; or it follows from --gsd."""

@@ -415,3 +415,11 @@ def test_a_voltage_far_from_that_of_the_charge_is_warned_of_once(replan, whole):
         assert (
             err.count(f"the voltage is far {said} that of the charge: another battery, or one that was not full") == 1
         )
+
+
+def test_a_table_as_telemetry_is_one_line(replan):
+    for table in (b"time_s,x_m,y_m\n" + b"0,1,2\n" * 50, b"\xef\xbb\xbftime;lat\n1;2\n"):
+        code, advice, err = replan(table)
+        assert (code, advice) == (2, [])
+        assert err.startswith("<stdin>:1:1: error: is a table (CSV), and no telemetry; expected an object a line")
+        assert err.count("\n") == 1
