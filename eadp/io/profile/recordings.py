@@ -74,7 +74,7 @@ _ENERGY = re.compile(r"(?:.*[ _-])?energy[ _]?[\[(]?uj[\])]?\Z", re.IGNORECASE)
 _TEGRASTATS = re.compile(r"\bRAM [0-9]+/[0-9]+MB")
 _TEGRASTATS_RAIL = re.compile(r"(\w+) ([0-9]+)(?:mW)?/[0-9]+(?:mW)?(?= |\Z)")
 _TEGRASTATS_TIME = re.compile(r"([0-9]{2}-[0-9]{2}-[0-9]{4} [0-9]{2}:[0-9]{2}:[0-9]{2}) ")
-_POWERSTAT = re.compile(r"\s*Time\s+User\s+Nice\s.*\bWatts\b", re.MULTILINE)
+_POWERSTAT = re.compile(r"^ *+Time +User +Nice .*\bWatts\b", re.MULTILINE)
 RECORDED = "recorded_power_w"
 """Name of the column of what `Recording.with_power` reads."""
 
