@@ -1155,3 +1155,14 @@ def test_a_mission_of_dji_is_no_field():
     body = '<kml xmlns:wpml="http://www.dji.com/wpmz/1.0.2"><Placemark><Point/></Placemark></kml>'
     with pytest.raises(InputError, match="is a mission of DJI"):
         read_field(Text("t.kml", body))
+
+
+def test_tables_of_other_programs():
+    ring = around(BOX, (47.2, 8.4))
+    saved = "#saved by Mission Planner 1.3\n" + "".join(f"{lat} {lon}\n" for lon, lat in (*ring, ring[0]))
+    assert area_of(saved) == pytest.approx(area_of(polygon(ring)))
+    assert "geometries as WKT, which are not read" in fault_of('WKT,name\n"POLYGON ((8 47,8.1 47,8.1 47.1,8 47))",A\n')
+    for latitude_first in (True, False):
+        rows = (f"{p},{q}\n" for p, q in ((-30.3, 149.8), (-30.3, 149.81), (-30.29, 149.81)))
+        body = "".join(rows if latitude_first else [",".join(row.strip().split(",")[::-1]) + "\n" for row in rows])
+        assert "may be degrees or metres" in fault_of(body)
