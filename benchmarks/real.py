@@ -1,6 +1,6 @@
 """Files that others made: read right, or refused with a reason; their missions, and random ones, as forecast and flown.
 
-    python benchmarks/real.py [--real FOLDER …] [--random 60] [--write]
+    python benchmarks/real.py [--real FOLDER …] [--hunt FOLDER] [--random 60] [--write]
 
 Every mission of the folders that can be flown, and random ones of a fixed seed, with corners of any angle, legs of 1 to
 20 m among those of 20 to 400 m, and waypoints that stand twice, are forecast, and flown in the simulation, without wind
@@ -11,17 +11,20 @@ what the turns add that are flown off their paths, see `eadp.planning.forecast.e
 
 The first table has all files of the first folder by their class. A file is right that is read as other software reads
 it: the area of a field by shapely, the mean power of a log and of a profile's trace by numpy or pymavlink, and a
-mission's forecast by its flight. A warning is true where a mission with one is right. Refusals are expected by file.
+mission's forecast by its flight. A warning is true where a mission with one is right. Refusals are expected by file. The second table has an invented example, or several, of each
+kind of fault that was seen in other public files.
 """
 
 from __future__ import annotations
 
 import contextlib
+import io
 import itertools
 import json
 import math
 import random
 import re
+import shlex
 import statistics
 import tempfile
 import time
@@ -38,11 +41,12 @@ from shapely.geometry import shape
 
 from eadp.api.flight import forecast_values
 from eadp.api.inputs import Files, load_flight
+from eadp.cli.main import main as main_of
 from eadp.core import compiled
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.errors import EadpError, InputError
 from eadp.io.plan.sources import PlanReader, is_mission
-from eadp.io.profile.configurations import as_trace
+from eadp.io.profile.recordings import read_recording
 from eadp.io.text.streams import read_text
 from eadp.measure.formats import read_power_log
 from eadp.measure.power_log import Columns
@@ -51,6 +55,7 @@ from eadp.planning.forecast.evaluate import OVERSHOOT_SHARE
 from eadp.simulation.loop import Outcome, fly
 from eadp.survey.field_reader import read_field, read_field_text
 
+# ruff: noqa: E501
 SHARED = Path(__file__).resolve().parents[2] / "shared/reference"
 FOLDERS = SHARED / "real", SHARED / "missions"
 HOME = (47.0, 8.0)
@@ -68,6 +73,46 @@ REFUSED = {
     "qgroundcontrol_sample_wrong_mission_version.plan": "mission.version: 7 is not known",
 }
 """Files that are refused, and why: lines are no fields, of several fields one is named, …"""
+HUNT = (
+    ("H1 a battery that was not full", "replan voltage_low.waypoints --scenario S.yaml --telemetry voltage_low.jsonl", 0, "voltage is far below"),
+    ("H2 zones", "plan zone.waypoints --avoid no_fly.geojson", 0, "through tower, first on the way to item 2"),
+    ("H2 zones", "plan zone.waypoints --inside boundary.geojson", 0, "beyond the boundary, first on the way to item 2"),
+    ("H2 zones", "plan own_fence.plan", 0, "leads beyond the boundary"),
+    ("H2 zones", "export own_fence.plan --to qgc -o OUT/o.plan", 0, "leads beyond the boundary"),
+    ("H3 speeds", "plan speed_default.waypoints", 0, "6 stages"),
+    ("H3 speeds", "plan speed_zero.waypoints", 0, "changes nothing"),
+    ("H4 a far polygon", "cover field.geojson --avoid country.geojson --camera sony-qx1-16mm --gsd 2.5", 0, "far away: taken"),
+    ("H4 a far polygon", "cover field.geojson --avoid country2.kml --camera sony-qx1-16mm --gsd 2.5", 0, "far away: taken"),
+    ("H5 a capacity that is disproved", "fit bat_capacity_unset.log --battery --cells 4 -o OUT/o.json", 2, "expected --soc"),
+    ("H6 DJI", "plan template.kml", 2, "a mission of DJI"),
+    ("H6 DJI", "cover template.kml --swath 20", 2, "a mission of DJI"),
+    ("H7 fences alone", "plan fence_only.plan", 2, "a fence, and no mission"),
+    ("H7 fences alone", "plan fence_home.waypoints", 2, "a fence, and no mission"),
+    ("H8 WPL 120", "plan wpl120.txt", 0, "5 stages"),
+    ("H9 longitudes and latitudes", "cover dateline.geojson --swath 20", 0, "28 lines"),
+    ("H9 longitudes and latitudes", "cover north.geojson --swath 20", 2, "above 85° nothing is planned"),
+    ("H10 tables of other programs", "cover field.poly --swath 20", 0, "Covers field.poly"),
+    ("H10 tables of other programs", "cover wkt.csv --swath 20", 2, "geometries as WKT"),
+    ("H11 degrees or metres", "cover degrees.csv --swath 20", 2, "may be degrees or metres"),
+    ("H12 computers", "profile agx_slow.log agx_fast.log --config fps=2 --config fps=10", 0, "(?s)2 +6.37.*10 +12.2"),
+    ("H12 computers", "profile tegrastats.log", 2, "--config fps=2"),
+    ("H12 computers", "fit smi.csv --power 'power.draw [W]' -o OUT/o.json", 0, "mean +11.45"),
+    ("H12 computers", "fit jtop.csv --power 'Power VDD_IN' -o OUT/o.json", 1, "mean +5.199"),
+    ("H12 computers", "profile rails.csv -o OUT/o.yaml", 0, "6 +5.6995"),
+    ("H12 computers", "profile tx_rails.csv -o OUT/o.yaml", 0, "9 +8.0045"),
+    ("H13 too many items", "cover long_lines.geojson --swath 5.6 -o OUT/o1.plan", 0, "lines"),
+    ("H13 too many items", "export OUT/o1.plan --to ardupilot -o OUT/o.waypoints", 0, "items, where an ArduPilot holds"),
+    ("H14 a home far away", "plan home_far.waypoints --check", 2, "103 km: home may be another place"),
+    ("H14 a home far away", "plan axis_far.plan --check", 2, "km: home may be another place"),
+    ("H15 home's height", "export home_height.waypoints --to qgc -o -", 0, r"8.4,\s+584.0"),
+    ("H16 a rally point outside", "plan rally_outside.plan", 0, "a place to rally is beyond the boundary"),
+    ("H17 four parameters", "plan four_params.plan", 0, "4 stages"),
+    ("H18 3.84 V a cell", "fit not_full.csv --battery --cells 4 --soc 1 -o OUT/o.json", 0, "3.84 V a cell"),
+    ("H19 jumps", "plan jumps.waypoints", 2, "item 32 jumps back 240 times"),
+    ("H21 a count that is off", "fit count_off.csv --battery --cells 4 --soc 1 -o OUT/o.json", 0, "rises by 1.24 Ah"),
+    ("H22 on the ground", "plan ground.waypoints --check", 0, "0 m above home"),
+)  # fmt: skip
+"""Kinds of faults that real files had: a command on an example, its exit code, and what it says."""
 SUFFIXES = {"fields": (".geojson", ".kml", ".kmz"), "logs": (".bin", ".tlog", ".csv"), "profiles": (".log",)}
 NEAR, EQUATOR_M, SQUARED_ECCENTRICITY = 1e-3, 6_378_137.0, 0.00669438
 """Relative error of a right area or power; the ellipsoid WGS-84."""
@@ -156,6 +201,12 @@ def mean_w(path: Path) -> float:
     return statistics.fmean(rows)
 
 
+def recorded_w(path: Path) -> list[float]:
+    """The readings of a recording of a computer's power [W]."""
+    found = read_recording(read_text(str(path)))
+    return [] if found is None else [each for each in found.powers_w() if each is not None]
+
+
 def judged(path: Path) -> tuple[str, str]:
     """The class of a file, and what became of it: right, right with a warning, refused, or wrong."""
     kinds = {suffix: kind for kind, own in SUFFIXES.items() for suffix in own}
@@ -169,8 +220,7 @@ def judged(path: Path) -> tuple[str, str]:
         elif kind == "logs":
             found, truth = float(read_power_log(str(path), Columns()).power_w.mean()), lambda: mean_w(path)
         else:
-            rows = as_trace(read_text(str(path))).body.split()[1:]
-            found, truth = statistics.fmean(map(float, rows)), lambda: mean_w(path)
+            found, truth = statistics.fmean(recorded_w(path)), lambda: mean_w(path)
         return kind, "right" if math.isclose(found, truth(), rel_tol=NEAR) else "wrong"
     except InputError as error:
         reason = REFUSED.get(path.name)
@@ -182,6 +232,20 @@ def files_table(folder: Path) -> None:
     found = [judged(path) for path in sorted(folder.iterdir()) if path.name != "SOURCES.txt"]
     kinds = ("missions", *SUFFIXES)
     table(("files", *VERDICTS), ([kind, *(found.count((kind, one)) for one in VERDICTS)] for kind in kinds))
+
+
+def hunt_table(folder: Path) -> None:
+    """A row for each kind of fault that real files had: an example, invented, and its answer."""
+    rows, out = dict[str, list[bool]](), io.StringIO()
+    with contextlib.chdir(folder), tempfile.TemporaryDirectory() as made:
+        for kind, command, code, words in HUNT:
+            with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+                found = main_of([word.replace("OUT", made) for word in shlex.split(command)])
+            said = out.getvalue()
+            out.seek(0)
+            out.truncate()
+            rows.setdefault(kind, []).append(found == code and re.search(words, said) is not None)
+    table(("kind", "cases", "right or asked rightly"), ([kind, len(own), sum(own)] for kind, own in rows.items()))
 
 
 def random_mission(seed: int) -> str:
@@ -242,6 +306,7 @@ TITLES = "missions", "wind", "flown", "right", "impossible power", "never end", 
 def main() -> None:
     parser = options(__doc__, "real")
     parser.add_argument("--real", nargs="*", type=Path, default=list(FOLDERS))
+    parser.add_argument("--hunt", type=Path, default=SHARED / "hunt")
     parser.add_argument("--random", type=int, default=60)
     asked = parser.parse_args()
     compiled.enable()
@@ -252,6 +317,9 @@ def main() -> None:
             made[-1].write_text(random_mission(seed), encoding="utf-8")
         if asked.real and asked.real[0].is_dir():
             files_table(asked.real[0])
+            print()
+        if asked.hunt.is_dir():
+            hunt_table(asked.hunt)
             print()
         shares: list[float] = []
         rows = flights("real", missions(asked.real), shares), flights("random", made, shares)

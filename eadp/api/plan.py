@@ -10,8 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.api.given import File, Warn, python_warnings
-from eadp.errors import Fault, InputError
+from eadp.errors import Fault, InputError, PathUndefined
 from eadp.io.plan.sources import Ground, PlanReader, is_mission
+from eadp.io.plan.writer import parameters_of
 from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.plan import CheckReport, Finding, Plan
 from eadp.plug_ins import plug_in, plug_ins
@@ -67,7 +68,7 @@ def check_plan(
         With every fault of the file.
     """
     text = read_text(str(file))
-    read = _read(text, min_radius_m or None, laps, terrain, {"avoid": avoid, "inside": inside})
+    read = _in_zones(_read(text, min_radius_m or None, laps, terrain, {"avoid": avoid, "inside": inside}))
     if not geometry:
         return read
     # a mission's coordinates are rounded, and it has no parameters: there is nothing to prove
@@ -107,7 +108,7 @@ def read_plan(
     InputError
         With every fault of the file.
     """
-    read = _read(read_text(str(file)), min_radius_m, laps, terrain, {"avoid": avoid, "inside": inside})
+    read = _in_zones(_read(read_text(str(file)), min_radius_m, laps, terrain, {"avoid": avoid, "inside": inside}))
     warn(read.faults)
     return read.plan
 
@@ -125,7 +126,7 @@ def read_mission(
     text = read_text(str(file))
     if not is_mission(text):
         raise InputError.at(text.name, 1, 1, "is no mission", "a QGroundControl plan or a WPL file")
-    read = _read(text, min_radius_m, laps)
+    read = _in_zones(_read(text, min_radius_m, laps))
     warn(read.faults)
     return read.plan
 
@@ -161,6 +162,21 @@ def _read(
             plan, more = plug_in("plan_changes", name)(plan, file)
             notes += more
     return CheckedPlan(plan if ground is None else _at_height(plan, ground), text.name, findings, notes=notes)
+
+
+def _in_zones(read: CheckedPlan) -> CheckedPlan:
+    """With warnings where the path at the take-off parameters enters an obstacle, or leaves the boundary."""
+    airspace = read.plan.site.airspace
+    if not any(airspace):
+        return read
+    from eadp.models.plan.trace import nominal_legs, zone_findings
+    from eadp.models.vehicle import FixedWing
+
+    try:
+        legs = nominal_legs(read.plan, parameters_of(read.plan, ()))
+    except PathUndefined:  # a plan without its sets
+        return read
+    return read._replace(findings=[*read.findings, *zone_findings(legs, airspace, FixedWing().cruise_altitude_m)])
 
 
 def _at_height(plan: Plan, ground: Ground) -> Plan:

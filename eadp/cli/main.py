@@ -40,6 +40,26 @@ class _Grouped(typer.core.TyperGroup):
                 formatter.write_dl([(name, COMMANDS.get(name, ADDED)) for name in names])
 
 
+SECTIONS = "Field", "Camera", "Aircraft", "Lines and turns", "Ground", "Sorties"
+"""Sections of a command's options in its help, the commonest first; options of no section come last."""
+
+
+class _Sectioned(typer.core.TyperCommand):
+    """A command whose help lists its options in sections."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the arguments, and the options by section."""
+        found: dict[str, list[tuple[str, str]]] = {name: [] for name in ("Arguments", *SECTIONS, "Options")}
+        for each in self.get_params(ctx):
+            if (record := each.get_help_record(ctx)) is not None:
+                plain = "Arguments" if each.param_type_name == "argument" else "Options"
+                found[getattr(each, "rich_help_panel", None) or plain].append(record)
+        for title, records in found.items():
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+
 COMMANDS = {
     "plan": "Parse a plan into its stages.",
     "profile": "Build the computation energy model from measurements.",
@@ -118,7 +138,7 @@ def _app(names: tuple[str, ...], *, texts: bool = True) -> Any:
     app.callback()(_options)
     for name in (*COMMANDS, *(name for name in names if name not in COMMANDS)):
         command = grouped(plug_in("commands", name), texts=texts) if name in names else _unknown
-        app.command(name, short_help=COMMANDS.get(name, ADDED))(_shielded(command))
+        app.command(name, cls=_Sectioned, short_help=COMMANDS.get(name, ADDED))(_shielded(command))
     return typer.main.get_command(app)
 
 

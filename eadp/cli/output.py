@@ -143,12 +143,21 @@ def _fields(kind: Any) -> tuple[Field[Any], ...]:
 
 def _options(kind: Any, *, texts: bool) -> list[inspect.Parameter]:
     hints, found = get_type_hints(kind, include_extras=True), attribute_docstrings(kind) if texts else {}
+    # the section of the help is that of the class which has the field
+    sections = {
+        name: vars(base).get("SECTION")
+        for base in reversed(kind.__mro__)
+        for name in vars(base).get("__annotations__", ())
+    }
     helps = {name: text.replace("\n", " ").replace("`", "") for name, text in found.items()}
-    return [_option(field, hints[field.name], helps.get(field.name, "")) for field in _fields(kind)]
+    return [
+        _option(field, hints[field.name], helps.get(field.name, ""), sections.get(field.name))
+        for field in _fields(kind)
+    ]
 
 
-def _option(field: Field[Any], hint: Any, text: str) -> inspect.Parameter:
-    """The option of a field."""
+def _option(field: Field[Any], hint: Any, text: str, section: str | None) -> inspect.Parameter:
+    """The option of a field, in a section of the help."""
     flag, kind = Flag(), hint
     if get_origin(hint) is Annotated:
         kind, *notes = get_args(hint)
@@ -161,7 +170,7 @@ def _option(field: Field[Any], hint: Any, text: str) -> inspect.Parameter:
     if default is None:
         kind = kind | None
     metavar = None if kind is bool else metavar
-    option = Option(*names, help=text, metavar=metavar, min=flag.low, max=flag.high)
+    option = Option(*names, help=text, metavar=metavar, min=flag.low, max=flag.high, rich_help_panel=section)
     annotation = Annotated[kind, option]  # type: ignore[valid-type]
     return inspect.Parameter(field.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 

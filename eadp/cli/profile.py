@@ -12,6 +12,7 @@ from typer import Argument, Option
 from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
 from eadp.errors import Fault, printable, refuse
 from eadp.io.profile.measure_options import MeasureOptions
+from eadp.io.profile.recordings import PowerColumns
 from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag, option_name
 from eadp.plug_ins import plug_in
@@ -61,6 +62,7 @@ def command(
             "--measure and after --, the command.",
         ),
     ],
+    columns: PowerColumns,
     model: ModelOptions,
     options: MeasureOptions,
     measure: Annotated[
@@ -75,6 +77,9 @@ def command(
     Build the energy model of the computations from measurements of their power: a CSV with a column for each
     parameter and one for the power (fps,power_w), or powprofiler's. Repeated configurations are averaged.
 
+    Traces are recordings at one configuration each, of tegrastats, jtop, nvidia-smi, turbostat, powerstat, an INA219,
+    INA226 or INA3221, hwmon or RAPL: eadp profile slow.log fast.log --config fps=2 --config fps=10
+
     Measure them: eadp profile --measure --config fps=2,4,6 -o measured.csv -- ./detect --rate {fps}
 
     Computations that were measured apart: eadp profile detector.csv --add encoder.csv -o both.yaml
@@ -84,7 +89,8 @@ def command(
     from eadp.io.text.streams import write_text
 
     if measure:
-        given = [option_name(name) for name, value in vars(model).items() if value not in (None, "", (), False, "text")]
+        asked = {**vars(model), **vars(columns)}
+        given = [option_name(name) for name, value in asked.items() if value not in (None, "", (), False, "text", 0)]
         _refuse(given, "without --measure, on its result")
         return _measure(files, options, output)
     _refuse(options.given(), "with --measure")
@@ -94,7 +100,9 @@ def command(
     configurations = [parse_configuration(raw) for raw in options.config]
     names = [name.strip() for name in model.names.split(",")] if model.names else []
     kind, device = model.interpolation, model.device or ""
-    profile, warnings = read_profiles(Sources(files, model.add, names, configurations, model.from_name, kind, device))
+    profile, warnings = read_profiles(
+        Sources(files, model.add, names, configurations, model.from_name, kind, device, columns)
+    )
     values, clamped = powers_at(profile, at, model.clamp)
     if model.plot:
         from eadp.io.figures.profile import write_profile_figure

@@ -231,7 +231,7 @@ def _reach(expected: Mapping[str, Any]) -> list[str]:
 def _forecast(expected: Mapping[str, Any] | None, never_past: str | None) -> list[str]:
     """What was to be expected before take-off."""
     if expected is None:
-        return [f"forecast   finishes with 0 %: never past {never_past}"] if never_past else []
+        return [f"forecast   finishes: 0 % sure, never past {never_past}"] if never_past else []
     energy = f"{expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh"
     times = f"{expected['time_s']:.0f} ± {expected['time_std_s']:.0f} s"
     left = expected["soc_end"]
@@ -242,10 +242,9 @@ def _forecast(expected: Mapping[str, Any] | None, never_past: str | None) -> lis
         home = [
             f"home       latest turn-back to keep the reserve: at {expected['turn_back_s']:.0f} s, ({x:.0f}, {y:.0f}) m"
         ]
-    finishes, keeps = (f"{100 * expected[f'{what}_probability']:.0f} %" for what in ("completes", "reserve"))
+    finishes, keeps = (f"{100 * expected[f'{what}_probability']:.0f} % sure" for what in ("completes", "reserve"))
     return [
-        f"forecast   finishes with {finishes}, {charge} of the charge, keeps the reserve with {keeps}: "
-        f"{energy} in {times}",
+        f"forecast   finishes: {finishes}; {charge} of the charge; keeps the reserve: {keeps}; {energy} in {times}",
         *_reach(expected),
         *home,
         *([f"autopilot  {expected['autopilot']}; the simulated flight does not"] if "autopilot" in expected else []),

@@ -33,14 +33,14 @@ from eadp.exchange.autopilot import (
     stated_parameters,
     wanted_parameters,
 )
-from eadp.exchange.items import LAND_START, MissionItem
+from eadp.exchange.items import ARDUPILOT_ITEMS, LAND_START, MissionItem
 from eadp.exchange.path import ENDINGS, FENCE_ENDING, ITEMS_ENDING, WITH_ITEMS, PlannedPath, planned_sections
 from eadp.exchange.writer import EXPORTS, FENCED, files_beside, items_text, mapped_items, mission_items, writer_of
 from eadp.io.plan.writer import parameters_of
 from eadp.io.scenario import override_texts, read_overrides, read_scenario
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import write_text
-from eadp.models.airspace import BOUNDARY, Airspace, entered, risk_text
+from eadp.models.airspace import Airspace, risk_text
 from eadp.models.autopilot import ARDUPILOT, PX4, Autopilot
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.pieces import (
@@ -55,7 +55,7 @@ from eadp.models.plan.pieces import (
 from eadp.models.plan.plan import MadeFor, Plan
 from eadp.models.plan.route import PlannedLegs
 from eadp.models.plan.stage import LAND, RETURN, TAKEOFF, Leg, Segment, leg_points
-from eadp.models.plan.trace import nominal_route
+from eadp.models.plan.trace import nominal_route, zone_findings
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.planning.forecast.held import Preflight
 from eadp.plug_ins import plug_in
@@ -225,6 +225,11 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
             message = f"PX4 does not arm a mission without {end} while {ENDS_REQUIRED} is {value}"
             way = "eadp cover --landing LAT,LON,HEADING, or " if end == "a landing" else "--home LAT,LON, or "
             warn([Fault(chosen.name, 1, 1, message, f"{way}{ENDS_REQUIRED} 0 in the autopilot", severity="warning")])
+    count = len(items) + 1
+    if to != PX4 and count > ARDUPILOT_ITEMS:
+        message = f"{count} items, where an ArduPilot holds some {ARDUPILOT_ITEMS}, by its board"
+        expected = "fewer lines, eadp cover --sorties, or BRD_SD_MISSION in the autopilot"
+        warn([Fault(chosen.name, 1, 1, message, expected, severity="warning")])
     rho = chosen.plan.path_count
     beside = {ITEMS_ENDING: items_text(mapped_items(items, planned, rho), chosen.plan.names[:rho])}
     return Exported(writer(path), chosen.parameters, beside | (files_beside(path) if to == "ardupilot" else {}))
@@ -247,10 +252,8 @@ def _stated(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
     airframe = FixedWing() if made is None else FixedWing(airspeed_mps=made.airspeed_mps)
     planned = _planned(plan, name, parameters_of(plan, options.overrides))
     low_m = airframe.cruise_altitude_m if options.altitude_m is None else options.altitude_m
-    for what in dict.fromkeys(what for _, what in entered(planned.legs, plan.site.airspace, low_m)):
-        does = "leads beyond" if what == BOUNDARY else "leads through"
-        message, expected = f"the path {does} {what}", "--scenario, for a forecast, or another path"
-        warn([Fault(name, 1, 1, message, expected, severity="warning")])
+    found = [finding.fault(name) for finding in zone_findings(planned.legs, plan.site.airspace, low_m)]
+    warn([replace(each, expected="--scenario, for a forecast, or another path") for each in found])
     return _Chosen(plan, name, planned, airframe)
 
 

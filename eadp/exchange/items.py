@@ -65,6 +65,11 @@ def command_text(command: int) -> str:
 ITEMS_LIMIT = 10_000
 """Most items of a mission, and most that are flown: an autopilot holds hundreds."""
 
+ARDUPILOT_ITEMS = 724
+"""Items that ArduPilot stores on most boards, of 15 bytes each in 11 kB; smaller boards store fewer.
+
+Source: ArduPilot, StorageManager and AP_Mission; BRD_SD_MISSION stores more on an SD card."""
+
 WAYPOINT, LOITER_UNLIMITED, LOITER_TURNS, LOITER_TIME = 16, 17, 18, 19
 RETURN, LAND, TAKEOFF = stage.RETURN, stage.LAND, stage.TAKEOFF
 LOITER_TO_ALTITUDE = stage.LOITER_TO_ALTITUDE
@@ -126,6 +131,9 @@ class DraftItem:
     above_sea_m: float | None = None
 
 
+NO_MISSION = "a fence, and no mission"
+FOR_FENCE = "a mission; a fence belongs to --inside or --avoid of eadp plan, or into the mission's file"
+FOR_RALLY = "places to rally, and no mission"
 RALLY_LEFT_OUT = "places to rally are left out: an autopilot that has some returns there instead of home"
 
 
@@ -150,8 +158,9 @@ class Fence(NamedTuple):
 class MissionDraft:
     """A mission before it is checked: latitude, longitude [°] and altitude [m] of home, and the items.
 
-    `multirotor` is whether it says that it is for an aircraft that hovers; `doubts` are what the reader took one way of
-    several: where, a code of a finding, and a sentence.
+    `rally` are places to rally: where, latitude and longitude [°]. `multirotor` is whether it says that it is for an
+    aircraft that hovers; `doubts` are what the reader took one way of several: where, a code of a finding, and a
+    sentence.
     """
 
     home: tuple[float, ...]
@@ -159,4 +168,5 @@ class MissionDraft:
     items: list[DraftItem] = field(default_factory=list)
     multirotor: bool = False
     fences: list[Fence] = field(default_factory=list)
+    rally: list[tuple[Location, tuple[float, float]]] = field(default_factory=list)
     doubts: list[tuple[Location, str, str]] = field(default_factory=list)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -13,7 +14,7 @@ import numpy as np
 from eadp.core.expressions.reader import read_expression
 from eadp.core.expressions.tree import Expression, constant
 from eadp.core.geometry.curves import Point
-from eadp.core.geometry.geodesy import FARTHEST_M, to_local_m, to_near_local_m
+from eadp.core.geometry.geodesy import FARTHEST_M, apart_m, to_local_m, to_near_local_m
 from eadp.core.guidance import RATE_SHARE, air_density_kgpm3, calibrated_share
 from eadp.errors import Fault, Unreachable, refuse
 from eadp.exchange import items as d
@@ -33,6 +34,10 @@ SETTLING_S = 8.0
 """Time that an aircraft takes to hold an altitude once its climb ends [s]."""
 LOITER_RADIUS_M = 60.0
 """Radius of a loiter that states none, which is ArduPilot's default [m]."""
+DEFAULT_SPEED = -2.0
+"""A speed that stands for the default airspeed, by MAVLink's MAV_CMD_DO_CHANGE_SPEED."""
+FAR_HOME_M = 20_000.0
+"""Distance of the first waypoint from home beyond which home may be another place [m]."""
 SAME_POINT_DEG, SAME_POINT_M = 1e-9, 1e-6
 
 _POSITIONED = frozenset((
@@ -149,8 +154,11 @@ class MissionPlan:
             self._fault(at[2], item, "no time or number of turns", "a number of 0 or more")
         if command == d.JUMP and math.isnan(p2):
             self._fault(at[3], item, "no number of repetitions", "a number, -1 for ever")
-        if command == d.CHANGE_SPEED and p1 in (0, 1) and not (p2 == -1 or 0.1 <= p2 <= 1000):
-            self._fault(at[3], item, f"a speed of {p2:g} m/s", "one above 0, or -1 for no change")
+        if command == d.CHANGE_SPEED and p1 in (0, 1) and p2 == 0:
+            self._find(at[3], "no-speed", f"{item.label}: a speed of 0 m/s changes nothing")
+        elif command == d.CHANGE_SPEED and p1 in (0, 1) and not (p2 in (-1, DEFAULT_SPEED) or 0.1 <= p2 <= 1000):
+            expected = "one above 0, -1 for no change, or -2 for the default airspeed"
+            self._fault(at[3], item, f"a speed of {p2:g} m/s", expected)
 
     def _check_position(self, index: int, item: DraftItem) -> None:
         (latitude, longitude, altitude), at = item.parameters[4:], item.locations
@@ -163,6 +171,8 @@ class MissionPlan:
             return
         if abs(altitude) > d.HIGHEST_M:
             self._fault(at[8], item, f"an altitude of {altitude:.10g} m", f"at most {d.HIGHEST_M:g} m")
+        if 180 < abs(longitude) <= 360:  # counted on across the antimeridian
+            longitude = math.remainder(longitude, 360.0)
         if abs(latitude) > 90 or abs(longitude) > 180:
             which = (6, "latitude", latitude, 90) if abs(latitude) > 90 else (7, "longitude", longitude, 180)
             self._fault(at[which[0]], item, f"a {which[1]} of {which[2]:.10g}", f"degrees within ±{which[3]}")
@@ -172,7 +182,9 @@ class MissionPlan:
         home = self.draft.home[:2]
         point = to_near_local_m(latitude, longitude, (home[0], home[1]))
         if point is None:
-            self._fault(at[6], item, "too far from home", f"at most {FARTHEST_M / 1000:g} km")
+            far_m = apart_m((home[0], home[1]), (latitude, longitude))
+            message = f"too far from home, {far_m / 1000:.0f} km: home may be another place"
+            self._fault(at[6], item, message, f"at most {FARTHEST_M / 1000:g} km")
         self.points[index] = point
 
     # --- items in the order flown
@@ -276,7 +288,9 @@ class MissionPlan:
         for index in order:
             item = self.draft.items[index]
             if item.command == d.CHANGE_SPEED and item.parameters[0] in (0, 1):
-                if item.parameters[1] > 0:
+                if item.parameters[1] == DEFAULT_SPEED:
+                    airspeed = None
+                elif item.parameters[1] > 0:
                     airspeed = item.parameters[1]
                     if item.parameters[0] == 0:  # of the air: calibrated
                         airspeed = round(airspeed / self._calibrated, 6)
@@ -393,10 +407,17 @@ class MissionPlan:
         except Unreachable as error:
             item = visits[error.target].item
             raise self.source.error(item.locations[0], f"{item.label}: {error}", "a point outside of it") from None
+        if not path.pieces and self.draft.fences:
+            raise self.source.error(self.draft.fences[0].location, d.NO_MISSION, d.FOR_FENCE)
         if not path.pieces:
             raise self.source.error(self.draft.home_location, "no item moves the aircraft", "a waypoint")
         if len(path.pieces) > LIMIT_STAGES:
-            raise self.source.error((1, 1), f"{len(path.pieces)} legs and turns", f"at most {LIMIT_STAGES}")
+            jumps = [each for each in self.draft.items if each.command == d.JUMP]
+            longest = max(jumps, key=lambda each: abs(each.parameters[1]), default=None)
+            what = "" if longest is None else f", as {longest.label} jumps back {longest.parameters[1]:g} times"
+            expected = f"at most {LIMIT_STAGES}: fewer repetitions, or --laps N of one that repeats for ever"
+            where = (1, 1) if longest is None else longest.locations[3]
+            raise self.source.error(where, f"{len(path.pieces)} legs and turns{what}", expected)
         seen: set[int] = set()
         for tight in path.tight:
             item = visits[tight.target].item
@@ -449,6 +470,11 @@ class MissionPlan:
         last = visits[-1].item
         if last.command in (d.LAND, d.RETURN):
             stages[-1] = replace(stages[-1], commands=(*stages[-1].commands, _without_place(last)))
+        self._doubt_places(visits)
+        airspace = self._airspace()
+        for at, place_deg in self.draft.rally:
+            if not airspace.admits(to_local_m(*place_deg, self._origin_deg)):
+                self._find(at, "rally-outside", "a place to rally is beyond the boundary, or in an obstacle")
         shortest_m = min(piece.length_m for _, piece in path.pieces)
         return Plan(
             name=self.source.name,
@@ -460,11 +486,23 @@ class MissionPlan:
                 self._origin_deg,
                 (0.0, 0.0),
                 home_m=(0.0, 0.0),
-                airspace=self._airspace(),
+                airspace=airspace,
                 ground_m=self._zero_m,
                 height_m=self._height_m,
             ),
         )
+
+    def _doubt_places(self, visits: Sequence[_Visit]) -> None:
+        """Find a home that may be another place, and waypoints that have no height."""
+        far_m = math.hypot(*visits[0].target.centre_m)
+        if far_m > FAR_HOME_M:
+            item = visits[0].item
+            message = f"home is {far_m / 1000:.0f} km from {item.label}: it may be that of another place"
+            self._find(self.draft.home_location, "far-home", message)
+        placed = [each for each in visits if each.item.command in _POSITIONED - _LANDS and each.altitude_m is not None]
+        if placed and all(each.altitude_m == 0 for each in placed):
+            message = f"{placed[0].item.label}: every waypoint is 0 m above home: altitudes may be missing"
+            self._find(placed[0].item.locations[8], "no-altitude", message)
 
     @property
     def _origin_deg(self) -> Point:

@@ -17,11 +17,14 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import Fault, InputError, printable, refuse
 from eadp.exchange.items import (
     ABSOLUTE,
+    FOR_FENCE,
+    FOR_RALLY,
     ITEMS_LIMIT,
     LAND,
     LAND_START,
     LOITER_TO_ALTITUDE,
     MAX_FENCE_M,
+    NO_MISSION,
     NO_POSITION,
     RALLY_LEFT_OUT,
     RELATIVE,
@@ -38,7 +41,7 @@ from eadp.io.plan.reader import LIMIT_CHARACTERS
 from eadp.io.plan.sources import PlanReader
 from eadp.io.text.csv import Row, number_fault, read_rows
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
-from eadp.io.text.streams import HEAD, Location, SourceText, Text
+from eadp.io.text.streams import HEAD, Location, SourceText, Text, refuse_others
 from eadp.models.plan.plan import Finding, Plan
 from eadp.plug_ins import plug_ins
 
@@ -141,6 +144,8 @@ def read_qgc(source: SourceText) -> MissionDraft:
     root = _root(source)
     if root.value.get("fileType") is None and {"items", "plannedHomePosition"} <= root.value.keys():
         raise root.error("a mission of QGroundControl 3.1 or older, which is not read", NEWER)
+    if root.value.get("fileType") is None:
+        refuse_others(Text(source.name, source.body), "plan")
     root.expect("fileType", "Plan")
     root.expect("version", 1)
     mission = root.member("mission").is_(JsonObject)
@@ -155,6 +160,10 @@ def read_qgc(source: SourceText) -> MissionDraft:
     rally = root.member("rallyPoints")
     if isinstance(rally.value, JsonObject) and rally.value.get("points"):
         draft.doubts.append((rally.location, "rally", RALLY_LEFT_OUT))
+        draft.rally = [(each.location, _corner(each)) for each in rally.member("points").elements()]
+    if not draft.items and (draft.fences or draft.rally):
+        what = (NO_MISSION, FOR_FENCE) if draft.fences else (FOR_RALLY, "a mission")
+        raise source.error(root.member("geoFence" if draft.fences else "rallyPoints").location, *what)
     return draft
 
 
@@ -235,6 +244,8 @@ def _read_simple(item: _Value, draft: MissionDraft) -> None:
     if len(draft.items) >= ITEMS_LIMIT:
         raise item.error(f"more than {ITEMS_LIMIT} items", "as many or fewer")
     parameters = item.member("params").elements()
+    if len(parameters) == 4 and item.member("coordinate").value is not None:  # of earlier versions of QGroundControl
+        parameters += item.member("coordinate").elements()
     if len(parameters) != 7:
         raise item.member("params").error(f"{len(parameters)} parameters", "7")
     values = tuple(math.nan if each.value is None else float(each.is_(float).value) for each in parameters)
@@ -341,7 +352,8 @@ def qgc_text(
     return json.dumps(plan, indent=4) + "\n"
 
 
-VERSION = "QGC WPL 110"
+VERSION, WITHOUT_HOME = "QGC WPL 110", "QGC WPL 120"
+"""The versions; QGroundControl reads the second as the first, without the row of home."""
 COLUMNS = 12
 _WHOLE = {0: "index", 2: "frame", 3: "command"}
 _PARAMETERS = range(4, 11)
@@ -362,19 +374,19 @@ def read_wpl(source: SourceText) -> MissionDraft:
     rows, doubts = _rows(source)
     fences = _fences(source, rows)
     items = [each for each in rows if not _is_fence(each)]
-    home = items[0] if items and items[0].number == 0 and items[0].command == WAYPOINT else None
+    first_is_home = source.body.split(None, 3)[2] == VERSION.split()[2]
+    home = items[0] if first_is_home and items and items[0].number == 0 and items[0].command == WAYPOINT else None
     moved = items if home is None else items[1:]
     if len(items) < len(rows) and not moved:
-        if not fences:
-            raise source.error(rows[0].locations[0], "places to rally, and no mission", "a mission")
-        expected = "a mission; a fence belongs to --inside or --avoid of eadp plan, or into the mission's file"
-        raise source.error(rows[0].locations[0], "a fence, and no mission", expected)
+        what = (NO_MISSION, FOR_FENCE) if fences else (FOR_RALLY, "a mission")
+        raise source.error(rows[0].locations[0], *what)
     if rally := [each for each in rows if each.command == RALLY]:
         doubts.append((rally[0].locations[0], "rally", RALLY_LEFT_OUT))
     draft = MissionDraft((0.0, 0.0, 0.0), rows[0].locations[6], moved, fences=fences, doubts=doubts)
+    draft.rally = [(each.locations[6], (each.parameters[4], each.parameters[5])) for each in rally]
     if home is not None:
         draft.home, draft.home_location = home.parameters[4:], home.locations[6]
-    elif rows[0] is items[0]:
+    elif rows[0] is items[0] and first_is_home:
         message = f"row 0 is {command_text(rows[0].command)} and no home: it is flown as the first item"
         doubts.append((rows[0].locations[0], "no-home", message))
     return draft
@@ -425,7 +437,7 @@ def _rows(source: SourceText) -> tuple[list[DraftItem], list[tuple[Location, str
     """The rows, numbered in their order, and what is odd about them."""
     rows = read_rows(source.name, source.body, "")
     head = next(rows)
-    if head.fields != VERSION.split():
+    if head.fields not in (VERSION.split(), WITHOUT_HOME.split()):
         version = printable(" ".join(head.fields), 40)
         raise source.error((head.line, 1), f"the version {version} of this format is not known", VERSION)
     faults: list[Fault] = []

@@ -280,10 +280,6 @@ PASSING = frozenset(
 STILL_MPS = 5.0
 """Ground speed below which a disarmed aircraft has landed [m/s]: an autopilot that restarts in the air is disarmed."""
 
-CURVE_SHARE, RESISTANCE_SHARE = 0.2, 0.5
-"""By how much a voltage may differ from the battery's: a share of the rise from empty to full, by which the curves of
-usual cells differ from a straight line; and a share of the drop at the inner resistance, which is known roughly."""
-
 
 class Heard:
     """What was heard, by name: the value, and when it came.
@@ -474,7 +470,6 @@ class LineMaker:
         line["power_w"] = None if volts is None or amps is None else round(volts * amps, 4)
         line["voltage_v"] = volts
         line |= self._charge()
-        self._check_voltage(volts, amps, line)
         if (altitude_m := values.get("altitude_m")) is not None:
             line["altitude_m"] = altitude_m
         calibrated_mps, true_mps, wind_mps = map(self.heard.value, ("airspeed_mps", "true_mps", "wind_mps"))
@@ -513,21 +508,6 @@ class LineMaker:
         if self.heard.value("consumed_ah", ages=False) is not None:
             return {"current_consumed_ah": self.heard.value("consumed_ah")}
         return {"soc": self.heard.value("remaining", "status_remaining")}
-
-    def _check_voltage(self, volts: float | None, amps: float | None, line: Mapping[str, Any]) -> None:
-        """Warn where the voltage does not fit the charge: another battery, or one that was not full."""
-        battery, soc = self._mission.battery, line.get("soc")
-        if (drawn := line.get("current_consumed_ah")) is not None:
-            soc = max(battery.soc - battery.drain_per_as * 3600 * drawn, 0.0)
-        if volts is None or soc is None or battery.voltage_empty_v is None:
-            return
-        # V + R I is the open-circuit voltage
-        drop_v = battery.resistance_ohm * max(amps or 0.0, 0.0)
-        off_v = volts + drop_v - battery.voltage_at(soc)
-        allowed_v = CURVE_SHARE * (battery.voltage_v - battery.voltage_empty_v) + RESISTANCE_SHARE * drop_v
-        if abs(off_v) > allowed_v:
-            said = "above" if off_v > 0 else "below"
-            self._warn(f"the voltage is far {said} that of the charge: another battery, or one that was not full")
 
     def _after(self, reached: int) -> dict[str, Any]:
         """What an item that is reached says: that the item after it is flown to; nothing where it was said before."""

@@ -12,6 +12,7 @@ import fcntl
 import hashlib
 import json
 import os
+import re
 import shlex
 import subprocess
 import time
@@ -282,6 +283,9 @@ def replan_lines(
     flight = Replanner(inputs, name, log, emit, warn)
     flight.restore()
     for number, raw in numbered_lines(stream, name):
+        if number == 1 and re.match(rb"(?:\xef\xbb\xbf)?\s*[A-Za-z_][^{,;]*[,;]", raw):
+            expected = 'an object a line, as {"time_s": 0, "x_m": 0, …}; --replay reads .tlog, .bin and .ulg'
+            raise InputError.at(name, 1, 1, "is a table (CSV), and no telemetry", expected)
         flight.take(flight.reader.read(number, raw))
     if not flight.used:
         warn(Fault(name, 1, 1, "no line could be used", "telemetry as JSON lines", severity="warning"))
@@ -330,6 +334,7 @@ class Replanner:
         self._log, self._emit, self._warn = log, emit, warn
         # samples of the log that is resumed from, by `Sample.reading`; emptied at the first reading that is new
         self._logged: set[tuple[object, ...]] = set()
+        self._misfits: set[str] = set()  # what was warned of the voltage
         self._logged_to_s = 0.0  # the time of the last of them [s]
         self._skipped = self.used = self.planned = False  # `_skipped`: whether it was warned that lines are skipped
 
@@ -365,9 +370,20 @@ class Replanner:
         advice, notices = self._update(sample)
         for notice in notices:
             self._warn(self.reader.fault(number, document, *notice))
+        if (said := self._misfit(sample)) and said not in self._misfits:
+            self._misfits.add(said)
+            message = f"the voltage is far {said} that of the charge: another battery, or one that was not full"
+            self._warn(self.reader.fault(number, document, "voltage_v", message, ""))
         if advice is not None:
             self._decide(advice)
         self._warn_of_log()
+
+    def _misfit(self, sample: Sample) -> str:
+        """Whether the voltage is above or below that of the charge; empty where it fits, or is not known."""
+        volts, watts, soc = sample.voltage_v, sample.power_w, sample.soc
+        if not volts or soc is None:
+            return ""
+        return self._mission.battery.misfit(soc, volts, (watts or 0.0) / volts)
 
     def _update(self, sample: Sample) -> tuple[Advice | None, tuple[Notice, ...]]:
         """Update the gate and the flight with a sample; return advice, at the sample's own time, and notices."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.integrate import trapezoid
 from scipy.optimize import minimize_scalar
 
 from eadp.core.arrays import FloatArray
@@ -17,8 +18,11 @@ from eadp.errors import Fault, Infeasible, InputError
 from eadp.io.text.options import Flag, check_range
 from eadp.measure.formats import read_power_log
 from eadp.measure.noise import regressed
-from eadp.measure.power_log import Columns
-from eadp.models.battery import cell_v
+from eadp.measure.power_log import Columns, PowerLog
+from eadp.models.battery import cell_v, misfit
+
+COUNT_RATIO = 1.25
+"""By how much a count of the charge may differ from the current over time, or exceed a capacity, as a ratio."""
 
 NO_CHARGE, RESTING = 0.01, 0.05
 """Share of the capacity below which nothing was used; share of the largest current below which a battery is at rest."""
@@ -159,7 +163,7 @@ def read_battery_fit(path: str, columns: Columns, options: BatteryOptions) -> Ba
     """
     if columns.power:
         message = "a power has no information on a battery"
-        raise InputError.at("--power", 1, 1, message, "voltage and current", columns.power)
+        raise InputError.at("--power", 1, 1, message, "voltage and current", columns.power[0])
     options.check()
     log = read_power_log(path, replace(columns, factors=True))
     assert log.voltage_v is not None
@@ -183,7 +187,32 @@ def read_battery_fit(path: str, columns: Columns, options: BatteryOptions) -> Ba
     if stated_ah := log.battery.get("capacity_ah"):
         note = f"the autopilot's parameters state a capacity of {stated_ah:g} Ah"
         fit = replace(fit, notes=(*fit.notes, note))
+    for message, expected in _doubts(log, fit, options):
+        log.warnings.append(Fault(log.name, 1, 1, message, expected, severity="warning"))
     return BatteryLogFit(fit, options, log.warnings, found)
+
+
+def _doubts(log: PowerLog, fit: BatteryFit, options: BatteryOptions) -> Iterator[tuple[str, str]]:
+    """What the log says against the charge at its start, and against its count of the charge used."""
+    assert log.voltage_v is not None
+    assert log.current_a is not None
+    if options.cells is not None and options.cell_v:
+        curve_v, first_a = options.cell_v, max(float(log.current_a[0]), 0.0)
+        drop_v = (fit.resistance_ohm or 0.0) * first_a / options.cells
+        open_v, soc = float(log.voltage_v[0]) / options.cells + drop_v, fit.charge_from
+        off_v = open_v - float(interpolated(soc, curve_v))
+        if said := misfit(off_v, curve_v[-1] - curve_v[0], drop_v):
+            message = (
+                f"the log starts at {open_v:.2f} V a cell without current, far {said} that of a charge of {soc:.2f}"
+            )
+            yield message, "the charge at its start, --soc SHARE, or other --cells"
+    used_ah, count_ah = float(trapezoid(log.current_a, log.times_s)) / 3600, log.battery.get("counted_ah", 0.0)
+    if count_ah > 0 and not 1 / COUNT_RATIO < count_ah / max(used_ah, 1e-9) < COUNT_RATIO:
+        message = f"its count of the charge used rises by {count_ah:.3g} Ah, and its current makes {used_ah:.3g} Ah"
+        yield (
+            f"{message}: one of the two is calibrated wrongly",
+            "a capacity by --capacity AH, and a calibrated current",
+        )
 
 
 def _charge_at_start(
@@ -193,6 +222,8 @@ def _charge_at_start(
     if options.soc is not None:
         return options.soc, ""
     used_ah, capacity_ah = stated.get("used_ah"), options.capacity_ah or stated.get("capacity_ah")
+    if capacity_ah and (used_ah or 0.0) + stated.get("counted_ah", 0.0) > 1.05 * capacity_ah:
+        capacity_ah = None  # disproved: the log counts more
     if used_ah and capacity_ah and NO_CHARGE < used_ah / capacity_ah < 1:
         soc = 1 - used_ah / capacity_ah
         return soc, f"{used_ah:.3g} Ah were used before the log's first reading: its charge is taken as {soc:.3f}"
@@ -208,7 +239,10 @@ def _charge_at_start(
     ]
     if used_ah is not None:
         of = "" if capacity_ah else " of a capacity that is not known (--capacity AH)"
-        facts.append(f"its count of the charge used starts at {1000 * used_ah:.0f} mAh{of}")
+        to_mah = 1000 * (used_ah + stated.get("counted_ah", 0.0))
+        facts.append(
+            f"its count of the charge used starts at {1000 * used_ah:.0f} mAh{of} and ends at {to_mah:.0f} mAh"
+        )
     if "capacity_ah" in stated:
         facts.append(f"the autopilot's parameters state a capacity of {stated['capacity_ah']:g} Ah")
     message = f"nothing shows the charge at the start of the log: {', '.join(facts)}"

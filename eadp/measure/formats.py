@@ -31,6 +31,7 @@ from eadp.measure.power_log import (
     Columns,
     LogReadings,
     PowerLog,
+    counted,
     in_order,
     read_csv_log,
     rows_text,
@@ -53,7 +54,7 @@ _INSTANCE = ("Instance", "Inst", "I")
 def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
     """The power log of one battery, voltage times current, with positions if there are any; raises InputError."""
     if columns.power:
-        raise InputError.at("--power", 1, 1, "an autopilot's log has no such columns", "none of it", columns.power)
+        raise InputError.at("--power", 1, 1, "an autopilot's log has no such columns", "none of it", columns.power[0])
     if columns.also:
         raise InputError.at(name, 1, 1, f"an autopilot's log has no column {columns.also[0]}", "a CSV file")
     time_us, factors, notes = battery_table(name, tables, columns.instance, columns.voltage, columns.current)
@@ -75,7 +76,7 @@ def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
 
 
 def _of_battery(tables: Tables, instance: int | None) -> dict[str, float]:
-    """The capacity among the parameters, and the charge used before the first reading [Ah]."""
+    """The capacity among the parameters, and the count of the charge used, see `counted` [Ah]."""
     found = {}
     capacity_mah = tables.columns.get(PARAMETERS, {}).get("capacity_mah")
     if capacity_mah is not None and len(capacity_mah) and capacity_mah[-1] > 0:
@@ -83,9 +84,7 @@ def _of_battery(tables: Tables, instance: int | None) -> dict[str, float]:
     batteries = dict(_batteries(tables))
     table = batteries.get(min(batteries) if instance is None else instance, {})
     used_mah = next((table[label] for label in _USED if label in table), None)
-    if used_mah is not None and len(used_mah) and 0 < used_mah[0] < LARGEST_MAH:
-        found["used_ah"] = float(used_mah[0]) / 1e3
-    return found
+    return found if used_mah is None else found | counted(used_mah[(used_mah > 0) & (used_mah < LARGEST_MAH)] / 1e3)
 
 
 def battery_table(

@@ -24,6 +24,7 @@ from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import FAULTS_READ, Fault, InputError, printable, refuse
+from eadp.io.profile.recordings import RECORDED, read_recording
 from eadp.io.text.csv import ISO_TIME, NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import Text
@@ -54,8 +55,8 @@ class ColumnOptions:
     time: Annotated[str, Flag(metavar="NAME")] = ""
     """The column of time."""
 
-    power: Annotated[str, Flag(metavar="NAME")] = ""
-    """The column of power."""
+    power: Annotated[Sequence[str], Flag(metavar="NAME")] = ()
+    """The column of power, with its unit where its name has none: 'PWR_AVG [W]'. May repeat: they are added."""
 
     voltage: Annotated[str, Flag(metavar="NAME")] = ""
     """The column of voltage."""
@@ -114,7 +115,8 @@ class PowerLog:
     counts : dict of str to int or float
         Rows read, rows left out by reason, gaps, and the longest gap [s].
     battery : dict of str to float
-        What an autopilot says of its battery, as far as it does: `capacity_ah`, and `used_ah` before the first reading.
+        What an autopilot says of its battery, as far as it does: `capacity_ah`, `used_ah` before the first reading, and
+        `counted_ah` in the log.
     """
 
     name: str
@@ -334,6 +336,8 @@ def read_csv_log(text: Text, columns: Columns) -> PowerLog:
     """
     if columns.instance is not None:
         raise InputError.at("--instance", 1, 1, "a table has no batteries", "none of it", str(columns.instance))
+    _check_ways(columns)
+    text, columns, notes = _recording(text, columns)
     rows = read_rows(text.name, text.body, None)
     first = next(rows, None)
     if first is None:
@@ -341,6 +345,7 @@ def read_csv_log(text: Text, columns: Columns) -> PowerLog:
     second = next(rows, None)
     layout = _layout(first, columns, second)
     readings, warnings, counts = _readings(text.name, chain([second] if second else [], rows), layout)
+    warnings += notes
     per_second = layout.needed[0].per
     if layout.px4 and len(readings.raw) > 1:
         step_s = float(np.median(np.abs(np.diff(readings.raw)))) / per_second
@@ -350,7 +355,29 @@ def read_csv_log(text: Text, columns: Columns) -> PowerLog:
             raise InputError(first.fault(layout.needed[0].place, message, expected))
     names, placed = [first.fields[each.place] for each in layout.needed[1:]], layout.degrees is not None
     log = in_order(text.name, readings, per_second, warnings, counts, position=placed, also=layout.also, names=names)
-    return replace(log, battery={"used_ah": float(log.also[USED][0])}) if USED in log.also else log
+    return replace(log, battery=counted(log.also[USED])) if USED in log.also else log
+
+
+def counted(used_ah: FloatArray) -> dict[str, float]:
+    """The charge used before the first reading of a count, and in the log, of `PowerLog.battery` [Ah]."""
+    known = used_ah[np.isfinite(used_ah)]
+    return {"used_ah": float(known[0]), "counted_ah": float(known[-1] - known[0])} if len(known) else {}
+
+
+def _check_ways(columns: Columns) -> None:
+    if columns.power and (columns.voltage or columns.current):
+        raise InputError.at("--power", 1, 1, "and --voltage or --current", "one way to the power", columns.power[0])
+
+
+def _recording(text: Text, columns: Columns) -> tuple[Text, Columns, list[Fault]]:
+    """What a program recorded of a computer, with a column of its power; a log with a known power as it is."""
+    first = next(read_rows(text.name, text.body, None), None)
+    factors = columns.factors or columns.voltage or columns.current
+    known = first and (_named(first, "power") or (_named(first, "voltage") and _named(first, "current")))
+    found = None if factors or (known and not columns.power) else read_recording(text, columns.power)
+    if found is None:
+        return text, columns, []
+    return found.with_power(), replace(columns, power=(RECORDED,)), found.notes()
 
 
 # ── columns ──
@@ -395,7 +422,8 @@ def _layout(header: Row, columns: Columns, second: Row | None) -> _Layout:
     dates = bool(second and at < len(second.fields) and ISO_TIME.match(second.fields[at]))
     time_unit = "s" if dates else columns.time_unit
     needed = [_needed(header, at, "time", time_unit)]
-    needed += [_needed(header, _find(header, role, getattr(columns, role)), role, None) for role in roles]
+    asked = {"power": next(iter(columns.power), ""), "voltage": columns.voltage, "current": columns.current}
+    needed += [_needed(header, _find(header, role, asked[role]), role, None) for role in roles]
     px4 = not time_unit and _plain(header.fields[at]) == PX4_TIME
     # a position, if there is one, and what is asked for by name, or by what it is
     lower = [name.lower() for name in header.fields]
@@ -416,8 +444,6 @@ def _layout(header: Row, columns: Columns, second: Row | None) -> _Layout:
 
 def _power_roles(header: Row, columns: Columns) -> tuple[str, ...]:
     """Power, or voltage and current: what is asked for, else what there is, power first."""
-    if columns.power and (columns.voltage or columns.current):
-        raise InputError.at("--power", 1, 1, "and --voltage or --current", "one way to the power", columns.power)
     if columns.factors:
         return ("voltage", "current")
     if columns.power or (not columns.voltage and not columns.current and _named(header, "power")):

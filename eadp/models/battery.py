@@ -49,6 +49,26 @@ STEPS = 200
 """Steps of the charge at which the voltage of another package's cells is taken: half a percent, what gauges show."""
 
 
+CURVE_SHARE, RESISTANCE_SHARE = 0.2, 0.5
+"""By how much a voltage may differ from the battery's: a share of the rise from empty to full, by which the curves of
+usual cells differ from a straight line; and a share of the drop at the inner resistance, which is known roughly."""
+
+
+def misfit(off_v: float, rise_v: float, drop_v: float) -> str:
+    """Whether a voltage is `above` or `below` that of its charge, beyond what curves and resistances leave; or nothing.
+
+    Parameters
+    ----------
+    off_v : float
+        Open-circuit voltage less that of the charge [V].
+    rise_v, drop_v : float
+        Voltage from empty to full, and the drop at the inner resistance [V].
+    """
+    if abs(off_v) <= CURVE_SHARE * rise_v + RESISTANCE_SHARE * drop_v:
+        return ""
+    return "above" if off_v > 0 else "below"
+
+
 @dataclass(frozen=True, slots=True)
 class Battery:
     """A Rint battery, drained by the power it delivers, or a replayed state of charge.
@@ -140,6 +160,13 @@ class Battery:
         place = (voltage_v - empty_v) / (self.voltage_v - empty_v)
         inside = (place > 0.0) & (place < 1.0) & bool(curve)
         return np.where(inside, np.interp(place, curve or (0, 1), np.linspace(0.0, 1.0, len(curve) or 2)), place)
+
+    def misfit(self, soc: float, voltage_v: float, current_a: float) -> str:
+        """What a voltage under a current shows beside a state of charge: `above` or `below` that of it, or nothing."""
+        if self.voltage_empty_v is None or self.prescribed:
+            return ""
+        drop_v = self.resistance_ohm * max(current_a, 0.0)
+        return misfit(voltage_v + drop_v - float(self.voltage_at(soc)), self.voltage_v - self.voltage_empty_v, drop_v)
 
     def energy_wh(self, soc: float) -> float:
         """b Q_c V [Wh] at a state of charge b. Source: letter, Def. III.3."""

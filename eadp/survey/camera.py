@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.resources import files
 from os.path import exists
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Self
 
 from annotated_types import Ge, Gt, Le
 
@@ -102,6 +103,17 @@ CAMERAS = tuple(sorted(file.name.removesuffix(".yaml") for file in FOLDER.iterdi
 """Names of the cameras that are shipped."""
 
 
+_PLANNERS_KEYS = {
+    "senw": "sensor_width_mm",
+    "senh": "sensor_height_mm",
+    "flen": "focal_length_mm",
+    "imgw": "image_width_px",
+    "imgh": "image_height_px",
+}
+_PLANNERS = re.compile(rf"<({'|'.join(_PLANNERS_KEYS)})>\s*([0-9.]+)\s*</")
+"""Values of a camera of Mission Planner (XML), and their keys here."""
+
+
 @dataclass(frozen=True)
 class CameraFile(Camera):
     """A camera file."""
@@ -130,6 +142,11 @@ def read_camera(name: str) -> Camera:
     else:
         expected = f"a camera file (.yaml), or {one_of(CAMERAS, name)}"
         raise InputError.at("--camera", 1, 1, f"no camera {printable(name, 60)}", expected, name)
+    if (found := dict(_PLANNERS.findall(text.body))) and text.body.lstrip().startswith("<"):
+        keys = "; ".join(f"{_PLANNERS_KEYS[tag]}: {value}" for tag, value in found.items())
+        raise InputError.at(
+            name, 1, 1, "is a camera of Mission Planner", f"a file camera.yaml: schema: {SCHEMA}; {keys}"
+        )
     document = keys_document(text, SCHEMA)
     expected = "the picture's width and height in the order of the sensor's"
     return validated(
@@ -166,6 +183,8 @@ _CAMERA_KEYS = ("sensor_width_mm", "sensor_height_mm", "focal_length_mm", "pictu
 @dataclass(frozen=True)
 class CameraOptions:
     """The camera, and how its pictures overlap."""
+
+    SECTION: ClassVar = "Camera"
 
     altitude_m: float | None = None
     """Altitude above the ground [m], which the plan holds; or it follows from --gsd."""

@@ -7,7 +7,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from typer import Argument
 
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class CoverInputs:
     """Files that serve a coverage."""
+
+    SECTION: ClassVar = "Aircraft"
 
     profile: Annotated[str | None, Flag(metavar="FILE")] = None
     """Computation profile: the plan gets its computations."""
@@ -58,7 +60,11 @@ class CoverOutputs:
 
 def command(
     file: Annotated[
-        str, Argument(help="Field: GeoJSON, KML, KMZ or CSV of vertices, - for standard input.", metavar="FIELD")
+        str,
+        Argument(
+            help="Field: GeoJSON, KML, KMZ or CSV of vertices, - for standard input; of shapefiles ogr2ogr makes one.",
+            metavar="FIELD",
+        ),
     ],
     options: CoverageOptions,
     division: SortieOptions,

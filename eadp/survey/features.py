@@ -19,7 +19,7 @@ from eadp.core.geometry.curves import Point
 from eadp.errors import Fault, InputError, printable, refuse
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows
 from eadp.io.text.json import JsonList, JsonObject, JsonReader
-from eadp.io.text.streams import HEAD, Location, SourceText
+from eadp.io.text.streams import HEAD, Location, SourceText, Text, refuse_wpml
 
 VERTICES_LIMIT = 20_000
 """Most vertices of a polygon, those of its holes among them."""
@@ -139,6 +139,7 @@ def read_features(source: SourceText, *, metres: bool) -> Features:
     if head[0] in "{[" or _ASSIGNED.match(head):
         found = _GeoJson(source, metres).read()
     else:
+        refuse_wpml(Text(source.name, source.body))
         found = read_kml(source, metres) if head[0] == "<" else read_table(source, metres)
     for each in found.features:
         if any(sum(map(len, rings)) > VERTICES_LIMIT for rings in (*each.polygons, each.lines)):
@@ -449,11 +450,24 @@ def read_table(source: SourceText, metres: bool) -> Features:
     found = _table_feature(chain([head], rows), (0, 1, -1), 2, source)
     if metres:
         return Features([found], degrees=False, remedy="a header lon,lat and no --metres", is_table=True)
-    if all(abs(x) <= 180 and abs(y) <= 90 for x, y in found.polygons[0][0]):
+    if _OF_MISSION_PLANNER.match(source.body):
+        ((ring,),) = found.polygons
+        swapped = replace(found, polygons=[[[(longitude, latitude) for latitude, longitude in ring]]])
+        return Features([swapped], degrees=True, is_table=True)
+    if any(all(abs(p) <= 180 and abs(q) <= 90 for p, q in ring) for ring in _either_way(found.polygons[0][0])):
         message = "columns without names, which may be degrees or metres"
         raise InputError(head.fault(0, message, "--metres, or a header such as lon,lat or x_m,y_m"))
     note = "taken as metres, since there are values beyond the ±180 and ±90 of degrees"
     return Features([found], degrees=False, remedy="a header lon,lat", is_table=True, notes=(note,))
+
+
+_OF_MISSION_PLANNER = re.compile(r"#\s*saved by \w* ?Planner", re.IGNORECASE)
+"""Start of a polygon that Mission Planner or APM Planner saves: rows of latitude and longitude."""
+
+
+def _either_way(ring: Line) -> tuple[Line, Line]:
+    """A ring, and with its columns swapped."""
+    return ring, [(y, x) for x, y in ring]
 
 
 def _header(head: Row, metres: bool) -> tuple[tuple[int, int, int], bool]:
@@ -475,6 +489,8 @@ def _header(head: Row, metres: bool) -> tuple[tuple[int, int, int], bool]:
     for role, partner in (("x", "y"), ("y", "x"), ("lon", "lat"), ("lat", "lon")):
         if role in columns and partner not in columns:
             raise InputError(head.fault(len(head.fields), f"no column {partner} beside {role}", _A_HEADER))
+    if not degrees and "x" not in columns and any(name.lower() in ("wkt", "geometry") for name in head.fields):
+        raise InputError(head.fault(0, "geometries as WKT, which are not read", "GeoJSON, which ogr2ogr makes of them"))
     if not degrees and "x" not in columns:
         raise InputError(head.fault(0, "no columns of vertices", f"{_A_HEADER}, or two columns of numbers"))
     east, north = ("lon", "lat") if degrees else ("x", "y")

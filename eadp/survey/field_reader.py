@@ -44,6 +44,8 @@ DEGREE_M = 111_000.0
 """Length of a degree of latitude, roughly [m]."""
 ZONES_M = FARTHEST_M
 """How far from a field, or from the start of a plan, obstacles and boundaries are read [m]."""
+BROKEN_M = 5_000.0
+"""How far from the middle of a field, or from the start of a plan, an obstacle may cross itself [m]."""
 THIN_M = 10.0
 """How far around an obstacle without an area, as a mast or a power line, nothing is flown [m]."""
 VALID_SHARE = 1e-3
@@ -320,6 +322,10 @@ def _localised(
 ) -> tuple[list[tuple[list[Line], Feature]], Point]:
     """Metres east and north of the middle of the first outline, and that middle as latitude and longitude [°]."""
     vertices = [(vertex, of) for rings, of in polygons for ring in rings for vertex in ring]
+    across = [x for (x, _), _ in vertices]
+    if 180 < max(map(abs, across)) <= 360 and max(across) - min(across) < _WIDEST_DEG:
+        polygons = [([[(math.remainder(x, 360), y) for x, y in ring] for ring in rings], of) for rings, of in polygons]
+        vertices = [(vertex, of) for rings, of in polygons for ring in rings for vertex in ring]
     _check_degrees(vertices, found.remedy, source)
     first = polygons[0][0][0]
     west, east, south, north = _extent(first)
@@ -356,10 +362,11 @@ def _check_degrees(vertices: Sequence[tuple[Point, Feature]], remedy: str, sourc
         raise source.error(of.location, message, _or(_DEGREES, remedy))
     for (_, y), of in vertices:
         if abs(y) > LATITUDE_LIMIT_DEG:
-            message = f"a latitude of {y:.10g}, near a pole"
+            message = f"a latitude of {y:.10g}: above {LATITUDE_LIMIT_DEG:g}° nothing is planned"
+            expected = f"latitudes within ±{LATITUDE_LIMIT_DEG:g}"
             if all(abs(x) <= LATITUDE_LIMIT_DEG for (x, _), _ in vertices):
-                message += f": {_SWAPPED}"
-            raise source.error(of.location, message, f"latitudes within ±{LATITUDE_LIMIT_DEG:g}")
+                expected += ", as they are where longitude and latitude are swapped"
+            raise source.error(of.location, message, expected)
 
 
 def _no_area(ring: Line, of: Feature, source: SourceText) -> InputError:
@@ -566,7 +573,7 @@ def _obstacles(
         if (corners := frame.near(ring, of, source)) is None:
             counts["far"] += 1
             continue
-        parts = outlines.parts([corners], of)
+        parts = _parts_of(corners, of, outlines, frame, notes, inside=inside)
         if not parts and not inside:
             _check_thin(ring, of, frame, source)
             counts["small"], counts["thin"] = counts["small"] - 1, counts["thin"] + 1
@@ -592,6 +599,24 @@ def _obstacles(
             raise source.error(at, "; ".join(said), expected)
     notes += said
     return tuple(found)
+
+
+def _parts_of(
+    corners: Line, of: Feature, outlines: _Outlines, frame: _Frame, notes: list[str], *, inside: bool
+) -> list[Part]:
+    """`_Outlines.parts` of an obstacle or a boundary; an obstacle that is not near and crosses itself as its parts."""
+    from eadp.core.geometry.polygons import made_valid
+
+    try:
+        return outlines.parts([corners], of)
+    except InputError:
+        (x, y), (west, east, south, north) = frame.middle_m, _extent(corners)
+        if inside or (
+            west <= x + BROKEN_M and east >= x - BROKEN_M and south <= y + BROKEN_M and north >= y - BROKEN_M
+        ):
+            raise
+        notes.append(f"{_title(0, of)} crosses itself, far away: taken as the parts that it has so")
+        return [list(part) for part in made_valid(_tidied(corners)[0])]
 
 
 def _check_thin(ring: Line, of: Feature, frame: _Frame, source: SourceText) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -39,6 +39,8 @@ WAYS_HOME = 200
 @dataclass(frozen=True)
 class TerrainOptions:
     """The ground, and how lines follow it."""
+
+    SECTION: ClassVar = "Ground"
 
     terrain: Annotated[Sequence[str], Flag(metavar="FILE")] = ()
     """Heights of the ground, as GeoTIFF or .hgt of SRTM; several are joined. Lines keep --altitude above it, turns and

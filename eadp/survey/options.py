@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
@@ -36,6 +36,8 @@ Pair = str | Point
 @dataclass(frozen=True)
 class PathOptions:
     """How the field is flown: turns and lines, where they start and end, and in which wind."""
+
+    SECTION: ClassVar = "Lines and turns"
 
     min_radius_m: float | None = None
     """Smallest turning radius [m]; by default what the aircraft needs in the wind."""
@@ -89,6 +91,8 @@ class PathOptions:
 @dataclass(frozen=True)
 class FieldOptions:
     """How the field's file is read, and what lines and turns keep to."""
+
+    SECTION: ClassVar = "Field"
 
     metres: bool = False
     """The file is in local metres, not degrees."""

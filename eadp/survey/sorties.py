@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
 from statistics import NormalDist
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -65,6 +65,8 @@ _DEVIATIONS = NormalDist().inv_cdf(Objective.probability)
 @dataclass(frozen=True)
 class SortieOptions:
     """How a field is divided among flights. Faults name the options as the command `eadp cover` does."""
+
+    SECTION: ClassVar = "Sorties"
 
     sorties: Annotated[int | str | None, Flag(metavar="NUMBER")] = None
     """Divide the field among flights from home: auto for the fewest, or a number."""

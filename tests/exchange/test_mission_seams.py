@@ -323,6 +323,7 @@ def test_a_mission_is_exported_with_a_fence_of_its_own_file(eadp, leg, tmp_path,
     scenario.write_text("schema: eadp.scenario/1\nbattery: {capacity_ah: 2.0}\n")
     more = ("--scenario", scenario) if forecast else ()
     plan = planned(eadp, tmp_path / "both.plan", leg, "--inside", fence, "--avoid", fence)
+    assert "warning: the path leads through obstacle 1, first on the way to " in eadp("plan", plan).err
     given = ("export", plan, "--to", "qgc", *more)
     if forecast:  # it flies through one
         out = tmp_path / "m.plan"

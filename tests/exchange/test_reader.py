@@ -324,7 +324,7 @@ def changed(line, column, text):
     ("line", "column", "text", "words"),
     [
         (3, 9, "91", "a latitude of 91"),
-        (3, 10, "-190", "a longitude of -190"),
+        (3, 10, "-365", "a longitude of -365"),
         (4, 9, "inf", "not finite"),
         (4, 9, "nan", "no coordinates"),
         (4, 11, "1e7", "an altitude"),
@@ -367,6 +367,71 @@ def test_a_mission_that_cannot_be_flown_is_an_error(items, words):
     assert words in fault_of(wpl(*items)).message
 
 
+def test_speeds_that_change_nothing_or_return_to_the_default():
+    fast = [waypoint(300, 0), item(178, 0, 20), waypoint(300, 300), item(178, 0, -2), waypoint(0, 300)]
+    plan, findings = read(wpl(*fast))
+    speeds = {stage.item: stage.airspeed_mps for stage in plan.stages}
+    assert (speeds["item 1"], speeds["item 5"]) == (None, None)
+    assert speeds["item 3"] > 19
+    assert findings == []
+    plan, findings = read(wpl(waypoint(300, 0), item(178, 0, 0), waypoint(300, 300)))
+    assert [finding.message for finding in findings] == ["item 2: a speed of 0 m/s changes nothing"]
+    assert {stage.airspeed_mps for stage in plan.stages} == {None}
+
+
+def test_version_120_has_no_row_of_home():
+    body = "QGC WPL 120\n" + "".join(
+        row(i, 16, east=x, north=y) for i, (x, y) in enumerate([(0, 0), (300, 0), (300, 300)])
+    )
+    plan, findings = read(body)
+    assert [finding.code for finding in findings] == ["no-home"]
+    assert plan.stages[-1].item == "item 2"
+
+
+def test_four_parameters_and_a_coordinate():
+    body = qgc(*GOOD)
+    for each in body["mission"]["items"]:
+        each["params"], each["coordinate"] = each["params"][:4], each["params"][4:]
+    assert ends(read(body)[0]) == ends(read(qgc(*GOOD))[0])
+
+
+def test_a_longitude_beyond_180_counts_on():
+    home = (0.0, 179.999)
+    body = HEAD.replace("47.0\t8.0", f"{home[0]}\t{home[1]}")
+    place = "1\t0\t3\t16\t0\t0\t0\t0\t0.002\t{}\t50\t1\n"
+    assert ends(read(body + place.format(180.004))[0]) == ends(read(body + place.format(-179.996))[0])
+
+
+def test_places_that_are_doubtful():
+    flat = [waypoint(300, 0, altitude=0), waypoint(300, 300, altitude=0)]
+    assert [finding.code for finding in read(wpl(*flat))[1]] == ["no-altitude"]
+    assert [finding.code for finding in read(wpl(waypoint(30_000, 0), waypoint(30_300, 0)))[1]] == ["far-home"]
+    jump = [waypoint(300 * (i % 2), 300 * i) for i in range(20)]
+    assert "as item 21 jumps back 400 times" in fault_of(wpl(*jump, item(177, 1, 400))).message
+
+
+def fenced(rally):
+    corners = [(5001, (4,), corner) for corner in ((-200, -200), (500, -200), (500, 500), (-200, 500))]
+    extra = [*corners, (5100, (), rally)]
+    rows = [row(i, command, *own, east=x, north=y) for i, (command, own, (x, y)) in enumerate(extra, 3)]
+    return wpl(waypoint(300, 0), waypoint(300, 300)) + "".join(rows)
+
+
+def test_a_place_to_rally_beyond_the_fence():
+    codes = [[finding.code for finding in read(fenced(place))[1]] for place in ((0, 100), (900, 0))]
+    assert codes == [["rally"], ["rally", "rally-outside"]]
+
+
+def test_a_file_of_fences_alone_says_so():
+    rows = fenced((0, 0)).splitlines(keepends=True)
+    here = waypoint(0, 0)
+    body = HEAD + row(1, *here[0], **here[1]) + "".join(rows[4:])
+    assert fault_of(body).message == "a fence, and no mission"
+    empty = qgc()
+    empty["geoFence"] = {"version": 2, "circles": [{"inclusion": True, "circle": {"center": [47, 8], "radius": 90}}]}
+    assert fault_of(empty).message == "a fence, and no mission"
+
+
 NO_HOME = HEAD.replace("47.0\t8.0", "0\t0")
 
 
@@ -399,7 +464,7 @@ def test_altitudes_above_the_sea_need_a_home():
 @pytest.mark.parametrize(
     ("body", "place", "words"),
     [
-        (HEAD.replace("110", "120"), (1, 1), "QGC WPL 120 of this format is not known"),
+        (HEAD.replace("110", "130"), (1, 1), "QGC WPL 130 of this format is not known"),
         ("QGC WPL\n", (1, 1), "is not known"),
         ("QGC WPL 110\n", (1, 1), "no home"),
         (wpl(*GOOD).replace("\t", ","), (2, 1), "1 column"),

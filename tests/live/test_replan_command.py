@@ -403,3 +403,23 @@ def test_a_constant_load_counts_in_flight_too(capsys, monkeypatch, tmp_path):
     assert "a constant load of 5.21 W at fps=2 (as stated)" in captured.err
     bare, loaded = found
     assert loaded["energy_wh"] - bare["energy_wh"] == pytest.approx(5.214 * bare["remaining_s"] / 3600, rel=1e-3)
+
+
+def test_a_voltage_far_from_that_of_the_charge_is_warned_of_once(replan, whole):
+    lines = [json.loads(line) for line in LINES[:6]]
+    for volts, said in ((20.0, "above"), (5.0, "below")):
+        told = [json.dumps(line | {"voltage_v": volts}).encode() + b"\n" for line in lines]
+        code, advice, err = replan(b"".join(told), "--set", "battery.voltage_empty_v=10")
+        assert code in (0, 1)
+        assert len(advice) == len(lines)
+        assert (
+            err.count(f"the voltage is far {said} that of the charge: another battery, or one that was not full") == 1
+        )
+
+
+def test_a_table_as_telemetry_is_one_line(replan):
+    for table in (b"time_s,x_m,y_m\n" + b"0,1,2\n" * 50, b"\xef\xbb\xbftime;lat\n1;2\n"):
+        code, advice, err = replan(table)
+        assert (code, advice) == (2, [])
+        assert err.startswith("<stdin>:1:1: error: is a table (CSV), and no telemetry; expected an object a line")
+        assert err.count("\n") == 1

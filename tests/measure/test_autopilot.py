@@ -154,7 +154,7 @@ def test_ulog_fields_by_name(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--voltage:1:1: error: no field volts; expected one of timestamp, voltage_v"):
         read_power_log(file, Columns(voltage="volts"))
     with pytest.raises(InputError, match="--power:1:1: error: an autopilot's log has no such columns"):
-        read_power_log(file, Columns(power="power_w"))
+        read_power_log(file, Columns(power=["power_w"]))
 
 
 @pytest.mark.parametrize("lost", [1, 5, 30])
@@ -395,7 +395,7 @@ def test_what_the_autopilot_says_of_its_battery(tmp_path: Path) -> None:
     lines = text_log(labels="TimeUS,Instance,Volt,Curr,CurrTot").replace(", 2, 0.5", ", 2, 1790").splitlines()
     head = ["FMT, 132, 31, PARM, QNff, TimeUS,Name,Value,Default", "PARM, 1, BATT_CAPACITY, 3300, 0"]
     log = read_power_log(stored(tmp_path, "flight.log", "\n".join([*lines[:3], *head, *lines[3:]]) + "\n"))
-    assert log.battery == {"capacity_ah": 3.3, "used_ah": 1.79}
+    assert log.battery == {"capacity_ah": 3.3, "used_ah": 1.79, "counted_ah": 0.0}
     path = tmp_path / "flight.log"
     found = read_battery_fit(str(path), Columns(), BatteryOptions(capacity_ah=3.3))
     assert found.fit.charge_from == pytest.approx(1 - 1.79 / 3.3)

@@ -96,6 +96,23 @@ def test_the_charge_at_the_start_needs_evidence(eadp, flight):
     assert f"{doubt}16.75 V at rest, 5 full lipo cells have 21.00 V" in answer.err
 
 
+def test_a_count_and_a_voltage_that_disprove_what_is_given(eadp, flight):
+    """The log uses 1.33 Ah of 2 Ah: a count of a quarter of it, or more than a capacity; a pack that was not full."""
+    lines = flight.read_text().splitlines()
+    for of, said in ((0.25, True), (1.0, False)):
+        count = [f"{line},{10 + of * 1333 / 1200 * i}" for i, line in enumerate(lines[1:])]
+        flight.write_text("\n".join([f"{lines[0]},discharged_mah", *count]) + "\n")
+        answer = eadp("fit", flight, "--battery", "--capacity", "2", "--soc", "1")
+        assert ("its count of the charge used rises by" in answer.err) is said
+    answer = eadp("fit", flight, "--battery", "--capacity", "1")
+    assert answer.code == 2
+    assert "--soc:1:1: error: nothing shows the charge" in answer.err
+    flight.write_text("\n".join(lines) + "\n")
+    assert "far below" not in eadp("fit", flight, "--battery", "--capacity", "2", "--soc", "1", "--cells", "4").err
+    answer = eadp("fit", flight, "--battery", "--capacity", "2", "--soc", "1", "--cells", "5")
+    assert "V a cell without current, far below that of a charge of 1.00" in answer.err
+
+
 def test_a_voltage_at_rest_says_the_charge_that_may_be_given(eadp, flight):
     lines = flight.read_text().splitlines()
     rest_v = 4 * interpolated(0.6, CURVES_V["lipo"])

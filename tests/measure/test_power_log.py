@@ -91,7 +91,7 @@ def test_power_comes_before_voltage_and_current() -> None:
 
 def test_columns_by_option() -> None:
     body = table("elapsed thing,motor_w,power_w", "{i},3{i},1")
-    log = parse(body, time="elapsed thing", power="motor_w", time_unit="min")
+    log = parse(body, time="elapsed thing", power=["motor_w"], time_unit="min")
     np.testing.assert_allclose(log.times_s, 60.0 * np.arange(N))
     assert (log.power_w[5], log.warnings) == (35, [])
 
@@ -156,7 +156,7 @@ def test_latitude_and_longitude_that_are_swapped() -> None:
         ("time_parsec,power_w", {}, "1:1: error: no column for the time; expected time_s, or --time NAME"),
         ("time [parsec],power_w", {}, "1:1: error: no column for the time; expected time_s, or --time NAME"),
         ("time_s,power", {}, "1:8: error: power has no unit of power; expected a name such as power_w"),
-        ("time_s,m", {"power": "m"}, "1:8: error: m has no unit of power; expected a name such as power_w"),
+        ("time_s,m", {"power": ["m"]}, "1:8: error: m has no unit of power; expected --power 'm [W]', or 'm [mW]'"),
         (
             "time_s,voltage_v,current",
             {},
@@ -167,8 +167,8 @@ def test_latitude_and_longitude_that_are_swapped() -> None:
         ("time_s,voltage_v", {"voltage": "voltage_v"}, "1:1: error: no column for the current; expected current_a"),
         ("time_s,power_w,power_w", {}, "1:16: error: the name power_w stands twice"),
         ("time_s,power_w,total_power_w", {}, "1:16: error: several columns of power: power_w, total_power_w"),
-        ("time_s,power_w", {"power": "p"}, "--power:1:1: error: no column p; expected one of time_s, power_w"),
-        ("time_s,power_w", {"power": "power_w", "voltage": "v"}, "--power:1:1: error: and --voltage or --current"),
+        ("time_s,power_w", {"power": ["p"]}, "--power:1:1: error: no column p; expected one of time_s, power_w"),
+        ("time_s,power_w", {"power": ["power_w"], "voltage": "v"}, "--power:1:1: error: and --voltage or --current"),
         ("0.5,38.2", {}, "1:1: error: the first row has numbers, not the names of columns; expected a header"),
     ],
 )

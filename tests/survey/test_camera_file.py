@@ -81,3 +81,13 @@ def test_a_fault_of_a_file_has_its_place(tmp_path, keys, message):
     with pytest.raises(InputError) as error:
         read_camera(path)
     assert re.match(re.escape(path) + message, str(error.value))
+
+
+def test_a_camera_of_mission_planner_is_written_as_it_must_be(eadp, tmp_path):
+    file = tmp_path / "cameras.xml"
+    file.write_text(
+        "<Cameras><Camera><name>A</name><flen>16</flen><imgw>6000</imgw><senw>23.5</senw></Camera></Cameras>"
+    )
+    answer = eadp("cover", "plans/meadow.geojson", "--camera", file, "--gsd", "2")
+    assert answer.code == 2
+    assert "schema: eadp.camera/1; focal_length_mm: 16; image_width_px: 6000; sensor_width_mm: 23.5" in answer.err

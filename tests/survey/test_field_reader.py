@@ -354,7 +354,7 @@ def test_longitude_and_latitude_in_each_others_place():
     message = f"a latitude of {latitude} is beyond ±90: longitude and latitude seem to be swapped"
     assert fault_of(polygon(swapped)) == f"1:1: error: {message}; {NOT_DEGREES}, or --metres"
     high = [(lat, lon) for lon, lat in around(BOX, (23.7, 86.4))]
-    assert "near a pole: longitude and latitude seem to be swapped" in fault_of(table(high, header="lon,lat,ring"))
+    assert "above 85° nothing is planned" in fault_of(table(high, header="lon,lat,ring"))
 
 
 def test_some_vertices_in_each_others_place():
@@ -644,8 +644,8 @@ def test_a_hole_may_touch_at_a_point():
         (table([*BOX[:3], (1e300, -1e300)]), "2:1: error: a vertex at (1e+300, -1e+300) m; expected coordinates of "),
         (
             polygon([(10, 84.9999), (10.01, 85.0001), (10, 85.0001)]),
-            "1:1: error: a latitude of 85.0001, near a pole: longitude and latitude seem to be swapped; "
-            "expected latitudes within ±85",
+            "1:1: error: a latitude of 85.0001: above 85° nothing is planned; expected latitudes within ±85, as they "
+            "are where longitude and latitude are swapped",
         ),
     ],
 )
@@ -1129,3 +1129,40 @@ def test_faults_of_a_second_part():
     text = json.dumps({"type": "MultiPolygon", "coordinates": [*squares(200.0), bow]})
     with pytest.raises(InputError, match="the outline crosses itself at"):
         read(text, metres=True)
+
+
+def test_longitudes_that_count_on_across_the_antimeridian():
+    box = [(179.998, 10), (180.004, 10), (180.004, 10.004), (179.998, 10.004)]
+    wrapped = [(lon - 360 if lon > 180 else lon, lat) for lon, lat in box]
+    assert area_of(polygon(box)) == pytest.approx(area_of(polygon(wrapped)))
+
+
+def area_of(body):
+    return read_field(Text("f.geojson", body))[0].area_m2
+
+
+def test_a_far_obstacle_that_crosses_itself_costs_itself_alone():
+    bow = [(0.5, 0.5), (0.53, 0.53), (0.53, 0.5), (0.5, 0.53)]
+    far, near = (Text("a.geojson", polygon([(8 + x * by, 47 + y * by) for x, y in bow])) for by in (1, 0.01))
+    found, notes = read_airspace(far, None, (47.0, 8.0), (0.0, 0.0))
+    assert len(found.obstacles) == 2
+    assert "crosses itself, far away" in notes[0].message
+    with pytest.raises(InputError, match="crosses itself"):
+        read_airspace(near, None, (47.0, 8.0), (0.0, 0.0))
+
+
+def test_a_mission_of_dji_is_no_field():
+    body = '<kml xmlns:wpml="http://www.dji.com/wpmz/1.0.2"><Placemark><Point/></Placemark></kml>'
+    with pytest.raises(InputError, match="is a mission of DJI"):
+        read_field(Text("t.kml", body))
+
+
+def test_tables_of_other_programs():
+    ring = around(BOX, (47.2, 8.4))
+    saved = "#saved by Mission Planner 1.3\n" + "".join(f"{lat} {lon}\n" for lon, lat in (*ring, ring[0]))
+    assert area_of(saved) == pytest.approx(area_of(polygon(ring)))
+    assert "geometries as WKT, which are not read" in fault_of('WKT,name\n"POLYGON ((8 47,8.1 47,8.1 47.1,8 47))",A\n')
+    for latitude_first in (True, False):
+        rows = (f"{p},{q}\n" for p, q in ((-30.3, 149.8), (-30.3, 149.81), (-30.29, 149.81)))
+        body = "".join(rows if latitude_first else [",".join(row.strip().split(",")[::-1]) + "\n" for row in rows])
+        assert "may be degrees or metres" in fault_of(body)

@@ -62,6 +62,11 @@ def to_near_local_m(
     return point if near and math.hypot(*point) <= FARTHEST_M else None
 
 
+def apart_m(a_deg: tuple[float, float], b_deg: tuple[float, float]) -> float:
+    """Straight distance through the earth between two points of the ellipsoid, latitude and longitude [m]."""
+    return math.dist(_earth_centred_m(*a_deg), _earth_centred_m(*b_deg))
+
+
 def place_text(position_deg: tuple[float, float]) -> str:
     """A latitude and longitude [°], for people, to about a kilometre."""
     (lat, lon) = position_deg

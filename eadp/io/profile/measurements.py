@@ -133,7 +133,9 @@ def read_measurements(
     )
     if large.power_w > LARGE_W:
         message = f"a power of {large.power_w:g} W"
-        warnings.append(large.row.fault(layout.power, message, f"at most {LARGE_W:g} W of a computer; mW in power_mw"))
+        fault = large.row.fault(layout.power, message, f"at most {LARGE_W:g} W of a computer; mW in power_mw")
+        refuse([fault] if layout.unitless else [])
+        warnings.append(fault)
     try:
         profile = Profile(
             names=tuple(layout.names),
@@ -181,6 +183,7 @@ class _Layout:
     warnings: Sequence[Fault] = ()
     constant: tuple[float, ...] = ()
     device: str = ""
+    unitless: bool = False
 
 
 @dataclass(frozen=True)
@@ -196,10 +199,14 @@ class ColumnHeading:
 def _layout(row: Row, names: Sequence[str], stated: Configuration | None, nameless: bool, device: str) -> _Layout:
     """Read the first row: a header, powprofiler's flags, or the first measurement of numbers alone."""
     digit = DEVICES.index(device or "total")
-    flags = _has_flags(row.fields)
+    flags = has_flags(row.fields)
     if device and not (flags and f"10{digit}" in row.fields):
         raise InputError(row.fault(0, f"no power of the {device}", f"powprofiler's flag 10{digit}"))
     headings = _headings(row.fields, digit)
+    if not stated and headings and not any(map(_is_parameter, headings)) and any(each.per_watt for each in headings):
+        message = "no column for the configuration: it is a trace"
+        expected = "that of each file, as in --config fps=2 --config fps=10, or --from-name '*_{fps}fps'"
+        raise InputError(row.fault(0, message, expected))
     if len(row.fields) == 1 and not (stated and headings and headings[0].per_watt):
         raise InputError(row.fault(0, "one column only", f"{_A_HEADER}, fields separated by commas"))
     layout = _headerless(row, names, nameless) if headings is None else _header(row, headings, stated)
@@ -246,7 +253,7 @@ def _headings(fields: Sequence[str], digit: int = 0) -> list[ColumnHeading] | No
 
     Source: powprofiler, doi 10.5281/zenodo.5562457 (letter, reference 48).
     """
-    if _has_flags(fields):
+    if has_flags(fields):
         flags = {f"10{digit}": ColumnHeading("power", "W", 1.0)}
         return [flags.get(field, ColumnHeading(f"p{field}" if field.startswith("2") else "", "")) for field in fields]
     if all(NUMBER.match(field) or NOT_FINITE.match(field) for field in fields):
@@ -254,11 +261,16 @@ def _headings(fields: Sequence[str], digit: int = 0) -> list[ColumnHeading] | No
     return [read_heading(field) for field in fields]
 
 
-def _has_flags(fields: Sequence[str]) -> bool:
+def has_flags(fields: Sequence[str]) -> bool:
     """Whether numbers are powprofiler's column flags, and not a first measurement such as `200,130`."""
     known = {f"{kind}{part}" for kind in ("10", "13", "16") for part in "012"}
     flags = all(field in known or re.fullmatch("2[0-9]{2}", field) for field in fields)
     return flags and len(set(fields)) == len(fields) and ("100" in fields or len(fields) > 2)
+
+
+def is_parameter(name: str) -> bool:
+    """Whether a column may be a parameter, by its name: it is no power, time, energy or statistic."""
+    return _is_parameter(read_heading(name))
 
 
 def _is_parameter(heading: ColumnHeading) -> bool:
@@ -280,12 +292,11 @@ def _header(row: Row, headings: Sequence[ColumnHeading], stated: Configuration |
     if not headings[power].unit:
         warnings.append(row.fault(power, "power without a unit: taken as W", "power_w, or power [W]"))
     names, units = [headings[i].name for i in parameters], [headings[i].unit for i in parameters]
-    layout = _Layout(names, units, parameters, power, len(headings), headings[power].per_watt, warnings=warnings)
+    per_watt, unitless = headings[power].per_watt, not headings[power].unit
+    layout = _Layout(names, units, parameters, power, len(headings), per_watt, warnings=warnings, unitless=unitless)
     if parameters:
         return layout
-    if not stated:
-        expected = f"{_A_HEADER}; of a trace, --config, as in --config fps=0.5"
-        raise InputError(row.fault(0, "no column for the configuration", expected))
+    assert stated is not None
     return replace(layout, names=list(stated.names), units=list(stated.units), constant=stated.values)
 
 
@@ -334,7 +345,8 @@ def _power_column(row: Row, headings: Sequence[ColumnHeading]) -> int:
         raise InputError(row.fault(0, "no column for the power", f"{_A_HEADER}, or powprofiler's flag 100"))
     if len(chosen) > 1:
         several = ", ".join(headings[i].name for i in chosen)
-        raise InputError(row.fault(chosen[1], f"several columns of power: {several}", "one, called power_w"))
+        expected = "one, called power_w, or --power NAME"
+        raise InputError(row.fault(chosen[1], f"several columns of power: {several}", expected))
     return chosen[0]
 
 
@@ -369,6 +381,8 @@ def _read_rows(rows: Iterable[Row], layout: _Layout, readings: _Readings) -> Row
             faults.append(row.fault(at, f"{len(row.fields)} fields", f"{layout.width}, as in the first row"))
             continue
         wrong = [row.fault(i, *fault) for i in columns if (fault := number_fault(row.fields[i], LARGEST))]
+        if wrong and layout.header and len(layout.parameters) > 1 and not readings:
+            wrong[0] = replace(wrong[0], expected=f"{wrong[0].expected}; --of NAME,… names the columns of parameters")
         if wrong:
             faults += wrong
             continue

@@ -6,7 +6,7 @@ import math
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from typing import Annotated, Any, Literal
 
@@ -16,7 +16,7 @@ from pydantic import Field
 from eadp.core.arrays import FloatArray
 from eadp.core.interpolation import Kind
 from eadp.errors import Fault, Infeasible, InputError, printable, refuse
-from eadp.io.profile.configurations import as_trace, configuration_in_name, parse_configuration
+from eadp.io.profile.configurations import configuration_in_name, parse_configuration
 from eadp.io.profile.measurements import (
     A_NAME,
     LARGEST,
@@ -28,6 +28,7 @@ from eadp.io.profile.measurements import (
     is_trace,
     read_measurements,
 )
+from eadp.io.profile.recordings import PowerColumns, read_recording
 from eadp.io.text.streams import Text, read_text
 from eadp.io.text.yaml import STRICT, Document, Path, read_yaml, schema_of, validated
 from eadp.models.profile import ARRAYS, AnyProfile, Profile, ProfileSum, added, configuration_text, shortest
@@ -60,6 +61,8 @@ class Sources:
         `linear` or `pchip`; None keeps the model's.
     device : str
         Which of powprofiler's devices the power of `files` is of; '' is the total.
+    columns : PowerColumns
+        Which columns of `files` are read.
     """
 
     files: Sequence[str]
@@ -69,6 +72,7 @@ class Sources:
     pattern: str = ""
     interpolation: Kind | None = None
     device: str = ""
+    columns: PowerColumns = field(default_factory=PowerColumns)
 
 
 def read_profile(path: str, names: Sequence[str] = ()) -> tuple[AnyProfile, list[Fault]]:
@@ -93,7 +97,17 @@ def read_profile(path: str, names: Sequence[str] = ()) -> tuple[AnyProfile, list
     InputError
         With the faults of the file, or of `names`.
     """
-    return parse_profile(as_trace(read_text(path)), names)
+    text, notes = _measurements(read_text(path), PowerColumns())
+    profile, warnings = parse_profile(text, names)
+    return profile, notes + warnings
+
+
+def _measurements(text: Text, columns: PowerColumns, *, stated: bool = False) -> tuple[Text, list[Fault]]:
+    """A recording of a computer's power as measurements, and what is to be known of it; another text as it is."""
+    found = None if _is_model(text) else read_recording(text, columns.power, columns.parameters)
+    if found is None:
+        return text, []
+    return found.measurements(columns.parameters, columns.trim, stated=stated), found.notes()
 
 
 def read_profiles(sources: Sources) -> tuple[AnyProfile, list[Fault]]:
@@ -107,7 +121,9 @@ def read_profiles(sources: Sources) -> tuple[AnyProfile, list[Fault]]:
     _check_names(sources.names)
     apart = bool(sources.added and sources.names)  # then the names are those of all the files
     names = () if apart else sources.names
-    texts = [as_trace(read_text(path)) for path in sources.files]
+    stated = bool(sources.configurations or sources.pattern)
+    read = [_measurements(read_text(path), sources.columns, stated=stated) for path in sources.files]
+    texts, notes = [text for text, _ in read], [note for _, found in read for note in found]
     models = [text for text in texts if _is_model(text)]
     if models and len(texts) > 1:
         expected = "measurements, or --add for computations that were measured apart"
@@ -127,7 +143,7 @@ def read_profiles(sources: Sources) -> tuple[AnyProfile, list[Fault]]:
         profiles.append(profile)
         warnings += more
     profile = _added(profiles, sources.names if apart else ())
-    return _interpolated(profile, sources.interpolation), warnings
+    return _interpolated(profile, sources.interpolation), notes + warnings
 
 
 def _interpolated(profile: AnyProfile, kind: Kind | None) -> AnyProfile:

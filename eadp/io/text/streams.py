@@ -300,6 +300,16 @@ _FOREIGN = (
 """Files of other software that stand where a plan belongs: a pattern of their heads, and what they are."""
 _MISSIONS = "a plan; a mission as WPL (*.waypoints) or a plan of QGroundControl"
 
+_WPML = re.compile(r"www\.dji\.com/wpmz")
+
+
+def refuse_wpml(text: Text) -> None:
+    """Refuse a mission of DJI without a field in it; raises InputError."""
+    if _WPML.search(text.body[:HEAD]) and "<Polygon" not in text.body:
+        expected = "a mission as WPL (*.waypoints) or a plan of QGroundControl; or a field, with a Polygon"
+        raise InputError.at(text.name, 1, 1, "is a mission of DJI (WPML), which is not read", expected)
+
+
 USES = {
     "scenario": ("a scenario", "--scenario {}"),
     "vehicle": ("a vehicle file", "--set vehicle={}, or eadp vehicle {}"),
@@ -323,6 +333,8 @@ def refuse_others(text: Text, own: str) -> None:
     head = text.body[:HEAD]
     found = _SCHEMA.search(head)
     kind = "field" if _FIELD.match(head) else found[1] if found else own
+    if own == "plan":
+        refuse_wpml(text)
     if kind == own == "plan":
         for pattern, message in _FOREIGN:
             if re.search(pattern, head, re.DOTALL):

@@ -9,8 +9,9 @@ from typing import NamedTuple
 
 from eadp.core.geometry.curves import Point, tangent
 from eadp.errors import EadpError, PathUndefined
+from eadp.models.airspace import BOUNDARY, Airspace, entered
 from eadp.models.plan.cursor import PlanCursor, Rules, Vector
-from eadp.models.plan.plan import Plan
+from eadp.models.plan.plan import Finding, Plan
 from eadp.models.plan.route import Route, RoutePredictor
 from eadp.models.plan.stage import Leg, TracePoint, leg_points
 
@@ -40,6 +41,16 @@ def nominal_legs(plan: Plan, parameters: Sequence[float], start: Point | None = 
         If a path or trigger has no value, a trigger is not met, or the plan never reaches its final point.
     """
     return nominal_route(plan, parameters, start).legs
+
+
+def zone_findings(legs: Iterable[Leg], airspace: Airspace, low_m: float = 0.0) -> list[Finding]:
+    """Warnings of each obstacle that a nominal path enters first, and of the boundary; arguments as of `entered`."""
+    found: dict[str, Finding] = {}
+    for stage, name in entered(legs, airspace, low_m) if any(airspace) else ():
+        does = "leads beyond" if name == BOUNDARY else "leads through"
+        message = f"the path {does} {name}, first on the way to {stage.label}"
+        found.setdefault(name, Finding("warning", stage.index, stage.line, "zone", message))
+    return list(found.values())
 
 
 def nominal_route(plan: Plan, parameters: Sequence[float], start: Point | None = None) -> Route:

@@ -166,7 +166,7 @@ def test_what_is_to_be_expected_is_told_first_and_decisions_are_kept(eadp, tmp_p
     folder = tmp_path / "joint"
     often = ("--set", "planner.joint.max_interval_s=0")
     answer = eadp("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "-o", folder, *often, *SHORT)
-    assert answer.out.splitlines()[1].startswith("forecast   finishes with ")
+    assert answer.out.splitlines()[1].startswith("forecast   finishes: ")
     assert "decisions.jsonl" in answer.out
     told = json.loads((folder / "summary.json").read_text())["energy_forecast"]
     assert f"{told['energy_wh']:.2f} ± {told['energy_std_wh']:.2f} Wh in {told['time_s']:.0f} ±" in answer.out
@@ -685,4 +685,4 @@ def test_a_turn_that_is_never_got_past_has_its_line(eadp, tmp_path):
     mission.write_text("QGC WPL 110\n" + "".join(rows))
     answer = eadp("simulate", mission, "--set", "time_limit_s=200", "--planner", "static")
     assert answer.code == 1
-    assert "\nforecast   finishes with 0 %: never past item 2\nNOT completed: time limit" in answer.out
+    assert "\nforecast   finishes: 0 % sure, never past item 2\nNOT completed: time limit" in answer.out

@@ -407,17 +407,20 @@ def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
         (
             "time_s,power_w\n2,5\n",
             [
-                "1:1: error: no column for the configuration; expected a header such as fps,power_w; of a trace, "
-                "--config, as in --config fps=0.5"
+                "1:1: error: no column for the configuration: it is a trace; expected that of each file, as in "
+                "--config fps=2 --config fps=10, or --from-name '*_{fps}fps'"
             ],
         ),
         (
             "fps,power_w,power_mw\n2,5,5\n",
-            ["1:13: error: several columns of power: power_w, power_mw; expected one, called power_w"],
+            ["1:13: error: several columns of power: power_w, power_mw; expected one, called power_w, or --power NAME"],
         ),
         (
             "fps,cpu_power_w,gpu_power_w\n2,5,5\n",
-            ["1:17: error: several columns of power: cpu_power_w, gpu_power_w; expected one, called power_w"],
+            [
+                "1:17: error: several columns of power: cpu_power_w, gpu_power_w; expected one, called power_w, or "
+                "--power NAME"
+            ],
         ),
         (
             "fps,power [MW]\n2,5\n",
@@ -750,7 +753,7 @@ TRACES = ("landing_trace_0.5fps.csv", "landing_trace_10fps.csv")
 
 def test_published_traces_need_a_configuration() -> None:
     for name in TRACES:
-        with pytest.raises(InputError, match=r"no column for the configuration.*--config fps=0\.5"):
+        with pytest.raises(InputError, match=r"no column for the configuration.*--config fps=2"):
             read_profile(reference(name))
 
 

@@ -1,0 +1,504 @@
+"""What programs record of a computer's power: which columns make the power of the board, in which unit.
+
+One list for `eadp profile` and `eadp fit`: tegrastats and powerstat as text; jtop, nvidia-smi, turbostat, INA219,
+INA226 and INA3221, hwmon, RAPL, and tables with a column of power among others, as CSV.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from itertools import islice
+from typing import Annotated, NamedTuple
+
+from eadp.errors import FAULTS_READ, Fault, InputError, printable, refuse
+from eadp.io.profile.measurements import LARGE_W, has_flags, is_parameter, read_heading
+from eadp.io.text.csv import NUMBER, Row, number_fault, read_rows, repeated
+from eadp.io.text.options import Flag
+from eadp.io.text.streams import Text
+
+
+class Device(NamedTuple):
+    """A board and its rails, by patterns of their names; those that make its power are added, and `also` if there."""
+
+    name: str
+    rails: tuple[str, ...]
+    also: str = ""
+    part: str = ""
+    """What the power is of, where it is not the computer's."""
+
+
+DEVICES = (
+    # jetson_stats, pull request 900: the input of the carrier board
+    Device("a Jetson AGX Thor", ("VIN",)),
+    # NVIDIA, forum 200883: the whole module; energymon, JetsonPowerRails.md: VDD_MUX feeds the carrier of a TX1
+    Device("a Jetson TX1, TX2, Xavier NX, Orin NX or Orin Nano", ("VDD_IN|5V_IN",)),
+    # NVIDIA, forum 73608: "the overall 5V input to the board"
+    Device("a Jetson Nano", ("POM_5V_IN",)),
+    # NVIDIA, forum 81016, and energymon, JetsonPowerRails.md: no rail feeds the others
+    Device("a Jetson AGX Xavier", ("GPU", "CPU", "SOC", "CV", "VDDRQ", "SYS5V")),
+    # jetson_stats, issue 344 and total_power: VIN_SYS_5V0 is the I/O
+    Device("a Jetson AGX Orin", ("VDD_GPU_SOC", "VDD_CPU_CV", "VIN_SYS_5V0"), also="VDDQ_VDD2_1V8AO"),
+    # jtop leaves the rail of the board out of the others, or adds all
+    Device("jtop", ("TOT|TOTAL|CUR",)),
+    # kernel, powercap: psys is the platform; the memory is beside a package, and cores are in it
+    Device("RAPL", ("PSYS|SYS",)),
+    Device("RAPL", (r"(?:CPU[ _-]?)?(?:PACKAGE|PKG)(?:[ _-]?[0-9])?",), also="D?RAM(?:[ _-]?[0-9])?", part="processor"),
+    Device("nvidia-smi", (r"POWER\.DRAW(?:\.\w+)?",), part="GPU"),
+)
+"""The devices known; the first whose rails a recording has makes the power."""
+
+_PER_WATT = {"w": 1.0, "watt": 1.0, "watts": 1.0, "mw": 1e3, "milliwatt": 1e3, "milliwatts": 1e3, "uw": 1e6, "kw": 1e-3}
+_UNIT = r"m?w|uw|kw|(?:milli)?watts?"
+_HEADING = re.compile(
+    rf"(?:(?P<power>power)[ _-])?(?P<rail>.+?)(?:[ _-](?P<mean>avg|mean|average|cur|inst))?"
+    rf"(?:[ _-]*[\[(]?(?<![a-z0-9])(?P<unit>{_UNIT})[\])]?)?(?:[ _-](?:avg|mean|average))?\Z",
+    re.IGNORECASE,
+)
+_JOINED_UNIT = re.compile(r"(?<=[A-Za-z])Watt\Z")  # turbostat: PkgWatt
+_STATED_UNIT = re.compile(rf"(.+?)\s*[\[(]({_UNIT})[\])]\Z", re.IGNORECASE)
+_RAIL = re.compile(r"(?:POM|VDDQ?|VIN)_\w+\Z|(?:VDDRQ|VIN|SYS5V|5V_IN)\Z")
+_LIKE_POWER = re.compile(r"power|pwr|watt|(?:\A|[ _(\[])m?w(?:\Z|[)\]])", re.IGNORECASE)
+_WATTS = re.compile(r"(?:.*[ _-])?watts?\Z", re.IGNORECASE)
+_MICROWATTS = re.compile(r"power[0-9]+_(?:input|average)\Z")  # hwmon
+_TIME = re.compile(r"(?:time|timestamp|date|datetime|elapsed)(?:\Z|[ _\[(])", re.IGNORECASE)
+_JTOP = {"uptime", "nvp model", "jetson_clocks"}
+_NO_READING = re.compile(r"\[?(?:n/?a|not supported|unknown error|nan|-)\]?\Z", re.IGNORECASE)
+_WITH_UNIT = re.compile(r"([-+]?[0-9.]+) (mW|W|kW|uW|µW|mV|V|mA|uA|A|%|MHz|C|MiB|J)\Z")
+_VOLTS = re.compile(r"(?!.*shunt)(?:\w*[ _])?volt(?:age|s)?[ _]?[\[(]?(m?v)[\])]?\Z|in1_input\Z", re.IGNORECASE)
+_AMPERES = re.compile(r"(?:\w*[ _])?current[ _]?[\[(]?([mu]?a)[\])]?\Z|curr1_input\Z", re.IGNORECASE)
+_PER = {"v": 1.0, "mv": 1e3, "a": 1.0, "ma": 1e3, "ua": 1e6}
+_ENERGY = re.compile(r"(?:.*[ _-])?energy[ _]?[\[(]?uj[\])]?\Z", re.IGNORECASE)
+_TEGRASTATS = re.compile(r"\bRAM [0-9]+/[0-9]+MB")
+_TEGRASTATS_RAIL = re.compile(r"(\w+) ([0-9]+)(?:mW)?/[0-9]+(?:mW)?(?= |\Z)")
+_TEGRASTATS_TIME = re.compile(r"([0-9]{2}-[0-9]{2}-[0-9]{4} [0-9]{2}:[0-9]{2}:[0-9]{2}) ")
+_POWERSTAT = re.compile(r"^ *+Time +User +Nice .*\bWatts\b", re.MULTILINE)
+RECORDED = "recorded_power_w"
+"""Name of the column of what `Recording.with_power` reads."""
+
+MIN_W = 0.05
+"""Mean power below which a unit that is assumed is wrong [W]: no computer that sees draws less."""
+
+
+@dataclass(frozen=True)
+class PowerColumns:
+    """Which columns of a recording are read."""
+
+    power: Annotated[Sequence[str], Flag(metavar="COLUMN")] = ()
+    """Column of the power, with its unit where its name has none: 'PWR_AVG [W]'. May repeat: they are added."""
+
+    of: Annotated[str, Flag(metavar="NAME,…")] = ""
+    """Columns of the parameters, in a table with others."""
+
+    trim: Annotated[int, Flag(low=0)] = 0
+    """Leave out so many readings at the start and the end of a trace, as of an idle computer."""
+
+    @property
+    def parameters(self) -> list[str]:
+        """The names of `of`."""
+        return [name.strip() for name in self.of.split(",")] if self.of else []
+
+
+class PowerColumn(NamedTuple):
+    """A column of power, and how many of its units make a watt."""
+
+    place: int
+    name: str
+    per_watt: float
+    assumed: bool = False
+    """Whether the unit is usual, and not written."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A table and what makes its power: `parts` are added, or a voltage and a current multiplied."""
+
+    text: Text
+    header: Row
+    rows: list[Row]
+    parts: list[PowerColumn]
+    product: bool
+    counts: bool
+    """Whether the column counts energy."""
+    others: list[int]
+    """Columns that are neither power nor time, and have a name."""
+    timed: int | None
+    device: Device | None
+
+    @property
+    def power_text(self) -> str:
+        """The columns that make the power."""
+        return (" × " if self.product else " + ").join(re.sub(r" \[\w+\]\Z", "", each.name) for each in self.parts)
+
+    def notes(self) -> list[Fault]:
+        """What is to be known of the power: that columns are added, and that it is of a part alone."""
+        if self.device is None or not (self.device.part or len(self.parts) > 1):
+            return []
+        why = f"{self.device.name} has no sensor of the whole"
+        if self.device.part:
+            why = f"that of the {self.device.part} alone, without the rest of the computer"
+        fault = self.header.fault(self.parts[0].place, f"the power is {self.power_text}: {why}")
+        return [replace(fault, severity="warning")]
+
+    def powers_w(self) -> list[float | None]:
+        """The power of each row [W]; None where it has no reading. Raises InputError."""
+        faults: list[Fault] = []
+        result: list[float | None] = []
+        for row in self.rows:
+            values, fault = [], None
+            for part in self.parts:
+                raw = row.fields[part.place] if part.place < len(row.fields) else ""
+                if raw and not _NO_READING.match(raw):
+                    fault = fault or number_fault(raw, 1e30)
+                    values.append(0.0 if fault else float(raw) / part.per_watt)
+                if fault:
+                    faults.append(row.fault(part.place, *fault))
+            whole = len(values) == len(self.parts) and fault is None
+            result.append((values[0] * values[1] if self.product else sum(values)) if whole else None)
+            if len(faults) >= FAULTS_READ:
+                break
+        refuse(faults)
+        result = self._of_counts(result) if self.counts else result
+        known = [each for each in result if each is not None]
+        mean_w = sum(known) / len(known) if known else 0.0
+        if any(part.assumed for part in self.parts) and known and not MIN_W <= mean_w <= LARGE_W:
+            name = self.parts[0].name
+            message = f"{self.power_text} has no unit, and a mean of {mean_w:.4g} W in that which is usual"
+            raise InputError(self.header.fault(self.parts[0].place, message, f"its unit, as in --power '{name} [W]'"))
+        return result
+
+    def _of_counts(self, energy_j: list[float | None]) -> list[float | None]:
+        """Power between a row and the one before, of a counter of energy; None where the counter starts again."""
+        assert self.timed is not None
+        times = [_time_s(row.fields[self.timed] if self.timed < len(row.fields) else "") for row in self.rows]
+        if None in times:
+            message = f"times that are not in seconds, beside {self.parts[0].name}, a counter of energy"
+            raise InputError(self.header.fault(self.timed, message, "a column time_s, or dates"))
+        result: list[float | None] = [None] * len(energy_j)
+        for i in range(1, len(energy_j)):
+            before, now, step_s = energy_j[i - 1], energy_j[i], (times[i] or 0.0) - (times[i - 1] or 0.0)
+            if before is not None and now is not None and now >= before and step_s > 0:
+                result[i] = (now - before) / step_s
+        return result
+
+    def with_power(self) -> Text:
+        """The table with a column `RECORDED` beside the others, line by line."""
+        mark = self.header.mark or ","
+        lines = [""] * self.header.line
+        lines[-1] = mark.join([*map(_quoted, self.header.fields), RECORDED])
+        for row, power_w in zip(self.rows, self.powers_w(), strict=True):
+            lines += [""] * (row.line - len(lines))
+            fields = (row.fields + [""] * len(self.header.fields))[: len(self.header.fields)]
+            lines[-1] = mark.join([*map(_quoted, fields), "" if power_w is None else f"{power_w:.9g}"])
+        return Text(self.text.name, "\n".join([*lines, ""]))
+
+    def measurements(self, of: Sequence[str], trim: int, *, stated: bool) -> Text:
+        """The table of measurements: columns of the parameters `of` and `power_w`; without parameters, a trace.
+
+        Where configurations are `stated`, several columns beside the power are no parameters. `trim` readings
+        are left out at each end. Raises InputError where the parameters are not known.
+        """
+        places = [] if stated and not of and len(self.others) > 1 else self._parameters(of)
+        if trim and places:
+            raise InputError.at("--trim", 1, 1, "the file has configurations", "a trace of power over time", str(trim))
+        powers_w = self.powers_w()
+        known = [i for i, each in enumerate(powers_w) if each is not None]
+        kept = set(known[trim : len(known) - trim])
+        lines = [""] * self.header.line
+        lines[-1] = ",".join([*(_quoted(self.header.fields[i]) for i in places), "power_w"])
+        for i, (row, power_w) in enumerate(zip(self.rows, powers_w, strict=True)):
+            lines += [""] * (row.line - len(lines))
+            if i in kept:
+                cells = [row.fields[place] if place < len(row.fields) else "" for place in places]
+                lines[-1] = ",".join([*cells, f"{power_w:.6g}"])
+        if not kept:
+            message = f"no readings of {self.power_text}{f', {trim} left out at each end' if trim else ''}"
+            raise InputError(self.header.fault(self.parts[0].place, message, "readings of the power"))
+        ends = f", {trim} readings left out at each end" if trim else ""
+        name = self.text.name.rpartition("/")[2]
+        return Text(self.text.name, "\n".join([*lines, f"# source: {name} ({self.power_text}{ends})", ""]))
+
+    def _parameters(self, of: Sequence[str]) -> list[int]:
+        fields = self.header.fields
+        if of:
+            names = {read_heading(name).name: i for i, name in enumerate(fields)} | {n: i for i, n in enumerate(fields)}
+            for name in of:
+                if name not in names:
+                    message, expected = f"no column {printable(name, 80)}", f"one of {_names(self.header, self.others)}"
+                    raise InputError.at("--of", 1, 1, message, expected, ",".join(of))
+            return [names[name] for name in of]
+        if self.timed is not None or not self.others:
+            return []
+        if len(self.others) > 1:
+            message = f"{len(self.others)} columns beside the power: {_names(self.header, self.others)}"
+            expected = "the parameters of the computations by name, as in --of fps,keysize; or --config for a trace"
+            raise InputError(self.header.fault(self.others[0], message, expected))
+        return self.others
+
+
+def read_recording(text: Text, asked: Sequence[str] = (), of: Sequence[str] = ()) -> Recording | None:
+    """A recording of a computer's power, or a table whose power is asked for; None for another text.
+
+    Parameters
+    ----------
+    text : Text
+    asked : sequence of str
+        Columns of power, added, with a unit where theirs is not written: `VDD_IN`, `PWR_AVG [W]`.
+    of : sequence of str
+        Columns of the parameters, of a table.
+
+    Raises
+    ------
+    InputError
+        Where columns look like a power and it is not known which make that of the board, or in which unit.
+    """
+    table = _as_table(text)
+    rows = read_rows(table.name, table.body, None)
+    top = list(islice(rows, 2))
+    header = top[0] if top else None
+    if header is None or has_flags(header.fields) or all(NUMBER.match(name) for name in header.fields):
+        if asked and header is not None:
+            raise InputError.at("--power", 1, 1, "the columns have no names", "a table with a header", asked[0])
+        return None
+    behind = _units_behind_numbers(top)
+    fields = header.fields
+    plain = [i for i, name in enumerate(fields) if read_heading(name).per_watt or _WATTS.match(name)]
+    volts, amperes = ([i for i, name in enumerate(fields) if each.match(name)] for each in (_VOLTS, _AMPERES))
+    microwatts = [i for i, name in enumerate(fields) if _MICROWATTS.match(name)]
+    timed = next((i for i, name in enumerate(fields) if _TIME.match(name)), None)
+    other_power = (volts and amperes) or any(map(_is_rail, fields)) or table is not text or behind
+    device, parts, product, counts = None, list[PowerColumn](), False, False
+    if asked:
+        parts = _asked(header, asked)
+    elif plain:
+        if not other_power and not of and not any(_WATTS.match(fields[i]) for i in plain):
+            return None  # a table as it is
+        parts = [_plain(header, plain)]
+    else:
+        device, parts = _of_device(header)
+        if not parts and len(microwatts) == 1:
+            parts = [_with_unit(header, microwatts[0], "")]
+        if not parts and len(volts) == len(amperes) == 1:
+            parts, product = [_factor(header, volts[0]), _factor(header, amperes[0])], True
+        if not parts and timed is not None and (found := _counter(header)):
+            parts, counts = [found], True
+        if not parts:
+            _ask(header)
+            return None
+    rest = [*top[1:], *rows]
+    if behind:
+        for row in rest:
+            row.fields = [match[1] if (match := _WITH_UNIT.match(cell)) else cell for cell in row.fields]
+    used = {part.place for part in parts} | {timed}
+    others = [i for i, name in enumerate(fields) if i not in used and is_parameter(name) and not _is_power(name)]
+    program = _JTOP & set(map(str.lower, fields)) or any(map(_JOINED_UNIT.search, fields))
+    if (volts and amperes) or program or (device and device.name == "nvidia-smi"):
+        others = []  # what such a program writes is no parameter
+    return Recording(table, header, rest, parts, product, counts, others, timed, device)
+
+
+# ── columns ──
+
+
+def _rail(name: str) -> tuple[str, str, bool]:
+    """The rail of a column, its unit, and whether it is surely one of power: `Power VDD_IN`, `POM_5V_IN (mW)`."""
+    if _JOINED_UNIT.search(name):
+        return _JOINED_UNIT.sub("", name).upper(), "w", True
+    found = _HEADING.match(name)
+    if not found:
+        return name.upper(), "", False
+    rail, unit = found["rail"].strip().upper(), (found["unit"] or "").lower()
+    return rail, unit, bool(unit or found["power"] or _RAIL.match(rail))
+
+
+def _usual_unit(rail: str) -> str:
+    """The unit of a rail that has none in its name: nvidia-smi writes watts, and tegrastats and jtop milliwatts."""
+    return "w" if rail.startswith("POWER.DRAW") else "mw"
+
+
+def _is_rail(name: str) -> bool:
+    rail, _, sure = _rail(name)
+    return sure and bool(_RAIL.match(rail) or any(re.fullmatch(p, rail) for each in DEVICES for p in each.rails))
+
+
+def _is_power(name: str) -> bool:
+    return bool(_is_rail(name) or _LIKE_POWER.search(name) or read_heading(name).per_watt)
+
+
+def _of_device(header: Row) -> tuple[Device | None, list[PowerColumn]]:
+    """The first device that has all its rails here, and the columns that make its power."""
+    rails: dict[str, PowerColumn] = {}
+    sure: dict[str, bool] = {}
+    for i, name in enumerate(header.fields):
+        rail, unit, certain = _rail(name)
+        certain = certain or rail.startswith("POWER.DRAW")
+        mean = re.search(r"(?i)(?:avg|mean|average)", name)
+        if rail not in rails or (certain and not sure[rail]) or (certain and not mean):
+            rails[rail] = PowerColumn(i, name, _PER_WATT[unit or _usual_unit(rail)], not unit)
+            sure[rail] = certain
+    everywhere = {"GPU", "CPU", "SOC", "CV", "VDDRQ", "SYS5V"} <= rails.keys()
+    known = {rail: column for rail, column in rails.items() if sure[rail] or everywhere}
+    if "VDD_IN" in known and "VDD_MUX" in known:
+        return None, []
+    for device in DEVICES:
+        found = [[column for rail, column in known.items() if re.fullmatch(p, rail)] for p in device.rails]
+        if all(found):
+            more = [column for rail, column in known.items() if device.also and re.fullmatch(device.also, rail)]
+            first = [columns if device.name == "RAPL" else columns[:1] for columns in found]
+            return device, [*(column for columns in first for column in columns), *more]
+    return None, []
+
+
+def _asked(header: Row, asked: Sequence[str]) -> list[PowerColumn]:
+    """The columns asked for by name, with a unit where it is stated."""
+    parts = []
+    for raw in asked:
+        stated = None if raw in header.fields else _STATED_UNIT.match(raw)
+        name, unit = (stated[1], stated[2].lower()) if stated else (raw, "")
+        found = [i for i, field in enumerate(header.fields) if field == name]
+        found = found or [i for i, field in enumerate(header.fields) if _rail(field)[0] == name.upper()]
+        if len(found) != 1:
+            message = f"{'several columns' if found else 'no column'} {printable(name, 80)}"
+            raise InputError.at("--power", 1, 1, message, f"one of {_names(header)}", raw)
+        parts.append(_with_unit(header, found[0], unit))
+    if twice := repeated([part.name for part in parts]):
+        raise InputError.at("--power", 1, 1, f"{parts[twice[0]].name} stands twice", "each once", asked[twice[0]])
+    return parts
+
+
+def _with_unit(header: Row, place: int, unit: str) -> PowerColumn:
+    """A column with its unit: stated, in its name, or the milliwatts of a rail."""
+    name = header.fields[place]
+    if unit:
+        return PowerColumn(place, name, _PER_WATT[unit])
+    if _MICROWATTS.match(name):
+        return PowerColumn(place, name, 1e6, True)
+    heading, (rail, own, sure) = read_heading(name), _rail(name)
+    if _WATTS.match(name):
+        return PowerColumn(place, name, 1.0)
+    if heading.per_watt and heading.unit:
+        return PowerColumn(place, name, heading.per_watt)
+    if own or (sure and _RAIL.match(rail)) or name.lower().startswith("power "):
+        return PowerColumn(place, name, _PER_WATT[own or _usual_unit(rail)], not own)
+    message = f"{printable(name, 80)} has no unit of power"
+    raise InputError(header.fault(place, message, f"--power '{name} [W]', or '{name} [mW]'"))
+
+
+def _plain(header: Row, places: Sequence[int]) -> PowerColumn:
+    """The column that is called power; raises InputError where several are, or it has no unit."""
+    first = [i for i in places if header.fields[i].lower().startswith("power")] or list(places)
+    if len(first) > 1:
+        several = ", ".join(header.fields[i] for i in first)
+        raise InputError(header.fault(first[1], f"several columns of power: {several}", "--power NAME"))
+    return _with_unit(header, first[0], "")
+
+
+def _factor(header: Row, place: int) -> PowerColumn:
+    name = header.fields[place]
+    found = _VOLTS.match(name) or _AMPERES.match(name)
+    unit = (found[1] if found else "") or "mv"  # of hwmon: mV and mA
+    return PowerColumn(place, name, _PER[unit.lower()])
+
+
+def _counter(header: Row) -> PowerColumn | None:
+    """The one counter of energy, as RAPL's `energy_uj`."""
+    found = [PowerColumn(i, name, 1e6) for i, name in enumerate(header.fields) if _ENERGY.match(name)]
+    return found[0] if len(found) == 1 else None
+
+
+def _ask(header: Row) -> None:
+    """Ask which columns make the power, where some look like it."""
+    like = [i for i, name in enumerate(header.fields) if _is_power(name)]
+    if not like:
+        if header.fields == ["time_s"]:
+            raise InputError.at(header.file, 1, 1, "is a log of tegrastats without a power", "a log with its rails")
+        return
+    first = header.fields[like[0]]
+    unit = "" if _rail(first)[1] or _is_rail(first) or _MICROWATTS.match(first) else " [W]"
+    message = f"which column is the power of the computer? These may be: {_names(header, like)}"
+    expected = f"--power '{first}{unit}'; more than one --power are added"
+    raise InputError(header.fault(like[0], message, expected))
+
+
+def _names(header: Row, places: Sequence[int] | None = None) -> str:
+    chosen = range(len(header.fields)) if places is None else places
+    return ", ".join(printable(header.fields[i], 40) for i in list(chosen)[:20] if header.fields[i])
+
+
+# ── texts ──
+
+
+def _units_behind_numbers(top: Sequence[Row]) -> bool:
+    """Whether numbers have units behind them, as nvidia-smi writes them; these become those of the names."""
+    if len(top) < 2 or not any(map(_WITH_UNIT.match, top[1].fields)):
+        return False
+    names = top[0].fields
+    for i, cell in enumerate(top[1].fields[: len(names)]):
+        if (found := _WITH_UNIT.match(cell)) and found[2] != "%" and not re.search(r"[\[(]", names[i]):
+            names[i] = f"{names[i]} [{found[2].replace('µ', 'u')}]"
+    return True
+
+
+def _as_table(text: Text) -> Text:
+    """Logs of tegrastats and powerstat as tables, line by line; another text as it is."""
+    if _TEGRASTATS.search(next((line for line in text.body.splitlines() if line.strip()), "")):
+        return _tegrastats(text)
+    if _POWERSTAT.search(text.body[:5000]):
+        return _powerstat(text)
+    return text
+
+
+def _tegrastats(text: Text) -> Text:
+    """A row for each line: the time, spread where lines share a second, and the rails."""
+    lines = text.body.splitlines()
+    found = [dict(_TEGRASTATS_RAIL.findall(line)) for line in lines]
+    names = list(dict.fromkeys(name for rails in found for name in rails))
+    stamps = [match[1] if (match := _TEGRASTATS_TIME.match(line)) else "" for line in lines]
+    known = [datetime.strptime(each, "%m-%d-%Y %H:%M:%S") for each in stamps if each]
+    times_s: list[float] = [float(i) for i in range(len(lines))]  # it writes a line a second unless asked
+    if len(known) == len(lines) > 1:
+        times_s = [(each - known[0]).total_seconds() for each in known]
+        if len(set(times_s)) < len(times_s):
+            times_s = [times_s[-1] * i / (len(times_s) - 1) for i in range(len(times_s))]
+    rows = [
+        ",".join([f"{time_s:.10g}", *(rails.get(name, "") for name in names)]) if rails or not names else ""
+        for time_s, rails in zip(times_s, found, strict=True)
+    ]
+    # the header is in the first line, before its reading
+    return Text(text.name, "\n".join([",".join(["time_s", *(f"{name} [mW]" for name in names)]), *rows, ""]))
+
+
+def _powerstat(text: Text) -> Text:
+    """A row for each line that begins with a time of day."""
+    rows: list[str] = []
+    header: list[str] = []
+    first_s = None
+    for line in text.body.splitlines():
+        fields = line.split()
+        if not header and _POWERSTAT.match(line):
+            header = fields
+            rows.append("time_s,power_w")
+            continue
+        clock = re.match(r"([0-9]{2}):([0-9]{2}):([0-9]{2})\Z", fields[0]) if fields else None
+        if not header or clock is None or len(fields) < len(header):
+            rows.append("")
+            continue
+        seconds = sum(int(part) * unit for part, unit in zip(clock.groups(), (3600, 60, 1), strict=True))
+        first_s = seconds if first_s is None else first_s
+        rows.append(f"{(seconds - first_s) % 86_400},{fields[header.index('Watts')]}")
+    return Text(text.name, "\n".join([*rows, ""]))
+
+
+def _time_s(raw: str) -> float | None:
+    if NUMBER.match(raw):
+        return float(raw)
+    try:
+        return datetime.fromisoformat(raw.replace("/", "-", 2)).timestamp()
+    except ValueError:
+        return None
+
+
+def _quoted(cell: str) -> str:
+    return f'"{cell}"' if re.search(r"[,;\t]", cell) else cell
