@@ -15,6 +15,7 @@ from eadp.api.flight import simulate
 from eadp.cli.main import main
 from eadp.core import compiled
 from eadp.core.flight import level
+from eadp.errors import EadpError
 from eadp.models.battery import Battery
 from eadp.models.vehicle import FixedWing
 from eadp.plug_ins import plug_in
@@ -108,17 +109,35 @@ def test_a_package_that_cannot_be_imported_is_named(site, capsys, monkeypatch):
     )
 
 
+@pytest.mark.quick(1)
 @pytest.mark.usefixtures("installed")
-def test_an_airframe_flies_with_its_own_formulas(tmp_path):
+@pytest.mark.parametrize("fast", [True, False])
+def test_an_airframe_flies_with_its_own_formulas(fast, tmp_path, monkeypatch):
+    monkeypatch.setattr(compiled, "enabled", lambda: fast and compiled.available())
     kind = plug_in("airframes", "glider")
     assert issubclass(kind, FixedWing)
     file = tmp_path / "glider.yaml"
     file.write_text("schema: eadp.vehicle/1\nairframe: {model: glider, airspeed_mps: 14}\n")
     flight = flown(vehicle=str(file))
     expected_w = kind(airspeed_mps=14.0).cruise_power_w
-    assert expected_w < 0.9 * FixedWing(airspeed_mps=14.0).cruise_power_w
+    assert expected_w < 0.82 * FixedWing(airspeed_mps=14.0).cruise_power_w
     computing_w = 9.75462  # of 10 frames a second, near which the planner stays for a minute
     assert flight.summary["power_w"]["min"] == pytest.approx(expected_w + computing_w, abs=0.2)
+
+
+@pytest.mark.usefixtures("installed")
+@pytest.mark.parametrize(
+    ("own", "message"),
+    [
+        ({"climb_rates_mps": lambda self, airspeed_mps: (1.0, 1.0)}, "has climb_rates_mps of its own"),
+        (None, "inherits from neither FixedWing nor PowerCurve"),
+    ],
+)
+def test_formulas_that_no_flight_asks_are_refused(own, message, monkeypatch):
+    kind = object if own is None else type("Own", (plug_in("airframes", "glider"),), own)
+    monkeypatch.setattr(__import__("eadp_others"), "Glider", kind)
+    with pytest.raises(EadpError, match=message):
+        flown(**{"vehicle.airframe.model": "glider"})
 
 
 @pytest.mark.quick(1)
