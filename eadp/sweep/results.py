@@ -24,6 +24,7 @@ import numpy as np
 
 from eadp.errors import InputError, printable
 from eadp.io.text.streams import output_file
+from eadp.plug_ins import code_identity
 from eadp.sweep.runs import Result, Run
 
 Z_95 = 1.959963984540054
@@ -75,6 +76,8 @@ class SweepFlight:
     energy_wh: float | None = None
     distance_m: float | None = None
     batteries: int | None = None
+    solver_failed: int | None = None
+    fallbacks: int | None = None
     error: str | None = None
     took_s: float = field(default=0.0, compare=False)
 
@@ -249,7 +252,7 @@ def table(
 APPLICATION_ID = 0x65616470
 """`eadp` in ASCII, as SQLite's identifier of an application's files."""
 
-SCHEMA_VERSION = 5
+SCHEMA_VERSION = 6
 BUSY_S = 60.0
 """Longest time that another process may lock the file [s]."""
 
@@ -261,12 +264,17 @@ KEYS_PER_QUERY = 500
 
 _TABLES = f"""
 CREATE TABLE runs (
-    key TEXT PRIMARY KEY, files TEXT NOT NULL, overrides TEXT NOT NULL, seed INTEGER NOT NULL, {", ".join(COLUMNS)},
-    error TEXT, summary TEXT, took_s REAL NOT NULL, digest TEXT NOT NULL
+    key TEXT PRIMARY KEY, code TEXT NOT NULL, files TEXT NOT NULL, overrides TEXT NOT NULL, seed INTEGER NOT NULL,
+    {", ".join(COLUMNS)}, error TEXT, summary TEXT, took_s REAL NOT NULL, digest TEXT NOT NULL
 );
 """
-_ROW = ("key", "files", "overrides", "seed", *COLUMNS, "error", "summary", "took_s")
+_ROW = ("key", "code", "files", "overrides", "seed", *COLUMNS, "error", "summary", "took_s")
 """Columns of a row that its digest is of, which is the last."""
+
+_SHOWN_CODE = (
+    "coalesce((SELECT code FROM runs WHERE code = ?1 LIMIT 1), (SELECT code FROM runs ORDER BY rowid DESC LIMIT 1))"
+)
+"""The code whose runs are shown: this one, or where no run is of it that of the run stored last."""
 
 
 class Results:
@@ -355,7 +363,9 @@ class Results:
                 yield {name: row[name] for name in names}
 
     def everything(self) -> Iterator[dict[str, Any]]:
-        """Every run of the file: key, files, overrides, seed, figures and error. In the order of keys, which is random.
+        """Every run of this code, or else of that stored last: key, files, overrides, seed, figures and error.
+
+        They are in the order of keys, which is random.
 
         Raises
         ------
@@ -363,13 +373,26 @@ class Results:
             At a row that is damaged.
         """
         with self._sqlite_errors():
-            for stored in self._whole_rows("SELECT * FROM runs ORDER BY key"):
+            query = f"SELECT * FROM runs WHERE code = {_SHOWN_CODE} ORDER BY key"
+            for stored in self._whole_rows(query, code_identity()):
                 row = dict(zip(_ROW, stored, strict=False))
                 yield {**row, "files": json.loads(row["files"]), "overrides": json.loads(row["overrides"])}
 
-    def _whole_rows(self, query: str) -> Iterator[tuple[Any, ...]]:
+    def other_code(self) -> tuple[int, str]:
+        """The number of runs of other code than this, and that of the last of them."""
+        query = "SELECT count(*), max(rowid), code FROM runs WHERE code != ?"
+        with self._sqlite_errors():
+            count, _, code = self._connection.execute(query, (code_identity(),)).fetchone()
+        return count, code or ""
+
+    def __len__(self) -> int:
+        """The number of all runs, of any code."""
+        with self._sqlite_errors():
+            return int(self._connection.execute("SELECT count(*) FROM runs").fetchone()[0])
+
+    def _whole_rows(self, query: str, *values: str) -> Iterator[tuple[Any, ...]]:
         """Rows of the results; raises InputError at one that is not as it was stored."""
-        for row in self._connection.execute(query):
+        for row in self._connection.execute(query, values):
             if _digest(row[:-1]) != row[-1]:
                 raise _damaged(self._path)
             yield row
@@ -396,11 +419,13 @@ class Results:
     def _row(self, run: Run, result: Result) -> tuple[Any, ...]:
         summary = result.summary
         known = {} if summary is None else {"batteries": 1, **summary}
+        solver = known.get("solver", {})
+        known |= {"solver_failed": solver.get("failed"), "fallbacks": solver.get("fallbacks")}
         figures = [known.get(name) for name in COLUMNS]
         text = None if summary is None else json.dumps(summary, ensure_ascii=False, allow_nan=False)
         files, overrides = (json.dumps(dict(part), sort_keys=True) for part in (run.files, run.overrides))
         seed = run.overrides["seed"]
-        row = (run.key, files, overrides, seed, *figures, result.error, text, result.took_s)
+        row = (run.key, code_identity(), files, overrides, seed, *figures, result.error, text, result.took_s)
         return (*row, _digest(row))
 
     # --- failures
