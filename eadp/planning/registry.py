@@ -59,6 +59,8 @@ class Planner:
 
     Attributes
     ----------
+    settings, mission, own
+        As given.
     report : SolverReport
     next_update_s : float
         Time of the next update [s]; a new stage or a drop of charge requires one earlier.
@@ -75,6 +77,7 @@ class Planner:
 
     def __init__(self, settings: PlannerSettings, mission: Mission, own: Any = None) -> None:
         self.report = SolverReport()
+        self.settings, self.mission, self.own = settings, mission, own
         self._settings, self._mission, self._own = settings, mission, own
         self._decision = Decision(mission.parameters)
 

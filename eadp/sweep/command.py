@@ -139,7 +139,7 @@ def command(
         if options.retry:
             results.forget_failures()
         _make(sweep, results, options)
-        if out is not None:
+        if out is not None and not results.read_only:
             write_page(out, options.keep)
         flights = sweep.flights(results.rows())
         whole = totals(flights)

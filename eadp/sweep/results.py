@@ -280,7 +280,7 @@ _SHOWN_CODE = (
 class Results:
     """An open results file; without a path a temporary one.
 
-    With `read_only` nothing is written.
+    With `read_only` nothing is written; nor is it to a file where nothing can be, whose runs are read.
     """
 
     def __init__(self, path: str | None, *, read_only: bool = False) -> None:
@@ -288,6 +288,7 @@ class Results:
         if path is not None:  # whole, as SQLite has names of its own for what is no file
             path = self._path = str(output_file(path))
         new = path is not None and not os.path.exists(path)
+        self.read_only = read_only = read_only or (path is not None and _is_still(path))
         self._connection = _connect(path, self._path, read_only)
         try:
             with self._sqlite_errors():
@@ -465,7 +466,8 @@ class Results:
 def _connect(path: str | None, name: str, read_only: bool) -> sqlite3.Connection:
     try:
         if read_only:
-            return sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True, timeout=BUSY_S, isolation_level=None)
+            uri = f"file:{quote(str(path))}?mode=ro{'&immutable=1' if _is_still(str(path)) else ''}"
+            return sqlite3.connect(uri, uri=True, timeout=BUSY_S, isolation_level=None)
         if path is not None:
             os.makedirs(os.path.dirname(path) or ".", exist_ok=True)
         return sqlite3.connect(path or "", timeout=BUSY_S, isolation_level=None)
@@ -473,6 +475,12 @@ def _connect(path: str | None, name: str, read_only: bool) -> sqlite3.Connection
         raise InputError.at(name, 1, 1, f"cannot be written: {error.strerror}", "a writable place") from None
     except sqlite3.Error as error:
         raise _fault(name, error) from None
+
+
+def _is_still(path: str) -> bool:
+    """Whether a file is where nothing can be written: SQLite cannot lock it there, and need not."""
+    folder = os.path.dirname(path) or "."
+    return os.path.exists(path) and not os.access(folder, os.W_OK) and not os.path.exists(f"{path}-wal")
 
 
 def _digest(row: Sequence[Any]) -> str:

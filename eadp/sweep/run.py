@@ -24,7 +24,7 @@ from eadp.errors import EadpError, Fault, InputError, printable
 from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.json import AnyTable, frame, html_table
 from eadp.io.text.streams import read_text
-from eadp.plug_ins import code_identity
+from eadp.plug_ins import blame, code_identity
 from eadp.simulation.loop import Outcome, fly
 from eadp.sweep.dask import DaskEngine
 from eadp.sweep.engines import EngineOptions, Make
@@ -204,7 +204,7 @@ def _message(error: Exception) -> str:
         return "; ".join(_fault(fault) for fault in error.faults)
     if isinstance(error, EadpError):
         return printable(str(error), 1000)
-    return f"a bug in eadp: {type(error).__name__}: {printable(str(error), 1000)}"
+    return f"{blame(error)}: {type(error).__name__}: {printable(str(error), 1000)}"
 
 
 def _fault(fault: Fault) -> str:

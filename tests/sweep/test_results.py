@@ -210,3 +210,13 @@ def test_runs_of_other_code_are_kept_and_left_out(path, monkeypatch):
         results.store([(RUNS[2], Result(SUMMARY))])
         assert [row["key"] for row in results.everything()] == ["key2"]
         assert len(results) == 3
+
+
+def test_results_where_nothing_can_be_written_are_read(path, monkeypatch):
+    with closing(Results(path)) as results:
+        results.store([(RUNS[0], Result(SUMMARY))])
+    monkeypatch.setattr(os, "access", lambda *_: False)  # as of a file system that is mounted so
+    with closing(expecting(Results(path), RUNS[:1])) as results:
+        assert results.read_only
+        assert [row["soc_final"] for row in results.rows()] == [0.25]
+    assert not list(Path(path).parent.glob("*-shm"))

@@ -9,12 +9,9 @@ from typer import Option
 
 from eadp.api.flight import simulate
 from eadp.cli.output import emit, warn
-from eadp.errors import InputError
 from eadp.exchange.items import RELATIVE, WAYPOINT, DraftItem, MissionDraft
 from eadp.exchange.reader import MissionFormat
-from eadp.measure.formats import LogFormat
-from eadp.measure.power_log import PowerLog
-from eadp.models.vehicle import FixedWing
+from eadp.extend import FixedWing, InputError, LogFormat, PowerLog
 from eadp.survey.coverage import LineGrid
 
 
