@@ -79,8 +79,9 @@ def command(
         for name, value in {**alone, "figure": output.figure, "junit": output.junit}.items():
             if value is not None:
                 raise usage_fault(f"--{name}", str(value), "beside a folder of sorties", "its scenario, or --set")
-        named = [f"planner.name={options.planner}"] if options.planner else []
-        return _job(job, plan, [*options.overrides, *named], seed, output)
+        from eadp.io.scenario import override_texts
+
+        return _job(job, plan, override_texts(options.overrides, options.planner), seed, output)
     if output.figure is not None and output.out is None:
         raise usage_fault("--figure", output.figure, "a figure without a folder for it", "-o DIR")
     if output.figure is not None and plug_in("result_figures", output.figure) is None:

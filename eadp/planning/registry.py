@@ -14,7 +14,7 @@ from eadp.planning.base import Decision, Mission, PlannerSettings, Readings, Sol
 from eadp.planning.forecast.held import Preflight, held_preflight
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.queue import Seen
-from eadp.plug_ins import OWN, plug_in
+from eadp.plug_ins import OWN, added_names, plug_in
 
 
 class PowerEstimator(Protocol):
@@ -116,6 +116,11 @@ PLANNERS = tuple(OWN["planners"])
 """The planners of eadp. Their settings are sections of their names."""
 
 DEFAULT = "joint"
+
+
+def planner_names() -> list[str]:
+    """The planners of eadp and of installed packages."""
+    return [*PLANNERS, *added_names("planners")]
 
 
 def is_planner(name: str) -> bool:
