@@ -493,7 +493,7 @@ class Telemetry:
     def line(self, sample: Sample, power_w: float, voltage_v: float) -> dict[str, Any]:
         """A line of telemetry."""
         rng = self._rng
-        return {
+        line = {
             "time_s": round(sample.time_s, 3),
             "x_m": round(sample.x_m + rng.normal(0, 0.8), 2),
             "y_m": round(sample.y_m + rng.normal(0, 0.8), 2),

@@ -98,6 +98,8 @@ FACTORY = {
 """Parameters of the autopilots before somebody changes them; the limits of the airspeed are this aeroplane's."""
 LIMITS = {False: ("AIRSPEED_MIN", "AIRSPEED_MAX"), True: ("FW_AIRSPD_MIN", "FW_AIRSPD_MAX")}
 """Names of the limits of the airspeed, of ArduPilot and of PX4."""
+ACCEPTED, FAILED = 0, 4
+"""Answers to a command."""
 ASK_AGAIN_S = {False: 0.5, True: 0.25}
 """After how long ArduPilot and PX4 ask again for an item that has not come [s]."""
 CURRENT_SHARE = 0.001
@@ -176,7 +178,7 @@ class Pilot:
 
     def __init__(self, holder: MissionHolder, origin_deg: tuple[float, float]) -> None:
         self.holder, self.origin_deg, self.home_m = holder, origin_deg, (0.0, 0.0)
-        self.mode, self.done, self.calibrated, self._before_mps = "mission", False, 1.0, AIRSPEED_MPS
+        self.mode, self.done, self.calibrated = "mission", False, 1.0
         self._from: tuple[float, float] | None = None
         self._turned, self._angle = 0.0, None
         self._item: tuple[Any, ...] | None = None
@@ -220,23 +222,31 @@ class Pilot:
 
     def take_over(self, plane: Aeroplane) -> None:
         """A pilot flies by hand."""
-        self.mode, self._before_mps, plane.airspeed_target_mps = "pilot", plane.airspeed_target_mps, PILOT_MPS
+        self.mode, plane.airspeed_target_mps = "pilot", PILOT_MPS
 
     def give_back(self, plane: Aeroplane) -> None:
-        """Fly the mission again: PX4 from the start of the line that was left, ArduPilot from here to its end."""
-        self.mode, plane.airspeed_target_mps, self._from = "mission", self._before_mps, None
+        """Fly the mission again: PX4 from the start of the line that was left, ArduPilot from here to its end.
+
+        A mode is entered with the airspeed of cruise.
+        """
+        self.mode, plane.airspeed_target_mps, self._from = "mission", AIRSPEED_MPS, None
         if self.holder.px4:
             before = range(self.holder.first, self.holder.current)
             self.holder.current = next(
                 (k for k in reversed(before) if self.holder.items[k][0] == WAYPOINT), self.holder.first
             )
 
-    def change_speed(self, plane: Aeroplane, speed_mps: float) -> None:
-        """Fly at another calibrated airspeed: ArduPilot refuses one that is outside its limits, PX4 limits it."""
+    def change_speed(self, plane: Aeroplane, speed_mps: float) -> int:
+        """Fly at another calibrated airspeed: ArduPilot refuses one that is outside its limits, PX4 limits it.
+
+        Returns MAVLink's result of the command.
+        """
         low, high = (self.holder.parameters[name] for name in LIMITS[self.holder.px4])
         limited = min(max(speed_mps, low), high)
-        if self.holder.px4 or limited == speed_mps:
-            plane.airspeed_target_mps = limited / self.calibrated
+        if self.mode != "mission" or not (self.holder.px4 or limited == speed_mps):
+            return FAILED
+        plane.airspeed_target_mps = limited / self.calibrated
+        return ACCEPTED
 
     def _arrived(self, plane: Aeroplane, at: tuple[float, float], item: Any, number: int) -> bool:
         """Whether a waypoint is passed, or it is time to turn to the next one."""
@@ -493,7 +503,9 @@ def fly(options: argparse.Namespace) -> dict[str, Any]:
                 elif kind == "COMMAND_LONG":
                     counts["commands"] += message.command != SET_INTERVAL
                     pilot.mode = "return" if message.command == RETURN else pilot.mode
-                    wire.send(autopilot.frame("command_ack", message.command, 0))
+                    slows = message.command == CHANGE_SPEED
+                    result = pilot.change_speed(plane, message.param2) if slows else ACCEPTED
+                    wire.send(autopilot.frame("command_ack", message.command, result))
                 elif kind == "STATUSTEXT":
                     print(f"{plane.time_s:7.1f} s  {message.text}", file=sys.stderr)
                 elif kind != "NAMED_VALUE_FLOAT":

@@ -23,7 +23,7 @@ from eadp.exchange.items import (
     WAYPOINT,
     MissionItem,
 )
-from eadp.models.autopilot import ARDUPILOT, FACTORY, LANDING_ANGLE, OLDER, PX4, Autopilot
+from eadp.models.autopilot import ARDUPILOT, FACTORY, LANDING_ANGLE, LIMITS, OLDER, PX4, Autopilot
 from eadp.models.battery import Battery
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Plan
@@ -150,14 +150,10 @@ def speed_limits(plan: Plan, airframe: Airframe, *, ardupilot: bool) -> list[Aut
     calibrated = calibrated_over_true(plan.site, airframe)
     speeds = [round(calibrated * (stage.airspeed_mps or airframe.airspeed_mps), 3) for stage in plan.stages]
     slowest, fastest = min(speeds), max(speeds)
-    if ardupilot:
-        return [
-            AutopilotParameter("AIRSPEED_MIN", slowest, AT_MOST, "ARSPD_FBW_MIN", slowest),
-            AutopilotParameter("AIRSPEED_MAX", fastest, AT_LEAST, "ARSPD_FBW_MAX", fastest),
-        ]
+    low, high = LIMITS[ARDUPILOT if ardupilot else PX4]
     return [
-        AutopilotParameter("FW_AIRSPD_MIN", slowest, AT_MOST),
-        AutopilotParameter("FW_AIRSPD_MAX", fastest, AT_LEAST),
+        AutopilotParameter(low, slowest, AT_MOST, OLDER.get(low, ("",))[0], slowest),
+        AutopilotParameter(high, fastest, AT_LEAST, OLDER.get(high, ("",))[0], fastest),
     ]
 
 

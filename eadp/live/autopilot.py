@@ -9,10 +9,13 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from eadp.errors import Fault, printable
+from eadp.exchange.items import CHANGE_SPEED
+from eadp.exchange.writer import MappedItem
 from eadp.live.flight import COMPLETED, KEPT, TAKE_OFF
 from eadp.live.mavlink import COMPONENT, Message
 from eadp.live.messages import is_autopilot
 from eadp.live.replanner import Warn
+from eadp.models.autopilot import ARDUPILOT, LIMITS, PX4
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import RETURN
 from eadp.planning.base import INFEASIBLE
@@ -24,6 +27,8 @@ HEARTBEAT_S, LOST_S = 1.0, 5.0
 BEAT = {"type": 18, "autopilot": 8, "base_mode": 0, "custom_mode": 0, "system_status": 4, "mavlink_version": 3}
 """The heartbeat of a computer on board, which is no autopilot."""
 
+ACCEPTED, IN_PROGRESS = 0, 5
+"""Answers to a command that the autopilot accepts, and works on."""
 MAX_COMMANDS = 10
 """How often a command is given at most."""
 SET_INTERVAL = 511
@@ -178,6 +183,77 @@ class HeardAutopilot:
         self._give(kind, {"target_system": self.system, "target_component": self.component, **values})
 
 
+class CommandedAirspeed:
+    """The airspeed of a flight as it is commanded: at once where another is decided, and again until it is accepted.
+
+    Parameters
+    ----------
+    cruise_mps, calibrated : float
+        True airspeed that the autopilot holds by itself, as in each mode anew [m/s]; and what it holds over a true one.
+    autopilot : HeardAutopilot
+    pilot : Pilot
+        Reads once that an airspeed is refused.
+
+    Attributes
+    ----------
+    decided_mps : float or None
+        The true airspeed decided [m/s]; None where none is: then the autopilot, or its pilot, chooses.
+    """
+
+    def __init__(self, cruise_mps: float, calibrated: float, autopilot: HeardAutopilot, pilot: Pilot) -> None:
+        self._calibrated, self._autopilot, self._pilot = calibrated, autopilot, pilot
+        self.decided_mps: float | None = None
+        # calibrated airspeeds [m/s]: of cruise; that the autopilot holds, None where that is unknown, as after a start
+        # in flight; and that was commanded, so often, without an answer yet
+        self._cruise_mps = round(cruise_mps * calibrated, 2)
+        self._held_mps: float | None = None
+        self._asked_mps, self._asked = 0.0, 0
+        self._refusals = set[float]()  # calibrated airspeeds that were refused [m/s]
+        self._index: int | None = None  # of the item that was flown to
+
+    def pass_items(self, items: Sequence[MappedItem] | None, index: int | None) -> None:
+        """Note the airspeed that an item of the mission has commanded on the way to the one that is flown to now."""
+        if items is not None and index is not None and self._index is not None:
+            for each in items[self._index : index]:
+                if each.item.command == CHANGE_SPEED and each.item.parameters[0] == 0 < each.item.parameters[1]:
+                    self._held_mps = round(each.item.parameters[1], 2)
+        self._index = index
+
+    def command(self, *, flies: bool | None) -> dict[str, float]:
+        """Command what is decided where the mission `flies`, None for unknown; return as `take`, of no answer."""
+        if not flies:  # a mode is entered with the autopilot's own airspeed
+            self._held_mps, self._asked = None if flies is None else self._cruise_mps, 0
+            return {}
+        wanted_mps = self._held_mps if self.decided_mps is None else round(self.decided_mps * self._calibrated, 2)
+        if wanted_mps is None or wanted_mps in (self._held_mps, *self._refusals):
+            self._asked = 0
+            return {}
+        if wanted_mps != self._asked_mps:
+            self._asked_mps, self._asked = wanted_mps, 0
+        self._asked += 1
+        if self._asked > MAX_COMMANDS:
+            return self._refused(f"no answer to {MAX_COMMANDS} commands")
+        self._autopilot.command(CHANGE_SPEED, (0.0, wanted_mps, -1.0), self._asked - 1)
+        return {}
+
+    def take(self, command: int, result: int) -> dict[str, float]:
+        """Take an answer; of a refusal return the autopilot's limit that it shows, by name: what is held is allowed."""
+        if command != CHANGE_SPEED or not self._asked or result == IN_PROGRESS:
+            return {}
+        if result != ACCEPTED:
+            return self._refused(f"result {result}")
+        self._held_mps, self._asked = self._asked_mps, 0
+        self._pilot.note(f"the autopilot accepts an airspeed of {self._held_mps:g} m/s")
+        return {}
+
+    def _refused(self, why: str) -> dict[str, float]:
+        self._pilot.tell(f"the autopilot refuses an airspeed of {self._asked_mps:g} m/s: {why}")
+        self._refusals.add(self._asked_mps)
+        low, high = LIMITS[ARDUPILOT if self._autopilot.ardupilot else PX4]
+        held_mps, self._asked = self._held_mps or self._cruise_mps, 0
+        return {low if self._asked_mps < held_mps else high: held_mps}
+
+
 NOTICE, WARNING, CRITICAL = 5, 4, 2
 """MAVLink's severities of texts."""
 TEXT_CHARACTERS, NAME_CHARACTERS, MAX_TEXT = 50, 10, 200
@@ -266,7 +342,8 @@ class Pilot:
         boot_ms = max(0, round(line["time_s"] * 1000)) % 2**32
         parameters, left_min = () if returns else self._plan.parameters, _left_min(line)
         shown: dict[str, float | None] = {p.label: p.shown(line["parameters"][p.name]) for p in parameters}
-        shown |= {"soc_end": line["soc_end_forecast"], "p_done": line["completes_probability"], "min_left": left_min}
+        shown |= {"airspeed": line["airspeed_mps"], "soc_end": line["soc_end_forecast"]}
+        shown |= {"p_done": line["completes_probability"], "min_left": left_min}
         for name, value in shown.items():
             if value is not None:
                 fields = {"time_boot_ms": boot_ms, "name": _ascii(name)[:NAME_CHARACTERS].encode(), "value": value}

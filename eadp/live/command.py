@@ -45,8 +45,9 @@ def command(
     null; an invalid line is skipped.
 
     With --mavlink the lines are made of an autopilot's messages while it flies, and decisions are sent to it, too, as
-    NAMED_VALUE_FLOAT and STATUSTEXT. Nothing is commanded but, with --return-home, a return, and nothing written
-    but, with --upload, the rest of the mission. It ends when the aircraft has flown and is disarmed.
+    NAMED_VALUE_FLOAT and STATUSTEXT. Nothing is commanded but, with --return-home, a return, and, with
+    --command-airspeed, an airspeed; nothing is written but, with --upload, the rest of the mission. It ends when the
+    aircraft has flown and is disarmed.
 
     Exit code 0 if the plan is complete or forecast to be at the last line, 1 if not, 2 on bad input.
     """

@@ -16,12 +16,12 @@ from eadp.errors import Fault, InputError
 from eadp.exchange.autopilot import read_parameters, speed_limits, stated_parameters, wanted_parameters
 from eadp.exchange.writer import MappedItem, items_text, parse_items, read_items, same_items
 from eadp.io.text.options import Flag
-from eadp.live.autopilot import CRITICAL, NOTICE, HeardAutopilot, Pilot
+from eadp.live.autopilot import ACCEPTED, CRITICAL, NOTICE, CommandedAirspeed, HeardAutopilot, Pilot
 from eadp.live.mavlink import COMPONENT, SHARE, Link, Message, Throttle, read_key, require_pymavlink, tlog_messages
 from eadp.live.messages import LINE_S, TIMED, WANTED, LineMaker, ParameterCheck, values_of
 from eadp.live.mission import PROTOCOL, HeldMission, Holds, Mapped, Noted, Outgoing, Output, Warned
 from eadp.live.recorded import MISSION, TLOG, form_of, log_values
-from eadp.live.replanner import START, TELEMETRY, Emit, ReplanLog, Replanner, Warn
+from eadp.live.replanner import DECIDES_AIRSPEED, START, TELEMETRY, Emit, ReplanLog, Replanner, Warn
 from eadp.live.telemetry import numbered_lines, open_telemetry
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.plan import Plan
@@ -31,9 +31,6 @@ NEAR_M, NEAR_SIZES = 5000.0, 3.0
 """How far from its plan a flight that is replayed may be: a distance [m], or as many times the plan's extent."""
 WAIT_S = 0.2
 """How long to wait for messages [s]."""
-ACCEPTED = 0
-"""The answer to a command that the autopilot accepts."""
-
 OTHER_MISSION = "another mission than that of --items is flown: the stage is found by the position"
 
 Send = Callable[[int, str, Mapping[str, Any]], None]
@@ -54,6 +51,9 @@ class LinkOptions:
 
     return_home: bool = False
     """Command the autopilot to return where only home can be reached."""
+
+    command_airspeed: bool = False
+    """Decide the airspeed within the aircraft's range, and command it while the mission is flown."""
 
     signing_key: Annotated[str | None, Flag(metavar="FILE")] = None
     """Passphrase of MAVLink's signatures: others' messages are ignored, ours signed."""
@@ -126,7 +126,11 @@ class LinkFlight:
         # the map of the mission's items, as exported; None without --items
         exported = None if options.items is None else read_items(options.items, self._path_names)
         self._exported = None if exported is None else _ExportedMap(exported)
-        inputs = self._inputs = with_mission(inputs, exported).at_one_airspeed()
+        inputs = with_mission(inputs, exported)
+        inputs = self._inputs = inputs if options.command_airspeed else inputs.at_one_airspeed()
+        if options.command_airspeed and inputs.mission.vehicle.airspeed_range_mps is None:
+            message = "the aircraft states no airspeeds to choose from"
+            raise InputError.at("--command-airspeed", 1, 1, message, "vehicle.airframe.airspeed_range_mps: [LOW, HIGH]")
         if options.upload and exported is None:
             raise InputError.at("--upload", 1, 1, "the mission is unknown", "--items, as eadp export writes them")
         # path parameters that the mission shall have; None before the first plan, and once only home can be reached
@@ -142,9 +146,10 @@ class LinkFlight:
         # after a restart the log has the map of the mission that was uploaded last
         if exported is not None and log is not None and log.items is not None:
             self._lines.items = parse_items(log.items, self._path_names)
+        calibrated = calibrated_over_true(plan.site, inputs.mission.vehicle)
+        self._airspeed = CommandedAirspeed(inputs.mission.cruise_mps, calibrated, self._autopilot, self._pilot)
         self._mission: HeldMission | None = None
         if exported is not None and send is not None:
-            calibrated = calibrated_over_true(plan.site, inputs.mission.vehicle)
             self._mission = HeldMission(plan, inputs.mission.cruise_mps, exported, self._lines.items, calibrated)
         self._uploads = options.upload
         self._check: ParameterCheck | None = None  # from the first heartbeat on
@@ -204,11 +209,14 @@ class LinkFlight:
         if values.get("answer") == (RETURN, ACCEPTED) and autopilot.was_commanded:
             self._home.may_command, self._home.accepted = False, True
             pilot.note("the autopilot returns")
+        if values.get("answer") is not None and (limit := self._airspeed.take(*values["answer"])):
+            self._lines.autopilot |= limit
         if mission is not None and self._uploads:
             self._lines.decided = self._decided_path if mission.gets(self._decided_path) else None
         restarts = self._lines.heard.restarts
         self.update(values)
         self._watch_mode()
+        self._airspeed.pass_items(self._lines.items, self._lines.index)
         if begins or self._lines.heard.restarts > restarts:
             autopilot.ask()
             if mission is not None:
@@ -287,6 +295,8 @@ class LinkFlight:
             home = self._home
             if home.decided and home.may_command and not autopilot.lost and self._lines.flies_by_itself:
                 home.may_command = not autopilot.command_return()
+            if limit := self._airspeed.command(flies=None if autopilot.lost else self._lines.flies_by_itself):
+                self._lines.autopilot |= limit
         if self._mission is not None:
             self._do(self._mission.tick(now_s, self._lines.item))
 
@@ -350,6 +360,7 @@ class LinkFlight:
     def _decided(self, line: dict[str, Any]) -> None:
         """Take a line of decisions: emit it, note the path that the mission shall have, show it to the pilot."""
         self._emit(line)
+        self._airspeed.decided_mps = line["airspeed_mps"]
         # before the first plan the parameters are those of take-off
         if self._replanner.planned and not self._home.decided:
             self._decided_path = tuple([line["parameters"][name] for name in self._path_names])
@@ -439,7 +450,10 @@ def replay_flight(
                 warn(Fault(path, 1, 1, what, severity="warning"))
             names = inputs.mission.plan.names[: inputs.mission.plan.path_count]
             items = None if options.items is None else read_items(options.items, names)
-            flight = Replanner(with_mission(inputs, items), path, log, emit, warn)
+            inputs = with_mission(inputs, items)
+            if json.loads(head).get(DECIDES_AIRSPEED) is False:
+                inputs = inputs.at_one_airspeed()
+            flight = Replanner(inputs, path, log, emit, warn)
             flight.restore()
             for number, raw in numbered_lines(stream, path):
                 if _kind(raw) == TELEMETRY:

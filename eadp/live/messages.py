@@ -401,9 +401,14 @@ class LineMaker:
             return []
         ground = None if self.flown else self._ground
         self.flown = True
-        if ground is not None and 0 < time_s - ground["time_s"] <= STALE_S:
-            return [ground, line]
-        return [line]
+        before = ground is not None and 0 < time_s - ground["time_s"] <= STALE_S
+        lines = [ground, line] if ground is not None and before else [line]
+        for each in lines:  # lines on the ground, which no one has, say nothing
+            if (autopilot := each.get("autopilot", self._said)) != self._said:
+                self._said = autopilot
+            else:
+                each.pop("autopilot", None)
+        return lines
 
     def _keep(self, values: Mapping[str, Any]) -> Mapping[str, Any]:
         """Keep what a message says for the lines to come; return it, for an item that is reached see `_after`."""
@@ -452,6 +457,11 @@ class LineMaker:
         number: int | None = self.heard.value("item", ages=False)
         return number
 
+    @property
+    def index(self) -> int | None:
+        """The index in the map of the item that is flown to; None where that is unknown."""
+        return None if self.item is None else self.item - self._home_is_item
+
     # --- one line
 
     def _line(self, values: Mapping[str, Any]) -> dict[str, Any]:
@@ -494,8 +504,8 @@ class LineMaker:
         if parameters:
             line["parameters"] = parameters
         kind = self.heard.value("kind", ages=False)
-        if kind is not None and (own := {"kind": kind, **self.autopilot}) != self._said:
-            line["autopilot"] = self._said = own
+        if kind is not None:
+            line["autopilot"] = {"kind": kind, **self.autopilot}
         return line
 
     def _charge(self) -> dict[str, Any]:
@@ -529,10 +539,9 @@ class LineMaker:
 
     def _item(self) -> MappedItem | None:
         """The item of the map that is flown to; None where that is unknown, or, with a warning, not in the map."""
-        number = self.item
-        if self.items is None or number is None:
+        number, index = self.item, self.index
+        if self.items is None or index is None:
             return None
-        index = number - 1 if self._home_is_item else number
         if not 0 <= index < len(self.items):
             if self._flies():  # on the ground ArduPilot flies to item 0
                 self._warn(f"the mission has no item {number} of those of --items: the stage is found by the position")

@@ -14,7 +14,7 @@ from eadp.exchange.writer import read_items
 from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.options import Flag
 from eadp.live.link import LinkOptions, fly, replay_flight
-from eadp.live.replanner import Hook, ReplanLog, ValuesFile, described, hash_of, replan_lines
+from eadp.live.replanner import DECIDES_AIRSPEED, Hook, ReplanLog, ValuesFile, described, hash_of, replan_lines
 from eadp.live.telemetry import open_telemetry
 from eadp.models.plan.plan import Plan
 
@@ -123,6 +123,8 @@ def replan(
         stream = None if options.linked else stack.enter_context(open_telemetry(options.telemetry))
         hashed = hash_of(inputs.sources, overrides)
         about = described(inputs.mission, inputs.scenario.keys.reserve_soc)
+        if options.linked and not link.command_airspeed:
+            about[DECIDES_AIRSPEED] = False
         log = None if options.log is None else ReplanLog(options.log, hashed, about)
         if log is not None:
             stack.callback(log.close)

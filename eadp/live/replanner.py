@@ -34,6 +34,8 @@ from eadp.plug_ins import code_identity
 
 SCHEMA = "eadp.replan-log/1"
 START, TELEMETRY, DECISION, APPLIED, MISSION = "start", "telemetry", "decision", "applied", "mission"
+DECIDES_AIRSPEED = "decides_airspeed"
+"""Key of the first line, false where the airspeed may not be decided."""
 SYNC_EVERY_S = 1.0
 """Maximum loss at a power cut [s]; a kill loses nothing that is written."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal, NamedTuple
@@ -30,6 +31,7 @@ FACTORY: Mapping[str, Mapping[str, float]] = {
         "BATT_CRT_MAH": 0.0,
         "BATT_CRT_VOLT": 0.0,
         "BATT_FS_VOLTSRC": 0.0,
+        "AIRSPEED_MIN": 9.0,
     },
     PX4: {
         LANDING_ANGLE: 5.0,
@@ -43,6 +45,7 @@ FACTORY: Mapping[str, Mapping[str, float]] = {
         "FW_T_CLMB_R_SP": 3.0,
         "COM_LOW_BAT_ACT": 0.0,
         "BAT_CRIT_THR": 0.07,
+        "FW_AIRSPD_MIN": 10.0,
     },
 }
 """Values of parameters of a fixed wing that an owner has not changed, by kind: those that rules here ask for.
@@ -50,7 +53,14 @@ FACTORY: Mapping[str, Mapping[str, float]] = {
 Source: ardupilot.org, "Complete Parameter List" of Plane; docs.px4.io, "Parameter Reference", and `rc.fw_defaults`.
 """
 
-OLDER = {"RTL_ALTITUDE": ("ALT_HOLD_RTL", 100.0)}
+LIMITS = {ARDUPILOT: ("AIRSPEED_MIN", "AIRSPEED_MAX"), PX4: ("FW_AIRSPD_MIN", "FW_AIRSPD_MAX")}
+"""The parameters of the least and the greatest airspeed that may be commanded, calibrated."""
+
+OLDER = {
+    "RTL_ALTITUDE": ("ALT_HOLD_RTL", 100.0),
+    "AIRSPEED_MIN": ("ARSPD_FBW_MIN", 1.0),
+    "AIRSPEED_MAX": ("ARSPD_FBW_MAX", 1.0),
+}
 """Names in older versions, and how many times the value stands there."""
 
 RETURNS_HOME, ON_CRITICAL = 3.0, (2.0, 3.0)
@@ -95,6 +105,16 @@ class Autopilot:
         if older in self.parameters and name not in self.parameters:
             return self.parameters[older] / times
         return self.parameters.get(name, default)
+
+    def airspeed_limits_mps(self, cruise_mps: float) -> tuple[float, float]:
+        """Least and greatest airspeed that may be commanded, calibrated [m/s]; that of cruise always may.
+
+        A greatest one counts where it is given: a cruise above the factory's shows that it is another.
+        """
+        if self.kind is None:
+            return 0.0, math.inf
+        low, high = LIMITS[self.kind]
+        return min(self.value(low) or 0.0, cruise_mps), max(self.given(high) or math.inf, cruise_mps)
 
     # --- how it returns
 

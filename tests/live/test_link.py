@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import itertools
 import json
 import random
 import re
@@ -814,3 +815,88 @@ def test_whole_parameters_come_as_bytes_from_px4(as_bytes, kind):
         fields = {"param_id": b"MIS_TKO_LAND_REQ", "param_value": sent, "param_type": kind}
         check.take(*values_of("PARAM_VALUE", fields)["parameter"])
         assert check.result() == said
+
+
+# --- the airspeed
+
+
+def flown_slowly(inputs, lines, answer, airspeed_mps=lambda commanded: commanded, limits=None):
+    """A flight of which the airspeed is decided; the autopilot answers each change with a result.
+
+    Returns the flight, and the calibrated airspeeds that were commanded.
+    """
+    flown, autopilot, commanded = Flown(inputs, command_airspeed=True), Autopilot(), []
+    for second, parts in frames(lines, autopilot):
+        for frame in parts:
+            flown.take(frame, second)
+        held = commanded[-1] if commanded and answer == 0 else 15.0
+        flown.take(autopilot.frame("vfr_hud", airspeed_mps(held), 0.0, 0, 50, 25.0, 0.0), second)
+        for name, value in (limits or {}).items():
+            flown.take(autopilot.frame("param_value", name.encode(), value, 9, 1, 0), second)
+        flown.sent.clear()
+        flown.flight.tick(second)
+        for _, kind, fields in flown.sent:
+            if kind == "COMMAND_LONG" and fields["command"] == 178:
+                assert (fields["param1"], fields["param3"]) == (0.0, -1.0)
+                commanded.append(fields["param2"])
+                flown.take(autopilot.frame("command_ack", 178, answer), second)
+    return flown, commanded
+
+
+@pytest.fixture(scope="module")
+def slow(plan):
+    """A flight whose battery is short, of an aeroplane with a range of airspeeds."""
+    wing = {"airspeed_range_mps": [10.5, 15.0], "cruise_altitude_m": 25.0}  # the altitude of the frames
+    return load_flight(
+        str(plan),
+        scenario=SCENARIO,
+        overrides={
+            "planner.joint.airspeed": "when-short",
+            "battery.capacity_ah": 0.25,
+            **{f"vehicle.airframe.{k}": v for k, v in wing.items()},
+        },
+    )
+
+
+def test_an_airspeed_is_commanded_once_it_is_decided(slow, lines):
+    flown, commanded = flown_slowly(slow, recorded(), 0)
+    decided = [line["airspeed_mps"] for line in flown.decisions if line["airspeed_mps"]]
+    assert min(commanded) < 14
+    assert {*commanded} <= {*decided}
+    assert all(a != b for a, b in itertools.pairwise(commanded))
+    assert any(f"accepts an airspeed of {commanded[0]:g} m/s" in fault.message for fault in flown.faults)
+
+
+def test_another_airspeed_than_the_commanded_one_is_obeyed(slow):
+    """A pilot's from the 40th second on, which the pitot tube shows for a minute: none is decided any more."""
+    seconds = itertools.count()
+    flown, commanded = flown_slowly(slow, recorded()[:200], 0, lambda held: held if next(seconds) < 40 else 17.0)
+    at_s = {line["time_s"]: line["airspeed_mps"] for line in flown.decisions}
+    assert commanded
+    assert {airspeed for time_s, airspeed in at_s.items() if time_s < 140} > {14.0}
+    assert {airspeed for time_s, airspeed in at_s.items() if time_s > 280} == {None}
+
+
+def test_a_refused_airspeed_is_a_limit_and_is_told_once(slow):
+    flown, commanded = flown_slowly(slow, recorded()[:120], 4, lambda _: 15.0)
+    assert len([text for text in flown.warnings if "refuses an airspeed of 14 m/s: result 4" in text]) == 1
+    assert commanded == [14.0, 15.0]  # the least that is left
+    assert flown.decisions[-1]["airspeed_mps"] == 15.0
+
+
+def test_the_autopilots_limits_narrow_the_range(slow):
+    """They are read on the ground, before any line is made."""
+    _, free = flown_slowly(slow, recorded()[:200], 0)
+    _, limited = flown_slowly(slow, recorded()[:200], 0, limits={"AIRSPEED_MIN": 13.0, "AIRSPEED_MAX": 22.0})
+    assert min(free) < 12.0
+    assert 13.0 <= min(limited) <= 14.0
+
+
+def test_without_the_option_no_airspeed_is_commanded(slow):
+    flown = Flown(slow).fly(frames(recorded()[:60], Autopilot()))
+    assert {line["airspeed_mps"] for line in flown.decisions} == {None}
+
+
+def test_an_airspeed_without_a_range_is_refused(inputs):
+    with pytest.raises(InputError, match="--command-airspeed:1:1: error: the aircraft states no airspeeds"):
+        Flown(inputs, command_airspeed=True)

@@ -19,6 +19,7 @@ from eadp.core.flight import current_slope_a_per_w, drain_per_s
 from eadp.errors import PathUndefined
 from eadp.models.airspace import WayHome
 from eadp.models.autopilot import Autopilot
+from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.route import Route, RouteArrays, leg_times_s
 from eadp.models.plan.stage import Leg, Stage, left_m
 from eadp.models.vehicle import PaperVehicle
@@ -375,7 +376,8 @@ class Evaluator:
         legs = RouteArrays.of(routes)
         groups = self.envelopes.groups(routes[0].table, legs.order)
         computing_w = self.envelopes.extremes_w()[groups].mean(axis=1)
-        speeds_mps = airspeeds_of(vehicle, known, legs.rows)
+        calibrated = calibrated_over_true(self.mission.plan.site, vehicle)
+        speeds_mps = airspeeds_of(vehicle, known, legs.rows, calibrated)
         choice = SpeedChoice.of(known, legs, computing_w, speeds_mps)
         mean_w = float(choice.seconds[0, choice.row_of] @ computing_w / choice.seconds[0, choice.row_of].sum())
         paces, values_w = paces_of(speeds_mps, known.motion, mean_w)

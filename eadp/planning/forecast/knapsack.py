@@ -75,6 +75,12 @@ class Filling(NamedTuple):
     value: FloatArray
     feasible: BoolArray
 
+    def as_good(self, tolerance: float) -> IntArray:
+        """Places of a value as great as that of any that is feasible, but for a tolerance; some are feasible."""
+        best = self.value[self.feasible].max()
+        good: IntArray = np.flatnonzero(self.feasible & (self.value >= best - tolerance))
+        return good
+
 
 def fill_greedy(knapsack: Knapsack) -> Filling:
     """The optimal filling at every place: increments in descending order of gain per charge, the last one in part."""

@@ -36,14 +36,17 @@ HURRY_W = 1e6
 """A value of a second beside which the energy of a flight is nothing [W]."""
 
 
-def airspeeds_of(vehicle: Aeroplane, known: Known, rows: LegRows) -> FloatArray:
+def airspeeds_of(vehicle: Aeroplane, known: Known, rows: LegRows, calibrated: float = 1.0) -> FloatArray:
     """Airspeeds that may be commanded, the greatest first [m/s]: in the vehicle's range, safe in wind and turns.
 
-    The least is at least the vehicle's `slowest_mps` in the tightest turn of the rows, flown with the wind, and above
-    wind and gusts. One above the vehicle's own can be flown in that turn. Where none is safe, it is the vehicle's own.
+    The autopilot's limits, which are `calibrated` times true airspeeds, narrow the range. The least is at least the
+    vehicle's `slowest_mps` in the tightest turn of the rows, flown with the wind, and above wind and gusts. One above
+    the vehicle's own can be flown in that turn. Where none is safe, it is the vehicle's own.
     """
     assert vehicle.airspeed_range_mps is not None
     low, high = vehicle.airspeed_range_mps
+    limits_mps = known.autopilot.airspeed_limits_mps(calibrated * vehicle.airspeed_mps)
+    low, high = max(low, limits_mps[0] / calibrated), min(high, limits_mps[1] / calibrated)
     wind_mps = math.hypot(*known.wind.mps)
     low = max(low, wind_mps + GUST_STDS * known.wind.gust_std_mps + ABOVE_WIND_MPS)
     bend_per_m, greatest = float(rows.bends_per_m.max(initial=0.0)), math.radians(vehicle.max_bank_deg)

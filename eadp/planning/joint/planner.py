@@ -92,7 +92,7 @@ class Candidate(NamedTuple):
     def airspeeds_mps(self) -> Vector:
         """Airspeed of each stage [m/s]; empty where that is not decided."""
         of_stages = self.evaluation.airspeeds_mps
-        return () if of_stages is None else tuple(of_stages[0].tolist())
+        return () if self.pace_mps is None or of_stages is None else tuple(of_stages[0].tolist())
 
     @property
     def left_over(self) -> float:
@@ -210,8 +210,6 @@ class JointPlanner(Planner):
     def _replan(self, o: Observation, known: Known, cause: str) -> None:
         """Forecast the plan in force, search the path where it is to be searched, and decide."""
         report, calls, started = self.report, self.report.calls, time.perf_counter()
-        if self._decides_airspeed and not self._paced:  # what was commanded is not known to be flown
-            known = known._replace(cursor=known.cursor._replace(airspeeds_mps=()))
         self._places.enter(known)
         plan = self._kept_plan(known)
         search = self._searchable and self._must_search(o, plan, cause)
@@ -261,9 +259,9 @@ class JointPlanner(Planner):
     def _decide_pace(self, known: Known, shares: Shares) -> Candidate | None:
         """The plan at a place and the best pace; None where it cannot be flown.
 
-        It is the fastest at which its value is as great, or its shortfall as small, as at any. It needs the smaller
-        margin of what can still change, see `Evaluation.adaptive`: where it proves too fast, the flight slows down.
-        That in force stays where it will do, see `Policy.pace`.
+        It is the fastest at which its value is as great, or its shortfall as small, as at any: by the smaller margin of
+        what can still change where that is the fastest of all, see `Evaluation.adaptive`, else by the whole one. That
+        in force stays where it will do, see `Policy.pace`.
         """
         paces, evaluation = self._places.paces(known, shares)
         if evaluation is None:
@@ -273,11 +271,12 @@ class JointPlanner(Planner):
         if self._own.airspeed == "least-energy":
             pace_mps = paces[-1]
         elif filling.feasible.any():
-            best = float(filling.value[filling.feasible].max())
             learned = evaluation.evaluator.quantile * (evaluation.std - evaluation.final_std)
             later = fill_greedy(evaluation.knapsack._replace(available=evaluation.knapsack.available + learned))
-            good = np.flatnonzero(later.feasible & (later.value >= best - SAME_VALUE)).tolist()
-            pace_mps = self._policy.pace(known.time_s, self._places.pace_mps, [paces[i] for i in good])
+            # the fastest of all by the margin that is left later, others by the whole one
+            good = later.as_good(SAME_VALUE)
+            good = good if good[0] == 0 else filling.as_good(SAME_VALUE)
+            pace_mps = self._policy.pace(known.time_s, self._places.pace_mps, [paces[i] for i in good.tolist()])
         return self._at_pace(known, shares, pace_mps, thriftiest_mps)
 
     def _at_pace(self, known: Known, shares: Shares, pace_mps: float, thriftiest_mps: float) -> Candidate | None:

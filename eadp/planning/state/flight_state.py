@@ -249,7 +249,10 @@ class FlightState:
         # while the airspeed changes, the power is that of the change, too
         steady_w = np.where(np.abs(flown_mps - self._commanded_mps) > SAME_MPS, math.nan, powers_w)
         if self._mission.vehicle.airspeed_range_mps is not None:
-            self._airspeed.measure(self._commanded_mps, times_s[possible], airspeeds_mps[possible])
+            if on_plan:
+                self._airspeed.measure(self._commanded_mps, times_s[possible], airspeeds_mps[possible])
+            else:
+                self._airspeed.interrupt(self._last_s)
             flown_mps = np.where(possible, airspeeds_mps, flown_mps)
         climb_w, level_mps = self._follow_climb(steps_s, flown_mps)
         climb_mps = self._take_altitude(o, float(steps_s.sum()))
@@ -372,7 +375,7 @@ class FlightState:
         return Known(
             time_s=time_s,
             position_m=position,
-            cursor=place.cursor,
+            cursor=self._flown_cursor(),
             joined_m=place.joined_m,
             since_s=place.since_s,
             stages_started=self._queue.stages_started,
@@ -397,11 +400,20 @@ class FlightState:
             rejoins_at_start=place.rejoins_at_start,
         )
 
+    def _flown_cursor(self) -> PlanCursor:
+        """The place in the plan, in a live flight with airspeeds that are known to be flown; else with no command."""
+        cursor, mission = self._place.cursor, self._mission
+        if not mission.live or mission.vehicle.airspeed_range_mps is None or self.flies_commanded:
+            return cursor
+        flown_mps = self._airspeed.refused_mps
+        return cursor._replace(airspeeds_mps=() if flown_mps is None else (flown_mps,) * len(mission.plan.stages))
+
 
 class FlownAirspeed:
     """The airspeed as the throttle brings it to the commanded one, and whether the measured one gets there.
 
-    Its mean error counts from `SLOWS_S` after each command on.
+    Its mean error counts from `SLOWS_S` after each command on. An airspeed that is not obeyed is a pilot's, or that
+    of a limit, for the rest of the flight.
     """
 
     def __init__(self, mission: Mission) -> None:
@@ -425,7 +437,9 @@ class FlownAirspeed:
         if not len(times_s):
             return
         if commanded_mps != self._commanded_mps:
-            self._commanded_mps, self._since_s, self._error_mps = commanded_mps, float(times_s[0]), 0.0
+            if self._since_s > -math.inf:  # the airspeed is still that of before
+                self._error_mps += self._commanded_mps - commanded_mps
+            self._commanded_mps, self._since_s = commanded_mps, float(times_s[0])
         for time_s, airspeed_mps in zip(times_s.tolist(), measured_mps.tolist(), strict=True):
             # e ← e + (1 − e^(−Δt/τ)) (v − v_c − e)
             share = -math.expm1(min(self._last_s - time_s, 0.0) / ERROR_S)
@@ -433,6 +447,15 @@ class FlownAirspeed:
             self._last_s = time_s
         settled = self._last_s - self._since_s > SLOWS_S
         self._refused |= settled and abs(self._error_mps) > NOT_OBEYED_MPS
+
+    def interrupt(self, time_s: float) -> None:
+        """Another airspeed is flown up to a time [s], in a take-off or by hand."""
+        self._since_s = time_s
+
+    @property
+    def refused_mps(self) -> float | None:
+        """The mean of the airspeed that is flown where one that was commanded was not [m/s]; else None."""
+        return self._commanded_mps + self._error_mps if self._refused else None
 
     def is_commanded(self, time_s: float) -> bool:
         """Whether an airspeed was measured not long before a time [s], and none that was commanded was not flown."""
