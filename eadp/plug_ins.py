@@ -28,7 +28,12 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Iterable
+from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 from eadp.errors import EadpError, printable
@@ -82,6 +87,13 @@ OWN: dict[str, dict[str, str]] = {
 """Those of eadp, imported when they are needed: module and name within it, by kind and name."""
 
 
+KINDS = (*OWN, "airframes", "batteries", "coverage_patterns", "log_formats", "mission_formats", "mission_writers")
+"""All kinds."""
+
+DECIDING = ("airframes", "batteries", "estimators", "jobs", "mission_formats", "plan_sources", "planners")
+"""Kinds of which a flight's result depends on what is installed."""
+
+
 def plug_in(kind: str, name: str) -> Any:
     """What eadp or an installed package offers under a name; None where neither does.
 
@@ -129,3 +141,45 @@ def _loaded(found: Any) -> Any:
     except Exception as error:  # of somebody else's code
         what = f"{found.value} of the entry points {found.group}: {type(error).__name__}: {printable(str(error))}"
         raise EadpError(f"{found.name} cannot be imported: {what}") from error
+
+
+def blame(error: BaseException) -> str:
+    """Whose fault an error is: the other package's whose code it came through, by name and version, or eadp's."""
+    points = (each for kind in KINDS for each in _entry_points(kind))
+    added = {each.module.partition(".")[0]: each.dist for each in points}
+    place = error.__traceback__
+    while place is not None:
+        dist = added.get(str(place.tb_frame.f_globals.get("__name__")).partition(".")[0])
+        if dist is not None:
+            return f"a bug in the package {dist.name} {dist.version}"
+        place = place.tb_next
+    return "a bug in eadp"
+
+
+@cache
+def code_identity() -> str:
+    """Of eadp and each package that adds to `DECIDING`: name, version, and a hash as its files may be edited."""
+    modules = {("eadp", str(import_module("eadp").__version__)): {"eadp"}}
+    for found in (each for kind in DECIDING for each in _entry_points(kind)):
+        modules.setdefault((found.dist.name, found.dist.version), set()).add(found.module.partition(".")[0])
+    ours, *others = modules
+    return ", ".join(
+        f"{name} {version} ({sources_hash(_places(sorted(modules[name, version])))[:10]})"
+        for name, version in (ours, *sorted(others))
+    )
+
+
+def _places(names: Iterable[str]) -> tuple[Path, ...]:
+    """The folders of packages, and the files of modules without one."""
+    specs = [spec for name in names if (spec := find_spec(name)) is not None]
+    return tuple(Path(place) for spec in specs for place in spec.submodule_search_locations or [spec.origin or ""])
+
+
+@cache
+def sources_hash(places: tuple[Path, ...]) -> str:
+    """A hash of Python files, and of those in folders."""
+    digest = hashlib.sha256()
+    for place in places:
+        for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+            digest.update(path.read_bytes() if path.is_file() else b"")
+    return digest.hexdigest()

@@ -14,7 +14,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from eadp import __version__
 from eadp.api.given import File
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, Fault, InputError, PathUndefined, refuse
@@ -46,6 +45,7 @@ from eadp.planning.flight import PlannedFlight, make_flight
 from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import planner_class
 from eadp.planning.state.climb import ClimbFollower
+from eadp.plug_ins import code_identity
 from eadp.simulation.nominal import NominalFlight, Overshoot
 from eadp.simulation.turns import MOST, overshoot_findings
 
@@ -89,13 +89,13 @@ class Files:
         self._contents: dict[tuple[str, Callable[[Text], Any]], Any] = {}
 
     def __getstate__(self) -> tuple[str, dict[str, Text]]:
-        return __version__, self.texts
+        return code_identity(), self.texts
 
     def __setstate__(self, state: tuple[str, dict[str, Text]]) -> None:
-        version, self.texts = state
+        sent_by, self.texts = state
         self._contents = {}
-        if version != __version__:  # another version's flights may differ
-            raise EadpError(f"this is eadp {__version__}")
+        if sent_by != code_identity():  # other code's flights may differ
+            raise EadpError(f"it has {code_identity()}, and the sender {sent_by}")
 
     def text(self, path: str, read: Callable[[str], Text] = read_text) -> Text:
         """A file's text."""

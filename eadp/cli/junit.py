@@ -10,12 +10,13 @@ from eadp.errors import printable
 
 
 class Case(NamedTuple):
-    """A test: its name, the time that it took [s], and what is wrong, as `failure` or `error`."""
+    """A test: its name, the time that it took [s], what is wrong, as `failure` or `error`, and what to know besides."""
 
     name: str
     time_s: float
     wrong: str | None = None
     kind: str = "failure"
+    note: str | None = None
 
 
 def junit_text(title: str, cases: Sequence[Case]) -> str:
@@ -29,5 +30,7 @@ def junit_text(title: str, cases: Sequence[Case]) -> str:
         test = ET.SubElement(suite, "testcase", classname=name, name=printable(case.name), time=f"{case.time_s:.3f}")
         if case.wrong is not None:
             ET.SubElement(test, case.kind, message=printable(case.wrong, 2000))
+        if case.note is not None:
+            ET.SubElement(test, "system-out").text = printable(case.note, 2000)
     ET.indent(suite)
     return ET.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"

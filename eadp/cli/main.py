@@ -17,7 +17,7 @@ import typer.core
 from eadp import __version__
 from eadp.cli.output import faults_as_json, faults_text, grouped
 from eadp.errors import EadpError, Fault, InputError, printable
-from eadp.plug_ins import added_names, plug_in
+from eadp.plug_ins import added_names, blame, plug_in
 
 YES, NO, BAD_INPUT, BUG, INTERRUPTED = 0, 1, 2, 70, 130
 
@@ -187,7 +187,7 @@ def main(arguments: list[str]) -> int:
             return _interrupted()
         what = f"{type(error).__name__}: {error}"
         print(  # noqa: T201
-            f"eadp: this is a bug in eadp, please report it: {what} (EADP_DEBUG=1 shows where)", file=sys.stderr
+            f"eadp: this is {blame(error)}, please report it: {what} (EADP_DEBUG=1 shows where)", file=sys.stderr
         )
         return BUG
 

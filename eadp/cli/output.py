@@ -46,6 +46,16 @@ def warn(warnings: Iterable[Fault]) -> None:
         sys.stderr.write(faults_text(shown))
 
 
+_stderr: ContextVar[Any] = ContextVar("_stderr", default=None)
+"""Standard error where `--quiet` hides it."""
+
+
+def alarm(text: str | None) -> None:
+    """A warning that `--quiet` does not hide, on stderr, if there is one."""
+    if text is not None:
+        (_stderr.get() or sys.stderr).write(f"eadp: warning: {text}\n")
+
+
 def faults_text(faults: Sequence[Fault]) -> str:
     """Faults as lines, or as one line of JSON where that is asked for."""
     if faults_as_json.get():
@@ -96,7 +106,7 @@ class StderrOptions:
     """What every command writes on standard error."""
 
     quiet: Annotated[bool, Flag("-q --quiet")] = False
-    """Write nothing but errors on standard error: no progress, no warnings."""
+    """Write nothing but errors and failed runs of the solver on standard error: no progress, no other warnings."""
 
     faults: Literal["text", "json"] = "text"
     """How to print errors and warnings: json is a document a line, eadp.faults/1."""
@@ -122,6 +132,7 @@ def grouped(command: Callable[..., int], *, texts: bool = True) -> Callable[...,
         values = {name: kind(**_taken(kind, given)) for name, kind in groups.items()}
         with contextlib.ExitStack() as stack:
             if messages.quiet:
+                stack.callback(_stderr.reset, _stderr.set(sys.stderr))
                 stack.enter_context(contextlib.redirect_stderr(stack.enter_context(open(os.devnull, "w"))))
             return command(**given, **values)
 

@@ -21,6 +21,10 @@ _FORMATS = {
     "telemetry": "eadp.live.telemetry:TelemetryLine",
     "decision": "eadp.live.telemetry:DecisionLine",
     "summary": "eadp.api.flight_schemas:summary",
+    "performance": "eadp.api.vehicle:performance_schema",
+    "power": "eadp.io.profile.model_file:power_schema",
+    "faults": "eadp.io.text.yaml:faults_schema",
+    "items": "eadp.exchange.writer:ItemsFile",
     "decisions": "eadp.api.flight_schemas:decisions",
 }
 _NAMES = ", ".join(_FORMATS)

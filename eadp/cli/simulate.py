@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -11,7 +10,7 @@ from typer import Argument, Option
 
 from eadp.api.flight import simulate
 from eadp.api.given import FlightOptions, JobKind, job_in
-from eadp.cli.output import Progress, emit, emit_json, usage_fault, warn
+from eadp.cli.output import Progress, alarm, emit, emit_json, usage_fault, warn
 from eadp.errors import one_of
 from eadp.io.page import REPORT
 from eadp.io.text.options import Flag
@@ -80,8 +79,9 @@ def command(
         for name, value in {**alone, "figure": output.figure, "junit": output.junit}.items():
             if value is not None:
                 raise usage_fault(f"--{name}", str(value), "beside a folder of sorties", "its scenario, or --set")
-        named = [f"planner.name={options.planner}"] if options.planner else []
-        return _job(job, plan, [*options.overrides, *named], seed, output)
+        from eadp.io.scenario import override_texts
+
+        return _job(job, plan, override_texts(options.overrides, options.planner), seed, output)
     if output.figure is not None and output.out is None:
         raise usage_fault("--figure", output.figure, "a figure without a folder for it", "-o DIR")
     if output.figure is not None and plug_in("result_figures", output.figure) is None:
@@ -116,9 +116,7 @@ def command(
 
         shown = _text(summary, output, decisions=len(flight.decisions))
         emit(f"aircraft   {setting_text(flight.inputs.scenario)}\n{shown}")
-    failures = _failures(summary)
-    if failures is not None:
-        sys.stderr.write(f"eadp: warning: {failures}\n")
+    failures = _alarmed(summary)
     kept = summary["reserve_kept"] or not output.require_reserve
     passed = summary["completed"] and kept and not (output.strict_solver and failures)
     if output.junit is not None:
@@ -127,7 +125,7 @@ def command(
         wrong = f"{summary['reason']}; state of charge {summary['soc_final']:.3f} at the end"
         wrong += f"; {failures}" if failures else ""
         title = f"planner={summary['planner']}, seed={summary['seed']}"
-        case = Case(title, time.perf_counter() - start_s, None if passed else wrong)
+        case = Case(title, time.perf_counter() - start_s, None if passed else wrong, note=failures)
         write_text(output.junit, junit_text(plan, [case]))
     return 0 if passed else 1
 
@@ -143,12 +141,23 @@ def _job(kind: JobKind, folder: str, texts: list[str], seed: int | None, output:
         emit_json(job.summary)
     else:
         emit("\n".join([*job.text(), *([f"written    {output.out}"] if output.out else [])]))
-    return 0 if job.summary["completed"] and (job.summary["reserve_kept"] or not output.require_reserve) else 1
+    failures = _alarmed(job.summary)
+    kept = job.summary["reserve_kept"] or not output.require_reserve
+    return 0 if job.summary["completed"] and kept and not (output.strict_solver and failures) else 1
+
+
+def _alarmed(summary: Mapping[str, Any]) -> str | None:
+    """The solver's failures in a summary, which are warned of."""
+    from eadp.io.flight import solver_text
+
+    failures = solver_text(summary)
+    alarm(failures)
+    return failures
 
 
 def _text(summary: Mapping[str, Any], output: SimulateOutputs, *, decisions: int) -> str:
     """The summary for people."""
-    from eadp.io.flight import label_of, parameter_text, reserve_text
+    from eadp.io.flight import label_of, parameter_text, reserve_text, solver_text
 
     done = "completed" if summary["completed"] else "NOT completed"
     power, solver = summary["power_w"], summary["solver"]
@@ -181,7 +190,7 @@ def _text(summary: Mapping[str, Any], output: SimulateOutputs, *, decisions: int
         replans += f"; {summary['replans']} by OSQP ({solver['calls']} runs, {solver['failed']} failed), "
         replans += f"{solver['skipped']} kept, {solver['fallbacks']} by the fallback, {solver['infeasible']} infeasible"
     lines.append(f"planner    {summary['planner']}{replans}")
-    if failures := _failures(summary):
+    if failures := solver_text(summary):
         lines.append(f"solver     {failures}")
     if output.out is not None:
         decided = "decisions.jsonl, " if decisions else ""
@@ -189,17 +198,6 @@ def _text(summary: Mapping[str, Any], output: SimulateOutputs, *, decisions: int
         written = ", ".join([*names, REPORT])
         lines.append(f"written    {output.out}/flight.csv, estimate.csv, summary.json, {decided}{written}")
     return "\n".join(lines)
-
-
-def _failures(summary: Mapping[str, Any]) -> str | None:
-    """Runs of the solver that failed, and the decisions of the fallback; None without any."""
-    solver = summary["solver"]
-    if not (solver["failed"] or solver["fallbacks"]):
-        return None
-    return (
-        f"{solver['fallbacks']} of {summary['replans']} decisions by the fallback: OSQP did not solve "
-        f"({solver['failed']} of {solver['calls']} runs FAILED)"
-    )
 
 
 def _endurance(endurance: Mapping[str, Any] | None, *, verbose: bool) -> list[str]:

@@ -10,7 +10,6 @@ the outermost function alone, and would keep code of a helper that has changed.
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import importlib.util
 import math
@@ -20,6 +19,8 @@ from functools import cache
 from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any, TypeVar
+
+from eadp.plug_ins import sources_hash
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -127,20 +128,14 @@ def _package(function: Callable[..., Any]) -> str:
     return function.__module__.partition(".")[0]
 
 
-@cache
-def _sources() -> bytes:
-    """Hash of the package's sources: compiled code holds constants of modules other than its own."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(__file__).resolve().parents[1].rglob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.digest()
-
-
 def _home() -> Path:
-    """Cache folder of machine code of these sources: under NUMBA_CACHE_DIR if set, else in the user's cache."""
+    """Cache folder of machine code of these sources: under NUMBA_CACHE_DIR if set, else in the user's cache.
+
+    All of the package's: compiled code holds constants of modules other than its own.
+    """
     own = os.environ.get("NUMBA_CACHE_DIR")
     home = Path(own) if own else Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return home / "eadp" / _sources().hex()[:16]
+    return home / "eadp" / sources_hash((Path(__file__).resolve().parents[1],))[:16]
 
 
 def kept() -> bool:

@@ -82,7 +82,9 @@ def items_text(items: Sequence[MappedItem], path_names: Sequence[str]) -> str:
 
 
 @dataclass(frozen=True)
-class _ItemsFile:
+class ItemsFile:
+    """A map of a mission's items: for each its command, its place, its first and last leg, and path parameters."""
+
     __pydantic_config__ = STRICT
 
     schema: Literal["eadp.items/1"]
@@ -105,7 +107,7 @@ def parse_items(text: Text, path_names: Sequence[str]) -> list[MappedItem]:
     """As `read_items`, of a text."""
     document = keys_document(text, SCHEMA)
 
-    def check(file: _ItemsFile) -> list[Fault]:
+    def check(file: ItemsFile) -> list[Fault]:
         if file.path_parameters != list(path_names):
             known = ", ".join(path_names) or "none"
             return [document.fault(("path_parameters",), "is of another plan", f"the path parameters {known}")]
@@ -119,7 +121,7 @@ def parse_items(text: Text, path_names: Sequence[str]) -> list[MappedItem]:
                 started = int(row[3])
         return faults
 
-    file = validated(_ItemsFile, document, document.value, check)
+    file = validated(ItemsFile, document, document.value, check)
     return [_item(row) for row in file.items]
 
 

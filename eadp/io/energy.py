@@ -77,6 +77,21 @@ class EnergyFile(BaseModel):
     span_s: Annotated[float, Field(ge=0, le=1e12)] = 0.0
     """Time that the log spans [s]."""
 
+    candidate: dict[str, float | None] | None = None
+    """Of a fit alone, as are the keys below: the best period [s], significant or not, and its p-value `chance`."""
+
+    range_s: tuple[float, float] | None = None
+    """Shortest and longest period searched [s]."""
+
+    drift_s: tuple[float, float] | None = None
+    """Shortest and longest period of a part of the log, where it drifts [s]."""
+
+    prior: dict[str, float | str] | None = None
+    """Period near which it was searched [s], and its source."""
+
+    log: dict[str, float] | None = None
+    """Readings of the log, and those left out."""
+
 
 def parse_energy(text: Text) -> EnergyModel:
     """The energy model in a text, YAML or JSON, as `eadp fit` writes it.
@@ -127,7 +142,7 @@ def _agree(given: tuple[float, ...], expected: tuple[float, ...], tolerance: flo
 
 def energy_document(model: EnergyModel) -> dict[str, Any]:
     """An energy model as the JSON-ready document of its schema, every key written out."""
-    keys = [key for key in EnergyFile.model_fields if key != "schema_"]
+    keys = [key for key in EnergyFile.model_fields if hasattr(model, key)]
     return {"schema": SCHEMA, **to_jsonable_python({key: getattr(model, key) for key in keys})}
 
 

@@ -170,3 +170,14 @@ def flown_coverage(
         tracks.append(flown_lines(plan, {name: columns[name][first : b + 1] for name in ("stage", "x_m", "y_m")}))
     shares = covered_shares(plan.site.field.parts, tracks, plan.site.swath_m)
     return [times[i] for i in ends], shares
+
+
+def solver_text(summary: Mapping[str, Any]) -> str | None:
+    """Runs of the solver that failed, and the decisions of the fallback, of a flight's summary; None without any."""
+    solver = summary["solver"]
+    if not (solver["failed"] or solver["fallbacks"]):
+        return None
+    return (
+        f"{solver['fallbacks']} of {summary['replans']} decisions by the fallback: OSQP did not solve "
+        f"({solver['failed']} of {solver['calls']} runs FAILED)"
+    )

@@ -55,7 +55,7 @@ from eadp.models.plan.stage import Box, Parameter
 from eadp.models.vehicle import Guidance, PaperVehicle
 from eadp.models.weather import Sensors, Wind
 from eadp.planning.base import PlannerSettings
-from eadp.planning.registry import DEFAULT, PLANNERS, is_planner, planner_class
+from eadp.planning.registry import DEFAULT, PLANNERS, is_planner, planner_class, planner_names
 from eadp.plug_ins import plug_in
 
 SCHEMA = "eadp.scenario/1"
@@ -535,7 +535,17 @@ def override_texts(
     planner: str | None = None,
     seed: int | None = None,
 ) -> list[str]:
-    """Overrides as key=value, of a mapping or as they are given; a planner and a seed are more of them."""
+    """Overrides as key=value, of a mapping or as they are given; a planner and a seed are more of them.
+
+    Raises
+    ------
+    InputError
+        If there is no such planner.
+    """
+    if planner is not None and not is_planner(planner):
+        raise InputError.at(
+            "--planner", 1, 1, f"unknown planner {printable(planner, 60)}", one_of(planner_names(), planner), planner
+        )
     pairs = given.items() if isinstance(given, Mapping) else ()
     texts = [f"{key}={value_text(value)}" for key, value in pairs] or [str(text) for text in given]
     texts += [f"planner.name={planner}"] if planner is not None else []
@@ -599,7 +609,7 @@ def _faults(keys: ScenarioFile, document: Document) -> list[Fault]:
         faults.append(document.fault(("guidance", "k_d"), message, f"0 or more, but for {PaperVehicle.model} aircraft"))
     if not is_planner(keys.planner.name):
         message = f"unknown planner {printable(keys.planner.name, 60)}"
-        faults.append(document.fault(("planner", "name"), message, f"one of {', '.join(PLANNERS)}"))
+        faults.append(document.fault(("planner", "name"), message, one_of(planner_names(), keys.planner.name)))
     for key, place in {"start": keys.start, "home": keys.home}.items():
         if (place.lat_deg is None) != (place.lon_deg is None):
             faults.append(document.fault((key,), f"{key} has one of lat_deg and lon_deg", "both, or neither"))

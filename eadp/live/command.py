@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from typer import Argument
 
 from eadp.api.given import FlightOptions
-from eadp.cli.output import warn
+from eadp.cli.output import alarm, warn
 from eadp.live.link import LinkOptions
 from eadp.live.replan import ReplanOptions, replan
 from eadp.live.telemetry import json_line
+from eadp.planning.base import BY_FALLBACK
+
+
+@dataclass(frozen=True)
+class ReplanOutputs:
+    """What the exit code says."""
+
+    strict_solver: bool = False
+    """Exit 1 also where the solver fails, and decisions are made without it."""
 
 
 def command(
@@ -19,6 +29,7 @@ def command(
     flight: FlightOptions,
     options: ReplanOptions,
     link: LinkOptions,
+    output: ReplanOutputs,
 ) -> int:
     """Example: eadp replan plans/survey.plan --scenario scenarios/survey.yaml --telemetry
     scenarios/example-telemetry.jsonl
@@ -41,8 +52,17 @@ def command(
     Exit code 0 if the plan is complete or forecast to be at the last line, 1 if not, 2 on bad input.
     """
 
+    failed_s = list[float]()
+
     def decided(line: dict[str, Any]) -> None:
+        if BY_FALLBACK in line["reason"]:
+            if not failed_s:
+                alarm(f"OSQP does not solve, at {line['time_s']:g} s: decisions are made without it")
+            failed_s.append(line["time_s"])
         sys.stdout.write(json_line(line))
         sys.stdout.flush()
 
-    return 0 if replan(plan, options, flight, link, decided=decided, warn=warn) else 1
+    finishes = replan(plan, options, flight, link, decided=decided, warn=warn)
+    if failed_s:
+        alarm(f"OSQP did not solve: {len(failed_s)} decisions by the fallback, the last at {failed_s[-1]:g} s")
+    return 0 if finishes and not (output.strict_solver and failed_s) else 1

@@ -24,7 +24,7 @@ from eadp.models.autopilot import Autopilot
 from eadp.models.plan.cursor import Vector
 from eadp.models.plan.route import PlannedLegs, RoutePredictor
 from eadp.models.plan.stage import Stage, rest_of
-from eadp.planning.base import Decision, Ending, Mission, Observation, Sample, next_multiple
+from eadp.planning.base import BY_FALLBACK, Decision, Ending, Mission, Observation, Sample, next_multiple
 from eadp.planning.flight import PlannedFlight
 from eadp.planning.forecast.held import HeldForecast
 from eadp.planning.state.flight_state import FlightState
@@ -403,7 +403,8 @@ class LiveFlight:
         if record is not None and (observation.returns_home or self._is_old(record.time_s, observation.time_s)):
             record = None
         # "kept" is no reason beside another one
-        if decision.reason not in reasons and not (reasons and decision.reason.startswith(KEPT)):
+        kept = decision.reason.startswith(KEPT) and BY_FALLBACK not in decision.reason
+        if decision.reason not in reasons and not (reasons and kept):
             reasons.append(decision.reason)
         reason = "; ".join(reason for reason in reasons if reason) or KEPT
         if record is not None and record.ending.soc_end is not None:

@@ -31,6 +31,7 @@ from eadp.models.plan.stage import Parameter
 from eadp.planning.base import Mission, Sample
 from eadp.planning.flight import make_flight
 from eadp.planning.forecast.held import HeldForecast
+from eadp.plug_ins import code_identity
 
 SCHEMA = "eadp.replan-log/1"
 START, TELEMETRY, DECISION, APPLIED, MISSION = "start", "telemetry", "decision", "applied", "mission"
@@ -117,7 +118,8 @@ class ReplanLog:
             raise InputError.at(path, 1, 1, "is in use by another process", expected) from None
         except OSError:  # a file system without locks
             pass
-        start = {"kind": START, "schema": SCHEMA, "eadp": __version__, "inputs": inputs, **(about or {})}
+        code = {"eadp": __version__, "code": code_identity()}
+        start = {"kind": START, "schema": SCHEMA, **code, "inputs": inputs, **(about or {})}
         try:
             self._start(start)
         except BaseException:
@@ -196,8 +198,8 @@ class ReplanLog:
         if first.get("inputs") != start["inputs"]:
             what = "is a log of another plan, profile, scenario or settings"
             raise InputError.at(self._path, 1, 1, what, "the log of these, or a new file")
-        if first.get("eadp") != __version__:
-            what = f"was started by eadp {first.get('eadp')}; this is {__version__}, whose decisions may differ"
+        if (code := first.get("code")) != start["code"]:
+            what = f"was started by {code}; this is {start['code']}, whose decisions may differ"
             self.warnings.append(Fault(self._path, 1, 1, what, severity="warning"))
 
     def _entry(

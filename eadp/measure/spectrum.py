@@ -13,7 +13,9 @@ Method:
    least squares is inefficient in coloured noise.
 5. A signal whose period is below the range is found at a multiple, of which most harmonics are zero: the period is
    divided while those that a submultiple lacks are zero within their standard deviations.
-6. The period is fitted again in parts of the log: where they differ by more than their standard deviations, it drifts.
+   A period that fits more than 400 times into the log is searched in parts of it, and followed from each over the rest.
+6. The period is fitted again in parts of the log: where they differ by more than their standard deviations, it drifts;
+   so it does where parts at start, middle and end have a period, and the whole has none.
 7. Coloured noise, a random walk or a drift can look periodic in a short log. The period counts only if harmonics
    explain the samples better than they explain such noise: see `analyse`.
 
@@ -66,6 +68,8 @@ _PEAKS = 6
 _PATIENCE = 4
 _NEAR = 4  # grid steps that the best order may move a peak of the scan
 _TICKS_PER_PERIOD = 16  # of the shortest period: the scan rounds times to ticks, nothing later does
+_PARTS_AT = (0.0, 0.5, 1.0)  # of a long log, as shares of what is beside them
+_PART_RATIO = 10  # of the shortest periods of two searches in parts
 _RELATED = (1, 2, 3, 4, 5, 6, 1 / 2, 1 / 3, 1 / 4, 1 / 5, 1 / 6)
 _TEST_BINS = 220
 _TEST_BINS_PER_PERIOD = 20  # or 3 for each harmonic
@@ -195,10 +199,14 @@ def analyse(
     if std_w <= 1e-9 * np.max(np.abs(power), initial=0.0):
         return _aperiodic(samples, mean_w, std_w, 0.0, searched_s)
     frequency_hz, free_order = _located(samples, shortest_s, longest_s)
+    if period_prior_s is None:
+        frequency_hz, free_order = _short(samples, frequency_hz, free_order, shortest_s)
+        shortest_s = min(shortest_s, 1 / frequency_hz)
     free_r2 = _cv_r2(samples, frequency_hz, free_order)
     # without a prior the search ends here; near a prior the likelihood may still find a period
     if free_r2 < MIN_CV_R2 and period_prior_s is None:
-        return _aperiodic(samples, mean_w, std_w, free_r2, searched_s, frequency_hz)
+        nothing = _aperiodic(samples, mean_w, std_w, free_r2, searched_s, frequency_hz)
+        return _drifting(samples, mean_w, searched_s) or nothing
     found = _assess(samples, frequency_hz, free_order, shortest_s, longest_s)
     while (multiple := _multiple(samples, found) if found.periodic else 1) > 1 and period_prior_s is None:
         frequency_hz, free_order = _refine(samples, found.frequency_hz * multiple)
@@ -210,7 +218,8 @@ def analyse(
         found = shorter
     inside = shortest_s / RANGE_MARGIN <= 1 / found.frequency_hz <= longest_s * RANGE_MARGIN
     if not (found.periodic and inside):
-        return _aperiodic(samples, mean_w, std_w, found.cv_r2, searched_s, found.frequency_hz, found.chance)
+        nothing = _aperiodic(samples, mean_w, std_w, found.cv_r2, searched_s, found.frequency_hz, found.chance)
+        return (None if period_prior_s else _drifting(samples, mean_w, searched_s)) or nothing
     if order is not None and order > (max_order := _max_order(samples, 1 / found.frequency_hz, order)):
         period = f"a period of {1 / found.frequency_hz:.4g} s"
         what = f"{len(times)} samples every {samples.step_s:.3g} s resolve {period} to order {max_order} at most"
@@ -219,6 +228,15 @@ def analyse(
     found = found._replace(std_s=max(found.std_s, local_std_s))
     spectrum = _periodic(samples, found, order or found.order, mean_w, searched_s)
     return replace(spectrum, drift_s=drift_s, multiple=multiple)
+
+
+class _Local(NamedTuple):
+    """A period in a part of the log: its frequency [Hz], its order, and where the part is."""
+
+    frequency_hz: float
+    order: int
+    start: int
+    stop: int
 
 
 class _Found(NamedTuple):
@@ -325,8 +343,11 @@ class _Samples:
     def span_s(self) -> float:
         return float(self.times_s[-1])
 
-    def first(self, count: int) -> _Samples:
-        return self if count >= len(self.times_s) else _Samples(self.times_s[:count], self.power_w[:count])
+    def part(self, start: int, stop: int) -> _Samples:
+        """The samples from one place to another, at their own times since the first of them."""
+        if stop - start >= len(self.times_s):
+            return self
+        return _Samples(self.times_s[start:stop] - self.times_s[start], self.power_w[start:stop])
 
     @property
     def step_s(self) -> float:
@@ -435,16 +456,74 @@ def _range_s(samples: _Samples, prior_s: float | None) -> tuple[float, float]:
     return low, high
 
 
-def _located(samples: _Samples, shortest_s: float, longest_s: float) -> tuple[float, int]:
-    """Frequency [Hz] and order: searched in `MAX_PERIODS` of the shortest period, then followed over the log."""
+def _searched(samples: _Samples, shortest_s: float, longest_s: float, share: float) -> _Local:
+    """The period in a part of the log: `MAX_PERIODS` of the shortest long, at a share of what is beside it."""
     n = len(samples.times_s)
     count = min(n, math.ceil(n * MAX_PERIODS * shortest_s / samples.span_s))
-    part = samples.first(count)
-    frequency_hz, order = _refine(part, _search(part, shortest_s, min(longest_s, part.span_s / MIN_PERIODS)))
-    while count < n:
-        count = min(n, 2 * count)
-        frequency_hz, order = _refine(samples.first(count), frequency_hz)
+    start = round(share * (n - count))
+    part = samples.part(start, start + count)
+    found = _refine(part, _search(part, shortest_s, min(longest_s, part.span_s / MIN_PERIODS)))
+    return _Local(*found, start, start + count)
+
+
+def _located(samples: _Samples, shortest_s: float, longest_s: float, share: float = 0.0) -> tuple[float, int]:
+    """Frequency [Hz] and order: searched in a part of the log, then followed over parts twice as long, to all of it.
+
+    A part knows the period to a share of a turn over the next one: over a long log it is not mistaken by turns.
+    """
+    frequency_hz, order, start, stop = _searched(samples, shortest_s, longest_s, share)
+    n = len(samples.times_s)
+    while stop - start < n:
+        count = min(n, 2 * (stop - start))
+        start = min(max(0, start - count // 4), n - count)
+        stop = start + count
+        frequency_hz, order = _refine(samples.part(start, stop), frequency_hz)
     return frequency_hz, order
+
+
+def _short(samples: _Samples, frequency_hz: float, order: int, shortest_s: float) -> tuple[float, int]:
+    """A period too short for a search over the whole log, where it forecasts better than the one found there."""
+    best = _errors(samples, frequency_hz, order)
+    for from_s in _short_from_s(samples, shortest_s):
+        for share in _PARTS_AT:
+            found = _located(samples, from_s, shortest_s, share)
+            if not _no_worse(best, _errors(samples, *found), float(samples.square.sum())):
+                return found
+    return frequency_hz, order
+
+
+def _short_from_s(samples: _Samples, shortest_s: float) -> list[float]:
+    """The shortest periods of searches in parts of the log: each finds up to 200 times its own."""
+    found = [MIN_SAMPLES_PER_PERIOD * samples.step_s]
+    while found[-1] < shortest_s:
+        found.append(_PART_RATIO * found[-1])
+    return found[:-1]
+
+
+def _drifting(samples: _Samples, mean_w: float, searched_s: tuple[float, float]) -> Spectrum | None:
+    """The period that parts of the log have, and the whole has not, as it drifts: that of the middle; None without one.
+
+    The first, the middle and the last part have it, for sure, and nearly the same.
+    """
+    for from_s in _short_from_s(samples, searched_s[0]):
+        parts = []
+        for share in _PARTS_AT:
+            frequency_hz, order, start, stop = _searched(samples, from_s, searched_s[1], share)
+            part = samples.part(start, stop)
+            part = replace(part, power_w=part.power_w - part.power_w.mean())
+            found = _assess(part, frequency_hz, order, from_s, part.span_s / MIN_PERIODS)
+            if not (found.periodic and found.chance <= _SURE):
+                break
+            parts.append((part, found))
+        hz = [found.frequency_hz for _, found in parts]
+        if len(parts) < len(_PARTS_AT) or max(hz) > (1 + 2 * MAX_STD_RATIO) * min(hz):
+            continue
+        part, found = parts[1]
+        drift_s, std_s = _drift_s(samples, found)
+        if drift_s is not None:
+            spectrum = _periodic(part, found._replace(std_s=max(found.std_s, std_s)), found.order, mean_w, searched_s)
+            return replace(spectrum, drift_s=drift_s, samples=len(samples.times_s), span_s=samples.span_s)
+    return None
 
 
 class _Grid:

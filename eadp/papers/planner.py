@@ -21,6 +21,7 @@ from eadp.papers.forecasting import scaling_factors
 from eadp.papers.horizon import ComputationLevels, Horizon, HorizonCost, HorizonForecast
 from eadp.papers.power import PowerTracker
 from eadp.planning.base import (
+    BY_FALLBACK,
     FALLBACK,
     INFEASIBLE,
     JUMPED,
@@ -261,7 +262,7 @@ class PaperPlanner(Planner):
                 values = horizon.lowered(deltas, forecast)[0].tolist()
             except Infeasible:
                 how = "minimum"
-            record = record._replace(status=FALLBACK, reason=f"fallback, {how}: {error}")
+            record = record._replace(status=FALLBACK, reason=f"{BY_FALLBACK}{how}: {error}")
         chosen = list(decided)
         for i, value in zip(free, values, strict=True):
             chosen[i] = value

@@ -350,6 +350,10 @@ INFEASIBLE, NOTHING_TO_CHOOSE, LOWERED = "infeasible", "nothing to choose", "low
 """Statuses of a re-planning, see `DecisionRecord`."""
 
 
+BY_FALLBACK = "fallback, "
+"""In the reason of a decision that was made without OSQP, which failed; how it was made follows."""
+
+
 @dataclass
 class SolverReport:
     """Counts of a planner's re-plannings and of the runs of OSQP in them.

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
+from eadp.errors import EadpError
 from eadp.models.plan.cursor import Vector
 from eadp.planning.base import Decision, Mission, Observation, PlannerSettings, Readings
 from eadp.planning.registry import Planner, PowerEstimator, planner_class
@@ -44,7 +46,11 @@ class PlannedFlight:
         if self.power is not None:
             self.power.take(taken)
         if isinstance(taken, Seen) and taken.observation.on_plan:
-            self.decision = self.planner.update(self.state)
+            decided: Any = self.planner.update(self.state)
+            if not isinstance(decided, Decision):  # of another package's planner
+                kind = type(self.planner)
+                raise EadpError(f"{kind.__module__}.{kind.__name__}.update returns {decided!r}, and no Decision")
+            self.decision = decided
         return self.decision
 
     def keep(self, parameters: Vector, held: Mapping[int, float]) -> None:

@@ -14,7 +14,7 @@ from eadp.planning.base import Decision, Mission, PlannerSettings, Readings, Sol
 from eadp.planning.forecast.held import Preflight, held_preflight
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.queue import Seen
-from eadp.plug_ins import OWN, plug_in
+from eadp.plug_ins import OWN, added_names, plug_in
 
 
 class PowerEstimator(Protocol):
@@ -59,6 +59,8 @@ class Planner:
 
     Attributes
     ----------
+    settings, mission, own
+        As given.
     report : SolverReport
     next_update_s : float
         Time of the next update [s]; a new stage or a drop of charge requires one earlier.
@@ -75,6 +77,7 @@ class Planner:
 
     def __init__(self, settings: PlannerSettings, mission: Mission, own: Any = None) -> None:
         self.report = SolverReport()
+        self.settings, self.mission, self.own = settings, mission, own
         self._settings, self._mission, self._own = settings, mission, own
         self._decision = Decision(mission.parameters)
 
@@ -113,6 +116,11 @@ PLANNERS = tuple(OWN["planners"])
 """The planners of eadp. Their settings are sections of their names."""
 
 DEFAULT = "joint"
+
+
+def planner_names() -> list[str]:
+    """The planners of eadp and of installed packages."""
+    return [*PLANNERS, *added_names("planners")]
 
 
 def is_planner(name: str) -> bool:

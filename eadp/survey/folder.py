@@ -6,6 +6,7 @@ import base64
 import csv
 import io
 import json
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -228,6 +229,7 @@ def simulate_sorties(
     job, scenario, given = read_sorties(folder), str(Path(folder) / SORTIES_SCENARIO), {**read_overrides(texts)}
     files, flights, rows, warned, at_s = Files(), dict[str, Flight](), list[dict[str, Any]](), set[str](), 0.0
     lines, planned = list[Sequence[Point]](), list[Sequence[Point]]()
+    replans, solver = 0, Counter(calls=0, failed=0, fallbacks=0)
     for number, (name, plan) in enumerate(job.plans.items(), seed):
         inputs = load_flight(plan, scenario=scenario, overrides={**given, "seed": number}, files=files)
         warn([fault for fault in inputs.warnings if fault.message not in warned])  # each in its first flight
@@ -236,6 +238,8 @@ def simulate_sorties(
         flight = fly_flight(inputs, inputs.preflight(), overrides=[*texts, f"seed={number}"])
         flights[name], summary = flight, flight.summary
         rows.append({"sortie": name, "take_off_s": at_s, **{key: summary[key] for key in FLOWN}})
+        replans += summary["replans"]
+        solver.update({key: summary["solver"][key] for key in ("calls", "failed", "fallbacks")})
         at_s += summary["duration_s"] + job.swap_s
         planned += planned_lines(inputs.world.plan, inputs.world.parameters)
         lines += flown_lines(inputs.world.plan, flown_of_plan(flight.lists, summary["turned_back_s"]))
@@ -259,6 +263,8 @@ def simulate_sorties(
         "soc_final": min(row["soc_final"] for row in rows),
         "reserve_kept": all(row["reserve_kept"] for row in rows),
         "quality": sum(qualities) / len(qualities) if qualities else None,
+        "replans": replans,
+        "solver": {**solver},
         "flights": rows,
         "origin_deg": job.origin_deg,
         "seed": seed,

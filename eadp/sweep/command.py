@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 from typer import Argument
 
 from eadp.cli.junit import Case, junit_text
-from eadp.cli.output import Progress, emit, json_text, usage_fault, warn
+from eadp.cli.output import Progress, alarm, emit, json_text, usage_fault, warn
 from eadp.core import compiled
 from eadp.errors import printable
 from eadp.io.page import check_page, page_of
@@ -39,7 +39,7 @@ from eadp.sweep.results import (
     totals,
     wilson_interval,
 )
-from eadp.sweep.run import missing_runs
+from eadp.sweep.run import missing_runs, other_code
 from eadp.sweep.runs import Result
 from eadp.sweep.sweep_file import Sweep, read_sweep
 
@@ -97,6 +97,9 @@ class SweepOutputs:
     junit: Annotated[str | None, Flag(metavar="FILE")] = None
     """Write the runs as a JUnit report of what is required [completed]."""
 
+    strict_solver: bool = False
+    """Exit 1 also where a run of the solver fails."""
+
     format: Literal["text", "csv", "jsonl"] = "text"
     """How to print."""
 
@@ -131,10 +134,12 @@ def command(
         return 0
     with contextlib.closing(Results(out)) as results:
         results.expect(keys)
+        if results.missing():
+            warn(other_code(str(out), results))
         if options.retry:
             results.forget_failures()
         _make(sweep, results, options)
-        if out is not None:
+        if out is not None and not results.read_only:
             write_page(out, options.keep)
         flights = sweep.flights(results.rows())
         whole = totals(flights)
@@ -160,7 +165,22 @@ def command(
             emit(f"written    {printable(output.junit)}")
     if short:
         sys.stderr.write(f"eadp: {len(short)} of {len(flights)} runs are not what --require {require} asks for\n")
-    return int(bool(short) or any(flight.error is not None for flight in flights))
+    failures = _solver_text(flights)
+    alarm(failures)
+    failed = output.strict_solver and failures is not None
+    return int(bool(short) or failed or any(flight.error is not None for flight in flights))
+
+
+def _solver_text(flights: Sequence[SweepFlight]) -> str | None:
+    """Runs of the solver that failed in all flights, and the decisions of the fallback; None without any."""
+    failed = [flight for flight in flights if flight.solver_failed or flight.fallbacks]
+    if not failed:
+        return None
+    runs, fallbacks = (sum(getattr(each, name) or 0 for each in failed) for name in ("solver_failed", "fallbacks"))
+    return (
+        f"in {len(failed)} of {len(flights)} flights OSQP did not solve: "
+        f"{fallbacks} decisions by the fallback, {runs} runs FAILED"
+    )
 
 
 # --- options
@@ -343,7 +363,7 @@ def junit_of(sweep: Sweep, all_flights: Sequence[SweepFlight], require: str) -> 
         wrong = None if meets(flight, require) else f"{flight.reason or 'not completed'}{kept}"
         title = ", ".join([*values, f"seed={flight.seed}"])
         kind = "failure" if flight.error is None else "error"
-        cases.append(Case(title, flight.took_s, flight.error or wrong, kind))
+        cases.append(Case(title, flight.took_s, flight.error or wrong, kind, _solver_text([flight])))
     return junit_text(sweep.name, cases)
 
 
@@ -377,6 +397,7 @@ def print_answer(sweep: Sweep, all_flights: Sequence[SweepFlight], out: str | No
             f"completed  {whole.completed} of {whole.flights}: {share} % (95 % interval{of} {low} to {high} %)"
         )
     lines += _batteries(all_flights)
+    lines += [f"solver     {failures}" for failures in [_solver_text(all_flights)] if failures]
     if out is not None:
         lines.append(f"results    {printable(out)}, {printable(page_of(out).name)}")
     lines += _errors(all_flights)

@@ -9,8 +9,8 @@ from contextlib import contextmanager, suppress
 from queue import Empty
 from typing import Any
 
-from eadp import __version__
 from eadp.errors import EadpError, InputError
+from eadp.plug_ins import code_identity
 from eadp.sweep.engines import Done, EngineOptions, Make, QueueEngine, first_line, make_task
 from eadp.sweep.runs import Run
 
@@ -25,7 +25,7 @@ ALONE_S = 120.0
 
 
 class DaskEngine(QueueEngine):
-    """Workers of a running Dask scheduler; each needs eadp of this version, and no files.
+    """Workers of a running Dask scheduler; each needs the same code of eadp and plug-ins, and no files.
 
     Dask gives up a run that was held when several workers died, whether or not it was the one they died of: it is made
     again with no other under way.
@@ -99,7 +99,7 @@ class DaskEngine(QueueEngine):
                 raise
             except Exception as error:  # errors of `make` itself are in its result
                 what = f"a worker of {self._address} makes no runs: {type(error).__name__}: {first_line(error)}"
-                raise EadpError(f"{what}; it needs eadp {__version__}") from None
+                raise EadpError(f"{what}; workers need the same code as the client: {code_identity()}") from None
 
     def close(self) -> None:
         """Drop the runs under way and leave the scheduler."""

@@ -85,6 +85,7 @@ def sweep_data(path: str, page: Path, keep: str | None = None) -> dict[str, Any]
     with closing(Results(path, read_only=True)) as results:
         for row in results.everything():
             census.add(row)
+        others = len(results) - census.count
     names = sorted(census.varied, key=lambda name: (name == "seed", name))
     count = len(census.kept)
     while len(json.dumps(runs := _runs(census.kept[:count], names, keep))) > MAX_BYTES:
@@ -95,9 +96,10 @@ def sweep_data(path: str, page: Path, keep: str | None = None) -> dict[str, Any]
     ]
     own = {flight.index for flight in distinct(flights)}
     runs["distinct"] = [int(flight.index in own) for flight in flights]
+    words = sweep_words(census.count, census.completed, census.reasons, census.errors, flights, names)
     return {
         "title": Path(path).name,
-        "words": sweep_words(census.count, census.completed, census.reasons, census.errors, flights, names),
+        "words": [*words, *([f"{others} runs of other code are left out."] if others else [])],
         "completed": None,
         "count": census.count,
         "failed": census.failed,
@@ -166,7 +168,7 @@ def sweep_words(
     keys: Sequence[str],
 ) -> list[str]:
     """Sentences on a sweep: counts over all runs, and by key over the flights of the page."""
-    made, failed = count - sum(errors.values()), sum(errors.values())
+    made, broken = count - sum(errors.values()), sum(errors.values())
     words = [f"{count} runs."]
     if made:
         own = distinct(flights)
@@ -178,8 +180,10 @@ def sweep_words(
             f"(95 % interval{of} {percent_text(low)} to {percent_text(high)})."
         )
         words.append(f"They ended so: {_counts(reasons)}.")
-    if failed:
-        words.append(f"{failed} of {count} runs could not be made: {_counts(errors)}.")
+    if broken:
+        words.append(f"{broken} of {count} runs could not be made: {_counts(errors)}.")
+    if failed := sum(bool(flight.solver_failed or flight.fallbacks) for flight in flights):
+        words.append(f"OSQP did not solve in {failed} of {len(flights)} flights: decisions there are of a fallback.")
     for key in keys:
         shares = {group.label: group.completed for group in marginal(flights, key) if group.flights}
         if made and len(shares) > 1 and key != "seed":

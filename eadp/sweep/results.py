@@ -24,6 +24,7 @@ import numpy as np
 
 from eadp.errors import InputError, printable
 from eadp.io.text.streams import output_file
+from eadp.plug_ins import code_identity
 from eadp.sweep.runs import Result, Run
 
 Z_95 = 1.959963984540054
@@ -75,6 +76,8 @@ class SweepFlight:
     energy_wh: float | None = None
     distance_m: float | None = None
     batteries: int | None = None
+    solver_failed: int | None = None
+    fallbacks: int | None = None
     error: str | None = None
     took_s: float = field(default=0.0, compare=False)
 
@@ -249,7 +252,7 @@ def table(
 APPLICATION_ID = 0x65616470
 """`eadp` in ASCII, as SQLite's identifier of an application's files."""
 
-SCHEMA_VERSION = 5
+SCHEMA_VERSION = 6
 BUSY_S = 60.0
 """Longest time that another process may lock the file [s]."""
 
@@ -261,18 +264,23 @@ KEYS_PER_QUERY = 500
 
 _TABLES = f"""
 CREATE TABLE runs (
-    key TEXT PRIMARY KEY, files TEXT NOT NULL, overrides TEXT NOT NULL, seed INTEGER NOT NULL, {", ".join(COLUMNS)},
-    error TEXT, summary TEXT, took_s REAL NOT NULL, digest TEXT NOT NULL
+    key TEXT PRIMARY KEY, code TEXT NOT NULL, files TEXT NOT NULL, overrides TEXT NOT NULL, seed INTEGER NOT NULL,
+    {", ".join(COLUMNS)}, error TEXT, summary TEXT, took_s REAL NOT NULL, digest TEXT NOT NULL
 );
 """
-_ROW = ("key", "files", "overrides", "seed", *COLUMNS, "error", "summary", "took_s")
+_ROW = ("key", "code", "files", "overrides", "seed", *COLUMNS, "error", "summary", "took_s")
 """Columns of a row that its digest is of, which is the last."""
+
+_SHOWN_CODE = (
+    "coalesce((SELECT code FROM runs WHERE code = ?1 LIMIT 1), (SELECT code FROM runs ORDER BY rowid DESC LIMIT 1))"
+)
+"""The code whose runs are shown: this one, or where no run is of it that of the run stored last."""
 
 
 class Results:
     """An open results file; without a path a temporary one.
 
-    With `read_only` nothing is written.
+    With `read_only` nothing is written; nor is it to a file where nothing can be, whose runs are read.
     """
 
     def __init__(self, path: str | None, *, read_only: bool = False) -> None:
@@ -280,6 +288,7 @@ class Results:
         if path is not None:  # whole, as SQLite has names of its own for what is no file
             path = self._path = str(output_file(path))
         new = path is not None and not os.path.exists(path)
+        self.read_only = read_only = read_only or (path is not None and _is_still(path))
         self._connection = _connect(path, self._path, read_only)
         try:
             with self._sqlite_errors():
@@ -355,7 +364,9 @@ class Results:
                 yield {name: row[name] for name in names}
 
     def everything(self) -> Iterator[dict[str, Any]]:
-        """Every run of the file: key, files, overrides, seed, figures and error. In the order of keys, which is random.
+        """Every run of this code, or else of that stored last: key, files, overrides, seed, figures and error.
+
+        They are in the order of keys, which is random.
 
         Raises
         ------
@@ -363,13 +374,26 @@ class Results:
             At a row that is damaged.
         """
         with self._sqlite_errors():
-            for stored in self._whole_rows("SELECT * FROM runs ORDER BY key"):
+            query = f"SELECT * FROM runs WHERE code = {_SHOWN_CODE} ORDER BY key"
+            for stored in self._whole_rows(query, code_identity()):
                 row = dict(zip(_ROW, stored, strict=False))
                 yield {**row, "files": json.loads(row["files"]), "overrides": json.loads(row["overrides"])}
 
-    def _whole_rows(self, query: str) -> Iterator[tuple[Any, ...]]:
+    def other_code(self) -> tuple[int, str]:
+        """The number of runs of other code than this, and that of the last of them."""
+        query = "SELECT count(*), max(rowid), code FROM runs WHERE code != ?"
+        with self._sqlite_errors():
+            count, _, code = self._connection.execute(query, (code_identity(),)).fetchone()
+        return count, code or ""
+
+    def __len__(self) -> int:
+        """The number of all runs, of any code."""
+        with self._sqlite_errors():
+            return int(self._connection.execute("SELECT count(*) FROM runs").fetchone()[0])
+
+    def _whole_rows(self, query: str, *values: str) -> Iterator[tuple[Any, ...]]:
         """Rows of the results; raises InputError at one that is not as it was stored."""
-        for row in self._connection.execute(query):
+        for row in self._connection.execute(query, values):
             if _digest(row[:-1]) != row[-1]:
                 raise _damaged(self._path)
             yield row
@@ -396,11 +420,13 @@ class Results:
     def _row(self, run: Run, result: Result) -> tuple[Any, ...]:
         summary = result.summary
         known = {} if summary is None else {"batteries": 1, **summary}
+        solver = known.get("solver", {})
+        known |= {"solver_failed": solver.get("failed"), "fallbacks": solver.get("fallbacks")}
         figures = [known.get(name) for name in COLUMNS]
         text = None if summary is None else json.dumps(summary, ensure_ascii=False, allow_nan=False)
         files, overrides = (json.dumps(dict(part), sort_keys=True) for part in (run.files, run.overrides))
         seed = run.overrides["seed"]
-        row = (run.key, files, overrides, seed, *figures, result.error, text, result.took_s)
+        row = (run.key, code_identity(), files, overrides, seed, *figures, result.error, text, result.took_s)
         return (*row, _digest(row))
 
     # --- failures
@@ -440,7 +466,8 @@ class Results:
 def _connect(path: str | None, name: str, read_only: bool) -> sqlite3.Connection:
     try:
         if read_only:
-            return sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True, timeout=BUSY_S, isolation_level=None)
+            uri = f"file:{quote(str(path))}?mode=ro{'&immutable=1' if _is_still(str(path)) else ''}"
+            return sqlite3.connect(uri, uri=True, timeout=BUSY_S, isolation_level=None)
         if path is not None:
             os.makedirs(os.path.dirname(path) or ".", exist_ok=True)
         return sqlite3.connect(path or "", timeout=BUSY_S, isolation_level=None)
@@ -448,6 +475,12 @@ def _connect(path: str | None, name: str, read_only: bool) -> sqlite3.Connection
         raise InputError.at(name, 1, 1, f"cannot be written: {error.strerror}", "a writable place") from None
     except sqlite3.Error as error:
         raise _fault(name, error) from None
+
+
+def _is_still(path: str) -> bool:
+    """Whether a file is where nothing can be written: SQLite cannot lock it there, and need not."""
+    folder = os.path.dirname(path) or "."
+    return os.path.exists(path) and not os.access(folder, os.W_OK) and not os.path.exists(f"{path}-wal")
 
 
 def _digest(row: Sequence[Any]) -> str:

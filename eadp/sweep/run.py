@@ -24,6 +24,7 @@ from eadp.errors import EadpError, Fault, InputError, printable
 from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.json import AnyTable, frame, html_table
 from eadp.io.text.streams import read_text
+from eadp.plug_ins import blame, code_identity
 from eadp.simulation.loop import Outcome, fly
 from eadp.sweep.dask import DaskEngine
 from eadp.sweep.engines import EngineOptions, Make
@@ -81,6 +82,15 @@ ENGINES: dict[str, Callable[[Make, EngineOptions], Engine | None]] = {
 def open_engine(make: Make, options: EngineOptions) -> Engine:
     """The first engine that the options are for."""
     return next(engine for choose in ENGINES.values() if (engine := choose(make, options)) is not None)
+
+
+def other_code(path: str, results: Results) -> list[Fault]:
+    """A warning of a file's runs that other code has made: they are kept, and stand for no run of this one."""
+    count, code = results.other_code()
+    if not count:
+        return []
+    what = f"{count} runs are of other code, {printable(code, 500)}; this is {code_identity()}"
+    return [Fault(path, 1, 1, f"{what}: they stay in the file, and are made again", severity="warning")]
 
 
 DIED = "the process that made it died, alone and twice (out of memory?)"
@@ -194,7 +204,7 @@ def _message(error: Exception) -> str:
         return "; ".join(_fault(fault) for fault in error.faults)
     if isinstance(error, EadpError):
         return printable(str(error), 1000)
-    return f"a bug in eadp: {type(error).__name__}: {printable(str(error), 1000)}"
+    return f"{blame(error)}: {type(error).__name__}: {printable(str(error), 1000)}"
 
 
 def _fault(fault: Fault) -> str:
@@ -268,6 +278,8 @@ def sweep(
     try:
         with closing(Results(None if out is None else str(out))) as results:
             results.expect(checked.keys())
+            if results.missing():
+                warn(other_code(str(out), results))
             with missing_runs(checked, results, jobs, scheduler) as (_, _, made):
                 for _ in made:
                     pass

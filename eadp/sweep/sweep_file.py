@@ -13,7 +13,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from eadp import __version__
 from eadp.api.flight import SCHEMA as FLIGHT_SCHEMA
 from eadp.api.given import job_in, job_of
 from eadp.api.inputs import Files, FlightInputs, load_flight
@@ -25,6 +24,7 @@ from eadp.io.scenario import REPLACED, Scenario, ScenarioFile, beside, override_
 from eadp.io.text.streams import SourceText, Text, refuse_others
 from eadp.io.text.yaml import STRICT, Document, read_yaml, validated
 from eadp.io.text.yaml import Path as KeyPath
+from eadp.plug_ins import code_identity
 from eadp.sweep.results import SweepFlight
 from eadp.sweep.runs import RUNS_LIMIT, Count, Design, DesignPoint, Run, SampleDesign
 
@@ -122,7 +122,7 @@ class Sweep:
         ]
 
     def _key(self, files: Mapping[str, str], overrides: Mapping[str, Any]) -> str:
-        """A hash of all that a run depends on: files by content, overrides with the seed, and the version of eadp."""
+        """A hash of all that a run depends on: files by content, overrides with the seed, and the code."""
         contents = {kind: self._digests[path] for kind, path in files.items()}
         if "profile" not in contents:
             own = self.scenarios[files["scenario"]].profile_path if "scenario" in files else None
@@ -130,7 +130,7 @@ class Sweep:
         vehicle = vehicle_path(self.kept.document(files.get("scenario")), overrides)
         if vehicle is not None:
             contents["vehicle"] = digest(self.kept.text(vehicle))
-        whole = [FLIGHT_SCHEMA, __version__, contents, dict(overrides)]
+        whole = [FLIGHT_SCHEMA, code_identity(), contents, dict(overrides)]
         return hashlib.sha256(json.dumps(whole, sort_keys=True).encode()).hexdigest()[:32]
 
     @cached_property

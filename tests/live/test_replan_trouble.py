@@ -9,6 +9,7 @@ import itertools
 import json
 
 import pytest
+from broken_osqp import BROKEN, broken_osqp
 from common import ROOT, few_rows
 
 from eadp.cli.main import main
@@ -215,3 +216,27 @@ def test_a_recorded_flight_that_begins_in_the_middle(replan):
         (lap, stage) for lap in range(9, 13) for stage in range(1, 5) if (9, 2) <= (lap, stage) <= (12, 1)
     ]
     assert abs(decisions[160]["in_force"]["c1"] + 200) < 30
+
+
+def test_a_failed_solver_shows_in_decisions_and_in_the_exit_code(capsys):
+    words = [
+        "replan",
+        "plans/survey.plan",
+        "--scenario",
+        "scenarios/survey.yaml",
+        "-q",
+        "--set",
+        "battery.capacity_ah=0.7",
+    ]
+    words += ["--telemetry", "scenarios/example-telemetry.jsonl"]
+    passed = main(words)
+    assert "OSQP" not in capsys.readouterr().err
+    with broken_osqp(BROKEN["failing"]):
+        codes = main(words), main([*words, "--strict-solver"])
+    shown = capsys.readouterr()
+    assert codes == (passed, 1)
+    reasons = [json.loads(line)["reason"] for line in shown.out.splitlines()]
+    failed = sum("fallback, closed form: OSQP failed" in reason for reason in reasons)
+    assert failed > 10
+    assert "eadp: warning: OSQP does not solve, at" in shown.err
+    assert f"OSQP did not solve: {failed // 2} decisions by the fallback" in shown.err

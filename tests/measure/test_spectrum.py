@@ -571,3 +571,29 @@ def test_amplitudes_are_those_of_least_squares() -> None:
         angle = 2 * math.pi * frequency * times
         pair = np.linalg.lstsq(np.stack([np.cos(angle), np.sin(angle)], axis=1), centred, rcond=None)[0]
         assert found == pytest.approx(float(np.hypot(*pair)), rel=0.03)
+
+
+LONG = np.arange(0.0, 20_000.0, 2.0)
+"""Of periods that fit more than 1,500 times into it."""
+
+
+@pytest.mark.quick(1)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_short_period_of_a_long_log_is_found_to_the_turn(seed):
+    rng = np.random.default_rng(1000 + seed)
+    turns = 2 * np.pi * LONG / 13.0
+    found = analyse(LONG, 36 + 2 * np.cos(turns) + 0.3 * np.cos(2 * turns + 1) + 0.5 * rng.normal(size=len(LONG)))
+    assert found.periodic
+    assert found.period_s == pytest.approx(13.0, abs=4 * found.period_std_s)
+    assert found.period_std_s < 1e-4
+    assert found.drift_s is None
+
+
+@pytest.mark.slow
+def test_a_short_period_of_a_long_log_that_drifts_is_said_to():
+    rng = np.random.default_rng(1)
+    turns = 2 * np.pi * np.cumsum(2.0 / (13.0 * (1 + 0.05 * (LONG / LONG[-1] - 0.5))))
+    found = analyse(LONG, 36 + 2 * np.cos(turns) + 0.5 * rng.normal(size=len(LONG)))
+    assert found.periodic
+    assert found.drift_s == pytest.approx((13.0 * 0.977, 13.0 * 1.023), rel=5e-3)
+    assert found.drift_s[0] < found.period_s < found.drift_s[1]

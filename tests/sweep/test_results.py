@@ -19,6 +19,8 @@ from eadp.sweep.runs import Result, Run
 RUNS = [Run(f"key{i}", {"plan": "p"}, {"seed": i, "wind.speed_mps": 1}) for i in range(6)]
 SUMMARY = {"completed": True, "reason": "r", "duration_s": 2.5, "soc_final": 0.25, "quality": None, "more": [1]}
 SUMMARY |= {"reserve_kept": True, "energy_wh": 6.5, "distance_m": 1200.0, "batteries": 1}
+SUMMARY |= {"solver": {"failed": 3, "fallbacks": 1}}
+SOLVER = {"solver_failed": 3, "fallbacks": 1}
 
 
 @pytest.fixture
@@ -39,7 +41,8 @@ def test_results_are_kept_in_order_of_what_is_expected(path):
     with closing(expecting(Results(path))) as results:
         first, second = results.rows()
         assert first == {**dict.fromkeys(COLUMNS), "error": "cannot", "took_s": 0.1}
-        assert second == {key: SUMMARY[key] for key in SUMMARY if key != "more"} | {"error": None, "took_s": 0.0}
+        figures = {key: SUMMARY[key] for key in SUMMARY if key not in ("more", "solver")}
+        assert second == figures | SOLVER | {"error": None, "took_s": 0.0}
         assert [row["error"] for row in results.rows(summaries=True)] == ["cannot", None]
         results.forget_failures()
         assert results.missing() == [0, 1, 2, 3, 5]
@@ -193,3 +196,27 @@ def test_names_that_mean_something_to_sqlite_are_names_of_files(tmp_path, monkey
     monkeypatch.chdir(tmp_path)
     with closing(Results(name)):
         assert (tmp_path / name).is_file()
+
+
+def test_runs_of_other_code_are_kept_and_left_out(path, monkeypatch):
+    ours = results_file.code_identity()
+    with closing(expecting(Results(path))) as results:
+        monkeypatch.setattr(results_file, "code_identity", lambda: "old")
+        results.store([(RUNS[0], Result(SUMMARY)), (RUNS[1], Result(SUMMARY))])
+        monkeypatch.setattr(results_file, "code_identity", lambda: ours)
+        # before this code has made any, the last stored are shown
+        assert [row["key"] for row in results.everything()] == ["key0", "key1"]
+        assert results.other_code() == (2, "old")
+        results.store([(RUNS[2], Result(SUMMARY))])
+        assert [row["key"] for row in results.everything()] == ["key2"]
+        assert len(results) == 3
+
+
+def test_results_where_nothing_can_be_written_are_read(path, monkeypatch):
+    with closing(Results(path)) as results:
+        results.store([(RUNS[0], Result(SUMMARY))])
+    monkeypatch.setattr(os, "access", lambda *_: False)  # as of a file system that is mounted so
+    with closing(expecting(Results(path), RUNS[:1])) as results:
+        assert results.read_only
+        assert [row["soc_final"] for row in results.rows()] == [0.25]
+    assert not list(Path(path).parent.glob("*-shm"))

@@ -19,6 +19,7 @@ from contextlib import closing
 
 import pytest
 import yaml
+from broken_osqp import BROKEN, broken_osqp
 from common import ROOT, few
 from common.answers import refused
 from common.processes import hear_interrupts
@@ -126,7 +127,7 @@ def test_a_row_for_each_run(eadp, folder):
     head, _, _ = answer.out.partition("\n")
     varied = "wind.speed_mps,wind.towards_deg,c1,battery.soc"
     figures = "completed,reason,duration_s,soc_final,quality,reserve_kept,energy_wh,distance_m,batteries"
-    assert head == f"{varied},{figures},seed,error"
+    assert head == f"{varied},{figures},solver_failed,fallbacks,seed,error"
     rows = table_of(answer.out)
     expected = itertools.product("024", ("90", "270"), (("0", "1"), ("11", "0.5")), "01")
     named = (*varied.split(","), "seed")
@@ -510,3 +511,40 @@ def test_the_estimate_and_the_progress(capsys, monkeypatch, folder):
 
 def test_the_shipped_sweep_is_some_minutes_of_work(root):
     assert 300 <= len(read_sweep(read_text(str(root / SHIPPED))).design) <= 600
+
+
+def test_other_code_makes_the_runs_again_and_says_so(eadp, folder, monkeypatch):
+    from eadp.sweep import results, sweep_file
+
+    run = importlib.import_module("eadp.sweep.run")
+    arguments = ["sweep", folder / "part.yaml", "-o", folder / "r.db", "--jobs", 1]
+    assert "other code" not in eadp(*arguments).err
+    for module in (results, run, sweep_file):
+        monkeypatch.setattr(module, "code_identity", lambda: "eadp 99")
+    message = eadp(*arguments).err
+    assert "r.db:1:1: warning: 8 runs are of other code, eadp 0" in message
+    assert "; this is eadp 99: they stay in the file, and are made again" in message
+    assert "8 runs of other code are left out." in (folder / "r.html").read_text()
+    assert "other code" not in eadp(*arguments).err
+
+
+def test_a_failed_solver_shows_in_every_output(eadp, folder):
+    sweep = folder / "joint.yaml"
+    sweep.write_text(
+        f"schema: eadp.sweep/1\nplan: {ROOT}/plans/survey.plan\nscenario: {ROOT}/scenarios/survey.yaml\n"
+        "grid: {battery.capacity_ah: [0.62, 3]}\n"
+    )
+    arguments = ["sweep", sweep, "--jobs", 1, "--set", "time_limit_s=40", "--junit", folder / "j.xml"]
+    with broken_osqp(BROKEN["failing"]):
+        text, table = eadp(*arguments, "-o", folder / "r.db", "-q"), eadp(*arguments, "--format", "csv")
+        strict = eadp(*arguments, "--strict-solver", "-o", folder / "r.db")
+    assert (text.code, table.code, strict.code) == (0, 0, 1)
+    failed = [row for row in table_of(table.out) if int(row["solver_failed"])]
+    assert failed
+    assert all(int(row["fallbacks"]) for row in failed)
+    words = f"in {len(failed)} of 2 flights OSQP did not solve: "
+    assert f"solver     {words}" in text.out
+    assert f"eadp: warning: {words}" in text.err  # though it is quiet
+    assert len(ET.parse(folder / "j.xml").findall(".//system-out")) == len(failed)
+    assert f"OSQP did not solve in {len(failed)} of 2 flights" in (folder / "r.html").read_text()
+    assert "OSQP" not in eadp(*arguments, "--format", "csv").err

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import pickle
+import shutil
+from pathlib import Path
 
 import pytest
 
+from eadp import plug_ins
 from eadp.api.inputs import load_flight
 from eadp.errors import EadpError, InputError
 from eadp.io.text.streams import read_text
-from eadp.sweep import sweep_file
 from eadp.sweep.run import FlyRun
 from eadp.sweep.sweep_file import load_run, read_sweep
 
@@ -122,11 +124,31 @@ def test_the_key_depends_on_the_profile_that_the_scenario_names(folder, root):
         sweep_of(path)
 
 
-def test_the_key_depends_on_the_version(folder, monkeypatch):
-    path = written(folder, "plan: line.plan\n")
-    first = runs(sweep_of(path))[0].key
-    monkeypatch.setattr(sweep_file, "__version__", "99")
-    assert runs(sweep_of(path))[0].key != first
+def test_the_key_depends_on_the_code_of_eadp_and_of_plug_ins(folder, monkeypatch, tmp_path):
+    path, keys = written(folder, "plan: line.plan\n"), []
+
+    def note():
+        plug_ins.code_identity.cache_clear()
+        plug_ins.sources_hash.cache_clear()
+        keys.append(runs(sweep_of(path))[0].key)
+
+    note()
+    about = tmp_path / "meek-0.1.dist-info"
+    about.mkdir()
+    (about / "entry_points.txt").write_text("[eadp.planners]\nmeek = meek:Meek\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    for version, source in (("0.1", "a = 1"), ("0.2", "a = 1"), ("0.2", "a = 2")):
+        (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: meek\nVersion: {version}\n")
+        (tmp_path / "meek.py").write_text(source)
+        note()
+    changed = tmp_path / "eadp"
+    shutil.copytree(Path(plug_ins.__file__).parent, changed)
+    (changed / "core/flight.py").write_text("a = 1")
+    places = plug_ins._places
+    monkeypatch.setattr(plug_ins, "_places", lambda names: (changed,) if names == ["eadp"] else places(names))
+    note()
+    assert len({*keys}) == 5
+    plug_ins.code_identity.cache_clear()
 
 
 def test_a_run_is_the_flight_of_simulate_and_needs_no_files(folder, root):
@@ -243,8 +265,8 @@ def test_another_versions_work_is_refused(folder, monkeypatch):
     import eadp.api.inputs as module
 
     pickled = pickle.dumps(FlyRun(sweep_of(written(folder, "plan: line.plan\n")).kept))
-    monkeypatch.setattr(module, "__version__", "99")
-    with pytest.raises(EadpError, match="this is eadp 99"):
+    monkeypatch.setattr(module, "code_identity", lambda: "eadp 99")
+    with pytest.raises(EadpError, match=r"it has eadp 99, and the sender eadp 0"):
         pickle.loads(pickled)
 
 

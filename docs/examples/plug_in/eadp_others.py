@@ -9,22 +9,24 @@ from typer import Option
 
 from eadp.api.flight import simulate
 from eadp.cli.output import emit, warn
-from eadp.errors import InputError
 from eadp.exchange.items import RELATIVE, WAYPOINT, DraftItem, MissionDraft
 from eadp.exchange.reader import MissionFormat
-from eadp.measure.formats import LogFormat
-from eadp.measure.power_log import PowerLog
-from eadp.models.vehicle import FixedWing
+from eadp.extend import FixedWing, InputError, LogFormat, PowerLog
 from eadp.survey.coverage import LineGrid
 
 
 @dataclass(frozen=True)
 class Glider(FixedWing):
-    """An aeroplane with keys and formulas of its own; it flies as the class that it inherits from."""
+    """An aeroplane with keys and formulas of its own, which forecasts and simulated flights ask."""
 
     model: Literal["glider"] = "glider"
     aspect_ratio: float = 18.0
     zero_lift_drag_coefficient: float = 0.012
+    winglet_share: float = 0.9
+
+    def drag_n(self, airspeed_mps, bank_rad=0.0):
+        """Drag in level flight [N]: winglets take a share of it."""
+        return self.winglet_share * super().drag_n(airspeed_mps, bank_rad)
 
 
 def sodium(soc):

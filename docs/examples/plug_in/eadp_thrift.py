@@ -2,8 +2,7 @@
 
 from dataclasses import dataclass
 
-from eadp.planning.base import Decision
-from eadp.planning.registry import Planner
+from eadp.extend import Decision, Planner
 
 
 @dataclass(frozen=True)
@@ -22,10 +21,10 @@ class ThriftPlanner(Planner):
 
     def update(self, state):
         """Decide at `state.now`, the last observation, each `every_s` of the settings."""
-        now, path = state.now, self._mission.plan.path_count
+        now, path = state.now, self.mission.plan.path_count
         if now.time_s >= self.next_update_s:
-            self.next_update_s = now.time_s + self._settings.every_s
-            share = min(1.0, now.soc / self._own.full_soc)
+            self.next_update_s = now.time_s + self.settings.every_s
+            share = min(1.0, now.soc / self.own.full_soc)
             computations = [box.lo + share * (box.hi - box.lo) for box in now.cursor.stage.sets[path:]]
             self._decision = Decision((*now.parameters[:path], *computations), f"computations at {share:.0%}")
         return self._decision

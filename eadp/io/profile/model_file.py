@@ -6,7 +6,7 @@ import math
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from itertools import islice
 from typing import Annotated, Any, Literal
 
@@ -30,7 +30,7 @@ from eadp.io.profile.measurements import (
 )
 from eadp.io.profile.recordings import PowerColumns, read_recording
 from eadp.io.text.streams import Text, read_text
-from eadp.io.text.yaml import STRICT, Document, Path, read_yaml, schema_of, validated
+from eadp.io.text.yaml import STRICT, Document, Path, document_schema, read_yaml, schema_of, validated
 from eadp.models.profile import ARRAYS, AnyProfile, Profile, ProfileSum, added, configuration_text, shortest
 
 SCHEMA = "eadp.profile/1"
@@ -520,6 +520,15 @@ def _quoted(text: str) -> str:
     return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in escaped) + '"'
 
 
+@dataclass(frozen=True)
+class PowerAt:
+    """Power of a configuration [W], and whether it is outside those measured."""
+
+    configuration: dict[str, float]
+    power_w: float
+    extrapolated: bool
+
+
 def powers_at(profile: AnyProfile, asked: Sequence[str], clamp: bool) -> tuple[list[dict[str, Any]], list[Fault]]:
     """Power at configurations such as `fps=5,keysize=32`.
 
@@ -562,7 +571,7 @@ def powers_at(profile: AnyProfile, asked: Sequence[str], clamp: bool) -> tuple[l
             message = f"{profile.outside(configuration)}: taken at {taken}"
             warnings.append(Fault("--at", 1, 1, message, severity="warning"))
         named = dict(zip(profile.names, map(shortest, configuration), strict=True))
-        values.append({"configuration": named, "power_w": power_w, "extrapolated": extrapolated})
+        values.append(asdict(PowerAt(named, power_w, extrapolated)))
     refuse(faults)
     return values, warnings
 
@@ -577,3 +586,8 @@ def _configuration(raw: str, names: Sequence[str]) -> tuple[float, ...]:
         message = f"no parameter {', '.join(unknown)}" if unknown else f"no value for {', '.join(missing)}"
         raise InputError.at("--at", 1, 1, message, expected, raw)
     return tuple(given.values[given.names.index(name)] for name in names)
+
+
+def power_schema() -> dict[str, Any]:
+    """JSON Schema of `eadp.power/1`."""
+    return document_schema("eadp.power/1", {"values": list[PowerAt]})

@@ -12,10 +12,10 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import Any, TypeVar, get_origin
+from typing import Any, Literal, TypeVar, get_origin
 
 import yaml
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, create_model
 from pydantic.json_schema import GenerateJsonSchema
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
@@ -242,6 +242,19 @@ class _Described(GenerateJsonSchema):
 def schema_of(model: Any) -> dict[str, Any]:
     """JSON Schema of a dataclass or model."""
     return _adapter(model).json_schema(by_alias=True, schema_generator=_Described)
+
+
+def document_schema(name: str, keys: Mapping[str, Any]) -> dict[str, Any]:
+    """JSON Schema of a document with `schema: NAME` and other keys, by their types; all are written."""
+    fields: dict[str, Any] = {key: (kind, ...) for key, kind in keys.items()}
+    label: Any = (Literal[name], Field(alias="schema"))
+    model: Any = create_model("Document", __config__=ConfigDict(extra="forbid"), schema_=label, **fields)
+    return schema_of(model) | {"title": name}
+
+
+def faults_schema() -> dict[str, Any]:
+    """JSON Schema of a line of `--faults json`."""
+    return document_schema("eadp.faults/1", {"faults": list[Fault]})
 
 
 def are_given(*keys: str) -> dict[str, Any]:

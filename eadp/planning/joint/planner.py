@@ -24,6 +24,8 @@ from eadp.core.geometry.curves import Point
 from eadp.models.battery import LETTER
 from eadp.models.plan.cursor import Vector
 from eadp.planning.base import (
+    BY_FALLBACK,
+    FALLBACK,
     JUMPED,
     NEW_STAGE,
     TIME,
@@ -374,6 +376,8 @@ class JointPlanner(Planner):
         elif self._infeasible_since_s is None:
             self._infeasible_since_s = o.time_s
         reason = with_limit(self._reason(known, plan, chosen, searched=searched), limit)
+        if solution.status == FALLBACK:
+            reason += f"; {BY_FALLBACK}closed form: OSQP failed"
         if not known.charge.believed:
             reason += GAUGE_DISBELIEVED
         returns_home = self._update_home(o.time_s, plan)

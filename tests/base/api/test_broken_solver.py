@@ -71,6 +71,7 @@ def test_a_broken_solver_shows_and_the_fallback_flies(sound, broken):
     assert solver["fallbacks"] == statuses.count("fallback") == flight.summary["replans"]
     assert solver["gap_max"] is None
     assert "solved" not in solver["by_status"]
+    assert all(("fallback, " in record.reason) == (record.status == "fallback") for record in flight.decisions)
     assert flight.summary["soc_final"] > 0
     if planner == "paper":  # δ lowers the whole horizon alike
         assert [record.parameters for record in flight.decisions] != [record.parameters for record in good.decisions]

@@ -1,0 +1,47 @@
+"""What packages of others build on: these names and their public attributes are promised, see docs/library.md.
+
+| an entry point of | is |
+|---|---|
+| `eadp.planners` | a subclass of `Planner`: `update` takes a `FlightState` and returns a `Decision` |
+| `eadp.airframes` | a dataclass that inherits from `FixedWing` or `PowerCurve` |
+| `eadp.batteries` | a `CellVoltage` |
+| `eadp.log_formats` | a `LogFormat`, whose reader makes a `PowerLog` of a `LogSource` and `Columns` |
+
+A planner asks `HeldForecast` how the rest of the flight ends with parameters held.
+"""
+
+from collections.abc import Callable
+
+from eadp.core.arrays import FloatArray
+from eadp.errors import EadpError, InputError
+from eadp.measure.formats import LogFormat, LogSource
+from eadp.measure.power_log import Columns, PowerLog
+from eadp.models.vehicle import Airframe, FixedWing, PowerCurve
+from eadp.planning.base import Decision, Ending, Mission, Observation, PlannerSettings
+from eadp.planning.forecast.held import HeldForecast
+from eadp.planning.registry import Planner
+from eadp.planning.state.flight_state import FlightState
+
+CellVoltage = Callable[[FloatArray], FloatArray]
+"""Open-circuit voltage of a cell [V] of its states of charge, 0 to 1."""
+
+__all__ = [
+    "Airframe",
+    "CellVoltage",
+    "Columns",
+    "Decision",
+    "EadpError",
+    "Ending",
+    "FixedWing",
+    "FlightState",
+    "HeldForecast",
+    "InputError",
+    "LogFormat",
+    "LogSource",
+    "Mission",
+    "Observation",
+    "Planner",
+    "PlannerSettings",
+    "PowerCurve",
+    "PowerLog",
+]
