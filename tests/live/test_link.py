@@ -14,7 +14,6 @@ import struct
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -190,19 +189,6 @@ def test_the_charge_drawn_counts_before_the_share_that_remains(inputs):
     assert "soc" not in line
     (later,) = lines_of(maker, {"time_s": 2.0 + STALE_S, "lat_deg": 55.0, "lon_deg": 10.0})
     assert later["current_consumed_ah"] is None  # old, and the coarser share does not take its place
-
-
-def test_a_voltage_of_another_charge_is_warned_of(inputs):
-    said = []
-    battery = inputs.mission.battery.overridden({"voltage_v": 16.8, "voltage_empty_v": 14.0})
-    mission = replace(inputs.mission, battery=battery)
-    maker = LineMaker(TelemetryReader("link", mission), mission, None, said.append)
-    maker.update({"armed": True, "active": True, "voltage_v": 16.5, "current_a": 1.0, "remaining": 0.9})
-    maker.update({"time_s": 1.0, "lat_deg": 55.0, "lon_deg": 10.0})
-    assert said == []
-    maker.update({"voltage_v": 14.9})
-    maker.update({"time_s": 2.0, "lat_deg": 55.0, "lon_deg": 10.0})
-    assert "below that of the charge" in said[0]
 
 
 @pytest.mark.parametrize(("autopilot", "shift"), [(3, 1), (12, 0)])
