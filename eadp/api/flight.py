@@ -181,7 +181,24 @@ def forecast_values(expected: Preflight) -> dict[str, Any]:
             for stage, (seconds, energy_wh) in sorted(expected.stages.items())
         ],
         **({"autopilot": expected.autopilot_text} if expected.autopilot_text else {}),
+        **_slowed(expected),
     }
+
+
+def _slowed(expected: Preflight) -> dict[str, Any]:
+    """Airspeeds that are decided, by stage, and what is forecast at the aircraft's own; empty where none is decided."""
+    own = expected.at_cruise
+    if own is None:
+        return {}
+    end = own.forecast
+    at_cruise = {
+        "airspeed_mps": own.evaluated[0].known.airspeed_mps,
+        "completes_probability": end.completes_probability,
+        "time_s": end.remaining_s,
+        "soc_end": end.soc_end,
+        "quality": own.quality,
+    }
+    return {"airspeeds_mps": list(expected.airspeeds_mps), "at_cruise": at_cruise}
 
 
 def batteries(expected: Preflight) -> int | None:

@@ -93,6 +93,14 @@ class _StageForecast(_Keys):
     energy_wh: float
 
 
+class _Cruise(_Keys):
+    airspeed_mps: float
+    completes_probability: float | None
+    time_s: float | None
+    soc_end: float | None
+    quality: float | None
+
+
 class _Forecast(_Keys):
     completes: bool
     completes_probability: float | None
@@ -115,6 +123,8 @@ class _Forecast(_Keys):
     obstacles: list[_Risk]
     stages: list[_StageForecast]
     autopilot: str = ""
+    airspeeds_mps: list[float] = []
+    at_cruise: _Cruise | None = None
 
 
 class _Summary(_Keys):

@@ -169,6 +169,8 @@ class FlightInputs:
         wind_mps = wind.steady_at_mps(0.0, statistics.median_high(altitudes_m))
         found = planner.preflight(settings, self.mission, wind_mps, wind.gust_std_mps)
         airspace = plan.site.airspace
+        if found is not None and set(found.airspeeds_mps) - {self.mission.cruise_mps}:
+            found = replace(found, at_cruise=self.at_one_airspeed().preflight(whole=False))
         if found is None or not whole or not any(airspace):
             return found
         from eadp.planning.forecast import clearance  # few plans have obstacles

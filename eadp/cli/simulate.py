@@ -212,6 +212,23 @@ def _endurance(endurance: Mapping[str, Any] | None, *, verbose: bool) -> list[st
     return [line]
 
 
+def _slowed(expected: Mapping[str, Any]) -> list[str]:
+    """What another airspeed than the aircraft's own buys."""
+    if "at_cruise" not in expected:
+        return []
+    own = expected["at_cruise"]
+    minutes = f"{expected['time_s'] / 60:.0f} min"
+    if (own["completes_probability"] or 0.0) < 0.5:
+        instead = "the battery does not last"
+    else:
+        instead = f"{own['time_s'] / 60:.0f} min"
+        if expected["quality"] is not None and own["quality"] is not None:
+            minutes, instead = f"{minutes} with U {expected['quality']:.2f}", f"{instead} with U {own['quality']:.2f}"
+    low, high = min(expected["airspeeds_mps"]), max(expected["airspeeds_mps"])
+    flown = f"{low:g}" if low == high else f"{low:g} to {high:g}"
+    return [f"airspeed   {flown} m/s: {minutes}; at {own['airspeed_mps']:g} m/s {instead}"]
+
+
 def _reach(expected: Mapping[str, Any]) -> list[str]:
     """How far one pack carries a mission that it does not finish, and how many it takes."""
     if expected["batteries"] == 1:
@@ -243,6 +260,7 @@ def _forecast(expected: Mapping[str, Any] | None, never_past: str | None) -> lis
     finishes, keeps = (f"{100 * expected[f'{what}_probability']:.0f} % sure" for what in ("completes", "reserve"))
     return [
         f"forecast   finishes: {finishes}; {charge} of the charge; keeps the reserve: {keeps}; {energy} in {times}",
+        *_slowed(expected),
         *_reach(expected),
         *home,
         *([f"autopilot  {expected['autopilot']}; the simulated flight does not"] if "autopilot" in expected else []),

@@ -62,7 +62,17 @@ def command(
     if options.format == "json":
         emit_json(use_case.performance_document(vehicle, found))
     else:
-        emit("\n".join([*([vehicle.name] if vehicle.name else []), *_lines(found, computing), "", *_table(found)]))
+        emit(
+            "\n".join(
+                [
+                    *([vehicle.name] if vehicle.name else []),
+                    *_lines(found, computing),
+                    "",
+                    *_table(found),
+                    *_speeds(found),
+                ]
+            )
+        )
     return 1 if found.faults else 0
 
 
@@ -107,6 +117,21 @@ def _table(found: Performance) -> list[str]:
         flown = {"as it flies": each.held, "longest": each.endurance, "farthest": each.range}
         rows += [_row(each.wind_mps, name, one) for name, one in flown.items() if one is not None]
     return aligned(rows)
+
+
+def _speeds(found: Performance) -> list[str]:
+    """Energy a kilometre by airspeed and wind, for the airspeeds that may be decided."""
+    if not any(each.speeds for each in found.winds):
+        return []
+    head = ["out and back [Wh/km]", *(f"{one.airspeed_mps:g} m/s" for one in found.winds[0].speeds)]
+    rows = [
+        [
+            f"in {each.wind_mps:g} m/s",
+            *(f"{one.wh_per_km:.2f}" if math.isfinite(one.wh_per_km) else "-" for one in each.speeds),
+        ]
+        for each in found.winds
+    ]
+    return ["", *aligned([head, *rows])]
 
 
 def _row(wind_mps: float, name: str, one: SpeedRange) -> list[str]:

@@ -207,7 +207,9 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     if options.landing is not None:
         plan = _landed(plan, to, options, warn)
     autopilot = autopilot_of(to, options)
-    chosen = _stated(plan, options, warn) if options.scenario is None else _forecast(plan, autopilot, options, warn)
+    decides = to in WITH_ITEMS and options.telemetry is None  # whether airspeeds that are decided can be commanded
+    stated = options.scenario is None
+    chosen = _stated(plan, options, warn) if stated else _forecast(plan, autopilot, options, warn, decides=decides)
     planned = chosen.planned if options.start is None else _rest(chosen.planned, options.start)
     path = _path(chosen._replace(planned=planned), to, options, warn)
     if to not in WITH_ITEMS:
@@ -257,12 +259,15 @@ def _stated(given: File | Plan, options: ExportOptions, warn: Warn) -> _Chosen:
     return _Chosen(plan, name, planned, airframe)
 
 
-def _forecast(given: File | Plan, autopilot: Autopilot, options: ExportOptions, warn: Warn) -> _Chosen:
+def _forecast(
+    given: File | Plan, autopilot: Autopilot, options: ExportOptions, warn: Warn, *, decides: bool
+) -> _Chosen:
     """A plan at the parameters that its forecast in a scenario chooses, or the rest of it by telemetry."""
     overrides = read_overrides(override_texts(options.overrides))
     if autopilot.kind == PX4:  # by whose own rules it flies, stated or not
         overrides = {**overrides, "autopilot.kind": PX4}
-    inputs = load_flight(given, scenario=options.scenario, overrides=overrides).at_one_airspeed()
+    inputs = load_flight(given, scenario=options.scenario, overrides=overrides)
+    inputs = inputs if decides else inputs.at_one_airspeed()
     warn(inputs.warnings)
     plan, airframe = inputs.world.plan, inputs.world.vehicle
     name = inputs.sources["plan"].name if options.landing is None else plan.name
@@ -501,6 +506,9 @@ def _forecast_text(forecast: Preflight, plan: Plan, legs: Sequence[Leg]) -> str:
     reserve = f"; keeps the reserve with {100 * (end.reserve_probability or 0.0):.1f} %"
     energy = "" if end.energy_wh is None else f", {end.energy_wh:.2f} Wh"
     energy += f"; the autopilot {forecast.autopilot_text}" if forecast.autopilot_text else ""
+    if forecast.airspeeds_mps:
+        low_mps, high_mps = min(forecast.airspeeds_mps), max(forecast.airspeeds_mps)
+        chosen.append(f"airspeed {low_mps:g} to {high_mps:g} m/s")
     at = f"at {', '.join(chosen)}: " if chosen else ""
     risks = "".join(f"; {risk_text(name, share)}" for name, share in forecast.entering.items())
     return f"forecast {at}{length_m / 1000:.2f} km, {end.remaining_s:.0f} s{energy}{reserve}{risks}"
@@ -618,7 +626,7 @@ class _MissionExporter:
         """Write a plan for a scenario, whose autopilot is of a kind, as the file `stem` with the format's ending."""
         # of sorties for PX4, a mission for ArduPilot ends by its own rules
         other = to in WITH_ITEMS and (to == PX4) != (kind == PX4)
-        overrides = (f"autopilot.kind={ARDUPILOT}",) if other else ()
+        overrides = ("planner.joint.airspeed=fixed", *((f"autopilot.kind={ARDUPILOT}",) if other else ()))
         mission = exported(plan, to, ExportOptions(overrides, scenario=scenario), lambda _: None)
         mission.write(f"{stem}{ENDINGS.get(to, '.' + to)}")
 

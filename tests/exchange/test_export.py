@@ -607,6 +607,28 @@ def test_with_a_scenario_the_forecast_chooses(eadp):
     assert length(low) < length(full) - 100
 
 
+def test_airspeeds_that_are_decided_are_commanded_and_read_back(eadp, tmp_path):
+    """By every door alike: what is forecast, what the mission's items command, and what is forecast of the mission."""
+    keys = ("vehicle.airframe.airspeed_range_mps=[11, 15]", "battery.capacity_ah=0.3", "wind.speed_mps=2")
+    given = ("--scenario", "scenarios/survey.yaml", *(word for key in keys for word in ("--set", key)))
+    decides = (*given, "--set", "planner.joint.airspeed=when-short", "--origin", "47,8")
+    mission = tmp_path / "slow.waypoints"
+    written = eadp("export", "plans/survey.plan", *decides, "--to", "ardupilot", "-o", mission)
+    assert written.code == 0
+    rows = [line.split("\t") for line in mission.read_text().splitlines()[1:]]
+    commanded = [float(row[5]) for row in rows if row[3] == "178"]
+    assert 11 <= min(commanded) < 14.5
+    assert f"airspeed {min(commanded):g} to" in written.err
+    own = json.loads(eadp("simulate", "plans/survey.plan", *decides[:-2], "--format", "json").out)["energy_forecast"]
+    assert {*commanded} == {*own["airspeeds_mps"]}
+    assert own["at_cruise"]["airspeed_mps"] == 15
+    assert own["quality"] > own["at_cruise"]["quality"]
+    flown = json.loads(eadp("simulate", mission, *given, "--set", "planner.name=static", "--format", "json").out)
+    assert flown["energy_forecast"]["time_s"] == pytest.approx(own["time_s"], rel=0.02)
+    fixed = eadp("export", "plans/survey.plan", *given, "--origin", "47,8", "--to", "ardupilot")
+    assert [row.split("\t")[5] for row in fixed.out.splitlines()[1:] if row.split("\t")[3] == "178"] == ["15"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -50,6 +50,8 @@ class Preflight:
         How far one pack carries it with the reserve kept, where that is not to the end.
     turns_back_soc : float
         State of charge at the end with less of which the autopilot turns back on the way; 0 where it does not.
+    at_cruise : Preflight or None
+        The same at the aircraft's own airspeed, where others are decided.
     entering : dict
         Probability of each obstacle to be entered, and of the boundary to be left, by name; see `clearance.entering`.
     evaluated : tuple of (Evaluation, Filling)
@@ -67,6 +69,7 @@ class Preflight:
     reach: Reach | None = None
     turns_back_soc: float = 0.0
     entering: dict[str, float] = field(default_factory=dict)
+    at_cruise: Preflight | None = None
 
     @classmethod
     def of(cls, evaluation: Evaluation, filling: Filling, parameters: Vector) -> Preflight:
@@ -110,10 +113,23 @@ class Preflight:
             return ""
         return f"turns back by itself unless {100 * self.turns_back_soc:.0f} % of the charge is left at the end"
 
+    @property
+    def airspeeds_mps(self) -> Vector:
+        """The airspeed of each stage, where it is decided [m/s]; else empty."""
+        of_places = self.evaluated[0].airspeeds_mps
+        return () if of_places is None else tuple(of_places[0].tolist())
+
     def planned(self, mission: Mission) -> PlannedLegs:
-        """The legs that were forecast, to the plan's end."""
+        """The legs that were forecast, to the plan's end; where airspeeds are decided, their stages command them."""
         cursor = PlanCursor.start(mission.plan, mission.parameters, mission.rules).decide(self.decided)
-        return RoutePredictor().route(cursor, mission.start_m or (0.0, 0.0)).planned()
+        planned = RoutePredictor().route(cursor, mission.start_m or (0.0, 0.0)).planned()
+        if not set(self.airspeeds_mps) - {mission.cruise_mps}:
+            return planned
+        stages = {
+            stage.index: replace(stage, airspeed_mps=stage.airspeed_mps or airspeed_mps)
+            for stage, airspeed_mps in zip(mission.plan.stages, self.airspeeds_mps, strict=True)
+        }
+        return planned._replace(legs=tuple(leg._replace(stage=stages[leg.stage.index]) for leg in planned.legs))
 
 
 def _mean_computations(evaluation: Evaluation, filling: Filling, route: Route, rho: int) -> list[float]:
