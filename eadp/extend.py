@@ -5,7 +5,9 @@
 | `eadp.planners` | a subclass of `Planner`: `update` takes a `FlightState` and returns a `Decision` |
 | `eadp.airframes` | a dataclass that inherits from `FixedWing` or `PowerCurve` |
 | `eadp.batteries` | a `CellVoltage` |
-| `eadp.log_formats` | a `LogFormat`, whose reader makes a `PowerLog` of a `LogSource` and `Columns` |
+
+A reader of logs builds on the room that reads them: `LogFormat` and `LogSource` of `eadp.measure.formats`, `PowerLog`
+and `Columns` of `eadp.measure.power_log`, promised alike.
 
 A planner asks `HeldForecast` how the rest of the flight ends with parameters held.
 """
@@ -14,8 +16,6 @@ from collections.abc import Callable
 
 from eadp.core.arrays import FloatArray
 from eadp.errors import EadpError, InputError
-from eadp.measure.formats import LogFormat, LogSource
-from eadp.measure.power_log import Columns, PowerLog
 from eadp.models.vehicle import Airframe, FixedWing, PowerCurve
 from eadp.planning.base import Decision, Ending, Mission, Observation, PlannerSettings
 from eadp.planning.forecast.held import HeldForecast
@@ -28,7 +28,6 @@ CellVoltage = Callable[[FloatArray], FloatArray]
 __all__ = [
     "Airframe",
     "CellVoltage",
-    "Columns",
     "Decision",
     "EadpError",
     "Ending",
@@ -36,12 +35,9 @@ __all__ = [
     "FlightState",
     "HeldForecast",
     "InputError",
-    "LogFormat",
-    "LogSource",
     "Mission",
     "Observation",
     "Planner",
     "PlannerSettings",
     "PowerCurve",
-    "PowerLog",
 ]

@@ -247,9 +247,11 @@ def test_an_error_of_a_package_names_it(capsys, monkeypatch):
 
 def test_the_promised_names_are_these():
     from eadp import extend
+    from eadp.measure import formats, power_log
 
     assert sorted(extend.__all__) == extend.__all__
-    assert {"Planner", "Decision", "FlightState", "HeldForecast", "FixedWing", "CellVoltage", "LogFormat"} < {
-        *extend.__all__
-    }
+    assert {"Planner", "Decision", "FlightState", "HeldForecast", "FixedWing", "CellVoltage"} < {*extend.__all__}
     assert all(hasattr(extend, name) for name in extend.__all__)
+    # of logs, those of the room that reads them
+    assert all(hasattr(formats, name) for name in ("LogFormat", "LogSource"))
+    assert all(hasattr(power_log, name) for name in ("PowerLog", "Columns"))

@@ -11,7 +11,9 @@ from eadp.api.flight import simulate
 from eadp.cli.output import emit, warn
 from eadp.exchange.items import RELATIVE, WAYPOINT, DraftItem, MissionDraft
 from eadp.exchange.reader import MissionFormat
-from eadp.extend import FixedWing, InputError, LogFormat, PowerLog
+from eadp.extend import FixedWing, InputError
+from eadp.measure.formats import LogFormat
+from eadp.measure.power_log import PowerLog
 from eadp.survey.coverage import LineGrid
 
 
