@@ -131,6 +131,9 @@ class LinkFlight:
         if options.command_airspeed and inputs.mission.vehicle.airspeed_range_mps is None:
             message = "the aircraft states no airspeeds to choose from"
             raise InputError.at("--command-airspeed", 1, 1, message, "vehicle.airframe.airspeed_range_mps: [LOW, HIGH]")
+        if options.command_airspeed and getattr(inputs.scenario.planner.own, "airspeed", "fixed") == "fixed":
+            message = "the planner decides no airspeed"
+            raise InputError.at("--command-airspeed", 1, 1, message, "planner.joint.airspeed: when-short")
         if options.upload and exported is None:
             raise InputError.at("--upload", 1, 1, "the mission is unknown", "--items, as eadp export writes them")
         # path parameters that the mission shall have; None before the first plan, and once only home can be reached

@@ -871,6 +871,12 @@ def test_without_the_option_no_airspeed_is_commanded(slow):
     assert {line["airspeed_mps"] for line in flown.decisions} == {None}
 
 
+def test_an_airspeed_that_is_not_decided_is_refused(plan):
+    ranged = {"vehicle.airframe.airspeed_range_mps": [10.5, 15.0]}
+    with pytest.raises(InputError, match="--command-airspeed:1:1: error: the planner decides no airspeed"):
+        Flown(load_flight(str(plan), scenario=SCENARIO, overrides=ranged), command_airspeed=True)
+
+
 def test_an_airspeed_without_a_range_is_refused(inputs):
     with pytest.raises(InputError, match="--command-airspeed:1:1: error: the aircraft states no airspeeds"):
         Flown(inputs, command_airspeed=True)
