@@ -215,9 +215,14 @@ class Evaluation:
         now on, at the pace that leaves the most charge, does not keep the reserve with its probability, the knapsack
         as it is.
         """
-        learned = self.evaluator.quantile * (self.std - self.final_std)  # z (σ − σ₊)
-        knapsack, spare = self.knapsack, (self.thriftiest or self).knapsack.spare
-        return knapsack._replace(available=knapsack.available + np.where(spare >= 0, learned, 0.0))
+        spare = (self.thriftiest or self).knapsack.spare
+        return self.knapsack._replace(available=np.where(spare >= 0, self.later.available, self.knapsack.available))
+
+    @property
+    def later(self) -> Knapsack:
+        """The knapsack with the smaller margin at every place: z (σ − σ₊) less is kept."""
+        learned = self.evaluator.quantile * (self.std - self.final_std)
+        return self.knapsack._replace(available=self.knapsack.available + learned)
 
     def left_over(self, filling: Filling) -> float:
         """State of charge available in `adaptive` beyond the use of a filling; for an evaluation of one place."""

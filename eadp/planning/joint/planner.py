@@ -42,7 +42,7 @@ from eadp.planning.forecast.evaluate import LAST_CHANGE_S, ROUNDING, Evaluation,
 from eadp.planning.forecast.held import Preflight, before_take_off
 from eadp.planning.forecast.home import IN_FLIGHT, can_fall, home_spare, latest_turn_back
 from eadp.planning.forecast.knapsack import fill_greedy
-from eadp.planning.joint.policy import Places, Policy
+from eadp.planning.joint.policy import EARLY_S, Places, Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
 from eadp.planning.joint.search import Search, Shares
 from eadp.planning.joint.settings import JointSettings
@@ -80,6 +80,8 @@ class Candidate(NamedTuple):
         Its computations.
     pace_mps, thriftiest_mps : float or None
         Its pace, and the one that leaves the most charge [m/s]; None where the airspeed is not decided.
+    in_reach : float
+        Of a path searched: the greatest value of any by the smaller margin, see `Evaluation.later`.
     """
 
     shares: Shares
@@ -87,6 +89,7 @@ class Candidate(NamedTuple):
     solution: Solution
     pace_mps: float | None = None
     thriftiest_mps: float | None = None
+    in_reach: float = -math.inf
 
     @property
     def airspeeds_mps(self) -> Vector:
@@ -250,18 +253,31 @@ class JointPlanner(Planner):
         """
         if not self._paced:
             return self._search_path(known, kept)
-        shares = self._places.shares
+        shares, in_reach, stays = self._places.shares, -math.inf, False
         if self._places.open:
-            found = self._search_path(known, kept and self._plan(known, shares, kept.thriftiest_mps))
-            shares = shares if found is None else found.shares
-        return self._decide_pace(known, shares)
+            least = kept and self._plan(known, shares, kept.thriftiest_mps)
+            found = self._search_path(known, least)
+            if found is not None:
+                shares, in_reach = found.shares, found.in_reach
+            if least is not None and found is not None and shares != least.shares:
+                later = fill_greedy(least.evaluation.later)
+                early = known.time_s < EARLY_S and self._losses == 0
+                stays = early and bool(later.feasible[0]) and float(later.value[0]) > found.solution.value
+        plan = self._decide_pace(known, self._places.shares if stays else shares, in_reach)
+        if stays and plan is not None and plan.evaluation.thriftiest is not None:
+            # early in the flight the path stays while it is in reach, as computations do
+            thriftiest = plan.evaluation.thriftiest
+            evaluation = replace(plan.evaluation, thriftiest=replace(thriftiest, knapsack=thriftiest.later))
+            plan = plan._replace(evaluation=evaluation, solution=Solution(fill_greedy(evaluation.adaptive), ""))
+        return plan
 
-    def _decide_pace(self, known: Known, shares: Shares) -> Candidate | None:
+    def _decide_pace(self, known: Known, shares: Shares, in_reach: float = -math.inf) -> Candidate | None:
         """The plan at a place and the best pace; None where it cannot be flown.
 
         It is the fastest at which its value is as great, or its shortfall as small, as at any: by the smaller margin of
         what can still change where that is the fastest of all, see `Evaluation.adaptive`, else by the whole one. That
-        in force stays where it will do, see `Policy.pace`.
+        in force stays where it will do, see `Policy.pace`. While a path of a greater value, `in_reach`, may still come
+        within the whole margin, it is the one that leaves the most charge.
         """
         paces, evaluation = self._places.paces(known, shares)
         if evaluation is None:
@@ -270,11 +286,11 @@ class JointPlanner(Planner):
         pace_mps = thriftiest_mps = paces[int(np.argmax(spare))]
         if self._own.airspeed == "least-energy":
             pace_mps = paces[-1]
+        elif filling.feasible.any() and in_reach > filling.value[filling.feasible].max() + self._policy.path_gain:
+            pass
         elif filling.feasible.any():
-            learned = evaluation.evaluator.quantile * (evaluation.std - evaluation.final_std)
-            later = fill_greedy(evaluation.knapsack._replace(available=evaluation.knapsack.available + learned))
             # the fastest of all by the margin that is left later, others by the whole one
-            good = later.as_good(SAME_VALUE)
+            good = fill_greedy(evaluation.later).as_good(SAME_VALUE)
             good = good if good[0] == 0 else filling.as_good(SAME_VALUE)
             pace_mps = self._policy.pace(known.time_s, self._places.pace_mps, [paces[i] for i in good.tolist()])
         return self._at_pace(known, shares, pace_mps, thriftiest_mps)
@@ -296,12 +312,14 @@ class JointPlanner(Planner):
         feasible = kept is not None and kept.solution.feasible
         threshold = -math.inf if kept is None or not feasible else kept.solution.value + self._policy.path_gain
         evaluate = partial(places.evaluate, known, pace_mps=pace_mps)
-        best = Search(evaluate, places.evaluator.path_weight, threshold).best(places.shares)
+        search = Search(evaluate, places.evaluator.path_weight, threshold)
+        best = search.best(places.shares)
         if best is None:
             return kept
         gains_little = feasible and best.value <= threshold
         as_short = kept is not None and not best.feasible and not self._less_short(kept, best.shortfall)
-        return kept if gains_little or as_short else self._plan(known, best.shares, pace_mps) or kept
+        found = kept if gains_little or as_short else self._plan(known, best.shares, pace_mps) or kept
+        return found and found._replace(in_reach=search.in_reach)
 
     def _less_short(self, kept: Candidate, shortfall: float) -> bool:
         """Whether a shortfall of charge is less than the shortfall of the plan in force, by more than rounding."""

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eadp.planning.forecast.evaluate import Evaluation
+from eadp.planning.forecast.knapsack import fill_greedy
 
 Shares = tuple[float, ...]
 """Path parameters as shares of their sets."""
@@ -42,6 +43,8 @@ class Place(NamedTuple):
         State of charge missing; 0 where it suffices.
     steps : int
         Number of legs left to fly: places with the same number are on the same step.
+    in_reach : float
+        The value by the smaller margin of what can still change, see `Evaluation.later`; −inf where that is infeasible.
     """
 
     shares: Shares
@@ -49,6 +52,7 @@ class Place(NamedTuple):
     value: float
     shortfall: float
     steps: int
+    in_reach: float
 
     @property
     def rank(self) -> tuple[bool, float]:
@@ -94,12 +98,19 @@ class Search:
             self.known.update(dict.fromkeys(new))  # None: cannot be flown, unless found below
             flyable, evaluation = self.evaluate(new)
             if evaluation is not None:
-                filling, spare = evaluation.filled(), evaluation.knapsack.spare
+                filling, later, spare = evaluation.filled(), fill_greedy(evaluation.later), evaluation.knapsack.spare
+                in_reach = np.where(later.feasible, later.value, -math.inf).tolist()
                 legs = evaluation.legs.last - evaluation.legs.first + 1
                 for i, shares in enumerate(flyable):
                     feasible, value = bool(filling.feasible[i]), float(filling.value[i])
-                    self.known[shares] = Place(shares, feasible, value, max(0.0, -float(spare[i])), int(legs[i]))
+                    short = max(0.0, -float(spare[i]))
+                    self.known[shares] = Place(shares, feasible, value, short, int(legs[i]), in_reach[i])
         return [place for shares in wanted if (place := self.known[shares]) is not None]
+
+    @property
+    def in_reach(self) -> float:
+        """The greatest value of a place evaluated so far by the smaller margin; −inf where there is none."""
+        return max((place.in_reach for place in self.known.values() if place is not None), default=-math.inf)
 
     def best(self, start: Shares) -> Place | None:
         """The best place found; None if the plan cannot be flown at any.

@@ -34,7 +34,7 @@ class JointSettings:
     """Longest time between re-plannings [s]; the shortest is `planner.every_s`, which a flight with a home and
     `eadp replan` keep to."""
 
-    airspeed: Literal["fixed", "when-short", "least-energy"] = "fixed"
+    airspeed: Literal["fixed", "when-short", "least-energy"] = "when-short"
     """Whether the airspeed is decided, within the aircraft's `airspeed_range_mps`: `when-short` slows the flight for as
     much quality as the battery allows, and no further; `least-energy` always takes the least energy for the ground."""
 
