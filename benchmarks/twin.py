@@ -18,6 +18,8 @@ one can know of the gauge.
 - `--log DIR` keeps the files of each mission: plan, scenario, the flight as CSV, log and messages of `eadp replan`; and
   the CSV of a flight at several airspeeds, banks and climbs.
 - `--cache DIR` keeps the flights with constant parameters for other runs.
+- `--paced` lets the airspeed be decided, from 10.5 to 15 m/s, beside the same at 15 m/s; the clairvoyant then chooses
+  one of the airspeeds as well, for the whole flight.
 - `--ablate` flies `joint` with one concept left out, and with other rates of expected losses, in place of all this.
 - Each mission is a line on standard error. An interrupt ends the flights; the table is of those that are complete.
 
@@ -198,16 +200,20 @@ class Constant:
 class Constants:
     """Flights with constant parameters: neither path nor motion depend on computations and battery."""
 
-    def __init__(self, mission: Mission, cache: str | None) -> None:
-        self._cache = cache
+    def __init__(
+        self, mission: Mission, cache: str | None, other: Constants | None = None, airspeed_mps: float = AIRSPEED_MPS
+    ) -> None:
+        """With `other` its losses and its capacity, at another airspeed."""
+        self._cache, self._airspeed_mps = cache, airspeed_mps
         self.plan = read_plan(mission.plan_file, warn=lambda _: None)
         self.mission = mission
         self.flights: dict[float, list[Sample]] = {}
         for c1 in np.linspace(*ends(self.plan, 0), GRID):
             self._fly(float(c1))
         shortest_s = min(samples[-1].time_s for samples in self.flights.values())
-        self.losses = {round(share * shortest_s / SAMPLE_S): drop for share, drop in mission.losses}
-        self.capacity_ah = self._capacity_ah()
+        drops = {round(share * shortest_s / SAMPLE_S): drop for share, drop in mission.losses}
+        self.losses = other.losses if other else drops
+        self.capacity_ah = other.capacity_ah if other else self._capacity_ah()
         self.flown = [constant for c1 in self.flights for constant in self._flown(c1)]
         # U rises with c1 up to the step at which one more lap is flown
         for _ in range(REFINED):
@@ -254,6 +260,7 @@ class Constants:
             self.flights[c1] = [Sample(*row) for row in json.loads(saved.read_text())]
             return
         flight = plan_flight(mission, self.plan, (c1, float(LEVELS[-1])))
+        flight.plane.airspeed_target_mps = self._airspeed_mps
         self.flights[c1] = samples = list(flight.samples())
         if not flight.executor.complete:
             raise SystemExit(f"mission {mission.index}: the plan does not end at c1 = {c1:g}")
@@ -268,6 +275,7 @@ class Constants:
         plan = [line for line in Path(self.mission.plan_file).read_text().splitlines() if not line.startswith("% ")]
         sources = [*sorted((ROOT / "benchmarks/twin").rglob("*.xml")), PLANT]
         given = [plan, *(source.read_text() for source in sources), self.mission.wind_mps, self.mission.seed, c1]
+        given += [self._airspeed_mps] * (self._airspeed_mps != AIRSPEED_MPS)
         return Path(self._cache) / f"{hashlib.sha256(repr(given).encode()).hexdigest()[:24]}.json"
 
     def _capacity_ah(self) -> float:
@@ -564,6 +572,12 @@ LEFT_OUT = (
     "every end certain",
 )
 RATES = ("0", DEFAULT_RATE, "1", "2")
+SLOWER_MPS = 13.0, 11.5, 10.5
+FIXED = {"planner.joint.airspeed": "fixed"}
+PACED = {
+    "planner.joint.airspeed": "when-short",
+    "vehicle.airframe.airspeed_range_mps": f"[{SLOWER_MPS[-1]}, {AIRSPEED_MPS:g}]",
+}
 
 
 def run(task: tuple[Mission, str, str | None]) -> dict[str, Any]:
@@ -584,6 +598,31 @@ def run(task: tuple[Mission, str, str | None]) -> dict[str, Any]:
         "before": before,
         "clairvoyant": constants.clairvoyant,
         "joint": joint,
+    }
+
+
+def paced(task: tuple[Mission, str, str | None]) -> dict[str, Any]:
+    """A mission by `joint` at one airspeed, and with the airspeed decided; and a clairvoyant's U at each airspeed."""
+    mission, folder, cache = task
+    constants = Constants(mission, cache)
+    slower = [Constants(mission, cache, constants, speed) for speed in SLOWER_MPS]
+    flights, cpu_s = {}, {}
+    for name, keys in (("fixed", FIXED), ("joint", PACED)):
+        before_s = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+        with (Path(folder) / f"mission-{mission.index}.csv").open("w", newline="") as stream:
+            flights[name] = fly_joint(constants, Path(folder), stream, keys)
+        cpu_s[name] = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before_s
+    lowest, highest = (pick(constants.flown, key=lambda constant: constant.c) for pick in (min, max))
+    return {
+        "mission": mission,
+        "capacity_ah": constants.capacity_ah,
+        "losses": {round(k * SAMPLE_S): drop for k, drop in constants.losses.items()},
+        "lowest": lowest,
+        "highest": highest,
+        "best": constants.best,
+        "clairvoyant": [each.clairvoyant for each in (constants, *slower)],
+        "cpu_s": cpu_s,
+        **flights,
     }
 
 
@@ -697,6 +736,46 @@ def report(results: list[dict[str, Any]]) -> None:
     table(FORECASTS, report_forecasts(done))
 
 
+def report_paced(results: list[dict[str, Any]]) -> None:
+    """The airspeed decided, beside one airspeed and the bound."""
+    lowest = [r for r in results if r["lowest"].rank[0]]
+    enough = [r for r in results if r["highest"].rank[0]]
+    bounds = [statistics.fmean(column) for column in zip(*(r["clairvoyant"] for r in results), strict=True)]
+    bound = statistics.fmean(max(r["clairvoyant"]) for r in results)
+    rows = []
+    for name, title in (("fixed", f"{AIRSPEED_MPS:g} m/s"), ("joint", f"{SLOWER_MPS[-1]:g} to {AIRSPEED_MPS:g} m/s")):
+        flown = [r[name] for r in results]
+        mean = statistics.fmean(each.u * each.completed for each in flown)
+        limit = bounds[0] if name == "fixed" else bound
+        z = [[e["z"] for e in forecasts(each) if not math.isnan(e["z"])] for each in flown if each.completed]
+        z = [values for values in z if values]
+        rows.append(
+            [
+                *(title, f"{mean:.3f}", f"{limit:.3f}", f"{mean / limit:.2f}"),
+                f"{sum(r[name].completed for r in lowest)} of {len(lowest)}",
+                f"{sum(r[name].rank[0] for r in lowest)} of {len(lowest)}",
+                f"{statistics.fmean(each.time_s for each in flown):.0f}",
+                f"{rms(rms(values) for values in z):.2f}",
+                f"{statistics.fmean(statistics.fmean(abs(v) <= 2 for v in values) for values in z):.3f}",
+                f"{statistics.fmean(r['cpu_s'][name] for r in results):.1f}",
+            ]
+        )
+    table(PACED_COLUMNS, rows)
+    speeds = ", ".join(f"{at:g} m/s {u:.3f}" for at, u in zip((AIRSPEED_MPS, *SLOWER_MPS), bounds, strict=True))
+    print(f"U of the clairvoyant at one airspeed: {speeds}; at the best of these in each mission {bound:.3f}")
+    longer = [r["joint"].time_s / r["fixed"].time_s - 1 for r in enough]
+    if longer:
+        print(
+            f"time where the battery suffices for the highest parameters: {statistics.fmean(longer):+.1%}, n = {len(longer)}"
+        )
+
+
+PACED_COLUMNS = (
+    *("airspeed", "U, all", "of a clairvoyant", "ratio", "completed of those that can be", "reserves kept of these"),
+    *("mean time [s]", "charge at the end: z, rms", "within 2 σ", "CPU of `eadp replan` [s]"),
+)
+
+
 def report_ablated(results: list[dict[str, Any]]) -> None:
     """Variants beside `joint` as it is, and rates of expected losses beside the default."""
     flights = [result["flights"] for result in results]
@@ -733,7 +812,7 @@ def report_forecasts(done: list[dict[str, Any]]) -> Iterator[list[str]]:
 
 def main() -> None:
     """Fly, and print the tables."""
-    parser = options(__doc__, "twin, of another seed twin_SEED, of variants ablation_twin")
+    parser = options(__doc__, "twin, of another seed twin_SEED, of variants ablation_twin, with --paced twin_paced")
     parser.add_argument("--missions", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
@@ -741,8 +820,9 @@ def main() -> None:
     parser.add_argument("--log", metavar="DIR")
     parser.add_argument("--cache", metavar="DIR")
     parser.add_argument("--ablate", action="store_true")
+    parser.add_argument("--paced", action="store_true")
     asked = parser.parse_args()
-    page = "ablation_twin" if asked.ablate else "twin"
+    page = "ablation_twin" if asked.ablate else "twin_paced" if asked.paced else "twin"
     with recorded(page + (f"_{asked.seed}" if asked.seed else ""), write=asked.write):
         fly_all(asked)
 
@@ -759,7 +839,7 @@ def fly_all(asked: argparse.Namespace) -> None:
         tasks = [(m, folder, asked.cache) for m in made if not asked.only or m.index in asked.only]
         results = []
         with multiprocessing.Pool(asked.jobs) as pool, contextlib.suppress(KeyboardInterrupt):
-            for result in pool.imap(ablated if asked.ablate else run, tasks):
+            for result in pool.imap(ablated if asked.ablate else paced if asked.paced else run, tasks):
                 results.append(result)
                 text = f"{len(results)} of {len(tasks)}" if asked.ablate else row(result)
                 print(text, file=sys.stderr, flush=True)
@@ -768,8 +848,10 @@ def fly_all(asked: argparse.Namespace) -> None:
     )
     if asked.ablate:
         report_ablated(results)
-        return
-    report(results)
+    elif asked.paced:
+        report_paced(results)
+    else:
+        report(results)
 
 
 if __name__ == "__main__":

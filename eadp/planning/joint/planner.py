@@ -42,7 +42,7 @@ from eadp.planning.forecast.evaluate import LAST_CHANGE_S, ROUNDING, Evaluation,
 from eadp.planning.forecast.held import Preflight, before_take_off
 from eadp.planning.forecast.home import IN_FLIGHT, can_fall, home_spare, latest_turn_back
 from eadp.planning.forecast.knapsack import fill_greedy
-from eadp.planning.joint.policy import EARLY_S, Places, Policy
+from eadp.planning.joint.policy import EARLY_S, SETTLED_S, Places, Policy
 from eadp.planning.joint.program import ComputationProgram, Solution
 from eadp.planning.joint.search import Search, Shares
 from eadp.planning.joint.settings import JointSettings
@@ -129,6 +129,8 @@ class JointPlanner(Planner):
         self._next_s = WARM_UP_S + own.start_after_s
         # value, and charge left over, of the plan that the last search has found
         self._searched: tuple[float, float] | None = None
+        # when to search anew, while the flight is slow for a path in reach, or infeasible [s]
+        self._awaits_s = math.inf
         self._infeasible_since_s: float | None = None
         self._losses = 0  # of charge, as of the last re-planning
         self._stages_started = 1  # as of the last update
@@ -253,25 +255,27 @@ class JointPlanner(Planner):
         """
         if not self._paced:
             return self._search_path(known, kept)
-        shares, in_reach, stays = self._places.shares, -math.inf, False
-        if self._places.open:
-            least = kept and self._plan(known, shares, kept.thriftiest_mps)
-            found = self._search_path(known, least)
-            if found is not None:
-                shares, in_reach = found.shares, found.in_reach
-            if least is not None and found is not None and shares != least.shares:
-                later = fill_greedy(least.evaluation.later)
-                early = known.time_s < EARLY_S and self._losses == 0
-                stays = early and bool(later.feasible[0]) and float(later.value[0]) > found.solution.value
-        plan = self._decide_pace(known, self._places.shares if stays else shares, in_reach)
-        if stays and plan is not None and plan.evaluation.thriftiest is not None:
-            # early in the flight the path stays while it is in reach, as computations do
-            thriftiest = plan.evaluation.thriftiest
-            evaluation = replace(plan.evaluation, thriftiest=replace(thriftiest, knapsack=thriftiest.later))
-            plan = plan._replace(evaluation=evaluation, solution=Solution(fill_greedy(evaluation.adaptive), ""))
-        return plan
+        shares = self._places.shares
+        least = kept and self._plan(known, shares, kept.thriftiest_mps)
+        found = self._search_path(known, least) if self._places.open else None
+        if found is None:
+            return self._decide_pace(known, shares)
+        stays = least is not None and self._stays_early(known, least, found)
+        return self._decide_pace(known, shares if stays else found.shares, found.in_reach, early=stays)
 
-    def _decide_pace(self, known: Known, shares: Shares, in_reach: float = -math.inf) -> Candidate | None:
+    def _stays_early(self, known: Known, least: Candidate, found: Candidate) -> bool:
+        """Whether a path that another is to replace stays while it is in reach, as computations do; see `EARLY_S`.
+
+        Not in the forecast before take-off, which is of what can be promised.
+        """
+        if not 0 < known.time_s < EARLY_S or self._losses > 0 or found.shares == least.shares:
+            return False
+        later = fill_greedy(least.evaluation.later)
+        return bool(later.feasible[0]) and float(later.value[0]) > found.solution.value
+
+    def _decide_pace(
+        self, known: Known, shares: Shares, in_reach: float = -math.inf, *, early: bool = False
+    ) -> Candidate | None:
         """The plan at a place and the best pace; None where it cannot be flown.
 
         It is the fastest at which its value is as great, or its shortfall as small, as at any: by the smaller margin of
@@ -279,6 +283,7 @@ class JointPlanner(Planner):
         in force stays where it will do, see `Policy.pace`. While a path of a greater value, `in_reach`, may still come
         within the whole margin, it is the one that leaves the most charge.
         """
+        self._awaits_s = math.inf
         paces, evaluation = self._places.paces(known, shares)
         if evaluation is None:
             return None
@@ -286,23 +291,29 @@ class JointPlanner(Planner):
         pace_mps = thriftiest_mps = paces[int(np.argmax(spare))]
         if self._own.airspeed == "least-energy":
             pace_mps = paces[-1]
-        elif filling.feasible.any() and in_reach > filling.value[filling.feasible].max() + self._policy.path_gain:
-            pass
-        elif filling.feasible.any():
+        elif not filling.feasible.any() or in_reach > filling.value[filling.feasible].max() + self._policy.path_gain:
+            self._awaits_s = known.time_s + SETTLED_S
+        else:
             # the fastest of all by the margin that is left later, others by the whole one
             good = fill_greedy(evaluation.later).as_good(SAME_VALUE)
             good = good if good[0] == 0 else filling.as_good(SAME_VALUE)
             pace_mps = self._policy.pace(known.time_s, self._places.pace_mps, [paces[i] for i in good.tolist()])
-        return self._at_pace(known, shares, pace_mps, thriftiest_mps)
+        return self._at_pace(known, shares, pace_mps, thriftiest_mps, early=early)
 
-    def _at_pace(self, known: Known, shares: Shares, pace_mps: float, thriftiest_mps: float) -> Candidate | None:
-        """The plan at a place and a pace, beside the one that leaves the most charge; None where it cannot be flown."""
+    def _at_pace(
+        self, known: Known, shares: Shares, pace_mps: float, thriftiest_mps: float, *, early: bool = False
+    ) -> Candidate | None:
+        """The plan at a place and a pace, beside the one that leaves the most charge; None where it cannot be flown.
+
+        With `early` the smaller margin of what can still change is enough for it to be feasible.
+        """
         plan = least = self._plan(known, shares, pace_mps)
         if thriftiest_mps != pace_mps:
             least = self._plan(known, shares, thriftiest_mps)
         if plan is None or least is None:
             return None
-        evaluation = replace(plan.evaluation, thriftiest=least.evaluation)
+        thriftiest = replace(least.evaluation, knapsack=least.evaluation.later) if early else least.evaluation
+        evaluation = replace(plan.evaluation, thriftiest=thriftiest)
         return Candidate(shares, evaluation, Solution(fill_greedy(evaluation.adaptive), ""), pace_mps, thriftiest_mps)
 
     def _search_path(self, known: Known, kept: Candidate | None) -> Candidate | None:
@@ -312,7 +323,7 @@ class JointPlanner(Planner):
         feasible = kept is not None and kept.solution.feasible
         threshold = -math.inf if kept is None or not feasible else kept.solution.value + self._policy.path_gain
         evaluate = partial(places.evaluate, known, pace_mps=pace_mps)
-        search = Search(evaluate, places.evaluator.path_weight, threshold)
+        search = Search(evaluate, places.evaluator.path_weight, threshold, ahead=pace_mps is not None)
         best = search.best(places.shares)
         if best is None:
             return kept
@@ -332,12 +343,12 @@ class JointPlanner(Planner):
         Before computations fall, too, since another path may cost less. Not near the end, and not while the power of
         the motion may have changed for good: its next windows decide on that. `kept` is the plan in force.
         """
-        if kept is None or self._searched is None or cause == JUMPED:
+        if kept is None or self._searched is None or cause == JUMPED or o.time_s >= self._awaits_s:
             return True
         if kept.evaluation.totals.seconds[0] < LAST_CHANGE_S:
             return False
         if not kept.solution.feasible:
-            return self._infeasible_since_s is None or self._paced or o.cursor.accepts_changes()
+            return self._infeasible_since_s is None or o.cursor.accepts_changes()
         if self._is_free(o) and self._computations(o, kept).falls:
             return True
         if not (self._paced or o.cursor.accepts_changes()) or kept.evaluation.known.motion.in_doubt:

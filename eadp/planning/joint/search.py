@@ -43,8 +43,6 @@ class Place(NamedTuple):
         State of charge missing; 0 where it suffices.
     steps : int
         Number of legs left to fly: places with the same number are on the same step.
-    in_reach : float
-        The value by the smaller margin of what can still change, see `Evaluation.later`; −inf where that is infeasible.
     """
 
     shares: Shares
@@ -52,7 +50,6 @@ class Place(NamedTuple):
     value: float
     shortfall: float
     steps: int
-    in_reach: float
 
     @property
     def rank(self) -> tuple[bool, float]:
@@ -78,17 +75,24 @@ class Search:
         Greatest change of the objective for a share more: the weight of the path parameters.
     threshold : float
         Value that a place has to exceed to be of use.
+    ahead : bool
+        Whether to note what is in reach.
 
     Attributes
     ----------
     known : dict
         Places evaluated so far, by their shares; None for those that cannot be flown.
+    in_reach : float
+        With `ahead`, the greatest value of a place by the smaller margin of what can still change, see
+        `Evaluation.later`; −inf where there is none.
     """
 
     evaluate: Evaluate
     slope: float = 1.0
     threshold: float = -math.inf
+    ahead: bool = False
     known: dict[Shares, Place | None] = field(default_factory=dict)
+    in_reach: float = -math.inf
 
     def places_at(self, wanted: Iterable[Shares]) -> list[Place]:
         """The places at some shares, without those that cannot be flown; those not known yet are evaluated together."""
@@ -98,19 +102,15 @@ class Search:
             self.known.update(dict.fromkeys(new))  # None: cannot be flown, unless found below
             flyable, evaluation = self.evaluate(new)
             if evaluation is not None:
-                filling, later, spare = evaluation.filled(), fill_greedy(evaluation.later), evaluation.knapsack.spare
-                in_reach = np.where(later.feasible, later.value, -math.inf).tolist()
+                filling, spare = evaluation.filled(), evaluation.knapsack.spare
+                if self.ahead:
+                    later = fill_greedy(evaluation.later)
+                    self.in_reach = max(self.in_reach, float(later.value[later.feasible].max(initial=-math.inf)))
                 legs = evaluation.legs.last - evaluation.legs.first + 1
                 for i, shares in enumerate(flyable):
                     feasible, value = bool(filling.feasible[i]), float(filling.value[i])
-                    short = max(0.0, -float(spare[i]))
-                    self.known[shares] = Place(shares, feasible, value, short, int(legs[i]), in_reach[i])
+                    self.known[shares] = Place(shares, feasible, value, max(0.0, -float(spare[i])), int(legs[i]))
         return [place for shares in wanted if (place := self.known[shares]) is not None]
-
-    @property
-    def in_reach(self) -> float:
-        """The greatest value of a place evaluated so far by the smaller margin; −inf where there is none."""
-        return max((place.in_reach for place in self.known.values() if place is not None), default=-math.inf)
 
     def best(self, start: Shares) -> Place | None:
         """The best place found; None if the plan cannot be flown at any.
