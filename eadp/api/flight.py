@@ -40,6 +40,9 @@ TIMINGS = "eadp.timings/1"
 SUMMARY, OVERRIDES = "summary.json", "overrides.txt"
 CLOCKED = ("median_ms", "max_ms")
 """Keys of a summary's solver that depend on the machine and its load."""
+AIRSPEEDS = "airspeed_mps", "airspeed_commanded_mps"
+"""Columns of `flight.csv` of an aircraft with a range of airspeeds."""
+
 WHOLE = 0.995
 """Share of a way that is printed as 100 %: one pack is enough for it, if not with the probability that is asked for."""
 LONGEST_NAME = 200
@@ -311,15 +314,23 @@ class Flight:
     def _names(self) -> list[str]:
         world = self.inputs.world
         earth = [] if world.plan.site.origin_deg is None else ["lat_deg", "lon_deg"]
-        return [*Step._fields[:-1], *world.plan.names, *(f"{name}_actual" for name in world.rates), *earth]
+        fixed = [name for name in Step._fields[:-1] if name not in AIRSPEEDS]
+        return [*fixed, *world.plan.names, *(f"{name}_actual" for name in world.rates), *earth, *self._speeds]
 
     def _row(self, step: Step) -> list[float]:
         world = self.inputs.world
         actual = dict(zip(world.plan.names, world.actual(step.parameters), strict=True))
-        row = [round(step.time_s, 9), *step[1:-1], *step.parameters, *(actual[name] for name in world.rates)]
+        row: list[float] = [round(step.time_s, 9), step.stage, step.x_m, step.y_m, step.altitude_m, step.heading_rad]
+        row += step.power_w, step.power_forecast_w, step.soc
+        row += [*step.parameters, *(actual[name] for name in world.rates)]
         if world.plan.site.origin_deg is not None:
             row += [round(each, 9) for each in to_geodetic_deg(step.x_m, step.y_m, world.plan.site.origin_deg)]
-        return row
+        return row + [getattr(step, name) for name in self._speeds]
+
+    @property
+    def _speeds(self) -> Sequence[str]:
+        """Columns of the airspeed, which the log of an aircraft with a range of it has."""
+        return () if self.inputs.world.vehicle.airspeed_range_mps is None else AIRSPEEDS
 
     def write(self, folder: str | Path, *, force: bool = False, figure: str | None = None) -> None:
         """Write the result folder, whole or not at all.

@@ -40,7 +40,7 @@ from eadp.models.plan.trace import KEPT_ROUTES, default_start, nominal_legs, who
 from eadp.models.profile import AnyProfile, configuration_text
 from eadp.models.vehicle import Aeroplane, Airframe, PaperVehicle
 from eadp.models.world import TakeOff, Timing, World
-from eadp.planning.base import Mission
+from eadp.planning.base import Mission, PlannerSettings
 from eadp.planning.flight import PlannedFlight, make_flight
 from eadp.planning.forecast.held import Preflight
 from eadp.planning.registry import planner_class
@@ -152,6 +152,14 @@ class FlightInputs:
             return self
         return replace(self, mission=replace(self.mission, vehicle=replace(vehicle, airspeed_range_mps=None)))
 
+    def least_energy(self) -> Preflight | None:
+        """The forecast at the airspeeds that take the least energy; None where the airspeed is no decision."""
+        settings, prescribed = self.scenario.planner, self.mission.battery.prescribed
+        if self.mission.vehicle.airspeed_range_mps is None or not hasattr(settings.own, "airspeed") or prescribed:
+            return None
+        slow = replace(settings.own, airspeed="least-energy")
+        return self._before_take_off(replace(settings, **{settings.name: slow}))
+
     def flight(self) -> PlannedFlight:
         """A new flight with its planner."""
         return make_flight(self.scenario.planner, self.mission, logged=True)
@@ -163,12 +171,11 @@ class FlightInputs:
         """
         if self.mission.battery.prescribed:
             return None
-        wind, settings = self.world.wind, self.scenario.planner
-        planner = planner_class(settings.name)
-        plan, altitudes_m = self.world.plan, _altitudes_m(self.world.plan.stages, self.world.vehicle)
-        wind_mps = wind.steady_at_mps(0.0, statistics.median_high(altitudes_m))
-        found = planner.preflight(settings, self.mission, wind_mps, wind.gust_std_mps)
-        airspace = plan.site.airspace
+        found, wind, airspace = (
+            self._before_take_off(self.scenario.planner),
+            self.world.wind,
+            self.world.plan.site.airspace,
+        )
         if found is not None and set(found.airspeeds_mps) - {self.mission.cruise_mps}:
             found = replace(found, at_cruise=self.at_one_airspeed().preflight(whole=False))
         if found is None or not whole or not any(airspace):
@@ -177,8 +184,19 @@ class FlightInputs:
 
         gusts, world = (wind.gust_std_mps, wind.gust_time_s), self.world
         legs, climb = found.planned(self.mission).legs, ClimbFollower.of(self.mission)
-        entered = clearance.entering(legs, airspace, world.vehicle, world.guidance, wind_mps, gusts, climb)
+        entered = clearance.entering(legs, airspace, world.vehicle, world.guidance, self._wind_mps, gusts, climb)
         return replace(found, entering=entered)
+
+    @property
+    def _wind_mps(self) -> Point:
+        """The wind at take-off, at the plan's median altitude [m/s]."""
+        altitudes_m = _altitudes_m(self.world.plan.stages, self.world.vehicle)
+        return self.world.wind.steady_at_mps(0.0, statistics.median_high(altitudes_m))
+
+    def _before_take_off(self, settings: PlannerSettings) -> Preflight | None:
+        """The planner's forecast before take-off."""
+        planner = planner_class(settings.name)
+        return planner.preflight(settings, self.mission, self._wind_mps, self.world.wind.gust_std_mps)
 
 
 def load_flight(

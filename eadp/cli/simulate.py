@@ -216,6 +216,8 @@ def _slowed(expected: Mapping[str, Any]) -> list[str]:
     """What another airspeed than the aircraft's own buys."""
     if "at_cruise" not in expected:
         return []
+    from eadp.io.flight import airspeeds_text
+
     own = expected["at_cruise"]
     minutes = f"{expected['time_s'] / 60:.0f} min"
     if (own["completes_probability"] or 0.0) < 0.5:
@@ -224,9 +226,9 @@ def _slowed(expected: Mapping[str, Any]) -> list[str]:
         instead = f"{own['time_s'] / 60:.0f} min"
         if expected["quality"] is not None and own["quality"] is not None:
             minutes, instead = f"{minutes} with U {expected['quality']:.2f}", f"{instead} with U {own['quality']:.2f}"
-    low, high = min(expected["airspeeds_mps"]), max(expected["airspeeds_mps"])
-    flown = f"{low:g}" if low == high else f"{low:g} to {high:g}"
-    return [f"airspeed   {flown} m/s: {minutes}; at {own['airspeed_mps']:g} m/s {instead}"]
+    return [
+        f"airspeed   {airspeeds_text(expected['airspeeds_mps'])}: {minutes}; at {own['airspeed_mps']:g} m/s {instead}"
+    ]
 
 
 def _reach(expected: Mapping[str, Any]) -> list[str]:

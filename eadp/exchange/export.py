@@ -36,6 +36,7 @@ from eadp.exchange.autopilot import (
 from eadp.exchange.items import ARDUPILOT_ITEMS, LAND_START, MissionItem
 from eadp.exchange.path import ENDINGS, FENCE_ENDING, ITEMS_ENDING, WITH_ITEMS, PlannedPath, planned_sections
 from eadp.exchange.writer import EXPORTS, FENCED, files_beside, items_text, mapped_items, mission_items, writer_of
+from eadp.io.flight import airspeeds_text
 from eadp.io.plan.writer import parameters_of
 from eadp.io.scenario import override_texts, read_overrides, read_scenario
 from eadp.io.text.options import Flag
@@ -507,8 +508,7 @@ def _forecast_text(forecast: Preflight, plan: Plan, legs: Sequence[Leg]) -> str:
     energy = "" if end.energy_wh is None else f", {end.energy_wh:.2f} Wh"
     energy += f"; the autopilot {forecast.autopilot_text}" if forecast.autopilot_text else ""
     if forecast.airspeeds_mps:
-        low_mps, high_mps = min(forecast.airspeeds_mps), max(forecast.airspeeds_mps)
-        chosen.append(f"airspeed {low_mps:g} to {high_mps:g} m/s")
+        chosen.append(f"airspeed {airspeeds_text(forecast.airspeeds_mps)}")
     at = f"at {', '.join(chosen)}: " if chosen else ""
     risks = "".join(f"; {risk_text(name, share)}" for name, share in forecast.entering.items())
     return f"forecast {at}{length_m / 1000:.2f} km, {end.remaining_s:.0f} s{energy}{reserve}{risks}"

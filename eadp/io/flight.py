@@ -84,6 +84,12 @@ def flight_facts(summary: Mapping[str, Any]) -> list[list[str]]:
     return [list(fact) for fact in facts]
 
 
+def airspeeds_text(airspeeds_mps: Sequence[float]) -> str:
+    """The least and the greatest of airspeeds, which may be one."""
+    low, high = f"{min(airspeeds_mps):.3g}", f"{max(airspeeds_mps):.3g}"
+    return f"{low} m/s" if low == high else f"{low} to {high} m/s"
+
+
 def label_of(name: str, values: Mapping[str, Any]) -> str:
     """What people read for a parameter of `summary.json`: its title where it has one."""
     return str(values.get("title") or name)

@@ -89,4 +89,6 @@ class Step(NamedTuple):
     power_w: float
     power_forecast_w: float
     soc: float
+    airspeed_mps: float
+    airspeed_commanded_mps: float
     parameters: Vector

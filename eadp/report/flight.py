@@ -11,7 +11,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from eadp.api.flight import Flight, record_row
+from eadp.api.flight import AIRSPEEDS, Flight, record_row
 from eadp.core.geometry.curves import LINE, Point
 from eadp.errors import EadpError
 from eadp.io.flight import (
@@ -36,8 +36,8 @@ from eadp.models.world import World
 from eadp.planning.base import FALLBACK, INFEASIBLE, TIME, TURNS_BACK
 
 ERRORS = dict.fromkeys(("x", "y"), 0.3) | dict.fromkeys(("lat", "lon"), 1e-5) | {"m": 0.5}
-ERRORS |= {"heading": 0.05, "soc": 5e-4, "ah": 1e-3}
-"""Errors of thinned positions [m] and [°], altitudes [m], headings [rad], charges and charges drawn [Ah]."""
+ERRORS |= {"heading": 0.05, "mps": 0.1, "commanded_mps": 0.01, "soc": 5e-4, "ah": 1e-3}
+"""Errors of thinned positions [m] and [°], altitudes [m], headings [rad], airspeeds [m/s], charges and charges drawn [Ah]."""
 
 POWER_SHARE, MIN_POWER_W = 1 / 400, 0.01
 """Error of thinned powers, as a share of their range, and at least [W]."""
@@ -313,6 +313,8 @@ def _series(columns: Mapping[str, Sequence[float]]) -> dict[str, Any]:
     altitude = columns.get("altitude_m", [0.0])
     if max(altitude) - min(altitude) > LEVEL_M:
         series["altitude"] = {"m": altitude}
+    if AIRSPEEDS[0] in columns:
+        series["airspeed"] = {"mps": columns[AIRSPEEDS[0]], "commanded_mps": columns[AIRSPEEDS[1]]}
     return {name: of_errors(Series(times, values)) for name, values in series.items()}
 
 

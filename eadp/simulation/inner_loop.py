@@ -24,6 +24,7 @@ from eadp.simulation.aircraft import (
     AEROPLANE_MODEL,
     AIRCRAFT_CONSTANTS,
     AIRCRAFT_STATE,
+    AIRSPEED,
     ALTITUDE,
     CRUISE_M,
     GUST_X,
@@ -73,8 +74,9 @@ SNAPSHOT = 7
 READING, MAX_READINGS = 1 + SNAPSHOT, 5000
 """Length of a reading, its step and the measured variables; maximum number of readings in one run."""
 
-ROW, MAX_ROWS = 7, 500
-"""Length of a row of the log: step, x, y, altitude, heading, power, charge; maximum number of rows in one run."""
+ROW, MAX_ROWS = 9, 500
+"""Length of a row of the log: step, x, y, altitude, heading, power, charge, airspeed, and that commanded; maximum number
+of rows in one run."""
 
 NOISE = 2000
 """Random numbers of gusts per draw."""
@@ -225,6 +227,7 @@ def _record(s: State, c: Constants, records: StepRecords, k: int) -> None:
         n = int(s[ROWS]) * ROW
         rows[n], rows[n + 1], rows[n + 2], rows[n + 3] = k, s[X], s[Y], s[ALTITUDE]
         rows[n + 4], rows[n + 5], rows[n + 6] = s[HEADING], s[POWER], s[SOC]
+        rows[n + 7], rows[n + 8] = s[AIRSPEED], c[SPEED_HELD]
         s[ROWS] += 1
         s[LOG_AT] += c[LOG_EVERY]
     if late_by == 0:  # else the buffer takes every step
@@ -362,6 +365,11 @@ class InnerLoop:
         flat = flat[: READING * count]
         columns = flat.reshape(-1, READING).T.copy() if self._compiled else [flat[i::READING] for i in range(READING)]
         return columns[0], Measured(*columns[1:])
+
+    @property
+    def airspeed_commanded_mps(self) -> float:
+        """True airspeed that the throttle holds now [m/s]."""
+        return float(self._c[SPEED_HELD])
 
     def take_rows(self) -> list[list[float]]:
         """Take the rows of the log since the last call out of the loop; to be called after each run."""

@@ -21,7 +21,7 @@ from eadp.models.plan.executor import PlanExecutor
 from eadp.models.world import Step, World
 from eadp.planning.base import DecisionRecord, Observation, Readings, Sample
 from eadp.planning.flight import PlannedFlight
-from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, home_plan, state_of
+from eadp.simulation.aircraft import AIRSPEED, ALTITUDE, HEADING, X, Y, constants_of, home_plan, state_of
 from eadp.simulation.inner_loop import (
     DISTANCE,
     EMPTY,
@@ -146,7 +146,8 @@ class _Flight:
             reason = self._failure(events) if failed else self._hand_over(events, end, due=due)
         bridge.ingest(self._k)
         if not math.isinf(log_every_s(world)) and bridge.logged_to != self._k:
-            now = [inner_loop.variable(i) for i in (X, Y, ALTITUDE, HEADING, POWER, SOC)]
+            now = [inner_loop.variable(i) for i in (X, Y, ALTITUDE, HEADING, POWER, SOC, AIRSPEED)]
+            now.append(inner_loop.airspeed_commanded_mps)
             yield from self._log_rows([[self._k, *now]], self._k)
         self._close(TIME_LIMIT if reason is None else reason)
 
@@ -342,8 +343,8 @@ class _SensorBridge:
         forecasts_w, estimates = self._flight.power.estimates(times_s)
         self._outcome.estimates += estimates
         return [
-            Step(time_s, stage, x, y, altitude, heading, power_w, forecast_w, soc, parameters)
-            for time_s, (_, x, y, altitude, heading, power_w, soc), forecast_w in zip(
+            Step(time_s, stage, x, y, altitude, heading, power_w, forecast_w, soc, flown, commanded, parameters)
+            for time_s, (_, x, y, altitude, heading, power_w, soc, flown, commanded), forecast_w in zip(
                 times_s, rows, forecasts_w, strict=True
             )
         ]

@@ -596,6 +596,8 @@ def cover(
 
         try:
             report = found.report.with_energy(energy_wh)
+            inputs = load_flight(held_at(found.plan, "hi", "hi"), scenario=given, profile=profile, overrides=keys)
+            found = replace(found, slower=inputs.least_energy())
             pack = found.pack and found.pack._replace(turns_back_soc=max(turns_back_soc))
             found = replace(found, report=report, pack=pack)
         except InputError as error:

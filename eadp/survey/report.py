@@ -24,11 +24,13 @@ from eadp.core.geometry.polygons import (
     inner_point,
     uncovered,
 )
+from eadp.io.flight import airspeeds_text
 from eadp.models.airspace import BOUNDARY, CLEARANCE_SHARE, Field
 from eadp.models.autopilot import FACTORY, LANDING_ANGLE, PX4, Autopilot
 from eadp.models.battery import Battery
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import LAND, LOITER_TO_ALTITUDE
+from eadp.planning.forecast.held import Preflight
 from eadp.survey.camera import Pictures, pictures_document
 from eadp.survey.coverage import DUBINS, ZAMBONI, CoverageSolution
 from eadp.survey.ground import (
@@ -406,7 +408,8 @@ class Pack(NamedTuple):
 class CoveragePlan:
     """A plan that covers a field: its text, its report, the repairs made to the field, and the camera's pictures.
 
-    `pack` is a full one of the aircraft, if it has one.
+    `pack` is a full one of the aircraft, if it has one; `slower` the forecast of its finest lines at the airspeeds of the
+    least energy, where these are a decision.
     """
 
     plan: Plan
@@ -417,11 +420,12 @@ class CoveragePlan:
     pack: Pack | None = None
     heights: Heights | None = None
     autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
+    slower: Preflight | None = None
 
     @property
     def document(self) -> dict[str, Any]:
         """The values of `eadp.cover/1`."""
-        own = {"side_overlap": self._side_overlaps, "batteries": self._batteries}
+        own = {"side_overlap": self._side_overlaps, "batteries": self._batteries, "slower": self._slower}
         ground = None if self.heights is None else HeightReport([self.heights], *self.on_ground).document()
         shown = self.report.document(self.repairs, self.text)
         return shown | own | pictures_document(self.pictures) | {"terrain": ground}
@@ -447,6 +451,17 @@ class CoveragePlan:
         """Full packs, down to what is kept in them, for the path at the finest spacing and at the coarsest."""
         energies_wh = [end.energy_wh for end in (self.report.full, self.report.least) if end.energy_wh is not None]
         return [energy_wh / self.pack.energy_wh for energy_wh in energies_wh] or None if self.pack else None
+
+    @property
+    def _slower(self) -> dict[str, Any] | None:
+        if self.slower is None or not self.slower.airspeeds_mps:
+            return None
+        ending = self.slower.forecast
+        return {
+            "airspeeds_mps": list(self.slower.airspeeds_mps),
+            "duration_s": ending.remaining_s,
+            "energy_wh": ending.energy_wh,
+        }
 
     @property
     def lines(self) -> list[str]:
@@ -496,4 +511,10 @@ class CoveragePlan:
             return []
         packs = " to ".join(dict.fromkeys(f"{count:.2g}" for count in self._batteries))
         until = "its reserve" if self.pack.turns_back_soc <= self.pack.reserve_soc else "the autopilot turns back"
-        return [f"batteries  {packs}; a full one gives {self.pack.energy_wh:.3g} Wh before {until}"]
+        text = [f"batteries  {packs}; a full one gives {self.pack.energy_wh:.3g} Wh before {until}"]
+        if (slower := self._slower) is not None:
+            least = f"{slower['duration_s']:.0f} s, {slower['energy_wh']:.2f} Wh with the densest lines"
+            text.append(
+                f"slower     {airspeeds_text(slower['airspeeds_mps'])}: {least}; flown where the charge is short"
+            )
+        return text

@@ -5,10 +5,10 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
+import statistics
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
-from statistics import NormalDist
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
@@ -20,6 +20,7 @@ from eadp.core.geometry.dubins import straight
 from eadp.core.geometry.geodesy import heading_rad, place_text
 from eadp.core.geometry.polygons import hull
 from eadp.errors import Infeasible, InputError
+from eadp.io.flight import airspeeds_text
 from eadp.io.scenario import value_text
 from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag, check_range
@@ -58,7 +59,7 @@ LEAST_SHARE = 0.02
 DRAFT_SHARE = 0.02
 """Share of the charge that lines in a draft's order take at most beyond what they need: 0.011 measured."""
 
-_DEVIATIONS = NormalDist().inv_cdf(Objective.probability)
+_DEVIATIONS = statistics.NormalDist().inv_cdf(Objective.probability)
 """Standard deviations of the charge at the end that the probability of the reserve takes."""
 
 
@@ -582,9 +583,26 @@ class SortiePlan:
             f"sorties    {count}, {why}: {document['energy_wh']:.1f} Wh, {document['length_m'] / 1000:.1f} km",
             f"done       after {self.time_s / 60:.0f} min, {document['swap_s']:g} s on the ground between two sorties",
         ]
+        if (slower := self._slower()) is not None:
+            lines.append(slower)
         lines += [] if self.pictures is None else self.pictures.lines()
         lines += [] if self._heights is None else self._heights.text()
         return lines + left_text(self.left, 1 - self.coverage, task.field.origin_deg)
+
+    def _slower(self) -> str | None:
+        """What less airspeed saves, and the option that plans the sorties at it."""
+        found = [each.inputs.least_energy() for each in self.sorties]
+        ends = [
+            (each.airspeeds_mps, each.forecast.energy_wh) for each in found if each is not None and each.airspeeds_mps
+        ]
+        whole_wh = sum(each.forecast.forecast.energy_wh or 0.0 for each in self.sorties)
+        if len(ends) < len(found) or not whole_wh:
+            return None
+        speeds_mps = [speed for airspeeds_mps, _ in ends for speed in airspeeds_mps]
+        saved = 1 - sum(energy_wh or 0.0 for _, energy_wh in ends) / whole_wh
+        plans = f"--airspeed {statistics.median_high(speeds_mps):.3g} plans for it"
+        fewer = f", in {math.ceil(len(found) * (1 - saved))} or more sorties" if saved * len(found) >= 1 else ""
+        return f"slower     {airspeeds_text(speeds_mps)}: {100 * saved:.0f} % less energy; {plans}{fewer}"
 
     def scenario_text(self, profile: str | None) -> str:
         """A scenario that flies the sorties: all of the given one and its vehicle, from the ground at home."""

@@ -173,6 +173,13 @@ function buildCharts() {
     if (data.wind) for (const [name, colour, k] of [["east", "blue", 0], ["north", "orange", 1]]) lines.push({ label: `true mean, ${name}`, colour, dash: [6, 4], width: 1, y: decisionTimes.map((t) => blowing(t)[k]) });
     if (winds.some((wind) => wind)) chart("Wind", "m/s", decisionTimes, lines, { height: 150, value: () => { const wind = decided("wind_mps", state.decision); return wind ? windText(wind) : ""; } });
   }
+  if (data.airspeed) {
+    const speeds = [
+      { label: "flown", colour: "blue", y: data.airspeed.mps, width: 2 },
+      { label: "commanded", colour: "orange", y: data.airspeed.commanded_mps, steps: true },
+    ];
+    chart("Airspeed", "m/s", data.airspeed.t, speeds, { value: (t) => `${number(at(data.airspeed, "mps", t))} m/s` });
+  }
   if (data.altitude) {
     const heights = [{ label: "altitude", colour: "blue", y: data.altitude.m, width: 2 }];
     chart("Altitude", "m", data.altitude.t, heights, { value: (t) => `${number(at(data.altitude, "m", t))} m` });

@@ -185,13 +185,14 @@ def write_flight_figure(
 ) -> None:
     """Draw a flight: path by stage, power and its forecast, state of charge and reserve, parameters, decisions.
 
-    Where stages command altitudes, the altitude, too.
+    Where stages command altitudes, the altitude, too, and the airspeed where the aircraft has a range of it.
 
     Written to `path` with the endings .svg and .png.
     """
     climbs = any(stage.altitude_m is not None for stage in world.plan.stages)
     varies = bool(world.plan.parameters) or not climbs
-    rows = 2 + climbs + varies
+    slows = world.vehicle.airspeed_range_mps is not None
+    rows = 2 + climbs + slows + varies
     with figure_pair(path, 11.5, 4.0 + rows) as figure:
         grid = figure.add_gridspec(rows, 2, width_ratios=(1.15, 1))
         map_axes = figure.add_subplot(grid[:, 0])
@@ -211,6 +212,13 @@ def write_flight_figure(
         if climbs:
             others[0].plot(time, [step.altitude_m for step in steps], color=COLOURS[0], linewidth=1.3)
             others[0].set(ylabel="altitude [m]", title="Altitude")
+        if slows:
+            speed = others[climbs]
+            speed.plot(time, [step.airspeed_mps for step in steps], color=COLOURS[0], linewidth=1.3, label="flown")
+            commanded = [step.airspeed_commanded_mps for step in steps]
+            speed.step(time, commanded, where="post", color=COLOURS[1], linewidth=1.0, label="commanded")
+            speed.set(ylabel="airspeed [m/s]", title="Airspeed")
+            legend_above(speed)
         if varies:
             _draw_parameters(others[-1], time, steps, world)
         _draw_decisions(map_axes, others[-1], steps, records)

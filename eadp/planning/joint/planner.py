@@ -467,17 +467,26 @@ class JointPlanner(Planner):
             own = plan.evaluation.reserve_soc(0)
             turns = f"; the autopilot turns back below {own:.3f}" if own > self._settings.reserve_soc else ""
             return f"{since}short by {short:.4f} of the charge, {short_wh:.2f} Wh; {flown} configuration{turns}"
-        pace_mps, before_mps = plan.pace_mps, self._places.pace_mps or self._mission.cruise_mps
         moved = [
             f"{item.label} {item.text(old)} → {item.text(new)}"
             for item, old, new in zip(self._mission.plan.parameters, self._decision.parameters, chosen, strict=True)
             if old != new
         ]
-        if pace_mps is not None and pace_mps != before_mps:
-            moved.append(f"airspeed {before_mps:g} → {pace_mps:g} m/s")
+        if plan.pace_mps is not None and plan.pace_mps != (self._places.pace_mps or self._mission.cruise_mps):
+            moved.append(self._airspeed_text(known, plan.airspeeds_mps))
         if moved:
             return ", ".join(moved)
         return "kept: no change gains enough" if searched else "kept"
+
+    def _airspeed_text(self, known: Known, airspeeds_mps: Vector) -> str:
+        """The change of the airspeed on the stage being flown; where that stays, of the fastest and slowest stage."""
+        before, stage = (
+            self._places.airspeeds_mps or (self._mission.cruise_mps,) * len(airspeeds_mps),
+            known.cursor.stage.index - 1,
+        )
+        if f"{before[stage]:.3g}" != f"{airspeeds_mps[stage]:.3g}":
+            return f"airspeed {before[stage]:.3g} → {airspeeds_mps[stage]:.3g} m/s"
+        return f"airspeed of other stages {min(airspeeds_mps):.3g} to {max(airspeeds_mps):.3g} m/s"
 
     def _battery_limit(self, known: Known, plan: Candidate) -> str | None:
         """The battery's limit of power that costs computations, or makes the plan infeasible; None where none does."""
