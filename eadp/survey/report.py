@@ -408,8 +408,8 @@ class Pack(NamedTuple):
 class CoveragePlan:
     """A plan that covers a field: its text, its report, the repairs made to the field, and the camera's pictures.
 
-    `pack` is a full one of the aircraft, if it has one; `slower` the forecast of its finest lines at the airspeeds of the
-    least energy, where these are a decision.
+    `pack` is a full one of the aircraft, if it has one; `slower` the forecast of its finest lines at the airspeeds of
+    the least energy, where these are a decision.
     """
 
     plan: Plan
