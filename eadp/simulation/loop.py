@@ -20,7 +20,7 @@ from eadp.models.plan.cursor import Rules, Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.world import Step, World
 from eadp.planning.base import DecisionRecord, Observation, Readings, Sample
-from eadp.planning.flight import PlannedFlight
+from eadp.planning.registry import PlannedFlight
 from eadp.simulation.aircraft import ALTITUDE, HEADING, X, Y, constants_of, home_plan, state_of
 from eadp.simulation.inner_loop import (
     DISTANCE,

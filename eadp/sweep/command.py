@@ -16,8 +16,7 @@ from typing import Annotated, Any, Literal
 
 from typer import Argument
 
-from eadp.cli.junit import Case, junit_text
-from eadp.cli.output import Progress, alarm, emit, json_text, usage_fault, warn
+from eadp.cli.output import Case, Progress, alarm, emit, json_text, junit_text, usage_fault, warn
 from eadp.core import compiled
 from eadp.errors import printable
 from eadp.io.page import check_page, page_of
