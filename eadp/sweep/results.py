@@ -60,13 +60,10 @@ def wilson_interval(successes: int, trials: int, z: float = Z_95) -> tuple[float
     return max(0.0, (middle - reach) / (1 + square)), min(1.0, (middle + reach) / (1 + square))
 
 
-@dataclass(frozen=True)
-class SweepFlight:
-    """One run of a sweep: the varied keys' values and the figures of its flight; `error` if it could not be made."""
+@dataclass(frozen=True, kw_only=True)
+class SweepFigures:
+    """The figures of a flight: columns of the results file and of tables, and keys of its summary."""
 
-    index: int
-    values: Mapping[str, Any]
-    seed: int
     completed: bool | None = None
     reason: str | None = None
     duration_s: float | None = None
@@ -78,12 +75,20 @@ class SweepFlight:
     batteries: int | None = None
     solver_failed: int | None = None
     fallbacks: int | None = None
+
+
+COLUMNS = tuple(each.name for each in fields(SweepFigures))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepFlight(SweepFigures):
+    """One run of a sweep: the varied keys' values and the figures of its flight; `error` if it could not be made."""
+
+    index: int
+    values: Mapping[str, Any]
+    seed: int
     error: str | None = None
     took_s: float = field(default=0.0, compare=False)
-
-
-COLUMNS = tuple(each.name for each in fields(SweepFlight) if each.default is None and each.name != "error")
-"""The figures of a flight: columns of the results file and of tables, and keys of its summary."""
 
 
 @dataclass(frozen=True)

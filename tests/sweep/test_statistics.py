@@ -41,8 +41,9 @@ def test_the_quantile():
 
 def flight(index, values, completed=True, duration=100.0, soc=0.5, quality=0.7, error=None, seed=0):
     if error is not None:
-        return SweepFlight(index, values, seed, error=error)
-    return SweepFlight(index, values, seed, completed, "reason", duration, soc, quality)
+        return SweepFlight(index=index, values=values, seed=seed, error=error)
+    figures = {"completed": completed, "reason": "reason", "duration_s": duration, "soc_final": soc, "quality": quality}
+    return SweepFlight(index=index, values=values, seed=seed, **figures)
 
 
 FLIGHTS = [
