@@ -206,54 +206,6 @@ def _group(label: str, members: Sequence[SweepFlight]) -> Group:
     return Group(label, len(members), len(done) / len(members), duration, charge)
 
 
-@dataclass(frozen=True)
-class Table:
-    """Means of one figure for each pair of values of two keys, over all else; None where no flight has it.
-
-    Of figures that a flight has only where it completes, `crashed` are the flights that did not: no mean counts them.
-    """
-
-    keys: tuple[str, str]
-    value: str
-    rows: tuple[str, ...]
-    columns: tuple[str, ...]
-    means: tuple[tuple[float | None, ...], ...]
-    flights: tuple[tuple[int, ...], ...]
-    crashed: tuple[tuple[int, ...], ...]
-
-    def text(self, row: int, column: int, digits: int) -> str:
-        """A cell: the mean with some digits, and × with the number of flights that did not complete, if any."""
-        mean, fell = self.means[row][column], self.crashed[row][column]
-        return " ".join(([] if mean is None else [f"{mean:.{digits}f}"]) + ([f"×{fell}"] if fell else []))
-
-
-OF_ALL = ("completed", "reserve_kept")
-"""Figures of all flights; the others are of those that complete."""
-
-
-def table(
-    flights: Sequence[SweepFlight], keys: tuple[str, str], value: str, listed: Mapping[str, Sequence[Any]]
-) -> Table:
-    """Means of one figure of flights by two keys."""
-    bins = [KeyBins([value_of(flight, key) for flight in flights], listed.get(key, ())) for key in keys]
-    rows, columns = (axis.labels for axis in bins)
-    sums, counts, crashed = np.zeros((3, len(rows), len(columns)))
-    for flight in flights:
-        figure = getattr(flight, value)
-        if flight.error is None and figure is not None:
-            cell = tuple(axis.index(value_of(flight, key)) for axis, key in zip(bins, keys, strict=True))
-            counted = bool(flight.completed) or value in OF_ALL
-            sums[cell] += figure if counted else 0.0
-            counts[cell] += counted
-            crashed[cell] += not counted
-    means = tuple(
-        tuple(float(total / n) if n else None for total, n in zip(*line, strict=True))
-        for line in zip(sums, counts, strict=True)
-    )
-    flown, fell = (tuple(tuple(map(int, line)) for line in each) for each in (counts, crashed))
-    return Table(keys, value, rows, columns, means, flown, fell)
-
-
 APPLICATION_ID = 0x65616470
 """`eadp` in ASCII, as SQLite's identifier of an application's files."""
 
