@@ -168,72 +168,28 @@ def flaws(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterato
     Yields
     ------
     RingDefect
-        Rings that cross or touch themselves; where there are none, holes that are not within the outline or meet one
-        another; where there are none, holes that together cut the field into parts. A hole may touch the outline or
-        another hole at a point.
+        Of each ring that crosses or touches itself; where there is none, of one hole that is not within the outline,
+        meets another hole, or cuts the field into parts. A hole may touch the outline or another hole at a point.
     """
-    if _complaint(outline, *holes) is None:
-        return
     found = False
-    # what a later check finds is sound only where the one before it finds nothing
-    for check in (_within_rings, _between_rings, _of_all):
-        for flaw in check(outline, holes):
-            found = True
-            yield flaw
-        if found:
-            return
-
-
-def _within_rings(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[RingDefect]:
-    """Each ring against itself."""
     for i, ring in enumerate((outline, *holes)):
         if complaint := _complaint(ring):
+            found = True
             reason, point = complaint
             yield RingDefect(i, "touches itself" if reason.startswith("Ring") else "crosses itself", point)
+    if not found and (complaint := _complaint(outline, *holes)):
+        reason, point = complaint
+        away_m = shapely.distance([shapely.LinearRing(hole) for hole in holes], shapely.Point(point))
+        yield RingDefect(int(np.argmin(away_m)) + 1, _RELATIONS.get(reason, _CROSSES), point)
 
 
-def _between_rings(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[RingDefect]:
-    """Each hole against the outline, then against the holes before it."""
-    if not holes:
-        return
-    polygons = [shapely.Polygon(hole) for hole in holes]
-    field = shapely.Polygon(outline)
-    shapely.prepare(field)
-    for i, well_inside in enumerate(shapely.contains_properly(field, polygons)):
-        if not well_inside and (complaint := _complaint(outline, holes[i])):
-            yield RingDefect(i + 1, _relation(complaint[0], outline, holes[i], "the outline"), complaint[1])
-    # two holes within a shell around all of them
-    x, y = zip(*(vertex for hole in holes for vertex in hole), strict=True)
-    west, south, east, north = min(x) - 1, min(y) - 1, max(x) + 1, max(y) + 1
-    around = ((west, south), (east, south), (east, north), (west, north))
-    tree = shapely.STRtree(polygons)
-    for i, polygon in enumerate(polygons):
-        for j in sorted(int(j) for j in tree.query(polygon, predicate="intersects") if j < i):
-            if complaint := _complaint(around, holes[j], holes[i]):
-                yield RingDefect(i + 1, _relation(complaint[0], holes[j], holes[i], f"hole {j + 1}"), complaint[1])
-
-
-def _of_all(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[RingDefect]:
-    """All rings together, where any two of them are sound: the defect is of the hole nearest to it."""
-    if complaint := _complaint(outline, *holes):
-        point = complaint[1]
-        nearest = min(range(len(holes)), key=lambda i: min(math.dist(point, vertex) for vertex in holes[i]))
-        yield RingDefect(nearest + 1, _CUTS, point)
-
-
-_CUTS = "cuts the field into parts"
-
-
-def _relation(reason: str, ring: Sequence[Point], hole: Sequence[Point], name: str) -> str:
-    """Relation of a hole to a ring of that name, from shapely's reason."""
-    if len(ring) == len(hole) and set(ring) == set(hole):
-        return f"repeats {name}"
-    return {
-        "Hole lies outside shell": f"lies outside {name}",
-        "Holes are nested": f"lies within {name} or around it",
-        "Interior is disconnected": _CUTS,
-    }.get(reason, f"crosses {name} or runs along it")
-
+_RELATIONS = {
+    "Hole lies outside shell": "lies outside the outline",
+    "Holes are nested": "lies within another hole or around it",
+    "Interior is disconnected": "cuts the field into parts",
+}
+_CROSSES = "crosses the outline or another hole, or runs along it"
+"""How a hole lies where the whole is not valid, by shapely's reason."""
 
 _REASON = re.compile(r"(.+)\[(\S+) (\S+)\]\Z")
 
