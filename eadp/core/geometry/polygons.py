@@ -24,7 +24,7 @@ from eadp.core.geometry.dubins import Piece, Pose, polyline_m, ways_to_point
 Ring = tuple[Point, ...]
 
 TOLERANCE_M = 1e-3
-"""Vertices nearer to one another than this are one, and a vertex nearer to the line of its neighbours is on it [m]."""
+"""Vertices nearer to one another than this are one, and a vertex nearer to a line is on it [m]."""
 
 
 def signed_area_m2(ring: Sequence[Point]) -> float:
@@ -38,64 +38,6 @@ def signed_area_m2(ring: Sequence[Point]) -> float:
 
 
 # --- simplification ---------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class CleanedRing:
-    """A simplified ring: indices of the vertices kept, in order, and numbers of vertices dropped, by reason."""
-
-    kept: tuple[int, ...]
-    repeated: int = 0
-    in_line: int = 0
-    spikes: int = 0
-
-
-def tidy(ring: Sequence[Point]) -> CleanedRing:
-    """Drop redundant vertices: repeated ones, ones in line with their neighbours, tips of spikes.
-
-    Parameters
-    ----------
-    ring : sequence of (float, float)
-        Vertices [m].
-
-    Returns
-    -------
-    CleanedRing
-        With fewer than three vertices kept where the ring has no area.
-
-    Notes
-    -----
-    Of two vertices nearer than `TOLERANCE_M` the later is dropped. A spike goes out and back along one line; where it
-    returns to its start, both its tip and the return are dropped and count as one. Vertices in line are dropped while
-    all those dropped along an edge stay within `TOLERANCE_M` of it, so that a finely drawn arc stays an arc. The
-    neighbours of a dropped vertex are checked again; the time is linear in the number of vertices.
-    """
-    n = len(ring)
-    before, after = [(i - 1) % n for i in range(n)], [(i + 1) % n for i in range(n)]
-    slack = [0.0] * n  # of the edge from i: how far from it the vertices dropped along it may lie [m]
-    kept = [True] * n
-    counts = {"repeated": 0, "in_line": 0, "spikes": 0}
-    left = n
-    for straighten in (False, True):  # the end of a spike may be in line
-        todo = list(range(n - 1, -1, -1))
-        while todo and left >= 3:
-            v = todo.pop()
-            p, q = before[v], after[v]  # its neighbours among those kept
-            verdict = kept[v] and _superfluous(ring[p], ring[v], ring[q], max(slack[p], slack[v]))
-            if not verdict or (verdict == "in_line" and not straighten):
-                continue
-            counts[verdict] += 1
-            # of two vertices that are one, the later goes; where a spike returns to its start, that goes as well
-            gone = [max(p, v)] if verdict == "repeated" else [v]
-            if verdict == "spikes" and math.dist(ring[p], ring[q]) < TOLERANCE_M:
-                gone.append(max(p, q))
-            for i in gone:
-                p, q = before[i], after[i]
-                slack[p] = max(slack[p], slack[i]) + _offset_m(ring[p], ring[i], ring[q])
-                after[p], before[q], kept[i] = q, p, False
-                left -= 1
-                todo += [q, p]
-    return CleanedRing(tuple(i for i in range(n) if kept[i]), **counts)
 
 
 def simplified(ring: Sequence[Point], tolerance_m: float) -> list[int]:
@@ -123,28 +65,6 @@ def simplified(ring: Sequence[Point], tolerance_m: float) -> list[int]:
     return indices
 
 
-def _superfluous(p: Point, v: Point, q: Point, slack_m: float) -> str:
-    """Why the vertex `v` between `p` and `q` may go, as a field of `CleanedRing`; '' where it may not."""
-    if math.dist(p, v) < TOLERANCE_M:
-        return "repeated"
-    if math.dist(v, q) < TOLERANCE_M:  # then `q` is dropped, and `v` checked again
-        return ""
-    (ux, uy), (wx, wy) = (v[0] - p[0], v[1] - p[1]), (q[0] - v[0], q[1] - v[1])
-    cross, dot = ux * wy - uy * wx, ux * wx + uy * wy
-    if dot < 0:
-        # the end of the shorter leg, beside the line of the longer
-        return "spikes" if abs(cross) < TOLERANCE_M * max(math.hypot(ux, uy), math.hypot(wx, wy)) else ""
-    return "in_line" if dot > 0 and _offset_m(p, v, q) + slack_m < TOLERANCE_M else ""
-
-
-def _offset_m(p: Point, v: Point, q: Point) -> float:
-    """Distance of `v` from the line through `p` and `q` [m]; that of the two from one another where they are one."""
-    length = math.dist(p, q)
-    if length < TOLERANCE_M:
-        return length
-    return abs((v[0] - p[0]) * (q[1] - p[1]) - (v[1] - p[1]) * (q[0] - p[0])) / length
-
-
 # --- validity ---------------------------------------------------------------------------------------------------------
 
 
@@ -163,7 +83,7 @@ def flaws(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterato
     Parameters
     ----------
     outline, holes : sequence of (float, float), sequences of such
-        Vertices [m], either winding; as `tidy` leaves them, with three vertices or more.
+        Vertices [m], either winding; three or more.
 
     Yields
     ------

@@ -7,17 +7,15 @@ import math
 import numpy as np
 import pytest
 import shapely
-from hypothesis import assume, given
+from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.core.geometry.polygons import (
-    TOLERANCE_M,
     covered_share,
     flaws,
     signed_area_m2,
     simplified,
     strip_extents,
-    tidy,
 )
 
 SQUARE = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
@@ -77,92 +75,6 @@ def test_area_keeps_its_digits_far_from_the_origin():
     far = [(x + 700_000.1, y + 6_100_000.3) for x, y in ((0.1, 0.2), (0.7, 0.35), (0.3, 0.9))]
     assert signed_area_m2(far) == pytest.approx((0.6 * 0.7 - 0.15 * 0.2) / 2, rel=1e-7)
     assert signed_area_m2([]) == 0
-
-
-# --- what is superfluous ----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("ring", "kept", "counts"),
-    [
-        (SQUARE, (0, 1, 2, 3), (0, 0, 0)),
-        # repeated: exactly, within a millimetre, and the last beside the first, which stays
-        ([(0, 0), (0, 0), (10, 0), (10, 10), (10, 10), (10, 10)], (0, 2, 3), (3, 0, 0)),
-        ([(0, 0), (10, 0), (10.0009, 0), (10, 10)], (0, 1, 3), (1, 0, 0)),
-        ([(0, 0), (10, 0), (10.0011, 0), (10, 10)], (0, 2, 3), (0, 1, 0)),
-        ([(0, 0), (10, 0), (9.9995, 0.0001), (10, 10)], (0, 1, 3), (1, 0, 0)),  # and no spike
-        ([(0, 0), (10, 0), (10, 10), (0.0004, 0)], (0, 1, 2), (1, 0, 0)),
-        # in line: on an edge, at the start of the ring, and beside the edge by less and by more than a millimetre
-        ([(0, 0), (4, 0), (5, 0), (10, 0), (10, 10)], (0, 3, 4), (0, 2, 0)),
-        ([(5, 0), (10, 0), (10, 10), (0, 0)], (1, 2, 3), (0, 1, 0)),
-        ([(0, 0), (5, -0.0009), (10, 0), (10, 10)], (0, 2, 3), (0, 1, 0)),
-        ([(0, 0), (5, -0.0011), (10, 0), (10, 10)], (0, 1, 2, 3), (0, 0, 0)),
-        # spikes: back to where they began, to before it, beyond it, and the tip at the start of the ring
-        ([(0, 0), (10, 0), (10, 10), (20, 20), (10, 10), (0, 10)], (0, 1, 2, 5), (0, 0, 1)),
-        ([(0, 0), (10, 0), (10, 20), (10, 10), (0, 10)], (0, 1, 3, 4), (0, 0, 1)),
-        ([(0, 0), (10, 0), (10, 10), (15, 10), (-5, 10), (0, 0)], (0, 1, 2, 4), (1, 0, 1)),
-        ([(20, 20), (10, 10), (0, 10), (0, 0), (10, 0), (10, 10)], (1, 2, 3, 4), (0, 0, 1)),
-        ([(0, 0), (5, 0), (5, 5), (5, 0), (10, 0), (10, 10)], (0, 4, 5), (0, 1, 1)),  # where it stood is in line
-        # a spike of several vertices is undone from its tip
-        ([(0, 0), (10, 0), (10, 10), (12, 13), (15, 14), (12, 13), (10, 10), (0, 10)], (0, 1, 2, 7), (0, 0, 2)),
-        # nothing is left of what has no area
-        ([(0, 0), (10, 0), (20, 0)], None, None),
-        ([(0, 0), (10, 0), (20, 10), (10, 0)], None, None),
-        ([(1, 1)] * 5, None, None),
-        ([(0, 0), (1, 0)], None, None),
-        ([], None, None),
-    ],
-)
-def test_tidy(ring, kept, counts):
-    tidied = tidy(ring)
-    if kept is None:
-        assert len(tidied.kept) < 3
-        return
-    assert tidied.kept == kept
-    assert (tidied.repeated, tidied.in_line, tidied.spikes) == counts
-
-
-def test_an_arc_finely_drawn_stays_an_arc():
-    n, radius = 5000, 100.0
-    ring = [(radius * math.cos(2 * math.pi * i / n), radius * math.sin(2 * math.pi * i / n)) for i in range(n)]
-    kept = tidy(ring).kept
-    assert 100 < len(kept) < n, "most vertices go"
-    left = shapely.Polygon([ring[i] for i in kept]).exterior
-    # a circle is within a millimetre of chords whose sagitta is one: none is longer than 2 √(2 r s)
-    assert max(left.distance(shapely.Point(point)) for point in ring) < TOLERANCE_M
-
-
-@given(stars(), st.data())
-def test_what_is_dropped_was_within_a_millimetre(ring, data):
-    shakes = st.floats(-0.0006, 0.0006)
-    dense = []
-    for (x0, y0), (x1, y1) in zip(ring, (*ring[1:], ring[0]), strict=True):
-        steps = data.draw(st.integers(1, 4))
-        for i in range(steps):
-            x, y = x0 + (x1 - x0) * i / steps, y0 + (y1 - y0) * i / steps
-            dense.append((x + data.draw(shakes), y + data.draw(shakes)))
-    tidied = tidy(dense)
-    assume(tidied.spikes == 0)
-    left = shapely.Polygon([dense[i] for i in tidied.kept]).exterior
-    assert max(left.distance(shapely.Point(point)) for point in dense) < 2 * TOLERANCE_M
-    assert len(tidied.kept) + tidied.repeated + tidied.in_line == len(dense)
-
-
-@given(st.lists(whole, max_size=12))
-def test_what_is_tidy_stays_as_it_is(points):
-    once = [points[i] for i in tidy(points).kept]
-    assume(len(once) >= 3)
-    again = tidy(once)
-    assert again.kept == tuple(range(len(once)))
-    assert (again.repeated, again.in_line, again.spikes) == (0, 0, 0)
-
-
-def test_a_long_way_out_and_back_is_undone_at_either_end_of_the_ring():
-    way = [(10 + i, 10 + i * i / 1e4) for i in range(5000)]
-    ring = [(0, 0), (10, 0), *way, *way[-2::-1], (0, 10)]
-    assert [ring[i] for i in tidy(ring).kept] == [(0, 0), (10, 0), (10, 10), (0, 10)]
-    turned = ring[5001:] + ring[:5001]
-    assert {turned[i] for i in tidy(turned).kept} == {(0, 0), (10, 0), (10, 10), (0, 10)}
 
 
 # --- what makes rings no field ----------------------------------------------------------------------------------------
