@@ -40,9 +40,7 @@ from measured import options, recorded, table
 
 from eadp.core import compiled
 from eadp.io.text.streams import read_text
-from eadp.sweep.dask import DaskEngine
-from eadp.sweep.engines import Make
-from eadp.sweep.pool import PoolEngine
+from eadp.sweep.engines import DaskEngine, Make, PoolEngine
 from eadp.sweep.results import Results
 from eadp.sweep.run import FlyRun, SerialEngine, make_runs
 from eadp.sweep.runs import Engine, Result, Run

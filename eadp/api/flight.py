@@ -30,8 +30,8 @@ from eadp.models.plan.stage import PATH
 from eadp.models.profile import AnyProfile
 from eadp.models.world import Step, World
 from eadp.planning.base import DecisionRecord, Ending, PlannerSettings
-from eadp.planning.flight import PlannedFlight
 from eadp.planning.forecast.held import Preflight
+from eadp.planning.registry import PlannedFlight
 from eadp.plug_ins import plug_in, plug_ins
 from eadp.simulation.loop import RETURNED, Outcome, fly
 

@@ -41,13 +41,11 @@ from eadp.models.profile import AnyProfile, configuration_text
 from eadp.models.vehicle import Aeroplane, Airframe, PaperVehicle
 from eadp.models.world import TakeOff, Timing, World
 from eadp.planning.base import Mission, PlannerSettings
-from eadp.planning.flight import PlannedFlight, make_flight
 from eadp.planning.forecast.held import Preflight
-from eadp.planning.registry import planner_class
+from eadp.planning.registry import PlannedFlight, make_flight, planner_class
 from eadp.planning.state.climb import ClimbFollower
 from eadp.plug_ins import code_identity
-from eadp.simulation.nominal import NominalFlight, Overshoot
-from eadp.simulation.turns import MOST, overshoot_findings
+from eadp.simulation.nominal import MOST, NominalFlight, Overshoot, overshoot_findings
 
 LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
 """Time limit of a flight as a multiple of its forecast time, and where there is no forecast [s]."""

@@ -152,7 +152,7 @@ def _read(
     reader = PlanReader(laps=laps, ground=ground).turning(min_radius_m)
     plan, findings = reader(text)
     if is_mission(text):
-        from eadp.simulation.turns import calm_findings, is_tight  # slow to import
+        from eadp.simulation.nominal import calm_findings, is_tight  # slow to import
 
         if is_tight(plan, reader.turn_radius_m):
             findings = [*findings, *calm_findings(plan, reader.turn_radius_m)]

@@ -40,7 +40,7 @@ class _Grouped(typer.core.TyperGroup):
                 formatter.write_dl([(name, COMMANDS.get(name, ADDED)) for name in names])
 
 
-SECTIONS = "Field", "Camera", "Aircraft", "Lines and turns", "Ground", "Sorties"
+SECTIONS = "Field", "Camera", "Aircraft", "Take-off, landing and wind", "Lines and turns", "Ground", "Sorties"
 """Sections of a command's options in its help, the commonest first; options of no section come last."""
 
 

@@ -116,7 +116,7 @@ def command(
     )
     plan, lines = read.plan, read.faults
     if options.junit is not None:
-        from eadp.cli.junit import Case, junit_text
+        from eadp.cli.output import Case, junit_text
 
         wrong = "\n".join(str(line) for line in lines if line.severity == "error") or None
         case = Case("geometry" if options.check else "text", time.perf_counter() - start_s, wrong)

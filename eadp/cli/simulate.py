@@ -120,7 +120,7 @@ def command(
     kept = summary["reserve_kept"] or not output.require_reserve
     passed = summary["completed"] and kept and not (output.strict_solver and failures)
     if output.junit is not None:
-        from eadp.cli.junit import Case, junit_text
+        from eadp.cli.output import Case, junit_text
 
         wrong = f"{summary['reason']}; state of charge {summary['soc_final']:.3f} at the end"
         wrong += f"; {failures}" if failures else ""

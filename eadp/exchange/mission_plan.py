@@ -19,7 +19,7 @@ from eadp.core.guidance import RATE_SHARE, air_density_kgpm3, calibrated_share
 from eadp.errors import Fault, Unreachable, refuse
 from eadp.exchange import items as d
 from eadp.exchange.items import MOTIONLESS, DraftItem, MissionDraft, command_text
-from eadp.exchange.waypoints import Loiter, Target, Waypoint, path_through
+from eadp.exchange.waypoints import Loiter, Target, Waypoint, WaypointPath, path_through
 from eadp.io.plan.reader import LIMIT_STAGES
 from eadp.io.plan.sources import PlanReader
 from eadp.io.text.streams import Location, SourceText
@@ -401,6 +401,35 @@ class MissionPlan:
     # --- the plan
 
     def _assembled(self, visits: list[_Visit]) -> Plan:
+        path = self._path(visits)
+        stages = self._stages(visits, path)
+        last = visits[-1].item
+        if last.command in (d.LAND, d.RETURN):
+            stages[-1] = replace(stages[-1], commands=(*stages[-1].commands, _without_place(last)))
+        self._doubt_places(visits)
+        airspace = self._airspace()
+        for at, place_deg in self.draft.rally:
+            if not airspace.admits(to_local_m(*place_deg, self._origin_deg)):
+                self._find(at, "rally-outside", "a place to rally is beyond the boundary, or in an obstacle")
+        shortest_m = min(piece.length_m for _, piece in path.pieces)
+        return Plan(
+            name=self.source.name,
+            stages=tuple(stages),
+            path_count=0,
+            trigger_radius_m=min(TRIGGER_RADIUS_M, float(f"{0.9 * shortest_m:.2g}")),
+            min_radius_m=self.motion.turn_radius_m,
+            site=Site(
+                self._origin_deg,
+                (0.0, 0.0),
+                home_m=(0.0, 0.0),
+                airspace=airspace,
+                ground_m=self._zero_m,
+                height_m=self._height_m,
+            ),
+        )
+
+    def _path(self, visits: list[_Visit]) -> WaypointPath:
+        """The path along all targets; with findings of those that are too close. Raises InputError without a path."""
         radius_m = self.motion.turn_radius_m
         try:
             path = path_through((0.0, 0.0), [visit.target for visit in visits], radius_m)
@@ -428,6 +457,10 @@ class MissionPlan:
                     f"radius need {tight.needed_m:.1f} m"
                 )
                 self._find(item.locations[0], "too-close", message)
+        return path
+
+    def _stages(self, visits: list[_Visit], path: WaypointPath) -> list[Stage]:
+        """The pieces of a path as stages, with what is commanded on the way."""
         stages: list[Stage] = []
         functions: dict[str, Expression] = {}  # laps have theirs in common
         commanded = 0
@@ -446,10 +479,8 @@ class MissionPlan:
             end = piece.end[:2]
             if before is not None and piece.centre_m is not None and piece.start == piece.end:
                 # a whole turn ends where it begins, which a way that is too short to be a piece may be away from
-                (cx, cy), bearing = (
-                    piece.centre_m,
-                    math.atan2(before[1] - piece.centre_m[1], before[0] - piece.centre_m[0]),
-                )
+                cx, cy = piece.centre_m
+                bearing = math.atan2(before[1] - cy, before[0] - cx)
                 end = (cx + piece.radius_m * math.cos(bearing), cy + piece.radius_m * math.sin(bearing))
             before = end
             x, y = (constant(round(value, 9)) for value in end)
@@ -467,30 +498,7 @@ class MissionPlan:
                     item=visit.item.label,
                 )
             )
-        last = visits[-1].item
-        if last.command in (d.LAND, d.RETURN):
-            stages[-1] = replace(stages[-1], commands=(*stages[-1].commands, _without_place(last)))
-        self._doubt_places(visits)
-        airspace = self._airspace()
-        for at, place_deg in self.draft.rally:
-            if not airspace.admits(to_local_m(*place_deg, self._origin_deg)):
-                self._find(at, "rally-outside", "a place to rally is beyond the boundary, or in an obstacle")
-        shortest_m = min(piece.length_m for _, piece in path.pieces)
-        return Plan(
-            name=self.source.name,
-            stages=tuple(stages),
-            path_count=0,
-            trigger_radius_m=min(TRIGGER_RADIUS_M, float(f"{0.9 * shortest_m:.2g}")),
-            min_radius_m=radius_m,
-            site=Site(
-                self._origin_deg,
-                (0.0, 0.0),
-                home_m=(0.0, 0.0),
-                airspace=airspace,
-                ground_m=self._zero_m,
-                height_m=self._height_m,
-            ),
-        )
+        return stages
 
     def _doubt_places(self, visits: Sequence[_Visit]) -> None:
         """Find a home that may be another place, and waypoints that have no height."""

@@ -13,7 +13,7 @@ from pydantic_core import to_jsonable_python
 
 from eadp.errors import Fault, InputError, refuse
 from eadp.io.text.streams import Text
-from eadp.io.text.yaml import STRICT, Document, read_yaml, validated
+from eadp.io.text.yaml import STRICT, Document, read_yaml, validated, yaml_text
 from eadp.models.energy import Coefficients, Disturbance, EnergyModel, Harmonic
 
 SCHEMA = "eadp.energy/1"
@@ -158,15 +158,4 @@ def energy_yaml(model: EnergyModel) -> str:
     str
         YAML with the keys of `energy_document`, one line for each harmonic.
     """
-    return "".join(_lines(key, value) for key, value in energy_document(model).items())
-
-
-def _lines(key: str, value: Any) -> str:
-    if key == "schema":
-        return f"{key}: {value}\n"
-    if isinstance(value, dict):
-        return f"{key}:\n" + "".join(f"  {name}: {json.dumps(item)}\n" for name, item in value.items())
-    if key == "harmonics" and value:
-        items = (", ".join(f"{name}: {json.dumps(number)}" for name, number in item.items()) for item in value)
-        return f"{key}:\n" + "".join(f"  - {{{item}}}\n" for item in items)
-    return f"{key}: {json.dumps(value)}\n"  # a JSON number is a YAML number, of as many digits as it takes
+    return yaml_text(energy_document(model))

@@ -25,8 +25,8 @@ from eadp.models.plan.cursor import Vector
 from eadp.models.plan.route import PlannedLegs, RoutePredictor
 from eadp.models.plan.stage import Stage, rest_of
 from eadp.planning.base import BY_FALLBACK, Decision, Ending, Mission, Observation, Sample, next_multiple
-from eadp.planning.flight import PlannedFlight
 from eadp.planning.forecast.held import HeldForecast
+from eadp.planning.registry import PlannedFlight
 from eadp.planning.state.flight_state import FlightState
 
 WINDOW_S, MIN_SPAN_S, MAX_CHORD_S = 2.5, 0.9, 3.0

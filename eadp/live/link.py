@@ -16,7 +16,7 @@ from eadp.errors import Fault, InputError
 from eadp.exchange.autopilot import read_parameters, speed_limits, stated_parameters, wanted_parameters
 from eadp.exchange.writer import MappedItem, items_text, parse_items, read_items, same_items
 from eadp.io.text.options import Flag
-from eadp.live.autopilot import ACCEPTED, CRITICAL, NOTICE, CommandedAirspeed, HeardAutopilot, Pilot
+from eadp.live.autopilot import ACCEPTED, CRITICAL, CommandedAirspeed, HeardAutopilot, Pilot
 from eadp.live.mavlink import COMPONENT, SHARE, Link, Message, Throttle, read_key, require_pymavlink, tlog_messages
 from eadp.live.messages import LINE_S, TIMED, WANTED, LineMaker, ParameterCheck, values_of
 from eadp.live.mission import PROTOCOL, HeldMission, Holds, Mapped, Noted, Outgoing, Output, Warned
@@ -139,8 +139,6 @@ class LinkFlight:
         # path parameters that the mission shall have; None before the first plan, and once only home can be reached
         self._decided_path: tuple[float, ...] | None = None
         self._home = _WayHome(may_command=options.return_home)
-        # whether the mission is flown, and whether the autopilot flies home, as the pilot has read last
-        self._mode: tuple[bool | None, bool] = (True, False)
         self._pilot = Pilot(name, plan, inputs.mission.parameters, warn, self._give, lambda: self._lines.count)
         self._autopilot = HeardAutopilot(options.system, self._give, self._pilot)
         self._replanner = Replanner(inputs, name, log, self._decided, self._pilot.once)
@@ -218,7 +216,8 @@ class LinkFlight:
             self._lines.decided = self._decided_path if mission.gets(self._decided_path) else None
         restarts = self._lines.heard.restarts
         self.update(values)
-        self._watch_mode()
+        if self._lines.flown:
+            self._pilot.mode(self._lines.flies_mission, returns=self._lines.returns)
         self._airspeed.pass_items(self._lines.items, self._lines.index)
         if begins or self._lines.heard.restarts > restarts:
             autopilot.ask()
@@ -304,19 +303,6 @@ class LinkFlight:
             self._do(self._mission.tick(now_s, self._lines.item))
 
     # --- the autopilot
-
-    def _watch_mode(self) -> None:
-        """Have the pilot read, once at each change in flight, that the mission is not flown, or flown again."""
-        mode = self._lines.flies_mission, self._lines.returns
-        if mode == self._mode or not self._lines.flown or mode[0] is None:
-            return
-        self._mode = mode
-        if mode[1]:
-            text = "the autopilot flies home: nothing of the survey is sent"
-        else:
-            text = "the mission is flown again" if mode[0] else "the mission is not flown: nothing is uploaded"
-        self._pilot.note(text)
-        self._pilot.show(text, NOTICE)
 
     def _check_parameters(self) -> None:
         """Ask for the autopilot's parameters, and warn once of those that the forecast does not hold for."""

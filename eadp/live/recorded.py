@@ -18,7 +18,7 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_near_local_m
 from eadp.errors import InputError
 from eadp.exchange.items import NO_POSITION, MissionItem
-from eadp.io.logs.tables import check_readable, read_tables
+from eadp.io.logs import check_readable, read_tables
 from eadp.io.text.streams import is_tlog
 from eadp.live.mavlink import tlog_messages
 from eadp.live.messages import (

@@ -29,8 +29,8 @@ from eadp.live.telemetry import KEYS, Reading, TelemetryReader, decision_line, j
 from eadp.models.plan.route import PlannedLegs
 from eadp.models.plan.stage import Parameter
 from eadp.planning.base import Mission, Sample
-from eadp.planning.flight import make_flight
 from eadp.planning.forecast.held import HeldForecast
+from eadp.planning.registry import make_flight
 from eadp.plug_ins import code_identity
 
 SCHEMA = "eadp.replan-log/1"

@@ -20,7 +20,7 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.core.guidance import SEA_LEVEL_KGPM3, air_density_kgpm3, calibrated_share
 from eadp.errors import Fault, InputError, printable
-from eadp.io.logs.tables import Tables, at_times, check_readable, read_tables
+from eadp.io.logs import Tables, at_times, check_readable, read_tables
 from eadp.io.text.streams import Text, is_tlog, read_text
 from eadp.measure.power_log import (
     AIRSPEED,

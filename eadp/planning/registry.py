@@ -9,8 +9,9 @@ from typing import Any, ClassVar, Protocol
 from eadp.core.geometry.curves import Point
 from eadp.errors import EadpError, printable
 from eadp.models.battery import Battery
+from eadp.models.plan.cursor import Vector
 from eadp.models.world import Step
-from eadp.planning.base import Decision, Mission, PlannerSettings, Readings, SolverReport, trade_off_faults
+from eadp.planning.base import Decision, Mission, Observation, PlannerSettings, Readings, SolverReport, trade_off_faults
 from eadp.planning.forecast.held import Preflight, held_preflight
 from eadp.planning.state.flight_state import FlightState
 from eadp.planning.state.queue import Seen
@@ -140,3 +141,68 @@ def planner_class(name: str) -> type[Planner]:
     if planner is None:
         raise EadpError(f"unknown planner {printable(name, 60)}; expected one of {', '.join(PLANNERS)}")
     return planner
+
+
+# --- a flight as it is planned
+
+
+class PlannedFlight:
+    """The planner of a flight, the state that it decides on, and its last decision.
+
+    Parameters
+    ----------
+    planner : Planner
+    state : FlightState
+    parameters : tuple of float
+        Those of take-off.
+    power : PowerEstimator, optional
+        For the log; by default the planner's, if it has one.
+    """
+
+    def __init__(
+        self, planner: Planner, state: FlightState, parameters: Vector, power: PowerEstimator | None = None
+    ) -> None:
+        self.planner, self.state, self.power = planner, state, planner.power or power
+        self.decision = Decision(parameters)
+
+    def take(self, seen: Readings | Observation) -> Decision:
+        """Take readings, or an observation, at which the planner is updated; return the decision that holds.
+
+        The planner is not updated before the flight has reached its plan.
+        """
+        if isinstance(seen, Readings):
+            self.state.ingest(seen)
+            taken: Readings | Seen = seen
+        else:
+            taken = self.state.observe(seen)
+        if self.power is not None:
+            self.power.take(taken)
+        if isinstance(taken, Seen) and taken.observation.on_plan:
+            decided: Any = self.planner.update(self.state)
+            if not isinstance(decided, Decision):  # of another package's planner
+                kind = type(self.planner)
+                raise EadpError(f"{kind.__module__}.{kind.__name__}.update returns {decided!r}, and no Decision")
+            self.decision = decided
+        return self.decision
+
+    def keep(self, parameters: Vector, held: Mapping[int, float]) -> None:
+        """Put parameters in place of the planner's decision, and have it hold some of them, by index, at a value."""
+        if parameters != self.decision.parameters:
+            self.decision = self.decision._replace(parameters=parameters)
+        self.planner.hold(held)
+
+
+def make_flight(settings: PlannerSettings, mission: Mission, *, logged: bool = False) -> PlannedFlight:
+    """A new flight with the planner that the settings name, with its own section of them, if they have it.
+
+    `logged` is whether its power is estimated for a log, where the planner does not ask for it.
+
+    Raises
+    ------
+    EadpError
+        On an unknown name.
+    """
+    planner = planner_class(settings.name)(settings, mission, settings.own)
+    state = FlightState(mission, settings.weights, settings.estimator.every_s)
+    power = plug_in("estimators", "power")(settings.estimator, mission) if logged and planner.power is None else None
+    return PlannedFlight(planner, state, mission.parameters, power)

@@ -75,8 +75,8 @@ READING, MAX_READINGS = 1 + SNAPSHOT, 5000
 """Length of a reading, its step and the measured variables; maximum number of readings in one run."""
 
 ROW, MAX_ROWS = 9, 500
-"""Length of a row of the log: step, x, y, altitude, heading, power, charge, airspeed, and that commanded; maximum number
-of rows in one run."""
+"""Length of a row of the log: step, x, y, altitude, heading, power, charge, airspeed, and that commanded; most rows of
+one run."""
 
 NOISE = 2000
 """Random numbers of gusts per draw."""

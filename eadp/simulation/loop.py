@@ -19,8 +19,8 @@ from eadp.models.battery import CUT_OFF
 from eadp.models.plan.cursor import Rules, Vector
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.world import Step, World
-from eadp.planning.base import DecisionRecord, Observation, Readings, Sample
-from eadp.planning.flight import PlannedFlight
+from eadp.planning.base import Decision, DecisionRecord, Observation, Readings, Sample
+from eadp.planning.registry import PlannedFlight
 from eadp.simulation.aircraft import AIRSPEED, ALTITUDE, HEADING, X, Y, constants_of, home_plan, state_of
 from eadp.simulation.inner_loop import (
     DISTANCE,
@@ -99,12 +99,8 @@ class _Flight:
             world.wind,
             np.random.default_rng(world.seed),
         )
-        self._flight = flight
-        self._bridge = _SensorBridge(world, flight, self._inner_loop, outcome)
-        # two stacks, with the next loss of charge last; neither gets empty, as no flight reaches the step of the first
-        self._losses = _losses(world)
-        # steps at which a loss is measured, and the planner is due
-        self._alarms = [step + self._bridge.late for step, _ in self._losses]
+        self._bridge = _PlannerBridge(world, flight, self._inner_loop, outcome)
+        self._losses = _Losses(world, self._bridge.late)
         computing_w = world.computing_w(executor.parameters, executor.stage)
         self._log = ParameterLog(world.plan, executor.cursor, executor.joined_m, world.actual, computing_w)
         outcome.parameters = self._log
@@ -112,7 +108,6 @@ class _Flight:
         self._parameters = executor.parameters  # in force
         # the number of the plan's stage, which on the way home stays the last one flown
         self._plan_stage, self._stages_started = executor.stage.index, executor.stages_started
-        self._decided = flight.decision  # the last decision put in force
         self._returning = False
         self._track: list[Step] = []  # what is checked for obstacles
         self._k, self._next_update = 0, 1  # the last step flown, and the step at which the planner is due
@@ -129,7 +124,7 @@ class _Flight:
             self._k, events = inner_loop.run(self._k, self._next_stop(end))
             k, failed = self._k, events & (LOST | EMPTY | SAGS)
             # whether the planner is updated at step k
-            due = (k >= self._next_update or k == self._alarms[-1]) and not self._returning and not failed
+            due = (k >= self._next_update or self._losses.measured_at(k)) and not self._returning and not failed
             # where an update is due, the readings of step k are part of its observation, and the row of step k has what
             # is estimated after it: both wait
             before = k - 1 if due else k
@@ -152,7 +147,7 @@ class _Flight:
         self._close(TIME_LIMIT if reason is None else reason)
 
     def _log_rows(self, rows: list[list[float]], k: int) -> list[Step]:
-        """Log rows, see `_SensorBridge.log_rows`; keep their steps where the plan has obstacles or a boundary."""
+        """Log rows, see `_PlannerBridge.log_rows`; keep their steps where the plan has obstacles or a boundary."""
         steps = self._bridge.log_rows(rows, k, self._plan_stage, self._parameters)
         if any(self._world.plan.site.airspace):
             self._track += steps
@@ -163,12 +158,9 @@ class _Flight:
 
         At that step the planner, a loss, its measurement or another wind is due, or the flight ends.
         """
-        if self._k >= self._losses[-1][0]:
-            self._losses.pop()
-        if self._k >= self._alarms[-1]:
-            self._alarms.pop()
-        self._inner_loop.set_loss(*self._losses[-1])
-        stop, wind = min(end, self._next_update, self._losses[-1][0], self._alarms[-1]), self._world.wind
+        self._losses.go_on(self._k)
+        self._inner_loop.set_loss(*self._losses.next)
+        stop, wind = min(end, self._next_update, self._losses.stop), self._world.wind
         if wind.profile:
             step_s = self._world.clock.step_s
             self._inner_loop.set_wind(wind.steady_at_mps(self._k * step_s, self._inner_loop.variable(ALTITUDE)))
@@ -209,23 +201,19 @@ class _Flight:
         elif changed:
             self._next_update = self._k + 1  # the planner is updated at once with a new stage or its decision in force
         elif due:
-            self._next_update = max(
-                self._k + 1, step_at(self._flight.planner.next_update_s, self._world.clock.step_s, end)
-            )
+            self._next_update = max(self._k + 1, step_at(self._bridge.next_update_s, self._world.clock.step_s, end))
         return None
 
     def _decide(self) -> bool:
         """Put the planner's new decision in force, or turn home; return whether that changes what is flown."""
-        decision = self._flight.decision
+        decision = self._bridge.new_decision()
+        if decision is None:
+            return False
         if decision.returns_home:
             self._outcome.turned_back_s = self._k * self._world.clock.step_s
             self._outcome.turned_back_m = self._pose()[:2]
             self._return()
             return True
-        before, self._decided = self._decided, decision
-        # the same objects: nothing was decided since
-        if decision.parameters is before.parameters and decision.airspeeds_mps is before.airspeeds_mps:
-            return False
         return self._executor.decide(decision.parameters, self._pose()[:2], decision.airspeeds_mps)
 
     def _return(self) -> None:
@@ -300,8 +288,11 @@ def _turned_back(world: World, executor: PlanExecutor, pose: Pose) -> PlanExecut
     return PlanExecutor(plan, lowest, pose[:2], Rules(box_triggers=world.rules.box_triggers))
 
 
-class _SensorBridge:
-    """Passes measurements from the inner loop to the planned flight, and makes rows of the log with its estimates."""
+class _PlannerBridge:
+    """Between the inner loop and the planned flight: measurements there, decisions back, and rows of the log.
+
+    The rows have what the flight estimates.
+    """
 
     def __init__(self, world: World, flight: PlannedFlight, inner_loop: InnerLoop, outcome: Outcome) -> None:
         self._step_s, self._flight = world.clock.step_s, flight
@@ -316,6 +307,20 @@ class _SensorBridge:
         self._outcome = outcome
         self.logged_to = -1
         """The last step logged."""
+        self._decided = flight.decision  # the last decision given out
+
+    @property
+    def next_update_s(self) -> float:
+        """When the planner is due [s]."""
+        return self._flight.planner.next_update_s
+
+    def new_decision(self) -> Decision | None:
+        """The planner's decision, once; None where nothing was decided since."""
+        before, decision = self._decided, self._flight.decision
+        self._decided = decision
+        # the same objects: nothing was decided since
+        same = decision.parameters is before.parameters and decision.airspeeds_mps is before.airspeeds_mps
+        return None if same and not decision.returns_home else decision
 
     def update(self, k: int, executor: PlanExecutor) -> None:
         """Update the planner with an observation after step `k`; the readings before it are passed on first."""
@@ -384,12 +389,42 @@ def log_every_s(world: World) -> float:
     return min(every_s, TRACK_S) if any(world.plan.site.airspace) else every_s
 
 
-def _losses(world: World) -> list[tuple[int, float]]:
-    """Steps with a sudden loss of charge, at each of which the planner is updated, and its amount; the last step first.
+class _Losses:
+    """Sudden losses of charge: at each the planner is updated, and again where it is measured, `late` steps after it.
 
-    The first entry is beyond the end of any flight. A charge that is replayed has a loss where two of its points have
-    one time: its amount is 0 here, as it is in the charge that is replayed.
+    A charge that is replayed has a loss where two of its points have one time: its amount is 0 here, as it is in the
+    charge that is replayed.
     """
+
+    def __init__(self, world: World, late: int) -> None:
+        # two stacks, with the next one last; neither gets empty, as no flight reaches the step of the first
+        self._steps = _losses(world)
+        self._measured = [step + late for step, _ in self._steps]
+
+    @property
+    def next(self) -> tuple[int, float]:
+        """Step and amount of the next loss."""
+        return self._steps[-1]
+
+    @property
+    def stop(self) -> int:
+        """The step of the next loss, or at which one is measured next."""
+        return min(self._steps[-1][0], self._measured[-1])
+
+    def measured_at(self, step: int) -> bool:
+        """Whether a loss is measured at a step."""
+        return step == self._measured[-1]
+
+    def go_on(self, step: int) -> None:
+        """Leave behind what has happened by a step."""
+        if step >= self._steps[-1][0]:
+            self._steps.pop()
+        if step >= self._measured[-1]:
+            self._measured.pop()
+
+
+def _losses(world: World) -> list[tuple[int, float]]:
+    """Steps of the losses, and their amounts; the last first, after an entry beyond the end of any flight."""
     drops = [(fault.at_s, fault.soc_drop) for fault in world.faults]
     if world.battery.prescribed:
         points = world.battery.prescribed

@@ -137,21 +137,20 @@ class _Outlines:
 
 
 def _tidied(ring: Line) -> tuple[tuple[Point, ...], Counter[str]]:
-    """A ring that is open, without superfluous vertices, and how many of each kind it had."""
-    from eadp.core.geometry.polygons import TOLERANCE_M, tidy
+    """A ring that is open, without superfluous vertices, and how many it had."""
+    from eadp.core.geometry.polygons import TOLERANCE_M, simplified
 
-    closed = len(ring) > 1 and math.dist(ring[0], ring[-1]) < TOLERANCE_M
-    ring = ring[:-1] if closed else ring
-    found = tidy(ring)
-    changes = Counter(repeated=found.repeated, in_line=found.in_line, spikes=found.spikes)
-    changes["closed" if closed else "open"] += 1
-    return tuple(ring[i] for i in found.kept), changes
+    count = len(ring)
+    while count > 1 and math.dist(ring[0], ring[count - 1]) < TOLERANCE_M:
+        count -= 1
+    kept = simplified(ring[:count], TOLERANCE_M) if ring else []
+    closed = count < len(ring)
+    superfluous = Counter({"on_line": len(ring) - len(kept) - closed, "closed" if closed else "open": 1})
+    return tuple(ring[i] for i in kept), superfluous
 
 
 _CHANGED = {
-    "repeated": ("repeated vertex", "repeated vertices", "dropped"),
-    "in_line": ("vertex in line with its neighbours", "vertices in line with their neighbours", "dropped"),
-    "spikes": ("spike", "spikes", "dropped"),
+    "on_line": ("vertex on the line of the others", "vertices on the lines of the others", "dropped"),
     "repaired": ("outline", "outlines", "that crossed or touched itself repaired, by less than 0.1 % of the area"),
 }
 """What is counted, one and several, and what was done with it."""
@@ -371,12 +370,12 @@ def _check_degrees(vertices: Sequence[tuple[Point, Feature]], remedy: str, sourc
 
 def _no_area(ring: Line, of: Feature, source: SourceText) -> InputError:
     """What is wrong with an outline without an area."""
-    from eadp.core.geometry.polygons import ground_m2, tidy
+    from eadp.core.geometry.polygons import ground_m2
 
     count, expected = len(set(ring)), f"{SMALLEST_M2:g} m² or more"
     if count < 3:
         message, expected = f"{_title(0, of)} has {counted(count, 'vertex', 'vertices')}", "three or more that differ"
-    elif len(tidy(ring).kept) < 3:
+    elif len(_tidied(ring)[0]) < 3:
         message, expected = f"{_title(0, of)} has no area", "vertices that do not lie on one line"
     else:
         message = f"an area of {ground_m2(ring):.3g} m²"
@@ -586,8 +585,7 @@ def _obstacles(
         found += [Obstacle(outline, name, of.height_m) for outline in own]
     far = "polygon", "polygons", f"farther than {ZONES_M / 1000:g} km left out"
     thin = "obstacle", "obstacles", f"without an area kept, with what lies within {THIN_M:g} m"
-    for key in ("repeated", "in_line", "spikes"):  # a line there and back is one spike
-        del counts[key]
+    del counts["on_line"]
     said = outlines.notes(far=far, thin=thin)
     if rings and not found:
         at = rings[0][1].location

@@ -100,7 +100,7 @@ class TerrainTask(NamedTuple):
         if pattern != AUTO or lands:
             return DUBINS if pattern == AUTO else pattern
         corners = np.array([vertex for part in field.parts for vertex in part[0]])
-        heights_m, _ = self.terrain.grid(corners, RELIEF_POINTS)
+        heights_m = self.terrain.grid(corners, RELIEF_POINTS)
         return DUBINS if np.nanmax(heights_m) - np.nanmin(heights_m) > self.limits.tolerance_m else AUTO
 
     def ground(self, field: Field, motion: MotionLimits, apart_m: float, zero: Point) -> Ground:

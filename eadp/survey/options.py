@@ -35,7 +35,7 @@ Pair = str | Point
 
 @dataclass(frozen=True)
 class PathOptions:
-    """How the field is flown: turns and lines, where they start and end, and in which wind."""
+    """The lines, and the turns between them."""
 
     SECTION: ClassVar = "Lines and turns"
 
@@ -58,6 +58,23 @@ class PathOptions:
     pattern: Annotated[str, Flag(metavar=f"[{'|'.join(PATTERNS)}]")] = AUTO
     """Zamboni-like laps, lines in an order with Dubins turns, or the shorter."""
 
+    turns_off: bool = False
+    """Computations stop on turns."""
+
+    lead_in_m: float | None = None
+    """Straight and level flight before each line [m]; by default, with --forward-overlap, what the aircraft needs to
+    roll out of a turn, else 0."""
+
+    overshoot_m: float = 0.0
+    """Straight and level flight after each line [m]."""
+
+
+@dataclass(frozen=True)
+class EndOptions:
+    """Where the flight starts and ends, and in which wind it flies how fast."""
+
+    SECTION: ClassVar = "Take-off, landing and wind"
+
     start: Annotated[Pair | None, Flag(metavar="POINT")] = None
     """Where the flight starts: X,Y [m], or LAT,LON [°] of a field in degrees."""
 
@@ -76,16 +93,6 @@ class PathOptions:
 
     airspeed_mps: float | None = None
     """Airspeed [m/s]; by default that of the scenario's vehicle."""
-
-    turns_off: bool = False
-    """Computations stop on turns."""
-
-    lead_in_m: float | None = None
-    """Straight and level flight before each line [m]; by default, with --forward-overlap, what the aircraft needs to
-    roll out of a turn, else 0."""
-
-    overshoot_m: float = 0.0
-    """Straight and level flight after each line [m]."""
 
 
 @dataclass(frozen=True)
@@ -114,8 +121,8 @@ class FieldOptions:
 
 
 @dataclass(frozen=True)
-class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, PathOptions):
-    """Options of a coverage: in order those of the path, the field, the camera and the ground.
+class CoverageOptions(TerrainOptions, CameraOptions, FieldOptions, EndOptions, PathOptions):
+    """Options of a coverage: in order those of lines and turns, the ends, the field, the camera and the ground.
 
     Faults name them as the command `eadp cover` does.
     """

@@ -10,14 +10,13 @@ import os
 import re
 import sys
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from typer import Argument
 
-from eadp.cli.junit import Case, junit_text
-from eadp.cli.output import Progress, alarm, emit, json_text, usage_fault, warn
+from eadp.cli.output import Case, Progress, alarm, emit, json_text, junit_text, usage_fault, warn
 from eadp.core import compiled
 from eadp.errors import printable
 from eadp.io.page import check_page, page_of
@@ -31,11 +30,9 @@ from eadp.sweep.results import (
     Group,
     Results,
     SweepFlight,
-    Table,
     distinct,
     label_of,
     marginal,
-    table,
     totals,
     wilson_interval,
 )
@@ -83,14 +80,6 @@ class SweepOptions:
 class SweepOutputs:
     """What is printed of the runs, and what is required of them."""
 
-    table: Annotated[tuple[str, str] | None, Flag(metavar="KEY1 KEY2")] = None
-    """Means by two keys, over all others."""
-
-    value: Literal["completed", "reserve_kept", "duration_s", "soc_final", "quality", "energy_wh", "distance_m"] = (
-        "completed"
-    )
-    """The table's figure."""
-
     require: Literal["completed", "reserve"] | None = None
     """Exit 1 unless every flight completes; or keeps the reserve, too."""
 
@@ -120,13 +109,12 @@ def command(
     --require asks for; 2 on bad input.
     """
     _check_options(options, output)
-    out, table, require = options.out, output.table, output.require
+    out, require = options.out, output.require
     if out is not None and not options.dry_run:
         check_page(page_of(out))
     if output.junit is not None:
         output_file(output.junit)
     sweep = read_sweep(read_text(file), read_overrides(options.set_))
-    _check_table(table, sweep)
     warn(sweep.warnings)
     keys = sweep.keys()
     if options.dry_run:
@@ -148,16 +136,14 @@ def command(
             sys.stderr.write(f"sweep: warning: {few}: seeds change nothing where wind and sensors have no noise\n")
         if output.junit is not None:
             write_text(output.junit, junit_of(sweep, flights, require or "completed"))
-        if output.format == "jsonl" and table is None:
+        if output.format == "jsonl":
             print_summaries(sweep, results)
-    if table is not None:
-        print_table(sweep, flights, table, output.value, output.format)
-    elif output.format == "csv":
+    if output.format == "csv":
         print_csv(sweep, flights)
     elif output.format == "text":
         print_answer(sweep, flights, out)
     short = [] if require is None else [flight for flight in flights if not meets(flight, require)]
-    if output.format == "text" and table is None:
+    if output.format == "text":
         if require is not None:
             met = f"NO, not in {len(short)} of" if short else "yes, in all"
             emit(f"required   {require}: {met} {len(flights)} runs")
@@ -194,16 +180,6 @@ def _check_options(options: SweepOptions, output: SweepOutputs) -> None:
         raise usage_fault("--jobs", str(options.jobs), "a scheduler has its own workers", "--jobs or --scheduler")
     if scheduler is not None and not re.match(r"[a-z]+://.", scheduler):
         raise usage_fault("--scheduler", scheduler, f"{printable(scheduler)} is no address", "as in tcp://host:8786")
-
-
-def _check_table(table: tuple[str, str] | None, sweep: Sweep) -> None:
-    known = dict.fromkeys((*sweep.design.names, "seed"))
-    for key in table or ():
-        if key not in known:
-            what = f"the sweep does not vary {printable(key)}"
-            raise usage_fault("--table", key, what, f"two of {', '.join(known)}")
-    if table is not None and table[0] == table[1]:
-        raise usage_fault("--table", table[0], "the same key twice", "two keys")
 
 
 # --- runs
@@ -441,39 +417,6 @@ def _marginal_lines(key: str, groups: Sequence[Group]) -> list[str]:
         charge = "" if math.isnan(group.soc_final) else f"{group.soc_final:.3f}"
         rows.append([_short(group.label), str(group.flights), share, duration, charge])
     return aligned(rows, "<")
-
-
-def print_table(
-    sweep: Sweep, all_flights: Sequence[SweepFlight], keys: tuple[str, str], value: str, format_: str
-) -> None:
-    """Print means by two keys."""
-    means = table(all_flights, keys, value, {key: sweep.design.listed(key) for key in keys})
-    if format_ == "text":
-        emit("\n".join(_table_lines(means)))
-        return
-    columns = (*keys, value, "flights", "not_completed")
-    if format_ == "csv":
-        _write_csv(columns, _table_rows(means))
-    else:
-        for line in _table_rows(means):
-            _print_line(dict(zip(columns, line, strict=True)))
-
-
-def _table_rows(means: Table) -> Iterator[tuple[str, str, float | None, int, int]]:
-    for i, row in enumerate(means.rows):
-        for j, column in enumerate(means.columns):
-            yield row, column, means.means[i][j], means.flights[i][j], means.crashed[i][j]
-
-
-def _table_lines(means: Table) -> list[str]:
-    digits = 1 if means.value in ("duration_s", "distance_m") else 3
-    rows = [
-        [_short(label), *(means.text(i, j, digits) for j in range(len(means.columns)))]
-        for i, label in enumerate(means.rows)
-    ]
-    title = f"{means.value}, mean; {printable(means.keys[0])} downwards, {printable(means.keys[1])} to the right"
-    fell = "; ×: flights not completed, in no mean" if any(map(any, means.crashed)) else ""
-    return [title + fell, *aligned([["", *map(_short, means.columns)], *rows], "<")]
 
 
 def _short(text: str) -> str:

@@ -91,7 +91,7 @@ def sweep_data(path: str, page: Path, keep: str | None = None) -> dict[str, Any]
     while len(json.dumps(runs := _runs(census.kept[:count], names, keep))) > MAX_BYTES:
         count //= 2
     flights = [
-        SweepFlight(i, {name: values.get(name) for name in names}, values["seed"], **_figures(row))
+        SweepFlight(index=i, values={name: values.get(name) for name in names}, seed=values["seed"], **_figures(row))
         for i, (_, values, row) in enumerate(census.kept[:count])
     ]
     own = {flight.index for flight in distinct(flights)}

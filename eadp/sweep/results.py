@@ -60,13 +60,10 @@ def wilson_interval(successes: int, trials: int, z: float = Z_95) -> tuple[float
     return max(0.0, (middle - reach) / (1 + square)), min(1.0, (middle + reach) / (1 + square))
 
 
-@dataclass(frozen=True)
-class SweepFlight:
-    """One run of a sweep: the varied keys' values and the figures of its flight; `error` if it could not be made."""
+@dataclass(frozen=True, kw_only=True)
+class SweepFigures:
+    """The figures of a flight: columns of the results file and of tables, and keys of its summary."""
 
-    index: int
-    values: Mapping[str, Any]
-    seed: int
     completed: bool | None = None
     reason: str | None = None
     duration_s: float | None = None
@@ -78,12 +75,20 @@ class SweepFlight:
     batteries: int | None = None
     solver_failed: int | None = None
     fallbacks: int | None = None
+
+
+COLUMNS = tuple(each.name for each in fields(SweepFigures))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepFlight(SweepFigures):
+    """One run of a sweep: the varied keys' values and the figures of its flight; `error` if it could not be made."""
+
+    index: int
+    values: Mapping[str, Any]
+    seed: int
     error: str | None = None
     took_s: float = field(default=0.0, compare=False)
-
-
-COLUMNS = tuple(each.name for each in fields(SweepFlight) if each.default is None and each.name != "error")
-"""The figures of a flight: columns of the results file and of tables, and keys of its summary."""
 
 
 @dataclass(frozen=True)
@@ -199,54 +204,6 @@ def _group(label: str, members: Sequence[SweepFlight]) -> Group:
         for name in ("duration_s", "soc_final")
     )
     return Group(label, len(members), len(done) / len(members), duration, charge)
-
-
-@dataclass(frozen=True)
-class Table:
-    """Means of one figure for each pair of values of two keys, over all else; None where no flight has it.
-
-    Of figures that a flight has only where it completes, `crashed` are the flights that did not: no mean counts them.
-    """
-
-    keys: tuple[str, str]
-    value: str
-    rows: tuple[str, ...]
-    columns: tuple[str, ...]
-    means: tuple[tuple[float | None, ...], ...]
-    flights: tuple[tuple[int, ...], ...]
-    crashed: tuple[tuple[int, ...], ...]
-
-    def text(self, row: int, column: int, digits: int) -> str:
-        """A cell: the mean with some digits, and × with the number of flights that did not complete, if any."""
-        mean, fell = self.means[row][column], self.crashed[row][column]
-        return " ".join(([] if mean is None else [f"{mean:.{digits}f}"]) + ([f"×{fell}"] if fell else []))
-
-
-OF_ALL = ("completed", "reserve_kept")
-"""Figures of all flights; the others are of those that complete."""
-
-
-def table(
-    flights: Sequence[SweepFlight], keys: tuple[str, str], value: str, listed: Mapping[str, Sequence[Any]]
-) -> Table:
-    """Means of one figure of flights by two keys."""
-    bins = [KeyBins([value_of(flight, key) for flight in flights], listed.get(key, ())) for key in keys]
-    rows, columns = (axis.labels for axis in bins)
-    sums, counts, crashed = np.zeros((3, len(rows), len(columns)))
-    for flight in flights:
-        figure = getattr(flight, value)
-        if flight.error is None and figure is not None:
-            cell = tuple(axis.index(value_of(flight, key)) for axis, key in zip(bins, keys, strict=True))
-            counted = bool(flight.completed) or value in OF_ALL
-            sums[cell] += figure if counted else 0.0
-            counts[cell] += counted
-            crashed[cell] += not counted
-    means = tuple(
-        tuple(float(total / n) if n else None for total, n in zip(*line, strict=True))
-        for line in zip(sums, counts, strict=True)
-    )
-    flown, fell = (tuple(tuple(map(int, line)) for line in each) for each in (counts, crashed))
-    return Table(keys, value, rows, columns, means, flown, fell)
 
 
 APPLICATION_ID = 0x65616470

@@ -26,9 +26,7 @@ from eadp.io.text.json import AnyTable, frame, html_table
 from eadp.io.text.streams import read_text
 from eadp.plug_ins import blame, code_identity
 from eadp.simulation.loop import Outcome, fly
-from eadp.sweep.dask import DaskEngine
-from eadp.sweep.engines import EngineOptions, Make
-from eadp.sweep.pool import PoolEngine
+from eadp.sweep.engines import DaskEngine, EngineOptions, Make, PoolEngine
 from eadp.sweep.results import COLUMNS, Results, SweepFlight, totals
 from eadp.sweep.runs import Engine, Result, Run
 from eadp.sweep.sweep_file import Sweep, load_run, read_sweep

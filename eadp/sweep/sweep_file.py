@@ -117,7 +117,7 @@ class Sweep:
         """The runs with the figures of their rows in the results."""
         points = map(self.design.point, range(len(self.design)))
         return [
-            SweepFlight(point.index, point.values, self.seed(point), **row)
+            SweepFlight(index=point.index, values=point.values, seed=self.seed(point), **row)
             for point, row in zip(points, rows, strict=True)
         ]
 

@@ -19,8 +19,8 @@ from eadp.io.text.streams import Text
 from eadp.live.flight import COMPLETED, EMPTY, LiveFlight, _GroundVelocity
 from eadp.live.gate import APART_S, APPLY_S, AppliedParameters, OutlierGate
 from eadp.planning.base import Sample
-from eadp.planning.flight import make_flight
 from eadp.planning.forecast.held import HeldForecast
+from eadp.planning.registry import make_flight
 from eadp.simulation.loop import Outcome, fly
 
 EPOCH_S = 1.7e9

@@ -15,7 +15,7 @@ import yaml
 from common import ROOT, with_header
 
 from eadp import fit_vehicle
-from eadp.io.logs.tables import Tables
+from eadp.io.logs import Tables
 from eadp.io.text.streams import read_text
 from eadp.io.vehicle import read_vehicle
 from eadp.measure.formats import autopilot_motion

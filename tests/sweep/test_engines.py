@@ -14,9 +14,7 @@ from collections import Counter
 import pytest
 
 from eadp.errors import EadpError, InputError
-from eadp.sweep.dask import DaskEngine
-from eadp.sweep.engines import QUEUED, TASK_S, EngineOptions
-from eadp.sweep.pool import PoolEngine, cores
+from eadp.sweep.engines import QUEUED, TASK_S, DaskEngine, EngineOptions, PoolEngine, cores
 from eadp.sweep.run import ENGINES, SerialEngine, open_engine
 
 DEATH = functools.partial(os._exit, 3)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 from scipy.stats import binomtest, norm
 
-from eadp.sweep.results import Z_95, KeyBins, SweepFlight, marginal, table, totals, wilson_interval
+from eadp.sweep.results import Z_95, KeyBins, SweepFlight, marginal, totals, wilson_interval
 
 EXACT = 1e-9
 
@@ -41,8 +41,9 @@ def test_the_quantile():
 
 def flight(index, values, completed=True, duration=100.0, soc=0.5, quality=0.7, error=None, seed=0):
     if error is not None:
-        return SweepFlight(index, values, seed, error=error)
-    return SweepFlight(index, values, seed, completed, "reason", duration, soc, quality)
+        return SweepFlight(index=index, values=values, seed=seed, error=error)
+    figures = {"completed": completed, "reason": "reason", "duration_s": duration, "soc_final": soc, "quality": quality}
+    return SweepFlight(index=index, values=values, seed=seed, **figures)
 
 
 FLIGHTS = [
@@ -100,17 +101,3 @@ def test_texts_and_lists_are_values_too():
     bins = KeyBins([[1, 2], "x", [1, 2], None])
     assert bins.labels == ("[1, 2]", "x", "null")
     assert bins.index("x") == 1
-
-
-def test_a_table_of_means():
-    means = table(FLIGHTS, ("w", "p"), "duration_s", {"w": [1, 2], "p": ["a", "b"]})
-    assert (means.rows, means.columns) == (("1", "2"), ("a", "b"))
-    assert means.means == ((10.0, 40.0), (None, None))
-    assert means.flights == ((1, 1), (0, 0))
-    assert means.crashed == ((1, 0), (1, 0))
-    assert [means.text(i, j, 1) for i in range(2) for j in range(2)] == ["10.0 ×1", "40.0", "×1", ""]
-    share = table(FLIGHTS, ("p", "w"), "completed", {})
-    assert share.means == ((0.5, 0.0), (1.0, None))
-    assert share.crashed == ((0, 0), (0, 0))
-    quality = table(FLIGHTS, ("w", "p"), "quality", {"p": ["a", "b"]})
-    assert quality.means[0] == (0.9, None)

@@ -208,24 +208,7 @@ def test_the_answer_for_people(eadp, folder):
     assert lines["11"] == ["0"], "a value without a flight"
 
 
-def test_a_table(eadp, folder):
-    results = folder / "results.db"
-    common = ("sweep", folder / "sweep.yaml", "--jobs", 1, "-o", results)
-    options = ("--table", "wind.speed_mps", "wind.towards_deg", "--value", "duration_s")
-    answer = eadp(*common, *options)
-    title, head, *rows = answer.out.splitlines()
-    assert title == "duration_s, mean; wind.speed_mps downwards, wind.towards_deg to the right"
-    assert head.split() == ["90", "270"]
-    means = {row.split()[0]: [float(cell) for cell in row.split()[1:]] for row in rows}
-    assert means["4"] == pytest.approx([80 / 19, 80 / 11], abs=0.1)
-    rows = table_of(eadp(*common, "--table", "c1", "seed", "--format", "csv").out)
-    assert rows[0] == {"c1": "0", "seed": "0", "completed": "1.0", "flights": "6", "not_completed": "0"}
-    assert rows[2] == {"c1": "11", "seed": "0", "completed": "", "flights": "0", "not_completed": "0"}
-    lines = eadp(*common, "--table", "c1", "seed", "--value", "quality", "--format", "jsonl").out.splitlines()
-    assert json.loads(lines[3]) == {"c1": "11", "seed": "1", "quality": None, "flights": 0, "not_completed": 0}
-
-
-def test_flights_that_do_not_complete_are_shown_and_in_no_mean(eadp, folder):
+def test_flights_that_do_not_complete_are_shown(eadp, folder):
     (folder / "short.yaml").write_text(
         "schema: eadp.sweep/1\nplan: line.plan\ngrid:\n  wind.towards_deg: [90]\n  wind.speed_mps: [0, 4]\n"
         "  battery.capacity_ah: [0.001, 3]\nseeds: 2\n"
@@ -236,14 +219,6 @@ def test_flights_that_do_not_complete_are_shown_and_in_no_mean(eadp, folder):
     assert {row["battery.capacity_ah"] for row in fell} == {"0.001"}
     assert len(fell) == 4
     assert all(float(row["energy_wh"]) > 0 and float(row["distance_m"]) > 0 for row in rows)
-    keys = ("--table", "wind.speed_mps", "battery.capacity_ah", "--value", "distance_m")
-    title, _, *lines = eadp(*common, *keys).out.splitlines()
-    assert title.endswith("to the right; ×: flights not completed, in no mean")
-    done = [float(row["distance_m"]) for row in rows if row["completed"] == "true"]
-    for line in lines:
-        _, cell, mean = line.split()
-        assert cell == "×2"
-        assert min(done) - 0.1 <= float(mean) <= max(done) + 0.1
     answer = eadp(*common)
     assert "flights  completed [%]  of these: duration, median [s]" in answer.out
 
@@ -447,15 +422,12 @@ def test_a_full_disk_is_an_error_and_the_file_goes_on(eadp, folder, monkeypatch)
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--table", "c1", "c2"), ("--table:1:1: error: the sweep does not vary c2", "wind.speed_mps")),
-        (("--table", "c1", "c1"), ("--table:1:1: error",)),
         (("--scheduler", "host"), ("--scheduler:1:1: error: host is no address",)),
         (("--scheduler", "tcp://host:1", "--jobs", "2"), ("--jobs:1:1: error",)),
         (("--set", "c1=3"), ("--set:1:1: error: parameters.c1 is varied",)),
         (("--set", "seed=3"), ("--set:1:1: error",)),
         (("-o", "-"), ("--out:1:1: error",)),
         (("--jobs", "0"), ("--jobs",)),
-        (("--value", "speed"), ("--value",)),
     ],
 )
 def test_bad_options(eadp, folder, options, words):

@@ -24,7 +24,7 @@ from eadp.core.geometry.dubins import Piece, Pose, polyline_m, ways_to_point
 Ring = tuple[Point, ...]
 
 TOLERANCE_M = 1e-3
-"""Vertices nearer to one another than this are one, and a vertex nearer to the line of its neighbours is on it [m]."""
+"""Vertices nearer to one another than this are one, and a vertex nearer to a line is on it [m]."""
 
 
 def signed_area_m2(ring: Sequence[Point]) -> float:
@@ -38,64 +38,6 @@ def signed_area_m2(ring: Sequence[Point]) -> float:
 
 
 # --- simplification ---------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class CleanedRing:
-    """A simplified ring: indices of the vertices kept, in order, and numbers of vertices dropped, by reason."""
-
-    kept: tuple[int, ...]
-    repeated: int = 0
-    in_line: int = 0
-    spikes: int = 0
-
-
-def tidy(ring: Sequence[Point]) -> CleanedRing:
-    """Drop redundant vertices: repeated ones, ones in line with their neighbours, tips of spikes.
-
-    Parameters
-    ----------
-    ring : sequence of (float, float)
-        Vertices [m].
-
-    Returns
-    -------
-    CleanedRing
-        With fewer than three vertices kept where the ring has no area.
-
-    Notes
-    -----
-    Of two vertices nearer than `TOLERANCE_M` the later is dropped. A spike goes out and back along one line; where it
-    returns to its start, both its tip and the return are dropped and count as one. Vertices in line are dropped while
-    all those dropped along an edge stay within `TOLERANCE_M` of it, so that a finely drawn arc stays an arc. The
-    neighbours of a dropped vertex are checked again; the time is linear in the number of vertices.
-    """
-    n = len(ring)
-    before, after = [(i - 1) % n for i in range(n)], [(i + 1) % n for i in range(n)]
-    slack = [0.0] * n  # of the edge from i: how far from it the vertices dropped along it may lie [m]
-    kept = [True] * n
-    counts = {"repeated": 0, "in_line": 0, "spikes": 0}
-    left = n
-    for straighten in (False, True):  # the end of a spike may be in line
-        todo = list(range(n - 1, -1, -1))
-        while todo and left >= 3:
-            v = todo.pop()
-            p, q = before[v], after[v]  # its neighbours among those kept
-            verdict = kept[v] and _superfluous(ring[p], ring[v], ring[q], max(slack[p], slack[v]))
-            if not verdict or (verdict == "in_line" and not straighten):
-                continue
-            counts[verdict] += 1
-            # of two vertices that are one, the later goes; where a spike returns to its start, that goes as well
-            gone = [max(p, v)] if verdict == "repeated" else [v]
-            if verdict == "spikes" and math.dist(ring[p], ring[q]) < TOLERANCE_M:
-                gone.append(max(p, q))
-            for i in gone:
-                p, q = before[i], after[i]
-                slack[p] = max(slack[p], slack[i]) + _offset_m(ring[p], ring[i], ring[q])
-                after[p], before[q], kept[i] = q, p, False
-                left -= 1
-                todo += [q, p]
-    return CleanedRing(tuple(i for i in range(n) if kept[i]), **counts)
 
 
 def simplified(ring: Sequence[Point], tolerance_m: float) -> list[int]:
@@ -123,28 +65,6 @@ def simplified(ring: Sequence[Point], tolerance_m: float) -> list[int]:
     return indices
 
 
-def _superfluous(p: Point, v: Point, q: Point, slack_m: float) -> str:
-    """Why the vertex `v` between `p` and `q` may go, as a field of `CleanedRing`; '' where it may not."""
-    if math.dist(p, v) < TOLERANCE_M:
-        return "repeated"
-    if math.dist(v, q) < TOLERANCE_M:  # then `q` is dropped, and `v` checked again
-        return ""
-    (ux, uy), (wx, wy) = (v[0] - p[0], v[1] - p[1]), (q[0] - v[0], q[1] - v[1])
-    cross, dot = ux * wy - uy * wx, ux * wx + uy * wy
-    if dot < 0:
-        # the end of the shorter leg, beside the line of the longer
-        return "spikes" if abs(cross) < TOLERANCE_M * max(math.hypot(ux, uy), math.hypot(wx, wy)) else ""
-    return "in_line" if dot > 0 and _offset_m(p, v, q) + slack_m < TOLERANCE_M else ""
-
-
-def _offset_m(p: Point, v: Point, q: Point) -> float:
-    """Distance of `v` from the line through `p` and `q` [m]; that of the two from one another where they are one."""
-    length = math.dist(p, q)
-    if length < TOLERANCE_M:
-        return length
-    return abs((v[0] - p[0]) * (q[1] - p[1]) - (v[1] - p[1]) * (q[0] - p[0])) / length
-
-
 # --- validity ---------------------------------------------------------------------------------------------------------
 
 
@@ -163,77 +83,33 @@ def flaws(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterato
     Parameters
     ----------
     outline, holes : sequence of (float, float), sequences of such
-        Vertices [m], either winding; as `tidy` leaves them, with three vertices or more.
+        Vertices [m], either winding; three or more.
 
     Yields
     ------
     RingDefect
-        Rings that cross or touch themselves; where there are none, holes that are not within the outline or meet one
-        another; where there are none, holes that together cut the field into parts. A hole may touch the outline or
-        another hole at a point.
+        Of each ring that crosses or touches itself; where there is none, of one hole that is not within the outline,
+        meets another hole, or cuts the field into parts. A hole may touch the outline or another hole at a point.
     """
-    if _complaint(outline, *holes) is None:
-        return
     found = False
-    # what a later check finds is sound only where the one before it finds nothing
-    for check in (_within_rings, _between_rings, _of_all):
-        for flaw in check(outline, holes):
-            found = True
-            yield flaw
-        if found:
-            return
-
-
-def _within_rings(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[RingDefect]:
-    """Each ring against itself."""
     for i, ring in enumerate((outline, *holes)):
         if complaint := _complaint(ring):
+            found = True
             reason, point = complaint
             yield RingDefect(i, "touches itself" if reason.startswith("Ring") else "crosses itself", point)
+    if not found and (complaint := _complaint(outline, *holes)):
+        reason, point = complaint
+        away_m = shapely.distance([shapely.LinearRing(hole) for hole in holes], shapely.Point(point))
+        yield RingDefect(int(np.argmin(away_m)) + 1, _RELATIONS.get(reason, _CROSSES), point)
 
 
-def _between_rings(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[RingDefect]:
-    """Each hole against the outline, then against the holes before it."""
-    if not holes:
-        return
-    polygons = [shapely.Polygon(hole) for hole in holes]
-    field = shapely.Polygon(outline)
-    shapely.prepare(field)
-    for i, well_inside in enumerate(shapely.contains_properly(field, polygons)):
-        if not well_inside and (complaint := _complaint(outline, holes[i])):
-            yield RingDefect(i + 1, _relation(complaint[0], outline, holes[i], "the outline"), complaint[1])
-    # two holes within a shell around all of them
-    x, y = zip(*(vertex for hole in holes for vertex in hole), strict=True)
-    west, south, east, north = min(x) - 1, min(y) - 1, max(x) + 1, max(y) + 1
-    around = ((west, south), (east, south), (east, north), (west, north))
-    tree = shapely.STRtree(polygons)
-    for i, polygon in enumerate(polygons):
-        for j in sorted(int(j) for j in tree.query(polygon, predicate="intersects") if j < i):
-            if complaint := _complaint(around, holes[j], holes[i]):
-                yield RingDefect(i + 1, _relation(complaint[0], holes[j], holes[i], f"hole {j + 1}"), complaint[1])
-
-
-def _of_all(outline: Sequence[Point], holes: Sequence[Sequence[Point]]) -> Iterator[RingDefect]:
-    """All rings together, where any two of them are sound: the defect is of the hole nearest to it."""
-    if complaint := _complaint(outline, *holes):
-        point = complaint[1]
-        nearest = min(range(len(holes)), key=lambda i: min(math.dist(point, vertex) for vertex in holes[i]))
-        yield RingDefect(nearest + 1, _CUTS, point)
-
-
-_CUTS = "cuts the field into parts"
-
-
-def _relation(reason: str, ring: Sequence[Point], hole: Sequence[Point], name: str) -> str:
-    """Relation of a hole to a ring of that name, from shapely's reason."""
-    if len(ring) == len(hole) and set(ring) == set(hole):
-        return f"repeats {name}"
-    return {
-        "Hole lies outside shell": f"lies outside {name}",
-        "Holes are nested": f"lies within {name} or around it",
-        "Interior is disconnected": _CUTS,
-    }.get(reason, f"crosses {name} or runs along it")
-
+_RELATIONS = {
+    "Hole lies outside shell": "lies outside the outline",
+    "Holes are nested": "lies within another hole or around it",
+    "Interior is disconnected": "cuts the field into parts",
+}
+_CROSSES = "crosses the outline or another hole, or runs along it"
+"""How a hole lies where the whole is not valid, by shapely's reason."""
 
 _REASON = re.compile(r"(.+)\[(\S+) (\S+)\]\Z")
 

@@ -30,7 +30,7 @@ from eadp.io.profile.measurements import (
 )
 from eadp.io.profile.recordings import PowerColumns, read_recording
 from eadp.io.text.streams import Text, read_text
-from eadp.io.text.yaml import STRICT, Document, Path, document_schema, read_yaml, schema_of, validated
+from eadp.io.text.yaml import STRICT, Document, Path, document_schema, read_yaml, schema_of, validated, yaml_text
 from eadp.models.profile import ARRAYS, AnyProfile, Profile, ProfileSum, added, configuration_text, shortest
 
 SCHEMA = "eadp.profile/1"
@@ -471,53 +471,24 @@ def profile_yaml(profile: AnyProfile) -> str:
     str
         YAML, one line for each parameter and each configuration, without defaults and keys that follow from others.
     """
-    lines = [f"schema: {SCHEMA}"]
-    if isinstance(profile, ProfileSum):
-        lines.append("parts:")
-        for part in profile.parts:
-            first, *rest = _part_lines(part)
-            lines += [f"  - {first}", *(f"    {line}" for line in rest)]
-    else:
-        lines += _part_lines(profile)
-    return "\n".join(lines) + "\n"
+    return yaml_text(_without_defaults(profile_document(profile)))
 
 
-def _part_lines(profile: Profile) -> list[str]:
-    document = _part_document(profile)
-    return [
-        f"source: {_quoted(document['source'])}",
-        *([f"device: {_quoted(profile.device)}"] if profile.device else []),
-        "parameters:",
-        *(f"  - {_flow(_without_defaults(parameter))}" for parameter in document["parameters"]),
-        f"interpolation: {document['interpolation']}",
-        "points:",
-        *(f"  - {_flow(_without_defaults(point))}" for point in document["points"]),
-    ]
+DEFAULTS = {"unit": "", "std_w": 0, "samples": 1, "standard_error_w": None}
+"""Keys that a file need not have, and what they are then."""
 
 
-def _without_defaults(item: dict[str, Any]) -> dict[str, Any]:
-    """A mapping without defaults and keys that follow from others."""
-    defaults = {"unit": "", "std_w": 0, "samples": 1, "standard_error_w": None}
-    return {
-        key: value
-        for key, value in item.items()
-        if key != "leave_one_out_error_w" and (key not in defaults or value != defaults[key])
-    }
-
-
-def _flow(value: Any) -> str:
-    """A value on one line; `repr` of a float is the shortest text that reads back the same."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}: {_flow(item)}" for key, item in value.items()) + "}"
+def _without_defaults(value: Any) -> Any:
+    """A document without defaults and keys that follow from others."""
     if isinstance(value, list):
-        return "[" + ", ".join(map(_flow, value)) + "]"
-    return _quoted(value) if isinstance(value, str) else repr(value)
-
-
-def _quoted(text: str) -> str:
-    """A YAML string in double quotes, characters that do not print escaped."""
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08X}" for c in escaped) + '"'
+        return [_without_defaults(item) for item in value]
+    if not isinstance(value, dict):
+        return value
+    return {
+        key: _without_defaults(item)
+        for key, item in value.items()
+        if not key.startswith("leave_one_out") and (key not in DEFAULTS or item != DEFAULTS[key])
+    }
 
 
 @dataclass(frozen=True)

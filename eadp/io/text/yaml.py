@@ -197,6 +197,44 @@ def _scalar(node: ScalarNode, path: Path, document: Document, faults: list[Fault
     return value
 
 
+def yaml_text(document: Mapping[str, Any]) -> str:
+    """A document as YAML; in a list of mappings each is a line, unless it has such a list itself."""
+    return "".join(f"{line}\n" for line in _block(document))
+
+
+PLAIN = ("schema", "interpolation")
+"""Keys whose texts are words of ours, which need no quotes."""
+
+
+def _block(document: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in document.items():
+        if isinstance(value, dict):
+            yield f"{key}:"
+            yield from (f"  {line}" for line in _block(value))
+        elif _is_table(value):
+            yield f"{key}:"
+            for item in value:
+                first, *rest = _block(item) if any(map(_is_table, item.values())) else [_flow(item)]
+                yield f"  - {first}"
+                yield from (f"    {line}" for line in rest)
+        else:
+            yield f"{key}: {value if key in PLAIN else _flow(value)}"
+
+
+def _is_table(value: Any) -> bool:
+    """Whether a value is a list of mappings."""
+    return isinstance(value, list) and bool(value) and isinstance(value[0], dict)
+
+
+def _flow(value: Any) -> str:
+    """A value on one line; a number has as many digits as it takes, and characters that do not print are escaped."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {_flow(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_flow, value)) + "]"
+    return json.dumps(value, ensure_ascii=not (isinstance(value, str) and value.isprintable()))
+
+
 STRICT = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 """Configuration of a schema; it holds for the dataclasses in it, too."""
 

@@ -192,6 +192,16 @@ def test_schemas(eadp):
 def test_the_help_of_cover_has_sections_the_commonest_first(run):
     page = run("cover", "--help")[1]
     sections = [line[:-1] for line in page.splitlines() if line.endswith(":") and not line.startswith(" ")]
-    assert sections == ["Arguments", "Field", "Camera", "Aircraft", "Lines and turns", "Ground", "Sorties", "Options"]
+    assert sections == [
+        "Arguments",
+        "Field",
+        "Camera",
+        "Aircraft",
+        "Take-off, landing and wind",
+        "Lines and turns",
+        "Ground",
+        "Sorties",
+        "Options",
+    ]
     assert page.index("--gsd") < page.index("Aircraft:") < page.index("--vehicle") < page.index("--swath METRES")
     assert "Options:" in run("plan", "--help")[1]

@@ -26,9 +26,8 @@ from eadp.papers.horizon import Horizon
 from eadp.papers.planner import PaperPlanner, PaperSettings, _coverage
 from eadp.papers.power import _nominal_lap_s
 from eadp.planning.base import Mission, PlannerSettings, Readings, TradeOff
-from eadp.planning.flight import make_flight
 from eadp.planning.joint.planner import JointPlanner
-from eadp.planning.registry import PLANNERS, Planner, planner_class
+from eadp.planning.registry import PLANNERS, Planner, make_flight, planner_class
 
 PLAN, _ = read_plan(read_text(str(ROOT / "plans/survey.plan")))
 PROFILE = Profile(("fps",), ("",), np.array([[2.0], [10.0]]), np.array([4.75376, 9.75462]))

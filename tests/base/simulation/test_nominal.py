@@ -14,8 +14,7 @@ from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.models.plan.trace import whole_route
 from eadp.planning.base import FlownLegs
 from eadp.simulation.loop import TIME_LIMIT
-from eadp.simulation.nominal import NominalFlight, Overshoot
-from eadp.simulation.turns import overshoot_findings
+from eadp.simulation.nominal import NominalFlight, Overshoot, overshoot_findings
 
 HOME = (47.0, 8.0)
 SHARP = [

@@ -7,7 +7,7 @@ import math
 from eadp.models.plan.cursor import PlanCursor
 from eadp.papers.power import PowerTracker
 from eadp.planning.base import Observation, Sample
-from eadp.planning.flight import PlannedFlight
+from eadp.planning.registry import PlannedFlight
 from eadp.planning.state.flight_state import FlightState
 
 
