@@ -11,7 +11,6 @@ from typer import Argument
 from eadp.cli.output import emit, emit_json, usage_fault, warn
 from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag
-
 from eadp.models.data_sheet import estimate
 from eadp.models.vehicle import FixedWing
 

@@ -12,11 +12,13 @@ import numpy as np
 
 from eadp.core.geometry.curves import LINE, Point
 from eadp.core.geometry.geodesy import compass_deg
-from eadp.io.scenario import Scenario
+from eadp.io.scenario import Scenario, battery_keys
+from eadp.models.battery import Battery
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import TRIGGER_DISTANCE
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.vehicle import PaperVehicle
+from eadp.planning.forecast.battery_limits import LOSS
 
 
 def setting_text(scenario: Scenario) -> str:
@@ -26,14 +28,46 @@ def setting_text(scenario: Scenario) -> str:
     east, north = wind.steady_mps
     speed = wind.steady_speed_mps
     mass = "" if isinstance(airframe, PaperVehicle) else f" of {airframe.mass_kg:g} kg"
+    stated = f", by its data sheet: power ± {100 * airframe.power_std_share:.0f} %" if keys.vehicle.data_sheet else ""
     shown = {
-        "airframe": f"{keys.vehicle.name or airframe.model}{mass} at {airframe.airspeed_mps:g} m/s",
-        "battery": f"battery {battery.voltage_v:.4g} V, {battery.capacity_ah:g} Ah",
+        "airframe": f"{keys.vehicle.name or airframe.model}{mass} at {airframe.airspeed_mps:g} m/s{stated}",
+        "battery": f"battery {battery.voltage_v:.4g} V, {_pack_text(scenario)}",
         "wind": f"wind {speed:g} m/s"
         + (f" from {(compass_deg(math.atan2(north, east)) + 180) % 360:.0f}°" if speed else "")
         + (f" at take-off, up to {wind.speeds_mps[1]:g} m/s" if wind.profile else ""),
     }
     return "; ".join(text + ("" if key in chosen else " (default)") for key, text in shown.items())
+
+
+def _pack_text(scenario: Scenario) -> str:
+    """The capacity of a battery, and what is assumed of it by its cells and its age."""
+    battery, keys = scenario.keys.battery, battery_keys(scenario.document, scenario.keys.vehicle.battery)
+    age = [f"{keys[key]:g} {unit}" for key, unit in AGES.items() if keys.get(key)]
+    assumed = [f"{keys.get('capacity_ah', Battery().capacity_ah):g} Ah less {' and '.join(age)}"] if age else []
+    if "resistance_ohm" not in keys and (age or battery.cells is not None):
+        assumed.append(f"{1000 * battery.resistance_ohm:.3g} mΩ")
+    return f"{battery.capacity_ah:.4g} Ah" + (f" (assumed: {', '.join(assumed)})" if assumed else "")
+
+
+def counted_text(scenario: Scenario, plan: Plan, expected: Mapping[str, Any]) -> str:
+    """What a forecast before take-off counts: the parameters, the airspeed and the losses."""
+    cruise_mps, own = scenario.keys.vehicle.airframe.airspeed_mps, scenario.planner.own
+    parts = [
+        f"{item.label} {item.shown(value):.4g} {item.unit}".strip()
+        for item in plan.parameters
+        if isinstance(value := expected["parameters"].get(item.name), int | float)
+    ]
+    speeds = expected.get("airspeeds_mps") or [stage.airspeed_mps or cruise_mps for stage in plan.stages]
+    ends = dict.fromkeys(f"{speed:.3g}" for speed in (min(speeds), max(speeds)))
+    rate = getattr(own, "loss_rate_per_h", 0.0)
+    losses = (
+        f"{rate:g} sudden losses of charge an hour, {100 * LOSS:.0f} % each" if rate else "no sudden loss of charge"
+    )
+    return "; ".join([*parts, f"{' to '.join(ends)} m/s", losses])
+
+
+AGES = {"cycles": "cycles", "age_years": "years"}
+"""Keys of a battery's age, and their units."""
 
 
 def reserve_text(summary: Mapping[str, Any]) -> str:
@@ -101,7 +135,8 @@ def parameter_text(values: Mapping[str, Any]) -> str:
     first, last, changes = value_of(values, "first"), value_of(values, "last"), values["changes"]
     if not changes:
         return f"{first}{ran}, no change"
-    return f"mean {value_of(values, 'mean')}{ran}, from {first} to {last}, {changes} change{'s' if changes > 1 else ''}"
+    changed = f"{changes} change{'s' if changes > 1 else ''}"
+    return f"mean {value_of(values, 'mean')}{ran}, first {first}, last {last}, {changed}"
 
 
 PARTS = 100

@@ -496,4 +496,6 @@ class CoveragePlan:
             return []
         packs = " to ".join(dict.fromkeys(f"{count:.2g}" for count in self._batteries))
         until = "its reserve" if self.pack.turns_back_soc <= self.pack.reserve_soc else "the autopilot turns back"
-        return [f"batteries  {packs}; a full one gives {self.pack.energy_wh:.3g} Wh before {until}"]
+        return [
+            f"batteries  {packs}; a full one gives {self.pack.energy_wh:.3g} Wh before {until}, no charge lost at once"
+        ]

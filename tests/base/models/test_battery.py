@@ -46,11 +46,7 @@ def test_cells_have_the_voltage_of_their_chemistry():
     assert near.voltage_v == pytest.approx(15.4)
 
 
-def test_voltages_take_the_place_of_cells():
-    battery = Battery(cells=4, chemistry="li-ion")
-    assert battery.overridden({"capacity_ah": 2.0}).cells == 4
-    own = battery.overridden({"voltage_v": 12.0, "voltage_empty_v": None})
-    assert (own.cells, own.chemistry, own.voltage_v, own.voltage_empty_v) == (None, None, 12.0, None)
+def test_a_chemistry_needs_cells():
     assert Battery(chemistry="lipo").faults() == [("chemistry", "chemistry without cells")]
 
 
