@@ -42,9 +42,10 @@ class VehicleOptions:
 def command(
     file: Annotated[str, Argument(metavar="FILE", help="Vehicle file, - for standard input.")], options: VehicleOptions
 ) -> int:
-    """Example: eadp vehicle vehicles/foam-wing.yaml
+    """Example: eadp vehicle vehicles/data-sheet.yaml
 
     Print what an aircraft can do: stall, best speeds, level power, turning radius, endurance and range in wind.
+    Of a file with a data_sheet (span, mass, airspeed, endurance) also the drag and the efficiency that follow.
 
     Exit code 0 if it can fly as described, 1 if it cannot (it stalls, or its motor or battery is too weak), 2 on bad
     input.
@@ -102,11 +103,11 @@ def _sheet(vehicle: VehicleFile) -> list[str]:
     ]
     names = {
         "wing_area_m2": "wing area [m²]",
-        "zero_lift_drag_coefficient": "drag C_D0",
-        "oswald_efficiency": "e",
+        "zero_lift_drag_coefficient": "drag coefficient C_D0",
+        "oswald_efficiency": "Oswald's e",
         "propulsive_efficiency": "efficiency of the propulsion",
     }
-    shares = {key: f" ± {100 * std:.0f} %" if std else "" for key, std in found.stds.items()}
+    shares = {key: f" ± {100 * std:.0f} %" if std else " as stated" for key, std in found.stds.items()}
     return [
         f"data sheet     {', '.join(powers)}",
         f"               {', '.join(f'{names[key]} {found.keys[key]:.2g}{share}' for key, share in shares.items())}",

@@ -96,7 +96,7 @@ def times_text(count: int) -> str:
 
 def flight_facts(summary: Mapping[str, Any]) -> list[list[str]]:
     """Figures of a flight, each with its name."""
-    power, solver, laps = summary["power_w"], summary["solver"], summary["lap_times_s"]
+    power, laps = summary["power_w"], summary["lap_times_s"]
     facts = [
         ("planner", summary["planner"]),
         ("duration", f"{summary['duration_s']:.2f} s"),
@@ -110,11 +110,8 @@ def flight_facts(summary: Mapping[str, Any]) -> list[list[str]]:
         facts.append(("laps", f"{len(laps)} after the first, {min(laps):.2f} to {max(laps):.2f} s"))
     if summary["period_s"] is not None:
         facts.append(("period of the power", f"{summary['period_s']:.3f} s"))
-    runs = (
-        f"{summary['decisions']}; {solver['calls']} runs of OSQP, {solver['failed']} failed; {solver['skipped']} kept, "
-    )
-    runs += f"{solver['infeasible']} infeasible"
-    facts += [("re-plannings", runs), ("seed", str(summary["seed"]))]
+    facts += [("re-plannings", str(summary["decisions"])), ("seed", str(summary["seed"]))]
+    facts += [("solver", failures)] if (failures := solver_text(summary)) else []
     return [list(fact) for fact in facts]
 
 

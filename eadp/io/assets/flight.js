@@ -506,7 +506,7 @@ function showDecision() {
     ["home can be reached", decided("home_reachable", i) === null ? null : decided("home_reachable", i) ? "yes" : "no", "–"],
   ].filter(([, forecast]) => forecast !== null);
   const details = [decided("cause", i) && `Cause: ${decided("cause", i)}`, decided("status", i) && `status: ${decided("status", i)}`].filter(Boolean);
-  if (decided("calls", i)) details.push(`${decided("calls", i)} runs of OSQP, ${decided("iterations", i)} iterations`);
+  if (decided("calls", i)) details.push(`${decided("calls", i)} runs of the solver, ${decided("iterations", i)} iterations`);
   if (decided("battery_limit", i)) details.push(`limit that binds: ${decided("battery_limit", i)}`);
   if (decided("warnings", i) && decided("warnings", i).length) details.push(`warnings: ${decided("warnings", i).join(", ")}`);
   box.replaceChildren(
