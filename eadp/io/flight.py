@@ -51,7 +51,7 @@ def _pack_text(scenario: Scenario) -> str:
 
 def counted_text(scenario: Scenario, plan: Plan, expected: Mapping[str, Any]) -> str:
     """What a forecast before take-off counts: the parameters, the airspeed and the losses."""
-    cruise_mps, own = scenario.keys.vehicle.airframe.airspeed_mps, scenario.planner.own
+    cruise_mps = scenario.keys.vehicle.airframe.airspeed_mps
     parts = [
         f"{item.label} {item.shown(value):.4g} {item.unit}".strip()
         for item in plan.parameters
@@ -59,11 +59,13 @@ def counted_text(scenario: Scenario, plan: Plan, expected: Mapping[str, Any]) ->
     ]
     speeds = expected.get("airspeeds_mps") or [stage.airspeed_mps or cruise_mps for stage in plan.stages]
     ends = dict.fromkeys(f"{speed:.3g}" for speed in (min(speeds), max(speeds)))
-    rate = getattr(own, "loss_rate_per_h", 0.0)
-    losses = (
-        f"{rate:g} sudden losses of charge an hour, {100 * LOSS:.0f} % each" if rate else "no sudden loss of charge"
-    )
-    return "; ".join([*parts, f"{' to '.join(ends)} m/s", losses])
+    return "; ".join([*parts, f"{' to '.join(ends)} m/s", losses_text(scenario)])
+
+
+def losses_text(scenario: Scenario) -> str:
+    """The sudden losses of charge that a forecast before take-off counts."""
+    rate = getattr(scenario.planner.own, "loss_rate_per_h", 0.0)
+    return f"{rate:g} sudden losses of charge an hour, {100 * LOSS:.0f} % each" if rate else "no sudden loss of charge"
 
 
 AGES = {"cycles": "cycles", "age_years": "years"}

@@ -406,7 +406,7 @@ class Pack(NamedTuple):
 class CoveragePlan:
     """A plan that covers a field: its text, its report, the repairs made to the field, and the camera's pictures.
 
-    `pack` is a full one of the aircraft, if it has one.
+    `pack` is a full one of the aircraft, if it has one. `aircraft` says what the energy is of.
     """
 
     plan: Plan
@@ -417,6 +417,7 @@ class CoveragePlan:
     pack: Pack | None = None
     heights: Heights | None = None
     autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
+    aircraft: str = ""
 
     @property
     def document(self) -> dict[str, Any]:
@@ -491,11 +492,13 @@ class CoveragePlan:
         return [f"overlap    {' to '.join(dict.fromkeys(shares))} from line to line{where}"] if shares else []
 
     def _batteries_text(self) -> list[str]:
-        """How many packs the path takes."""
+        """What the energy is of, and how many packs the path takes."""
+        aircraft = [f"aircraft   {self.aircraft}"] if self.aircraft else []
         if self._batteries is None or self.pack is None:
-            return []
+            return aircraft
         packs = " to ".join(dict.fromkeys(f"{count:.2g}" for count in self._batteries))
         until = "its reserve" if self.pack.turns_back_soc <= self.pack.reserve_soc else "the autopilot turns back"
         return [
-            f"batteries  {packs}; a full one gives {self.pack.energy_wh:.3g} Wh before {until}, no charge lost at once"
+            *aircraft,
+            f"batteries  {packs}; a full one gives {self.pack.energy_wh:.3g} Wh before {until}, no charge lost at once",
         ]
