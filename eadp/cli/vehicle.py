@@ -66,12 +66,15 @@ def command(
     if options.format == "json":
         emit_json(use_case.performance_document(vehicle, found))
     else:
+        pack = vehicle.battery
         emit(
             "\n".join(
                 [
                     *([vehicle.name] if vehicle.name else []),
                     *_sheet(vehicle),
                     *_lines(found, computing),
+                    f"battery        {pack.voltage_v:.4g} V, {pack.capacity_ah:.4g} Ah, "
+                    f"{1000 * pack.resistance_ohm:.3g} mΩ",
                     "",
                     *_table(found),
                     *_speeds(found),
