@@ -13,12 +13,11 @@ import numpy as np
 from eadp.core.geometry.curves import LINE, Point
 from eadp.core.geometry.geodesy import compass_deg
 from eadp.io.scenario import Scenario, battery_keys
-from eadp.models.battery import Battery
+from eadp.models.battery import LOSS, Battery
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import TRIGGER_DISTANCE
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.vehicle import PaperVehicle
-from eadp.planning.forecast.battery_limits import LOSS
 
 
 def setting_text(scenario: Scenario) -> str:

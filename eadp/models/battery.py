@@ -86,6 +86,9 @@ STEPS = 200
 """Steps of the charge at which the voltage of another package's cells is taken: half a percent, what gauges show."""
 
 
+LOSS = 0.07
+"""Mean of a sudden loss of charge that is to be expected, as a share of the full charge."""
+
 CURVE_SHARE, RESISTANCE_SHARE = 0.2, 0.5
 """By how much a voltage may differ from the battery's: a share of the rise from empty to full, by which the curves of
 usual cells differ from a straight line; and a share of the drop at the inner resistance, which is known roughly."""
