@@ -184,8 +184,8 @@ def take_off(folder: Path) -> Iterator[Row]:
     lap_s = next(each["time_s"] for each in flight.lines if (each.get("stages_started") or 0) > LAP_STAGES)
     lap = [each for each in flight.decisions if each["time_s"] < lap_s]
     first = next(each for each in lap if each["reason"] not in ("take-off", "kept"))
-    hopeless = sum("infeasible" in each["reason"] for each in lap)
-    yield Row(name, "decisions with the reason “infeasible” in the first lap", "0", str(hopeless), hopeless == 0)
+    hopeless = sum("battery short" in each["reason"] for each in lap)
+    yield Row(name, "decisions with the reason “battery short” in the first lap", "0", str(hopeless), hopeless == 0)
     after_s = first["time_s"] - flight.start_s
     yield Row(name, "first change", "after the take-off of 17 s", f"{after_s:.0f} s", after_s > 17)
     exported, coarsest = (spacing_m(folder, c1) for c1 in (0.0, min(each["parameters"]["c1"] for each in lap)))

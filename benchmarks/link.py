@@ -195,7 +195,7 @@ class Flown:
     cell_s: float | None = None
     """When a lost cell is reported [s]."""
     infeasible: int = 0
-    """Decisions of the first minute with the reason “infeasible”."""
+    """Decisions of the first minute with the reason “battery short”."""
 
 
 def listens(port: int) -> bool:
@@ -258,7 +258,7 @@ def over_link(mission: Mission, speed: float) -> Flown:
         end["interrupted"],
         tuple(sorted(set(re.findall(r"warning: (.*)", said)))),
         told[0] if told else None,
-        sum("infeasible" in row["reason"] for row in decided if row["time_s"] < BOOT_S + 60),
+        sum("battery short" in row["reason"] for row in decided if row["time_s"] < BOOT_S + 60),
     )
 
 
@@ -419,7 +419,7 @@ def shown(
     sizes = f"{(apart <= 0.02).sum()} of {count}; {np.median(apart):.4f}; {apart.max():.3f}"
     yield "U within 0.02 of the first of them; median apart; most", sizes
     hopeless = sum(one.infeasible > 0 for one in linked)
-    yield "“infeasible” within a minute of the launch", f"{hopeless} of {count}"
+    yield "“battery short” within a minute of the launch", f"{hopeless} of {count}"
     reported = [None if one.cell_s is None else one.cell_s - mission.cell[0] for mission, one in pairs if mission.cell]
     yield "a lost cell is reported after", ", ".join("not" if each is None else f"{each:.0f} s" for each in reported)
     false = sum(one.cell_s is not None for mission, one in pairs if not mission.cell)

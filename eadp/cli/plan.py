@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Sequence
@@ -284,6 +285,29 @@ def _number_or_text(part: Any) -> float | str:
     return int(value) if value == int(value) else value
 
 
+def _items(plan: Plan) -> list[str]:
+    """The items of a mission that is flown in one way: how far to each, where it is, and what is held; else nothing."""
+    from eadp.core.geometry.geodesy import point_text
+    from eadp.errors import PathUndefined
+    from eadp.models.plan.trace import nominal_legs
+
+    if plan.parameters or not any(stage.item for stage in plan.stages):
+        return []
+    try:
+        legs = nominal_legs(plan, ())
+    except PathUndefined:
+        return []
+    total_m = sum(leg.distance_m for leg in legs)
+    lines = [f"length     {total_m / 1000:.2f} km, without wind"]
+    for label, of_item in itertools.groupby(legs, lambda leg: leg.stage.label):
+        flown = list(of_item)
+        last, far_m = flown[-1], sum(leg.distance_m for leg in flown)
+        held = "" if last.stage.altitude_m is None else f", at {last.stage.altitude_m:.4g} m"
+        held += "" if last.stage.airspeed_mps is None else f", {last.stage.airspeed_mps:.3g} m/s"
+        lines.append(f"{label:<10} {far_m:6.0f} m to {point_text(last.end_m, plan.site.origin_deg)}{held}")
+    return lines
+
+
 def _table(plan: Plan, *, verbose: bool) -> str:
     """A plan as a text table; `verbose` has the structure in the papers' quantities."""
     from eadp.core.expressions.tree import number_text
@@ -291,6 +315,8 @@ def _table(plan: Plan, *, verbose: bool) -> str:
 
     n = len(plan.stages)
     lines = [f"{n} stage{'s' if n != 1 else ''}" + _structure(plan)]
+    if not verbose and (items := _items(plan)):
+        return "\n".join([*lines, *items])
     if plan.shift is not None:
         lines.append(f"shift      ({plan.shift[0].text}, {plan.shift[1].text}) m each lap")
         names, proven = ", ".join(["x", "y", *plan.path_names]), structure_proven(plan)

@@ -21,6 +21,7 @@ from eadp.plug_ins import OWN, added_names, plug_in
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from eadp.api.flight import Flight
     from eadp.models.world import Step
 
 
@@ -92,7 +93,7 @@ def command(
     progress, start_s = Progress("flying"), time.perf_counter()
 
     def show(step: Step) -> None:
-        progress.show(f"{step.time_s:.0f} s, stage {step.stage}, SoC {step.soc:.2f}")
+        progress.show(f"{step.time_s:.0f} s, stage {step.stage}, charge {100 * step.soc:.0f} %")
 
     flight = simulate(
         plan,
@@ -112,10 +113,7 @@ def command(
     if output.format == "json":
         emit_json(summary)
     else:
-        from eadp.io.flight import setting_text
-
-        shown = _text(summary, output, decisions=len(flight.decisions))
-        emit(f"aircraft   {setting_text(flight.inputs.scenario)}\n{shown}")
+        emit(_text(flight, output))
     failures = _alarmed(summary)
     kept = summary["reserve_kept"] or not output.require_reserve
     passed = summary["completed"] and kept and not (output.strict_solver and failures)
@@ -155,15 +153,19 @@ def _alarmed(summary: Mapping[str, Any]) -> str | None:
     return failures
 
 
-def _text(summary: Mapping[str, Any], output: SimulateOutputs, *, decisions: int) -> str:
+def _text(flight: Flight, output: SimulateOutputs) -> str:
     """The summary for people."""
-    from eadp.io.flight import label_of, parameter_text, reserve_text, solver_text
+    from eadp.io.flight import counted_text, label_of, parameter_text, reserve_text, setting_text, solver_text
 
+    summary, inputs, decisions = flight.summary, flight.inputs, len(flight.decisions)
     done = "completed" if summary["completed"] else "NOT completed"
     power, solver = summary["power_w"], summary["solver"]
-    reserve = reserve_text(summary)
+    expected = summary["energy_forecast"]
     lines = [
-        *_forecast(summary["energy_forecast"], summary["never_past"]),
+        f"aircraft   {setting_text(inputs.scenario)}",
+        *_forecast(
+            expected, summary["never_past"], expected and counted_text(inputs.scenario, inputs.world.plan, expected)
+        ),
         f"{done}: {summary['reason']} after {summary['duration_s']:.2f} s, {summary['distance_m'] / 1000:.2f} km",
         *(
             f"airspace   {'beyond' if each['name'] == BOUNDARY else 'in'} {each['name']} from "
@@ -172,7 +174,8 @@ def _text(summary: Mapping[str, Any], output: SimulateOutputs, *, decisions: int
         ),
         f"energy     {summary['energy_wh']:.3f} Wh; power mean {power['mean']:.2f} W, "
         f"from {power['min']:.2f} to {power['max']:.2f} W",
-        f"battery    SoC {summary['soc_final']:.3f} at the end; reserve {summary['soc_reserve']:g} {reserve}",
+        f"battery    {100 * summary['soc_final']:.1f} % of the charge at the end; reserve of "
+        f"{100 * summary['soc_reserve']:g} % {reserve_text(summary)}",
     ]
     if summary["turned_back_s"] is not None:
         x, y = summary["turned_back_m"]
@@ -182,7 +185,7 @@ def _text(summary: Mapping[str, Any], output: SimulateOutputs, *, decisions: int
     lines += [f"{label_of(name, values):<10} {parameter_text(values)}" for name, values in parameters]
     if summary["quality"] is not None:
         ends = "0: widest lines, lowest rates; 1: densest lines, full rates, to the end"
-        lines.append(f"quality    U = {summary['quality']:.3f} of 1 ({ends})")
+        lines.append(f"quality    {summary['quality']:.3f} of 1 ({ends})")
     if summary["coverage"] is not None:
         lines.append(f"covered    {100 * summary['coverage']:.2f} % of the field, by the lines flown")
     replans = f"; re-planned {decisions} times" if decisions else ""
@@ -225,10 +228,10 @@ def _slowed(expected: Mapping[str, Any]) -> list[str]:
     else:
         instead = f"{own['time_s'] / 60:.0f} min"
         if expected["quality"] is not None and own["quality"] is not None:
-            minutes, instead = f"{minutes} with U {expected['quality']:.2f}", f"{instead} with U {own['quality']:.2f}"
-    return [
-        f"airspeed   {airspeeds_text(expected['airspeeds_mps'])}: {minutes}; at {own['airspeed_mps']:g} m/s {instead}"
-    ]
+            better, worse = (f"with a quality of {each['quality']:.2f}" for each in (expected, own))
+            minutes, instead = f"{minutes} {better}", f"{instead} {worse}"
+    flown = airspeeds_text(expected["airspeeds_mps"])
+    return [f"airspeed   {flown}: {minutes}; at {own['airspeed_mps']:g} m/s {instead}"]
 
 
 def _reach(expected: Mapping[str, Any]) -> list[str]:
@@ -245,8 +248,8 @@ def _reach(expected: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _forecast(expected: Mapping[str, Any] | None, never_past: str | None) -> list[str]:
-    """What was to be expected before take-off."""
+def _forecast(expected: Mapping[str, Any] | None, never_past: str | None, counted: str | None) -> list[str]:
+    """What was to be expected before take-off, with what is counted."""
     if expected is None:
         return [f"forecast   finishes: 0 % sure, never past {never_past}"] if never_past else []
     energy = f"{expected['energy_wh']:.2f} ± {expected['energy_std_wh']:.2f} Wh"
@@ -262,6 +265,7 @@ def _forecast(expected: Mapping[str, Any] | None, never_past: str | None) -> lis
     finishes, keeps = (f"{100 * expected[f'{what}_probability']:.0f} % sure" for what in ("completes", "reserve"))
     return [
         f"forecast   finishes: {finishes}; {charge} of the charge; keeps the reserve: {keeps}; {energy} in {times}",
+        f"counts     {counted}",
         *_slowed(expected),
         *_reach(expected),
         *home,

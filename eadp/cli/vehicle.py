@@ -11,8 +11,11 @@ from typer import Argument
 from eadp.cli.output import emit, emit_json, usage_fault, warn
 from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag
+from eadp.models.data_sheet import estimate
+from eadp.models.vehicle import FixedWing
 
 if TYPE_CHECKING:
+    from eadp.io.vehicle import VehicleFile
     from eadp.models.performance import Performance, SpeedRange
 
 
@@ -39,9 +42,10 @@ class VehicleOptions:
 def command(
     file: Annotated[str, Argument(metavar="FILE", help="Vehicle file, - for standard input.")], options: VehicleOptions
 ) -> int:
-    """Example: eadp vehicle vehicles/foam-wing.yaml
+    """Example: eadp vehicle vehicles/data-sheet.yaml
 
     Print what an aircraft can do: stall, best speeds, level power, turning radius, endurance and range in wind.
+    Of a file with a data_sheet (span, mass, airspeed, endurance) also the drag and the efficiency that follow.
 
     Exit code 0 if it can fly as described, 1 if it cannot (it stalls, or its motor or battery is too weak), 2 on bad
     input.
@@ -62,11 +66,15 @@ def command(
     if options.format == "json":
         emit_json(use_case.performance_document(vehicle, found))
     else:
+        pack = vehicle.battery
         emit(
             "\n".join(
                 [
                     *([vehicle.name] if vehicle.name else []),
+                    *_sheet(vehicle),
                     *_lines(found, computing),
+                    f"battery        {pack.voltage_v:.4g} V, {pack.capacity_ah:.4g} Ah, "
+                    f"{1000 * pack.resistance_ohm:.3g} mΩ",
                     "",
                     *_table(found),
                     *_speeds(found),
@@ -84,6 +92,31 @@ def _winds(raw: str) -> list[float]:
     if not all(0 <= wind <= 100 for wind in winds) or len(winds) > 100:
         raise usage_fault("--wind", raw, "no speeds of the wind", "numbers from 0 to 100 m/s, as in 0,5,8")
     return winds
+
+
+def _sheet(vehicle: VehicleFile) -> list[str]:
+    """What the data sheet of an aircraft leads to, how well it is known, and what is assumed beside it."""
+    if vehicle.data_sheet is None or not isinstance(wing := vehicle.airframe, FixedWing):
+        return []
+    found = estimate(vehicle.data_sheet, wing.avionics_w, wing.air_density_kgpm3)
+    sheet, own = found.sheet, FixedWing(**found.keys)
+    powers = [
+        f"{own.level_power_w(speed):.4g} W ± {100 * found.power_std_at(speed):.0f} % at {speed:.3g} m/s"
+        for speed in (ratio * sheet.airspeed_mps for ratio in (0.8, 1.0, 1.2))
+    ]
+    names = {
+        "wing_area_m2": "wing area [m²]",
+        "zero_lift_drag_coefficient": "drag coefficient C_D0",
+        "oswald_efficiency": "Oswald's e",
+        "propulsive_efficiency": "efficiency of the propulsion",
+    }
+    shares = {key: f" ± {100 * std:.0f} %" if std else " as stated" for key, std in found.stds.items()}
+    return [
+        f"data sheet     {', '.join(powers)}",
+        f"               {', '.join(f'{names[key]} {found.keys[key]:.2g}{share}' for key, share in shares.items())}",
+        f"assumed        avionics {wing.avionics_w:.3g} W, motor up to {wing.max_power_w:.3g} W, stall at a lift "
+        f"coefficient of {wing.max_lift_coefficient:g}; eadp fit LOG --vehicle measures the power",
+    ]
 
 
 def _lines(found: Performance, computing_w: float) -> list[str]:

@@ -524,7 +524,7 @@ def _after(inputs: FlightInputs, telemetry: str, name: str, warn: Warn) -> Plann
     values = ", ".join(f"{item.label} = {item.text(decision['parameters'][item.name])}" for item in parameters)
     length_m, end = sum(leg.distance_m for leg in planned.legs), decision["soc_end_forecast"]
     message = f"after {decision['time_s']:g} s, in stage {decision['stage']} of lap {decision['lap']}, at {values}: "
-    message += f"{length_m / 1000:.2f} km left, SoC {math.nan if end is None else end:.3f} at the end"
+    message += f"{length_m / 1000:.2f} km left, {math.nan if end is None else 100 * end:.1f} % of the charge at the end"
     warn([Fault(name, 1, 1, message, severity="note")])
     return planned
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from eadp.core.geometry.curves import LINE, Point
 from eadp.core.geometry.geodesy import compass_deg
-from eadp.io.scenario import Scenario
+from eadp.io.scenario import Scenario, battery_keys
+from eadp.models.battery import LOSS, Battery
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import TRIGGER_DISTANCE
 from eadp.models.plan.trace import nominal_legs
@@ -26,14 +27,48 @@ def setting_text(scenario: Scenario) -> str:
     east, north = wind.steady_mps
     speed = wind.steady_speed_mps
     mass = "" if isinstance(airframe, PaperVehicle) else f" of {airframe.mass_kg:g} kg"
+    stated = f", by its data sheet: power ± {100 * airframe.power_std_share:.0f} %" if keys.vehicle.data_sheet else ""
     shown = {
-        "airframe": f"{keys.vehicle.name or airframe.model}{mass} at {airframe.airspeed_mps:g} m/s",
-        "battery": f"battery {battery.voltage_v:.4g} V, {battery.capacity_ah:g} Ah",
+        "airframe": f"{keys.vehicle.name or airframe.model}{mass} at {airframe.airspeed_mps:g} m/s{stated}",
+        "battery": f"battery {battery.voltage_v:.4g} V, {_pack_text(scenario)}",
         "wind": f"wind {speed:g} m/s"
         + (f" from {(compass_deg(math.atan2(north, east)) + 180) % 360:.0f}°" if speed else "")
         + (f" at take-off, up to {wind.speeds_mps[1]:g} m/s" if wind.profile else ""),
     }
     return "; ".join(text + ("" if key in chosen else " (default)") for key, text in shown.items())
+
+
+def _pack_text(scenario: Scenario) -> str:
+    """The capacity of a battery, and what is assumed of it by its cells and its age."""
+    battery, keys = scenario.keys.battery, battery_keys(scenario.document, scenario.keys.vehicle.battery)
+    age = [f"{keys[key]:g} {unit}" for key, unit in AGES.items() if keys.get(key)]
+    assumed = [f"{keys.get('capacity_ah', Battery().capacity_ah):g} Ah less {' and '.join(age)}"] if age else []
+    if "resistance_ohm" not in keys and (age or battery.cells is not None):
+        assumed.append(f"{1000 * battery.resistance_ohm:.3g} mΩ")
+    return f"{battery.capacity_ah:.4g} Ah" + (f" (assumed: {', '.join(assumed)})" if assumed else "")
+
+
+def counted_text(scenario: Scenario, plan: Plan, expected: Mapping[str, Any]) -> str:
+    """What a forecast before take-off counts: the parameters, the airspeed and the losses."""
+    cruise_mps = scenario.keys.vehicle.airframe.airspeed_mps
+    parts = [
+        f"{item.label} {item.shown(value):.4g} {item.unit}".strip()
+        for item in plan.parameters
+        if isinstance(value := expected["parameters"].get(item.name), int | float)
+    ]
+    speeds = expected.get("airspeeds_mps") or [stage.airspeed_mps or cruise_mps for stage in plan.stages]
+    ends = dict.fromkeys(f"{speed:.3g}" for speed in (min(speeds), max(speeds)))
+    return "; ".join([*parts, f"{' to '.join(ends)} m/s", losses_text(scenario)])
+
+
+def losses_text(scenario: Scenario) -> str:
+    """The sudden losses of charge that a forecast before take-off counts."""
+    rate = getattr(scenario.planner.own, "loss_rate_per_h", 0.0)
+    return f"{rate:g} sudden losses of charge an hour, {100 * LOSS:.0f} % each" if rate else "no sudden loss of charge"
+
+
+AGES = {"cycles": "cycles", "age_years": "years"}
+"""Keys of a battery's age, and their units."""
 
 
 def reserve_text(summary: Mapping[str, Any]) -> str:
@@ -62,7 +97,7 @@ def times_text(count: int) -> str:
 
 def flight_facts(summary: Mapping[str, Any]) -> list[list[str]]:
     """Figures of a flight, each with its name."""
-    power, solver, laps = summary["power_w"], summary["solver"], summary["lap_times_s"]
+    power, laps = summary["power_w"], summary["lap_times_s"]
     facts = [
         ("planner", summary["planner"]),
         ("duration", f"{summary['duration_s']:.2f} s"),
@@ -76,11 +111,8 @@ def flight_facts(summary: Mapping[str, Any]) -> list[list[str]]:
         facts.append(("laps", f"{len(laps)} after the first, {min(laps):.2f} to {max(laps):.2f} s"))
     if summary["period_s"] is not None:
         facts.append(("period of the power", f"{summary['period_s']:.3f} s"))
-    runs = (
-        f"{summary['decisions']}; {solver['calls']} runs of OSQP, {solver['failed']} failed; {solver['skipped']} kept, "
-    )
-    runs += f"{solver['infeasible']} infeasible"
-    facts += [("re-plannings", runs), ("seed", str(summary["seed"]))]
+    facts += [("re-plannings", str(summary["decisions"])), ("seed", str(summary["seed"]))]
+    facts += [("solver", failures)] if (failures := solver_text(summary)) else []
     return [list(fact) for fact in facts]
 
 
@@ -107,7 +139,8 @@ def parameter_text(values: Mapping[str, Any]) -> str:
     first, last, changes = value_of(values, "first"), value_of(values, "last"), values["changes"]
     if not changes:
         return f"{first}{ran}, no change"
-    return f"mean {value_of(values, 'mean')}{ran}, from {first} to {last}, {changes} change{'s' if changes > 1 else ''}"
+    changed = f"{changes} change{'s' if changes > 1 else ''}"
+    return f"mean {value_of(values, 'mean')}{ran}, first {first}, last {last}, {changed}"
 
 
 PARTS = 100

@@ -254,7 +254,8 @@ class Scenario:
         """Which of airframe, battery and wind somebody chose: the scenario, its vehicle or an override."""
         given = self.document.value
         vehicle = given.get("vehicle") or {}
-        found = {"airframe": vehicle.get("airframe"), "battery": given.get("battery") or vehicle.get("battery")}
+        airframe = vehicle.get("airframe") or vehicle.get("data_sheet")
+        found = {"airframe": airframe, "battery": given.get("battery") or vehicle.get("battery")}
         return frozenset(key for key, value in {**found, "wind": given.get("wind")}.items() if value)
 
     @property
@@ -432,20 +433,34 @@ def scenario_of(
 
 
 def _checked(document: Document, vehicle_text: Text | None) -> Scenario:
-    own, value = document.value.get("battery"), without_nulls(document.value)
-    refuse(_raw_faults(value, document))
+    refuse(_raw_faults(without_nulls(document.value), document))
     keys = _validated(document)
-    # null restores a default, which is what the key has in a battery of its own
-    battery = keys.vehicle.battery.overridden({key: getattr(keys.battery, key) for key in own or ()})
+    given = battery_keys(document, keys.vehicle.battery)
+    battery = validated_at(("battery",), Battery, document, given)
     refuse(battery_faults(document, battery))
     return Scenario(replace(keys, battery=battery), document, vehicle_text)
+
+
+def battery_keys(document: Document, battery: Battery) -> dict[str, Any]:
+    """The keys of a scenario's battery: its own over those of the vehicle's, and null restores a default.
+
+    A voltage takes the place of cells, and cells that of a resistance, which was that of others.
+    """
+    own, vehicle = document.value.get("battery") or {}, document.value.get("vehicle") or {}
+    kept = dict(vehicle.get("battery") or {})
+    if kept.get("cells") and own.keys() & {"voltage_v", "voltage_empty_v"}:
+        kept |= {key: getattr(battery, key) for key in ("voltage_v", "voltage_empty_v", "resistance_ohm")}
+        kept |= {"cells": None, "chemistry": None}
+    elif own.get("cells"):
+        kept["resistance_ohm"] = None
+    return without_nulls(kept | own)  # type: ignore[no-any-return]
 
 
 def _validated(document: Document) -> ScenarioFile:
     """The keys of a scenario; those of other packages are checked apart, and put in their places."""
     rest: dict[str, Any] = dict(document.value)
     vehicle, airframe = without_plug_in(document, rest.get("vehicle"), ("vehicle",))
-    if airframe is not None:
+    if vehicle is not None:
         rest["vehicle"] = vehicle
     planner, own = rest.get("planner"), dict[str, Any]()
     if isinstance(planner, dict):

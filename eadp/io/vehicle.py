@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Union
 
 from pydantic import Discriminator, Tag
 
-from eadp.errors import Fault, printable, refuse
+from eadp.errors import EadpError, Fault, InputError, printable, refuse
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import STRICT, Document, Path, keys_document, validated, validated_at, without_nulls
 from eadp.models.battery import Battery
+from eadp.models.data_sheet import DataSheet, estimate
 from eadp.models.doubts import aircraft_doubts
 from eadp.models.vehicle import AIRFRAMES, Airframe, FixedWing, airframe_class
 from eadp.models.weather import Wind
@@ -51,6 +52,9 @@ class VehicleFile:
     battery: Battery = field(default_factory=Battery)
     """The battery."""
 
+    data_sheet: DataSheet | None = None
+    """What the maker states: it gives the keys of a `fixed-wing` that `airframe` does not have."""
+
 
 def vehicle_of(document: Document) -> VehicleFile:
     """The vehicle that a document describes.
@@ -68,19 +72,59 @@ def vehicle_of(document: Document) -> VehicleFile:
 
 
 def without_plug_in(document: Document, vehicle: Any, at: Path = ()) -> tuple[Any, Airframe | None]:
-    """The keys of a vehicle, at a path, without an airframe of another package; and that.
+    """The keys of a vehicle, at a path, with those of its data sheet, without an airframe of another package; and that.
 
     Raises
     ------
     InputError
         With the faults of that airframe.
     """
+    vehicle = _with_sheet(document, vehicle, at)
     keys = vehicle.get("airframe") if isinstance(vehicle, dict) else None
     if not isinstance(keys, dict) or _model_of(keys) in AIRFRAMES:
         return vehicle, None
     rest = {key: value for key, value in vehicle.items() if key != "airframe"}
     kind: Any = airframe_class(_model_of(keys))
     return rest, validated_at((*map(str, at), "airframe"), kind, document, without_nulls(keys))
+
+
+def _with_sheet(document: Document, vehicle: Any, at: Path) -> Any:
+    """The keys of a vehicle, at a path, with an airframe by its data sheet under the keys that are given.
+
+    Raises
+    ------
+    InputError
+        With the faults of the sheet and of the battery, or of what they lead to.
+    """
+    keys, place = without_nulls(vehicle), (*map(str, at), "data_sheet")
+    if not isinstance(keys, dict) or "data_sheet" not in keys:
+        return vehicle
+    sheet = validated_at(place, DataSheet, document, keys["data_sheet"])
+    given, pack = keys.get("airframe", {}), keys.get("battery", {})
+    if not isinstance(given, dict) or not isinstance(pack, dict):
+        return vehicle  # which is refused
+    if _model_of(given) != FixedWing.model:
+        message = f"data_sheet beside an airframe of model {_model_of(given)}"
+        raise InputError(document.fault(place, message, "one of the two"))
+    if (sheet.endurance_min is None) == (sheet.cruise_power_w is None):
+        message = "data_sheet has an endurance and a power" if sheet.endurance_min else "data_sheet has no endurance"
+        raise InputError(document.fault(place, message, "endurance_min or cruise_power_w"))
+    if sheet.endurance_min is not None and sheet.pack_wh is None and not pack:
+        message = "data_sheet.endurance_min without the pack that it is stated for"
+        raise InputError(document.fault((*place, "endurance_min"), message, "pack_wh, or the battery of the vehicle"))
+    new = {key: value for key, value in pack.items() if key not in ("cycles", "age_years")}  # as it was stated for
+    battery = validated_at((*place[:-1], "battery"), Battery, document, new)
+    base = validated_at((*place[:-1], "airframe"), FixedWing, document, given)
+    try:
+        sheet = sheet.with_power(battery)
+        found = estimate(sheet, base.avionics_w if "avionics_w" in given else None, base.air_density_kgpm3)
+    except EadpError as error:
+        expected = "kg, m, m/s, min and Wh; of an unusual aircraft wing_area_m2, or the keys of airframe"
+        raise InputError(document.fault(place, f"data_sheet has {error}", expected)) from None
+    speed = base.airspeed_mps if "airspeed_mps" in given else sheet.airspeed_mps
+    stated = without_nulls(asdict(sheet))
+    airframe = {**found.keys, "power_std_share": found.power_std_at(speed), **given}
+    return {**keys, "data_sheet": stated, "airframe": airframe}
 
 
 def vehicle_warnings(document: Document, vehicle: VehicleFile) -> list[Fault]:

@@ -18,7 +18,7 @@ from eadp.live.replanner import Warn
 from eadp.models.autopilot import ARDUPILOT, LIMITS, PX4
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.stage import RETURN
-from eadp.planning.base import INFEASIBLE
+from eadp.planning.base import INFEASIBLE, SHORT, TOO_WINDY
 from eadp.planning.state.flight_state import CELL_LOST
 
 HEARTBEAT_S, LOST_S = 1.0, 5.0
@@ -351,7 +351,7 @@ class Pilot:
         """Send a decision's numbers to the ground station, and its reason as a text, if that says something new.
 
         While the mission is not `flown` its reasons are none of the flight. While the autopilot `returns`, the
-        parameters are not sent either. That a plan is feasible again is a text once it has been so for `FEASIBLE_S`.
+        parameters are not sent either. That a plan can be finished again is a text after `FEASIBLE_S`.
         """
         boot_ms = max(0, round(line["time_s"] * 1000)) % 2**32
         parameters, left_min = () if returns else self._plan.parameters, _left_min(line)
@@ -366,11 +366,11 @@ class Pilot:
         # where it does not start with their name
         about = repr(line["parameters"]) + _NUMBERS.sub("", line["reason"])
         path = self._new_path(line)
-        if INFEASIBLE in line["reason"]:
+        if any(word in line["reason"] for word in (SHORT, TOO_WINDY, INFEASIBLE)):
             self._infeasible_s = line["time_s"]
         elif self._infeasible_s is not None and flown and line["time_s"] - self._infeasible_s > FEASIBLE_S:
             self._infeasible_s, self._about = None, ""
-            self.show("the plan is feasible again", NOTICE)
+            self.show("the plan can be finished again", NOTICE)
         speaks = (flown and not returns) or line["reason"] == COMPLETED
         if speaks and (line["reason"] != KEPT or path) and about != self._about:
             self._about = about

@@ -328,9 +328,9 @@ class PlanTracker:
         hold(held)
         self.locator.decide(self.applied.effective, position)
         for i, value in held.items():
-            name, asked = self._mission.plan.names[i], self.applied.asked[i]
-            what = f"{name} = {asked:g} is not applied: {value:g} stays in force"
-            self._messages.once("parameters", what, "the parameters decided", f"{name} held at {value:g}")
+            item, asked = self._mission.plan.parameters[i], self.applied.asked[i]
+            what = f"{item.label} = {item.text(asked)} is not applied: {item.text(value)} stays in force"
+            self._messages.once("parameters", what, "the parameters decided", f"{item.name} held at {value:g}")
 
     def _lose(self, error: EadpError) -> None:
         """Stop tracking the plan for good, with a notice: stage and parameters stay."""

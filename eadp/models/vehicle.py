@@ -31,6 +31,8 @@ RollTime = Annotated[float, Gt(0), Le(30)]
 AirDensity = Annotated[float, Ge(0.01), Le(2)]
 """From that at 30 km, or of other planets' thin air, to that of the coldest air at sea level."""
 Rate = Annotated[float, Gt(0), Le(1e3)]
+LEVEL_SHARE = 0.05
+"""Relative standard deviation of a stated power of level flight, before it is measured."""
 
 
 class PowerTerms(NamedTuple):
@@ -89,6 +91,7 @@ class PaperVehicle:
     wind_in_lift: bool = False
     """Add the wind along the heading to the speed that lifts. Unphysical; the published flights do."""
 
+    power_std_share: ClassVar[float] = LEVEL_SHARE
     airspeed_range_mps: ClassVar[None] = None
     speed_gain_per_s: ClassVar[float] = math.inf
 
@@ -182,6 +185,9 @@ class _Aeroplane:
 
     airspeed_range_mps: tuple[Airspeed, Airspeed] | None = None
     """Least and greatest true airspeed that a planner may command [m/s]; without it the airspeed is held."""
+
+    power_std_share: Annotated[float, Gt(0), Le(1)] = LEVEL_SHARE
+    """Standard deviation of the power of level flight as it is stated here, as a share of it; flights measure it."""
 
     published_triggers: ClassVar[bool] = False
 

@@ -346,6 +346,8 @@ TIME, NEW_STAGE, JUMPED = "time", "new stage", "the charge has jumped"
 """Causes of a re-planning."""
 
 SOLVED, KEPT, FALLBACK, CLOSED_FORM = "solved", "kept", "fallback", "closed form"
+SHORT, TOO_WINDY = "battery short", "too windy"
+"""How the reasons of decisions begin where the plan cannot be flown to its end."""
 INFEASIBLE, NOTHING_TO_CHOOSE, LOWERED = "infeasible", "nothing to choose", "lowered"
 """Statuses of a re-planning, see `DecisionRecord`."""
 

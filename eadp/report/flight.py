@@ -15,6 +15,7 @@ from eadp.api.flight import AIRSPEEDS, Flight, record_row
 from eadp.core.geometry.curves import LINE, Point
 from eadp.errors import EadpError
 from eadp.io.flight import (
+    counted_text,
     flight_facts,
     flown_coverage,
     flown_of_plan,
@@ -238,7 +239,7 @@ def write_page(flight: Flight, folder: Path) -> None:
 def flight_data(flight: FlownFlight) -> dict[str, Any]:
     """The data of a flight's page."""
     world, summary = flight.world, flight.summary
-    plan, columns = world.plan, flight.columns
+    plan, columns, expected = world.plan, flight.columns, summary["energy_forecast"]
     times = columns["time_s"]
     parameters = [
         {
@@ -259,6 +260,7 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
         "words": [
             *flight_words(summary, flight.decisions, world.faults),
             f"It flew with {setting_text(flight.scenario)}.",
+            *([f"The forecast counts {counted_text(flight.scenario, plan, expected)}."] if expected else []),
         ],
         "completed": summary["completed"],
         "end": {key: summary[key] for key in ("reason", "duration_s", "energy_wh", "soc_final", "quality")},

@@ -42,9 +42,9 @@ ROWS: tuple[Row, ...] = (
     ("energy [Wh]", lambda s: f"{s['energy_wh']:.3f}"),
     ("charge at the end", lambda s: f"{s['soc_final']:.3f}"),
     ("reserve kept", lambda s: "yes" if s["reserve_kept"] else "NO"),
-    ("quality U", lambda s: UNKNOWN if s["quality"] is None else f"{s['quality']:.3f}"),
+    ("quality", lambda s: UNKNOWN if s["quality"] is None else f"{s['quality']:.3f}"),
     ("ground covered", lambda s: UNKNOWN if s["coverage"] is None else f"{100 * s['coverage']:.1f} %"),
-    ("re-plannings", lambda s: f"{s.get('decisions', UNKNOWN)}, failed runs of OSQP {s['solver']['failed']}"),
+    ("re-plannings", lambda s: f"{s.get('decisions', UNKNOWN)}, failed runs of the solver {s['solver']['failed']}"),
     ("obstacles entered", lambda s: ", ".join(entry["name"] for entry in s["obstacles"]) or "none"),
 )
 """What is compared: its name, and how it is written of a summary."""

@@ -18,6 +18,7 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import Pose
 from eadp.core.geometry.geodesy import compass_deg
 from eadp.errors import Fault, Infeasible, InputError, one_of, printable, refuse
+from eadp.io.flight import setting_text
 from eadp.io.plan.writer import plan_text
 from eadp.io.scenario import read_scenario
 from eadp.io.text.options import check_range
@@ -582,7 +583,7 @@ def cover(
     task, found = task.best()
     if task.profile is not None or task.pack is not None:
         keys, given = flight_keys(task, vehicle) | {"parameters": None}, None if scenario is None else str(scenario)
-        turns_back_soc = [0.0]
+        turns_back_soc, flown = [0.0], [""]
 
         def energy_wh(c1: float) -> float | None:
             """As forecast, with every computation at its highest."""
@@ -591,6 +592,7 @@ def cover(
             forecast = inputs.preflight(whole=False)
             if forecast is None:
                 return None
+            flown[0] = setting_text(inputs.scenario)
             turns_back_soc.append(forecast.turns_back_soc)
             return forecast.forecast.energy_wh
 
@@ -599,7 +601,7 @@ def cover(
             inputs = load_flight(held_at(found.plan, "hi", "hi"), scenario=given, profile=profile, overrides=keys)
             found = replace(found, slower=inputs.least_energy())
             pack = found.pack and found.pack._replace(turns_back_soc=max(turns_back_soc))
-            found = replace(found, report=report, pack=pack)
+            found = replace(found, report=report, pack=pack, aircraft=flown[0])
         except InputError as error:
             # the path takes vehicle and wind alone from a scenario, which may be of another plan
             if any(fault.file not in (given, *(f"--set {key}" for key in keys)) for fault in error.faults):

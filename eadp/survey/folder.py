@@ -186,14 +186,14 @@ class JobFlight:
             f"{outcome}: {covered}, with {summary['batteries']} batteries",
             *left_text(self.left, sum(each["share"] for each in summary["left"]), summary["origin_deg"]),
             f"time       {summary['duration_s'] / 60:.0f} min, {summary['distance_m'] / 1000:.1f} km",
-            f"energy     {summary['energy_wh']:.1f} Wh; least charge at a landing {summary['soc_final']:.3f}, "
+            f"energy     {summary['energy_wh']:.1f} Wh; least charge at a landing {100 * summary['soc_final']:.1f} %, "
             f"reserve {'kept' if summary['reserve_kept'] else 'NOT kept'} in all flights",
         ]
         for row in summary["flights"]:
             end = "completed" if row["completed"] else row["reason"]
             lines.append(
                 f"{row['sortie']:<10} {row['duration_s'] / 60:5.1f} min, {row['energy_wh']:6.1f} Wh, "
-                f"SoC {row['soc_final']:.3f}: {end}"
+                f"{100 * row['soc_final']:.1f} % left: {end}"
             )
         return lines
 

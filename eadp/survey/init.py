@@ -82,7 +82,8 @@ class InitOptions:
     """The aircraft, and what becomes of files that exist."""
 
     preset: Annotated[str, Flag(metavar="NAME")] = "foam-wing"
-    """Aircraft: small-wing (1.2 kg), foam-wing (2 kg), mapper (4 kg), survey-wing."""
+    """Aircraft: small-wing (1.2 kg), foam-wing (2 kg), mapper (4 kg), survey-wing, or data-sheet, by what a maker
+    states."""
 
     force: bool = False
     """Replace files that exist."""

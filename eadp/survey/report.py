@@ -408,8 +408,8 @@ class Pack(NamedTuple):
 class CoveragePlan:
     """A plan that covers a field: its text, its report, the repairs made to the field, and the camera's pictures.
 
-    `pack` is a full one of the aircraft, if it has one; `slower` the forecast of its finest lines at the airspeeds of
-    the least energy, where these are a decision.
+    `pack` is a full one of the aircraft, if it has one, and `aircraft` says what the energy is of; `slower` is the
+    forecast of its finest lines at the airspeeds of the least energy, where these are a decision.
     """
 
     plan: Plan
@@ -420,6 +420,7 @@ class CoveragePlan:
     pack: Pack | None = None
     heights: Heights | None = None
     autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
+    aircraft: str = ""
     slower: Preflight | None = None
 
     @property
@@ -506,15 +507,18 @@ class CoveragePlan:
         return [f"overlap    {' to '.join(dict.fromkeys(shares))} from line to line{where}"] if shares else []
 
     def _batteries_text(self) -> list[str]:
-        """How many packs the path takes."""
+        """What the energy is of, and how many packs the path takes."""
+        aircraft = [f"aircraft   {self.aircraft}"] if self.aircraft else []
         if self._batteries is None or self.pack is None:
-            return []
+            return aircraft
         packs = " to ".join(dict.fromkeys(f"{count:.2g}" for count in self._batteries))
         until = "its reserve" if self.pack.turns_back_soc <= self.pack.reserve_soc else "the autopilot turns back"
-        text = [f"batteries  {packs}; a full one gives {self.pack.energy_wh:.3g} Wh before {until}"]
+        text = [
+            *aircraft,
+            f"batteries  {packs}; a full one gives {self.pack.energy_wh:.3g} Wh before {until}, no charge lost at once",
+        ]
         if (slower := self._slower) is not None:
             least = f"{slower['duration_s']:.0f} s, {slower['energy_wh']:.2f} Wh with the densest lines"
-            text.append(
-                f"slower     {airspeeds_text(slower['airspeeds_mps'])}: {least}; flown where the charge is short"
-            )
+            flown = airspeeds_text(slower["airspeeds_mps"])
+            text.append(f"slower     {flown}: {least}; flown where the charge is short")
         return text

@@ -20,7 +20,7 @@ from eadp.core.geometry.dubins import straight
 from eadp.core.geometry.geodesy import heading_rad, place_text
 from eadp.core.geometry.polygons import hull
 from eadp.errors import Infeasible, InputError
-from eadp.io.flight import airspeeds_text
+from eadp.io.flight import airspeeds_text, losses_text, setting_text
 from eadp.io.scenario import value_text
 from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag, check_range
@@ -566,7 +566,9 @@ class SortiePlan:
 
     def lines(self) -> list[str]:
         """The summary, wind and table for people, line by line."""
-        return [*self.summary(), self.planner.task.motion.wind_text, "", *aligned(self.table())]
+        scenario = self.divided.sorties[0].inputs.scenario
+        counted = [f"aircraft   {setting_text(scenario)}", f"counts     {losses_text(scenario)}"]
+        return [*self.summary(), self.planner.task.motion.wind_text, *counted, "", *aligned(self.table())]
 
     def summary(self) -> list[str]:
         """A summary for people, line by line."""

@@ -206,8 +206,10 @@ class MotionLimits:
     def wind_text(self) -> str:
         """The wind, for people."""
         if self.windless:
-            return "wind       none: times are for calm air"
-        return f"wind       {math.hypot(*self.wind_mps):g} m/s; times are in it"
+            return f"wind       none: times are for calm air, at {self.airspeed_mps:g} m/s"
+        return (
+            f"wind       {math.hypot(*self.wind_mps):g} m/s; times are in it, at {self.airspeed_mps:g} m/s of airspeed"
+        )
 
     @property
     def ground_limit_mps(self) -> float:

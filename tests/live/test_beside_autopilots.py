@@ -349,9 +349,9 @@ def test_what_is_read_of_the_autopilot_counts_and_is_in_the_log(inputs, missions
 def test_who_flies_home_is_not_asked_to(inputs, missions):
     flown = in_mode(flown_by(ARDUPILOT, inputs, missions), recorded()[:20], "mission")
     in_mode(flown, recorded()[20:24], "return")
-    flown.flight._decided({**flown.decisions[-1], "returns_home": True, "reason": "home: infeasible since 9.0 s"})
+    flown.flight._decided({**flown.decisions[-1], "returns_home": True, "reason": "home: battery short since 9.0 s"})
     assert not any("fly home" in text.replace("flies home", "") for text in flown.texts)
-    assert not any("infeasible" in text for text in flown.texts)
+    assert not any("battery short" in text for text in flown.texts)
     in_mode(flown, recorded()[24:26], "mission")
     flown.flight._decided({**flown.decisions[-1], "returns_home": True})
     assert "eadp: only home can be reached: fly home" in flown.texts
@@ -367,14 +367,14 @@ def test_the_end_of_a_plan_is_told_though_its_mission_is_over(inputs, missions):
 def test_that_a_plan_is_feasible_again_is_told(inputs, missions):
     flown = in_mode(flown_by(ARDUPILOT, inputs, missions), recorded()[:20], "mission")
     last, now_s = flown.decisions[-1], flown.decisions[-1]["time_s"]
-    for after_s, reason in ((1, "infeasible since 3.0 s: short"), (2, "kept"), (6, "infeasible since 9.0 s: short")):
+    for after_s, reason in ((1, "battery short since 3.0 s: by"), (2, "kept"), (6, "battery short since 9.0 s: by")):
         flown.flight._decided({**last, "time_s": now_s + after_s, "reason": reason})
     for after_s in range(7, 30):
         flown.flight._decided({**last, "time_s": now_s + after_s, "reason": "kept"})
-    told = [text for text in flown.texts if "feasible" in text]
+    told = [text for text in flown.texts if "battery short" in text or "finished" in text]
     assert ["again" in text for text in told] == [False, True]
-    flown.flight._decided({**last, "time_s": now_s + 40, "reason": "infeasible since 3.0 s: short"})
-    assert "infeasible" in flown.texts[-1]
+    flown.flight._decided({**last, "time_s": now_s + 40, "reason": "battery short since 3.0 s: by"})
+    assert "battery short" in flown.texts[-1]
 
 
 # --- a recording of PX4

@@ -278,12 +278,12 @@ def test_another_path_is_always_told_and_first(inputs, flown):
     """The reason why a path is coarser says what is short; the mission that is flown changes all the same."""
     other, last = Flown(inputs), flown.decisions[-1]
     for k, c1 in enumerate((-300.0, -300.0, -600.0)):
-        other.flight._decided({**last, "parameters": {"c1": c1, "c2": 10.0}, "reason": f"infeasible: short by 0.{k}"})
+        other.flight._decided({**last, "parameters": {"c1": c1, "c2": 10.0}, "reason": f"battery short: by 0.{k}"})
     other.flight._decided({**last, "parameters": {"c1": -700.0, "c2": 10.0}, "reason": "kept"})
     told = texts_of(other.sent)
     assert len(told) == 3
     assert told[0].startswith("eadp: spacing now ")
-    assert told[0].endswith(" m: infeasible: short by 0.0")
+    assert told[0].endswith(" m: battery short: by 0.0")
     assert told[2].endswith(" m: kept")
 
 

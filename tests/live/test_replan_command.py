@@ -119,10 +119,12 @@ def test_a_flight_that_is_not_forecast_to_complete_is_a_no(replan):
     low = [json.dumps({**json.loads(line), "soc": 0.2}).encode() + b"\n" for line in LINES[:30]]
     code, advice, err = replan(b"".join(low))
     assert code == 1
-    assert err == "<stdin>:16:145: warning: c2 = 2 is not applied: 10 stays in force; expected the parameters decided\n"
+    assert (
+        err == "<stdin>:16:145: warning: fps = 2 is not applied: 10 stays in force; expected the parameters decided\n"
+    )
     assert advice[-1]["soc_end_forecast"] < 0
     assert advice[-1]["completes_probability"] < 0.01
-    assert advice[-1]["reason"].startswith("infeasible")
+    assert advice[-1]["reason"].startswith("battery short")
     assert replan(b"".join(LINES[:30]))[0] == 0
 
 

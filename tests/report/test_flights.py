@@ -60,7 +60,7 @@ def test_the_table_is_the_summaries(folders):
     assert table["completed"][2].startswith("NO: battery empty")
     for i, flight in enumerate(flights):
         assert float(table["energy [Wh]"][i]) == pytest.approx(flight.summary["energy_wh"], abs=6e-4)
-        assert float(table["quality U"][i]) == pytest.approx(flight.summary["quality"], abs=6e-4)
+        assert float(table["quality"][i]) == pytest.approx(flight.summary["quality"], abs=6e-4)
     assert table["fps"][0] == "10, no change"
 
 

@@ -15,8 +15,8 @@ from eadp.models.performance import performance
 from eadp.survey.init import PRESETS
 
 
-def test_there_are_three_classes_of_aircraft_beside_the_default_one():
-    assert PRESETS == ("foam-wing", "mapper", "small-wing", "survey-wing")
+def test_there_are_three_classes_of_aircraft_beside_the_default_one_and_a_data_sheet():
+    assert PRESETS == ("data-sheet", "foam-wing", "mapper", "small-wing", "survey-wing")
 
 
 @pytest.mark.parametrize("preset", few(PRESETS, 1))
@@ -66,7 +66,7 @@ def test_nothing_is_overwritten_unasked(eadp, tmp_path):
 def test_bad_input(eadp, tmp_path):
     answer = eadp("init", tmp_path / "x", "--preset", "kite")
     assert answer.code == 2
-    assert "--preset:1:1: error: no such aircraft; expected one of foam-wing, mapper" in answer.err
+    assert "--preset:1:1: error: no such aircraft; expected one of data-sheet, foam-wing, mapper" in answer.err
     (tmp_path / "file").write_text("")
     answer = eadp("init", tmp_path / "file")
     assert (answer.code, answer.out) == (2, "")

@@ -150,7 +150,7 @@ function swatch(shape, colour, width, dash = []) {
 function buildCharts() {
   const power = [{ label: "measured", colour: "blue", y: data.power.w, width: 2.2 }];
   if (data.power.forecast_w) power.push({ label: "forecast, one step ahead", colour: "orange", y: data.power.forecast_w, width: 1 });
-  const ahead = data.horizons.t.length ? [{ label: "forecast over the horizon, at the cursor", colour: "orange", dash: [5, 4], width: 2 }] : [];
+  const ahead = data.horizons.t.length ? [{ label: "forecast at the cursor, as far as the planner looks", colour: "orange", dash: [5, 4], width: 2 }] : [];
   chart("Power", "W", data.power.t, power, { extra: ahead, draw: drawHorizon, value: (t) => `${number(at(data.power, "w", t))} W` });
   const also = data.reserve === null ? [] : [{ label: "reserve", colour: "bad", dash: [7, 4] }];
   if (decisions.soc_end) also.push({ label: "forecast at the cursor, with 95 % at its end", colour: "orange", dash: [5, 4], width: 2 });
@@ -507,13 +507,13 @@ function showDecision() {
     ["charge at the end", decided("soc_end", i) === null ? null : `${percent(decided("soc_end", i))} ± ${number(100 * (decided("soc_end_std", i) || 0), 2)} %`, percent(end.soc_final)],
     ["completes", decided("completes_probability", i) === null ? null : `with ${percent(decided("completes_probability", i))}`, data.completed === null ? "–" : data.completed ? "yes" : `no: ${end.reason}`],
     ["keeps the reserve", decided("reserve_probability", i) === null ? null : `with ${percent(decided("reserve_probability", i))}`, data.reserve_kept === null ? "–" : data.reserve_kept ? "yes" : "no"],
-    ["quality U of the flight", decided("quality_forecast", i) === null ? null : number(decided("quality_forecast", i)), number(end.quality)],
+    ["quality of the flight", decided("quality_forecast", i) === null ? null : number(decided("quality_forecast", i)), number(end.quality)],
     ["energy above the reserve", spread(decided("available_wh", i), null, "Wh"), "–"],
     ["wind", decided("wind_mps", i) ? windText(decided("wind_mps", i)) : null, data.wind ? `${windText(blowing(decisionTimes[i]))}${data.wind.gust_std_mps ? `, gusts of ${number(data.wind.gust_std_mps)} m/s` : ""}` : "–"],
     ["home can be reached", decided("home_reachable", i) === null ? null : decided("home_reachable", i) ? "yes" : "no", "–"],
   ].filter(([, forecast]) => forecast !== null);
   const details = [decided("cause", i) && `Cause: ${decided("cause", i)}`, decided("status", i) && `status: ${decided("status", i)}`].filter(Boolean);
-  if (decided("calls", i)) details.push(`${decided("calls", i)} runs of OSQP, ${decided("iterations", i)} iterations`);
+  if (decided("calls", i)) details.push(`${decided("calls", i)} runs of the solver, ${decided("iterations", i)} iterations`);
   if (decided("battery_limit", i)) details.push(`limit that binds: ${decided("battery_limit", i)}`);
   if (decided("warnings", i) && decided("warnings", i).length) details.push(`warnings: ${decided("warnings", i).join(", ")}`);
   box.replaceChildren(

@@ -235,9 +235,9 @@ def write_flight_figure(
 def _headline(summary: Mapping[str, Any]) -> list[str]:
     state = "completed" if summary["completed"] else f"not completed: {printable(summary['reason'], 120)}"
     parts = [state, f"{summary['duration_s']:.1f} s", f"{summary['energy_wh']:.2f} Wh"]
-    parts.append(f"SoC {100 * summary['soc_final']:.0f} % at the end")
+    parts.append(f"{100 * summary['soc_final']:.0f} % of the charge at the end")
     quality = summary["quality"]
-    return parts if quality is None else [*parts, f"quality U = {quality:.2f}"]
+    return parts if quality is None else [*parts, f"quality {quality:.2f}"]
 
 
 def _draw_path(axes: Axes, world: World, steps: Sequence[Step], turned_back_s: float | None = None) -> None:

@@ -136,8 +136,8 @@ def power_limits(
 MIN_STD, SAME_SOC = 1e-6, 1e-5
 """Least standard deviation, and accuracy of a quantile where there are several ends."""
 
-LOSS, LOSS_SQUARE = 0.07, (0.12**3 - 0.02**3) / 3 / 0.1
-"""Mean and mean square of a loss of charge, uniform in 2 to 12 %; losses are a Poisson process."""
+LOSS_SQUARE = (0.12**3 - 0.02**3) / 3 / 0.1
+"""Mean square of a loss of charge, uniform in 2 to 12 %, with the mean `LOSS`; losses are a Poisson process."""
 
 
 class FinalCharge(NamedTuple):

@@ -19,13 +19,13 @@ from eadp.core.flight import current_slope_a_per_w, drain_per_s
 from eadp.errors import PathUndefined
 from eadp.models.airspace import WayHome
 from eadp.models.autopilot import Autopilot
+from eadp.models.battery import LOSS
 from eadp.models.performance import calibrated_over_true
 from eadp.models.plan.route import Route, RouteArrays, leg_times_s
 from eadp.models.plan.stage import Leg, Stage, left_m
 from eadp.models.vehicle import PaperVehicle
 from eadp.planning.base import Ending, FlownLegs, Mission, PlannerSettings, TradeOff
 from eadp.planning.forecast.battery_limits import (
-    LOSS,
     LOSS_SQUARE,
     FinalCharge,
     PowerLimits,

@@ -11,9 +11,10 @@ import numpy as np
 
 from eadp.core.flight import drain_per_s
 from eadp.core.geometry.curves import Point
+from eadp.models.battery import LOSS
 from eadp.models.plan.stage import leg_points
 from eadp.planning.base import Ending
-from eadp.planning.forecast.battery_limits import LOSS, FinalCharge
+from eadp.planning.forecast.battery_limits import FinalCharge
 from eadp.planning.forecast.clearance import Homeward, after_leg
 from eadp.planning.forecast.evaluate import Evaluation
 from eadp.planning.forecast.knapsack import Filling

@@ -28,7 +28,9 @@ from eadp.planning.base import (
     FALLBACK,
     JUMPED,
     NEW_STAGE,
+    SHORT,
     TIME,
+    TOO_WINDY,
     TURNS_BACK,
     Decision,
     DecisionRecord,
@@ -223,7 +225,7 @@ class JointPlanner(Planner):
             self._searched = found.solution.value, found.left_over
         if found is None:
             report.infeasible += 1
-            why = "infeasible: the rest of the plan cannot be flown in this wind"
+            why = f"{TOO_WINDY}: the rest of the plan cannot be flown in this wind"
             self._decision = self._decision._replace(reason=why)
         else:
             found = found._replace(solution=self._program.solve(found.evaluation.adaptive))
@@ -456,17 +458,19 @@ class JointPlanner(Planner):
         """The decision and its reason, in words: what an infeasible plan lacks, else what changes, else "kept"."""
         evaluation, battery = plan.evaluation, self._mission.battery
         if not plan.solution.feasible:
-            since = f"infeasible since {self._mission.clock_s + (self._infeasible_since_s or 0.0):.1f} s: "
+            since = f"{SHORT} since {self._mission.clock_s + (self._infeasible_since_s or 0.0):.1f} s: "
             beyond_w = float(evaluation.limits.beyond_w[0])
             min_w = evaluation.evaluator.envelopes[int(evaluation.kinds[0])].powers_w[0]
-            flown = "lowest" if self._power_w(evaluation, chosen) <= min_w + 1e-9 else "the same"
+            lowest = self._power_w(evaluation, chosen) <= min_w + 1e-9
+            flown = f"; computations {'at their lowest' if lowest else 'as before'}"
+            flown = flown if self._mission.plan.path_count < len(chosen) else ""
             if beyond_w > 0:
-                return f"{since}{beyond_w:.1f} W more than the battery can deliver on the way; {flown} configuration"
+                return f"{since}{beyond_w:.1f} W more than the battery can deliver on the way{flown}"
             short = evaluation.shortfall(0)
             short_wh = short * battery.capacity_ah * battery.voltage_at(max(known.soc, 0.0))
             own = plan.evaluation.reserve_soc(0)
-            turns = f"; the autopilot turns back below {own:.3f}" if own > self._settings.reserve_soc else ""
-            return f"{since}short by {short:.4f} of the charge, {short_wh:.2f} Wh; {flown} configuration{turns}"
+            turns = f"; the autopilot turns back below {100 * own:.1f} %" if own > self._settings.reserve_soc else ""
+            return f"{since}by {100 * short:.2f} % of the charge, {short_wh:.2f} Wh{flown}{turns}"
         moved = [
             f"{item.label} {item.text(old)} → {item.text(new)}"
             for item, old, new in zip(self._mission.plan.parameters, self._decision.parameters, chosen, strict=True)

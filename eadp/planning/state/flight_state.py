@@ -18,7 +18,7 @@ from eadp.errors import PathUndefined
 from eadp.models.plan.cursor import PlanCursor, Vector
 from eadp.models.plan.ground import GroundLog
 from eadp.models.plan.route import Route, RoutePredictor
-from eadp.models.vehicle import PaperVehicle
+from eadp.models.vehicle import LEVEL_SHARE, PaperVehicle
 from eadp.planning.base import Mission, Observation, Readings, Sample
 from eadp.planning.state.charge import MAX_STEP_S, ChargeFilter, DrainModel
 from eadp.planning.state.climb import ClimbFollower
@@ -86,11 +86,13 @@ class FlightState:
         self._times = TimeRatio()
         # the motion's power before it is learned: of a model fitted to a log, else as stated
         vehicle = mission.vehicle
-        level_w = mission.energy.mean_w if mission.energy is not None else vehicle.cruise_power_w
+        level_w, level_share = vehicle.cruise_power_w, vehicle.power_std_share
+        if mission.energy is not None:
+            level_w, level_share = mission.energy.mean_w, LEVEL_SHARE
         climb_j_per_m = 0.0 if isinstance(vehicle, PaperVehicle) else vehicle.climb_j_per_m
         speeds_mps = *(vehicle.airspeed_range_mps or ()), *(stage.airspeed_mps for stage in mission.plan.stages)
         others = any(abs((speed or mission.cruise_mps) - mission.cruise_mps) > OTHER_MPS for speed in speeds_mps)
-        self._motion = MotionPower(level_w, vehicle, climb_j_per_m=climb_j_per_m, by_polar=others)
+        self._motion = MotionPower(level_w, vehicle, level_share, climb_j_per_m, by_polar=others)
         self._airspeed = FlownAirspeed(mission)
         battery = mission.battery
         full_v, empty_v = battery.voltage_at(1.0), battery.voltage_at(0.0)

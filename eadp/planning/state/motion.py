@@ -9,7 +9,7 @@ import numpy as np
 
 from eadp.core.arrays import Column, FloatArray, columns
 from eadp.core.compiled import jitted
-from eadp.models.vehicle import Airframe
+from eadp.models.vehicle import LEVEL_SHARE, Airframe
 from eadp.planning.state.known import MotionKnown, terms_of
 from eadp.planning.state.level_regression import (
     WINDOW_S,
@@ -28,9 +28,6 @@ third of the drag at cruise."""
 POLAR_SHARE = 0.2
 """Relative prior standard deviation of the power per tan² φ by the airframe's polar: with level flight's power known,
 by an Oswald efficiency known to 15 % and a C_D0 known to 20 %."""
-
-LEVEL_SHARE = 0.05
-"""Relative prior standard deviation of level flight's power."""
 
 CLIMB_SHARE = 0.3
 """Relative prior standard deviation of the power per climb rate: at full throttle the propulsion's efficiency is

@@ -598,7 +598,7 @@ def test_a_flight_that_returns_home_has_one_account_in_text_page_picture_and_jso
     assert (summary["completed"], summary["reason"]) == (False, "returned home")
     assert summary["reserve_kept"]
     assert summary["soc_final"] >= summary["soc_reserve"]
-    assert re.search("reserve [0-9.]+ kept$", answer.out, re.MULTILINE)
+    assert re.search("reserve of [0-9.]+ % kept$", answer.out, re.MULTILINE)
     page = (folder / "report.html").read_text()
     assert re.search("the reserve of [0-9.]+ % was kept", page)
     assert Page(page).data["reserve_kept"] is True

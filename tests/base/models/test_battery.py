@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
+from common import ROOT
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from eadp.io.text.streams import read_text
+from eadp.io.vehicle import read_vehicle
 from eadp.models.battery import CELL_V, CURRENT, CUT_OFF, DELIVERABLE, VOLTAGE_STEP_V, Battery
 
 TRACE = Battery(prescribed=((0, 1.0), (10, 0.9), (10, 0.8), (20, 0.4)))
@@ -46,11 +50,7 @@ def test_cells_have_the_voltage_of_their_chemistry():
     assert near.voltage_v == pytest.approx(15.4)
 
 
-def test_voltages_take_the_place_of_cells():
-    battery = Battery(cells=4, chemistry="li-ion")
-    assert battery.overridden({"capacity_ah": 2.0}).cells == 4
-    own = battery.overridden({"voltage_v": 12.0, "voltage_empty_v": None})
-    assert (own.cells, own.chemistry, own.voltage_v, own.voltage_empty_v) == (None, None, 12.0, None)
+def test_a_chemistry_needs_cells():
     assert Battery(chemistry="lipo").faults() == [("chemistry", "chemistry without cells")]
 
 
@@ -140,3 +140,25 @@ def test_endurance_ends_at_the_cut_off_voltage():
     battery = Battery(voltage_v=16.0, voltage_empty_v=12.0, resistance_ohm=0.5, cutoff_voltage_v=13.0)
     power_w = 13.0 * (14.0 - 13.0) / 0.5  # at half the charge
     assert soc_at_end(battery, power_w, battery.endurance_s(power_w)) == pytest.approx(0.5, abs=0.01)
+
+
+# --- what is assumed of a pack
+
+
+@pytest.mark.parametrize("name", ["foam-wing", "mapper", "small-wing"])
+def test_the_resistance_that_is_assumed_is_near_to_that_of_known_packs(name):
+    known = read_vehicle(read_text(str(ROOT / f"vehicles/{name}.yaml"))).battery
+    assumed = Battery(cells=known.cells, chemistry=known.chemistry, capacity_ah=known.capacity_ah)
+    assert 1 / 1.5 < assumed.resistance_ohm / known.resistance_ohm < 1.5
+
+
+def test_use_and_age_leave_less_capacity_and_more_resistance():
+    new = Battery(cells=6, capacity_ah=5.0)
+    used = Battery(cells=6, capacity_ah=5.0, cycles=200)
+    assert used.capacity_ah == pytest.approx(0.8 * 5)
+    assert used.resistance_ohm / new.resistance_ohm == pytest.approx(2, abs=0.1)
+    assert replace(used, soc=0.5).capacity_ah == used.capacity_ah, "once"
+    assert Battery(capacity_ah=5.0, age_years=2).capacity_ah == pytest.approx(0.96**2 * 5)
+    measured = Battery(cells=6, capacity_ah=5.0, cycles=200, resistance_ohm=0.1)
+    assert measured.resistance_ohm == 0.1, "as it is now"
+    assert Battery().resistance_ohm == 0.05

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 from common import ROOT
 
@@ -90,6 +92,36 @@ def test_cells_give_the_voltages(scenario):
     assert other.voltage_v == pytest.approx(13.05)
 
 
+def test_cells_of_a_layer_above_have_their_own_resistance(scenario):
+    vehicle = {"vehicle.battery": {"cells": 4, "capacity_ah": 5, "resistance_ohm": 0.02, "cycles": 50}}
+    used = scenario(**vehicle).keys.battery
+    assert (used.resistance_ohm, used.capacity_ah) == (0.02, pytest.approx(0.8**0.25 * 5))
+    assert scenario(**vehicle, **{"battery.cycles": 200}).keys.battery.capacity_ah == pytest.approx(4.0)
+    other = scenario(**vehicle, **{"battery.cells": 6, "battery.cycles": None}).keys.battery
+    assert (other.resistance_ohm, other.capacity_ah) == (pytest.approx(6 * 0.04 / 5), 5.0)
+
+
+SHEET = {"span_m": 2.1, "mass_kg": 3.4, "airspeed_mps": 17, "endurance_min": 60}
+PACK = {"chemistry": "lipo", "cells": 4, "capacity_ah": 10}
+
+
+def test_a_data_sheet_is_an_airframe_wherever_a_vehicle_is_read(scenario):
+    text = f"schema: eadp.vehicle/1\ndata_sheet: {SHEET}\nbattery: {PACK}\n".replace("'", "")
+    vehicle = read(text)
+    battery, airframe = vehicle.battery, vehicle.airframe
+    assert battery.endurance_s(airframe.cruise_power_w) == pytest.approx(3600, rel=1e-3)
+    assert airframe.power_std_share == pytest.approx(0.15, abs=1e-3)
+    keys = {"vehicle": {"data_sheet": SHEET, "battery": PACK}}
+    assert scenario(**keys).keys.vehicle.airframe == airframe
+    # a pack that is old, or another one, changes no aircraft; a greater mass does
+    assert scenario(**keys, **{"battery.capacity_ah": 5}).keys.vehicle.airframe == airframe
+    assert read(text.replace("capacity_ah: 10", "capacity_ah: 10, cycles: 200")).airframe == airframe
+    heavy = scenario(**keys, **{"vehicle.airframe.mass_kg": 4}).keys.vehicle.airframe
+    assert heavy == dataclasses.replace(airframe, mass_kg=4)
+    fast = scenario(**keys, **{"vehicle.airframe.airspeed_mps": 21}).keys.vehicle.airframe
+    assert fast.power_std_share > 0.16, "it is known less well beside the stated airspeed"
+
+
 def test_a_vehicle_may_be_set_and_stand_inline(scenario):
     assert scenario(vehicle=str(WING)).keys.vehicle.airframe == FixedWing()
     inline = read_scenario(None, {"vehicle": {"airframe": {"model": "paper"}, "battery": {"capacity_ah": 1}}})
@@ -97,6 +129,7 @@ def test_a_vehicle_may_be_set_and_stand_inline(scenario):
     assert inline.keys.battery.capacity_ah == 1
 
 
+STATED = "{span_m: 2.1, mass_kg: 3.4, airspeed_mps: 17"
 BAD = [
     ("airframe: {mass: 3}", ":2:12: error: unknown key airframe.mass; expected one of model, mass_kg"),
     (
@@ -122,6 +155,28 @@ BAD = [
         ":2:21: error: battery.cells and battery.voltage_v are both given; expected one of the two",
     ),
     ("wind: {}", ":2:1: error: unknown key wind"),
+    ("data_sheet: {span_m: 2}", ":2:1: error: the key data_sheet.mass_kg is missing"),
+    (f"data_sheet: {STATED}}}", ":2:1: error: data_sheet has no endurance; expected endurance_min or cruise_power_w"),
+    (
+        f"data_sheet: {STATED}, endurance_min: 60}}",
+        ":2:59: error: data_sheet.endurance_min without the pack that it is stated for; expected pack_wh",
+    ),
+    (
+        f"data_sheet: {STATED}, endurance_min: 60, pack_wh: 9000}}",
+        ":2:1: error: data_sheet has 9e+03 W at 17 m/s, of 3.4 kg with a span of 2.1 m, of which such an aircraft",
+    ),
+    (
+        "data_sheet: {span_m: 2, mass_kg: 3400, airspeed_mps: 17}",
+        ":2:25: error: data_sheet.mass_kg cannot be 3400; expected less than or equal to 500: 3400 g are 3.4 kg",
+    ),
+    (
+        f"airframe: {{model: paper}}\ndata_sheet: {STATED}, cruise_power_w: 100}}",
+        ":3:1: error: data_sheet beside an airframe of model paper; expected one of the two",
+    ),
+    (
+        f"data_sheet: {STATED}, cruise_power_w: 100, endurance_min: 60}}",
+        ":2:1: error: data_sheet has an endurance and a",
+    ),
 ]
 
 

@@ -13,10 +13,11 @@ from common import few
 from common.forecasts import CALM, Forecasting, survey_inputs
 
 from eadp.errors import PathUndefined
+from eadp.models.battery import LOSS
 from eadp.models.plan.ground import FlownGround, RunTally
 from eadp.models.vehicle import FixedWing
 from eadp.planning.forecast import evaluate as module
-from eadp.planning.forecast.battery_limits import LOSS, LOSS_SQUARE
+from eadp.planning.forecast.battery_limits import LOSS_SQUARE
 from eadp.planning.forecast.evaluate import Objective
 from eadp.planning.forecast.knapsack import fill_greedy
 from eadp.planning.state.charge import after_drain

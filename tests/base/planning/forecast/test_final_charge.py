@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eadp.planning.forecast.battery_limits import LOSS, LOSS_SQUARE, MIN_STD, FinalCharge, moments
+from eadp.models.battery import LOSS
+from eadp.planning.forecast.battery_limits import LOSS_SQUARE, MIN_STD, FinalCharge, moments
 
 
 @pytest.mark.parametrize("seed", range(4))

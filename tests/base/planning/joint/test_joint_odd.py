@@ -55,7 +55,7 @@ def up_a_line(pilot, parameters, length_m, stage_m=900.0, soc=lambda t: PLENTY):
 def test_below_the_reserve_the_lowest_configuration_is_flown(soc):
     decisions = up_a_line(planner_for(plan_of(LINE), (10.0,)), (10.0,), 1800, soc=lambda t: soc)
     assert decisions[-1].parameters == (2.0,)
-    assert "infeasible since" in decisions[-1].reason
+    assert "battery short since" in decisions[-1].reason
     assert decisions[-1].record.status == "infeasible"
 
 

@@ -24,7 +24,7 @@ from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.profile import Profile
 from eadp.models.vehicle import PowerCurve
-from eadp.planning.base import Mission, PlannerSettings
+from eadp.planning.base import SHORT, Mission, PlannerSettings
 from eadp.planning.joint.planner import GAUGE_DISBELIEVED, JUMPED, NEW_STAGE, TIME, WARM_UP_S, JointPlanner
 from eadp.planning.joint.policy import SETTLED_S
 from eadp.planning.joint.settings import JointSettings
@@ -261,10 +261,11 @@ def test_where_nothing_is_feasible_the_lowest_is_flown_at_once_and_it_is_said_si
     decisions, _ = north(planner_of(LINE, battery), battery, 100)
     evaluated = [(k, decision) for k, decision in enumerate(decisions, 1) if decision.record is not None]
     first_s = evaluated[0][0]
-    pattern = r"infeasible since (\S+) s: short by (\S+) of the charge, (\S+) Wh; lowest configuration"
+    pattern = r"battery short since (\S+) s: by (\S+) % of the charge, (\S+) Wh; computations at their lowest"
     for k, decision in evaluated:
         assert decision.parameters == (2.0,)
-        since, shortfall, short_wh = map(float, re.fullmatch(pattern, decision.reason).groups())
+        since, percent, short_wh = map(float, re.fullmatch(pattern, decision.reason).groups())
+        shortfall = percent / 100
         assert since == first_s
         assert short_wh == pytest.approx(shortfall * 0.2 * 14.8, abs=0.01)
         record = decision.record
@@ -278,10 +279,10 @@ def test_what_is_infeasible_may_become_feasible_again():
     battery = Battery(14.8, 0.05, 0.45, letter_crate_per_h=1e3)
     decisions, _ = north(planner_of(LINE, battery), battery, 120, lost=lambda time_s: 0.6 if 40 <= time_s < 80 else 0.0)
     reasons = {k: decision.reason for k, decision in enumerate(decisions, 1)}
-    assert not reasons[39].startswith("infeasible")
-    assert reasons[40].startswith("infeasible since 40.0 s")
-    assert reasons[79].startswith("infeasible since 40.0 s")
-    assert not reasons[81].startswith("infeasible")
+    assert not reasons[39].startswith(SHORT)
+    assert reasons[40].startswith(f"{SHORT} since 40.0 s")
+    assert reasons[79].startswith(f"{SHORT} since 40.0 s")
+    assert not reasons[81].startswith(SHORT)
     assert decisions[40].parameters == (2.0,)
     assert decisions[-1].parameters == (10.0,)
 
@@ -385,7 +386,7 @@ def test_where_the_plan_is_infeasible_it_turns_back_at_the_last_moment(home_m):
     assert end.x_m == pytest.approx(home_m[0], abs=25)
     assert end.y_m == pytest.approx(home_m[1], abs=25)
     assert end.parameters[1] == 2.0
-    assert last.reason.startswith("home: infeasible")
+    assert last.reason.startswith(f"home: {SHORT}")
     assert last.time_s < end.time_s - 20
     assert RESERVE <= flight.outcome.soc_final < RESERVE + 0.06
     assert all(record.home_reachable for record in flight.records[:-1])
