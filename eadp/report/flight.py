@@ -39,7 +39,7 @@ from eadp.planning.base import FALLBACK, INFEASIBLE, TIME, TURNS_BACK
 ERRORS = dict.fromkeys(("x", "y"), 0.3) | dict.fromkeys(("lat", "lon"), 1e-5)
 ERRORS |= {"m": 0.5, "mps": 0.1, "commanded_mps": 0.01}
 ERRORS |= {"heading": 0.05, "soc": 5e-4, "ah": 1e-3}
-"""Errors of thinned positions [m] and [°], altitudes [m], airspeeds [m/s], headings [rad], charges, charges drawn [Ah]."""
+"""Errors of thinned positions [m] and [°], altitudes [m], airspeeds [m/s], headings [rad], and charges."""
 
 POWER_SHARE, MIN_POWER_W = 1 / 400, 0.01
 """Error of thinned powers, as a share of their range, and at least [W]."""
