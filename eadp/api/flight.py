@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import json
 import math
@@ -23,6 +22,7 @@ from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.flight import flown_coverage, flown_of_plan
 from eadp.io.scenario import override_texts, read_overrides
+from eadp.io.text.csv import write_rows
 from eadp.io.text.json import AnyTable, frame, html_table
 from eadp.io.text.streams import new_folder
 from eadp.models.energy import EnergyModel
@@ -389,7 +389,7 @@ def fly_flight(
 
 def _write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
     with path.open("w", newline="", encoding="utf-8") as stream:
-        csv.writer(stream, lineterminator="\n").writerows(rows)
+        write_rows(stream, rows)
 
 
 def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:

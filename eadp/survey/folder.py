@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import csv
 import io
 import json
 from collections import Counter
@@ -21,6 +20,7 @@ from eadp.errors import InputError
 from eadp.io.flight import flown_lines, flown_of_plan, planned_lines
 from eadp.io.page import page_html
 from eadp.io.scenario import override_texts, read_overrides
+from eadp.io.text.csv import write_rows
 from eadp.io.text.json import json_lines
 from eadp.io.text.streams import new_folder, read_text
 from eadp.plug_ins import plug_in
@@ -95,9 +95,7 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
 def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
     """Rows as the text of a CSV file, with a header."""
     stream = io.StringIO()
-    writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
+    write_rows(stream, [list(rows[0]), *(row.values() for row in rows)])
     return stream.getvalue()
 
 
