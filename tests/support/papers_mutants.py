@@ -62,21 +62,27 @@ def of_row(row: str) -> list[Mutation]:
     return [each for each in mutations() if row.startswith(each.row)]
 
 
-def falls(mutation: Mutation, nodes: list[str]) -> bool:
-    """Whether the named test falls in a copy of the package with a mutation, and passes in the one without.
+def broken(mutation: Mutation, nodes: list[str]) -> tuple[str, str]:
+    """The test to run, and the file's text with the mutation.
 
     Raises
     ------
     ValueError
         If the row does not name the test, or its file does not have the text once.
     """
-    (node,) = [each for each in nodes if each.endswith(f"::{mutation.test}")] or [""]
+    named = [each for each in nodes if each.endswith(f"::{mutation.test}")]
     body = (ROOT / "eadp" / mutation.file).read_text(encoding="utf-8")
-    if not node or body.count(mutation.old) != 1:
-        raise ValueError(f"{mutation}: {body.count(mutation.old)} times, {nodes}")
+    if len(named) != 1 or body.count(mutation.old) != 1:
+        raise ValueError(f"{mutation}: {body.count(mutation.old)} times; {nodes}")
+    return named[0], body.replace(mutation.old, mutation.new)
+
+
+def falls(mutation: Mutation, nodes: list[str]) -> bool:
+    """Whether the named test falls in a copy of the package with a mutation; raises ValueError as `broken`."""
+    node, body = broken(mutation, nodes)
     with tempfile.TemporaryDirectory() as folder:
         shutil.copytree(ROOT / "eadp", Path(folder) / "eadp", ignore=shutil.ignore_patterns("__pycache__"))
-        (Path(folder) / "eadp" / mutation.file).write_text(body.replace(mutation.old, mutation.new), encoding="utf-8")
+        (Path(folder) / "eadp" / mutation.file).write_text(body, encoding="utf-8")
         # -P and PYTHONSAFEPATH: the folder that commands run in has the package, too
         own = {"PYTHONPATH": folder, "PYTHONSAFEPATH": "1", "PYTHONDONTWRITEBYTECODE": "1", "NUMBA_DISABLE_JIT": "1"}
         words = ["-n", "0", "-x", "-q", "-p", "no:cacheprovider", "--rootdir", str(ROOT), str(ROOT / node)]
