@@ -16,6 +16,7 @@ known     the likeliest period for one who knows the noise's correlation and the
 
 from __future__ import annotations
 
+import itertools
 import os
 import sys
 import tempfile
@@ -24,7 +25,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from measured import options, recorded, table
+from measured import options, recorded, share, table
 from scipy.linalg import solve_triangular
 from scipy.signal import lfilter
 
@@ -186,10 +187,6 @@ def known_s(log: Log, time_s: float, prior_s: float) -> float:
     return float(periods[np.argmax(explained)])
 
 
-def percent(flags: list[bool]) -> str:
-    return f"{100 * float(np.mean(flags)):.1f}" if flags else ""
-
-
 COLUMNS = (
     *("claimed", "error, median", "within 5 %", "false", "T in interval"),
     *("FFT: error", "within 5 %", "known: error", "CPU [s]"),
@@ -223,9 +220,9 @@ def run(case: Case, runs: int, seed: int) -> list[str]:
                 ratios.append(found.period_s / log.period_s)
                 inside.append(within(found.period_s, log.period_s, found.period_std_s))
     return [
-        *(case.name, percent(claimed), median(errors), percent([error < 0.05 for error in errors])),
-        *(percent([abs(ratio - 1) > 0.05 for ratio in ratios]), percent(inside)),
-        *(median(peaks), percent([error < 0.05 for error in peaks]), median(knowns), f"{np.median(times):.2f}"),
+        *(case.name, share(claimed), median(errors), share([error < 0.05 for error in errors])),
+        *(share([abs(ratio - 1) > 0.05 for ratio in ratios]), share(inside)),
+        *(median(peaks), share([error < 0.05 for error in peaks]), median(knowns), f"{np.median(times):.2f}"),
     ]
 
 
@@ -256,6 +253,38 @@ def long_log(seed: int) -> None:
         print(f"{len(times)} samples, {name}: analysis {alone_s:.2f} CPU s; {whole}", flush=True)
 
 
+SPANS_H, PERIODS_S, DRIFTS = (1, 3, 8, 22), (2, 7, 10, 23, 60), (0.0, 0.04, 0.0, -0.04)
+
+
+def long_sines(seed: int) -> None:
+    """A strong sine and its second harmonic in white noise, over hours; in each second log the period drifts."""
+    print("\n## Long logs\n")
+    rows = []
+    for number, (span_h, period_s) in enumerate(itertools.product(SPANS_H, PERIODS_S)):
+        drift = DRIFTS[number % 4]
+        rng = np.random.default_rng([seed, number])
+        times = np.arange(0, 3600 * span_h, max(0.2, period_s / 12))
+        # the frequency changes by the drift from end to end, in a straight line
+        turns = times / period_s * (1 + drift * (times / times[-1] - 1) / 2)
+        power = (
+            36 + 2 * np.cos(2 * np.pi * turns) + 0.3 * np.cos(4 * np.pi * turns + 1) + 0.5 * rng.normal(size=len(times))
+        )
+        start = time.process_time()
+        found = analyse(times, power)
+        cpu_s = time.process_time() - start
+        low_s, high_s = found.drift_s or (found.period_s, found.period_s)
+        if drift:  # parts are shorter than the log: they see less than the ends
+            widest = period_s / (1 + abs(drift) / 2), period_s / (1 - abs(drift) / 2)
+            right = found.drift_s is not None and widest[0] < low_s < period_s < high_s < widest[1]
+        else:
+            right = found.periodic and found.drift_s is None and abs(found.period_s - period_s) < 4 * found.period_std_s
+        off = f"{abs(found.period_s - period_s) / found.period_std_s:.1f}" if found.periodic and not drift else ""
+        answer = f"{found.period_s:.7g} ± {found.period_std_s:.1g} s" if found.periodic else "no period"
+        answer = f"{low_s:.4g} to {high_s:.4g} s" if found.drift_s else answer
+        rows.append((span_h, period_s, f"{100 * drift:+.0f}", len(times), answer, off, right, f"{cpu_s:.1f}"))
+    table(("hours", "period [s]", "drift [%]", "samples", "answer", "off by [σ]", "right", "CPU [s]"), rows)
+
+
 def main() -> None:
     parser = options(__doc__, "fit")
     parser.add_argument("--runs", type=int, default=5)
@@ -265,9 +294,10 @@ def main() -> None:
     with recorded("fit", write=asked.write):
         print(f"{asked.runs} runs of each kind, seed {asked.seed}")
         cases = [case for case in CASES if asked.only in case.name]
-        table(("all in %", *COLUMNS), (run(case, asked.runs, asked.seed) for case in cases))
+        table(("errors in %", *COLUMNS), (run(case, asked.runs, asked.seed) for case in cases))
         if not asked.only:
             long_log(asked.seed)
+            long_sines(asked.seed)
 
 
 if __name__ == "__main__":

@@ -45,7 +45,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measured import options, recorded, table, yes
+from measured import options, recorded, share, table, yes
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path += [str(ROOT / "tests/support"), str(ROOT / "docs/examples")]
@@ -680,7 +680,7 @@ def computing(mission: Mission, speed: float) -> None:
         ("fps", *(f"{rate:g}" for rate in watts)),
         [("power by `eadp profile --measure` [W]", *(f"{np.mean(each):.2f}" for each in watts.values()))],
     )
-    lines = ("rate reached is within 1 of it [% of the lines]", "`not-applied` [% of the lines]")
+    lines = ("lines whose rate reached is within 1 of it", "lines with `not-applied`")
     titles = "detector", "rates decided", *lines, "completed", "SoC", "SoC forecast half-way"
     flown = []
     for port, (name, deaf) in enumerate((("obeys", ()), ("does not", ("--deaf",))), 15_050):
@@ -691,11 +691,11 @@ def computing(mission: Mission, speed: float) -> None:
         rows = [json.loads(row) for row in mission.file("out.jsonl").read_text().splitlines()]
         asked = np.array([row["parameters"]["c2"] for row in rows])
         reached = np.array([row["in_force"]["c2"] for row in rows])
-        near = 100 * np.mean(np.abs(reached - asked) <= 1)
+        near = share((np.abs(reached - asked) <= 1).tolist())
         half = rows[len(rows) // 2]["soc_end_forecast"]
-        refused = 100 * np.mean(["not-applied" in row["warnings"] for row in rows])
+        refused = share(["not-applied" in row["warnings"] for row in rows])
         rates_asked = [f"{rate:g}" for rate, _ in itertools.groupby(asked)]
-        flown.append([name, ", ".join(rates_asked), f"{near:.0f}", f"{refused:.0f}", yes(end["completed"])])
+        flown.append([name, ", ".join(rates_asked), near, refused, yes(end["completed"])])
         flown[-1] += [f"{end['soc']:.3f}", f"{half:.3f}"]
     table(titles, flown)
 

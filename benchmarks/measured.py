@@ -80,6 +80,11 @@ def table(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
         print(line(*row), flush=True)
 
 
+def share(flags: Sequence[bool]) -> str:
+    """How many of how many; nothing of none."""
+    return f"{sum(flags)} of {len(flags)}" if flags else ""
+
+
 def yes(met: object) -> str:
     """Whether something is so."""
     return "yes" if met else "no"

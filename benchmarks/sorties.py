@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measured import options, recorded, table
+from measured import options, recorded, share, table
 
 import eadp
 from eadp.core.geometry.polygons import covered_shares
@@ -215,7 +215,7 @@ def figures(made: list[dict[str, Any]]) -> Iterator[tuple[str, object]]:
     over = [row["count"] - row["least"] for row in made]
     energy = [row["energy"] for row in made]
     yield "fields", len(made)
-    yield "sorties equal to the bound", f"{100 * sum(each == 0 for each in over) / len(made):.0f} %"
+    yield "sorties equal to the bound", share([each == 0 for each in over])
     yield "most sorties above the bound", max(over)
     yield (
         "energy over the bound's, median and largest",
@@ -233,8 +233,11 @@ def figures(made: list[dict[str, Any]]) -> Iterator[tuple[str, object]]:
     if cut:
         twice = [100 * row["twice"] for row in cut]
         yield "resumed jobs", len(cut)
-        yield "missed, largest", f"{100 * max(row['missed'] for row in cut):.2f} %"
-        yield "covered twice, median and largest", f"{statistics.median(twice):.2f} %, {max(twice):.2f} %"
+        yield f"missed, largest of {len(cut)}", f"{100 * max(row['missed'] for row in cut):.2f} %"
+        yield (
+            f"covered twice, median and largest of {len(cut)}",
+            f"{statistics.median(twice):.2f} %, {max(twice):.2f} %",
+        )
 
 
 if __name__ == "__main__":

@@ -722,7 +722,8 @@ def report(results: list[dict[str, Any]]) -> None:
     bound = statistics.fmean(r["clairvoyant"] for r in kept)
     print(f"U, 0 without the reserve: before take-off {us['before']:.3f}, a clairvoyant {bound:.3f}")
     if bound > us["before"]:
-        print(f"of what re-planning can gain, {(us['joint'] - us['before']) / (bound - us['before']):.0%} is gained")
+        share_gained = (us["joint"] - us["before"]) / (bound - us["before"])
+        print(f"of what re-planning can gain, {share_gained:.0%} is gained, in {len(kept)} missions")
     print(f"below 0.95 of them and more than 0.03 behind: {sum(map(behind, results))} missions")
     left = [r["joint"].soc - RESERVE for r in done if not r["highest"].rank[0]]
     if left:

@@ -6,7 +6,7 @@ import ast
 import json
 
 import pytest
-from common import ROOT
+from common import ROOT, few
 
 from eadp.io.text import json as frames
 
@@ -14,8 +14,9 @@ PAGE = ROOT / "docs/notebook.ipynb"
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_the_cells_run(monkeypatch):
-    monkeypatch.chdir(ROOT)
+@pytest.mark.parametrize("folder", few(["docs", "."], 1))
+def test_the_cells_run(monkeypatch, folder):
+    monkeypatch.chdir(ROOT / folder)
     notebook = json.loads(PAGE.read_text(encoding="utf-8"))
     assert (notebook["nbformat"], notebook["nbformat_minor"]) == (4, 5)
     names: dict[str, object] = {}

@@ -6,6 +6,7 @@ import importlib
 import re
 from functools import cache
 
+import papers_mutants
 import pytest
 from common import ROOT
 from common.console import missing_links
@@ -151,3 +152,21 @@ def test_references_between_the_papers_and_links():
     assert missing_links(PAGE) == []
     for paper, rows in ROWS.items():
         assert len({row[0] for row in rows}) == len(rows), paper
+
+
+MUTANTS = papers_mutants.rows()
+
+
+def test_every_row_with_a_test_has_a_mutation_of_its_formula():
+    assert len(MUTANTS) > 50
+    broken = {row: papers_mutants.of_row(row) for row in MUTANTS}
+    assert {row for row, mutations in broken.items() if not mutations} == {*papers_mutants.WITHOUT_FORMULA}
+    assert sum(map(len, broken.values())) == len(papers_mutants.mutations())
+    for row, mutations in broken.items():
+        assert all(papers_mutants.broken(each, MUTANTS[row])[1] for each in mutations)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("row", [row for row in MUTANTS if row not in papers_mutants.WITHOUT_FORMULA])
+def test_the_test_of_a_row_falls_where_its_formula_is_broken(row):
+    assert all(papers_mutants.falls(each, MUTANTS[row]) for each in papers_mutants.of_row(row))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import json
 import math
@@ -16,12 +15,14 @@ from typing import Any, Literal
 
 import numpy as np
 
+from eadp.api.documents import Endurance, Endurances, EnergyForecast, ParameterSummary, Summary, Timings
 from eadp.api.given import File, Overrides, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, Source, load_flight
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.geodesy import to_geodetic_deg
 from eadp.io.flight import flown_coverage, flown_of_plan
 from eadp.io.scenario import override_texts, read_overrides
+from eadp.io.text.csv import write_rows
 from eadp.io.text.json import AnyTable, frame, html_table
 from eadp.io.text.streams import new_folder
 from eadp.models.energy import EnergyModel
@@ -35,8 +36,7 @@ from eadp.planning.registry import PlannedFlight
 from eadp.plug_ins import plug_in, plug_ins
 from eadp.simulation.loop import RETURNED, Outcome, fly
 
-SCHEMA = "eadp.flight/1"
-TIMINGS = "eadp.timings/1"
+SCHEMA: Literal["eadp.flight/1"] = "eadp.flight/1"
 SUMMARY, OVERRIDES = "summary.json", "overrides.txt"
 CLOCKED = ("median_ms", "max_ms")
 """Keys of a summary's solver that depend on the machine and its load."""
@@ -56,14 +56,14 @@ def summarise(
     settings: PlannerSettings,
     expected: Preflight | None = None,
     never_past: str = "",
-) -> dict[str, Any]:
+) -> Summary:
     """The summary of a flight as `summary.json` holds it; units end the keys' names.
 
     `settings` are the planner's; `expected` is the forecast before take-off, `never_past` as of `FlightInputs`.
     """
     log, totals, report = outcome.parameters, outcome.totals, flight.planner.report
     assert log is not None
-    parameters: dict[str, Any] = {}
+    parameters: dict[str, ParameterSummary] = {}
     for i, parameter in enumerate(world.plan.parameters):
         record = log.records[i]
         parameters[parameter.name] = {
@@ -79,8 +79,11 @@ def summarise(
         if parameter.title:
             parameters[parameter.name] |= {"title": parameter.title, "unit": parameter.unit}
         if parameter.stands_for is not None:
-            values = {key: parameter.shown(getattr(record, key)) for key in ("first", "last")}
-            parameters[parameter.name]["shown"] = {"mean": log.mean_shown(i, parameter.shown), **values}
+            parameters[parameter.name]["shown"] = {
+                "mean": log.mean_shown(i, parameter.shown),
+                "first": parameter.shown(record.first),
+                "last": parameter.shown(record.last),
+            }
     duration_s = outcome.duration_s
     return {
         "schema": SCHEMA,
@@ -107,7 +110,9 @@ def summarise(
         "parameters": parameters,
         "quality": log.quality(settings.weights),
         "coverage": None,
-        "obstacles": [entry._asdict() for entry in outcome.entries],
+        "obstacles": [
+            {"name": each.name, "entered_s": each.entered_s, "inside_m": each.inside_m} for each in outcome.entries
+        ],
         "paper_metric": log.paper_metric(outcome.soc_final),
         "endurance": _endurance(world, outcome) if duration_s else None,
         "decisions": len(outcome.records),
@@ -138,7 +143,7 @@ def repeatable(summary: Mapping[str, Any]) -> dict[str, Any]:
     return {**summary, "solver": solver}
 
 
-def _endurance(world: World, outcome: Outcome) -> dict[str, Any]:
+def _endurance(world: World, outcome: Outcome) -> Endurances:
     """Time that a full battery lasts at the flight's mean motion power, by configuration of the computations."""
     log, rho, duration_s = outcome.parameters, world.plan.path_count, outcome.duration_s
     assert log is not None
@@ -146,20 +151,27 @@ def _endurance(world: World, outcome: Outcome) -> dict[str, Any]:
     motion_w = outcome.totals.energy_j / duration_s - computing_w
     means = {name: log.records[i].actual_integral / duration_s for i, name in enumerate(world.plan.names) if i >= rho}
     low, high = (world.computing.extreme(world.plan, end, world.actual) for end in ("lo", "hi"))
-    result: dict[str, Any] = {"motion_w": motion_w}
-    for name, (own_w, values) in {"lowest": low, "flown": (computing_w, means), "highest": high}.items():
+
+    def endurance(own_w: float, values: dict[str, float]) -> Endurance:
         power_w = motion_w + own_w
         time_s = world.battery.endurance_s(power_w) if power_w > 0 else None
-        result[name] = {"parameters": values, "computing_w": own_w, "power_w": power_w, "time_s": time_s}
-    longest_s, shortest_s = result["lowest"]["time_s"], result["highest"]["time_s"]
-    result["gain_min_per_h"] = 60 * (longest_s / shortest_s - 1) if longest_s and shortest_s else None
-    return result
+        return {"parameters": values, "computing_w": own_w, "power_w": power_w, "time_s": time_s}
+
+    lowest, highest = endurance(*low), endurance(*high)
+    longest_s, shortest_s = lowest["time_s"], highest["time_s"]
+    return {
+        "motion_w": motion_w,
+        "lowest": lowest,
+        "flown": endurance(computing_w, means),
+        "highest": highest,
+        "gain_min_per_h": 60 * (longest_s / shortest_s - 1) if longest_s and shortest_s else None,
+    }
 
 
-def forecast_values(expected: Preflight) -> dict[str, Any]:
+def forecast_values(expected: Preflight) -> EnergyForecast:
     """The content of `energy_forecast`."""
     forecast = expected.forecast
-    return {
+    values: EnergyForecast = {
         "completes": (forecast.completes_probability or 0.0) >= 0.5,
         "completes_probability": forecast.completes_probability,
         "reserve_probability": forecast.reserve_probability,
@@ -183,25 +195,19 @@ def forecast_values(expected: Preflight) -> dict[str, Any]:
             {"stage": stage, "time_s": seconds, "energy_wh": energy_wh}
             for stage, (seconds, energy_wh) in sorted(expected.stages.items())
         ],
-        **({"autopilot": expected.autopilot_text} if expected.autopilot_text else {}),
-        **_slowed(expected),
     }
-
-
-def _slowed(expected: Preflight) -> dict[str, Any]:
-    """Airspeeds that are decided, by stage, and what is forecast at the aircraft's own; empty where none is decided."""
-    own = expected.at_cruise
-    if own is None:
-        return {}
-    end = own.forecast
-    at_cruise = {
-        "airspeed_mps": own.evaluated[0].known.airspeed_mps,
-        "completes_probability": end.completes_probability,
-        "time_s": end.remaining_s,
-        "soc_end": end.soc_end,
-        "quality": own.quality,
-    }
-    return {"airspeeds_mps": list(expected.airspeeds_mps), "at_cruise": at_cruise}
+    if expected.autopilot_text:
+        values["autopilot"] = expected.autopilot_text
+    if (own := expected.at_cruise) is not None:
+        values["airspeeds_mps"] = list(expected.airspeeds_mps)
+        values["at_cruise"] = {
+            "airspeed_mps": own.evaluated[0].known.airspeed_mps,
+            "completes_probability": own.forecast.completes_probability,
+            "time_s": own.forecast.remaining_s,
+            "soc_end": own.forecast.soc_end,
+            "quality": own.quality,
+        }
+    return values
 
 
 def batteries(expected: Preflight) -> int | None:
@@ -245,7 +251,7 @@ class Flight:
     """
 
     inputs: FlightInputs
-    summary: dict[str, Any]
+    summary: Summary
     steps: list[Step]
     decisions: Sequence[DecisionRecord] = ()
     overrides: Sequence[str] = ()
@@ -354,11 +360,9 @@ class Flight:
         with new_folder(str(folder), force=force) as target:
             _write_csv(target / "flight.csv", [self._names, *self._rows])
             _write_csv(target / "estimate.csv", self.estimate_rows)
-            solver = self.summary["solver"]
-            for name, content in (
-                (SUMMARY, repeatable(self.summary)),
-                ("timings.json", {"schema": TIMINGS, "solver": {key: solver[key] for key in CLOCKED}}),
-            ):
+            solver: Mapping[str, Any] = self.summary["solver"]
+            timings: Timings = {"schema": "eadp.timings/1", "solver": {key: solver[key] for key in CLOCKED}}
+            for name, content in ((SUMMARY, repeatable(self.summary)), ("timings.json", timings)):
                 text = json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False)
                 (target / name).write_text(f"{text}\n", encoding="utf-8")
             rows = [record_row(record, world.plan.names) for record in self.decisions]
@@ -396,7 +400,7 @@ def fly_flight(
 
 def _write_csv(path: Path, rows: Iterable[Sequence[object]]) -> None:
     with path.open("w", newline="", encoding="utf-8") as stream:
-        csv.writer(stream, lineterminator="\n").writerows(rows)
+        write_rows(stream, rows)
 
 
 def record_row(record: DecisionRecord, names: Sequence[str]) -> dict[str, Any]:
@@ -481,7 +485,7 @@ def forecast(
     *,
     planner: str | None = None,
     warn: Warn = python_warnings,
-) -> dict[str, Any] | None:
+) -> EnergyForecast | None:
     """Forecast a flight before take-off, without flying it.
 
     Parameters

@@ -15,7 +15,7 @@ import typer
 import typer.core
 
 from eadp import __version__
-from eadp.cli.output import faults_as_json, faults_text, grouped
+from eadp.cli.output import escaped, faults_as_json, faults_text, grouped
 from eadp.errors import EadpError, Fault, InputError, printable
 from eadp.plug_ins import added_names, blame, plug_in
 
@@ -171,7 +171,7 @@ def main(arguments: list[str]) -> int:
         _debug()
         faults = error.faults if isinstance(error, InputError) else [Fault("eadp", 1, 1, str(error))]
         plain = isinstance(error, InputError) or faults_as_json.get()
-        sys.stderr.write(faults_text(faults) if plain else f"eadp: error: {error}\n")
+        sys.stderr.write(faults_text(faults) if plain else escaped(f"eadp: error: {error}\n"))
         return BAD_INPUT
     except (BrokenPipeError, _Closed):
         _drop_output()  # the reader has seen enough
@@ -235,7 +235,7 @@ def _usage(error: Exception, arguments: list[str]) -> int:
         message = f"{message} {example}"
     if type(error).__name__ == "NoSuchOption":
         message = _pipe(error, arguments) or message + _key_of_scenario(error)
-    plain = f"eadp: error: {message}\n"
+    plain = escaped(f"eadp: error: {message}\n")
     sys.stderr.write(faults_text([Fault("eadp", 1, 1, message)]) if faults_as_json.get() else plain)
     return BAD_INPUT
 

@@ -6,10 +6,11 @@ import contextlib
 import inspect
 import json
 import os
+import re
 import sys
 import time
 import types
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import MISSING, Field, asdict, dataclass, fields, is_dataclass
 from enum import StrEnum
@@ -24,12 +25,21 @@ faults_as_json: ContextVar[bool] = ContextVar("faults_as_json", default=False)
 """Whether faults are printed as JSON."""
 
 
+_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+"""Characters that command a terminal, or turn the direction of writing."""
+
+
+def escaped(text: str) -> str:
+    """A text, of a file too, as it may be printed: characters that command a terminal are escaped, as JSON has them."""
+    return _CONTROL.sub(lambda match: f"\\u{ord(match[0]):04x}", text)
+
+
 def emit(text: str) -> None:
     """Print a result, ending in one newline."""
-    sys.stdout.write(text if text.endswith("\n") else text + "\n")
+    sys.stdout.write(escaped(text if text.endswith("\n") else text + "\n"))
 
 
-def emit_json(document: dict[str, Any]) -> None:
+def emit_json(document: Mapping[str, Any]) -> None:
     """Print one JSON document; NaN and infinities are refused, as JSON has none."""
     emit(json_text(document, indent=2))
 
@@ -53,14 +63,14 @@ _stderr: ContextVar[Any] = ContextVar("_stderr", default=None)
 def alarm(text: str | None) -> None:
     """A warning that `--quiet` does not hide, on stderr, if there is one."""
     if text is not None:
-        (_stderr.get() or sys.stderr).write(f"eadp: warning: {text}\n")
+        (_stderr.get() or sys.stderr).write(escaped(f"eadp: warning: {text}\n"))
 
 
 def faults_text(faults: Sequence[Fault]) -> str:
     """Faults as lines, or as one line of JSON where that is asked for."""
     if faults_as_json.get():
         return json_text({"schema": "eadp.faults/1", "faults": [asdict(fault) for fault in faults]}) + "\n"
-    return "".join(f"{fault}\n" for fault in faults)
+    return escaped("".join(f"{fault}\n" for fault in faults))
 
 
 def usage_fault(option: str, raw: str, message: str, expected: str, column: int = 1) -> InputError:
@@ -88,10 +98,8 @@ class Progress:
             return
         self._due_s = now_s + (0.2 if self._terminal else self._every_s)
         self._drawn = True
-        if self._terminal:
-            sys.stderr.write(f"\r{self._title}: {status}\x1b[K")
-        else:
-            sys.stderr.write(f"{self._title}: {status}\n")
+        line = escaped(f"{self._title}: {status}")
+        sys.stderr.write(f"\r{line}\x1b[K" if self._terminal else f"{line}\n")
         sys.stderr.flush()
 
     def close(self) -> None:

@@ -6,7 +6,7 @@ import itertools
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument
@@ -16,6 +16,7 @@ from eadp.io.text.options import Flag
 from eadp.plug_ins import plug_in
 
 if TYPE_CHECKING:
+    from eadp.api.documents import PlanDocument, PlanFinding, PlanStage
     from eadp.api.plan import CheckedPlan
     from eadp.core.expressions.tree import Expression
     from eadp.models.plan.plan import CheckReport, Finding, Plan
@@ -178,24 +179,37 @@ def _check_text(checked: CheckedPlan) -> str:
     return "\n".join([*(str(line) for line in lines), *said, total])
 
 
-def document(plan: Plan, findings: Sequence[Finding], reports: Sequence[CheckReport] = ()) -> dict[str, Any]:
+def document(plan: Plan, findings: Sequence[Finding], reports: Sequence[CheckReport] = ()) -> PlanDocument:
     """`eadp.plan/1`: a plan as other programs read it."""
-    result: dict[str, Any] = {
+    site = plan.site
+    result: PlanDocument = {
         "schema": "eadp.plan/1",
         "stages": [_stage(plan, stage) for stage in plan.stages],
         "repeats": plan.whole_laps or any(segment.repeats for segment in plan.segments),
         "shift": None if plan.shift is None else [_number_or_text(part) for part in plan.shift],
         "primitive_stages": plan.primitive_stages,
         "final": _point(plan, plan.final_point),
-        "parameters": [asdict(item) for item in plan.parameters],
+        "parameters": [
+            {
+                "name": item.name,
+                "kind": item.kind,
+                "title": item.title,
+                "unit": item.unit,
+                "stands_for": None if item.stands_for is None else item.stands_for.text,
+            }
+            for item in plan.parameters
+        ],
         "trigger_radius_m": plan.trigger_radius_m,
         "min_radius_m": plan.min_radius_m,
-        "origin_deg": plan.site.origin_deg,
-        **({} if plan.site.start_m is None else {"start_m": plan.site.start_m}),
-        **({} if plan.site.field is None else {"field": plan.site.field.summary}),
-        **({} if plan.site.camera is None else {"camera": plan.site.camera._asdict()}),
+        "origin_deg": site.origin_deg,
         "findings": [_finding(item) for item in findings],
     }
+    if site.start_m is not None:
+        result["start_m"] = site.start_m
+    if site.field is not None:
+        result["field"] = site.field.summary
+    if site.camera is not None:
+        result["camera"] = site.camera._asdict()
     if plan.segments:
         result["segments"] = [
             {
@@ -207,12 +221,18 @@ def document(plan: Plan, findings: Sequence[Finding], reports: Sequence[CheckRep
             for segment in plan.segments
         ]
     for report in reports:
-        result |= report.document(plan)
+        result.update(report.document(plan))
     return result
 
 
-def _finding(finding: Finding) -> dict[str, Any]:
-    result = {key: getattr(finding, key) for key in ("severity", "stage", "line", "code", "message")}
+def _finding(finding: Finding) -> PlanFinding:
+    result: PlanFinding = {
+        "severity": finding.severity,
+        "stage": finding.stage,
+        "line": finding.line,
+        "code": finding.code,
+        "message": finding.message,
+    }
     if finding.formula:
         result["formula"] = finding.formula
     if finding.proven is not None:
@@ -220,10 +240,10 @@ def _finding(finding: Finding) -> dict[str, Any]:
     return result
 
 
-def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
+def _stage(plan: Plan, stage: Stage) -> PlanStage:
     """A stage as JSON; of a repeating segment, with the values of its first lap."""
     path, trigger = _in_first_lap(stage)
-    return {
+    result: PlanStage = {
         "index": stage.index,
         "line": stage.line,
         "gain": stage.gain,
@@ -231,12 +251,14 @@ def _stage(plan: Plan, stage: Stage) -> dict[str, Any]:
         "path": path.text,
         "kind": stage.kind,
         "trigger": _point(plan, trigger) | ({} if stage.radius_m is None else {"radius_m": stage.radius_m}),
-        **{key: value for key in STAGE_SETTINGS if (value := getattr(stage, key)) not in (None, ())},
         "sets": [
             {"name": item.name, "kind": item.kind, "min": box.lo, "max": box.hi}
             for item, box in zip(plan.parameters, stage.sets, strict=False)
         ],
     }
+    settings: Any = {key: value for key in STAGE_SETTINGS if (value := getattr(stage, key)) not in (None, ())}
+    result.update(settings)
+    return result
 
 
 def _in_first_lap(stage: Stage) -> tuple[Expression, PointExpression]:
@@ -266,12 +288,12 @@ def _structure(plan: Plan) -> str:
     return f": laps of {plan.primitive_stages}" + ("" if plan.whole_laps else ", not all whole or alike")
 
 
-def _point(plan: Plan, point: PointExpression) -> dict[str, Any]:
+def _point(plan: Plan, point: PointExpression) -> dict[str, float | str]:
     """A point; where it does not depend on parameters and the plan has an origin, its latitude and longitude, too."""
     from eadp.core.geometry.geodesy import to_geodetic_deg
 
     x, y = (_number_or_text(part) for part in point)
-    result: dict[str, Any] = {"x": x, "y": y}
+    result: dict[str, float | str] = {"x": x, "y": y}
     if plan.site.origin_deg is not None and not isinstance(x, str) and not isinstance(y, str):
         result |= zip(("lat_deg", "lon_deg"), to_geodetic_deg(x, y, plan.site.origin_deg), strict=True)
     return result

@@ -177,7 +177,7 @@ def _text(flight: Flight, output: SimulateOutputs) -> str:
         f"battery    {100 * summary['soc_final']:.1f} % of the charge at the end; reserve of "
         f"{100 * summary['soc_reserve']:g} % {reserve_text(summary)}",
     ]
-    if summary["turned_back_s"] is not None:
+    if summary["turned_back_m"] is not None:
         x, y = summary["turned_back_m"]
         lines.append(f"home       decided at {summary['turned_back_s']:.2f} s, at ({x:.0f}, {y:.0f}) m")
     lines += _endurance(summary["endurance"], verbose=output.verbose)

@@ -55,6 +55,18 @@ class VehicleFile:
     data_sheet: DataSheet | None = None
     """What the maker states: it gives the keys of a `fixed-wing` that `airframe` does not have."""
 
+    std: dict[str, float] | None = None
+    """Of a fit alone, as are the keys below: standard errors of keys of the airframe."""
+
+    battery_std: dict[str, float | None] | None = None
+    """Standard errors of keys of the battery."""
+
+    power: dict[str, Any] | None = None
+    """The power that was fitted, and how well."""
+
+    notes: list[str] | None = None
+    """What was not identified, and what was taken instead."""
+
 
 def vehicle_of(document: Document) -> VehicleFile:
     """The vehicle that a document describes.

@@ -135,7 +135,7 @@ def _is_table(name: str) -> bool:
     return name.lower().endswith(".csv")
 
 
-def _print(document: dict[str, Any], text: str, file: str, warnings: list[Fault], out: FitOutputs) -> None:
+def _print(document: Mapping[str, Any], text: str, file: str, warnings: list[Fault], out: FitOutputs) -> None:
     """Write the result to a file if there is one, and print it as JSON, or as text unless the file is stdout."""
     from eadp.io.text.streams import write_text
 

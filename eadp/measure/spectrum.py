@@ -65,6 +65,7 @@ _SCAN_ORDER = 3
 _SCAN_STRIDE = 3
 _OVERSAMPLING = 64  # grid steps in 1/span: a step turns harmonic 12 by 0.19 of a cycle from end to end
 _PEAKS = 6
+_STRETCHES = 1024  # of a log, for the search near a frequency
 _PATIENCE = 4
 _NEAR = 4  # grid steps that the best order may move a peak of the scan
 _TICKS_PER_PERIOD = 16  # of the shortest period: the scan rounds times to ticks, nothing later does
@@ -299,10 +300,13 @@ def _multiple(samples: _Samples, found: _Found) -> int:
 
 
 def _drift_s(samples: _Samples, found: _Found) -> tuple[tuple[float, float] | None, float]:
-    """Shortest and longest period of the log's parts if they differ significantly, and their standard deviation [s]."""
+    """Shortest and longest period of the log's parts if they differ significantly, and their standard deviation [s].
+
+    The correlation of the noise is that in the middle part.
+    """
     laps = samples.span_s * found.frequency_hz
     parts = min(_MAX_PARTS, int(laps / _MIN_LAPS))
-    periods, variances = [], []
+    fits: list[tuple[_Samples, float, int]] = []
     for one in np.array_split(np.arange(len(samples.times_s)), parts) if parts > 1 else []:
         kept = one[: math.ceil(min(1.0, _MAX_LAPS * parts / laps) * len(one))]
         times, power = samples.times_s[kept], samples.power_w[kept]
@@ -312,17 +316,18 @@ def _drift_s(samples: _Samples, found: _Found) -> tuple[tuple[float, float] | No
         steps = math.ceil(8 * order * MAX_STD_RATIO * part.span_s * found.frequency_hz)
         grid = found.frequency_hz * (1 + MAX_STD_RATIO * np.arange(-steps, steps + 1) / steps)
         errors = [_fit(part, frequency_hz, order)[1] for frequency_hz in grid.tolist()]
-        frequency_hz = _minimise(part, float(grid[int(np.argmin(errors))]), order)
-        fitted, error = _fit(part, frequency_hz, order)
-        noise = math.sqrt(error / max(1, len(kept) - 2 * order - 2))
-        inflation = _inflation(
-            frequency_hz, fitted, noise, _evidence(_bins(part, 1 / frequency_hz, order), 1 / frequency_hz, order)
-        )
-        periods.append(1 / frequency_hz)
-        variances.append(_white_std_s(part, frequency_hz, fitted, noise) ** 2 * inflation)
-    if not periods:
+        fits.append((part, _minimise(part, float(grid[int(np.argmin(errors))]), order), order))
+    if not fits:
         return None, 0.0
-    period, weight = np.array(periods), 1 / np.maximum(variances, (1e-6 * periods[0]) ** 2)
+    part, frequency_hz, order = fits[len(fits) // 2]
+    evidence, variances = _evidence(_bins(part, 1 / frequency_hz, order), 1 / frequency_hz, order), []
+    for part, frequency_hz, order in fits:
+        fitted, error = _fit(part, frequency_hz, order)
+        noise = math.sqrt(error / max(1, len(part.times_s) - 2 * order - 2))
+        inflation = _inflation(frequency_hz, fitted, noise, evidence)
+        variances.append(_white_std_s(part, frequency_hz, fitted, noise) ** 2 * inflation)
+    period = np.array([1 / frequency_hz for _, frequency_hz, _ in fits])
+    weight = 1 / np.maximum(variances, (1e-6 * period[0]) ** 2)
     square = float(weight @ (period - weight @ period / weight.sum()) ** 2)
     if special.gammaincc((parts - 1) / 2, square / 2) > _SURE:
         return None, 0.0
@@ -561,14 +566,20 @@ class _Grid:
         multiples = np.arange(2 * order + 1)
         one = self._at(self._one, index[:, np.newaxis] * multiples)
         power = self._at(self._power, index[:, np.newaxis] * multiples[: order + 1])
-        # column c is Re(w e^{ihx}): h = 0, 1, 1, 2, 2, …, w = 1 for a cosine and −i for a sine; and
-        # Re(w e^{ihx}) Re(v e^{igx}) = ½ Re(w v e^{i(h+g)x} + w v̄ e^{i(h−g)x})
-        harmonic = (multiples + 1) // 2
-        weight = np.where((multiples % 2 == 0) & (multiples > 0), -1j, 1)
-        both, apart = harmonic[:, np.newaxis] + harmonic, harmonic[:, np.newaxis] - harmonic
-        difference = np.where(apart < 0, np.conj(one[..., np.abs(apart)]), one[..., np.abs(apart)])
-        gram = np.outer(weight, weight) * one[..., both] + np.outer(weight, np.conj(weight)) * difference
-        return _Sums(gram.real / 2, (weight * power[..., harmonic]).real, self._square)
+        return _Sums(*_normal(one, power), self._square)
+
+
+def _normal(one: ComplexArray, power: ComplexArray) -> tuple[FloatArray, FloatArray]:
+    """XᵀX and Xᵀy, (..., m, m) and (..., m), from sums of e^{ikx}, k = 0 … 2r, and of y e^{ikx}, k = 0 … r."""
+    multiples = np.arange(one.shape[-1])
+    # column c is Re(w e^{ihx}): h = 0, 1, 1, 2, 2, …, w = 1 for a cosine and −i for a sine; and
+    # Re(w e^{ihx}) Re(v e^{igx}) = ½ Re(w v e^{i(h+g)x} + w v̄ e^{i(h−g)x})
+    harmonic = (multiples + 1) // 2
+    weight = np.where((multiples % 2 == 0) & (multiples > 0), -1j, 1)
+    both, apart = harmonic[:, np.newaxis] + harmonic, harmonic[:, np.newaxis] - harmonic
+    difference = np.where(apart < 0, np.conj(one[..., np.abs(apart)]), one[..., np.abs(apart)])
+    gram = np.outer(weight, weight) * one[..., both] + np.outer(weight, np.conj(weight)) * difference
+    return gram.real / 2, (weight * power[..., harmonic]).real
 
 
 class _Candidate(NamedTuple):
@@ -669,11 +680,27 @@ def _choose_order(samples: _Samples, frequency_hz: float) -> int:
 
 
 def _minimise(samples: _Samples, frequency_hz: float, order: int) -> float:
-    """Frequency of the least squared error of all samples near a start [Hz]."""
+    """Frequency of the least squared error of all samples near a start [Hz].
+
+    Sums of e^{2πi k f t} are taken at the start, in stretches so short that a near frequency turns each as a whole.
+    """
     step_hz = 1 / (_OVERSAMPLING * samples.span_s)
+    starts = np.arange(0, len(samples.times_s), math.ceil(len(samples.times_s) / _STRETCHES))
+    turn = np.exp(2j * np.pi * frequency_hz * samples.times_s)
+    one, power = np.empty((2, 2 * order + 1, len(starts)), dtype=complex)
+    wave = np.ones_like(turn)
+    for k in range(2 * order + 1):
+        one[k], power[k] = np.add.reduceat(wave, starts), np.add.reduceat(wave * samples.power_w, starts)
+        wave *= turn
+    # 2πi k t, t the middle of a stretch
+    middle_s = np.add.reduceat(samples.times_s, starts) / np.diff(starts, append=len(samples.times_s))
+    turned = 2j * np.pi * np.arange(2 * order + 1)[:, np.newaxis] * middle_s
 
     def error(steps: float) -> float:
-        return _fit(samples, frequency_hz + steps * step_hz, order)[1]
+        """The squared error less that without a fit [W²]."""
+        factors = np.exp(steps * step_hz * turned)
+        gram, moment = _normal((factors * one).sum(axis=1), (factors * power).sum(axis=1))
+        return -float(moment @ np.linalg.lstsq(gram, moment, rcond=None)[0])
 
     # the error has a side lobe at each turn of the top harmonic over the log: bracket its minimum first
     reach = _OVERSAMPLING // 8

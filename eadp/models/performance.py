@@ -264,12 +264,12 @@ def _battery_faults(airframe: Airframe, battery: Battery, computing_w: float) ->
 
 def _argmin(cost: Callable[[float], float], low: float, high: float) -> float:
     """Where a function is least between two bounds: on a grid, then refined around the best of it."""
-    from scipy.optimize import minimize_scalar
-
     if high <= low:
         return low
     grid: FloatArray = np.linspace(low, high, SPEEDS)
     best = int(np.argmin([cost(float(v)) for v in grid]))
-    around = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, SPEEDS - 1)])
-    refined = float(minimize_scalar(cost, bounds=around, method="bounded", options={"xatol": 1e-9}).x)
-    return min((refined, *around), key=cost)
+    low, high = around = float(grid[max(best - 1, 0)]), float(grid[min(best + 1, SPEEDS - 1)])
+    while high - low > 1e-9 * high:  # by golden sections
+        step = (math.sqrt(5) - 1) / 2 * (high - low)
+        low, high = (low, low + step) if cost(high - step) <= cost(low + step) else (high - step, high)
+    return min(((low + high) / 2, *around), key=cost)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import base64
-import csv
 import io
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from eadp.api.flight import Flight, fly_flight
 from eadp.api.given import File, Overrides, Warn, python_warnings
@@ -21,6 +20,7 @@ from eadp.errors import InputError
 from eadp.io.flight import flown_lines, flown_of_plan, planned_lines
 from eadp.io.page import page_html
 from eadp.io.scenario import override_texts, read_overrides
+from eadp.io.text.csv import write_rows
 from eadp.io.text.json import json_lines
 from eadp.io.text.streams import new_folder, read_text
 from eadp.plug_ins import plug_in
@@ -28,6 +28,10 @@ from eadp.survey.figures import write_sorties_figure
 from eadp.survey.report import MIN_SHARE, LeftGround, left_text
 from eadp.survey.resume import MIN_PART_SHARE, SLIVER_SHARE
 from eadp.survey.sorties import SCHEMA, SortiePlan
+
+if TYPE_CHECKING:
+    from eadp.survey.documents import FlownRow, JobDocument
+
 
 SORTIES: str = "sorties.json"
 SORTIES_SCENARIO: str = "scenario.yaml"
@@ -91,9 +95,7 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
 def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
     """Rows as the text of a CSV file, with a header."""
     stream = io.StringIO()
-    writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
+    write_rows(stream, [list(rows[0]), *(row.values() for row in rows)])
     return stream.getvalue()
 
 
@@ -139,11 +141,7 @@ def read_sorties(folder: str) -> PlannedJob:
 
 # --- flown
 
-JOB_SCHEMA = "eadp.job/1"
 JOB = "job.json"
-
-FLOWN = ("completed", "reason", "duration_s", "energy_wh", "distance_m", "soc_final", "reserve_kept", "quality")
-"""Figures of each flight."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +156,7 @@ class JobFlight:
         By their names, in the order of take-off.
     """
 
-    summary: dict[str, Any]
+    summary: JobDocument
     flights: dict[str, Flight]
     left: Sequence[LeftGround] = ()
     """The places that were planned and are not covered."""
@@ -227,7 +225,8 @@ def simulate_sorties(
     """
     folder, texts = str(folder), override_texts(overrides)
     job, scenario, given = read_sorties(folder), str(Path(folder) / SORTIES_SCENARIO), {**read_overrides(texts)}
-    files, flights, rows, warned, at_s = Files(), dict[str, Flight](), list[dict[str, Any]](), set[str](), 0.0
+    files, flights, warned, at_s = Files(), dict[str, Flight](), set[str](), 0.0
+    rows: list[FlownRow] = []
     lines, planned = list[Sequence[Point]](), list[Sequence[Point]]()
     replans, solver = 0, Counter(calls=0, failed=0, fallbacks=0)
     for number, (name, plan) in enumerate(job.plans.items(), seed):
@@ -237,9 +236,23 @@ def simulate_sorties(
         on_flight(name)
         flight = fly_flight(inputs, inputs.preflight(), overrides=[*texts, f"seed={number}"])
         flights[name], summary = flight, flight.summary
-        rows.append({"sortie": name, "take_off_s": at_s, **{key: summary[key] for key in FLOWN}})
+        rows.append(
+            {
+                "sortie": name,
+                "take_off_s": at_s,
+                "completed": summary["completed"],
+                "reason": summary["reason"],
+                "duration_s": summary["duration_s"],
+                "energy_wh": summary["energy_wh"],
+                "distance_m": summary["distance_m"],
+                "soc_final": summary["soc_final"],
+                "reserve_kept": summary["reserve_kept"],
+                "quality": summary["quality"],
+            }
+        )
         replans += summary["replans"]
-        solver.update({key: summary["solver"][key] for key in ("calls", "failed", "fallbacks")})
+        found: Mapping[str, Any] = summary["solver"]
+        solver.update({key: found[key] for key in solver})
         at_s += summary["duration_s"] + job.swap_s
         planned += planned_lines(inputs.world.plan, inputs.world.parameters)
         lines += flown_lines(inputs.world.plan, flown_of_plan(flight.lists, summary["turned_back_s"]))
@@ -249,14 +262,14 @@ def simulate_sorties(
     left = sorted((each for each in left if each.area_m2 >= MIN_SHARE * field_m2), key=lambda each: -each.area_m2)
     completed = sum(each.area_m2 for each in left) < MIN_PART_SHARE * field_m2
     qualities = [row["quality"] for row in rows if row["quality"] is not None]
-    summary = {
-        "schema": JOB_SCHEMA,
+    job_summary: JobDocument = {
+        "schema": "eadp.job/1",
         "completed": completed,
         "reason": "all that was planned is covered" if completed else "ground is left; eadp cover --resume plans it",
         "batteries": len(rows),
         "coverage": covered_shares(job.parts, [lines], job.swath_m)[-1],
         "planned_coverage": covered_shares(job.parts, [planned], job.swath_m)[-1],
-        "left": [each.document(job.origin_deg) | {"share": each.area_m2 / field_m2} for each in left],
+        "left": [{**each.document(job.origin_deg), "share": each.area_m2 / field_m2} for each in left],
         "duration_s": rows[-1]["take_off_s"] + rows[-1]["duration_s"],
         "distance_m": sum(row["distance_m"] for row in rows),
         "energy_wh": sum(row["energy_wh"] for row in rows),
@@ -264,12 +277,12 @@ def simulate_sorties(
         "reserve_kept": all(row["reserve_kept"] for row in rows),
         "quality": sum(qualities) / len(qualities) if qualities else None,
         "replans": replans,
-        "solver": {**solver},
+        "solver": dict(solver),
         "flights": rows,
         "origin_deg": job.origin_deg,
         "seed": seed,
     }
-    return JobFlight(summary, flights, left)
+    return JobFlight(job_summary, flights, left)
 
 
 class _SortieJobs:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from eadp.core.expressions.tree import number_text
 from eadp.core.geometry.curves import Point
@@ -39,6 +39,10 @@ from eadp.survey.ground import (
     Heights,
 )
 from eadp.survey.swaths import CoveragePath, MotionLimits
+
+if TYPE_CHECKING:
+    from eadp.survey.documents import CoverDocument, LeftKeys, PathKeys, SlowerKeys
+
 
 FULL = 0.9999
 """Share of a field from which on it counts as covered."""
@@ -184,11 +188,11 @@ class CoverageReport:
             lines.append(f"A lap less in each block from a spacing of {self._steps_text} m on")
         return lines
 
-    def document(self, normalised: Sequence[str], plan: str) -> dict[str, Any]:
+    def document(self, normalised: Sequence[str], plan: str) -> PathKeys:
         """The values of `eadp.cover/1`, with the repairs made to the field and the plan's text."""
         full, least, solution = self.full, self.least, self.solution
         min_radius_m = round(min(full.min_radius_m, least.min_radius_m), 6)
-        document: dict[str, Any] = {
+        document: PathKeys = {
             "schema": "eadp.cover/1",
             "pattern": solution.pattern,
             "heading_deg": rounded_deg(solution.heading_rad, 9),
@@ -310,7 +314,7 @@ class LeftGround(NamedTuple):
     place_m: Point
     reason: str
 
-    def document(self, origin_deg: Point | None) -> dict[str, Any]:
+    def document(self, origin_deg: Point | None) -> LeftKeys:
         """Its values, with latitude and longitude where the field has an origin."""
         at_deg = None if origin_deg is None else [round(each, 7) for each in to_geodetic_deg(*self.place_m, origin_deg)]
         return {"area_m2": self.area_m2, "at_m": self.place_m, "at_deg": at_deg, "reason": self.reason}
@@ -424,12 +428,16 @@ class CoveragePlan:
     slower: Preflight | None = None
 
     @property
-    def document(self) -> dict[str, Any]:
+    def document(self) -> CoverDocument:
         """The values of `eadp.cover/1`."""
-        own = {"side_overlap": self._side_overlaps, "batteries": self._batteries, "slower": self._slower}
-        ground = None if self.heights is None else HeightReport([self.heights], *self.on_ground).document()
-        shown = self.report.document(self.repairs, self.text)
-        return shown | own | pictures_document(self.pictures) | {"terrain": ground}
+        return {
+            **self.report.document(self.repairs, self.text),
+            "side_overlap": self._side_overlaps,
+            "batteries": self._batteries,
+            "slower": self._slower,
+            **pictures_document(self.pictures),
+            "terrain": None if self.heights is None else HeightReport([self.heights], *self.on_ground).document(),
+        }
 
     @property
     def on_ground(self) -> tuple[float, float | None, float | None]:
@@ -454,7 +462,7 @@ class CoveragePlan:
         return [energy_wh / self.pack.energy_wh for energy_wh in energies_wh] or None if self.pack else None
 
     @property
-    def _slower(self) -> dict[str, Any] | None:
+    def _slower(self) -> SlowerKeys | None:
         if self.slower is None or not self.slower.airspeeds_mps:
             return None
         ending = self.slower.forecast

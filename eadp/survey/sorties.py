@@ -9,7 +9,7 @@ import statistics
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache, cached_property
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
 import numpy as np
 
@@ -46,7 +46,11 @@ from eadp.survey.packs import MAX_SORTIES, Divided, Divider, Division, min_sorti
 from eadp.survey.report import FULL, CoveragePlan, LeftGround, covered_by_lines, left_ground, left_text, rounded_deg
 from eadp.survey.swaths import CoveragePath
 
-SCHEMA = "eadp.sorties/1"
+if TYPE_CHECKING:
+    from eadp.survey.documents import SortieRow, SortiesDocument
+
+
+SCHEMA: Final = "eadp.sorties/1"
 OVERLAP_M, SWAP_S = 20.0, 120.0
 """Metres that both parts of a line that is cut have in common, and the time on the ground between two sorties [s]."""
 
@@ -491,9 +495,9 @@ class SortiePlan:
         """From the first take-off to the last landing [s]."""
         return self.starts_s[-1] + self.sorties[-1].time_s
 
-    def rows(self) -> list[dict[str, Any]]:
+    def rows(self) -> list[SortieRow]:
         """The figures of each sortie, by key."""
-        rows = []
+        rows: list[Any] = []
         keys = ("energy_wh", "energy_std_wh", "soc_end", "soc_end_std", "reserve_probability")
         for name, each, start_s in zip(self.names, self.sorties, self.starts_s, strict=True):
             end, path = each.forecast.forecast, each.path()
@@ -514,7 +518,7 @@ class SortiePlan:
             )
         return rows
 
-    def document(self) -> dict[str, Any]:
+    def document(self) -> SortiesDocument:
         """The values of `eadp.sorties/1`."""
         task, options, rows = self.planner.task, self.planner.options, self.rows()
         first = self.divided.sorties[0].solution

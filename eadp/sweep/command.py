@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import csv
 import itertools
 import math
 import os
@@ -21,6 +20,7 @@ from eadp.core import compiled
 from eadp.errors import printable
 from eadp.io.page import check_page, page_of
 from eadp.io.scenario import read_overrides
+from eadp.io.text.csv import write_rows
 from eadp.io.text.json import aligned
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import output_file, read_text, write_text
@@ -325,9 +325,8 @@ def print_csv(sweep: Sweep, all_flights: Iterable[SweepFlight]) -> None:
 
 
 def _write_csv(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
-    writer = csv.writer(sys.stdout, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows(["" if value is None else label_of(value) for value in row] for row in rows)
+    texts = (["" if value is None else label_of(value) for value in row] for row in rows)
+    write_rows(sys.stdout, itertools.chain([head], texts))
 
 
 def junit_of(sweep: Sweep, all_flights: Sequence[SweepFlight], require: str) -> str:

@@ -307,6 +307,20 @@ def test_fit_is_that_of_non_linear_least_squares() -> None:
     assert 0.999 * white < found.period_std_s < 1.3 * white
 
 
+@pytest.mark.parametrize("order", [1, 3])
+def test_a_search_by_stretches_of_a_long_log_is_one_by_all_samples(order: int) -> None:
+    rng = np.random.default_rng(order)
+    times = np.sort(rng.uniform(0.0, 9000.0, 20_000))
+    angle = 2 * np.pi * times[:, np.newaxis] / 7.3 * np.arange(1, order + 1)
+    log = _Samples(times - times[0], np.cos(angle).sum(axis=1) + rng.normal(size=len(times)))
+    found = spectrum._minimise(log, 1 / 7.3 + 0.05 / log.span_s, order)
+    steps = np.linspace(-1.0, 1.0, 41) * 1e-3 / log.span_s
+    errors = [spectrum._fit(log, found + step, order)[1] for step in steps]
+    bend, slope, _ = np.polyfit(steps * log.span_s, errors, 2)
+    # the vertex of the error of all samples, beside the standard deviation that its bend has
+    assert abs(slope / (2 * bend)) < 0.01 / math.sqrt(bend)
+
+
 def test_score_is_that_of_blocks_left_out_with_their_neighbours() -> None:
     times = sampled(3.7)
     power = noisy(times)

@@ -111,7 +111,7 @@ def one_of(node: dict[str, Any]) -> str:
     bounds = ", ".join(f"{sign} {node[key]:g}" for key, sign in signs.items() if key in node)
     if node["type"] == "object":
         inner = node.get("additionalProperties") or next(iter(node["patternProperties"].values()))
-        return f"by name: {one_of(inner)}"
+        return "a section" if inner is True else f"by name: {one_of(inner)}"
     if node["type"] == "array":
         parts = node.get("prefixItems") or [node["items"]]
         more = "" if "prefixItems" in node else "; …"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 
 import pytest
 from common import few_rows
@@ -11,6 +12,7 @@ from common.answers import refused
 
 from eadp.api.inputs import load_flight
 from eadp.core.geometry.geodesy import to_local_m
+from eadp.io.figures.canvas import COLOURS
 from eadp.survey.options import wind_vector_mps
 
 FLAGS = ("--min-radius", "30", "--swath", "30")
@@ -313,6 +315,11 @@ def test_the_pictures(eadp, tmp_path, box):
     for name in ("field.svg", "field.png"):
         assert eadp("cover", box, *FLAGS, "--pattern", "zamboni", "--plot", tmp_path / name).code == 0
         assert (tmp_path / name).stat().st_size > 10_000
+    # the lines at both ends of c1, beside those of the table: c1 = 0 has more of them
+    document = json.loads(eadp("cover", box, *FLAGS, "--pattern", "zamboni", "--format", "json").out)
+    shown = (tmp_path / "field.svg").read_text()
+    ways = re.findall(rf"stroke: {COLOURS[0]}; stroke-width: 1.3", shown)
+    assert len(ways) == document["lines"] + document["at_lowest_c1"]["lines"] + 1, "and one in the legend"
 
 
 def test_a_field_too_narrow_for_the_pattern_is_a_no(eadp, tmp_path):

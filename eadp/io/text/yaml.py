@@ -15,8 +15,9 @@ from functools import cache
 from typing import Any, Literal, TypeVar, get_origin
 
 import yaml
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError, create_model
+from pydantic import ConfigDict, TypeAdapter, ValidationError
 from pydantic.json_schema import GenerateJsonSchema
+from typing_extensions import TypedDict
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from eadp.errors import Fault, InputError, one_of, printable, refuse
@@ -264,7 +265,7 @@ def _adapter(model: Any) -> TypeAdapter[Any]:
 
 
 class _Described(GenerateJsonSchema):
-    """JSON Schema with the docstrings of a dataclass's attributes as descriptions."""
+    """JSON Schema with the docstrings of a dataclass's attributes as descriptions; of a document, by its label."""
 
     def dataclass_schema(self, schema: Any) -> dict[str, Any]:
         """The schema of a dataclass."""
@@ -275,6 +276,12 @@ class _Described(GenerateJsonSchema):
                 node.setdefault("description", texts[name])
         return found
 
+    def typed_dict_schema(self, schema: Any) -> dict[str, Any]:
+        """The schema of a document that is written, or of a part of one: it has no other keys."""
+        found = super().typed_dict_schema(schema) | {"additionalProperties": False}
+        label = found["properties"].get("schema", {}).get("const")
+        return found | ({"title": label} if label else {})
+
 
 @cache
 def schema_of(model: Any) -> dict[str, Any]:
@@ -282,12 +289,11 @@ def schema_of(model: Any) -> dict[str, Any]:
     return _adapter(model).json_schema(by_alias=True, schema_generator=_Described)
 
 
-def document_schema(name: str, keys: Mapping[str, Any]) -> dict[str, Any]:
-    """JSON Schema of a document with `schema: NAME` and other keys, by their types; all are written."""
-    fields: dict[str, Any] = {key: (kind, ...) for key, kind in keys.items()}
-    label: Any = (Literal[name], Field(alias="schema"))
-    model: Any = create_model("Document", __config__=ConfigDict(extra="forbid"), schema_=label, **fields)
-    return schema_of(model) | {"title": name}
+def document_schema(name: str, keys: Mapping[str, Any], *, labelled: bool = True) -> dict[str, Any]:
+    """JSON Schema of a document: its label `schema: NAME`, if it has one, and its other keys by their types."""
+    label: Any = {"schema": Literal[name]} if labelled else {}
+    made: Any = TypedDict  # of keys that are known only here
+    return schema_of(made("Document", {**label, **keys})) | {"title": name}
 
 
 def faults_schema() -> dict[str, Any]:

@@ -53,8 +53,8 @@ class CheckReport:
         """What it says to people besides its findings; the last line ends the summary."""
         return []
 
-    def document(self, plan: Plan) -> dict[str, Any]:
-        """What it adds to `eadp.plan/1`."""
+    def document(self, plan: Plan) -> Any:
+        """What it adds to `eadp.plan/1`: a mapping of keys."""
         return {}
 
 

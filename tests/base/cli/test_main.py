@@ -105,7 +105,7 @@ SHORT = "simulate plans/survey.plan --scenario scenarios/survey.yaml --set time_
             "eadp.planning eadp.simulation eadp.io.scenario eadp.io.vehicle eadp.io.plan eadp.models.plan",
         ),
         ("plan plans/survey.plan", "yaml eadp.planning eadp.simulation eadp.io.scenario eadp.io.profile"),
-        ("vehicle vehicles/foam-wing.yaml", "eadp.planning eadp.simulation eadp.io.scenario eadp.io.plan"),
+        ("vehicle vehicles/foam-wing.yaml", "sympy scipy eadp.planning eadp.simulation eadp.io.scenario eadp.io.plan"),
         (f"{SHORT} --planner static", "sympy scipy osqp matplotlib shapely eadp.io.figures"),
         (f"{SHORT} --planner joint", "sympy scipy.special matplotlib shapely eadp.io.figures.canvas"),
     ],

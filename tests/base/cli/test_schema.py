@@ -1,29 +1,119 @@
-"""Documents that commands print, beside the schemas that `eadp schema` has of them."""
+"""Documents that commands write: each is labelled, and as the schema that `eadp schema` has of it."""
 
 from __future__ import annotations
 
 import json
+import math
+import re
 
 import pytest
 from jsonschema import Draft202012Validator
 
+from eadp.plug_ins import OWN
+
 PROFILE, PLAN = "profiles/pednet-letter.yaml", "plans/survey.plan"
+FIELD = "cover plans/meadow.geojson --min-radius 30"
+WING = "--vehicle vehicles/foam-wing.yaml"
+LABELS = {"summary": "eadp.flight/1"}
+"""Labels that are not eadp.KIND/1."""
+
+PRINTED = {
+    "performance": "vehicle vehicles/mapper.yaml --format json",
+    "power": f"profile {PROFILE} --at fps=5 --format json",
+    "profile": f"profile {PROFILE} --format json",
+    "faults": f"simulate {PLAN} --planner nosuch --faults json",
+    "energy": "fit scenarios/example-power-log.csv --format json",
+    "plan": f"plan {PLAN} --check --format json",
+    "vehicle": "fit LOG --vehicle --battery --capacity 5 --soc 1 --format json",
+    "battery": "fit LOG --battery --capacity 5 --soc 1 --format json",
+    "cover": f"{FIELD} {WING} --camera sony-rx1r2 --altitude 80 --pattern zamboni --format json",
+    "summary": f"simulate {PLAN} --profile {PROFILE} --set time_limit_s=1 --format json",
+}
 
 
-@pytest.mark.parametrize(
-    ("name", "words"),
-    [
-        ("performance", "vehicle vehicles/mapper.yaml --format json"),
-        ("power", f"profile {PROFILE} --at fps=5 --format json"),
-        ("faults", f"simulate {PLAN} --planner nosuch --faults json"),
-        ("energy", "fit scenarios/example-power-log.csv --format json"),
-    ],
-)
-def test_a_document_is_as_its_schema(eadp, name, words):
-    schema = json.loads(eadp("schema", name).out)
-    answer = eadp(*words.split())
-    Draft202012Validator.check_schema(schema)
-    Draft202012Validator(schema).validate(json.loads(answer.out or answer.err))
+def log_text():
+    """A log of a wing with its airspeed, and of its battery under two loads."""
+    rows = ["time_s,voltage_v,current_a,airspeed_mps"]
+    for i in range(600):
+        speed, current = 12 + 4 * math.sin(i / 40), 5 + 3 * math.sin(i / 40) ** 2
+        rows.append(f"{i},{16.5 - i / 600 - 0.05 * current:.4f},{current:.4f},{speed:.4f}")
+    return "\n".join(rows)
+
+
+@pytest.fixture
+def validate(eadp):
+    """A check that a document is labelled and as `eadp schema KIND` says; of a part, that it is as it says."""
+
+    def check(kind, document, *, labelled=True):
+        schema = json.loads(eadp("schema", kind).out)
+        Draft202012Validator.check_schema(schema)
+        Draft202012Validator(schema).validate(document)
+        if labelled:
+            assert document["schema"] == LABELS.get(kind, f"eadp.{kind}/1")
+            assert not Draft202012Validator(schema).is_valid({**document, "nosuch": 1})
+
+    return check
+
+
+@pytest.mark.parametrize(("kind", "words"), PRINTED.items())
+def test_a_printed_document_is_as_its_schema(eadp, validate, tmp_path, kind, words):
+    log = tmp_path / "log.csv"
+    log.write_text(log_text())
+    answer = eadp(*words.replace("LOG", str(log)).split())
+    document = json.loads(answer.out or answer.err)
+    validate(kind, document)
+    if kind == "summary":
+        validate("forecast", document["energy_forecast"], labelled=False)
+    if kind == "plan":
+        assert document["parameters"][0]["stands_for"] == "150 - 2*sqrt(4900 + c1)"
+        assert document["valid"]
+        validate(kind, json.loads(eadp("plan", "plans/valley.waypoints", "--laps", "2", "--format", "json").out))
+
+
+def test_every_command_that_prints_json_is_tried(run):
+    """Another one has its document, and a schema of it."""
+    printing = {name for name in OWN["commands"] if re.search(r"--format <[^>]*\bjson\b", run(name, "--help")[1])}
+    assert printing == {words.split()[0] for words in PRINTED.values()}
+
+
+def files(validate, folder):
+    """The kinds of the JSON files of a folder, each of which is checked."""
+    kinds = set()
+    for path in folder.rglob("*.json*"):
+        if "inputs" in path.relative_to(folder).parts:
+            continue
+        if path.suffix == ".jsonl":
+            for line in path.read_text().splitlines():
+                validate("decisions", json.loads(line), labelled=False)
+            continue
+        document = json.loads(path.read_text())
+        kind = {label: kind for kind, label in LABELS.items()}.get(
+            document["schema"], document["schema"].removeprefix("eadp.").removesuffix("/1")
+        )
+        validate(kind, document)
+        kinds.add(kind)
+    return kinds
+
+
+def test_files_of_results_are_as_their_schemas(eadp, validate, tmp_path):
+    job, flown, flight = tmp_path / "job", tmp_path / "flown", tmp_path / "flight"
+    scenario = tmp_path / "given.yaml"
+    scenario.write_text("{schema: eadp.scenario/1, battery: {capacity_ah: 1.0}, step_s: 0.05}")
+    words = f"{FIELD} --swath 30 {WING} --pattern dubins --scenario {scenario} --home 55.4715,10.333 --sorties auto"
+    planned = eadp(*words.split(), "-o", job, "--export", "qgc", "--format", "json")
+    validate("sorties", json.loads(planned.out))
+    answer = eadp("simulate", job, "-o", flown, "--format", "json")
+    validate("job", json.loads(answer.out))
+    eadp("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--set", "time_limit_s=20", "-o", flight)
+    assert files(validate, job) | files(validate, flown) | files(validate, flight) == {
+        "sorties",
+        "items",
+        "files",
+        "job",
+        "summary",
+        "timings",
+    }
+    assert (flight / "decisions.jsonl").exists()
 
 
 def test_what_fit_prints_is_flown_by(eadp, tmp_path):
@@ -32,6 +122,15 @@ def test_what_fit_prints_is_flown_by(eadp, tmp_path):
     answer = eadp("simulate", PLAN, "--profile", PROFILE, "--energy", file, "--set", "time_limit_s=1")
     assert answer.code == 1
     assert "error" not in answer.err
+
+
+def test_the_aircraft_that_fit_prints_is_flown(eadp, tmp_path):
+    log, file, plan = tmp_path / "log.csv", tmp_path / "wing.json", tmp_path / "line.plan"
+    log.write_text(log_text())
+    file.write_text(eadp("fit", log, "--vehicle", "--battery", "--capacity", "5", "--soc", "1", "--format", "json").out)
+    plan.write_text("0.01; 90; y\n100, 0\n")
+    answer = eadp("simulate", plan, "--set", f"vehicle={file}")
+    assert (answer.code, "error" in answer.err) == (0, False)
 
 
 def test_an_unknown_planner_is_refused_by_its_option(eadp):

@@ -11,6 +11,25 @@ import pytest
 WING = "vehicles/survey-wing.yaml"
 
 
+def test_a_name_does_not_command_the_terminal(eadp, tmp_path):
+    file = tmp_path / "wing.yaml"
+    file.write_text('{schema: eadp.vehicle/1, name: "\\e[31mred\\u202e \\u009b2J"}')
+    answer = eadp("vehicle", file)
+    assert answer.out.splitlines()[0] == "\\u001b[31mred\\u202e \\u009b2J"
+    assert json.loads(eadp("vehicle", file, "--format", "json").out)["name"] == "\x1b[31mred\u202e \x9b2J"
+    simulated = eadp(
+        "simulate",
+        "plans/survey.plan",
+        "--profile",
+        "profiles/pednet-letter.yaml",
+        "--set",
+        f"vehicle={file}",
+        "--set",
+        "time_limit_s=1",
+    )
+    assert not {"\x1b", "\x9b", "\u202e"} & {*simulated.out, *simulated.err}
+
+
 def test_text(eadp):
     answer = eadp("vehicle", WING)
     assert answer.code == 0

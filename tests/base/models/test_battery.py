@@ -28,6 +28,9 @@ def test_a_trace_is_linear_with_steps_and_held_after_its_end(time_s, soc):
 def test_the_largest_power_allowed_has_its_unit():
     battery = Battery(voltage_v=14.8, capacity_ah=3.2, letter_crate_per_h=1)
     assert 0.77 * battery.power_per_soc_w == pytest.approx(36.47, abs=0.01), "36 W is forbidden below b = 0.77"
+    # b Q_c V: 3.2 Ah × 14.8 V in an hour are 47.36 W at full charge
+    limits = [battery.power_limit_w(soc) for soc in (1.0, 0.77, 0.25)]
+    assert limits == pytest.approx([47.36, 36.4672, 11.84], abs=1e-9)
 
 
 def test_the_voltage_falls_in_a_straight_line_with_the_charge():

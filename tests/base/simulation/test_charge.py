@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 
 import pytest
+from common import ROOT
 from scipy.integrate import solve_ivp
 
+import eadp
 from eadp.models.battery import Battery
 from eadp.simulation.aircraft import STEP_S as STEP_S_PLACE
 from eadp.simulation.inner_loop import (
@@ -82,6 +84,12 @@ def test_a_loss_of_charge_and_the_end():
     before, after = (drained(battery, lambda _t: 30.0, 100, fault)[0] for fault in ((0, 0.0), (500, 0.3)))
     assert before - after == pytest.approx(0.3, abs=1e-12)
     assert drained(battery, lambda _t: 30.0, 100, (600, 0.999)) == (0, EMPTY)
+    # of a scenario, in a flight whose voltage does not depend on the charge
+    keys = {"planner.name": "static", "battery": {"voltage_v": 14.8}, "time_limit_s": 3}
+    faults = [[], [{"at_s": 1, "soc_drop": 0.06}, {"at_s": 2, "soc_drop": 0.1}]]
+    given = ROOT / "plans/survey.plan", ROOT / "scenarios/paper-I-static.yaml"
+    ends = [eadp.simulate(*given, overrides=keys | {"faults": each}).summary["soc_final"] for each in faults]
+    assert ends[0] - ends[1] == pytest.approx(0.16, abs=1e-12)
 
 
 def test_a_replayed_charge_is_not_drained():

@@ -144,7 +144,15 @@ def test_a_power_curve_turns_and_climbs():
 
 def test_the_published_survey_speed_takes_what_was_published():
     # the published survey flight of such a wing drew from 30.4 to 40.4 W
-    assert 30.4 < FixedWing().cruise_power_w < 40.4
+    wing = FixedWing()
+    assert 30.4 < wing.cruise_power_w < 40.4
+    # by coefficients: C_L = 2 W/(ρ V² S), C_D = C_D0 + C_L²/(π e A), P = ½ ρ V³ S C_D/η
+    for speed in (0.8 * wing.airspeed_mps, wing.airspeed_mps):
+        pressure = wing.air_density_kgpm3 * speed**2 / 2
+        lift = wing.mass_kg * 9.80665 / pressure / wing.wing_area_m2
+        drag = wing.zero_lift_drag_coefficient + lift**2 / (math.pi * wing.oswald_efficiency * wing.aspect_ratio)
+        power_w = pressure * speed * wing.wing_area_m2 * drag / wing.propulsive_efficiency + wing.avionics_w
+        assert wing.level_power_w(speed) == pytest.approx(power_w, rel=1e-9)
 
 
 def test_no_bank_is_beyond_its_limit():

@@ -57,6 +57,9 @@ def test_static_flights_are_the_published_ones(scenario, duration_s, mean_w, min
     assert summary["power_w"]["mean"] == pytest.approx(mean_w, abs=POWER_W)
     assert summary["power_w"]["min"] == pytest.approx(min_w, abs=POWER_W)
     assert summary["power_w"]["max"] == pytest.approx(max_w, abs=POWER_W)
+    # all at their highest, or lowest: ½ (1 + 1) or ½ (0 + 0) at each time, over the charge left
+    share = {"paper-I-static": 1, "paper-II-static": 0}[scenario]
+    assert summary["paper_metric"] == pytest.approx(share / summary["soc_final"])
 
 
 @pytest.mark.parametrize(

@@ -169,6 +169,18 @@ def test_the_start_shows_where_the_flight_ends_there(flight):
     assert marks["start"].get_markersize() > 2 * marks["end of the flight"].get_markersize()
 
 
+def test_the_path_is_drawn_with_the_wind(flight):
+    axes = Figure().add_subplot()
+    _draw_path(axes, flight.inputs.world, flight.steps)
+    flown = np.stack([flight.columns["x_m"], flight.columns["y_m"]])
+    stages = [line.get_data() for line in axes.lines if len(line.get_xdata()) > 1]
+    assert np.concatenate([np.stack(one)[:, :-1] for one in stages], axis=1) == pytest.approx(flown[:, :-1])
+    (arrow,) = [text for text in axes.texts if not text.get_text()]
+    along = np.subtract(arrow.xy, arrow.xyann)
+    wind = np.array(flight.inputs.world.wind.steady_mps)
+    assert along / np.hypot(*along) == pytest.approx(wind / np.hypot(*wind), abs=1e-6)
+
+
 def test_decisions_that_fall_together_are_one_mark(flight):
     assert _apart([((0, 0), "a"), ((APART / 2, 0), "b"), ((2 * APART, 0), "c"), ((0, 2 * APART), "d")]) == [*"acd"]
 
