@@ -1,20 +1,19 @@
-"""One re-planning solve beside a lean nonlinear program of the same relaxed problem in CasADi and IPOPT.
+"""One re-planning solve beside lean programs of the same relaxed problem in CasADi: by fatrop, DAQP, OSQP and IPOPT.
 
 usage: python benchmarks/replan.py [--instances 200] [--seed 0] [--plain]
 
 The letter's computation (4.75376 to 9.75462 W on levels 2 to 10) and battery, a motion power of three harmonics and a
 period of 46 s, steps of 1 s. Ours is all that the planner `paper` does when it re-plans: the forecast from the Fourier
 state, the QP by OSQP, the levels to fly with, their verification and their bound. No solution is kept: OSQP runs every
-time. The peer solves for real parameters alone: multiple shooting with the seven energy coefficients and the state of
-charge as states, the exact rotation of one second as its dynamics, built once with the measured state as its parameter,
-expanded, started from its last answer and multipliers.
+time. The peers solve for real parameters alone: fatrop and IPOPT by multiple shooting with the seven energy coefficients
+and the state of charge as states, the exact rotation of one second as dynamics, built once with the measured state as
+parameter, expanded, started from the last answer (IPOPT from its multipliers, too); DAQP and OSQP by two programs,
+quadratic and condensed by CasADi.
 
 Compiled (`eadp[fast]`), unless `--plain` or numba is not installed.
 
-A second peer solves the same relaxed problem as two quadratic programs, condensed by CasADi, with OSQP as its plug-in.
-
 Prints medians of the CPU time over the same instances, on one thread of one process, once in blocks of 25 (ours, then
-the peer's), and once in turn, where each finds the processor's caches filled by the other. Over as many unrelated
+each peer's), and once in turn, where each finds the processor's caches filled by the others. Over as many unrelated
 instances it prints how our levels compare with the best of the peer's answers from several starts, rounded down to
 levels; our largest gap to the bound; and our worst violation in an independent model. Needs casadi: pip install
 'eadp[bench]'.
@@ -208,11 +207,69 @@ class Peer:
         return bool(self._solver.stats()["success"])
 
 
+class StagedPeer(Peer):
+    """The same problem as a chain of stages, state and computations of each, by fatrop."""
+
+    def __init__(self, steps: int) -> None:
+        super().__init__(steps)
+        measured, output = casadi.SX.sym("measured", self._size), casadi.DM(output_row(ORDER)).T
+        x = [casadi.SX.sym(f"x{m}", self._size) for m in range(steps + 1)]
+        c = [casadi.SX.sym(f"c{m}") for m in range(steps)]
+        rows, equal, cost = [], [], 0
+        for m in range(steps):
+            power = LOW_W + SLOPE_W * (c[m] - LOW)
+            total = casadi.mtimes(casadi.DM(self._mean).T, x[m][:-1]) + power
+            root = casadi.sqrt(BATTERY.voltage_v**2 - 4 * BATTERY.resistance_ohm * total)
+            soc = x[m][-1] - SOC_PER_A * 2 * total / (BATTERY.voltage_v + root)
+            state = casadi.mtimes(casadi.DM(self._turn), x[m][:-1])
+            rows.append(x[m + 1] - casadi.vertcat(state, soc))
+            equal += [True] * self._size
+            if m == 0:
+                rows.append(x[0] - measured)
+                equal += [True] * self._size
+            rows.append(BATTERY.power_per_soc_w * soc - casadi.mtimes(output, state) - power)
+            equal.append(False)
+            cost -= power**2
+        staged = [casadi.vertcat(*pair) for pair in zip(x, c, strict=False)]
+        problem = {
+            "x": casadi.vertcat(*staged, x[-1]),
+            "p": measured,
+            "f": cost / (steps * HIGH_W**2),
+            "g": casadi.vertcat(*rows),
+        }
+        self._solver = casadi.nlpsol("replan", "fatrop", problem, STAGED_OPTIONS | {"equality": equal})
+        free, at = (
+            np.full(self._size, np.inf),
+            np.r_[np.tile(np.r_[np.zeros(self._size), 1], steps), np.zeros(self._size)],
+        )
+        self._at = at > 0
+        self._bounds = {
+            "lbx": np.r_[np.tile(np.r_[-free, LOW], steps), -free],
+            "ubx": np.r_[np.tile(np.r_[free, HIGH], steps), free],
+            "lbg": np.zeros(len(equal)),
+            "ubg": np.where(equal, 0.0, np.inf),
+        }
+
+    def start(self, instance: Instance, c: np.ndarray, last: Any = None) -> dict[str, Any]:
+        """Where to begin: computations, and the states they lead to."""
+        first = np.r_[instance.state_w, instance.soc]
+        states = np.vstack([first, super().start(instance, c)["x0"][self._steps :].reshape(self._steps, -1)])
+        begin = np.empty(len(self._at))
+        begin[self._at], begin[~self._at] = c, states.ravel()
+        return {"x0": begin, "p": first}
+
+    def reals(self, answer: Any) -> np.ndarray:
+        """The computations of an answer."""
+        return np.clip(np.array(answer["x"]).ravel()[self._at], LOW, HIGH)
+
+
 class QpPeer(Peer):
-    """The same problem in the computations alone, as two quadratic programs, by CasADi with OSQP as its plug-in.
+    """The same problem in the computations alone, as two quadratic programs, by CasADi with a plug-in.
 
     The states follow from the computations (condensed); objective and limits are linearised about the last answer.
     """
+
+    plug_in = "osqp"
 
     def __init__(self, steps: int) -> None:
         super().__init__(steps)
@@ -233,7 +290,7 @@ class QpPeer(Peer):
         self._linear = casadi.Function("linear", [c, measured], parts)
         self._hessian = casadi.DM.eye(steps) * PROXIMAL
         structure = {"h": self._hessian.sparsity(), "a": self._linear.sparsity_out(1)}
-        self._qp = casadi.conic("replan", "osqp", structure, QP_OPTIONS)
+        self._qp = casadi.conic("replan", self.plug_in, structure, QP_OPTIONS[self.plug_in])
 
     def solve(self, start: dict[str, Any]) -> Any:
         """Solve: what is timed."""
@@ -255,13 +312,30 @@ class QpPeer(Peer):
         return bool(self._qp.stats()["success"])
 
 
+class DaqpPeer(QpPeer):
+    """By DAQP."""
+
+    plug_in = "daqp"
+
+
 PROXIMAL = horizon.PROXIMAL / (HIGH - LOW) ** 2  # as ours, where computations are shares of their range
+SILENT = {"print_time": False, "error_on_fail": False}
 QP_OPTIONS = {
-    "print_time": False,
-    "error_on_fail": False,
-    "warm_start_primal": True,
-    "warm_start_dual": True,
-    "osqp": {"verbose": False, "eps_abs": 1e-6, "eps_rel": 1e-6, "max_iter": 20000},
+    "osqp": {
+        "warm_start_primal": True,
+        "warm_start_dual": True,
+        "osqp": {"verbose": False, "eps_abs": 1e-6, "eps_rel": 1e-6, "max_iter": 20000},
+        **SILENT,
+    },
+    "daqp": SILENT,
+}
+STAGED_OPTIONS = {
+    "expand": True,
+    "structure_detection": "auto",
+    "fatrop.print_level": 0,
+    "fatrop.tol": 1e-7,
+    "fatrop.mu_init": 1e-6,  # the fewest iterations of those tried: 7 (10 s) and 9 (46 s) in the median
+    **SILENT,
 }
 
 # the fewest iterations of the settings tried: 5 (10 s) and 8 (46 s) in the median
