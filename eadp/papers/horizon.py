@@ -204,6 +204,8 @@ class _Mixture:
         self.steps, self.size = len(vertices), len(pairs)
         # shape (M, variables): 1 where a variable's step is not after the row's, so that its charge is missing there
         self.until = (self.step <= np.arange(self.steps)[:, None]).astype(float)
+        # shape (M, variables): 1 at a variable's own step
+        self._own = (self.step == np.arange(self.steps)[:, None]).astype(float)
         # A: the variables themselves, then the power rows, which `solved` fills in
         self._matrix = np.vstack([np.eye(self.size), self.until])
         self._lower = np.repeat([0.0, -UNBOUNDED], [self.size, self.steps])
@@ -214,10 +216,8 @@ class _Mixture:
     def problem(self, table: _Table) -> tuple[FloatArray, FloatArray]:
         """What each variable gains, and the power rows, shape (M, variables)."""
         # differences from a vertex to the next; the charge required, `limit`, counts at the variable's own step
-        gain, drop, limit = (array.take(self.above) - array.take(self.below) for array in table)
-        rows = self.until * drop
-        rows[self.step, np.arange(self.size)] += limit
-        return gain, rows
+        gain, drop, limit = [array.take(self.above) - array.take(self.below) for array in table]
+        return gain, self.until * drop + self._own * limit
 
     def shifted(self, last: _Relaxed) -> _Relaxed | None:
         """A solution moved by a step, with its last step repeated; None where steps have different vertices."""
