@@ -567,7 +567,7 @@ def _bound(multipliers: FloatArray, table: _Table, soc: float) -> float:
     # Σ_m max_c [l_m − λ_m limit_m − Σ_{j≥m} λ_j drop_m] + Σ_m λ_m b₀
     later = multipliers[::-1].cumsum()[::-1]
     net = table.value - multipliers[:, None] * table.limit - later[:, None] * table.drop
-    return float(np.add.reduce(np.maximum.reduce(net, axis=1)) + later[0] * soc)
+    return float(np.add.reduce(np.maximum.reduce(net, axis=1)) + np.add.reduce(multipliers) * soc)
 
 
 def _square(weights: FloatArray | float, size: int) -> FloatArray:
