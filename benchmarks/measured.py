@@ -43,6 +43,7 @@ PAGES: dict[str, tuple[str, tuple[str, ...]]] = {
     "exchange": ("exchange.py", ("exchange",)),
     "fit": ("fit.py", ("measure/spectrum.py", "measure/noise.py")),
     "flight": ("flight.py", ("simulation/inner_loop.py", "simulation/aircraft.py", "core/guidance.py")),
+    "forecast": ("forecast.py --jobs 2", ("planning/forecast/held.py", "planning/state/charge.py")),
     "link": ("link.py", ("live",)),
     "quality": ("quality.py --jobs 2", PLANNED),
     "real": ("real.py", ("exchange", "measure", "survey", "simulation/nominal.py")),

@@ -1,20 +1,19 @@
-"""One re-planning solve beside a lean nonlinear program of the same relaxed problem in CasADi and IPOPT.
+"""One re-planning solve beside lean programs of the same relaxed problem in CasADi: by fatrop, DAQP, OSQP and IPOPT.
 
 usage: python benchmarks/replan.py [--instances 200] [--seed 0] [--plain]
 
 The letter's computation (4.75376 to 9.75462 W on levels 2 to 10) and battery, a motion power of three harmonics and a
 period of 46 s, steps of 1 s. Ours is all that the planner `paper` does when it re-plans: the forecast from the Fourier
 state, the QP by OSQP, the levels to fly with, their verification and their bound. No solution is kept: OSQP runs every
-time. The peer solves for real parameters alone: multiple shooting with the seven energy coefficients and the state of
-charge as states, the exact rotation of one second as its dynamics, built once with the measured state as its parameter,
-expanded, started from its last answer and multipliers.
+time. The peers solve for real parameters alone. IPOPT and fatrop by multiple shooting, with seven energy coefficients
+and the state of charge as states, the exact rotation of one second as dynamics, built once with the measured state as
+parameter, expanded, started from the last answer and multipliers; for fatrop, which takes no multipliers, the charge
+alone is a state. DAQP and OSQP by two quadratic programs, condensed by CasADi.
 
 Compiled (`eadp[fast]`), unless `--plain` or numba is not installed.
 
-A second peer solves the same relaxed problem as two quadratic programs, condensed by CasADi, with OSQP as its plug-in.
-
 Prints medians of the CPU time over the same instances, on one thread of one process, once in blocks of 25 (ours, then
-the peer's), and once in turn, where each finds the processor's caches filled by the other. Over as many unrelated
+each peer's), and once in turn, where each finds the processor's caches filled by the others. Over as many unrelated
 instances it prints how our levels compare with the best of the peer's answers from several starts, rounded down to
 levels; our largest gap to the bound; and our worst violation in an independent model. Needs casadi: pip install
 'eadp[bench]'.
@@ -26,7 +25,7 @@ import itertools
 import os
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -208,11 +207,65 @@ class Peer:
         return bool(self._solver.stats()["success"])
 
 
+class StagedPeer(Peer):
+    """The same problem as a chain of stages by fatrop; the charge alone is a state, the motion's power a parameter."""
+
+    def __init__(self, steps: int) -> None:
+        super().__init__(steps)
+        turns = [np.linalg.matrix_power(self._turn, m) for m in range(steps + 1)]
+        self._motion = np.vstack(
+            [self._mean @ turn for turn in turns[:-1]] + [output_row(ORDER) @ t for t in turns[1:]]
+        )
+        given, b, c = (casadi.SX.sym("_", size) for size in (2 * steps + 1, steps + 1, steps))
+        rows, cost = [], 0
+        for m in range(steps):
+            power = LOW_W + SLOPE_W * (c[m] - LOW)
+            total = given[m] + power
+            root = casadi.sqrt(BATTERY.voltage_v**2 - 4 * BATTERY.resistance_ohm * total)
+            after = b[m] - SOC_PER_A * 2 * total / (BATTERY.voltage_v + root)
+            rows += [b[m + 1] - after, *([b[0] - given[-1]] if m == 0 else [])]
+            rows.append(BATTERY.power_per_soc_w * after - given[steps + m] - power)
+            cost -= power**2
+        pairs = [each for m in range(steps) for each in (b[m], c[m])]
+        equal = [True, True, False] + [True, False] * (steps - 1)
+        problem = {
+            "x": casadi.vertcat(*pairs, b[steps]),
+            "p": given,
+            "f": cost / (steps * HIGH_W**2),
+            "g": casadi.vertcat(*rows),
+        }
+        self._solver = casadi.nlpsol("replan", "fatrop", problem, STAGED_OPTIONS | {"equality": equal})
+        self._bounds = {
+            "lbx": np.r_[np.tile([-np.inf, LOW], steps), -np.inf],
+            "ubx": np.r_[np.tile([np.inf, HIGH], steps), np.inf],
+            "lbg": np.zeros(len(equal)),
+            "ubg": np.where(equal, 0.0, np.inf),
+        }
+
+    def start(self, instance: Instance, c: np.ndarray, last: Any = None) -> dict[str, Any]:
+        """Where to begin: computations, and the charges they lead to."""
+        charges = super().start(instance, c)["x0"][self._steps :][self._size - 1 :: self._size]
+        begin = np.r_[np.stack([np.r_[instance.soc, charges[:-1]], c], axis=1).ravel(), charges[-1]]
+        return {"x0": begin, "measured": instance}
+
+    def solve(self, start: dict[str, Any]) -> Any:
+        """Solve: what is timed."""
+        measured = start["measured"]
+        given = np.r_[self._motion @ measured.state_w, measured.soc]
+        return self._solver(x0=start["x0"], p=given, **self._bounds)
+
+    def reals(self, answer: Any) -> np.ndarray:
+        """The computations of an answer."""
+        return np.clip(np.array(answer["x"]).ravel()[1::2], LOW, HIGH)
+
+
 class QpPeer(Peer):
-    """The same problem in the computations alone, as two quadratic programs, by CasADi with OSQP as its plug-in.
+    """The same problem in the computations alone, as two quadratic programs, by CasADi with a plug-in.
 
     The states follow from the computations (condensed); objective and limits are linearised about the last answer.
     """
+
+    plug_in = "osqp"
 
     def __init__(self, steps: int) -> None:
         super().__init__(steps)
@@ -233,7 +286,7 @@ class QpPeer(Peer):
         self._linear = casadi.Function("linear", [c, measured], parts)
         self._hessian = casadi.DM.eye(steps) * PROXIMAL
         structure = {"h": self._hessian.sparsity(), "a": self._linear.sparsity_out(1)}
-        self._qp = casadi.conic("replan", "osqp", structure, QP_OPTIONS)
+        self._qp = casadi.conic("replan", self.plug_in, structure, QP_OPTIONS[self.plug_in])
 
     def solve(self, start: dict[str, Any]) -> Any:
         """Solve: what is timed."""
@@ -255,13 +308,31 @@ class QpPeer(Peer):
         return bool(self._qp.stats()["success"])
 
 
+class DaqpPeer(QpPeer):
+    """By DAQP."""
+
+    plug_in = "daqp"
+
+
+PEERS: dict[str, type[Peer]] = {"fatrop": StagedPeer, "DAQP": DaqpPeer, "OSQP as plug-in": QpPeer, "IPOPT": Peer}
 PROXIMAL = horizon.PROXIMAL / (HIGH - LOW) ** 2  # as ours, where computations are shares of their range
+SILENT = {"print_time": False, "error_on_fail": False}
 QP_OPTIONS = {
-    "print_time": False,
-    "error_on_fail": False,
-    "warm_start_primal": True,
-    "warm_start_dual": True,
-    "osqp": {"verbose": False, "eps_abs": 1e-6, "eps_rel": 1e-6, "max_iter": 20000},
+    "osqp": {
+        "warm_start_primal": True,
+        "warm_start_dual": True,
+        "osqp": {"verbose": False, "eps_abs": 1e-6, "eps_rel": 1e-6, "max_iter": 20000},
+        **SILENT,
+    },
+    "daqp": SILENT,
+}
+STAGED_OPTIONS = {
+    "expand": True,
+    "structure_detection": "auto",
+    "fatrop.print_level": 0,
+    "fatrop.tol": 1e-7,
+    "fatrop.mu_init": 1e-6,  # the fewest iterations of those tried: 7 (10 s) and 9 (46 s) in the median
+    **SILENT,
 }
 
 # the fewest iterations of the settings tried: 5 (10 s) and 8 (46 s) in the median
@@ -285,37 +356,39 @@ OPTIONS = {
 # --- measures
 
 
-@dataclass(frozen=True)
 class Speed:
-    """Milliseconds of each solve, and shares of instances."""
+    """Milliseconds of each solve of one program, and how many failed."""
 
-    ours_ms: list[float]
-    peer_ms: list[float]
-    active: float
-    failed: float
+    def __init__(self) -> None:
+        self.ms, self.failed = list[float](), 0
+
+    def time(self, solve: Callable[[Any], Any], given: Any) -> Any:
+        """Solve, timed."""
+        started = time.thread_time()
+        found = solve(given)
+        self.ms.append(1e3 * (time.thread_time() - started))
+        return found
 
 
-def speed(rng: np.random.Generator, count: int, steps: int, block: int, kind: type[Peer]) -> Speed:
-    """Both on the same related instances, a block at a time, each from its last answer."""
-    ours, peer = Ours(steps), kind(steps)
-    ours_ms, peer_ms, active, failed = [], [], 0, 0
-    c, last = np.full(steps, HIGH), None
+def speed(rng: np.random.Generator, count: int, steps: int, block: int) -> tuple[Speed, dict[str, Speed], float]:
+    """All on the same related instances, a block at a time, the peers from their last answers.
+
+    Ours, the peers' by name, and the share of instances whose limits are active.
+    """
+    ours, peers = Ours(steps), {name: kind(steps) for name, kind in PEERS.items()}
+    own, others, active = Speed(), {name: Speed() for name in peers}, 0
+    answers = {name: (np.full(steps, HIGH), None) for name in peers}
     found = instances(rng, count, steps, related=True)
     for first in range(0, count, block):
         for instance in found[first : first + block]:
-            observation = ours.prepare(instance)
-            started = time.thread_time()
-            _, plan = ours.solve(observation)
-            ours_ms.append(1e3 * (time.thread_time() - started))
+            _, plan = own.time(ours.solve, ours.prepare(instance))
             active += bool(plan.chosen_w.min() < HIGH_W - 1e-6)
-        for instance in found[first : first + block]:
-            start = peer.start(instance, c, last)
-            started = time.thread_time()
-            last = peer.solve(start)
-            peer_ms.append(1e3 * (time.thread_time() - started))
-            c = peer.reals(last)
-            failed += not peer.solved()
-    return Speed(ours_ms, peer_ms, active / count, failed / count)
+        for name, peer in peers.items():
+            for instance in found[first : first + block]:
+                last = others[name].time(peer.solve, peer.start(instance, *answers[name]))
+                answers[name] = peer.reals(last), last
+                others[name].failed += not peer.solved()
+    return own, others, active / count
 
 
 @dataclass(frozen=True)
@@ -383,13 +456,14 @@ def main() -> None:
 
 def speeds(count: int, seed: int) -> Iterator[list[str]]:
     """The rows of speeds."""
-    peers, horizons = {"IPOPT": Peer, "OSQP as plug-in": QpPeer}, (10, round(PERIOD_S))
-    for (name, kind), steps, block in itertools.product(peers.items(), horizons, (BLOCK, 1)):
-        s = speed(np.random.default_rng(seed), count, steps, block, kind)
-        ours, peer = float(np.median(s.ours_ms)), float(np.median(s.peer_ms))
+    for steps, block in itertools.product((10, round(PERIOD_S)), (BLOCK, 1)):
+        own, others, active = speed(np.random.default_rng(seed), count, steps, block)
+        ours = float(np.median(own.ms))
         order = "in turn" if block == 1 else "in blocks"
-        cells = f"{ours:.3f}", f"{peer:.3f}", f"{peer / ours:.1f}", f"{s.active:.0%}", f"{s.failed:.1%}"
-        yield [f"{steps} s, {order}, {name}", *cells]
+        for name, other in others.items():
+            peer = float(np.median(other.ms))
+            cells = f"{ours:.3f}", f"{peer:.3f}", f"{peer / ours:.2f}", f"{active:.0%}", f"{other.failed / count:.1%}"
+            yield [f"{steps} s, {order}, {name}", *cells]
 
 
 def levels(count: int, seed: int, steps: int) -> list[str]:

@@ -204,18 +204,20 @@ class _Mixture:
         self.steps, self.size = len(vertices), len(pairs)
         # shape (M, variables): 1 where a variable's step is not after the row's, so that its charge is missing there
         self.until = (self.step <= np.arange(self.steps)[:, None]).astype(float)
-        filled = np.vstack([np.eye(self.size), self.until]) > 0
-        self.program = QuadraticProgram(filled, PROXIMAL, report) if pairs else None
+        # shape (M, variables): 1 at a variable's own step
+        self._own = (self.step == np.arange(self.steps)[:, None]).astype(float)
+        # A: the variables themselves, then the power rows, which `solved` fills in
+        self._matrix = np.vstack([np.eye(self.size), self.until])
+        self._lower = np.repeat([0.0, -UNBOUNDED], [self.size, self.steps])
+        self.program = QuadraticProgram(self._matrix > 0, PROXIMAL, report) if pairs else None
         # whether all steps have the same vertices, so that a solution can be moved by a step
         self.shifts = len(set(vertices)) == 1
 
     def problem(self, table: _Table) -> tuple[FloatArray, FloatArray]:
         """What each variable gains, and the power rows, shape (M, variables)."""
         # differences from a vertex to the next; the charge required, `limit`, counts at the variable's own step
-        gain, drop, limit = (array.take(self.above) - array.take(self.below) for array in table)
-        rows = self.until * drop
-        rows[self.step, np.arange(self.size)] += limit
-        return gain, rows
+        gain, drop, limit = [array.take(self.above) - array.take(self.below) for array in table]
+        return gain, self.until * drop + self._own * limit
 
     def shifted(self, last: _Relaxed) -> _Relaxed | None:
         """A solution moved by a step, with its last step repeated; None where steps have different vertices."""
@@ -233,17 +235,16 @@ class _Mixture:
         if self.program is None:
             return _Relaxed(np.zeros(0), np.zeros(self.steps), 0)
         shares = np.divide(spare[:, None], rows, out=np.ones_like(rows), where=rows > 0)
-        reach = np.clip(shares.min(axis=0), MIN_REACH, 1.0)
+        reach = _between(np.minimum.reduce(shares), MIN_REACH)
         # z = reach · x; each row in units of its largest entry, the gain in units of its largest
         rows, gain = rows * reach, gain * reach
-        units, largest = rows.max(axis=1) + 1e-300, float(gain.max())
-        matrix = np.vstack([np.eye(self.size), rows / units[:, None]])
-        lower = np.concatenate([np.zeros(self.size), np.full(self.steps, -UNBOUNDED)])
+        units, largest = np.maximum.reduce(rows, axis=1) + 1e-300, float(np.maximum.reduce(gain))
+        np.divide(rows, units[:, None], out=self._matrix[self.size :])
         upper = np.concatenate([1.0 / reach, spare / units])
         centre = np.zeros(self.size) if last is None else last.z / reach
-        found = self.program.solve(gain / -largest, matrix, lower, upper, centre)
+        found = self.program.solve(gain / -largest, self._matrix, self._lower, upper, centre)
         multipliers = np.maximum(found.multipliers[self.size :], 0.0) * (largest / units)
-        return _Relaxed(np.clip(found.x * reach, 0.0, 1.0), multipliers, found.iterations)
+        return _Relaxed(_between(found.x * reach, 0.0), multipliers, found.iterations)
 
 
 class Horizon:
@@ -485,29 +486,30 @@ class Horizon:
         """
         at = self._at + made
         used, value = table.drop.take(at), table.value.take(at)
-        # charge before each step; and the raises: (−gain, step, choice, charge missing)
-        before, raises = soc - used.cumsum() + used, []
+        # of each step its next better choice above, and the charge missing for it
+        better = (table.value > value[:, None]) & (np.arange(len(self.choices)) > made[:, None])
+        above = better.argmax(axis=1)
+        at += above - made
+        missing = table.limit.take(at) - (soc - used.cumsum() + used - table.drop.take(at))
         # the most that lowering a single step, this one or an earlier one, frees
-        freed = np.maximum.accumulate(used - table.drop.min(axis=1))
-        for step in np.flatnonzero(below_qp).tolist():
-            better = np.flatnonzero(table.value[step, made[step] + 1 :] > value[step])
-            if len(better):
-                above = made[step] + 1 + better[0]
-                missing = table.limit[step, above] - (before[step] - table.drop[step, above])
-                if missing <= freed[step]:
-                    raises.append((value[step] - table.value[step, above], step, above, missing))
-        for minus_gain, step, above, missing in sorted(raises):
+        freed = np.maximum.accumulate(used - np.minimum.reduce(table.drop, axis=1))
+        steps = np.flatnonzero(below_qp & (table.value.take(at) > value) & (missing <= freed))
+        losses = value - table.value.take(at)
+        raises = (each.take(steps).tolist() for each in (losses, np.arange(self._steps), above, missing))
+        for minus_gain, step, choice, lack in sorted(zip(*raises, strict=True)):
+            trial = made.copy()
+            trial[step] = choice
+            # without a lack, the raise alone is tried first
+            if lack <= 0 and self._violated(trial, table, soc) is None:
+                return trial
             # of every choice at every earlier step: the value lost by it, and whether it frees enough; shape (step, J)
-            losses = value[:step, None] - table.value[:step]
-            enough = used[:step, None] - table.drop[:step] >= max(missing, 1e-15)
-            places = np.flatnonzero(enough & (losses < -minus_gain))
-            by_loss = places[losses.take(places).argsort(kind="stable")].tolist()
-            others = [divmod(place, len(self.choices)) for place in by_loss]  # (earlier step, its choice)
-            # without a lack, the raise alone is tried first: (step, above) changes no other step
-            for other, choice in [(step, above), *others] if missing <= 0 else others:
-                trial = made.copy()
-                trial[other] = choice
-                trial[step] = above
+            loss = value[:step, None] - table.value[:step]
+            enough = used[:step, None] - table.drop[:step] >= max(lack, 1e-15)
+            places = np.flatnonzero(enough & (loss < -minus_gain))
+            for place in places[loss.take(places).argsort(kind="stable")].tolist():
+                earlier, lower = divmod(place, len(self.choices))
+                trial[:step] = made[:step]
+                trial[earlier] = lower
                 if self._violated(trial, table, soc) is None:
                     return trial
         return None
@@ -551,15 +553,21 @@ class Horizon:
             c = np.maximum(c - deltas, self._c.low)
 
 
+def _between(shares: FloatArray, least: float) -> FloatArray:
+    """Shares within a least one and 1, as numpy's clip in a third of its time."""
+    within: FloatArray = np.minimum(np.maximum(shares, least), 1.0)
+    return within
+
+
 def _bound(multipliers: FloatArray, table: _Table, soc: float) -> float:
     """Lagrangian bound of the value of any feasible levels, for multipliers of 0 or more, shape (M,).
 
     A choice at step m requires its limit at m, and takes its drop off the charge at m and at every later step.
     """
     # Σ_m max_c [l_m − λ_m limit_m − Σ_{j≥m} λ_j drop_m] + Σ_m λ_m b₀
-    later = np.cumsum(multipliers[::-1])[::-1]
+    later = multipliers[::-1].cumsum()[::-1]
     net = table.value - multipliers[:, None] * table.limit - later[:, None] * table.drop
-    return float(net.max(axis=1).sum() + multipliers.sum() * soc)
+    return float(np.add.reduce(np.maximum.reduce(net, axis=1)) + np.add.reduce(multipliers) * soc)
 
 
 def _square(weights: FloatArray | float, size: int) -> FloatArray:

@@ -114,20 +114,23 @@ class OsqpSolver:
         from scipy.sparse import identity
 
         self.rows, self.columns = rows.shape
-        self._osqp = load_osqp().OSQP()
-        self._osqp.setup(diagonal * identity(self.columns, format="csc"), linear, rows, lower, upper, **settings)
+        osqp = load_osqp().OSQP()
+        osqp.setup(diagonal * identity(self.columns, format="csc"), linear, rows, lower, upper, **settings)
+        # the extension itself: what the interface does around each call takes as long as OSQP does
+        self._extension = osqp._solver
 
     def update(self, linear: FloatArray, lower: FloatArray, upper: FloatArray, entries: FloatArray) -> None:
         """Set q, l, u and the entries of A, in the order of its columns."""
-        self._osqp.update(q=linear, l=lower, u=upper, Ax=entries)
+        self._extension.update_data_vec(q=linear, l=lower, u=upper)
+        self._extension.update_data_mat(P_x=None, P_i=None, A_x=entries, A_i=None)
 
     def run(self, start: FloatArray) -> QpSolution:
         """Run OSQP from `start`; its result, whatever its status."""
-        self._osqp.warm_start(x=start)
-        result = self._osqp.solve(raise_error=False)
-        info = result.info
+        self._extension.warm_start(start, None)
+        self._extension.solve()
+        info, solution = self._extension.info, self._extension.solution
         # copies: OSQP may write its next solution into the same memory
-        return QpSolution(np.array(result.x), np.array(result.y), info.status_val, info.status, info.iter)
+        return QpSolution(np.array(solution.x), np.array(solution.y), info.status_val, info.status, info.iter)
 
 
 QpData = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
@@ -198,12 +201,12 @@ class QuadraticProgram:
     def _check(self, data: QpData) -> None:
         """Refuse data that OSQP would accept silently."""
         rows, columns, (_, _, lower, upper, _) = (self._rows,), (self._columns,), data
-        shapes = tuple(array.shape for array in data)
+        shapes = tuple([array.shape for array in data])
         if shapes != (columns, rows + columns, rows, rows, columns):
             raise SolverFailed(f"data of shapes {shapes} do not fit {self._rows} × {self._columns}")
-        if not all(math.isfinite(np.vdot(array, array)) for array in data):
+        if not math.isfinite(sum(map(np.vdot, data, data))):
             raise SolverFailed("data that are not finite")
-        if (lower > upper).any():
+        if np.minimum.reduce(upper - lower, initial=0.0) < 0:
             raise SolverFailed("a row whose lower bound is above its upper bound")
 
     def _run(self, data: QpData, proximal: float, settings: dict[str, float]) -> QpSolution:
@@ -255,10 +258,10 @@ def _is_optimal(data: QpData, proximal: float, solution: QpSolution) -> bool:
     # |y| · distance = 0: a multiplier is positive at u, negative at l
     pushed = np.abs(y)
     room = np.minimum(np.where(y > 0, below, above), ROOM)
-    largest, smallest = np.maximum.reduce, np.minimum.reduce
+    largest = np.maximum.reduce
     bound = VERIFIED * max(1.0, largest(pushed, initial=0.0))
     return bool(
-        min(smallest(below), smallest(above)) >= -VERIFIED
+        np.minimum.reduce(np.minimum(below, above)) >= -VERIFIED
         and largest(np.abs(forces)) <= bound
         and pushed @ room <= bound
     )
