@@ -15,7 +15,12 @@ from pathlib import Path
 
 from common import ROOT
 
+from eadp.api.inputs import load_flight
 from eadp.cli.main import main
+from eadp.io.figures.canvas import figure_file
+from eadp.planning.base import Ending
+from eadp.planning.forecast.held import before_take_off
+from eadp.planning.joint.planner import JointPlanner
 
 PICTURES = ROOT / "docs/pictures"
 LOSS = "simulate plans/survey.plan --scenario scenarios/survey-loss.yaml"
@@ -44,13 +49,57 @@ MADE: Mapping[str, tuple[list[str], str]] = {
         "I/paper.png",
     ),
     "sorties.png": ([f"{ESTATE} -o {{out}}/job"], "job/sorties.png"),
+    "speed-to-fly.png": ([], ""),
     "meadow.png": ([f"{COVER} --plot {{out}}/meadow.png"], "meadow.png"),
 }
 """Commands of each picture, and the file that they make, in a folder `{out}` of their own."""
 
 
+def speed_to_fly(made: Path) -> Path:
+    """Time and energy of the meadow's densest lines, at each pace and at one airspeed; what three packs have chosen."""
+    plan = made.with_name("meadow.plan")
+    assert main(shlex.split(f"{COVER} -o {plan}")) == 0
+    wind = {"vehicle": "vehicles/foam-wing.yaml", "wind": {"speed_mps": 4, "from_deg": 240}}
+    settings = {**wind, "vehicle.battery.capacity_ah": 3.0, "planner.joint.loss_rate_per_h": 0.0}
+
+    def ending(**more: object) -> Ending:
+        found = load_flight(str(plan), overrides={**settings, **more}).preflight(whole=False)
+        assert found is not None
+        return found.forecast
+
+    inputs = load_flight(str(plan), overrides=settings)
+    planner = JointPlanner(inputs.scenario.planner, inputs.mission, inputs.scenario.planner.own)
+    _, known = before_take_off(inputs.scenario.planner, inputs.mission, (2 * 3**0.5, 2.0), 0.0)
+    planner._places.enter(known)
+    paces, at = planner._places.paces(known, planner._places.shares)
+    assert at is not None
+    by_pace = [at.forecast(i, at.filled()) for i in range(len(paces))]
+    held = [
+        ending(**{"planner.joint.airspeed": "fixed", "vehicle.airframe.airspeed_mps": v}) for v in (15, 14, 13, 12, 11)
+    ]
+    packs = [1.4, 1.5, 1.6]
+    chosen = [ending(**{"vehicle.battery.capacity_ah": pack}) for pack in packs]
+    with figure_file(str(made), 7.0, 4.0) as figure:
+        axes = figure.subplots()
+        axes.plot(
+            [e.remaining_s for e in by_pace], [e.energy_wh for e in by_pace], ".-", label="a speed for each stage"
+        )
+        axes.plot([e.remaining_s for e in held], [e.energy_wh for e in held], "o", label="one airspeed, 15 to 11 m/s")
+        axes.plot([e.remaining_s for e in chosen], [e.energy_wh for e in chosen], "k*", markersize=12, label="chosen")
+        for pack, end in zip(packs, chosen, strict=True):
+            axes.annotate(
+                f"{pack:g} Ah", (end.remaining_s, end.energy_wh), va="bottom", xytext=(4, 4), textcoords="offset points"
+            )
+        axes.set(xlabel="time [s]", ylabel="energy [Wh]")
+        axes.margins(0.08, 0.12)
+        axes.legend()
+    return made
+
+
 def make(name: str, folder: Path) -> Path:
     """Run a picture's commands, in the repository's folder, and return the file that they made."""
+    if name == "speed-to-fly.png":
+        return speed_to_fly(folder / name)
     commands, made = MADE[name]
     for command in commands:
         assert main(shlex.split(command.format(out=folder))) in (0, 1), command

@@ -44,7 +44,7 @@ def scenario(tmp_path):
 
 def test_the_shipped_vehicle_is_the_default_aircraft():
     shipped = read(read_text(str(WING)).body)
-    assert shipped.airframe == FixedWing()
+    assert shipped.airframe == FixedWing(airspeed_range_mps=(10.0, 15.0))  # the default holds its airspeed
     assert shipped.battery == Battery()
     assert read_scenario(None).keys.vehicle == VehicleFile()
 
@@ -123,7 +123,7 @@ def test_a_data_sheet_is_an_airframe_wherever_a_vehicle_is_read(scenario):
 
 
 def test_a_vehicle_may_be_set_and_stand_inline(scenario):
-    assert scenario(vehicle=str(WING)).keys.vehicle.airframe == FixedWing()
+    assert scenario(vehicle=str(WING)).keys.vehicle.airframe == FixedWing(airspeed_range_mps=(10.0, 15.0))
     inline = read_scenario(None, {"vehicle": {"airframe": {"model": "paper"}, "battery": {"capacity_ah": 1}}})
     assert inline.keys.vehicle.airframe == PaperVehicle()
     assert inline.keys.battery.capacity_ah == 1

@@ -9,6 +9,7 @@ import pytest
 from common.forecasts import Forecasting, survey_inputs
 from scipy.optimize import minimize_scalar
 
+from eadp.api.flight import simulate
 from eadp.core.guidance import load_factor
 from eadp.models.plan.route import RouteArrays
 from eadp.models.vehicle import FixedWing, PaperVehicle, PowerCurve
@@ -174,7 +175,8 @@ def test_a_short_battery_slows_the_flight_instead_of_widening_its_lines():
 
 
 def test_a_battery_that_suffices_slows_nothing():
-    fixed, free = outcome(), outcome(**SLOW)
+    enough = {"battery.capacity_ah": 1.0}
+    fixed, free = outcome(**enough), outcome(**SLOW, **enough)
     assert free.duration_s == pytest.approx(fixed.duration_s, rel=0.01)
     assert free.parameters.quality({}) >= fixed.parameters.quality({}) - 1e-3
 
@@ -220,3 +222,13 @@ def test_an_airspeed_that_is_commanded_counts_where_it_is_measured_and_flown():
     lost = flown_airspeeds([12.0] * 50 + [math.nan] * 50)
     assert all(lost[:59])
     assert not any(lost[60:])
+
+
+def test_the_flight_stays_slow_while_denser_lines_are_in_reach():
+    """After a loss lines widen by the whole margin, and come back once it has shrunk: of a slow flight alone."""
+    flight = simulate("plans/survey.plan", scenario="scenarios/survey-loss.yaml")
+    at_loss, after = (next(r for r in flight.decisions if r.time_s >= since_s) for since_s in (120.0, 210.0))
+    assert at_loss.parameters[0] < after.parameters[0]
+    assert at_loss.airspeed_mps == after.airspeed_mps < 11.0
+    assert flight.summary["reserve_kept"]
+    assert flight.summary["quality"] > 0.99
