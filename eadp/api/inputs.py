@@ -150,7 +150,7 @@ class FlightInputs:
             return self
         return replace(self, mission=replace(self.mission, vehicle=replace(vehicle, airspeed_range_mps=None)))
 
-    def least_energy(self) -> Preflight | None:
+    def at_min_energy(self) -> Preflight | None:
         """The forecast at the airspeeds that take the least energy; None where the airspeed is no decision."""
         settings, prescribed = self.scenario.planner, self.mission.battery.prescribed
         if self.mission.vehicle.airspeed_range_mps is None or not hasattr(settings.own, "airspeed") or prescribed:

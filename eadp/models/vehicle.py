@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, MaxLen, MinLen
@@ -268,6 +268,14 @@ class _Aeroplane:
         sink = self.drag_n(airspeed_mps) * airspeed_mps / self.weight_n
         excess = max(self.max_power_w * self.propulsive_efficiency / self.weight_n - sink, 0.0)
         return min(self.max_climb_rate_mps, excess), min(self.max_climb_rate_mps, sink)
+
+    def flown_at(self, airspeed_mps: float) -> Self:
+        """The same with another airspeed held [m/s], which its range then has."""
+        if self.airspeed_range_mps is None:
+            return replace(self, airspeed_mps=airspeed_mps)
+        low, high = self.airspeed_range_mps
+        wider = min(low, airspeed_mps), max(high, airspeed_mps)
+        return replace(self, airspeed_mps=airspeed_mps, airspeed_range_mps=wider)
 
     def range_faults(self) -> list[str]:
         """Why the range of airspeeds cannot be flown; empty if it can, or there is none."""

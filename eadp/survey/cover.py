@@ -529,6 +529,9 @@ def flight_keys(task: CoverageTask, vehicle: File | None) -> dict[str, Any]:
     keys: dict[str, Any] = {} if vehicle is None else {"vehicle": str(vehicle)}
     if task.options.airspeed_mps is not None:
         keys["vehicle.airframe.airspeed_mps"] = task.options.airspeed_mps
+        if task.airframe is not None and task.airframe.airspeed_range_mps is not None:
+            wider = task.airframe.flown_at(task.options.airspeed_mps).airspeed_range_mps
+            keys["vehicle.airframe.airspeed_range_mps"] = [*(wider or ())]
     if task.options.wind is not None:
         east, north = task.motion.wind_mps
         from_deg = compass_deg(math.atan2(-north, -east))
@@ -599,7 +602,7 @@ def cover(
         try:
             report = found.report.with_energy(energy_wh)
             inputs = load_flight(held_at(found.plan, "hi", "hi"), scenario=given, profile=profile, overrides=keys)
-            found = replace(found, slower=inputs.least_energy())
+            found = replace(found, slower=inputs.at_min_energy())
             pack = found.pack and found.pack._replace(turns_back_soc=max(turns_back_soc))
             found = replace(found, report=report, pack=pack, aircraft=flown[0])
         except InputError as error:
@@ -650,7 +653,7 @@ def coverage_task(
         pack = Pack(battery, setting.keys.reserve_soc)
     wind_mps = setting.keys.wind.steady_mps
     if (vehicle is not None or "vehicle" in setting.chosen) and not isinstance(flown.airframe, PaperVehicle):
-        faults = replace(flown.airframe, airspeed_mps=options.airspeed_mps or flown.airframe.airspeed_mps).faults()
+        faults = flown.airframe.flown_at(options.airspeed_mps or flown.airframe.airspeed_mps).faults()
         where = "--airspeed" if options.airspeed_mps else str(vehicle or scenario)
         refuse([Fault(where, 1, 1, fault, "an aeroplane that can fly so") for fault in faults])
     autopilot = setting.keys.autopilot

@@ -597,7 +597,7 @@ class SortiePlan:
 
     def _slower(self) -> str | None:
         """What less airspeed saves, and the option that plans the sorties at it."""
-        found = [each.inputs.least_energy() for each in self.sorties]
+        found = [each.inputs.at_min_energy() for each in self.sorties]
         ends = [
             (each.airspeeds_mps, each.forecast.energy_wh) for each in found if each is not None and each.airspeeds_mps
         ]
@@ -615,7 +615,11 @@ class SortiePlan:
         value = dict(self.divided.sorties[0].inputs.scenario.document.value)
         value.pop("home", None)
         value.pop("parameters", None)
-        value["planner"] = {**(value.get("planner") or {}), "name": self.sorties[0].inputs.scenario.keys.planner.name}
+        settings = self.sorties[0].inputs.scenario.keys.planner
+        value["planner"] = {**(value.get("planner") or {}), "name": settings.name}
+        if hasattr(settings.own, "airspeed"):  # the sorties are planned and forecast at one airspeed
+            own = value["planner"].get(settings.name) or {}
+            value["planner"][settings.name] = {**own, "airspeed": "fixed"}
         if profile is not None:
             value["profile"] = profile
         if self._heights is not None:

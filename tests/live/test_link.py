@@ -872,7 +872,7 @@ def test_without_the_option_no_airspeed_is_commanded(slow):
 
 
 def test_an_airspeed_that_is_not_decided_is_refused(plan):
-    ranged = {"vehicle.airframe.airspeed_range_mps": [10.5, 15.0]}
+    ranged = {"vehicle.airframe.airspeed_range_mps": [10.5, 15.0], "planner.joint.airspeed": "fixed"}
     with pytest.raises(InputError, match="--command-airspeed:1:1: error: the planner decides no airspeed"):
         Flown(load_flight(str(plan), scenario=SCENARIO, overrides=ranged), command_airspeed=True)
 
