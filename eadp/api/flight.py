@@ -41,7 +41,7 @@ SUMMARY, OVERRIDES = "summary.json", "overrides.txt"
 CLOCKED = ("median_ms", "max_ms")
 """Keys of a summary's solver that depend on the machine and its load."""
 AIRSPEEDS = "airspeed_mps", "airspeed_commanded_mps"
-"""Columns of `flight.csv` of an aircraft with a range of airspeeds."""
+"""Columns of `flight.csv` where the airspeed is decided."""
 
 WHOLE = 0.995
 """Share of a way that is printed as 100 %: one pack is enough for it, if not with the probability that is asked for."""
@@ -335,8 +335,8 @@ class Flight:
 
     @property
     def _speeds(self) -> Sequence[str]:
-        """Columns of the airspeed, which the log of an aircraft with a range of it has."""
-        return () if self.inputs.world.vehicle.airspeed_range_mps is None else AIRSPEEDS
+        """Columns of the airspeed, which the log has where it is decided."""
+        return () if self.inputs.mission.vehicle.airspeed_range_mps is None else AIRSPEEDS
 
     def write(self, folder: str | Path, *, force: bool = False, figure: str | None = None) -> None:
         """Write the result folder, whole or not at all.

@@ -47,6 +47,9 @@ from eadp.planning.state.climb import ClimbFollower
 from eadp.plug_ins import code_identity
 from eadp.simulation.nominal import MOST, NominalFlight, Overshoot, overshoot_findings
 
+HELD = "fixed"
+"""Setting `airspeed` of a planner that does not decide it."""
+
 LIMIT_FORECASTS, LIMIT_S = 3.0, 7200.0
 """Time limit of a flight as a multiple of its forecast time, and where there is no forecast [s]."""
 
@@ -152,8 +155,8 @@ class FlightInputs:
 
     def at_min_energy(self) -> Preflight | None:
         """The forecast at the airspeeds that take the least energy; None where the airspeed is no decision."""
-        settings, prescribed = self.scenario.planner, self.mission.battery.prescribed
-        if self.mission.vehicle.airspeed_range_mps is None or not hasattr(settings.own, "airspeed") or prescribed:
+        settings = self.scenario.planner
+        if self.mission.vehicle.airspeed_range_mps is None or self.mission.battery.prescribed:
             return None
         slow = replace(settings.own, airspeed="least-energy")
         return self._before_take_off(replace(settings, **{settings.name: slow}))
@@ -261,7 +264,9 @@ def load_flight(
         message = f"{stated_m:g} m is not clear of all that is below ways home: {home_m:g} m is taken"
         warnings.append(replace(setting.fault("home.altitude_m", message, "a higher one"), severity="warning"))
     never_past = next((one.first.label for one in overshoots if math.isinf(one.excess_s)), "")
-    return FlightInputs(world, mission, setting, tuple(warnings), sources, never_past)
+    inputs = FlightInputs(world, mission, setting, tuple(warnings), sources, never_past)
+    decides = getattr(setting.planner.own, "airspeed", HELD) != HELD
+    return inputs if decides else inputs.at_one_airspeed()
 
 
 def _plan(files: Files, given: File | Plan, scenario: Scenario) -> tuple[Source, Plan, list[Fault]]:

@@ -129,11 +129,14 @@ class LinkFlight:
         inputs = with_mission(inputs, exported)
         inputs = self._inputs = inputs if options.command_airspeed else inputs.at_one_airspeed()
         if options.command_airspeed and inputs.mission.vehicle.airspeed_range_mps is None:
-            message = "the aircraft states no airspeeds to choose from"
-            raise InputError.at("--command-airspeed", 1, 1, message, "vehicle.airframe.airspeed_range_mps: [LOW, HIGH]")
-        if options.command_airspeed and getattr(inputs.scenario.planner.own, "airspeed", "fixed") == "fixed":
-            message = "the planner decides no airspeed"
-            raise InputError.at("--command-airspeed", 1, 1, message, "planner.joint.airspeed: when-short")
+            if inputs.world.vehicle.airspeed_range_mps is None:
+                message, keys = (
+                    "the aircraft states no airspeeds to choose from",
+                    "vehicle.airframe.airspeed_range_mps: [LOW, HIGH]",
+                )
+            else:
+                message, keys = "the planner decides no airspeed", "planner.joint.airspeed: when-short"
+            raise InputError.at("--command-airspeed", 1, 1, message, keys)
         if options.upload and exported is None:
             raise InputError.at("--upload", 1, 1, "the mission is unknown", "--items, as eadp export writes them")
         # path parameters that the mission shall have; None before the first plan, and once only home can be reached

@@ -625,7 +625,17 @@ def test_airspeeds_that_are_decided_are_commanded_and_read_back(eadp, tmp_path):
     assert own["quality"] > own["at_cruise"]["quality"]
     flown = json.loads(eadp("simulate", mission, *given, "--set", "planner.name=static", "--format", "json").out)
     assert flown["energy_forecast"]["time_s"] == pytest.approx(own["time_s"], rel=0.02)
-    fixed = eadp("export", "plans/survey.plan", *given, "--origin", "47,8", "--to", "ardupilot")
+    fixed = eadp(
+        "export",
+        "plans/survey.plan",
+        *given,
+        "--set",
+        "planner.joint.airspeed=fixed",
+        "--origin",
+        "47,8",
+        "--to",
+        "ardupilot",
+    )
     assert [row.split("\t")[5] for row in fixed.out.splitlines()[1:] if row.split("\t")[3] == "178"] == ["15"]
 
 

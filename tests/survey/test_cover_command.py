@@ -236,6 +236,7 @@ def test_its_energy_is_that_of_the_forecast(eadp, tmp_path, options):
     document = json.loads(answer.out)
     stated = [document["energy_wh"], document["at_lowest_c1"]["energy_wh"]]
     keys = {"vehicle": "vehicles/mapper.yaml", "vehicle.airframe.airspeed_mps": 19, "planner.name": "static"}
+    keys["vehicle.airframe.airspeed_range_mps"] = [12.5, 19]
     if "--wind" in options:
         keys |= {"wind.speed_mps": 4, "wind.from_deg": 200}
     profile = options[3] if "--profile" in options else None

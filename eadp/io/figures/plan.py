@@ -185,13 +185,13 @@ def write_flight_figure(
 ) -> None:
     """Draw a flight: path by stage, power and its forecast, state of charge and reserve, parameters, decisions.
 
-    Where stages command altitudes, the altitude, too, and the airspeed where the aircraft has a range of it.
+    Where stages command altitudes, the altitude, too, and the airspeed where it changes.
 
     Written to `path` with the endings .svg and .png.
     """
     climbs = any(stage.altitude_m is not None for stage in world.plan.stages)
     varies = bool(world.plan.parameters) or not climbs
-    slows = world.vehicle.airspeed_range_mps is not None
+    slows = len({step.airspeed_commanded_mps for step in steps}) > 1
     rows = 2 + climbs + slows + varies
     with figure_pair(path, 11.5, 4.0 + rows) as figure:
         grid = figure.add_gridspec(rows, 2, width_ratios=(1.15, 1))
