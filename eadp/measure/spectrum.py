@@ -71,6 +71,7 @@ _NEAR = 4  # grid steps that the best order may move a peak of the scan
 _TICKS_PER_PERIOD = 16  # of the shortest period: the scan rounds times to ticks, nothing later does
 _PARTS_AT = (0.0, 0.5, 1.0)  # of a long log, as shares of what is beside them
 _PART_RATIO = 10  # of the shortest periods of two searches in parts
+_PART_SHARE = 1 / 6  # of a log that is searched whole: a part in which a drift is less than a turn
 _RELATED = (1, 2, 3, 4, 5, 6, 1 / 2, 1 / 3, 1 / 4, 1 / 5, 1 / 6)
 _TEST_BINS = 220
 _TEST_BINS_PER_PERIOD = 20  # or 3 for each harmonic
@@ -461,14 +462,19 @@ def _range_s(samples: _Samples, prior_s: float | None) -> tuple[float, float]:
     return low, high
 
 
-def _searched(samples: _Samples, shortest_s: float, longest_s: float, share: float) -> _Local:
-    """The period in a part of the log: `MAX_PERIODS` of the shortest long, at a share of what is beside it."""
+def _part(samples: _Samples, shortest_s: float, share: float, most: float = 1.0) -> tuple[int, int]:
+    """A part of the log, at a share of what is beside it: `MAX_PERIODS` of the shortest long, at most a share `most`."""
     n = len(samples.times_s)
-    count = min(n, math.ceil(n * MAX_PERIODS * shortest_s / samples.span_s))
+    count = min(n, math.ceil(n * min(most, MAX_PERIODS * shortest_s / samples.span_s)))
     start = round(share * (n - count))
-    part = samples.part(start, start + count)
+    return start, start + count
+
+
+def _searched(samples: _Samples, shortest_s: float, longest_s: float, bounds: tuple[int, int]) -> _Local:
+    """The period in a part of the log."""
+    part = samples.part(*bounds)
     found = _refine(part, _search(part, shortest_s, min(longest_s, part.span_s / MIN_PERIODS)))
-    return _Local(*found, start, start + count)
+    return _Local(*found, *bounds)
 
 
 def _located(samples: _Samples, shortest_s: float, longest_s: float, share: float = 0.0) -> tuple[float, int]:
@@ -476,7 +482,7 @@ def _located(samples: _Samples, shortest_s: float, longest_s: float, share: floa
 
     A part knows the period to a share of a turn over the next one: over a long log it is not mistaken by turns.
     """
-    frequency_hz, order, start, stop = _searched(samples, shortest_s, longest_s, share)
+    frequency_hz, order, start, stop = _searched(samples, shortest_s, longest_s, _part(samples, shortest_s, share))
     n = len(samples.times_s)
     while stop - start < n:
         count = min(n, 2 * (stop - start))
@@ -510,10 +516,14 @@ def _drifting(samples: _Samples, mean_w: float, searched_s: tuple[float, float])
 
     The first, the middle and the last part have it, for sure, and nearly the same.
     """
-    for from_s in _short_from_s(samples, searched_s[0]):
+    least_s = max(searched_s[0], MIN_SAMPLES_PER_PERIOD * samples.step_s)
+    for from_s, most in (*((each, 1.0) for each in _short_from_s(samples, searched_s[0])), (least_s, _PART_SHARE)):
         parts = []
         for share in _PARTS_AT:
-            frequency_hz, order, start, stop = _searched(samples, from_s, searched_s[1], share)
+            bounds = _part(samples, from_s, share, most)
+            if np.ptp(samples.power_w[slice(*bounds)]) == 0:
+                break
+            frequency_hz, order, start, stop = _searched(samples, from_s, searched_s[1], bounds)
             part = samples.part(start, stop)
             part = replace(part, power_w=part.power_w - part.power_w.mean())
             found = _assess(part, frequency_hz, order, from_s, part.span_s / MIN_PERIODS)

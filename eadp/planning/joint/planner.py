@@ -131,8 +131,6 @@ class JointPlanner(Planner):
         self._next_s = WARM_UP_S + own.start_after_s
         # value, and charge left over, of the plan that the last search has found
         self._searched: tuple[float, float] | None = None
-        # when to search anew, while the flight is slow for a path in reach, or infeasible [s]
-        self._awaits_s = math.inf
         self._infeasible_since_s: float | None = None
         self._losses = 0  # of charge, as of the last re-planning
         self._stages_started = 1  # as of the last update
@@ -285,7 +283,7 @@ class JointPlanner(Planner):
         in force stays where it will do, see `Policy.pace`. While a path of a greater value, `in_reach`, may still come
         within the whole margin, it is the one that leaves the most charge.
         """
-        self._awaits_s = math.inf
+        self._policy.awaits_s = math.inf
         paces, evaluation = self._places.paces(known, shares)
         if evaluation is None:
             return None
@@ -294,7 +292,7 @@ class JointPlanner(Planner):
         if self._own.airspeed == "least-energy":
             pace_mps = paces[-1]
         elif not filling.feasible.any() or in_reach > filling.value[filling.feasible].max() + self._policy.path_gain:
-            self._awaits_s = known.time_s + SETTLED_S
+            self._policy.awaits_s = known.time_s + SETTLED_S
         else:
             # the fastest of all by the margin that is left later, others by the whole one
             good = fill_greedy(evaluation.later).as_good(SAME_VALUE)
@@ -345,7 +343,7 @@ class JointPlanner(Planner):
         Before computations fall, too, since another path may cost less. Not near the end, and not while the power of
         the motion may have changed for good: its next windows decide on that. `kept` is the plan in force.
         """
-        if kept is None or self._searched is None or cause == JUMPED or o.time_s >= self._awaits_s:
+        if kept is None or self._searched is None or cause == JUMPED or o.time_s >= self._policy.awaits_s:
             return True
         if kept.evaluation.totals.seconds[0] < LAST_CHANGE_S:
             return False

@@ -38,12 +38,19 @@ LEAST_CHANGE_MPS = 1.0
 
 
 class Policy:
-    """The hysteresis of one flight."""
+    """The hysteresis of one flight.
+
+    Attributes
+    ----------
+    awaits_s : float
+        When to search anew, while the flight is slow for a path in reach, or short of charge [s].
+    """
 
     def __init__(self, min_gain: float) -> None:
         self._min_gain = min_gain
         self._path_changes = 0
         self._fell_s = self._slowed_s = -SETTLED_S
+        self.awaits_s = math.inf
 
     @property
     def path_gain(self) -> float:
