@@ -463,7 +463,7 @@ def _range_s(samples: _Samples, prior_s: float | None) -> tuple[float, float]:
 
 
 def _part(samples: _Samples, shortest_s: float, share: float, most: float = 1.0) -> tuple[int, int]:
-    """A part of the log, at a share of what is beside it: `MAX_PERIODS` of the shortest long, at most a share `most`."""
+    """A part of the log, at a share of what is beside it: `MAX_PERIODS` of the shortest long, at most `most` of it."""
     n = len(samples.times_s)
     count = min(n, math.ceil(n * min(most, MAX_PERIODS * shortest_s / samples.span_s)))
     start = round(share * (n - count))
