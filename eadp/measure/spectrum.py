@@ -516,8 +516,8 @@ def _drifting(samples: _Samples, mean_w: float, searched_s: tuple[float, float])
 
     The first, the middle and the last part have it, for sure, and nearly the same.
     """
-    least_s = max(searched_s[0], MIN_SAMPLES_PER_PERIOD * samples.step_s)
-    for from_s, most in (*((each, 1.0) for each in _short_from_s(samples, searched_s[0])), (least_s, _PART_SHARE)):
+    min_s = max(searched_s[0], MIN_SAMPLES_PER_PERIOD * samples.step_s)
+    for from_s, most in (*((each, 1.0) for each in _short_from_s(samples, searched_s[0])), (min_s, _PART_SHARE)):
         parts = []
         for share in _PARTS_AT:
             bounds = _part(samples, from_s, share, most)
