@@ -137,7 +137,7 @@ def flown(case: Case, planner: str, files: Mapping[str, str]) -> dict[str, Any]:
     summary["solver"] = {key: value for key, value in summary["solver"].items() if not key.endswith("_ms")}
     changes = sum(parameter["changes"] for parameter in summary["parameters"].values())
     return {
-        "rows": digest(flight.steps),
+        "rows": digest([(*step[:9], step.parameters) for step in flight.steps]),  # up to the charge
         "decisions": digest([[r.time_s, r.cause, r.stage, r.lap, r.parameters] for r in flight.decisions]),
         "summary": digest(summary),
         "u": quality,
