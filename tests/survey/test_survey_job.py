@@ -69,7 +69,7 @@ COVER = ("cover", "DIR/field.geojson", "--feature", "field", "--scenario", "DIR/
         ((*COVER, "--sorties", "1"), 2, "too few for the packs: a pack"),  # 6: too few
         ((*COVER, "--wind", "4,4.19"), 0, "4.19 rad are 240.1°"),  # 7: what was meant
         (("export", "DIR/job/sortie-01.plan", "--to", "ardupilot"), 0, "ArduPilot's fence"),  # 8: exports
-        (("plan", "DIR/job/sortie-01-ardupilot.waypoints"), 0, "final"),
+        (("plan", "DIR/job/sortie-01-ardupilot.waypoints"), 0, "length"),
     ],
 )
 def test_each_step(eadp, job, words, code, said):
