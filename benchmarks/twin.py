@@ -584,20 +584,31 @@ def run(task: tuple[Mission, str, str | None]) -> dict[str, Any]:
     mission, folder, cache = task
     constants = Constants(mission, cache)
     before = constants.before_take_off()
+    joint, _ = timed_joint(constants, folder)
+    return {**described(constants), "before": before, "clairvoyant": constants.clairvoyant, "joint": joint}
+
+
+def described(constants: Constants) -> dict[str, Any]:
+    """A mission, and its flights with constant parameters."""
     lowest, highest = (pick(constants.flown, key=lambda constant: constant.c) for pick in (min, max))
-    with (Path(folder) / f"mission-{mission.index}.csv").open("w", newline="") as stream:
-        joint = fly_joint(constants, Path(folder), stream)
     return {
-        "mission": mission,
+        "mission": constants.mission,
         "capacity_ah": constants.capacity_ah,
         "losses": {round(k * SAMPLE_S): drop for k, drop in constants.losses.items()},
         "lowest": lowest,
         "highest": highest,
         "best": constants.best,
-        "before": before,
-        "clairvoyant": constants.clairvoyant,
-        "joint": joint,
     }
+
+
+def timed_joint(
+    constants: Constants, folder: str, keys: Keys | None = None, eadp: Sequence[str] = EADP
+) -> tuple[Flown, float]:
+    """A flight by `joint`, as `fly_joint`, and the CPU seconds of `eadp replan`."""
+    before_s = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
+    with (Path(folder) / f"mission-{constants.mission.index}.csv").open("w", newline="") as stream:
+        joint = fly_joint(constants, Path(folder), stream, keys, eadp)
+    return joint, resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before_s
 
 
 def paced(task: tuple[Mission, str, str | None]) -> dict[str, Any]:
@@ -605,23 +616,12 @@ def paced(task: tuple[Mission, str, str | None]) -> dict[str, Any]:
     mission, folder, cache = task
     constants = Constants(mission, cache)
     slower = [Constants(mission, cache, constants, speed) for speed in SLOWER_MPS]
-    flights, cpu_s = {}, {}
-    for name, keys in (("fixed", {}), ("joint", PACED)):
-        before_s = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-        with (Path(folder) / f"mission-{mission.index}.csv").open("w", newline="") as stream:
-            flights[name] = fly_joint(constants, Path(folder), stream, keys)
-        cpu_s[name] = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before_s
-    lowest, highest = (pick(constants.flown, key=lambda constant: constant.c) for pick in (min, max))
+    flights = {name: timed_joint(constants, folder, keys) for name, keys in (("fixed", {}), ("joint", PACED))}
     return {
-        "mission": mission,
-        "capacity_ah": constants.capacity_ah,
-        "losses": {round(k * SAMPLE_S): drop for k, drop in constants.losses.items()},
-        "lowest": lowest,
-        "highest": highest,
-        "best": constants.best,
+        **described(constants),
         "clairvoyant": [each.clairvoyant for each in (constants, *slower)],
-        "cpu_s": cpu_s,
-        **flights,
+        "cpu_s": {name: cpu_s for name, (_, cpu_s) in flights.items()},
+        **{name: flown for name, (flown, _) in flights.items()},
     }
 
 
@@ -632,15 +632,13 @@ def ablated(task: tuple[Mission, str, str | None]) -> dict[str, Any]:
     programs = {name: ({}, (ablation.__file__, name)) for name in LEFT_OUT}
     programs |= {rate: ({"planner.joint.loss_rate_per_h": rate}, EADP) for rate in RATES if rate != DEFAULT_RATE}
     for name, (keys, eadp) in programs.items():
-        before_s = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
-        with (Path(folder) / f"mission-{mission.index}.csv").open("w", newline="") as stream:
-            joint = fly_joint(constants, Path(folder), stream, keys, eadp)
+        joint, cpu_s = timed_joint(constants, folder, keys, eadp)
         flights[name] = {
             "completed": joint.completed,
             "kept": joint.completed and joint.soc >= RESERVE,
             "u": joint.u,
             "changes": sum(joint.changes),
-            "cpu_s": resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before_s,
+            "cpu_s": cpu_s,
         }
     flights[DEFAULT_RATE] = flights[ablation.AS_IT_IS]
     return {"losses": bool(mission.losses), "flights": flights}
