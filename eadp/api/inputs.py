@@ -172,18 +172,15 @@ class FlightInputs:
         """
         if self.mission.battery.prescribed:
             return None
-        found, wind, airspace = (
-            self._before_take_off(self.scenario.planner),
-            self.world.wind,
-            self.world.plan.site.airspace,
-        )
+        found, world = self._before_take_off(self.scenario.planner), self.world
+        wind, airspace = world.wind, world.plan.site.airspace
         if found is not None and set(found.airspeeds_mps) - {self.mission.cruise_mps}:
             found = replace(found, at_cruise=self.at_one_airspeed().preflight(whole=False))
         if found is None or not whole or not any(airspace):
             return found
         from eadp.planning.forecast import clearance  # few plans have obstacles
 
-        gusts, world = (wind.gust_std_mps, wind.gust_time_s), self.world
+        gusts = wind.gust_std_mps, wind.gust_time_s
         legs, climb = found.planned(self.mission).legs, ClimbFollower.of(self.mission)
         entered = clearance.entering(legs, airspace, world.vehicle, world.guidance, self._wind_mps, gusts, climb)
         return replace(found, entering=entered)

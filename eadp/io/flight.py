@@ -57,8 +57,7 @@ def counted_text(scenario: Scenario, plan: Plan, expected: Mapping[str, Any]) ->
         if isinstance(value := expected["parameters"].get(item.name), int | float)
     ]
     speeds = expected.get("airspeeds_mps") or [stage.airspeed_mps or cruise_mps for stage in plan.stages]
-    ends = dict.fromkeys(f"{speed:.3g}" for speed in (min(speeds), max(speeds)))
-    return "; ".join([*parts, f"{' to '.join(ends)} m/s", losses_text(scenario)])
+    return "; ".join([*parts, airspeeds_text(speeds), losses_text(scenario)])
 
 
 def losses_text(scenario: Scenario) -> str:

@@ -529,9 +529,9 @@ def flight_keys(task: CoverageTask, vehicle: File | None) -> dict[str, Any]:
     keys: dict[str, Any] = {} if vehicle is None else {"vehicle": str(vehicle)}
     if task.options.airspeed_mps is not None:
         keys["vehicle.airframe.airspeed_mps"] = task.options.airspeed_mps
-        if task.airframe is not None and task.airframe.airspeed_range_mps is not None:
-            wider = task.airframe.flown_at(task.options.airspeed_mps).airspeed_range_mps
-            keys["vehicle.airframe.airspeed_range_mps"] = [*(wider or ())]
+        wider = None if isinstance(task.airframe, PaperVehicle) else task.airframe.flown_at(task.options.airspeed_mps)
+        if wider is not None and wider.airspeed_range_mps is not None:
+            keys["vehicle.airframe.airspeed_range_mps"] = [*wider.airspeed_range_mps]
     if task.options.wind is not None:
         east, north = task.motion.wind_mps
         from_deg = compass_deg(math.atan2(-north, -east))
@@ -584,27 +584,28 @@ def cover(
     """
     task = coverage_task(str(field), options, profile, scenario, vehicle, warn)
     task, found = task.best()
+    aircraft, slower = found.aircraft, found.slower
     if task.profile is not None or task.pack is not None:
         keys, given = flight_keys(task, vehicle) | {"parameters": None}, None if scenario is None else str(scenario)
-        turns_back_soc, flown = [0.0], [""]
+        turns_back_soc = [0.0]
 
         def energy_wh(c1: float) -> float | None:
             """As forecast, with every computation at its highest."""
+            nonlocal aircraft, slower
             plan = held_at(found.plan, "lo" if c1 < 0 else "hi", "hi")
-            inputs = load_flight(plan, scenario=given, profile=profile, overrides=keys).at_one_airspeed()
-            forecast = inputs.preflight(whole=False)
+            inputs = load_flight(plan, scenario=given, profile=profile, overrides=keys)
+            forecast = inputs.at_one_airspeed().preflight(whole=False)
             if forecast is None:
                 return None
-            flown[0] = setting_text(inputs.scenario)
+            aircraft = setting_text(inputs.scenario)
+            slower = slower if c1 < 0 else inputs.at_min_energy()
             turns_back_soc.append(forecast.turns_back_soc)
             return forecast.forecast.energy_wh
 
         try:
             report = found.report.with_energy(energy_wh)
-            inputs = load_flight(held_at(found.plan, "hi", "hi"), scenario=given, profile=profile, overrides=keys)
-            found = replace(found, slower=inputs.at_min_energy())
             pack = found.pack and found.pack._replace(turns_back_soc=max(turns_back_soc))
-            found = replace(found, report=report, pack=pack, aircraft=flown[0])
+            found = replace(found, report=report, pack=pack, aircraft=aircraft, slower=slower)
         except InputError as error:
             # the path takes vehicle and wind alone from a scenario, which may be of another plan
             if any(fault.file not in (given, *(f"--set {key}" for key in keys)) for fault in error.faults):

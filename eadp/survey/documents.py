@@ -92,7 +92,7 @@ class SlowerKeys(TypedDict):
     """The densest lines at the airspeeds of the least energy."""
 
     airspeeds_mps: list[float]
-    duration_s: float | None
+    time_s: float | None
     energy_wh: float | None
 
 

@@ -468,7 +468,7 @@ class CoveragePlan:
         ending = self.slower.forecast
         return {
             "airspeeds_mps": list(self.slower.airspeeds_mps),
-            "duration_s": ending.remaining_s,
+            "time_s": ending.remaining_s,
             "energy_wh": ending.energy_wh,
         }
 
@@ -526,7 +526,7 @@ class CoveragePlan:
             f"batteries  {packs}; a full one gives {self.pack.energy_wh:.3g} Wh before {until}, no charge lost at once",
         ]
         if (slower := self._slower) is not None:
-            least = f"{slower['duration_s']:.0f} s, {slower['energy_wh']:.2f} Wh with the densest lines"
+            least = f"{slower['time_s']:.0f} s, {slower['energy_wh']:.2f} Wh with the densest lines"
             flown = airspeeds_text(slower["airspeeds_mps"])
             text.append(f"slower     {flown}: {least}; flown where the charge is short")
         return text

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
 import numpy as np
 
-from eadp.api.inputs import Files, FlightInputs, load_flight
+from eadp.api.inputs import HELD, Files, FlightInputs, load_flight
 from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import straight
@@ -615,11 +615,11 @@ class SortiePlan:
         value = dict(self.divided.sorties[0].inputs.scenario.document.value)
         value.pop("home", None)
         value.pop("parameters", None)
-        settings = self.sorties[0].inputs.scenario.keys.planner
-        value["planner"] = {**(value.get("planner") or {}), "name": settings.name}
-        if hasattr(settings.own, "airspeed"):  # the sorties are planned and forecast at one airspeed
-            own = value["planner"].get(settings.name) or {}
-            value["planner"][settings.name] = {**own, "airspeed": "fixed"}
+        inputs = self.sorties[0].inputs
+        name = inputs.scenario.keys.planner.name
+        value["planner"] = {**(value.get("planner") or {}), "name": name}
+        if inputs.mission.vehicle.airspeed_range_mps is not None:  # the sorties are forecast at one airspeed
+            value["planner"][name] = {**(value["planner"].get(name) or {}), "airspeed": HELD}
         if profile is not None:
             value["profile"] = profile
         if self._heights is not None:

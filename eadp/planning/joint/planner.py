@@ -100,6 +100,12 @@ class Candidate(NamedTuple):
         return () if self.pace_mps is None or of_stages is None else tuple(of_stages[0].tolist())
 
     @property
+    def at_thriftiest(self) -> Candidate:
+        """The same path at the pace that leaves the most charge, where the airspeed is decided."""
+        evaluation = self.evaluation.thriftiest or self.evaluation
+        return Candidate(self.shares, evaluation, Solution(evaluation.filled(), ""), self.thriftiest_mps)
+
+    @property
     def left_over(self) -> float:
         """State of charge that it leaves beyond the reserve and today's margin; negative where it is short."""
         return float(self.evaluation.knapsack.available[0] - self.solution.filling.use[0])
@@ -256,7 +262,7 @@ class JointPlanner(Planner):
         if not self._paced:
             return self._search_path(known, kept)
         shares = self._places.shares
-        least = kept and self._plan(known, shares, kept.thriftiest_mps)
+        least = kept and kept.at_thriftiest
         found = self._search_path(known, least) if self._places.open else None
         if found is None:
             return self._decide_pace(known, shares)
@@ -482,12 +488,12 @@ class JointPlanner(Planner):
 
     def _airspeed_text(self, known: Known, airspeeds_mps: Vector) -> str:
         """The change of the airspeed on the stage being flown; where that stays, of the fastest and slowest stage."""
-        before, stage = (
-            self._places.airspeeds_mps or (self._mission.cruise_mps,) * len(airspeeds_mps),
-            known.cursor.stage.index - 1,
+        stage, before = known.cursor.stage.index - 1, self._places.airspeeds_mps
+        old, new = (
+            f"{speed:.3g}" for speed in (before[stage] if before else self._mission.cruise_mps, airspeeds_mps[stage])
         )
-        if f"{before[stage]:.3g}" != f"{airspeeds_mps[stage]:.3g}":
-            return f"airspeed {before[stage]:.3g} → {airspeeds_mps[stage]:.3g} m/s"
+        if old != new:
+            return f"airspeed {old} → {new} m/s"
         return f"airspeed of other stages {min(airspeeds_mps):.3g} to {max(airspeeds_mps):.3g} m/s"
 
     def _battery_limit(self, known: Known, plan: Candidate) -> str | None:
