@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from common import ROOT, draw_nothing, evenly
 from common.browser import ABSENT, CHROMIUM, Browser
-from hypothesis import HealthCheck, settings
+from hypothesis import HealthCheck, Phase, settings
 
 from eadp.check.proof import AlgebraProcess
 from eadp.cli.main import main
@@ -23,10 +23,12 @@ from eadp.io.text import yaml
 gc.disable()  # until all tests are collected: nothing of them is garbage
 
 # The quick tier draws the same examples each time, so that more of them would find nothing new; the slow tier draws new
-# ones. A loaded machine makes the generation of inputs slow, which is no fault of a test. None depends on the clock.
+# ones. Of a test that is to fall, any failing example will do. A loaded machine makes the generation of inputs slow,
+# which is no fault of a test. None depends on the clock.
 settings.register_profile("base", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("quick", settings.get_profile("base"), max_examples=15, derandomize=True)
 settings.register_profile("slow", settings.get_profile("base"), max_examples=100)
+settings.register_profile("any", settings.get_profile("quick"), phases=(Phase.explicit, Phase.generate))
 settings.load_profile("quick")
 
 # Machine code is compiled once for each version of the sources: by all tests, their processes and pytest's workers
