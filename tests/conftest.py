@@ -27,7 +27,7 @@ gc.disable()  # until all tests are collected: nothing of them is garbage
 # which is no fault of a test. None depends on the clock.
 settings.register_profile("base", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("quick", settings.get_profile("base"), max_examples=15, derandomize=True)
-settings.register_profile("slow", settings.get_profile("base"), max_examples=100)
+settings.register_profile("slow", settings.get_profile("base"), max_examples=50)
 settings.register_profile("any", settings.get_profile("quick"), phases=(Phase.explicit, Phase.generate))
 settings.load_profile("quick")
 

@@ -391,7 +391,7 @@ def test_a_start_or_a_home_in_an_obstacle_is_refused(eadp, tmp_path, key, place)
         assert eadp("simulate", plan, *setting, *away, *(word for s in free for word in ("--set", s))).code == 0
 
 
-@pytest.mark.parametrize("seconds", few([130, 60, 400], 1))
+@pytest.mark.parametrize("seconds", few([130, 400], 1))
 def test_the_rest_of_a_flight_is_exported_from_where_its_telemetry_ends(eadp, tmp_path, seconds):
     plan, scenario = "plans/survey.plan", "scenarios/survey.yaml"
     lines = (ROOT / "scenarios/example-telemetry.jsonl").read_text().splitlines()[:seconds]

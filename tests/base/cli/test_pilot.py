@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from common import ROOT, few
+from common import ROOT
 
 import eadp
 from eadp.core.geometry.geodesy import compass_deg
@@ -32,9 +32,8 @@ def scenario_of(folder, autopilot):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("pattern", few(["dubins", "zamboni"], 1))
-def test_no_picture_is_taken_in_the_climb(pattern):
-    found = covered(pattern=pattern)
+def test_no_picture_is_taken_in_the_climb():
+    found = covered()
     flight = eadp.simulate(found.plan, scenario=PILOT / "day.yaml", seed=1, warn=lambda _: None)
     on = [bool(stage.command(TRIGGER) and stage.command(TRIGGER)[1]) for stage in found.plan.stages]
     first = flight.columns["stage"].astype(int) > on.index(True)
@@ -48,7 +47,7 @@ def lands(heading_deg, scenario=None):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("turn_deg", few([15, -5, 0, -20, -15, -10, 5, 10, 20], 2))
+@pytest.mark.parametrize("turn_deg", [-20, 15])
 def test_headings_near_the_wind_are_landed_on_over_the_slope(turn_deg):
     """The ground rises by 5 % from where it lands; the flight comes down on a circle where the way is too short."""
     found = lands(WIND_DEG + turn_deg)
@@ -73,7 +72,7 @@ def test_headings_near_the_wind_are_landed_on_over_the_slope(turn_deg):
         assert flight.columns["altitude_m"][there < len(found.plan.stages) - 1][-1] > circle.altitude_m
 
 
-@pytest.mark.parametrize("heading_deg", few([250, 240, 265], 1))
+@pytest.mark.parametrize("heading_deg", [250])
 def test_an_advised_heading_is_one_on_which_it_lands(heading_deg, tmp_path):
     """PX4's approaches of 5° do not clear a slope of 5 % on every heading."""
     scenario = scenario_of(tmp_path, "{kind: px4}")

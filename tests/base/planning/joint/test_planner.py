@@ -344,7 +344,7 @@ def test_a_gauge_that_is_stuck_is_warned_of(stuck):
 
 
 @pytest.mark.quick(1)
-@pytest.mark.parametrize("capacity_ah", few([0.76, 0.8, 0.84, 0.88], 2))
+@pytest.mark.parametrize("capacity_ah", [0.76, 0.88])
 def test_two_computations_in_gusts_change_seldom_at_measured_levels_and_use_the_charge(capacity_ah):
     rates, sizes = (2.0, 4.0, 6.0, 8.0, 10.0), (1.0, 2.0, 3.0, 4.0)
     rows = np.array(list(itertools.product(rates, sizes)))
@@ -378,7 +378,7 @@ def test_two_computations_in_gusts_change_seldom_at_measured_levels_and_use_the_
 HOME = {**CALM, "battery.capacity_ah": 0.25, "on_infeasible": "home"}
 
 
-@pytest.mark.parametrize("home_m", few([[0.0, -1000.0], [-800.0, 300.0], [900.0, 0.0]], 1))
+@pytest.mark.parametrize("home_m", few([[0.0, -1000.0], [900.0, 0.0]], 1))
 def test_where_the_plan_is_infeasible_it_turns_back_at_the_last_moment(home_m):
     flight = flown(**HOME, **{"home.position_m": home_m})
     last, end = flight.records[-1], flight.steps[-1]

@@ -106,7 +106,7 @@ def test_the_slope_is_never_below_0():
 @pytest.mark.slow
 def test_forecasts_of_energy_are_calibrated():
     squares = []
-    for seed in range(300):
+    for seed in range(150):
         rng = np.random.default_rng(seed)
         level = 36 * (1 + rng.normal(0, power.LEVEL_SHARE))
         slope = max(36 * power.TURN_SHARE * (1 + rng.normal()), 0.0)
@@ -134,7 +134,7 @@ def test_a_first_window_in_a_gust_is_not_believed():
 def test_gusts_that_last_are_learned(windows):
     """Windows that scatter by 3 to 17 % of the level, each half of the one before: the energy of 600 s to come."""
     squares = []
-    for seed in range(300):
+    for seed in range(150):
         rng = np.random.default_rng([seed, windows])
         level, scatter_w = 80 * (1 + rng.normal(0, power.LEVEL_SHARE)), 80 * rng.uniform(0.03, 0.17)
         shocks = rng.normal(0, scatter_w / math.sqrt(2), windows + 121)
