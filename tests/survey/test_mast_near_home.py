@@ -50,7 +50,7 @@ def test_a_climb_circles_above_a_mast_near_home_that_the_altitude_clears(eadp, m
     assert "an obstacle is flown over at 90 m, the highest mast of 50 m" in answer.err
     assert "before the first line" in answer.out
     wind, out = ("--set", "wind.speed_mps=3", "--set", "wind.from_deg=270"), tmp_path / "flown"
-    assert eadp("simulate", plan, "--set", f"vehicle={MAPPER}", *wind, "-o", out).code == 0
+    assert eadp("simulate", plan, "--set", f"vehicle={MAPPER}", "--planner", "static", *wind, "-o", out).code == 0
     summary = json.loads((out / "summary.json").read_text())
     assert summary["obstacles"] == summary["energy_forecast"]["obstacles"] == []
     above_m = [

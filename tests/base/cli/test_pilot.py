@@ -34,7 +34,7 @@ def scenario_of(folder, autopilot):
 @pytest.mark.slow
 def test_no_picture_is_taken_in_the_climb():
     found = covered()
-    flight = eadp.simulate(found.plan, scenario=PILOT / "day.yaml", seed=1, warn=lambda _: None)
+    flight = eadp.simulate(found.plan, scenario=PILOT / "day.yaml", seed=1, planner="static", warn=lambda _: None)
     on = [bool(stage.command(TRIGGER) and stage.command(TRIGGER)[1]) for stage in found.plan.stages]
     first = flight.columns["stage"].astype(int) > on.index(True)
     altitude_m = found.pictures.altitude_m
@@ -58,7 +58,7 @@ def test_headings_near_the_wind_are_landed_on_over_the_slope(turn_deg):
     assert above_m[np.maximum.accumulate(above_m >= 20) & before].min() >= 20 - 0.01
     (x0, y0), (x1, y1) = circle.trigger_at(()), approach.trigger_at(())
     assert compass_deg(np.arctan2(y1 - y0, x1 - x0)) % 360 == pytest.approx(WIND_DEG + turn_deg, abs=0.01)
-    flight = eadp.simulate(found.plan, scenario=PILOT / "day.yaml", seed=1, warn=lambda _: None)
+    flight = eadp.simulate(found.plan, scenario=PILOT / "day.yaml", seed=1, planner="static", warn=lambda _: None)
     points_m = np.column_stack([flight.columns["x_m"], flight.columns["y_m"]])
     ground = read_terrain([str(PILOT / "ground.tif")], points_m, found.plan.site.origin_deg)
     up_m = flight.columns["altitude_m"] + found.plan.site.ground_m - ground.heights_m(points_m)
