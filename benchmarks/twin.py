@@ -702,6 +702,7 @@ def report_paced(results: list[dict[str, Any]]) -> None:
                 f"{rms(rms(values) for values in z):.2f}",
                 f"{statistics.fmean(statistics.fmean(abs(v) <= 2 for v in values) for values in z):.3f}",
                 f"{statistics.fmean(r['cpu_s'][name] for r in results):.1f}",
+                f"{statistics.fmean(1e3 * r['cpu_s'][name] / r[name].time_s for r in results):.1f}",
             ]
         )
     table(PACED_COLUMNS, rows)
@@ -720,6 +721,7 @@ PACED_COLUMNS = (
         "charge at the end, from 10 to 90 % of a flight: z, rms",
         "within 2 σ",
         "CPU of `eadp replan` [s]",
+    "a second of flight [ms]",
     ),
 )
 
