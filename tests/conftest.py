@@ -140,6 +140,7 @@ COMPILED = [
     "base/simulation/test_fixed_wing.py",
     "base/simulation/test_reproduction.py",
     "base/simulation/test_wind_over_time.py",
+    "exchange/test_mission_seams.py",
     "live/test_acquisition.py",
     "live/test_apply.py",
     "live/test_beside_autopilots.py",
@@ -170,10 +171,13 @@ COMPILED = [
     "survey/test_terrain.py",
     "sweep/test_sweep_command.py",
     "sweep/test_sweep_file.py",
+    "test_library_page.py",
     "test_notebook.py",
     "test_pictures.py",
     "test_readme.py",
+    "test_real.py",
     "test_results_page.py",
+    "test_words.py",
 ]
 """Tests of whole flights whose subject is not the plain form of the code."""
 
@@ -195,7 +199,6 @@ DRAWN = {
     "test_library_page.py",
     "test_notebook.py",
     "test_pictures.py",
-    "test_results_page.py",
 }
 """Tests whose subject is a figure or a page of a result folder: elsewhere these are empty files."""
 

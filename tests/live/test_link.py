@@ -832,8 +832,14 @@ def slow(plan):
     )
 
 
-def test_an_airspeed_is_commanded_once_it_is_decided(slow, lines):
-    flown, commanded = flown_slowly(slow, recorded(), 0)
+@pytest.fixture(scope="module")
+def obeyed(slow):
+    """The same, whose autopilot flies what is commanded."""
+    return flown_slowly(slow, recorded()[:200], 0)
+
+
+def test_an_airspeed_is_commanded_once_it_is_decided(obeyed):
+    flown, commanded = obeyed
     decided = [line["airspeed_mps"] for line in flown.decisions if line["airspeed_mps"]]
     assert min(commanded) < 14
     assert {*commanded} <= {*decided}
@@ -858,9 +864,9 @@ def test_a_refused_airspeed_is_a_limit_and_is_told_once(slow):
     assert flown.decisions[-1]["airspeed_mps"] == 15.0
 
 
-def test_the_autopilots_limits_narrow_the_range(slow):
+def test_the_autopilots_limits_narrow_the_range(slow, obeyed):
     """They are read on the ground, before any line is made."""
-    _, free = flown_slowly(slow, recorded()[:200], 0)
+    _, free = obeyed
     _, limited = flown_slowly(slow, recorded()[:200], 0, limits={"AIRSPEED_MIN": 13.0, "AIRSPEED_MAX": 22.0})
     assert min(free) < 12.0
     assert 13.0 <= min(limited) <= 14.0

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+import eadp.cli  # noqa: F401  # before numpy is imported: linear algebra keeps to one thread
 from eadp.io.page import GENERATOR, REPORT
 
 ROOT = Path(__file__).resolve().parents[3]

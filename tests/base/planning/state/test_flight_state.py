@@ -79,9 +79,9 @@ def known_at_end(state, taken):
     return state.known(time_of(taken[-1]), last.position_m)
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("faults", [False, True])
-@pytest.mark.parametrize("every", [1, 7])
+@pytest.mark.parametrize("every", [7, 1])
 def test_what_it_knows_does_not_depend_on_when_it_is_asked(every, faults):
     inputs, taken, *_ = survey_flight(faults)
     assert len(taken) > 50
