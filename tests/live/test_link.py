@@ -847,6 +847,7 @@ def test_an_airspeed_is_commanded_once_it_is_decided(obeyed):
     assert any(f"accepts an airspeed of {commanded[0]:g} m/s" in fault.message for fault in flown.faults)
 
 
+@pytest.mark.slow
 def test_another_airspeed_than_the_commanded_one_is_obeyed(slow):
     """A pilot's from the 40th second on, which the pitot tube shows for a minute: none is decided any more."""
     seconds = itertools.count()

@@ -73,6 +73,7 @@ def test_headings_near_the_wind_are_landed_on_over_the_slope(turn_deg):
         assert flight.columns["altitude_m"][there < len(found.plan.stages) - 1][-1] > circle.altitude_m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("heading_deg", few([250, 240, 265], 1))
 def test_an_advised_heading_is_one_on_which_it_lands(heading_deg, tmp_path):
     """PX4's approaches of 5° do not clear a slope of 5 % on every heading."""

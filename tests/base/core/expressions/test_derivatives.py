@@ -279,6 +279,7 @@ def test_a_product_of_a_thousand_factors_of_both_coordinates():
     assert path(x, y) == pytest.approx(wanted, rel=1e-9)
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("before", ["sin(", "sqrt(1+2*", "-(1 + x*(", "2^("])
 def test_the_deepest_expression_that_reads_can_be_flown(before):
     levels = 100

@@ -178,6 +178,7 @@ def test_without_headings_it_finds_where_the_circle_of_air_velocities_lies():
     assert filtered(readings, headings=False).wind_mps == pytest.approx(batch, abs=0.02)
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("headings", [True, False])
 @pytest.mark.parametrize("step_s", [0.1, 1.0, 10.0])
 def test_known_winds_with_gusts(headings, step_s):
@@ -218,6 +219,7 @@ def survey_course(time_s):
     return math.pi / 2 + math.pi * (2 * lap + turned)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("course", "gust_mps"), [(survey_course, 1.5), (lambda _: 0.0, 0.7)])
 def test_without_headings_it_is_calibrated_on_lines(course, gust_mps):
     squares = normalised_squares(False, course, seeds=40, gust_mps=gust_mps)

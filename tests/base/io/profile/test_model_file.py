@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from common import ROOT
-from hypothesis import given
+from common import ROOT, draws
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.core.signals import average
@@ -654,6 +654,7 @@ def test_round_trip_is_exact(profile: Profile) -> None:
     assert parse(json.dumps(profile_document(profile))) == profile, "what follows from the points is ignored"
 
 
+@settings(max_examples=draws(0.3))
 @given(profiles(), profiles())
 def test_round_trip_of_parts_is_exact(first: Profile, second: Profile) -> None:
     apart = ProfileSum((first, replace(second, names=tuple(f"{name}_too" for name in second.names))))

@@ -231,6 +231,7 @@ def north(pilot, battery, seconds, stage_m=1e9, running=lambda stage: True, lost
     return decisions, soc
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("capacity_ah", few([0.26, 0.265, 0.27], 2))
 def test_between_two_configurations_both_are_flown_and_the_charge_is_used(capacity_ah):
     battery = Battery(14.8, 0.05, capacity_ah, letter_crate_per_h=1e3)

@@ -199,6 +199,7 @@ def test_a_step_that_is_feasible_at_its_edge_alone():
     assert 0.31 - FINEST <= found.value <= 0.31
 
 
+@pytest.mark.slow
 def test_a_search_for_what_is_of_use_decides_as_one_for_the_best():
     """With a threshold fewer places are looked at, and a place above it is found if there is one."""
     looked, decided = {True: 0, False: 0}, 0
