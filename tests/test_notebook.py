@@ -15,7 +15,7 @@ PAGE = ROOT / "docs/notebook.ipynb"
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
 @pytest.mark.slow
-@pytest.mark.parametrize("folder", ["docs", "."])
+@pytest.mark.parametrize("folder", ["docs"])
 def test_the_cells_run(monkeypatch, folder):
     monkeypatch.chdir(ROOT / folder)
     notebook = json.loads(PAGE.read_text(encoding="utf-8"))

@@ -248,11 +248,6 @@ def test_sampling_of_any_kind(kept: str) -> None:
     assert_found(analyse(times + 1.7e9 if kept == "a date" else times, power))
 
 
-def test_coarse_sampling() -> None:
-    times = np.arange(0, 400, 8.0)
-    assert_found(analyse(times, noisy(times, std_w=0.2, terms=THREE[:2])), order=2)
-
-
 def test_a_trend_hides_no_period() -> None:
     times = sampled(5)
     found = analyse(times, noisy(times) - times / 60)

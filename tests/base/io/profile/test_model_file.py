@@ -127,11 +127,6 @@ def test_mean_and_spread_are_those_of_statistics(powers_w: list[float]) -> None:
     assert profile.std_w[0] == pytest.approx(deviation_w, rel=1e-6, abs=1e-12)
 
 
-def test_equal_readings_keep_their_digits() -> None:
-    profile = parse("fps,power_w\n2,0.1\n2,0.1\n2,0.1\n4,1\n")
-    assert (profile.power_w[0], profile.std_w[0], profile.samples[0]) == (0.1, 0, 3)
-
-
 def test_comments_blank_lines_and_the_source() -> None:
     profile = parse("\n# a comment\n# Source: the bench,\n#source: in June\nfps,power_w\n\n2,5\n # fast\n4,7\n\n")
     assert profile.source == "the bench, in June"
@@ -174,10 +169,6 @@ def test_powprofilers_device_and_none_of_its_energy_and_charge() -> None:
     plain = parse("fps,power_w\n2,5\n4,7\n")
     assert plain.device == ""
     assert "device" not in profile_document(plain)
-
-
-def test_better_names_for_a_header_too() -> None:
-    assert parse("c1,power_w\n2,5\n4,7\n", "fps").names == ("fps",)
 
 
 def test_warning_of_power_that_turns_points_at_its_row() -> None:
@@ -719,12 +710,6 @@ def test_published_powprofiler_model() -> None:
 
 
 TRACES = ("landing_trace_0.5fps.csv", "landing_trace_10fps.csv")
-
-
-def test_published_traces_need_a_configuration() -> None:
-    for name in TRACES:
-        with pytest.raises(InputError, match=r"no column for the configuration.*--config fps=2"):
-            read_profile(reference(name))
 
 
 def test_published_traces_are_the_published_model() -> None:

@@ -445,14 +445,6 @@ def test_an_autopilot_returns_and_circles_at_the_end_of_the_plan():
     assert 0 < forecast.energy_wh / (own.outcome.totals.energy_j / 3600) - 1 < 0.06
 
 
-@pytest.mark.slow
-def test_a_home_farther_than_what_is_left_of_the_plan_is_no_way_out():
-    """A loss of charge on the way, from which neither end keeps the reserve: the nearer one is flown to."""
-    fault = {"faults": [{"at_s": 200, "soc_drop": 0.3}], "home.position_m": [0.0, -3500.0]}
-    flight = flown(**HOME | {"battery.capacity_ah": 0.45} | fault)
-    assert not any(record.reason.startswith("home") for record in flight.records)
-
-
 @pytest.mark.parametrize(
     ("overrides", "what"),
     [
