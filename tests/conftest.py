@@ -17,6 +17,7 @@ from hypothesis import HealthCheck, settings
 
 from eadp.check.proof import AlgebraProcess
 from eadp.cli.main import main
+from eadp.cli.output import Progress
 from eadp.core import compiled
 from eadp.io.text import yaml
 
@@ -28,6 +29,7 @@ settings.register_profile("base", deadline=None, suppress_health_check=[HealthCh
 settings.register_profile("quick", settings.get_profile("base"), max_examples=15, derandomize=True)
 settings.register_profile("slow", settings.get_profile("base"), max_examples=100)
 settings.load_profile("quick")
+Progress.__init__.__defaults__ = (float("inf"),)  # no line of progress, which the clock of a slow machine would draw
 
 # Machine code is compiled once for each version of the sources: by all tests, their processes and pytest's workers
 # together, and kept between runs.
