@@ -868,7 +868,7 @@ def test_a_refused_airspeed_is_a_limit_and_is_told_once(slow):
 def test_the_autopilots_limits_narrow_the_range(slow, obeyed):
     """They are read on the ground, before any line is made."""
     _, free = obeyed
-    _, limited = flown_slowly(slow, recorded()[:200], 0, limits={"AIRSPEED_MIN": 13.0, "AIRSPEED_MAX": 22.0})
+    _, limited = flown_slowly(slow, recorded()[:140], 0, limits={"AIRSPEED_MIN": 13.0, "AIRSPEED_MAX": 22.0})
     assert min(free) < 12.0
     assert 13.0 <= min(limited) <= 14.0
 
