@@ -17,6 +17,7 @@ from hypothesis import HealthCheck, Phase, settings
 
 from eadp.check.proof import AlgebraProcess
 from eadp.cli.main import main
+from eadp.cli.output import Progress
 from eadp.core import compiled
 from eadp.io.text import yaml
 
@@ -30,6 +31,7 @@ settings.register_profile("quick", settings.get_profile("base"), max_examples=15
 settings.register_profile("slow", settings.get_profile("base"), max_examples=50)
 settings.register_profile("any", settings.get_profile("quick"), phases=(Phase.explicit, Phase.generate))
 settings.load_profile("quick")
+Progress.__init__.__defaults__ = (float("inf"),)  # no line of progress, which the clock of a slow machine would draw
 
 # Machine code is compiled once for each version of the sources: by all tests, their processes and pytest's workers
 # together, and kept between runs.
@@ -206,7 +208,6 @@ DRAWN = {
     "test_library_page.py",
     "test_notebook.py",
     "test_pictures.py",
-    "test_results_page.py",
 }
 """Tests whose subject is a figure or a page of a result folder: elsewhere these are empty files."""
 

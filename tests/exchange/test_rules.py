@@ -12,7 +12,7 @@ VEHICLES = ("foam-wing", "survey-wing", "mapper", "small-wing")
 FIELD = ("plans/meadow.geojson", "--swath", "60", "--pattern", "dubins", "--heading", "94", "--wind", "4,240")
 
 
-@pytest.mark.quick(4)
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("vehicle", VEHICLES)
 @pytest.mark.parametrize("ends", [("--landing", f"{PLACE},250"), ("--home", PLACE)])
 def test_exports_of_the_presets_are_armed_or_it_is_said_what_to_set(eadp, tmp_path, vehicle, ends):

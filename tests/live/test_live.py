@@ -95,6 +95,7 @@ def test_each_stage_ends_within_its_own_radius_on_telemetry_too():
 MEASURED = ("velocity_mps", "heading_rad")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate_hz", "keys", "shift_s"),
     few_rows(

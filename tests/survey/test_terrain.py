@@ -132,6 +132,7 @@ def _jacksboro(path):
     return write_geotiff(path, sample["elevation"].astype("int16"), corner), sample["elevation"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("centre", few([(36.533, -84.328), (36.60, -84.25), (36.66, -84.15)], 1))
 def test_real_ground_is_flown_over_as_planned(tmp_path, centre):
     terrain, _ = _jacksboro(tmp_path / "fault.tif")
@@ -142,6 +143,7 @@ def test_real_ground_is_flown_over_as_planned(tmp_path, centre):
     assert any("of the lines higher than 99 m" in line for line in found.lines)
 
 
+@pytest.mark.slow
 def test_a_narrow_ridge_of_a_fine_terrain_is_flown_over_as_planned(tmp_path):
     from rasterio.warp import transform
 
@@ -218,6 +220,8 @@ def test_an_export_is_above_home_and_read_back_as_written(eadp, slope, tmp_path)
         line.split()[2] for text in (plan.read_text(), again) for line in text.splitlines() if "altitude" in line
     }
     assert commanded == {line.split()[2] for line in plan.read_text().splitlines() if "%: altitude" in line}
+    elsewhere = eadp("export", plan, "--to", "qgc", "--home", "55.501,10.501")
+    assert "the ground at the plan's home or start" in elsewhere.err
 
 
 LANDING = (-450.0, 100.0, 90.0)
@@ -374,14 +378,6 @@ def test_maps_have_altitudes_above_the_sea(eadp, landing):
     assert f",{points[-1][2]:g}<" in kml
 
 
-def test_a_home_at_another_height_is_warned_of(eadp, slope, tmp_path):
-    field, terrain = slope
-    plan = tmp_path / "slope.plan"
-    eadp("cover", field, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain, "-o", plan)
-    answer = eadp("export", plan, "--to", "qgc", "--home", "55.501,10.501")
-    assert "the ground at the plan's home or start" in answer.err
-
-
 @pytest.mark.slow
 def test_sorties_over_terrain_land_on_the_ground(eadp, slope, tmp_path):
     field, terrain = slope
@@ -465,6 +461,7 @@ def test_what_is_refused(eadp, slope, tmp_path):
         refused(answer, message)
 
 
+@pytest.mark.slow
 def test_computations_stop_on_turns_at_any_altitude(eadp, slope):
     field, terrain = slope
     profile = ("--profile", "profiles/pednet-jetson-nano.yaml", "--turns-off")

@@ -135,9 +135,9 @@ def test_compiled_flights_of_the_letter_are_the_plain_ones(scenario, no_longer_c
     same(*(flown({"time_limit_s": 120.0}, scenario=file, on=on) for on in (True, False)))
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @fast
-@pytest.mark.parametrize("text", [PARTS, CURVED])
+@pytest.mark.parametrize("text", [CURVED, PARTS])
 @pytest.mark.parametrize("vehicle", few(["paper", "power-curve", "fixed-wing"], 2))
 def test_plans_of_parts_and_curves_too(tmp_path, text, vehicle, no_longer_compiled):
     path = tmp_path / "a.plan"
