@@ -865,9 +865,9 @@ def test_a_refused_airspeed_is_a_limit_and_is_told_once(slow):
     assert flown.decisions[-1]["airspeed_mps"] == 15.0
 
 
-def test_the_autopilots_limits_narrow_the_range(slow):
+def test_the_autopilots_limits_narrow_the_range(slow, obeyed):
     """They are read on the ground, before any line is made."""
-    _, free = flown_slowly(slow, recorded()[:200], 0)
+    _, free = obeyed
     _, limited = flown_slowly(slow, recorded()[:200], 0, limits={"AIRSPEED_MIN": 13.0, "AIRSPEED_MAX": 22.0})
     assert min(free) < 13.0
     assert 13.0 <= min(limited) <= 14.0
