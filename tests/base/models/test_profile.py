@@ -24,10 +24,6 @@ PEDNET = profile({2: 5.21438, 4: 6.94212, 6: 8.68095, 8: 9.78429, 10: 10.2112})
 HALF = profile({0.5: 3.33, 1: 3.34, 2: 3.36, 10: 3.46})
 
 
-def test_power_worked_by_hand() -> None:
-    assert PEDNET.power_w_at((5.0,)) == pytest.approx((6.94212 + 8.68095) / 2, abs=ROUNDING_W)
-
-
 def test_outside_is_refused_or_clamped() -> None:
     with pytest.raises(Infeasible, match=r"^fps=12 is outside the measured 2 to 10$"):
         PEDNET.power_w_at((12.0,))
@@ -62,28 +58,11 @@ def test_arrays_are_sorted_read_only_copies() -> None:
         made.power_w[0] = 1
 
 
-def test_spread_and_samples_have_defaults() -> None:
-    assert PEDNET.std_w.tolist() == [0] * 5
-    assert PEDNET.samples.tolist() == [1] * 5
-
-
-def test_equality_is_by_value() -> None:
-    assert profile({2: 5, 4: 7}) == profile({4: 7, 2: 5})
-    assert profile({2: 5, 4: 7}) != profile({2: 5, 4: 7.5})
-    assert profile({2: 5, 4: 7}) != "a profile"
-
-
 def test_shapes_that_do_not_fit() -> None:
     with pytest.raises(ValueError, match="do not fit"):
         Profile(("fps", "keysize"), ("", ""), np.array([[2.0], [4.0]]), np.array([5.0, 7.0]))
     with pytest.raises(ValueError, match="do not fit"):
         Profile(("fps",), ("",), np.array([[2.0], [4.0]]), np.array([5.0, 7.0]), np.array([0.1]))
-
-
-def test_range_of() -> None:
-    assert PEDNET.range_of("fps") == (2, 10)
-    with pytest.raises(KeyError, match="keysize"):
-        PEDNET.range_of("keysize")
 
 
 # errors

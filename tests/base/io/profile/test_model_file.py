@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from common import ROOT
-from hypothesis import given
+from common import ROOT, draws
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.core.signals import average
@@ -127,11 +127,6 @@ def test_mean_and_spread_are_those_of_statistics(powers_w: list[float]) -> None:
     assert profile.std_w[0] == pytest.approx(deviation_w, rel=1e-6, abs=1e-12)
 
 
-def test_equal_readings_keep_their_digits() -> None:
-    profile = parse("fps,power_w\n2,0.1\n2,0.1\n2,0.1\n4,1\n")
-    assert (profile.power_w[0], profile.std_w[0], profile.samples[0]) == (0.1, 0, 3)
-
-
 def test_comments_blank_lines_and_the_source() -> None:
     profile = parse("\n# a comment\n# Source: the bench,\n#source: in June\nfps,power_w\n\n2,5\n # fast\n4,7\n\n")
     assert profile.source == "the bench, in June"
@@ -174,10 +169,6 @@ def test_powprofilers_device_and_none_of_its_energy_and_charge() -> None:
     plain = parse("fps,power_w\n2,5\n4,7\n")
     assert plain.device == ""
     assert "device" not in profile_document(plain)
-
-
-def test_better_names_for_a_header_too() -> None:
-    assert parse("c1,power_w\n2,5\n4,7\n", "fps").names == ("fps",)
 
 
 def test_warning_of_power_that_turns_points_at_its_row() -> None:
@@ -373,8 +364,6 @@ def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
                 "8:5: error: 3 fields; expected 2, as in the first row",
             ],
         ),
-        ("2,5\n nan , 4\n", ["2:2: error: nan is not finite; expected a finite number"]),
-        ("fps,power_w\n1_0,5\n2,6\n", ["2:1: error: 1_0 is not a number; expected a number"]),
         ("fps,power_w\n٣,5\n2,6\n", ["2:1: error: ٣ is not a number; expected a number"]),
         (
             "fps,power_w\n2,5\n4,7\n2,50\n2,5\n",
@@ -390,10 +379,6 @@ def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
         (
             "fps,power_w\n",
             ["1:1: error: no measurements; expected measurements of two configurations or more"],
-        ),
-        (
-            "\n# nothing\n",
-            ["1:1: error: no measurements; expected a header such as fps,power_w and a row for each measurement"],
         ),
         (
             "fps|power_w\n2|5\n",
@@ -416,19 +401,8 @@ def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
             ["1:13: error: several columns of power: power_w, power_mw; expected one, called power_w, or --power NAME"],
         ),
         (
-            "fps,cpu_power_w,gpu_power_w\n2,5,5\n",
-            [
-                "1:17: error: several columns of power: cpu_power_w, gpu_power_w; expected one, called power_w, or "
-                "--power NAME"
-            ],
-        ),
-        (
             "fps,power [MW]\n2,5\n",
             ["1:5: error: MW is no known unit of power; expected a header such as fps,power_w"],
-        ),
-        (
-            "fps,power_w [mW]\n2,5\n",
-            ["1:5: error: power_w [mW] names two units of power; expected a header such as fps,power_w"],
         ),
         (
             "fps,2nd,fps,,power_w\n2,5,5,5,5\n",
@@ -441,10 +415,6 @@ def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
         (
             "a\x1b,power_w\n2,5\n",
             ["1:1: error: a\\x1b is no name; expected a header such as fps,power_w"],
-        ),
-        (
-            "2,32,5\n",
-            ["1:1: error: 3 columns without names; expected a header such as fps,power_w, or --names with 2 names"],
         ),
         (
             "200,101,102\n2,5,5\n",
@@ -583,7 +553,6 @@ def changed(old: str, new: str) -> str:
             changed("eadp.profile/1", "eadp.profile/2"),
             ["1:1: error: not the model of a profile; expected schema: eadp.profile/1"],
         ),
-        ("{}", ["1:1: error: not the model of a profile; expected schema: eadp.profile/1"]),
         ("{", ["1:2: error: is not YAML"]),
         (changed("source:", "sauce:"), ["2:1: error: unknown key sauce"]),
         (
@@ -603,14 +572,9 @@ def changed(old: str, new: str) -> str:
             ["8:19: error: points.0.power_w cannot be -5; expected greater than or equal to 0"],
         ),
         (changed("power_w: 5}", "power_w: true}"), ["8:19: error: points.0.power_w cannot be True; expected a number"]),
-        (changed("power_w: 5}", "power_w: '5'}"), ["8:19: error: points.0.power_w cannot be '5'; expected a number"]),
         (
             changed("power_w: 5}", "power_w: .nan}"),
             ["8:28: error: .nan is not a finite number; expected a finite number"],
-        ),
-        (
-            changed("samples: 3", "samples: 0"),
-            ["9:49: error: points.1.samples cannot be 0; expected greater than or equal to 1"],
         ),
         (
             changed("samples: 3", "samples: 2.5"),
@@ -631,10 +595,6 @@ def changed(old: str, new: str) -> str:
         (
             changed('name: "keysize"', 'name: "fps"'),
             ["5:6: error: the name fps stands twice; expected each once"],
-        ),
-        (
-            changed('name: "keysize"', 'name: "a,b"'),
-            ["5:6: error: a,b is no name; expected a name: a letter first"],
         ),
         (
             changed("at: [2, 448]", "at: [6, 32.5]").replace("[10, 32]", "[10, 33]"),
@@ -685,6 +645,7 @@ def test_round_trip_is_exact(profile: Profile) -> None:
     assert parse(json.dumps(profile_document(profile))) == profile, "what follows from the points is ignored"
 
 
+@settings(max_examples=draws(0.3))
 @given(profiles(), profiles())
 def test_round_trip_of_parts_is_exact(first: Profile, second: Profile) -> None:
     apart = ProfileSum((first, replace(second, names=tuple(f"{name}_too" for name in second.names))))
@@ -749,12 +710,6 @@ def test_published_powprofiler_model() -> None:
 
 
 TRACES = ("landing_trace_0.5fps.csv", "landing_trace_10fps.csv")
-
-
-def test_published_traces_need_a_configuration() -> None:
-    for name in TRACES:
-        with pytest.raises(InputError, match=r"no column for the configuration.*--config fps=2"):
-            read_profile(reference(name))
 
 
 def test_published_traces_are_the_published_model() -> None:
