@@ -156,7 +156,7 @@ def _summary(profile: AnyProfile) -> str:
 
 
 def _part_summary(part: Profile) -> str:
-    """A table: configuration, power, standard deviation and error, samples, leave-one-out error."""
+    """A table: configuration, power, standard deviation and error, samples."""
     from eadp.models.profile import titles
 
     heads = [*titles(part.names, part.units), "power [W]"]
@@ -165,29 +165,15 @@ def _part_summary(part: Profile) -> str:
             *(f"{value:.10g}" for value in at),
             f"{part.power_w[i]:.6g}",
             f"{part.std_w[i]:.2g}" if part.samples[i] > 1 else "",
-            _finite_text(part.standard_error_w[i], ".2g"),
+            f"{part.standard_error_w[i]:.2g}" if math.isfinite(part.standard_error_w[i]) else "",
             str(part.samples[i]),
-            _finite_text(part.leave_one_out_w[i] - part.power_w[i], "+.2g"),
         ]
         for i, at in enumerate(part.configurations.tolist())
     ]
-    optional = ["std. dev. [W]", "std. error [W]", "samples", "leave-one-out error [W]"]
+    optional = ["std. dev. [W]", "std. error [W]", "samples"]
     columns = zip([*heads, *optional], *rows, strict=True)
     filled = [column for i, column in enumerate(columns) if i < len(heads) or any(column[1:])]
     title = f"{len(part.power_w)} configurations of {', '.join(part.names)}; {part.interpolation} between them"
     source = f"source: {printable(part.source, 1000)}"
     device = [f"device: {printable(part.device, 64)}"] if part.device else []
-    return "\n".join([title, source, *device, *aligned([*zip(*filled, strict=True)]), *_error_summary(part)])
-
-
-def _finite_text(value: float, form: str) -> str:
-    return f"{value:{form}}" if math.isfinite(value) else ""
-
-
-def _error_summary(part: Profile) -> list[str]:
-    found = part.leave_one_out_error
-    if not found:
-        return []
-    points = "1 configuration" if found.points == 1 else f"{found.points} configurations"
-    worst = f"at most {found.largest_w:.2g} W at {part.named(found.worst)}"
-    return [f"leave-one-out error of {points}: {found.rms_w:.2g} W RMS, {worst}"]
+    return "\n".join([title, source, *device, *aligned([*zip(*filled, strict=True)])])

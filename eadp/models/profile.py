@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.interpolation import Interpolant, Kind, interpolant, leave_one_out
+from eadp.core.interpolation import Interpolant, Kind, interpolant
 from eadp.errors import Infeasible
 
 LEVELS_LIMIT = 100_000
@@ -51,20 +51,6 @@ class ProfileFinding:
 
     point: int
     message: str
-
-
-@dataclass(frozen=True)
-class LeaveOneOutError:
-    """Errors of predicting each configuration's power from the others, over the configurations that they enclose.
-
-    `points` is their number, `rms_w` the root mean square of the errors [W], `largest_w` the largest of them, without
-    its sign [W], and `worst` the index of its configuration.
-    """
-
-    points: int
-    rms_w: float
-    largest_w: float
-    worst: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,25 +141,6 @@ class Profile:
     def parts(self) -> tuple[Profile, ...]:
         """The profiles whose power is added: of one that was measured as a whole, itself."""
         return (self,)
-
-    @cached_property
-    def leave_one_out_w(self) -> FloatArray:
-        """Leave-one-out predictions, shape (n,) [W]; NaN where the other configurations do not enclose the point.
-
-        See `eadp.core.interpolation.leave_one_out`.
-        """
-        return leave_one_out(self.configurations, self.power_w, self.interpolation)
-
-    @property
-    def leave_one_out_error(self) -> LeaveOneOutError | None:
-        """The leave-one-out error; None where no configuration is enclosed by the others."""
-        errors = np.abs(self.leave_one_out_w - self.power_w)
-        known = np.flatnonzero(np.isfinite(errors))
-        if not len(known):
-            return None
-        worst = int(known[np.argmax(errors[known])])
-        rms_w = math.sqrt(float(np.mean(errors[known] ** 2)))
-        return LeaveOneOutError(len(known), rms_w, float(errors[worst]), worst)
 
     def effective_samples(self, point: int) -> float:
         """Number of independent samples with the same standard error as a configuration's samples; never more."""

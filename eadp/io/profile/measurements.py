@@ -46,7 +46,7 @@ _HEADING = re.compile(r"([^\[(]*)(?:[\[(]([^\])]*)[\])])?\Z")
 _POWER = re.compile(r"(.*[ _-])?power(?:[ _-]([a-zµ]?w|watts?))?\Z", re.IGNORECASE)
 _NO_PARAMETER = re.compile(
     r"(?:time|timestamp|energy|soc)(?:[ _-](?:s|ms|us|j|mj|wh|mwh))?\Z"
-    r"|(?:std|standard_error|leave_one_out_error)[ _-][mk]?w\Z|samples\Z|extrapolated\Z",  # as eadp writes them
+    r"|(?:std|standard_error)[ _-][mk]?w\Z|samples\Z|extrapolated\Z",  # as eadp writes them
     re.IGNORECASE,
 )
 

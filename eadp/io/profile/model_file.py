@@ -274,23 +274,6 @@ class _Point:
     standard_error_w: _Power | None = None
     """standard error of power_w, with the correlation of consecutive samples"""
 
-    leave_one_out_error_w: _Value | None = None
-    """prediction from the other points less power_w; written in JSON, not read"""
-
-
-@dataclass(frozen=True)
-class _LeaveOneOut:
-    """Leave-one-out error over the points that the others enclose; written in JSON, not read."""
-
-    points: int
-    """number of points that the others enclose"""
-
-    rms_w: float
-    """root mean square of their errors [W]"""
-
-    largest_w: float
-    """largest of their errors [W]"""
-
 
 @dataclass(frozen=True, kw_only=True)
 class _PartFile:
@@ -310,9 +293,6 @@ class _PartFile:
 
     points: Annotated[list[_Point], Field(min_length=2)]
     """configurations that were measured"""
-
-    leave_one_out: _LeaveOneOut | None = None
-    """error of the interpolation, by leaving points out; not read"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -426,7 +406,7 @@ def _faults(document: Document, content: _PartFile, where: Path) -> list[Fault]:
 
 
 def profile_document(profile: AnyProfile) -> dict[str, Any]:
-    """A profile as the JSON-ready document of its schema, with its leave-one-out errors.
+    """A profile as the JSON-ready document of its schema.
 
     Every key is written out but the device where it is not known.
     """
@@ -436,9 +416,7 @@ def profile_document(profile: AnyProfile) -> dict[str, Any]:
 
 
 def _part_document(profile: Profile) -> dict[str, Any]:
-    errors_w = profile.leave_one_out_w - profile.power_w
-    columns = [*(getattr(profile, name).tolist() for name in ARRAYS), errors_w.tolist()]
-    found = profile.leave_one_out_error
+    columns = [getattr(profile, name).tolist() for name in ARRAYS]
     return {
         "source": profile.source,
         **({"device": profile.device} if profile.device else {}),
@@ -451,11 +429,9 @@ def _part_document(profile: Profile) -> dict[str, Any]:
                 "std_w": shortest(std_w),
                 "samples": samples,
                 "standard_error_w": shortest(standard_w) if math.isfinite(standard_w) else None,
-                "leave_one_out_error_w": error_w if math.isfinite(error_w) else None,
             }
-            for at, power_w, std_w, samples, standard_w, error_w in zip(*columns, strict=True)
+            for at, power_w, std_w, samples, standard_w in zip(*columns, strict=True)
         ],
-        "leave_one_out": found and {"points": found.points, "rms_w": found.rms_w, "largest_w": found.largest_w},
     }
 
 
@@ -469,7 +445,7 @@ def profile_yaml(profile: AnyProfile) -> str:
     Returns
     -------
     str
-        YAML, one line for each parameter and each configuration, without defaults and keys that follow from others.
+        YAML, one line for each parameter and each configuration, without defaults.
     """
     return yaml_text(_without_defaults(profile_document(profile)))
 
@@ -479,16 +455,12 @@ DEFAULTS = {"unit": "", "std_w": 0, "samples": 1, "standard_error_w": None}
 
 
 def _without_defaults(value: Any) -> Any:
-    """A document without defaults and keys that follow from others."""
+    """A document without defaults."""
     if isinstance(value, list):
         return [_without_defaults(item) for item in value]
     if not isinstance(value, dict):
         return value
-    return {
-        key: _without_defaults(item)
-        for key, item in value.items()
-        if not key.startswith("leave_one_out") and (key not in DEFAULTS or item != DEFAULTS[key])
-    }
+    return {key: _without_defaults(item) for key, item in value.items() if key not in DEFAULTS or item != DEFAULTS[key]}
 
 
 @dataclass(frozen=True)

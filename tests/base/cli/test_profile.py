@@ -99,20 +99,6 @@ def test_summary_as_text(run: Run, measured: PowerMeasurement) -> None:
     ]
 
 
-def test_summary_tells_how_far_the_others_miss(run: Run) -> None:
-    code, out, _ = run("profile", PEDNET)
-    assert code == 0
-    assert out.splitlines()[2:] == [
-        "fps  power [W]  samples  leave-one-out error [W]",
-        "  2    5.21438        1",
-        "  4    6.94212        1                  +0.0055",
-        "  6    8.68095        1                    -0.32",
-        "  8    9.78429        1                    -0.34",
-        " 10    10.2112        1",
-        "leave-one-out error of 3 configurations: 0.27 W RMS, at most 0.34 W at fps=8",
-    ]
-
-
 # the page about it
 
 PAGE = (ROOT / "docs" / "profile.md").read_text(encoding="utf-8")
@@ -190,11 +176,8 @@ def test_model_as_json_is_a_model_itself(run: Run, tmp_path: Path) -> None:
     code, out, err = run("profile", PEDNET, "--format", "json")
     document = json.loads(out)
     assert (code, err, document["schema"]) == (0, "", "eadp.profile/1")
-    first, second = document["points"][:2]
     told = {"at": [2], "power_w": 5.21438, "std_w": 0, "samples": 1, "standard_error_w": None}
-    assert first == {**told, "leave_one_out_error_w": None}, "an end is not enclosed by the others"
-    assert second["leave_one_out_error_w"] == pytest.approx((5.21438 + 8.68095) / 2 - 6.94212)
-    assert document["leave_one_out"]["points"] == 3
+    assert document["points"][0] == told
     (tmp_path / "m.json").write_text(out, encoding="utf-8")
     assert run("profile", str(tmp_path / "m.json"), "--format", "json") == (0, out, "")
 

@@ -86,21 +86,6 @@ def test_range_of() -> None:
         PEDNET.range_of("keysize")
 
 
-# errors
-
-
-def test_leave_one_out_worked_by_hand() -> None:
-    found = PEDNET.leave_one_out_error
-    assert found is not None
-    # 4: (5.21438 + 8.68095)/2 − 6.94212; 6: (6.94212 + 9.78429)/2 − 8.68095; 8: (8.68095 + 10.2112)/2 − 9.78429
-    errors_w = [0.005545, -0.317745, -0.338215]
-    assert (PEDNET.leave_one_out_w - PEDNET.power_w)[1:4] == pytest.approx(errors_w, abs=ROUNDING_W)
-    assert (found.points, found.worst) == (3, 3)
-    assert found.largest_w == pytest.approx(0.338215, abs=ROUNDING_W)
-    assert found.rms_w == pytest.approx(math.sqrt(sum(e * e for e in errors_w) / 3), abs=ROUNDING_W)
-    assert profile({2: 5, 4: 7}).leave_one_out_error is None
-
-
 def test_few_independent_samples_are_found() -> None:
     points, power_w = np.array([[2.0], [4.0], [6.0]]), np.array([5.0, 7.0, 8.0])
 

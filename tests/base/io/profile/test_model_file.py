@@ -98,7 +98,7 @@ def test_columns_that_are_no_parameters_are_ignored_with_a_warning() -> None:
     ]
 
 
-@pytest.mark.parametrize("column", ["std_w", "samples", "standard_error_w", "leave_one_out_error_w", "extrapolated"])
+@pytest.mark.parametrize("column", ["std_w", "samples", "standard_error_w", "extrapolated"])
 def test_what_eadp_writes_beside_the_power_is_no_computation(column: str) -> None:
     body = f"fps,power_w,{column}\n2,5,0.1\n4,7,0.2\n"
     assert parse(body).names == ("fps",)
