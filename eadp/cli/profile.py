@@ -77,7 +77,7 @@ def command(
     Build the energy model of the computations from measurements of their power: a CSV with a column for each
     parameter and one for the power (fps,power_w), or powprofiler's. Repeated configurations are averaged.
 
-    Traces are recordings at one configuration each, of tegrastats, jtop, nvidia-smi, turbostat, powerstat, an INA219,
+    Traces are recordings at one configuration each, of tegrastats, jtop, nvidia-smi, turbostat, an INA219,
     INA226 or INA3221, hwmon or RAPL: eadp profile slow.log fast.log --config fps=2 --config fps=10
 
     Measure them: eadp profile --measure --config fps=2,4,6 -o measured.csv -- ./detect --rate {fps}

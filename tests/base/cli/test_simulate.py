@@ -7,7 +7,6 @@ import json
 import math
 import re
 import sys
-import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
@@ -636,19 +635,6 @@ def test_repeats_are_the_same_bytes_but_for_the_timings(eadp, tmp_path):
         for row in rows:
             validator.validate(json.loads(row))
         assert not validator.is_valid({"schema": "eadp.flight/1"})
-
-
-def test_a_flight_and_a_plan_as_junit(eadp, tmp_path):
-    report = tmp_path / "report.xml"
-    flown = eadp("simulate", PLAN, "--scenario", SCENARIO, "--set", "time_limit_s=2", "--junit", report)
-    suite = ET.parse(report).getroot()
-    assert (flown.code, suite.get("tests"), suite.get("failures")) == (1, "1", "1")
-    assert suite[0][0].get("message").startswith("time limit; state of charge 0.99")
-    assert float(suite[0].get("time")) > 0
-    for plan, code in ((PLAN, 0), ("tests/support/none.plan", 2)):
-        report.unlink(missing_ok=True)
-        assert eadp("plan", plan, "--check", "--junit", report).code == code
-        assert report.exists() == (code == 0)
 
 
 def test_messages_are_left_out_or_json(eadp, tmp_path):
