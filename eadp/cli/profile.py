@@ -37,9 +37,6 @@ class ModelOptions:
     names: Annotated[str, Flag(metavar="NAME,…")] = ""
     """New names of the parameters, in order."""
 
-    from_name: Annotated[str, Flag(metavar="PATTERN")] = ""
-    """Configurations of traces are in their names: '*_{fps}fps'."""
-
     interpolation: Literal["linear", "pchip"] | None = None
     """Between configurations; the default is linear, or the model's."""
 
@@ -101,7 +98,7 @@ def command(
     names = [name.strip() for name in model.names.split(",")] if model.names else []
     kind, device = model.interpolation, model.device or ""
     profile, warnings = read_profiles(
-        Sources(files, model.add, names, configurations, model.from_name, kind, device, columns)
+        Sources(files, model.add, names, configurations, kind, device, columns)
     )
     values, clamped = powers_at(profile, at, model.clamp)
     if model.plot:

@@ -16,7 +16,7 @@ from pydantic import Field
 from eadp.core.arrays import FloatArray
 from eadp.core.interpolation import Kind
 from eadp.errors import Fault, Infeasible, InputError, printable, refuse
-from eadp.io.profile.configurations import configuration_in_name, parse_configuration
+from eadp.io.profile.configurations import parse_configuration
 from eadp.io.profile.measurements import (
     A_NAME,
     LARGEST,
@@ -55,8 +55,6 @@ class Sources:
         New names of the parameters, in the order of their columns, file by file; none keeps the files'.
     configurations : sequence of Configuration
         Configurations of the traces among `files`, in their order.
-    pattern : str
-        Pattern of the configurations in the names of the traces; see `configurations.configuration_in_name`.
     interpolation : str
         `linear` or `pchip`; None keeps the model's.
     device : str
@@ -69,7 +67,6 @@ class Sources:
     added: Sequence[str] = ()
     names: Sequence[str] = ()
     configurations: Sequence[Configuration] = ()
-    pattern: str = ""
     interpolation: Kind | None = None
     device: str = ""
     columns: PowerColumns = field(default_factory=PowerColumns)
@@ -121,14 +118,14 @@ def read_profiles(sources: Sources) -> tuple[AnyProfile, list[Fault]]:
     _check_names(sources.names)
     apart = bool(sources.added and sources.names)  # then the names are those of all the files
     names = () if apart else sources.names
-    stated = bool(sources.configurations or sources.pattern)
+    stated = bool(sources.configurations)
     read = [_measurements(read_text(path), sources.columns, stated=stated) for path in sources.files]
     texts, notes = [text for text, _ in read], [note for _, found in read for note in found]
     models = [text for text in texts if _is_model(text)]
     if models and len(texts) > 1:
         expected = "measurements, or --add for computations that were measured apart"
         raise InputError.at(models[0].name, 1, 1, "a model among several files", expected)
-    if models and (sources.configurations or sources.pattern):
+    if models and sources.configurations:
         raise InputError.at(texts[0].name, 1, 1, "a model needs no configuration", "a trace of power over time")
     if models and sources.device:
         raise InputError.at("--device", 1, 1, "a model has its device", "powprofiler's measurements", sources.device)
@@ -136,10 +133,10 @@ def read_profiles(sources: Sources) -> tuple[AnyProfile, list[Fault]]:
         profile, warnings = parse_profile(texts[0], names)
     else:
         traces = _traces(sources, texts)
-        profile, warnings = _measured(traces, names, nameless=apart, device=sources.device)
+        profile, warnings = _measured(traces, names, device=sources.device)
     profiles = [profile]
     for path in sources.added:
-        profile, more = parse_profile(read_text(path), nameless=apart)
+        profile, more = parse_profile(read_text(path))
         profiles.append(profile)
         warnings += more
     profile = _added(profiles, sources.names if apart else ())
@@ -155,28 +152,21 @@ def _interpolated(profile: AnyProfile, kind: Kind | None) -> AnyProfile:
 
 def _traces(sources: Sources, texts: Sequence[Text]) -> list[Trace]:
     """Each file with its configuration, where it has no columns for it."""
-    if sources.configurations and sources.pattern:
-        raise InputError.at("--from-name", 1, 1, "stands beside --config", "one of the two")
     without = [i for i, text in enumerate(texts) if is_trace(text)]
     stated = dict(zip(without, sources.configurations, strict=False))
     if sources.configurations and len(sources.configurations) != len(without):
         message = f"{len(sources.configurations)} configurations for {len(without)} files without columns for them"
         raise InputError.at("--config", 1, 1, message, "one for each such file, in order")
-    if sources.pattern:
-        stated = {i: configuration_in_name(sources.files[i], sources.pattern) for i in without}
     return [Trace(text, stated.get(i)) for i, text in enumerate(texts)]
 
 
-def parse_profile(text: Text, names: Sequence[str] = (), *, nameless: bool = False) -> tuple[AnyProfile, list[Fault]]:
-    """`read_profile` of a text: a model if its name ends as one's does, or if its first key is `schema`.
-
-    `nameless` names the columns of a file without names c1, c2, …: they are renamed later.
-    """
+def parse_profile(text: Text, names: Sequence[str] = ()) -> tuple[AnyProfile, list[Fault]]:
+    """`read_profile` of a text: a model if its name ends as one's does, or if its first key is `schema`."""
     _check_names(names)
     if not _is_model(text):
-        return _measured([Trace(text)], names, nameless=nameless)
+        return _measured([Trace(text)], names)
     parts = _read_model(text)
-    warnings = [warning for profile, locations in parts for warning in _warnings(profile, locations, measured=False)]
+    warnings = [warning for profile, locations in parts for warning in _warnings(profile, locations)]
     try:
         profile = added([profile for profile, _ in parts])
     except Infeasible as error:
@@ -184,21 +174,19 @@ def parse_profile(text: Text, names: Sequence[str] = (), *, nameless: bool = Fal
     return _added([profile], names), warnings
 
 
-def _measured(
-    files: Sequence[Trace], names: Sequence[str], *, nameless: bool, device: str = ""
-) -> tuple[AnyProfile, list[Fault]]:
-    profile, locations, warnings = read_measurements(files, names, nameless=nameless, device=device)
-    found = [replace(fault, severity="warning") for fault in warnings] + _warnings(profile, locations, measured=True)
+def _measured(files: Sequence[Trace], names: Sequence[str], *, device: str = "") -> tuple[AnyProfile, list[Fault]]:
+    profile, locations, warnings = read_measurements(files, names, device=device)
+    found = [replace(fault, severity="warning") for fault in warnings] + _warnings(profile, locations)
     return _added([profile], names), sorted(found, key=lambda fault: (fault.file, fault.line, fault.column))
 
 
-def _warnings(profile: Profile, locations: PointFaults, *, measured: bool) -> list[Fault]:
+def _warnings(profile: Profile, locations: PointFaults) -> list[Fault]:
     """The findings of a profile at their locations, first by line."""
     warnings = [
         replace(
             locations[tuple(profile.configurations[found.point].tolist())], severity="warning", message=found.message
         )
-        for found in profile.findings(measured=measured)
+        for found in profile.findings()
     ]
     return sorted(warnings, key=lambda fault: (fault.file, fault.line, fault.column))
 

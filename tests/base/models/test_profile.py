@@ -86,23 +86,6 @@ def test_range_of() -> None:
         PEDNET.range_of("keysize")
 
 
-def test_few_independent_samples_are_found() -> None:
-    points, power_w = np.array([[2.0], [4.0], [6.0]]), np.array([5.0, 7.0, 8.0])
-
-    def findings(samples: list[int], std_w: list[float], error_w: list[float]) -> list[str]:
-        made = Profile(
-            ("fps",), ("",), points, power_w, np.array(std_w), np.array(samples), "linear", "", np.array(error_w)
-        )
-        return [found.message for found in made.findings()]
-
-    assert findings([400, 400, 400], [0.1, 0.1, 0.0], [0.02, 0.005, 0.0]) == []
-    assert findings([1, 1, 1], [0, 0, 0], [math.nan] * 3) == [], "averages of who knows how many"
-    # (0.1/0.05)² = 4
-    assert findings([400, 1, 400], [0.1, 0, 0.1], [0.05, math.nan, 0.01]) == [
-        "fewer than 10 independent samples: 4 of 400 at fps=2, 1 of 1 at fps=4; their standard errors are rough"
-    ]
-
-
 # levels
 
 
