@@ -97,9 +97,7 @@ def command(
     configurations = [parse_configuration(raw) for raw in options.config]
     names = [name.strip() for name in model.names.split(",")] if model.names else []
     kind, device = model.interpolation, model.device or ""
-    profile, warnings = read_profiles(
-        Sources(files, model.add, names, configurations, kind, device, columns)
-    )
+    profile, warnings = read_profiles(Sources(files, model.add, names, configurations, kind, device, columns))
     values, clamped = powers_at(profile, at, model.clamp)
     if model.plot:
         from eadp.io.figures.profile import write_profile_figure

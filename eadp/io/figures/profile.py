@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any
 
 import numpy as np
 
 from eadp.errors import InputError
-from eadp.io.figures.canvas import COLOURS, GREY, Axes, Figure, figure_file, legend_below, write_headline
+from eadp.io.figures.canvas import COLOURS, GREY, Axes, figure_file, legend_below, write_headline
 from eadp.models.performance import Performance
 from eadp.models.profile import AnyProfile, Profile, titles
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
@@ -23,30 +22,26 @@ MARKS = ("measured", "± 1 standard deviation", "± 2 standard errors")
 FINE = 200
 """Points along a curve."""
 
-ACROSS = 61
-"""Points along each side of filled contours."""
-
 
 def write_profile_figure(path: str, profile: AnyProfile) -> None:
     """Draw a profile, a panel for each part: measured power, its standard deviation and standard error, the model.
 
-    One changing parameter is a curve; a full grid a family of curves; scattered points of two parameters filled
-    contours.
+    One changing parameter is a curve, a full grid a family of curves.
 
     Raises
     ------
     InputError
-        If scattered points are of more parameters, the name ends in neither .svg nor .png, or the file cannot be
+        If scattered points are of several parameters, the name ends in neither .svg nor .png, or the file cannot be
         written.
     """
     parts = profile.parts
     with figure_file(path, 1.0 + 6.0 * len(parts), 4.6) as figure:
         panels = figure.subplots(1, len(parts), squeeze=False)[0]
         for axes, part in zip(panels, parts, strict=True):
-            _draw_part(figure, axes, part)
+            _draw_part(axes, part)
 
 
-def _draw_part(figure: Figure, axes: Axes, part: Profile) -> None:
+def _draw_part(axes: Axes, part: Profile) -> None:
     levels = [np.unique(column) for column in part.configurations.T]
     varying = [axis for axis, values in enumerate(levels) if len(values) > 1]
     axes.set_ylabel("power [W]")
@@ -55,11 +50,9 @@ def _draw_part(figure: Figure, axes: Axes, part: Profile) -> None:
         _draw_family(axes, part, along, [axis for axis in varying if axis != along], levels)
     elif len(varying) == 1:
         _draw_family(axes, part, varying[0], [], levels)
-    elif len(varying) == 2:
-        _draw_contours(figure, axes, part, varying)
     else:
         message = f"scattered configurations of {len(varying)} parameters have no picture"
-        raise InputError.at("--plot", 1, 1, message, "one or two, or a full grid")
+        raise InputError.at("--plot", 1, 1, message, "one parameter, or a full grid")
     kind = part.interpolation if len(varying) == 1 else "linear between neighbours"
     axes.set_title(f"Power of the computations, {kind}")
     handles, _ = axes.get_legend_handles_labels()
@@ -95,25 +88,6 @@ def _draw_points(axes: Axes, part: Profile, rows: np.ndarray, along: int, colour
     if error_w.any():
         axes.errorbar(x, power_w, 2 * error_w, fmt="none", ecolor=colour, elinewidth=3.5, alpha=0.5, label=errors)
     axes.plot(x, power_w, "o", color=colour, markersize=5, label=measured)
-
-
-def _draw_contours(figure: Figure, axes: Axes, part: Profile, varying: list[int]) -> None:
-    """Filled contours of the model over two parameters, blank outside the measured hull."""
-    x, y = (np.linspace(column.min(), column.max(), ACROSS) for column in part.configurations[:, varying].T)
-    power_w = np.full((len(y), len(x)), np.nan)
-    at = part.configurations[0].tolist()
-    for i, j in itertools.product(range(len(y)), range(len(x))):
-        at[varying[0]], at[varying[1]] = float(x[j]), float(y[i])
-        if part.contains(at):
-            power_w[i, j] = part.power_w_at(at)
-    filled = axes.contourf(x, y, power_w, levels=12, cmap="viridis")
-    figure.colorbar(filled, ax=axes, label="power [W]")
-    x, y = part.configurations[:, varying].T
-    low_w, high_w = filled.get_clim()
-    style: dict[str, Any] = {"edgecolors": "black", "linewidths": 0.8, "clip_on": False, "zorder": 3}
-    axes.scatter(x, y, c=part.power_w, cmap="viridis", vmin=low_w, vmax=high_w, label=MARKS[0], **style)
-    labels = titles(part.names, part.units)
-    axes.set(xlabel=labels[varying[0]], ylabel=labels[varying[1]])
 
 
 ABOVE = 1.6

@@ -578,12 +578,6 @@ def test_the_first_line_names_aircraft_battery_and_wind(eadp, line_plan):
     assert first == "aircraft   fixed-wing of 2 kg at 15 m/s; battery 14.8 V, 9 Ah; wind 5 m/s from 270°"
 
 
-def test_settings_that_are_not_used_are_named(eadp, line_plan):
-    answer = eadp("simulate", line_plan, "--set", "planner.weights.fps=2")
-    assert answer.code == 0
-    assert answer.err.count("note: not used: planner.weights") == 1
-
-
 @pytest.mark.usefixtures("drawn")
 def test_a_flight_that_returns_home_has_one_account_in_text_page_picture_and_json(eadp, tmp_path):
     folder = tmp_path / "home"
