@@ -159,12 +159,10 @@ def _text(fit: LogFit) -> str:
     if model.period_s is not None:
         head = [f"period   {_with_std(model.period_s, model.period_std_s or 0.0)} s", f"order    {model.order}"]
         label = "noise"
-    slow = model.disturbance
-    noise = "" if slow is None else f", of it {slow.std_w:.3g} W with a time constant of {slow.time_s:.2g} s"
     lines = [
         *head,
         f"mean     {_with_std(model.mean_w, model.mean_std_w or 0.0)} W",
-        f"{label:<8} {model.noise_std_w:.3g} W{noise}",
+        f"{label:<8} {model.noise_std_w:.3g} W",
         *([f"R²       {model.cv_r2:.4f} cross-validated"] if model.periodic else []),
         f"samples  {model.samples} over {model.span_s:.6g} s{searched}",
     ]
