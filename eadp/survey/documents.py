@@ -136,8 +136,6 @@ class SortiesDocument(PicturesKeys):
     home_m: Point | None
     swath_m: float
     count: int
-    min_count: int
-    min_energy_wh: float
     energy_wh: float
     length_m: float
     time_s: float
