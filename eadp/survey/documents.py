@@ -39,7 +39,6 @@ class TerrainKeys(TypedDict):
     ground_m: list[float]
     height_m: list[float]
     height_elsewhere_m: float | None
-    lower_share: float
     higher_share: float
     altitudes: int
     home_altitude_m: int

@@ -19,7 +19,6 @@ from eadp.core.geometry.polygons import (
     apart_m,
     clipped,
     covered_share,
-    covered_shares,
     ground_m2,
     inner_point,
     uncovered,
@@ -143,8 +142,7 @@ class CoverageReport:
         """The places that are not covered, at the coarsest spacing."""
         if self.least.coverage >= FULL:
             return []
-        lines, low = self.solution.path(self.least.c1).sensed_m, self.solution.in_climb_m
-        return left_ground(self.field, lines, self.motion, in_climb=low)
+        return left_ground(self.field, self.solution.path(self.least.c1).sensed_m, self.motion)
 
     @property
     def seam_m(self) -> float | None:
@@ -300,8 +298,6 @@ MIN_SHARE = 1e-4
 WIDTH_SHARE = 0.01
 """Width over the swath below which ground between strips is rounding."""
 
-IN_CLIMB = "below the altitude of the pictures, in the climb from home, and no room for a circle"
-
 SHOWN = 3
 """Places that are named, the largest ones."""
 
@@ -320,13 +316,7 @@ class LeftGround(NamedTuple):
         return {"area_m2": self.area_m2, "at_m": self.place_m, "at_deg": at_deg, "reason": self.reason}
 
 
-def left_ground(
-    field: Field,
-    lines: Sequence[Sequence[Point]],
-    motion: MotionLimits,
-    *,
-    in_climb: Sequence[Sequence[Point]] = (),
-) -> list[LeftGround]:
+def left_ground(field: Field, lines: Sequence[Sequence[Point]], motion: MotionLimits) -> list[LeftGround]:
     """The places of a field that lines leave uncovered, the largest first.
 
     Parameters
@@ -337,15 +327,12 @@ def left_ground(
         Points of each line [m].
     motion : MotionLimits
         For the swath and the room of a turn.
-    in_climb : sequence of sequences of (float, float), optional
-        Points of each part of a line that is flown in the climb, with the camera off [m].
     """
     found = []
     for rings in uncovered(field.parts, lines, motion.swath_m, WIDTH_SHARE * motion.swath_m):
         area_m2 = ground_m2(*rings)
         if area_m2 >= MIN_SHARE * field.area_m2:
-            low = in_climb and covered_shares([rings], [in_climb], motion.swath_m)[-1] > 0.5
-            reason = IN_CLIMB if low else _reason(rings, area_m2, field, motion)
+            reason = _reason(rings, area_m2, field, motion)
             found.append(LeftGround(rings, area_m2, inner_point(*rings), reason))
     return sorted(found, key=lambda each: -each.area_m2)
 

@@ -16,7 +16,7 @@ from eadp.core.arrays import BoolArray, FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import compass_deg
 from eadp.core.geometry.polygons import covered_shares, ground_m2, uncovered
-from eadp.errors import Fault, Infeasible, InputError, PathUndefined
+from eadp.errors import Fault, InputError, PathUndefined
 from eadp.io.flight import flown_lines, flown_of_plan, planned_lines
 from eadp.models.airspace import Field
 from eadp.models.autopilot import PX4
@@ -285,18 +285,10 @@ def cover_in_sorties(
     if any(plug_in("exporters", "mission").autopilot(to, scenario_path).kind == PX4 for to in exports):
         task = replace(task, autopilot=replace(task.autopilot, kind=PX4))
         overrides["autopilot.kind"] = PX4
-    if task.circled is not None:
-        task, _ = task.best()
     profile_path = None if profile is None else str(profile)
     division, files = sorties or SortieOptions(), Files()
     planner = SortiePlanner(task, division, files, scenario_path, profile_path, overrides, on_part=on_part)
     planner, ground = resumed(planner, division.resume, warn) if division.resume else (planner, None)
-    try:
-        plan = planner.plan(ground)
-    except Infeasible:
-        if not task.circles_first:
-            raise
-        # the climb to the first line of some sortie has no room for a circle
-        plan = replace(planner, task=replace(planner.task, circles_first=False)).plan(ground)
+    plan = planner.plan(ground)
     warn(picture_warnings(plan.pictures))
     return plan

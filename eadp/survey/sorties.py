@@ -379,9 +379,7 @@ class SortiePlan:
         if self.coverage >= FULL:
             return []
         task = self.planner.task
-        low = [part for each in self.sorties for part in each.solution.in_climb_m]
-        ground = replace(self.ground, airspace=task.airspace)
-        return left_ground(ground, self._path.sensed_m, task.motion, in_climb=low)
+        return left_ground(replace(self.ground, airspace=task.airspace), self._path.sensed_m, task.motion)
 
     @property
     def pictures(self) -> Pictures | None:

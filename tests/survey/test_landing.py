@@ -280,8 +280,8 @@ def test_an_approach_that_leaves_the_boundary_is_none_and_one_over_a_low_wall_is
     # it begins beyond the boundary's east, at x = 900, from any height
     where = r"the final approach of \d+ m .* does not stay inside the boundary at \((\d+), -100\) m"
     assert float(re.search(where, answer.err)[1]) > 900
-    works = re.search(r"expected a heading of (\d+)°", answer.err)[1]
-    assert eadp(*words, *given, "--landing", f"870,-100,{works}").code == 0
+    assert "expected another heading" in answer.err
+    assert eadp(*words, *given, "--landing", "870,-100,90").code == 0
     # with more room it begins within, lower, after a circle down to it
     answer = eadp(*words, *given, "--landing", "0,-100,270", "--format", "text")
     assert answer.code == 0, answer.err

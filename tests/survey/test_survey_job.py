@@ -62,7 +62,11 @@ COVER = ("cover", "DIR/field.geojson", "--feature", "field", "--scenario", "DIR/
     [
         ((*COVER, "--sorties", "auto"), 0, "done       after"),  # 1: obstacles and a boundary with several packs
         (COVER, 0, "an obstacle is flown over at 102 m, the highest pole of 35 m"),  # 2: heights
-        ((*COVER, "--sorties", "auto", "--resume", "DIR/flown/sortie-01"), 0, "sorties    2, the fewest found"),  # 3: the rest
+        (
+            (*COVER, "--sorties", "auto", "--resume", "DIR/flown/sortie-01"),
+            0,
+            "sorties    2, the fewest found",
+        ),  # 3: the rest
         ((*COVER, "--sorties", "auto", "--resume", "DIR/flown"), 2, "nothing is left to cover"),  # but by the mast
         (("simulate", "DIR/job"), 0, "done: "),  # 4: done is as planned, though ground beside the mast is left
         (("simulate", "DIR/job", "--set", "fps=5"), 0, "done: "),  # 5: a rate
