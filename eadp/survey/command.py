@@ -131,11 +131,7 @@ def command(
     if wanted == "json":
         emit_json(found.document)
         return 0
-    notes = [
-        *found.repairs,
-        *([f"line spacing {fixed}"] if wanted == "plan" and (fixed := found.report.fixed_spacing()) else []),
-    ]
-    warn([Fault(name, 1, 1, note, severity="note") for note in notes])
+    warn([Fault(name, 1, 1, note, severity="note") for note in found.repairs])
     written = [f"written    {out}"] if out else []
     emit(found.text if wanted == "plan" else "\n".join([*found.lines, *written]))
     return 0

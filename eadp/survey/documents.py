@@ -74,8 +74,6 @@ class PathKeys(TypedDict):
     at_lowest_c1: _LowestKeys
     c1_steps: list[float]
     blocks: int
-    other_pattern_share: float | None
-    zamboni_time_s: list[float] | None
     parts: int
     obstacles: int
     boundary: bool

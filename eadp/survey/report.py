@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from eadp.survey.documents import CoverDocument, LeftKeys, PathKeys, SlowerKeys
 
 
+FIXED_SPACING = "fixed: a planner cannot save lines in flight, as it can with --pattern zamboni"
 FULL = 0.9999
 """Share of a field from which on it counts as covered."""
 
@@ -209,8 +210,6 @@ class CoverageReport:
             "at_lowest_c1": {"length_m": least.length_m, "time_s": least.time_s, "lines": least.lines},
             "c1_steps": self._steps,
             "blocks": len(solution.blocks),
-            "other_pattern_share": solution.other_share,
-            "zamboni_time_s": self.laps_s() or None,
             "parts": len(self.field.parts),
             "obstacles": len(self.field.airspace.obstacles),
             "boundary": bool(self.field.airspace.boundary),
@@ -224,22 +223,6 @@ class CoverageReport:
             document["energy_wh"] = full.energy_wh
             document["at_lowest_c1"]["energy_wh"] = least.energy_wh
         return document
-
-    def laps_s(self) -> list[float]:
-        """Times of the Zamboni-like motion that was not chosen, at its lowest c1 and at c1 = 0 [s]; [] without one."""
-        laps = self.solution.laps
-        return [] if laps is None else [self.motion.time_s(laps.path(c1).pieces) for c1 in (laps.min_c1, 0.0)]
-
-    def fixed_spacing(self) -> str:
-        """What a plan of fixed spacing gives up, and what laps would cost and save; '' for a plan that varies it."""
-        if not (times_s := self.laps_s()):
-            return ""
-        shortest_s, full_s = times_s
-        more = 100 * (shortest_s / self.full.time_s - 1)
-        return (
-            f"fixed: a planner cannot save lines in flight. --pattern zamboni takes {full_s:.0f} s with the densest "
-            f"lines and can save {full_s - shortest_s:.0f} s of them, down to {shortest_s:.0f} s ({more:+.0f} %)"
-        )
 
     def text(self) -> list[str]:
         """A summary for people, line by line."""
@@ -277,14 +260,8 @@ class CoverageReport:
         wide = f"{math.floor(100 * tightest + 1e-6) / 100:.2f} m or wider" if math.isfinite(tightest) else "none"
         beyond = f"laps turn {self.motion.beyond_m:g} m farther out" if blocks else self.motion.beyond_text
         lines.append(f"turns      {wide}{f'; {beyond}' if self.motion.beyond_m else ''}")
-        if solution.laps is not None:
-            lines.append(f"spacing    {self.fixed_spacing()}")
-        elif not blocks and any(self.field.airspace):
-            lines.append("spacing    fixed: a planner cannot save lines in flight, as laps do not keep to the limits")
-        elif solution.other_share is not None:
-            lines.append(
-                f"instead    lines in an order would take {solution.other_share:.2f} times as long as the widest laps"
-            )
+        if not blocks:
+            lines.append(f"spacing    {FIXED_SPACING}")
         return [*lines, self.motion.wind_text]
 
 

@@ -410,25 +410,6 @@ def test_the_fields_own_file_is_not_overwritten(eadp, box, tmp_path):
     assert not same.exists()
 
 
-@pytest.mark.slow
-def test_auto_says_what_a_fixed_spacing_gives_up(eadp):
-    import json
-
-    arguments = ("cover", "plans/meadow.geojson", "--min-radius", "30", "--swath", "30")
-    document = json.loads(eadp(*arguments, "--format", "json").out)
-    laps = json.loads(eadp(*arguments, "--pattern", "zamboni", "--format", "json").out)
-    assert (document["pattern"], laps["pattern"]) == ("dubins", "zamboni")
-    assert document["zamboni_time_s"] == [pytest.approx(laps["at_lowest_c1"]["time_s"]), pytest.approx(laps["time_s"])]
-    assert laps["zamboni_time_s"] is None
-    text = eadp(*arguments, "--format", "text").out
-    assert "spacing    fixed: a planner cannot save lines in flight. --pattern zamboni takes 1082 s" in text
-    assert "save 522 s of them, down to 560 s (+26 %)" in text
-    plan = eadp(*arguments)
-    assert "note: line spacing fixed" in plan.err
-    assert "fixed" not in plan.out
-    assert "spacing  " not in eadp(*arguments, "--pattern", "zamboni", "--format", "text").out
-
-
 LIMITS = {
     "field": "x_m,y_m\n0,0\n600,0\n600,400\n0,400\n",
     "avoid": "x_m,y_m\n250,150\n330,150\n330,260\n250,260\n",

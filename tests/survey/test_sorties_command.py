@@ -337,9 +337,6 @@ def test_the_heading_of_the_lines_is_not_that_of_a_way_from_afar(tmp_path):
 @pytest.mark.slow
 def test_resume_refuses_what_is_not_of_this_field(eadp, scenario, flown, tmp_path):
     target = flown
-    log = log_of(target / "sortie-01", tmp_path / "log.jsonl")
-    twice = eadp(*COVER, "--scenario", scenario, "--sorties", "auto", "--resume", target / "sortie-01", "--resume", log)
-    assert refused(twice, "has the same minutes as")
     away = tmp_path / "away.jsonl"
     away.write_text("".join(json.dumps({"time_s": t, "x_m": 9000 + 15 * t, "y_m": 9000}) + "\n" for t in range(60)))
     assert refused(eadp(*COVER, "--scenario", scenario, "--sorties", "auto", "--resume", away), "covers no ground")
