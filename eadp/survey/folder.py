@@ -288,7 +288,7 @@ def simulate_sorties(
 class _SortieJobs:
     """Folders of sorties as jobs."""
 
-    document, scenario, plan = SORTIES, SORTIES_SCENARIO, "sortie-01.plan"
+    document = SORTIES
     simulate = staticmethod(simulate_sorties)
 
 

@@ -7,7 +7,6 @@ import itertools
 import os
 import re
 import sys
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -28,10 +27,8 @@ from eadp.sweep.results import (
     COLUMNS,
     Results,
     SweepFlight,
-    distinct,
     label_of,
     totals,
-    wilson_interval,
 )
 from eadp.sweep.run import missing_runs, other_code
 from eadp.sweep.runs import Result
@@ -350,28 +347,11 @@ def print_answer(all_flights: Sequence[SweepFlight], out: str | None) -> None:
         lines.append(
             f"completed  {whole.completed} of {whole.flights}: {share} % (95 % interval{of} {low} to {high} %)"
         )
-    lines += _batteries(all_flights)
     lines += [f"solver     {failures}" for failures in [_solver_text(all_flights)] if failures]
     if out is not None:
         lines.append(f"results    {printable(out)}, {printable(page_of(out).name)}")
     lines += _errors(all_flights)
     emit("\n".join(lines))
-
-
-def _batteries(all_flights: Sequence[SweepFlight]) -> list[str]:
-    """Of jobs of several sorties, with what probability they are done with so many batteries."""
-    made = [flight for flight in all_flights if flight.batteries is not None]
-    if all(flight.batteries == 1 for flight in made):
-        return []
-    own = distinct(made)
-    done = Counter(flight.batteries for flight in own if flight.completed and flight.reserve_kept)
-    lines, so_far = [], 0
-    for count in sorted(filter(None, done)):
-        so_far += done[count]
-        low, high = (_percent(end) for end in wilson_interval(so_far, len(own)))
-        share = _percent(so_far / len(own))
-        lines.append(f"batteries  {count}: the job is done, with all reserves kept, in {share} % ({low} to {high} %)")
-    return lines or ["batteries  no job is done with all reserves kept"]
 
 
 def _errors(all_flights: Sequence[SweepFlight]) -> list[str]:

@@ -64,7 +64,6 @@ class SweepFigures:
     reserve_kept: bool | None = None
     energy_wh: float | None = None
     distance_m: float | None = None
-    batteries: int | None = None
     solver_failed: int | None = None
     fallbacks: int | None = None
 
@@ -130,7 +129,7 @@ def label_of(value: Any) -> str:
 APPLICATION_ID = 0x65616470
 """`eadp` in ASCII, as SQLite's identifier of an application's files."""
 
-SCHEMA_VERSION = 6
+SCHEMA_VERSION = 7
 BUSY_S = 60.0
 """Longest time that another process may lock the file [s]."""
 
@@ -297,7 +296,7 @@ class Results:
 
     def _row(self, run: Run, result: Result) -> tuple[Any, ...]:
         summary = result.summary
-        known = {} if summary is None else {"batteries": 1, **summary}
+        known = dict(summary or {})
         solver = known.get("solver", {})
         known |= {"solver_failed": solver.get("failed"), "fallbacks": solver.get("fallbacks")}
         figures = [known.get(name) for name in COLUMNS]

@@ -187,22 +187,6 @@ def test_a_windy_day_leaves_ground_that_a_resumed_job_covers(eadp, folder, scena
     assert job["coverage"] + again["coverage"] > 0.99
 
 
-@pytest.mark.slow
-def test_a_sweep_says_how_often_the_job_is_done(eadp, folder, document, tmp_path):
-    sweep = tmp_path / "job.yaml"
-    sweep.write_text(f"schema: eadp.sweep/1\nplan: {folder}\ngrid:\n  wind.speed_mps: [1, 9]\n")
-    kept = ("sweep", sweep, "-o", tmp_path / "job.db", "--jobs", "1")
-    answer = eadp(*kept, "--format", "csv")
-    assert answer.code == 0, answer.err
-    batteries = [int(row["batteries"]) for row in csv.DictReader(answer.out.splitlines())]
-    assert batteries == [document["count"]] * 2
-    text = eadp(*kept).out
-    assert f"batteries  {batteries[0]}: the job is done, with all reserves kept, in 50.0 %" in text
-    refusal = tmp_path / "other.yaml"
-    refusal.write_text(f"schema: eadp.sweep/1\nplan: {folder}\nscenario: {folder}/scenario.yaml\n")
-    assert refused(eadp("sweep", refusal), "a file beside a folder of sorties")
-
-
 def log_of(flight, path, share=1.0):
     """A flight's folder as telemetry, up to a share of it."""
     with (flight / "flight.csv").open() as stream:

@@ -126,7 +126,7 @@ def test_a_row_for_each_run(eadp, folder):
     assert answer.code == 1, "some runs could not be made"
     head, _, _ = answer.out.partition("\n")
     varied = "wind.speed_mps,wind.towards_deg,c1,battery.soc"
-    figures = "completed,reason,duration_s,soc_final,quality,reserve_kept,energy_wh,distance_m,batteries"
+    figures = "completed,reason,duration_s,soc_final,quality,reserve_kept,energy_wh,distance_m"
     assert head == f"{varied},{figures},solver_failed,fallbacks,seed,error"
     rows = table_of(answer.out)
     expected = itertools.product("024", ("90", "270"), (("0", "1"), ("11", "0.5")), "01")
