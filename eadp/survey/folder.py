@@ -23,7 +23,6 @@ from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.csv import write_rows
 from eadp.io.text.json import json_lines
 from eadp.io.text.streams import new_folder, read_text
-from eadp.plug_ins import plug_in
 from eadp.survey.figures import write_sorties_figure
 from eadp.survey.report import MIN_SHARE, LeftGround, left_text
 from eadp.survey.resume import MIN_PART_SHARE, SLIVER_SHARE
@@ -40,7 +39,7 @@ SORTIES_SCENARIO: str = "scenario.yaml"
 TABLE, FIGURE, PAGE = "sorties.csv", "sorties", "index.html"
 
 
-def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports: Sequence[str] = ()) -> None:
+def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False) -> None:
     """Write the folder of sorties, whole or not at all.
 
     Parameters
@@ -49,17 +48,12 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
     folder : str
     force : bool, optional
         Whether a folder of this name is replaced.
-    exports : sequence of str, optional
-        Formats in which each sortie is written besides.
 
     Raises
     ------
     InputError
-        If the name is taken, a format is unknown, or the folder cannot be written.
+        If the name is taken, or the folder cannot be written.
     """
-    exporter = plug_in("exporters", "mission")
-    for name in exports:
-        exporter.check(name)
     document, rows = plan.document(), plan.rows()
     with new_folder(folder, force=force) as target:
         profile = None
@@ -70,9 +64,6 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
         (target / SORTIES_SCENARIO).write_text(scenario, encoding="utf-8")
         for row, sortie in zip(rows, plan.sorties, strict=True):
             (target / row["plan"]).write_text(sortie.plan.text, encoding="utf-8")
-        for to, row in ((to, row) for to in exports for row in rows):
-            stem, kind = str(target / f"{row['sortie']}-{to}"), plan.planner.task.autopilot.kind
-            exporter.write(str(target / row["plan"]), to, str(target / SORTIES_SCENARIO), kind, stem)
         (target / SORTIES).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         (target / TABLE).write_text(_csv(rows), encoding="utf-8")
         heights = [sortie.plan.heights and sortie.plan.heights.profile for sortie in plan.sorties]

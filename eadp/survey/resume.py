@@ -19,7 +19,6 @@ from eadp.core.geometry.polygons import covered_shares, ground_m2, uncovered
 from eadp.errors import Fault, InputError, PathUndefined
 from eadp.io.flight import flown_lines, flown_of_plan, planned_lines
 from eadp.models.airspace import Field
-from eadp.models.autopilot import PX4
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import PictureTrack
 from eadp.plug_ins import plug_in
@@ -229,7 +228,6 @@ def cover_in_sorties(
     scenario: File | None = None,
     *,
     vehicle: File | None = None,
-    exports: Sequence[str] = (),
     on_part: Callable[[str], None] = lambda _: None,
     warn: Warn = python_warnings,
 ) -> SortiePlan:
@@ -242,8 +240,6 @@ def cover_in_sorties(
     sorties : SortieOptions, optional
         How the field is divided, and what is flown already.
     profile : path, optional
-    exports : sequence of str, optional
-        Formats in which the sorties are written besides: those for PX4 end by its rules.
     on_part : function, optional
         Called with the progress, as text.
 
@@ -257,9 +253,6 @@ def cover_in_sorties(
     scenario_path = None if scenario is None else str(scenario)
     task = coverage_task(str(field), options, profile, scenario, vehicle, warn, cruises=True)
     overrides = {"start": {"altitude_m": 0.0}} | flight_keys(task, vehicle)
-    if any(plug_in("exporters", "mission").autopilot(to, scenario_path).kind == PX4 for to in exports):
-        task = replace(task, autopilot=replace(task.autopilot, kind=PX4))
-        overrides["autopilot.kind"] = PX4
     profile_path = None if profile is None else str(profile)
     division, files = sorties or SortieOptions(), Files()
     planner = SortiePlanner(task, division, files, scenario_path, profile_path, overrides, on_part=on_part)

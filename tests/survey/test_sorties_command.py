@@ -52,7 +52,7 @@ def run(*arguments):
 def folder(scenario, tmp_path_factory):
     """The sorties of the meadow."""
     target = tmp_path_factory.mktemp("job") / "job"
-    assert run(*COVER, "--scenario", scenario, "--sorties", "auto", "-o", target, "--export", "qgc") == 0
+    assert run(*COVER, "--scenario", scenario, "--sorties", "auto", "-o", target) == 0
     return target
 
 
@@ -74,7 +74,7 @@ def test_the_folder_has_what_it_says(folder, document):
     count = document["count"]
     assert count >= 2
     assert {"scenario.yaml", "sorties.csv", "sorties.json", "sorties.svg", "sorties.png", "index.html"} <= names
-    assert {f"sortie-{i:02d}{end}" for i in range(1, count + 1) for end in (".plan", "-qgc.plan")} <= names
+    assert {f"sortie-{i:02d}{end}" for i in range(1, count + 1) for end in (".plan",)} <= names
     with (folder / "sorties.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert [row["sortie"] for row in rows] == [row["sortie"] for row in document["sorties"]]
@@ -104,14 +104,6 @@ def test_lines_cover_the_field_once(folder, document):
     assert shapely.union_all(parts).area == pytest.approx(whole.area, rel=1e-3)
     # no ground twice but for the overlap of lines that are cut
     assert sum(part.area for part in parts) <= whole.area * 1.02
-
-
-def test_the_exported_missions_are_the_plans(folder, document):
-    for row in document["sorties"]:
-        mission = library.read_mission(folder / f"{row['sortie']}-qgc.plan", warn=lambda _: None)
-        assert mission.site.origin_deg is not None
-        lines = json.loads((folder / f"{row['sortie']}-qgc.plan").read_text())["mission"]["items"]
-        assert len(lines) > 2 * row["lines"]
 
 
 def test_all_sorties_are_flown_with_a_fresh_pack_each(flown, document):
@@ -262,8 +254,7 @@ def test_laps_keep_their_spacing_free(eadp, tmp_path, scenario):
     [
         (("--sorties", "0"), 2, "--sorties:1:1: error: 0 is out of range; expected from 1 to 200"),
         (("--sorties", "many"), 2, "auto, or a whole number"),
-        (("--sorties", "auto", "--export", "paper"), 2, "--export:1:1: error: is no format"),
-        (("--sorties", "auto", "--home", "55.9,10.333"), 1, "km from home, and a pack"),
+        (("--sorties", "auto", "--home", "55.9,10.333"), 1, "a pack does not last for the way to the field"),
         (("--sorties", "auto", "--resume", "plans/nothing"), 2, "cannot be read"),
         (("--sorties", "auto", "--resume", "plans"), 2, "has no flight"),
         (("--sorties", "auto", "--set-battery", "1"), 2, "No such option"),

@@ -42,7 +42,7 @@ def job(tmp_path_factory):
         "step_s": 0.05,
     }
     (folder / "day.yaml").write_text(json.dumps(day))
-    assert run(folder, *COVER, "--sorties", "auto", "-o", "DIR/job", "--export", "ardupilot") == 0
+    assert run(folder, *COVER, "--sorties", "auto", "-o", "DIR/job") == 0
     assert run(folder, "simulate", "DIR/job", "-o", "DIR/flown") == 0
     return folder
 
@@ -73,7 +73,7 @@ COVER = ("cover", "DIR/field.geojson", "--feature", "field", "--scenario", "DIR/
         ((*COVER, "--sorties", "1"), 2, "too few for the packs: a pack"),  # 6: too few
         ((*COVER, "--wind", "4,4.19"), 0, "4.19 rad are 240.1°"),  # 7: what was meant
         (("export", "DIR/job/sortie-01.plan", "--to", "ardupilot"), 0, "ArduPilot's fence"),  # 8: exports
-        (("plan", "DIR/job/sortie-01-ardupilot.waypoints"), 0, "length"),
+        (("plan", "DIR/job/sortie-01.plan"), 0, "length"),
     ],
 )
 def test_each_step(eadp, job, words, code, said):
