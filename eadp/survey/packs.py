@@ -25,6 +25,9 @@ from eadp.errors import Infeasible
 from eadp.models.airspace import Field
 from eadp.survey.coverage import LineGrid
 
+MAX_RISE = 1.25
+"""Ratio by which the number of sorties rises at most: what few long ones forecast is less sure."""
+
 ALIKE_ROUNDS = 4
 """Most times that the ends of all sorties are moved until all leave about the same."""
 
@@ -102,6 +105,11 @@ class Division:
     def lines(self) -> int:
         """The number of lines over ground."""
         return len(self._order)
+
+    @property
+    def end_of_first_m(self) -> float:
+        """The end of the first line [m]."""
+        return float(self._ends[1])
 
     def between_lines(self, place_m: float) -> float:
         """The nearest place between two lines [m]."""
@@ -227,7 +235,7 @@ class Divider(Generic[AnySortie]):
             if max(count + 1, needed) > MAX_SORTIES:
                 far = "a pack does not last for the way to the field and back"
                 raise Infeasible(far if self.cuts else f"{MAX_SORTIES} sorties are too few")
-            count = max(count + 1, needed)
+            count = max(count + 1, min(needed, int(MAX_RISE * count)))
         return found
 
     def of_count(self, count: int) -> Divided[AnySortie]:

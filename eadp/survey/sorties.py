@@ -15,6 +15,7 @@ import numpy as np
 
 from eadp.api.inputs import HELD, Files, FlightInputs, load_flight
 from eadp.core.geometry.curves import Point
+from eadp.core.geometry.dubins import straight
 from eadp.core.geometry.geodesy import heading_rad, place_text
 from eadp.core.geometry.polygons import hull
 from eadp.errors import Infeasible, InputError
@@ -269,12 +270,14 @@ class SortiePlanner:
 
         def divided(order: Sequence[int] | None = None) -> Divided[PlannedSortie]:
             """The fewest sorties over the lines in an order."""
-            return divider(order).fewest(self.options.count or 1)
+            return divider(order).fewest(max(min_count, self.options.count or 1))
 
         self.on_part("the lines are chosen")
+        side_by_side = Division(ground, grid, self.options.overlap_m)
+        sample = forecast(side_by_side.part(0.0, side_by_side.total_m if laps else side_by_side.end_of_first_m))
+        min_count = self._min_count(sample.inputs, side_by_side)
         found = divided()
-        lines = Division(ground, grid, self.options.overlap_m).lines
-        width_m = lines / len(found.sorties) * float(np.diff(grid.edges_m).mean())
+        width_m = side_by_side.lines / len(found.sorties) * float(np.diff(grid.edges_m).mean())
         if not laps and width_m < 4 * motion.min_radius_m and len(found.sorties) > 1:
             # a strip narrower than two turns has no room to leave lines out and come back for them
             tour = divided(grid.order_of(cover(replace(request, field=ground, grid=grid))))
@@ -310,6 +313,19 @@ class SortiePlanner:
             share = max(0.0 if found.reach is None else found.reach.share, LEAST_SHARE)
             spare = (inputs.world.battery.soc - reserve_soc) * (1 - 1 / share)
         return PlannedSortie(planned.report.solution, planned, inputs, found, spare)
+
+    def _min_count(self, sample: FlightInputs, division: Division) -> int:
+        """Fewer sorties are not tried: level flight along the lines, as often either way, and half a circle to each."""
+        motion, world, heading_rad = self.task.motion, sample.world, self.heading_rad
+        computing_w, _ = world.computing.extreme(world.plan, "lo", world.actual)
+        power_w, battery = world.vehicle.cruise_power_w + computing_w, world.battery
+        kept_s = battery.endurance_s(power_w, sample.scenario.keys.reserve_soc)
+        pack_s = kept_s - battery.endurance_s(power_w, battery.soc)
+        ahead = (math.cos(heading_rad), math.sin(heading_rad))
+        metre_s = motion.time_s([straight((0.0, 0.0), ahead), straight(ahead, (0.0, 0.0))]) / 2
+        turns_m = (division.lines - 1) * math.pi * motion.min_radius_m
+        flown_s = division.total_m * metre_s + turns_m / motion.ground_limit_mps
+        return max(1, math.ceil(flown_s / pack_s)) if pack_s > 0 else 1
 
 
 def _without_bays(part: Field) -> Field:
