@@ -118,10 +118,8 @@ def command(
     if plot is not None:
         from eadp.survey.figures import write_coverage_figure
 
-        report, heights = found.report, found.heights
-        profile = None if heights is None else heights.profile
-        drawn = report.field, report.titled_paths(), report.motion.swath_m
-        write_coverage_figure(plot, *drawn, profile=profile, left=report.left)
+        report = found.report
+        write_coverage_figure(plot, report.field, report.titled_paths(), report.motion.swath_m, report.left)
     if wanted == "json":
         emit_json(found.document)
         return 0

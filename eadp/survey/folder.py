@@ -66,10 +66,8 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False) -> None
             (target / row["plan"]).write_text(sortie.plan.text, encoding="utf-8")
         (target / SORTIES).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         (target / TABLE).write_text(_csv(rows), encoding="utf-8")
-        heights = [sortie.plan.heights and sortie.plan.heights.profile for sortie in plan.sorties]
         drawn = [
-            (name.removeprefix("sortie-"), sortie.path(), profile_m)
-            for name, sortie, profile_m in zip(plan.names, plan.sorties, heights, strict=True)
+            (name.removeprefix("sortie-"), each.path()) for name, each in zip(plan.names, plan.sorties, strict=True)
         ]
         task = plan.planner.task
         write_sorties_figure(target / FIGURE, task.field, drawn, task.motion.swath_m, task.home_m, plan.left)
