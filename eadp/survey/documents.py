@@ -28,7 +28,6 @@ class LeftKeys(TypedDict):
     area_m2: float
     at_m: Point
     at_deg: list[float] | None
-    reason: str
     share: NotRequired[float]
 
 

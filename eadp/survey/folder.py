@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +19,6 @@ from eadp.errors import InputError
 from eadp.io.flight import flown_lines, flown_of_plan, planned_lines
 from eadp.io.page import page_html
 from eadp.io.scenario import override_texts, read_overrides
-from eadp.io.text.csv import write_rows
 from eadp.io.text.json import json_lines
 from eadp.io.text.streams import new_folder, read_text
 from eadp.survey.figures import write_sorties_figure
@@ -36,7 +34,7 @@ SORTIES: str = "sorties.json"
 SORTIES_SCENARIO: str = "scenario.yaml"
 """Files of a folder of sorties: what was planned, and the scenario that flies it."""
 
-TABLE, FIGURE, PAGE = "sorties.csv", "sorties", "index.html"
+FIGURE, PAGE = "sorties", "index.html"
 
 
 def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False) -> None:
@@ -65,7 +63,6 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False) -> None
         for row, sortie in zip(rows, plan.sorties, strict=True):
             (target / row["plan"]).write_text(sortie.plan.text, encoding="utf-8")
         (target / SORTIES).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        (target / TABLE).write_text(_csv(rows), encoding="utf-8")
         drawn = [
             (name.removeprefix("sortie-"), each.path()) for name, each in zip(plan.names, plan.sorties, strict=True)
         ]
@@ -79,13 +76,6 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False) -> None
             "table": plan.table(),
         }
         (target / PAGE).write_text(page_html("flights", page), encoding="utf-8")
-
-
-def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Rows as the text of a CSV file, with a header."""
-    stream = io.StringIO()
-    write_rows(stream, [list(rows[0]), *(row.values() for row in rows)])
-    return stream.getvalue()
 
 
 # --- read back
@@ -247,7 +237,7 @@ def simulate_sorties(
         lines += flown_lines(inputs.world.plan, flown_of_plan(flight.lists, summary["turned_back_s"]))
     field_m2, on_lines = sum(ground_m2(*part) for part in job.parts), strips(job.parts, planned, job.swath_m)
     places = uncovered(on_lines, lines, job.swath_m, SLIVER_SHARE * job.swath_m)
-    left = [LeftGround(rings, ground_m2(*rings), inner_point(*rings), "not flown") for rings in places]
+    left = [LeftGround(rings, ground_m2(*rings), inner_point(*rings)) for rings in places]
     left = sorted((each for each in left if each.area_m2 >= MIN_SHARE * field_m2), key=lambda each: -each.area_m2)
     completed = sum(each.area_m2 for each in left) < MIN_PART_SHARE * field_m2
     qualities = [row["quality"] for row in rows if row["quality"] is not None]

@@ -238,10 +238,6 @@ class Divider(Generic[AnySortie]):
             count = max(count + 1, min(needed, int(MAX_RISE * count)))
         return found
 
-    def of_count(self, count: int) -> Divided[AnySortie]:
-        """So many sorties of equal length of lines, whether they can be flown or not."""
-        return self._divided_at(np.linspace(0.0, self.division.total_m, count + 1))
-
     def _alike(self, count: int) -> Divided[AnySortie]:
         """The division into `count` sorties of about the same spare charge, with whole lines where that is enough.
 

@@ -16,15 +16,13 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import compass_deg, place_text, point_text, to_geodetic_deg
 from eadp.core.geometry.polygons import (
     Ring,
-    apart_m,
-    clipped,
     covered_share,
     ground_m2,
     inner_point,
     uncovered,
 )
 from eadp.io.flight import airspeeds_text
-from eadp.models.airspace import BOUNDARY, CLEARANCE_SHARE, Field
+from eadp.models.airspace import Field
 from eadp.models.autopilot import FACTORY, LANDING_ANGLE, PX4, Autopilot
 from eadp.models.battery import Battery
 from eadp.models.plan.plan import Plan
@@ -143,7 +141,7 @@ class CoverageReport:
         """The places that are not covered, at the coarsest spacing."""
         if self.least.coverage >= FULL:
             return []
-        return left_ground(self.field, self.solution.path(self.least.c1).sensed_m, self.motion)
+        return left_ground(self.field, self.solution.path(self.least.c1).sensed_m, self.motion.swath_m)
 
     @property
     def seam_m(self) -> float | None:
@@ -280,62 +278,34 @@ SHOWN = 3
 
 
 class LeftGround(NamedTuple):
-    """A place that is not covered: its outline and its holes [m], its area [m²], a point of it [m], and why."""
+    """A place that is not covered: its outline and its holes [m], its area [m²], and a point of it [m]."""
 
     rings: Sequence[Ring]
     area_m2: float
     place_m: Point
-    reason: str
 
     def document(self, origin_deg: Point | None) -> LeftKeys:
         """Its values, with latitude and longitude where the field has an origin."""
         at_deg = None if origin_deg is None else [round(each, 7) for each in to_geodetic_deg(*self.place_m, origin_deg)]
-        return {"area_m2": self.area_m2, "at_m": self.place_m, "at_deg": at_deg, "reason": self.reason}
+        return {"area_m2": self.area_m2, "at_m": self.place_m, "at_deg": at_deg}
 
 
-def left_ground(field: Field, lines: Sequence[Sequence[Point]], motion: MotionLimits) -> list[LeftGround]:
+def left_ground(field: Field, lines: Sequence[Sequence[Point]], swath_m: float) -> list[LeftGround]:
     """The places of a field that lines leave uncovered, the largest first.
 
     Parameters
     ----------
     field : Field
-        With what is in the way.
     lines : sequence of sequences of (float, float)
         Points of each line [m].
-    motion : MotionLimits
-        For the swath and the room of a turn.
+    swath_m : float
     """
     found = []
-    for rings in uncovered(field.parts, lines, motion.swath_m, WIDTH_SHARE * motion.swath_m):
+    for rings in uncovered(field.parts, lines, swath_m, WIDTH_SHARE * swath_m):
         area_m2 = ground_m2(*rings)
         if area_m2 >= MIN_SHARE * field.area_m2:
-            reason = _reason(rings, area_m2, field, motion)
-            found.append(LeftGround(rings, area_m2, inner_point(*rings), reason))
+            found.append(LeftGround(rings, area_m2, inner_point(*rings)))
     return sorted(found, key=lambda each: -each.area_m2)
-
-
-def _reason(rings: Sequence[Ring], area_m2: float, field: Field, motion: MotionLimits) -> str:
-    """Why a place is not covered."""
-    obstacles, boundary = field.airspace
-
-    def share(*areas: Sequence[Point]) -> float:
-        """How much of the place lies within some areas."""
-        return sum(ground_m2(*part) for part in clipped([rings], areas)) / area_m2
-
-    if boundary and share(*boundary) < 0.5:
-        return f"beyond {BOUNDARY}"
-    for each in obstacles:
-        if share(each.outline) > 0.5:
-            return f"{each.name}, and no room for a turn beside it"
-    # how far from an obstacle a line may have to end: the diameter of half a circle with clearance, what is flown
-    # beyond the line, and half a swath
-    reach_m = (2 + 2 * CLEARANCE_SHARE) * motion.min_radius_m + motion.beyond_m + motion.swath_m / 2
-    edges = [(each.name, each.outline) for each in obstacles] + [(BOUNDARY, ring) for ring in boundary]
-    near = zip(apart_m([outline for _, outline in edges], rings), (name for name, _ in edges), strict=True)
-    distance_m, name = min(near, default=(reach_m + 1, ""))
-    if distance_m <= reach_m:
-        return f"no room for a turn {'inside' if name == BOUNDARY else 'beside'} {name}"
-    return "beside or between the lines, narrower than their swath"
 
 
 def left_text(left: Sequence[LeftGround], share: float, origin_deg: Point | None) -> list[str]:
@@ -346,7 +316,7 @@ def left_text(left: Sequence[LeftGround], share: float, origin_deg: Point | None
     total = sum(each.area_m2 for each in left)
     lines = [f"left       {100 * share:.2f} % of the field, {area_text(total)} {places}:"]
     for each in left[:SHOWN]:
-        lines.append(f"           {area_text(each.area_m2)} at {point_text(each.place_m, origin_deg)}: {each.reason}")
+        lines.append(f"           {area_text(each.area_m2)} at {point_text(each.place_m, origin_deg)}")
     return lines
 
 

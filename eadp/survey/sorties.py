@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import math
 import statistics
@@ -121,19 +120,6 @@ class PlannedSortie:
         charge, soc_end = self.inputs.world.battery.soc, self.forecast.forecast.soc_end
         # of a pack that is empty before the end, what the flight would take
         return charge - soc_end if soc_end else charge - self.inputs.scenario.keys.reserve_soc - self.spare
-
-    @property
-    def short_text(self) -> str:
-        """How far its pack is from being enough."""
-        end, reach = self.forecast.forecast, self.forecast.reach
-        covers = (
-            "" if reach is None else f", and lasts for {100 * reach.share:.0f} % of its sortie with the reserve kept"
-        )
-        if self.forecast.turns_back_soc > self.inputs.scenario.keys.reserve_soc:
-            covers += f"; the autopilot {self.forecast.autopilot_text}"
-        if not end.soc_end:
-            return f"a pack is empty before the end{covers}"
-        return f"a pack lands with {100 * end.soc_end:.0f} ± {100 * (end.soc_end_std or 0.0):.0f} %{covers}"
 
     @property
     def energy_wh(self) -> float:
@@ -263,14 +249,11 @@ class SortiePlanner:
             found = planned(part, draft=True)
             return planned(part, draft=False) if -DRAFT_SHARE * found.used <= found.spare < 0 else found
 
-        def divider(order: Sequence[int] | None = None) -> Divider[PlannedSortie]:
-            """What divides the lines in an order, by default side by side."""
-            division = Division(ground, grid, self.options.overlap_m, order)
-            return Divider(division, forecast, cuts=not laps, on_part=self.on_part)
-
         def divided(order: Sequence[int] | None = None) -> Divided[PlannedSortie]:
-            """The fewest sorties over the lines in an order."""
-            return divider(order).fewest(max(min_count, self.options.count or 1))
+            """The fewest sorties over the lines in an order, by default side by side."""
+            division = Division(ground, grid, self.options.overlap_m, order)
+            divider = Divider(division, forecast, cuts=not laps, on_part=self.on_part)
+            return divider.fewest(max(min_count, self.options.count or 1))
 
         self.on_part("the lines are chosen")
         side_by_side = Division(ground, grid, self.options.overlap_m)
@@ -283,11 +266,8 @@ class SortiePlanner:
             tour = divided(grid.order_of(cover(replace(request, field=ground, grid=grid))))
             found = min(found, tour, key=lambda each: (len(each.sorties), sum(one.energy_wh for one in each.sorties)))
         if self.options.count is not None and len(found.sorties) > self.options.count:
-            message = "too few for the packs"
-            with contextlib.suppress(Infeasible):  # a part of the field that no path of the pattern covers
-                message += f": {divider().of_count(self.options.count).shortest.short_text}"
             expected = f"{len(found.sorties)} or more"
-            raise InputError.at("--sorties", 1, 1, message, expected, f"{self.options.count}")
+            raise InputError.at("--sorties", 1, 1, "too few for the packs", expected, f"{self.options.count}")
         if not laps and self._request.space is not None:
             whole = [planned(each.plan.report.field, draft=False) for each in found.sorties]
             found = found._replace(sorties=whole)
@@ -394,8 +374,7 @@ class SortiePlan:
         """The places of the ground that they leave uncovered."""
         if self.coverage >= FULL:
             return []
-        task = self.planner.task
-        return left_ground(replace(self.ground, airspace=task.airspace), self._path.sensed_m, task.motion)
+        return left_ground(self.ground, self._path.sensed_m, self.planner.task.motion.swath_m)
 
     @property
     def pictures(self) -> Pictures | None:

@@ -70,7 +70,7 @@ COVER = ("cover", "DIR/field.geojson", "--feature", "field", "--scenario", "DIR/
         ((*COVER, "--sorties", "auto", "--resume", "DIR/flown"), 2, "nothing is left to cover"),  # but by the mast
         (("simulate", "DIR/job"), 0, "done: "),  # 4: done is as planned, though ground beside the mast is left
         (("simulate", "DIR/job", "--set", "fps=5"), 0, "done: "),  # 5: a rate
-        ((*COVER, "--sorties", "1"), 2, "too few for the packs: a pack"),  # 6: too few
+        ((*COVER, "--sorties", "1"), 2, "too few for the packs"),  # 6: too few
         ((*COVER, "--wind", "4,4.19"), 0, "4.19 rad are 240.1°"),  # 7: what was meant
         (("export", "DIR/job/sortie-01.plan", "--to", "ardupilot"), 0, "ArduPilot's fence"),  # 8: exports
         (("plan", "DIR/job/sortie-01.plan"), 0, "length"),
