@@ -3,17 +3,12 @@
     python benchmarks/quality.py --ablate --missions 200 --jobs 2 --write
 
 A variant replaces constants and functions of the planner while it flies. `joint` itself has no option for any of them.
-
-    python benchmarks/ablation.py VARIANT replan PLAN …
-
-is the program `eadp` with a variant.
 """
 
 from __future__ import annotations
 
 import contextlib
 import statistics
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +18,6 @@ from unittest import mock
 import numpy as np
 from measured import mean_text, table
 
-from eadp.__main__ import run
 from eadp.planning.base import NEW_STAGE, SOLVED
 from eadp.planning.forecast import evaluate
 from eadp.planning.forecast.evaluate import CERTAIN, Evaluator
@@ -171,8 +165,3 @@ def compare(title: str, names: Iterable[str], beside: str, missions: list[dict[s
     if missions:
         own = [mission[beside] for mission in missions]
         table((title, *TITLES), (row(name, [mission[name] for mission in missions], own) for name in names))
-
-
-if __name__ == "__main__":
-    with VARIANTS[sys.argv.pop(1)].flying():
-        run()

@@ -1,4 +1,4 @@
-"""Flights over MAVLink on the loopback, beside the same flights over JSON lines; latency, processor and memory.
+"""Flights over MAVLink on the loopback, beside the same flights over JSON lines; latency and processor.
 
     python benchmarks/link.py [--flights 30] [--px4 20] [--speed 1] [--jobs 20] [--lines 5] [--alone] [--write]
 
@@ -15,7 +15,6 @@
 - **Latency and processor**: `eadp replan --mavlink` gets a recorded flight at 5 positions a second, alone, amid 50 Hz
   of ten kinds of messages, and amid as many messages of another sender as can be sent. Latency is the time from sending
   a position to receiving the decision about it.
-- **Memory**: a flight of a day, simulated, by messages in and out, without a socket.
 - **Computations**: `docs/examples/detector.py`, a process that works, measured by `eadp profile --measure`, whose rate
   `eadp replan --publish` then sets while the vehicle flies; and one that does not obey. Where the computer has no
   sensor, the detector's meter stands for one.
@@ -25,7 +24,6 @@ Needs jsbsim and pymavlink: pip install 'eadp[bench,mavlink]'.
 
 from __future__ import annotations
 
-import argparse
 import functools
 import itertools
 import json
@@ -54,21 +52,14 @@ import mavlink_vehicle  # noqa: E402
 from common.plans import placed  # noqa: E402
 from mavlink_vehicle import Autopilot  # noqa: E402
 from twin import OWNER, PROFILE, plans  # noqa: E402
-from vehicle import DETECTOR, GROUND_S, SECOND_STEPS, TELEMETRY_STEPS, Vehicle, parameters_of, rows_of  # noqa: E402
+from vehicle import GROUND_S, SECOND_STEPS, TELEMETRY_STEPS, Vehicle, parameters_of, rows_of  # noqa: E402
 
 from eadp.api.inputs import FlightInputs, load_flight  # noqa: E402
 from eadp.core.geometry.geodesy import to_geodetic_deg, to_local_m  # noqa: E402
 from eadp.exchange.writer import read_items  # noqa: E402
-from eadp.live.link import LinkFlight, LinkOptions  # noqa: E402
 from eadp.live.mavlink import Codec  # noqa: E402
-from eadp.live.messages import WANTED  # noqa: E402
 from eadp.live.mission import PROTOCOL, HeldMission, Mapped, Outgoing, Output, Warned  # noqa: E402  # noqa: E402
 from eadp.live.replanner import Replanner  # noqa: E402
-from eadp.planning.base import Decision  # noqa: E402
-from eadp.planning.registry import Planner  # noqa: E402
-from eadp.planning.state.flight_state import FlightState  # noqa: E402
-from eadp.simulation.loop import Outcome  # noqa: E402
-from eadp.simulation.loop import fly as simulate  # noqa: E402
 from eadp.simulation.metrics import ParameterLog  # noqa: E402
 
 LOSS, HIGH_LOSS, DELAY_S, SEED, FIRST_PORT = 0.05, 0.15, 0.05, 33, 15_100
@@ -530,128 +521,6 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-# --- memory
-
-
-DAY_PLAN = """%: origin 55.37 10.43
-%: computations fps
-%: paths spacing [m] = 3000 - 2*sqrt(1960000 + c1)
-%: trigger-radius 40
-
-init:
-n = 4
-left  = -2300, 3000 - 2*sqrt(1960000 + c1)
-mid   = -800,  3000 - 2*sqrt(1960000 + c1)
-right = 700,   3000 - 2*sqrt(1960000 + c1)
-top   = 2920,  (1500 - sqrt(1960000 + c1))/5
-turn  = 220,   (1500 - sqrt(1960000 + c1))/5
-low   = -220,  (1500 - sqrt(1960000 + c1))/5
-
-path:
-0.00002; 90; (x - left - sqrt(1960000 + c1))^2 + (y - top)^2 - 1960000 - c1
-left, top
-[-400000, 0]
-[2, 10]
-0.005; 270; x - left
-left, low
-[-400000, 0]
-[2, 10]
-0.00002; 90; (x - mid)^2 + (y - turn)^2 - 1500^2
-right, low
-[-400000, 0]
-[2, 10]
-0.005; 90; x - right
-right, top
-[-400000, 0]
-[2, 10]
-
-trig:
-38000, 3220
-"""
-"""The published survey, twenty times as large."""
-
-
-class Linked(Planner):
-    """Stands for a planner in the simulation: an observation a second goes to a process of its own as messages."""
-
-    next_update_s = 1.0
-
-    def __init__(self, inputs: FlightInputs, folder: Path) -> None:
-        super().__init__(inputs.scenario.planner, inputs.mission)
-        self._autopilot, self.rows = Autopilot(), list[tuple[float, float, int]]()
-        self._detector = Autopilot(component=DETECTOR)
-        command = [sys.executable, __file__, "--day", str(folder)]
-        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-
-    def update(self, state: FlightState) -> Decision:
-        """Send messages, and take the last decision."""
-        o = state.now
-        if o.time_s < self.next_update_s - 1e-6:
-            return self._decision
-        self.next_update_s = o.time_s + 1.0
-        pilot, power_w = self._autopilot, o.sample.power_w or 0.0
-        course = 90 - math.degrees(o.sample.heading_rad or 0.0)
-        frames = (
-            pilot.heartbeat(armed=True, active=True),
-            pilot.battery(16.0, power_w / 16.0, None, o.soc),
-            self._detector.frame("named_value_float", round(o.time_s * 1000), b"fps", o.parameters[1]),
-            pilot.position(o.time_s, *o.position_m, list(o.sample.velocity_mps or (0.0, 0.0)), course % 360),
-        )
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._process.stdin.write(f"{o.time_s} {b''.join(map(bytes, frames)).hex()}\n")
-        self._process.stdin.flush()
-        parameters, used_mb, count = json.loads(self._process.stdout.readline())
-        self._decision = Decision(tuple(parameters))
-        if not self.rows or o.time_s >= self.rows[-1][0] + 3600:
-            self.rows.append((o.time_s, used_mb, count))
-        return self._decision
-
-
-def answer(folder: Path) -> None:
-    """The link's end of a day: a line of messages in, the last decision, the memory and the decisions so far out."""
-    inputs = load_flight(str(folder / "day.plan"), scenario=str(folder / "day.yaml"))
-    codec, out, decisions, count = Codec(WANTED), Codec(frozenset()), [inputs.mission.parameters], 0
-
-    def decided(decision: dict[str, Any]) -> None:
-        nonlocal count
-        count += 1
-        decisions[0] = tuple(decision["parameters"].values())
-
-    flight = LinkFlight(inputs, "link", LinkOptions(), None, decided, lambda _: None, lambda *m: out.encoded(*m))
-    for raw in sys.stdin:
-        time_s, _, frames = raw.partition(" ")
-        for message in codec.decoded(bytes.fromhex(frames)):
-            flight.take(message, float(time_s))
-        flight.tick(float(time_s))
-        print(json.dumps([decisions[0], resident_mb(), count]), flush=True)
-
-
-def resident_mb() -> float:
-    """Memory of this process."""
-    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
-
-
-def memory(folder: Path, hours: float) -> None:
-    """The memory of a flight of a day, by the hour."""
-    (folder / "day.plan").write_text(DAY_PLAN)
-    battery = {"capacity_ah": 15 * hours, "resistance_ohm": 0.001}
-    scenario = {"schema": "eadp.scenario/1", "vehicle": str(OWNER), "profile": str(PROFILE), "battery": battery}
-    scenario |= {"reserve_soc": 0.05, "time_limit_s": 3600 * hours + 2, "log_every_s": 3600}
-    (folder / "day.yaml").write_text(json.dumps(scenario))
-    inputs = load_flight(str(folder / "day.plan"), scenario=str(folder / "day.yaml"))
-    flight = inputs.flight()
-    flight.planner = linked = Linked(inputs, folder)
-    flight.state._queue.every_s = math.inf  # the other end has readings of its own
-    for _ in simulate(inputs.world, flight, Outcome()):
-        pass
-    rows = linked.rows
-    hours_flown, used = np.array([[row[0] / 3600, row[1]] for row in rows[len(rows) // 2 :]]).T
-    slope = np.polyfit(hours_flown, used, 1)[0] if len(used) > 1 else math.nan
-    print(f"{hours:g} hours flown, {rows[-1][2]} decisions: {rows[0][1]:.1f} MB at first, {used[-1]:.1f} MB at the end")
-    print(f"growth over the second half: {1000 * slope:.1f} kB an hour; from {used[0]:.1f} to {used[-1]:.1f} MB")
-
-
 # --- computations
 
 
@@ -709,13 +578,8 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=20)
     parser.add_argument("--lines", type=int, default=5, help="how often each is flown by JSON lines")
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("--hours", type=float, default=24.0)
     parser.add_argument("--keep", type=Path, help="a folder for the flights' files")
-    parser.add_argument("--day", help=argparse.SUPPRESS)
     asked = parser.parse_args()
-    if asked.day:
-        answer(Path(asked.day))
-        return
     with recorded("link", write=asked.write), tempfile.TemporaryDirectory() as own:
         folder = Path(asked.keep or own)
         found = missions(max(asked.flights, 1), folder, asked.px4)
@@ -723,7 +587,6 @@ def main() -> None:
             flights(flown, asked.speed, asked.jobs, asked.lines)
         if not asked.alone:
             table(LATENCY, load(folder, asked.seconds))
-            memory(folder, asked.hours)
             computing(found[0], 4.0)
 
 

@@ -37,10 +37,7 @@ FOLDER = Path(__file__).resolve().parents[1] / "docs/measured"
 PLANNED = "planning/joint", "planning/forecast", "planning/state"
 PAGES: dict[str, tuple[str, tuple[str, ...]]] = {
     "ablation": ("quality.py --ablate --jobs 2", PLANNED),
-    "ablation_twin": ("twin.py --ablate --jobs 2", PLANNED),
-    "ablation_twin_1": ("twin.py --ablate --seed 1 --missions 28 --jobs 2", PLANNED),
     "autopilot": ("autopilot.py", ("planning/state", "live")),
-    "exchange": ("exchange.py", ("exchange",)),
     "fit": ("fit.py", ("measure/spectrum.py", "measure/noise.py")),
     "flight": ("flight.py", ("simulation/inner_loop.py", "simulation/aircraft.py", "core/guidance.py")),
     "forecast": ("forecast.py --jobs 2", ("planning/forecast/held.py", "planning/state/charge.py")),
@@ -102,14 +99,18 @@ def mean_text(values: Sequence[float]) -> str:
     return f"{statistics.fmean(values):+.4f} ± {error:.4f}"
 
 
-def covered(folder: Path, fields: Mapping[str, list[list[float]]], profile: object, metres: int) -> dict[str, str]:
-    """Plans of laps that cover fields, by corners [m]: files in a folder; swath and smallest turning radius [m]."""
+def covered(
+    folder: Path, fields: Mapping[str, Path | list[list[float]]], profile: object, metres: int
+) -> dict[str, str]:
+    """Plans of laps over fields, by corners [m] or a file: files in a folder; swath and smallest turning radius [m]."""
     found = {}
-    for name, corners in fields.items():
-        outline, found[name] = folder / f"{name}.csv", str(folder / f"{name}.plan")
-        outline.write_text("x_m,y_m\n" + "\n".join(f"{x},{y}" for x, y in corners) + "\n")
-        command = [sys.executable, "-m", "eadp", "cover", str(outline), "--metres", "--pattern", "zamboni"]
-        command += ["--min-radius", str(metres), "--swath", str(metres), "--profile", str(profile), "-o", found[name]]
+    for name, field in fields.items():
+        source, found[name] = [str(field)], str(folder / f"{name}.plan")
+        if isinstance(field, list):
+            source = [str(folder / f"{name}.csv"), "--metres"]
+            Path(source[0]).write_text("x_m,y_m\n" + "\n".join(f"{x},{y}" for x, y in field) + "\n")
+        command = [sys.executable, "-m", "eadp", "cover", *source, "--pattern", "zamboni", "--min-radius", str(metres)]
+        command += ["--swath", str(metres), "--profile", str(profile), "-o", found[name]]
         subprocess.run(command, check=True, capture_output=True)
     return found
 

@@ -20,7 +20,6 @@ one can know of the gauge.
 - `--cache DIR` keeps the flights with constant parameters for other runs.
 - `--paced` lets the airspeed be decided, from 10.5 to 15 m/s, beside the same at 15 m/s; the clairvoyant then chooses
   one of the airspeeds as well, for the whole flight.
-- `--ablate` flies `joint` with one concept left out, and with other rates of expected losses, in place of all this.
 - Each mission is a line on standard error. An interrupt ends the flights; the table is of those that are complete.
 
 Needs jsbsim: pip install 'eadp[bench]'.
@@ -52,8 +51,7 @@ import yaml
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "benchmarks"))
 
-import ablation  # noqa: E402
-from measured import line, options, recorded, rms, table  # noqa: E402
+from measured import covered, line, options, recorded, rms, table  # noqa: E402
 from plant import (  # noqa: E402
     AIRSPEED_MPS,
     CONTROL_S,
@@ -74,16 +72,15 @@ from eadp.models.plan.cursor import Rules  # noqa: E402
 from eadp.models.plan.executor import PlanExecutor  # noqa: E402
 from eadp.models.plan.plan import Plan  # noqa: E402
 from eadp.models.plan.trace import default_start  # noqa: E402
-from eadp.planning.joint.settings import JointSettings  # noqa: E402
 from eadp.simulation.metrics import ParameterLog  # noqa: E402
 
 PROFILE = ROOT / "profiles/pednet-jetson-nano.yaml"
 OWNER, PLANT = ROOT / "benchmarks/twin/owner.yaml", ROOT / "benchmarks/plant.py"
 FIELDS = {
+    "meadow": ROOT / "plans/meadow.geojson",
     "slanted": [[0, 0], [400, 100], [450, 450], [100, 380]],
     "corner": [[0, 0], [560, 0], [560, 240], [280, 240], [280, 420], [0, 420]],
 }
-COVER = ["--pattern", "zamboni", "--min-radius", "45", "--swath", "45", "--profile", str(PROFILE)]
 GRID, REFINED, RESERVE, PER_LINE = 6, 4, 0.05, round(1 / SAMPLE_S)
 OHM_AH = 0.06
 """Resistance of a pack times its capacity."""
@@ -131,17 +128,7 @@ class Mission:
 
 def plans(folder: Path) -> dict[str, str]:
     """The survey, and plans that cover fields."""
-    found = {"survey": str(ROOT / "plans/survey.plan")}
-    sources = {"meadow": [str(ROOT / "plans/meadow.geojson")]}
-    for name, corners in FIELDS.items():
-        outline = folder / f"{name}.csv"
-        outline.write_text("x_m,y_m\n" + "\n".join(f"{x},{y}" for x, y in corners) + "\n")
-        sources[name] = [str(outline), "--metres"]
-    for name, source in sources.items():
-        found[name] = str(folder / f"{name}.plan")
-        command = [sys.executable, "-m", "eadp", "cover", *source, *COVER, "-o", found[name]]
-        subprocess.run(command, check=True, capture_output=True)
-    return found
+    return {"survey": str(ROOT / "plans/survey.plan")} | covered(folder, FIELDS, PROFILE, 45)
 
 
 def missions(count: int, seed: int, found: dict[str, str]) -> list[Mission]:
@@ -368,20 +355,19 @@ def owner(mission: Mission, capacity_ah: float) -> tuple[dict[str, Any], float]:
     return scenario, round(efficiency, 4)
 
 
-EADP = ("-m", "eadp")
 Keys = Mapping[str, str]
 
 
 class Replan:
     """`eadp replan` as a process, asked line by line."""
 
-    def __init__(self, mission: Mission, capacity_ah: float, folder: Path, keys: Keys, eadp: Sequence[str]) -> None:
+    def __init__(self, mission: Mission, capacity_ah: float, folder: Path, keys: Keys) -> None:
         scenario, efficiency = owner(mission, capacity_ah)
         name = f"mission-{mission.index}"
         (folder / f"{name}.yaml").write_text(json.dumps(scenario))
         log, self.messages = folder / f"{name}.jsonl", folder / f"{name}.txt"
         log.unlink(missing_ok=True)
-        command = [sys.executable, *eadp, "replan", mission.plan_file, "--log", str(log)]
+        command = [sys.executable, "-m", "eadp", "replan", mission.plan_file, "--log", str(log)]
         command += ["--scenario", str(folder / f"{name}.yaml")]
         for key, value in {"vehicle.airframe.propulsive_efficiency": efficiency, **keys}.items():
             command += ["--set", f"{key}={value}"]
@@ -439,14 +425,12 @@ class Flown:
         return self.completed and self.soc >= RESERVE, self.completed, self.u
 
 
-def fly_joint(
-    constants: Constants, folder: Path, log: TextIO, keys: Keys | None = None, eadp: Sequence[str] = EADP
-) -> Flown:
-    """A mission with `eadp replan` on board, with more keys of its scenario, or with another program for `eadp`."""
+def fly_joint(constants: Constants, folder: Path, log: TextIO, keys: Keys | None = None) -> Flown:
+    """A mission with `eadp replan` on board, with more keys of its scenario."""
     mission, plan = constants.mission, constants.plan
     highest = (ends(plan, 0)[1], ends(plan, 1)[1])
     flight = plan_flight(mission, plan, highest)
-    replan = Replan(mission, constants.capacity_ah, folder, keys or {}, eadp)
+    replan = Replan(mission, constants.capacity_ah, folder, keys or {})
     paced = "planner.joint.airspeed" in (keys or {})
     pack, telemetry = mission.lipo(constants.capacity_ah), Telemetry(mission, plan.names, paced=paced)
     noise = mission.noise(round(7200 / SAMPLE_S))
@@ -562,16 +546,6 @@ def write_identification(file: Path) -> None:
 
 # --- one mission
 
-DEFAULT_RATE = f"{JointSettings().loss_rate_per_h:g}"
-LEFT_OUT = (
-    ablation.AS_IT_IS,
-    "computations fall from the start (`EARLY_S` = 0)",
-    "no wait after a fall (`SETTLED_S` = 0)",
-    "the same gain for each change of path",
-    "the path searched at each new stage",
-    "every end certain",
-)
-RATES = ("0", DEFAULT_RATE, "1", "2")
 SLOWER_MPS = 13.0, 11.5, 10.5
 PACED = {
     "planner.joint.airspeed": "when-short",
@@ -601,13 +575,11 @@ def described(constants: Constants) -> dict[str, Any]:
     }
 
 
-def timed_joint(
-    constants: Constants, folder: str, keys: Keys | None = None, eadp: Sequence[str] = EADP
-) -> tuple[Flown, float]:
+def timed_joint(constants: Constants, folder: str, keys: Keys | None = None) -> tuple[Flown, float]:
     """A flight by `joint`, as `fly_joint`, and the CPU seconds of `eadp replan`."""
     before_s = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     with (Path(folder) / f"mission-{constants.mission.index}.csv").open("w", newline="") as stream:
-        joint = fly_joint(constants, Path(folder), stream, keys, eadp)
+        joint = fly_joint(constants, Path(folder), stream, keys)
     return joint, resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before_s
 
 
@@ -625,25 +597,6 @@ def paced(task: tuple[Mission, str, str | None]) -> dict[str, Any]:
     }
 
 
-def ablated(task: tuple[Mission, str, str | None]) -> dict[str, Any]:
-    """A mission by variants of `joint`: how each flight ended, and the CPU seconds of `eadp replan`."""
-    mission, folder, cache = task
-    constants, flights = Constants(mission, cache), {}
-    programs = {name: ({}, (ablation.__file__, name)) for name in LEFT_OUT}
-    programs |= {rate: ({"planner.joint.loss_rate_per_h": rate}, EADP) for rate in RATES if rate != DEFAULT_RATE}
-    for name, (keys, eadp) in programs.items():
-        joint, cpu_s = timed_joint(constants, folder, keys, eadp)
-        flights[name] = {
-            "completed": joint.completed,
-            "kept": joint.completed and joint.soc >= RESERVE,
-            "u": joint.u,
-            "changes": sum(joint.changes),
-            "cpu_s": cpu_s,
-        }
-    flights[DEFAULT_RATE] = flights[ablation.AS_IT_IS]
-    return {"losses": bool(mission.losses), "flights": flights}
-
-
 def forecasts(joint: Flown) -> Iterator[dict[str, float]]:
     """Errors of the decisions' forecasts of a completed flight, from 10 % of it on.
 
@@ -657,25 +610,13 @@ def forecasts(joint: Flown) -> Iterator[dict[str, float]]:
         if part < 0.1 or decision["remaining_s"] is None or decision["soc_end_forecast"] is None:
             continue
         error = decision["soc_end_forecast"] - joint.soc
-        std = decision.get("soc_end_std")
-        if std is None:
-            std = implied_std(decision)
         yield {
             "part": part,
             "known": (decision["time_s"] > joint.last_loss_s) + (decision["time_s"] > changed_s),
             "time": (decision["time_s"] + decision["remaining_s"]) / joint.time_s - 1,
             "charge": error,
-            "z": math.nan if std is None else error / max(std, 1e-9),
+            "z": math.nan if decision["soc_end_std"] is None else error / max(decision["soc_end_std"], 1e-9),
         }
-
-
-def implied_std(decision: dict[str, Any]) -> float | None:
-    """The standard deviation of the charge at the end that a probability implies."""
-    for key, limit in (("reserve_probability", RESERVE), ("completes_probability", 0.0)):
-        probability = decision[key]
-        if probability is not None and 1e-6 < probability < 1 - 1e-6 and abs(probability - 0.5) > 0.01:
-            return (decision["soc_end_forecast"] - limit) / statistics.NormalDist().inv_cdf(probability)
-    return None
 
 
 # --- tables
@@ -761,6 +702,7 @@ def report_paced(results: list[dict[str, Any]]) -> None:
                 f"{rms(rms(values) for values in z):.2f}",
                 f"{statistics.fmean(statistics.fmean(abs(v) <= 2 for v in values) for values in z):.3f}",
                 f"{statistics.fmean(r['cpu_s'][name] for r in results):.1f}",
+                f"{statistics.fmean(1e3 * r['cpu_s'][name] / r[name].time_s for r in results):.1f}",
             ]
         )
     table(PACED_COLUMNS, rows)
@@ -779,17 +721,9 @@ PACED_COLUMNS = (
         "charge at the end, from 10 to 90 % of a flight: z, rms",
         "within 2 σ",
         "CPU of `eadp replan` [s]",
+    "a second of flight [ms]",
     ),
 )
-
-
-def report_ablated(results: list[dict[str, Any]]) -> None:
-    """Variants beside `joint` as it is, and rates of expected losses beside the default."""
-    flights = [result["flights"] for result in results]
-    ablation.compare("planner `joint`", LEFT_OUT, ablation.AS_IT_IS, flights)
-    for losses, kind in ((False, "without losses"), (True, "with losses")):
-        flown = [result["flights"] for result in results if result["losses"] == losses]
-        ablation.compare(f"losses expected an hour; {len(flown)} missions {kind}", RATES, DEFAULT_RATE, flown)
 
 
 FORECASTS = (
@@ -819,17 +753,16 @@ def report_forecasts(done: list[dict[str, Any]]) -> Iterator[list[str]]:
 
 def main() -> None:
     """Fly, and print the tables."""
-    parser = options(__doc__, "twin, of another seed twin_SEED, of variants ablation_twin, with --paced twin_paced")
+    parser = options(__doc__, "twin, with --paced twin_paced, of another seed with _SEED")
     parser.add_argument("--missions", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--only", type=int, nargs="+", metavar="INDEX")
     parser.add_argument("--log", metavar="DIR")
     parser.add_argument("--cache", metavar="DIR")
-    parser.add_argument("--ablate", action="store_true")
     parser.add_argument("--paced", action="store_true")
     asked = parser.parse_args()
-    page = "ablation_twin" if asked.ablate else "twin_paced" if asked.paced else "twin"
+    page = "twin_paced" if asked.paced else "twin"
     with recorded(page + (f"_{asked.seed}" if asked.seed else ""), write=asked.write):
         fly_all(asked)
 
@@ -846,19 +779,11 @@ def fly_all(asked: argparse.Namespace) -> None:
         tasks = [(m, folder, asked.cache) for m in made if not asked.only or m.index in asked.only]
         results = []
         with multiprocessing.Pool(asked.jobs) as pool, contextlib.suppress(KeyboardInterrupt):
-            for result in pool.imap(ablated if asked.ablate else paced if asked.paced else run, tasks):
+            for result in pool.imap(paced if asked.paced else run, tasks):
                 results.append(result)
-                text = f"{len(results)} of {len(tasks)}" if asked.ablate else row(result)
-                print(text, file=sys.stderr, flush=True)
-    print(
-        f"seed {asked.seed}, {len(results)} missions; U{', all,' * asked.ablate} is 0 where a mission is not completed"
-    )
-    if asked.ablate:
-        report_ablated(results)
-    elif asked.paced:
-        report_paced(results)
-    else:
-        report(results)
+                print(row(result), file=sys.stderr, flush=True)
+    print(f"seed {asked.seed}, {len(results)} missions; U is 0 where a mission is not completed")
+    (report_paced if asked.paced else report)(results)
 
 
 if __name__ == "__main__":

@@ -344,7 +344,7 @@ class LiveFlight:
         known = to.position_m is not None and executor.stages_started > 1 and not tracker.stage_unknown
         mismatch = path_mismatch(executor, to) if known else 0.0
         if self._climbs.on_plan:
-            self._departure.update(to, executor.stage.airspeed_mps or cruise_mps, mismatch)
+            self._departure.update(to, executor.cursor.airspeed_mps or cruise_mps, mismatch)
         if self._departure.away_s > BY_HAND_S:
             tracker.locator.through_gap = True
         back = bool(to.flies_mission) and was_away

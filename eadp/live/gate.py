@@ -13,6 +13,7 @@ from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import MARGIN_M
 from eadp.planning.base import Sample
+from eadp.planning.state.flight_state import SLOWS_S
 
 MAX_GAP_S = 3600.0
 SPEED_FACTOR, SLACK_M = 3.0, 50.0
@@ -315,6 +316,7 @@ class Departure:
         self._far, self._near_s = False, 0.0  # whether the path was left, and for how long it has been near again [s]
         # mean airspeeds as shares of the plan's: of the last seconds, and the usual one
         self._airspeed, self._usual = 1.0, 1.0
+        self._commanded: dict[float, float] = {}  # of an airspeed, when it was the plan's last [s]
         self._last_s: float | None = None
 
     def update(self, sample: Sample, airspeed_mps: float, mismatch: float) -> None:
@@ -324,14 +326,17 @@ class Departure:
         ----------
         sample : Sample
         airspeed_mps : float
-            The plan's airspeed [m/s].
+            The plan's airspeed, as it is commanded [m/s]; while it changes, any between that and the one before it is.
         mismatch : float
             Of position and course with the path, as `path_mismatch`; 0 where it is not known.
         """
         step_s = 0.0 if self._last_s is None else max(sample.time_s - self._last_s, 0.0)
         self._last_s = sample.time_s
+        self._commanded[airspeed_mps] = sample.time_s
+        self._commanded = {mps: at_s for mps, at_s in self._commanded.items() if sample.time_s - at_s <= SLOWS_S}
         if sample.airspeed_mps is not None:
-            share = sample.airspeed_mps / airspeed_mps
+            low, high = min(self._commanded), max(self._commanded)
+            share = sample.airspeed_mps / min(max(sample.airspeed_mps, low), high)
             self._airspeed -= math.expm1(-step_s / AIRSPEED_S) * (share - self._airspeed)
         self._near_s = self._near_s + step_s if mismatch <= NEAR else 0.0
         self._far = mismatch > FAR or (self._far and self._near_s < STAYS_S)

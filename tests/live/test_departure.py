@@ -45,6 +45,18 @@ def test_a_pilot_who_flies_faster_is_found_on_the_path():
     assert all(found[6:])
 
 
+def test_an_airspeed_that_is_commanded_is_no_pilots():
+    """The aircraft takes 45 s from 15 to 10.5 m/s, as PX4 does; a minute later it flies at 15 m/s again, by a pilot."""
+    departure, away = Departure(), []
+    for second in range(240):
+        commanded = CRUISE_MPS if second < 60 else 10.5
+        flown = CRUISE_MPS if second >= 180 else float(np.interp(second, (60, 105), (CRUISE_MPS, 10.5)))
+        departure.update(sample(float(second), flown), commanded, 0.0)
+        away.append(departure.away)
+    assert not any(away[:180])
+    assert any(away[180:186])
+
+
 def test_gusts_and_an_aircraft_that_is_slower_than_its_plan_are_no_pilot():
     """Gusts of 1.2 m/s that last for 2 s, about an airspeed of 13 m/s that the plan states as 15."""
     rng, departure, gust, away = np.random.default_rng(0), Departure(), 0.0, []

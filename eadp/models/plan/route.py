@@ -214,8 +214,9 @@ def leg_times_s(
     if isinstance(airspeed_mps, float):
         chosen, of_leg = np.unique(order, return_inverse=True)
     else:  # legs of one row and one airspeed are alike
-        pairs, of_leg = np.unique(np.stack((order, airspeed_mps)), axis=1, return_inverse=True)
-        chosen, airspeed_mps = pairs[0].astype(np.intp), pairs[1]
+        speeds_mps, of_speed = np.unique(airspeed_mps, return_inverse=True)
+        pairs, of_leg = np.unique(order * len(speeds_mps) + of_speed, return_inverse=True)
+        chosen, airspeed_mps = pairs // len(speeds_mps), speeds_mps[pairs % len(speeds_mps)]
     first, counts = rows.first[chosen], rows.first[chosen + 1] - rows.first[chosen]
     ends = np.cumsum(counts)
     at = np.arange(int(ends[-1])) + np.repeat(first - ends + counts, counts)

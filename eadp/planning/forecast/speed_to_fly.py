@@ -20,7 +20,7 @@ from eadp.core.arrays import FloatArray, IntArray
 from eadp.core.guidance import GRAVITY_MPS2
 from eadp.models.plan.route import LegRows, RouteArrays, leg_times_s
 from eadp.models.vehicle import Aeroplane
-from eadp.planning.state.known import Known, MotionKnown, power_terms
+from eadp.planning.state.known import Known, MotionKnown, terms_of
 
 STEP_MPS = 0.5
 """Airspeeds that are commanded differ by so much [m/s]."""
@@ -96,15 +96,12 @@ class SpeedChoice(NamedTuple):
     def of(cls, known: Known, legs: RouteArrays, computing_w: FloatArray, speeds_mps: FloatArray) -> SpeedChoice:
         """The choice for the legs of routes, with the power of the computations on each [W], shape (legs,)."""
         rows, first, row_of = np.unique(legs.order, return_index=True, return_inverse=True)
-        wind, motion, beside_w = np.array([known.wind.mps]), known.motion, computing_w[first]
-        seconds, joules = [], []
-        for speed in speeds_mps.tolist():
-            times_s, turning_s = leg_times_s(legs.rows, rows, speed, wind)
-            level, flat, turn, own_w = power_terms(motion.airframe, speed)
-            straight_w = level * motion.level_w + flat * motion.slope_w + own_w + beside_w
-            seconds.append(times_s[0])
-            joules.append(straight_w * times_s[0] + motion.slope_w * turn * turning_s[0])
-        return cls(speeds_mps, row_of, np.array(seconds), np.array(joules))
+        motion, wind, shape = known.motion, np.array([known.wind.mps]), (len(speeds_mps), len(rows))
+        times = leg_times_s(legs.rows, np.tile(rows, shape[0]), np.repeat(speeds_mps, shape[1]), wind)
+        times_s, turning_s = (each[0].reshape(shape) for each in times)
+        level, flat, turn, own_w = (each[:, None] for each in terms_of(motion.airframe, speeds_mps))
+        straight_w = level * motion.level_w + flat * motion.slope_w + own_w + computing_w[first]
+        return cls(speeds_mps, row_of, times_s, straight_w * times_s + motion.slope_w * turn * turning_s)
 
     def airspeeds_mps(self, legs: RouteArrays, value_w: float, stages: int) -> FloatArray:
         """The airspeed of each stage on the routes, by the value of a second [W], shape (routes, stages) [m/s]."""

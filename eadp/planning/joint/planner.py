@@ -353,14 +353,14 @@ class JointPlanner(Planner):
             return True
         if kept.evaluation.totals.seconds[0] < LAST_CHANGE_S:
             return False
+        value, left_over = self._searched
+        changed = max(abs(kept.solution.value - value), abs(kept.left_over - left_over)) > self._policy.path_gain
         if not kept.solution.feasible:
-            return self._infeasible_since_s is None or o.cursor.accepts_changes()
+            newly = self._infeasible_since_s is None
+            return newly or (o.cursor.accepts_changes() and (changed or cause == NEW_STAGE))
         if self._is_free(o) and self._computations(o, kept).falls:
             return True
-        if not (self._paced or o.cursor.accepts_changes()) or kept.evaluation.known.motion.in_doubt:
-            return False
-        value, left_over = self._searched
-        return max(abs(kept.solution.value - value), abs(kept.left_over - left_over)) > self._policy.path_gain
+        return changed and (self._paced or o.cursor.accepts_changes()) and not kept.evaluation.known.motion.in_doubt
 
     # --- decisions
 

@@ -204,17 +204,20 @@ class Places:
         self._choice: tuple[Any, ...] = (None, None)  # of a moment and a route, see `_speed_choice`
         self._predictor = RoutePredictor()
         self._routes: dict[Shares, Route | None] = {}
+        self._airspeeds: dict[tuple[Shares, float], FloatArray] = {}  # at a place and a pace, of the stage
         self._stage: tuple[object, ...] = ()
-        """What `_routes` depend on: the stage, its path parameters, and whether the end of the plan is uncertain."""
+        """What they depend on: the stage, its path parameters, whether the end is uncertain, and the autopilot."""
 
     def enter(self, known: Known) -> None:
         """Begin a re-planning: forget the routes kept unless they start from the stage and parameters of now."""
         cursor = known.cursor
         path = len(self._boxes)
-        stage = known.stages_started, cursor.waiting[:path], cursor.parameters[:path], known.reach_std_m > 0
+        path_now = cursor.waiting[:path], cursor.parameters[:path]
+        stage = known.stages_started, path_now, known.reach_std_m > 0, known.autopilot
         if stage != self._stage:
             self._stage = stage
             self._routes.clear()
+            self._airspeeds.clear()
 
     def parameters(self, shares: Shares) -> Vector:
         """The parameters at a place: the free path parameters at shares of their sets, and all others as decided."""
@@ -250,8 +253,13 @@ class Places:
         if not routes:
             return [], None
         try:
-            alone = [route for _, route in routes]
-            airspeeds_mps = None if pace_mps is None else self._airspeeds_mps(known, alone, pace_mps)
+            alone, airspeeds_mps, key = [route for _, route in routes], None, (routes[0][0], pace_mps or 0.0)
+            if pace_mps is not None and len(alone) == 1 and key in self._airspeeds:
+                airspeeds_mps = self._airspeeds[key]
+            elif pace_mps is not None:
+                airspeeds_mps = self._airspeeds_mps(known, alone, pace_mps)
+                if len(alone) == 1:
+                    self._airspeeds[key] = airspeeds_mps
             evaluation = self.evaluator.evaluate(known, alone, airspeeds_mps)
         except PathUndefined:
             return [], None
