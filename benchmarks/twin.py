@@ -721,7 +721,7 @@ PACED_COLUMNS = (
         "charge at the end, from 10 to 90 % of a flight: z, rms",
         "within 2 σ",
         "CPU of `eadp replan` [s]",
-    "a second of flight [ms]",
+        "a second of flight [ms]",
     ),
 )
 
