@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eadp.core.arrays import FloatArray
-from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.core.guidance import SEA_LEVEL_KGPM3, air_density_kgpm3, calibrated_share
 from eadp.errors import Fault, InputError, printable
@@ -45,7 +44,6 @@ _TIME_US = ("timestamp", "TimeUS")
 _TIME_MS = ("TimeMS",)
 ULOG_TOPICS = ("battery_status", "vehicle_local_position")
 DATAFLASH_TOPICS = ("BAT", "BAT2", "CURR", "CUR2", "POS", "GPS")
-BAG_TOPICS = ("sensor_msgs/msg/BatteryState", "sensor_msgs/msg/NavSatFix")
 _USED = ("discharged_mah", "CurrTot")
 PARAMETERS, LARGEST_MAH = "parameters", 1e6
 """The topic of the parameters; no battery holds so much."""
@@ -59,7 +57,7 @@ def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
     if columns.also:
         raise InputError.at(name, 1, 1, f"an autopilot's log has no column {columns.also[0]}", "a CSV file")
     time_us, factors, notes = battery_table(name, tables, columns.instance, columns.voltage, columns.current)
-    position_m = _position_m(name, tables, time_us, columns.origin_deg)
+    position_m = _position_m(name, tables, time_us)
     warnings = [Fault(name, 1, 1, note, severity="warning") for note in notes]
     counts: dict[str, int | float] = {"rows": len(time_us)}
     known = _is_known(factors) & (factors[:, 0] > 0) & (np.abs(factors) <= LARGEST_W).all(axis=1)
@@ -183,7 +181,7 @@ def _time_us(name: str, table: dict[str, FloatArray]) -> FloatArray:
     raise InputError.at(name, 1, 1, "messages of the battery have no time", "timestamp, TimeUS or TimeMS")
 
 
-def _position_m(name: str, tables: Tables, time_us: FloatArray, origin_deg: Point | None) -> FloatArray | None:
+def _position_m(name: str, tables: Tables, time_us: FloatArray) -> FloatArray | None:
     """x, east, and y, north, at the battery's times."""
     for kind, table in tables.columns.items():
         if kind.startswith("vehicle_local_position ") and {"x", "y"} <= set(table) and len(table["x"]):
@@ -197,7 +195,7 @@ def _position_m(name: str, tables: Tables, time_us: FloatArray, origin_deg: Poin
         fixed = (np.abs(degrees) <= (90, 180)).all(axis=1) & (degrees != 0).any(axis=1)
         if not np.any(fixed):
             continue
-        origin = origin_deg or (float(degrees[fixed][0, 0]), float(degrees[fixed][0, 1]))
+        origin = float(degrees[fixed][0, 0]), float(degrees[fixed][0, 1])
         metres = np.array([to_local_m(float(lat), float(lon), origin) for lat, lon in degrees[fixed]])
         return _at(_time_us(name, table)[fixed], metres, time_us)
     return None
@@ -339,9 +337,6 @@ def _rows(kind: str, fields: Any) -> Iterator[tuple[str, dict[str, float]]]:
 
 HEAD = 20_000
 """Bytes from the start of a file by which its format is recognised."""
-BAG_INDEX = "metadata.yaml"
-BAG_MAGICS = (b"#ROSBAG V2", b"SQLite format 3\0", b"\x89MCAP", b"rosbag2_bagfile_information")
-"""The file of a folder that is a bag, and how bags begin: of ROS 1; of ROS 2 either store, and that file."""
 _OF_A_PIPE = "UTF-8 text from a pipe; a ULog or a binary DataFlash log as a file"
 
 
@@ -354,10 +349,9 @@ class LogSource:
     @cached_property
     def head(self) -> bytes:
         """The first bytes; those of the text where the file, a pipe, can be read only once. Raises InputError."""
-        path = os.path.join(self.name, BAG_INDEX) if os.path.isdir(self.name) else self.name
-        if os.path.isfile(path):
+        if os.path.isfile(self.name):
             try:
-                with open(path, "rb") as stream:
+                with open(self.name, "rb") as stream:
                     return stream.read(HEAD)
             except OSError:
                 pass  # reading the text raises it as an InputError
@@ -406,25 +400,6 @@ def _dataflash_text(source: LogSource, columns: Columns) -> PowerLog:
         return battery_log(source.text.name, tables, columns)
 
 
-def _bag(source: LogSource, columns: Columns) -> PowerLog:
-    if not (os.path.isfile(source.name) or os.path.isdir(source.name)):
-        raise InputError.at(source.text.name, 1, 1, "is not a regular file", _OF_A_PIPE)
-    tables = read_tables(source.name, source.name, "bag", BAG_TOPICS)
-    names = {number: name for name in sorted(tables.columns) if name != "GPS" for number in (int(name.split(" ")[1]),)}
-    if not names:
-        found = printable(", ".join(tables.notes) or "none", 1000)
-        raise InputError.at(source.name, 1, 1, f"has no messages of sensor_msgs/BatteryState; its topics: {found}")
-    if len(names) > 1 and columns.instance is None:
-        known = ", ".join(f"{number} is {name.split(' ', 2)[2]}" for number, name in names.items())
-        what = f"{len(names)} batteries in {printable(source.name)}"
-        raise InputError.at("--instance", 1, 1, what, f"one of {known}")
-    amps = tables.columns[names.get(columns.instance or 0, names[min(names)])]["current_a"]
-    if np.nansum(amps) < 0:  # a driver that does not keep to the message's definition: it flew, and charged nothing
-        amps *= -1
-        tables.notes = ["the current is above 0 as the battery discharges, against BatteryState's definition"]
-    return battery_log(source.name, tables, columns)
-
-
 def _tlog(source: LogSource, columns: Columns) -> PowerLog:
     return battery_log(source.name, tlog_tables(source.name), columns)
 
@@ -436,7 +411,6 @@ FORMATS = (
         lambda head: head.startswith(b"\xa3\x95"),
         partial(_autopilot, "dataflash", DATAFLASH_TOPICS),
     ),
-    LogFormat("ROS bag", lambda head: head.startswith(BAG_MAGICS), _bag),
     LogFormat("telemetry log", is_tlog, _tlog),
     LogFormat("ArduPilot DataFlash as text", is_dataflash_text, _dataflash_text),
     LogFormat("CSV", lambda head: True, lambda source, columns: read_csv_log(source.text, columns)),
