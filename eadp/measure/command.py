@@ -58,7 +58,7 @@ class FitOutputs:
 def command(
     log: Annotated[
         str,
-        Argument(metavar="LOG", help="Power log: CSV, PX4 ULog, ArduPilot DataFlash; - is standard input."),
+        Argument(metavar="LOG", help="Power log: CSV, PX4 ULog, ArduPilot DataFlash, ROS bag; - is standard input."),
     ],
     options: FitOptions,
     named: ColumnOptions,
@@ -71,7 +71,7 @@ def command(
     Find the period of a power log, and fit its mean, harmonics and noise.
 
     The log is a CSV with a header that names its columns and their units: time_s (or time_ms, or timestamp, in µs), and
-    power_w or voltage_v and current_a; or a PX4 ULog, or an ArduPilot DataFlash log; or a recording of a
+    power_w or voltage_v and current_a; or a PX4 ULog, an ArduPilot DataFlash log, or a bag of ROS; or a recording of a
     computer, as eadp profile reads it (tegrastats, jtop, nvidia-smi, INA219, hwmon, RAPL, …). Where a log has positions
     (x_m and y_m, or lat and lon), and no other prior is given, the period is searched near the time of their laps.
 
