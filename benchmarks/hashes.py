@@ -88,7 +88,7 @@ def cases() -> list[Case]:
         Case("published i", "survey", {}, "letter", "paper-i-dynamic"),
         Case("published, drained", "survey", {}, "letter", "paper-drained"),
         Case("example telemetry", "survey", {}, None, "survey", replay=True),
-        Case("telemetry with gaps", "survey", {}, None, "survey", replay=True),
+        Case("telemetry with gaps", "survey", {"sensors.delay_s": 0}, None, "survey", replay=True),
     ]
 
 

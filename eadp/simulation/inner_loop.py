@@ -54,15 +54,15 @@ STATE = AIRCRAFT_STATE + 11
 records: the step of the next one of either kind; of readings, the step of the next and how many there are; of rows of
 the log, the same."""
 
-BATTERY_CONSTANTS = AIRCRAFT_CONSTANTS + 10
-EMPTY_V, RISE_V, FOUR_R, MAX_A, CUTOFF_V, DRAIN, FAULT_AT, DROP, READ_EVERY, LOG_EVERY = range(
+BATTERY_CONSTANTS = AIRCRAFT_CONSTANTS + 11
+EMPTY_V, RISE_V, FOUR_R, MAX_A, CUTOFF_V, DRAIN, FAULT_AT, DROP, READ_EVERY, LATE, LOG_EVERY = range(
     AIRCRAFT_CONSTANTS, BATTERY_CONSTANTS
 )
 Q, X0, Y0, A, B, E, OFFSET_X, OFFSET_Y, GAIN, SENSE, COMPUTING = range(BATTERY_CONSTANTS, BATTERY_CONSTANTS + 11)
 CONSTANTS = BATTERY_CONSTANTS + 11
 """Constants of the battery: open-circuit voltage empty, its rise to full, 4 R [V, V, Ω], the limits of current and
-voltage, 2 k_b Δt / Q_c, the step of a sudden loss and its size. Of the records, in steps: time between readings, and
-between rows. Of the stage: closed form of its path, offset [m], gain, sense, power of computations [W]."""
+voltage, 2 k_b Δt / Q_c, the step of a sudden loss and its size. Of the records, in steps: time between readings, their
+delay, time between rows. Of the stage: closed form of its path, offset [m], gain, sense, power of computations [W]."""
 
 LOST, EMPTY, SAGS = 4, 8, 16
 """Events that end a flight, as bits beside `FIRED` and `ENDED`: the path has no value here, the battery is empty, or it
@@ -111,8 +111,9 @@ class StepTables(NamedTuple):
 
 
 class StepRecords(NamedTuple):
-    """What steps write: readings, and rows of the log."""
+    """What steps write: a ring buffer of what was measured in the last `LATE` + 1 steps; readings; rows of the log."""
 
+    late: Any
     readings: Any
     rows: Any
 
@@ -202,13 +203,24 @@ def drain(s: State, c: Constants, power_w: float, k: int, tables: StepTables) ->
 
 
 def _record(s: State, c: Constants, records: StepRecords, k: int) -> None:
-    """Append a reading and a row of the log where step `k` has them, and set when it is called next, `RECORD_AT`."""
-    readings, rows = records
+    """Append a reading and a row of the log where step `k` has them, and set when it is called next, `RECORD_AT`.
+
+    With a delay the measured variables of every step go into `late`, a ring buffer of `LATE` + 1 places: step k into
+    place (k − 1) mod (`LATE` + 1). The first step is read until the delay is over.
+    """
+    late, readings, rows = records
+    late_by = int(c[LATE])
+    if late_by > 0:
+        _copy_measured(s, late, (k - 1) % (late_by + 1) * SNAPSHOT)
     if k == s[READ_AT]:
         n = int(s[READINGS]) * READING
         readings[n] = k
-        readings[n + 1], readings[n + 2], readings[n + 3], readings[n + 4] = s[X], s[Y], s[POWER], s[SOC]
-        readings[n + 5], readings[n + 6], readings[n + 7] = s[VX], s[VY], s[HEADING]
+        if late_by > 0:
+            place = max(k - 1 - late_by, 0) % (late_by + 1) * SNAPSHOT
+            for i in range(SNAPSHOT):
+                readings[n + 1 + i] = late[place + i]
+        else:
+            _copy_measured(s, readings, n + 1)
         s[READINGS] += 1
         s[READ_AT] += c[READ_EVERY]
     if k == s[LOG_AT]:
@@ -218,8 +230,15 @@ def _record(s: State, c: Constants, records: StepRecords, k: int) -> None:
         rows[n + 7], rows[n + 8] = s[AIRSPEED], c[SPEED_HELD]
         s[ROWS] += 1
         s[LOG_AT] += c[LOG_EVERY]
-    read_at, log_at = s[READ_AT], s[LOG_AT]
-    s[RECORD_AT] = read_at if read_at < log_at else log_at
+    if late_by == 0:  # else the buffer takes every step
+        read_at, log_at = s[READ_AT], s[LOG_AT]
+        s[RECORD_AT] = read_at if read_at < log_at else log_at
+
+
+def _copy_measured(s: State, to: MutableSequence[float], at: int) -> None:
+    """Copy the `SNAPSHOT` measured variables into `to`, from index `at` on."""
+    to[at], to[at + 1], to[at + 2], to[at + 3] = s[X], s[Y], s[POWER], s[SOC]
+    to[at + 4], to[at + 5], to[at + 6] = s[VX], s[VY], s[HEADING]
 
 
 def drain_constants(battery: Battery, step_s: float) -> list[float]:
@@ -252,7 +271,7 @@ class InnerLoop:
         s[SOC] = battery.prescribed_soc(0.0) if battery.prescribed else battery.soc
         c[EMPTY_V : DRAIN + 1] = drain_constants(battery, c[STEP_S])
         readings, rows = self._zeros(READING * MAX_READINGS), self._zeros(ROW * MAX_ROWS)
-        self._records = StepRecords(readings, rows)
+        self._records = StepRecords(self._numbers([]), readings, rows)
         self._curve: GeneralCurve | None = None
         self._watch: Any = []
         self._cruise = constants[CRUISE_M], constants[SPEED_HELD]
@@ -266,10 +285,11 @@ class InnerLoop:
         """A number of zeros, as the function takes numbers."""
         return np.zeros(count) if self._compiled else [0.0] * count
 
-    def set_records(self, every: int, log_every: int) -> None:
-        """Set the steps between readings, from step 1 on, and between rows of the log."""
+    def set_records(self, every: int, late: int, log_every: int) -> None:
+        """Set the steps between readings, from step 1 on, by which they are late, and between rows of the log."""
         self._s[READ_AT], self._s[LOG_AT] = 1, log_every
-        self._c[READ_EVERY], self._c[LOG_EVERY] = every, log_every
+        self._c[READ_EVERY], self._c[LATE], self._c[LOG_EVERY] = every, late, log_every
+        self._records = self._records._replace(late=self._zeros(SNAPSHOT * (late + 1)))
 
     def set_loss(self, step: int, drop: float) -> None:
         """Set the next sudden loss of charge: its step, and its size as a state of charge."""
@@ -324,10 +344,14 @@ class InnerLoop:
         self._s[:], self._watch[:] = state, watch
         return k, events
 
-    def measured(self) -> Measured:
-        """The measured variables after the last step."""
-        s = self._s
-        return Measured._make(map(float, (s[X], s[Y], s[POWER], s[SOC], s[VX], s[VY], s[HEADING])))
+    def measured(self, k: int) -> Measured:
+        """The measured variables after step `k`, with the sensors' delay."""
+        places = int(self._c[LATE]) + 1  # of the ring buffer, see `_record`
+        if places == 1:
+            s = self._s
+            return Measured._make(map(float, (s[X], s[Y], s[POWER], s[SOC], s[VX], s[VY], s[HEADING])))
+        at = max(k - places, 0) % places * SNAPSHOT
+        return Measured._make(map(float, self._records.late[at : at + SNAPSHOT]))
 
     def take_readings(self, end: int) -> tuple[Any, Measured]:
         """Take the readings since the last call out of the loop: their steps, and columns of what was measured.

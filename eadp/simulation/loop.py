@@ -100,7 +100,7 @@ class _Flight:
             np.random.default_rng(world.seed),
         )
         self._bridge = _PlannerBridge(world, flight, self._inner_loop, outcome)
-        self._losses = _Losses(world)
+        self._losses = _Losses(world, self._bridge.late)
         computing_w = world.computing_w(executor.parameters, executor.stage)
         self._log = ParameterLog(world.plan, executor.cursor, executor.joined_m, world.actual, computing_w)
         outcome.parameters = self._log
@@ -124,7 +124,7 @@ class _Flight:
             self._k, events = inner_loop.run(self._k, self._next_stop(end))
             k, failed = self._k, events & (LOST | EMPTY | SAGS)
             # whether the planner is updated at step k
-            due = (k >= self._next_update or k == self._losses.next[0]) and not self._returning and not failed
+            due = (k >= self._next_update or self._losses.measured_at(k)) and not self._returning and not failed
             # where an update is due, the readings of step k are part of its observation, and the row of step k has what
             # is estimated after it: both wait
             before = k - 1 if due else k
@@ -156,11 +156,11 @@ class _Flight:
     def _next_stop(self, end: int) -> int:
         """Set the next loss of charge and the wind of the next run; return the step up to which it may fly.
 
-        At that step the planner, a loss or another wind is due, or the flight ends.
+        At that step the planner, a loss, its measurement or another wind is due, or the flight ends.
         """
         self._losses.go_on(self._k)
         self._inner_loop.set_loss(*self._losses.next)
-        stop, wind = min(end, self._next_update, self._losses.next[0]), self._world.wind
+        stop, wind = min(end, self._next_update, self._losses.stop), self._world.wind
         if wind.profile:
             step_s = self._world.clock.step_s
             self._inner_loop.set_wind(wind.steady_at_mps(self._k * step_s))
@@ -298,10 +298,12 @@ class _PlannerBridge:
         self._step_s, self._flight = world.clock.step_s, flight
         self._inner_loop = inner_loop
         self._ideal = world.sensors.ideal
-        self._suite = SensorSuite(world.sensors, np.random.default_rng([world.seed, 1]))
+        self._suite = SensorSuite(world.sensors, world.clock.step_s, np.random.default_rng([world.seed, 1]))
+        self.late = self._suite.late
+        """Delay of the measurements in steps."""
         every_s = log_every_s(world)
         log_every = MAX_STEPS if math.isinf(every_s) else max(1, round(every_s / world.clock.step_s))
-        inner_loop.set_records(step_at(flight.state.every_s, world.clock.step_s, MAX_STEPS), log_every)
+        inner_loop.set_records(step_at(flight.state.every_s, world.clock.step_s, MAX_STEPS), self.late, log_every)
         self._outcome = outcome
         self.logged_to = -1
         """The last step logged."""
@@ -323,7 +325,7 @@ class _PlannerBridge:
     def update(self, k: int, executor: PlanExecutor) -> None:
         """Update the planner with an observation after step `k`; the readings before it are passed on first."""
         self.ingest(k - 1)
-        true = self._inner_loop.measured()
+        true = self._inner_loop.measured(k)
         position_m, power_w, soc = self._suite.measured(k, true.x_m, true.y_m, true.power_w, true.soc)
         velocity_mps = true.vx_mps, true.vy_mps
         sample = Sample(
@@ -358,7 +360,7 @@ class _PlannerBridge:
         if not len(steps):
             return
         if not self._ideal:
-            if isinstance(steps, np.ndarray):  # to lists
+            if isinstance(steps, np.ndarray):  # to lists, in which a power may be None
                 steps, columns = steps.tolist(), Measured(*(column.tolist() for column in columns))
             x, y, powers_w, charges, *_ = columns
             for i, n in enumerate(map(int, steps)):
@@ -388,25 +390,37 @@ def log_every_s(world: World) -> float:
 
 
 class _Losses:
-    """Sudden losses of charge: at each the planner is updated.
+    """Sudden losses of charge: at each the planner is updated, and again where it is measured, `late` steps after it.
 
     A charge that is replayed has a loss where two of its points have one time: its amount is 0 here, as it is in the
     charge that is replayed.
     """
 
-    def __init__(self, world: World) -> None:
-        # the next one last; it does not get empty, as no flight reaches the step of the first
+    def __init__(self, world: World, late: int) -> None:
+        # two stacks, with the next one last; neither gets empty, as no flight reaches the step of the first
         self._steps = _losses(world)
+        self._measured = [step + late for step, _ in self._steps]
 
     @property
     def next(self) -> tuple[int, float]:
         """Step and amount of the next loss."""
         return self._steps[-1]
 
+    @property
+    def stop(self) -> int:
+        """The step of the next loss, or at which one is measured next."""
+        return min(self._steps[-1][0], self._measured[-1])
+
+    def measured_at(self, step: int) -> bool:
+        """Whether a loss is measured at a step."""
+        return step == self._measured[-1]
+
     def go_on(self, step: int) -> None:
         """Leave behind what has happened by a step."""
         if step >= self._steps[-1][0]:
             self._steps.pop()
+        if step >= self._measured[-1]:
+            self._measured.pop()
 
 
 def _losses(world: World) -> list[tuple[int, float]]:

@@ -234,7 +234,7 @@ class NominalFlight:
         constants = constants_of(self._airframe, self._guidance, wind, STEP_S)
         constants[HEIGHT_GAIN] = 0.0  # no climb
         loop = InnerLoop(state, constants, LASTING, wind, np.random.default_rng(0))
-        loop.set_records(MAX_STEPS, MAX_STEPS)
+        loop.set_records(MAX_STEPS, 0, MAX_STEPS)
         return loop
 
     def _turning_s(self, leg: Leg, flown_s: float, energy_j: float) -> float:

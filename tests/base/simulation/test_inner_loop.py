@@ -94,6 +94,8 @@ def drawn(seed):
         "sensors.power_noise_w": float(rng.choice([0, 0.4])),
         "sensors.position_noise_m": float(rng.choice([0, 1.0])),
         "sensors.soc_noise": float(rng.choice([0, 0.001])),
+        "sensors.delay_s": float(rng.choice([0, 0.05, 0.3])),
+        "sensors.drop_out_share": float(rng.choice([0, 0.2])),
     }
     return {
         **(sensors if rng.random() < 0.6 else {}),
@@ -175,6 +177,7 @@ def test_static_flights_are_the_same_to_the_last_bit(vehicle, no_longer_compiled
         "planner.name": "static",
         "wind.speed_mps": 6.0,
         "wind.gust_std_mps": 0.4,
+        "sensors.delay_s": 0.1,
         "battery.capacity_ah": 0.35,
         "step_s": 0.02,
         "faults": [{"at_s": 60, "soc_drop": 0.05}],

@@ -1,7 +1,8 @@
-"""Sensors: noise as large as is said, and reproducible."""
+"""Sensors: noise as large as is said, delay, drop-outs as often and as long as is said; reproducible."""
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import fields
 
 import numpy as np
@@ -9,6 +10,8 @@ import pytest
 
 from eadp.models.weather import Sensors
 from eadp.simulation.metrics import SensorSuite
+
+STEP_S = 0.01
 
 
 def truth(k):
@@ -22,7 +25,7 @@ def measured(suite, k):
 
 
 def told(sensors, count, seed=0):
-    suite = SensorSuite(sensors, np.random.default_rng(seed))
+    suite = SensorSuite(sensors, STEP_S, np.random.default_rng(seed))
     return [measured(suite, k) for k in range(1, count + 1)]
 
 
@@ -33,7 +36,7 @@ def test_ideal_sensors_tell_the_truth():
 
 @pytest.mark.parametrize("key", [field.name for field in fields(Sensors)])
 def test_any_fault_is_no_ideal(key):
-    assert not Sensors(**{key: 0.1}).ideal
+    assert Sensors(**{key: 0.1}).ideal is (key == "drop_out_s")  # the length of drop-outs alone does nothing
 
 
 def test_noise_has_the_size_that_is_said():
@@ -50,15 +53,34 @@ def test_noise_has_the_size_that_is_said():
 
 
 def test_what_is_told_of_a_step_does_not_depend_on_others_asked_of():
-    sensors = Sensors(power_noise_w=1.0, position_noise_m=0.5, soc_noise=0.01)
+    sensors = Sensors(power_noise_w=1.0, position_noise_m=0.5, soc_noise=0.01, drop_out_share=0.3)
     every = told(sensors, 5000)
-    suite = SensorSuite(sensors, np.random.default_rng(0))
+    suite = SensorSuite(sensors, STEP_S, np.random.default_rng(0))
     for k in (1, 7, 8, 1900, 2000, 2001, 2001, 4999):
         assert measured(suite, k) == every[k - 1]
         assert suite.power_w(k, 30.0 + k) == every[k - 1][1]
         assert suite.soc(k, 0.5) == every[k - 1][2]
 
 
+@pytest.mark.parametrize("delay_s", [0.0, 0.05, 0.2])
+def test_a_delay_is_as_many_steps(delay_s):
+    assert SensorSuite(Sensors(delay_s=delay_s), STEP_S, np.random.default_rng(0)).late == round(delay_s / STEP_S)
+
+
+@pytest.mark.parametrize(("share", "length_s"), [(0.1, 2.0), (0.5, 1.0), (0.9, 5.0)])
+def test_drop_outs_are_as_often_and_as_long_as_is_said(share, length_s):
+    n = 400_000
+    suite = SensorSuite(Sensors(drop_out_share=share, drop_out_s=length_s), STEP_S, np.random.default_rng(3))
+    missing = np.array([suite.power_w(k, 30.0) is None for k in range(1, n + 1)])
+    runs = [sum(1 for _ in run) * STEP_S for out, run in itertools.groupby(missing.tolist()) if out]
+    assert missing.mean() == pytest.approx(share, rel=0.25)
+    assert np.mean(runs) == pytest.approx(length_s, rel=0.3)
+
+
+def test_readings_that_never_come():
+    assert all(power_w is None for _, power_w, _ in told(Sensors(drop_out_share=1.0), 5000))
+
+
 def test_the_same_seed_tells_the_same():
-    sensors = Sensors(power_noise_w=1.0)
+    sensors = Sensors(power_noise_w=1.0, drop_out_share=0.3)
     assert told(sensors, 500, seed=4) == told(sensors, 500, seed=4) != told(sensors, 500, seed=5)
