@@ -627,15 +627,16 @@ def draw(mission: Mission, losses: Mapping[int, float], folder: Path) -> None:
     rows = [json.loads(text) for text in texts]
     measured = [row for row in rows if row["kind"] == "telemetry"]
     decided = [row for row in rows if row["kind"] == "decision" and row["time_s"] > 5]
+    measured_s = [row["time_s"] for row in measured]
     at_s, spacing = [row["time_s"] for row in decided], read_plan(mission.plan_file, warn=lambda _: None).parameters[0]
     end, std = (np.array([row[key] for row in decided]) for key in ("soc_end_forecast", "soc_end_std"))
     with figure_pair(PICTURE, 8.0, 6.0, (".png",)) as figure:
         charge, airspeed, lines = figure.subplots(3, 1, sharex=True)
-        charge.plot([row["time_s"] for row in measured], [100 * row["soc"] for row in measured], label="charge")
+        charge.plot(measured_s, [100 * row["soc"] for row in measured], label="charge")
         charge.plot(at_s, 100 * end, COLOURS[1], label="forecast of the end, ± 2 σ")
         charge.fill_between(at_s, 100 * (end - 2 * std), 100 * (end + 2 * std), color=COLOURS[1], alpha=0.2, lw=0)
         charge.axhline(100 * RESERVE, color=GREY, ls="--", label="reserve")
-        airspeed.plot([row["time_s"] for row in measured], [row["airspeed_mps"] for row in measured], GREY, lw=0.8, label="measured")
+        airspeed.plot(measured_s, [row["airspeed_mps"] for row in measured], GREY, lw=0.8, label="measured")
         airspeed.step(at_s, [row["airspeed_mps"] for row in decided], where="post", label="commanded")
         lines.step(at_s, [spacing.shown(row["parameters"][spacing.name]) for row in decided], where="post")
         for axes, label in ((charge, "charge [%]"), (airspeed, "airspeed [m/s]"), (lines, "spacing [m]")):
