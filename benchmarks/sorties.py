@@ -5,7 +5,7 @@
 FIELDS has outlines in metres. Each is taken at three sizes, and an L of our own at one: with an aircraft of 2 kg, a
 pack of 0.6 to 2 Ah, a wind of 0 to 6 m/s from anywhere, gusts of 0.5 m/s, and a home beside the field.
 
-- Sorties beside the lower bound, and beside OR-tools' routing (--seconds for each field, whole lines, the same times,
+- Sorties beside OR-tools' routing (--seconds for each field, whole lines, the same times,
   a pack of the same time): fewer sorties first, then less time.
 - All sorties are flown, each with a fresh pack.
 - Every second job is stopped at random, in the air, and resumed: ground covered twice, and missed.
@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measured import options, recorded, share, table
+from measured import options, recorded, table
 
 import eadp
 from eadp.core.geometry.polygons import covered_shares
@@ -134,8 +134,6 @@ def measure(job: dict[str, Any], index: int, seconds: int) -> dict[str, Any]:
         row = {
             "name": job["name"],
             "count": len(plan.sorties),
-            "least": plan.least.count,
-            "energy": sum(each.energy_wh for each in plan.divided.sorties) / plan.least.energy_wh(len(plan.sorties)),
             "took_s": took_s,
             "time_s": sum(each.solution.time_s for each in plan.divided.sorties),
             "routing": by_routing(plan, seconds) if seconds else None,
@@ -212,15 +210,7 @@ def main() -> None:
 
 def figures(made: list[dict[str, Any]]) -> Iterator[tuple[str, object]]:
     """The figures of all jobs."""
-    over = [row["count"] - row["least"] for row in made]
-    energy = [row["energy"] for row in made]
     yield "fields", len(made)
-    yield "sorties equal to the bound", share([each == 0 for each in over])
-    yield "most sorties above the bound", max(over)
-    yield (
-        "energy over the bound's, median and largest",
-        f"{statistics.median(energy):.3f}, {max(energy):.3f}",
-    )
     beside = [row for row in made if row["routing"] is not None]
     if beside:
         more = [int(np.sign(row["count"] - row["routing"][0])) for row in beside]

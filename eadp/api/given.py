@@ -73,11 +73,9 @@ class FlownJob(Protocol):
 
 
 class JobKind(Protocol):
-    """A kind of job: names of files in its folder (the job's document, its scenario, one plan), and how it is flown."""
+    """A kind of job: the name of its document in its folder, and how it is flown."""
 
     document: str
-    scenario: str
-    plan: str
 
     def simulate(
         self,
@@ -97,10 +95,3 @@ def job_in(path: str) -> JobKind | None:
         return None
     kinds: list[JobKind] = plug_ins("jobs")
     return next((kind for kind in kinds if os.path.isfile(os.path.join(path, kind.document))), None)
-
-
-def job_of(path: str) -> JobKind | None:
-    """The kind of job whose document a file is; None for a plan."""
-    name = os.path.basename(path)
-    kinds: list[JobKind] = plug_ins("jobs") if name.endswith(".json") else []
-    return next((kind for kind in kinds if name == kind.document), None)

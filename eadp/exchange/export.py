@@ -12,17 +12,14 @@ from typing import Annotated, NamedTuple
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import FlightInputs, load_flight
 from eadp.api.plan import plan_of
-from eadp.core.geometry.curves import Point, tangent
-from eadp.core.geometry.dubins import Piece, Pose, ordered
+from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import (
     FARTHEST_M,
-    blowing_to_rad,
     compass_deg,
     place_text,
     to_geodetic_deg,
     to_local_m,
     to_near_local_m,
-    velocity_mps,
 )
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined, one_of, printable
 from eadp.exchange.autopilot import (
@@ -34,7 +31,7 @@ from eadp.exchange.autopilot import (
     wanted_parameters,
 )
 from eadp.exchange.items import ARDUPILOT_ITEMS, LAND_START, MissionItem
-from eadp.exchange.path import ENDINGS, FENCE_ENDING, ITEMS_ENDING, WITH_ITEMS, PlannedPath, planned_sections
+from eadp.exchange.path import FENCE_ENDING, ITEMS_ENDING, WITH_ITEMS, PlannedPath, planned_sections
 from eadp.exchange.writer import EXPORTS, FENCED, files_beside, items_text, mapped_items, mission_items, writer_of
 from eadp.io.flight import airspeeds_text
 from eadp.io.plan.writer import parameters_of
@@ -42,20 +39,11 @@ from eadp.io.scenario import override_texts, read_overrides, read_scenario
 from eadp.io.text.options import Flag
 from eadp.io.text.streams import write_text
 from eadp.models.airspace import Airspace, risk_text
-from eadp.models.autopilot import ARDUPILOT, PX4, Autopilot
+from eadp.models.autopilot import PX4, Autopilot
 from eadp.models.performance import calibrated_over_true
-from eadp.models.plan.pieces import (
-    MIN_STAGE_M,
-    Air,
-    approach,
-    approach_slopes,
-    behind_warning,
-    landing_pose,
-    piece_stages,
-)
-from eadp.models.plan.plan import MadeFor, Plan
+from eadp.models.plan.plan import Plan
 from eadp.models.plan.route import PlannedLegs
-from eadp.models.plan.stage import LAND, RETURN, TAKEOFF, Leg, Segment, leg_points
+from eadp.models.plan.stage import LAND, TAKEOFF, Leg, leg_points
 from eadp.models.plan.trace import nominal_route, zone_findings
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 from eadp.planning.forecast.held import Preflight
@@ -93,7 +81,7 @@ class PartOptions:
 
 @dataclass(frozen=True)
 class PlaceOptions:
-    """Where an exported plan lies, and where it lands."""
+    """Where an exported plan lies."""
 
     altitude_m: float | None = None
     """Altitude above home [m], where the plan has none; by default the aircraft's."""
@@ -103,9 +91,6 @@ class PlaceOptions:
 
     origin_deg: Annotated[Position | None, Flag(metavar="POINT")] = None
     """Where the plan's (0, 0) lies: LAT,LON [°], for a plan without."""
-
-    landing: Annotated[str | Pose | None, Flag(metavar="LAT,LON,HEADING")] = None
-    """Land there instead of returning to home, on this heading [°], from where the plan ends."""
 
 
 RISK = 0.05
@@ -205,8 +190,6 @@ def exported(plan: File | Plan, to: str, options: ExportOptions, warn: Warn) -> 
     writer = writer_of(to)
     if writer is None:
         raise _fault("--to", to, "is no format", one_of(EXPORTS, to))
-    if options.landing is not None:
-        plan = _landed(plan, to, options, warn)
     autopilot = autopilot_of(to, options)
     decides = to in WITH_ITEMS and options.telemetry is None  # whether airspeeds that are decided can be commanded
     stated = options.scenario is None
@@ -271,7 +254,7 @@ def _forecast(
     inputs = inputs if decides else inputs.at_one_airspeed()
     warn(inputs.warnings)
     plan, airframe = inputs.world.plan, inputs.world.vehicle
-    name = inputs.sources["plan"].name if options.landing is None else plan.name
+    name = inputs.sources["plan"].name
     if isinstance(airframe, PaperVehicle) and options.altitude_m is None:
         stated, _ = plan_of(given, options.min_radius_m, lambda _: None)
         if any(stage.altitude_m is not None for stage in stated.stages):
@@ -351,70 +334,6 @@ def autopilot_of(to: str, options: ExportOptions) -> Autopilot:
         expected = f"--to {PX4 if stated.kind == PX4 else 'ardupilot or qgc'}, or --set autopilot.kind"
         raise _fault("--to", to, f"the scenario's autopilot is {stated.kind}", expected)
     return replace(stated, kind=PX4) if to == PX4 else stated
-
-
-def _landed(given: File | Plan, to: str, options: ExportOptions, warn: Warn) -> Plan:
-    """A plan that lands where `--landing` says, from where it ends."""
-    plan, name = plan_of(given, options.min_radius_m, lambda _: None)
-    raw = options.landing or ""
-    if plan.stages[-1].item or plan.stages[-1].command(LAND):
-        raise _fault(
-            "--landing", str(raw), "the plan has a landing, or is a mission with an end of its own", "no --landing"
-        )
-    if plan.site.ground_m is not None:
-        raise _fault("--landing", str(raw), "the plan follows the ground", "eadp cover --landing, which plans for it")
-    place, _ = _places(plan, name, options)
-    made = plan.site.made_for or MadeFor("", FixedWing.airspeed_mps, 0.0, 0.0)
-    airframe: Airframe = FixedWing(airspeed_mps=made.airspeed_mps)
-    wind_mps = velocity_mps(made.wind_mps, blowing_to_rad(made.wind_from_deg))
-    if options.scenario is not None:
-        keys = read_scenario(options.scenario, read_overrides(override_texts(options.overrides))).keys
-        airframe, wind_mps = keys.vehicle.airframe, keys.wind.steady_mps
-    pose = landing_pose(raw, lambda text: _near("--landing", text, place))
-    height_m = plan.stages[-1].altitude_m
-    height_m = (options.altitude_m or airframe.cruise_altitude_m) if height_m is None else height_m
-    slope = approach_slopes(autopilot_of(to, options))[0]
-    final = approach(pose, height_m, airframe, Air(airframe.airspeed_mps, wind_mps), slope)
-    warn(behind_warning(pose[2], wind_mps))
-    try:
-        return _with_landing(plan, final, plan.min_radius_m or airframe.turn_radius_m, (LAND, *(0.0,) * 7))
-    except Infeasible as error:
-        raise _fault("--landing", str(raw), str(error), "eadp cover --landing, which plans for it") from None
-
-
-def _with_landing(plan: Plan, final: Piece, radius_m: float, land: tuple[float, ...]) -> Plan:
-    """A plan that lands from where it ends: the quickest turn to a final approach, and down it.
-
-    Parameters
-    ----------
-    plan : Plan
-    final : Piece
-        The final approach.
-    radius_m : float
-        Of the turns [m].
-    land : tuple
-        The command of the landing, whose altitude its stage has.
-
-    Raises
-    ------
-    Infeasible
-        If where the plan ends depends on its laps or its path parameters.
-    """
-    last = plan.stages[-1]
-    laps = plan.repeats or (last.segment and last.segment.repeats)
-    if laps or any(part.max_parameter for part in (last.path, *last.trigger)):
-        raise Infeasible("where the plan ends depends on its laps or its path parameters")
-    x, y = last.trigger_at(())
-    dx, dy = tangent(last.path_at(()), (x, y), last.sense)
-    turn = ordered((x, y, math.atan2(dy, dx)), final.start, radius_m)[0]
-    pieces = [each for each in (*turn.pieces, final) if each.length_m >= MIN_STAGE_M]
-    *way, down = piece_stages(pieces, last, len(plan.stages) + 1)
-    landing = replace(down, altitude_m=land[-1], commands=(land,))
-    kept = replace(last, commands=tuple(each for each in last.commands if each[0] != RETURN))
-    segments = plan.segments and (*plan.segments, Segment(len(plan.stages), len(pieces)))
-    stages = (*plan.stages[:-1], kept, *way, landing)
-    # a plan whose stages were explicit laps has none any more
-    return replace(plan, stages=stages, segments=segments, primitive_stages=None, shift=None, final=None)
 
 
 def _ends_text(path: PlannedPath, items: Sequence[MissionItem]) -> str:
@@ -605,30 +524,3 @@ def export(
         message = f"obstacles and boundary are ArduPilot's fence, {where}: send it besides"
         warn([Fault(str(plan) if isinstance(plan, str | PathLike) else "plan", 1, 1, message, severity="note")])
     return mission.text
-
-
-class _MissionExporter:
-    """What sorties are written with besides."""
-
-    @staticmethod
-    def check(to: str) -> None:
-        """Raise InputError where a format of `--export` is none."""
-        if writer_of(to) is None:
-            raise _fault("--export", to, "is no format", one_of(EXPORTS, to))
-
-    @staticmethod
-    def autopilot(to: str, scenario: str | None) -> Autopilot:
-        """The autopilot of a format, with a scenario's parameters; raises InputError where that has another one."""
-        return autopilot_of(to, ExportOptions(scenario=scenario))
-
-    @staticmethod
-    def write(plan: str, to: str, scenario: str, kind: str | None, stem: str) -> None:
-        """Write a plan for a scenario, whose autopilot is of a kind, as the file `stem` with the format's ending."""
-        # of sorties for PX4, a mission for ArduPilot ends by its own rules
-        other = to in WITH_ITEMS and (to == PX4) != (kind == PX4)
-        overrides = ("planner.joint.airspeed=fixed", *((f"autopilot.kind={ARDUPILOT}",) if other else ()))
-        mission = exported(plan, to, ExportOptions(overrides, scenario=scenario), lambda _: None)
-        mission.write(f"{stem}{ENDINGS.get(to, '.' + to)}")
-
-
-MISSION_EXPORTER = _MissionExporter()

@@ -178,17 +178,6 @@ def _section(leg: Leg) -> Section:
     return Section(stage, points[0], points[-1], gain, points_m=tuple(points[1:-1]))
 
 
-ENDINGS = {
-    "qgc": ".plan",
-    "ardupilot": ".waypoints",
-    "px4": ".plan",
-    "paparazzi": ".xml",
-    "kml": ".kml",
-    "geojson": ".geojson",
-    "gpx": ".gpx",
-}
-"""Endings of the names of files, by format."""
-
 WITH_ITEMS = ("qgc", "ardupilot", "px4")
 """Formats of missions of items; a map of these to the plan's stages is written beside the mission."""
 
@@ -198,7 +187,7 @@ ITEMS_ENDING = ".items.json"
 FENCE_ENDING = ".fence.waypoints"
 """Ending of the name of ArduPilot's fence, after that of the mission."""
 
-EXPORT_NAMES = tuple(ENDINGS)
+EXPORT_NAMES = ("qgc", "ardupilot", "px4", "paparazzi", "kml", "geojson", "gpx")
 """Formats that a plan is exported to; `export.EXPORTS` holds what writes them."""
 
 

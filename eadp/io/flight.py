@@ -89,11 +89,6 @@ def percent_text(share: float) -> str:
     return f"{100 * share:.3g} %"
 
 
-def times_text(count: int) -> str:
-    """How often."""
-    return {1: "once", 2: "twice"}.get(count, f"{count} times")
-
-
 def flight_facts(summary: Mapping[str, Any]) -> list[list[str]]:
     """Figures of a flight, each with its name."""
     power, laps = summary["power_w"], summary["lap_times_s"]

@@ -5,18 +5,17 @@ from __future__ import annotations
 import itertools
 import math
 import statistics
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from eadp.core.expressions.reader import read_expression
 from eadp.core.geometry.geodesy import heading_rad, to_near_local_m
 from eadp.errors import InputError
-from eadp.io.flight import percent_text, time_text, times_text
+from eadp.io.flight import time_text
 from eadp.io.page import Decisions, PageSource, Series, Steps
 from eadp.io.text.json import json_lines
 from eadp.io.text.streams import Text, read_text
-from eadp.live.replanner import APPLIED, MISSION, SCHEMA, START, TELEMETRY
+from eadp.live.replanner import MISSION, SCHEMA, START, TELEMETRY
 from eadp.models.plan.stage import PATH, Parameter
 
 GAP_S, GAP_INTERVALS = 10.0, 10.0
@@ -40,9 +39,7 @@ def log_data(text: Text) -> dict[str, Any]:
     if head.get("kind") != START or head.get("schema") != SCHEMA:
         raise InputError.at(text.name, 1, 1, "is no log of eadp replan", f"a log of {SCHEMA}")
     names = _names(head)
-    first_s, telemetry, decisions = _split(
-        [line for line in lines if line.get("kind") not in (APPLIED, MISSION)], names
-    )
+    first_s, telemetry, decisions = _split([line for line in lines if line.get("kind") != MISSION], names)
     if not telemetry:
         raise InputError.at(text.name, 1, 1, "has no telemetry", "a log with lines of telemetry")
     times = [row["time_s"] for row in decisions]
@@ -205,23 +202,11 @@ def log_words(
     first_s: float, telemetry: Sequence[Mapping[str, Any]], decisions: Sequence[Mapping[str, Any]]
 ) -> list[str]:
     """Sentences on a flight on telemetry, as far as its log goes."""
-    took_s = telemetry[-1]["time_s"]
-    words = [f"A flight on telemetry: {len(telemetry)} lines over {time_text(took_s)}, {len(decisions)} decisions."]
-    words.append(f"Times on this page are from the first line, at {first_s:.15g} s.")
-    if decisions:
-        last = decisions[-1]
-        parameters = ", ".join(f"{name} {value:.6g}" for name, value in last["parameters"].items())
-        words.append(
-            f"The last decision, at {last['time_s']:g} s in stage {last['stage']}: {last['reason']} ({parameters})."
-        )
-        if last["completes_probability"] is not None:
-            words.append(
-                f"It forecast to complete with a probability of {percent_text(last['completes_probability'])}."
-            )
-        warned = Counter(code for row in decisions for code in dict.fromkeys(row["warnings"]))
-        if warned:
-            words.append(f"Warnings: {', '.join(f'{code} {times_text(count)}' for code, count in warned.items())}.")
-    return words
+    took = time_text(telemetry[-1]["time_s"])
+    return [
+        f"A flight on telemetry: {len(telemetry)} lines over {took}, {len(decisions)} decisions.",
+        f"Times on this page are from the first line, at {first_s:.15g} s.",
+    ]
 
 
 PAGE = PageSource("flight", lambda _: True, lambda path, page, keep: log_data(read_text(str(path))))

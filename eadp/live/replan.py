@@ -14,7 +14,7 @@ from eadp.exchange.writer import read_items
 from eadp.io.scenario import override_texts, read_overrides
 from eadp.io.text.options import Flag
 from eadp.live.link import LinkOptions, fly, replay_flight
-from eadp.live.replanner import DECIDES_AIRSPEED, Hook, ReplanLog, ValuesFile, described, hash_of, replan_lines
+from eadp.live.replanner import DECIDES_AIRSPEED, ReplanLog, ValuesFile, described, hash_of, replan_lines
 from eadp.live.telemetry import open_telemetry
 from eadp.models.plan.plan import Plan
 
@@ -31,9 +31,6 @@ class ReplanOptions:
 
     replay: Annotated[str | None, Flag(metavar="FILE")] = None
     """A flight again: a log of --log, a .tlog, or an autopilot's .bin or .ulg."""
-
-    apply: Annotated[str | None, Flag(metavar="COMMAND")] = None
-    """Run this with computations as decided, as in fps=7; a failure is warned of."""
 
     publish: Annotated[str | None, Flag(metavar="FILE")] = None
     """Keep computations as decided in this file, as JSON, for the process to watch."""
@@ -107,17 +104,16 @@ def replan(
     if link.items is not None:
         inputs = _of_items(inputs, link.items)
     warn(inputs.warnings)
-    takers: list[Hook | ValuesFile] = []  # of --publish and --apply: they come below
+    published = None
+    if (path := options.publish) is not None:
+        computations = inputs.mission.plan.parameters[inputs.mission.plan.path_count :]
+        published = ValuesFile(path, computations, lambda what: warn([Fault(path, 1, 1, what, severity="warning")]))
 
     def emit(line: dict[str, Any]) -> None:
-        """Hand a decision to the caller, and to the takers."""
+        """Hand a decision to the caller, and to the file of values."""
         decided(line)
-        for taker in takers:
-            taker.decided(line)
-
-    def warn_of(where: str) -> Callable[[str], None]:
-        """A function that warns with a text, under an option's or a file's name."""
-        return lambda what: warn([Fault(where, 1, 1, what, severity="warning")])
+        if published is not None:
+            published.decided(line)
 
     with ExitStack() as stack:
         stream = None if options.linked else stack.enter_context(open_telemetry(options.telemetry))
@@ -128,13 +124,6 @@ def replan(
         log = None if options.log is None else ReplanLog(options.log, hashed, about)
         if log is not None:
             stack.callback(log.close)
-        computations = inputs.mission.plan.parameters[inputs.mission.plan.path_count :]
-        if options.publish is not None:
-            takers.append(ValuesFile(options.publish, computations, warn_of(options.publish)))
-        if options.apply is not None:
-            hook = Hook(options.apply, computations, log, warn_of("--apply"))
-            takers.append(hook)
-            stack.callback(hook.close)
 
         def warn_one(fault: Fault) -> None:
             """Warn of one fault."""

@@ -1,8 +1,8 @@
 """The planner on a stream of telemetry, line by line, with a log from which it resumes after a kill.
 
 The log has every sample read and every decision, one JSON object a line with a `kind`: `start`, with a hash of the
-inputs and what a page needs of them; `telemetry`; `decision`; `applied`, what came of a command that applies
-computations; `mission`, the stages of the items of a mission that was uploaded.
+inputs and what a page needs of them; `telemetry`; `decision`; `mission`, the stages of the items of a mission that was
+uploaded.
 """
 
 from __future__ import annotations
@@ -13,15 +13,13 @@ import hashlib
 import json
 import os
 import re
-import shlex
-import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, BinaryIO
 
 from eadp import __version__
 from eadp.api.inputs import FlightInputs
-from eadp.errors import Fault, InputError, printable
+from eadp.errors import Fault, InputError
 from eadp.io.text.streams import Text, output_file, write_text
 from eadp.live.flight import UNDECIDED, Advice, LiveFlight
 from eadp.live.gate import Notice, OutlierGate
@@ -34,7 +32,7 @@ from eadp.planning.registry import make_flight
 from eadp.plug_ins import code_identity
 
 SCHEMA = "eadp.replan-log/1"
-START, TELEMETRY, DECISION, APPLIED, MISSION = "start", "telemetry", "decision", "applied", "mission"
+START, TELEMETRY, DECISION, MISSION = "start", "telemetry", "decision", "mission"
 DECIDES_AIRSPEED = "decides_airspeed"
 """Key of the first line, false where the airspeed may not be decided."""
 SYNC_EVERY_S = 1.0
@@ -157,10 +155,6 @@ class ReplanLog:
         """Append a decision that was emitted."""
         self._write({"kind": DECISION, **line})
 
-    def applied(self, line: Mapping[str, Any]) -> None:
-        """Append what came of a command that applies computations."""
-        self._write({"kind": APPLIED, **line})
-
     def mission(self, items: str) -> None:
         """Append the map of a mission that was uploaded, as `items_text` has it."""
         self._write({"kind": MISSION, "items": items})
@@ -220,7 +214,7 @@ class ReplanLog:
                 message = f"is no line of a log: {reading.warnings[0].message}"
                 return None, None, Fault(self._path, number, 1, message, expected)
             return kind, reading.sample, None
-        elif kind not in (DECISION, APPLIED):
+        elif kind != DECISION:
             return None, None, Fault(self._path, number, 1, "is no line of a log", expected)
         return kind, None, None
 
@@ -427,101 +421,6 @@ class Replanner:
         """Pass on what the log has had to warn of."""
         while self._log is not None and self._log.warnings:
             self._warn(self._log.warnings.pop(0))
-
-
-LIMIT_S = 10.0
-"""Time after which a command is ended [s]: in it a parameter should be in force."""
-
-STDERR = 2
-
-
-class Hook:
-    """Runs a command with computations as they are decided, one at a time and only where they change.
-
-    It never waits for the command. The values follow the command as arguments, as in `fps=7`.
-
-    Parameters
-    ----------
-    command : str
-        The command and its first arguments, as a shell splits them; no shell runs.
-    parameters : sequence of Parameter
-        The computations.
-    log : ReplanLog or None
-        Takes the exit code and the time of each run.
-    warn : function
-        Called with a text where a run fails.
-
-    Raises
-    ------
-    InputError
-        If the command is none.
-    """
-
-    def __init__(
-        self, command: str, parameters: tuple[Parameter, ...], log: ReplanLog | None, warn: Callable[[str], None]
-    ) -> None:
-        try:
-            self._command = shlex.split(command)
-        except ValueError:
-            self._command = []
-        if not self._command:
-            raise InputError.at("--apply", 1, 1, "is no command", "a program and its arguments", command)
-        self._parameters, self._log, self._warn = parameters, log, warn
-        self._process: subprocess.Popen[bytes] | None = None
-        self._started_s = 0.0
-        # as of `_values`: the values last decided, and those of the last run, empty where that run failed
-        self._wanted: dict[str, Any] = {}
-        self._run: dict[str, Any] = {}
-
-    def decided(self, decision: Mapping[str, Any]) -> None:
-        """Take a decision: start the command if values have changed, unless a run goes on."""
-        self._wanted = _values(decision, self._parameters)
-        self._poll()
-        self._start()
-
-    def close(self) -> None:
-        """Wait for the run that goes on, and for one more run where other values were decided meanwhile."""
-        for _ in range(2):
-            if self._process is not None:
-                with contextlib.suppress(subprocess.TimeoutExpired):
-                    self._process.wait(max(0.0, self._started_s + LIMIT_S - time.monotonic()))
-                failed = self._poll(last=True)
-                if not failed:
-                    self._start()
-
-    def _start(self) -> None:
-        """Start the command with the values last decided, unless a run goes on, or the last run had these values."""
-        if self._process is not None or self._wanted.get("parameters") == self._run.get("parameters"):
-            return
-        self._run, self._started_s = self._wanted, time.monotonic()
-        arguments = [f"{name}={value:.10g}" for name, value in self._run["parameters"].items()]
-        try:  # what it prints is not mixed with decisions
-            self._process = subprocess.Popen([*self._command, *arguments], stdin=subprocess.DEVNULL, stdout=STDERR)
-        except (OSError, ValueError) as error:
-            self._ended(None, getattr(error, "strerror", None) or str(error))
-
-    def _poll(self, *, last: bool = False) -> bool:
-        """See whether the run has ended, and end it after `LIMIT_S`, or at once if `last`; return whether it failed."""
-        process = self._process
-        code = None if process is None else process.poll()
-        if process is None or (code is None and not last and time.monotonic() - self._started_s <= LIMIT_S):
-            return False
-        if code is None:
-            process.kill()
-            process.wait()
-        self._process = None
-        self._ended(code, f"took more than {LIMIT_S:g} s" if code is None else f"exit code {code}")
-        return code != 0
-
-    def _ended(self, code: int | None, what: str) -> None:
-        """Log the end of a run by its exit code, None without one; warn if it failed, for the reason `what`."""
-        run = self._run  # the time of the decision [s], and its values
-        if self._log is not None:
-            self._log.applied({**run, "exit_code": code, "took_s": round(time.monotonic() - self._started_s, 3)})
-        if code != 0:
-            values = ", ".join(f"{name} {value:g}" for name, value in run["parameters"].items())
-            self._run = {}  # tried again with the next decision
-            self._warn(f"{printable(self._command[0])} did not apply {values}: {printable(what)}")
 
 
 class ValuesFile:

@@ -45,9 +45,6 @@ class FitOutputs:
     plot: Annotated[str, Flag(metavar="FILE")] = ""
     """Draw log, fit, residuals, periodogram and folded power (.svg or .png)."""
 
-    spectrum: Annotated[str, Flag(metavar="FILE")] = ""
-    """Draw the power's spectrum, its harmonics marked (.svg or .png)."""
-
     filter_: Annotated[str, Flag(metavar="FILE")] = ""
     """The planners' filter over the log: estimate and states (.svg, .png, .csv)."""
 
@@ -96,44 +93,31 @@ def command(
     if found is not None:
         _print(found.document, found.text, found.block, found.warnings, out)
         return 0 if found.fit.resistance_ohm is not None else 1
-    if options.track and not options.plan:
-        raise usage_fault("--track", options.track, "beside no plan", "--plan FILE")
     fit = read_fit(log, columns, options)
-    if out.plot or out.spectrum or out.filter_ or options.track:
-        _write_pictures(fit, options, out)
+    if out.plot or out.filter_:
+        _write_pictures(fit, out)
     _print(fit.document, _text(fit), fit.yaml, fit.warnings, out)
     return 0 if fit.fitted.model.periodic else 1
 
 
-def _write_pictures(fit: LogFit, options: FitOptions, out: FitOutputs) -> None:
+def _write_pictures(fit: LogFit, out: FitOutputs) -> None:
     """Write the figures and tables that are asked for."""
     from eadp.io.figures.canvas import check_figure_name
     from eadp.io.text.streams import write_text
     from eadp.measure import figures
     from eadp.measure.power import filtered
 
-    for name in (out.plot, out.spectrum, *(name for name in (out.filter_, options.track) if not _is_table(name))):
-        if name:
-            check_figure_name(name)
+    as_table = out.filter_.lower().endswith(".csv")
+    for name in filter(None, (out.plot, "" if as_table else out.filter_)):
+        check_figure_name(name)
     if out.plot:
         figures.write_fit_figure(out.plot, fit.fitted)
-    if out.spectrum:
-        figures.write_spectrum_figure(out.spectrum, fit.fitted)
     if out.filter_:
         log = filtered(fit.fitted, out.gate_w)
-        if _is_table(out.filter_):
+        if as_table:
             write_text(out.filter_, log.csv)
         else:
             figures.write_filter_figure(out.filter_, log)
-    if fit.track is not None:
-        if _is_table(options.track):
-            write_text(options.track, fit.track.csv)
-        else:
-            figures.write_track_figure(options.track, fit.track, options.plan.rpartition("/")[2])
-
-
-def _is_table(name: str) -> bool:
-    return name.lower().endswith(".csv")
 
 
 def _print(document: Mapping[str, Any], text: str, file: str, warnings: list[Fault], out: FitOutputs) -> None:
@@ -159,12 +143,10 @@ def _text(fit: LogFit) -> str:
     if model.period_s is not None:
         head = [f"period   {_with_std(model.period_s, model.period_std_s or 0.0)} s", f"order    {model.order}"]
         label = "noise"
-    slow = model.disturbance
-    noise = "" if slow is None else f", of it {slow.std_w:.3g} W with a time constant of {slow.time_s:.2g} s"
     lines = [
         *head,
         f"mean     {_with_std(model.mean_w, model.mean_std_w or 0.0)} W",
-        f"{label:<8} {model.noise_std_w:.3g} W{noise}",
+        f"{label:<8} {model.noise_std_w:.3g} W",
         *([f"R²       {model.cv_r2:.4f} cross-validated"] if model.periodic else []),
         f"samples  {model.samples} over {model.span_s:.6g} s{searched}",
     ]
@@ -212,11 +194,6 @@ def _with_std(value: float, std: float) -> str:
 
 def _refusal(fit: LogFit) -> str:
     """The reason why there is no period."""
-    drift = "" if fit.part_s is None else f"; the middle third has {fit.part_s:.4g} s: it may drift"
-    return _best(fit) + drift
-
-
-def _best(fit: LogFit) -> str:
     from eadp.measure.spectrum import MAX_CHANCE, MIN_CV_R2, MIN_PERIODS
 
     spectrum = fit.fitted.spectrum

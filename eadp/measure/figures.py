@@ -13,21 +13,16 @@ from eadp.io.figures.canvas import (
     GREY,
     Axes,
     figure_file,
-    label_map,
     legend_above,
-    legend_below,
     scale_by_decades,
     write_headline,
     write_none,
 )
-from eadp.measure.power import EnergyFit, FilteredLog, FlownTrack
-from eadp.measure.spectrum import amplitudes, periodogram
+from eadp.measure.power import EnergyFit, FilteredLog
+from eadp.measure.spectrum import periodogram
 
 POINTS = 4000
 """Most samples drawn: a longer log is thinned evenly."""
-
-SPECTRUM_POINTS, SPECTRUM_HARMONICS = 4000, 3.0
-"""Frequencies of a spectrum, and the highest, over that of the fit's last harmonic."""
 
 GAP_INTERVALS = 10.0
 """A line breaks where samples are farther apart than so many of their usual intervals."""
@@ -55,31 +50,6 @@ def write_fit_figure(path: str, fitted: EnergyFit) -> None:
         _draw_residuals(figure.add_subplot(grid[1, :], sharex=log), fitted, every)
         _draw_periodogram(figure.add_subplot(grid[2, 0]), fitted)
         _draw_folded(figure.add_subplot(grid[2, 1]), fitted, every)
-        write_headline(figure, _headline(fitted))
-
-
-def write_spectrum_figure(path: str, fitted: EnergyFit) -> None:
-    """Draw the amplitude of the power by frequency, the harmonics of the period marked; as `write_fit_figure`.
-
-    Source: letter, Fig. 1 right.
-    """
-    model, times_s = fitted.model, fitted.times_s
-    period_s = model.period_s or fitted.spectrum.period_s
-    longest_s = float(times_s[-1])
-    last_hz = 0.5 / float(np.median(np.diff(times_s)))
-    if math.isfinite(period_s):
-        last_hz = min(last_hz, SPECTRUM_HARMONICS * max(model.order, 1) / period_s)
-    frequencies = np.linspace(0.5 / longest_s, last_hz, SPECTRUM_POINTS)
-    with figure_file(path, 8.0, 4.0) as figure:
-        axes = figure.add_subplot()
-        axes.plot(frequencies, amplitudes(times_s, fitted.power_w, frequencies), color=COLOURS[0], linewidth=1.0)
-        for j in range(1, model.order + 1 if model.periodic else 1):
-            label = f"harmonics of {period_s:.5g} s" if j == 1 else None
-            axes.axvline(j / period_s, color=COLOURS[1], linewidth=1.0, dashes=(4, 3), label=label)
-            axes.annotate(f"{j}/T", (j / period_s, 1.0), xycoords=("data", "axes fraction"), fontsize=8, va="bottom")
-        axes.set(xlabel="frequency [Hz]", ylabel="amplitude [W]", ylim=(0, None))
-        if model.periodic:
-            axes.legend(loc="upper right")
         write_headline(figure, _headline(fitted))
 
 
@@ -115,23 +85,6 @@ def write_filter_figure(path: str, log: FilteredLog) -> None:
         legend_above(states)
         period = "no period" if log.period_s is None else f"period {log.period_s:.5g} s"
         write_headline(figure, [period, f"{100 * log.used:.0f} % of the readings correct the state"])
-
-
-def write_track_figure(path: str, track: FlownTrack, name: str) -> None:
-    """Draw a track beside a plan's path, and its distance from it; as `write_fit_figure`.
-
-    Source: draft 002, Fig. 2.
-    """
-    with figure_file(path, 10.5, 5.5) as figure:
-        ground, off = figure.subplots(1, 2, width_ratios=(1.2, 1.0))
-        ground.plot(*track.path_m.T, color=GREY, linewidth=1.0, dashes=(4, 3), label=f"path of {name}")
-        ground.plot(*track.position_m.T, color=COLOURS[0], linewidth=1.2, label="flown")
-        label_map(ground, "Track")
-        legend_below(ground)
-        off.plot(*_broken(track.times_s, track.off_m), color=COLOURS[0], linewidth=0.9)
-        off.set(ylim=(0, None), xlabel="time [s]", ylabel="[m]", title="Distance from the path")
-        median_m, far_m = np.percentile(track.off_m, [50, 95])
-        write_headline(figure, [f"median {median_m:.1f} m from the path", f"95 % within {far_m:.1f} m"])
 
 
 def _headline(fitted: EnergyFit) -> list[str]:

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eadp.core.arrays import FloatArray
-from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.core.guidance import SEA_LEVEL_KGPM3, air_density_kgpm3, calibrated_share
 from eadp.errors import Fault, InputError, printable
@@ -59,7 +58,7 @@ def battery_log(name: str, tables: Tables, columns: Columns) -> PowerLog:
     if columns.also:
         raise InputError.at(name, 1, 1, f"an autopilot's log has no column {columns.also[0]}", "a CSV file")
     time_us, factors, notes = battery_table(name, tables, columns.instance, columns.voltage, columns.current)
-    position_m = _position_m(name, tables, time_us, columns.origin_deg)
+    position_m = _position_m(name, tables, time_us)
     warnings = [Fault(name, 1, 1, note, severity="warning") for note in notes]
     counts: dict[str, int | float] = {"rows": len(time_us)}
     known = _is_known(factors) & (factors[:, 0] > 0) & (np.abs(factors) <= LARGEST_W).all(axis=1)
@@ -183,7 +182,7 @@ def _time_us(name: str, table: dict[str, FloatArray]) -> FloatArray:
     raise InputError.at(name, 1, 1, "messages of the battery have no time", "timestamp, TimeUS or TimeMS")
 
 
-def _position_m(name: str, tables: Tables, time_us: FloatArray, origin_deg: Point | None) -> FloatArray | None:
+def _position_m(name: str, tables: Tables, time_us: FloatArray) -> FloatArray | None:
     """x, east, and y, north, at the battery's times."""
     for kind, table in tables.columns.items():
         if kind.startswith("vehicle_local_position ") and {"x", "y"} <= set(table) and len(table["x"]):
@@ -197,7 +196,7 @@ def _position_m(name: str, tables: Tables, time_us: FloatArray, origin_deg: Poin
         fixed = (np.abs(degrees) <= (90, 180)).all(axis=1) & (degrees != 0).any(axis=1)
         if not np.any(fixed):
             continue
-        origin = origin_deg or (float(degrees[fixed][0, 0]), float(degrees[fixed][0, 1]))
+        origin = float(degrees[fixed][0, 0]), float(degrees[fixed][0, 1])
         metres = np.array([to_local_m(float(lat), float(lon), origin) for lat, lon in degrees[fixed]])
         return _at(_time_us(name, table)[fixed], metres, time_us)
     return None

@@ -1,4 +1,4 @@
-"""The use case of `eadp fit`: an energy model fitted to a power log, the log filtered, and its track beside a plan."""
+"""The use case of `eadp fit`: an energy model fitted to a power log, and the log filtered."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.signals import design_matrix, fit_disturbance, output_row
+from eadp.core.signals import output_row
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined
 from eadp.io.energy import energy_document, energy_yaml
 from eadp.io.plan.sources import PlanReader
@@ -22,24 +22,12 @@ from eadp.io.text.streams import read_text
 from eadp.measure.formats import read_power_log
 from eadp.measure.noise import spikes
 from eadp.measure.power_log import Columns, PowerLog
-from eadp.measure.spectrum import MIN_PERIODS, MIN_SAMPLES, Spectrum, analyse, vertex
-from eadp.models.energy import Disturbance, EnergyModel, Harmonic
+from eadp.measure.spectrum import MIN_PERIODS, Spectrum, analyse, vertex
+from eadp.models.energy import EnergyModel, Harmonic
 from eadp.models.plan.plan import Plan
-from eadp.models.plan.stage import Leg, leg_points
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.profile import AnyProfile
 from eadp.plug_ins import plug_in
-
-MIN_VARIANCE_SHARE = 0.05
-"""Smallest share of the noise's variance that counts as a disturbance."""
-MIN_TIME_STEPS = 2.0
-"""Shortest time constant of a disturbance, in sampling steps: a shorter one is white noise."""
-LONG_SHARE = 0.25
-"""Time constant, as a share of the log, beyond which a disturbance is distinguishable from the mean only with"""
-MIN_VARIANCE_SHARE_LONG = 0.5
-"""this share of the noise's variance."""
-MAX_STD_RATIO = 1.5
-"""Largest standard deviation of a disturbance over the residuals': beyond it, the columns have absorbed part of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,9 +78,7 @@ def fit_energy(
     times, power = times[~out], power[~out]
     times = times - times[0] if len(times) else times
     spectrum = analyse(times, power, order=order, period_prior_s=period_prior_s)
-    model = energy_model(spectrum)
-    model = replace(model, disturbance=_disturbance(times, power, model))
-    return EnergyFit(model, spectrum, times, power, np.flatnonzero(out))
+    return EnergyFit(energy_model(spectrum), spectrum, times, power, np.flatnonzero(out))
 
 
 def energy_model(spectrum: Spectrum) -> EnergyModel:
@@ -119,26 +105,6 @@ def energy_model(spectrum: Spectrum) -> EnergyModel:
         mean_std_w=spectrum.mean_std_w,
         amplitude_std_w=tuple(spectrum.amplitude_std_w.tolist()),
     )
-
-
-def _disturbance(times_s: FloatArray, power_w: FloatArray, model: EnergyModel) -> Disturbance | None:
-    """Correlated part of the residuals; None where they are white."""
-    residual = power_w - model.power_w(times_s)
-    columns = design_matrix(times_s, 1 / model.period_s if model.period_s else 0.0, model.order)
-    found = fit_disturbance(times_s, residual, columns=columns)
-    if found.std_w > MAX_STD_RATIO * float(np.std(residual)):
-        found = fit_disturbance(times_s, residual)
-    long = found.time_s > LONG_SHARE * float(times_s[-1])
-    min_w2 = (MIN_VARIANCE_SHARE_LONG if long else MIN_VARIANCE_SHARE) * (found.std_w**2 + found.noise_w**2)
-    lasts = found.time_s > MIN_TIME_STEPS * float(np.median(np.diff(times_s)))
-    significant = found.std_w**2 > min_w2 and found.std_w > 1e-6 * abs(model.mean_w) and lasts
-    return Disturbance(found.std_w, found.time_s) if significant else None
-
-
-PATH_STEP_M = 1.0
-"""Distance between the points of a plan's path that a track is compared with [m]."""
-WINDOW, BEGIN_M = 40, 50.0
-"""Points by which a track may be ahead of or behind its path, and its greatest distance from it at first [m]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,70 +166,6 @@ def filtered(fitted: EnergyFit, gate_w: float = 0.0) -> FilteredLog:
 def _table(rows: Sequence[Sequence[object]]) -> str:
     """Rows as CSV."""
     return "".join(",".join(map(str, row)) + "\n" for row in rows)
-
-
-@dataclass(frozen=True, eq=False)
-class FlownTrack:
-    """Positions of a log beside the path of a plan.
-
-    Attributes
-    ----------
-    times_s : array, shape (n,)
-    position_m, path_m : array, shape (n, 2) and (m, 2)
-        Flown, and of the plan.
-    off_m : array, shape (n,)
-        Distance of each position from the path [m].
-    """
-
-    times_s: FloatArray
-    position_m: FloatArray
-    path_m: FloatArray
-    off_m: FloatArray
-
-    @property
-    def csv(self) -> str:
-        """A table of the positions and their distances."""
-        values = np.column_stack([self.times_s, self.position_m, self.off_m])
-        return _table([["time_s", "x_m", "y_m", "cross_track_m"], *values.tolist()])
-
-
-def flown_track(name: str, times_s: FloatArray, position_m: FloatArray | None, legs: Sequence[Leg]) -> FlownTrack:
-    """The track of a log beside the legs of a plan.
-
-    Raises
-    ------
-    InputError
-        If the log has no positions.
-    """
-    known = None if position_m is None else np.isfinite(position_m).all(axis=1)
-    if position_m is None or known is None or not known.any():
-        raise InputError.at(name, 1, 1, "the log has no positions", "columns x_m and y_m, or lat and lon")
-    path_m = np.array([(point.x_m, point.y_m) for leg in legs for point in leg_points(leg, PATH_STEP_M)])
-    return FlownTrack(times_s[known], position_m[known], path_m, _distances_along(path_m, position_m[known]))
-
-
-def _distances_along(path_m: FloatArray, position_m: FloatArray) -> FloatArray:
-    """Distance of each position of a track from the path that it is flown along [m]; other laps may lie nearer.
-
-    The track may begin on any lap that passes its first position. From each of them, the track's positions are matched
-    to the path in their order: each to the nearest point around the match before, or ahead of it. The lap with the
-    least sum of squared distances counts.
-    """
-    # number of the path's points that each step of the track passes
-    moved = np.linalg.norm(np.diff(position_m, axis=0, prepend=position_m[:1]), axis=1) / PATH_STEP_M
-    first_m = np.linalg.norm(path_m - position_m[0], axis=1)
-    # local minima of the distance from the first position: one for each lap that passes by it
-    nearest = (first_m[1:-1] <= first_m[:-2]) & (first_m[1:-1] <= first_m[2:]) & (first_m[1:-1] < BEGIN_M)
-    of_laps: list[FloatArray] = []
-    for point in [*(np.flatnonzero(nearest) + 1).tolist(), int(first_m.argmin())]:
-        off_m = np.empty(len(position_m))
-        for k, steps in enumerate(moved.tolist()):
-            low, high = max(point - WINDOW, 0), point + round(1.5 * steps) + WINDOW
-            ahead_m = np.linalg.norm(path_m[low:high] - position_m[k], axis=1)
-            point = low + int(ahead_m.argmin())
-            off_m[k] = ahead_m.min()
-        of_laps.append(off_m)
-    return min(of_laps, key=lambda off_m: float(off_m @ off_m))
 
 
 MAX_POINTS = 2000
@@ -360,9 +262,6 @@ class FitOptions:
     profile: Annotated[str, Flag(metavar="FILE")] = ""
     """Subtract the computations' power first: configurations are in the log, under the profile's names."""
 
-    track: Annotated[str, Flag(metavar="FILE")] = ""
-    """The log's positions beside the path of --plan (.svg, .png, .csv)."""
-
     def check(self) -> None:
         """Refuse times and speeds that cannot be; raises InputError."""
         prior, speed = self.period_prior_s, self.airspeed_mps
@@ -381,18 +280,13 @@ def _refused(option: str, value: float, message: str, expected: str) -> InputErr
 
 @dataclass(frozen=True)
 class LogFit:
-    """A fit with its prior and the source of it, readings left out by reason, warnings, and the track if asked for.
-
-    `part_s` is the period of the middle third of a log that has none as a whole.
-    """
+    """A fit with its prior and the source of it, readings left out by reason, and warnings."""
 
     fitted: EnergyFit
     prior_s: float | None
     prior_source: str
     counts: dict[str, int | float]
     warnings: list[Fault] = field(default_factory=list)
-    track: FlownTrack | None = None
-    part_s: float | None = None
 
     @property
     def yaml(self) -> str:
@@ -431,8 +325,6 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
     options.check()
     profile, warnings = read_profile(options.profile) if options.profile else (None, [])
     plan = PlanReader()(read_text(options.plan))[0] if options.plan else None
-    if plan is not None and options.track:
-        columns = replace(columns, origin_deg=plan.site.origin_deg)
     log = read_power_log(path, replace(columns, also=profile.names) if profile else columns)
     warnings = [*log.warnings, *warnings]
     counts = dict(log.counts)
@@ -457,11 +349,7 @@ def read_fit(path: str, columns: Columns, options: FitOptions) -> LogFit:
         message = f"{many} left out, the first at {first_s:.6g} s"
         warnings.append(Fault(log.name, 1, 1, message, severity="warning"))
     warnings += _doubts(log.name, fitted.spectrum)
-    part_s = None if fitted.model.periodic else _part_s(fitted)
-    track = None
-    if plan is not None and options.track:
-        track = flown_track(log.name, log.times_s, log.position_m, _legs(plan, options.plan))
-    return LogFit(fitted, prior_s, source, counts, warnings, track, part_s)
+    return LogFit(fitted, prior_s, source, counts, warnings)
 
 
 def _fit(log: PowerLog, power_w: FloatArray, options: FitOptions, prior_s: float | None, source: str) -> EnergyFit:
@@ -485,15 +373,6 @@ def _doubts(name: str, spectrum: Spectrum) -> list[Fault]:
         )
         messages.append(f"{message}: harmonics that are no multiples of {spectrum.multiple} are zero")
     return [Fault(name, 1, 1, message, severity="warning") for message in messages]
-
-
-def _part_s(fitted: EnergyFit) -> float | None:
-    """Period of the middle third of the samples [s], None where it has none."""
-    third = len(fitted.times_s) // 3
-    if third < MIN_SAMPLES:
-        return None
-    part = analyse(fitted.times_s[third : 2 * third], fitted.power_w[third : 2 * third])
-    return part.period_s if part.periodic else None
 
 
 def log_part(log: PowerLog, start_s: float | None, end_s: float | None, counts: dict[str, int | float]) -> PowerLog:
@@ -534,7 +413,7 @@ def _prior(log: PowerLog, options: FitOptions, plan: Plan | None) -> tuple[float
     """The period to search near [s], and the source of it."""
     if options.period_prior_s is not None:
         return options.period_prior_s, "option"
-    if plan is not None and not (options.track and not plan.repeats):
+    if plan is not None:
         return plan_lap_s(plan, options.plan, options.airspeed_mps or AIRSPEED_MPS), "plan"
     lap_s = None if log.position_m is None else lap_time_s(log.times_s, log.position_m)
     return lap_s, "" if lap_s is None else "position"
@@ -548,21 +427,16 @@ def plan_lap_s(plan: Plan, name: str, airspeed_mps: float) -> float:
     InputError
         If the plan has no laps, or no path at these parameters.
     """
-    legs = _legs(plan, name)
+    parameters = [plan.hull(i).hi for i in range(len(plan.parameters))] if plan.has_sets else [0.0] * plan.path_count
+    try:
+        legs = nominal_legs(plan, parameters)
+    except PathUndefined as error:
+        raise InputError.at(name, 1, 1, f"the lap has no length: {error}") from None
     whole = max(legs[-1].lap - 1, 0)  # the last lap may be cut short, the first may start anywhere
     length_m = sum(leg.length_m for leg in legs if leg.lap == whole)
     if legs[-1].lap == 0 or not 0 < length_m < math.inf:
         raise InputError.at(name, 1, 1, "the plan has no laps", "a plan that repeats its stages, or --period-prior S")
     return length_m / airspeed_mps
-
-
-def _legs(plan: Plan, name: str) -> list[Leg]:
-    """The legs of a plan, parameters at their maximum."""
-    parameters = [plan.hull(i).hi for i in range(len(plan.parameters))] if plan.has_sets else [0.0] * plan.path_count
-    try:
-        return list(nominal_legs(plan, parameters))
-    except PathUndefined as error:
-        raise InputError.at(name, 1, 1, f"the lap has no length: {error}") from None
 
 
 def fit_power(

@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import to_local_m
 from eadp.errors import FAULTS_READ, Fault, InputError, printable, refuse
 from eadp.io.profile.recordings import RECORDED, read_recording
@@ -76,14 +75,12 @@ class Columns(ColumnOptions):
     """The columns to read.
 
     `factors` asks for voltage and current even if there is a power; `also` for other columns, by name; `motion` for the
-    motion that the log has, in the columns below of `also`. Positions in degrees become metres about `origin_deg`,
-    None for the first of them.
+    motion that the log has, in the columns below of `also`. Positions in degrees become metres about the first of them.
     """
 
     factors: bool = False
     also: Sequence[str] = ()
     motion: bool = False
-    origin_deg: tuple[float, float] | None = None
 
 
 AIRSPEED, BANK, CLIMB, ALTITUDE = "airspeed_mps", "bank_rad", "climb_mps", "altitude_m"
@@ -406,7 +403,6 @@ class _Layout(NamedTuple):
     dates: bool
     px4: bool
     degrees: bool | None
-    origin_deg: Point | None
 
 
 def _layout(header: Row, columns: Columns, second: Row | None) -> _Layout:
@@ -439,7 +435,7 @@ def _layout(header: Row, columns: Columns, second: Row | None) -> _Layout:
     others += [(lower.index(name), known[role][name]) for role, name in found.items() if name]
     also = (*columns.also, *(role for role, name in found.items() if name))
     degrees = pair[0] != "x_m" if pair else None
-    return _Layout(needed, others, also, len(header.fields), dates, px4, degrees, columns.origin_deg)
+    return _Layout(needed, others, also, len(header.fields), dates, px4, degrees)
 
 
 def _power_roles(header: Row, columns: Columns) -> tuple[str, ...]:
@@ -543,7 +539,7 @@ def _readings(
     table = np.array(values).reshape(len(lines), len(layout.needed))
     rest = np.array(others).reshape(len(lines), len(layout.others)) * [unit for _, unit in layout.others]
     if layout.degrees and len(rest):
-        rest[:, :2] = _metres(name, rest[:, :2], lines, layout.origin_deg)
+        rest[:, :2] = _metres(name, rest[:, :2], lines)
     factors = table[:, 1:] / [each.per for each in layout.needed[1:]]
     return LogReadings(table[:, 0], factors, rest, np.array(lines, dtype=np.int64)), warnings, counts
 
@@ -586,7 +582,7 @@ def _optional(fields: Sequence[str], index: int) -> float:
     return float(fields[index]) if index < len(fields) and NUMBER.match(fields[index]) else math.nan
 
 
-def _metres(name: str, degrees: FloatArray, lines: Sequence[int], origin_deg: Point | None) -> FloatArray:
+def _metres(name: str, degrees: FloatArray, lines: Sequence[int]) -> FloatArray:
     """Latitude and longitude [°] as metres about an origin, the first of them for None; large numbers are 1e-7 °."""
     known = np.flatnonzero(np.isfinite(degrees).all(axis=1))
     if not len(known):
@@ -599,7 +595,7 @@ def _metres(name: str, degrees: FloatArray, lines: Sequence[int], origin_deg: Po
         swapped = ": they seem to be swapped" if abs(latitude) <= 180 and abs(longitude) <= 90 else ""
         expected = "latitude within ±90 and longitude within ±180 degrees"
         raise InputError.at(name, lines[beyond[0]], 1, f"{message}{swapped}", expected)
-    origin = origin_deg or (float(scaled[known[0], 0]), float(scaled[known[0], 1]))
+    origin = float(scaled[known[0], 0]), float(scaled[known[0], 1])
     result = np.full_like(degrees, np.nan)
     for i in known:
         result[i] = to_local_m(float(scaled[i, 0]), float(scaled[i, 1]), origin)

@@ -979,15 +979,3 @@ def periodogram(times_s: ArrayLike, power_w: ArrayLike, order: int, points: int 
     period = np.geomspace(max(shortest_s, 8 * samples.step_s), longest_s, points)
     orders = [_max_order(samples, one, order) for one in period.tolist()]
     return period, np.array([_cv_r2(samples, 1 / t, r) for t, r in zip(period.tolist(), orders, strict=True)])
-
-
-def amplitudes(times_s: FloatArray, values: FloatArray, frequencies_hz: FloatArray) -> FloatArray:
-    """Amplitude of the sine of each frequency above 0 that fits values best, their mean taken off.
-
-    Source: Lomb 1976.
-    """
-    from scipy.signal import lombscargle
-
-    squares = lombscargle(times_s, values - values.mean(), 2 * math.pi * frequencies_hz)
-    found: FloatArray = 2 * np.sqrt(np.maximum(squares, 0.0) / len(times_s))
-    return found

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from typer import Argument
 
-from eadp.cli.output import emit, usage_fault
+from eadp.cli.output import emit
 from eadp.errors import printable
 from eadp.io.text.options import Flag
 
@@ -25,32 +25,20 @@ class ReportOptions:
 
 def command(
     result: Annotated[
-        list[str],
-        Argument(
-            metavar="RESULT…",
-            help="Folder of eadp simulate, results of eadp sweep, or log of eadp replan; or several folders.",
-        ),
+        str,
+        Argument(metavar="RESULT", help="Folder of eadp simulate, results of eadp sweep, or log of eadp replan."),
     ],
     options: ReportOptions,
 ) -> int:
     """Example: eadp report runs/survey
 
-    Write a result as one HTML page, which opens from disk and needs no network. Of several folders it has paths side by
-    side, power, charge and parameters over each other, and a table of what differs, which is printed too.
+    Write a result as one HTML page, which opens from disk and needs no network.
 
     Exit code 0 when the page is written, 2 on bad input.
     """
-    from eadp.report.report import report, write_comparison
+    from eadp.report.report import report
 
-    out, keep = options.out, options.keep
-    if len(result) > 1:
-        if keep is not None:
-            raise usage_fault("--keep", keep, "is of a sweep's results", "no --keep beside several folders")
-        target, table = write_comparison(result, out)
-        if target != "-":
-            emit(table)
-    else:
-        target = report(result[0], out, keep)
+    target = report(result, options.out, options.keep)
     if target != "-":
         emit(f"written    {printable(target)}")
     return 0

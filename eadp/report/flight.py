@@ -45,12 +45,17 @@ POWER_SHARE, MIN_POWER_W = 1 / 400, 0.01
 """Error of thinned powers, as a share of their range, and at least [W]."""
 
 MAX_SAMPLES = 10_000
-"""Most samples of a series: one that needs more is reduced to the extremes of equal intervals."""
+"""Most samples of a series: one that needs more is thinned within larger errors."""
+
+MAX_WIDER = 1e9
+"""Most by which errors are made larger for fewer samples."""
 
 Values = Sequence[float | None]
 
 
-def kept_samples(times_s: Sequence[float], columns: Sequence[Values], errors: Sequence[float]) -> list[int] | None:
+def kept_samples(
+    times_s: Sequence[float], columns: Sequence[Values], errors: Sequence[float], limit: int | None = None
+) -> list[int] | None:
     """Indices of samples between which linear interpolation gives all others, each column within its error.
 
     Parameters
@@ -61,11 +66,13 @@ def kept_samples(times_s: Sequence[float], columns: Sequence[Values], errors: Se
         Of samples in a row of which some value is missing, the first and the last are kept.
     errors : sequence of float
         Above 0, one for each column.
+    limit : int, optional
+        Most samples; `MAX_SAMPLES` by default.
 
     Returns
     -------
     list of int
-        In order; the first and the last sample are kept. None if they are more than `MAX_SAMPLES`.
+        In order; the first and the last sample are kept. None if they are more than the limit.
 
     Source: the swinging door of E. H. Bristol (1990), with every end on a sample.
     """
@@ -78,7 +85,7 @@ def kept_samples(times_s: Sequence[float], columns: Sequence[Values], errors: Se
         else:
             end = _farthest(times_s, columns, errors, anchor, gap)
         indices.append(end)
-        if len(indices) > MAX_SAMPLES:
+        if len(indices) > (limit or MAX_SAMPLES):
             return None
         anchor = end
     return indices
@@ -114,44 +121,22 @@ def thinned(times_s: Sequence[float], columns: Mapping[str, Values], errors: Map
     Returns
     -------
     dict
-        `t`, the columns by name, and `error`, the bound that holds for each; values are rounded within it. Where
-        `MAX_SAMPLES` are too few for the given errors, there is `extremes_s`, too: the lowest and the highest values
-        of each interval of this length are kept, and `error` is what that amounts to.
+        `t`, the columns by name, and `error`, the bound that holds for each; values are rounded within it. The given
+        errors are doubled until `MAX_SAMPLES` are enough.
     """
-    indices = kept_samples(times_s, [*columns.values()], [0.9 * errors[name] for name in columns])
-    extremes: dict[str, float] = {}
-    if indices is None:
-        indices, extremes["extremes_s"] = _extremes(times_s, columns)
+    wider, rows = 1.0, [*columns.values()]
+    while (indices := kept_samples(times_s, rows, [0.9 * wider * errors[name] for name in columns])) is None:
+        wider *= 2
+        if wider > MAX_WIDER:  # the ends of very many gaps
+            indices = kept_samples(times_s, rows, [wider * errors[name] for name in columns], len(times_s))
+            assert indices is not None
+            break
+    errors = {name: wider * errors[name] for name in columns}
     series: dict[str, Any] = {"t": [round(times_s[i], 6) for i in indices]}
     for name, values in columns.items():
         digits = max(0, math.ceil(-math.log10(0.2 * errors[name])))
         series[name] = [None if (value := values[i]) is None else round(value, digits) for i in indices]
-    if extremes:
-        errors = {name: _error(times_s, columns[name], series["t"], series[name]) for name in columns}
-    return {**series, **extremes, "error": dict(errors)}
-
-
-def _extremes(times_s: Sequence[float], columns: Mapping[str, Values]) -> tuple[list[int], float]:
-    """Samples with the lowest and the highest values of each column in equal intervals, and their length [s]."""
-    gap = np.array(_gaps([*columns.values()]))
-    times = np.array(times_s)
-    known = np.flatnonzero(~gap)
-    every_s = float(times[-1] - times[0]) / (MAX_SAMPLES // (2 * len(columns)))
-    interval = ((times[known] - times[0]) / every_s).astype(int)
-    starts = np.flatnonzero(np.diff(interval, prepend=-1))
-    kept = {0, len(times) - 1, *(np.flatnonzero(np.diff(gap)) + 1).tolist(), *np.flatnonzero(np.diff(gap)).tolist()}
-    for values in columns.values():
-        numbers = np.array(values, dtype=float)[known]
-        order = np.lexsort((numbers, interval))
-        kept |= {*known[order[starts]].tolist(), *known[order[np.append(starts[1:], len(known)) - 1]].tolist()}
-    return sorted(kept), every_s
-
-
-def _error(times_s: Sequence[float], values: Values, kept_s: Sequence[float], kept: Values) -> float:
-    """The largest difference of values from the lines between those that are kept, rounded up."""
-    given, shown = (np.array(each, dtype=float) for each in (values, kept))
-    error = float(np.nanmax(np.abs(np.interp(times_s, kept_s, shown) - given), initial=0.0))
-    return float(f"{1.001 * error:.4g}")
+    return {**series, "error": errors}
 
 
 def changes(times_s: Sequence[float], values: Sequence[Any]) -> dict[str, Any]:
@@ -193,7 +178,6 @@ MAX_POINTS, LEG_POINTS = 60_000, 4
 """Most points of the plan's lines, and how many a leg should have at least."""
 
 FAINT = 5
-WIND_ROWS = 200
 """Values across the sets of the path parameters at which the plan's lines are drawn."""
 
 CURVE_PARTS = 24
@@ -272,7 +256,7 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
         **_series(columns),
         "horizons": _horizons(flight.estimates),
         "wind": {
-            "rows": _wind_rows(world.wind, times, columns.get("altitude_m", [0.0] * len(times))),
+            "rows": _wind_rows(world.wind),
             "gust_std_mps": world.wind.gust_std_mps,
         },
         "faults": [[fault.at_s, fault.soc_drop] for fault in world.faults],
@@ -291,12 +275,9 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
     }
 
 
-def _wind_rows(wind: Wind, times_s: Sequence[float], altitudes_m: Sequence[float]) -> list[list[float]]:
-    """Times [s], and the steady wind that the flight was in from then on, linear in between (east, north) [m/s]."""
-    if not any(len(row) > 3 for row in wind.profile):
-        return [[t, *wind.steady_at_mps(t)] for t in [row[0] for row in wind.profile] or [0.0]]
-    shown = np.linspace(0, len(times_s) - 1, min(WIND_ROWS, len(times_s))).astype(int).tolist()
-    return [[times_s[i], *wind.steady_at_mps(times_s[i], altitudes_m[i])] for i in shown]
+def _wind_rows(wind: Wind) -> list[list[float]]:
+    """Times [s], and the steady wind from then on, linear in between (east, north) [m/s]."""
+    return [[t, *wind.steady_at_mps(t)] for t in [row[0] for row in wind.profile] or [0.0]]
 
 
 # --- series

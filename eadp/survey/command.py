@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
@@ -41,9 +40,6 @@ class CoverInputs:
 @dataclass(frozen=True)
 class CoverOutputs:
     """What is written and printed."""
-
-    export: Annotated[Sequence[str], Flag(metavar="FORMAT")] = ()
-    """Write each sortie in this format, too, as eadp export."""
 
     force: bool = False
     """Replace the folder of sorties, if it holds these and nothing else."""
@@ -100,9 +96,7 @@ def command(
 
         progress = Progress("cover", math.inf)  # on a terminal alone
         try:
-            plan = cover_in_sorties(
-                file, options, division, **files, exports=output.export, on_part=progress.show, warn=warn
-            )
+            plan = cover_in_sorties(file, options, division, **files, on_part=progress.show, warn=warn)
             progress.close()
             warn([Fault(name, 1, 1, note, severity="note") for note in plan.planner.task.flown_over])
             return _sorties(plan, output, wanted)
@@ -124,18 +118,12 @@ def command(
     if plot is not None:
         from eadp.survey.figures import write_coverage_figure
 
-        report, heights = found.report, found.heights
-        profile = None if heights is None else heights.profile
-        drawn = report.field, report.titled_paths(), report.motion.swath_m
-        write_coverage_figure(plot, *drawn, profile=profile, left=report.left)
+        report = found.report
+        write_coverage_figure(plot, report.field, report.titled_paths(), report.motion.swath_m, report.left)
     if wanted == "json":
         emit_json(found.document)
         return 0
-    notes = [
-        *found.repairs,
-        *([f"line spacing {fixed}"] if wanted == "plan" and (fixed := found.report.fixed_spacing()) else []),
-    ]
-    warn([Fault(name, 1, 1, note, severity="note") for note in notes])
+    warn([Fault(name, 1, 1, note, severity="note") for note in found.repairs])
     written = [f"written    {out}"] if out else []
     emit(found.text if wanted == "plan" else "\n".join([*found.lines, *written]))
     return 0
@@ -146,7 +134,7 @@ def _sorties(plan: SortiePlan, output: CoverOutputs, wanted: str) -> int:
     from eadp.survey.folder import write_sorties
 
     if output.out is not None:
-        write_sorties(plan, output.out, force=output.force, exports=output.export)
+        write_sorties(plan, output.out, force=output.force)
     if wanted == "json":
         emit_json(plan.document())
         return 0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from functools import cached_property
@@ -33,7 +32,6 @@ from eadp.models.plan.pieces import (
     Air,
     approach,
     approach_slopes,
-    behind_mps,
     behind_warning,
     climb_out,
     course_rad,
@@ -58,14 +56,12 @@ from eadp.survey.heights import (
     Climbing,
     FinalApproach,
     Ground,
-    Lack,
     clear_circle,
-    climb_lack,
+    climb_late_s,
     climbed_first,
     free_circles,
     held_up_m,
-    late_over_s,
-    level_lack,
+    level_late_s,
     over_terrain,
     with_circles,
 )
@@ -73,9 +69,6 @@ from eadp.survey.options import CoverageOptions, place_of, point_of, two_numbers
 from eadp.survey.plan_builder import FieldComputations, PlanCommands, build_plan
 from eadp.survey.report import CoveragePlan, CoverageReport, Pack
 from eadp.survey.swaths import CoverageLeg, MotionLimits
-
-TURNS_DEG = [side * turn for turn in range(10, 181, 10) for side in (1, -1)]
-"""Turns from a heading of landing that are tried, the least first [°]."""
 
 LOWER_M, MIN_APPROACH_M = 10.0, 30.0
 """Step of the heights from which a final approach is tried, and the least: lower, an autopilot has no time to line up
@@ -104,9 +97,6 @@ class CoverageTask:
     pack : Pack or None
     autopilot : Autopilot
         For the landings that it accepts.
-    circles_first : bool
-        Whether a climb circles up until it is above obstacles near home that the altitude clears; else the path stays
-        out of them.
     """
 
     file: str
@@ -119,7 +109,6 @@ class CoverageTask:
     profile: AnyProfile | None = None
     pack: Pack | None = None
     autopilot: Autopilot = dataclass_field(default_factory=Autopilot)
-    circles_first: bool = False
 
     @classmethod
     def read(
@@ -201,35 +190,19 @@ class CoverageTask:
 
     @cached_property
     def final(self) -> FinalApproach | None:
-        """The final approach; None without a landing. Raises Infeasible, with a heading on which there is one."""
-        if self.landing is None:
-            return None
-        course = self.landing[2]
-        try:
-            return self._final_on(course)
-        except Infeasible as error:
-            works = "another place, or less altitude"
-            others = [course + math.radians(turn_deg) for turn_deg in TURNS_DEG]
-            # headings with the wind behind last
-            for other in sorted(others, key=lambda each: behind_mps(each, self.motion.wind_mps) > 0):
-                with suppress(Infeasible):
-                    self._final_on(other)
-                    works = f"a heading of {compass_deg(other) % 360:.0f}°, or {works}"
-                    break
-            raise Infeasible(str(error), works) from None
-
-    def _final_on(self, course: float) -> FinalApproach:
-        """The final approach on a course [rad]: from the plan's altitude, else from less by a circle before it.
+        """The final approach: from the plan's altitude, else from less by a circle before it. None without a landing.
 
         Raises Infeasible, of the first one tried.
         """
+        if self.landing is None:
+            return None
         failures: list[Infeasible] = []
         whole_m, straight_in = self._altitude_m, None
         steps = range(math.ceil(whole_m / LOWER_M) - 1, math.ceil(MIN_APPROACH_M / LOWER_M) - 1, -1)
         for slope in approach_slopes(self.autopilot):
             for height_m in (whole_m, *(LOWER_M * step for step in steps)):
                 try:
-                    found = self._checked(course, slope, height_m)
+                    found = self._checked(slope, height_m)
                 except Infeasible as error:
                     failures.append(error)
                     continue
@@ -239,20 +212,19 @@ class CoverageTask:
                     straight_in = straight_in or found
             if straight_in is not None:
                 return straight_in
-        raise failures[0]
+        raise Infeasible(str(failures[0]), "another heading, another place, or less altitude")
 
-    def _checked(self, course: float, slope: float, height_m: float) -> FinalApproach:
+    def _checked(self, slope: float, height_m: float) -> FinalApproach:
         """A final approach that is free, reached and clear of the ground, with a circle if one is. Raises."""
         assert self.landing is not None
-        x, y, _ = self.landing
-        way = approach((x, y, course), height_m, self.airframe, self._air, slope)
+        way = approach(self.landing, height_m, self.airframe, self._air, slope)
         final = FinalApproach(CoverageLeg(way), height_m)
         request = self._request(final)
         request.check()
         check_access(request)
         ground = None
         if self.terrain is not None:
-            ground = self.terrain.ground(self.field, self.motion, self.motion.swath_m, (x, y))
+            ground = self.terrain.ground(self.field, self.motion, self.motion.swath_m, self.landing[:2])
             self.terrain.check_approach(final, ground)
         space = replace(request, airspace=self._airspace(final)).space  # it leads down to obstacles near home
         circles = free_circles(final.leg.start, held_up_m(self.motion.min_radius_m), space)
@@ -272,15 +244,15 @@ class CoverageTask:
     @cached_property
     def airspace(self) -> Airspace:
         """What is in the way: not obstacles lower than the plan's altitude, and a climb from home, by the clearance."""
-        return self._airspace(self.final, circled=self.circles_first)
+        return self._airspace(self.final)
 
-    def _airspace(self, final: FinalApproach | None, *, circled: bool = False) -> Airspace:
-        """As `airspace`, with a final approach; with `circled` after a climb on circles."""
+    def _airspace(self, final: FinalApproach | None) -> Airspace:
+        """As `airspace`, with a final approach."""
         given, altitude_m, airframe = self.field.airspace, self.options.altitude_m, self.airframe
         if altitude_m is None or isinstance(airframe, PaperVehicle):
             return given
         reached_m, slopes = [altitude_m] * len(given.obstacles), list[tuple[Point, float]]()
-        if self.home_m is not None and not circled:
+        if self.home_m is not None:
             # a climb from home with the wind behind, straight to the obstacle
             climb_mps = airframe.climb_rates_mps(self.motion.airspeed_mps)[0]
             slopes.append((self.home_m, climb_mps / self.motion.ground_limit_mps))
@@ -330,7 +302,7 @@ class CoverageTask:
             options.heading_rad,
             *ends,
             apart,
-            airspace=self._airspace(final, circled=self.circles_first),
+            airspace=self._airspace(final),
             climb_out=self.climb_out,
             approach=None if final is None else final.leg,
             climb_s=self._climb_s,
@@ -361,43 +333,14 @@ class CoverageTask:
             solution = with_circles(solution, len(solution.sections) - 1, circle, count, motion)
         if not self._climb_s:
             return solution
-        free = self._airspace(self.final)  # where circles may lie before the altitude is reached
-        low = [each for each in free.obstacles if each not in self.airspace.obstacles]
 
-        def lack(tried: CoverageSolution) -> Lack:
-            """What the climb of a path lacks."""
+        def late_s(tried: CoverageSolution) -> float:
+            """The time by which the climb of a path is too late [s]."""
             if ground is None:
-                late_s, until_m = level_lack(tried, motion, self._climb_s)
-                return Lack(max(late_s, late_over_s(tried, low, motion, climbing, self.options.clearance_m)), until_m)
-            return climb_lack(tried, ground, climbing, 0.0)
+                return level_late_s(tried, motion, self._climb_s)
+            return climb_late_s(tried, ground, climbing, 0.0)
 
-        return climbed_first(solution, motion, replace(self.request, airspace=free).space, lack)
-
-    @cached_property
-    def circled(self) -> CoverageTask | None:
-        """The task with circles up to obstacles near home; None where these change nothing."""
-        if self.terrain is not None or not self._climb_s:
-            return None
-        found = replace(self, circles_first=True)
-        return None if found.airspace == self.airspace else found
-
-    def best(self) -> tuple[CoverageTask, CoveragePlan]:
-        """The plan of the quickest path found; it circles above obstacles near home where that covers more, or is less.
-
-        Raises
-        ------
-        Infeasible
-        """
-        found, failures = list[tuple[CoverageTask, CoveragePlan]](), list[Infeasible]()
-        for task in (self, self.circled):
-            try:
-                if task is not None:
-                    found.append((task, task.planned(task.solution())))
-            except Infeasible as error:
-                failures.append(error)
-        if not found:
-            raise failures[0]
-        return min(found, key=lambda each: (-round(each[1].report.least.coverage, 4), each[1].report.full.time_s))
+        return climbed_first(solution, motion, self.request.space, late_s)
 
     def solution(self) -> CoverageSolution:
         """The quickest path found. Raises Infeasible."""
@@ -583,7 +526,7 @@ def cover(
         With the faults of the files, or of an option under its name on the command line.
     """
     task = coverage_task(str(field), options, profile, scenario, vehicle, warn)
-    task, found = task.best()
+    found = task.planned(task.solution())
     aircraft, slower = found.aircraft, found.slower
     if task.profile is not None or task.pack is not None:
         keys, given = flight_keys(task, vehicle) | {"parameters": None}, None if scenario is None else str(scenario)

@@ -210,9 +210,6 @@ class CoverageSolution:
     """A path that covers a field: single legs, and blocks that are flown lap by lap.
 
     `time_s` is the time of flight at the lowest c1, `access_s` the part of it before the first line and after the last.
-    `other_share` is the time of the other pattern divided by this one's, without access; None if only one was tried.
-    `laps` is the Zamboni-like motion that was not chosen.
-    `in_climb` are the parts of lines that are flown below their altitude, with the camera off.
     """
 
     pattern: str
@@ -220,14 +217,6 @@ class CoverageSolution:
     sections: tuple[CoverageLeg | Block, ...]
     time_s: float = 0.0
     access_s: float = 0.0
-    other_share: float | None = None
-    laps: CoverageSolution | None = None
-    in_climb: tuple[CoverageLeg, ...] = ()
-
-    @property
-    def in_climb_m(self) -> list[tuple[Point, ...]]:
-        """Points along each part of a line that is flown in the climb [m]."""
-        return [(leg.start[:2], leg.end[:2]) for leg in self.in_climb]
 
     def path(self, c1: float) -> CoveragePath:
         """The whole path at a fixed parameter."""
@@ -294,9 +283,7 @@ def _laps_or_lines(
         return order
     # access takes much the same time in both patterns
     laps_s, lines_s = zamboni.time_s - zamboni.access_s, order.time_s - order.access_s
-    if laps_s <= MAX_TIME_RATIO * lines_s:
-        return replace(zamboni, other_share=lines_s / laps_s)
-    return replace(order, other_share=laps_s / lines_s, laps=zamboni)
+    return zamboni if laps_s <= MAX_TIME_RATIO * lines_s else order
 
 
 def has_pattern(name: str) -> bool:

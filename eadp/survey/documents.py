@@ -28,7 +28,6 @@ class LeftKeys(TypedDict):
     area_m2: float
     at_m: Point
     at_deg: list[float] | None
-    reason: str
     share: NotRequired[float]
 
 
@@ -39,7 +38,6 @@ class TerrainKeys(TypedDict):
     ground_m: list[float]
     height_m: list[float]
     height_elsewhere_m: float | None
-    lower_share: float
     higher_share: float
     altitudes: int
     home_altitude_m: int
@@ -75,8 +73,6 @@ class PathKeys(TypedDict):
     at_lowest_c1: _LowestKeys
     c1_steps: list[float]
     blocks: int
-    other_pattern_share: float | None
-    zamboni_time_s: list[float] | None
     parts: int
     obstacles: int
     boundary: bool
@@ -136,8 +132,6 @@ class SortiesDocument(PicturesKeys):
     home_m: Point | None
     swath_m: float
     count: int
-    min_count: int
-    min_energy_wh: float
     energy_wh: float
     length_m: float
     time_s: float

@@ -6,7 +6,6 @@ names without a prefix. A document type is refused: it may refer to other files,
 
 from __future__ import annotations
 
-import math
 import re
 import xml.parsers.expat
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -52,8 +51,6 @@ class Feature:
         Open and closed ones; a point is a line of one vertex.
     height_m : float or None
         Above the field's origin [m].
-    properties : dict
-        Its texts and numbers, by which it may be asked for.
     """
 
     location: Location
@@ -61,7 +58,6 @@ class Feature:
     polygons: list[list[Line]] = field(default_factory=list)
     lines: list[Line] = field(default_factory=list)
     height_m: float | None = None
-    properties: dict[str, str] = field(default_factory=dict)
 
     @property
     def avoided(self) -> bool:
@@ -91,14 +87,13 @@ class Features:
     """The features of a file.
 
     `degrees` is whether they are in degrees and not in metres; `remedy` is the advice where that is wrong; `is_table`
-    is whether the file is a table of vertices; `notes` are assumptions, a sentence each.
+    is whether the file is a table of vertices.
     """
 
     features: list[Feature]
     degrees: bool
     remedy: str = ""
     is_table: bool = False
-    notes: tuple[str, ...] = ()
 
     def areas(self, source: SourceText) -> list[Feature]:
         """The features with polygons; where there are none, those with closed lines. Raises InputError without any."""
@@ -166,17 +161,14 @@ _POSITION = "longitude, latitude and perhaps altitude, or x and y in metres"
 _DEPTHS = {"Point": 0, "MultiPoint": 1, "LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
 """Lists in lists that the coordinates of a geometry are."""
 
-# the reference systems whose numbers are degrees as WGS-84 has them, to a metre; those whose metres are longer
-_GEOGRAPHIC = {"4326", "4979", "4258", "4937"}
-_WEB_MERCATOR = {"3857", "3785", "900913", "102100", "102113"}
-_CODE = re.compile(r".*(EPSG|ESRI).*?([0-9]+)", re.IGNORECASE | re.DOTALL)
+_DEGREES = re.compile(r".*(?:CRS84h?|EPSG\W(?:.*\W)?(?:4326|4979|4258|4937))\s*", re.IGNORECASE | re.DOTALL)
+"""Names of the reference systems whose numbers are degrees as WGS-84 has them, to a metre."""
+_WEB_MERCATOR = re.compile(r".*\D(?:3857|3785|900913|102100|102113)\s*", re.DOTALL)
+"""Of that whose metres are longer than metres away from the equator."""
 _IN_METRES = re.compile(r"\s*(?:m|met(?:re|er)s?)(?![\w/^*·])", re.IGNORECASE)
 _OTHER_LENGTH = re.compile(
     r"\s*(?:ft|feet|foot|us-ft|yd|yards?|km|kilomet(?:re|er)s?|miles?|cm|mm)(?!\w)", re.IGNORECASE
 )
-
-ToDegrees = Callable[[float, float], Point]
-"""Longitude and latitude [°, WGS-84] of coordinates; not finite outside the system."""
 
 
 @dataclass
@@ -221,10 +213,9 @@ class _GeoJson:
         own_id = [str(node["id"]).strip()] if type(node.get("id")) in (str, int, float) else []
         names = [name for name in (*(texts.get(key, "") for key in NAME_KEYS), *own_id) if name]
         height_m = _height_m(properties.get("height"), lambda *wrong: self.source.error(at, *wrong))
-        found = Feature(at, [*dict.fromkeys(names)], height_m=height_m, properties=texts)
-        degrees, to_degrees = self._units([*outer, node] if geometry is node else [*outer, node, geometry])
-        self._add(found, geometry, start, to_degrees)
-        yield found, degrees
+        found = Feature(at, [*dict.fromkeys(names)], height_m=height_m)
+        self._add(found, geometry, start)
+        yield found, self._units([*outer, node] if geometry is node else [*outer, node, geometry])
 
     def _members(self, node: JsonObject, key: str, at: Location) -> list[tuple[Any, Location]]:
         """The items of a list, each with its location."""
@@ -233,16 +224,16 @@ class _GeoJson:
             raise self.source.error(at, f"no list of {key}", f"{key} with a list")
         return [(item, self.source.location(offset)) for item, offset in zip(value, value.offsets, strict=True)]
 
-    def _add(self, to: Feature, node: Any, at: Location, to_degrees: ToDegrees | None) -> None:
+    def _add(self, to: Feature, node: Any, at: Location) -> None:
         """Add the polygons and lines of a geometry to a feature."""
         kind = node.get("type") if isinstance(node, JsonObject) else None
         if kind == "GeometryCollection":
             for item, start in self._members(node, "geometries", at):
-                self._add(to, item, start, to_degrees)
+                self._add(to, item, start)
             return
         if kind not in _DEPTHS:
             raise self.source.error(at, "no geometry", f"{', '.join(_DEPTHS)} or GeometryCollection, with coordinates")
-        found = self._nested(node.get("coordinates"), _DEPTHS[kind], at, to_degrees)
+        found = self._nested(node.get("coordinates"), _DEPTHS[kind], at)
         if kind.endswith("Polygon"):
             polygons = [found] if kind == "Polygon" else found
             if not all(polygons):
@@ -252,28 +243,22 @@ class _GeoJson:
             lines = {"Point": [[found]], "LineString": [found], "MultiPoint": [[each] for each in found]}
             to.lines.extend(lines.get(kind, found))
 
-    def _nested(self, value: Any, depth: int, at: Location, to_degrees: ToDegrees | None) -> Any:
+    def _nested(self, value: Any, depth: int, at: Location) -> Any:
         """Positions, in so many lists."""
         if depth == 0 and isinstance(value, tuple):
-            if to_degrees is None:
-                return value[:2]
-            place = to_degrees(*value[:2])
-            if not all(map(math.isfinite, place)):
-                message = f"a vertex at ({value[0]:.10g}, {value[1]:.10g}) lies outside the reference system"
-                raise self.source.error(at, message, "coordinates of that system")
-            return place
+            return value[:2]
         if depth == 0 or not isinstance(value, JsonList):
             what = "position" if depth == 0 else "list of positions"
             raise self.source.error(
                 at, f"no {what}", f"{'' if depth == 0 else 'a list of positions, each '}{_POSITION}"
             )
         return [
-            self._nested(each, depth - 1, at if isinstance(each, tuple) else self.source.location(offset), to_degrees)
+            self._nested(each, depth - 1, at if isinstance(each, tuple) else self.source.location(offset))
             for each, offset in zip(value, value.offsets, strict=True)
         ]
 
-    def _units(self, outer: Sequence[Any]) -> tuple[bool, ToDegrees | None]:
-        """Whether coordinates are degrees, or become so by a function: by the option, `units`, or the innermost crs."""
+    def _units(self, outer: Sequence[Any]) -> bool:
+        """Whether coordinates are degrees: by the option, `units`, or the innermost crs."""
         objects = [each for each in outer if isinstance(each, JsonObject)]
         holders = [*objects, *(each.get("properties") for each in objects)]
         units = [str(each.get("units") or "") for each in holders if isinstance(each, JsonObject)]
@@ -285,51 +270,21 @@ class _GeoJson:
         for node in reversed(objects):
             if node.get("crs") is not None:
                 return self._system(node["crs"], self.source.location(node.offsets["crs"]), in_metres)
-        return not in_metres, None
+        return not in_metres
 
-    def _system(self, crs: Any, at: Location, in_metres: bool) -> tuple[bool, ToDegrees | None]:
+    def _system(self, crs: Any, at: Location, in_metres: bool) -> bool:
         """As `_units` by a coordinate reference system."""
         properties = crs.get("properties") if isinstance(crs, JsonObject) else None
-        holder = properties if isinstance(properties, JsonObject) else JsonObject()
-        given = holder.get("name", f"EPSG:{holder['code']}" if "code" in holder else None)
-        name = given[:200] if isinstance(given, str) else ""
-        codes = _CODE.fullmatch(name.rstrip().replace("EPSG/0/", "EPSG/"))
-        authority, code = (codes[1].upper(), codes[2]) if codes else ("", "")
-        if re.search(r"CRS84h?\Z", name, re.IGNORECASE) or (authority == "EPSG" and code in _GEOGRAPHIC):
-            return True, None
-        if self.metres and code in _WEB_MERCATOR:
-            message = (
-                f"{printable(name, 80)} is Web Mercator, whose metres are longer than metres away from the equator"
-            )
-            raise self.source.error(at, message, "no --metres, which converts it to degrees")
-        if self.metres or (in_metres and not codes):
-            return False, None
-        otherwise = "longitude and latitude (WGS-84), or --metres"
-        unknown = self.source.error(
-            at, f"the reference system {printable(name, 80) or 'without a name'} is not known", otherwise
-        )
-        if not codes:
-            raise unknown
-        try:
-            import pyproj
-            from pyproj.exceptions import ProjError
-        except ImportError:
-            message = "pyproj, which converts coordinates, is missing"
-            raise self.source.error(at, message, f"pip install 'eadp[fields]', or {otherwise}") from None
-        try:
-            known = pyproj.CRS.from_authority(authority, code)
-            if not (known.is_projected or known.is_geographic):
-                raise unknown
-            # without a known datum PROJ takes it as WGS-84, which may be hundreds of metres off
-            transform = pyproj.Transformer.from_crs(known, 4326, always_xy=True, allow_ballpark=False).transform
-        except ProjError:
-            raise unknown from None
-
-        def to_degrees(x: float, y: float) -> Point:
-            longitude, latitude = transform(x, y)
-            return round(longitude, 9), round(latitude, 9)
-
-        return True, to_degrees
+        name = properties.get("name") if isinstance(properties, JsonObject) else None
+        name = name[:200] if isinstance(name, str) else ""
+        if _DEGREES.fullmatch(name):
+            return True
+        if in_metres and not _WEB_MERCATOR.fullmatch(name):
+            return False
+        expected = f"degrees, as by ogr2ogr -t_srs EPSG:4326 field.geojson {printable(self.source.name)}"
+        expected += "" if in_metres else ", or --metres"
+        message = f"the reference system {printable(name, 80) or 'without a name'} is not read"
+        raise self.source.error(at, message, expected)
 
 
 # --- KML
@@ -381,7 +336,6 @@ def _placemark(holder: Element, source: SourceText) -> Feature:
     names = [name for name in ((holder.findtext("name") or "").strip(), holder.get("id", "")) if name]
     data = {each.get("name", ""): each.findtext("value") or "" for each in holder.iter("Data")}
     data |= {each.get("name", ""): each.text or "" for each in holder.iter("SimpleData")}
-    properties = {key[:NAME_LIMIT]: value.strip()[:NAME_LIMIT] for key, value in data.items()}
     polygons, tops_m = list[list[Line]](), list[float]()
     for polygon in holder.iter("Polygon"):
         outer, inner = (polygon.findall(f"{role}/LinearRing/coordinates") for role in (_OUTER, _INNER))
@@ -396,10 +350,10 @@ def _placemark(holder: Element, source: SourceText) -> Feature:
         for geometry in holder.iter(kind)
         for each in geometry.findall("coordinates")
     ]
-    height_m = _height_m(properties.get("height"), lambda *wrong: source.error(location, *wrong))
+    height_m = _height_m(data.get("height", "").strip()[:NAME_LIMIT], lambda *wrong: source.error(location, *wrong))
     if height_m is None and any((each.text or "").strip() == "relativeToGround" for each in holder.iter(_MODE)):
         height_m = max(tops_m, default=0.0) or None
-    return Feature(location, [*dict.fromkeys(names)], polygons, lines, height_m, properties)
+    return Feature(location, [*dict.fromkeys(names)], polygons, lines, height_m)
 
 
 def _coordinates(element: Element, tops_m: list[float], source: SourceText) -> Line:
@@ -434,7 +388,7 @@ def read_table(source: SourceText, metres: bool) -> Features:
     """A table of vertices as one polygon.
 
     Columns `x_m,y_m` or `lon,lat` and perhaps `ring` (0 the outline, 1.. the holes); or two columns without names, in
-    metres: with `metres`, or where values are beyond those of degrees. Raises InputError as `read_features`.
+    metres with `metres`. Raises InputError as `read_features`.
     """
     rows = read_rows(source.name, source.body, None)
     head = next(rows, None)
@@ -454,20 +408,12 @@ def read_table(source: SourceText, metres: bool) -> Features:
         ((ring,),) = found.polygons
         swapped = replace(found, polygons=[[[(longitude, latitude) for latitude, longitude in ring]]])
         return Features([swapped], degrees=True, is_table=True)
-    if any(all(abs(p) <= 180 and abs(q) <= 90 for p, q in ring) for ring in _either_way(found.polygons[0][0])):
-        message = "columns without names, which may be degrees or metres"
-        raise InputError(head.fault(0, message, "--metres, or a header such as lon,lat or x_m,y_m"))
-    note = "taken as metres, since there are values beyond the ±180 and ±90 of degrees"
-    return Features([found], degrees=False, remedy="a header lon,lat", is_table=True, notes=(note,))
+    message = "columns without names, which may be degrees or metres"
+    raise InputError(head.fault(0, message, "--metres, or a header such as lon,lat or x_m,y_m"))
 
 
 _OF_MISSION_PLANNER = re.compile(r"#\s*saved by \w* ?Planner", re.IGNORECASE)
 """Start of a polygon that Mission Planner or APM Planner saves: rows of latitude and longitude."""
-
-
-def _either_way(ring: Line) -> tuple[Line, Line]:
-    """A ring, and with its columns swapped."""
-    return ring, [(y, x) for x, y in ring]
 
 
 def _header(head: Row, metres: bool) -> tuple[tuple[int, int, int], bool]:

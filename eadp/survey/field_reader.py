@@ -174,7 +174,7 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     metres : bool, optional
         The file is in metres, x east and y north, whatever it states; default: as it states, or WGS-84 degrees.
     feature : str, optional
-        Of several features, the one to read: its id, its name, KEY=VALUE of a property, its number from 1 among those
+        Of several features, the one to read: its id, its name, its number from 1 among those
         with polygons; or `all`.
 
     Returns
@@ -234,7 +234,7 @@ def read_field(text: Text, *, metres: bool = False, feature: str | None = None) 
     result = Field(wound[0], tuple(wound[1:]), name, origin_deg, airspace, tuple(map(tuple, parts[1:])))
     if result.area_m2 < SMALLEST_M2:
         raise source.error(chosen[0].location, f"an area of {result.area_m2:.3g} m²", f"{SMALLEST_M2:g} m² or more")
-    return result, [*found.notes, *notes]
+    return result, notes
 
 
 ALL = "all"
@@ -244,7 +244,7 @@ NAMES_SHOWN = 10
 
 
 def _chosen(features: Sequence[Feature], asked: str | None, source: SourceText) -> list[Feature]:
-    """The feature that was asked for, by a name, by KEY=VALUE of a property, by its number from 1, or the only one.
+    """The feature that was asked for, by a name, by its number from 1, or the only one.
 
     Raises
     ------
@@ -253,40 +253,24 @@ def _chosen(features: Sequence[Feature], asked: str | None, source: SourceText) 
     """
     if asked is None and len(features) == 1:
         return list(features)
-    # properties by which features without names of their own differ, those by which all do first
-    keys = dict.fromkeys(key for each in features for key in each.properties)
-    counts = {key: len({each.properties.get(key) for each in features}) for key in keys if key.lower() not in _NAMES}
-    named = len({each.names[0] for each in features if each.names}) == len(features)
-    differing = [] if named else sorted((key for key in counts if counts[key] > 1), key=lambda key: -counts[key])
-    shown = []
-    for i, each in enumerate(features[:NAMES_SHOWN], 1):
-        key = differing[0] if differing else ""
-        other = printable(f"{key}={each.properties[key]}", 60) if key in each.properties else "without a name"
-        shown.append(f"{i} {printable(each.names[0], 40) if each.names else other}")
-    known = "; ".join(shown) + (f"; and {len(features) - NAMES_SHOWN} more" if len(features) > NAMES_SHOWN else "")
-    if differing:
-        known += f"; or KEY=VALUE by {', '.join(printable(key, 40) for key in differing[:NAMES_SHOWN])}"
+    names = [printable(each.names[0], 40) if each.names else "without a name" for each in features[:NAMES_SHOWN]]
+    known = "; ".join(f"{i} {name}" for i, name in enumerate(names, 1))
+    known += f"; and {len(features) - NAMES_SHOWN} more" if len(features) > NAMES_SHOWN else ""
     if asked is None:
         expected = f"one, or --feature with a name or number of {known}"
         raise source.error(features[1].location, f"{len(features)} features with polygons", expected)
     asked = asked.strip()
     if asked == ALL and len(features) > 1:
         return list(features)
-    key, is_property, value = asked.partition("=")
     found = [each for each in features if asked in each.names]
-    if is_property and not found:
-        found = [each for each in features if each.properties.get(key.strip()) == value.strip()]
     if not found and asked.isascii() and asked.isdecimal() and len(asked) < 8 and 1 <= int(asked) <= len(features):
         found = [features[int(asked) - 1]]
     if len(found) == 1:
         return found
     message = f"no feature {printable(asked, 80)} with a polygon"
     if found:
-        message = f"{len(found)} features have {'' if is_property else 'the name '}{printable(asked, 80)}"
+        message = f"{len(found)} features have the name {printable(asked, 80)}"
     raise InputError.at("--feature", 1, 1, message, f"a name or number of {known}", printable(asked, 80))
-
-
-_NAMES = ("name", "id")
 
 
 def _in_metres(

@@ -6,8 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from eadp.core.geometry.curves import Point
 from eadp.io.figures.canvas import (
     COLOURS,
@@ -22,7 +20,6 @@ from eadp.io.figures.canvas import (
     label_map,
 )
 from eadp.models.airspace import Field
-from eadp.survey.heights import HeightProfile
 from eadp.survey.report import LeftGround
 from eadp.survey.swaths import CoverageLeg, CoveragePath
 
@@ -35,13 +32,9 @@ def write_coverage_figure(
     field: Field,
     ways: Mapping[str, CoveragePath],
     swath_m: float,
-    *,
-    profile: HeightProfile | None = None,
     left: Sequence[LeftGround] = (),
 ) -> None:
     """Draw a field and coverage paths side by side under their titles: ground covered and left, lines, turns.
-
-    Over terrain the ground and the flight are drawn below.
 
     Raises
     ------
@@ -50,13 +43,8 @@ def write_coverage_figure(
     """
     x, y = zip(*(corner for part in field.parts for corner in part[0]), strict=True)
     wide = min(1.6, max(0.5, (max(x) - min(x) + 150) / (max(y) - min(y) + 150)))
-    below = 0 if profile is None else 1
-    with figure_file(path, max(0.8 + 5.5 * wide * len(ways), 6.0 * below), 6.5 + 2.2 * below) as figure:
-        rows = figure.add_gridspec(1 + below, 1, height_ratios=[3, 1][: 1 + below])
-        grid = rows[0].subgridspec(1, len(ways))
-        all_axes = grid.subplots(sharex=True, sharey=True, squeeze=False)[0]
-        if profile is not None:
-            draw_profile(figure.add_subplot(rows[1]), profile)
+    with figure_file(path, 0.8 + 5.5 * wide * len(ways), 6.5) as figure:
+        all_axes = figure.subplots(1, len(ways), sharex=True, sharey=True, squeeze=False)[0]
         for axes, (title, way) in zip(all_axes, ways.items(), strict=True):
             draw_ground(axes, field, field.airspace)
             draw_left(axes, left)
@@ -65,22 +53,6 @@ def write_coverage_figure(
             axes.set_aspect("equal", adjustable="box")
             axes.label_outer()
         fit_legend(figure, 6, loc="outside lower center", fontsize=9)
-
-
-def draw_profile(axes: Axes, profile: HeightProfile, from_km: float = 0.0) -> float:
-    """The ground and the flight over the distance flown, and where it ends [km]; on lines the heights allowed, too."""
-    km, on_line, limits = from_km + profile.samples.places_m / 1000, profile.samples.on_line, profile.ground.limits
-    axes.fill_between(km, profile.ground_m, profile.ground_m.min(), color="#b7a98f", linewidth=0, label="ground")
-    low_m = profile.ground_m + limits.line_m
-    band = (low_m, low_m + limits.tolerance_m)
-    label = f"{limits.line_m:.4g} to {limits.line_m + limits.tolerance_m:.4g} m above ground"
-    axes.fill_between(km, *band, where=on_line, color=COLOURS[2], alpha=0.3, linewidth=0, label=label)
-    axes.plot(km, profile.flown_m, color=COLOURS[1], linewidth=1.0)
-    axes.plot(km, np.where(on_line, profile.flown_m, np.nan), color=COLOURS[0], linewidth=1.3)
-    axes.set_xlabel("distance flown [km]")
-    axes.set_ylabel("altitude [m]")
-    axes.margins(x=0)
-    return float(km[-1])
 
 
 def draw_left(axes: Axes, left: Sequence[LeftGround]) -> None:
@@ -126,23 +98,17 @@ def ground_of(leg: CoverageLeg, swath_m: float) -> tuple[tuple[float, ...], tupl
 def write_sorties_figure(
     path: Path,
     field: Field,
-    sorties: Sequence[tuple[str, CoveragePath, HeightProfile | None]],
+    sorties: Sequence[tuple[str, CoveragePath]],
     swath_m: float,
     home_m: Point | None,
     left: Sequence[LeftGround] = (),
 ) -> None:
-    """Draw sorties, over terrain with ground and flights below. Written to `path` with the endings .svg and .png.
-
-    Each of `sorties` is its number, its path, and over terrain its heights.
-    """
-    flown = [(number, profile) for number, _, profile in sorties if profile is not None]
-    with figure_pair(path, 8.5, 8.0 + 2.2 * bool(flown)) as figure:
-        axes, *below = figure.subplots(1 + bool(flown), 1, height_ratios=[3, 1][: 1 + bool(flown)], squeeze=False)[:, 0]
-        for panel in below:
-            _draw_profiles(panel, flown)
+    """Draw sorties, each its number and its path. Written to `path` with the endings .svg and .png."""
+    with figure_pair(path, 8.5, 8.0) as figure:
+        axes = figure.subplots()
         draw_ground(axes, field, field.airspace)
         draw_left(axes, left)
-        for i, (number, way, _) in enumerate(sorties):
+        for i, (number, way) in enumerate(sorties):
             colour = COLOURS[i % len(COLOURS)]
             lines, turns = ([leg for leg in way.legs if leg.sensing is on] for on in (True, False))
             middles = [leg.piece.pose_at(leg.piece.length_m / 2)[:2] for leg in lines]
@@ -160,15 +126,3 @@ def write_sorties_figure(
             axes.plot(*home_m, **{**START, "label": "home"})
         label_map(axes, "Sorties")
         fit_legend(figure, 5, loc="outside lower center", fontsize=8)
-
-
-def _draw_profiles(axes: Axes, flown: Sequence[tuple[str, HeightProfile]]) -> None:
-    """The heights of flights, one after the other, with their numbers."""
-    from_km = 0.0
-    for number, profile in flown:
-        to_km = draw_profile(axes, profile, from_km)
-        axes.axvline(to_km, color="#00000060", linewidth=0.8)
-        at = ((from_km + to_km) / 2, 0.02)
-        axes.text(*at, number.lstrip("0"), transform=axes.get_xaxis_transform(), ha="center", va="bottom", fontsize=9)
-        from_km = to_km
-    axes.set_xlabel("distance flown, sortie after sortie [km]")

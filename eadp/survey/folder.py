@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import io
 import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -20,10 +19,8 @@ from eadp.errors import InputError
 from eadp.io.flight import flown_lines, flown_of_plan, planned_lines
 from eadp.io.page import page_html
 from eadp.io.scenario import override_texts, read_overrides
-from eadp.io.text.csv import write_rows
 from eadp.io.text.json import json_lines
 from eadp.io.text.streams import new_folder, read_text
-from eadp.plug_ins import plug_in
 from eadp.survey.figures import write_sorties_figure
 from eadp.survey.report import MIN_SHARE, LeftGround, left_text
 from eadp.survey.resume import MIN_PART_SHARE, SLIVER_SHARE
@@ -37,10 +34,10 @@ SORTIES: str = "sorties.json"
 SORTIES_SCENARIO: str = "scenario.yaml"
 """Files of a folder of sorties: what was planned, and the scenario that flies it."""
 
-TABLE, FIGURE, PAGE = "sorties.csv", "sorties", "index.html"
+FIGURE, PAGE = "sorties", "index.html"
 
 
-def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports: Sequence[str] = ()) -> None:
+def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False) -> None:
     """Write the folder of sorties, whole or not at all.
 
     Parameters
@@ -49,17 +46,12 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
     folder : str
     force : bool, optional
         Whether a folder of this name is replaced.
-    exports : sequence of str, optional
-        Formats in which each sortie is written besides.
 
     Raises
     ------
     InputError
-        If the name is taken, a format is unknown, or the folder cannot be written.
+        If the name is taken, or the folder cannot be written.
     """
-    exporter = plug_in("exporters", "mission")
-    for name in exports:
-        exporter.check(name)
     document, rows = plan.document(), plan.rows()
     with new_folder(folder, force=force) as target:
         profile = None
@@ -70,15 +62,9 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
         (target / SORTIES_SCENARIO).write_text(scenario, encoding="utf-8")
         for row, sortie in zip(rows, plan.sorties, strict=True):
             (target / row["plan"]).write_text(sortie.plan.text, encoding="utf-8")
-        for to, row in ((to, row) for to in exports for row in rows):
-            stem, kind = str(target / f"{row['sortie']}-{to}"), plan.planner.task.autopilot.kind
-            exporter.write(str(target / row["plan"]), to, str(target / SORTIES_SCENARIO), kind, stem)
         (target / SORTIES).write_text(json.dumps(document, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        (target / TABLE).write_text(_csv(rows), encoding="utf-8")
-        heights = [sortie.plan.heights and sortie.plan.heights.profile for sortie in plan.sorties]
         drawn = [
-            (name.removeprefix("sortie-"), sortie.path(), profile_m)
-            for name, sortie, profile_m in zip(plan.names, plan.sorties, heights, strict=True)
+            (name.removeprefix("sortie-"), each.path()) for name, each in zip(plan.names, plan.sorties, strict=True)
         ]
         task = plan.planner.task
         write_sorties_figure(target / FIGURE, task.field, drawn, task.motion.swath_m, task.home_m, plan.left)
@@ -90,13 +76,6 @@ def write_sorties(plan: SortiePlan, folder: str, *, force: bool = False, exports
             "table": plan.table(),
         }
         (target / PAGE).write_text(page_html("flights", page), encoding="utf-8")
-
-
-def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Rows as the text of a CSV file, with a header."""
-    stream = io.StringIO()
-    write_rows(stream, [list(rows[0]), *(row.values() for row in rows)])
-    return stream.getvalue()
 
 
 # --- read back
@@ -258,7 +237,7 @@ def simulate_sorties(
         lines += flown_lines(inputs.world.plan, flown_of_plan(flight.lists, summary["turned_back_s"]))
     field_m2, on_lines = sum(ground_m2(*part) for part in job.parts), strips(job.parts, planned, job.swath_m)
     places = uncovered(on_lines, lines, job.swath_m, SLIVER_SHARE * job.swath_m)
-    left = [LeftGround(rings, ground_m2(*rings), inner_point(*rings), "not flown") for rings in places]
+    left = [LeftGround(rings, ground_m2(*rings), inner_point(*rings)) for rings in places]
     left = sorted((each for each in left if each.area_m2 >= MIN_SHARE * field_m2), key=lambda each: -each.area_m2)
     completed = sum(each.area_m2 for each in left) < MIN_PART_SHARE * field_m2
     qualities = [row["quality"] for row in rows if row["quality"] is not None]
@@ -288,7 +267,7 @@ def simulate_sorties(
 class _SortieJobs:
     """Folders of sorties as jobs."""
 
-    document, scenario, plan = SORTIES, SORTIES_SCENARIO, "sortie-01.plan"
+    document = SORTIES
     simulate = staticmethod(simulate_sorties)
 
 

@@ -158,11 +158,6 @@ class HeightReport(NamedTuple):
         """An array of all profiles."""
         return np.concatenate([getattr(each.profile, name) for each in self.flights])
 
-    def _share(self, name: str) -> float:
-        """A share of the lines of all flights."""
-        counts = [len(each.profile.above_m) for each in self.flights]
-        return float(np.average([getattr(each.profile, name) for each in self.flights], weights=counts))
-
     @property
     def home_altitude_m(self) -> int:
         """Altitude at which every straight way home is clear of ground and obstacles [m]."""
@@ -172,6 +167,7 @@ class HeightReport(NamedTuple):
         """Its values in `eadp.cover/1` and `eadp.sorties/1`."""
         ground, above_m, ground_m = self.flights[0].profile.ground, self._joined("above_m"), self._joined("ground_m")
         line_m, elsewhere_m = ground.limits.line_m, [each.profile.elsewhere_m for each in self.flights]
+        higher = [each.profile.high_share for each in self.flights]
         # pictures are as wide as their height above the ground
         widths_m = self.width_m * self._joined("overlapping_m") / line_m
         return {
@@ -179,8 +175,7 @@ class HeightReport(NamedTuple):
             "ground_m": [float(ground_m.min()), float(ground_m.max())],
             "height_m": _range(above_m),
             "height_elsewhere_m": min((up_m for up_m in elsewhere_m if up_m is not None), default=None),
-            "lower_share": self._share("low_share"),
-            "higher_share": self._share("high_share"),
+            "higher_share": float(np.average(higher, weights=[len(each.profile.above_m) for each in self.flights])),
             "altitudes": sum(len(each.profile.commanded_m) for each in self.flights),
             "home_altitude_m": self.home_altitude_m,
             "gsd_cm": None if self.gsd_cm is None else _range(self.gsd_cm * above_m / line_m),

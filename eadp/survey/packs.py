@@ -2,8 +2,8 @@
 
 The lines of the field stand one after the other, as one length. A sortie has an interval of it: whole lines where that
 costs nothing, and part of one at either end where it saves a sortie. What a sortie leaves of its pack is the caller's
-forecast. The ends of as few sorties as a bound allows are moved until all leave the same; where that is too little,
-there are more.
+forecast. The ends of sorties are moved until all leave the same; where that is too little, there are as many as would
+be enough by what they leave.
 
 Source: Prins 2004 (Computers & Operations Research 31) for a tour that is divided; the ends are found by secants.
 """
@@ -25,9 +25,11 @@ from eadp.errors import Infeasible
 from eadp.models.airspace import Field
 from eadp.survey.coverage import LineGrid
 
-ALIKE_ROUNDS, BOUND_ROUNDS = 3, 4
-"""Most times that the ends of all sorties are moved until all leave about the same; and more times for the least number
-of sorties, which no other division can beat."""
+MAX_RISE = 1.25
+"""Ratio by which the number of sorties rises at most: what few long ones forecast is less sure."""
+
+ALIKE_ROUNDS = 4
+"""Most times that the ends of all sorties are moved until all leave about the same."""
 
 MAX_SORTIES = 200
 SAME_M = 1e-2
@@ -227,27 +229,23 @@ class Divider(Generic[AnySortie]):
         Infeasible
             If even a short part of a line is too far, or whole lines cannot be divided so where lines are not cut.
         """
-        count, rounds = min_count, BOUND_ROUNDS
-        while (found := self._alike(count, rounds)).shortest.spare < 0:
+        count = min_count
+        while (found := self._alike(count)).shortest.spare < 0:
             needed = found.needed if self.cuts else count + 1
             if max(count + 1, needed) > MAX_SORTIES:
                 far = "a pack does not last for the way to the field and back"
                 raise Infeasible(far if self.cuts else f"{MAX_SORTIES} sorties are too few")
-            count, rounds = max(count + 1, needed), ALIKE_ROUNDS
+            count = max(count + 1, min(needed, int(MAX_RISE * count)))
         return found
 
-    def of_count(self, count: int) -> Divided[AnySortie]:
-        """So many sorties of equal length of lines, whether they can be flown or not."""
-        return self._divided_at(np.linspace(0.0, self.division.total_m, count + 1))
-
-    def _alike(self, count: int, rounds: int = ALIKE_ROUNDS) -> Divided[AnySortie]:
+    def _alike(self, count: int) -> Divided[AnySortie]:
         """The division into `count` sorties of about the same spare charge, with whole lines where that is enough.
 
         Where none is found that can be flown: the last one tried. Raises Infeasible where whole lines are too few, and
         lines are not cut.
         """
         places, found = np.linspace(0.0, self.division.total_m, count + 1), None
-        for _ in range(rounds):
+        for _ in range(ALIKE_ROUNDS):
             whole = np.array([*map(self.division.between_lines, places)])
             apart = len(set(whole.tolist())) == count + 1
             if not (apart or self.cuts):
@@ -280,43 +278,3 @@ class Divider(Generic[AnySortie]):
             self.on_part(f"lines divided up to {100 * share:.0f} %, {len(self._known)} parts tried")
             self._known[interval] = self.forecast(self.division.part(*interval))
         return self._known[interval]
-
-
-def min_time_s(lines_s: FloatArray, access_s: FloatArray, pack_s: float) -> float:
-    """A lower bound of the time that all sorties take together, without the turns between lines [s].
-
-    The way there and back of a sortie takes a. It is no shorter than the way rᵢ to any of its parts, and the sortie's
-    lines take no longer than P − a. Shared among the parts by their times tᵢ, a is at least tᵢ rᵢ / (P − rᵢ) for part
-    i; with its line, part i takes at least tᵢ + tᵢ rᵢ / (P − rᵢ) = tᵢ P / (P − rᵢ).
-
-    Parameters
-    ----------
-    lines_s : array, shape (n,)
-        tᵢ: times of parts of the lines [s].
-    access_s : array, shape (n,)
-        rᵢ: the shortest way from home to each part, and home from it [s].
-    pack_s : float
-        P: time that a pack lasts before it has to be back [s], above all of `access_s`.
-
-    Source: the radial bound of Haimovich and Rinnooy Kan, Math. Oper. Res. 10 (1985), for parts that may be cut.
-    """
-    return float((lines_s * pack_s / (pack_s - access_s)).sum())
-
-
-def min_sorties(time_s: float, turns_s: FloatArray, pack_s: float) -> int:
-    """A lower bound of the number of sorties.
-
-    A line is flown after a turn from another line, or is the first of its sortie. So K sorties take at least `time_s`
-    and all turns but K of them, at best but the K longest; and they take K packs at most.
-
-    Parameters
-    ----------
-    time_s : float
-        Least time without turns [s], as of `min_time_s`.
-    turns_s : array, shape (lines,)
-        The quickest turn to each line, from any other [s].
-    pack_s : float
-        Time that a pack lasts [s].
-    """
-    longest_s = float(turns_s.max(initial=0.0))
-    return max(1, math.ceil((time_s + float(turns_s.sum())) / (pack_s + longest_s) - 1e-9))

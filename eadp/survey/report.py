@@ -16,16 +16,13 @@ from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import compass_deg, place_text, point_text, to_geodetic_deg
 from eadp.core.geometry.polygons import (
     Ring,
-    apart_m,
-    clipped,
     covered_share,
-    covered_shares,
     ground_m2,
     inner_point,
     uncovered,
 )
 from eadp.io.flight import airspeeds_text
-from eadp.models.airspace import BOUNDARY, CLEARANCE_SHARE, Field
+from eadp.models.airspace import Field
 from eadp.models.autopilot import FACTORY, LANDING_ANGLE, PX4, Autopilot
 from eadp.models.battery import Battery
 from eadp.models.plan.plan import Plan
@@ -44,6 +41,7 @@ if TYPE_CHECKING:
     from eadp.survey.documents import CoverDocument, LeftKeys, PathKeys, SlowerKeys
 
 
+FIXED_SPACING = "fixed: a planner cannot save lines in flight, as it can with --pattern zamboni"
 FULL = 0.9999
 """Share of a field from which on it counts as covered."""
 
@@ -143,8 +141,7 @@ class CoverageReport:
         """The places that are not covered, at the coarsest spacing."""
         if self.least.coverage >= FULL:
             return []
-        lines, low = self.solution.path(self.least.c1).sensed_m, self.solution.in_climb_m
-        return left_ground(self.field, lines, self.motion, in_climb=low)
+        return left_ground(self.field, self.solution.path(self.least.c1).sensed_m, self.motion.swath_m)
 
     @property
     def seam_m(self) -> float | None:
@@ -211,8 +208,6 @@ class CoverageReport:
             "at_lowest_c1": {"length_m": least.length_m, "time_s": least.time_s, "lines": least.lines},
             "c1_steps": self._steps,
             "blocks": len(solution.blocks),
-            "other_pattern_share": solution.other_share,
-            "zamboni_time_s": self.laps_s() or None,
             "parts": len(self.field.parts),
             "obstacles": len(self.field.airspace.obstacles),
             "boundary": bool(self.field.airspace.boundary),
@@ -226,22 +221,6 @@ class CoverageReport:
             document["energy_wh"] = full.energy_wh
             document["at_lowest_c1"]["energy_wh"] = least.energy_wh
         return document
-
-    def laps_s(self) -> list[float]:
-        """Times of the Zamboni-like motion that was not chosen, at its lowest c1 and at c1 = 0 [s]; [] without one."""
-        laps = self.solution.laps
-        return [] if laps is None else [self.motion.time_s(laps.path(c1).pieces) for c1 in (laps.min_c1, 0.0)]
-
-    def fixed_spacing(self) -> str:
-        """What a plan of fixed spacing gives up, and what laps would cost and save; '' for a plan that varies it."""
-        if not (times_s := self.laps_s()):
-            return ""
-        shortest_s, full_s = times_s
-        more = 100 * (shortest_s / self.full.time_s - 1)
-        return (
-            f"fixed: a planner cannot save lines in flight. --pattern zamboni takes {full_s:.0f} s with the densest "
-            f"lines and can save {full_s - shortest_s:.0f} s of them, down to {shortest_s:.0f} s ({more:+.0f} %)"
-        )
 
     def text(self) -> list[str]:
         """A summary for people, line by line."""
@@ -279,14 +258,8 @@ class CoverageReport:
         wide = f"{math.floor(100 * tightest + 1e-6) / 100:.2f} m or wider" if math.isfinite(tightest) else "none"
         beyond = f"laps turn {self.motion.beyond_m:g} m farther out" if blocks else self.motion.beyond_text
         lines.append(f"turns      {wide}{f'; {beyond}' if self.motion.beyond_m else ''}")
-        if solution.laps is not None:
-            lines.append(f"spacing    {self.fixed_spacing()}")
-        elif not blocks and any(self.field.airspace):
-            lines.append("spacing    fixed: a planner cannot save lines in flight, as laps do not keep to the limits")
-        elif solution.other_share is not None:
-            lines.append(
-                f"instead    lines in an order would take {solution.other_share:.2f} times as long as the widest laps"
-            )
+        if not blocks:
+            lines.append(f"spacing    {FIXED_SPACING}")
         return [*lines, self.motion.wind_text]
 
 
@@ -300,78 +273,39 @@ MIN_SHARE = 1e-4
 WIDTH_SHARE = 0.01
 """Width over the swath below which ground between strips is rounding."""
 
-IN_CLIMB = "below the altitude of the pictures, in the climb from home, and no room for a circle"
-
 SHOWN = 3
 """Places that are named, the largest ones."""
 
 
 class LeftGround(NamedTuple):
-    """A place that is not covered: its outline and its holes [m], its area [m²], a point of it [m], and why."""
+    """A place that is not covered: its outline and its holes [m], its area [m²], and a point of it [m]."""
 
     rings: Sequence[Ring]
     area_m2: float
     place_m: Point
-    reason: str
 
     def document(self, origin_deg: Point | None) -> LeftKeys:
         """Its values, with latitude and longitude where the field has an origin."""
         at_deg = None if origin_deg is None else [round(each, 7) for each in to_geodetic_deg(*self.place_m, origin_deg)]
-        return {"area_m2": self.area_m2, "at_m": self.place_m, "at_deg": at_deg, "reason": self.reason}
+        return {"area_m2": self.area_m2, "at_m": self.place_m, "at_deg": at_deg}
 
 
-def left_ground(
-    field: Field,
-    lines: Sequence[Sequence[Point]],
-    motion: MotionLimits,
-    *,
-    in_climb: Sequence[Sequence[Point]] = (),
-) -> list[LeftGround]:
+def left_ground(field: Field, lines: Sequence[Sequence[Point]], swath_m: float) -> list[LeftGround]:
     """The places of a field that lines leave uncovered, the largest first.
 
     Parameters
     ----------
     field : Field
-        With what is in the way.
     lines : sequence of sequences of (float, float)
         Points of each line [m].
-    motion : MotionLimits
-        For the swath and the room of a turn.
-    in_climb : sequence of sequences of (float, float), optional
-        Points of each part of a line that is flown in the climb, with the camera off [m].
+    swath_m : float
     """
     found = []
-    for rings in uncovered(field.parts, lines, motion.swath_m, WIDTH_SHARE * motion.swath_m):
+    for rings in uncovered(field.parts, lines, swath_m, WIDTH_SHARE * swath_m):
         area_m2 = ground_m2(*rings)
         if area_m2 >= MIN_SHARE * field.area_m2:
-            low = in_climb and covered_shares([rings], [in_climb], motion.swath_m)[-1] > 0.5
-            reason = IN_CLIMB if low else _reason(rings, area_m2, field, motion)
-            found.append(LeftGround(rings, area_m2, inner_point(*rings), reason))
+            found.append(LeftGround(rings, area_m2, inner_point(*rings)))
     return sorted(found, key=lambda each: -each.area_m2)
-
-
-def _reason(rings: Sequence[Ring], area_m2: float, field: Field, motion: MotionLimits) -> str:
-    """Why a place is not covered."""
-    obstacles, boundary = field.airspace
-
-    def share(*areas: Sequence[Point]) -> float:
-        """How much of the place lies within some areas."""
-        return sum(ground_m2(*part) for part in clipped([rings], areas)) / area_m2
-
-    if boundary and share(*boundary) < 0.5:
-        return f"beyond {BOUNDARY}"
-    for each in obstacles:
-        if share(each.outline) > 0.5:
-            return f"{each.name}, and no room for a turn beside it"
-    # how far from an obstacle a line may have to end: the diameter of half a circle with clearance, what is flown
-    # beyond the line, and half a swath
-    reach_m = (2 + 2 * CLEARANCE_SHARE) * motion.min_radius_m + motion.beyond_m + motion.swath_m / 2
-    edges = [(each.name, each.outline) for each in obstacles] + [(BOUNDARY, ring) for ring in boundary]
-    near = zip(apart_m([outline for _, outline in edges], rings), (name for name, _ in edges), strict=True)
-    distance_m, name = min(near, default=(reach_m + 1, ""))
-    if distance_m <= reach_m:
-        return f"no room for a turn {'inside' if name == BOUNDARY else 'beside'} {name}"
-    return "beside or between the lines, narrower than their swath"
 
 
 def left_text(left: Sequence[LeftGround], share: float, origin_deg: Point | None) -> list[str]:
@@ -382,7 +316,7 @@ def left_text(left: Sequence[LeftGround], share: float, origin_deg: Point | None
     total = sum(each.area_m2 for each in left)
     lines = [f"left       {100 * share:.2f} % of the field, {area_text(total)} {places}:"]
     for each in left[:SHOWN]:
-        lines.append(f"           {area_text(each.area_m2)} at {point_text(each.place_m, origin_deg)}: {each.reason}")
+        lines.append(f"           {area_text(each.area_m2)} at {point_text(each.place_m, origin_deg)}")
     return lines
 
 

@@ -12,14 +12,13 @@ import numpy as np
 from eadp.api.flight import SUMMARY
 from eadp.api.given import File, Warn, python_warnings
 from eadp.api.inputs import Files
-from eadp.core.arrays import BoolArray, FloatArray
+from eadp.core.arrays import BoolArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.geodesy import compass_deg
 from eadp.core.geometry.polygons import covered_shares, ground_m2, uncovered
-from eadp.errors import Fault, Infeasible, InputError, PathUndefined
+from eadp.errors import Fault, InputError, PathUndefined
 from eadp.io.flight import flown_lines, flown_of_plan, planned_lines
 from eadp.models.airspace import Field
-from eadp.models.autopilot import PX4
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import PictureTrack
 from eadp.plug_ins import plug_in
@@ -44,22 +43,17 @@ ALONG_RAD = math.radians(20.0)
 MAX_GAP_S = 5.0
 """Longest gap of a log within a line [s]."""
 
-SAME_M, SAME_S = 1.0, 10.0
-"""Two logs are of one flight where they are this near to each other for this long."""
-
 Line = tuple[Point, ...]
 
 
 @dataclass(frozen=True)
 class FlownSurvey:
-    """A flight that was flown: its source, its times [s] and positions [m], and its lines.
+    """A flight that was flown: its source, and its lines [m].
 
     `heading_rad` is that of the lines, and `laps` whether they were flown in laps; None where it is not known.
     """
 
     source: str
-    times_s: FloatArray
-    points_m: FloatArray
     lines: Sequence[Line]
     heading_rad: float | None = None
     laps: bool | None = None
@@ -78,20 +72,17 @@ def resumed(planner: SortiePlanner, sources: Sequence[str], warn: Warn) -> tuple
     Raises
     ------
     InputError
-        If a source cannot be read, is of another field or stands twice, or if nothing is left.
+        If a source cannot be read, is of another field, or if nothing is left.
     """
     field, swath_m = planner.task.field, planner.task.motion.swath_m
     tracks: list[FlownSurvey] = []
     for source in sources:
         tracks += _read(source, planner, warn)
-    for i, track in enumerate(tracks):
+    for track in tracks:
         straights = [(line[0], line[-1]) for line in track.lines]
         if covered_shares(field.parts, [straights], swath_m)[-1] <= 0:
             what = "covers no ground of the field"
             raise InputError.at(track.source, 1, 1, what, "a flight over this field, with its lines")
-        for other in tracks[:i]:
-            if _of_one_flight(track, other):
-                raise InputError.at(track.source, 1, 1, f"has the same minutes as {other.source}", "each flight once")
     known = [track for track in tracks if track.heading_rad is not None]
     if known and planner.task.options.heading_deg is None:
         heading_rad, laps = known[0].heading_rad, known[0].laps
@@ -166,11 +157,8 @@ def _of_folder(folder: Path, planner: SortiePlanner, warn: Warn) -> FlownSurvey:
         message = f"lines of {before_m:.3g} m were flown, and the rest is planned with {now_m:.3g} m: is the camera, "
         warn([Fault(str(folder), 1, 1, message + "its altitude or overlap another?", severity="warning")])
     columns = flown_of_plan(flight.columns, flight.summary["turned_back_s"])
-    points = np.array([columns["x_m"], columns["y_m"]]).T
     heading_rad = _heading_of_lines_rad(plan, flight.world.parameters)
-    laps = plan.path_count > 0
-    times_s = np.array(columns["time_s"])
-    return FlownSurvey(str(folder), times_s, points, flown_lines(plan, columns), heading_rad, laps)
+    return FlownSurvey(str(folder), flown_lines(plan, columns), heading_rad, plan.path_count > 0)
 
 
 def _heading_of_lines_rad(plan: Plan, parameters: Sequence[float]) -> float | None:
@@ -229,21 +217,7 @@ def _survey_of_track(
     # runs of such steps: the index of the first step of each, and of the first step after it
     ends = np.flatnonzero(np.diff(along, prepend=False, append=False)).reshape(-1, 2)
     lines = [tuple((x, y) for x, y in points[start : end + 1].tolist()) for start, end in ends.tolist()]
-    return FlownSurvey(source, times_s, points, [line for line in lines if len(line) > 2])  # two steps or more
-
-
-def _of_one_flight(one: FlownSurvey, other: FlownSurvey) -> bool:
-    """Whether two logs are of one flight: they are together for most of the time that both span."""
-    start, end = max(one.times_s[0], other.times_s[0]), min(one.times_s[-1], other.times_s[-1])
-    if end - start < SAME_S:
-        return False
-    times = np.arange(start, end, SAME_S / 10)
-    places = [
-        np.stack([np.interp(times, track.times_s, track.points_m[:, k]) for k in (0, 1)], axis=1)
-        for track in (one, other)
-    ]
-    near = np.linalg.norm(places[0] - places[1], axis=1) < SAME_M
-    return bool(near.mean() > 0.5)
+    return FlownSurvey(source, [line for line in lines if len(line) > 2])  # two steps or more
 
 
 def cover_in_sorties(
@@ -254,7 +228,6 @@ def cover_in_sorties(
     scenario: File | None = None,
     *,
     vehicle: File | None = None,
-    exports: Sequence[str] = (),
     on_part: Callable[[str], None] = lambda _: None,
     warn: Warn = python_warnings,
 ) -> SortiePlan:
@@ -267,8 +240,6 @@ def cover_in_sorties(
     sorties : SortieOptions, optional
         How the field is divided, and what is flown already.
     profile : path, optional
-    exports : sequence of str, optional
-        Formats in which the sorties are written besides: those for PX4 end by its rules.
     on_part : function, optional
         Called with the progress, as text.
 
@@ -282,21 +253,10 @@ def cover_in_sorties(
     scenario_path = None if scenario is None else str(scenario)
     task = coverage_task(str(field), options, profile, scenario, vehicle, warn, cruises=True)
     overrides = {"start": {"altitude_m": 0.0}} | flight_keys(task, vehicle)
-    if any(plug_in("exporters", "mission").autopilot(to, scenario_path).kind == PX4 for to in exports):
-        task = replace(task, autopilot=replace(task.autopilot, kind=PX4))
-        overrides["autopilot.kind"] = PX4
-    if task.circled is not None:
-        task, _ = task.best()
     profile_path = None if profile is None else str(profile)
     division, files = sorties or SortieOptions(), Files()
     planner = SortiePlanner(task, division, files, scenario_path, profile_path, overrides, on_part=on_part)
     planner, ground = resumed(planner, division.resume, warn) if division.resume else (planner, None)
-    try:
-        plan = planner.plan(ground)
-    except Infeasible:
-        if not task.circles_first:
-            raise
-        # the climb to the first line of some sortie has no room for a circle
-        plan = replace(planner, task=replace(planner.task, circles_first=False)).plan(ground)
+    plan = planner.plan(ground)
     warn(picture_warnings(plan.pictures))
     return plan

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import itertools
 import math
 import statistics
@@ -14,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 import numpy as np
 
 from eadp.api.inputs import HELD, Files, FlightInputs, load_flight
-from eadp.core.arrays import FloatArray
 from eadp.core.geometry.curves import Point
 from eadp.core.geometry.dubins import straight
 from eadp.core.geometry.geodesy import heading_rad, place_text
@@ -39,10 +37,9 @@ from eadp.survey.coverage import (
     CoverageSolution,
     LineGrid,
     cover,
-    line_costs,
 )
 from eadp.survey.ground import HeightReport
-from eadp.survey.packs import MAX_SORTIES, Divided, Divider, Division, min_sorties, min_time_s
+from eadp.survey.packs import MAX_SORTIES, Divided, Divider, Division
 from eadp.survey.report import FULL, CoveragePlan, LeftGround, covered_by_lines, left_ground, left_text, rounded_deg
 from eadp.survey.swaths import CoveragePath
 
@@ -53,9 +50,6 @@ if TYPE_CHECKING:
 SCHEMA: Final = "eadp.sorties/1"
 OVERLAP_M, SWAP_S = 20.0, 120.0
 """Metres that both parts of a line that is cut have in common, and the time on the ground between two sorties [s]."""
-
-PART_M = 200.0
-"""Length of the parts of lines for which the way there is counted [m]."""
 
 LEAST_SHARE = 0.02
 """Share of a flight for which a pack lasts, where it lasts for less, or for none."""
@@ -128,19 +122,6 @@ class PlannedSortie:
         return charge - soc_end if soc_end else charge - self.inputs.scenario.keys.reserve_soc - self.spare
 
     @property
-    def short_text(self) -> str:
-        """How far its pack is from being enough."""
-        end, reach = self.forecast.forecast, self.forecast.reach
-        covers = (
-            "" if reach is None else f", and lasts for {100 * reach.share:.0f} % of its sortie with the reserve kept"
-        )
-        if self.forecast.turns_back_soc > self.inputs.scenario.keys.reserve_soc:
-            covers += f"; the autopilot {self.forecast.autopilot_text}"
-        if not end.soc_end:
-            return f"a pack is empty before the end{covers}"
-        return f"a pack lands with {100 * end.soc_end:.0f} ± {100 * (end.soc_end_std or 0.0):.0f} %{covers}"
-
-    @property
     def energy_wh(self) -> float:
         """Energy that it takes [Wh]."""
         return self.forecast.forecast.energy_wh or 0.0
@@ -149,11 +130,6 @@ class PlannedSortie:
     def time_s(self) -> float:
         """Time that it takes [s]."""
         return self.forecast.forecast.remaining_s or 0.0
-
-    @property
-    def pack_wh(self) -> float:
-        """Energy after which its spare charge would be used up, too [Wh]."""
-        return self.energy_wh * (1 + self.spare / self.used)
 
     @property
     def used_on_lines(self) -> float:
@@ -273,20 +249,16 @@ class SortiePlanner:
             found = planned(part, draft=True)
             return planned(part, draft=False) if -DRAFT_SHARE * found.used <= found.spare < 0 else found
 
-        def divider(order: Sequence[int] | None = None) -> Divider[PlannedSortie]:
-            """What divides the lines in an order, by default side by side."""
-            division = Division(ground, grid, self.options.overlap_m, order)
-            return Divider(division, forecast, cuts=not laps, on_part=self.on_part)
-
         def divided(order: Sequence[int] | None = None) -> Divided[PlannedSortie]:
-            """The fewest sorties over the lines in an order."""
-            return divider(order).fewest(max(least.count, self.options.count or 1))
+            """The fewest sorties over the lines in an order, by default side by side."""
+            division = Division(ground, grid, self.options.overlap_m, order)
+            divider = Divider(division, forecast, cuts=not laps, on_part=self.on_part)
+            return divider.fewest(max(min_count, self.options.count or 1))
 
         self.on_part("the lines are chosen")
-        # the bound needs the power that any one sortie takes
         side_by_side = Division(ground, grid, self.options.overlap_m)
         sample = forecast(side_by_side.part(0.0, side_by_side.total_m if laps else side_by_side.end_of_first_m))
-        least = self._least(sample.inputs, grid, ground)
+        min_count = self._min_count(sample.inputs, side_by_side)
         found = divided()
         width_m = side_by_side.lines / len(found.sorties) * float(np.diff(grid.edges_m).mean())
         if not laps and width_m < 4 * motion.min_radius_m and len(found.sorties) > 1:
@@ -294,15 +266,12 @@ class SortiePlanner:
             tour = divided(grid.order_of(cover(replace(request, field=ground, grid=grid))))
             found = min(found, tour, key=lambda each: (len(each.sorties), sum(one.energy_wh for one in each.sorties)))
         if self.options.count is not None and len(found.sorties) > self.options.count:
-            message = "too few for the packs"
-            with contextlib.suppress(Infeasible):  # a part of the field that no path of the pattern covers
-                message += f": {divider().of_count(self.options.count).shortest.short_text}"
             expected = f"{len(found.sorties)} or more"
-            raise InputError.at("--sorties", 1, 1, message, expected, f"{self.options.count}")
+            raise InputError.at("--sorties", 1, 1, "too few for the packs", expected, f"{self.options.count}")
         if not laps and self._request.space is not None:
             whole = [planned(each.plan.report.field, draft=False) for each in found.sorties]
             found = found._replace(sorties=whole)
-        return SortiePlan(self, ground, found, least.within(found.sorties))
+        return SortiePlan(self, ground, found)
 
     def sortie(self, solution: CoverageSolution, part: Field, *, held: bool = True) -> PlannedSortie:
         """A sortie along a path over a part, forecast by its planner; with `held`, at the lowest parameters."""
@@ -325,94 +294,24 @@ class SortiePlanner:
             spare = (inputs.world.battery.soc - reserve_soc) * (1 - 1 / share)
         return PlannedSortie(planned.report.solution, planned, inputs, found, spare)
 
-    def _least(self, sample: FlightInputs, grid: LineGrid, ground: Field) -> LeastSorties:
-        """A lower bound: level flight along the lines, as often either way, and straight there and back.
-
-        Raises
-        ------
-        Infeasible
-            If some line cannot be reached.
-        """
-        motion, home_m, world = self.task.motion, self._request.home_m, sample.world
-        assert home_m is not None
-        land_m = home_m if self._request.approach is None else self._request.approach.end[:2]
-        parts: list[tuple[Point, Point]] = []  # of the lines, in lengths of `PART_M` or less
-        for u, spans in zip(grid.middles_m.tolist(), grid.extents(ground), strict=True):
-            for low, high in spans:
-                places = np.linspace(low, high, max(2, math.ceil((high - low) / PART_M) + 1)).tolist()
-                parts += [(grid.frame.out(u, a), grid.frame.out(u, b)) for a, b in itertools.pairwise(places)]
-
-        def seconds(start: Point, end: Point) -> float:
-            """Time of flight straight from one point to another [s]."""
-            return motion.time_s([straight(start, end)]) if start != end else 0.0
-
-        # in wind, a flight that returns has flown as far one way as the other
-        lines_s = np.array([(seconds(a, b) + seconds(b, a)) / 2 for a, b in parts])
-        access_s = np.array([min(seconds(home_m, end) + seconds(end, land_m) for end in part) for part in parts])
+    def _min_count(self, sample: FlightInputs, division: Division) -> int:
+        """Fewer sorties are not tried: level flight along the lines, as often either way, and half a circle to each."""
+        motion, world, heading_rad = self.task.motion, sample.world, self.heading_rad
         computing_w, _ = world.computing.extreme(world.plan, "lo", world.actual)
-        battery, reserve_soc = world.battery, sample.scenario.keys.reserve_soc
-        power_w = world.vehicle.cruise_power_w + computing_w
-        # from the charge at the start to the reserve
-        pack_s = battery.endurance_s(power_w, reserve_soc) - battery.endurance_s(power_w, battery.soc)
-        if pack_s <= access_s.max():
-            far = int(access_s.argmax())
-            far_km = min(math.dist(home_m, end) for end in parts[far]) / 1000
-            reach = f"a pack {far_km * pack_s / access_s[far]:.2f} km there and back, with nothing left for lines"
-            raise Infeasible(f"the field reaches {far_km:.2f} km from home, and {reach}")
-        directed = grid.whole_lines(ground)
-        between_s = line_costs(replace(self._request, field=ground), directed).between_s
-        lines = len(directed) // 2
-        # the quickest turn to each line, in either direction, from any other; 0 for a single line
-        own = np.kron(np.eye(lines, dtype=bool), np.ones((2, 2), dtype=bool))
-        to_line_s = np.where(own, np.inf, between_s).min(axis=0).reshape(lines, 2).min(axis=1)
-        turns_s = np.where(np.isfinite(to_line_s), to_line_s, 0.0)
-        return LeastSorties(lines_s, access_s, turns_s, power_w, pack_s)
+        power_w, battery = world.vehicle.cruise_power_w + computing_w, world.battery
+        kept_s = battery.endurance_s(power_w, sample.scenario.keys.reserve_soc)
+        pack_s = kept_s - battery.endurance_s(power_w, battery.soc)
+        ahead = (math.cos(heading_rad), math.sin(heading_rad))
+        metre_s = motion.time_s([straight((0.0, 0.0), ahead), straight(ahead, (0.0, 0.0))]) / 2
+        turns_m = (division.lines - 1) * math.pi * motion.min_radius_m
+        flown_s = division.total_m * metre_s + turns_m / motion.ground_limit_mps
+        return max(1, math.ceil(flown_s / pack_s)) if pack_s > 0 else 1
 
 
 def _without_bays(part: Field) -> Field:
     """The convex hull of a field's parts."""
     outline = hull(np.concatenate([np.array(rings[0]) for rings in part.parts]))
     return replace(part, outline=outline, holes=(), others=())
-
-
-@dataclass(frozen=True)
-class LeastSorties:
-    """A lower bound of sorties.
-
-    Attributes
-    ----------
-    lines_s, access_s : array, shape (n,)
-        Times of parts of the lines, and of the shortest ways from home to each and back [s].
-    turns_s : array, shape (lines,)
-        Times of the quickest turns to each line [s].
-    power_w : float
-        Least power, of level flight and of the computations [W].
-    pack_s : float
-        Time that a pack lasts at it before it has to be back [s].
-    """
-
-    lines_s: FloatArray
-    access_s: FloatArray
-    turns_s: FloatArray
-    power_w: float
-    pack_s: float
-
-    def within(self, sorties: Sequence[PlannedSortie]) -> LeastSorties:
-        """The bound where a pack is used no further than keeps the reserve with its probability, as in some sorties."""
-        packs_s = [each.pack_wh * 3600 / self.power_w for each in sorties]
-        # above all ways there and back, which `min_time_s` asks for
-        return replace(self, pack_s=max(min(self.pack_s, max(packs_s)), 1.001 * float(self.access_s.max())))
-
-    @property
-    def count(self) -> int:
-        """Number of sorties."""
-        return min_sorties(min_time_s(self.lines_s, self.access_s, self.pack_s), self.turns_s, self.pack_s)
-
-    def energy_wh(self, count: int) -> float:
-        """Energy of so many sorties together [Wh]."""
-        # each sortie starts with a line without a turn to it: the longest turns, at best
-        turns_s = np.sort(self.turns_s)[: max(len(self.turns_s) - count, 0)]
-        return self.power_w * (min_time_s(self.lines_s, self.access_s, self.pack_s) + float(turns_s.sum())) / 3600
 
 
 @dataclass(frozen=True)
@@ -426,13 +325,11 @@ class SortiePlan:
         What they cover.
     divided : Divided
         The sorties at the lowest parameters, by which they were divided.
-    least : LeastSorties
     """
 
     planner: SortiePlanner
     ground: Field
     divided: Divided[PlannedSortie]
-    least: LeastSorties
 
     @cached_property
     def sorties(self) -> list[PlannedSortie]:
@@ -477,10 +374,7 @@ class SortiePlan:
         """The places of the ground that they leave uncovered."""
         if self.coverage >= FULL:
             return []
-        task = self.planner.task
-        low = [part for each in self.sorties for part in each.solution.in_climb_m]
-        ground = replace(self.ground, airspace=task.airspace)
-        return left_ground(ground, self._path.sensed_m, task.motion, in_climb=low)
+        return left_ground(self.ground, self._path.sensed_m, self.planner.task.motion.swath_m)
 
     @property
     def pictures(self) -> Pictures | None:
@@ -532,8 +426,6 @@ class SortiePlan:
             "home_m": task.home_m,
             "swath_m": task.motion.swath_m,
             "count": len(rows),
-            "min_count": self.least.count,
-            "min_energy_wh": self.least.energy_wh(len(rows)),
             "energy_wh": sum(row["energy_wh"] for row in rows),
             "length_m": sum(row["length_m"] for row in rows),
             "time_s": self.time_s,
@@ -578,11 +470,8 @@ class SortiePlan:
         """A summary for people, line by line."""
         document, task = self.document(), self.planner.task
         name = f"{task.field.name}, " if task.field.name else ""
-        count, few = document["count"], document["min_count"]
-        asked = few < count == self.planner.options.count
-        why = (
-            f"as asked for, {few} at least" if asked else "no fewer are enough" if count == few else "the fewest found"
-        )
+        count = document["count"]
+        why = "as asked for" if count == self.planner.options.count else "the fewest found"
         place = f" at {place_text(task.field.origin_deg)}" if task.field.origin_deg else ""
         lines = [
             f"field      {name}{self.ground.area_m2 / 1e4:.2f} ha{place}, {100 * document['coverage']:.2f} % covered",

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 import os
-import re
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -128,11 +126,6 @@ MAX_CELLS = 25_000_000
 MAX_HEIGHT_M = 9000.0
 """Above every mountain [m]; heights in feet or centimetres are above it."""
 
-POSTS = (1201, 3601)
-"""Rows and columns of a degree of SRTM."""
-
-VOID = -32768
-
 Bounds = tuple[float, float, float, float]
 """South, west, north, east [°]."""
 
@@ -186,47 +179,18 @@ def _read(file: str, wanted: Bounds) -> tuple[Tile | None, Bounds]:
     """What a file has of the bounds that are wanted, None where nothing, and its own bounds."""
     if not os.path.isfile(file):
         raise InputError.at(file, 1, 1, "no such file", _EXPECTED)
-    if file.lower().endswith(".hgt"):
-        return _read_hgt(file)
-    return _read_geotiff(file, wanted)
-
-
-def _read_hgt(file: str) -> tuple[Tile, Bounds]:
-    """A degree of SRTM: rows from north of big-endian 16-bit numbers; its name is its south-west corner."""
-    name = re.fullmatch(r"([NS])(\d\d)([EW])(\d\d\d)", Path(file).stem.upper())
-    if name is None:
-        raise InputError.at(file, 1, 1, "its name is not that of a degree of SRTM", _EXPECTED)
-    south = float(name[2]) * (1 if name[1] == "N" else -1)
-    west = float(name[4]) * (1 if name[3] == "E" else -1)
-    size = os.path.getsize(file)
-    if size not in [2 * posts**2 for posts in POSTS]:
-        raise InputError.at(
-            file, 1, 1, f"{size} bytes", f"{' or '.join(f'{posts} x {posts}' for posts in POSTS)} heights"
-        )
-    posts = math.isqrt(size // 2)
-    raw = np.fromfile(file, ">i2").reshape(posts, posts)
-    heights_m = np.where(raw == VOID, np.nan, raw.astype(float))
-
-    def cells(latitudes: FloatArray, longitudes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return (south + 1 - latitudes) * (posts - 1), (longitudes - west) * (posts - 1)
-
-    return Tile(_checked(file, heights_m), cells), (south, west, south + 1, west + 1)
-
-
-def _read_geotiff(file: str, wanted: Bounds) -> tuple[Tile | None, Bounds]:
-    """The part of a GeoTIFF within bounds."""
     try:
         import rasterio
         from rasterio.warp import transform, transform_bounds
         from rasterio.windows import Window
     except ImportError:
-        message = "rasterio, which reads GeoTIFF, is missing"
-        raise InputError.at(file, 1, 1, message, "pip install 'eadp[terrain]', or an .hgt of SRTM") from None
+        message = "rasterio, which reads terrains, is missing"
+        raise InputError.at(file, 1, 1, message, "pip install 'eadp[terrain]'") from None
     try:
         # rasterio warns of its own dependencies
-        with warnings.catch_warnings(action="ignore"), rasterio.open(file, driver="GTiff") as raster:
+        with warnings.catch_warnings(action="ignore"), rasterio.open(file, driver=["GTiff", "SRTMHGT"]) as raster:
             if raster.crs is None or raster.transform.is_identity:
-                raise InputError.at(file, 1, 1, "has no place on the earth", "a GeoTIFF with a reference system")
+                raise InputError.at(file, 1, 1, "has no place on the earth", "a terrain with a reference system")
             if raster.count != 1:
                 raise InputError.at(file, 1, 1, f"{raster.count} bands", "one, of heights [m]")
             to_cells, system = ~raster.transform, raster.crs

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import math
 import os
 import re
 import sys
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from typer import Argument
 
-from eadp.cli.output import Case, Progress, alarm, emit, json_text, junit_text, usage_fault, warn
+from eadp.cli.output import Progress, alarm, emit, json_text, usage_fault, warn
 from eadp.core import compiled
 from eadp.errors import printable
 from eadp.io.page import check_page, page_of
@@ -27,14 +25,10 @@ from eadp.io.text.streams import output_file, read_text, write_text
 from eadp.sweep.page import write_page
 from eadp.sweep.results import (
     COLUMNS,
-    Group,
     Results,
     SweepFlight,
-    distinct,
     label_of,
-    marginal,
     totals,
-    wilson_interval,
 )
 from eadp.sweep.run import missing_runs, other_code
 from eadp.sweep.runs import Result
@@ -42,12 +36,6 @@ from eadp.sweep.sweep_file import Sweep, read_sweep
 
 PROGRESS_S = 60.0
 """Time between two lines of progress without a terminal [s]."""
-
-MIN_ESTIMATE_S = 10.0
-"""Shortest estimate that is printed [s]."""
-
-FIRST_RUNS = 3
-"""Runs from which a sweep's time is estimated; one for each worker if that is more."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +129,7 @@ def command(
     if output.format == "csv":
         print_csv(sweep, flights)
     elif output.format == "text":
-        print_answer(sweep, flights, out)
+        print_answer(flights, out)
     short = [] if require is None else [flight for flight in flights if not meets(flight, require)]
     if output.format == "text":
         if require is not None:
@@ -220,7 +208,7 @@ def _make(sweep: Sweep, results: Results, options: SweepOptions) -> None:
 
 
 class _SweepProgress(Progress):
-    """Progress of a sweep and an estimate of its time, on stderr."""
+    """Progress of a sweep, and what is left of it, on stderr."""
 
     def __init__(self, total: int, workers: int) -> None:
         super().__init__("sweep", PROGRESS_S)
@@ -234,10 +222,7 @@ class _SweepProgress(Progress):
         """Count one more run."""
         self.done += 1
         self._failed += result.error is not None
-        first = max(FIRST_RUNS, self._workers)
         self._took_s += result.took_s
-        if self.done == first:
-            self._estimate()
         failed = f", {self._failed} could not be made" if self._failed else ""
         self.show(f"{self.done} of {self._total} runs{failed}, {_time_text(self.left_s)} left")
 
@@ -246,15 +231,6 @@ class _SweepProgress(Progress):
         """Time of the other runs, by the mean of those made [s]: the start of the workers is in none."""
         left = self._total - self.done
         return self._took_s / self.done * left / max(1, min(self._workers, left))
-
-    def _estimate(self) -> None:
-        """Print the time of the other runs, estimated from the first, which are distributed over the sweep."""
-        if self.left_s >= MIN_ESTIMATE_S:
-            left, times = self._total - self.done, f"{self._took_s / self.done:.2g} s each, {self._workers} at a time"
-            sys.stderr.write(f"sweep: {left} more runs take about {_time_text(self.left_s)} ({times})\n")
-            if compiled.why_off() == compiled.NOT_INSTALLED:
-                sys.stderr.write("sweep: pip install 'eadp[fast]' compiles flights, which takes a fraction of that\n")
-            sys.stderr.flush()
 
 
 def _time_text(time_s: float) -> str:
@@ -329,6 +305,35 @@ def _write_csv(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
     write_rows(sys.stdout, itertools.chain([head], texts))
 
 
+class Case(NamedTuple):
+    """A test: its name, the time that it took [s], what is wrong, as `failure` or `error`, and what to know besides."""
+
+    name: str
+    time_s: float
+    wrong: str | None = None
+    kind: str = "failure"
+    note: str | None = None
+
+
+def junit_text(title: str, cases: Sequence[Case]) -> str:
+    """A suite of tests as XML."""
+    import xml.etree.ElementTree as ET
+
+    kinds = [case.kind for case in cases if case.wrong is not None]
+    counts = {"tests": len(cases), "failures": kinds.count("failure"), "errors": kinds.count("error")}
+    time_s = f"{sum(case.time_s for case in cases):.3f}"
+    name = printable(title)
+    suite = ET.Element("testsuite", {"name": name, **{key: str(n) for key, n in counts.items()}, "time": time_s})
+    for case in cases:
+        test = ET.SubElement(suite, "testcase", classname=name, name=printable(case.name), time=f"{case.time_s:.3f}")
+        if case.wrong is not None:
+            ET.SubElement(test, case.kind, message=printable(case.wrong, 2000))
+        if case.note is not None:
+            ET.SubElement(test, "system-out").text = printable(case.note, 2000)
+    ET.indent(suite)
+    return ET.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
+
+
 def junit_of(sweep: Sweep, all_flights: Sequence[SweepFlight], require: str) -> str:
     """The runs as a JUnit report: a test for each, which fails where it is not what is required."""
     cases = []
@@ -360,8 +365,8 @@ def _print_line(document: dict[str, Any]) -> None:
 # --- summaries
 
 
-def print_answer(sweep: Sweep, all_flights: Sequence[SweepFlight], out: str | None) -> None:
-    """Print counts, the share that completes, and the figures for each value of each varied key."""
+def print_answer(all_flights: Sequence[SweepFlight], out: str | None) -> None:
+    """Print counts, and the share that completes."""
     whole = totals(all_flights)
     lines = [f"runs       {whole.runs}" + (f", {whole.failed} could not be made" if whole.failed else "")]
     if whole.interval is not None:
@@ -371,31 +376,11 @@ def print_answer(sweep: Sweep, all_flights: Sequence[SweepFlight], out: str | No
         lines.append(
             f"completed  {whole.completed} of {whole.flights}: {share} % (95 % interval{of} {low} to {high} %)"
         )
-    lines += _batteries(all_flights)
     lines += [f"solver     {failures}" for failures in [_solver_text(all_flights)] if failures]
     if out is not None:
         lines.append(f"results    {printable(out)}, {printable(page_of(out).name)}")
     lines += _errors(all_flights)
-    keys = list(dict.fromkeys((*sweep.design.names, *(["seed"] if sweep.design.seeds else []))))
-    for key in keys if whole.flights else []:
-        lines += ["", *_marginal_lines(key, marginal(all_flights, key, sweep.design.listed(key)))]
     emit("\n".join(lines))
-
-
-def _batteries(all_flights: Sequence[SweepFlight]) -> list[str]:
-    """Of jobs of several sorties, with what probability they are done with so many batteries."""
-    made = [flight for flight in all_flights if flight.batteries is not None]
-    if all(flight.batteries == 1 for flight in made):
-        return []
-    own = distinct(made)
-    done = Counter(flight.batteries for flight in own if flight.completed and flight.reserve_kept)
-    lines, so_far = [], 0
-    for count in sorted(filter(None, done)):
-        so_far += done[count]
-        low, high = (_percent(end) for end in wilson_interval(so_far, len(own)))
-        share = _percent(so_far / len(own))
-        lines.append(f"batteries  {count}: the job is done, with all reserves kept, in {share} % ({low} to {high} %)")
-    return lines or ["batteries  no job is done with all reserves kept"]
 
 
 def _errors(all_flights: Sequence[SweepFlight]) -> list[str]:
@@ -406,16 +391,6 @@ def _errors(all_flights: Sequence[SweepFlight]) -> list[str]:
             first.setdefault(flight.error, flight.index)
     lines = [f"error      run {index}: {error}" for error, index in itertools.islice(first.items(), SHOWN)]
     return [*lines, f"error      … {len(first) - SHOWN} more kinds"] if len(first) > SHOWN else lines
-
-
-def _marginal_lines(key: str, groups: Sequence[Group]) -> list[str]:
-    rows = [[_short(key), "flights", "completed [%]", "of these: duration, median [s]", "SoC at the end, median"]]
-    for group in groups:
-        share = "" if math.isnan(group.completed) else _percent(group.completed)
-        duration = "" if math.isnan(group.duration_s) else f"{group.duration_s:.1f}"
-        charge = "" if math.isnan(group.soc_final) else f"{group.soc_final:.3f}"
-        rows.append([_short(group.label), str(group.flights), share, duration, charge])
-    return aligned(rows, "<")
 
 
 def _short(text: str) -> str:

@@ -21,7 +21,6 @@ from eadp.sweep.results import (
     completed_interval,
     distinct,
     label_of,
-    marginal,
     wilson_interval,
 )
 
@@ -96,7 +95,7 @@ def sweep_data(path: str, page: Path, keep: str | None = None) -> dict[str, Any]
     ]
     own = {flight.index for flight in distinct(flights)}
     runs["distinct"] = [int(flight.index in own) for flight in flights]
-    words = sweep_words(census.count, census.completed, census.reasons, census.errors, flights, names)
+    words = sweep_words(census.count, census.completed, census.reasons, census.errors, flights)
     return {
         "title": Path(path).name,
         "words": [*words, *([f"{others} runs of other code are left out."] if others else [])],
@@ -165,9 +164,8 @@ def sweep_words(
     reasons: Mapping[str, int],
     errors: Mapping[str, int],
     flights: Sequence[SweepFlight],
-    keys: Sequence[str],
 ) -> list[str]:
-    """Sentences on a sweep: counts over all runs, and by key over the flights of the page."""
+    """Sentences on a sweep: counts over all runs."""
     made, broken = count - sum(errors.values()), sum(errors.values())
     words = [f"{count} runs."]
     if made:
@@ -184,13 +182,6 @@ def sweep_words(
         words.append(f"{broken} of {count} runs could not be made: {_counts(errors)}.")
     if failed := sum(bool(flight.solver_failed or flight.fallbacks) for flight in flights):
         words.append(f"OSQP did not solve in {failed} of {len(flights)} flights: decisions there are of a fallback.")
-    for key in keys:
-        shares = {group.label: group.completed for group in marginal(flights, key) if group.flights}
-        if made and len(shares) > 1 and key != "seed":
-            least, best = min(shares, key=shares.__getitem__), max(shares, key=shares.__getitem__)
-            if shares[least] != shares[best]:
-                ends = (f"{percent_text(shares[end])} complete at {printable(end, 60)}" for end in (least, best))
-                words.append(f"By {key}: {', '.join(ends)}.")
     if len(flights) < count:
         words.append(f"The charts and the list show {len(flights)} of the {count} runs, a random sample.")
     return words

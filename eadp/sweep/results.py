@@ -9,7 +9,6 @@ opened, and a row that is not as it was stored, by its digest, when it is read.
 from __future__ import annotations
 
 import hashlib
-import itertools
 import json
 import math
 import os
@@ -20,8 +19,6 @@ from dataclasses import dataclass, field, fields
 from typing import Any
 from urllib.parse import quote
 
-import numpy as np
-
 from eadp.errors import InputError, printable
 from eadp.io.text.streams import output_file
 from eadp.plug_ins import code_identity
@@ -29,11 +26,6 @@ from eadp.sweep.runs import Result, Run
 
 Z_95 = 1.959963984540054
 """The normal distribution's quantile of 0.975."""
-
-MAX_LABELS = 12
-"""Largest number of values of a key that are listed one by one; more numbers than that are binned."""
-
-BINS = 5
 
 
 def wilson_interval(successes: int, trials: int, z: float = Z_95) -> tuple[float, float]:
@@ -72,7 +64,6 @@ class SweepFigures:
     reserve_kept: bool | None = None
     energy_wh: float | None = None
     distance_m: float | None = None
-    batteries: int | None = None
     solver_failed: int | None = None
     fallbacks: int | None = None
 
@@ -89,20 +80,6 @@ class SweepFlight(SweepFigures):
     seed: int
     error: str | None = None
     took_s: float = field(default=0.0, compare=False)
-
-
-@dataclass(frozen=True)
-class Group:
-    """Flights with one value of a key: their number, the share completed, and of these medians of duration and charge.
-
-    The duration is in s.
-    """
-
-    label: str
-    flights: int
-    completed: float
-    duration_s: float
-    soc_final: float
 
 
 @dataclass(frozen=True)
@@ -144,72 +121,15 @@ def completed_interval(flights: Sequence[SweepFlight]) -> tuple[float, float] | 
     return wilson_interval(sum(bool(flight.completed) for flight in flights), len(flights)) if flights else None
 
 
-class KeyBins:
-    """The values of one key in order, or quantile bins if they are many numbers.
-
-    Parameters
-    ----------
-    values : sequence
-        The key's value in every flight.
-    listed : sequence, optional
-        The values that it may have, if they are listed: each has its own label, in this order.
-    """
-
-    def __init__(self, values: Sequence[Any], listed: Sequence[Any] = ()) -> None:
-        self.labels = tuple(dict.fromkeys(map(label_of, listed or values)))
-        self._edges: np.ndarray[Any, Any] | None = None
-        if not listed and len(self.labels) > MAX_LABELS and all(map(_is_number, values)):
-            edges = np.unique(np.quantile(values, np.linspace(0, 1, BINS + 1)))
-            self.labels = tuple(f"{low:.4g} to {high:.4g}" for low, high in itertools.pairwise(edges))
-            self._edges = edges[1:-1]
-        self._indices = {label: i for i, label in enumerate(self.labels)}
-
-    def index(self, value: Any) -> int:
-        """The index in `labels` of a value."""
-        if self._edges is None:
-            return self._indices[label_of(value)]
-        return int(np.searchsorted(self._edges, value, side="right"))
-
-
 def label_of(value: Any) -> str:
     """A value as text: text unchanged, all else as JSON."""
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def value_of(flight: SweepFlight, key: str) -> Any:
-    """The value of a varied key, or the seed."""
-    return flight.values.get(key, flight.seed)
-
-
-def marginal(flights: Sequence[SweepFlight], key: str, listed: Sequence[Any] = ()) -> list[Group]:
-    """Flights grouped by one key, over all values of the others; `listed` are the values it may have, if listed."""
-    bins = KeyBins([value_of(flight, key) for flight in flights], listed)
-    groups: list[list[SweepFlight]] = [[] for _ in bins.labels]
-    for flight in flights:
-        if flight.error is None:
-            groups[bins.index(value_of(flight, key))].append(flight)
-    return [_group(label, members) for label, members in zip(bins.labels, groups, strict=True)]
-
-
-def _group(label: str, members: Sequence[SweepFlight]) -> Group:
-    if not members:
-        return Group(label, 0, math.nan, math.nan, math.nan)
-    done = [flight for flight in members if flight.completed]
-    duration, charge = (
-        float(np.median(values)) if (values := [getattr(flight, name) for flight in done]) else math.nan
-        for name in ("duration_s", "soc_final")
-    )
-    return Group(label, len(members), len(done) / len(members), duration, charge)
-
-
 APPLICATION_ID = 0x65616470
 """`eadp` in ASCII, as SQLite's identifier of an application's files."""
 
-SCHEMA_VERSION = 6
+SCHEMA_VERSION = 7
 BUSY_S = 60.0
 """Longest time that another process may lock the file [s]."""
 
@@ -376,7 +296,7 @@ class Results:
 
     def _row(self, run: Run, result: Result) -> tuple[Any, ...]:
         summary = result.summary
-        known = {} if summary is None else {"batteries": 1, **summary}
+        known = dict(summary or {})
         solver = known.get("solver", {})
         known |= {"solver_failed": solver.get("failed"), "fallbacks": solver.get("fallbacks")}
         figures = [known.get(name) for name in COLUMNS]

@@ -6,7 +6,6 @@ import gc
 import itertools
 import json
 import math
-import os
 import random
 import time
 from collections import deque
@@ -17,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from eadp.api.flight import fly_flight, repeatable
-from eadp.api.given import File, Overrides, Warn, job_of, python_warnings
+from eadp.api.given import File, Overrides, Warn, python_warnings
 from eadp.api.inputs import Files, FlightInputs
 from eadp.core.compiled import enable, enabled
 from eadp.errors import EadpError, Fault, InputError, printable
@@ -140,13 +139,6 @@ class FlyRun:
         return replace(inputs, world=replace(inputs.world, clock=clock))
 
     def _summary(self, run: Run) -> dict[str, Any]:
-        if kind := job_of(run.files["plan"]):
-            overrides = {key: value for key, value in run.overrides.items() if key != "seed"}
-            folder = os.path.dirname(run.files["plan"])
-            job = kind.simulate(folder, overrides, run.overrides["seed"], on_flight=lambda _: None, warn=lambda _: None)
-            if self._keep is not None:
-                job.write(Path(self._keep) / run.key, force=True)
-            return job.summary
         inputs = self._inputs(run)
         flight = fly_flight(inputs, overrides=override_texts(run.overrides))
         if self._keep is not None:

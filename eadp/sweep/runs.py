@@ -132,11 +132,6 @@ class Design:
             values |= {name: draws[drawn] for name, draws in self.sample.draws.items()}
         return DesignPoint(index, values, None if self.seeds is None else seed)
 
-    def listed(self, name: str) -> tuple[Any, ...]:
-        """The values that are listed for a key; none if it is drawn from a distribution."""
-        law = self.sample.keys.get(name) if self.sample else None
-        return tuple((law and law.choice) or self.grid.get(name, ()) or self.zipped.get(name, ()))
-
 
 # --- engines
 

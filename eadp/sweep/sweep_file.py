@@ -14,7 +14,6 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from eadp.api.flight import SCHEMA as FLIGHT_SCHEMA
-from eadp.api.given import job_in, job_of
 from eadp.api.inputs import Files, FlightInputs, load_flight
 from eadp.errors import Fault, InputError, one_of, printable, refuse
 from eadp.io.energy import parse_energy
@@ -46,7 +45,7 @@ class SweepKeys:
     """name and version of the format"""
 
     plan: str | None = None
-    """path of the plan, the mission or the folder of sorties that is flown, unless it is varied"""
+    """path of the plan or the mission that is flown, unless it is varied"""
 
     scenario: str | None = None
     """path of the scenario; by default the defaults"""
@@ -177,7 +176,7 @@ def read_sweep(given: Text | Mapping[str, Any], overrides: Mapping[str, Any] | N
         raise InputError(document.fault((), message, f"a sweep of at most {RUNS_LIMIT} runs"))
     overrides = dict(overrides or {})
     _check_fixed(overrides, design)
-    paths, kept = _with_sorties(document, _paths(document, keys)), Files()
+    paths, kept = _paths(document, keys), Files()
     _read_texts(document, paths, kept)
     files = {kind: path for kind, path, location in paths if location == (kind,)}
     scenarios = _scenarios(document, paths, kept, overrides)
@@ -293,20 +292,6 @@ def _paths(document: Document, keys: SweepKeys) -> list[tuple[str, str, KeyPath]
     return [(kind, beside(document.name, value), location) for kind, value, location in named]
 
 
-def _with_sorties(document: Document, paths: list[tuple[str, str, KeyPath]]) -> list[tuple[str, str, KeyPath]]:
-    """The files with those of a folder of sorties, which stands for a plan and has a scenario of its own."""
-    for kind, path, location in paths:
-        if kind == "plan" and (job := job_in(path)):
-            if location != ("plan",):
-                raise InputError(document.fault(location, "a folder of sorties", "plan: FOLDER, and no other plan"))
-            own = [each for each in paths if each[0] == "plan"]
-            if own != [(kind, path, location)] or len(paths) > 1:
-                expected = "no scenario, profile or energy: the folder has its own"
-                raise InputError(document.fault(paths[-1][2], "a file beside a folder of sorties", expected))
-            return [(kind, f"{path}/{job.document}", location), ("scenario", f"{path}/{job.scenario}", ("scenario",))]
-    return paths
-
-
 def _read_texts(document: Document, paths: list[tuple[str, str, KeyPath]], kept: Files) -> None:
     """Read every file; one that cannot be read is a fault of the sweep file."""
     faults = []
@@ -374,8 +359,6 @@ def _read_all(
     parsers: dict[str, Callable[[Text], Any]] = {"plan": PlanReader(), "profile": parse_profile, "energy": parse_energy}
     named: set[str] = set()
     for kind, path, location in paths:
-        if job := job_of(path):
-            path = path.removesuffix(job.document) + job.plan
         if kind in parsers:
             _, content = sweep.kept.read(path, parsers[kind], document.fault(location, ""))
             if kind != "energy":

@@ -260,7 +260,7 @@ def test_a_torn_last_line_is_dropped(replan, whole, tmp_path):
     assert all(json.loads(line) for line in log.read_text().splitlines())
 
 
-@pytest.mark.parametrize("last", few(['{"kind": "applied", "time_s": 5', "", '{"kind": "mission", "items": "x"}'], 1))
+@pytest.mark.parametrize("last", few(['{"kind": "decision", "time_s": 5', "", '{"kind": "mission", "items": "x"}'], 1))
 def test_a_last_line_without_its_end_is_dropped(replan, whole, tmp_path, last):
     log = tmp_path / "flight.jsonl"
     replan(b"".join(LINES[:50]), "--log", log)

@@ -31,7 +31,6 @@ KEYS = [
     "amplitude_std_w",
     "coefficients",
     "noise_std_w",
-    "disturbance",
     "cv_r2",
     "samples",
     "span_s",
@@ -264,25 +263,6 @@ def test_what_is_left_out_is_said(run: Run, tmp_path: Path) -> None:
     code, out, _ = run("fit", str(log), "--format", "json")
     counts = {"rows": 461, "not_finite": 1, "gaps": 1, "longest_gap_s": 20.5, "spikes": 1}
     assert (code, json.loads(out)["log"]) == (0, counts)
-
-
-def test_correlated_noise_goes_into_the_model(run: Run, tmp_path: Path) -> None:
-    rng = np.random.default_rng(2)
-    log = Path(flight(tmp_path, "time_s,power_w", "{t},{w}", noise_w=0.0))
-    rows = [line.split(",") for line in log.read_text().splitlines()[1:]]
-    slow = 0.0
-    text = "time_s,power_w\n"
-    for t, w in rows:
-        slow = 0.9 * slow + 0.3 * rng.normal()
-        text += f"{t},{float(w) + slow}\n"
-    log.write_text(text)
-    model = tmp_path / "m.yaml"
-    code, out, _ = run("fit", str(log), "-o", str(model))
-    assert code == 0
-    assert ", of it 0." in out
-    disturbance = parse_energy(read_text(str(model))).disturbance
-    assert disturbance is not None
-    assert disturbance.std_w == pytest.approx(0.3 / np.sqrt(1 - 0.81), rel=0.4)
 
 
 @pytest.mark.slow

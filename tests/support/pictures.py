@@ -21,6 +21,7 @@ from eadp.io.figures.canvas import figure_file
 from eadp.planning.base import Ending
 from eadp.planning.forecast.held import before_take_off
 from eadp.planning.joint.planner import JointPlanner
+from eadp.report.report import read_folder
 
 PICTURES = ROOT / "docs/pictures"
 LOSS = "simulate plans/survey.plan --scenario scenarios/survey-loss.yaml"
@@ -36,10 +37,7 @@ ESTATE = (
 
 MADE: Mapping[str, tuple[list[str], str]] = {
     "survey.png": (FLIGHTS[:1], "joint/flight.png"),
-    "survey-flights.png": (
-        [*FLIGHTS, "report {out}/joint {out}/paper {out}/static -o {out}/flights.html"],
-        "flights.png",
-    ),
+    "survey-flights.png": ([], ""),
     "paper-i-dynamic.png": (
         ["simulate plans/survey.plan --scenario scenarios/paper-i-dynamic.yaml -o {out}/i"],
         "i/flight.png",
@@ -96,10 +94,31 @@ def speed_to_fly(made: Path) -> Path:
     return made
 
 
+def three_planners(made: Path) -> Path:
+    """The charge and the spacing of three planners that lose charge in flight."""
+    with figure_file(str(made), 9.0, 4.5) as figure:
+        rows = figure.subplots(2, 1, sharex=True)
+        for command, name, style in zip(FLIGHTS, ("joint", "paper", "static"), ("-", "--", ":"), strict=True):
+            assert main(shlex.split(command.format(out=made.parent))) in (0, 1)
+            flight = read_folder(made.parent / name)
+            columns, spacing = flight.columns, flight.world.plan.parameters[0]
+            label = name if flight.summary["completed"] else f"{name}: NOT completed"
+            for axes, values in zip(rows, (columns["soc"], [*map(spacing.shown, columns["c1"])]), strict=True):
+                axes.plot(columns["time_s"], values, style, label=label)
+                if not flight.summary["completed"]:
+                    axes.plot(columns["time_s"][-1], values[-1], "kX")
+        rows[0].set_ylabel("state of charge")
+        rows[1].set(xlabel="time [s]", ylabel="spacing [m]")
+        rows[0].legend()
+    return made
+
+
 def make(name: str, folder: Path) -> Path:
     """Run a picture's commands, in the repository's folder, and return the file that they made."""
     if name == "speed-to-fly.png":
         return speed_to_fly(folder / name)
+    if name == "survey-flights.png":
+        return three_planners(folder / name)
     commands, made = MADE[name]
     for command in commands:
         assert main(shlex.split(command.format(out=folder))) in (0, 1), command

@@ -1,4 +1,4 @@
-"""A field divided among sorties: every metre of line once, the fewest sorties by brute force, and the lower bound."""
+"""A field divided among sorties: every metre of line once, the fewest sorties by brute force."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from eadp.errors import Infeasible
 from eadp.models.airspace import Field
 from eadp.survey.coverage import LineGrid
-from eadp.survey.packs import Divider, Division, min_sorties, min_time_s
+from eadp.survey.packs import Divider, Division
 
 SWATH_M = 30.0
 RECTANGLE = Field(((0.0, 0.0), (600.0, 0.0), (600.0, 400.0), (0.0, 400.0)))
@@ -113,37 +113,3 @@ def test_a_way_that_takes_the_pack_is_refused():
     divider = Divider(Division(RECTANGLE, grid_of(RECTANGLE), 0.0), linear(1000.0, 1500.0))
     with pytest.raises(Infeasible, match="the way to the field and back"):
         divider.fewest(1)
-
-
-@settings(max_examples=draws(0.5))
-@given(
-    st.lists(st.tuples(st.floats(1, 50), st.floats(1, 60)), min_size=1, max_size=5),
-    st.floats(61, 300),
-)
-def test_the_bound_is_below_every_division(parts, pack_s):
-    """Every way to divide a few parts among flights, the way of each that of its farthest part: none takes less."""
-    lines, access = np.array(parts).T
-    bound = min_time_s(lines, access, pack_s)
-    least = math.inf
-    for labels in itertools.product(range(len(parts)), repeat=len(parts)):
-        groups = [[i for i, label in enumerate(labels) if label == k] for k in set(labels)]
-        times = [lines[group].sum() + access[group].max() for group in groups]
-        if max(times) <= pack_s:
-            least = min(least, sum(times))
-    assert bound <= least * (1 + 1e-9)
-
-
-@settings(max_examples=draws(0.5))
-@given(st.lists(st.tuples(st.floats(1, 40), st.floats(1, 30)), min_size=1, max_size=5), st.floats(75, 300))
-def test_the_bound_of_the_number_is_below_every_order(parts, pack_s):
-    """Lines with a turn to each, in every grouping: a sortie leaves out the turn to its first line."""
-    lines, turns = np.array(parts).T
-    access = np.full(len(parts), 5.0)
-    bound = min_sorties(min_time_s(lines, access, pack_s), turns, pack_s)
-    fewest = math.inf
-    for labels in itertools.product(range(len(parts)), repeat=len(parts)):
-        groups = [[i for i, label in enumerate(labels) if label == k] for k in set(labels)]
-        times = [lines[group].sum() + 5.0 + turns[group].sum() - turns[group].max() for group in groups]
-        if max(times) <= pack_s:
-            fewest = min(fewest, len(groups))
-    assert bound <= fewest

@@ -214,12 +214,6 @@ def test_tables(body, options):
     assert same_ring(field_of(body, **options).outline, BOX)
 
 
-def test_numbers_beyond_degrees_are_metres():
-    field, mended = read("0,0\n200,0\n200,80\n0,80\n")
-    assert field.outline[2] == (200, 80)
-    assert mended == ["taken as metres, since there are values beyond the ±180 and ±90 of degrees"]
-
-
 def test_holes_of_a_table_are_told_by_their_numbers():
     rows = "2,30,50\n2,30,60\n2,40,60\n0,0,0\n0,100,0\n0,100,80\n0,0,80\n1,20,20\n1,20,40\n1,40,40\n"
     field = field_of("ring,x,y\n" + rows)
@@ -308,16 +302,15 @@ def test_without_a_system_or_with_one_that_is_null_degrees_are_wgs_84():
 )
 def test_an_unknown_system_asks_for_metres(crs, named_so):
     body = polygon([*BOX, BOX[0]], crs=crs)
-    expected = "longitude and latitude (WGS-84), or --metres"
-    assert fault_of(body) == f"7:12: error: the reference system {named_so} is not known; expected {expected}"
+    expected = "degrees, as by ogr2ogr -t_srs EPSG:4326 field.geojson f, or --metres"
+    assert fault_of(body) == f"7:12: error: the reference system {named_so} is not read; expected {expected}"
     assert field_of(body, metres=True).outline == BOX
 
 
 def test_web_mercator_is_not_in_metres():
-    message = "EPSG:3857 is Web Mercator, whose metres are longer than metres away from the equator"
     body = polygon([*BOX, BOX[0]], crs=named("EPSG:3857"))
-    fault = f"7:12: error: {message}; expected no --metres, which converts it to degrees"
-    assert fault_of(body, metres=True) == fault
+    fault = "7:12: error: the reference system EPSG:3857 is not read; expected degrees, as by ogr2ogr -t_srs EPSG:4326 "
+    assert fault_of(body, metres=True) == fault + "field.geojson f"
 
 
 def test_degrees_taken_for_metres():
@@ -718,17 +711,6 @@ def test_parts_that_overlap_count_once_and_those_without_an_area_are_left_out():
     assert field.area_m2 == pytest.approx(150 * 80)
     beside, found = read(parts(BOX, moved(BOX, 100, 0)))
     assert (len(beside.parts), found) == (2, [])
-
-
-def test_a_feature_by_a_property():
-    fields = features({"properties": {"plot": "A-1", "crop": "rice"}}, {"properties": {"plot": "A-2", "crop": "rice"}})
-    assert field_of(fields, feature="plot=A-2").outline[0] == (1000, 0)
-    assert fault_of(fields).endswith("number of 1 plot=A-1; 2 plot=A-2; or KEY=VALUE by plot")
-    assert "2 features have crop=rice" in fault_of(fields, feature="crop=rice")
-    data = "<ExtendedData><Data name='plot'><value>A-2</value></Data></ExtendedData><Polygon>"
-    one = placemark([(10, 55), (10.001, 55), (10, 55.001)])
-    both = kml(one, one.replace("<Polygon>", data))
-    assert read(both, feature="plot=A-2")[0].area_m2 == read(kml(one))[0].area_m2
 
 
 @pytest.mark.parametrize("form", ["kml", "geojson"])

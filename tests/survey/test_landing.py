@@ -174,23 +174,6 @@ def test_places_to_rally_of_qgroundcontrol_are_left_out_with_a_warning(eadp, lan
     assert answer.err.count("warning: places to rally are left out") == 1
 
 
-def test_an_export_adds_a_landing_from_where_the_plan_ends(eadp, landing, tmp_path):
-    flight, out = tmp_path / "p.plan", tmp_path / "m.waypoints"
-    assert eadp(*COVER, "-o", flight).code == 0
-    words = ("export", flight, "--to", "ardupilot", "--scenario", landing / "s.yaml")
-    answer = eadp(*words, "--home", "55.4712,10.3295", "--landing", ",".join(map(str, LAND)), "-o", out)
-    assert answer.code == 0, answer.err
-    assert [row[3] for row in rows(out)[-3:]] == [189, 16, 21]
-    assert "climbs as it is launched" in answer.err
-    assert "m from home, which a plan of eadp cover --home has" in answer.err
-    # a plan with the way out has the energy that the mission takes
-    assert eadp(*COVER, "--home", "55.4712,10.3295", "-o", flight).code == 0
-    answer = eadp(*words, "--landing", ",".join(map(str, LAND)), "-o", out)
-    said = next(line for line in answer.err.splitlines() if "forecast " in line and " Wh" in line)
-    mission = load_flight(str(out), overrides=FLOWN).preflight().forecast
-    assert float(said.split(" Wh")[0].split()[-1]) == pytest.approx(mission.energy_wh, rel=0.01)
-
-
 def test_home_is_where_a_flight_takes_off_so_that_forecast_and_mission_agree(eadp, landing, tmp_path):
     flight, out = tmp_path / "p.plan", tmp_path / "m.waypoints"
     assert eadp(*COVER, "--home", "55.4712,10.3295", "-o", flight).code == 0
@@ -281,8 +264,8 @@ def test_an_approach_that_leaves_the_boundary_is_none_and_one_over_a_low_wall_is
     # it begins beyond the boundary's east, at x = 900, from any height
     where = r"the final approach of \d+ m .* does not stay inside the boundary at \((\d+), -100\) m"
     assert float(re.search(where, answer.err)[1]) > 900
-    works = re.search(r"expected a heading of (\d+)°", answer.err)[1]
-    assert eadp(*words, *given, "--landing", f"870,-100,{works}").code == 0
+    assert "expected another heading" in answer.err
+    assert eadp(*words, *given, "--landing", "870,-100,90").code == 0
     # with more room it begins within, lower, after a circle down to it
     answer = eadp(*words, *given, "--landing", "0,-100,270", "--format", "text")
     assert answer.code == 0, answer.err
@@ -327,8 +310,6 @@ def test_a_place_that_no_way_leads_to_is_named_before_the_search(eadp, tmp_path)
         ((*COVER, "--landing", "10.33,55.47,90"), "--landing:1:1"),
         ((*COVER, "--takeoff", "90"), "--takeoff:1:1: error: no home to take off from"),
         ((*COVER, "--home", "55.47,10.33", "--takeoff", "-400"), "--takeoff:1:1: error: no heading"),
-        (("export", "plans/survey.plan", "--to", "qgc", "--origin", "55.37,10.43", "--landing", "55.37,10.43,0"),
-         "depends on its laps or its path parameters"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_landed_is_refused(eadp, words, message):
@@ -337,7 +318,6 @@ def test_what_cannot_be_landed_is_refused(eadp, words, message):
 
 def test_a_plan_that_lands_and_an_aircraft_that_holds_its_altitude_are_refused(eadp, landing, tmp_path):
     words = ("--landing", ",".join(map(str, LAND)))
-    assert refused(eadp("export", landing / "landing.plan", "--to", "qgc", *words), "the plan has a landing")
     scenario = tmp_path / "s.yaml"
     scenario.write_text("schema: eadp.scenario/1\nvehicle: {airframe: {model: paper}}\n")
     cover = ("cover", "plans/meadow.geojson", "--swath", "60", "--min-radius", "30", "--scenario", scenario)

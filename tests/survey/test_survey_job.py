@@ -43,7 +43,7 @@ def job(tmp_path_factory):
         "planner": {"every_s": 10},
     }
     (folder / "day.yaml").write_text(json.dumps(day))
-    assert run(folder, *COVER, "--sorties", "auto", "-o", "DIR/job", "--export", "ardupilot") == 0
+    assert run(folder, *COVER, "--sorties", "auto", "-o", "DIR/job") == 0
     assert run(folder, "simulate", "DIR/job", "-o", "DIR/flown") == 0
     return folder
 
@@ -62,11 +62,13 @@ COVER = ("cover", "DIR/field.geojson", "--feature", "field", "--scenario", "DIR/
     ("words", "code", "said"),
     [
         ((*COVER, "--sorties", "auto"), 0, "done       after"),
-        ((*COVER, "--sorties", "auto", "--resume", "DIR/flown/sortie-01"), 0, "sorties    2, no fewer"),
+        ((*COVER, "--sorties", "auto", "--resume", "DIR/flown/sortie-01"), 0, "sorties    2, the fewest found"),
         # done is as planned, though ground beside the mast is left
         (("simulate", "DIR/job", "--set", "fps=5"), 0, "done: "),
+        ((*COVER, "--sorties", "1"), 2, "too few for the packs"),
         ((*COVER, "--wind", "4,4.19"), 0, "4.19 rad are 240.1°"),
-        (("plan", "DIR/job/sortie-01-ardupilot.waypoints"), 0, "length"),
+        (("export", "DIR/job/sortie-01.plan", "--to", "ardupilot"), 0, "ArduPilot's fence"),
+        (("plan", "DIR/job/sortie-01.plan"), 0, "length"),
     ],
 )
 def test_each_step(eadp, job, words, code, said):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from common import ROOT, few
 from common.answers import refused
-from common.terrains import from_corner, write_degrees, write_geotiff, write_hgt
+from common.terrains import from_corner, write_degrees, write_geotiff
 from scipy.ndimage import gaussian_filter
 
 import eadp
@@ -431,13 +431,6 @@ def test_flat_ground_is_said_of_large_fields_alone(eadp, slope, tmp_path):
     assert note in eadp("cover", large, *given).err
     assert note not in eadp("cover", small, *given).err
     assert note not in eadp("cover", large, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain).err
-
-
-def test_srtm_serves_without_the_extra(eadp, slope, tmp_path):
-    field, _ = slope
-    tile = write_hgt(tmp_path / "N55E010.hgt", np.full((1201, 1201), 40))
-    given = (*WING, "--swath", "60", "--altitude", "80", "--terrain", tile, "--format", "json")
-    assert json.loads(eadp("cover", field, *given).out)["terrain"]["zero_m"] == 40
 
 
 def test_what_is_refused(eadp, slope, tmp_path):

@@ -51,6 +51,7 @@ def test_a_plane_in_utm_is_that_plane(tmp_path):
 @pytest.mark.parametrize("posts", [1201, 3601])
 @pytest.mark.parametrize(("name", "origin"), [("N55E010", ORIGIN), ("S13W071", (-12.5, -70.5))])
 def test_a_degree_of_srtm(tmp_path, posts, name, origin):
+    pytest.importorskip("rasterio")
     # heights of whole metres that are linear in degrees: a row is `step` lower than the one north of it
     step = 3600 // (posts - 1)
     heights_m = 3600 - step * np.arange(posts)[:, None] + step * np.arange(posts)[None]
@@ -99,8 +100,7 @@ def test_what_is_no_terrain_is_refused(tmp_path):
         "cannot be read": str(tmp_path / "text.tif"),
         "has no place on the earth": write_geotiff(tmp_path / "nowhere.tif", flat, there, None),
         "a height of 12000 m": write_geotiff(tmp_path / "feet.tif", flat + 12000, there),
-        "its name is not that of a degree": write_hgt(tmp_path / "hills.hgt", flat),
-        "80000 bytes": write_hgt(tmp_path / "N55E010.hgt", flat),
+        "cannot be read: .*hills.hgt": write_hgt(tmp_path / "hills.hgt", flat),
     }
     (tmp_path / "text.tif").write_text("no raster")
     for message, file in files.items():

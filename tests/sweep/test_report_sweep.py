@@ -69,7 +69,6 @@ def test_the_words_have_the_interval(page):
     low, high = wilson_interval(done // 2, 8)
     assert page.data["words"][0].startswith(f"{done} of 16 flights completed: {100 * done / 16:.3g} %")
     assert f"(95 % interval of 8 distinct flights {100 * low:.3g} % to {100 * high:.3g} %)" in page.data["words"][0]
-    assert any(line.startswith("By battery.capacity_ah: 0 % complete at 0.003, ") for line in page.data["words"])
 
 
 def test_kept_folders_are_those_of_the_runs_and_change_no_result(swept, page, eadp, tmp_path):

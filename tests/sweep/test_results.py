@@ -18,7 +18,7 @@ from eadp.sweep.runs import Result, Run
 
 RUNS = [Run(f"key{i}", {"plan": "p"}, {"seed": i, "wind.speed_mps": 1}) for i in range(6)]
 SUMMARY = {"completed": True, "reason": "r", "duration_s": 2.5, "soc_final": 0.25, "quality": None, "more": [1]}
-SUMMARY |= {"reserve_kept": True, "energy_wh": 6.5, "distance_m": 1200.0, "batteries": 1}
+SUMMARY |= {"reserve_kept": True, "energy_wh": 6.5, "distance_m": 1200.0}
 SUMMARY |= {"solver": {"failed": 3, "fallbacks": 1}}
 SOLVER = {"solver_failed": 3, "fallbacks": 1}
 

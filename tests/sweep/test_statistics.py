@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import math
-import statistics
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 from scipy.stats import binomtest, norm
 
-from eadp.sweep.results import Z_95, KeyBins, SweepFlight, marginal, totals, wilson_interval
+from eadp.sweep.results import Z_95, SweepFlight, totals, wilson_interval
 
 EXACT = 1e-9
 
@@ -67,37 +64,3 @@ def test_copies_of_a_flight_are_in_no_interval():
     whole = totals([*copies, flight(8, {"w": 0, "seed": 8}, False, seed=8)])
     assert (whole.flights, whole.completed, whole.distinct) == (9, 8, 3)
     assert whole.interval == wilson_interval(2, 3)
-
-
-def test_marginals_by_value():
-    one, two = marginal(FLIGHTS, "w", [1, 2])
-    assert (one.label, one.flights, one.completed) == ("1", 3, 2 / 3)
-    assert (one.duration_s, one.soc_final) == (25.0, 0.25), "of those that complete"
-    assert (two.label, two.flights, two.completed) == ("2", 1, 0.0)
-    assert math.isnan(two.duration_s)
-    assert [group.flights for group in marginal(FLIGHTS, "seed")] == [3, 1]
-
-
-def test_a_value_without_a_flight_is_listed_empty():
-    *_, three = marginal(FLIGHTS, "w", [1, 2, 3])
-    assert three.flights == 0
-    assert math.isnan(three.completed)
-
-
-@given(st.lists(st.floats(-1e6, 1e6), min_size=20, max_size=200, unique=True))
-def test_many_numbers_are_put_into_bins_of_alike_many(values):
-    flights = [flight(i, {"w": value}, duration=value) for i, value in enumerate(values)]
-    groups = marginal(flights, "w")
-    assert len(groups) == 5
-    assert sum(group.flights for group in groups) == len(values)
-    assert max(group.flights for group in groups) - min(group.flights for group in groups) <= 2
-    medians = [group.duration_s for group in groups]
-    assert medians == sorted(medians)
-    ordered = sorted(values)
-    assert medians[0] == pytest.approx(statistics.median(ordered[: groups[0].flights]))
-
-
-def test_texts_and_lists_are_values_too():
-    bins = KeyBins([[1, 2], "x", [1, 2], None])
-    assert bins.labels == ("[1, 2]", "x", "null")
-    assert bins.index("x") == 1

@@ -443,13 +443,6 @@ def distances_m(areas: Sequence[Sequence[Point]], point: Point) -> FloatArray:
     return found
 
 
-def apart_m(areas: Sequence[Sequence[Point]], rings: Sequence[Sequence[Point]]) -> list[float]:
-    """Distances of the edges of areas from an outline with its holes, 0 where they meet [m]."""
-    part = shapely.Polygon(rings[0], rings[1:])
-    found: list[float] = shapely.distance([shapely.LinearRing(area) for area in areas], part).tolist()
-    return found
-
-
 def inner_point(*rings: Sequence[Point]) -> Point:
     """A point of the ground of an outline and its holes, away from its edges where it can be [m]."""
     point = shapely.point_on_surface(shapely.Polygon(rings[0], rings[1:]))

@@ -647,11 +647,10 @@ function onKey(event) {
 
 function errorsText() {
   const parts = [];
-  const within = (series, text) => parts.push(text + (series.extremes_s ? `, with the lowest and highest values of each ${number(series.extremes_s, 2)} s` : ""));
-  within(path, `positions within ${number(path.error.x)} m on each axis, headings within ${number(path.error.heading * 180 / Math.PI, 2)}°`);
-  within(data.power, `power within ${number(data.power.error.w, 2)} W`);
-  if (data.drawn) within(data.drawn, `charge drawn within ${number(data.drawn.error.ah, 2)} Ah`);
-  else within(data.charge, `charge within ${number(100 * data.charge.error.soc, 2)} %`);
+  parts.push(`positions within ${number(path.error.x)} m on each axis, headings within ${number(path.error.heading * 180 / Math.PI, 2)}°`);
+  parts.push(`power within ${number(data.power.error.w, 2)} W`);
+  if (data.drawn) parts.push(`charge drawn within ${number(data.drawn.error.ah, 2)} Ah`);
+  else parts.push(`charge within ${number(100 * data.charge.error.soc, 2)} %`);
   const late = Math.max(0, ...[data.stage, data.lap, ...data.parameters].map((one) => one.error_s));
   parts.push(late ? `changes of parameters and stages within ${number(late, 2)} s` : "changes of parameters and stages exactly");
   let text = `Shown with fewer samples than were logged: ${parts.join(", ")}.`;

@@ -1,8 +1,8 @@
 "use strict";
-// Several flights: a table of what differs, and their figure.
+// Several flights: a table of their figures, and their picture.
 document.title = data.title;
 $("title").textContent = data.title;
-$("plans").textContent = data.note ? data.note : data.plans.length > 1 ? `Of different plans: ${data.plans.join(", ")}.` : `Of the plan ${data.plans[0]}.`;
+$("plans").textContent = data.note;
 const [head, ...rows] = data.table;
 $("differences").append(
   el("thead", {}, el("tr", {}, ...head.map((name) => el("th", { scope: "col" }, name)))),

@@ -85,12 +85,12 @@ SORTIES = ("--swath", "40", "--altitude", "60", "--home", HOME, "--sorties", "au
 
 
 @pytest.mark.quick(1)
-@pytest.mark.parametrize(("stated", "exports"), [("px4", ()), ("none", ("--export", "px4")), ("ardupilot", ())])
-def test_sorties_end_above_what_makes_the_autopilot_turn_back_and_count_its_return(eadp, place, stated, exports):
+@pytest.mark.parametrize("stated", ["px4", "ardupilot"])
+def test_sorties_end_above_what_makes_the_autopilot_turn_back_and_count_its_return(eadp, place, stated):
     """What each states is the forecast of its own file, with the circle at home, and keeps the reserve there."""
     scenario, out = place / f"{stated}.yaml", place / "job"
     scenario.write_text(f"{scenario.read_text()}battery: {{capacity_ah: 0.28}}\n")
-    assert eadp("cover", place / "field.geojson", *SORTIES, "--scenario", scenario, "-o", out, *exports).code == 0
+    assert eadp("cover", place / "field.geojson", *SORTIES, "--scenario", scenario, "-o", out).code == 0
     document = json.loads((out / "sorties.json").read_text())
     assert document["count"] == (1 if stated == "ardupilot" else 2)  # without its own return, one would do for PX4, too
     for row in document["sorties"]:
@@ -103,12 +103,6 @@ def test_sorties_end_above_what_makes_the_autopilot_turn_back_and_count_its_retu
         written = eadp("export", out / row["plan"], "--to", to, "--scenario", out / "scenario.yaml", "-o", out / "m")
         assert f", {expected['energy_wh']:.2f} Wh" in written.err
         assert ("turns back by itself unless" in written.err) == (to == "px4")
-
-
-def test_sorties_for_px4_are_not_for_an_aircraft_with_ardupilot(eadp, place):
-    given = ("--scenario", place / "ardupilot.yaml", "-o", place / "job", "--export", "px4")
-    refused(eadp("cover", place / "field.geojson", *SORTIES, *given), "autopilot is ardupilot")
-    assert not (place / "job").exists()
 
 
 @pytest.mark.slow

@@ -107,8 +107,9 @@ def test_files_of_results_are_as_their_schemas(eadp, validate, tmp_path):
     scenario = tmp_path / "given.yaml"
     scenario.write_text("{schema: eadp.scenario/1, battery: {capacity_ah: 0.7}, step_s: 0.05}")
     words = f"{FIELD} --swath 60 {WING} --pattern dubins --scenario {scenario} --home 55.4715,10.333 --sorties auto"
-    planned = eadp(*words.split(), "-o", job, "--export", "qgc", "--format", "json")
+    planned = eadp(*words.split(), "-o", job, "--format", "json")
     validate("sorties", json.loads(planned.out))
+    assert eadp("export", job / "sortie-01.plan", "--to", "qgc", "-o", job / "m.plan").code == 0
     answer = eadp("simulate", job, "-o", flown, "--format", "json")
     validate("job", json.loads(answer.out))
     eadp("simulate", PLAN, "--scenario", "scenarios/survey.yaml", "--set", "time_limit_s=20", "-o", flight)

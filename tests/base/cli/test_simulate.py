@@ -7,7 +7,6 @@ import json
 import math
 import re
 import sys
-import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
@@ -544,12 +543,6 @@ def test_the_first_line_names_aircraft_battery_and_wind(eadp, line_plan):
     assert first == "aircraft   fixed-wing of 2 kg at 15 m/s; battery 14.8 V, 9 Ah; wind 5 m/s from 270°"
 
 
-def test_settings_that_are_not_used_are_named(eadp, line_plan):
-    answer = eadp("simulate", line_plan, "--set", "planner.weights.fps=2")
-    assert answer.code == 0
-    assert answer.err.count("note: not used: planner.weights") == 1
-
-
 @pytest.mark.usefixtures("drawn")
 def test_a_flight_that_returns_home_has_one_account_in_text_page_picture_and_json(eadp, tmp_path):
     folder = tmp_path / "home"
@@ -581,19 +574,6 @@ def test_a_flight_that_returns_home_has_one_account_in_text_page_picture_and_jso
     with (folder / "flight.csv").open() as stream:
         at = next(row for row in csv.DictReader(stream) if float(row["time_s"]) >= last["time_s"])
     assert (float(at["x_m"]), float(at["y_m"])) == pytest.approx(tuple(summary["turned_back_m"]), abs=2)
-
-
-def test_a_flight_and_a_plan_as_junit(eadp, tmp_path):
-    report = tmp_path / "report.xml"
-    flown = eadp("simulate", PLAN, "--scenario", SCENARIO, "--set", "time_limit_s=2", "--junit", report)
-    suite = ET.parse(report).getroot()
-    assert (flown.code, suite.get("tests"), suite.get("failures")) == (1, "1", "1")
-    assert suite[0][0].get("message").startswith("time limit; state of charge 0.99")
-    assert float(suite[0].get("time")) > 0
-    for plan, code in ((PLAN, 0), ("tests/support/none.plan", 2)):
-        report.unlink(missing_ok=True)
-        assert eadp("plan", plan, "--check", "--junit", report).code == code
-        assert report.exists() == (code == 0)
 
 
 def test_messages_are_left_out_or_json(eadp, tmp_path):

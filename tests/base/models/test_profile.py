@@ -65,38 +65,6 @@ def test_shapes_that_do_not_fit() -> None:
         Profile(("fps",), ("",), np.array([[2.0], [4.0]]), np.array([5.0, 7.0]), np.array([0.1]))
 
 
-# errors
-
-
-def test_leave_one_out_worked_by_hand() -> None:
-    found = PEDNET.leave_one_out_error
-    assert found is not None
-    # 4: (5.21438 + 8.68095)/2 − 6.94212; 6: (6.94212 + 9.78429)/2 − 8.68095; 8: (8.68095 + 10.2112)/2 − 9.78429
-    errors_w = [0.005545, -0.317745, -0.338215]
-    assert (PEDNET.leave_one_out_w - PEDNET.power_w)[1:4] == pytest.approx(errors_w, abs=ROUNDING_W)
-    assert (found.points, found.worst) == (3, 3)
-    assert found.largest_w == pytest.approx(0.338215, abs=ROUNDING_W)
-    assert found.rms_w == pytest.approx(math.sqrt(sum(e * e for e in errors_w) / 3), abs=ROUNDING_W)
-    assert profile({2: 5, 4: 7}).leave_one_out_error is None
-
-
-def test_few_independent_samples_are_found() -> None:
-    points, power_w = np.array([[2.0], [4.0], [6.0]]), np.array([5.0, 7.0, 8.0])
-
-    def findings(samples: list[int], std_w: list[float], error_w: list[float]) -> list[str]:
-        made = Profile(
-            ("fps",), ("",), points, power_w, np.array(std_w), np.array(samples), "linear", "", np.array(error_w)
-        )
-        return [found.message for found in made.findings()]
-
-    assert findings([400, 400, 400], [0.1, 0.1, 0.0], [0.02, 0.005, 0.0]) == []
-    assert findings([1, 1, 1], [0, 0, 0], [math.nan] * 3) == [], "averages of who knows how many"
-    # (0.1/0.05)² = 4
-    assert findings([400, 1, 400], [0.1, 0, 0.1], [0.05, math.nan, 0.01]) == [
-        "fewer than 10 independent samples: 4 of 400 at fps=2, 1 of 1 at fps=4; their standard errors are rough"
-    ]
-
-
 # levels
 
 
