@@ -30,7 +30,6 @@ from eadp.measure.spectrum import (
     _Grid,
     _Samples,
     _sums,
-    amplitudes,
     analyse,
     periodogram,
 )
@@ -570,17 +569,6 @@ def test_too_few_samples() -> None:
         analyse(few, few)
     found = analyse(np.arange(float(MIN_SAMPLES)), np.cos(np.arange(MIN_SAMPLES)))
     assert found.period_s == pytest.approx(2 * math.pi, rel=1e-6)
-
-
-def test_amplitudes_are_those_of_least_squares() -> None:
-    times = np.sort(np.random.default_rng(3).uniform(0, 200, 800))
-    values = 40 + 3 * np.cos(2 * math.pi * times / 20 + 1) + 0.5 * np.sin(2 * math.pi * times / 5)
-    frequencies = np.array([0.013, 0.05, 0.11, 0.2])
-    centred = values - values.mean()
-    for frequency, found in zip(frequencies, amplitudes(times, values, frequencies), strict=True):
-        angle = 2 * math.pi * frequency * times
-        pair = np.linalg.lstsq(np.stack([np.cos(angle), np.sin(angle)], axis=1), centred, rcond=None)[0]
-        assert found == pytest.approx(float(np.hypot(*pair)), rel=0.03)
 
 
 LONG = np.arange(0.0, 20_000.0, 2.0)
