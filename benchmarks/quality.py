@@ -7,7 +7,7 @@ covered fields, with the vehicles `paper` and `fixed-wing`, by
 - `highest`, `lowest`: constant parameters;
 - `paper`: the letter's algorithm, its remaining time corrected;
 - `lap budget`: a simple rule, described below;
-- `joint`;
+- `joint`; and with its airspeed decided, from 10 to 15 m/s, where the vehicle is `fixed-wing`;
 - `before take-off`: the constants that its own forecast chooses before take-off, flown to the end;
 - a clairvoyant: the best path of the grid below with computations mixed in time, so that just the reserve is left;
 - `hindsight`: the best constant parameters of a grid, each flown, with wind and losses known beforehand. It
@@ -347,6 +347,9 @@ def run(task: tuple[dict[str, str], Case]) -> dict[str, Any]:
         result[name] = flown(load(plan, {**case.keys, "parameters": parameters}, **{"planner.name": "static"}))
     for name in ("paper", "joint"):
         result[name] = flown(load(plan, case.keys, **{"planner.name": name}))
+    result[PACED] = result["joint"]
+    if case.vehicle == "fixed-wing":
+        result[PACED] = flown(load(plan, case.keys, **{"planner.name": "joint", RANGE: [10.0, 15.0]}))
     inputs = load(plan, case.keys, **{"planner.name": "static"})
     result["lap budget"] = flown(inputs, LapBudget(inputs))
     result["before take-off"] = constants_before(plan, case)
@@ -356,7 +359,8 @@ def run(task: tuple[dict[str, str], Case]) -> dict[str, Any]:
     return result
 
 
-NAMES = ("highest", "lowest", "paper", "lap budget", "before take-off", "joint", "hindsight")
+PACED, RANGE = "joint, 10 to 15 m/s", "vehicle.airframe.airspeed_range_mps"
+NAMES = ("highest", "lowest", "paper", "lap budget", "before take-off", "joint", PACED, "hindsight")
 TITLES = ("completed", "reserve kept", "U, mean", "U, worst", "changes", "CPU [s]", "U, all")
 
 
@@ -437,6 +441,8 @@ def fly_all(asked: argparse.Namespace) -> None:
         compare("planner `joint`", VARIANTS, AS_IT_IS, results)
     else:
         table(("all", *TITLES), (row(name, [r[name] for r in results]) for name in NAMES))
+        own = [r for r in results if r["vehicle"] == "fixed-wing"]
+        table((f"{len(own)} of fixed-wing", *TITLES), (row(name, [r[name] for r in own]) for name in NAMES[-4:]))
         print("\n".join(verdict(results)))
         gained(results)
 

@@ -19,7 +19,7 @@ one can know of the gauge.
   the CSV of a flight at several airspeeds, banks and climbs.
 - `--cache DIR` keeps the flights with constant parameters for other runs.
 - `--paced` lets the airspeed be decided, from 10.5 to 15 m/s, beside the same at 15 m/s; the clairvoyant then chooses
-  one of the airspeeds as well, for the whole flight.
+  one of the airspeeds as well, for the whole flight. With `--draw INDEX` a picture of one of the flights is made.
 - Each mission is a line on standard error. An interrupt ends the flights; the table is of those that are complete.
 
 Needs jsbsim: pip install 'eadp[bench]'.
@@ -67,6 +67,7 @@ from plant import (  # noqa: E402
 
 from eadp import read_plan  # noqa: E402
 from eadp.api.inputs import Files, load_flight  # noqa: E402
+from eadp.io.figures.canvas import COLOURS, GREY, figure_pair, legend_above  # noqa: E402
 from eadp.io.text.streams import Text  # noqa: E402
 from eadp.models.plan.cursor import Rules  # noqa: E402
 from eadp.models.plan.executor import PlanExecutor  # noqa: E402
@@ -74,6 +75,7 @@ from eadp.models.plan.plan import Plan  # noqa: E402
 from eadp.models.plan.trace import default_start  # noqa: E402
 from eadp.simulation.metrics import ParameterLog  # noqa: E402
 
+PICTURE = ROOT / "docs/pictures/plant-loss"
 PROFILE = ROOT / "profiles/pednet-jetson-nano.yaml"
 OWNER, PLANT = ROOT / "benchmarks/twin/owner.yaml", ROOT / "benchmarks/plant.py"
 FIELDS = {
@@ -619,6 +621,33 @@ def forecasts(joint: Flown) -> Iterator[dict[str, float]]:
         }
 
 
+def draw(mission: Mission, losses: Mapping[int, float], folder: Path) -> None:
+    """Draw charge, airspeed and spacing of a flight by the log of `eadp replan` in a folder."""
+    texts = (folder / f"mission-{mission.index}.jsonl").read_text().splitlines()
+    rows = [json.loads(text) for text in texts]
+    measured = [row for row in rows if row["kind"] == "telemetry"]
+    decided = [row for row in rows if row["kind"] == "decision" and row["time_s"] > 5]
+    measured_s = [row["time_s"] for row in measured]
+    at_s, spacing = [row["time_s"] for row in decided], read_plan(mission.plan_file, warn=lambda _: None).parameters[0]
+    end, std = (np.array([row[key] for row in decided]) for key in ("soc_end_forecast", "soc_end_std"))
+    with figure_pair(PICTURE, 8.0, 6.0, (".png",)) as figure:
+        charge, airspeed, lines = figure.subplots(3, 1, sharex=True)
+        charge.plot(measured_s, [100 * row["soc"] for row in measured], label="charge")
+        charge.plot(at_s, 100 * end, COLOURS[1], label="forecast of the end, ± 2 σ")
+        charge.fill_between(at_s, 100 * (end - 2 * std), 100 * (end + 2 * std), color=COLOURS[1], alpha=0.2, lw=0)
+        charge.axhline(100 * RESERVE, color=GREY, ls="--", label="reserve")
+        airspeed.plot(measured_s, [row["airspeed_mps"] for row in measured], GREY, lw=0.8, label="measured")
+        airspeed.step(at_s, [row["airspeed_mps"] for row in decided], where="post", label="commanded")
+        lines.step(at_s, [spacing.shown(row["parameters"][spacing.name]) for row in decided], where="post")
+        for axes, label in ((charge, "charge [%]"), (airspeed, "airspeed [m/s]"), (lines, "spacing [m]")):
+            axes.set_ylabel(label)
+            for lost_s in losses:
+                axes.axvline(lost_s, color=COLOURS[6], ls=":")
+        legend_above(charge, 3)
+        legend_above(airspeed)
+        lines.set_xlabel("time [s]; dotted: losses of " + ", ".join(f"{100 * lost:.0f} %" for lost in losses.values()))
+
+
 # --- tables
 
 
@@ -761,6 +790,7 @@ def main() -> None:
     parser.add_argument("--log", metavar="DIR")
     parser.add_argument("--cache", metavar="DIR")
     parser.add_argument("--paced", action="store_true")
+    parser.add_argument("--draw", type=int, metavar="INDEX")
     asked = parser.parse_args()
     page = "twin_paced" if asked.paced else "twin"
     with recorded(page + (f"_{asked.seed}" if asked.seed else ""), write=asked.write):
@@ -782,6 +812,8 @@ def fly_all(asked: argparse.Namespace) -> None:
             for result in pool.imap(paced if asked.paced else run, tasks):
                 results.append(result)
                 print(row(result), file=sys.stderr, flush=True)
+                if result["mission"].index == asked.draw:
+                    draw(result["mission"], result["losses"], Path(folder))
     print(f"seed {asked.seed}, {len(results)} missions; U is 0 where a mission is not completed")
     (report_paced if asked.paced else report)(results)
 

@@ -6,7 +6,7 @@ in `__init__.pyi`.
 
 import importlib
 import sys
-from types import FunctionType, ModuleType
+from types import ModuleType
 from typing import Any
 
 __version__ = "0.1.0"
@@ -44,8 +44,6 @@ def __getattr__(name: str) -> Any:
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     found = getattr(importlib.import_module(_MODULE_OF[name]), name)
-    if isinstance(found, FunctionType):
-        found = importlib.import_module("eadp.api.public").public(found)
     globals()[name] = found
     return found
 

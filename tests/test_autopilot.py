@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import itertools
 import sys
 
 import pytest
@@ -40,20 +41,20 @@ def test_a_flight_begins_with_its_mission_and_the_draw_of_its_take_off(autopilot
 
 @pytest.mark.slow
 def test_nothing_is_decided_while_a_pilot_flies_and_one_late_leg_says_little(autopilot, folder):
-    rows = list(autopilot.pilots(folder))
+    rows = list(autopilot.pilots(folder, 2))
     assert all(row.met for row in rows), rows
 
 
 @pytest.mark.slow
 def test_a_draw_that_rises_for_good_is_followed(autopilot, folder):
-    rows = list(autopilot.rises(folder))
+    rows = list(itertools.islice(autopilot.rises(folder), 3))
     assert all(row.met for row in rows), rows
 
 
 @pytest.mark.slow
 def test_a_lost_cell_is_found_and_no_other(autopilot, folder):
     pytest.importorskip("pymavlink")
-    rows = list(autopilot.cells(folder))
+    rows = list(itertools.islice(autopilot.cells(folder), 3))
     assert all(row.met for row in rows), rows
 
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 
+import pytest
 from common import ROOT
 
 PAGE = ROOT / "docs/library.md"
 
 
+@pytest.mark.slow
 def test_the_blocks_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
     monkeypatch.setenv("MPLBACKEND", "Agg")

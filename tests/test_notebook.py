@@ -6,7 +6,7 @@ import ast
 import json
 
 import pytest
-from common import ROOT, few
+from common import ROOT
 
 from eadp.io.text import json as frames
 
@@ -14,7 +14,8 @@ PAGE = ROOT / "docs/notebook.ipynb"
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
-@pytest.mark.parametrize("folder", few(["docs", "."], 1))
+@pytest.mark.slow
+@pytest.mark.parametrize("folder", ["docs"])
 def test_the_cells_run(monkeypatch, folder):
     monkeypatch.chdir(ROOT / folder)
     notebook = json.loads(PAGE.read_text(encoding="utf-8"))

@@ -221,7 +221,7 @@ def test_a_command_and_a_file_of_results(capsys, tmp_path):
 @pytest.mark.usefixtures("installed")
 def test_a_log_is_fitted(capsys, tmp_path):
     log = tmp_path / "log.bars"
-    log.write_text("bars\n" + "".join(f"{i / 10}|{36 + 2 * math.cos(math.pi * i / 100)}\n" for i in range(2000)))
+    log.write_text("bars\n" + "".join(f"{i / 10}|{36 + 2 * math.cos(math.pi * i / 100)}\n" for i in range(500)))
     assert main(["fit", str(log)]) == 0
     assert "period   20.00" in capsys.readouterr().out
     log.write_text("bars\n1|2\nx|3\n")

@@ -46,7 +46,7 @@ def shell(command, **environment):
     )
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("command", "message"),
     [
@@ -66,6 +66,7 @@ def test_a_stream_that_cannot_be_used_is_exit_2(command, message):
     assert done.stdout == ""
 
 
+@pytest.mark.slow
 def test_a_closed_stream_is_no_place_for_a_file(tmp_path):
     out = tmp_path / "model.yaml"
     assert shell(f"fit scenarios/example-power-log.csv --to 110 -o {out} <&- >&- 2>&-").returncode == 2

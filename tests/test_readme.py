@@ -5,16 +5,18 @@
 
 from __future__ import annotations
 
+import io
 import os
 import re
-import subprocess
-import sys
+import shlex
 import tempfile
 from pathlib import Path
 
 import pytest
 from common import ROOT, few
 from common.console import Console, blocks, commands, missing_links, update
+
+from eadp.cli.main import main
 
 README = ROOT / "README.md"
 IN_ORDER = [ROOT / "docs/tutorial.md", ROOT / "docs/sorties.md", ROOT / "docs/aircraft.md"]
@@ -46,7 +48,7 @@ def test_the_blocks_show_what_their_commands_print_in_this_order(page, tmp_path,
         assert console.fresh(block) == block
 
 
-def test_the_pipe_of_the_readme_flies_a_mission_beside_zones(tmp_path):
+def test_the_pipe_of_the_readme_flies_a_mission_beside_zones(tmp_path, monkeypatch, capsys):
     (pipe,) = re.findall(r"^\| `(eadp plan .*?\| eadp simulate -)`", README.read_text(encoding="utf-8"), re.MULTILINE)
     items = "0 16 0 0 0 0 55.5 10.5 0", "3 16 0 0 0 0 55.505 10.5 60", "3 16 0 0 0 0 55.505 10.51 60"
     rows = (f"{i} 0 {item} 1" for i, item in enumerate(items))
@@ -54,11 +56,17 @@ def test_the_pipe_of_the_readme_flies_a_mission_beside_zones(tmp_path):
     (tmp_path / "zones.geojson").write_text(
         '{"type": "Polygon", "coordinates": [[[10.503, 55.504], [10.504, 55.504], [10.504, 55.506], [10.503, 55.504]]]}'
     )
-    typed = re.sub(r"\beadp\b", f"{sys.executable} -m eadp", pipe.replace("\\|", "|"))
-    answer = subprocess.run(typed, shell=True, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert answer.returncode == 1
-    assert answer.stderr.endswith(": warning: the path leads through obstacle 1, first on the way to item 2\n")
-    assert "NOT completed: entered obstacle 1" in answer.stdout
+    changed, flown = (shlex.split(typed)[1:] for typed in pipe.split(r" \| "))
+    monkeypatch.chdir(tmp_path)
+    assert main(changed) == 0
+    plan = capsys.readouterr()
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(plan.out.encode())))
+    assert main(flown) == 1
+    answer = capsys.readouterr()
+    assert (plan.err + answer.err).endswith(
+        ": warning: the path leads through obstacle 1, first on the way to item 2\n"
+    )
+    assert "NOT completed: entered obstacle 1" in answer.out
 
 
 def test_the_readme_stops_where_a_newcomer_stops():

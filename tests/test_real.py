@@ -18,8 +18,9 @@ import real  # noqa: E402
 MISSIONS = [path for path in real.missions(real.FOLDERS) if path.suffix != ".geojson"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not MISSIONS, reason="the folder of missions of others is not there")
-@pytest.mark.parametrize("path", few(MISSIONS, 2), ids=lambda path: path.name)
+@pytest.mark.parametrize("path", few(MISSIONS, 1), ids=lambda path: path.name)
 def test_a_mission_of_others_is_forecast_as_it_is_flown(path):
     if path.name in real.REFUSED:
         with pytest.raises(InputError, match=real.REFUSED[path.name]):

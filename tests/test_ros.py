@@ -282,8 +282,8 @@ def interrupt(process):
 
 
 @pytest.mark.slow
-def test_a_detector_follows_the_node_of_ros_1(flight, tmp_path):
-    """roslaunch with a master, the node and a detector; a flight played as topics."""
+def test_a_detector_follows_the_node_of_ros_1(flight, tmp_path, capsys):
+    """roslaunch with a master, the node and a detector; a flight played as topics, recorded by rosbag, and fitted."""
     if shutil.which("roslaunch") is None or not Path(PACKAGES, "sensor_msgs").exists():
         pytest.skip("ROS 1 is not installed: apt install ros-core python3-rospy python3-sensor-msgs")
     modules = tmp_path / "modules"
@@ -310,6 +310,9 @@ def test_a_detector_follows_the_node_of_ros_1(flight, tmp_path):
             assert started[0].poll() is None, (tmp_path / "launch.log").read_text()
             assert time.monotonic() < until
             time.sleep(0.1)
+        topics = ["/mavros/battery", "/mavros/global_position/global"]
+        record = ["rosbag", "record", "-O", str(tmp_path / "flight.bag"), *topics]
+        started.append(subprocess.Popen(record, env=env, stdout=log, stderr=log))
         player = [sys.executable, "-c", PLAYER, str(Path(__file__).parent), str(flight)]
         done = subprocess.run(player, env=env, capture_output=True, text=True, timeout=300, check=False)
         assert done.returncode == 0, done.stderr + (tmp_path / "launch.log").read_text()
@@ -326,3 +329,8 @@ def test_a_detector_follows_the_node_of_ros_1(flight, tmp_path):
     assert last["in_force"]["c2"] == pytest.approx(rates[-1], rel=0.2)  # as the detector says
     assert len(result["decisions"]) > STEPS / 2
     assert not any("stage-unknown" in line["warnings"] for line in result["decisions"])
+    # the log has the flight: it is replayed to the same end
+    capsys.readouterr()
+    assert main(["fit", str(tmp_path / "flight.bag"), "--format", "json"]) in (0, 1)
+    fitted = json.loads(capsys.readouterr().out)
+    assert fitted["log"]["rows"] == STEPS

@@ -9,10 +9,11 @@ import pytest
 from common import ROOT
 from common.pages import Page
 
+from eadp.cli.main import main
 from eadp.planning.base import SHORT
 
-FAST = "--set", "step_s=0.1"
-SMALL = "--set", "battery={cells: 4, capacity_ah: 0.7, cycles: 50}"
+FAST = "--set", "step_s=0.1", "--set", "planner.every_s=10"
+SMALL = "--set", "battery={cells: 4, capacity_ah: 0.3, cycles: 50}"
 ROW = re.compile(r"^\| (?P<inside>[^|]+) \| (?P<read>[^|]+) \|$", re.MULTILINE)
 
 
@@ -38,16 +39,16 @@ def test_the_table_finds_what_it_names():
     assert inside_words("UAV, Udine, c10, c1.csv, infeasibly") == []
 
 
-@pytest.fixture
-def started(eadp, tmp_path):
+@pytest.fixture(scope="module")
+def started(tmp_path_factory):
     """A folder of `eadp init`, and a plan with computations."""
-    assert eadp("init", tmp_path, "--preset", "foam-wing").code == 0
-    answer = eadp(
-        "cover", tmp_path / "field.geojson", "--scenario", tmp_path / "scenario.yaml", "--swath", "40", "--pattern",
-        "zamboni", "--profile", "profiles/pednet-jetson-nano.yaml", "-o", tmp_path / "computing.plan",
-    )  # fmt: skip
-    assert answer.code == 0
-    return tmp_path
+    folder = tmp_path_factory.mktemp("started")
+    assert main(["init", str(folder), "--preset", "foam-wing"]) == 0
+    profile = str(ROOT / "profiles/pednet-jetson-nano.yaml")
+    words = "--swath", "80", "--pattern", "zamboni", "--profile", profile, "-o", str(folder / "computing.plan")
+    field, scenario = str(folder / "field.geojson"), str(folder / "scenario.yaml")
+    assert main(["cover", field, "--scenario", scenario, *words]) == 0
+    return folder
 
 
 @pytest.mark.usefixtures("drawn")
@@ -55,10 +56,9 @@ def test_what_flights_print(eadp, started):
     flown = "simulate", started / "computing.plan", "--scenario", started / "scenario.yaml", *FAST
     profile, home = ("--profile", "profiles/pednet-jetson-nano.yaml"), "home={position_m: [0, 0]}"
     returning = "--set", "on_infeasible=home", "--set", home, "-o", started / "flown"
-    for keys in (("--planner", "static"), returning):
-        answer = eadp(*flown, *profile, *SMALL, *keys)
-        assert answer.code == 1
-        assert inside_words(answer.out + answer.err) == []
+    answer = eadp(*flown, *profile, *SMALL, *returning)
+    assert answer.code == 1
+    assert inside_words(answer.out + answer.err) == []
     page = (started / "flown" / "report.html").read_text(encoding="utf-8")
     assert inside_words(" ".join(Page(page).data["words"])) == []
     rows = (started / "flown" / "decisions.jsonl").read_text().splitlines()
@@ -68,14 +68,9 @@ def test_what_flights_print(eadp, started):
 
 
 def test_what_the_planner_in_flight_says(eadp):
-    given = (
-        "plans/survey.plan",
-        "--scenario",
-        "scenarios/survey.yaml",
-        "--telemetry",
-        "scenarios/example-telemetry.jsonl",
-    )
-    answer = eadp("replan", *given, "--set", "battery.capacity_ah=0.1")
+    given = "--scenario", "scenarios/survey.yaml", "--telemetry", "scenarios/example-telemetry.jsonl"
+    seldom = "--set", "battery.capacity_ah=0.1", "--set", "planner.every_s=10"
+    answer = eadp("replan", "plans/survey.plan", *given, *seldom)
     said = [json.loads(line) for line in answer.out.splitlines()]
     reasons = " ".join(f"{line['reason']} {line['warnings']}" for line in said)
     assert SHORT in reasons
@@ -84,23 +79,11 @@ def test_what_the_planner_in_flight_says(eadp):
 
 def test_what_other_commands_print(eadp, started):
     vehicle, field = started / "foam-wing.yaml", started / "field.geojson"
+    lines = "--vehicle", vehicle, "--swath", "100"
     commands = [
         ("vehicle", vehicle),
-        ("cover", field, "--vehicle", vehicle, "--swath", "60", "--pattern", "dubins"),
-        (
-            "cover",
-            field,
-            "--vehicle",
-            vehicle,
-            "--swath",
-            "60",
-            "--sorties",
-            "2",
-            "--home",
-            "55.4730,10.3342",
-            "-o",
-            started / "sorties",
-        ),
+        ("cover", field, *lines, "--pattern", "dubins"),
+        ("cover", field, *lines, "--sorties", "2", "--home", "55.4730,10.3342", "-o", started / "sorties"),
         ("simulate", started / "sorties", *FAST),
         ("plan", "plans/valley.waypoints"),
         ("simulate", "plans/valley.waypoints", *FAST, *SMALL),

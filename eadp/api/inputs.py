@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 import math
-import statistics
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -182,19 +181,13 @@ class FlightInputs:
 
         gusts = wind.gust_std_mps, wind.gust_time_s
         legs, climb = found.planned(self.mission).legs, ClimbFollower.of(self.mission)
-        entered = clearance.entering(legs, airspace, world.vehicle, world.guidance, self._wind_mps, gusts, climb)
+        entered = clearance.entering(legs, airspace, world.vehicle, world.guidance, wind.steady_mps, gusts, climb)
         return replace(found, entering=entered)
-
-    @property
-    def _wind_mps(self) -> Point:
-        """The wind at take-off, at the plan's median altitude [m/s]."""
-        altitudes_m = _altitudes_m(self.world.plan.stages, self.world.vehicle)
-        return self.world.wind.steady_at_mps(0.0, statistics.median_high(altitudes_m))
 
     def _before_take_off(self, settings: PlannerSettings) -> Preflight | None:
         """The planner's forecast before take-off."""
         planner = planner_class(settings.name)
-        return planner.preflight(settings, self.mission, self._wind_mps, self.world.wind.gust_std_mps)
+        return planner.preflight(settings, self.mission, self.world.wind.steady_mps, self.world.wind.gust_std_mps)
 
 
 def load_flight(
@@ -249,7 +242,6 @@ def load_flight(
     world = _world(flown, computing, setting, parameters, start, forecast_s)
     _check_rates(world, setting)
     _check_names(flown, setting)
-    warnings += _unused(flown, setting)
     warnings += [finding.fault(plan_source.name) for finding in overshoot_findings(overshoots, MOST)]
     mission = _mission(world, model, nominal, setting.keys.autopilot)
     if world.way_home is not None:
@@ -591,19 +583,6 @@ def _check_names(plan: Plan, scenario: Scenario) -> None:
     ]
     if faults and plan.names:  # a plan without parameters may share a scenario with others
         raise InputError(*faults)
-
-
-def _unused(plan: Plan, scenario: Scenario) -> list[Fault]:
-    """A note on settings of parameters beside a plan that has none, if any."""
-    unused = [key for key in ("weights", "levels") if not plan.names and getattr(scenario.planner, key)]
-    if not unused:
-        return []
-    keys = ", ".join(f"planner.{name}" for name in unused)
-    return [
-        replace(
-            scenario.fault(f"planner.{unused[0]}", f"not used: {keys}: the plan has no parameters"), severity="note"
-        )
-    ]
 
 
 def _check_planner(scenario: Scenario, mission: Mission) -> None:

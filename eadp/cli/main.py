@@ -234,7 +234,7 @@ def _usage(error: Exception, arguments: list[str]) -> int:
         example = (error.ctx.command.help or "").partition("\n")[0]  # type: ignore[attr-defined]
         message = f"{message} {example}"
     if type(error).__name__ == "NoSuchOption":
-        message = _pipe(error, arguments) or message + _key_of_scenario(error)
+        message = _pipe(error, arguments) or message
     plain = escaped(f"eadp: error: {message}\n")
     sys.stderr.write(faults_text([Fault("eadp", 1, 1, message)]) if faults_as_json.get() else plain)
     return BAD_INPUT
@@ -259,20 +259,6 @@ def _pipe(error: Any, arguments: list[str]) -> str:
         taken += [] if value or option in flags else [next(words, "")]
     first, then = ["eadp", "plan", file, *changes], ["eadp", arguments[0], "-", *rest]
     return f"{error.option_name} is an option of eadp plan: {shlex.join(first)} | {shlex.join(then)}"
-
-
-def _key_of_scenario(error: Any) -> str:
-    """How to set what the command has no option for, where that is a key of its scenario."""
-    from dataclasses import fields
-
-    from eadp.io.scenario import ScenarioFile  # slow to import
-
-    key = error.option_name.lstrip("-").replace("-", "_")
-    sets = any("--set" in option.opts for option in error.ctx.command.params)
-    known = {field.name for field in fields(ScenarioFile)}
-    return (
-        f"; {key} is a key of the scenario: --set {key}…, as in --set wind.speed_mps=8" if sets and key in known else ""
-    )
 
 
 def _debug() -> None:

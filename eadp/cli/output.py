@@ -14,11 +14,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextvars import ContextVar
 from dataclasses import MISSING, Field, asdict, dataclass, fields, is_dataclass
 from enum import StrEnum
-from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from typer import Option
 
-from eadp.errors import Fault, InputError, first_faults, printable
+from eadp.errors import Fault, InputError, first_faults
 from eadp.io.text.options import UNITS, Flag, attribute_docstrings, option_name
 
 faults_as_json: ContextVar[bool] = ContextVar("faults_as_json", default=False)
@@ -204,35 +204,3 @@ def _plain(name: str, kind: Any) -> Any:
     if get_origin(kind) is not None and issubclass(get_origin(kind), Sequence) and get_origin(kind) is not tuple:
         return list[str]
     return kind
-
-
-# --- results as a JUnit report, which pipelines show
-
-
-class Case(NamedTuple):
-    """A test: its name, the time that it took [s], what is wrong, as `failure` or `error`, and what to know besides."""
-
-    name: str
-    time_s: float
-    wrong: str | None = None
-    kind: str = "failure"
-    note: str | None = None
-
-
-def junit_text(title: str, cases: Sequence[Case]) -> str:
-    """A suite of tests as XML."""
-    import xml.etree.ElementTree as ET
-
-    kinds = [case.kind for case in cases if case.wrong is not None]
-    counts = {"tests": len(cases), "failures": kinds.count("failure"), "errors": kinds.count("error")}
-    time_s = f"{sum(case.time_s for case in cases):.3f}"
-    name = printable(title)
-    suite = ET.Element("testsuite", {"name": name, **{key: str(n) for key, n in counts.items()}, "time": time_s})
-    for case in cases:
-        test = ET.SubElement(suite, "testcase", classname=name, name=printable(case.name), time=f"{case.time_s:.3f}")
-        if case.wrong is not None:
-            ET.SubElement(test, case.kind, message=printable(case.wrong, 2000))
-        if case.note is not None:
-            ET.SubElement(test, "system-out").text = printable(case.note, 2000)
-    ET.indent(suite)
-    return ET.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -55,9 +54,6 @@ class PlanOptions:
     plot: Annotated[str | None, Flag(metavar="FILE")] = None
     """Draw the plan: FILE.svg or FILE.png."""
 
-    junit: Annotated[str | None, Flag(metavar="FILE")] = None
-    """Write a JUnit report, which fails on errors."""
-
     laps: Annotated[int | None, Flag(metavar="N", low=1, high=10_000)] = None
     """How many times a mission that repeats for ever is flown."""
 
@@ -98,15 +94,11 @@ def command(
     from eadp.api.plan import check_plan
     from eadp.errors import InputError, PathUndefined
     from eadp.io.plan.writer import parameters_of, plan_text
-    from eadp.io.text.streams import output_file, write_text
 
     trace, plot = options.trace_m, options.plot
     if trace is not None and not 0 < trace < math.inf:
         message = "a step that is not above 0, or not finite"
         raise usage_fault("--trace", f"{trace:g}", message, "metres, as in --trace 1")
-    if options.junit is not None:
-        output_file(options.junit)
-    start_s = time.perf_counter()
     read = check_plan(
         file,
         min_radius_m=options.min_radius_m,
@@ -117,12 +109,6 @@ def command(
         geometry=options.check,
     )
     plan, lines = read.plan, read.faults
-    if options.junit is not None:
-        from eadp.cli.output import Case, junit_text
-
-        wrong = "\n".join(str(line) for line in lines if line.severity == "error") or None
-        case = Case("geometry" if options.check else "text", time.perf_counter() - start_s, wrong)
-        write_text(options.junit, junit_text(file, [case]))
     parameters = parameters_of(plan, options.set_)
     try:
         if plot is not None:

@@ -37,9 +37,6 @@ class ModelOptions:
     names: Annotated[str, Flag(metavar="NAME,…")] = ""
     """New names of the parameters, in order."""
 
-    from_name: Annotated[str, Flag(metavar="PATTERN")] = ""
-    """Configurations of traces are in their names: '*_{fps}fps'."""
-
     interpolation: Literal["linear", "pchip"] | None = None
     """Between configurations; the default is linear, or the model's."""
 
@@ -77,7 +74,7 @@ def command(
     Build the energy model of the computations from measurements of their power: a CSV with a column for each
     parameter and one for the power (fps,power_w), or powprofiler's. Repeated configurations are averaged.
 
-    Traces are recordings at one configuration each, of tegrastats, jtop, nvidia-smi, turbostat, powerstat, an INA219,
+    Traces are recordings at one configuration each, of tegrastats, jtop, nvidia-smi, turbostat, an INA219,
     INA226 or INA3221, hwmon or RAPL: eadp profile slow.log fast.log --config fps=2 --config fps=10
 
     Measure them: eadp profile --measure --config fps=2,4,6 -o measured.csv -- ./detect --rate {fps}
@@ -100,9 +97,7 @@ def command(
     configurations = [parse_configuration(raw) for raw in options.config]
     names = [name.strip() for name in model.names.split(",")] if model.names else []
     kind, device = model.interpolation, model.device or ""
-    profile, warnings = read_profiles(
-        Sources(files, model.add, names, configurations, model.from_name, kind, device, columns)
-    )
+    profile, warnings = read_profiles(Sources(files, model.add, names, configurations, kind, device, columns))
     values, clamped = powers_at(profile, at, model.clamp)
     if model.plot:
         from eadp.io.figures.profile import write_profile_figure
@@ -156,7 +151,7 @@ def _summary(profile: AnyProfile) -> str:
 
 
 def _part_summary(part: Profile) -> str:
-    """A table: configuration, power, standard deviation and error, samples, leave-one-out error."""
+    """A table: configuration, power, standard deviation and error, samples."""
     from eadp.models.profile import titles
 
     heads = [*titles(part.names, part.units), "power [W]"]
@@ -165,29 +160,15 @@ def _part_summary(part: Profile) -> str:
             *(f"{value:.10g}" for value in at),
             f"{part.power_w[i]:.6g}",
             f"{part.std_w[i]:.2g}" if part.samples[i] > 1 else "",
-            _finite_text(part.standard_error_w[i], ".2g"),
+            f"{part.standard_error_w[i]:.2g}" if math.isfinite(part.standard_error_w[i]) else "",
             str(part.samples[i]),
-            _finite_text(part.leave_one_out_w[i] - part.power_w[i], "+.2g"),
         ]
         for i, at in enumerate(part.configurations.tolist())
     ]
-    optional = ["std. dev. [W]", "std. error [W]", "samples", "leave-one-out error [W]"]
+    optional = ["std. dev. [W]", "std. error [W]", "samples"]
     columns = zip([*heads, *optional], *rows, strict=True)
     filled = [column for i, column in enumerate(columns) if i < len(heads) or any(column[1:])]
     title = f"{len(part.power_w)} configurations of {', '.join(part.names)}; {part.interpolation} between them"
     source = f"source: {printable(part.source, 1000)}"
     device = [f"device: {printable(part.device, 64)}"] if part.device else []
-    return "\n".join([title, source, *device, *aligned([*zip(*filled, strict=True)]), *_error_summary(part)])
-
-
-def _finite_text(value: float, form: str) -> str:
-    return f"{value:{form}}" if math.isfinite(value) else ""
-
-
-def _error_summary(part: Profile) -> list[str]:
-    found = part.leave_one_out_error
-    if not found:
-        return []
-    points = "1 configuration" if found.points == 1 else f"{found.points} configurations"
-    worst = f"at most {found.largest_w:.2g} W at {part.named(found.worst)}"
-    return [f"leave-one-out error of {points}: {found.rms_w:.2g} W RMS, {worst}"]
+    return "\n".join([title, source, *device, *aligned([*zip(*filled, strict=True)])])

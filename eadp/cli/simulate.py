@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -14,7 +13,7 @@ from eadp.cli.output import Progress, alarm, emit, emit_json, usage_fault, warn
 from eadp.errors import one_of
 from eadp.io.page import REPORT
 from eadp.io.text.options import Flag
-from eadp.io.text.streams import check_new_folder, output_file, write_text
+from eadp.io.text.streams import check_new_folder
 from eadp.models.airspace import BOUNDARY, risk_text
 from eadp.plug_ins import OWN, added_names, plug_in
 
@@ -40,9 +39,6 @@ class SimulateOutputs:
 
     require_reserve: bool = False
     """Exit 1 also where the flight ends below the reserve."""
-
-    junit: Annotated[str | None, Flag(metavar="FILE")] = None
-    """Write a JUnit report, whose test fails where the exit code is 1."""
 
     strict_solver: bool = False
     """Exit 1 also where a run of the solver fails."""
@@ -77,7 +73,7 @@ def command(
     if job := job_in(plan):
         names = ("scenario", "profile", "energy")
         alone = {name: getattr(options, name) or None for name in names}
-        for name, value in {**alone, "figure": output.figure, "junit": output.junit}.items():
+        for name, value in {**alone, "figure": output.figure}.items():
             if value is not None:
                 raise usage_fault(f"--{name}", str(value), "beside a folder of sorties", "its scenario, or --set")
         from eadp.io.scenario import override_texts
@@ -88,9 +84,7 @@ def command(
     if output.figure is not None and plug_in("result_figures", output.figure) is None:
         figures = [*OWN["result_figures"], *added_names("result_figures")]
         raise usage_fault("--figure", output.figure, "is no figure", one_of(figures, output.figure))
-    if output.junit is not None:
-        output_file(output.junit)
-    progress, start_s = Progress("flying"), time.perf_counter()
+    progress = Progress("flying")
 
     def show(step: Step) -> None:
         progress.show(f"{step.time_s:.0f} s, stage {step.stage}, charge {100 * step.soc:.0f} %")
@@ -116,16 +110,7 @@ def command(
         emit(_text(flight, output))
     failures = _alarmed(summary)
     kept = summary["reserve_kept"] or not output.require_reserve
-    passed = summary["completed"] and kept and not (output.strict_solver and failures)
-    if output.junit is not None:
-        from eadp.cli.output import Case, junit_text
-
-        wrong = f"{summary['reason']}; state of charge {summary['soc_final']:.3f} at the end"
-        wrong += f"; {failures}" if failures else ""
-        title = f"planner={summary['planner']}, seed={summary['seed']}"
-        case = Case(title, time.perf_counter() - start_s, None if passed else wrong, note=failures)
-        write_text(output.junit, junit_text(plan, [case]))
-    return 0 if passed else 1
+    return 0 if summary["completed"] and kept and not (output.strict_solver and failures) else 1
 
 
 def _job(kind: JobKind, folder: str, texts: list[str], seed: int | None, output: SimulateOutputs) -> int:

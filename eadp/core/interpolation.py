@@ -10,7 +10,6 @@ import math
 from abc import ABC, abstractmethod
 from bisect import bisect_right
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Literal
 
@@ -25,9 +24,6 @@ Kind = Literal["linear", "pchip"]
 
 EDGE = 1e-9
 """Tolerance at the edge of the measured range, as a fraction of it: rounding, not extrapolation."""
-
-LEAVE_ONE_OUT_LIMIT = 200_000
-"""Largest cost of leave-one-out prediction over n scattered points: n times their number of simplices."""
 
 
 class _Piece(ABC):
@@ -108,8 +104,8 @@ class Interpolant:
     def nearest(self, configuration: Sequence[float]) -> Point:
         """The nearest configuration inside the measured range.
 
-        Each coordinate goes to its own measured range first; if that is still outside the hull of scattered
-        points, to the nearest point of the hull, coordinates scaled by their ranges.
+        Each coordinate goes to its own measured range first; if that is still outside the hull of scattered points,
+        to the nearest measured configuration, coordinates scaled by their ranges.
 
         Raises
         ------
@@ -171,78 +167,6 @@ def interpolant(configurations: ArrayLike, values: ArrayLike, kind: Kind = "line
     slack = EDGE * np.where(span > 0, span, np.abs(lower))
     piece = _piece(points[:, varying], measured, kind)
     return Interpolant(_floats(lower), _floats(upper), _floats(lower - slack), _floats(upper + slack), varying, piece)
-
-
-def leave_one_out(configurations: ArrayLike, values: ArrayLike, kind: Kind = "linear") -> FloatArray:
-    """Leave-one-out prediction: the value at each configuration from the other measurements.
-
-    One varying coordinate: the interpolation of the others, for every inner point. A full grid: linear between the two
-    neighbours on each grid line that has the point inside, averaged over the lines. Scattered points: the interpolation
-    of the others, for a point within their hull.
-
-    Parameters
-    ----------
-    configurations, values, kind
-        As for `interpolant`.
-
-    Returns
-    -------
-    array, shape (n,)
-        Predicted values; NaN where the others do not enclose the point, and everywhere if the points are scattered and
-        exceed `LEAVE_ONE_OUT_LIMIT`.
-
-    Raises
-    ------
-    ValueError
-        As `interpolant`.
-    """
-    points, measured = _checked(configurations, values)
-    varying = points[:, np.flatnonzero(np.ptp(points, axis=0) > 0)]
-    n, d = varying.shape
-    if d == 0 or n < 3:
-        return np.full(n, np.nan)
-    order = np.lexsort(varying.T[::-1])
-    predicted = np.empty(n)
-    predicted[order] = _leave_one_out_sorted(varying[order], measured[order], kind)
-    return predicted
-
-
-def _leave_one_out_sorted(points: FloatArray, values: FloatArray, kind: Kind) -> FloatArray:
-    n, d = points.shape
-    if d == 1 and kind == "pchip":
-        return _leave_one_out_cubic(points[:, 0], values)
-    levels = [np.unique(column) for column in points.T]
-    shape = tuple(map(len, levels))
-    if n != math.prod(shape):
-        return _leave_one_out_scattered(points, values)
-    table, total, count = values.reshape(shape), np.zeros(shape), np.zeros(shape)
-    for axis, knots in enumerate(levels):
-        across, sums, counts = (np.moveaxis(array, axis, -1) for array in (table, total, count))
-        t = (knots[1:-1] - knots[:-2]) / (knots[2:] - knots[:-2])
-        sums[..., 1:-1] += (1.0 - t) * across[..., :-2] + t * across[..., 2:]
-        counts[..., 1:-1] += 1
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan).ravel()
-
-
-def _leave_one_out_cubic(knots: FloatArray, values: FloatArray) -> FloatArray:
-    predicted = np.full(len(knots), np.nan)
-    for i in range(1, len(knots) - 1):
-        # a slope of PCHIP depends on two neighbours, at an end on three points: three on each side determine it
-        others = [k for k in range(max(0, i - 3), min(len(knots), i + 4)) if k != i]
-        with suppress(Infeasible):
-            predicted[i] = _pchip(knots[others], values[others]).at((float(knots[i]),))
-    return predicted
-
-
-def _leave_one_out_scattered(points: FloatArray, values: FloatArray) -> FloatArray:
-    n = len(points)
-    predicted = np.full(n, np.nan)
-    if n * len(_scattered(points, values).vertices) > LEAVE_ONE_OUT_LIMIT:
-        return predicted
-    for i in range(n):
-        with suppress(Infeasible):
-            predicted[i] = interpolant(np.delete(points, i, axis=0), np.delete(values, i)).at(points[i].tolist())
-    return predicted
 
 
 def _checked(configurations: ArrayLike, values: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -353,7 +277,7 @@ class _Scattered(_Piece):
         scaled = (np.array(point) - self.lower) / self.span
         if self._weights(scaled)[1].min() >= -EDGE:
             return point
-        return _floats(self.lower + self.span * _nearest_in_hull(self.points, scaled))
+        return _floats(self.lower + self.span * self.points[np.argmin(np.sum((self.points - scaled) ** 2, axis=1))])
 
     def _weights(self, scaled: FloatArray) -> tuple[int, FloatArray]:
         """The simplex that holds a point, or is nearest to it, and the point's d + 1 weights there."""
@@ -385,20 +309,6 @@ def _scattered(points: FloatArray, values: FloatArray) -> _Scattered:
         raise Infeasible(flat)
     vertices = np.asarray(triangles.simplices, dtype=np.intp)[solid]
     return _Scattered(scaled, values, lower, span, vertices, transform[solid, :d], transform[solid, d])
-
-
-def _nearest_in_hull(points: FloatArray, target: FloatArray) -> FloatArray:
-    """The point of the hull of n points (n, d) nearest to a target (d,).
-
-    Source: Lawson and Hanson, Solving Least Squares Problems (1974), ch. 23: least distance programming.
-    """
-    from scipy.optimize import nnls
-
-    # min ‖Σ λ_i (p_i − x)‖² + (Σ λ_i − 1)² over λ ≥ 0: for λ = sμ with Σμ = 1, the best s leaves D²/(1 + D²),
-    # which grows with the distance D of Σ μ_i p_i from x; so the best μ is that of the nearest point
-    rows = np.vstack(((points - target).T, np.ones(len(points))))
-    weights, _ = nnls(rows, np.append(np.zeros(len(target)), 1.0))
-    return np.asarray(weights @ points / weights.sum(), dtype=np.float64)
 
 
 def _floats(values: ArrayLike) -> Point:

@@ -1,10 +1,10 @@
-"""The one door to pyulog and pymavlink: a script that reads a log under limits, in a process of its own.
+"""The one door to pyulog, pymavlink and rosbags: a script that reads a log under limits, in a process of its own.
 
 The libraries trust what a file declares of itself: a few hundred bytes can ask for terabytes or hours. Some print as
 they read. The system ends the process at its limits of memory and CPU time. Standard output is an `.npz` of columns
 named `TOPIC/FIELD`; standard error is the reason why a log cannot be read.
 
-`python autopilot_process.py ulog|dataflash|dataflash-text FILE TOPIC,…`: imports nothing of eadp.
+`python autopilot_process.py ulog|dataflash|dataflash-text|bag FILE TOPIC,…`: imports nothing of eadp.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import os
 import sys
 from array import array
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 MEMORY_BYTES, MEMORY_PER_BYTE = 400_000_000, 8
@@ -28,7 +29,7 @@ MAX_FIELDS = 10_000
 
 def main(form: str, path: str, topics: list[str], output: int) -> None:
     """Read a log and write its columns to a file descriptor."""
-    size = os.path.getsize(path)
+    size = sum(each.stat().st_size for each in (Path(path), *Path(path).rglob("*")))  # a bag may be a folder
     with contextlib.suppress(ImportError):  # a system without such limits
         import resource
 
@@ -37,7 +38,10 @@ def main(form: str, path: str, topics: list[str], output: int) -> None:
         resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s))
     import numpy as np
 
-    columns = _ulog(path, topics) if form == "ulog" else _dataflash(form, path, topics)
+    if form in ("ulog", "bag"):
+        columns = (_ulog if form == "ulog" else _bag)(path, topics)
+    else:
+        columns = _dataflash(form, path, topics)
     with open(output, "wb") as stream:
         np.savez(stream, **columns)
 
@@ -84,6 +88,36 @@ def _dataflash(form: str, path: str, topics: list[str]) -> dict[str, Any]:
     read = sum(len(log.offsets[number]) * each.len for number, each in log.formats.items()) if binary else log.data_len
     skipped = log.data_len - read
     return columns | {"notes": [f"{skipped} bytes that are no message skipped"] * (skipped > 0)}
+
+
+def _bag(path: str, topics: list[str]) -> dict[str, Any]:
+    """Batteries of a ROS bag, numbered by their topics' names, and the positions of its fullest topic of them."""
+    from rosbags.highlevel import AnyReader
+    from rosbags.typesys import Stores, get_typestore
+
+    battery, fix = topics
+    # rosbag2 did not store definitions at first
+    with AnyReader([Path(path)], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as bag:
+        kinds = {name: info.msgtype for name, info in sorted(bag.topics.items())}
+        names = [f"{name} ({kind})" for name, kind in kinds.items()]
+        batteries = [name for name, kind in kinds.items() if kind == battery]
+        tables = {name: f"battery_status {i} {name}" for i, name in enumerate(batteries)}
+        fixes = [name for name, kind in kinds.items() if kind == fix]
+        tables |= {max(fixes, key=lambda name: bag.topics[name].msgcount): "GPS"} if fixes else {}
+        rows: dict[str, dict[str, array[float]]] = {}
+        for each, time_ns, raw in bag.messages([each for each in bag.connections if each.topic in tables]):
+            message: Any = bag.deserialize(raw, each.msgtype)
+            stamp = message.header.stamp
+            row = {"timestamp": (stamp.sec * 1_000_000_000 + stamp.nanosec or time_ns) / 1e3}
+            if each.msgtype == battery:  # the current is below 0 while it discharges
+                row |= {"voltage_v": message.voltage, "current_a": -message.current}
+            else:
+                row |= {"Lat": message.latitude, "Lng": message.longitude, "Alt": message.altitude}
+            table = rows.setdefault(tables[each.topic], {name: array("d") for name in row})
+            for name, value in row.items():
+                table[name].append(value)
+    columns: dict[str, Any] = {f"{key}/{name}": value for key, table in rows.items() for name, value in table.items()}
+    return columns if any(key in rows for key in tables.values() if key != "GPS") else {"notes": names}
 
 
 def _numbers(message: Any, fields: tuple[str, ...]) -> list[float]:

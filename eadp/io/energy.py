@@ -14,7 +14,7 @@ from pydantic_core import to_jsonable_python
 from eadp.errors import Fault, InputError, refuse
 from eadp.io.text.streams import Text
 from eadp.io.text.yaml import STRICT, Document, read_yaml, validated, yaml_text
-from eadp.models.energy import Coefficients, Disturbance, EnergyModel, Harmonic
+from eadp.models.energy import Coefficients, EnergyModel, Harmonic
 
 SCHEMA = "eadp.energy/1"
 AGREEMENT = 1e-6
@@ -64,9 +64,6 @@ class EnergyFile(BaseModel):
 
     noise_std_w: _Deviation = 0.0
     """Standard deviation of what the model leaves over [W]."""
-
-    disturbance: Disturbance | None = None
-    """Correlated part of the noise."""
 
     cv_r2: Annotated[float, Field(le=1)] = 0.0
     """Coefficient of determination, cross-validated."""

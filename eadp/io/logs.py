@@ -28,7 +28,7 @@ class Tables:
     Attributes
     ----------
     columns : dict of str to dict of str to array, shape (n,)
-        Topics are named as in the log; of a ULog, `battery_status 0`, with the instance.
+        Topics are named as in the log; of a ULog, `battery_status 0`, with the instance; of a bag, with its topic, too.
     notes : list of str
         What was left out of the log.
     """
@@ -45,7 +45,7 @@ def read_tables(name: str, path: str, form: str, topics: Sequence[str]) -> Table
     name, path : str
         The file, for messages; and where it is.
     form : str
-        `ulog`, `dataflash` or `dataflash-text`.
+        `ulog`, `dataflash`, `dataflash-text`, or `bag`, which may be a folder.
     topics : sequence of str
         Topics to read.
 
@@ -55,7 +55,8 @@ def read_tables(name: str, path: str, form: str, topics: Sequence[str]) -> Table
         If the library that reads the format is not installed, or the log is too large, cannot be read, or takes more
         memory or time than a log of its size.
     """
-    library, title = ("pyulog", "a PX4 ULog") if form == "ulog" else ("pymavlink", "an ArduPilot DataFlash log")
+    own = {"ulog": ("pyulog", "a PX4 ULog"), "bag": ("rosbags", "a ROS bag")}
+    library, title = own.get(form, ("pymavlink", "an ArduPilot DataFlash log"))
     check_readable(name, path, library, title)
     command = [sys.executable, "-P", str(_PROCESS), form, path, ",".join(topics)]
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, check=False)
@@ -77,7 +78,8 @@ def read_tables(name: str, path: str, form: str, topics: Sequence[str]) -> Table
 def check_readable(name: str, path: str, library: str, title: str) -> None:
     """Refuse a log whose library is not installed, or that is too large; raises InputError."""
     if importlib.util.find_spec(library) is None:
-        raise InputError.at(name, 1, 1, f"{library}, which reads {title}, is missing", "pip install 'eadp[logs]'")
+        extra = "ros" if library == "rosbags" else "logs"
+        raise InputError.at(name, 1, 1, f"{library}, which reads {title}, is missing", f"pip install 'eadp[{extra}]'")
     if os.path.getsize(path) > LIMIT_BYTES:
         raise InputError.at(name, 1, 1, "is too large", f"at most {LIMIT_BYTES} bytes")
 

@@ -613,11 +613,7 @@ def _raw_faults(value: dict[str, Any], document: Document) -> list[Fault]:
 def _faults(keys: ScenarioFile, document: Document) -> list[Fault]:
     """What the schema alone cannot express."""
     faults = []
-    rows = sorted(keys.wind.profile, key=lambda row: row[3:])  # in their order at each altitude
-    if len({len(row) for row in rows}) > 1:
-        message = "wind.profile has rows with an altitude and rows without"
-        faults.append(document.fault(("wind", "profile"), message, "one for each row, or none"))
-    if any(after[3:] == before[3:] and after[0] <= before[0] for before, after in itertools.pairwise(rows)):
+    if any(after[0] <= before[0] for before, after in itertools.pairwise(keys.wind.profile)):
         faults.append(document.fault(("wind", "profile"), "wind.profile is not in order of time", "times that rise"))
     if keys.guidance.k_d < 0 and not isinstance(keys.vehicle.airframe, PaperVehicle):
         message = "guidance.k_d is negative: the aircraft turns away from its path"

@@ -58,7 +58,7 @@ class FitOutputs:
 def command(
     log: Annotated[
         str,
-        Argument(metavar="LOG", help="Power log: CSV, PX4 ULog, ArduPilot DataFlash; - is standard input."),
+        Argument(metavar="LOG", help="Power log: CSV, PX4 ULog, ArduPilot DataFlash, ROS bag; - is standard input."),
     ],
     options: FitOptions,
     named: ColumnOptions,
@@ -71,7 +71,7 @@ def command(
     Find the period of a power log, and fit its mean, harmonics and noise.
 
     The log is a CSV with a header that names its columns and their units: time_s (or time_ms, or timestamp, in µs), and
-    power_w or voltage_v and current_a; or a PX4 ULog, or an ArduPilot DataFlash log; or a recording of a
+    power_w or voltage_v and current_a; or a PX4 ULog, an ArduPilot DataFlash log, or a bag of ROS; or a recording of a
     computer, as eadp profile reads it (tegrastats, jtop, nvidia-smi, INA219, hwmon, RAPL, …). Where a log has positions
     (x_m and y_m, or lat and lon), and no other prior is given, the period is searched near the time of their laps.
 
@@ -143,12 +143,10 @@ def _text(fit: LogFit) -> str:
     if model.period_s is not None:
         head = [f"period   {_with_std(model.period_s, model.period_std_s or 0.0)} s", f"order    {model.order}"]
         label = "noise"
-    slow = model.disturbance
-    noise = "" if slow is None else f", of it {slow.std_w:.3g} W with a time constant of {slow.time_s:.2g} s"
     lines = [
         *head,
         f"mean     {_with_std(model.mean_w, model.mean_std_w or 0.0)} W",
-        f"{label:<8} {model.noise_std_w:.3g} W{noise}",
+        f"{label:<8} {model.noise_std_w:.3g} W",
         *([f"R²       {model.cv_r2:.4f} cross-validated"] if model.periodic else []),
         f"samples  {model.samples} over {model.span_s:.6g} s{searched}",
     ]

@@ -44,6 +44,7 @@ _TIME_US = ("timestamp", "TimeUS")
 _TIME_MS = ("TimeMS",)
 ULOG_TOPICS = ("battery_status", "vehicle_local_position")
 DATAFLASH_TOPICS = ("BAT", "BAT2", "CURR", "CUR2", "POS", "GPS")
+BAG_TOPICS = ("sensor_msgs/msg/BatteryState", "sensor_msgs/msg/NavSatFix")
 _USED = ("discharged_mah", "CurrTot")
 PARAMETERS, LARGEST_MAH = "parameters", 1e6
 """The topic of the parameters; no battery holds so much."""
@@ -337,6 +338,9 @@ def _rows(kind: str, fields: Any) -> Iterator[tuple[str, dict[str, float]]]:
 
 HEAD = 20_000
 """Bytes from the start of a file by which its format is recognised."""
+BAG_INDEX = "metadata.yaml"
+BAG_MAGICS = (b"#ROSBAG V2", b"SQLite format 3\0", b"\x89MCAP", b"rosbag2_bagfile_information")
+"""The file of a folder that is a bag, and how bags begin: of ROS 1; of ROS 2 either store, and that file."""
 _OF_A_PIPE = "UTF-8 text from a pipe; a ULog or a binary DataFlash log as a file"
 
 
@@ -349,9 +353,10 @@ class LogSource:
     @cached_property
     def head(self) -> bytes:
         """The first bytes; those of the text where the file, a pipe, can be read only once. Raises InputError."""
-        if os.path.isfile(self.name):
+        path = os.path.join(self.name, BAG_INDEX) if os.path.isdir(self.name) else self.name
+        if os.path.isfile(path):
             try:
-                with open(self.name, "rb") as stream:
+                with open(path, "rb") as stream:
                     return stream.read(HEAD)
             except OSError:
                 pass  # reading the text raises it as an InputError
@@ -400,6 +405,25 @@ def _dataflash_text(source: LogSource, columns: Columns) -> PowerLog:
         return battery_log(source.text.name, tables, columns)
 
 
+def _bag(source: LogSource, columns: Columns) -> PowerLog:
+    if not (os.path.isfile(source.name) or os.path.isdir(source.name)):
+        raise InputError.at(source.text.name, 1, 1, "is not a regular file", _OF_A_PIPE)
+    tables = read_tables(source.name, source.name, "bag", BAG_TOPICS)
+    names = {number: name for name in sorted(tables.columns) if name != "GPS" for number in (int(name.split(" ")[1]),)}
+    if not names:
+        found = printable(", ".join(tables.notes) or "none", 1000)
+        raise InputError.at(source.name, 1, 1, f"has no messages of sensor_msgs/BatteryState; its topics: {found}")
+    if len(names) > 1 and columns.instance is None:
+        known = ", ".join(f"{number} is {name.split(' ', 2)[2]}" for number, name in names.items())
+        what = f"{len(names)} batteries in {printable(source.name)}"
+        raise InputError.at("--instance", 1, 1, what, f"one of {known}")
+    amps = tables.columns[names.get(columns.instance or 0, names[min(names)])]["current_a"]
+    if np.nansum(amps) < 0:  # a driver that does not keep to the message's definition: it flew, and charged nothing
+        amps *= -1
+        tables.notes = ["the current is above 0 as the battery discharges, against BatteryState's definition"]
+    return battery_log(source.name, tables, columns)
+
+
 def _tlog(source: LogSource, columns: Columns) -> PowerLog:
     return battery_log(source.name, tlog_tables(source.name), columns)
 
@@ -411,6 +435,7 @@ FORMATS = (
         lambda head: head.startswith(b"\xa3\x95"),
         partial(_autopilot, "dataflash", DATAFLASH_TOPICS),
     ),
+    LogFormat("ROS bag", lambda head: head.startswith(BAG_MAGICS), _bag),
     LogFormat("telemetry log", is_tlog, _tlog),
     LogFormat("ArduPilot DataFlash as text", is_dataflash_text, _dataflash_text),
     LogFormat("CSV", lambda head: True, lambda source, columns: read_csv_log(source.text, columns)),

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy import fft
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.signals import design_matrix, fit_disturbance, output_row
+from eadp.core.signals import output_row
 from eadp.errors import Fault, Infeasible, InputError, PathUndefined
 from eadp.io.energy import energy_document, energy_yaml
 from eadp.io.plan.sources import PlanReader
@@ -23,22 +23,11 @@ from eadp.measure.formats import read_power_log
 from eadp.measure.noise import spikes
 from eadp.measure.power_log import Columns, PowerLog
 from eadp.measure.spectrum import MIN_PERIODS, Spectrum, analyse, vertex
-from eadp.models.energy import Disturbance, EnergyModel, Harmonic
+from eadp.models.energy import EnergyModel, Harmonic
 from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import nominal_legs
 from eadp.models.profile import AnyProfile
 from eadp.plug_ins import plug_in
-
-MIN_VARIANCE_SHARE = 0.05
-"""Smallest share of the noise's variance that counts as a disturbance."""
-MIN_TIME_STEPS = 2.0
-"""Shortest time constant of a disturbance, in sampling steps: a shorter one is white noise."""
-LONG_SHARE = 0.25
-"""Time constant, as a share of the log, beyond which a disturbance is distinguishable from the mean only with"""
-MIN_VARIANCE_SHARE_LONG = 0.5
-"""this share of the noise's variance."""
-MAX_STD_RATIO = 1.5
-"""Largest standard deviation of a disturbance over the residuals': beyond it, the columns have absorbed part of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,9 +78,7 @@ def fit_energy(
     times, power = times[~out], power[~out]
     times = times - times[0] if len(times) else times
     spectrum = analyse(times, power, order=order, period_prior_s=period_prior_s)
-    model = energy_model(spectrum)
-    model = replace(model, disturbance=_disturbance(times, power, model))
-    return EnergyFit(model, spectrum, times, power, np.flatnonzero(out))
+    return EnergyFit(energy_model(spectrum), spectrum, times, power, np.flatnonzero(out))
 
 
 def energy_model(spectrum: Spectrum) -> EnergyModel:
@@ -118,20 +105,6 @@ def energy_model(spectrum: Spectrum) -> EnergyModel:
         mean_std_w=spectrum.mean_std_w,
         amplitude_std_w=tuple(spectrum.amplitude_std_w.tolist()),
     )
-
-
-def _disturbance(times_s: FloatArray, power_w: FloatArray, model: EnergyModel) -> Disturbance | None:
-    """Correlated part of the residuals; None where they are white."""
-    residual = power_w - model.power_w(times_s)
-    columns = design_matrix(times_s, 1 / model.period_s if model.period_s else 0.0, model.order)
-    found = fit_disturbance(times_s, residual, columns=columns)
-    if found.std_w > MAX_STD_RATIO * float(np.std(residual)):
-        found = fit_disturbance(times_s, residual)
-    long = found.time_s > LONG_SHARE * float(times_s[-1])
-    min_w2 = (MIN_VARIANCE_SHARE_LONG if long else MIN_VARIANCE_SHARE) * (found.std_w**2 + found.noise_w**2)
-    lasts = found.time_s > MIN_TIME_STEPS * float(np.median(np.diff(times_s)))
-    significant = found.std_w**2 > min_w2 and found.std_w > 1e-6 * abs(model.mean_w) and lasts
-    return Disturbance(found.std_w, found.time_s) if significant else None
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Le
 from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray
@@ -35,17 +35,6 @@ class Coefficients:
     """b1..br."""
 
 
-@dataclass(frozen=True, slots=True)
-class Disturbance:
-    """Correlated disturbance beside the periodic power: Matérn-3/2, standard deviation [W], time constant [s]."""
-
-    std_w: Annotated[float, Ge(0), Le(1e9)]
-    """Standard deviation [W]."""
-
-    time_s: Annotated[float, Gt(0), Le(1e9)]
-    """Time constant [s]."""
-
-
 @dataclass(frozen=True)
 class EnergyModel:
     """power = mean + Σ_j amplitude_j cos(2πjt/period + phase_j), t from the first sample kept.
@@ -58,7 +47,7 @@ class EnergyModel:
         Mean power [W].
     harmonics : tuple of Harmonic
     noise_std_w : float
-        Standard deviation of the residuals, the disturbance included [W].
+        Standard deviation of the residuals [W].
     period_std_s : float or None
         Standard deviation of the period [s].
     cv_r2 : float
@@ -66,8 +55,6 @@ class EnergyModel:
     samples : int
     span_s : float
         Time from the first sample to the last [s].
-    disturbance : Disturbance or None
-        Correlated part of the noise; None where it is white or not known.
     mean_std_w : float or None
     amplitude_std_w : tuple of float
         Standard deviations of the mean and of the amplitudes [W]; None and empty where they are not known.
@@ -81,7 +68,6 @@ class EnergyModel:
     cv_r2: float = 0.0
     samples: int = 0
     span_s: float = 0.0
-    disturbance: Disturbance | None = None
     mean_std_w: float | None = None
     amplitude_std_w: tuple[float, ...] = ()
 

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from eadp.core.arrays import FloatArray, IntArray
-from eadp.core.interpolation import Interpolant, Kind, interpolant, leave_one_out
+from eadp.core.interpolation import Interpolant, Kind, interpolant
 from eadp.errors import Infeasible
 
 LEVELS_LIMIT = 100_000
@@ -20,14 +20,8 @@ LEVELS_LIMIT = 100_000
 WHOLE = 1e-9
 """Tolerance of a whole number of steps."""
 
-MIN_EFFECTIVE_SAMPLES = 10
-"""Fewest independent samples of a repeated configuration for a reliable standard error."""
-
 ARRAYS = ("configurations", "power_w", "std_w", "samples", "standard_error_w")
 """Names of the arrays of a profile, one row for each configuration."""
-
-POINTS_SHOWN = 3
-"""Most configurations that one finding names."""
 
 
 def configuration_text(names: Sequence[str], values: Sequence[float], separator: str = ", ") -> str:
@@ -51,20 +45,6 @@ class ProfileFinding:
 
     point: int
     message: str
-
-
-@dataclass(frozen=True)
-class LeaveOneOutError:
-    """Errors of predicting each configuration's power from the others, over the configurations that they enclose.
-
-    `points` is their number, `rms_w` the root mean square of the errors [W], `largest_w` the largest of them, without
-    its sign [W], and `worst` the index of its configuration.
-    """
-
-    points: int
-    rms_w: float
-    largest_w: float
-    worst: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,32 +135,6 @@ class Profile:
     def parts(self) -> tuple[Profile, ...]:
         """The profiles whose power is added: of one that was measured as a whole, itself."""
         return (self,)
-
-    @cached_property
-    def leave_one_out_w(self) -> FloatArray:
-        """Leave-one-out predictions, shape (n,) [W]; NaN where the other configurations do not enclose the point.
-
-        See `eadp.core.interpolation.leave_one_out`.
-        """
-        return leave_one_out(self.configurations, self.power_w, self.interpolation)
-
-    @property
-    def leave_one_out_error(self) -> LeaveOneOutError | None:
-        """The leave-one-out error; None where no configuration is enclosed by the others."""
-        errors = np.abs(self.leave_one_out_w - self.power_w)
-        known = np.flatnonzero(np.isfinite(errors))
-        if not len(known):
-            return None
-        worst = int(known[np.argmax(errors[known])])
-        rms_w = math.sqrt(float(np.mean(errors[known] ** 2)))
-        return LeaveOneOutError(len(known), rms_w, float(errors[worst]), worst)
-
-    def effective_samples(self, point: int) -> float:
-        """Number of independent samples with the same standard error as a configuration's samples; never more."""
-        error_w, std_w = float(self.standard_error_w[point]), float(self.std_w[point])
-        samples = float(self.samples[point])
-        correlated = error_w * math.sqrt(samples) > std_w > 0  # false for an unknown error, NaN
-        return (std_w / error_w) ** 2 if correlated else samples
 
     def power_w_at(self, configuration: Sequence[float], clamp: bool = False) -> float:
         """Average power of the computations at a configuration.
@@ -282,36 +236,9 @@ class Profile:
             raise Infeasible(f"{name} from {lo:g} to {hi:g} has more than {LEVELS_LIMIT:,} whole steps")
         return tuple(float(min(lo + k, hi)) for k in range(math.floor(hi - lo + WHOLE) + 1))
 
-    def findings(self, *, measured: bool = True) -> tuple[ProfileFinding, ...]:
-        """Power that is not monotone in a parameter, the others held; few samples. Nothing is repaired.
-
-        Parameters
-        ----------
-        measured : bool, optional
-            Whether the samples are new: those of a model were few when it was made, too.
-
-        Returns
-        -------
-        tuple of ProfileFinding
-            At most one for each parameter, at its first turning point; then at most one of few independent samples.
-        """
-        turns = (self._first_turn(axis) for axis in range(len(self.names)))
-        return (*filter(None, turns), *(self._few() if measured else ()))
-
-    def _few(self) -> list[ProfileFinding]:
-        if self.samples.max() <= 1:  # averages, of which nothing more is known
-            return []
-        few = [i for i in range(len(self.samples)) if self.effective_samples(i) < MIN_EFFECTIVE_SAMPLES]
-        if not few:
-            return []
-        shown = [f"{self.effective_samples(i):.2g} of {self.samples[i]} at {self.named(i)}" for i in few[:POINTS_SHOWN]]
-        more = f", and so at {len(few) - POINTS_SHOWN} more" if len(few) > POINTS_SHOWN else ""
-        what = f"fewer than {MIN_EFFECTIVE_SAMPLES} independent samples: {', '.join(shown)}{more}"
-        return [ProfileFinding(few[0], f"{what}; their standard errors are rough")]
-
-    def named(self, point: int) -> str:
-        """A measured configuration by its index, as in `fps=2, keysize=32`."""
-        return configuration_text(self.names, self.configurations[point].tolist())
+    def findings(self) -> tuple[ProfileFinding, ...]:
+        """Power that is not monotone in a parameter, the others held, at its first turning point; kept as measured."""
+        return tuple(filter(None, (self._first_turn(axis) for axis in range(len(self.names)))))
 
     def _first_turn(self, axis: int) -> ProfileFinding | None:
         """The first line of configurations along one parameter in which power turns."""

@@ -9,11 +9,11 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Ge, Le
 
-from eadp.core.arrays import Altitude, Degrees, Duration, MetresPerSecond, NotNegative, Share, Watts
+from eadp.core.arrays import Degrees, Duration, MetresPerSecond, NotNegative, Share, Watts
 from eadp.core.geometry.geodesy import blowing_to_rad, velocity_mps
 
-ProfileRow = tuple[NotNegative, MetresPerSecond, Degrees] | tuple[NotNegative, MetresPerSecond, Degrees, Altitude]
-"""Wind at a time [s]: speed [m/s], where it comes from [°], and at what altitude above the origin [m] if it matters."""
+ProfileRow = tuple[NotNegative, MetresPerSecond, Degrees]
+"""Wind at a time [s]: speed [m/s], and where it comes from [°]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +31,8 @@ class Wind:
 
     profile: tuple[ProfileRow, ...] = ()
     """Wind over time, instead of speed and direction: rows [time s, speed m/s, bearing it comes from °], times rising.
-    With a fourth number, an altitude above the origin [m], it has rows of its own at each altitude. Between rows and
-    between altitudes its components are linear, beyond them constant. The forecast before take-off knows the wind at
-    time 0 alone."""
+    Between rows its components are linear, beyond them constant. The forecast before take-off knows the wind at time 0
+    alone."""
 
     gust_std_mps: MetresPerSecond = 0.0
     """Standard deviation of the gusts on each axis [m/s]."""
@@ -51,21 +50,14 @@ class Wind:
         """The steady wind's speed at take-off [m/s]: as stated where it does not change."""
         return math.hypot(*self.steady_mps) if self.profile else self.speed_mps
 
-    def steady_at_mps(self, time_s: float, altitude_m: float = 0.0) -> tuple[float, float]:
-        """The steady wind's vector (east, north) at a time [s] and an altitude above the origin [m], in m/s."""
+    def steady_at_mps(self, time_s: float) -> tuple[float, float]:
+        """The steady wind's vector (east, north) at a time [s], in m/s."""
         if not self.profile:
             angle = blowing_to_rad(self.from_deg) if self.towards_deg is None else math.radians(self.towards_deg)
             return velocity_mps(self.speed_mps, angle)
-        levels: dict[float, list[tuple[float, ...]]] = {}
-        for row in self.profile:
-            time, speed, from_deg = row[:3]
-            levels.setdefault(sum(row[3:]), []).append((time, *velocity_mps(speed, blowing_to_rad(from_deg))))
-        heights_m = sorted(levels)
-        over_time = [np.array(levels[height]).T for height in heights_m]
-        east, north = (
-            float(np.interp(altitude_m, heights_m, [np.interp(time_s, rows[0], rows[i]) for rows in over_time]))
-            for i in (1, 2)
-        )
+        times, speeds, bearings = zip(*self.profile, strict=True)
+        vectors = map(velocity_mps, speeds, map(blowing_to_rad, bearings))
+        east, north = (float(np.interp(time_s, times, part)) for part in zip(*vectors, strict=True))
         return east, north
 
     @property

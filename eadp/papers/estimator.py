@@ -17,9 +17,14 @@ from annotated_types import Ge, Le
 from numpy.typing import ArrayLike
 
 from eadp.core.arrays import FloatArray, NotNegative, Positive
-from eadp.core.signals import fit_disturbance, output_row, subsampled
+from eadp.core.signals import output_row
 from eadp.papers import forecasting
-from eadp.papers.forecasting import rate_per_s, stationary_covariance
+from eadp.papers.forecasting import (
+    fit_disturbance,
+    rate_per_s,
+    stationary_covariance,
+    subsampled,
+)
 
 PUBLISHED = "published"
 
@@ -147,7 +152,7 @@ class ExactEstimator:
 
     The period is the last lap's time; its standard deviation is that of the changes between laps, and harmonics drift
     at the rate at which it turns them. White noise and disturbance are estimated in flight by maximum likelihood, see
-    `eadp.core.signals.fit_disturbance`.
+    `eadp.papers.forecasting.fit_disturbance`.
 
     Parameters
     ----------

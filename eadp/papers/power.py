@@ -10,7 +10,6 @@ import itertools
 import math
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -23,10 +22,8 @@ from eadp.models.plan.trace import nominal_legs
 from eadp.models.world import Step
 from eadp.papers.estimator import (
     LOOK_AHEADS,
-    MIN_NOISE_W,
     ONE_LAP_SHARE,
     PUBLISHED,
-    SHORTEST_DISTURBANCE_S,
     Estimator,
     EstimatorSettings,
     ExactEstimator,
@@ -239,18 +236,10 @@ def _estimator(settings: EstimatorSettings, mission: Mission) -> Estimator:
 
 
 def _estimator_of_fit(settings: EstimatorSettings, fitted: EnergyModel) -> ExactEstimator:
-    """An estimator initialised with a model fitted to a log, whose noise replaces the settings'."""
-    std_s, disturbance = None, fitted.disturbance
+    """An estimator initialised with a model fitted to a log."""
+    std_s = None
     if fitted.period_s is not None and fitted.period_std_s is not None:
         std_s = max(fitted.period_std_s, ONE_LAP_SHARE * fitted.period_s)  # the model is of another flight
-    if disturbance is not None:
-        white_w = math.sqrt(max(fitted.noise_std_w**2 - disturbance.std_w**2, 0.0))
-        settings = replace(
-            settings,
-            noise_w=max(white_w, MIN_NOISE_W),
-            disturbance_std_w=disturbance.std_w,
-            disturbance_time_s=max(disturbance.time_s, SHORTEST_DISTURBANCE_S),
-        )
     return ExactEstimator(settings, fitted.period_s, fitted.state_w(settings.order), period_std_s=std_s)
 
 

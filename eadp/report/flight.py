@@ -178,7 +178,6 @@ MAX_POINTS, LEG_POINTS = 60_000, 4
 """Most points of the plan's lines, and how many a leg should have at least."""
 
 FAINT = 5
-WIND_ROWS = 200
 """Values across the sets of the path parameters at which the plan's lines are drawn."""
 
 CURVE_PARTS = 24
@@ -257,7 +256,7 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
         **_series(columns),
         "horizons": _horizons(flight.estimates),
         "wind": {
-            "rows": _wind_rows(world.wind, times, columns.get("altitude_m", [0.0] * len(times))),
+            "rows": _wind_rows(world.wind),
             "gust_std_mps": world.wind.gust_std_mps,
         },
         "faults": [[fault.at_s, fault.soc_drop] for fault in world.faults],
@@ -276,12 +275,9 @@ def flight_data(flight: FlownFlight) -> dict[str, Any]:
     }
 
 
-def _wind_rows(wind: Wind, times_s: Sequence[float], altitudes_m: Sequence[float]) -> list[list[float]]:
-    """Times [s], and the steady wind that the flight was in from then on, linear in between (east, north) [m/s]."""
-    if not any(len(row) > 3 for row in wind.profile):
-        return [[t, *wind.steady_at_mps(t)] for t in [row[0] for row in wind.profile] or [0.0]]
-    shown = np.linspace(0, len(times_s) - 1, min(WIND_ROWS, len(times_s))).astype(int).tolist()
-    return [[times_s[i], *wind.steady_at_mps(times_s[i], altitudes_m[i])] for i in shown]
+def _wind_rows(wind: Wind) -> list[list[float]]:
+    """Times [s], and the steady wind from then on, linear in between (east, north) [m/s]."""
+    return [[t, *wind.steady_at_mps(t)] for t in [row[0] for row in wind.profile] or [0.0]]
 
 
 # --- series

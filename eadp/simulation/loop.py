@@ -93,7 +93,7 @@ class _Flight:
         self._world, self._outcome = world, outcome
         self._executor = executor = PlanExecutor(world.plan, world.parameters, world.start.position_m, world.rules)
         self._inner_loop = InnerLoop(
-            state_of(world.vehicle, world.wind.steady_at_mps(0.0, world.start.altitude_m), *world.start),
+            state_of(world.vehicle, world.wind.steady_mps, *world.start),
             constants_of(world.vehicle, world.guidance, world.wind, world.clock.step_s),
             world.battery,
             world.wind,
@@ -163,7 +163,7 @@ class _Flight:
         stop, wind = min(end, self._next_update, self._losses.stop), self._world.wind
         if wind.profile:
             step_s = self._world.clock.step_s
-            self._inner_loop.set_wind(wind.steady_at_mps(self._k * step_s, self._inner_loop.variable(ALTITUDE)))
+            self._inner_loop.set_wind(wind.steady_at_mps(self._k * step_s))
             stop = min(stop, self._k + max(1, round(WIND_S / step_s)))
         return stop
 

@@ -9,11 +9,11 @@ import re
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
 
 from typer import Argument
 
-from eadp.cli.output import Case, Progress, alarm, emit, json_text, junit_text, usage_fault, warn
+from eadp.cli.output import Progress, alarm, emit, json_text, usage_fault, warn
 from eadp.core import compiled
 from eadp.errors import printable
 from eadp.io.page import check_page, page_of
@@ -303,6 +303,35 @@ def print_csv(sweep: Sweep, all_flights: Iterable[SweepFlight]) -> None:
 def _write_csv(head: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
     texts = (["" if value is None else label_of(value) for value in row] for row in rows)
     write_rows(sys.stdout, itertools.chain([head], texts))
+
+
+class Case(NamedTuple):
+    """A test: its name, the time that it took [s], what is wrong, as `failure` or `error`, and what to know besides."""
+
+    name: str
+    time_s: float
+    wrong: str | None = None
+    kind: str = "failure"
+    note: str | None = None
+
+
+def junit_text(title: str, cases: Sequence[Case]) -> str:
+    """A suite of tests as XML."""
+    import xml.etree.ElementTree as ET
+
+    kinds = [case.kind for case in cases if case.wrong is not None]
+    counts = {"tests": len(cases), "failures": kinds.count("failure"), "errors": kinds.count("error")}
+    time_s = f"{sum(case.time_s for case in cases):.3f}"
+    name = printable(title)
+    suite = ET.Element("testsuite", {"name": name, **{key: str(n) for key, n in counts.items()}, "time": time_s})
+    for case in cases:
+        test = ET.SubElement(suite, "testcase", classname=name, name=printable(case.name), time=f"{case.time_s:.3f}")
+        if case.wrong is not None:
+            ET.SubElement(test, case.kind, message=printable(case.wrong, 2000))
+        if case.note is not None:
+            ET.SubElement(test, "system-out").text = printable(case.note, 2000)
+    ET.indent(suite)
+    return ET.tostring(suite, encoding="unicode", xml_declaration=True) + "\n"
 
 
 def junit_of(sweep: Sweep, all_flights: Sequence[SweepFlight], require: str) -> str:

@@ -222,7 +222,7 @@ def many(count, trigger, sets="[0, 8]\n"):
 
 
 @pytest.mark.quick(1)
-@pytest.mark.parametrize("count", [9, 24, 111, pytest.param(999, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [9, 24, 999])
 def test_of_many_parameters_corners_are_sampled_and_the_worst_place_is_found_from_there(count):
     report = checked(many(count, "c1 - c2"))
     message = next(item.message for item in report.findings if item.code == "trigger-off-path")

@@ -611,6 +611,7 @@ def test_airspeeds_that_are_decided_are_commanded_and_read_back(eadp, tmp_path):
     """By every door alike: what is forecast, what the mission's items command, and what is forecast of the mission."""
     keys = ("vehicle.airframe.airspeed_range_mps=[11, 15]", "battery.capacity_ah=0.3", "wind.speed_mps=2")
     given = ("--scenario", "scenarios/survey.yaml", *(word for key in keys for word in ("--set", key)))
+    given += ("--set", "time_limit_s=1")  # the forecast alone
     decides = (*given, "--set", "planner.joint.airspeed=when-short", "--origin", "47,8")
     mission = tmp_path / "slow.waypoints"
     written = eadp("export", "plans/survey.plan", *decides, "--to", "ardupilot", "-o", mission)
@@ -625,17 +626,8 @@ def test_airspeeds_that_are_decided_are_commanded_and_read_back(eadp, tmp_path):
     assert own["quality"] > own["at_cruise"]["quality"]
     flown = json.loads(eadp("simulate", mission, *given, "--set", "planner.name=static", "--format", "json").out)
     assert flown["energy_forecast"]["time_s"] == pytest.approx(own["time_s"], rel=0.02)
-    fixed = eadp(
-        "export",
-        "plans/survey.plan",
-        *given,
-        "--set",
-        "planner.joint.airspeed=fixed",
-        "--origin",
-        "47,8",
-        "--to",
-        "ardupilot",
-    )
+    at_one = "--set", "planner.joint.airspeed=fixed", "--origin", "47,8", "--to", "ardupilot"
+    fixed = eadp("export", "plans/survey.plan", *given, *at_one)
     assert [row.split("\t")[5] for row in fixed.out.splitlines()[1:] if row.split("\t")[3] == "178"] == ["15"]
 
 

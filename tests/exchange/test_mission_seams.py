@@ -33,7 +33,7 @@ def covered(tmp_path_factory):
     folder = tmp_path_factory.mktemp("covered")
     for name, text in LIMITS.items():
         (folder / f"{name}.csv").write_text(text)
-    options = ("--metres", "--swath", "40", "--home", "-50,-50", "--wind", "3,270")
+    options = ("--metres", "--swath", "80", "--home", "-50,-50", "--wind", "3,270")
     limits = ("--avoid", str(folder / "avoid.csv"), "--inside", str(folder / "inside.csv"))
     profile = ("--profile", str(ROOT / PROFILE[1]))
     out = folder / "covered.plan"
@@ -83,7 +83,7 @@ def test_a_flight_into_an_obstacle_is_not_completed(eadp, covered, tmp_path):
     (entry,) = summary["obstacles"]
     assert (entry["name"], summary["completed"], summary["reserve_kept"]) == ("house", False, False)
     # a wall of 20 m across every line
-    assert entry["inside_m"] > 0.99 * 20 * 9
+    assert entry["inside_m"] > 0.99 * 20 * 4
     page = (folder / "report.html").read_text()
     assert "house" in page
     assert "entered house" in page
@@ -169,7 +169,7 @@ FORECAST = ("--set", "time_limit_s=1")
 """A flight of a second, for its forecast alone."""
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("capacity_ah", [0.9, 1.2])
 @pytest.mark.parametrize("to", ["qgc", "ardupilot"])
 def test_the_mission_is_the_forecast(eadp, blocks, tmp_path, capacity_ah, to):
@@ -187,14 +187,13 @@ def test_the_mission_is_the_forecast(eadp, blocks, tmp_path, capacity_ah, to):
 
 def test_the_spacing_of_all_blocks_is_forecast_and_exported(eadp, blocks):
     plan, scenario = blocks
-    for capacity_ah in (0.8, 1.1):
-        given = ("--scenario", scenario, "--set", f"battery.capacity_ah={capacity_ah}", *FORECAST)
-        summary = json.loads(eadp("simulate", plan, *given, "--format", "json").out)
-        chosen = summary["energy_forecast"]["parameters"]["c1"]
-        answer = eadp("export", plan, "--to", "qgc", "--origin", "55.37,10.43", *given)
-        spacing = read_plan(read_text(str(plan)))[0].parameters[0]
-        assert chosen < 0
-        assert f"at spacing = {spacing.text(chosen)}: " in answer.err
+    given = ("--scenario", scenario, "--set", "battery.capacity_ah=0.8", *FORECAST)
+    summary = json.loads(eadp("simulate", plan, *given, "--format", "json").out)
+    chosen = summary["energy_forecast"]["parameters"]["c1"]
+    answer = eadp("export", plan, "--to", "qgc", "--origin", "55.37,10.43", *given)
+    spacing = read_plan(read_text(str(plan)))[0].parameters[0]
+    assert chosen < 0
+    assert f"at spacing = {spacing.text(chosen)}: " in answer.err
 
 
 def test_the_rest_of_a_mission(eadp, blocks):
@@ -391,7 +390,7 @@ def test_a_start_or_a_home_in_an_obstacle_is_refused(eadp, tmp_path, key, place)
         assert eadp("simulate", plan, *setting, *away, *(word for s in free for word in ("--set", s))).code == 0
 
 
-@pytest.mark.parametrize("seconds", few([130, 60, 400], 1))
+@pytest.mark.parametrize("seconds", few([130, 400], 1))
 def test_the_rest_of_a_flight_is_exported_from_where_its_telemetry_ends(eadp, tmp_path, seconds):
     plan, scenario = "plans/survey.plan", "scenarios/survey.yaml"
     lines = (ROOT / "scenarios/example-telemetry.jsonl").read_text().splitlines()[:seconds]

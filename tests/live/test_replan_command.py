@@ -8,7 +8,6 @@ from __future__ import annotations
 import io
 import json
 import re
-import shlex
 import signal
 import subprocess
 import sys
@@ -105,14 +104,6 @@ def test_the_recorded_flight(whole):
     assert LINES_OF[-1]["soc"] > 0.05, "the reserve is kept"
     assert advice[-2]["soc_end_forecast"] == pytest.approx(LINES_OF[-1]["soc"], abs=0.01)
     assert {line["in_force"]["c1"] for line in advice} >= {line["parameters"]["c1"] for line in LINES_OF[-20:]}
-
-
-def test_the_telemetry_may_be_a_file(eadp, whole, tmp_path):
-    telemetry = tmp_path / "flight.jsonl"
-    telemetry.write_bytes(b"".join(LINES[:60]))
-    answer = eadp(*ARGUMENTS, "--telemetry", telemetry)
-    assert answer.code == 0
-    assert [json.loads(line) for line in answer.out.splitlines()] == whole[:60]
 
 
 def test_a_flight_that_is_not_forecast_to_complete_is_a_no(replan):
@@ -231,11 +222,6 @@ def test_the_example_is_followed_whatever_the_planner_would_have_flown(eadp):
     assert advice[-1]["reason"] == "final point reached"
     assert advice[300]["soc_end_forecast"] < 0, "the parameters of take-off would not last"
     assert answer.err == ""
-
-
-def test_schemas(eadp):
-    for name, key in (("telemetry", "soc"), ("decision", "reason")):
-        assert key in json.loads(eadp("schema", name).out)["properties"]
 
 
 # --- the log
@@ -362,13 +348,6 @@ def test_it_answers_line_by_line_and_an_interrupt_is_130(tmp_path):
     assert err in (b"", b"eadp: interrupted\n")  # some versions of typer say it without a word
     # the interrupt may fall between a decision that was emitted and its line in the log
     assert len(log.read_bytes().splitlines()) in (6, 7)
-
-
-def test_a_closed_pipe_ends_quietly():
-    command = shlex.join([sys.executable, "-m", "eadp", *ARGUMENTS, "--telemetry", EXAMPLE]) + " | head -1"
-    done = subprocess.run(command, shell=True, capture_output=True, cwd=ROOT, check=False)
-    assert done.stderr == b""
-    assert json.loads(done.stdout)["time_s"] == 1
 
 
 VALUE = (

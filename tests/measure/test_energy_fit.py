@@ -1,4 +1,4 @@
-"""From samples to a model: spikes taken out, a disturbance told from noise, made signals as the oracle."""
+"""From samples to a model: spikes taken out, made signals as the oracle."""
 
 from __future__ import annotations
 
@@ -7,10 +7,7 @@ import pytest
 from common import few
 from scipy.signal import lfilter
 
-from eadp.core.signals import DisturbanceFit
-from eadp.measure import power
 from eadp.measure.power import fit_energy
-from eadp.models.energy import EnergyModel
 
 PERIOD_S, STEP_S = 46.0, 0.5
 TIMES = np.arange(0, 5 * PERIOD_S, STEP_S)
@@ -29,47 +26,15 @@ def white(seed: int = 1) -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", few(range(1, 4), 1))
-def test_white_noise_is_no_disturbance(seed: int) -> None:
+def test_white_noise_is_the_noise(seed: int) -> None:
     model = fit_energy(TIMES, WAVE + 0.3 * white(seed)).model
-    assert model.disturbance is None
     assert model.noise_std_w == pytest.approx(0.3, rel=0.1)
     assert model.period_s == pytest.approx(PERIOD_S, rel=0.005)
 
 
-@pytest.mark.parametrize("seeds", [2, pytest.param(4, marks=pytest.mark.slow)])
-def test_a_disturbance_is_told_from_noise(seeds: int) -> None:
-    found = [fit_energy(TIMES, WAVE + 0.5 * slow(4.0, seed) + 0.1 * white(seed)).model for seed in range(seeds)]
-    known = [model.disturbance for model in found if model.disturbance is not None]
-    assert len(known) == seeds
-    assert np.mean([one.std_w for one in known]) == pytest.approx(0.5, rel=0.25)
-    assert np.mean([one.time_s for one in known]) == pytest.approx(4.0, rel=0.4)
-
-
-@pytest.mark.parametrize(
-    ("std_w", "time_s", "of_whole", "share"),
-    [(3.0, 4.0, False, power.MIN_VARIANCE_SHARE), (0.03, 100.0, True, power.MIN_VARIANCE_SHARE_LONG)],
-)
-def test_a_disturbance_counts_from_a_share_of_the_variance(monkeypatch, std_w, time_s, of_whole, share) -> None:
-    """σ² beyond a share of σ² + ν²; the share of a long disturbance is another one, and a short one is noise."""
-    assert (time_s > power.LONG_SHARE * TIMES[-1]) == of_whole
-
-    def found(noise_share: float, time_s: float = time_s, mean_w: float = 36.0) -> bool:
-        noise_w = np.sqrt(noise_share * (std_w**2 / share - std_w**2))
-        known = DisturbanceFit(std_w, time_s, noise_w, 0.0)
-        monkeypatch.setattr(power, "fit_disturbance", lambda *args, **keys: known)
-        return power._disturbance(TIMES, WAVE, EnergyModel(None, mean_w)) is not None
-
-    assert found(0.99)
-    assert not found(1.01)
-    assert not found(0.5, time_s=0.99 * power.MIN_TIME_STEPS * STEP_S)
-    assert found(0.1, mean_w=0.99e6 * std_w)
-    assert not found(0.1, mean_w=1.01e6 * std_w)
-
-
-def test_a_log_without_a_period_has_a_mean_its_spread_and_a_disturbance() -> None:
+def test_a_log_without_a_period_has_a_mean_and_its_spread() -> None:
     fitted = fit_energy(TIMES, 36 + 2 * slow(4.0))
     assert not fitted.model.periodic
-    assert fitted.model.disturbance is not None
     assert fitted.model.noise_std_w == pytest.approx(2, rel=0.3)
     assert fitted.model.mean_std_w is not None
     # of independent samples it would be 2/√460 = 0.09 W
@@ -105,4 +70,4 @@ def test_spikes_are_left_out_unless_they_are_to_be_kept() -> None:
 
 def test_a_constant_log() -> None:
     model = fit_energy(TIMES, np.full(len(TIMES), 36.0)).model
-    assert (model.mean_w, model.noise_std_w, model.disturbance, model.mean_std_w) == (36.0, 0.0, None, 0.0)
+    assert (model.mean_w, model.noise_std_w, model.mean_std_w) == (36.0, 0.0, 0.0)

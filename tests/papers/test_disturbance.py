@@ -13,8 +13,17 @@ from hypothesis import strategies as st
 from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_lyapunov
 from scipy.stats import multivariate_normal
 
-from eadp.core.signals import MIN_FREE_SAMPLES, DisturbanceFit, _innovations, fit_disturbance, subsampled
-from eadp.papers.forecasting import _gamma_3, process_noise, stationary_covariance, transition
+from eadp.papers.forecasting import (
+    MIN_FREE_SAMPLES,
+    DisturbanceFit,
+    _gamma_3,
+    _innovations,
+    fit_disturbance,
+    process_noise,
+    stationary_covariance,
+    subsampled,
+    transition,
+)
 
 ROUNDING = 1e-9
 

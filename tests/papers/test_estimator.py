@@ -342,14 +342,13 @@ SURE = 1e-4  # probability of each bound's failing by chance
 
 
 @pytest.mark.quick(1)
-@pytest.mark.parametrize("runs", [20, pytest.param(40, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("learn", [True, False])
-def test_forecasts_are_as_sure_as_they_say(learn, runs):
+def test_forecasts_are_as_sure_as_they_say(learn):
     """Standardised errors of power, readings and energy over runs of Matérn noise: their squares add to a χ².
 
     With noise that is learned it is not quite known, which makes errors larger than they say by a little.
     """
-    rng, truth = np.random.default_rng(11), (0.4, 4.0, 0.3)
+    runs, rng, truth = 20, np.random.default_rng(11), (0.4, 4.0, 0.3)
     settings = EstimatorSettings(
         learn_noise=learn, disturbance_std_w=0.4, disturbance_time_s=4.0, noise_w=0.3, level_drift_w_per_sqrt_s=0.0
     )

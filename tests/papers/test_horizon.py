@@ -275,8 +275,8 @@ def test_without_the_letters_limit_the_charge_is_not_below_zero():
 
 @pytest.mark.quick(6)
 @pytest.mark.parametrize(("shape", "cost", "terminal"), pairwise(SHAPES, COSTS, [0.0, 3.0]))
-@pytest.mark.parametrize("count", [20, pytest.param(30, marks=pytest.mark.slow)])
-def test_levels_of_one_computation_against_brute_force(shape, cost, terminal, count, record_property):
+def test_levels_of_one_computation_against_brute_force(shape, cost, terminal, record_property):
+    count = 20
     rng = np.random.default_rng([SHAPES.index(shape), COSTS.index(cost)])
     gaps, gentle_gaps = [], []
     for i in range(count):

@@ -2,20 +2,23 @@
 
     PYTHONPATH=tests/support python tests/support/papers_mutants.py [WORDS]
 
-Each row has a mutation: in a copy of the package one text is replaced by another, and the named test runs there, in a
-process of its own and in plain Python, as machine code is kept. Prints row, mutation and verdict; WORDS choose rows.
+Each row has a mutation: in a module one text is replaced by another as it is imported, and the named test runs in a
+process of its own, forked from one that has the libraries, and in plain Python, as machine code is kept. Prints row,
+mutation and verdict; WORDS choose rows.
 """
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import re
-import shutil
-import subprocess
 import sys
 import tempfile
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from typing import NamedTuple
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs/papers.md"
@@ -80,20 +83,46 @@ def broken(mutation: Mutation, nodes: list[str]) -> tuple[str, str]:
     return named[0], body.replace(mutation.old, mutation.new)
 
 
+PASSED, FELL = 10, 11
+"""Exit codes: those of pytest, apart from that of an exception of the process."""
+
+LIBRARIES = ["hypothesis", "matplotlib.pyplot", "osqp", "pydantic", "pytest", "scipy.optimize", "shapely", "typer"]
+
+
 def falls(mutation: Mutation, nodes: list[str]) -> bool:
-    """Whether the named test falls in a copy of the package with a mutation; raises ValueError as `broken`."""
+    """Whether the named test falls in a process whose package has a mutation; raises ValueError as `broken`."""
     node, body = broken(mutation, nodes)
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(LIBRARIES)
     with tempfile.TemporaryDirectory() as folder:
-        shutil.copytree(ROOT / "eadp", Path(folder) / "eadp", ignore=shutil.ignore_patterns("__pycache__"))
-        (Path(folder) / "eadp" / mutation.file).write_text(body, encoding="utf-8")
-        # -P and PYTHONSAFEPATH: the folder that commands run in has the package, too
-        own = {"PYTHONPATH": folder, "PYTHONSAFEPATH": "1", "PYTHONDONTWRITEBYTECODE": "1", "NUMBA_DISABLE_JIT": "1"}
-        words = ["-n", "0", "-x", "-q", "-p", "no:cacheprovider", "--rootdir", str(ROOT), str(ROOT / node)]
-        command = [sys.executable, "-P", "-m", "pytest", *words]
-        done = subprocess.run(command, cwd=ROOT, env=os.environ | own, capture_output=True, text=True, check=False)
-    if done.returncode not in (0, 1) or " error" in done.stdout.splitlines()[-1]:
-        raise ValueError(f"{mutation}: {done.stdout[-2000:]}{done.stderr[-500:]}")
-    return done.returncode == 1
+        said = Path(folder, "said")
+        process = context.Process(target=run, args=(str(ROOT / "eadp" / mutation.file), body, node, str(said)))
+        process.start()
+        process.join()
+        printed = said.read_text(encoding="utf-8", errors="replace")
+    if process.exitcode not in (PASSED, FELL) or " error" in printed.splitlines()[-1]:
+        raise ValueError(f"{mutation}: {process.exitcode}: {printed[-2000:]}")
+    return process.exitcode == FELL
+
+
+def run(file: str, body: str, node: str, said: str) -> None:
+    """Run a test in this process, in which a module of the package has another text; prints into a file."""
+    read = SourceFileLoader.get_code
+
+    def changed(self, name):
+        return compile(body, file, "exec") if self.path == file else read(self, name)
+
+    out = os.open(said, os.O_WRONLY | os.O_CREAT)
+    os.dup2(out, 1)
+    os.dup2(out, 2)
+    os.environ |= {"NUMBA_DISABLE_JIT": "1"}
+    os.chdir(ROOT)
+    SourceFileLoader.get_code = changed
+    # plain asserts: the libraries were imported without pytest's
+    words = ["-n", "0", "-x", "-q", "-p", "no:cacheprovider", "--assert=plain", "--rootdir", str(ROOT)]
+    code = pytest.main([*words, "--hypothesis-profile", "any", str(ROOT / node)])
+    sys.stdout.flush()
+    os._exit(PASSED + code)
 
 
 def main() -> None:

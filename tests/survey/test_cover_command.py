@@ -26,7 +26,7 @@ def box(tmp_path):
     return path
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("pattern", ["auto", "zamboni", "dubins"])
 def test_json_has_what_is_documented(eadp, pattern):
     answer = eadp("cover", "plans/meadow.geojson", *FLAGS, "--pattern", pattern, "--format", "json")
@@ -66,7 +66,19 @@ def test_the_plan_is_checked_traced_and_flown(eadp, tmp_path, pattern):
 
 def test_the_fields_name_and_area_go_with_the_plan(eadp, tmp_path):
     plan, folder = tmp_path / "meadow.plan", tmp_path / "flight"
-    answer = eadp("cover", "plans/meadow.geojson", *FLAGS, "--pattern", "dubins", "--format", "json", "-o", plan)
+    answer = eadp(
+        "cover",
+        "plans/meadow.geojson",
+        *FLAGS[:2],
+        "--swath",
+        "90",
+        "--pattern",
+        "dubins",
+        "--format",
+        "json",
+        "-o",
+        plan,
+    )
     field = json.loads(answer.out)["field"]
     assert field["name"] == "meadow"
     assert json.loads(eadp("plan", plan, "--format", "json").out)["field"] == {
@@ -93,7 +105,6 @@ def test_the_camera_gives_swath_altitude_and_pictures(eadp, tmp_path, pattern):
     plan, mission = tmp_path / "meadow.plan", tmp_path / "meadow.waypoints"
     given = ("cover", "plans/meadow.geojson", "--min-radius", "30", "--pattern", pattern)
     # 80 m · 13.2 mm / 8.8 mm = 120 m of ground across, of which 30 % are new; along 80 m, of which 20 %
-    assert eadp(*given, "--swath", "36", "--format", "json").code == 0
     answer, alike = (
         json.loads(eadp(*given, *more, "--format", "json").out)
         for more in (
@@ -199,19 +210,12 @@ def test_the_interval_of_the_camera_limits_the_overlap(eadp):
             {**PHANTOM, "--gsd": 0.02},
             "--gsd:1:1: error: 0.02 cm a pixel; expected centimetres from 0.1 to 1000: 0.02 m",
         ),
-        ({**PHANTOM, "--gsd": "nan"}, "--gsd:1:1: error: nan cm a pixel"),
         ({"--gsd": 2, "--swath": 30}, "--sensor-width-mm:1:1: error: the camera needs --sensor-width-mm too"),
-        ({**CAMERA, "--image-width-px": 0}, "--image-width-px:1:1: error: 0 is out of range; expected from 1"),
         ({"--swath": 30, "--side-overlap": 70}, "one of the two"),
-        ({**CAMERA, "--focal-length-mm": 0}, "--focal-length-mm:1:1: error: 0 is out of range"),
         ({**CAMERA, "--side-overlap": 0.7}, "--side-overlap:1:1: error: 0.7 %; expected percent"),
-        ({**CAMERA, "--side-overlap": 100}, "percent from 1 to 99"),
         ({**CAMERA, "--side-overlap": "60:70"}, "wanted and acceptable, as 70:60"),
-        ({**CAMERA, "--side-overlap": "70:60:50"}, "wanted and acceptable, as 70:60"),
-        ({**CAMERA, "--side-overlap": "much"}, "wanted and acceptable, as 70:60"),
         ({**CAMERA, "--forward-overlap": 80}, "the camera needs --sensor-height-mm too"),
         ({"--swath": 30, "--forward-overlap": 80, "--sensor-height-mm": 9}, "the camera needs --altitude too"),
-        ({"--swath": 30, "--altitude": "nan"}, "--altitude:1:1"),
     ],
 )
 def test_a_camera_that_is_none_is_refused(eadp, options, words):
@@ -296,17 +300,6 @@ def test_repairs_are_noted(eadp, tmp_path):
     assert len(document["normalised"]) == 2
 
 
-@pytest.mark.slow
-def test_start_and_home_in_the_fields_coordinates(eadp, tmp_path):
-    plan = tmp_path / "p.plan"
-    where = ("--start", "55.4710,10.3290", "--home", "55.4712 10.3295")
-    assert eadp("cover", "plans/meadow.geojson", *FLAGS, *where, "-o", plan).code == 0
-    document = json.loads(eadp("plan", plan, "--check", "--format", "json").out)
-    assert document["findings"] == []
-    x, y = to_local_m(55.4712, 10.3295, tuple(document["origin_deg"]))
-    assert (document["final"]["x"], document["final"]["y"]) == pytest.approx((x, y), abs=1e-6)
-
-
 def test_wind_is_a_speed_and_the_bearing_it_blows_from():
     assert wind_vector_mps("5,270") == pytest.approx((5, 0))  # a west wind drifts east
     assert wind_vector_mps("5,0") == pytest.approx((0, -5))
@@ -338,20 +331,16 @@ def test_a_field_too_narrow_for_the_pattern_is_a_no(eadp, tmp_path):
     ("arguments", "where"),
     [
         (("--min-radius", "0", "--swath", "30"), "--min-radius:1:1"),
-        (("--min-radius", "1e-9", "--swath", "30"), "--min-radius:1:1"),
         ((*FLAGS, "--start", "1e9,0"), "--start:1:1"),
         ((*FLAGS, "--plot", "nowhere/at/all.svg"), "--plot:1:1"),
         (("--min-radius", "30", "--swath", "nan"), "--swath:1:1"),
-        (("--min-radius", "30", "--swath", "-3"), "--swath:1:1"),
         ((*FLAGS, "--radius", "20"), "--radius:1:1"),
         ((*FLAGS, "--spacing", "31"), "--spacing:1:1"),
-        ((*FLAGS, "--wind", "5"), "--wind:1:1"),
-        ((*FLAGS, "--wind", "-5,90"), "--wind:1:1"),
         ((*FLAGS, "--wind", "15,0"), "--wind:1:1"),
         ((*FLAGS, "--heading", "inf"), "--heading:1:1"),
-        ((*FLAGS, "--start", "here"), "--start:1:1"),
         ((*FLAGS, "--home", "1,2,3"), "--home:1:1"),
         ((*FLAGS, "--plot", "picture.gif"), "picture.gif:1:1"),
+        ((*FLAGS, "--lead-in", "-1"), "--lead-in:1:1"),
     ],
 )
 def test_options_out_of_range_are_refused(eadp, box, tmp_path, arguments, where):
@@ -361,38 +350,6 @@ def test_options_out_of_range_are_refused(eadp, box, tmp_path, arguments, where)
     assert answer.err.startswith(f"{where}: error: ")
     assert answer.out == ""
     assert not out.exists()
-
-
-@pytest.mark.parametrize(
-    ("body", "message"),
-    [
-        ("x_m,y_m\n0,0\n10,0\n", "three"),
-        ("x_m,y_m\n0,0\n400,300\n400,0\n0,300\n", "crosses itself"),
-        ('{"type": "Polygon", "coordinates": [[[0,0],[400,0],[400,NaN],[0,0]]]}', "NaN"),
-        ("", ""),
-    ],
-)
-def test_outlines_that_are_none_are_refused(eadp, tmp_path, body, message):
-    path = tmp_path / "bad.txt"
-    path.write_text(body)
-    answer = eadp("cover", path, *FLAGS)
-    assert answer.code == 2
-    assert message in answer.err
-    assert answer.out == ""
-    assert answer.err.startswith(f"{path}:")
-
-
-def test_the_coarsest_spacing_that_is_printed_can_be_set(eadp, tmp_path):
-    plan = tmp_path / "m.plan"
-    text = eadp("cover", "plans/meadow.geojson", *FLAGS, "--pattern", "zamboni", "-o", plan).out
-    coarsest = text.split("with lines ")[2].split()[0]
-    lines = int(text.split(f"with lines {coarsest} m apart: ")[1].split()[0])
-    trace = eadp("plan", plan, "--trace", "50", "--set", f"spacing={coarsest}")
-    assert trace.code == 0
-    runs = [row.split(",")[:2] for row in trace.out.splitlines()[1:]]
-    changes = [a for a, b in zip(runs, [None, *runs], strict=False) if a != b]
-    # the first line is two stages, and a straight between two blocks may be one more
-    assert lines <= sum(kind == "line" for _, kind in changes) <= lines + 3
 
 
 def test_standard_output_takes_one_document(eadp, box):
@@ -531,27 +488,6 @@ def test_a_start_or_a_home_where_none_may_fly_is_refused(eadp, limits, tmp_path,
     assert f"{option}:1:1: error: lies in an obstacle or beyond the boundary" in answer.err
 
 
-def test_an_obstacle_across_a_line_cuts_it(eadp, limits, tmp_path):
-    (tmp_path / "hedge.csv").write_text(rectangle(-10, 180, 610, 220))
-    document = json.loads(eadp("cover", *limits, "--avoid", tmp_path / "hedge.csv", "--format", "json").out)
-    assert 0.7 < document["coverage"] < 0.92
-
-
-@pytest.mark.slow
-def test_a_boundary_that_cuts_the_field_in_two_is_a_no(eadp, limits, tmp_path):
-    parts = [rectangle(-60, -60, 250, 460), rectangle(350, -60, 660, 460)]
-    rings = [[[float(number) for number in row.split(",")] for row in part.splitlines()[1:]] for part in parts]
-    features = [
-        {"type": "Feature", "properties": {}, "geometry": {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}}
-        for ring in rings
-    ]
-    document = {"type": "FeatureCollection", "units": "m", "features": features}
-    (tmp_path / "two.geojson").write_text(json.dumps(document))
-    answer = eadp("cover", *limits, "--inside", tmp_path / "two.geojson", "--heading", "90", "--swath", "60")
-    assert (answer.code, answer.out) == (1, "")
-    assert "no order of the lines has turns that stay out" in answer.err
-
-
 @pytest.mark.parametrize(("height", "code"), few_rows([(-5, 2), (5, 0)], 1))
 def test_obstacles_that_touch_or_overlap_and_one_below_the_ground(eadp, limits, tmp_path, height, code):
     corners = [(200, 100, 250, 160), (250, 100, 300, 160), (280, 120, 330, 180)]
@@ -573,22 +509,6 @@ def test_obstacles_that_touch_or_overlap_and_one_below_the_ground(eadp, limits, 
         return
     assert "stays      out of 3 obstacles" in answer.out
     assert eadp("simulate", plan).code == 0
-
-
-@pytest.mark.parametrize(
-    ("extra", "words"),
-    [
-        (("--lead-in", "-1"), "--lead-in:1:1: error: -1 is out of range"),
-        (("--overshoot", "nan"), "--overshoot"),
-    ],
-)
-def test_lengths_out_of_range_are_refused(eadp, tmp_path, extra, words):
-    field = tmp_path / "field.csv"
-    field.write_text("x_m,y_m\n0,0\n500,0\n500,300\n")
-    answer = eadp("cover", field, "--min-radius", "25", "--swath", "40", *extra)
-    assert answer.code == 2
-    assert words in answer.err
-    assert answer.out == ""
 
 
 def test_pictures_are_taken_on_the_line_alone(eadp, box):

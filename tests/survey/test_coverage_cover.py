@@ -263,7 +263,7 @@ def test_what_the_aircraft_flies_covers_the_field(pattern, c1_at, tmp_path):
     assert share >= 0.99
 
 
-@pytest.mark.parametrize("index", few(range(0, 13, 4), 0))
+@pytest.mark.parametrize("index", few([0, 8], 0))
 def test_real_outlines_are_covered_by_what_is_flown(index, reference, tmp_path):
     """Without wind and in wind from one of eight directions each; the benchmark flies them all in all."""
     features = json.loads((reference / "fields" / "real_outlines_m.geojson").read_text())["features"]

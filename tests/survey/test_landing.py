@@ -113,7 +113,8 @@ def test_the_forecast_of_a_mission_is_that_of_the_plan(landing, to):
 
 def test_the_flight_starts_on_the_ground_and_ends_there(eadp, landing, tmp_path):
     out = tmp_path / "flown"
-    answer = eadp("simulate", landing / "landing.plan", "--scenario", landing / "s.yaml", "-o", out)
+    given = ("--scenario", landing / "s.yaml", "--planner", "static", "-o", out)
+    answer = eadp("simulate", landing / "landing.plan", *given)
     assert answer.code == 0, answer.err
     header, *lines = (out / "flight.csv").read_text().splitlines()
     altitudes_m = [float(line.split(",")[header.split(",").index("altitude_m")]) for line in lines]

@@ -30,6 +30,7 @@ SCENARIO = {
     "battery": {"capacity_ah": 1.0},
     "wind": {"speed_mps": 3, "from_deg": 240, "gust_std_mps": 0.3},
     "step_s": 0.05,
+    "planner": {"every_s": 10},
 }
 COVER = ("cover", MEADOW, "--swath", "20", "--home", HOME, "--pattern", "dubins", "--heading", "94")
 

@@ -59,21 +59,21 @@ def _noise(seed, cells, height_m):
 
 
 GROUNDS = {
-    **{f"{100 * s:.0f} % to the east": lambda x, y, s=s: s * x + 0 * y for s in (0.03, -0.08, 0.15, 0.3)},
-    **{f"{100 * s:.0f} % to the north": lambda x, y, s=s: s * y + 0 * x for s in (0.05, 0.12)},
+    **{f"{100 * s:.0f} % to the east": lambda x, y, s=s: s * x + 0 * y for s in (0.03, -0.08, 0.3)},
+    **{f"{100 * s:.0f} % to the north": lambda x, y, s=s: s * y + 0 * x for s in (0.05,)},
     **{
         f"hills of {h} m, {w} m apart": lambda x, y, h=h, w=w: h * np.sin(2 * np.pi * x / w) * np.cos(2 * np.pi * y / w)
-        for h, w in ((10, 300), (20, 400), (40, 500), (15, 150))
+        for h, w in ((10, 300), (40, 500))
     },
     **{
         f"a ridge of {h} m, {w} m wide": lambda x, y, h=h, w=w: h * np.exp(-(((x - 50) / w) ** 2)) + 0 * y
-        for h, w in ((20, 100), (40, 150), (60, 80))
+        for h, w in ((60, 80),)
     },
-    **{f"a step of {h} m": lambda x, y, h=h: np.where(x + 0.5 * y > 0, h, 0.0) for h in (10, 30)},
+    **{f"a step of {h} m": lambda x, y, h=h: np.where(x + 0.5 * y > 0, h, 0.0) for h in (30,)},
     "a valley": lambda x, y: np.abs(x) / 6 + 0 * y,
-    **{f"noise {c} {h}": _noise(c, c, h) for c, h in ((3, 2), (6, 5), (10, 10), (2, 3))},
+    **{f"noise {c} {h}": _noise(c, c, h) for c, h in ((3, 2), (10, 10))},
 }
-GENTLE = ("3 % to the east", "5 % to the north", "noise 3 2", "noise 6 5", "noise 10 10")
+GENTLE = ("3 % to the east", "5 % to the north", "noise 3 2", "noise 10 10")
 """What the wing follows everywhere."""
 
 
@@ -85,6 +85,7 @@ def flown_as_planned(field, terrain, wind, *, altitude_m=80.0, gentle=False, fol
     plan.write_text(found.text)
     speed, from_deg = map(float, wind.split(","))
     overrides = {"vehicle": WING[1], "wind.speed_mps": speed, "wind.from_deg": from_deg, "battery.capacity_ah": 30.0}
+    overrides |= {"planner.name": "static"}
     flight = eadp.simulate(str(plan), overrides=overrides, warn=lambda _: None)
     assert flight.summary["completed"]
     profile, limits = found.heights.profile, found.heights.profile.ground.limits
@@ -131,6 +132,7 @@ def _jacksboro(path):
     return write_geotiff(path, sample["elevation"].astype("int16"), corner), sample["elevation"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("centre", few([(36.533, -84.328), (36.60, -84.25), (36.66, -84.15)], 1))
 def test_real_ground_is_flown_over_as_planned(tmp_path, centre):
     terrain, _ = _jacksboro(tmp_path / "fault.tif")
@@ -141,6 +143,7 @@ def test_real_ground_is_flown_over_as_planned(tmp_path, centre):
     assert any("of the lines higher than 99 m" in line for line in found.lines)
 
 
+@pytest.mark.slow
 def test_a_narrow_ridge_of_a_fine_terrain_is_flown_over_as_planned(tmp_path):
     from rasterio.warp import transform
 
@@ -217,6 +220,8 @@ def test_an_export_is_above_home_and_read_back_as_written(eadp, slope, tmp_path)
         line.split()[2] for text in (plan.read_text(), again) for line in text.splitlines() if "altitude" in line
     }
     assert commanded == {line.split()[2] for line in plan.read_text().splitlines() if "%: altitude" in line}
+    elsewhere = eadp("export", plan, "--to", "qgc", "--home", "55.501,10.501")
+    assert "the ground at the plan's home or start" in elsewhere.err
 
 
 LANDING = (-450.0, 100.0, 90.0)
@@ -248,7 +253,7 @@ def test_a_flight_over_terrain_lands_on_the_ground_as_planned_and_forecast(landi
     length_m = math.dist(before.trigger_at(()), last.trigger_at(()))
     assert before.altitude_m == pytest.approx(down_m + length_m * math.tan(math.radians(5)), abs=SLOPE_M + 0.25)
     assert 30 <= before.altitude_m - last.altitude_m <= 80 + 0.25
-    overrides = {"vehicle": WING[1], "battery.capacity_ah": 30.0}
+    overrides = {"vehicle": WING[1], "battery.capacity_ah": 30.0, "planner.name": "static"}
     flight = eadp.simulate(str(plan), overrides=overrides, warn=lambda _: None)
     assert flight.summary["completed"]
     assert flight.summary["energy_forecast"]["energy_wh"] == pytest.approx(flight.summary["energy_wh"], rel=0.015)
@@ -373,14 +378,6 @@ def test_maps_have_altitudes_above_the_sea(eadp, landing):
     assert f",{points[-1][2]:g}<" in kml
 
 
-def test_a_home_at_another_height_is_warned_of(eadp, slope, tmp_path):
-    field, terrain = slope
-    plan = tmp_path / "slope.plan"
-    eadp("cover", field, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain, "-o", plan)
-    answer = eadp("export", plan, "--to", "qgc", "--home", "55.501,10.501")
-    assert "the ground at the plan's home or start" in answer.err
-
-
 @pytest.mark.slow
 def test_sorties_over_terrain_land_on_the_ground(eadp, slope, tmp_path):
     field, terrain = slope
@@ -457,6 +454,7 @@ def test_what_is_refused(eadp, slope, tmp_path):
         refused(answer, message)
 
 
+@pytest.mark.slow
 def test_computations_stop_on_turns_at_any_altitude(eadp, slope):
     field, terrain = slope
     profile = ("--profile", "profiles/pednet-jetson-nano.yaml", "--turns-off")

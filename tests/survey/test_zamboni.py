@@ -131,7 +131,7 @@ def test_no_gap_at_any_parameter_of_any_lap(seed, shares):
 # --- the plan ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.quick(4)
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("heading", [math.pi / 2, 0.3, 2.9])
 @pytest.mark.parametrize("seed", range(4))
 def test_the_plan_is_the_path_at_both_ends_of_its_parameter(seed, heading):
@@ -147,6 +147,7 @@ def test_the_plan_is_the_path_at_both_ends_of_its_parameter(seed, heading):
         assert sum(leg.length_m for leg in legs) == pytest.approx(solution.path(c1).length_m, abs=1e-2)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("seed", range(4))
 def test_a_plan_flown_with_a_parameter_that_keeps_changing_is_whole(seed):
     """Position, direction and radius at every trigger, and the ground, whatever c1 is from stage to stage."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any
 
 import numpy as np
 
-from eadp.io.figures.canvas import COLOURS, GREY, Axes, Figure, figure_file, legend_below, write_headline
+from eadp.errors import InputError
+from eadp.io.figures.canvas import COLOURS, GREY, Axes, figure_file, legend_below, write_headline
 from eadp.models.performance import Performance
 from eadp.models.profile import AnyProfile, Profile, titles
 from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
@@ -16,35 +16,32 @@ from eadp.models.vehicle import Airframe, FixedWing, PaperVehicle
 CURVES = 7
 """Most curves of one family: of more levels, some are left out, never the first and the last."""
 
-MARKS = ("measured", "leave-one-out prediction", "± 1 standard deviation", "± 2 standard errors")
+MARKS = ("measured", "± 1 standard deviation", "± 2 standard errors")
 """Labels of the marks of all curves; they follow the curves in the legend."""
 
 FINE = 200
 """Points along a curve."""
 
-ACROSS = 61
-"""Points along each side of filled contours."""
-
 
 def write_profile_figure(path: str, profile: AnyProfile) -> None:
     """Draw a profile, a panel for each part: measured power, its standard deviation and standard error, the model.
 
-    One changing parameter is a curve; a full grid a family of curves; scattered points of two parameters filled
-    contours; of more, leave-one-out predictions over measurements.
+    One changing parameter is a curve, a full grid a family of curves.
 
     Raises
     ------
     InputError
-        If the name ends in neither .svg nor .png, or the file cannot be written.
+        If scattered points are of several parameters, the name ends in neither .svg nor .png, or the file cannot be
+        written.
     """
     parts = profile.parts
     with figure_file(path, 1.0 + 6.0 * len(parts), 4.6) as figure:
         panels = figure.subplots(1, len(parts), squeeze=False)[0]
         for axes, part in zip(panels, parts, strict=True):
-            _draw_part(figure, axes, part)
+            _draw_part(axes, part)
 
 
-def _draw_part(figure: Figure, axes: Axes, part: Profile) -> None:
+def _draw_part(axes: Axes, part: Profile) -> None:
     levels = [np.unique(column) for column in part.configurations.T]
     varying = [axis for axis, values in enumerate(levels) if len(values) > 1]
     axes.set_ylabel("power [W]")
@@ -53,10 +50,9 @@ def _draw_part(figure: Figure, axes: Axes, part: Profile) -> None:
         _draw_family(axes, part, along, [axis for axis in varying if axis != along], levels)
     elif len(varying) == 1:
         _draw_family(axes, part, varying[0], [], levels)
-    elif len(varying) == 2:
-        _draw_contours(figure, axes, part, varying)
     else:
-        _draw_predictions(axes, part)
+        message = f"scattered configurations of {len(varying)} parameters have no picture"
+        raise InputError.at("--plot", 1, 1, message, "one parameter, or a full grid")
     kind = part.interpolation if len(varying) == 1 else "linear between neighbours"
     axes.set_title(f"Power of the computations, {kind}")
     handles, _ = axes.get_legend_handles_labels()
@@ -83,45 +79,15 @@ def _draw_family(axes: Axes, part: Profile, along: int, others: list[int], level
 
 
 def _draw_points(axes: Axes, part: Profile, rows: np.ndarray, along: int, colour: str) -> None:
-    """Measured points with standard deviation and standard error, and their leave-one-out predictions."""
-    measured, predicted, deviation, errors = MARKS
+    """Measured points with standard deviation and standard error."""
+    measured, deviation, errors = MARKS
     x, power_w = part.configurations[rows, along], part.power_w[rows]
     std_w, error_w = part.std_w[rows], np.nan_to_num(part.standard_error_w[rows])
-    leave_one_out_w = part.leave_one_out_w[rows]
     if std_w.any():
         axes.errorbar(x, power_w, std_w, fmt="none", ecolor=GREY, elinewidth=0.9, capsize=2, label=deviation)
     if error_w.any():
         axes.errorbar(x, power_w, 2 * error_w, fmt="none", ecolor=colour, elinewidth=3.5, alpha=0.5, label=errors)
     axes.plot(x, power_w, "o", color=colour, markersize=5, label=measured)
-    if np.isfinite(leave_one_out_w).any():
-        axes.plot(x, leave_one_out_w, "x", color=colour, markersize=6, linewidth=0, label=predicted)
-
-
-def _draw_contours(figure: Figure, axes: Axes, part: Profile, varying: list[int]) -> None:
-    """Filled contours of the model over two parameters, blank outside the measured hull."""
-    x, y = (np.linspace(column.min(), column.max(), ACROSS) for column in part.configurations[:, varying].T)
-    power_w = np.full((len(y), len(x)), np.nan)
-    at = part.configurations[0].tolist()
-    for i, j in itertools.product(range(len(y)), range(len(x))):
-        at[varying[0]], at[varying[1]] = float(x[j]), float(y[i])
-        if part.contains(at):
-            power_w[i, j] = part.power_w_at(at)
-    filled = axes.contourf(x, y, power_w, levels=12, cmap="viridis")
-    figure.colorbar(filled, ax=axes, label="power [W]")
-    x, y = part.configurations[:, varying].T
-    low_w, high_w = filled.get_clim()
-    style: dict[str, Any] = {"edgecolors": "black", "linewidths": 0.8, "clip_on": False, "zorder": 3}
-    axes.scatter(x, y, c=part.power_w, cmap="viridis", vmin=low_w, vmax=high_w, label=MARKS[0], **style)
-    labels = titles(part.names, part.units)
-    axes.set(xlabel=labels[varying[0]], ylabel=labels[varying[1]])
-
-
-def _draw_predictions(axes: Axes, part: Profile) -> None:
-    """Leave-one-out predictions over measurements, of points in more than two scattered parameters."""
-    ends = [float(part.power_w.min()), float(part.power_w.max())]
-    axes.plot(ends, ends, color=GREY, linewidth=1.0, label="no error")
-    axes.plot(part.power_w, part.leave_one_out_w, "x", color=COLOURS[0], label=MARKS[1])
-    axes.set(xlabel="measured power [W]", ylabel="predicted power [W]")
 
 
 ABOVE = 1.6

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Annotated
 
 from eadp.errors import InputError, printable
-from eadp.io.profile.measurements import A_NAME, LARGEST, NAME, PARAMETERS_LIMIT, Configuration, read_heading
+from eadp.io.profile.measurements import A_NAME, LARGEST, PARAMETERS_LIMIT, Configuration, read_heading
 from eadp.io.text.csv import NUMBER
 from eadp.io.text.options import Flag, check_range, option_name
 
@@ -22,10 +20,6 @@ if TYPE_CHECKING:
 CONFIGURATIONS_LIMIT = 1000
 """Most configurations of one measurement."""
 
-STARS_LIMIT = 2
-"""Most stars in a pattern of names: more match in too many ways, and take long to try."""
-
-_PLACEHOLDER = re.compile(r"\{([^{}]*)\}")
 _A_CONFIGURATION = "NAME=VALUE, as in fps=0.5"
 
 
@@ -45,42 +39,6 @@ def parse_configuration(raw: str, option: str = "--config", expected: str = _A_C
         if len(axis.values) > 1:
             raise InputError.at(option, 1, 1, f"{len(axis.values)} values of {axis.name}", "one", raw)
     return next(iter(_product([axes])))
-
-
-def configuration_in_name(path: str, pattern: str) -> Configuration:
-    """The configuration in a file's name, as `*_{fps}fps` finds 0.5 in `landing_trace_0.5fps.csv`.
-
-    Parameters
-    ----------
-    path : str
-        The file; its folders are ignored, and its ending unless the pattern has it.
-    pattern : str
-        Text with each parameter's name in braces in place of its value; `*` is any text.
-
-    Raises
-    ------
-    InputError
-        If the pattern, `--from-name`, has no parameter or a wrong one, or the name does not match it.
-    """
-    names = _PLACEHOLDER.findall(pattern)
-    for name in names:
-        if not NAME.match(name):
-            raise InputError.at("--from-name", 1, 1, f"{printable(name, 80) or 'an empty text'} is no name", A_NAME)
-    if not names or len(set(names)) < len(names) or len(names) > PARAMETERS_LIMIT:
-        expected = "each parameter once in braces, as in '*_{fps}fps'"
-        raise InputError.at("--from-name", 1, 1, "a pattern without parameters, or with one twice", expected, pattern)
-    between = _PLACEHOLDER.split(pattern)[::2]
-    if pattern.count("*") > STARS_LIMIT or not all(text.strip("*") for text in between[1:-1]):
-        expected = f"at most {STARS_LIMIT} stars, and text between two parameters"
-        raise InputError.at("--from-name", 1, 1, "a pattern that matches in too many ways", expected, pattern)
-    literals = [".*?".join(map(re.escape, text.split("*"))) for text in between]
-    expression = re.compile(r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)".join(literals))
-    base = os.path.basename(path)
-    found = expression.fullmatch(base) or expression.fullmatch(os.path.splitext(base)[0])
-    if not found or not all(NUMBER.match(text) and abs(float(text)) <= LARGEST for text in found.groups()):
-        message = f"the name does not match {printable(pattern)}"
-        raise InputError.at(path, 1, 1, message, "a name that --from-name matches")
-    return Configuration(tuple(names), ("",) * len(names), tuple(map(float, found.groups())))
 
 
 def configurations_to_measure(stated: Sequence[str]) -> list[Configuration]:

@@ -11,16 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eadp.core.signals import SampleMean, average
+from eadp.core.signals import average
 from eadp.errors import FAULTS_READ, Fault, Infeasible, InputError, printable, refuse
 from eadp.io.text.csv import NOT_FINITE, NUMBER, Row, number_fault, read_rows, repeated, separator
 from eadp.io.text.streams import Text
-from eadp.models.profile import MIN_EFFECTIVE_SAMPLES, Profile, configuration_text
+from eadp.models.profile import Profile, configuration_text
 
 STD_LIMIT = 0.2
-"""Largest standard deviation of a repeated configuration, relative to its mean: beyond it, a reading is wrong.
-
-Of many samples, such as a sensor's over time, the largest standard error; a larger standard deviation is a warning."""
+"""Standard deviation of a repeated configuration, relative to its mean, beyond which a reading may be wrong."""
 
 LARGEST = 1e30
 """Largest magnitude of a number in a profile: no power or parameter, and far from where floats end."""
@@ -46,7 +44,7 @@ _HEADING = re.compile(r"([^\[(]*)(?:[\[(]([^\])]*)[\])])?\Z")
 _POWER = re.compile(r"(.*[ _-])?power(?:[ _-]([a-zµ]?w|watts?))?\Z", re.IGNORECASE)
 _NO_PARAMETER = re.compile(
     r"(?:time|timestamp|energy|soc)(?:[ _-](?:s|ms|us|j|mj|wh|mwh))?\Z"
-    r"|(?:std|standard_error|leave_one_out_error)[ _-][mk]?w\Z|samples\Z|extrapolated\Z",  # as eadp writes them
+    r"|(?:std|standard_error)[ _-][mk]?w\Z|samples\Z|extrapolated\Z",  # as eadp writes them
     re.IGNORECASE,
 )
 
@@ -76,7 +74,7 @@ class Trace(NamedTuple):
 
 
 def read_measurements(
-    files: Sequence[Trace], names: Sequence[str], *, nameless: bool = False, device: str = ""
+    files: Sequence[Trace], names: Sequence[str], *, device: str = ""
 ) -> tuple[Profile, PointFaults, list[Fault]]:
     """The profile of measurements: repeated configurations averaged, with their standard deviation and number.
 
@@ -86,8 +84,6 @@ def read_measurements(
         One or more, of the same parameters; the configuration of a file with columns for its parameters is not used.
     names : sequence of str
         Names for parameters without names in the file; see `eadp.io.profile.model_file.read_profile`.
-    nameless : bool
-        Name the columns of a file without names c1, c2, …: they are renamed later.
     device : str
         Which of powprofiler's `DEVICES` the power is of; by default the total.
 
@@ -114,7 +110,7 @@ def read_measurements(
         if first is None:
             message = "no measurements"
             raise InputError.at(file.text.name, 1, 1, message, f"{_A_HEADER} and a row for each measurement")
-        layout = _layout(first, names, file.configuration, nameless, device)
+        layout = _layout(first, names, file.configuration, device)
         if layouts:
             layout = _in_order_of(layouts[0], layout, first)
         last = _read_rows(rows if layout.header else chain([first], rows), layout, readings) or first
@@ -127,7 +123,10 @@ def read_measurements(
     layout = layouts[0]
     averages = [average([[reading.power_w for reading in run] for run in runs]) for runs in readings.values()]
     warnings = [warning for each in layouts for warning in each.warnings]
-    warnings += _check_agreement(readings, averages, layout)
+    for runs, found in zip(readings.values(), averages, strict=True):
+        if found.std > STD_LIMIT * found.mean:
+            message = f"a power that varies by {found.std / found.mean:.0%} of its mean at one configuration"
+            warnings.append(runs[0][0].row.fault(layout.power, message))
     large = max(
         (reading for runs in readings.values() for run in runs for reading in run), key=lambda each: each.power_w
     )
@@ -196,7 +195,7 @@ class ColumnHeading:
     problem: str = ""
 
 
-def _layout(row: Row, names: Sequence[str], stated: Configuration | None, nameless: bool, device: str) -> _Layout:
+def _layout(row: Row, names: Sequence[str], stated: Configuration | None, device: str) -> _Layout:
     """Read the first row: a header, powprofiler's flags, or the first measurement of numbers alone."""
     digit = DEVICES.index(device or "total")
     flags = has_flags(row.fields)
@@ -205,11 +204,11 @@ def _layout(row: Row, names: Sequence[str], stated: Configuration | None, namele
     headings = _headings(row.fields, digit)
     if not stated and headings and not any(map(_is_parameter, headings)) and any(each.per_watt for each in headings):
         message = "no column for the configuration: it is a trace"
-        expected = "that of each file, as in --config fps=2 --config fps=10, or --from-name '*_{fps}fps'"
+        expected = "that of each file, as in --config fps=2 --config fps=10"
         raise InputError(row.fault(0, message, expected))
     if len(row.fields) == 1 and not (stated and headings and headings[0].per_watt):
         raise InputError(row.fault(0, "one column only", f"{_A_HEADER}, fields separated by commas"))
-    layout = _headerless(row, names, nameless) if headings is None else _header(row, headings, stated)
+    layout = _headerless(row, names) if headings is None else _header(row, headings, stated)
     if len(layout.parameters) > PARAMETERS_LIMIT:
         message = f"{len(layout.parameters)} columns of parameters"
         raise InputError(row.fault(layout.parameters[PARAMETERS_LIMIT], message, f"at most {PARAMETERS_LIMIT}"))
@@ -233,11 +232,9 @@ def _in_order_of(first: _Layout, layout: _Layout, row: Row) -> _Layout:
     )
 
 
-def _headerless(row: Row, names: Sequence[str], nameless: bool) -> _Layout:
+def _headerless(row: Row, names: Sequence[str]) -> _Layout:
     """Numbers alone: parameters, then power; a single parameter is called c."""
     d = len(row.fields) - 1
-    if d > 1 and nameless:
-        names = [f"c{i + 1}" for i in range(d)]
     if d > 1 and len(names) != d:
         message = f"{d + 1} columns without names"
         raise InputError(row.fault(0, message, f"{_A_HEADER}, or --names with {d} names"))
@@ -398,28 +395,3 @@ def _read_rows(rows: Iterable[Row], layout: _Layout, readings: _Readings) -> Row
         before = point
     refuse(faults)
     return row
-
-
-def _check_agreement(readings: _Readings, averages: Sequence[SampleMean], layout: _Layout) -> list[Fault]:
-    """Refuse repeated configurations that disagree: few readings by their standard deviation, many by the error.
-
-    Returns warnings of many readings of a large standard deviation, though their mean is accurate.
-    """
-    faults, warnings = [], []
-    for (point, runs), found in zip(readings.items(), averages, strict=True):
-        if found.std <= STD_LIMIT * found.mean:
-            continue
-        group = [reading for run in runs for reading in run]
-        low_w, low = min(group, key=lambda reading: reading.power_w)
-        high_w, high = max(group, key=lambda reading: reading.power_w)
-        where = configuration_text(layout.names, point)
-        extremes = f"{where} draws {low_w:g} W in line {low.line} and {high_w:g} W in line {high.line}"
-        deviation = f"a standard deviation of {100 * found.std / found.mean:.0f} % of the mean"
-        later = max(low, high, key=lambda row: row.line)
-        if found.samples >= MIN_EFFECTIVE_SAMPLES and found.standard_error <= STD_LIMIT * found.mean:
-            warnings.append(later.fault(layout.power, f"power that varies a lot: {extremes}, {deviation}"))
-            continue
-        message = f"repeated configurations that disagree: {extremes}, {deviation}"
-        faults.append(later.fault(layout.power, message, f"at most {100 * STD_LIMIT:.0f} %"))
-    refuse(faults)
-    return warnings

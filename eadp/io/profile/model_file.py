@@ -16,7 +16,7 @@ from pydantic import Field
 from eadp.core.arrays import FloatArray
 from eadp.core.interpolation import Kind
 from eadp.errors import Fault, Infeasible, InputError, printable, refuse
-from eadp.io.profile.configurations import configuration_in_name, parse_configuration
+from eadp.io.profile.configurations import parse_configuration
 from eadp.io.profile.measurements import (
     A_NAME,
     LARGEST,
@@ -55,8 +55,6 @@ class Sources:
         New names of the parameters, in the order of their columns, file by file; none keeps the files'.
     configurations : sequence of Configuration
         Configurations of the traces among `files`, in their order.
-    pattern : str
-        Pattern of the configurations in the names of the traces; see `configurations.configuration_in_name`.
     interpolation : str
         `linear` or `pchip`; None keeps the model's.
     device : str
@@ -69,7 +67,6 @@ class Sources:
     added: Sequence[str] = ()
     names: Sequence[str] = ()
     configurations: Sequence[Configuration] = ()
-    pattern: str = ""
     interpolation: Kind | None = None
     device: str = ""
     columns: PowerColumns = field(default_factory=PowerColumns)
@@ -121,14 +118,14 @@ def read_profiles(sources: Sources) -> tuple[AnyProfile, list[Fault]]:
     _check_names(sources.names)
     apart = bool(sources.added and sources.names)  # then the names are those of all the files
     names = () if apart else sources.names
-    stated = bool(sources.configurations or sources.pattern)
+    stated = bool(sources.configurations)
     read = [_measurements(read_text(path), sources.columns, stated=stated) for path in sources.files]
     texts, notes = [text for text, _ in read], [note for _, found in read for note in found]
     models = [text for text in texts if _is_model(text)]
     if models and len(texts) > 1:
         expected = "measurements, or --add for computations that were measured apart"
         raise InputError.at(models[0].name, 1, 1, "a model among several files", expected)
-    if models and (sources.configurations or sources.pattern):
+    if models and sources.configurations:
         raise InputError.at(texts[0].name, 1, 1, "a model needs no configuration", "a trace of power over time")
     if models and sources.device:
         raise InputError.at("--device", 1, 1, "a model has its device", "powprofiler's measurements", sources.device)
@@ -136,10 +133,10 @@ def read_profiles(sources: Sources) -> tuple[AnyProfile, list[Fault]]:
         profile, warnings = parse_profile(texts[0], names)
     else:
         traces = _traces(sources, texts)
-        profile, warnings = _measured(traces, names, nameless=apart, device=sources.device)
+        profile, warnings = _measured(traces, names, device=sources.device)
     profiles = [profile]
     for path in sources.added:
-        profile, more = parse_profile(read_text(path), nameless=apart)
+        profile, more = parse_profile(read_text(path))
         profiles.append(profile)
         warnings += more
     profile = _added(profiles, sources.names if apart else ())
@@ -155,28 +152,21 @@ def _interpolated(profile: AnyProfile, kind: Kind | None) -> AnyProfile:
 
 def _traces(sources: Sources, texts: Sequence[Text]) -> list[Trace]:
     """Each file with its configuration, where it has no columns for it."""
-    if sources.configurations and sources.pattern:
-        raise InputError.at("--from-name", 1, 1, "stands beside --config", "one of the two")
     without = [i for i, text in enumerate(texts) if is_trace(text)]
     stated = dict(zip(without, sources.configurations, strict=False))
     if sources.configurations and len(sources.configurations) != len(without):
         message = f"{len(sources.configurations)} configurations for {len(without)} files without columns for them"
         raise InputError.at("--config", 1, 1, message, "one for each such file, in order")
-    if sources.pattern:
-        stated = {i: configuration_in_name(sources.files[i], sources.pattern) for i in without}
     return [Trace(text, stated.get(i)) for i, text in enumerate(texts)]
 
 
-def parse_profile(text: Text, names: Sequence[str] = (), *, nameless: bool = False) -> tuple[AnyProfile, list[Fault]]:
-    """`read_profile` of a text: a model if its name ends as one's does, or if its first key is `schema`.
-
-    `nameless` names the columns of a file without names c1, c2, …: they are renamed later.
-    """
+def parse_profile(text: Text, names: Sequence[str] = ()) -> tuple[AnyProfile, list[Fault]]:
+    """`read_profile` of a text: a model if its name ends as one's does, or if its first key is `schema`."""
     _check_names(names)
     if not _is_model(text):
-        return _measured([Trace(text)], names, nameless=nameless)
+        return _measured([Trace(text)], names)
     parts = _read_model(text)
-    warnings = [warning for profile, locations in parts for warning in _warnings(profile, locations, measured=False)]
+    warnings = [warning for profile, locations in parts for warning in _warnings(profile, locations)]
     try:
         profile = added([profile for profile, _ in parts])
     except Infeasible as error:
@@ -184,21 +174,19 @@ def parse_profile(text: Text, names: Sequence[str] = (), *, nameless: bool = Fal
     return _added([profile], names), warnings
 
 
-def _measured(
-    files: Sequence[Trace], names: Sequence[str], *, nameless: bool, device: str = ""
-) -> tuple[AnyProfile, list[Fault]]:
-    profile, locations, warnings = read_measurements(files, names, nameless=nameless, device=device)
-    found = [replace(fault, severity="warning") for fault in warnings] + _warnings(profile, locations, measured=True)
+def _measured(files: Sequence[Trace], names: Sequence[str], *, device: str = "") -> tuple[AnyProfile, list[Fault]]:
+    profile, locations, warnings = read_measurements(files, names, device=device)
+    found = [replace(fault, severity="warning") for fault in warnings] + _warnings(profile, locations)
     return _added([profile], names), sorted(found, key=lambda fault: (fault.file, fault.line, fault.column))
 
 
-def _warnings(profile: Profile, locations: PointFaults, *, measured: bool) -> list[Fault]:
+def _warnings(profile: Profile, locations: PointFaults) -> list[Fault]:
     """The findings of a profile at their locations, first by line."""
     warnings = [
         replace(
             locations[tuple(profile.configurations[found.point].tolist())], severity="warning", message=found.message
         )
-        for found in profile.findings(measured=measured)
+        for found in profile.findings()
     ]
     return sorted(warnings, key=lambda fault: (fault.file, fault.line, fault.column))
 
@@ -274,23 +262,6 @@ class _Point:
     standard_error_w: _Power | None = None
     """standard error of power_w, with the correlation of consecutive samples"""
 
-    leave_one_out_error_w: _Value | None = None
-    """prediction from the other points less power_w; written in JSON, not read"""
-
-
-@dataclass(frozen=True)
-class _LeaveOneOut:
-    """Leave-one-out error over the points that the others enclose; written in JSON, not read."""
-
-    points: int
-    """number of points that the others enclose"""
-
-    rms_w: float
-    """root mean square of their errors [W]"""
-
-    largest_w: float
-    """largest of their errors [W]"""
-
 
 @dataclass(frozen=True, kw_only=True)
 class _PartFile:
@@ -310,9 +281,6 @@ class _PartFile:
 
     points: Annotated[list[_Point], Field(min_length=2)]
     """configurations that were measured"""
-
-    leave_one_out: _LeaveOneOut | None = None
-    """error of the interpolation, by leaving points out; not read"""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -426,7 +394,7 @@ def _faults(document: Document, content: _PartFile, where: Path) -> list[Fault]:
 
 
 def profile_document(profile: AnyProfile) -> dict[str, Any]:
-    """A profile as the JSON-ready document of its schema, with its leave-one-out errors.
+    """A profile as the JSON-ready document of its schema.
 
     Every key is written out but the device where it is not known.
     """
@@ -436,9 +404,7 @@ def profile_document(profile: AnyProfile) -> dict[str, Any]:
 
 
 def _part_document(profile: Profile) -> dict[str, Any]:
-    errors_w = profile.leave_one_out_w - profile.power_w
-    columns = [*(getattr(profile, name).tolist() for name in ARRAYS), errors_w.tolist()]
-    found = profile.leave_one_out_error
+    columns = [getattr(profile, name).tolist() for name in ARRAYS]
     return {
         "source": profile.source,
         **({"device": profile.device} if profile.device else {}),
@@ -451,11 +417,9 @@ def _part_document(profile: Profile) -> dict[str, Any]:
                 "std_w": shortest(std_w),
                 "samples": samples,
                 "standard_error_w": shortest(standard_w) if math.isfinite(standard_w) else None,
-                "leave_one_out_error_w": error_w if math.isfinite(error_w) else None,
             }
-            for at, power_w, std_w, samples, standard_w, error_w in zip(*columns, strict=True)
+            for at, power_w, std_w, samples, standard_w in zip(*columns, strict=True)
         ],
-        "leave_one_out": found and {"points": found.points, "rms_w": found.rms_w, "largest_w": found.largest_w},
     }
 
 
@@ -469,7 +433,7 @@ def profile_yaml(profile: AnyProfile) -> str:
     Returns
     -------
     str
-        YAML, one line for each parameter and each configuration, without defaults and keys that follow from others.
+        YAML, one line for each parameter and each configuration, without defaults.
     """
     return yaml_text(_without_defaults(profile_document(profile)))
 
@@ -479,16 +443,12 @@ DEFAULTS = {"unit": "", "std_w": 0, "samples": 1, "standard_error_w": None}
 
 
 def _without_defaults(value: Any) -> Any:
-    """A document without defaults and keys that follow from others."""
+    """A document without defaults."""
     if isinstance(value, list):
         return [_without_defaults(item) for item in value]
     if not isinstance(value, dict):
         return value
-    return {
-        key: _without_defaults(item)
-        for key, item in value.items()
-        if not key.startswith("leave_one_out") and (key not in DEFAULTS or item != DEFAULTS[key])
-    }
+    return {key: _without_defaults(item) for key, item in value.items() if key not in DEFAULTS or item != DEFAULTS[key]}
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """What programs record of a computer's power: which columns make the power of the board, in which unit.
 
-One list for `eadp profile` and `eadp fit`: tegrastats and powerstat as text; jtop, nvidia-smi, turbostat, INA219,
+One list for `eadp profile` and `eadp fit`: tegrastats as text; jtop, nvidia-smi, turbostat, INA219,
 INA226 and INA3221, hwmon, RAPL, and tables with a column of power among others, as CSV.
 """
 
@@ -70,11 +70,9 @@ _WITH_UNIT = re.compile(r"([-+]?[0-9.]+) (mW|W|kW|uW|µW|mV|V|mA|uA|A|%|MHz|C|Mi
 _VOLTS = re.compile(r"(?!.*shunt)(?:\w*[ _])?volt(?:age|s)?[ _]?[\[(]?(m?v)[\])]?\Z|in1_input\Z", re.IGNORECASE)
 _AMPERES = re.compile(r"(?:\w*[ _])?current[ _]?[\[(]?([mu]?a)[\])]?\Z|curr1_input\Z", re.IGNORECASE)
 _PER = {"v": 1.0, "mv": 1e3, "a": 1.0, "ma": 1e3, "ua": 1e6}
-_ENERGY = re.compile(r"(?:.*[ _-])?energy[ _]?[\[(]?uj[\])]?\Z", re.IGNORECASE)
 _TEGRASTATS = re.compile(r"\bRAM [0-9]+/[0-9]+MB")
 _TEGRASTATS_RAIL = re.compile(r"(\w+) ([0-9]+)(?:mW)?/[0-9]+(?:mW)?(?= |\Z)")
 _TEGRASTATS_TIME = re.compile(r"([0-9]{2}-[0-9]{2}-[0-9]{4} [0-9]{2}:[0-9]{2}:[0-9]{2}) ")
-_POWERSTAT = re.compile(r"^ *+Time +User +Nice .*\bWatts\b", re.MULTILINE)
 RECORDED = "recorded_power_w"
 """Name of the column of what `Recording.with_power` reads."""
 
@@ -120,11 +118,10 @@ class Recording:
     rows: list[Row]
     parts: list[PowerColumn]
     product: bool
-    counts: bool
-    """Whether the column counts energy."""
     others: list[int]
     """Columns that are neither power nor time, and have a name."""
-    timed: int | None
+    timed: bool
+    """Whether a column has the time."""
     device: Device | None
 
     @property
@@ -160,27 +157,12 @@ class Recording:
             if len(faults) >= FAULTS_READ:
                 break
         refuse(faults)
-        result = self._of_counts(result) if self.counts else result
         known = [each for each in result if each is not None]
         mean_w = sum(known) / len(known) if known else 0.0
         if any(part.assumed for part in self.parts) and known and not MIN_W <= mean_w <= LARGE_W:
             name = self.parts[0].name
             message = f"{self.power_text} has no unit, and a mean of {mean_w:.4g} W in that which is usual"
             raise InputError(self.header.fault(self.parts[0].place, message, f"its unit, as in --power '{name} [W]'"))
-        return result
-
-    def _of_counts(self, energy_j: list[float | None]) -> list[float | None]:
-        """Power between a row and the one before, of a counter of energy; None where the counter starts again."""
-        assert self.timed is not None
-        times = [_time_s(row.fields[self.timed] if self.timed < len(row.fields) else "") for row in self.rows]
-        if None in times:
-            message = f"times that are not in seconds, beside {self.parts[0].name}, a counter of energy"
-            raise InputError(self.header.fault(self.timed, message, "a column time_s, or dates"))
-        result: list[float | None] = [None] * len(energy_j)
-        for i in range(1, len(energy_j)):
-            before, now, step_s = energy_j[i - 1], energy_j[i], (times[i] or 0.0) - (times[i - 1] or 0.0)
-            if before is not None and now is not None and now >= before and step_s > 0:
-                result[i] = (now - before) / step_s
         return result
 
     def with_power(self) -> Text:
@@ -229,7 +211,7 @@ class Recording:
                     message, expected = f"no column {printable(name, 80)}", f"one of {_names(self.header, self.others)}"
                     raise InputError.at("--of", 1, 1, message, expected, ",".join(of))
             return [names[name] for name in of]
-        if self.timed is not None or not self.others:
+        if self.timed or not self.others:
             return []
         if len(self.others) > 1:
             message = f"{len(self.others)} columns beside the power: {_names(self.header, self.others)}"
@@ -269,7 +251,7 @@ def read_recording(text: Text, asked: Sequence[str] = (), of: Sequence[str] = ()
     microwatts = [i for i, name in enumerate(fields) if _MICROWATTS.match(name)]
     timed = next((i for i, name in enumerate(fields) if _TIME.match(name)), None)
     other_power = (volts and amperes) or any(map(_is_rail, fields)) or table is not text or behind
-    device, parts, product, counts = None, list[PowerColumn](), False, False
+    device, parts, product = None, list[PowerColumn](), False
     if asked:
         parts = _asked(header, asked)
     elif plain:
@@ -282,8 +264,6 @@ def read_recording(text: Text, asked: Sequence[str] = (), of: Sequence[str] = ()
             parts = [_with_unit(header, microwatts[0], "")]
         if not parts and len(volts) == len(amperes) == 1:
             parts, product = [_factor(header, volts[0]), _factor(header, amperes[0])], True
-        if not parts and timed is not None and (found := _counter(header)):
-            parts, counts = [found], True
         if not parts:
             _ask(header)
             return None
@@ -296,7 +276,7 @@ def read_recording(text: Text, asked: Sequence[str] = (), of: Sequence[str] = ()
     program = _JTOP & set(map(str.lower, fields)) or any(map(_JOINED_UNIT.search, fields))
     if (volts and amperes) or program or (device and device.name == "nvidia-smi"):
         others = []  # what such a program writes is no parameter
-    return Recording(table, header, rest, parts, product, counts, others, timed, device)
+    return Recording(table, header, rest, parts, product, others, timed is not None, device)
 
 
 # ── columns ──
@@ -402,12 +382,6 @@ def _factor(header: Row, place: int) -> PowerColumn:
     return PowerColumn(place, name, _PER[unit.lower()])
 
 
-def _counter(header: Row) -> PowerColumn | None:
-    """The one counter of energy, as RAPL's `energy_uj`."""
-    found = [PowerColumn(i, name, 1e6) for i, name in enumerate(header.fields) if _ENERGY.match(name)]
-    return found[0] if len(found) == 1 else None
-
-
 def _ask(header: Row) -> None:
     """Ask which columns make the power, where some look like it."""
     like = [i for i, name in enumerate(header.fields) if _is_power(name)]
@@ -442,11 +416,9 @@ def _units_behind_numbers(top: Sequence[Row]) -> bool:
 
 
 def _as_table(text: Text) -> Text:
-    """Logs of tegrastats and powerstat as tables, line by line; another text as it is."""
+    """A log of tegrastats as a table, line by line; another text as it is."""
     if _TEGRASTATS.search(next((line for line in text.body.splitlines() if line.strip()), "")):
         return _tegrastats(text)
-    if _POWERSTAT.search(text.body[:5000]):
-        return _powerstat(text)
     return text
 
 
@@ -468,36 +440,6 @@ def _tegrastats(text: Text) -> Text:
     ]
     # the header is in the first line, before its reading
     return Text(text.name, "\n".join([",".join(["time_s", *(f"{name} [mW]" for name in names)]), *rows, ""]))
-
-
-def _powerstat(text: Text) -> Text:
-    """A row for each line that begins with a time of day."""
-    rows: list[str] = []
-    header: list[str] = []
-    first_s = None
-    for line in text.body.splitlines():
-        fields = line.split()
-        if not header and _POWERSTAT.match(line):
-            header = fields
-            rows.append("time_s,power_w")
-            continue
-        clock = re.match(r"([0-9]{2}):([0-9]{2}):([0-9]{2})\Z", fields[0]) if fields else None
-        if not header or clock is None or len(fields) < len(header):
-            rows.append("")
-            continue
-        seconds = sum(int(part) * unit for part, unit in zip(clock.groups(), (3600, 60, 1), strict=True))
-        first_s = seconds if first_s is None else first_s
-        rows.append(f"{(seconds - first_s) % 86_400},{fields[header.index('Watts')]}")
-    return Text(text.name, "\n".join([*rows, ""]))
-
-
-def _time_s(raw: str) -> float | None:
-    if NUMBER.match(raw):
-        return float(raw)
-    try:
-        return datetime.fromisoformat(raw.replace("/", "-", 2)).timestamp()
-    except ValueError:
-        return None
 
 
 def _quoted(cell: str) -> str:

@@ -22,10 +22,23 @@ NESTING_LIMIT = 50
 """Greatest nesting of lists and objects, the document included."""
 
 _SPACE = re.compile(r"[ \t\n\r]*")
-_NUMBER = re.compile(r"-?(?:0|[1-9][0-9]*+)(?:\.[0-9]++)?(?:[eE][-+]?[0-9]++)?")
-_POSITION = re.compile(r"\[N,N(?:,N)?\]".replace("N", rf"[ \t\n\r]*+({_NUMBER.pattern})[ \t\n\r]*+"))
-_WORD = re.compile(r"-?[A-Za-z]+")
-_WORDS = {"true": True, "false": False, "null": None}
+_POSITION = re.compile(
+    r"\[N,N(?:,N)?\]".replace("N", r"[ \t\n\r]*+(-?(?:0|[1-9][0-9]*+)(?:\.[0-9]++)?(?:[eE][-+]?[0-9]++)?)[ \t\n\r]*+")
+)
+EXACT_DIGITS = 17
+"""Most digits of a whole number that is kept as one."""
+
+
+class _NotFinite(ValueError):
+    """A number that JSON does not have."""
+
+
+def _refused(name: str) -> float:
+    raise _NotFinite(name)
+
+
+def _whole(digits: str) -> float:
+    return int(digits) if len(digits) <= EXACT_DIGITS else float(digits)
 
 
 class JsonList(list[Any]):
@@ -57,8 +70,8 @@ class JsonReader:
     """
 
     def __init__(self, source: SourceText, *, not_finite: bool = False) -> None:
-        self.source, self.body, self.decoder = source, source.body, json.JSONDecoder()
-        self._not_finite = not_finite
+        self.source, self.body = source, source.body
+        self._scalar = json.JSONDecoder(parse_int=_whole, parse_constant=float if not_finite else _refused).raw_decode
 
     def document(self) -> Any:
         """The value that the text is."""
@@ -72,87 +85,60 @@ class JsonReader:
         assert match is not None
         return match.end()
 
+    def _error(self, i: int, message: str, expected: str = "") -> InputError:
+        return self.source.error(self.source.location(i), message, expected)
+
     def _fail(self, i: int, expected: str) -> InputError:
         found = printable(self.body[i : i + 1]) if i < len(self.body) else "the end of the file"
-        return self.source.error(self.source.location(i), f"is not JSON: {found} cannot stand here", expected)
+        return self._error(i, f"is not JSON: {found} cannot stand here", expected)
 
     def _value(self, i: int, depth: int) -> tuple[Any, int]:
         """The value at an offset, and the offset of what follows it and the blanks after it."""
         if depth > NESTING_LIMIT:
-            raise self.source.error(self.source.location(i), f"nested deeper than {NESTING_LIMIT} levels")
+            raise self._error(i, f"nested deeper than {NESTING_LIMIT} levels")
         c = self.body[i : i + 1]
-        value: Any
-        if c == "[":
-            position = _POSITION.match(self.body, i)
-            value = tuple(float(number) for number in position.groups() if number) if position else ()
-            if position and all(map(math.isfinite, value)):  # most lists of a file
-                return value, self._skip(position.end())
-            value, end = self._list(i + 1, depth)
-        elif c == "{":
-            value, end = self._object(i + 1, depth)
-        elif c == '"':
-            value, end = self._string(i)
-        elif number := _NUMBER.match(self.body, i):
-            end = number.end()
-            value = int(number[0]) if re.fullmatch("-?[0-9]{1,17}", number[0]) else float(number[0])
-        elif (word := _WORD.match(self.body, i)) and word[0] in _WORDS:
-            value, end = _WORDS[word[0]], word.end()
-        elif word and word[0].lstrip("-") in ("NaN", "Infinity"):
-            if self._not_finite:
-                return float(word[0]), self._skip(word.end())
-            raise self.source.error(self.source.location(i), f"{word[0]} is no number of JSON", "a finite number")
-        else:
-            raise self._fail(i, "a value")
-        return value, self._skip(end)
-
-    def _string(self, i: int) -> tuple[str, int]:
+        if c == "[" and (position := _POSITION.match(self.body, i)):  # most lists of a file
+            place = tuple(float(number) for number in position.groups() if number)
+            if all(map(math.isfinite, place)):
+                return place, self._skip(position.end())
+        if c in ("[", "{"):
+            value: JsonList | JsonObject = JsonList() if c == "[" else JsonObject()
+            return value, self._skip(self._members(i, depth, value))
         try:
-            value, end = self.decoder.raw_decode(self.body, i)
+            scalar, end = self._scalar(self.body, i)
+        except _NotFinite as error:
+            raise self._error(i, f"{error} is no number of JSON", "a finite number") from None
         except json.JSONDecodeError as error:
+            if c != '"':
+                raise self._fail(i, "a value") from None
             message = f"is not JSON: {printable(error.msg[:1].lower() + error.msg[1:])}"
-            raise self.source.error(self.source.location(error.pos), message, "a string in quotes") from None
-        return str(value), end
+            raise self._error(error.pos, message, "a string in quotes") from None
+        return scalar, self._skip(end)
 
-    def _list(self, i: int, depth: int) -> tuple[JsonList, int]:
-        result = JsonList()
-        i = self._skip(i)
-        if self.body[i : i + 1] == "]":
-            return result, i + 1
+    def _members(self, i: int, depth: int, into: JsonList | JsonObject) -> int:
+        """Read the members of a list or an object that begins at an offset; return that of what follows it."""
+        close, i = "]" if isinstance(into, JsonList) else "}", self._skip(i + 1)
+        if self.body[i : i + 1] == close:
+            return i + 1
         while True:
-            result.offsets.append(i)
-            value, i = self._value(i, depth + 1)
-            result.append(value)
-            c = self.body[i : i + 1]
-            if c == "]":
-                return result, i + 1
-            if c != ",":
-                raise self._fail(i, "a comma or ]")
-            i = self._skip(i + 1)
-
-    def _object(self, i: int, depth: int) -> tuple[JsonObject, int]:
-        result = JsonObject()
-        i = self._skip(i)
-        if self.body[i : i + 1] == "}":
-            return result, i + 1
-        while True:
-            if self.body[i : i + 1] != '"':
-                raise self._fail(i, "a key in quotes")
-            at = i
-            key, i = self._string(i)
-            if key in result:
-                message = f"the key {printable(key, 80)} stands twice"
-                raise self.source.error(self.source.location(at), message, "each key once")
-            i = self._skip(i)
-            if self.body[i : i + 1] != ":":
-                raise self._fail(i, "a colon")
-            i = self._skip(i + 1)
-            result.offsets[key] = i
-            result[key], i = self._value(i, depth + 1)
-            c = self.body[i : i + 1]
-            if c == "}":
-                return result, i + 1
-            if c != ",":
-                raise self._fail(i, "a comma or }")
+            if isinstance(into, JsonList):
+                into.offsets.append(i)
+                value, i = self._value(i, depth + 1)
+                into.append(value)
+            else:
+                if self.body[i : i + 1] != '"':
+                    raise self._fail(i, "a key in quotes")
+                key, after = self._value(i, depth)
+                if key in into:
+                    raise self._error(i, f"the key {printable(key, 80)} stands twice", "each key once")
+                if self.body[after : after + 1] != ":":
+                    raise self._fail(after, "a colon")
+                into.offsets[key] = i = self._skip(after + 1)
+                into[key], i = self._value(i, depth + 1)
+            if self.body[i : i + 1] == close:
+                return i + 1
+            if self.body[i : i + 1] != ",":
+                raise self._fail(i, f"a comma or {close}")
             i = self._skip(i + 1)
 
 

@@ -60,6 +60,7 @@ def test_every_replanning_of_a_sound_solver_is_accounted_for(sound):
     assert all(record.iterations > 0 and record.gap is not None for record in solved)
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("broken", few(BROKEN, 2))
 def test_a_broken_solver_shows_and_the_fallback_flies(sound, broken):
     planner, good = sound

@@ -80,7 +80,7 @@ def test_settings_that_contradict_the_mission_are_named(key, value, message):
         flown(**{f"planner.paper.{key}": value, "time_limit_s": 1})
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("planner", ["paper", "joint"])
 def test_a_trade_off_of_a_stage_holds_in_that_stage_alone(planner):
     row = {"coefficients": {"c2": -1.0}, "at_least": -4.0, "stages": [2]}

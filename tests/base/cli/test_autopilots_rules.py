@@ -118,7 +118,7 @@ def test_batteries_of_a_plan_are_used_up_to_what_makes_the_autopilot_turn_back(e
     assert packs["none"] < 1 < packs["px4"]
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize(("clearance_m", "top_m"), [(35, 50), (5, 50)])
 def test_the_clearance_asked_for_is_that_of_the_way_home_at_every_door(eadp, place, clearance_m, top_m):
     """The altitude that the plan has is what its forecast and its parameters have; obstacles beside it count alike."""

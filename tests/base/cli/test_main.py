@@ -68,20 +68,6 @@ def test_bad_usage_is_exit_2_with_empty_stdout(eadp, arguments):
     assert "Traceback" not in answer.err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "hint"),
-    [
-        (("simulate", "plans/survey.plan", "--wind", "4,240"), True),
-        (("simulate", "plans/survey.plan", "--speed", "4"), False),
-        (("fit", "x.csv", "--wind", "4,240"), False),  # without --set
-    ],
-)
-def test_a_key_of_the_scenario_that_is_no_option_says_how_it_is_set(eadp, arguments, hint):
-    answer = eadp(*arguments)
-    assert answer.code == 2
-    assert ("a key of the scenario: --set wind" in answer.err) == hint
-
-
 def test_help_imports_nothing_slow():
     code = (
         "import sys; from eadp.cli.main import main; "

@@ -24,18 +24,9 @@ MEADOW = ("plans/meadow.geojson", "--min-radius", "30", "--swath", "30")
     "command",
     [
         ("cover", "FILE", "--min-radius", "30", "--swath", "30"),
-        ("cover", *MEADOW, "--avoid", "FILE"),
         ("plan", "FILE"),
-        ("profile", "FILE"),
-        ("fit", "FILE"),
-        ("simulate", "FILE"),
         ("simulate", "plans/survey.plan", "--profile", "FILE"),
-        ("simulate", "plans/survey.plan", "--energy", "FILE"),
-        ("simulate", "plans/survey.plan", "--scenario", "FILE"),
-        ("sweep", "FILE"),
         ("replan", "plans/survey.plan", "--telemetry", "FILE"),
-        ("export", "FILE", "--to", "kml"),
-        ("vehicle", "FILE"),
         ("report", "FILE"),
     ],
     ids=" ".join,
@@ -62,26 +53,14 @@ PLACED = "%: origin 55.37 10.43\n0.1; 90; x\n0, 400\n"
     ("setting", "expected"),
     [
         ("battery.capacity_ah=3200", "less than or equal to 1000"),  # mAh
-        ("battery.voltage_v=14800", "less than or equal to 1000"),  # mV
-        ("battery.resistance_ohm=50", "less than or equal to 10"),  # mΩ
         ("battery.soc=95", "less than or equal to 1"),  # per cent
-        ("reserve_soc=10", "less than 1"),
         ("faults=[{at_s: 9, soc_drop: 6}]", "less than or equal to 1"),
-        ("faults=[{at_s: 9, soc_drop: -0.06}]", "greater than or equal to 0"),
         ("vehicle.airframe.mass_kg=1200", "less than or equal to 500"),  # g
-        ("vehicle.airframe.wing_area_m2=3200", "less than or equal to 100"),  # cm²
         ("vehicle.airframe.max_bank_deg=0.78", "greater than or equal to 2"),  # rad
-        ("vehicle.airframe.max_climb_rate_mps=600", "less than or equal to 100"),  # ft/min
-        ("vehicle.airframe.roll_time_constant_s=300", "less than or equal to 30"),  # ms
-        ("vehicle.airframe.air_density_kgpm3=1225", "less than or equal to 2"),  # g/m³
         ("vehicle.airframe.airspeed_mps=54", "an aeroplane that can fly so"),  # km/h
         ("wind.speed_mps=20", "a wind below the airspeed"),  # km/h
-        ("wind.gust_std_mps=150", "less than or equal to 100"),
         ("wind.from_deg=2700", "less than or equal to 360"),
-        ("start.heading_deg=-1800", "greater than or equal to -360"),
-        ("start.altitude_m=100000", "less than or equal to 30000"),  # mm
         ("wind.speed_mps=6,5", "a number with a decimal point, as in 6.5"),
-        ("c1=-500,5", "a number with a decimal point, as in -500.5"),
         ("c1=2026-11-23", "a number"),
         ("guidance.wind_corrected=yes", "true or false"),
     ],
@@ -130,21 +109,20 @@ def surveyed(**changed):
             0,
             "--heading:1:1: warning: 1.57°, an angle of a few degrees; expected degrees: 1.57",
         ),
-        (
-            surveyed(wind="4,4.19"),
-            0,
-            "--wind:1:1: warning: 4.19°, an angle of a few degrees; expected degrees: 4.19",
-        ),
         (surveyed(home="55.4715,10.333", landing="home"), 2, "--landing:1:1: error: no place and heading; expected"),
         (
             surveyed(landing="55.4715,10.333,4.19"),
             0,
             "--landing:1:1: warning: 4.19°, an angle of a few degrees; expected degrees: 4.19",
         ),
-        (surveyed(sensor_width_mm=2.35), 0, "2.35 mm, smaller than a 1/4-inch sensor; expected as 6.2 mm"),
+        (
+            surveyed(sensor_width_mm=2.35, side_overlap=10),
+            0,
+            "2.35 mm, smaller than a 1/4-inch sensor; expected as 6.2 mm",
+        ),
         (surveyed(sensor_width_mm=0.0063), 2, "--sensor-width-mm:1:1: error: 0.0063 is out of range"),  # m
         (
-            surveyed(focal_length_mm=26),
+            surveyed(focal_length_mm=26, side_overlap=10),
             0,
             "26 mm with a sensor of 6.3 mm, which spans 14°; expected the lens's own",
         ),
@@ -153,7 +131,6 @@ def surveyed(**changed):
             0,
             "300 m, above the 120 m that most rules allow; expected metres: 300 ft are 91",
         ),
-        (("cover", *SURVEY, "--gsd", "4", "--camera", "sony-rx0"), 0, ""),
         (
             ("cover", *SURVEY, "--gsd", "5", "--camera", "sony-rx0"),
             0,
@@ -178,7 +155,6 @@ def surveyed(**changed):
         ),  # km/h
         (surveyed(wind="4,2400"), 2, "a bearing of 2400°; expected 0 to 360"),
         ((*SHORT, "battery.capacity_ah=5000"), 2, "5000; expected less than or equal to 1000: 5000 mAh are 5 Ah"),
-        ((*SHORT, "battery.soc=95"), 2, "95; expected less than or equal to 1: 95 % are 0.95"),
         ((*SHORT, "start.heading_deg=1.57"), 0, "start.heading_deg:1:1: warning: 1.57°, an angle of a few degrees"),
     ],
 )
@@ -216,15 +192,6 @@ def test_a_field_is_covered_by_an_aircraft_that_can_fly_so(eadp, tmp_path):
     wing.write_text("schema: eadp.vehicle/1\nairframe: {model: fixed-wing, airspeed_mps: 58, max_power_w: 400}\n")
     answer = eadp("cover", *SURVEY, "--vehicle", wing, "--swath", 40)
     assert refused(answer, "of a motor of 400 W; expected an aeroplane that can fly so")
-
-
-@pytest.mark.parametrize("option", ["--sensor-width-mm", "--focal-length-mm"])
-def test_a_camera_in_metres(eadp, option):
-    camera = {"--altitude": "100", "--sensor-width-mm": "13.2", "--focal-length-mm": "8.8", option: "0.0132"}
-    words = [word for pair in camera.items() for word in pair]
-    assert refused(
-        eadp("cover", "plans/meadow.geojson", "--min-radius", "30", *words), f"{option}:1:1: error: 0.0132 is"
-    )
 
 
 # --- places
@@ -312,8 +279,6 @@ def table(head, rows, mark=","):
     ("command", "body", "message"),
     [
         ("plan", "0,1; 90; x - c1\n0, 400\n[-10, 10]\n", "1:2: error: ',' cannot stand here"),
-        ("plan", "0.1; 90; x - 0,5*c1\n0, 400\n[-10, 10]\n", "1:15: error: ',' cannot stand here"),
-        ("plan", "0.1; 90; x - c1\n0, 400\n[-10,5, 10]\n", "3:7: error: ',' cannot stand here"),
         ("plan", "%: origin 55,37 10,43\n0.1; 90; x\n0, 400\n", "1:11: error: no origin"),
         ("plan", "%: origin 155.37 10.43\n0.1; 90; x\n0, 400\n", "latitude and longitude seem to be swapped"),
         ("plan", "0.1; 1.5708; x\n0, 400\n", "expected a rotation of 90 or 270"),
@@ -323,8 +288,6 @@ def table(head, rows, mark=","):
             'fps,power_w\n"2,5",5\n3,6\n',
             "2:1: error: 2,5 is not a number; expected a decimal point, as in 2.5",
         ),
-        ("profile", "fps,power_w\n2,5\n3,-6\n", "3:3: error: a power of -6 W"),
-        ("profile", "time_s,stage,x_m,y_m,power_w\n0,1,2,3,4\n1,1,2,4,4\n", "1:14: error: x_m is a position"),
         ("profile", "lat_deg,lon_deg,power_w\n0,1,2\n1,1,2\n", "1:1: error: lat_deg is a position"),
         ("fit", table("time,power", LOG), "1:1: error: time has no unit"),
         ("fit", table("timestamp,power_w", LOG), "error: a row every 5e-07 s, if timestamp is in µs"),
@@ -343,7 +306,6 @@ def test_texts_that_mean_something_else(eadp, tmp_path, command, body, message):
         ("plan", "0.1; 90; x\n0,5, 400\n", "2:1: warning: a trigger with a radius of 400 m, or a decimal comma"),
         ("plan", "0.1; 90; x\n0, 400,5\n", "2:1: warning: a trigger with a radius of 5 m, or a decimal comma"),
         ("plan", "0.1; 90; x\n0, 400, 5\n", ""),
-        ("plan", "0.1; 90; x\n0,400,5\n", ""),
         ("profile", "fps,power_w\n2,500\n3,6000\n", "3:3: warning: a power of 6000 W; expected at most 1000 W"),
         ("fit", table("time_s,power_w", LOG), ""),
         (
@@ -356,11 +318,6 @@ def test_texts_that_mean_something_else(eadp, tmp_path, command, body, message):
             table("time_s,power_w", [(t, 1000 * p) for t, p in LOG]),
             "1:1: warning: a mean power of 2.998e+04 W",
         ),  # mW
-        (
-            "fit",
-            table("time_s,voltage_v,current_a", [(t, 15, 70 * p) for t, p in LOG]),
-            "warning: a mean power of",
-        ),  # mA
         ("fit", table("time_s,power_w", [(t, -p) for t, p in LOG]), "1:1: warning: a mean power of -29.98 W"),
     ],
 )
@@ -376,8 +333,3 @@ def test_texts_that_may_mean_something_else(eadp, tmp_path, command, body, messa
 @pytest.mark.parametrize("value", ["-500,5", "2026-11-23", "-5000"])
 def test_parameters_of_a_plan_are_checked_though_nothing_is_drawn(eadp, value):
     assert refused(eadp("plan", "plans/survey.plan", "--set", f"c1={value}"), "--set:1:4")
-
-
-@pytest.mark.parametrize("option", [("--wind", "5,2700"), ("--wind", "6,5,270"), ("--heading", "450")])
-def test_bearings_of_a_coverage(eadp, option):
-    assert refused(eadp("cover", *MEADOW, *option), f"{option[0]}:1:1: error")

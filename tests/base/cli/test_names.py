@@ -47,15 +47,11 @@ def test_a_header_names_the_path_parameters():
     ("header", "column", "words"),
     [
         ("paths", 9, "a path parameter without a name of its own"),
-        ("paths 2nd", 10, "a path parameter without a name of its own"),
         ("paths x", 10, "a path parameter without a name of its own"),
-        ("paths c2", 10, "a path parameter without a name of its own"),
         ("paths a, b", 10, "2 names for 1 path parameters"),
         ("paths a [m = c1", 10, "a path parameter without a name of its own"),
-        ("paths a = c2", 13, "a is no expression in c1 alone"),
         ("paths a = 3", 13, "a is no expression in c1 alone"),
         ("paths a = (c1 + 5)^2", 13, "a neither rises nor falls over all of the set of c1"),
-        ("paths a = sqrt(c1)", 13, "a neither rises nor falls"),
         ("paths a = c1 +", 18, "the expression ends too early"),
     ],
 )
@@ -112,7 +108,7 @@ def test_the_mean_of_what_is_shown_is_over_the_time_of_the_flight(eadp):
 def test_settings_name_parameters_as_people_do(eadp, tmp_path):
     """A scenario with titles flies as one with c-numbers, to the last bit, and says what it decided in titles."""
     text = (ROOT / SCENARIO).read_text().replace("../profiles", str(ROOT / "profiles"))
-    outs = []
+    outs, seldom = [], ("--set", "step_s=0.1", "--set", "planner.every_s=10")
     for fps, path in (("fps", "spacing"), ("c2", "c1")):
         scenario = tmp_path / f"{fps}.yaml"
         scenario.write_text(
@@ -120,7 +116,7 @@ def test_settings_name_parameters_as_people_do(eadp, tmp_path):
             f"  joint: {{trade_offs: [{{coefficients: {{{fps}: 1}}, at_least: 3}}]}}\n"
             f"computations: {{{fps}: {{max_rate: 8}}}}\n"
         )
-        answer = eadp("simulate", PLAN, "--scenario", scenario, "--set", "step_s=0.1", "-o", tmp_path / fps)
+        answer = eadp("simulate", PLAN, "--scenario", scenario, *seldom, "-o", tmp_path / fps)
         assert answer.code in (0, 1), answer.err
         outs.append([(tmp_path / fps / name).read_text() for name in ("flight.csv", "decisions.jsonl")])
     assert outs[0] == outs[1]

@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from common import ROOT, few
+from common import ROOT
 
 import eadp
 from eadp.core.geometry.geodesy import compass_deg
@@ -32,10 +32,9 @@ def scenario_of(folder, autopilot):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("pattern", few(["dubins", "zamboni"], 1))
-def test_no_picture_is_taken_in_the_climb(pattern):
-    found = covered(pattern=pattern)
-    flight = eadp.simulate(found.plan, scenario=PILOT / "day.yaml", seed=1, warn=lambda _: None)
+def test_no_picture_is_taken_in_the_climb():
+    found = covered()
+    flight = eadp.simulate(found.plan, scenario=PILOT / "day.yaml", seed=1, planner="static", warn=lambda _: None)
     on = [bool(stage.command(TRIGGER) and stage.command(TRIGGER)[1]) for stage in found.plan.stages]
     first = flight.columns["stage"].astype(int) > on.index(True)
     altitude_m = found.pictures.altitude_m
@@ -48,7 +47,7 @@ def lands(heading_deg, scenario=None):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("turn_deg", few([15, -5, 0, -20, -15, -10, 5, 10, 20], 2))
+@pytest.mark.parametrize("turn_deg", [-20, 15])
 def test_headings_near_the_wind_are_landed_on_over_the_slope(turn_deg):
     """The ground rises by 5 % from where it lands; the flight comes down on a circle where the way is too short."""
     found = lands(WIND_DEG + turn_deg)
@@ -59,7 +58,7 @@ def test_headings_near_the_wind_are_landed_on_over_the_slope(turn_deg):
     assert above_m[np.maximum.accumulate(above_m >= 20) & before].min() >= 20 - 0.01
     (x0, y0), (x1, y1) = circle.trigger_at(()), approach.trigger_at(())
     assert compass_deg(np.arctan2(y1 - y0, x1 - x0)) % 360 == pytest.approx(WIND_DEG + turn_deg, abs=0.01)
-    flight = eadp.simulate(found.plan, scenario=PILOT / "day.yaml", seed=1, warn=lambda _: None)
+    flight = eadp.simulate(found.plan, scenario=PILOT / "day.yaml", seed=1, planner="static", warn=lambda _: None)
     points_m = np.column_stack([flight.columns["x_m"], flight.columns["y_m"]])
     ground = read_terrain([str(PILOT / "ground.tif")], points_m, found.plan.site.origin_deg)
     up_m = flight.columns["altitude_m"] + found.plan.site.ground_m - ground.heights_m(points_m)
@@ -73,12 +72,12 @@ def test_headings_near_the_wind_are_landed_on_over_the_slope(turn_deg):
         assert flight.columns["altitude_m"][there < len(found.plan.stages) - 1][-1] > circle.altitude_m
 
 
-@pytest.mark.parametrize("heading_deg", few([250, 240, 265], 1))
-def test_an_advised_heading_is_one_on_which_it_lands(heading_deg, tmp_path):
+@pytest.mark.slow
+def test_an_advised_heading_is_one_on_which_it_lands(tmp_path):
     """PX4's approaches of 5° do not clear a slope of 5 % on every heading."""
     scenario = scenario_of(tmp_path, "{kind: px4}")
     with pytest.raises(eadp.Infeasible) as refused:
-        lands(heading_deg, scenario)
+        lands(250, scenario)
     works = re.match(r"a heading of (\d+)°", refused.value.advice)[1]
     found = lands(int(works), scenario)
     *_, before, last = found.plan.stages

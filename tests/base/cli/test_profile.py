@@ -30,16 +30,6 @@ def measured(tmp_path: Path) -> PowerMeasurement:
     return write
 
 
-def test_the_example_of_the_help_works(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    code, out, _ = run("profile", "--help")
-    assert code == 0
-    example = next(line.strip() for line in out.splitlines() if "Example:" in line)
-    assert out.split("\n\n")[1].strip() == example, "the help starts with it"
-    monkeypatch.chdir(ROOT)
-    code, out, err = run(*shlex.split(example.removeprefix("Example: eadp")))
-    assert (code, out, err) == (0, "fps=5: 7.81153 W\n", "")
-
-
 @pytest.mark.parametrize("file", [PEDNET, PEDNET_MODEL])
 def test_power_as_json(run: Run, file: str) -> None:
     code, out, err = run("profile", file, "--at", "fps=5", "--at", "fps=2.1", "--format", "json")
@@ -68,13 +58,9 @@ def test_outside_is_refused(run: Run, tmp_path: Path) -> None:
     ("at", "starts"),
     [
         ("5", ["--at:1:1: error: 5 is no name=value; expected fps=VALUE"]),
-        ("", ["--at:1:1: error: an empty text is no name=value"]),
         ("rate=5", ["--at:1:1: error: no parameter rate; expected fps=VALUE"]),
-        ("=5", ["--at:1:1: error: an empty field is no name"]),
         ("fps=5,fps=6", ["--at:1:7: error: fps stands twice"]),
         ("fps=nan", ["--at:1:1: error: fps is nan, not a finite number"]),
-        ("fps=1_0", ["--at:1:1: error: fps is 1_0, not a finite number"]),
-        ("fps=", ["--at:1:1: error: fps is empty, not a finite number"]),
         ("fps=1e999,a=1", ["--at:1:1: error: fps is 1e999"]),
     ],
 )
@@ -96,20 +82,6 @@ def test_summary_as_text(run: Run, measured: PowerMeasurement) -> None:
         "fps [1/s]  power [W]  std. dev. [W]  std. error [W]  samples",
         "        2       5.25           0.35            0.25        2",
         "       10          9                                       1",
-    ]
-
-
-def test_summary_tells_how_far_the_others_miss(run: Run) -> None:
-    code, out, _ = run("profile", PEDNET)
-    assert code == 0
-    assert out.splitlines()[2:] == [
-        "fps  power [W]  samples  leave-one-out error [W]",
-        "  2    5.21438        1",
-        "  4    6.94212        1                  +0.0055",
-        "  6    8.68095        1                    -0.32",
-        "  8    9.78429        1                    -0.34",
-        " 10    10.2112        1",
-        "leave-one-out error of 3 configurations: 0.27 W RMS, at most 0.34 W at fps=8",
     ]
 
 
@@ -140,16 +112,14 @@ def test_the_page_names_every_option(run: Run) -> None:
 # several files
 
 
-def test_traces_by_option_and_by_name(run: Run, tmp_path: Path) -> None:
+def test_traces_by_option(run: Run, tmp_path: Path) -> None:
     names = ["run_0.5fps.csv", "run_10fps.csv"]
     for name, power_w in zip(names, (3, 4), strict=True):
         (tmp_path / name).write_text(f"100,101,102\n{power_w},1,0\n{power_w},1,0\n", encoding="utf-8")
     files = [str(tmp_path / name) for name in names]
     by_option = run("profile", *files, "--config", "fps=0.5", "--config", "fps=10", "--format", "json")
-    by_name = run("profile", *files, "--from-name", "*_{fps}fps", "--format", "json")
     assert by_option[0] == 0
-    assert by_option == by_name
-    assert [point["at"] for point in json.loads(by_name[1])["points"]] == [[0.5], [10]]
+    assert [point["at"] for point in json.loads(by_option[1])["points"]] == [[0.5], [10]]
 
 
 def test_computations_added_are_flown(run: Run, measured: PowerMeasurement, tmp_path: Path) -> None:
@@ -190,11 +160,8 @@ def test_model_as_json_is_a_model_itself(run: Run, tmp_path: Path) -> None:
     code, out, err = run("profile", PEDNET, "--format", "json")
     document = json.loads(out)
     assert (code, err, document["schema"]) == (0, "", "eadp.profile/1")
-    first, second = document["points"][:2]
     told = {"at": [2], "power_w": 5.21438, "std_w": 0, "samples": 1, "standard_error_w": None}
-    assert first == {**told, "leave_one_out_error_w": None}, "an end is not enclosed by the others"
-    assert second["leave_one_out_error_w"] == pytest.approx((5.21438 + 8.68095) / 2 - 6.94212)
-    assert document["leave_one_out"]["points"] == 3
+    assert document["points"][0] == told
     (tmp_path / "m.json").write_text(out, encoding="utf-8")
     assert run("profile", str(tmp_path / "m.json"), "--format", "json") == (0, out, "")
 
@@ -246,10 +213,3 @@ def test_the_device_of_powprofiler(run: Run, measured: PowerMeasurement) -> None
         f"{file}:1:1: error: no power of the cpu; expected powprofiler's flag 101",
     )
     assert run("profile", PEDNET_MODEL, "--device", "gpu")[2].startswith("--device:1:1: error: a model has its device")
-
-
-@pytest.mark.parametrize("name", ["x y", "fps,frame-rate", "1a", "ä"])
-def test_names_that_no_plan_has_are_refused(eadp, name):
-    answer = eadp("profile", "profiles/pednet-jetson-nano.csv", "--names", name)
-    assert (answer.code, answer.out) == (2, "")
-    assert "is no name; expected a name as a plan has it" in answer.err

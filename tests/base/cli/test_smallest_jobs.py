@@ -49,7 +49,7 @@ def done(eadp):
     return run
 
 
-@pytest.mark.quick(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FIELDS)
 def test_a_field_of_one_line_is_covered_with_every_option(done, eadp, tmp_path, name):
     field, home, landing = field_file(tmp_path, name)

@@ -51,6 +51,7 @@ def test_on_it_is_compiled_with_its_helpers(switched_on, tmp_path, monkeypatch):
 
 
 @fast
+@pytest.mark.slow
 def test_where_nothing_can_be_kept_it_is_compiled_all_the_same(tmp_path):
     code = (
         "from eadp.core import compiled; import eadp.core.guidance as g; compiled.enable();"

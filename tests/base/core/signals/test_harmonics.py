@@ -114,13 +114,6 @@ def test_a_forecast_is_as_many_steps_of_the_state() -> None:
     np.testing.assert_allclose(forecast_w(first, period_s, 0.37 * np.arange(400)), stepped, atol=1e-10)
 
 
-def test_many_times_at_once_keep_their_shape() -> None:
-    times = np.arange(6.0).reshape(2, 3)
-    assert forecast_w([30.0, 1.0, 2.0], 10.0, times).shape == (2, 3)
-    assert signal_w(times, [300.0, 5.0], [1.0], 10.0).shape == (2, 3)
-    assert forecast_w([30.0], 10.0, times).tolist() == [[30.0] * 3] * 2
-
-
 @given(st.data(), orders, periods_s)
 def test_conversions_come_back(data: st.DataObject, order: int, period_s: float) -> None:
     state = np.array(data.draw(st.lists(watts, min_size=2 * order + 1, max_size=2 * order + 1)))

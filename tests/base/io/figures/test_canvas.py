@@ -66,7 +66,7 @@ def drawn(folder, callouts=()):
     return figure
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("text", [LONG, "x" * 400, "a, b\n" * 30, r"$\bad$ costs $3"])
 def test_callouts_change_nothing_and_lie_within(tmp_path, text):
     points = [(5 * i, 60.0 * (i % 2)) for i in range(20)]
@@ -85,7 +85,7 @@ def test_a_callout_is_beside_its_point(tmp_path):
         assert not box(callout).contains(*figure.axes[0].transData.transform(point)), point
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("legend", [legend_above, legend_below])
 @pytest.mark.parametrize("label", ["short", LONG])
 def test_long_titles_labels_and_legends_are_wrapped(tmp_path, legend, label):

@@ -201,6 +201,7 @@ def test_a_time_without_a_feasible_solution_is_in_the_legend(flight):
     assert marks.get_label() == "decision (39, some beside others left out)"
 
 
+@pytest.mark.slow
 def test_answers_to_losses_are_few_and_change_no_axes(tmp_path, monkeypatch, flight):
     drawn = []
 

@@ -23,13 +23,13 @@ GRID = Profile(
     np.array([[a, b, 1] for a in (2, 4, 10) for b in range(9)]),
     np.arange(27.0),
 )
+OTHER = Profile(("rate",), ("",), FPS, np.array([1.0, 2, 4]))
 SCATTER = Profile(("a", "b"), ("", ""), np.array([[0, 0], [1, 0.1], [0.2, 1], [1, 1], [0.5, 0.4]]), np.arange(5.0))
-SPACE = Profile(("a", "b", "c"), ("",) * 3, np.random.default_rng(1).random((12, 3)), np.arange(12.0))
 
 
 def drawn(profile: Profile) -> Figure:
     figure = Figure()
-    _draw_part(figure, figure.add_subplot(), profile)
+    _draw_part(figure.add_subplot(), profile)
     return figure
 
 
@@ -44,7 +44,6 @@ def test_a_curve_goes_through_what_was_measured() -> None:
     assert labels(LINE) == [
         "model",
         "measured",
-        "leave-one-out prediction",
         "± 1 standard deviation",
         "± 2 standard errors",
     ]
@@ -64,15 +63,13 @@ def test_a_grid_is_a_family_of_few_curves() -> None:
     assert (len(named), named[0], named[-1]) == (CURVES, "b = 0", "b = 8")
 
 
-def test_scattered_points_are_contours_or_predictions() -> None:
-    contours = drawn(SCATTER)
-    assert len(contours.axes) == 2, "a scale of colours beside it"
-    assert labels(SCATTER) == ["measured"]
-    assert drawn(SPACE).axes[0].get_xlabel() == "measured power [W]"
+def test_scattered_points_of_several_parameters_have_no_picture() -> None:
+    with pytest.raises(InputError, match="of 2 parameters have no picture"):
+        drawn(SCATTER)
 
 
 @pytest.mark.quick(1)
-@pytest.mark.parametrize("profile", [LINE, added([LINE, SCATTER])], ids=["one", "two"])
+@pytest.mark.parametrize("profile", [LINE, added([LINE, OTHER])], ids=["one", "two"])
 def test_files_are_the_same_each_time(tmp_path: Path, profile: Profile) -> None:
     files = [tmp_path / f"{i}.svg" for i in (1, 2)]
     for file in files:

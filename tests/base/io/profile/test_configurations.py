@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.errors import InputError
-from eadp.io.profile.configurations import configuration_in_name, configurations_to_measure, parse_configuration
+from eadp.io.profile.configurations import configurations_to_measure, parse_configuration
 from eadp.io.profile.measurements import Configuration
 
 number = st.integers(-10_000, 10_000).map(lambda k: k / 16)
@@ -29,18 +29,6 @@ def fault_of(call: object, *arguments: object) -> str:
 def test_of_a_trace() -> None:
     assert parse_configuration("fps [1/s]=0.5, keysize=32") == Configuration(("fps", "keysize"), ("1/s", ""), (0.5, 32))
     assert str(parse_configuration("fps=0.5,keysize=32")) == "fps=0.5,keysize=32"
-
-
-@given(number, number)
-def test_in_a_files_name(fps: float, keysize: float) -> None:
-    found = configuration_in_name(f"some/folder_9fps/landing_{fps!r}fps_{keysize!r}bit.csv", "*_{fps}fps_{keysize}bit")
-    assert found == Configuration(("fps", "keysize"), ("", ""), (fps, keysize))
-
-
-def test_the_ending_counts_only_where_the_pattern_has_it() -> None:
-    for pattern in ("landing_trace_{fps}fps", "landing_trace_{fps}fps.csv", "*{fps}fps.*"):
-        assert configuration_in_name("landing_trace_10fps.csv", pattern).values == (10,)
-    assert configuration_in_name("landing_trace_10fps.csv", "*_{fps}fps").names == ("fps",)
 
 
 def test_combinations_and_unions() -> None:
@@ -92,30 +80,11 @@ def test_what_cannot_be_measured(stated: list[str], start: str) -> None:
     assert fault_of(configurations_to_measure, stated).startswith(start)
 
 
-@pytest.mark.parametrize(
-    ("path", "pattern", "start"),
-    [
-        ("a/x_2fps.csv", "y_{fps}fps", "a/x_2fps.csv:1:1: error: the name does not match y_{fps}fps"),
-        ("x_fastfps.csv", "*_{fps}fps", "x_fastfps.csv:1:1: error: the name does not match"),
-        ("x_1e99fps.csv", "*_{fps}fps", "x_1e99fps.csv:1:1: error: the name does not match"),
-        ("x_2fps.csv", "x_2fps", "--from-name:1:1: error: a pattern without parameters"),
-        ("x_2_2.csv", "x_{a}_{a}", "--from-name:1:1: error: a pattern without parameters, or with one twice"),
-        ("x_2_3.csv", "*_*_*{a}", "--from-name:1:1: error: a pattern that matches in too many ways"),
-        ("x_23.csv", "x_{a}{b}", "--from-name:1:1: error: a pattern that matches in too many ways"),
-        ("x_1.2.3.csv", "x_{a}", "x_1.2.3.csv:1:1: error: the name does not match x_{a}"),
-        ("x_2.csv", "x_{}", "--from-name:1:1: error: an empty text is no name"),
-    ],
-)
-def test_names_that_do_not_tell(path: str, pattern: str, start: str) -> None:
-    assert fault_of(configuration_in_name, path, pattern).startswith(start)
-
-
 @given(st.text(st.sampled_from("fps=2,:.-e[ ]k{}*_"), max_size=20))
 def test_any_text_is_read_or_refused(raw: str) -> None:
     for call in (
         parse_configuration,
         lambda text: configurations_to_measure([text]),
-        lambda text: configuration_in_name("x_2fps.csv", text),
     ):
         with suppress(InputError):
             call(raw)  # type: ignore[no-untyped-call]

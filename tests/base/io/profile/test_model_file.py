@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from common import ROOT
-from hypothesis import given
+from common import ROOT, draws
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eadp.core.signals import average
@@ -93,12 +93,10 @@ def test_columns_that_are_no_parameters_are_ignored_with_a_warning() -> None:
     assert warnings_of(body) == [
         "1:1: warning: time_s is no parameter of the computations: ignored",
         "1:12: warning: cpu_power_w is no parameter of the computations: ignored",
-        "2:1: warning: fewer than 10 independent samples: 2 of 2 at fps=2, 1 of 1 at fps=4; their standard errors are "
-        "rough",
     ]
 
 
-@pytest.mark.parametrize("column", ["std_w", "samples", "standard_error_w", "leave_one_out_error_w", "extrapolated"])
+@pytest.mark.parametrize("column", ["std_w", "samples", "standard_error_w", "extrapolated"])
 def test_what_eadp_writes_beside_the_power_is_no_computation(column: str) -> None:
     body = f"fps,power_w,{column}\n2,5,0.1\n4,7,0.2\n"
     assert parse(body).names == ("fps",)
@@ -125,11 +123,6 @@ def test_mean_and_spread_are_those_of_statistics(powers_w: list[float]) -> None:
     assert profile.power_w[0] == pytest.approx(statistics.mean(powers_w), rel=1e-12)
     deviation_w = statistics.stdev(powers_w) if len(powers_w) > 1 else 0
     assert profile.std_w[0] == pytest.approx(deviation_w, rel=1e-6, abs=1e-12)
-
-
-def test_equal_readings_keep_their_digits() -> None:
-    profile = parse("fps,power_w\n2,0.1\n2,0.1\n2,0.1\n4,1\n")
-    assert (profile.power_w[0], profile.std_w[0], profile.samples[0]) == (0.1, 0, 3)
 
 
 def test_comments_blank_lines_and_the_source() -> None:
@@ -176,10 +169,6 @@ def test_powprofilers_device_and_none_of_its_energy_and_charge() -> None:
     assert "device" not in profile_document(plain)
 
 
-def test_better_names_for_a_header_too() -> None:
-    assert parse("c1,power_w\n2,5\n4,7\n", "fps").names == ("fps",)
-
-
 def test_warning_of_power_that_turns_points_at_its_row() -> None:
     assert warnings_of("fps,power_w\n10,3\n2,5\n4,7\n") == [
         "4:1: warning: power is not monotone in fps: it rises to 7 W at fps=4 and falls after it; kept as measured"
@@ -197,14 +186,15 @@ def test_the_standard_error_is_that_of_the_runs() -> None:
     assert np.isnan(profile.standard_error_w[1]), "of one reading nothing is known"
 
 
-def test_many_samples_may_vary_where_their_mean_is_known() -> None:
-    burst = "".join(f"2,{power_w}\n" for power_w in [5, 9, 5, 5, 9, 9, 5, 9] * 20)
-    (wide,) = [text for text in warnings_of(f"fps,power_w\n{burst}4,7.5\n") if "varies" in text]
-    assert wide.startswith(
-        "3:3: warning: power that varies a lot: fps=2 draws 5 W in line 2 and 9 W in line 3, a standard"
-    )
-    (fault,) = faults_of("fps,power_w\n" + "2,5\n" * 10 + "2,50\n4,7\n")
-    assert "repeated configurations that disagree" in fault
+def test_a_power_that_varies_is_warned_of() -> None:
+    # of two readings 10 ± e the sample deviation is √2 e
+    def rows(e: float) -> str:
+        return f"fps,power_w\n2,{10 - e}\n2,{10 + e}\n4,12\n"
+
+    limit_w = 10 * STD_LIMIT / 2**0.5
+    assert warnings_of(rows(0.999 * limit_w)) == []
+    message = "2:3: warning: a power that varies by 20% of its mean at one configuration"
+    assert warnings_of(rows(1.001 * limit_w)) == [message]
 
 
 # traces, and computations measured apart
@@ -234,7 +224,7 @@ def test_traces_with_what_they_were_measured_at(written: Callable[..., list[str]
     profile, warnings = read_profiles(Sources(files, configurations=[STEADY, fast]))
     assert points_of(profile) == {(2,): pytest.approx(3.1), (4,): 5, (8,): pytest.approx(7.1)}
     assert (profile.names, profile.units, profile.source) == (("fps",), ("1/s",), "slow.csv + table.csv + timed.csv")
-    assert len(warnings) == 1, "few samples, and nothing about the times of a trace"
+    assert warnings == [], "nothing about the times of a trace"
 
 
 def test_two_traces_at_one_configuration_are_two_runs(written: Callable[..., list[str]]) -> None:
@@ -259,12 +249,6 @@ def test_parameters_of_several_files_in_any_order(written: Callable[..., list[st
             "--config:1:1: error: 1 configurations for 2 files",
         ),
         ({"a": TRACE}, {"configurations": [STEADY]}, "a.csv:3:1: error: one configuration only"),
-        ({"a": TRACE}, {"pattern": "*_{fps}fps"}, "a.csv:1:1: error: the name does not match *_{fps}fps"),
-        (
-            {"a": TRACE},
-            {"pattern": "{fps}", "configurations": [STEADY]},
-            "--from-name:1:1: error: stands beside --config; expected one of the two",
-        ),
         (
             {"a": "fps,power_w\n2,5\n", "b": "rate,power_w\n4,5\n"},
             {},
@@ -275,7 +259,11 @@ def test_parameters_of_several_files_in_any_order(written: Callable[..., list[st
             {},
             "b.csv:1:1: error: a model among several files; expected measurements, or --add",
         ),
-        ({"a": "{schema: eadp.profile/1}"}, {"pattern": "{fps}"}, "a.csv:1:1: error: a model needs no configuration"),
+        (
+            {"a": "{schema: eadp.profile/1}"},
+            {"configurations": [STEADY]},
+            "a.csv:1:1: error: a model needs no configuration",
+        ),
         ({"a": "fps,power_w\n2,5\n", "b": "# nothing\n"}, {}, "b.csv:1:1: error: no measurements"),
         ({"a": "101,102\n2,5\n"}, {"configurations": [STEADY]}, "--config:1:1: error: 1 configurations for 0 files"),
     ],
@@ -290,7 +278,7 @@ def test_several_files_that_are_refused(
 
 
 def test_computations_measured_apart_are_added(written: Callable[..., list[str]]) -> None:
-    one, two = written(one="fps,power_w\n2,5\n4,7\n", two="\n1,32,1\n1,64,2\n2,32,2\n2,64,4\n")
+    one, two = written(one="fps,power_w\n2,5\n4,7\n", two="rate,size,power_w\n1,32,1\n1,64,2\n2,32,2\n2,64,4\n")
     profile, _ = read_profiles(Sources([one], [two], ["fps", "rate", "keysize"]))
     assert profile.names == ("fps", "rate", "keysize")
     assert profile.power_w_at((3, 1.5, 48)) == pytest.approx(6 + 2.25)
@@ -299,13 +287,19 @@ def test_computations_measured_apart_are_added(written: Callable[..., list[str]]
 
 
 def test_sums_that_are_refused(written: Callable[..., list[str]]) -> None:
-    one, two = written(one="fps,power_w\n2,5\n4,7\n", two="1,32,1\n1,64,2\n2,32,2\n2,64,4\n")
+    one, two, bare = written(
+        one="fps,power_w\n2,5\n4,7\n",
+        two="rate,size,power_w\n1,32,1\n1,64,2\n2,32,2\n2,64,4\n",
+        bare="1,32,1\n2,64,4\n",
+    )
     with pytest.raises(InputError, match=r"^--add:1:1: error: two of .* parameter fps; expected names of their own"):
         read_profiles(Sources([one], [one]))
-    with pytest.raises(InputError, match=r"^--names:1:1: error: 1 names for the parameters fps, c1, c2; expected 3"):
+    with pytest.raises(
+        InputError, match=r"^--names:1:1: error: 1 names for the parameters fps, rate, size; expected 3"
+    ):
         read_profiles(Sources([one], [two], ["fps"]))
     with pytest.raises(InputError, match=r"3 columns without names"):
-        read_profiles(Sources([one], [two]))
+        read_profiles(Sources([one], [bare]))
 
 
 PARTS = """\
@@ -373,16 +367,7 @@ def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
                 "8:5: error: 3 fields; expected 2, as in the first row",
             ],
         ),
-        ("2,5\n nan , 4\n", ["2:2: error: nan is not finite; expected a finite number"]),
-        ("fps,power_w\n1_0,5\n2,6\n", ["2:1: error: 1_0 is not a number; expected a number"]),
         ("fps,power_w\n٣,5\n2,6\n", ["2:1: error: ٣ is not a number; expected a number"]),
-        (
-            "fps,power_w\n2,5\n4,7\n2,50\n2,5\n",
-            [
-                "4:3: error: repeated configurations that disagree: fps=2 draws 5 W in line 2 and 50 W in "
-                "line 4, a standard deviation of 130 % of the mean; expected at most 20 %"
-            ],
-        ),
         (
             "fps,power_w\n2,5\n2,5\n",
             ["3:1: error: one configuration only; expected measurements of two configurations or more"],
@@ -390,10 +375,6 @@ def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
         (
             "fps,power_w\n",
             ["1:1: error: no measurements; expected measurements of two configurations or more"],
-        ),
-        (
-            "\n# nothing\n",
-            ["1:1: error: no measurements; expected a header such as fps,power_w and a row for each measurement"],
         ),
         (
             "fps|power_w\n2|5\n",
@@ -408,7 +389,7 @@ def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
             "time_s,power_w\n2,5\n",
             [
                 "1:1: error: no column for the configuration: it is a trace; expected that of each file, as in "
-                "--config fps=2 --config fps=10, or --from-name '*_{fps}fps'"
+                "--config fps=2 --config fps=10"
             ],
         ),
         (
@@ -416,19 +397,8 @@ def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
             ["1:13: error: several columns of power: power_w, power_mw; expected one, called power_w, or --power NAME"],
         ),
         (
-            "fps,cpu_power_w,gpu_power_w\n2,5,5\n",
-            [
-                "1:17: error: several columns of power: cpu_power_w, gpu_power_w; expected one, called power_w, or "
-                "--power NAME"
-            ],
-        ),
-        (
             "fps,power [MW]\n2,5\n",
             ["1:5: error: MW is no known unit of power; expected a header such as fps,power_w"],
-        ),
-        (
-            "fps,power_w [mW]\n2,5\n",
-            ["1:5: error: power_w [mW] names two units of power; expected a header such as fps,power_w"],
         ),
         (
             "fps,2nd,fps,,power_w\n2,5,5,5,5\n",
@@ -441,10 +411,6 @@ def test_parts_that_are_refused(old: str, new: str, fault: str) -> None:
         (
             "a\x1b,power_w\n2,5\n",
             ["1:1: error: a\\x1b is no name; expected a header such as fps,power_w"],
-        ),
-        (
-            "2,32,5\n",
-            ["1:1: error: 3 columns without names; expected a header such as fps,power_w, or --names with 2 names"],
         ),
         (
             "200,101,102\n2,5,5\n",
@@ -478,16 +444,6 @@ def test_faults_are_capped_and_the_rest_counted() -> None:
     assert faults[-1] == f"{FAULTS_SHOWN + 2}:3: error: 5 more faults from here on"
     faults = faults_of("fps,power_w\n" + "2,x\n" * 2 * FAULTS_READ)
     assert faults[-1].endswith(f"at least {FAULTS_READ - FAULTS_SHOWN} more faults from here on")
-
-
-def test_the_limit_of_the_spread() -> None:
-    # of two readings 10 ± e the sample deviation is √2 e
-    def rows(e: float) -> str:
-        return f"fps,power_w\n2,{10 - e}\n2,{10 + e}\n4,12\n"
-
-    limit_w = 10 * STD_LIMIT / 2**0.5
-    assert parse(rows(0.999 * limit_w)).samples.tolist() == [2, 1]
-    assert len(faults_of(rows(1.001 * limit_w))) == 1
 
 
 @pytest.mark.parametrize(
@@ -583,7 +539,6 @@ def changed(old: str, new: str) -> str:
             changed("eadp.profile/1", "eadp.profile/2"),
             ["1:1: error: not the model of a profile; expected schema: eadp.profile/1"],
         ),
-        ("{}", ["1:1: error: not the model of a profile; expected schema: eadp.profile/1"]),
         ("{", ["1:2: error: is not YAML"]),
         (changed("source:", "sauce:"), ["2:1: error: unknown key sauce"]),
         (
@@ -603,14 +558,9 @@ def changed(old: str, new: str) -> str:
             ["8:19: error: points.0.power_w cannot be -5; expected greater than or equal to 0"],
         ),
         (changed("power_w: 5}", "power_w: true}"), ["8:19: error: points.0.power_w cannot be True; expected a number"]),
-        (changed("power_w: 5}", "power_w: '5'}"), ["8:19: error: points.0.power_w cannot be '5'; expected a number"]),
         (
             changed("power_w: 5}", "power_w: .nan}"),
             ["8:28: error: .nan is not a finite number; expected a finite number"],
-        ),
-        (
-            changed("samples: 3", "samples: 0"),
-            ["9:49: error: points.1.samples cannot be 0; expected greater than or equal to 1"],
         ),
         (
             changed("samples: 3", "samples: 2.5"),
@@ -631,10 +581,6 @@ def changed(old: str, new: str) -> str:
         (
             changed('name: "keysize"', 'name: "fps"'),
             ["5:6: error: the name fps stands twice; expected each once"],
-        ),
-        (
-            changed('name: "keysize"', 'name: "a,b"'),
-            ["5:6: error: a,b is no name; expected a name: a letter first"],
         ),
         (
             changed("at: [2, 448]", "at: [6, 32.5]").replace("[10, 32]", "[10, 33]"),
@@ -685,6 +631,7 @@ def test_round_trip_is_exact(profile: Profile) -> None:
     assert parse(json.dumps(profile_document(profile))) == profile, "what follows from the points is ignored"
 
 
+@settings(max_examples=draws(0.3))
 @given(profiles(), profiles())
 def test_round_trip_of_parts_is_exact(first: Profile, second: Profile) -> None:
     apart = ProfileSum((first, replace(second, names=tuple(f"{name}_too" for name in second.names))))
@@ -751,16 +698,12 @@ def test_published_powprofiler_model() -> None:
 TRACES = ("landing_trace_0.5fps.csv", "landing_trace_10fps.csv")
 
 
-def test_published_traces_need_a_configuration() -> None:
-    for name in TRACES:
-        with pytest.raises(InputError, match=r"no column for the configuration.*--config fps=2"):
-            read_profile(reference(name))
-
-
 def test_published_traces_are_the_published_model() -> None:
     files = [reference(name) for name in TRACES]
     model, _ = read_profile(reference("landing_powprofiler_model.csv"), ["fps"])
-    profile, warnings = read_profiles(Sources(files, pattern="*_{fps}fps"))
+    profile, warnings = read_profiles(
+        Sources(files, configurations=[Configuration(("fps",), ("",), (fps,)) for fps in (0.5, 10)])
+    )
     assert warnings == []
     for fps in (0.5, 10.0):  # printed to six digits
         assert points_of(profile)[(fps,)] == pytest.approx(points_of(model)[(fps,)], rel=5e-6)

@@ -61,10 +61,6 @@ def test_a_bom_in_the_middle_is_text(tmp_path):
     assert read_text(written(tmp_path, b"a\xef\xbb\xbfb")).body == "a\ufeffb"
 
 
-def test_an_empty_file(tmp_path):
-    assert read_text(written(tmp_path, b"")).body == ""
-
-
 def test_standard_input(monkeypatch):
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"\xef\xbb\xbf1;\r\n2"), encoding="ascii"))
     assert read_text("-") == Text("<stdin>", "1;\n2")
@@ -79,10 +75,6 @@ def test_a_file_that_is_not_there(tmp_path):
 @pytest.mark.parametrize("path", ["", "a\0b", "x" * 5000])
 def test_a_name_that_no_file_can_have(path):
     assert fault_of(read_text, path).message.startswith("cannot be read: ")
-
-
-def test_a_folder(tmp_path):
-    assert fault_of(read_text, str(tmp_path)).message == "is a folder"
 
 
 def test_a_control_character_in_a_name_is_escaped():
@@ -151,11 +143,6 @@ def test_the_limit_of_standard_input_stops_reading(monkeypatch):
 @pytest.mark.parametrize("raw", ["", "-5", "1e6", "many", "1 000"])
 def test_a_limit_that_is_no_number_is_the_default(raw, monkeypatch):
     monkeypatch.setenv("EADP_LIMIT_BYTES", raw)
-    assert limit_bytes() == LIMIT_BYTES
-
-
-def test_a_limit_in_superscript_is_the_default(monkeypatch):
-    monkeypatch.setenv("EADP_LIMIT_BYTES", "²")
     assert limit_bytes() == LIMIT_BYTES
 
 

@@ -139,12 +139,8 @@ BAD = [
     ("airframe: {model: paper, aspect_ratio: 3}", ":2:26: error: airframe.aspect_ratio is a key of model fixed-wing"),
     ("airframe: {model: kite}", ":2:12: error: unknown airframe.model kite; expected one of fixed-wing, paper"),
     ("airframe: {mass_kg: -3}", ":2:12: error: airframe.mass_kg cannot be -3"),
-    ("airframe: 3", ":2:1: error: airframe cannot be 3; expected a mapping of keys"),
-    ("battery: {capacity_ah: 1e-300}", ":2:11: error: battery.capacity_ah cannot be 1e-300"),
     ("battery: {voltage_empty_v: 15}", ":2:11: error: battery.voltage_empty_v: 15 V is above voltage_v"),
-    ("battery: {cutoff_voltage_v: 15}", ":2:11: error: battery.cutoff_voltage_v: 15 V is not below voltage_v"),
     ("battery: {max_c_rate: 0}", ":2:11: error: battery.max_c_rate cannot be 0"),
-    ("battery: {cells: 0}", ":2:11: error: battery.cells cannot be 0"),
     (
         "battery: {cells: 4, chemistry: nicd}",
         ":2:21: error: battery.chemistry nicd is none of lipo, lihv, li-ion, lifepo4",

@@ -287,15 +287,6 @@ def test_a_line_of_a_later_lap_past_its_trigger(lap, off_m):
     assert y == pytest.approx(-11 + lap, abs=STEP_M + NANOMETRE)
 
 
-@pytest.mark.parametrize("lap", [1, 7])
-@pytest.mark.parametrize("off_m", [-30, 30])
-def test_a_circle_of_a_later_lap_past_its_trigger(lap, off_m):
-    itinerary = flown_laps(survey(), lap)
-    centre = (-45 + 10 * lap, 146 + lap)
-    x, y = first_change(itinerary, arc(centre, 70 + off_m, -5, 300))
-    assert math.degrees(math.atan2(y - centre[1], x - centre[0])) % 360 == pytest.approx(180, abs=0.51)
-
-
 @pytest.mark.parametrize("off_m", [-30, 40])
 def test_a_circle_far_from_the_first_laps(off_m):
     itinerary = begun(plan_of(TOWER), (), (70.0, 0.0))
@@ -482,43 +473,6 @@ def test_live_changes_need_not_join():
     assert touch_m(before, lies(itinerary)) < 1e-7, "the increment is taken anew"
     itinerary.decide((0.0, 2.0), itinerary.trigger_m)
     assert lies(itinerary)[1] == pytest.approx((-35, 147, 70)), "the circle being flown moves at once"
-
-
-def test_offsets_of_laps_flown_are_never_worked_out_again():
-    itinerary = begun(survey(), (0.0, 2.0))
-    for _ in range(4 * 10 + 1):
-        to_next(itinerary)
-    assert itinerary.cursor.lap == 10
-    assert itinerary.cursor.offset_m == pytest.approx((100, 10))
-    before = lies(itinerary)
-    assert itinerary.decide((-1000.0, 2.0), itinerary.trigger_m) is False, "it waits"
-    assert lies(itinerary) == before
-    to_next(itinerary)
-    to_next(itinerary)
-    assert itinerary.stage.index == 4
-    assert itinerary.parameters == (-1000, 2)
-    assert lies(itinerary)[1] == pytest.approx((135,)), "the line does not jump"
-    # worked out from the start again, 10 (150 − 2 √3900) instead of 10 · 10: 151 m farther
-    again = 10 * shift_at(survey(), (-1000.0, 2.0))[0]
-    assert again - itinerary.cursor.offset_m[0] == pytest.approx(151, abs=0.1)
-    to_next(itinerary)
-    assert itinerary.cursor.offset_m == pytest.approx(
-        (100 + 150 - 2 * math.sqrt(3900), 10 + (75 - math.sqrt(3900)) / 5)
-    )
-
-
-def test_the_offset_is_the_sum_of_each_laps_shift():
-    itinerary = begun(survey(), (0.0, 2.0))
-    laps = [0.0, -1000.0, -250.0, -600.0]
-    wanted = [0.0, 0.0]
-    for c1 in laps:
-        itinerary.decide((c1, 2.0), itinerary.trigger_m)
-        for _ in range(4):
-            to_next(itinerary)
-        r2 = math.sqrt(4900 + c1)
-        wanted = [wanted[0] + 150 - 2 * r2, wanted[1] + (75 - r2) / 5]
-        assert itinerary.cursor.offset_m == pytest.approx(wanted)
-        assert (itinerary.stage.index, itinerary.parameters[0]) == (1, c1)
 
 
 def test_computations_change_at_once():

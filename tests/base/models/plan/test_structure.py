@@ -95,11 +95,6 @@ def test_the_shift_of_laps_is_that_of_all_their_stages(second, shift):
     assert (found if found is None else [part.at() for part in found]) == shift
 
 
-def test_the_shift_of_laps_of_one_stage():
-    found = find_shift(plan(LAPS.format("a, 100 + a/3"))[0])
-    assert [part.at() for part in found] == pytest.approx([30, 10])
-
-
 def test_less_than_two_laps_show_nothing():
     assert plan(survey(1))[0].primitive_stages is None
     text = "".join(survey(2).splitlines(keepends=True)[:-3])  # seven stages

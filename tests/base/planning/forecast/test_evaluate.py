@@ -269,7 +269,7 @@ def test_standard_deviations_against_draws(seed):
     assert forecast.soc_end_std == pytest.approx(std, rel=0.05)
 
 
-@pytest.mark.quick(3)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("share", [0.0, 0.7])
 @pytest.mark.parametrize("wind_mps", [(0.0, 0.0), (5.0, 0.0), (0.0, -6.0), (4.0, 4.0)])
 def test_an_uncertain_wind_against_draws_of_winds(wind_mps, share):

@@ -86,9 +86,9 @@ def calm():
     return flown(**CALM)
 
 
-@pytest.fixture(scope="module", params=[6, pytest.param(12, marks=pytest.mark.slow)])
-def gusty(request):
-    return [flown(seed=seed, **GUSTS) for seed in range(request.param)]
+@pytest.fixture(scope="module")
+def gusty():
+    return [flown(seed=seed, **GUSTS) for seed in range(6)]
 
 
 def errors(flight):

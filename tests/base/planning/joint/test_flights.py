@@ -30,7 +30,7 @@ def flown(make=None, **overrides):
     return outcome, rows, flight.planner
 
 
-@pytest.fixture(scope="module", params=[1, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.fixture(scope="module", params=[1, pytest.param(2, marks=pytest.mark.slow)])
 def gusty(request):
     """Flights in gusts from several sides, with a loss in some."""
     flights = []

@@ -231,6 +231,7 @@ def north(pilot, battery, seconds, stage_m=1e9, running=lambda stage: True, lost
     return decisions, soc
 
 
+@pytest.mark.quick(1)
 @pytest.mark.parametrize("capacity_ah", few([0.26, 0.265, 0.27], 2))
 def test_between_two_configurations_both_are_flown_and_the_charge_is_used(capacity_ah):
     battery = Battery(14.8, 0.05, capacity_ah, letter_crate_per_h=1e3)
@@ -344,7 +345,7 @@ def test_a_gauge_that_is_stuck_is_warned_of(stuck):
 
 
 @pytest.mark.quick(1)
-@pytest.mark.parametrize("capacity_ah", few([0.76, 0.8, 0.84, 0.88], 2))
+@pytest.mark.parametrize("capacity_ah", [0.76, 0.88])
 def test_two_computations_in_gusts_change_seldom_at_measured_levels_and_use_the_charge(capacity_ah):
     rates, sizes = (2.0, 4.0, 6.0, 8.0, 10.0), (1.0, 2.0, 3.0, 4.0)
     rows = np.array(list(itertools.product(rates, sizes)))
@@ -378,7 +379,7 @@ def test_two_computations_in_gusts_change_seldom_at_measured_levels_and_use_the_
 HOME = {**CALM, "battery.capacity_ah": 0.25, "on_infeasible": "home"}
 
 
-@pytest.mark.parametrize("home_m", few([[0.0, -1000.0], [-800.0, 300.0], [900.0, 0.0]], 1))
+@pytest.mark.parametrize("home_m", few([[0.0, -1000.0], [900.0, 0.0]], 1))
 def test_where_the_plan_is_infeasible_it_turns_back_at_the_last_moment(home_m):
     flight = flown(**HOME, **{"home.position_m": home_m})
     last, end = flight.records[-1], flight.steps[-1]
@@ -442,14 +443,6 @@ def test_an_autopilot_returns_and_circles_at_the_end_of_the_plan():
     assert own.outcome.duration_s > plain.outcome.duration_s + 30
     assert 0 < forecast.remaining_s / own.outcome.duration_s - 1 < 0.06
     assert 0 < forecast.energy_wh / (own.outcome.totals.energy_j / 3600) - 1 < 0.06
-
-
-@pytest.mark.slow
-def test_a_home_farther_than_what_is_left_of_the_plan_is_no_way_out():
-    """A loss of charge on the way, from which neither end keeps the reserve: the nearer one is flown to."""
-    fault = {"faults": [{"at_s": 200, "soc_drop": 0.3}], "home.position_m": [0.0, -3500.0]}
-    flight = flown(**HOME | {"battery.capacity_ah": 0.45} | fault)
-    assert not any(record.reason.startswith("home") for record in flight.records)
 
 
 @pytest.mark.parametrize(

@@ -48,7 +48,7 @@ def flown(inputs):
 FLIGHTS = [(plan, battery_ah, wind) for plan, battery_ah in (("survey", 0.45), ("meadow", 1.2)) for wind in ({}, WIND)]
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(("plan", "battery_ah", "wind"), few_rows(FLIGHTS, 2))
 @pytest.mark.parametrize("planner", ["static", "joint"])
 def test_the_forecast_is_what_is_flown(plan, planner, battery_ah, wind, meadow):

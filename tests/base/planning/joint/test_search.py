@@ -134,10 +134,9 @@ def searched(mission, start=None, **more):
 @pytest.mark.parametrize(
     ("dimensions", "seeds"),
     [
-        (1, range(4)),
-        (2, range(100, 102)),
-        pytest.param(1, range(4, 24), marks=pytest.mark.slow),
-        pytest.param(2, range(102, 108), marks=pytest.mark.slow),
+        (1, range(3)),
+        pytest.param(1, range(4, 12), marks=pytest.mark.slow),
+        pytest.param(2, range(100, 104), marks=pytest.mark.slow),
     ],
 )
 def test_made_up_missions_against_brute_force(dimensions, seeds):
@@ -199,6 +198,7 @@ def test_a_step_that_is_feasible_at_its_edge_alone():
     assert 0.31 - FINEST <= found.value <= 0.31
 
 
+@pytest.mark.slow
 def test_a_search_for_what_is_of_use_decides_as_one_for_the_best():
     """With a threshold fewer places are looked at, and a place above it is found if there is one."""
     looked, decided = {True: 0, False: 0}, 0
@@ -249,7 +249,7 @@ def test_a_place_is_evaluated_once():
 
 
 @pytest.mark.quick(1)
-@pytest.mark.parametrize("capacity_ah", few([0.34, 0.6, 0.42, 0.28], 2))
+@pytest.mark.parametrize("capacity_ah", few([0.34, 0.6, 0.28], 2))
 @pytest.mark.parametrize("wind_mps", few([(0.0, 0.0), (5.0, -3.0)], 1))
 def test_the_survey_against_every_place(capacity_ah, wind_mps):
     inputs = survey_inputs(**CALM, **{"battery.capacity_ah": capacity_ah, "parameters.c1": -1000.0})

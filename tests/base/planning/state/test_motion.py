@@ -106,7 +106,7 @@ def test_the_slope_is_never_below_0():
 @pytest.mark.slow
 def test_forecasts_of_energy_are_calibrated():
     squares = []
-    for seed in range(300):
+    for seed in range(150):
         rng = np.random.default_rng(seed)
         level = 36 * (1 + rng.normal(0, power.LEVEL_SHARE))
         slope = max(36 * power.TURN_SHARE * (1 + rng.normal()), 0.0)
@@ -129,12 +129,13 @@ def test_a_first_window_in_a_gust_is_not_believed():
     assert 80 < motion.known().level_w < 88
 
 
-@pytest.mark.quick(1)
-@pytest.mark.parametrize("windows", [12, 20])
-def test_gusts_that_last_are_learned(windows):
+@pytest.mark.parametrize(
+    ("windows", "seeds"), [(12, 80), *(pytest.param(n, 150, marks=pytest.mark.slow) for n in (12, 20))]
+)
+def test_gusts_that_last_are_learned(windows, seeds):
     """Windows that scatter by 3 to 17 % of the level, each half of the one before: the energy of 600 s to come."""
     squares = []
-    for seed in range(300):
+    for seed in range(seeds):
         rng = np.random.default_rng([seed, windows])
         level, scatter_w = 80 * (1 + rng.normal(0, power.LEVEL_SHARE)), 80 * rng.uniform(0.03, 0.17)
         shocks = rng.normal(0, scatter_w / math.sqrt(2), windows + 121)

@@ -91,7 +91,7 @@ def undisturbed():
     return quality(lambda _, power_w: power_w)
 
 
-@pytest.mark.quick(2)
+@pytest.mark.quick(1)
 @pytest.mark.parametrize(
     "false_w",
     [
