@@ -56,12 +56,13 @@ from eadp.survey.heights import (
     Climbing,
     FinalApproach,
     Ground,
+    Lack,
     clear_circle,
-    climb_late_s,
+    climb_lack,
     climbed_first,
     free_circles,
     held_up_m,
-    level_late_s,
+    level_lack,
     over_terrain,
     with_circles,
 )
@@ -334,13 +335,13 @@ class CoverageTask:
         if not self._climb_s:
             return solution
 
-        def late_s(tried: CoverageSolution) -> float:
-            """The time by which the climb of a path is too late [s]."""
+        def lack(tried: CoverageSolution) -> Lack:
+            """What the climb of a path lacks."""
             if ground is None:
-                return level_late_s(tried, motion, self._climb_s)
-            return climb_late_s(tried, ground, climbing, 0.0)
+                return level_lack(tried, motion, self._climb_s)
+            return climb_lack(tried, ground, climbing, 0.0)
 
-        return climbed_first(solution, motion, self.request.space, late_s)
+        return climbed_first(solution, motion, self.request.space, lack)
 
     def solution(self) -> CoverageSolution:
         """The quickest path found. Raises Infeasible."""

@@ -217,6 +217,16 @@ class FinalApproach(NamedTuple):
         return math.ceil(down_m / (RATE_SHARE * climbing.down_mps * motion.time_s([self.circle.piece])))
 
 
+class Lack(NamedTuple):
+    """What a climb lacks: the time by which it is too late [s], and the place along the path up to which it is low [m].
+
+    Both are 0 where it is in time.
+    """
+
+    late_s: float
+    until_m: float
+
+
 def held_up_m(radius_m: float) -> float:
     """The least radius that an autopilot holds, of a radius or more [m]."""
     step_m = 1.0 if radius_m < LARGE_M else 10.0
@@ -248,9 +258,9 @@ def climbed_first(
     solution: CoverageSolution,
     motion: MotionLimits,
     space: FreeSpace | None,
-    late_s: Callable[[CoverageSolution], float],
+    lack: Callable[[CoverageSolution], Lack],
 ) -> CoverageSolution:
-    """A path whose lines are photographed at their altitude: with circles before the first.
+    """A path whose lines are photographed at their altitude: with circles before the first, or with the camera off.
 
     Parameters
     ----------
@@ -259,16 +269,16 @@ def climbed_first(
     motion : MotionLimits
     space : FreeSpace or None
         Where circles may lie.
-    late_s : function
-        The time by which the climb of a path is too late [s], 0 in time.
+    lack : function
+        What the climb of a path lacks.
 
     Raises
     ------
     Infeasible
-        If there is no room for a circle.
+        If laps, whose lines are flown whole, have no room for a circle before them.
     """
-    lacks_s = late_s(solution)
-    if lacks_s <= SAME_S:
+    late_s, until_m = lack(solution)
+    if late_s <= SAME_S:
         return solution
     legs = solution.path(0.0).legs
     # before the first line and what is straight before it; sections up to there are legs
@@ -278,23 +288,52 @@ def climbed_first(
     for section in range(first, -1, -1):
         pose = legs[section].start
         metre_s = motion.time_s([whole_circle(pose, 1.0, 1).piece])
-        whole = max(1, math.floor(lacks_s / (motion.min_radius_m * metre_s)))
+        whole = max(1, math.floor(late_s / (motion.min_radius_m * metre_s)))
         # as wide as takes just the time, or else more of the smallest
-        radii_m = (max(each, motion.min_radius_m) for each in (lacks_s / (whole * metre_s), motion.min_radius_m))
+        radii_m = (max(each, motion.min_radius_m) for each in (late_s / (whole * metre_s), motion.min_radius_m))
         for radius_m in dict.fromkeys(map(held_up_m, radii_m)):
-            count = math.ceil(lacks_s / (radius_m * metre_s) - SAME_S)
+            count = math.ceil(late_s / (radius_m * metre_s) - SAME_S)
             for circle in free_circles(pose, radius_m, space):
                 found = with_circles(solution, section, circle, count, motion)
-                if late_s(found) <= SAME_S:
+                if lack(found).late_s <= SAME_S:
                     return found
-    advice = "another --home, --takeoff another way, or less altitude"
-    raise Infeasible("the climb from home has no room for a circle before the first line", advice)
+    if solution.blocks:
+        raise Infeasible("the climb has no room for a circle before the laps", "--pattern dubins, or another --home")
+    off = _unphotographed(solution, until_m, motion)
+    if lack(off).late_s > SAME_S:
+        raise Infeasible("the climb from home comes too near to the ground", "another --home, or --takeoff another way")
+    return off
 
 
-def level_late_s(solution: CoverageSolution, motion: MotionLimits, climb_s: float) -> float:
-    """The time by which a climb over level ground that takes a time [s] is too late for the first line."""
-    before = itertools.takewhile(lambda leg: not leg.sensing, solution.path(0.0).legs)
-    return max(climb_s - motion.time_s([leg.piece for leg in before]), 0.0)
+def level_lack(solution: CoverageSolution, motion: MotionLimits, climb_s: float) -> Lack:
+    """What a climb over level ground that takes a time [s] lacks before the first line."""
+    legs = solution.path(0.0).legs
+    first = next(i for i, leg in enumerate(legs) if leg.sensing)
+    late_s = left_s = climb_s - motion.time_s([leg.piece for leg in legs[:first]])
+    until_m = sum(leg.piece.length_m for leg in legs[:first])
+    for leg in legs[first:]:
+        if left_s <= 0:
+            break
+        leg_s = motion.time_s([leg.piece])
+        until_m, left_s = until_m + leg.piece.length_m * min(1.0, left_s / leg_s), left_s - leg_s
+    return Lack(max(late_s, 0.0), until_m if late_s > 0 else 0.0)
+
+
+def _unphotographed(solution: CoverageSolution, until_m: float, motion: MotionLimits) -> CoverageSolution:
+    """A path without laps whose camera is off up to a place along it [m]."""
+    found, end_m = list[CoverageLeg](), 0.0
+    for leg in solution.path(0.0).legs:
+        start_m, end_m = end_m, end_m + leg.piece.length_m
+        if not leg.sensing or start_m >= until_m - SAME_M:
+            found.append(leg)
+            continue
+        low_m = until_m - start_m
+        low, *rest = [leg] if end_m <= until_m + SAME_M else leg.cut(low_m)
+        gaps = tuple((max(start - low_m, 0.0), end - low_m) for start, end in leg.gaps_m if end > low_m)
+        found += [replace(low, sensing=False, gaps_m=()), *(replace(each, gaps_m=gaps) for each in rest)]
+    if not any(leg.sensing for leg in found):
+        raise Infeasible("all lines lie in the climb from home", "another --home, or less altitude")
+    return timed(replace(solution, sections=tuple(found)), motion)
 
 
 # --- over terrain
@@ -553,10 +592,8 @@ def _too_high(above_m: float, place: str) -> Infeasible:
     return Infeasible(f"{message}, and no circle beside it has room", advice)
 
 
-def climb_late_s(solution: CoverageSolution, ground: Ground, climbing: Climbing, start_m: float) -> float:
-    """The time by which a climb from an altitude at the start is too late [s].
-
-    On lines for their height, on ways for the clearance once it has it.
+def climb_lack(solution: CoverageSolution, ground: Ground, climbing: Climbing, start_m: float) -> Lack:
+    """What a climb from an altitude at the start lacks: on lines their height, on ways the clearance once it has it.
 
     Raises Infeasible where the height of the ground is not known.
     """
@@ -569,7 +606,9 @@ def climb_late_s(solution: CoverageSolution, ground: Ground, climbing: Climbing,
     kept = samples.on_line | np.array([leg.whole_circle for leg in legs])[samples.legs]
     kept |= np.maximum.accumulate(climbed_m >= hard_m)
     lacks_m = np.where(kept, floor_m - climbed_m, 0.0)
-    return max(float(lacks_m.max()), 0.0) / up_mps
+    low = np.flatnonzero((lacks_m > ROUNDING_M) & samples.on_line)
+    until_m = float(samples.places_m[min(low[-1] + 1, len(lacks_m) - 1)]) if len(low) else 0.0
+    return Lack(max(float(lacks_m.max()), 0.0) / up_mps, until_m)
 
 
 def _seconds(samples: Samples, motion: MotionLimits) -> FloatArray:

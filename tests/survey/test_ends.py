@@ -1,4 +1,4 @@
-"""The climb before the first line, on circles: by hand, on level ground and on a slope."""
+"""The climb before the first line, on circles or with the camera off: by hand, on level ground and on a slope."""
 
 import itertools
 import math
@@ -10,7 +10,8 @@ from common.planes import FIELD, LIMITS, MOTION, WING, ground
 from eadp.core.geometry.polygons import FreeSpace
 from eadp.errors import Infeasible
 from eadp.survey.coverage import CoverageRequest, cover
-from eadp.survey.heights import REACHED_SHARE, climb_late_s, climbed_first, held_up_m, level_late_s, over_terrain
+from eadp.survey.heights import REACHED_SHARE, climb_lack, climbed_first, held_up_m, level_lack, over_terrain
+from eadp.survey.report import CoverageReport
 
 HOME = (-60.0, 60.0)
 ALTITUDE_M = 100.0
@@ -45,7 +46,7 @@ def test_circles_before_the_first_line_take_the_time_that_the_climb_lacks():
     plain = near_home()
     lacks_s = needed_s - before_first_s(plain)
     assert lacks_s > 20
-    found = climbed_first(plain, MOTION, None, lambda each: level_late_s(each, MOTION, needed_s))
+    found = climbed_first(plain, MOTION, None, lambda each: level_lack(each, MOTION, needed_s))
     circles = [leg for leg in found.path(0.0).legs if leg.whole_circle]
     assert {leg.start for leg in circles} == {leg.end for leg in circles}
     # on the line's start, as wide as takes just the time, in whole metres
@@ -64,21 +65,36 @@ def test_circles_before_the_first_line_take_the_time_that_the_climb_lacks():
 def test_an_order_that_knows_of_the_climb_is_not_longer_than_circles():
     needed_s = WING.reached_s(ALTITUDE_M)
 
-    def late_s(each):
-        return level_late_s(each, MOTION, needed_s)
+    def lack(each):
+        return level_lack(each, MOTION, needed_s)
 
-    circled = climbed_first(near_home(), MOTION, None, late_s)
-    chosen = climbed_first(near_home(climb_s=needed_s), MOTION, None, late_s)
+    circled = climbed_first(near_home(), MOTION, None, lack)
+    chosen = climbed_first(near_home(climb_s=needed_s), MOTION, None, lack)
     assert before_first_s(chosen) >= needed_s - ROUNDING_S
     assert chosen.time_s <= circled.time_s + ROUNDING_S
 
 
-@pytest.mark.parametrize("pattern", ["zamboni", "dubins"])
-def test_a_climb_without_room_for_a_circle_is_refused(pattern):
-    laps = cover(CoverageRequest(FIELD, MOTION, pattern, 0.0, HOME, HOME))
+def test_without_room_for_a_circle_the_camera_is_off_and_the_ground_is_named():
+    needed_s, plain = WING.reached_s(ALTITUDE_M), near_home()
     nowhere = FreeSpace([], [[(5000.0, 5000.0), (5001.0, 5000.0), (5001.0, 5001.0)]])
-    with pytest.raises(Infeasible, match="no room for a circle before the first line"):
-        climbed_first(laps, MOTION, nowhere, lambda each: level_late_s(each, MOTION, 60.0))
+    found = climbed_first(plain, MOTION, nowhere, lambda each: level_lack(each, MOTION, needed_s))
+    legs, before = found.path(0.0), plain.path(0.0)
+    assert [leg.piece.length_m for leg in legs.legs if leg.whole_circle] == []
+    assert legs.length_m == pytest.approx(before.length_m)
+    assert before_first_s(found) == pytest.approx(needed_s)
+    off_m = sum(leg.piece.length_m for leg in before.legs if leg.sensing)
+    off_m -= sum(leg.piece.length_m for leg in legs.legs if leg.sensing)
+    assert off_m > 100
+    report = CoverageReport.of(FIELD, MOTION, found)
+    assert report.full.coverage == pytest.approx(1 - off_m * MOTION.swath_m / (600 * 300), abs=0.01)
+    assert report.left
+
+
+def test_laps_without_room_for_a_circle_are_refused():
+    laps = cover(CoverageRequest(FIELD, MOTION, "zamboni", 0.0, HOME, HOME))
+    nowhere = FreeSpace([], [[(5000.0, 5000.0), (5001.0, 5000.0), (5001.0, 5001.0)]])
+    with pytest.raises(Infeasible, match="no room for a circle before the laps"):
+        climbed_first(laps, MOTION, nowhere, lambda each: level_lack(each, MOTION, 60.0))
 
 
 @pytest.mark.quick(1)
@@ -87,9 +103,11 @@ def test_over_terrain_lines_have_their_height_and_ways_their_clearance_once_they
     """On a plane by its own heights; on lines none is lower, where before some were."""
     under = ground(lambda x, y: slope * (x - HOME[0]))._replace(motion=MOTION)
     plain = near_home()
-    assert climb_late_s(plain, under, WING, 0.0) > 0
-    found = climbed_first(plain, MOTION, None, lambda each: climb_late_s(each, under, WING, 0.0))
-    assert climb_late_s(found, under, WING, 0.0) == pytest.approx(0)
+    lack = climb_lack(plain, under, WING, 0.0)
+    assert lack.late_s > 0
+    assert lack.until_m > 0
+    found = climbed_first(plain, MOTION, None, lambda each: climb_lack(each, under, WING, 0.0))
+    assert climb_lack(found, under, WING, 0.0).late_s == pytest.approx(0)
     _, profile = over_terrain(found, under, WING, 0.0)
     above_m = profile.flown_m - slope * (profile.samples.points_m[:, 0] - HOME[0])
     assert above_m[profile.samples.on_line].min() >= LIMITS.line_m - 1e-3
