@@ -49,6 +49,8 @@ PAGES: dict[str, tuple[str, tuple[str, ...]]] = {
     "sweep": ("sweep.py", ("sweep", "simulation/inner_loop.py")),
     "twin": ("twin.py --jobs 2", PLANNED),
     "twin_1": ("twin.py --seed 1 --missions 28 --jobs 2", PLANNED),
+    "twin_paced": ("twin.py --paced --jobs 2", PLANNED),
+    "twin_paced_1": ("twin.py --paced --seed 1 --missions 28 --jobs 2", PLANNED),
 }
 """Of each page its command, and the modules and packages of eadp that decide its figures: what its benchmark is about,
 not all that runs."""
