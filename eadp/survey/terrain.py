@@ -187,8 +187,9 @@ def _read(file: str, wanted: Bounds) -> tuple[Tile | None, Bounds]:
         message = "rasterio, which reads terrains, is missing"
         raise InputError.at(file, 1, 1, message, "pip install 'eadp[terrain]'") from None
     try:
-        # rasterio warns of its own dependencies
-        with warnings.catch_warnings(action="ignore"), rasterio.open(file, driver=["GTiff", "SRTMHGT"]) as raster:
+        # GDAL reads many formats, also ones that name other files; rasterio warns of its own dependencies
+        driver = "SRTMHGT" if file.lower().endswith(".hgt") else "GTiff"
+        with warnings.catch_warnings(action="ignore"), rasterio.open(file, driver=driver) as raster:
             if raster.crs is None or raster.transform.is_identity:
                 raise InputError.at(file, 1, 1, "has no place on the earth", "a terrain with a reference system")
             if raster.count != 1:
