@@ -219,7 +219,7 @@ def test_metres_of_a_grid(eadp, tmp_path):
     grid = [(492_000 + x, 5_393_700 + y) for x, y in ((0, 0), (300, 0), (300, 200), (0, 200))]
     (tmp_path / "field.csv").write_text("".join(f"{x},{y}\n" for x, y in grid))
     pole.write_text("x_m,y_m\n492140,5393790\n492160,5393790\n492150,5393810\n")
-    assert eadp("cover", tmp_path / "field.csv", *MEADOW[1:], "-o", plan).code == 0
+    assert eadp("cover", tmp_path / "field.csv", *MEADOW[1:], "--metres", "-o", plan).code == 0
     # lines pass through a pole that was not known
     plan.write_text(eadp("plan", plan, "--avoid", pole).out)
     flown = eadp("simulate", plan, "--planner", "static")
@@ -230,7 +230,7 @@ def test_metres_of_a_grid(eadp, tmp_path):
     placed.write_text(f"%: origin 48.7 8.9\n{plan.read_text()}")
     for command in (("plan", placed), ("simulate", placed), ("export", placed, "--to", "kml")):
         assert refused(eadp(*command), f"{placed}:1:11: error: the plan reaches 5416 km from there")
-    home = eadp("cover", tmp_path / "field.csv", *MEADOW[1:], "--home", "0,0")
+    home = eadp("cover", tmp_path / "field.csv", *MEADOW[1:], "--metres", "--home", "0,0")
     assert refused(home, "km from the field; expected 50 km or less")
 
 

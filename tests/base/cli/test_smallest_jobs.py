@@ -110,7 +110,6 @@ def test_every_command_on_a_plan_of_one(done, eadp, tmp_path, name):
     for planner in ("static", "joint", "paper"):
         done("simulate", plan, "--planner", planner, "-o", tmp_path / planner)
     done("report", tmp_path / "joint")
-    done("report", tmp_path / "joint", tmp_path / "static", "-o", tmp_path / "both.html")
     telemetry, log = tmp_path / "telemetry.jsonl", tmp_path / "log.jsonl"
     rows = [{"time_s": k, "x_m": 12.5, "y_m": 15.0 * k, "power_w": 60, "soc": 0.9} for k in range(8)]
     telemetry.write_text("".join(f"{json.dumps(row)}\n" for row in rows))
