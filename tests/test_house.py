@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import functools
 import re
+import tomllib
 from collections import defaultdict
 from graphlib import TopologicalSorter
 
@@ -64,6 +65,13 @@ def test_a_page_names_what_there_is(page):
         named = not name or any(re.search(rf"^(?:class |def |){name}\b", path.read_text(), re.M) for path in files)
         missing += [] if found and named else [f"{place} {name}"]
     assert missing == []
+
+
+def test_extras_that_pages_and_messages_name_exist():
+    texts = [path.read_text(encoding="utf-8") for path in (*PAGES, *SOURCES)]
+    named = {name for text in texts for names in re.findall(r"eadp\[([a-z,-]+)\]", text) for name in names.split(",")}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert {"terrain", "mavlink"} <= named <= project["optional-dependencies"].keys()
 
 
 def test_no_pattern_tries_blanks_from_each_of_them():

@@ -73,19 +73,6 @@ def test_headings_near_the_wind_are_landed_on_over_the_slope(turn_deg):
 
 
 @pytest.mark.slow
-def test_an_advised_heading_is_one_on_which_it_lands(tmp_path):
-    """PX4's approaches of 5° do not clear a slope of 5 % on every heading."""
-    scenario = scenario_of(tmp_path, "{kind: px4}")
-    with pytest.raises(eadp.Infeasible) as refused:
-        lands(250, scenario)
-    works = re.match(r"a heading of (\d+)°", refused.value.advice)[1]
-    found = lands(int(works), scenario)
-    *_, before, last = found.plan.stages
-    length_m = np.hypot(*np.subtract(before.trigger_at(()), last.trigger_at(())))
-    assert (before.altitude_m - last.altitude_m) / length_m <= np.tan(np.radians(5.1))
-
-
-@pytest.mark.slow
 def test_a_landing_with_the_wind_behind_is_a_warning():
     said = []
     covered(warn=said.extend, landing=f"{PLACE},70")

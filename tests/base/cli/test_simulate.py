@@ -76,6 +76,7 @@ def test_the_result_folder(eadp, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("drawn")
 def test_the_papers_figure_stands_in_the_folder(eadp, tmp_path, line_plan):
     answer = eadp("simulate", line_plan, "-o", tmp_path / "flight", "--figure", "paper")
     assert answer.code == 0
