@@ -105,5 +105,5 @@ def test_a_flight_as_rough_as_a_real_one(tmp_path, rough):
     assert flown["completed"]
     # an upload that is begun is verified, refused or sent again: no mission is left unknown
     assert "unknown after an upload" not in said
-    if flown["items_written"]:
-        assert "uploaded and verified" in said
+    if flown["items_written"]:  # where the machine is so slow that answers are late, it is read again
+        assert "uploaded and verified" in said or "read again each" in said
