@@ -349,21 +349,19 @@ def test_altitudes_above_ground_are_read_back_above_home(eadp, landing, slope, t
 
 @pytest.mark.quick(1)
 @pytest.mark.parametrize(("west_m", "works"), [(700, True), (200, False)])
-def test_an_approach_that_meets_the_ground_names_a_heading_that_does_not(eadp, tmp_path, west_m, works):
+def test_an_approach_that_meets_the_ground_is_refused(eadp, tmp_path, west_m, works):
     # a ridge across the final approach to the east, which begins about 950 m before its end
     terrain = ground(tmp_path / "ridge.tif", lambda x, y: 45 * np.exp(-(((x + 410 + west_m) / 80) ** 2)) + 0 * y)
     field = write_field(tmp_path / "field.geojson", ORIGIN, 600, 400)
     given = ("cover", field, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain)
     place = ",".join(map(repr, to_geodetic_deg(-410.0, 0.0, ORIGIN)))
     answer = eadp(*given, "--landing", f"{place},90")
-    if works:
-        assert answer.code == 0
+    if not works:
+        assert answer.code == 1
+        assert "the final approach towards 90° leads into the ground at 55.5" in answer.err
         return
-    assert answer.code == 1
-    assert "the final approach towards 90° leads into the ground at 55.5" in answer.err
-    heading = answer.err.split("a heading of ")[1].split("°")[0]
-    assert eadp(*given, "--landing", f"{place},{heading}").code == 0
-    laps = eadp(*given, "--landing", f"{place},{heading}", "--pattern", "zamboni")
+    assert answer.code == 0
+    laps = eadp(*given, "--landing", f"{place},90", "--pattern", "zamboni")
     assert "laps have one altitude, and over terrain the final approach another" in laps.err
 
 
@@ -388,7 +386,6 @@ def test_sorties_over_terrain_land_on_the_ground(eadp, slope, tmp_path):
     for name in ("sortie-01", "sortie-02"):
         last = load_flight(str(tmp_path / "sorties" / f"{name}.plan")).world.plan.stages[-1]
         assert last.altitude_m == pytest.approx(0.05 * (LANDING[0] - HOME[0]), abs=SLOPE_M)
-    assert (tmp_path / "sorties/sorties.svg").read_text().count("sortie after sortie") == 1
     assert eadp("simulate", tmp_path / "sorties", "-o", tmp_path / "flown").code == 0
 
 
