@@ -409,7 +409,7 @@ def test_obstacles_and_a_boundary(eadp, limits, tmp_path):
     few_rows([(55, "-50,-50", False), (102, "-50,-50", False), (54, "-50,-50", True), (102, "220,210", True)], 3),
 )
 def test_an_obstacle_that_is_low_enough_is_flown_over(eadp, limits, tmp_path, altitude, home, avoided):
-    """By its height and the clearance of 20 m, unless home is so near that the climb does not reach them."""
+    """By its height and the clearance of 20 m, but not by a climb from a home beside it."""
     w, s, e, n = 290, 170, 310, 190
     (tmp_path / "pole.geojson").write_text(
         json.dumps(

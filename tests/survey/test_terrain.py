@@ -356,11 +356,13 @@ def test_an_approach_that_meets_the_ground_is_refused(eadp, tmp_path, west_m, wo
     given = ("cover", field, *WING, "--swath", "60", "--altitude", "80", "--terrain", terrain)
     place = ",".join(map(repr, to_geodetic_deg(-410.0, 0.0, ORIGIN)))
     answer = eadp(*given, "--landing", f"{place},90")
-    if works:
-        assert answer.code == 0
+    if not works:
+        assert answer.code == 1
+        assert "the final approach towards 90° leads into the ground at 55.5" in answer.err
         return
-    assert answer.code == 1
-    assert "the final approach towards 90° leads into the ground at 55.5" in answer.err
+    assert answer.code == 0
+    laps = eadp(*given, "--landing", f"{place},90", "--pattern", "zamboni")
+    assert "laps have one altitude, and over terrain the final approach another" in laps.err
 
 
 def test_maps_have_altitudes_above_the_sea(eadp, landing):
