@@ -25,6 +25,7 @@ from eadp.io.text.options import Flag, check_range
 from eadp.models.airspace import Field
 from eadp.planning.forecast.evaluate import Objective
 from eadp.planning.forecast.held import Preflight
+from eadp.planning.registry import planner_class
 from eadp.survey.airspace import free_lines
 from eadp.survey.camera import Pictures, pictures_document
 from eadp.survey.cover import CoverageTask, held_at
@@ -507,13 +508,16 @@ class SortiePlan:
         inputs = self.sorties[0].inputs
         name = inputs.scenario.keys.planner.name
         value["planner"] = {**(value.get("planner") or {}), "name": name}
-        if inputs.mission.vehicle.airspeed_range_mps is not None:  # the sorties are forecast at one airspeed
+        if (
+            name == "joint" and inputs.mission.vehicle.airspeed_range_mps is not None
+        ):  # the sorties are forecast at one airspeed
             value["planner"][name] = {**(value["planner"].get(name) or {}), "airspeed": HELD}
         if profile is not None:
             value["profile"] = profile
         if self._heights is not None:
             value["home"] = {"altitude_m": self._heights.home_altitude_m}
-        value.setdefault("on_infeasible", "home")  # what a sortie leaves is flown by another
+        if planner_class(name).optimises_to_end:
+            value.setdefault("on_infeasible", "home")  # what a sortie leaves is flown by another
         value = {"schema": "eadp.scenario/1", **value}
         head = "# One sortie: eadp simulate sortie-01.plan --scenario scenario.yaml. All: eadp simulate of the folder."
         return f"{head}\n" + "".join(f"{key}: {value_text(part)}\n" for key, part in value.items())

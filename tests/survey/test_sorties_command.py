@@ -275,6 +275,15 @@ def test_too_few_sorties_are_refused(eadp, scenario, folder, document):
     assert f"sorties    {count}, as asked for: " in enough
 
 
+def test_sorties_fly_by_the_planner_of_their_scenario(eadp, tmp_path):
+    """One that does not forecast turns no flight back, and decides no airspeed."""
+    given = tmp_path / "given.yaml"
+    given.write_text(json.dumps({**SCENARIO, "planner": {"name": "static"}}))
+    assert eadp(*COVER, "--scenario", given, "--sorties", "auto", "-o", tmp_path / "job").code == 0
+    one = eadp("simulate", tmp_path / "job/sortie-01.plan", "--scenario", tmp_path / "job/scenario.yaml")
+    assert one.code == 0, one.err
+
+
 def test_no_home_and_a_home_in_an_obstacle(eadp, scenario, tmp_path):
     bare = ("cover", MEADOW, "--swath", "20", "--scenario", scenario, "--sorties", "auto")
     assert refused(eadp(*bare), "--home:1:1: error: sorties start and end at home")
