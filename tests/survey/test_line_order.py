@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import itertools
 import math
 
@@ -93,23 +92,19 @@ def assert_sound(answer, problem):
     assert cost == pytest.approx(total(order, problem), rel=ROUNDING)
 
 
-def exact_order(costs, own, first, last):
-    """The order of least cost, by dynamic programming over sets of lines."""
+def exact_order(*arguments):
+    """The order of least cost, by dynamic programming, whatever `EXACT_LINES`."""
+    problem = line_order._problem(*arguments)
+    return problem.with_cost(line_order._held_karp(problem))
 
-    @functools.cache
-    def least(left, end):
-        """Cost after a directed line has been flown, with the lines that are left; and their order."""
-        ways = [
-            (costs[end][to] + own[to], least(left - {to // 2}, to), to)
-            for line in left
-            for to in (2 * line, 2 * line + 1)
-        ]
-        return min(((turn + rest, [to, *order]) for turn, (rest, order), to in ways), default=(last[end], []))
 
-    lines = frozenset(range(len(own) // 2))
-    ways = [(first[to] + own[to], least(lines - {to // 2}, to), to) for to in range(len(own))]
-    cost, order = min(((way + rest, [to, *order]) for way, (rest, order), to in ways), default=(0.0, []))
-    return order, cost
+def searched(monkeypatch, problem):
+    """The answer of the local search, also where there are few lines."""
+    with monkeypatch.context() as patch:
+        patch.setattr(line_order, "EXACT_LINES", 1)
+        answer = best_order(*problem)
+    assert_sound(answer, problem)
+    return answer
 
 
 # --- exactly ----------------------------------------------------------------------------------------------------------
@@ -129,9 +124,14 @@ def test_exact_is_the_least_of_every_order_and_direction(count, seed):
     assert answer[1] == pytest.approx(min(total(order, problem) for order in every), rel=ROUNDING)
 
 
+def test_best_is_exact_where_that_is_quick():
+    problem = field("slanted", 10, wind=WIND)
+    assert best_order(*problem) == exact_order(*problem)
+
+
 def test_one_line_is_flown_the_cheaper_way():
     own, first, last = [3.0, 2.0], [1.0, 0.0], [0.0, 3.0]
-    for order in (best_order, quick_order):
+    for order in (best_order, quick_order, exact_order):
         assert order(np.zeros((2, 2)), own, first, last) == ([0], 4.0)
         assert order(np.zeros((2, 2)), own, first, [0.0, 0.0]) == ([1], 2.0)
 
@@ -139,7 +139,7 @@ def test_one_line_is_flown_the_cheaper_way():
 def test_two_lines_side_by_side():
     # 40 m apart with turns of 20 m: half a turn between them, whichever comes first
     problem = field("rectangle", 2, spacing=40.0, radius=20.0)
-    for order in (best_order, quick_order):
+    for order in (best_order, quick_order, exact_order):
         (one, two), cost = order(*problem)
         assert {one // 2, two // 2} == {0, 1}
         assert one % 2 != two % 2
@@ -148,7 +148,7 @@ def test_two_lines_side_by_side():
 
 def test_no_lines():
     nothing = np.zeros((0, 0)), [], [], []
-    for order in (best_order, quick_order):
+    for order in (best_order, quick_order, exact_order):
         assert order(*nothing) == ([], 0.0)
 
 
@@ -180,22 +180,22 @@ def test_collinear_pieces_are_flown_straight_through():
     ("count", "spacing", "radius", "home"),
     [(2, 30.0, 45.0, None), (5, 20.0, 75.0, (-90.0, -60.0, 0.4)), (7, 40.0, 20.0, None), (9, 25.0, 45.0, None)],
 )
-def test_search_against_the_exact_order(shape, wind, count, spacing, radius, home):
+def test_search_against_the_exact_order(monkeypatch, shape, wind, count, spacing, radius, home):
     problem = field(shape, count, spacing=spacing, radius=radius, wind=wind, home=home)
     least = exact_order(*problem)[1]
-    answer = best_order(*problem)
-    assert_sound(answer, problem)
-    assert least * (1 - ROUNDING) <= answer[1] <= WELL * least
+    _, cost = searched(monkeypatch, problem)
+    assert least * (1 - ROUNDING) <= cost <= WELL * least
     jitted = quick_order(*problem)
     assert_sound(jitted, problem)
     assert least * (1 - ROUNDING) <= jitted[1] <= QUICK * least
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_search_where_nothing_has_structure(seed):
+def test_search_where_nothing_has_structure(monkeypatch, seed):
     problem = arbitrary(seed, 9)
     least = exact_order(*problem)[1]
-    assert least * (1 - ROUNDING) <= best_order(*problem)[1] <= 1.05 * least
+    _, cost = searched(monkeypatch, problem)
+    assert least * (1 - ROUNDING) <= cost <= 1.05 * least
 
 
 @pytest.mark.parametrize(("count", "radius"), [(20, 45.0), (40, 75.0), (60, 20.0)])
@@ -229,8 +229,22 @@ def test_the_search_beats_back_and_forth(wind):
 
 def test_the_same_again():
     problem = field("two arms", 14, wind=WIND, home=(-90.0, -60.0, 0.4))
+    assert len(problem[1]) // 2 > line_order.EXACT_LINES
     assert best_order(*problem) == best_order(*problem)
     assert quick_order(*problem) == quick_order(*problem)
+
+
+@pytest.mark.parametrize("wind", [None, WIND])
+def test_numbers_and_directions_are_names(wind):
+    problem = field("triangle", 11, wind=wind)
+    count = len(problem[1]) // 2
+    rng = np.random.default_rng(2)
+    lines, directions = rng.permutation(count), rng.integers(0, 2, count)
+    names = np.stack([2 * lines + directions, 2 * lines + 1 - directions], axis=1).ravel()
+    renamed = problem[0][np.ix_(names, names)], *(row[names] for row in problem[1:])
+    order, cost = exact_order(*renamed)
+    assert cost == pytest.approx(exact_order(*problem)[1], rel=ROUNDING)
+    assert total(names[order].tolist(), problem) == pytest.approx(cost, rel=ROUNDING)
 
 
 def test_a_search_whose_lines_are_numbered_anyhow():
@@ -314,7 +328,7 @@ def test_orders_in_use_have_each_line_once(count):
     ],
 )
 def test_costs_that_are_none(costs, own, message):
-    for order in (best_order, quick_order):
+    for order in (best_order, quick_order, exact_order):
         with pytest.raises(ValueError, match=message):
             order(costs, own, np.zeros(len(own)), np.zeros(len(own)))
 
