@@ -508,15 +508,14 @@ class SortiePlan:
         inputs = self.sorties[0].inputs
         name = inputs.scenario.keys.planner.name
         value["planner"] = {**(value.get("planner") or {}), "name": name}
-        if (
-            name == "joint" and inputs.mission.vehicle.airspeed_range_mps is not None
-        ):  # the sorties are forecast at one airspeed
+        planner, ranged = planner_class(name), inputs.mission.vehicle.airspeed_range_mps is not None
+        if ranged and hasattr(planner.own_settings, "airspeed"):  # the sorties are forecast at one airspeed
             value["planner"][name] = {**(value["planner"].get(name) or {}), "airspeed": HELD}
         if profile is not None:
             value["profile"] = profile
         if self._heights is not None:
             value["home"] = {"altitude_m": self._heights.home_altitude_m}
-        if planner_class(name).optimises_to_end:
+        if planner.optimises_to_end:
             value.setdefault("on_infeasible", "home")  # what a sortie leaves is flown by another
         value = {"schema": "eadp.scenario/1", **value}
         head = "# One sortie: eadp simulate sortie-01.plan --scenario scenario.yaml. All: eadp simulate of the folder."
