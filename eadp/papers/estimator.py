@@ -60,9 +60,6 @@ LOOK_AHEADS = 12
 PUBLISHED_STEP_S = 0.01
 """Largest step of the published filter: Euler's step of a tenth of a second makes its harmonics grow without bound."""
 
-SHORTEST_DISTURBANCE_S = 0.01
-"""Shortest time constant of a disturbance: a shorter one is white noise to a sensor."""
-
 
 @dataclass(frozen=True, slots=True)
 class EstimatorSettings:

@@ -344,10 +344,11 @@ class JointPlanner(Planner):
         return shortfall <= kept.evaluation.shortfall(0) - BETTER * std
 
     def _must_search(self, o: Observation, kept: Candidate | None, cause: str) -> bool:
-        """Whether to search the path: at first, when charge was lost, when short of it, or when its value changed.
+        """Whether to search the path: at first, when charge was lost, newly short, or of another value.
 
-        Before computations fall, too, since another path may cost less. Not near the end, and not while the power of
-        the motion may have changed for good: its next windows decide on that. `kept` is the plan in force.
+        While short of charge at each new stage, too, where the path can change; and before computations fall, since
+        another path may cost less. Not near the end, and not while the power of the motion may have changed for good:
+        its next windows decide on that. `kept` is the plan in force.
         """
         if kept is None or self._searched is None or cause == JUMPED or o.time_s >= self._policy.awaits_s:
             return True

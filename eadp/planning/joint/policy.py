@@ -204,7 +204,7 @@ class Places:
         self._choice: tuple[Any, ...] = (None, None)  # of a moment and a route, see `_speed_choice`
         self._predictor = RoutePredictor()
         self._routes: dict[Shares, Route | None] = {}
-        self._airspeeds: dict[tuple[Shares, float], FloatArray] = {}  # at a place and a pace, of the stage
+        self._airspeeds: dict[tuple[tuple[Shares, ...], float], FloatArray] = {}  # see `_airspeeds_mps`
         self._stage: tuple[object, ...] = ()
         """What they depend on: the stage, its path parameters, whether the end is uncertain, and the autopilot."""
 
@@ -253,30 +253,31 @@ class Places:
         if not routes:
             return [], None
         try:
-            alone, airspeeds_mps, key = [route for _, route in routes], None, (routes[0][0], pace_mps or 0.0)
-            if pace_mps is not None and len(alone) == 1 and key in self._airspeeds:
-                airspeeds_mps = self._airspeeds[key]
-            elif pace_mps is not None:
-                airspeeds_mps = self._airspeeds_mps(known, alone, pace_mps)
-                if len(alone) == 1:
-                    self._airspeeds[key] = airspeeds_mps
-            evaluation = self.evaluator.evaluate(known, alone, airspeeds_mps)
+            airspeeds_mps = None if pace_mps is None else self._airspeeds_mps(known, routes, pace_mps)
+            evaluation = self.evaluator.evaluate(known, [route for _, route in routes], airspeeds_mps)
         except PathUndefined:
             return [], None
         return [routes[i][0] for i in evaluation.index.tolist()], evaluation
 
-    def _airspeeds_mps(self, known: Known, routes: list[Route], pace_mps: float) -> FloatArray:
-        """The airspeed of each stage on routes at a pace, shape (routes, stages) [m/s].
+    def _airspeeds_mps(self, known: Known, routes: list[tuple[Shares, Route]], pace_mps: float) -> FloatArray:
+        """The airspeed of each stage on the routes of places at a pace, shape (routes, stages) [m/s].
 
-        At the pace decided, those in force stay where they differ by little: the estimate of the wind varies.
+        Those of one place are kept for the stage. At the pace decided, those in force stay where they differ by little:
+        the estimate of the wind varies.
         """
-        choice, paces, values_w = self._speed_choice(known, routes)
+        key = tuple(shares for shares, _ in routes), pace_mps
+        if key in self._airspeeds:
+            return self._airspeeds[key]
+        alone = [route for _, route in routes]
+        choice, paces, values_w = self._speed_choice(known, alone)
         value_w = values_w[int(np.argmin(np.abs(np.array(paces) - pace_mps)))]
         stages = len(self.evaluator.mission.plan.stages)
-        found = choice.airspeeds_mps(RouteArrays.of(routes), value_w, stages)
+        found = choice.airspeeds_mps(RouteArrays.of(alone), value_w, stages)
         if pace_mps == self.pace_mps and self.airspeeds_mps:
             kept = np.array(self.airspeeds_mps)
             found = np.where(np.abs(found - kept) < LEAST_CHANGE_MPS, kept, found)
+        if len(routes) == 1:
+            self._airspeeds[key] = found
         return found
 
     def _speed_choice(self, known: Known, routes: list[Route]) -> tuple[SpeedChoice, list[float], list[float]]:
