@@ -81,11 +81,6 @@ def test_endurance_and_range_in_wind(wind):
     assert row.range.against_m >= row.held.against_m
 
 
-def test_a_slow_wing_keeps_a_margin_to_its_stall():
-    found = performance(replace(WING, max_lift_coefficient=1.0), IDEAL)
-    assert found.endurance_mps == pytest.approx(1.2 * found.stall_mps)
-
-
 def test_a_wind_that_no_airspeed_outflies():
     (row,) = performance(WING, IDEAL, [60.0]).winds
     assert row.range is None

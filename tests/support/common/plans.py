@@ -126,3 +126,31 @@ APPENDIX = """\
 APPENDIX_RIGHT = APPENDIX.format(sign="-", fifth="(x+2*sqrt(4900+c1)-105)^2+(y-147)^2-4900-c1")
 APPENDIX_PRINTED = APPENDIX.format(sign="+", fifth="(x-sqrt(4900+c1)+105)^2+(y-147)^2-4900+c1")
 """Draft 002's Appendix II, as corrected and with its misprints."""
+
+SHORT = """\
+%: computations fps
+init:
+n = 4
+left = -115, 150 - 2*sqrt(4900 + c1)
+right = 35, 150 - 2*sqrt(4900 + c1)
+path:
+0.006; 90; (x - left - sqrt(4900 + c1))^2 + (y - 146)^2 - 4900 - c1
+left, 146
+[-1000, 0]
+[2, 10]
+0.1; 270; x - left
+left, 0
+[-1000, 0]
+[2, 10]
+0.006; 90; (x - left - 75)^2 + y^2 - 75^2
+right, 0
+[-1000, 0]
+[2, 10]
+0.1; 90; x - right
+right, 146
+[-1000, 0]
+[2, 10]
+trig:
+180, 146
+"""
+"""Laps on a circle, in the short form."""

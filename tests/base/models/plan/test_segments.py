@@ -7,10 +7,8 @@ import math
 import pytest
 from common.plans import PARTS
 
-from eadp.check.check import check_plan
 from eadp.errors import InputError, PathUndefined
 from eadp.io.plan.reader import read_plan
-from eadp.io.plan.writer import plan_text
 from eadp.io.text.streams import Text
 from eadp.models.plan.cursor import PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
@@ -78,56 +76,6 @@ def test_laps_without_end_are_refused():
         nominal_legs(plan(text), [0.0, 10.0])
 
 
-def test_the_canonical_text_reads_as_the_same_plan():
-    text = plan_text(plan())
-    again = plan(text)
-    assert plan_text(again) == text
-    assert again.segments == plan().segments
-
-
-def test_the_check_finds_nothing_in_a_sound_plan_and_a_gap_in_another():
-    assert check_plan(plan()).findings == ()
-    report = check_plan(plan(PARTS.replace("10 + next, 0", "11 + next, 0")))
-    assert {(item.code, item.stage) for item in report.findings} == {("trigger-off-path", 5), ("trigger-off-next", 5)}
-
-
-def test_the_check_looks_at_what_a_change_leaves_behind():
-    stage = "0.1; 90; x - c1/100\nc1/100, {y}\n[-900, 0]\n"
-    both = "path:\n" + stage.format(y=100) + "path:\n" + stage.format(y=200)
-    # the same c1 throughout leads from one to the other; another one leaves the second line up to 9 m aside
-    assert [item.code for item in check_plan(plan(both)).findings] == ["trigger-off-next"]
-    assert check_plan(plan(both.replace("[-900, 0]", "[-9, -9]"))).findings == ()
-
-
-def test_the_first_lap_in_parameters_alone():
-    known = plan().segments[1].first_lap()
-    assert known["top"].at([0.0]) == 500
-    assert known["next"].at([-900.0]) == pytest.approx(step(-900))
-    assert all(not value.names - {"c1", "c2"} for value in known.values())
-
-
-def test_flown_stage_by_stage_the_plan_is_its_nominal_legs():
-    p = plan()
-    legs = nominal_legs(p, [-900.0, 10.0])
-    itinerary = PlanExecutor(p, (-900.0, 10.0), legs[0].start_m, Rules())
-    begun = [itinerary.stage.index]
-    for leg in legs:
-        for i in range(1, 200):
-            share = i / 199
-            if leg.stage.kind == "line":
-                x = leg.start_m[0] + share * (leg.end_m[0] - leg.start_m[0])
-                y = leg.start_m[1] + share * (leg.end_m[1] - leg.start_m[1])
-            else:
-                cx, cy = ((a + b) / 2 for a, b in zip(leg.start_m, leg.end_m, strict=True))
-                angle = math.atan2(leg.start_m[1] - cy, leg.start_m[0] - cx) - math.pi * share
-                radius = math.dist(leg.start_m, leg.end_m) / 2
-                x, y = cx + radius * math.cos(angle), cy + radius * math.sin(angle)
-            if itinerary.advance(x, y):
-                begun.append(itinerary.stage.index)
-    assert itinerary.complete
-    assert begun == [leg.stage.index for leg in legs]
-
-
 @pytest.mark.parametrize(
     ("old", "new", "line", "message"),
     [
@@ -162,23 +110,10 @@ def test_laps_before_another_part_end_on_a_condition():
         plan(laps + "path:\n0.1; 90; x - 100\n100, 500\n")
 
 
-def test_laps_without_quantities_keep_their_text():
-    text = "init:\npath:\n0.1; 90; y\n0, 0\ntrig:\n1 >= 0\npath:\n0.1; 90; y\n10, 0\n"
-    written = plan_text(plan(text))
-    assert plan_text(plan(written)) == written
-
-
 def test_a_shift_that_the_laps_do_not_have_is_a_finding():
     laps = "init:\ns = 0, 10\npath:\n0.1; 90; x - s\ns, 50\n0.1; 270; x - s\ns, 0\ntrig:\ns >= 95\n"
     _, findings = read_plan(Text("p", "-77, -3\n" + laps + "path:\n0.1; 90; x - 100\n100, 500\n"))
     assert [item.code for item in findings] == ["header-shift"]
-
-
-@pytest.mark.slow
-def test_laps_without_end_are_found_once_and_not_taken_for_stages_never_flown():
-    findings = check_plan(plan(PARTS.replace("next - s", "0"))).findings
-    assert sum("10000 laps" in item.message for item in findings) == 1
-    assert "never-flown" not in {item.code for item in findings}
 
 
 def test_more_quantities_than_the_limit_are_refused():

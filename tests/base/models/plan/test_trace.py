@@ -2,37 +2,17 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import pytest
+from common.plans import SHORT
 
 from eadp.errors import PathUndefined
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
 from eadp.models.plan.trace import default_start, nominal_legs, trace, varied_legs
 
-ON_CIRCLE = """\
-init:
-n = 4
-left = -115, 150 - 2*sqrt(4900 + c1)
-right = 35, 150 - 2*sqrt(4900 + c1)
-path:
-0.006; 90; (x - left - sqrt(4900 + c1))^2 + (y - 146)^2 - 4900 - c1
-left, 146
-[-1000, 0]
-0.1; 270; x - left
-left, 0
-[-1000, 0]
-0.006; 90; (x - left - 75)^2 + y^2 - 75^2
-right, 0
-[-1000, 0]
-0.1; 90; x - right
-right, 146
-[-1000, 0]
-trig:
-180, 146
-"""
+ON_CIRCLE = SHORT.replace("%: computations fps\n", "").replace("[2, 10]\n", "")
 
 
 def plan(text):
@@ -46,25 +26,6 @@ def test_a_lap_is_two_half_circles_and_two_lines():
     assert second == pytest.approx([math.pi * r2, 146, math.pi * 75, 146])
     first = [leg.length_m for leg in legs if leg.lap == 0]
     assert first[0] == pytest.approx(math.pi * r2 / 2), "from a quarter before its trigger"
-
-
-@pytest.mark.parametrize("c1", [0.0, -500.0, -1000.0])
-def test_it_ends_where_the_position_is_beyond_the_final_point(c1):
-    legs = nominal_legs(plan(ON_CIRCLE), (c1,))
-    d = 150 - 2 * math.sqrt(4900 + c1)
-    # lines go up at x = 35 + k d; the first beyond 180, and within 20 m of y = 146 there
-    assert legs[-1].lap == math.ceil((180 - 35) / d)
-    end = trace(plan(ON_CIRCLE), (c1,), 1.0)[-1]
-    assert end.x_m > 180
-    assert abs(end.y_m - 146) <= 20 + 1e-3
-
-
-def test_it_joins_itself():
-    points = trace(plan(ON_CIRCLE), (-777.0,), 2.0)
-    gaps = [math.dist(a[2:4], b[2:4]) for a, b in itertools.pairwise(points)]
-    assert max(gaps) <= 2.0 + 1e-9
-    turns = [abs(math.remainder(b.heading_rad - a.heading_rad, 2 * math.pi)) for a, b in itertools.pairwise(points)]
-    assert max(turns) <= 2.0 / math.sqrt(4900 - 777) + 1e-6
 
 
 def test_default_starts():
