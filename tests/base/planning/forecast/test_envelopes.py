@@ -6,10 +6,8 @@ import itertools
 
 import numpy as np
 import pytest
-from common import few
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import linprog
 
 from eadp.io.plan.reader import read_plan
 from eadp.io.text.streams import Text
@@ -68,25 +66,6 @@ def test_the_envelope_is_the_upper_hull(points):
         assert np.interp(at, envelope.powers_w, envelope.values) == pytest.approx(
             most_at(powers, values, power), abs=HULL
         )
-
-
-@given(points=points)
-def test_no_point_of_the_envelope_is_more_than_is_needed(points):
-    powers, values = (np.array(column) for column in zip(*points, strict=True))
-    envelope = concave_envelope(powers, values, numbered(len(points)))
-    slopes = np.diff(envelope.values) / np.diff(envelope.powers_w)
-    assert (np.diff(slopes) < 0).all(), "on one line the ends are enough"
-
-
-@pytest.mark.parametrize("seed", few(range(12), 4))
-def test_the_envelope_is_the_best_mix_by_a_linear_program(seed):
-    rng = np.random.default_rng(seed)
-    count = int(rng.integers(1, 12))
-    powers, values = rng.uniform(1, 20, count), rng.uniform(0, 1, count)
-    envelope = concave_envelope(powers, values, numbered(count))
-    for power in rng.uniform(powers.min(), powers.max() + 1, 5):
-        mix = linprog(-values, A_ub=powers[None, :], b_ub=[power], A_eq=np.ones((1, count)), b_eq=[1.0])
-        assert np.interp(power, envelope.powers_w, envelope.values) == pytest.approx(-mix.fun, abs=1e-8)
 
 
 def test_collinear_duplicate_and_decreasing():

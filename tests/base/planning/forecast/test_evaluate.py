@@ -200,31 +200,6 @@ def test_the_voltages_are_those_of_a_flight_at_maximum_power_down_to_the_reserve
     assert plenty.at(0.4).limits.volts.min() > high - 0.1
 
 
-def test_use_of_every_increment_is_the_difference_of_two_currents():
-    forecasting = Forecasting(survey_inputs(), wind_mps=WIND)
-    found, battery = forecasting.at(0.3), forecasting.mission.battery
-    for leg in range(0, len(found.load.times_s), 7):
-        envelope = forecasting.evaluator.envelopes[int(found.kinds[leg])]
-        uses = [
-            found.load.times_s[leg] * battery.drain_per_s(found.load.motion_w[leg] + power_w, found.limits.volts[leg])
-            for power_w in envelope.powers_w
-        ]
-        steps = len(envelope.powers_w) - 1
-        expected = np.diff(uses) * float(found.totals.use_ratio[0])
-        assert found.knapsack.use[leg, :steps] == pytest.approx(expected, rel=1e-9)
-        assert not found.knapsack.use[leg, steps:].any()
-
-
-def test_the_slope_of_charge_by_energy_is_that_of_the_mean_power():
-    forecasting = Forecasting(survey_inputs(), wind_mps=WIND, battery={"resistance_ohm": 0.3})
-    found, battery = forecasting.at(0.3), forecasting.mission.battery
-    power_w, volts = float(found.totals.mean_w[0]), float(found.limits.volts.mean())
-    step = 1e-3
-    rates = [battery.drain_per_s(p, volts) for p in (power_w - step, power_w + step)]
-    slope = float(rates[1] - rates[0]) / (2 * step) * float(found.totals.use_ratio[0])
-    assert found.totals.soc_per_j[0] == pytest.approx(slope, rel=1e-6)
-
-
 # --- standard deviations ----------------------------------------------------------------------------------------------
 
 
@@ -339,22 +314,6 @@ def test_computations_that_can_fall_keep_the_margin_of_what_is_never_learned():
     filling = long.filled()
     assert long.final_charge(0, filling).probability_above(0.05) == pytest.approx(0.95, abs=1e-3)
     assert long.forecast(0, filling).reserve_probability > 0.951
-
-
-def test_the_margin_is_z_standard_deviations():
-    """What may be used is the charge less the reserve and a margin of the quantile that is asked for."""
-    even, sure = (
-        Forecasting(survey_inputs(**CALM), objective=Objective(0.05, probability)).at(0.45)
-        for probability in (0.5, 0.95)
-    )
-    assert even.knapsack.available[0] == pytest.approx(even.known.soc - 0.05)
-    assert even.knapsack.available[0] - sure.knapsack.available[0] == pytest.approx(Z95 * float(sure.std[0]))
-    # a plan that uses all of it keeps the reserve with the probability, neither more nor less
-    short = Forecasting(survey_inputs(**CALM, **{"battery.capacity_ah": 0.31}), objective=Objective(0.05, 0.95)).at(0.1)
-    filling = short.filled()
-    assert filling.feasible[0]
-    assert filling.use[0] == pytest.approx(short.knapsack.available[0], abs=1e-8)
-    assert short.final_charge(0, filling).probability_above(0.05) == pytest.approx(0.95, abs=1e-3)
 
 
 # --- ends -------------------------------------------------------------------------------------------------------------

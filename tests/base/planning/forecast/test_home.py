@@ -59,13 +59,6 @@ def test_a_higher_way_home_takes_a_climb():
     assert level - high == pytest.approx(climb_ah / mission.battery.capacity_ah, rel=0.05)
 
 
-def test_at_home_nothing_is_needed():
-    forecasting = forecasting_of()
-    forecasting.known = forecasting.known._replace(position_m=(0.0, -2500.0))
-    spare = home_spare(forecasting.evaluator.evaluate(forecasting.known, [forecasting.route(0.0)]), 0)
-    assert spare == pytest.approx(forecasting.known.soc - 0.05, abs=1e-9)
-
-
 def test_it_falls_with_distance_and_with_the_probability_that_is_asked_for():
     by_distance = [home_spare(forecasting_of((0.0, -y)).at(0.0), 0) for y in (500.0, 1500.0, 4000.0)]
     assert by_distance == sorted(by_distance, reverse=True)

@@ -71,35 +71,12 @@ def test_every_place_is_filled_as_its_linear_program(seed):
 
 
 @pytest.mark.parametrize("seed", few(range(6), 3))
-def test_places_do_not_know_of_each_other(seed):
-    knapsack = knapsack_of(np.random.default_rng(100 + seed), 7)
-    together = fill_greedy(knapsack)
-    for place in range(7):
-        mine, own = knapsack.place == place, [column[place : place + 1] for column in knapsack[3:]]
-        alone = fill_greedy(Knapsack(knapsack.use[mine], knapsack.gain[mine], np.zeros(mine.sum(), dtype=int), *own))
-        assert together.shares[knapsack.place == place] == pytest.approx(alone.shares, abs=1e-9)
-        assert together.value[place] == pytest.approx(alone.value[0], abs=ROUNDING)
-        assert together.use[place] == pytest.approx(alone.use[0], abs=ROUNDING)
-
-
-@pytest.mark.parametrize("seed", few(range(6), 3))
 def test_a_legs_increments_come_in_order(seed):
     knapsack = knapsack_of(np.random.default_rng(seed), 3)
     for use, gain, own in zip(knapsack.use, knapsack.gain, fill_greedy(knapsack).shares, strict=True):
         taken = use > 0
         falls = np.diff(gain[taken] / use[taken]) < -ROUNDING  # equal ones are one increment: their order is rounding
         assert (np.diff(own[taken])[falls] <= ROUNDING).all()
-
-
-def test_more_charge_never_gains_less():
-    knapsack = knapsack_of(np.random.default_rng(7), 1)
-    whole = float(knapsack.use.sum())
-    values = [
-        float(fill_greedy(knapsack._replace(available=knapsack.base_use + share * whole)).value[0])
-        for share in np.linspace(0, 1.3, 60)
-    ]
-    assert (np.diff(values) >= -LP).all()
-    assert values[-1] == pytest.approx(float(knapsack.base_value[0] + knapsack.gain.sum()))
 
 
 def test_too_little_charge_is_infeasible_and_nothing_is_taken():

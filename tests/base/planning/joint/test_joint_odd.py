@@ -98,16 +98,6 @@ def test_plans_with_little_to_choose(text, parameters, profile):
     assert len(decisions[-1].parameters) == len(parameters)
 
 
-def test_a_plan_without_sets_is_flown():
-    pilot = planner_for(plan_of("0.1; 90; x - c1\nc1, 1800\n"), (0.0,), None)
-    assert up_a_line(pilot, (0.0,), 1500, stage_m=1e9)[-1].parameters == (0.0,)
-
-
-def test_with_plenty_of_charge_the_highest_is_flown_to_the_end():
-    decisions = up_a_line(planner_for(plan_of(LINE), (10.0,)), (10.0,), 1800)
-    assert {decision.parameters for decision in decisions} == {(10.0,)}
-
-
 def test_the_quality_told_counts_what_is_flown_of_the_stage_of_the_moment():
     """Half of a single stage at the highest, half at the lowest, for the charge is lost half way."""
     battery = Battery(14.8, 0.05, 3.2, letter_crate_per_h=100.0)

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from functools import partial
 from statistics import median
 
 import numpy as np
 import pytest
 from common import few
-from common.forecasts import CALM, Forecasting, plan_inputs, survey_inputs
+from common.forecasts import CALM, Forecasting, survey_inputs
 
 from eadp.planning.forecast.evaluate import Objective
-from eadp.planning.forecast.held import before_take_off
 from eadp.planning.forecast.knapsack import Knapsack, fill_greedy
 from eadp.planning.joint import search as module
-from eadp.planning.joint.policy import Places
 from eadp.planning.joint.search import Search
 
 PLACES, EACH = 1001, 31
@@ -154,15 +150,6 @@ def test_made_up_missions_against_brute_force(dimensions, seeds):
     assert np.mean(np.array(gaps) <= WORST_GAP) >= 0.95
 
 
-def test_what_is_found_is_what_the_place_has():
-    for seed in range(10):
-        mission = Mission(seed, 1)
-        found = searched(mission)
-        _, alone = mission.evaluate([found.shares])
-        assert found.value == pytest.approx(float(alone.filled().value[0]))
-        assert found.feasible == bool(alone.filled().feasible[0])
-
-
 @pytest.mark.quick(1)
 @pytest.mark.parametrize("until", [0.05, 0.45, 0.95])
 @pytest.mark.parametrize("start", few([0.0, 0.5, 1.0], 1))
@@ -196,28 +183,6 @@ def test_a_step_that_is_feasible_at_its_edge_alone():
 
     found = Search(evaluate).best((1.0,))
     assert 0.31 - FINEST <= found.value <= 0.31
-
-
-@pytest.mark.slow
-def test_a_search_for_what_is_of_use_decides_as_one_for_the_best():
-    """With a threshold fewer places are looked at, and a place above it is found if there is one."""
-    looked, decided = {True: 0, False: 0}, 0
-    for seed in range(60):
-        mission = Mission(seed, 1)
-        _, here = mission.evaluate([(0.5,)])
-        if not here.filled().feasible[0]:
-            continue
-        useful = float(here.filled().value[0]) + 0.05
-        found = {}
-        for bounded in (False, True):
-            search = Search(mission.evaluate, mission.weight, useful if bounded else -math.inf)
-            found[bounded] = search.best((0.5,)).value
-            looked[bounded] += len(search.known)
-        if abs(found[False] - useful) > WORST_GAP / 5:
-            decided += found[False] > useful
-            assert (found[True] > useful) == (found[False] > useful)
-    assert decided > 5
-    assert looked[True] <= looked[False]
 
 
 def test_rounding_does_not_choose_between_places():
@@ -265,62 +230,3 @@ def test_the_survey_against_every_place(capacity_ah, wind_mps):
     best = float(filling.value[filling.feasible].max())
     assert found.feasible
     assert best - found.value <= ON_ROUTES
-
-
-TWO_PARAMETERS = """\
-init:
-n = 4
-a = 0, 40 + c1
-path:
-0.1; 90; x - a
-a, 300 + c2
-[4, 20]
-[-60, 0]
-[2, 10]
-0.01; 270; (x - a - 20)^2 + (y - 300 - c2)^2 - 400
-a + 40, 300 + c2
-[4, 20]
-[-60, 0]
-[2, 10]
-0.1; 270; x - a - 40
-a + 40, 0
-[4, 20]
-[-60, 0]
-[2, 10]
-0.01; 90; (x - a - 40 - c1/2)^2 + y^2 - (c1/2)^2
-a + 40 + c1, 0
-[4, 20]
-[-60, 0]
-[2, 10]
-trig:
-600, 0
-"""
-
-
-def mission_of(tmp_path, text, **overrides):
-    return plan_inputs(tmp_path, text, **{"planner.name": "joint", **overrides})
-
-
-def of_places(inputs, shares):
-    """Places of a mission from before take-off, their evaluator, and what is known."""
-    settings = inputs.scenario.planner
-    _, known = before_take_off(settings, inputs.mission, (0.0, 0.0), 0.0)
-    forecasting = Forecasting(inputs, objective=Objective(settings.reserve_soc, 0.95))
-    places = Places(forecasting.evaluator, inputs.mission.parameters)
-    places.enter(known)
-    assert len(places.shares) == shares
-    return places, forecasting.evaluator, partial(places.evaluate, known)
-
-
-@pytest.mark.slow
-def test_two_parameters_against_a_grid(tmp_path):
-    inputs = mission_of(tmp_path, TWO_PARAMETERS, **{"battery.capacity_ah": 0.45, **CALM})
-    inputs = replace(inputs, mission=replace(inputs.mission, nominal=None))  # its turns are tighter than the aircraft's
-    places, evaluator, evaluate = of_places(inputs, 2)
-    found = Search(evaluate, evaluator.path_weight).best(places.shares)
-    grid = np.linspace(0, 1, EACH).tolist()
-    _, everywhere = evaluate([(one, other) for one in grid for other in grid])
-    filling = everywhere.filled()
-    assert filling.feasible.any()
-    assert found.feasible
-    assert float(filling.value[filling.feasible].max()) - found.value <= WORST_GAP
