@@ -78,13 +78,6 @@ def test_callouts_change_nothing_and_lie_within(tmp_path, text):
     check(figure)
 
 
-def test_a_callout_is_beside_its_point(tmp_path):
-    for point in [(x, y) for x in (0, 100) for y in (0, 20, 40, 60)]:
-        figure = drawn(tmp_path, [(LONG, point)])
-        (callout,) = figure.axes[0].texts
-        assert not box(callout).contains(*figure.axes[0].transData.transform(point)), point
-
-
 @pytest.mark.quick(1)
 @pytest.mark.parametrize("legend", [legend_above, legend_below])
 @pytest.mark.parametrize("label", ["short", LONG])
