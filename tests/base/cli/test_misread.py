@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import os
 
@@ -10,9 +9,6 @@ import pytest
 from common.answers import refused
 
 from eadp.exchange.writer import EXPORTS
-from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import read_text
-from eadp.models.plan.trace import nominal_legs
 
 MEADOW = ("plans/meadow.geojson", "--min-radius", "30", "--swath", "30")
 
@@ -242,22 +238,6 @@ def test_degrees_for_metres(eadp, tmp_path):
 
 
 # --- numbers that are printed as edges
-
-
-@pytest.mark.quick(2)
-@pytest.mark.parametrize(("radius", "swath"), [("30", "30"), ("12", "25"), ("40", "21"), ("20", "30")])
-def test_laps_are_saved_at_the_numbers_that_are_printed(eadp, tmp_path, radius, swath):
-    field, file = tmp_path / "field.csv", tmp_path / "field.plan"
-    field.write_text("x_m,y_m\n0,0\n600,0\n600,200\n250,200\n250,500\n0,500\n")
-    options = ("--min-radius", radius, "--swath", swath, "--pattern", "zamboni")
-    answer = eadp("cover", field, *options, "-o", file)
-    printed = next(line for line in answer.out.splitlines() if line.startswith("laps")).partition("spacing of ")[2]
-    spacings = printed.removesuffix(" m on").split(", ")
-    plan, _ = read_plan(read_text(str(file)))
-    box, item = plan.hull(0), plan.parameters[0]
-    legs = [len(nominal_legs(plan, (c1,))) for c1 in (0.0, *(item.of_shown(float(m), box) for m in spacings))]
-    assert all(fewer < more for more, fewer in itertools.pairwise(legs))
-    assert f"from a spacing of {printed}\n" in file.read_text()
 
 
 def test_the_ends_of_a_set_are_printed_so_that_they_are_in_it(eadp, tmp_path):

@@ -106,14 +106,6 @@ def test_sympy_reads_what_it_printed(eadp, root):
     assert lines[-2:] == ["35  # trigger_4_x", "146  # trigger_4_y"]
 
 
-def test_latex(eadp):
-    lines = eadp("plan", "plans/survey.plan", "--format", "latex").out.splitlines()
-    assert len(lines) == 16
-    assert lines[4] == r"\varphi_{2} = x + 115"
-    assert lines[5] == r"\nabla \varphi_{2} = \left[\begin{matrix}1\\0\end{matrix}\right]"
-    assert lines[7] == r"\mathbf{p}_{\Gamma_{2}} = \left[\begin{matrix}-115\\-11\end{matrix}\right]"
-
-
 def test_a_stage_that_sympy_cannot_print_is_named(eadp, tmp_path):
     path = tmp_path / "large.plan"
     path.write_text("0.1; 90; x\n0, 200\n0.1; 90; " + "*".join(f"(x-{i})" for i in range(1000)) + "\n0.5, 500\n")
