@@ -57,11 +57,6 @@ def test_the_charge_follows_its_equation(empty_v):
     assert drained(battery, power, 600)[0] == pytest.approx(expected, abs=2e-6)
 
 
-def test_a_voltage_that_falls_empties_the_battery_sooner():
-    flat, falling = Battery(16.8, capacity_ah=0.1), Battery(16.8, capacity_ah=0.1, voltage_empty_v=12.0)
-    assert drained(falling, lambda _t: 40.0, 60) < drained(flat, lambda _t: 40.0, 60)
-
-
 def test_a_battery_that_sags_below_what_is_drawn_says_so():
     # 4 R y = 4·0.5·100 = 200 V²: above 14.14 V it can, below it cannot
     battery = Battery(16.0, 0.5, 0.5, 1 / 3600, 1.0, 10.0, (), 12.0)

@@ -127,14 +127,6 @@ def test_compiled_flights_are_the_plain_ones(seed, no_longer_compiled):
     same(flown(drawn(seed), on=True), flown(drawn(seed)))
 
 
-@pytest.mark.slow
-@fast
-@pytest.mark.parametrize("scenario", ["paper-i-dynamic", "paper-drained"])
-def test_compiled_flights_of_the_letter_are_the_plain_ones(scenario, no_longer_compiled):
-    file = str(ROOT / f"scenarios/{scenario}.yaml")
-    same(*(flown({"time_limit_s": 120.0}, scenario=file, on=on) for on in (True, False)))
-
-
 @pytest.mark.quick(1)
 @fast
 @pytest.mark.parametrize("text", [CURVED, PARTS])

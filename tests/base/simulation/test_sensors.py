@@ -29,11 +29,6 @@ def told(sensors, count, seed=0):
     return [measured(suite, k) for k in range(1, count + 1)]
 
 
-def test_ideal_sensors_tell_the_truth():
-    assert Sensors().ideal
-    assert told(Sensors(), 20) == [truth(k) for k in range(1, 21)]
-
-
 @pytest.mark.parametrize("key", [field.name for field in fields(Sensors)])
 def test_any_fault_is_no_ideal(key):
     assert Sensors(**{key: 0.1}).ideal is (key == "drop_out_s")  # the length of drop-outs alone does nothing
@@ -75,10 +70,6 @@ def test_drop_outs_are_as_often_and_as_long_as_is_said(share, length_s):
     runs = [sum(1 for _ in run) * STEP_S for out, run in itertools.groupby(missing.tolist()) if out]
     assert missing.mean() == pytest.approx(share, rel=0.25)
     assert np.mean(runs) == pytest.approx(length_s, rel=0.3)
-
-
-def test_readings_that_never_come():
-    assert all(power_w is None for _, power_w, _ in told(Sensors(drop_out_share=1.0), 5000))
 
 
 def test_the_same_seed_tells_the_same():
