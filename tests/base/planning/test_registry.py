@@ -25,7 +25,7 @@ from eadp.models.vehicle import FixedWing, PowerCurve
 from eadp.papers.horizon import Horizon
 from eadp.papers.planner import PaperPlanner, PaperSettings, _coverage
 from eadp.papers.power import _nominal_lap_s
-from eadp.planning.base import Mission, PlannerSettings, Readings, TradeOff
+from eadp.planning.base import Mission, PlannerSettings, TradeOff
 from eadp.planning.joint.planner import JointPlanner
 from eadp.planning.registry import PLANNERS, Planner, make_flight, planner_class
 
@@ -85,21 +85,6 @@ def test_static_never_changes_and_forecasts():
     pilot.take(observation(31.0))
     assert pilot.power.estimates([31.0])[0] == pytest.approx([36.0], abs=0.05)
     assert pilot.report.replans == 0
-
-
-def test_readings_are_taken_as_often_as_the_sensor_has_them():
-    pilot = planner()
-    state = pilot.state
-    pilot.take(observation(1.0, power_w=30.0))
-    assert state.next_reading_s == pytest.approx(1.1)
-    pilot.take(observation(1.05, power_w=90.0))
-    assert pilot.power.estimates([1.05])[0] == pytest.approx([30.0])
-    assert state.next_reading_s == pytest.approx(1.1)
-    zeros = [0.0] * 3
-    state.ingest(Readings([1.1, 1.15, 1.2], zeros, zeros, [30.0] * 3, [1.0] * 3, zeros, zeros, zeros, zeros))
-    assert state.next_reading_s == pytest.approx(1.3)
-    state.observe(observation(1.3, power_w=30.0))
-    assert state.next_reading_s == pytest.approx(1.4)
 
 
 def test_it_replans_every_so_often_from_when_it_may_start():

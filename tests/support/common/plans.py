@@ -1,10 +1,25 @@
 """Plan texts."""
 
+from functools import lru_cache
 from pathlib import Path
 
 from place import ORIGIN
 
 from common import ROOT
+from eadp.io.plan.reader import read_plan
+from eadp.io.text.streams import Text, read_text
+from eadp.models.plan.plan import Plan
+
+
+def plan_of(text: str) -> Plan:
+    """The plan of a text."""
+    return read_plan(Text("p", text))[0]
+
+
+@lru_cache
+def survey() -> Plan:
+    """The shipped survey."""
+    return read_plan(read_text(str(ROOT / "plans/survey.plan")))[0]
 
 
 def placed(text: str) -> str:

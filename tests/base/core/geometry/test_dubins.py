@@ -183,13 +183,6 @@ def test_known_lengths(start, end, word, length):
         assert path.pieces == ()
 
 
-def test_both_middle_arcs_of_three():
-    paths = ordered((0.0, 0.0, 0.0), (10.0, 15.0, 2.0), R)
-    for word in ("LRL", "RLR"):
-        one, other = (path.lengths_m[1] for path in paths if path.word == word)
-        assert one + other == pytest.approx(2 * math.pi * R)
-
-
 @given(st.lists(near_poses, min_size=1, max_size=4), st.lists(near_poses, min_size=1, max_size=3), radii)
 def test_many_at_once(starts, ends, radius):
     found = lengths_m(starts, ends, radius)

@@ -50,15 +50,6 @@ def test_errors_cover_the_true_mean_as_often_as_they_say() -> None:
     assert naive / 300 < 0.5, "what samples taken as independent would claim"
 
 
-def test_runs_are_not_joined() -> None:
-    # two levels, each run constant but for a ripple: within the runs everything is correlated
-    low, high = 5 + 0.01 * (np.arange(50) % 2), 6 + 0.01 * (np.arange(50) % 2)
-    found = average([low, high])
-    assert found.effective < 4
-    assert found.standard_error > 0.2
-    assert average([[value] for value in (*low, *high)]).effective == pytest.approx(100)
-
-
 @given(st.lists(sample, min_size=1, max_size=40))
 def test_mean_and_spread_are_those_of_statistics(values: list[float]) -> None:
     found = average([values])

@@ -9,6 +9,7 @@ from dataclasses import replace
 import pytest
 from common import ROOT
 from common.plans import APPENDIX_RIGHT, PARTS, SHORT, WAVES
+from common.plans import plan_of as read
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -25,10 +26,6 @@ from eadp.models.plan.stage import COMPUTATION, PATH, Box, Stage
 NANOMETRE = 1e-9
 
 TWO = "0.05; 270; x+115\n-115, 11\n0.0003; 90; (x+40)^2+(y-11)^2-5625\n35, 11\n"
-
-
-def read(body) -> Plan:
-    return read_plan(Text("p", body))[0]
 
 
 def findings_of(body):

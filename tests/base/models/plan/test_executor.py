@@ -9,13 +9,11 @@ import math
 import numpy as np
 import pytest
 from common import ROOT, few
-from common.plans import WAVES
+from common.plans import WAVES, plan_of, survey
 from hypothesis import given
 from hypothesis import strategies as st
 
 from eadp.core.geometry.curves import CIRCLE, circle_of, line_of
-from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.cursor import LATCHED, LIVE, Rules, reaches, shift_at
 from eadp.models.plan.executor import (
     FIRED,
@@ -28,7 +26,6 @@ from eadp.models.plan.executor import (
     REACH_SQUARED,
     PlanExecutor,
 )
-from eadp.models.plan.plan import Plan
 from eadp.models.plan.trace import default_start, nominal_legs
 
 NANOMETRE = 1e-9
@@ -38,14 +35,6 @@ STEP_M = 0.5
 
 FLOWN = Rules()
 PUBLISHED = Rules(LIVE, box_triggers=True)
-
-
-def survey() -> Plan:
-    return read_plan(read_text(str(ROOT / "plans" / "survey.plan")))[0]
-
-
-def plan_of(text) -> Plan:
-    return read_plan(Text("p", text))[0]
 
 
 def begun(plan, parameters=(), position=None, rules=FLOWN) -> PlanExecutor:

@@ -6,11 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from common import ROOT
-from common.plans import TWO_BLOCKS
+from common.plans import TWO_BLOCKS, plan_of, survey
 
-from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import Text, read_text
 from eadp.models.plan.cursor import PlanCursor
 from eadp.models.plan.ground import FlownGround, GroundLog, QualityShares, lap_scale
 from eadp.models.plan.route import RouteArrays, RoutePredictor
@@ -21,10 +18,6 @@ SPEED_MPS = 15.0
 GROUND = 0.05
 """Ground of a mission over the whole set of c1: the last lap, and the sides of a field, are of whole laps."""
 ALGEBRA = 1e-9
-
-
-def survey():
-    return read_plan(read_text(str(ROOT / "plans/survey.plan")))[0]
 
 
 def parameters_of(plan, share):
@@ -64,7 +57,7 @@ def start_of(plan):
 
 @pytest.mark.parametrize("weights", [{}, {"c1": 5.0}, {"c2": 0.0}])
 def test_the_highest_parameters_throughout_are_1(weights):
-    for plan in (survey(), read_plan(Text("p", TWO_BLOCKS))[0]):
+    for plan in (survey(), plan_of(TWO_BLOCKS)):
         log, _ = on_paper(plan, start_of(plan), lambda *_, plan=plan: parameters_of(plan, 1.0))
         assert log.quality(weights) == pytest.approx(1.0, abs=ALGEBRA)
 
@@ -90,7 +83,7 @@ def times_at(plan, start, parameters, shares):
 @pytest.mark.parametrize("name", ["survey", "two blocks"])
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.6, 0.9])
 def test_ground_that_is_not_reached_counts_0(name, share):
-    plan = survey() if name == "survey" else read_plan(Text("p", TWO_BLOCKS))[0]
+    plan = survey() if name == "survey" else plan_of(TWO_BLOCKS)
     start, highest = start_of(plan), parameters_of(plan, 1.0)
     (stop_s,) = times_at(plan, start, highest, [share])
     found = on_paper(plan, start, lambda *_: highest, stop_s)[0].quality({})
@@ -210,7 +203,7 @@ def test_a_laps_scale_is_its_advance_by_that_of_the_highest(share):
 def test_shares_of_stages_sum_to_1_over_what_has_a_choice():
     text = "0.1; 90; x-c1\nc1, 400\n[-1000, 0]\n[2, 10]\n0.1; 90; x-c1\nc1, 800\n[-1000, 0]\n[0, 0]\n"
     text += "0.1; 90; x-c1\nc1, 900\n[-300, -300]\n[0, 0]\n"
-    plan = read_plan(Text("p", text))[0]
+    plan = plan_of(text)
     shares = QualityShares(plan, {"c1": 3.0})
     assert shares.scaled(1) == pytest.approx([0.75, 0.25])
     for stage in range(1, 4):

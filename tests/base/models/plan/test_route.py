@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from common import ROOT, few
 from common.observations import Piloted
-from common.plans import PARTS, WAVES
+from common.plans import PARTS, WAVES, plan_of, survey
 from common.routes import Tracked
 from scipy.integrate import quad
 
@@ -25,7 +25,7 @@ from eadp.core.geometry.curves import CIRCLE, LINE, circle_of, line_of, points_a
 from eadp.core.guidance import GRAVITY_MPS2
 from eadp.errors import PathUndefined
 from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import Text, read_text
+from eadp.io.text.streams import read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import Computing
 from eadp.models.plan.cursor import LIVE, PlanCursor, Rules
@@ -98,15 +98,6 @@ a + 40 + c1, 100
 trig:
 900, 100
 """
-
-
-def plan_of(text) -> Plan:
-    return read_plan(Text("p", text))[0]
-
-
-@lru_cache
-def survey() -> Plan:
-    return read_plan(read_text(str(ROOT / "plans" / "survey.plan")))[0]
 
 
 @lru_cache
@@ -389,21 +380,6 @@ def test_before_the_latch_means_that_the_next_leg_has_what_is_decided_now(make):
 # --- courses kept -----------------------------------------------------------------------------------------------------
 
 
-def test_what_is_remembered_does_not_leak_between_parameters():
-    rng, plan = random.Random(5), survey()
-    follower, _ = begun(plan, (-200.0, 10.0))
-    for _ in range(3):
-        follower.next_stage()
-    asked = [(rng.choice([-1000.0, -999.999999, -300.0, 0.0, rng.uniform(-1000, 0)]), 10.0) for _ in range(25)]
-    found = {parameters: of_legs(follower.route(parameters).legs) for parameters in asked}
-    for parameters, legs in found.items():
-        fresh, _ = begun(plan, (-200.0, 10.0))
-        for _ in range(3):
-            fresh.next_stage()
-        assert of_legs(fresh.route(parameters).legs) == pytest.approx(legs, abs=MICROMETRE)
-        assert np.array_equal(of_legs(follower.route(parameters).legs), legs)
-
-
 def test_what_is_left_of_a_plan_flown_once_is_that_of_the_route_before():
     plan = covered()
     follower, start = begun(plan, (plan.hull(0).lo,))
@@ -442,19 +418,6 @@ def test_after_is_the_course_from_the_next_stage(make):
         for one, other in zip(after.times_s(15.0, wind), fresh.times_s(15.0, wind), strict=True):
             assert one == pytest.approx(other, rel=1e-9)
         assert after.stages.tolist() == course.stages.tolist()[1:]
-
-
-def test_shares_by_leg():
-    plan = plan_of(TWO_PARAMETERS)
-    follower, _ = begun(plan, (5.0, 0.0, 6.0))
-    course = follower.route((5.0, 0.0, 6.0))
-    for i, (leg, own) in enumerate(zip(course.legs, course.parameters, strict=True)):
-        for j, box in enumerate(leg.stage.sets):
-            expected = (min(max(own[j], box.lo), box.hi) - box.lo) / (box.hi - box.lo) if box.lo < box.hi else 0
-            assert course.table.rows.shares[course.order][i, j] == pytest.approx(expected)
-    rows = list(zip(course.stages.tolist(), course.parameters, strict=True))
-    assert len(set(course.order.tolist())) >= len(set(rows)) > 1, "legs that repeat are one row"
-    assert [course.table.stages[row] for row in course.order] == [leg.stage for leg in course.legs]
 
 
 # --- times ------------------------------------------------------------------------------------------------------------

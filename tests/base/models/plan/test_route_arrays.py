@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from functools import lru_cache
 
 import numpy as np
@@ -141,12 +140,3 @@ def test_ground_against_a_loop_over_laps(name, started):
             expected, flown_per_s = ground_by_loops(route, flown, times_s[legs.place == i])
             assert ground[legs.place == i] == pytest.approx(expected, abs=1e-6)
             assert per_s[i] == pytest.approx(flown_per_s, abs=1e-6)
-
-
-def test_a_run_that_takes_no_time_has_no_ground():
-    routes = routes_of("survey")
-    legs = RouteArrays.of(routes)
-    ground, per_s = legs.ground(FlownGround(), np.zeros(len(legs.order)))
-    assert not ground.any()
-    assert np.isfinite(per_s).all()
-    assert math.isfinite(float(legs.scales.sum()))

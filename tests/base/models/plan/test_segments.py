@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from common.plans import PARTS
+from common.plans import PARTS, plan_of
 
 from eadp.errors import InputError, PathUndefined
 from eadp.io.plan.reader import read_plan
@@ -13,10 +13,6 @@ from eadp.io.text.streams import Text
 from eadp.models.plan.cursor import PlanCursor, Rules
 from eadp.models.plan.executor import PlanExecutor
 from eadp.models.plan.trace import nominal_legs
-
-
-def plan(text=PARTS):
-    return read_plan(Text("p", text))[0]
 
 
 def stages(cursor):
@@ -38,11 +34,11 @@ def test_laps_follow_one_another_until_the_condition_holds(c1):
     while s < 90:
         expected += [(index, pytest.approx(s)) for index in (2, 3, 4, 5)]
         s = min(s + step(c1), 90)
-    assert stages(PlanCursor.start(plan(), [c1, 10])) == [*expected, (6,)]
+    assert stages(PlanCursor.start(plan_of(PARTS), [c1, 10])) == [*expected, (6,)]
 
 
 def test_a_change_waits_for_the_stage_before_the_laps_bend():
-    cursor = PlanCursor.start(plan(), [0.0, 10.0]).next()
+    cursor = PlanCursor.start(plan_of(PARTS), [0.0, 10.0]).next()
     assert cursor.stage.index == 2
     cursor = cursor.decide((-900.0, 4.0))
     assert cursor.parameters == (0.0, 4.0)  # the computation at once, the path not yet
@@ -55,8 +51,8 @@ def test_a_change_waits_for_the_stage_before_the_laps_bend():
 
 def test_the_quality_counts_a_path_parameter_where_laps_depend_on_it():
     """c1 is named by a formula of the laps alone; the computation counts wherever it has a choice."""
-    free = [[not box.fixed for box in sets] for sets in plan().quality_sets]
-    sets = [stage.sets[1] for stage in plan().stages]
+    free = [[not box.fixed for box in sets] for sets in plan_of(PARTS).quality_sets]
+    sets = [stage.sets[1] for stage in plan_of(PARTS).stages]
     assert [c1 for c1, _ in free] == [False, True, True, True, True, False]
     assert [c2 for _, c2 in free] == [not box.fixed for box in sets]
 
@@ -67,13 +63,13 @@ def test_laps_that_are_over_before_they_begin_are_passed_over():
         .replace("x - 10\n", "x - 100\n")
         .replace("10, 100", "100, 100")
     )
-    assert [index for index, *_ in stages(PlanCursor.start(plan(text), [0.0, 10.0]))] == [1, 6]
+    assert [index for index, *_ in stages(PlanCursor.start(plan_of(text), [0.0, 10.0]))] == [1, 6]
 
 
 def test_laps_without_end_are_refused():
     text = PARTS.replace("next - s", "0")
     with pytest.raises(PathUndefined, match="10000 laps"):
-        nominal_legs(plan(text), [0.0, 10.0])
+        nominal_legs(plan_of(text), [0.0, 10.0])
 
 
 @pytest.mark.parametrize(
@@ -93,7 +89,7 @@ def test_laps_without_end_are_refused():
 def test_what_is_wrong_is_said_with_its_place(old, new, line, message):
     assert old in PARTS
     with pytest.raises(InputError) as caught:
-        plan(PARTS.replace(old, new, 1))
+        plan_of(PARTS.replace(old, new, 1))
     fault = caught.value.faults[0]
     assert (fault.line, message in fault.message) == (line, True), fault
 
@@ -101,13 +97,13 @@ def test_what_is_wrong_is_said_with_its_place(old, new, line, message):
 def test_laps_at_the_end_need_a_stage_after_them():
     text = PARTS[: PARTS.index("path:\n0.1; 90; x - 100\n")]
     with pytest.raises(InputError, match="the plan ends with laps"):
-        plan(text)
+        plan_of(text)
 
 
 def test_laps_before_another_part_end_on_a_condition():
     laps = "init:\na = 0, 10\npath:\n0.1; 90; x - a\na, 50\ntrig:\n90, 50\n"
     with pytest.raises(InputError, match="laps that do not end on a condition"):
-        plan(laps + "path:\n0.1; 90; x - 100\n100, 500\n")
+        plan_of(laps + "path:\n0.1; 90; x - 100\n100, 500\n")
 
 
 def test_a_shift_that_the_laps_do_not_have_is_a_finding():
@@ -119,13 +115,13 @@ def test_a_shift_that_the_laps_do_not_have_is_a_finding():
 def test_more_quantities_than_the_limit_are_refused():
     many = "\n".join(f"q{i} = {i}" for i in range(300))
     with pytest.raises(InputError, match="at most 200"):
-        plan(PARTS.replace("top = 500", many + "\ntop = 500"))
+        plan_of(PARTS.replace("top = 500", many + "\ntop = 500"))
 
 
 def test_where_others_tell_what_is_flown():
-    itinerary = PlanExecutor(plan(), (0.0, 10.0), (10.0, 0.0), Rules())
+    itinerary = PlanExecutor(plan_of(PARTS), (0.0, 10.0), (10.0, 0.0), Rules())
     stages = [itinerary.stage.index]
-    ahead = {index: itinerary.stages_to(index) for index in range(len(plan().stages) + 2)}
+    ahead = {index: itinerary.stages_to(index) for index in range(len(plan_of(PARTS).stages) + 2)}
     while itinerary.skip((0.0, 0.0)):
         stages.append(itinerary.stage.index)
     assert itinerary.complete
@@ -135,12 +131,12 @@ def test_where_others_tell_what_is_flown():
 
 
 def test_parameters_that_are_known_to_be_in_force():
-    itinerary = PlanExecutor(plan(), (0.0, 10.0), (10.0, 0.0), Rules())
+    itinerary = PlanExecutor(plan_of(PARTS), (0.0, 10.0), (10.0, 0.0), Rules())
     itinerary.skip(itinerary.trigger_m)
     assert itinerary.take_in_force((-400.0, 10.0), itinerary.trigger_m)
     assert itinerary.parameters == (-400.0, 10.0)
-    last = PlanExecutor(plan(), (0.0, 10.0), (10.0, 0.0), Rules())
-    while last.stages_to(last.stage.index) is not None or last.stages_to(len(plan().stages)) is not None:
+    last = PlanExecutor(plan_of(PARTS), (0.0, 10.0), (10.0, 0.0), Rules())
+    while last.stages_to(last.stage.index) is not None or last.stages_to(len(plan_of(PARTS).stages)) is not None:
         last.skip(last.trigger_m)
     x, y = last.trigger_m
     for point in ((x, y - 50), (x, y)):

@@ -5,22 +5,16 @@ from __future__ import annotations
 import math
 
 import pytest
-from common.plans import SHORT
+from common.plans import SHORT, plan_of
 
 from eadp.errors import PathUndefined
-from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import Text
 from eadp.models.plan.trace import default_start, nominal_legs, trace, varied_legs
 
 ON_CIRCLE = SHORT.replace("%: computations fps\n", "").replace("[2, 10]\n", "")
 
 
-def plan(text):
-    return read_plan(Text("p", text))[0]
-
-
 def test_a_lap_is_two_half_circles_and_two_lines():
-    legs = nominal_legs(plan(ON_CIRCLE), (-500.0,))
+    legs = nominal_legs(plan_of(ON_CIRCLE), (-500.0,))
     r2 = math.sqrt(4400)
     second = [leg.length_m for leg in legs if leg.lap == 1]
     assert second == pytest.approx([math.pi * r2, 146, math.pi * 75, 146])
@@ -29,11 +23,11 @@ def test_a_lap_is_two_half_circles_and_two_lines():
 
 
 def test_default_starts():
-    (x, y), heading = default_start(plan("0.1; 90; x\n0, 400\n"), ())
+    (x, y), heading = default_start(plan_of("0.1; 90; x\n0, 400\n"), ())
     assert (x, y, heading) == pytest.approx((0, 300, math.pi / 2))
-    (x, y), heading = default_start(plan(ON_CIRCLE), (0.0,))
+    (x, y), heading = default_start(plan_of(ON_CIRCLE), (0.0,))
     assert (x, y, abs(heading)) == pytest.approx((-45, 216, math.pi))
-    (x, y), heading = default_start(plan("0.1; 270; y-(x/50)^2\n100, 4\n"), ())
+    (x, y), heading = default_start(plan_of("0.1; 270; y-(x/50)^2\n100, 4\n"), ())
     assert y == pytest.approx((x / 50) ** 2, abs=1e-6)
     assert 99 < math.hypot(100 - x, 4 - y) <= 100.01
     assert heading == pytest.approx(math.atan(2 * x / 2500), abs=1e-6)
@@ -41,20 +35,20 @@ def test_default_starts():
 
 def test_a_plan_that_never_reaches_its_final_point_says_so():
     away = ON_CIRCLE.replace("180, 146", "-500, 146").replace("150 - 2*sqrt(4900 + c1)", "10")
-    assert nominal_legs(plan(away), (0.0,))[-1].lap == 0, "beyond along the shift at once"
+    assert nominal_legs(plan_of(away), (0.0,))[-1].lap == 0, "beyond along the shift at once"
     with pytest.raises(PathUndefined, match="does not reach its final point"):
-        nominal_legs(plan(ON_CIRCLE.replace("180, 146", "180, 300")), (0.0,))
+        nominal_legs(plan_of(ON_CIRCLE.replace("180, 146", "180, 300")), (0.0,))
 
 
 def test_a_trace_without_end_is_refused():
     with pytest.raises(PathUndefined, match="5000000 points"):
-        trace(plan(ON_CIRCLE), (0.0,), 1e-6)
+        trace(plan_of(ON_CIRCLE), (0.0,), 1e-6)
 
 
 def test_each_lap_alone_at_other_values_lies_where_the_laps_before_it_lead():
     """Lap k of ON_CIRCLE at c after k − 1 laps at 0: shifted k − 1 times by 10 m, and once by 150 − 2 √(4900 + c)."""
-    laps = varied_legs(plan(ON_CIRCLE), (0.0,), (-900.0,))
-    nominal = nominal_legs(plan(ON_CIRCLE), (0.0,))
+    laps = varied_legs(plan_of(ON_CIRCLE), (0.0,), (-900.0,))
+    nominal = nominal_legs(plan_of(ON_CIRCLE), (0.0,))
     assert [len(lap) for lap in laps] == [sum(leg.lap == k for leg in nominal) for k in range(nominal[-1].lap + 1)]
     radius, shift = math.sqrt(4000), 150 - 2 * math.sqrt(4000)
     for k, lap in enumerate(laps):
@@ -65,7 +59,7 @@ def test_each_lap_alone_at_other_values_lies_where_the_laps_before_it_lead():
             assert math.hypot(x - left - radius, y - 146) == pytest.approx(radius)
         for leg, (x, y) in zip(lap[1:], [(left, 0), (left + 150, 0), (left + 150, 146)], strict=False):
             assert leg.end_m == pytest.approx((x, y))
-    assert laps[0][0].start_m == pytest.approx(default_start(plan(ON_CIRCLE), (-900.0,))[0])
-    same = varied_legs(plan(ON_CIRCLE), (0.0,), (0.0,))
+    assert laps[0][0].start_m == pytest.approx(default_start(plan_of(ON_CIRCLE), (-900.0,))[0])
+    same = varied_legs(plan_of(ON_CIRCLE), (0.0,), (0.0,))
     ends = [leg.end_m for lap in same for leg in lap]
     assert ends == [pytest.approx(leg.end_m) for leg in nominal], "at the same values it is the nominal flight"

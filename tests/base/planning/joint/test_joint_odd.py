@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from common import ROOT
 from common.observations import Piloted, observation
+from common.plans import plan_of, survey
 
-from eadp.io.plan.reader import read_plan
-from eadp.io.text.streams import Text, read_text
 from eadp.models.battery import Battery
 from eadp.models.computing import join_profile
 from eadp.models.plan.cursor import Rules
@@ -25,10 +23,6 @@ SPEED_MPS, MOTION_W = 15.0, 36.0
 VEHICLE = PowerCurve(((SPEED_MPS, MOTION_W),), airspeed_mps=SPEED_MPS, cruise_altitude_m=0.0)
 FULL_AH, PLENTY = Battery(14.8, 0.05, 3.2, letter_crate_per_h=10.0), 0.9
 LINE = "0.1; 90; x\n0, 900\n[2, 10]\n0.1; 90; x\n0, 1800\n[2, 10]\n"
-
-
-def plan_of(text):
-    return read_plan(Text("p", text))[0]
 
 
 def planner_for(plan, parameters, profile=PROFILE, battery=FULL_AH, start=(0.0, 0.0), **settings):
@@ -116,7 +110,7 @@ def test_power_that_the_battery_does_not_allow_is_said():
 
 
 def test_a_decision_that_comes_too_late_for_its_stage_does_not_stay_in_the_route():
-    plan = read_plan(read_text(str(ROOT / "plans/survey.plan")))[0]
+    plan = survey()
     battery = Battery(capacity_ah=0.6, letter_crate_per_h=20.0)
     pilot = planner_for(plan, (0.0, 10.0), battery=battery, start=(-45.0, 216.0))
     executor, first = PlanExecutor(plan, (0.0, 10.0), (-45.0, 216.0), Rules()), (0.0, 10.0)

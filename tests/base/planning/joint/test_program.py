@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from broken_osqp import BROKEN, break_osqp
 from common import few
 from scipy.optimize import linprog
 
-from eadp.planning.base import CLOSED_FORM, FALLBACK, INFEASIBLE, NOTHING_TO_CHOOSE, SOLVED, SolverReport
+from eadp.planning.base import CLOSED_FORM, INFEASIBLE, NOTHING_TO_CHOOSE, SOLVED, SolverReport
 from eadp.planning.forecast.knapsack import FULL, Knapsack, fill_greedy
 from eadp.planning.joint import program as module
 from eadp.planning.joint.program import ComputationProgram
@@ -88,17 +87,6 @@ def test_ties_are_mixed_within_the_charge():
 
 
 # --- what can go wrong ------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("broken", BROKEN)
-def test_a_broken_solver_is_counted_and_the_closed_form_stands_in(monkeypatch, broken):
-    knapsack, report = knapsack_of(4, 0.5), SolverReport()
-    break_osqp(monkeypatch, BROKEN[broken])
-    solution = ComputationProgram(report).solve(knapsack)
-    assert (solution.status, solution.gap) == (FALLBACK, None)
-    assert solution.value == float(fill_greedy(knapsack).value[0])
-    assert (report.calls, report.failed, report.retried, report.fallbacks) == (2, 2, 1, 1)
-    assert report.solved == 0
 
 
 def test_a_worse_solution_is_replaced_by_the_closed_form_and_counted(monkeypatch):
